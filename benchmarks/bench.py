@@ -10,8 +10,8 @@ Prints the chapter's tables, and writes CSV, JSON and figure 1.6.
 Test 1: milliseconds of each stage for 1 K to 1 M agents that walk, under a camera that moves, beside other ways to do the
 same (peers.py, loop.c, the GPU), each taken in turn in the same run. Test 2: the plan from perspective A, which sees nearly
 all, and B, which sees nearly none, with LOD meshes of 2,500, 1,000 and 118 vertices; then the same drawn (drawn.py), with
-and without LODs, with and without culling. The whole frame: from behaviour to points in Blender, beside geometry nodes
-(walkers.py). Behaviour where much happens. Growth: time and memory an agent from 100 K to 10 M agents. Medians, with the quartiles as the spread.
+and without LODs, with and without culling. The whole frame: from behavior to points in Blender, beside geometry nodes
+(walkers.py). Behavior where much happens. Growth: time and memory an agent from 100 K to 10 M agents. Medians, with the quartiles as the spread.
 """
 
 import argparse
@@ -27,7 +27,7 @@ import loop
 import numpy as np
 import peers
 import walkers
-from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
+from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
@@ -59,9 +59,9 @@ DRAWN |= {"Vertices": "vertices_millions", "Vertices, neither": "vertices_millio
 
 
 def crowd_of(agents: int, seed: int) -> tuple[Walk, float]:
-    """Return (trajectory, side in metres) of the chapter's crowd.
+    """Return (trajectory, side in meters) of the chapter's crowd.
 
-    6 agents a square metre, half of them in either state, at 24 frames a second.
+    6 agents a square meter, half of them in either state, at 24 frames a second.
     """
     side = (agents / 6) ** 0.5
     area, machine = Area(-side / 2, -side / 2, side / 2, side / 2), replace(load_preset("chapter"), start=np.array([0.5, 0.5]))
@@ -111,11 +111,11 @@ def stages(agents: int, repeats: int, seed: int) -> dict:
         view = camera(side, 0.2 + 0.3 * repeat / repeats, 0.2 * np.sin(repeat))
         frame, same = plan(trajectory, view, POLICY, 1 + repeat), plan(still, view, POLICY, 1)
         moving = frame.milliseconds
-        once = {"behaviour": moving["behaviour"], "culling": moving["culling"] + moving["levels"], "sorting": moving["sorting"]}
-        once["core"] = sum(moving.values()) - moving["behaviour"]
+        once = {"behavior": moving["behavior"], "culling": moving["culling"] + moving["levels"], "sorting": moving["sorting"]}
+        once["core"] = sum(moving.values()) - moving["behavior"]
         if planner:
             there = plan_of(trajectory, frame, planner)
-            once["gpu"] = sum(there.milliseconds.values()) - there.milliseconds["behaviour"]
+            once["gpu"] = sum(there.milliseconds.values()) - there.milliseconds["behavior"]
             assert there.buckets.order.tobytes() == frame.buckets.order.tobytes()
         counts = {}
         for name in ("naive", "six_planes"):
@@ -127,7 +127,7 @@ def stages(agents: int, repeats: int, seed: int) -> dict:
         if c_cull:
             once["c_loop"], counts["c_loop"] = taken(c_cull, view)
             once["c_step"], _ = taken(c_step)
-            once["behaviour / c_step"] = once["behaviour"] / once["c_step"]
+            once["behavior / c_step"] = once["behavior"] / once["c_step"]
         for name, found in counts.items():
             assert np.abs(found - same.buckets.counts).sum() <= 1e-4 * agents + 2, name
         once |= {f"core / {name}": once["core"] / once[name] for name in PEERS if name in once}
@@ -195,12 +195,12 @@ def growth(agents: int, repeats: int, seed: int) -> dict:
     """
     trajectory, side = crowd_of(agents, seed)
     state = sum(column.nbytes for column in trajectory.start.columns.values()) / agents
-    ms = {"behaviour": [], "core": []}
+    ms = {"behavior": [], "core": []}
     for repeat in range(repeats + 1):
         found = plan(trajectory, camera(side, 0.2 + 0.3 * repeat / repeats), POLICY, 1 + repeat).milliseconds
         if repeat:
-            ms["behaviour"].append(found["behaviour"])
-            ms["core"].append(sum(found.values()) - found["behaviour"])
+            ms["behavior"].append(found["behavior"])
+            ms["core"].append(sum(found.values()) - found["behavior"])
     trajectory.at(65)  # when blocks are made anew, in a new order
     peaks = []
     for job in (partial(blocks_at, trajectory), lambda frame: plan(trajectory, camera(side, -0.1, half=1.5), POLICY, frame)):
@@ -217,7 +217,7 @@ def growth(agents: int, repeats: int, seed: int) -> dict:
 def whole(agents: int, repeats: int, seed: int) -> dict:
     """A row of the whole frame, by Crowd LOD and by geometry nodes, in turn.
 
-    From behaviour to points that the dependency graph holds. The processor's time counts all
+    From behavior to points that the dependency graph holds. The processor's time counts all
     threads: it says what the work costs, the other how long it takes.
     """
     trajectory, side = crowd_of(agents, seed)
@@ -250,7 +250,7 @@ def whole(agents: int, repeats: int, seed: int) -> dict:
 
 
 def busy(agents: int, frames: int, seed: int) -> dict:
-    """A row of behaviour where much happens, on the plaza's map.
+    """A row of behavior where much happens, on the plaza's map.
 
     Eight ways to turn at walls, timers, chance, three characters. The C loop reads the same table,
     but has neither timers nor chance. Means: some frames work ahead, for others.
@@ -260,9 +260,9 @@ def busy(agents: int, frames: int, seed: int) -> dict:
     trajectory = Walk(populate(agents, seed, len(groups), machine, world), machine, world, groups, 1 / 24)
     loop_step = loop.library() and loop.Step(trajectory.start, machine, world, 1 / 24)
     trajectory.at(16)
-    took = {"behaviour": [], "c_step": []}
+    took = {"behavior": [], "c_step": []}
     for number in range(17, 17 + frames):
-        took["behaviour"].append(taken(trajectory.at, number)[0])
+        took["behavior"].append(taken(trajectory.at, number)[0])
         if loop_step:
             took["c_step"].append(taken(loop_step)[0])
     row = {"agents": agents}
@@ -271,7 +271,7 @@ def busy(agents: int, frames: int, seed: int) -> dict:
             row[f"{name}_mean"] = round(float(np.mean(values)), 4)
             row[name], row[f"{name} q1"], row[f"{name} q3"] = quartiles(values)
     if loop_step:
-        row["behaviour_mean / c_step_mean"] = round(row["behaviour_mean"] / row["c_step_mean"], 4)
+        row["behavior_mean / c_step_mean"] = round(row["behavior_mean"] / row["c_step_mean"], 4)
     return row
 
 
@@ -336,7 +336,7 @@ def measure(stage: Path, args: argparse.Namespace) -> None:
         stages(n, repeats, args.seed)
         for n in ((1000, 32_000, 1_000_000) if args.quick else (1000, 4000, 16_000, 64_000, 256_000, 1_000_000))
     ]
-    heads = [name for name in ("agents", "behaviour", "culling", "sorting", "core", *PEERS, "c_step") if name in one[0]]
+    heads = [name for name in ("agents", "behavior", "culling", "sorting", "core", *PEERS, "c_step") if name in one[0]]
     print("\nTest 1: milliseconds a stage (culling with LOD assignment); core: culling, LOD and sorting; peers do the same")
     print(table(one, {name.replace("_", " "): name for name in heads}))
     ratios = [name for name in one[0] if "/" in name and not name.endswith(("q1", "q3"))]
@@ -353,10 +353,10 @@ def measure(stage: Path, args: argparse.Namespace) -> None:
         print(table([row for row in two if row["perspective"] == which], CHAPTER), flush=True)
     runs = 16 if args.quick else 48  # rounds of the frames that work ahead
     three = [whole(n, runs, args.seed) for n in ((10_000, 100_000) if args.quick else (10_000, 100_000, 1_000_000))]
-    print(f"\nThe whole frame, behaviour to points in Blender: milliseconds, and of the processor's time; medians of {runs} runs")
+    print(f"\nThe whole frame, behavior to points in Blender: milliseconds, and of the processor's time; medians of {runs} runs")
     print(table(three, {name.replace("_", " "): name for name in three[0] if not name.endswith(("q1", "q3"))}), flush=True)
     plaza = [busy(n, 2 * runs, args.seed) for n in ((10_000, 1_000_000) if args.quick else (10_000, 100_000, 1_000_000))]
-    print(f"\nBehaviour on the plaza's map: milliseconds, and of {2 * runs} frames the means")
+    print(f"\nBehavior on the plaza's map: milliseconds, and of {2 * runs} frames the means")
     print(table(plaza, {name.replace("_", " "): name for name in plaza[0] if not name.endswith(("q1", "q3"))}), flush=True)
     results = {"machine": machine, "test_1": one, "test_2": two, "whole_frame": three, "plaza": plaza}
     if not args.quick:
@@ -388,7 +388,7 @@ def draw(path: Path, rows: list[dict], machine: str) -> None:
     FigureCanvasAgg(figure)
     figure.suptitle(machine, fontsize=7, color="#444444")
     sets = {
-        "Test 1 (figure 1.6): stages": ("behaviour", "culling", "sorting"),
+        "Test 1 (figure 1.6): stages": ("behavior", "culling", "sorting"),
         "Culling, LOD and sorting, beside other ways": ("core", *PEERS),
     }
     for place, (title, names) in enumerate(sets.items()):

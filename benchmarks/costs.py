@@ -79,7 +79,7 @@ def main() -> None:
         for engine in CROWDS:
             rows = []
             for groups, finer, pixels, lods in CROWDS[engine]:
-                rows += measured(engine, {"groups": groups, "metres": 5, "finer": finer, "pixels": pixels}, lods, scratch)
+                rows += measured(engine, {"groups": groups, "meters": 5, "finer": finer, "pixels": pixels}, lods, scratch)
             for name, key in MEASURED.items():
                 found, off = fit(rows, (*COUNTS[name], *[RAYS[engine]] * (name == "seconds")), key)
                 print(engine, name, {k: float(f"{1e6 * v:.4g}") for k, v in found.items()}, "residuals", off.round(2).tolist())

@@ -1,6 +1,6 @@
 """The crowds of worth.py: heavy characters on open ground.
 
-They are seen from so many metres on.
+They are seen from so many meters on.
 """
 
 from dataclasses import replace
@@ -13,13 +13,13 @@ from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.sample_scenes.characters import BUILDS, make_characters
 from crowd_lod_extension.sample_scenes.scenery import add, aim, camera, child, film, material, tile
 
-ROOM = 1.5  # square metres of ground an agent
+ROOM = 1.5  # square meters of ground an agent
 
 
-def make(groups: int, metres: float, finer: int = 1, pixels: int = 0, split: bool = False) -> bpy.types.Scene:
+def make(groups: int, meters: float, finer: int = 1, pixels: int = 0, split: bool = False) -> bpy.types.Scene:
     """A new file's scene of `groups` characters.
 
-    Each step of `finer` has four times the faces of the samples'. They stand `metres` and more from
+    Each step of `finer` has four times the faces of the samples'. They stand `meters` and more from
     the camera. pixels: of a side of the image that each has, or 0; split: of triangles with normals
     of their own, as game characters are.
     """
@@ -41,8 +41,8 @@ def make(groups: int, metres: float, finer: int = 1, pixels: int = 0, split: boo
             if item.type == "MESH":
                 _split(item.data)
     scene.camera = camera(scene, "Camera", near=0.1, far=5000.0)
-    height = 1.7 + 0.3 * metres
-    aim(scene.camera, (-metres, 0, height), (100, 0, -0.5))
+    height = 1.7 + 0.3 * meters
+    aim(scene.camera, (-meters, 0, height), (100, 0, -0.5))
     settings = scene.crowd_lod
     settings.characters, settings.forward = characters, "X"
     settings.frames, settings.step = "30:32", 1
@@ -61,7 +61,7 @@ def spread(scene: bpy.types.Scene, agents: int) -> None:
 
 
 def _paint(group: bpy.types.Collection, pixels: int, seed: int) -> None:
-    """Give both materials of a character one image of its own, spots in shades of grey."""
+    """Give both materials of a character one image of its own, spots in shades of gray."""
     spots = np.random.default_rng(seed).integers(120, 255, (pixels // 32, pixels // 32, 1), np.uint8)
     image = image_data.write_image(f"{group.name} image", spots.repeat(32, axis=0).repeat(32, axis=1).repeat(3, axis=2))
     for one in [each for item in group.objects if item.type == "MESH" for each in item.data.materials]:

@@ -39,9 +39,9 @@ def figure(vertices: int, group: Group) -> SkinnedMesh:
     hull.free()
     near = np.clip((high[:, None] + 1) / 2 * JOINTS + (-1, 0, 1, 2), 0, JOINTS - 1).astype(np.uint16)
     weights = np.full((vertices, 4), 0.25, np.float32)
-    grey, none = np.full((vertices, 3), 0.5, np.float32), np.full(vertices, -1, np.float32)
+    gray, none = np.full((vertices, 3), 0.5, np.float32), np.full(vertices, -1, np.float32)
     return SkinnedMesh(
-        points, unit.astype(np.float32), near, weights, np.zeros((vertices, 2), np.float32), grey, none, triangles, True
+        points, unit.astype(np.float32), near, weights, np.zeros((vertices, 2), np.float32), gray, none, triangles, True
     )
 
 

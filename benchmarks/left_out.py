@@ -8,7 +8,7 @@ python benchmarks/left_out.py [AGENTS]    1,000,000 if not given
 import sys
 
 import numpy as np
-from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
+from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset, parse
@@ -21,7 +21,7 @@ WALK = STAND.replace('{"*": {}}', '{"*": {"move": [1.25, 0.5]}}').replace('"labe
 
 
 def camera(origin: tuple, pitch: float, half: float, far: float) -> Camera:
-    """At `origin`, metres, looking along +y and `pitch` radians down."""
+    """At `origin`, meters, looking along +y and `pitch` radians down."""
     X, c, s = np.array([1.0, 0, 0]), np.cos(pitch), np.sin(pitch)
     Y, Z = np.array([0, s, c]), np.array([0, c, -s])
     return Camera("PERSP", np.array(origin, float), X, Y, Z, Window(-half, half, -half, half), 0.1, far, (1920, 1080))

@@ -6,11 +6,11 @@
 
 /* Culling, LOD and sorting. planes: 6 rows of n and offset, outside where n . p > offset + radius. depth: n and offset.
    limits: steps distances where LODs begin. buckets: one array of `n` indices a LOD; counts: how many are in each. */
-void cull(int64_t n, const double *x, const double *y, const double *z, double centre, double radius, const double *planes,
+void cull(int64_t n, const double *x, const double *y, const double *z, double center, double radius, const double *planes,
           const double *depth, int steps, const double *limits, int32_t *buckets, int64_t *counts)
 {
     for (int64_t i = 0; i < n; i++) {
-        const double px = x[i], py = y[i], pz = z[i] + centre;
+        const double px = x[i], py = y[i], pz = z[i] + center;
         int inside = 1;
         for (int k = 0; k < 6 && inside; k++) {
             const double *p = planes + 4 * k;

@@ -60,7 +60,7 @@ class Cull:
 
 
 class Step:
-    """One step of behaviour after another, on copies of a crowd's columns.
+    """One step of behavior after another, on copies of a crowd's columns.
 
     No timers, no random choices.
     """

@@ -56,7 +56,7 @@ def has_gpu() -> bool:
 
 
 def points_of(name: str, crowd: Crowd, height: float) -> bpy.types.Object:
-    """An object with a vertex an agent, `height` metres above its feet."""
+    """An object with a vertex an agent, `height` meters above its feet."""
     mesh = bpy.data.meshes.new(name)
     mesh.vertices.add(len(crowd))
     places = np.stack([crowd.x, crowd.y, crowd.z + height], axis=1).astype(np.float32)

@@ -23,7 +23,7 @@ from in_window import begin, overlay  # noqa: E402
 
 ROUNDS, REDRAWS, WARM = 4, 10, 2
 MODES = "OFF", "POINTS", "BOXES"
-STEP = 0.05  # metres that the camera moves from one redraw to the next
+STEP = 0.05  # meters that the camera moves from one redraw to the next
 
 
 def session():

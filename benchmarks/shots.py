@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 from crowd_lod_extension.crowd_lod.animation.phase_classes import Library
-from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
+from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, window
@@ -40,13 +40,13 @@ WIDTHS = 0.05, 0.1, 0.2, 0.4  # of hysteresis
 AVOID = 0.0, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0
 BAKED, SHOWN = "33:56", 44  # frames of the plaza with many switches, and that with the most
 RAYS = 64 * 0.2 * PIXELS[0] * PIXELS[1]  # samples of the pixels that agents cover
-# What Make LOD Meshes measured of the plaza's characters, all candidates: triangles, bounds in metres.
+# What Make LOD Meshes measured of the plaza's characters, all candidates: triangles, bounds in meters.
 ADULT = (11456, 4582, 1832, 686, 286, 114), (0.0, 0.00359, 0.00811, 0.02018, 0.05482, 0.15541)
 CHILD = (11584, 4634, 1852, 694, 290, 116), (0.0, 0.00294, 0.00573, 0.01492, 0.02338, 0.05555)
 HEAVY = (11712, 4684, 1874, 702, 292, 116), (0.0, 0.00536, 0.01112, 0.0259, 0.04344, 0.16079)
 GROUPS = tuple(
-    Group(name, centre, radius, stride, 1.0, tuple(n // 2 for n in triangles), triangles, bounds)
-    for name, centre, radius, stride, (triangles, bounds) in (
+    Group(name, center, radius, stride, 1.0, tuple(n // 2 for n in triangles), triangles, bounds)
+    for name, center, radius, stride, (triangles, bounds) in (
         ("adult", 0.85, 0.978, 1.3, ADULT),
         ("child", 0.6, 0.684, 0.9, CHILD),
         ("heavy", 0.9, 1.024, 1.4, HEAVY),
@@ -56,9 +56,9 @@ POLICY = LevelPolicy((0.0,) * 5, "PIXELS", tolerance=TOLERANCE)
 
 
 def aimed(origin: Sequence[float], target: Sequence[float], lens: float, roll: float = 0.0) -> Camera:
-    """Return a camera at `origin` that looks at `target`, both in metres.
+    """Return a camera at `origin` that looks at `target`, both in meters.
 
-    Lens in millimetres, roll in radians.
+    Lens in millimeters, roll in radians.
     """
     origin, ahead = np.array(origin, float), np.subtract(target, origin)
     Z = ahead / np.linalg.norm(ahead)

@@ -30,7 +30,7 @@ class Points:
             self.scene.collection.objects.link(each)
 
     def __call__(self, camera: Camera, frame: int) -> None:
-        """The frame, from behaviour to points that the dependency graph holds."""
+        """The frame, from behavior to points that the dependency graph holds."""
         found = plan(self.trajectory, camera, self.policy, frame)
         held, buckets = frame_update.Held(found.crowd, frame), [found.buckets[level] for level in range(len(self.objects))]
         library = Library(np.full(len(self.trajectory.groups), POSES))

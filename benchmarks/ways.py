@@ -59,7 +59,7 @@ def prepare(folder: str, crowd: dict, engine: str, sizes: list[int], width: int,
     settings = scene.crowd_lod
     crowds.spread(scene, CHOSEN_FOR)
     store_groups(settings, measure_groups(scene))
-    settings.thresholds[:2] = [metres / scene.camera.data.clip_end for metres in (15, 40)]
+    settings.thresholds[:2] = [meters / scene.camera.data.clip_end for meters in (15, 40)]
     for way, choice, count in (("full", "BY_RATIO", 1), ("by ratio", "BY_RATIO", 3), ("1 px", "BY_TOLERANCE", 3)):
         settings.choice, settings.level_count = choice, count
         rows.append(_build(scene, way, Path(folder) / f"{way}.blend"))
@@ -106,7 +106,7 @@ def counts(folder: str, crowd: dict, sizes: list[int], lods: bool, width: int, s
     settings = scene.crowd_lod
     settings.choice = "BY_RATIO"
     store_groups(settings, measure_groups(scene))
-    settings.thresholds[:2] = [metres / scene.camera.data.clip_end for metres in (8, 25)]
+    settings.thresholds[:2] = [meters / scene.camera.data.clip_end for meters in (8, 25)]
     made = {EVERYONE: 1} | ({"by ratio": 3} if lods else {})
     for way, settings.level_count in made.items():
         _build(scene, way, Path(folder) / f"{way}.blend")

@@ -27,9 +27,9 @@ from crowd_lod_extension.operators.batch.error_report import machine_name
 from crowd_lod_extension.operators.batch.plots import MARKERS, PLOT_COLORS
 from ways import BAKED, EVERYONE, FRAMES, NOBODY, shown_by
 
-NEAR, FAR = ({"groups": 4, "metres": metres, "finer": 1} for metres in (2, 20))
+NEAR, FAR = ({"groups": 4, "meters": meters, "finer": 1} for meters in (2, 20))
 LIGHT = [{**crowd, "finer": 0} for crowd in (NEAR, FAR)]  # a GPU of software draws every instance's triangles
-TWENTY = {"groups": 20, "metres": 20, "finer": 0}
+TWENTY = {"groups": 20, "meters": 20, "finer": 0}
 QUICK = [("CYCLES", crowd, (1000, 10_000)) for crowd in (NEAR, FAR)]
 ROWS = [
     *(("CYCLES", crowd, (1000, 10_000, 100_000, 1_000_000)) for crowd in (NEAR, FAR)),
@@ -82,7 +82,7 @@ def job(limit: float, **inputs) -> dict:
 def name_of(crowd: dict) -> str:
     """The crowd's name in tables."""
     finer = ("light", "heavy")[crowd["finer"]]
-    return f"{crowd['groups']} {finer}{', textured' * ('pixels' in crowd)}, {crowd['metres']} m"
+    return f"{crowd['groups']} {finer}{', textured' * ('pixels' in crowd)}, {crowd['meters']} m"
 
 
 def rendered(folder: Path, engine: str, way: str, agents: int, repeats: int) -> dict:

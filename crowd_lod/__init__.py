@@ -1,6 +1,6 @@
 """The method of the chapter in NumPy, without Blender.
 
-Stages: populate > behaviour > culling > levels > sorting.
+Stages: populate > behavior > culling > levels > sorting.
 Stage names and equation numbers are those of Hernandez and Rudomin, "A Rendering Pipeline for
 Real-time Crowds".
 """

@@ -18,7 +18,6 @@ from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.reporting.state_graph import svg
 from crowd_lod_extension.operators import registration
 from crowd_lod_extension.operators.cli.arguments import parser
-from crowd_lod_extension.operators.crowd.renamed_settings import STORED
 from crowd_lod_extension.operators.ui import panels, presets, shot_panels
 from crowd_lod_extension.operators.ui.area_list import CrowdLodArea
 from crowd_lod_extension.operators.ui.crowd_settings import BehaviorSettings, CrowdSettings, SimulationSettings
@@ -28,7 +27,6 @@ from crowd_lod_extension.operators.ui.properties import CrowdLodGroup, CrowdLodS
 DOCS = Path(__file__).parent
 WRITTEN = "Written by `docs/reference.py` from the code: change the code, and run it again."
 FAR = 1e9  # of a limit: none
-NEW = {old: new for new, old in STORED.items()}
 UNTOLD = argparse._HelpAction, argparse._VersionAction, argparse._SubParsersAction
 HEAD = "| name | label | type | default | range | tells |\n| --- | --- | --- | --- | --- | --- |"
 
@@ -72,8 +70,8 @@ def rows(names: Iterable[str], kind: type) -> Iterator[str]:
     """Yield a row of a table for each property of the class of Blender's."""
     for name in names:
         prop: Any = kind.bl_rna.properties[name]
-        told = f"Old name of `{NEW[name]}`" if prop.is_hidden and name in NEW else prop.description
-        if prop.type == "ENUM" and name not in NEW:
+        told = prop.description
+        if prop.type == "ENUM":
             told += "".join(f"<br>*{item.name}*: {item.description}" for item in prop.enum_items if item.description)
         yield f"| `{name}` | {prop.name} | {type_of(prop)} | {default_of(prop)} | {range_of(prop)} | {told} |"
 

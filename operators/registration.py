@@ -4,7 +4,7 @@ import bpy
 
 from .batch import open_report, preview, shot_plan, verify_button
 from .blender import collection_caches, main_thread, scene_cache
-from .build import buttons, cost_estimate, frame_update, render_setup
+from .build import buttons, cost_estimate, frame_update
 from .cli import commands
 from .crowd import (
     characters_from_selection,
@@ -16,7 +16,6 @@ from .crowd import (
     sample_menu,
     scene_crowd,
     scenery,
-    settings_versions,
     simulate,
     state_machine_menu,
 )
@@ -82,8 +81,6 @@ HANDLERS = {
     "redo_pre": [scenery.forget],
     "undo_post": [collection_caches.restore, collection_caches.renew, map_areas.undone],
     "redo_post": [collection_caches.restore, collection_caches.renew, map_areas.undone],
-    "load_post": [settings_versions.upgrade, render_setup.upgrade],
-    "save_pre": [settings_versions.note],
     "render_pre": [frame_update.rendering],
     "render_post": [frame_update.rendered],
     "render_complete": [frame_update.ended],

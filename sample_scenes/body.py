@@ -2,7 +2,7 @@
 
 They have UVs, materials and skinning weights. A coarse cage of rings (torso and head of 8 points,
 arms and legs of 6) is smoothed by two steps of Catmull-Clark subdivision.
-Character space: metres, facing +x, left is +y, up is +z, the soles on z = 0.
+Character space: meters, facing +x, left is +y, up is +z, the soles on z = 0.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ SUBDIVISIONS = 2  # of the cage
 
 @dataclass(frozen=True)
 class Build:
-    """The measures of one character, in metres; widths are half-widths.
+    """The measures of one character, in meters; widths are half-widths.
 
     hip, neck: heights of the hip joints and of the collar.
     shoulder, pelvis, waist: half-widths of the torso.

@@ -11,7 +11,7 @@ from ..operators.blender import image_data
 from .characters import make_characters
 from .scenery import add, aim, camera, child, film, material, tile
 
-SIZE = 80  # metres, and cells of the map, along x and y
+SIZE = 80  # meters, and cells of the map, along x and y
 
 
 def make(scene: bpy.types.Scene) -> None:

@@ -35,11 +35,11 @@ def make_characters(
 ) -> list[bpy.types.Collection]:
     """Add rigged, walking characters to `collection`: a child collection for each.
 
-    A child collection holds an armature and its mesh. Its property "stride" is the metres walked in
+    A child collection holds an armature and its mesh. Its property "stride" is the meters walked in
     one cycle.
     The characters stand at the origin on z = 0, face +x, and walk on the spot. Their action repeats
     for ever, with one key per frame from frame 1, for 24 frames per second. In a character's own
-    space the standing foot moves along -x at `speed`, metres per second.
+    space the standing foot moves along -x at `speed`, meters per second.
     Selection, modes and the current frame stay as they are.
     finer: additional steps of subdivision, each with four times the faces.
     idle: whether each also gets an action in which it stands and waits, called "idle" and its name.

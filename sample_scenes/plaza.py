@@ -16,7 +16,7 @@ from . import plaza_map as site
 from .characters import make_characters
 from .scenery import add, animate, box, camera, child, film, lathe, material, tile, windows
 
-# The flight: frame, where the camera is, what it looks at (metres), focal length (mm).
+# The flight: frame, where the camera is, what it looks at (meters), focal length (mm).
 FLIGHT = (
     (1, (-64, -64, 32), (-20, -20, 5), 18),
     (36, (-44, -48, 18), (0, -4, 2), 22),

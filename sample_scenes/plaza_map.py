@@ -1,6 +1,6 @@
 """The plan of the plaza, and its label map, in NumPy alone.
 
-World metres from the plaza's center; +y is north. Every corner lies on the map's grid, so that
+World meters from the plaza's center; +y is north. Every corner lies on the map's grid, so that
 walls and labels agree exactly. Cells of the fountain and of the columns are those whose middle lies
 within.
 """

@@ -1,6 +1,6 @@
 """Parts of the sample scenes: shapes, materials, light, animated camera.
 
-World metres, z up.
+World meters, z up.
 """
 
 from math import cos, pi, radians, sin
@@ -8,7 +8,7 @@ from math import cos, pi, radians, sin
 import bpy
 from mathutils import Vector
 
-# A shape is (points, faces): corners in world metres, and for each face the indices of its corners,
+# A shape is (points, faces): corners in world meters, and for each face the indices of its corners,
 # normals outward.
 Shape = tuple[list[tuple[float, float, float]], list[tuple[int, ...]]]
 
@@ -17,7 +17,7 @@ SKY = (0.42, 0.60, 0.85)
 
 
 def box(x0, y0, x1, y1, z0, z1, inset=0.0) -> Shape:
-    """Return a box; its top is `inset` metres smaller on each side, as a hipped roof."""
+    """Return a box; its top is `inset` meters smaller on each side, as a hipped roof."""
     low = [(x0, y0, z0), (x1, y0, z0), (x1, y1, z0), (x0, y1, z0)]
     high = [(x0 + inset, y0 + inset, z1), (x1 - inset, y0 + inset, z1)]
     high += [(x1 - inset, y1 - inset, z1), (x0 + inset, y1 - inset, z1)]
@@ -47,9 +47,9 @@ def lathe(x, y, profile: list[tuple[float, float]], sides=12) -> Shape:
 
 
 def windows(x0, y0, x1, y1, z0, z1, spacing=3.0, storey=3.4, out=0.04) -> Shape:
-    """Return panes on the four sides of the box, `out` metres in front of the walls.
+    """Return panes on the four sides of the box, `out` meters in front of the walls.
 
-    One every `spacing` metres along a wall and every `storey` metres up.
+    One every `spacing` meters along a wall and every `storey` meters up.
     """
     points, faces = [], []
     corners = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
@@ -149,9 +149,9 @@ def film(scene: bpy.types.Scene) -> None:
 
 
 def camera(scene: bpy.types.Scene, name: str, near: float, far: float, lens=35.0) -> bpy.types.Object:
-    """Return a new camera that sees from `near` to `far` metres.
+    """Return a new camera that sees from `near` to `far` meters.
 
-    lens: focal length in millimetres.
+    lens: focal length in millimeters.
     """
     data = bpy.data.cameras.new(name)
     data.clip_start, data.clip_end, data.lens = near, far, lens

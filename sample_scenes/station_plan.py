@@ -2,7 +2,7 @@
 
 NumPy alone.
 
-World metres from the middle of the concourse; +y is north. Rectangles are (x0, y0, x1, y1).
+World meters from the middle of the concourse; +y is north. Rectangles are (x0, y0, x1, y1).
 """
 
 import numpy as np

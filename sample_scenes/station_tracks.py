@@ -20,7 +20,7 @@ EVERY = 4  # frames between two rows
 WARM_UP, FRAMES = 60 * FPS, 240  # frames before the shot, and in it
 TO_STAIRS = 0.08  # part of the people
 COUNT = 260  # people are let in while there are fewer
-RADIUS, TIME_GAP, ON_STAIRS = 0.2, 1.0, 0.55  # metres, seconds, part of the speed
+RADIUS, TIME_GAP, ON_STAIRS = 0.2, 1.0, 0.55  # meters, seconds, part of the speed
 # Before the stairs the floors overlap: one goes over from the concourse in FOOT, and to it in BOTTOM.
 APRON, FOOT, BOTTOM = (-5.2, 6.0, -3.0, 9.0), (-4.0, 6.4, -3.1, 8.6), (-5.2, 6.3, -4.6, 8.7)
 
@@ -56,7 +56,7 @@ class Floor:
 
 
 def simulate(seed: int = 3) -> dict[str, np.ndarray]:
-    """Return the columns of the walkers' tracks, in centimetres, by their names in the file.
+    """Return the columns of the walkers' tracks, in centimeters, by their names in the file.
 
     See crowd_lod/tracks/npz.py.
     """

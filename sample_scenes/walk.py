@@ -1,7 +1,7 @@
 """The walk and the wait of the sample characters: a pose for every frame of one cycle.
 
 The poses are solved so that the feet never slide. NumPy alone.
-Character space: metres, walking along +x on the spot, so that the ground and the foot on it move
+Character space: meters, walking along +x on the spot, so that the ground and the foot on it move
 along -x. A limb's turn is a 3x3 matrix from rest to pose in that space, not relative to the parent
 bone.
 """
@@ -22,8 +22,8 @@ class Cycle:
     """Poses at whole frames 0 to period, the last equal to the first.
 
     turns: bone name > (period + 1, 3, 3).
-    shift: (period + 1, 3) metres, the hips' offset from their rest place.
-    stride: metres walked in one cycle.
+    shift: (period + 1, 3) meters, the hips' offset from their rest place.
+    stride: meters walked in one cycle.
     """
 
     turns: dict
@@ -32,7 +32,7 @@ class Cycle:
 
 
 def walk_cycle(joints: dict, period: int, stride: float) -> Cycle:
-    """Return the walk of a skeleton over `period` frames and `stride` metres.
+    """Return the walk of a skeleton over `period` frames and `stride` meters.
 
     joints: those of a body.Body.
     """

@@ -87,7 +87,7 @@ Posed posed(int frame)
 struct Agent {
   vec3 feet; /* relative to the drawing's origin */
   float phase;
-  int colour; /* in the palette */
+  int color; /* in the palette */
   float share; /* > 0: drawn where the dither is below it; < 0: where it is not below -share; 0: everywhere */
   vec3 x_axis, y_axis, z_axis; /* of the character, in the world */
   float scale;
@@ -104,8 +104,8 @@ Agent agent(int number)
   Agent a;
   a.feet = one.xyz;
   a.phase = one.w;
-  a.colour = int(two.w) / 4;
-  a.share = two.w - float(4 * a.colour) - 2.0;
+  a.color = int(two.w) / 4;
+  a.share = two.w - float(4 * a.color) - 2.0;
   a.x_axis = two.xyz;
   a.y_axis = three.xyz;
   a.z_axis = cross(a.x_axis, a.y_axis);

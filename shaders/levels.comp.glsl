@@ -15,7 +15,7 @@ void main()
     vec2 agent = texelFetch(agents, texel(i), 0).xy;
     ivec2 at = texel(int(agent.x));
     int group = int(agent.y);
-    vec4 sphere = texelFetch(spheres, texel(group * OPEN), 0);  // height of the centre, reach
+    vec4 sphere = texelFetch(spheres, texel(group * OPEN), 0);  // height of the center, reach
     vec3 p = vec3(texelFetch(feet_x, at, 0).x, texelFetch(feet_y, at, 0).x, texelFetch(feet_z, at, 0).x + sphere.x);
     float slack = view.slack.x * (abs(p.x) + abs(p.y) + abs(p.z) + sphere.z) + view.slack.y;
     float beyond = dot(view.planes[0].xyz, p) - view.planes[0].w;

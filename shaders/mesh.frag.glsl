@@ -1,4 +1,4 @@
-/* The lit colour, or the image in its place; a cross-fade leaves out a part of the pixels, and the early depth
+/* The lit color, or the image in its place; a cross-fade leaves out a part of the pixels, and the early depth
  * test with it: it is compiled only where it is wanted. */
 void main()
 {

@@ -22,10 +22,10 @@ void main()
   vec3 n = normalize(oriented(a, here.facing));
   float light = mix(0.3, 0.55, 0.5 + 0.5 * n.z) + 0.55 * max(dot(n, view.key.xyz), 0.0);
 #ifdef MATERIALS
-  lit = base_colour * light;
+  lit = base_color * light;
   image_at = vec3(uv, layer);
 #else
-  lit = texelFetch(palette, ivec2(a.colour, 0), 0).rgb * light;
+  lit = texelFetch(palette, ivec2(a.color, 0), 0).rgb * light;
 #endif
 #ifdef FADING
   share = a.share;

@@ -117,17 +117,17 @@ def gaits_of(groups: Sequence[Group], paces: Paces, classes: int, shown: np.ndar
     rates, plays = np.zeros((len(groups), len(paces.speeds))), np.ones((len(groups), len(paces.speeds)), bool)
     for p, name in enumerate(paces.actions or ("",) * len(paces.speeds)):
         able = np.array([g in needed or group.knows(name) for g, group in enumerate(groups)])
-        per_metre, per_second = cycles_of([group for group, known in zip(groups, able, strict=True) if known], name).T
-        rates[able, p], plays[:, p] = per_metre * paces.speeds[p] + per_second, able
+        per_meter, per_second = cycles_of([group for group, known in zip(groups, able, strict=True) if known], name).T
+        rates[able, p], plays[:, p] = per_meter * paces.speeds[p] + per_second, able
     return Gaits(classes, paces, rates, None if plays.all() else plays)
 
 
 def cycles_of(groups: Sequence[Group], action: str = "") -> np.ndarray:
-    """Return (G, 2) float64: cycles of each group's action per metre and per second.
+    """Return (G, 2) float64: cycles of each group's action per meter and per second.
 
     action: its name, "" for each group's own.
 
-    An action with a stride plays by the metres walked, any other by time; the other number is 0.
+    An action with a stride plays by the meters walked, any other by time; the other number is 0.
     Both are 0 for one with neither stride nor period.
     """
     played = [group.action(action) for group in groups]

@@ -32,10 +32,10 @@ class Action:
     """An action that states name, as one character group plays it.
 
     name: as states name it.
-    stride: metres walked in one cycle; 0 if it plays by time.
+    stride: meters walked in one cycle; 0 if it plays by time.
     period: seconds of one cycle.
-    feet: metres that its feet walk in a cycle; 0 if they stand, or if that was not measured.
-    way: metres that it travels in a cycle, which is taken out; 0 likewise.
+    feet: meters that its feet walk in a cycle; 0 if they stand, or if that was not measured.
+    way: meters that it travels in a cycle, which is taken out; 0 likewise.
 
     The last two change nothing: by them it is told whether feet slide.
     """
@@ -51,14 +51,14 @@ class Action:
 class Group:
     """A character group (geometrical variety).
 
-    center, radius: metres, the bounding sphere over the whole action. Its center lies on the
+    center, radius: meters, the bounding sphere over the whole action. Its center lies on the
         agent's vertical axis, at the height `center` above the feet, so the sphere holds for every
         heading.
-    stride: metres walked in one cycle of the action; 0 if the action plays by time.
+    stride: meters walked in one cycle of the action; 0 if the action plays by time.
     period: seconds of one cycle.
     vertices, triangles: counts of each LOD mesh, finest first. A group with fewer LODs than others
         repeats its last.
-    lowest: metres from the group's origin up to its lowest point over the action; 0 if that is
+    lowest: meters from the group's origin up to its lowest point over the action; 0 if that is
         near.
     on_ground: whether the lowest point is the feet. If not, the origin is.
     share: of the agents, in proportion to the other groups'.
@@ -69,14 +69,14 @@ class Group:
     chance: that an agent of the group is this variant of it.
 
     These are measured over the action, if the LOD meshes were measured:
-    deviations: metres, for each LOD the largest distance found between its surface and the
+    deviations: meters, for each LOD the largest distance found between its surface and the
         character's, both ways.
-    bounds: metres, upper bounds of those Hausdorff distances; equal to the deviations if nothing
+    bounds: meters, upper bounds of those Hausdorff distances; equal to the deviations if nothing
         else is known.
-    rms: metres, for each LOD the root mean square of the distances.
+    rms: meters, for each LOD the root mean square of the distances.
     worst: for each LOD the frame at which it deviates most.
-    diagonal: metres, of the character's bounding box.
-    shaded: metres, for each LOD: where a pixel shows this much or more, the LOD's shaded picture is
+    diagonal: meters, of the character's bounding box.
+    shaded: meters, for each LOD: where a pixel shows this much or more, the LOD's shaded picture is
         within WITHIN (validation/shaded_pictures.py) of the character's. 0: at any distance; inf:
         at none. () if the pictures were not compared.
     """
@@ -104,7 +104,7 @@ class Group:
 
     @property
     def reach(self) -> float:
-        """Metres, the radius of the sphere that holds the LODs, too.
+        """Meters, the radius of the sphere that holds the LODs, too.
 
         A LOD lies off the character by its bound at most.
         """
@@ -112,7 +112,7 @@ class Group:
 
     @property
     def feet(self) -> float:
-        """Metres from the group's origin up to the point that stands on the ground."""
+        """Meters from the group's origin up to the point that stands on the ground."""
         return self.lowest if self.on_ground else 0.0
 
     def knows(self, name: str) -> bool:
@@ -159,7 +159,7 @@ def varied(group: Group) -> Group:
 class Spheres:
     """The groups' bounding spheres.
 
-    center, radius, reach: (G,) float64, metres, as in Group.
+    center, radius, reach: (G,) float64, meters, as in Group.
     """
 
     center: np.ndarray
@@ -176,7 +176,7 @@ def spheres_of(groups: Sequence[Group]) -> Spheres:
 class Crowd:
     """n agents at one time, in world space.
 
-    x, y, z: (n,) float64, metres, the feet.
+    x, y, z: (n,) float64, meters, the feet.
     heading: (n,) float32, radians from +x, counter-clockwise seen from above.
     state, group: (n,) uint8.
     phase_class: (n,) uint8, the shared phase of the action (animation/phase_classes.py).
@@ -251,9 +251,9 @@ class Crowd:
         agents: np.ndarray | slice | int = slice(None),
         origin: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return x, y, z of `agents`, (m,) float64 metres each.
+        """Return x, y, z of `agents`, (m,) float64 meters each.
 
-        height: (G,) metres above the feet for each group, such as Spheres.center; None for the
+        height: (G,) meters above the feet for each group, such as Spheres.center; None for the
             feet.
         agents: indices, a slice, or one index; all agents by default.
         origin: (3,), subtracted from the positions; None for world positions.
@@ -278,8 +278,8 @@ def bounding_sphere(points: np.ndarray, reach: np.ndarray | float = 0.0) -> tupl
 
     The center is at half height; the radius is the smallest for that center. The sphere holds the
     points under every rotation about z.
-    points: (n, 3) metres.
-    reach: metres, (n,) or one number. The sphere holds all within `reach` of each point.
+    points: (n, 3) meters.
+    reach: meters, (n,) or one number. The sphere holds all within `reach` of each point.
     """
     low, high = (points[:, 2] - reach).min(), (points[:, 2] + reach).max()
     center = (low + high) / 2

@@ -26,12 +26,12 @@ class LeftOut:
 
 
 STATIC = LeftOut("plan", "Neither an agent nor the camera moves: the plan made before holds.")
-STILL = LeftOut("behaviour", "No agent ever moves or changes its state: behaviour ran once, and only the action plays on.")
-UNCHANGING = LeftOut("behaviour", "No label on the map changes a state: no transition is looked up.")
-ONE_LABEL = LeftOut("behaviour", "The map has one label: it is not looked up.")
-NO_FADES = LeftOut("behaviour", "No agent ever comes from another action into a state with a fade: none cross-fades.")
-NO_HEIGHTS = LeftOut("behaviour", "There is no height map: agents keep the height they start at.")
-ONE_PACE = LeftOut("behaviour", "All walk at one pace: no agent ever changes its phase class.")
+STILL = LeftOut("behavior", "No agent ever moves or changes its state: behavior ran once, and only the action plays on.")
+UNCHANGING = LeftOut("behavior", "No label on the map changes a state: no transition is looked up.")
+ONE_LABEL = LeftOut("behavior", "The map has one label: it is not looked up.")
+NO_FADES = LeftOut("behavior", "No agent ever comes from another action into a state with a fade: none cross-fades.")
+NO_HEIGHTS = LeftOut("behavior", "There is no height map: agents keep the height they start at.")
+ONE_PACE = LeftOut("behavior", "All walk at one pace: no agent ever changes its phase class.")
 ONE_GROUP = LeftOut("culling", "There is one character group: its bounding sphere is not looked up for each agent.")
 IN_ORDER = LeftOut("culling", "Agents are in order of their groups: a group's bounding sphere is looked up once for many agents.")
 FLAT = LeftOut("culling", "All agents stand at one height: a frustum plane takes two products instead of three.")

@@ -80,7 +80,7 @@ class Draft:
         return [(value if isinstance(value, str) else state, 1.0)]
 
     def speed(self, state: str, label: str) -> tuple[float, float]:
-        """Return (metres per second, degrees counter-clockwise from +x) of a rule."""
+        """Return (meters per second, degrees counter-clockwise from +x) of a rule."""
         rule = self.rule(state, label)
         move = rule.get("move")
         if isinstance(move, list) and len(move) == 2:
@@ -176,7 +176,7 @@ def set_targets(state: str, label: str | None, targets: Targets) -> Edit:
 
 
 def set_speed(state: str, label: str, speed: float, heading: float) -> Edit:
-    """Set metres per second and degrees of a rule, in place of its `move` as well."""
+    """Set meters per second and degrees of a rule, in place of its `move` as well."""
     new = {"speed": plain(speed), "heading": plain(heading)}
     return _with_rule(state, label, lambda rule: {k: v for k, v in rule.items() if k != "move"} | new)
 

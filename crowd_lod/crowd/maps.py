@@ -8,7 +8,7 @@ import numpy as np
 from ..errors import CrowdError
 from ..format import counted
 
-# Metres from the world's origin. Blender's positions are float32: from here on they lie 6 cm and
+# Meters from the world's origin. Blender's positions are float32: from here on they lie 6 cm and
 # more apart, further than a walker's step from one frame to the next.
 FARTHEST = 1e6
 # Agents that are looked up at a time: their columns stay in the processor's cache.
@@ -21,7 +21,7 @@ MOST_STRAYS = 0.01  # part of a map's pixels that may be of no label's color
 
 @dataclass(frozen=True)
 class Area:
-    """The crowd's ground: an axis-aligned rectangle in world metres, at the height z."""
+    """The crowd's ground: an axis-aligned rectangle in world meters, at the height z."""
 
     x_min: float
     y_min: float
@@ -36,12 +36,12 @@ class Area:
 
     @cached_property
     def size(self) -> tuple[float, float]:
-        """Width (x) and depth (y) in metres."""
+        """Width (x) and depth (y) in meters."""
         return self.x_max - self.x_min, self.y_max - self.y_min
 
     @cached_property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """The least and the greatest x and y, each (2, 1) float64 metres."""
+        """The least and the greatest x and y, each (2, 1) float64 meters."""
         return np.array([[self.x_min], [self.y_min]]), np.array([[self.x_max], [self.y_max]])
 
 
@@ -75,7 +75,7 @@ class LabelMap:
 
     @cached_property
     def cell(self) -> tuple[float, float]:
-        """Size of a cell in metres, along x and y."""
+        """Size of a cell in meters, along x and y."""
         rows, columns = self.labels.shape
         width, depth = self.area.size
         return width / columns, depth / rows
@@ -114,7 +114,7 @@ class LabelMap:
         return found.reshape(2, 2, -1)
 
     def middles(self, row: np.ndarray, column: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return world (x, y), each (n,) float64 metres, of the middles of the cells row, column (n,)."""
+        """Return world (x, y), each (n,) float64 meters, of the middles of the cells row, column (n,)."""
         width, depth = self.cell
         return self.area.x_min + (column + 0.5) * width, self.area.y_min + (row + 0.5) * depth
 
@@ -161,7 +161,7 @@ def _index(value: np.ndarray, low: float, size: float, count: int) -> np.ndarray
 
 def _into(value: np.ndarray, index: np.ndarray, low: float, size: float, count: int) -> np.ndarray:
     value = np.clip(value, low + index * size, low + (index + 1) * size)
-    # a cell's own borders may round into its neighbours: by a few units in the last place at most
+    # a cell's own borders may round into its neighbors: by a few units in the last place at most
     for _ in range(4):
         off = index - _index(value, low, size, count)
         if not off.any():
@@ -175,7 +175,7 @@ def _into(value: np.ndarray, index: np.ndarray, low: float, size: float, count: 
 class HeightMap:
     """Heights over an area; the ground is bilinear between them.
 
-    heights: (rows, columns) float32, metres above the area's z, at the middles of the pixels. Row 0
+    heights: (rows, columns) float32, meters above the area's z, at the middles of the pixels. Row 0
         lies at y_min, column 0 at x_min, as in LabelMap.
     From the outermost middles to the area's border, and beyond it, the ground continues level.
     CrowdError if a height is NaN or infinite.

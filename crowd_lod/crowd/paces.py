@@ -24,7 +24,7 @@ FADE_STEP = re.compile(rf"(.*){BETWEEN}(.*) ([1-{FADE_STEPS}])/{FADE_STEPS + 1}"
 class Paces:
     """The actions that agents play, each at some speeds: a pace is an action at a speed.
 
-    speeds: (P,) float64, metres per second, increasing within an action.
+    speeds: (P,) float64, meters per second, increasing within an action.
     of: (S, L) uint8, the pace of an agent in each state on each label.
     off: the largest relative difference between a pace and the agent's own speed. The feet slide by
         it.

@@ -15,7 +15,7 @@ def covered(triangles: np.ndarray, area: Area, rows: int, columns: int) -> np.nd
     A cell counts if any part of it lies under a triangle, so no wall is too thin to be there. A
     triangle that stands upright is a line from above, and counts where the line runs.
 
-    triangles: (n, 3, 2), world x and y of their corners, metres.
+    triangles: (n, 3, 2), world x and y of their corners, meters.
     """
     scale = np.array([columns, rows]) / area.size
     corners = (np.asarray(triangles, np.float64).reshape(-1, 3, 2) - (area.x_min, area.y_min)) * scale

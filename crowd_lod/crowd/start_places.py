@@ -17,7 +17,7 @@ from .state_machine import StateMachine
 # Places that are drawn on a surface to find one, at most; and drawn at a time, at most.
 TRIES, AT_A_TIME = 20_000, 2**18
 MOST_EDGES = 200_000  # about a second
-# Metres: points of a curve that are closer are one.
+# Meters: points of a curve that are closer are one.
 ONE_POINT = 1e-6
 SHARPEST = 2.0  # times as far as a row's depth lies its corner from the corner of the row before, at most
 
@@ -30,7 +30,7 @@ Density = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 class Places:
     """n places in world space.
 
-    points: (n, 3) float64, metres, the feet.
+    points: (n, 3) float64, meters, the feet.
     heading: (n,) float32, radians from +x, counter-clockwise; NaN where the place has none.
     """
 
@@ -49,10 +49,10 @@ class Places:
 class Spacing:
     """How agents stand in a grid or in rows.
 
-    apart: metres between neighbors; 0 for such that there are as many places as agents.
+    apart: meters between neighbors; 0 for such that there are as many places as agents.
     jitter: part of that distance by which each is moved at most, along and across, half of it either way.
     rows: how many rows stand along each curve.
-    depth, rise: metres from one row to the next, outward and up.
+    depth, rise: meters from one row to the next, outward and up.
     turn: radians, added to the heading.
     """
 
@@ -72,7 +72,7 @@ def unturned(points: np.ndarray) -> Places:
 def on_surface(corners: np.ndarray, weights: np.ndarray, count: int, seed: int, density: Density | None = None) -> Places:
     """Return `count` places on triangles, drawn by area times density.
 
-    corners: (m, 3, 3) float64, world metres.
+    corners: (m, 3, 3) float64, world meters.
     weights: (m, 3), the density at the corners, 0 or more; it is linear between them.
     density: a further factor.
     CrowdError without faces, at NaN, or where the density is 0 everywhere, or nearly so.
@@ -161,7 +161,7 @@ def in_rows(curves: Sequence[tuple[np.ndarray, bool]], count: int, seed: int, sp
     The first row lies on the curve, and each further one behind it. With a distance the curves fix the number of places; without one there are
     `count`, spread evenly over all rows.
 
-    curves: of each its points (k, 3) float64, world metres, and whether it is closed.
+    curves: of each its points (k, 3) float64, world meters, and whether it is closed.
     CrowdError if no curve has a length, a point is at NaN, or the count is out of range.
     """
     ways = [_row(points, closed, k, spacing) for points, closed in curves for k in range(spacing.rows)]
@@ -240,7 +240,7 @@ def _row(points: np.ndarray, closed: bool, k: int, spacing: Spacing) -> tuple[np
 
 
 def _lengths(points: np.ndarray) -> np.ndarray:
-    """Return the distances of neighboring points (k, 2) or (k, 3), (k - 1,) metres."""
+    """Return the distances of neighboring points (k, 2) or (k, 3), (k - 1,) meters."""
     return np.sqrt(sum(step**2 for step in np.diff(points, axis=0).T))
 
 

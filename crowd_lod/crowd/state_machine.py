@@ -7,7 +7,7 @@
                          "on": {"*": {"move": [1.25, 0]},
                                 "wall": {"next": "turn", "speed": 1.25, "heading": 180}}}, ...}}
 
-`move`: velocity along x and y, metres per second. `speed` (m/s) and `heading` (degrees, 0 = +x,
+`move`: velocity along x and y, meters per second. `speed` (m/s) and `heading` (degrees, 0 = +x,
     counter-clockwise) say the same.
 `next`: the state after the step; the same state if left out. An object of states and weights draws
     one, once each time the agent enters the label or the state.
@@ -343,7 +343,7 @@ class _Table:
         if "move" in rule:
             move = rule["move"]
             if not isinstance(move, list) or len(move) != 2:
-                reader.fail((*path, "move"), f"is {move!r}, it must be two numbers, metres per second along x and y")
+                reader.fail((*path, "move"), f"is {move!r}, it must be two numbers, meters per second along x and y")
             x, y = (reader.number(value, (*path, "move", i)) for i, value in enumerate(move))
             return x, y
         speed = reader.number(rule.get("speed", 0), (*path, "speed"), least=0)

@@ -14,9 +14,9 @@ from ..errors import CrowdError
 from ..progress import breath
 from .maps import LOOK_UPS, HeightMap, lean
 
-STEP = 0.5  # metres: how far an agent steps up at once
-HEADROOM = 1.8  # metres: nobody starts where another floor is as close above, as within stairs
-# Metres: a gap in the ground that is narrower is none; so wide is every triangle that carries anybody.
+STEP = 0.5  # meters: how far an agent steps up at once
+HEADROOM = 1.8  # meters: nobody starts where another floor is as close above, as within stairs
+# Meters: a gap in the ground that is narrower is none; so wide is every triangle that carries anybody.
 CLOSE = 1e-4
 STEEP = 1.0  # rise over run: on steeper ground nobody leans
 MOST_CELLS = 2**21
@@ -31,8 +31,8 @@ class Terrain:
     An agent stands on the highest floor at most STEP above its last height, or else on the lowest.
     Floors less than STEP apart are one, the upper of them: nobody fits between.
 
-    corners: (m, 3, 3) float64, world metres: of each triangle three points (x, y, z). See upward.
-    z: the height where there is no triangle, metres.
+    corners: (m, 3, 3) float64, world meters: of each triangle three points (x, y, z). See upward.
+    z: the height where there is no triangle, meters.
     CrowdError if there is no triangle, or a point at NaN or infinity.
     """
 
@@ -81,7 +81,7 @@ class Terrain:
     def at(self, x: np.ndarray, y: np.ndarray, last: np.ndarray | None = None) -> np.ndarray:
         """Return world z (n,) float64 of the ground at world positions x, y (n,).
 
-        last: (n,) metres, where each agent stood before; None for the lowest floor.
+        last: (n,) meters, where each agent stood before; None for the lowest floor.
         """
         z = np.full(len(x), float(self.z))
         for agents, height, _ in self._stood(x, y, last):
@@ -133,7 +133,7 @@ class Terrain:
     ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Yield (agents (k,) intp, heights (k,), triangles (k,)) of those with ground under them.
 
-        room: metres from a floor to the next above, with less of which nobody stands on it.
+        room: meters from a floor to the next above, with less of which nobody stands on it.
         """
         for at in range(0, len(x), LOOK_UPS):
             block = slice(at, at + LOOK_UPS)
@@ -197,7 +197,7 @@ class Terrain:
 
     @cached_property
     def _size(self) -> np.ndarray:
-        """Width and depth of a cell, (2,) metres."""
+        """Width and depth of a cell, (2,) meters."""
         return self._extent / self._grid
 
     @cached_property
@@ -213,7 +213,7 @@ class Terrain:
     def _sides(self) -> np.ndarray:
         """(m, 9) float64: three times (a, b, c); a u + b v + c is the distance from a side, above 0 within.
 
-        u, v: metres from the least x and y.
+        u, v: meters from the least x and y.
         """
         x, y, along, up = self._plan
         way = np.where(_double(along, up) < 0, -1.0, 1.0)[:, None] / np.hypot(along, up)

@@ -13,7 +13,7 @@ class VelocityBounds:
 
     low, high: (3,) float64, the bounds of the velocity along x, y and z; low <= 0 <= high.
     fastest: m/s, the greatest horizontal speed, if it is known to be less than that of the bounds.
-    steps: metres by which z may change at once, as on stairs, however short the time.
+    steps: meters by which z may change at once, as on stairs, however short the time.
     """
 
     low: np.ndarray
@@ -22,7 +22,7 @@ class VelocityBounds:
     steps: float = 0.0
 
     def between(self, seconds: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
-        """Return (least, most) displacement, each (3,) metres, at any time in `seconds`.
+        """Return (least, most) displacement, each (3,) meters, at any time in `seconds`.
 
         seconds: relative to the time of the boxes.
         """

@@ -39,11 +39,11 @@ class Blocks:
     rows: (b, LEAF) int32, agent indices, group by group along the curve. The last blocks repeat the
         last agent, to be full.
     groups: (G + 1,) intp: group g is order[groups[g]:groups[g + 1]].
-    spheres: (2, G) float64 metres, each group's center height and radius.
+    spheres: (2, G) float64 meters, each group's center height and radius.
     tiers: the largest blocks first, of each tier (agents per block, boxes (8, b) float64, first and
         last group (2, b) uint8). The boxes' rows are center x, y, z; half width along x, y, z;
-        least and greatest radius of the spheres, metres.
-    extent: the largest coordinate, metres.
+        least and greatest radius of the spheres, meters.
+    extent: the largest coordinate, meters.
     finite: whether no agent stands at NaN or infinity.
     floor: the height of all agents' feet for as long as the blocks hold; None if they differ.
     """
@@ -112,7 +112,7 @@ def blocks_of(
     count, rows = len(crowd), order.reshape(-1, LEAF)
     leaves, size = len(rows), _largest(count)
     group = crowd.group[rows[:, (0, -1)].T]
-    centre, radius = spheres.center, spheres.reach
+    center, radius = spheres.center, spheres.reach
     boxes = np.empty((8, leaves))
     low, high, radii = boxes[:3], boxes[3:6], boxes[6:]
     with np.errstate(invalid="ignore"):
@@ -128,23 +128,23 @@ def blocks_of(
             for axis, place in enumerate(places):
                 low[axis, some], high[axis, some] = place.min(axis=0), place.max(axis=0)
         _stay(low, high, area, wraps, span)
-        low[2] += _over(centre, np.minimum)[*group]
-        high[2] += _over(centre, np.maximum)[*group]
+        low[2] += _over(center, np.minimum)[*group]
+        high[2] += _over(center, np.maximum)[*group]
         radii[0], radii[1] = _over(radius, np.minimum)[*group], _over(radius, np.maximum)[*group]
         extent = float(max(np.abs(low).max(), np.abs(high).max()))
         tiers = [(LEAF, boxes, group)]
         while tiers[0][0] < size:
             tiers.insert(0, _joined(*tiers[0]))
-        for _, boxes, _ in tiers:  # the two corners become centre and half width, in place
+        for _, boxes, _ in tiers:  # the two corners become center and half width, in place
             low, high = boxes[:3], boxes[3:6]
             half = (high - low) / 2
             low[:] = (low + high) / 2
             high[:] = half
     sizes = np.array([count])
-    if len(centre) > 1:  # in parts: to be counted, they are taken for numbers of 8 bytes
+    if len(center) > 1:  # in parts: to be counted, they are taken for numbers of 8 bytes
         parts = (crowd.group[at : at + morton_order.BLOCK] for at in range(0, count, morton_order.BLOCK))
-        sizes = np.sum([np.bincount(part, minlength=len(centre)) for part in parts], axis=0)
-    return Blocks(rows, np.append(0, np.cumsum(sizes)), np.array([centre, radius]), tiers, extent, bool(np.isfinite(extent)), floor)
+        sizes = np.sum([np.bincount(part, minlength=len(center)) for part in parts], axis=0)
+    return Blocks(rows, np.append(0, np.cumsum(sizes)), np.array([center, radius]), tiers, extent, bool(np.isfinite(extent)), floor)
 
 
 def _joined(size: int, boxes: np.ndarray, group: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
@@ -198,7 +198,7 @@ def decide(
     crowd: as it stands at the first of the looks' times.
     looks: for each time at which agents may be seen, the Looks of the eyes. LODs follow from the
         first time's.
-    limits: (G, n - 1) metres where LODs begin; None if they depend on more than distance.
+    limits: (G, n - 1) meters where LODs begin; None if they depend on more than distance.
     margin, radial: as for `radar`.
 
     places: (m,) intp, increasing, indices of the open agents in decided.own, flattened. These are
@@ -247,8 +247,8 @@ def near(
     """Return the smallest blocks that may hold agents kept by `touches`, (m,) intp.
 
     leaves: (b,) bool, the smallest blocks to test.
-    moved: (least, most) displacement (3,) from the boxes, metres.
-    grown: metres by which the agents' spheres are larger.
+    moved: (least, most) displacement (3,) from the boxes, meters.
+    grown: meters by which the agents' spheres are larger.
     about: the largest coordinate that `touches` computes with; the test allows for its rounding.
     touches: (points (b, 3), radii (b,)) -> (b,) bool, which spheres it keeps. If it keeps a sphere,
         it must keep every sphere that contains that one. It is called with spheres about whole
@@ -277,21 +277,21 @@ def _alone(blocks: Blocks, crowd: Crowd, tests: list[Test], limits: np.ndarray, 
         same array; only exact tests decide those.
     """
     left, slack = [np.arange(0)], max(test.slack for test in tests)
-    centre, radius = blocks.spheres
+    center, radius = blocks.spheres
     uniform = (limits == limits[0]).all()
     begin = limits.T[:, :1] if uniform else np.ascontiguousarray(limits.T)
     order, levels = blocks.rows.take(decided.opened, axis=0).ravel(), decided.own.reshape(-1)
     groups = None
-    if len(centre) > 1:
-        sizes = np.diff(edges(crowd.group, order[:count], len(centre)))
-        groups = np.repeat(np.arange(len(centre), dtype=np.uint8), sizes)
+    if len(center) > 1:
+        sizes = np.diff(edges(crowd.group, order[:count], len(center)))
+        groups = np.repeat(np.arange(len(center), dtype=np.uint8), sizes)
     for start in range(0, count, PART):
         part = slice(start, min(start + PART, count))
         agents = order[part].astype(np.intp)
         group = 0 if groups is None else groups[part]
         spheres = np.empty((5, len(agents)))
         spheres[0], spheres[1] = crowd.x.take(agents, mode="clip"), crowd.y.take(agents, mode="clip")
-        spheres[2] = (crowd.z.take(agents, mode="clip") if blocks.floor is None else blocks.floor) + centre.take(group)
+        spheres[2] = (crowd.z.take(agents, mode="clip") if blocks.floor is None else blocks.floor) + center.take(group)
         spheres[3], spheres[4] = radius.take(group), 1.0
         outside, inside, distance = tests[0].alone(spheres)
         for test in tests[1:]:

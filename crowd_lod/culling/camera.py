@@ -19,7 +19,7 @@ class Window:
     """The part of a view plane that the image shows, along the camera's X and Y.
 
     Perspective: on the plane one meter ahead, as slopes (tan of the half angles). Orthographic: on
-        any plane across the view, in metres.
+        any plane across the view, in meters.
 
     left, right: along X.
     bottom, top: along Y.
@@ -36,22 +36,22 @@ class Camera:
     """A camera at one time.
 
     kind: "PERSP", "ORTHO" or "PANO".
-    origin: (3,) float64, world metres, the chapter's c.
+    origin: (3,) float64, world meters, the chapter's c.
     X, Y, Z: (3,) float64, right, up, view direction. v.X, v.Y, v.Z are the camera coordinates of v
         = p - c. The axes are orthonormal, except for a camera that a parent shears (see
         `referential`).
-    near, far: metres along Z; PANO: from the origin.
+    near, far: meters along Z; PANO: from the origin.
     pixels: (width, height) of the image.
     cone: radians; a PANO camera sees directions up to this angle from Z. The default is every
         direction.
     pad, turn: bounds on other displacements of the camera's rays. Every sphere counts as larger by
-        `pad` metres, and by `turn` metres per meter of distance (see `lens_blur`, `opened`,
+        `pad` meters, and by `turn` meters per meter of distance (see `lens_blur`, `opened`,
         culling/stereo.py).
     density: pixels per unit of the window; PANO: per radian in the middle. None derives it from
         pixels and window.
     rays: near and far are where rays begin and end, as in Cycles, not planes. It matters only for a
         sheared camera (see `planes`).
-    grain: metres per meter of the coordinates, the sphere's and the camera's, by which spheres
+    grain: meters per meter of the coordinates, the sphere's and the camera's, by which spheres
         count as larger still (see `pictured`).
     filtered: pixels by which the pixel filter reaches past the picture's edges. It widens what is
         seen, not the window, from which sizes in pixels follow.
@@ -129,7 +129,7 @@ def window(
     """Return the window of a Blender camera.
 
     size: extent of the fitted side: sensor / lens for perspective (sensor_height for VERTICAL fit,
-        else sensor_width), or the orthographic scale in metres.
+        else sensor_width), or the orthographic scale in meters.
     fit: AUTO, HORIZONTAL or VERTICAL.
     pixels: image width and height.
     aspect: pixel aspect x, y.
@@ -167,8 +167,8 @@ def crop(camera: Camera, left: float, right: float, bottom: float, top: float) -
 def lens_blur(camera: Camera, aperture: float, focus: float) -> Camera:
     """Return the camera with depth of field, which sees past the window's sides.
 
-    aperture: the lens's radius, metres.
-    focus: distance, metres.
+    aperture: the lens's radius, meters.
+    focus: distance, meters.
 
     At the depth z a ray passes at most aperture |1 - z / focus| beside the pinhole's ray, which is
     at most aperture (1 + z / focus).
@@ -201,9 +201,9 @@ class Planes:
     A point at v = p - c lies inside plane k iff normals[k] . v <= offsets[k].
 
     normals: (6, 3) float64, unit vectors in world space, outward.
-    offsets: (6,) metres.
-    fixed: (6,), metres along the normal per meter of v.X, v.Y (the chapter's fixed Delta) or v.Z.
-    rounding: how much larger than 1 the terms were that cancelled in a normal. It is the factor by
+    offsets: (6,) meters.
+    fixed: (6,), meters along the normal per meter of v.X, v.Y (the chapter's fixed Delta) or v.Z.
+    rounding: how much larger than 1 the terms were that canceled in a normal. It is the factor by
         which the normal's rounding may exceed that of a unit vector.
     """
 
@@ -213,9 +213,9 @@ class Planes:
     rounding: float
 
     def limits(self, margin: float | None = None, rounding: float = 0.0) -> np.ndarray:
-        """(6,) metres: the offsets, farther out by the part `rounding` of each.
+        """(6,) meters: the offsets, farther out by the part `rounding` of each.
 
-        At the sides they are also farther out by the chapter's fixed Delta, `margin` metres, if
+        At the sides they are also farther out by the chapter's fixed Delta, `margin` meters, if
         there is one.
         """
         found = self.offsets + rounding * np.abs(self.offsets) if rounding else self.offsets.copy()
@@ -228,7 +228,7 @@ def planes(camera: Camera) -> Planes:
 
     |v.X| <= w / 2 with w = 2 (v.Z) tan(fov / 2) is (X - t Z) . v <= 0 with the slope t = tan(fov /
     2) of the window's side. Divided by its length sqrt(1 + t^2), the chapter's 1 / cos(fov / 2), it
-    is the distance from the plane in metres. It stays finite as fov goes to 180 degrees, and a
+    is the distance from the plane in meters. It stays finite as fov goes to 180 degrees, and a
     sphere touches the plane iff it is at most r.
 
     Cycles begins and ends a sheared camera's rays at near and far times a factor that depends on
@@ -285,7 +285,7 @@ def differs(planned: Camera, shown: Camera) -> bool:
 def _change(a: Camera, b: Camera) -> tuple[float, float]:
     """Return how far the view's bounds move from camera a to b.
 
-    Returns (metres, metres per meter of distance).
+    Returns (meters, meters per meter of distance).
     """
     moved = float(np.linalg.norm(b.origin - a.origin))
     if a.kind == "PANO" or b.kind == "PANO":
@@ -299,7 +299,7 @@ def _change(a: Camera, b: Camera) -> tuple[float, float]:
 
 
 def frustum_corners(camera: Camera, distance: float) -> np.ndarray:
-    """Return the world positions (4, 3) of the window's corners at `distance` metres.
+    """Return the world positions (4, 3) of the window's corners at `distance` meters.
 
     The distance is along the view. The order goes around from the bottom left.
     """

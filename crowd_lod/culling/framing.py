@@ -4,21 +4,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-EYE = 1.7  # metres above the ground
-BODY = 1.0  # metres above it, of the part of people that the picture holds
-CELL = 2.0  # metres, of the grid that finds where the crowd is densest
+EYE = 1.7  # meters above the ground
+BODY = 1.0  # meters above it, of the part of people that the picture holds
+CELL = 2.0  # meters, of the grid that finds where the crowd is densest
 WAYS = 32  # directions that are tried
 SEEN = 0.95  # part of the places that the picture holds at least
-NEAREST = 3.0  # metres between the camera and the place that it looks at, at least
+NEAREST = 3.0  # meters between the camera and the place that it looks at, at least
 
 
 @dataclass(frozen=True)
 class View:
     """A camera that stands upright and looks level.
 
-    eye: (3,) float64, world metres.
+    eye: (3,) float64, world meters.
     ahead: (2,) float64, the unit vector along x and y in which it looks.
-    far: metres along it, beyond everyone.
+    far: meters along it, beyond everyone.
     """
 
     eye: np.ndarray
@@ -29,7 +29,7 @@ class View:
 def framing(places: np.ndarray, across: float, below: float, above: float) -> View:
     """Return the view over the densest of `places` that holds most of them from the least distance.
 
-    places: (n, 3) float64, n > 0, world metres: the feet of all agents at several times.
+    places: (n, 3) float64, n > 0, world meters: the feet of all agents at several times.
     across, below, above: slopes of the picture's sides, of its bottom and of its top, all above 0.
     """
     middle = _densest(places)

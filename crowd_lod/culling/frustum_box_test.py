@@ -16,7 +16,7 @@ SLACK = 1e-8
 # NumPy's matrix product takes several threads for more columns than this: it costs them more to
 # start than they save.
 COLUMNS = 2048
-# Metres. Beyond these, products and squares may overflow, or lose their bits to underflow.
+# Meters. Beyond these, products and squares may overflow, or lose their bits to underflow.
 HUGE, LEAST = 1e100, 1e-100
 # Times the largest coordinate: farther off no plane meets a box, whatever is rounded.
 BEYOND = 2.0**20
@@ -26,8 +26,8 @@ BEYOND = 2.0**20
 class Look:
     """One camera's view of the crowd, for agents that moved since the boxes.
 
-    least, most: (3,) metres, the bounds of the agents' displacement from the boxes.
-    grown: metres by which the agents' spheres are larger.
+    least, most: (3,) meters, the bounds of the agents' displacement from the boxes.
+    grown: meters by which the agents' spheres are larger.
     """
 
     camera: Camera
@@ -39,7 +39,7 @@ class Look:
 class Test:
     """Decides boxes for one Look by linear forms: `forms` (f, 9) times (box, 1).
 
-    extent: the largest coordinate of the boxes, metres.
+    extent: the largest coordinate of the boxes, meters.
     margin, radial: as for `radar`.
     """
 
@@ -86,7 +86,7 @@ class Test:
 
         boxes: as Blocks.tiers, with a last row of 1.
         outside, inside: bool, whether all spheres of a box surely are.
-        nearest, farthest: bounds of their distances, metres.
+        nearest, farthest: bounds of their distances, meters.
         """
         camera, k = self.camera, self.count
         values = self.forms @ boxes
@@ -112,7 +112,7 @@ class Test:
 
         spheres: rows x, y, z, radius, 1.
         outside, inside: bool, whether a sphere surely is.
-        distance: metres, to within the slack.
+        distance: meters, to within the slack.
 
         Only for cameras whose reach and distance are linear (`linear`).
         """
@@ -129,8 +129,8 @@ class Test:
 
         The cone tests a sphere about each box.
 
-        close, away: (b,) metres, bounds of the distances of the boxes' centers.
-        least, most: (b,) metres, bounds of the reach of the boxes' spheres.
+        close, away: (b,) meters, bounds of the distances of the boxes' centers.
+        least, most: (b,) meters, bounds of the reach of the boxes' spheres.
         """
         camera = self.camera
         outside = (close > camera.far + most + self.slack) | (away < camera.near - most - self.slack)

@@ -15,11 +15,11 @@ from .camera import Camera, Planes, planes, stretch
 BLOCK = 16_384
 # Bound on the rounding of n . v - offset in float64, relative to |vx| + |vy| + |vz| + |offset| +
 # |origin z| + reach, so that rounding never drops an agent. In units of u = eps / 2: p - c errs by
-# 1 (z + centre, then - c: 2), the normal by 8 (a difference, its norm, a division), the dot product
+# 1 (z + center, then - c: 2), the normal by 8 (a difference, its norm, a division), the dot product
 # by 3, offset and reach by 4 each, the bound's own sums by 4. That is 21; 32 leaves room for
 # singular values, square roots and sheared cameras' inverses.
 ROUNDING = 16 * np.finfo(np.float64).eps
-# Metres. Products and squares of smaller numbers may lose all their bits to underflow.
+# Meters. Products and squares of smaller numbers may lose all their bits to underflow.
 TINY = 1e-150
 # Which corners of a box, (3, 8), lie at its lower side along x, y and z.
 CORNERS = np.indices((2, 2, 2), dtype=bool).reshape(3, 8)
@@ -31,7 +31,7 @@ class RadarOptions:
 
     margin: None derives the chapter's widening from the sphere. The sphere is then visible iff it
         lies in or touches all six planes (Delta = r / cos(fov / 2) at the sides, r at near and
-        far). A number is the chapter's fixed Delta in metres, at the sides alone.
+        far). A number is the chapter's fixed Delta in meters, at the sides alone.
     radial: measure |v| instead of v.Z.
     leave: what the crowd does not need, from leave_outs.needless.
     every: the answer for all agents, from `bounds`, if it is known.
@@ -51,7 +51,7 @@ PLAIN = RadarOptions()
 def radar(
     crowd: Crowd,
     cameras: Camera | Sequence[Camera],
-    centre: np.ndarray,
+    center: np.ndarray,
     radius: np.ndarray,
     options: RadarOptions = PLAIN,
     agents: np.ndarray | None = None,
@@ -59,7 +59,7 @@ def radar(
     """Return (visible, distance): which agents any camera may see, and how far away.
 
     cameras: one, or the eyes of one picture.
-    centre, radius: (G,) float64 metres, each group's bounding sphere: the height of its center
+    center, radius: (G,) float64 meters, each group's bounding sphere: the height of its center
         above the feet, and its radius.
     agents: (m,) indices to test, group by group if the crowd is in order; None tests all. The
         results are then (m,).
@@ -67,7 +67,7 @@ def radar(
     visible: (n,) bool. Agents exactly on a plane are visible; those at NaN or infinity are not. A
         panoramic camera keeps all within its clip range and its cone, also what its picture leaves
         out within the cone.
-    distance: (n,) float64 metres from the camera to the sphere's center: v.Z along the view, or |v|
+    distance: (n,) float64 meters from the camera to the sphere's center: v.Z along the view, or |v|
         with `radial` and for panoramic cameras. With several cameras it is the least, so that all
         show the finest LOD that one needs.
 
@@ -79,13 +79,13 @@ def radar(
     if not count or (options.every is not None and not options.measure):
         return visible, distance
     views = [(camera, None if camera.kind == "PANO" else planes(camera)) for camera in cameras]
-    height = crowd.z[0] + centre if FLAT in leave else None
+    height = crowd.z[0] + center if FLAT in leave else None
     with np.errstate(invalid="ignore", over="ignore", under="ignore"):
         groups = crowd.group if agents is None else crowd.group[agents]
         for block in _blocks(groups, leave):
             here = block if agents is None else agents[block]
             group = groups[block.start if leave & {ONE_GROUP, IN_ORDER} else block]
-            z = crowd.z[here] + centre[group] if height is None else height[group]
+            z = crowd.z[here] + center[group] if height is None else height[group]
             r = radius[group] if options.margin is None else 0.0
             places = crowd.x[here], crowd.y[here], z
             for camera, frustum in views:
@@ -129,7 +129,7 @@ class Bounds:
 
     every: whether `radar` keeps all (True), none (False), or this is not known (None).
     finite: whether no agent stands at NaN or infinity.
-    nearest, farthest: metres, bounds of all distances.
+    nearest, farthest: meters, bounds of all distances.
     """
 
     every: bool | None = None
@@ -141,7 +141,7 @@ class Bounds:
 def bounds(
     crowd: Crowd,
     cameras: Sequence[Camera],
-    centre: np.ndarray,
+    center: np.ndarray,
     radius: np.ndarray,
     options: RadarOptions = PLAIN,
 ) -> Bounds:
@@ -157,8 +157,8 @@ def bounds(
         return Bounds()
     with np.errstate(invalid="ignore", over="ignore", under="ignore"):
         z = crowd.z[:1] if FLAT in options.leave else crowd.z
-        low = np.array([crowd.x.min(), crowd.y.min(), z.min() + centre.min()])
-        high = np.array([crowd.x.max(), crowd.y.max(), z.max() + centre.max()])
+        low = np.array([crowd.x.min(), crowd.y.min(), z.min() + center.min()])
+        high = np.array([crowd.x.max(), crowd.y.max(), z.max() + center.max()])
         if not np.isfinite([low, high]).all():
             return Bounds()
         r = (radius.min(), radius.max()) if options.margin is None else (0.0, 0.0)
@@ -206,7 +206,7 @@ def _bounds(camera: Camera, low: np.ndarray, high: np.ndarray, r: tuple, options
 
 
 def reach_of(camera: Camera, v: tuple, away: np.ndarray, r: np.ndarray | float) -> tuple:
-    """Return (the reach of spheres beyond their centers, its rounding), metres.
+    """Return (the reach of spheres beyond their centers, its rounding), meters.
 
     r: radius.
     v: the centers, relative to the camera.
@@ -226,7 +226,7 @@ def _in_frustum(frustum: Planes, v: tuple, depth: np.ndarray, bound: np.ndarray,
 
     v: the centers, relative to the camera.
     depth: v.Z.
-    bound: (b,) metres by which a center may lie beyond a plane. The sides are tested only for
+    bound: (b,) meters by which a center may lie beyond a plane. The sides are tested only for
         spheres between near and far.
     """
     *sides, near, far = frustum.limits(margin, ROUNDING)

@@ -18,8 +18,8 @@ class Stereo:
 
     mode: OFFAXIS, PARALLEL or TOE.
     pivot: LEFT, RIGHT or CENTER.
-    distance: metres between the eyes.
-    convergence: metres to the plane where their images meet.
+    distance: meters between the eyes.
+    convergence: meters to the plane where their images meet.
     """
 
     mode: str

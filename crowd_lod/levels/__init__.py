@@ -1,7 +1,7 @@
 """Levels of detail: an agent's LOD at a distance, and the LODs that pay.
 
 Chapter equation 1.7, listing 1.4.
-In: distances (n,) metres, LevelPolicy; deviations (G, K) metres.
-Out: LODs (n,) uint8; where each begins, (G, K - 1) metres; the LODs that cost least within a
+In: distances (n,) meters, LevelPolicy; deviations (G, K) meters.
+Out: LODs (n,) uint8; where each begins, (G, K - 1) meters; the LODs that cost least within a
     tolerance in pixels, by the engine's cost model.
 """

@@ -27,7 +27,7 @@ class LevelPolicy:
         decreasing.
     metric: AXIS is the distance along the view (the chapter's v.Z). RADIAL is the distance from the
         camera (|v|). PIXELS is the size in the image, so that a zoom changes the LOD.
-    margin: None derives the widening of the frustum. A number is the chapter's fixed Delta, metres.
+    margin: None derives the widening of the frustum. A number is the chapter's fixed Delta, meters.
     tolerance: pixels, for PIXELS only. A LOD then begins where its measured deviation shows no more
         than that, and the thresholds only count the LODs.
     group_thresholds: one entry per group: its own thresholds, or () if it has none.
@@ -114,12 +114,12 @@ def pushed(values: Sequence[float], kept: int, metric: str) -> np.ndarray:
 def limits(policy: LevelPolicy, camera: Camera, radius: np.ndarray, deviation: np.ndarray | None = None) -> np.ndarray:
     """Return the distances at which each group's LODs 1 ... n - 1 begin.
 
-    (G, n - 1) float64, metres, never decreasing along a row. With p pixels per unit slope, a length
+    (G, n - 1) float64, meters, never decreasing along a row. With p pixels per unit slope, a length
     e shows e p / d pixels at the distance d in the middle of the picture, and sqrt(1 + s^2) of that
     at a slope s from it. An agent's nearest part is up to its radius nearer than its center. An
     orthographic camera shows e p pixels at any distance: a LOD then begins at -infinity, or never.
-    radius: (G,) metres, of the bounding spheres.
-    deviation: (G, n) metres, of each LOD's surface from the full mesh. A tolerance needs it.
+    radius: (G,) meters, of the bounding spheres.
+    deviation: (G, n) meters, of each LOD's surface from the full mesh. A tolerance needs it.
     CrowdError if the policy has a tolerance and there is no deviation.
     """
     groups, steps = len(radius), len(policy.thresholds)
@@ -143,12 +143,12 @@ def limits(policy: LevelPolicy, camera: Camera, radius: np.ndarray, deviation: n
 
 
 def grain(begins: np.ndarray, camera: Camera, radius: np.ndarray) -> np.ndarray:
-    """Return the metres that a pixel shows of an agent where each LOD begins.
+    """Return the meters that a pixel shows of an agent where each LOD begins.
 
     (G, n - 1), in the middle of the picture, at the agent's nearest part. If the far distance of
     the camera is nearer than where a LOD begins, it counts instead.
-    begins: (G, n - 1) metres, from `limits`.
-    radius: (G,) metres, of the bounding spheres.
+    begins: (G, n - 1) meters, from `limits`.
+    radius: (G,) meters, of the bounding spheres.
     """
     if camera.kind == "ORTHO":
         return np.full(begins.shape, 1 / camera.pixels_per_unit)
@@ -159,7 +159,7 @@ def shown(deviation: np.ndarray | float, distance: np.ndarray | float, camera: C
     """Return the pixels that a deviation shows at most: the inverse of `limits`.
 
     Infinite if the camera is inside the bounding sphere and the deviation is not 0.
-    deviation, distance, radius: metres; the radius is that of the agent's bounding sphere.
+    deviation, distance, radius: meters; the radius is that of the agent's bounding sphere.
     """
     length = camera.pixels_per_unit * np.asarray(deviation, np.float64)
     if camera.kind == "ORTHO":
@@ -174,8 +174,8 @@ def assign(
     """Return the LOD ids (n,) uint8, 0 the finest.
 
     An id is the sum of U(distance - limit_i), with U(0) = 1.
-    distance: (n,) float64, metres.
-    limits: metres, (n - 1,) for all agents, or (G, n - 1) with `group`.
+    distance: (n,) float64, meters.
+    limits: meters, (n - 1,) for all agents, or (G, n - 1) with `group`.
     group: (n,) uint8.
     factor: (n,) or None, multiplies each agent's distance (see `Bias`).
 
@@ -248,7 +248,7 @@ class Bias:
 def deviations(groups: Sequence[Group], policy: LevelPolicy) -> np.ndarray | None:
     """Return how far each group's LODs deviate at most; None if one is not measured.
 
-    (G, n) float64, metres. If the policy counts shading, an entry is at least the tolerance times
+    (G, n) float64, meters. If the policy counts shading, an entry is at least the tolerance times
     Group.shaded: the length that shows as many pixels as the tolerance at the distance from which
     the LOD's shaded picture is good enough.
     CrowdError if shading counts and the pictures were not compared.

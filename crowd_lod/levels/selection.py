@@ -27,8 +27,8 @@ CLOSE = 1.05  # so many times as far is about as far
 class View:
     """A group's agents in one frame of the shot.
 
-    nearest, farthest: metres from `camera`, of all the group's agents.
-    distance: (m,) metres, of each agent; empty if not known.
+    nearest, farthest: meters from `camera`, of all the group's agents.
+    distance: (m,) meters, of each agent; empty if not known.
     character: (m,) intp, which of its group's characters each agent shows
         (animation/phase_classes.py, Library); empty if not known.
     agents: (m,) intp, how many agents stand there; or 1.
@@ -50,14 +50,14 @@ class View:
 
 
 def guessed(ratios: Sequence[float], known: dict[int, float], usual: float) -> list[float]:
-    """Return the deviation in metres of each candidate, measured or estimated.
+    """Return the deviation in meters of each candidate, measured or estimated.
 
     Between measured candidates log deviation is linear in log triangles. Outside them deviation is
     proportional to 1 / triangles, as for smooth surfaces.
     ratios: triangles of each candidate, as parts of the character's.
-    known: {candidate: metres}, measured; returned as it is. Values of 0 and infinity do not count
+    known: {candidate: meters}, measured; returned as it is. Values of 0 and infinity do not count
         in the estimate.
-    usual: metres; if nothing is known, a candidate deviates by usual / ratio.
+    usual: meters; if nothing is known, a candidate deviates by usual / ratio.
     """
     made = sorted(k for k, bound in known.items() if 0 < bound < np.inf)
     places = np.log([1 / ratios[k] for k in made] or [1.0])
@@ -67,7 +67,7 @@ def guessed(ratios: Sequence[float], known: dict[int, float], usual: float) -> l
     return [known.get(k, float(found[k])) for k in range(len(ratios))]
 
 
-def choose(group: Group, tolerance: float, views: Sequence[View], metres: float = 1.0) -> tuple[list[int], dict[int, str]]:
+def choose(group: Group, tolerance: float, views: Sequence[View], meters: float = 1.0) -> tuple[list[int], dict[int, str]]:
     """Return (candidates to keep, {dropped candidate: reason, a sentence}).
 
     The first is always kept: it is the character. Another one is dropped in these cases:
@@ -76,7 +76,7 @@ def choose(group: Group, tolerance: float, views: Sequence[View], metres: float 
     - In no view an agent is at a distance at which it would be used within the tolerance.
     group: with triangles and bounds of its candidates, finest first.
     tolerance: pixels.
-    metres: the length of a unit in metres, for the sentences.
+    meters: the length of a unit in meters, for the sentences.
     """
     kept, dropped = [0], {}
     for k in range(1, len(group.triangles)):
@@ -98,15 +98,15 @@ def choose(group: Group, tolerance: float, views: Sequence[View], metres: float 
         used |= (edges[:-1] < edges[1:]) & (edges[:-1] <= view.farthest * BETWEEN) & (edges[1:] > view.nearest / BETWEEN)
         begins.append(edges)
     for j in (np.flatnonzero(~used[1:]) + 1).tolist():
-        dropped[kept[j]] = f"{group.triangles[kept[j]]:,} triangles {_unused(j, np.array(begins), views, metres)}"
+        dropped[kept[j]] = f"{group.triangles[kept[j]]:,} triangles {_unused(j, np.array(begins), views, meters)}"
     return [k for k, needed in zip(kept, used, strict=True) if needed or k == 0], dropped
 
 
-def _unused(j: int, edges: np.ndarray, views: Sequence[View], metres: float) -> str:
+def _unused(j: int, edges: np.ndarray, views: Sequence[View], meters: float) -> str:
     """Return why no agent uses candidate j.
 
     The numbers are those of the view that comes closest to using it.
-    edges: (views, candidates + 1) metres, where each candidate begins and where the last ends.
+    edges: (views, candidates + 1) meters, where each candidate begins and where the last ends.
     """
     begin, end = edges[:, j], edges[:, j + 1]
     nearest, farthest = np.array([(view.nearest, view.farthest) for view in views]).T
@@ -119,10 +119,10 @@ def _unused(j: int, edges: np.ndarray, views: Sequence[View], metres: float) -> 
         return "are more than the tolerance needs at any distance, for the camera is orthographic."
     if coarse.all():
         i = (begin / farthest).argmin()
-        return f"would begin {number(metres * begin[i])} m away, and the farthest agent is {number(metres * farthest[i])} m away."
+        return f"would begin {number(meters * begin[i])} m away, and the farthest agent is {number(meters * farthest[i])} m away."
     if not coarse.any():
         i = (end / nearest).argmax()
-        return f"would end {number(metres * end[i])} m away, and the nearest agent is {number(metres * nearest[i])} m away."
+        return f"would end {number(meters * end[i])} m away, and the nearest agent is {number(meters * nearest[i])} m away."
     return f"are too few for all agents in {coarse.sum()} of the {len(views)} frames checked, and more than needed in the others."
 
 

@@ -7,11 +7,11 @@ DARK = 1e-5  # weight of the color of what is transparent, where nothing else is
 
 
 def texel(corners: np.ndarray, uvs: np.ndarray, size: tuple[int, int]) -> float:
-    """Return the side of a texel of an image on a surface, in metres.
+    """Return the side of a texel of an image on a surface, in meters.
 
     At SHARE of the surface's area no side of a texel is longer. Infinite if the surface has no
     area, or if more of it has UVs without area: one texel shows there.
-    corners: (m, 3, 3) metres, of triangles.
+    corners: (m, 3, 3) meters, of triangles.
     uvs: (m, 3, 2).
     size: (width, height) of the image.
     """
@@ -36,8 +36,8 @@ def halvings(texel: float, pixel: float, size: tuple[int, int]) -> int:
     """Return how often an image may be halved and still be fine enough (Nyquist).
 
     The largest n with texel 2^n <= pixel / 2; 0 if there is none; at most until one pixel is left.
-    texel: metres, of the image's texels.
-    pixel: metres that a pixel of the picture shows.
+    texel: meters, of the image's texels.
+    pixel: meters that a pixel of the picture shows.
     size: (width, height) of the image.
     """
     times = 0

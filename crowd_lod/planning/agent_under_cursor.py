@@ -19,7 +19,7 @@ class Account:
     """The details of one agent.
 
     reason: one of reasons.REASONS.
-    depth: metres to its sphere's center, along the view (PANO: straight).
+    depth: meters to its sphere's center, along the view (PANO: straight).
     pixels: its sphere's diameter in the picture; None behind the camera.
     error: pixels that its LOD deviates at most (levels.shown); None if not measured, or behind the
         camera.
@@ -48,7 +48,7 @@ def nearest(
 ) -> int | None:
     """Return the agent nearest to the cursor in the picture, or None if none is near.
 
-    places: x, y, z, each (n,) float64 world metres.
+    places: x, y, z, each (n,) float64 world meters.
     matrix: (4, 4) float64, world to clip space (OpenGL's). Agents that it clips at near or far are
         skipped.
     size: the picture's, pixels.
@@ -58,7 +58,7 @@ def nearest(
 
     Of several at the same distance, the first.
     """
-    centre = np.array([2 * cursor[0] / size[0] - 1, 2 * cursor[1] / size[1] - 1])
+    center = np.array([2 * cursor[0] / size[0] - 1, 2 * cursor[1] / size[1] - 1])
     half = size[0] / 2, size[1] / 2
     best, found = within * within, None
     points = np.ones((4, BLOCK))
@@ -68,7 +68,7 @@ def nearest(
             row[: end - start] = column[start:end]
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             x, y, z, w = matrix @ points[:, : end - start]
-            away = ((x / w - centre[0]) * half[0]) ** 2 + ((y / w - centre[1]) * half[1]) ** 2
+            away = ((x / w - center[0]) * half[0]) ** 2 + ((y / w - center[1]) * half[1]) ** 2
         inside = (away <= best) & (w > 0) & (np.abs(z) <= w)
         if among is not None:
             inside &= among[start:end]

@@ -1,7 +1,7 @@
 """The shot plan within a budget: the least tolerance that fits, then the least cost under it.
 
 One multiplier a frame and kind of budget makes load costly where a frame is over its budget
-(Lagrange relaxation; steps by Polyak 1969). The programme of shot.py then decides as without a
+(Lagrange relaxation; steps by Polyak 1969). The program of shot.py then decides as without a
 budget, and what it finds is a lower bound. See docs/notes/shot_plan.md.
 """
 

@@ -47,9 +47,9 @@ def fade(
 
 
 def _bands(limits: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return where each limit's fade begins and ends, (n - 1, G) metres each.
+    """Return where each limit's fade begins and ends, (n - 1, G) meters each.
 
-    No two fades overlap. limits: (G, n - 1) metres.
+    No two fades overlap. limits: (G, n - 1) meters.
     """
     with np.errstate(invalid="ignore"):
         gaps = np.diff(limits, axis=1) / 2

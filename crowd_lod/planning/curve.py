@@ -98,7 +98,7 @@ def hysteresis(survey: Survey, bounds: np.ndarray, tolerance: float, width: floa
 
     An agent keeps its LOD until its distance has passed the one where a LOD begins by the part
     `width`. One that comes into sight has the LOD of its distance.
-    bounds: (G, K) metres, of each group's LODs.
+    bounds: (G, K) meters, of each group's LODs.
     """
     levels, finest, coarsest = (at_tolerance(survey, bounds, tolerance / factor).coarsest for factor in (1, 1 + width, 1 - width))
     for f in range(1, len(levels)):

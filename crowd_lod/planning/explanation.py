@@ -21,8 +21,8 @@ class Side:
     """The test of the agent's bounding sphere against one side of what a camera sees.
 
     name: of the side.
-    outside: metres by which the sphere's center lies beyond the side; below 0 within.
-    reach: metres by which it may. A fixed margin is a part of `outside`.
+    outside: meters by which the sphere's center lies beyond the side; below 0 within.
+    reach: meters by which it may. A fixed margin is a part of `outside`.
     """
 
     name: str
@@ -38,7 +38,7 @@ class Side:
 class Alternative:
     """What one LOD of the agent costs and shows.
 
-    begins: metres from which thresholds give it; None for LOD 0, infinite if they never do, or
+    begins: meters from which thresholds give it; None for LOD 0, infinite if they never do, or
         always.
     triangles: None if the LOD meshes were not made.
     pixels: by which its surface lies off the character's at most; None if not measured, or behind
@@ -61,10 +61,10 @@ class Alternative:
 class Explanation:
     """All that a frame decided on one agent.
 
-    place: world metres of its feet.
-    radius: metres, of its bounding sphere.
-    away: metres from the first camera to the sphere's center.
-    distance: metres from which its LOD follows: of several cameras the least.
+    place: world meters of its feet.
+    radius: meters, of its bounding sphere.
+    away: meters from the first camera to the sphere's center.
+    distance: meters from which its LOD follows: of several cameras the least.
     factor: by which the detail map multiplies it.
     by_distance: the LOD that follows from it.
     eyes: for each camera the tests.
@@ -166,8 +166,8 @@ def explained(frame: Frame, agent: int, engine: str) -> Explanation:
 def sides_of(camera: Camera, center: np.ndarray, radius: float, margin: float | None) -> tuple[Side, ...]:
     """Return the tests by which `radar` decides whether the camera sees a sphere.
 
-    center: (3,) world metres.
-    radius: metres; 0 for a fixed margin.
+    center: (3,) world meters.
+    radius: meters; 0 for a fixed margin.
     margin: see RadarOptions.
     """
     v = tuple(np.array([each]) for each in center - camera.origin)

@@ -24,7 +24,7 @@ from .stages import Sorter, Task, sorted_by_level
 class Outcome:
     """Who is seen, at which LOD, and what that costs. It holds for as long as nothing moves.
 
-    begins: (G, n - 1) metres, where each group's LODs 1 ... n - 1 begin (levels.limits).
+    begins: (G, n - 1) meters, where each group's LODs 1 ... n - 1 begin (levels.limits).
     vertices, triangles: to be drawn for the visible agents.
     full_vertices, full_triangles: without culling and LOD.
     dropped: agents left out because they stand at NaN or infinity.
@@ -96,12 +96,12 @@ class Frame(Request, Outcome):
 
     @cached_property
     def distances(self) -> np.ndarray:
-        """(n,) float64 metres, from which LODs follow: those of `radar`."""
+        """(n,) float64 meters, from which LODs follow: those of `radar`."""
         return self._measured(self.eyes, self.policy.metric == "RADIAL")
 
     @cached_property
     def depths(self) -> np.ndarray:
-        """(n,) float64 metres along the first camera's view; of a panoramic camera, from it."""
+        """(n,) float64 meters along the first camera's view; of a panoramic camera, from it."""
         same = len(self.eyes) == 1 and self.policy.metric != "RADIAL"
         return self.distances if same else self._measured(self.eyes[:1], False)
 
@@ -216,7 +216,7 @@ def _outcome(task: Task, sorter: Sorter | None) -> Outcome:
 
 
 def _milliseconds(ticks: list[float]) -> dict[str, float]:
-    stages = ("behaviour", "culling", "levels", "sorting")
+    stages = ("behavior", "culling", "levels", "sorting")
     return {name: 1000 * float(b - a) for name, a, b in zip(stages, ticks[:-1], ticks[1:], strict=True)}
 
 

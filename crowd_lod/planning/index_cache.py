@@ -99,7 +99,7 @@ def _velocity(trajectory: Trajectory, since: int) -> VelocityBounds | None:
 
 
 def moved(trajectory: Trajectory, time: float, since: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return (least, most) displacement, (3,) metres, of agents since their blocks.
+    """Return (least, most) displacement, (3,) meters, of agents since their blocks.
 
     time: now; since: when the blocks were made; both in frames. Infinite where the blocks do not
         hold.

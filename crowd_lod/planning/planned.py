@@ -15,7 +15,7 @@ from .frame_range import shot_frames
 # allows, or finer; whether an exception asks for that; whether the agent is hidden.
 LEVEL, EXCEPTED, PINNED, HIDDEN = 0x0F, 0x20, 0x40, 0x80
 CAMERA_KINDS = "PERSP", "ORTHO", "PANO"  # of cameras, by their number in a plan
-SAME = 1e-4  # parts of a metre, a slope or a pixel by which two cameras that count as one may differ
+SAME = 1e-4  # parts of a meter, a slope or a pixel by which two cameras that count as one may differ
 
 
 def with_row(frame: Frame, row: np.ndarray) -> Frame:

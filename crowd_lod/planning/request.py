@@ -36,7 +36,7 @@ class Moment:
 
     time: in frames.
     eyes: the cameras at that time.
-    radius: (G,) float64 metres, of the groups' spheres, which hold what is drawn until the next
+    radius: (G,) float64 meters, of the groups' spheres, which hold what is drawn until the next
         moment.
     """
 

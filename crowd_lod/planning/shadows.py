@@ -28,7 +28,7 @@ class Surroundings:
     """The rest of the scene, at one time or while one shutter is open.
 
     lights, mirrors: those to take into account.
-    box: (2, 3) metres, least and greatest corner of all that shadows may fall on besides the crowd;
+    box: (2, 3) meters, least and greatest corner of all that shadows may fall on besides the crowd;
         None if that is not known.
     level: the LOD of agents that the camera itself does not see, or the coarsest there is.
     left_out: what is not looked for, and why.
@@ -77,16 +77,16 @@ def surround(frame: Frame, around: Surroundings) -> Frame:
 class _There:
     """The crowd at one moment, when some of its agents are looked for.
 
-    centre, radius: (G,) metres, each group's sphere.
-    beside: metres by which pictures may draw an agent beside where it stands, for the cameras'
+    center, radius: (G,) meters, each group's sphere.
+    beside: meters by which pictures may draw an agent beside where it stands, for the cameras'
         coordinates; spheres are drawn (camera.pictured).
     blocks: the crowd's, of a large one.
-    moved: (least, most) displacement (3,) of the agents since these were made, metres.
-    larger: metres by which spheres are larger than they were then.
+    moved: (least, most) displacement (3,) of the agents since these were made, meters.
+    larger: meters by which spheres are larger than they were then.
     """
 
     crowd: Crowd
-    centre: np.ndarray
+    center: np.ndarray
     radius: np.ndarray
     beside: float
     blocks: Blocks | None = None
@@ -98,7 +98,7 @@ class _There:
         found = np.empty(len(agents), bool)
         for begin in range(0, len(agents), PART):
             some = slice(begin, begin + PART)
-            points = np.stack(self.crowd.places(self.centre, agents[some]), axis=1)
+            points = np.stack(self.crowd.places(self.center, agents[some]), axis=1)
             radius = self.radius[self.crowd.group[agents[some]]] + (self.beside + GRAIN * np.abs(points).sum(axis=1))
             found[some] = touches(points, radius) & np.isfinite(points).all(axis=1)
         return found
@@ -160,7 +160,7 @@ class _Sought:
 
 
 def _about(blocks: Blocks, volume: Volume, light: Light | None) -> float:
-    """Return the largest coordinate, metres, in the tests of spheres in the blocks."""
+    """Return the largest coordinate, meters, in the tests of spheres in the blocks."""
     about = max(blocks.extent, volume.pad, *np.abs(volume.origin))
     if light is not None:
         about = max(about, light.size, *(() if light.origin is None else np.abs(light.origin)))
@@ -170,8 +170,8 @@ def _about(blocks: Blocks, volume: Volume, light: Light | None) -> float:
 
 def _joined(box: np.ndarray, there: _There) -> np.ndarray:
     """Return the box (2, 3) about `box` and the crowd: shadows fall on agents, too."""
-    centre, radius = there.centre, there.radius
+    center, radius = there.center, there.radius
     columns = [np.array([np.nanmin(c), np.nanmax(c)]) for c in there.crowd.places()]
     low, high = np.array(columns).T
-    low, high = low + (0, 0, centre.min()) - radius.max(), high + (0, 0, centre.max()) + radius.max()
+    low, high = low + (0, 0, center.min()) - radius.max(), high + (0, 0, center.max()) + radius.max()
     return np.array([np.minimum(box[0], low), np.maximum(box[1], high)])

@@ -1,6 +1,6 @@
 """The shot plan: every LOD of a whole shot, decided at once.
 
-A dynamic programme over frames (Viterbi 1967) finds each agent's LODs: never coarser than allowed,
+A dynamic program over frames (Viterbi 1967) finds each agent's LODs: never coarser than allowed,
 at the least sum of what the LODs cost and of `weight` times the pixels by which switches in sight
 change the picture. A mesh that a frame shows costs once, however many agents show it. See
 docs/notes/shot_plan.md on how that cost is shared, and on the lower bound.
@@ -26,7 +26,7 @@ NEARLY = 1e-3  # part of its share that a mesh costs which the frame shows anywa
 MATTERS = 0.05  # part of the instances' cost from which on that of meshes is shared with care
 
 
-def programme(shot: Shot, table: np.ndarray, weight: float, agents: slice) -> tuple[np.ndarray, float]:
+def program(shot: Shot, table: np.ndarray, weight: float, agents: slice) -> tuple[np.ndarray, float]:
     """Return (levels (F, m) uint8, their cost) of `agents`, by dynamic programming.
 
     An agent that is not seen has the LOD with which it is seen next.
@@ -82,14 +82,14 @@ def _traced(came: np.ndarray, cost: np.ndarray) -> np.ndarray:
 
 
 def decided(shot: Shot, table: np.ndarray, weight: float) -> Generator[float, None, tuple[np.ndarray, float]]:
-    """Decide on all agents by `programme`: yield the progress, return (levels (F, n), cost)."""
+    """Decide on all agents by `program`: yield the progress, return (levels (F, n), cost)."""
     agents = len(shot.survey.group)
     parts = [slice(begin, min(begin + TOGETHER, agents)) for begin in range(0, agents, TOGETHER)]
     levels, cost = np.empty(shot.survey.kind.shape, np.uint8), 0.0
     _ = shot.allowed  # found once, before threads ask for it
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         for done, (part, (own, paid)) in enumerate(
-            zip(parts, pool.map(lambda part: programme(shot, table, weight, part), parts), strict=True)
+            zip(parts, pool.map(lambda part: program(shot, table, weight, part), parts), strict=True)
         ):
             levels[:, part] = own
             cost += paid
@@ -250,7 +250,7 @@ def lower_bound(shot: Shot, weight: float, shared: float | None = None) -> Gener
 def floor(shot: Shot) -> tuple[float, float, np.ndarray]:
     """Return (fixed, least, table (F, K, L) float32), all in seconds, which bound every plan from below.
 
-    A plan costs `fixed` and, besides, no less than `least`, nor than a programme by the table.
+    A plan costs `fixed` and, besides, no less than `least`, nor than a program by the table.
     Each frame shows of each character a LOD as fine as the finest that one of its agents needs, at
     least. And if all agents share a mesh's cost evenly, they pay no more than it costs, so that the
     least sum of their own costs is none that a plan can go below.

@@ -21,7 +21,7 @@ class Meshes:
     """The LOD meshes of G groups, K LODs each.
 
     triangles, vertices: (G, K) float64.
-    bounds: (G, K) float64 metres, how far each LOD's surface lies from the character's at most;
+    bounds: (G, K) float64 meters, how far each LOD's surface lies from the character's at most;
         never decreasing along a row.
     """
 

@@ -27,7 +27,7 @@ class Unsorted:
     """What a `Sorter` is asked with.
 
     order: (n,) int32, agent indices; None for agent order.
-    begins: (G, n - 1) metres, where LODs begin.
+    begins: (G, n - 1) meters, where LODs begin.
     """
 
     crowd: Crowd
@@ -49,7 +49,7 @@ class Task:
 
     crowd: at the request's time.
     seen: the moments, with the grain of pictures.
-    begins: (G, n - 1) metres, where LODs begin.
+    begins: (G, n - 1) meters, where LODs begin.
     ticks: the clock's seconds at the ends of the stages so far; whoever does a stage adds its own.
     """
 
@@ -113,20 +113,20 @@ def _one_by_one(task: Task, blocks: Blocks | None) -> Sorted:
     blocks: those of the crowd, for their order.
     """
     trajectory, crowd, policy, bias = task.trajectory, task.crowd, task.request.policy, task.request.bias
-    leave, centre = trajectory.leave, trajectory.spheres.center
+    leave, center = trajectory.leave, trajectory.spheres.center
     items: set[LeftOut] = set()
     now, *shutter = task.seen
     options = RadarOptions(policy.margin, policy.metric == "RADIAL", trajectory.left_out)
-    box = bounds(crowd, now.eyes, centre, now.radius, options) if leave else Bounds()
+    box = bounds(crowd, now.eyes, center, now.radius, options) if leave else Bounds()
     gone = 0 if box.finite else task.lost()
     level = _one_level(task.begins, box, bias) if ONE_LEVEL in leave else None
     every = box.every if (ALL_INSIDE if box.every else ALL_OUTSIDE) in leave else None
-    visible, distance = radar(crowd, now.eyes, centre, now.radius, replace(options, every=every, measure=level is None))
+    visible, distance = radar(crowd, now.eyes, center, now.radius, replace(options, every=every, measure=level is None))
     unmeasured = replace(options, radial=False, measure=False)
     for moment in shutter:
         if every:
             break
-        about = trajectory.at(moment.time), moment.eyes, centre, moment.radius
+        about = trajectory.at(moment.time), moment.eyes, center, moment.radius
         seen = bounds(*about, unmeasured).every if {ALL_INSIDE, ALL_OUTSIDE} <= leave else None
         visible |= radar(*about, replace(unmeasured, every=seen))[0]
         every = seen if seen or every is False else None
@@ -163,11 +163,11 @@ def _by_blocks(task: Task, since: int, blocks: Blocks) -> Sorted:
     ]
     decided, places = decide(blocks, crowd, looks, begins if task.request.bias is None else None, policy.margin, radial)
     agents = blocks.rows[decided.opened[places // LEAF], places % LEAF]
-    centre, options = trajectory.spheres.center, RadarOptions(policy.margin, radial, trajectory.left_out | {IN_ORDER})
-    visible, distance = radar(crowd, now.eyes, centre, radius, options, agents)
+    center, options = trajectory.spheres.center, RadarOptions(policy.margin, radial, trajectory.left_out | {IN_ORDER})
+    visible, distance = radar(crowd, now.eyes, center, radius, options, agents)
     unmeasured = replace(options, radial=False, measure=False)
     for moment in shutter:
-        visible |= radar(trajectory.at(moment.time), moment.eyes, centre, moment.radius, unmeasured, agents)[0]
+        visible |= radar(trajectory.at(moment.time), moment.eyes, center, moment.radius, unmeasured, agents)[0]
     task.ticks.append(clock.perf_counter())
     seen = agents[visible]
     decided.own.reshape(-1)[places[visible]] = assign(distance[visible], begins, crowd.group[seen], task.factors(seen))

@@ -34,7 +34,7 @@ class Survey:
         seen), MIRRORED (a mirror shows it).
     coarsest: (F, n) uint8, the coarsest LOD that the policy allows. For SHADOW and MIRRORED the LOD
         that they have. 0 for culled agents.
-    scale: (F, n) float16, pixels that one metre shows at the agent's nearest part, rounded up; no
+    scale: (F, n) float16, pixels that one meter shows at the agent's nearest part, rounded up; no
         part counts as nearer than the camera's near clip. 0 for agents that are not seen.
     character: (F, n) uint16, which of the L characters of the library a seen agent shows.
     group: (n,) uint8, the group of each agent.
@@ -44,7 +44,7 @@ class Survey:
         culled in the frame before, or an exception hid: they appear at once.
     blurred: pixels of tolerance; above 0, a LOD may deviate by so many pixels and as many more as its
         agent is blurred wide. `scale` then counts as many pixels less in proportion.
-    bounds: (G, K) metres, of the LODs, where `blurred` is above 0.
+    bounds: (G, K) meters, of the LODs, where `blurred` is above 0.
     finest, limit: (F, n) uint8, the finest and the coarsest LOD that exceptions allow seen agents,
         whatever the policy does; None without exceptions (planning/exceptions.py).
     """
@@ -186,7 +186,7 @@ def _unclipped(before: Frame, agents: np.ndarray) -> np.ndarray:
 
 
 def scale_of(frame: Frame, agents: np.ndarray) -> np.ndarray:
-    """Return how many pixels a metre shows at most of each of `agents` (m,), (m,) float16.
+    """Return how many pixels a meter shows at most of each of `agents` (m,), (m,) float16.
 
     It is that of levels.assignment.shown, the most of all eyes, and rounded up. No part counts as
     nearer than the near clip.
@@ -225,7 +225,7 @@ def _coarsest(survey: Survey, f: int, agents: np.ndarray, tolerance: float) -> n
 def at_tolerance(survey: Survey, bounds: np.ndarray, tolerance: float) -> Survey:
     """Return the survey with the coarsest LODs within `tolerance` pixels, or that exceptions allow.
 
-    bounds: (G, K) metres, of each group's LODs, never decreasing along a row.
+    bounds: (G, K) meters, of each group's LODs, never decreasing along a row.
     """
     coarsest = survey.coarsest.copy()
     for f in range(len(coarsest)):

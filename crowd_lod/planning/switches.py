@@ -23,7 +23,7 @@ def noticed(shot: Shot, levels: np.ndarray, radius: np.ndarray) -> np.ndarray:
 
     An entry is an agent that the near or far clip hid in the frame before.
     levels: (F, n) uint8.
-    radius: (G,) float64 metres, of the groups' bounding spheres.
+    radius: (G,) float64 meters, of the groups' bounding spheres.
 
     frame: on the timeline. agent: its number. before, after: the LODs; `before` is NOTHING for an
     entry. size: pixels that the bounding sphere is wide, at most. change: pixels by which the

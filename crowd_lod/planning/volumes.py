@@ -9,7 +9,7 @@ from ..culling.radar import ROUNDING, TINY
 
 # Where Cycles starts rays that leave a surface, if they would hit it again: up to 256 spacings of
 # float32 along its normal from it, relative to the surface's coordinates, and near 0 up to LIFT
-# metres (ray_offset in its bvh/util.h).
+# meters (ray_offset in its bvh/util.h).
 OFFSET, LIFT = 256 * float(np.finfo(np.float32).eps), 2.0**-16
 
 
@@ -17,12 +17,12 @@ OFFSET, LIFT = 256 * float(np.finfo(np.float32).eps), 2.0**-16
 class Light:
     """A light that casts shadows, in world space.
 
-    origin: (3,) metres, or None for a sun.
+    origin: (3,) meters, or None for a sun.
     direction: (3,) unit vector: where a sun's light goes; the axis of any other light.
-    size: metres, the radius of a sphere about the origin that holds all of a lamp.
+    size: meters, the radius of a sphere about the origin that holds all of a lamp.
     angle: radians: half of a sun's disc; half of a spot's cone about the axis; pi for a light in
         all directions.
-    reach: metres from its origin at which the light ends.
+    reach: meters from its origin at which the light ends.
     """
 
     origin: np.ndarray | None
@@ -37,7 +37,7 @@ class Mirror:
     """A flat mirror with two sides.
 
     normal: (3,) unit vector.
-    corners: (4, 3) metres, a rectangle that holds the mirror.
+    corners: (4, 3) meters, a rectangle that holds the mirror.
     """
 
     normal: np.ndarray
@@ -48,12 +48,12 @@ class Mirror:
 class Volume:
     """The space that a camera sees, directly or in a mirror.
 
-    It holds the points p with normals . (p - origin) <= offsets, moved outward by `pad` metres and
-    by `turn` metres per meter of distance from the origin (see Camera).
+    It holds the points p with normals . (p - origin) <= offsets, moved outward by `pad` meters and
+    by `turn` meters per meter of distance from the origin (see Camera).
 
-    origin: (3,) metres.
+    origin: (3,) meters.
     normals: (k, 3) unit vectors, outward.
-    offsets: (k,) metres.
+    offsets: (k,) meters.
     """
 
     origin: np.ndarray
@@ -141,8 +141,8 @@ def _framed(corners: np.ndarray, along: np.ndarray | None) -> tuple[np.ndarray, 
 def within(volume: Volume, points: np.ndarray, radius: np.ndarray) -> np.ndarray:
     """Return which spheres reach into the volume, (n,) bool.
 
-    points: (n, 3) metres, their centers.
-    radius: (n,) metres.
+    points: (n, 3) meters, their centers.
+    radius: (n,) meters.
 
     As in the radar test, some spheres outside are kept near the volume's edges.
     """
@@ -153,8 +153,8 @@ def within(volume: Volume, points: np.ndarray, radius: np.ndarray) -> np.ndarray
 def shaded(volume: Volume, light: Light, points: np.ndarray, radius: np.ndarray) -> np.ndarray:
     """Return which spheres may cast a shadow into the volume, (n,) bool.
 
-    points: (n, 3) metres, their centers.
-    radius: (n,) metres.
+    points: (n, 3) meters, their centers.
+    radius: (n,) meters.
 
     A shadow is a sphere that moves away from the light and grows. From the sun: at c + t cos(a) d
     with the radius r + t sin(a), where a is half the angle of its disc. From a lamp at L of the
@@ -244,7 +244,7 @@ def left_from(volume: Volume, about: np.ndarray, turn: float = 0.0) -> Volume:
     Surfaces that show the volume count, too. Such points lie beside their surface by Cycles' ray
     offset (OFFSET, LIFT).
 
-    about: the surfaces lie at coordinates of at most |about|, metres.
+    about: the surfaces lie at coordinates of at most |about|, meters.
     turn: with OFFSET, the coordinates may exceed `about` by the distance from the volume's origin.
     """
     return replace(volume, pad=volume.pad + OFFSET * float(np.abs(about).max()) + LIFT, turn=volume.turn + turn)

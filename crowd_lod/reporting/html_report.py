@@ -158,7 +158,7 @@ def _character(entry: dict, tints: Sequence[str]) -> str:
                 " to ".join(map(number, row["measured_px_between"] or [None])),
                 number(None if row["picture_difference"] is None else 100 * row["picture_difference"]),
                 number(row["picture_similarity"]),
-                f'<span title="{escape(row["why"] or "")}">{escape(row["way"] or "-")}</span>',
+                f'<span title="{escape(row["why"] or "")}">{escape(row["method"] or "-")}</span>',
                 number(row["ms"]),
             ]
         )

@@ -31,7 +31,7 @@ _one_at_a_time = threading.Lock()
 class LodMesh:
     """A LOD's mesh.
 
-    points: (k, 3) float64, metres; triangles: (m, 3) int32.
+    points: (k, 3) float64, meters; triangles: (m, 3) int32.
     source: (k,) intp, the source's point whose weights each takes: the nearest of those that collapsed into it.
     """
 
@@ -61,7 +61,7 @@ def decimating(
 ) -> Generator[None, None, LodMesh]:
     """Make the mesh with about `ratio` of its triangles; yields between its steps.
 
-    shape: points (n, 3) metres and triangles (m, 3) indices; ratio: in (0, 1], 1 gives the mesh itself; name: of the mesh, for
+    shape: points (n, 3) meters and triangles (m, 3) indices; ratio: in (0, 1], 1 gives the mesh itself; name: of the mesh, for
     errors.
     seams: (k, 2) indices of points, edges to be kept in place as open borders are, such as UV seams and where materials meet.
     skin: how its points move, if they do: the poses count as much as the rest.

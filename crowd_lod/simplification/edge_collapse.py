@@ -352,7 +352,7 @@ def _valid(mesh: _Mesh, edges: np.ndarray, chosen: _Edges, facing: float) -> np.
     n, k = points.shape[1], ends.shape[1]
     which = np.full(n, -1)
     which[ends] = np.arange(k)
-    # link condition: only the corners opposite of the edge are neighbours of both its ends
+    # link condition: only the corners opposite of the edge are neighbors of both its ends
     mine = which[edges]
     rim = (mine >= 0).sum(axis=0) == 1
     other = np.where(mine[0] >= 0, edges[1], edges[0])

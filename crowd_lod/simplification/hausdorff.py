@@ -24,7 +24,7 @@ TOGETHER = 4_000  # points, or pieces, in all poses that fit in the processor's 
 class Moving:
     """A surface in k poses.
 
-    points: (n, k, 3) float64 metres; triangles: (m, 3) indices.
+    points: (n, k, 3) float64 meters; triangles: (m, 3) indices.
     find(pose, points (j, 3)): the triangles (j,) closest to the points in that pose.
     """
 
@@ -55,7 +55,7 @@ class Moving:
 
 @dataclass
 class Interval:
-    """What is known of the distance over all poses, metres.
+    """What is known of the distance over all poses, meters.
 
     It is at least `measured`, as at `pose`, and at most `bound`. floor: a bound need not be lower.
     """
@@ -80,8 +80,8 @@ class Interval:
 class _Points:
     """Points of one surface, mapped to the other.
 
-    at: (n, poses, 3); to: (n,), triangles; weights: (n, 3), barycentric, on these; off: (n, poses) metres from there.
-    near: (n, poses), metres: each is no farther from the other surface.
+    at: (n, poses, 3); to: (n,), triangles; weights: (n, 3), barycentric, on these; off: (n, poses) meters from there.
+    near: (n, poses), meters: each is no farther from the other surface.
     """
 
     at: np.ndarray
@@ -176,7 +176,7 @@ class _Way:
     def cover(self, points: _Points, pieces: np.ndarray, longest: np.ndarray) -> None:
         """Bound the distance of pieces, triangles of mapped points.
 
-        pieces: (p, 3); longest: (p, poses), metres: none of their edges is longer.
+        pieces: (p, 3); longest: (p, poses), meters: none of their edges is longer.
         """
         later = []
         for depth in range(settings.CURRENT.bound_depth + 1):
@@ -215,9 +215,9 @@ class _Way:
         return points, np.concatenate([np.stack(each, axis=1) for each in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
 
     def mapped_pieces(self, points: _Points, pieces: np.ndarray) -> np.ndarray:
-        """The metres (p, poses) that pieces are off at most, mapped to faces.
+        """The meters (p, poses) that pieces are off at most, mapped to faces.
 
-        To one triangle, or to neighbours; infinite where that is too much in the first pose already.
+        To one triangle, or to neighbors; infinite where that is too much in the first pose already.
         """
         to = points.to[pieces]
         most = np.where((to == to[:, :1]).all(axis=1)[:, None], points.off[pieces].max(axis=1), np.inf)
@@ -226,7 +226,7 @@ class _Way:
             some = every[block]
             corners = points.at[pieces[some]]
             beneath = self.beneath(points, pieces[some])
-            for mapping in (self.to_neighbours, self.to_one):
+            for mapping in (self.to_neighbors, self.to_one):
                 pairs = mapping(corners[:, :, 0], beneath)
                 first = self.off(pairs, corners[:, :, :1], slice(self.base, self.base + 1))[:, 0]
                 good = first <= self.found.enough
@@ -238,7 +238,7 @@ class _Way:
         return most
 
     def off(self, pairs: _Pairs, corners: np.ndarray, poses: slice) -> np.ndarray:
-        """The metres (p, poses) that pieces are off at most by the pairs.
+        """The meters (p, poses) that pieces are off at most by the pairs.
 
         corners: (p, 3, poses, 3). Infinite where there is no map.
         """
@@ -268,7 +268,7 @@ class _Way:
             [_Pairs(every, np.broadcast_to(np.eye(3)[c], at.shape[:2]), to[every, best], on[best, c, every]) for c in range(3)]
         )
 
-    def to_neighbours(self, at: np.ndarray, beneath: np.ndarray) -> _Pairs:
+    def to_neighbors(self, at: np.ndarray, beneath: np.ndarray) -> _Pairs:
         """Map each corner's part of a piece to the triangle beneath it.
 
         at: (p, 3, 3) corners; beneath: (p, 3) triangles, which must have a corner in common, the hub. Edges of the piece are cut where
@@ -314,7 +314,7 @@ class _Way:
             weights[:, i], weights[:, j] = 1 - part, part
             part = _part(_between(one, other, part), middle, end)
             to_weights[:, 0], to_weights[:, 1] = 1 - part, part
-            face = self.other.rest.neighbours[face, np.where(left, (place + 2) % 3, place)]
+            face = self.other.rest.neighbors[face, np.where(left, (place + 2) % 3, place)]
             going = (face != last) & (face >= 0)
             to_weights[(face < 0) | going & (more == 0)] = np.nan
             yield _Pairs(some, weights, np.stack([hub[some], rim, rim], axis=1), to_weights), np.where(left, 1, -1)

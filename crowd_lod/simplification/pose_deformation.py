@@ -14,7 +14,7 @@ class Skin:
     """How points move that are near to those of a mesh.
 
     A point that moves with the mesh's point i and lies at p at rest lies at place[j, i] + frame[j, i] @ (p - rest[i]) in pose j.
-    rest: (n, 3) metres; place: (k, n, 3) metres; frame: (k, n, 3, 3), the derivative of the place by where it lies at rest.
+    rest: (n, 3) meters; place: (k, n, 3) meters; frame: (k, n, 3, 3), the derivative of the place by where it lies at rest.
     """
 
     rest: np.ndarray
@@ -94,7 +94,7 @@ def frames_of(rest: np.ndarray, place: np.ndarray, triangles: np.ndarray) -> np.
     """The derivatives (k, n, 3, 3) of a mesh whose points move on their own.
 
     See Skin. By least squares: what the edges of a point's triangles become in each pose, and its normal the normal there.
-    rest: (n, 3) metres; place: (k, n, 3) metres; triangles: (m, 3).
+    rest: (n, 3) meters; place: (k, n, 3) meters; triangles: (m, 3).
     """
     ends = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     start, end = np.concatenate([ends, ends[:, ::-1]]).T

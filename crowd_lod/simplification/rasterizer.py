@@ -7,15 +7,15 @@ import numpy as np
 from .triangle_mesh import ranges
 
 MOST_PAIRS = 50_000  # of triangle and pixel, at a time: what fits in the processor's cache
-EDGE = 1e-9  # pixels by which a centre may miss an edge that it lies on, by rounding
+EDGE = 1e-9  # pixels by which a center may miss an edge that it lies on, by rounding
 
 
 def cover(corners: np.ndarray, shape: tuple[int, int]) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """The pixels whose centres each triangle covers, some triangles at a time.
+    """The pixels whose centers each triangle covers, some triangles at a time.
 
     corners: (m, 3, 2) float64, in pixels: x from the left edge, y from the edge of row 0. shape: rows and columns.
     Yields pixels (k,) intp, each row x columns + column; triangles (k,) intp; barycentric weights (k, 3) float64. Triangles seen
-    edge on cover nothing; those that share an edge both cover the centres on it.
+    edge on cover nothing; those that share an edge both cover the centers on it.
     """
     rows, columns = shape
     low = np.ceil(corners.min(axis=1) - 0.5).clip(0, (columns, rows)).astype(np.intp)
@@ -42,7 +42,7 @@ def cover(corners: np.ndarray, shape: tuple[int, int]) -> Iterator[tuple[np.ndar
 def mask(corners: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     """The pixels that triangles cover, (rows, columns) bool.
 
-    Each triangle covers a row from where it begins in it to where it ends; centres on edges are covered. corners, shape: see `cover`.
+    Each triangle covers a row from where it begins in it to where it ends; centers on edges are covered. corners, shape: see `cover`.
     """
     rows, columns = shape
     u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]

@@ -16,7 +16,7 @@ from .triangle_mesh import blocks, ranges
 
 PAIRED = 1_000_000  # pairs of samples that are compared at a time
 
-# (points (k, 3), directions (k, 3) of unit length) to (k,) metres
+# (points (k, 3), directions (k, 3) of unit length) to (k,) meters
 Through = Callable[[np.ndarray, np.ndarray], np.ndarray]
 # points (k, 3) to the points (k, 3) of a surface nearest to them, and the surface's normals (k, 3) there, of unit length
 Nearest = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -26,7 +26,7 @@ Nearest = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 class Samples:
     """Points of a surface, and how thick it is there.
 
-    at: (n, 3) metres; inwards: (n, 3), against the normal, of unit length; thickness: (n,) metres, how long the way inwards is to
+    at: (n, 3) meters; inwards: (n, 3), against the normal, of unit length; thickness: (n,) meters, how long the way inwards is to
     where it leaves the inside, infinite where it does not.
     through(points, directions): how far it is from points inside the surface, or on it, to where they leave the inside.
     """
@@ -38,7 +38,7 @@ class Samples:
 
 
 def samples(points: np.ndarray, triangles: np.ndarray, through: Through) -> Samples:
-    """Sample a surface: points (n, 3) metres; triangles (m, 3), with area; through: see Samples.
+    """Sample a surface: points (n, 3) meters; triangles (m, 3), with area; through: see Samples.
 
     Each triangle has one sample, and large ones have a grid of them, along their longest side.
     """
@@ -62,7 +62,7 @@ def samples(points: np.ndarray, triangles: np.ndarray, through: Through) -> Samp
 
 @dataclass
 class _Comparison:
-    """What of the samples of a surface another one shows, whose Hausdorff distance is `deviation` metres.
+    """What of the samples of a surface another one shows, whose Hausdorff distance is `deviation` meters.
 
     normals: (n, 3), of the other surface where a sample is narrow along it, else 0; lost: (n,) bool.
     """
@@ -76,7 +76,7 @@ class _Comparison:
 
     @property
     def most(self) -> float:
-        """Metres beyond which a part shows: the other surface has points on either side of its middle."""
+        """Meters beyond which a part shows: the other surface has points on either side of its middle."""
         return 2 * self.deviation / (1 - settings.CURRENT.thin_shown)
 
     def look(self, some: np.ndarray) -> None:
@@ -117,9 +117,9 @@ class _Comparison:
 
 
 def unseen(thin: Samples, nearest: Nearest, deviation: float) -> float:
-    """How far the surface is, at most, from where another one shows: metres, 0 where that shows all of it.
+    """How far the surface is, at most, from where another one shows: meters, 0 where that shows all of it.
 
-    nearest: of the other surface; deviation: the Hausdorff distance of the two, metres.
+    nearest: of the other surface; deviation: the Hausdorff distance of the two, meters.
 
     The other surface covers least in views along itself. There its own width counts, against that of the surface: both along the
     normal of the other. Where the surface is thicker than twice the distance, the other has points on either side of its middle,

@@ -55,7 +55,7 @@ class TriangleMesh:
     def spheres(self) -> tuple[np.ndarray, int, np.ndarray, np.ndarray]:
         """Spheres about the faces, in order along the mesh's longest axis.
 
-        Returns: the faces in that order (m,), the axis, the spheres' centres (3, m) and radii (m,).
+        Returns: the faces in that order (m,), the axis, the spheres' centers (3, m) and radii (m,).
         """
         corner = [self.points.take(c, 1) for c in self.corners]
         middle = sum(corner) / 3
@@ -65,7 +65,7 @@ class TriangleMesh:
         return order, along, middle.take(order, 1), radius[order]
 
     @cached_property
-    def neighbours(self) -> np.ndarray:
+    def neighbors(self) -> np.ndarray:
         """The face (m, 3) across each face's edge from corner i to the next.
 
         -1 where there is none, where there are several, and where the other runs the edge the same way.

@@ -1,6 +1,6 @@
 """Tracks in JuPedSim's SQLite, versions 1 to 3.
 
-All have a table trajectory_data (frame, id, pos_x, pos_y) in metres, and one of metadata with the
+All have a table trajectory_data (frame, id, pos_x, pos_y) in meters, and one of metadata with the
 version and the frames a second. Orientations, which version 3 has no longer, are not read: agents
 face where they walk.
 """

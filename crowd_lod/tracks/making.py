@@ -22,7 +22,7 @@ WALKS = 0.2, 4.0  # m/s, of a walker
 
 
 def tracks_of(rows: Rows, where: str) -> Tracks:
-    """Return the tracks of `rows`, in metres, with a rate.
+    """Return the tracks of `rows`, in meters, with a rate.
 
     where: the file, for messages.
     CrowdError if an agent is twice in a frame, or moves faster than anybody can.

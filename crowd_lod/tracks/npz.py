@@ -1,6 +1,6 @@
 """Tracks in NumPy's NPZ: the format that Crowd LOD writes itself.
 
-Arrays of one length: `id` (whole numbers), `frame`, `x`, `y` and `z` (metres); optional `heading`
+Arrays of one length: `id` (whole numbers), `frame`, `x`, `y` and `z` (meters); optional `heading`
 (radians), `phase` (cycles), `group` (whole numbers or names). Single values: `fps`, frames a
 second, and optional `unit`, one of m, cm, mm and ft.
 """
@@ -18,7 +18,7 @@ from .rows import COLUMNS, UNITS, Rows
 
 
 def write(path: Path, rows: Rows) -> None:
-    """Write `rows`, in metres, to the file `path`, which need not end in .npz.
+    """Write `rows`, in meters, to the file `path`, which need not end in .npz.
 
     The caller puts the file in its place (reporting/files.py). OSError if it cannot be written.
     """

@@ -13,7 +13,7 @@ from .rows import Rows, check_rows
 from .tracks import Tracks
 
 ZIP = b"PK\x03\x04"
-HEADS = 1.0, 2.3  # metres, where the heads of people are
+HEADS = 1.0, 2.3  # meters, where the heads of people are
 
 
 def read_rows(path: Path, tell: Callable[[float], None] = lambda _: None) -> Rows:
@@ -45,13 +45,13 @@ def read_tracks(
 ) -> Tracks:
     """Return the tracks of the file `path`.
 
-    unit: one of rows.UNITS, whatever the file tells; "" for the file's own, or else metres.
+    unit: one of rows.UNITS, whatever the file tells; "" for the file's own, or else meters.
     rate: frames of the file a second, whatever it tells; 0 for its own.
     usual: the rate if neither tells one, such as the scene's.
     tell: called with the progress, 0 to 1.
     CrowdError if it cannot be read or used.
     """
-    rows = read_rows(path, lambda part: tell(0.6 * part)).in_metres(unit)
+    rows = read_rows(path, lambda part: tell(0.6 * part)).in_meters(unit)
     notes = rows.notes
     if not rate and not rows.rate:
         if not usual:

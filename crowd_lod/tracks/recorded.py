@@ -18,7 +18,7 @@ from ..trajectory.trajectory import States, Trajectory
 from .tracks import Tracks, in_a_row
 
 STATES = States(("stands", "walks"), np.array([[230, 159, 0], [0, 114, 178]], np.uint8))
-AROUND = 0.5  # metres about all places: a crowd of one that stands has an area, too
+AROUND = 0.5  # meters about all places: a crowd of one that stands has an area, too
 FINEST = 10**6  # the largest whole number that file frames a scene's frame are a ratio of
 
 
@@ -31,7 +31,7 @@ class Recorded(Trajectory):
 
     group: (n,) uint8, the index of each agent's character group.
     seed: of the agents' random draws.
-    offset: (x, y, z) metres, added to all places.
+    offset: (x, y, z) meters, added to all places.
     heights: the ground that agents stand on; None for a level one, and for a height map if the file
         has z. On a terrain an agent stands on the floor that it gets to from the file's z, or else
         from its floor at the row before.
@@ -57,7 +57,7 @@ class Recorded(Trajectory):
         self.ids, count = tracks.ids, len(tracks.ids)
         key = random_streams.keys_of(self.seed, tracks.ids)
         self.gaits = gaits_of(self.groups, Paces(tracks.paces, np.zeros((0, 0), np.uint8)), CLASSES)
-        self._per_metre = cycles_of(self.groups)[self.group, 0]
+        self._per_meter = cycles_of(self.groups)[self.group, 0]
         self._begun = random_streams.uniform(key, random_streams.STATE)  # cycles
         ratio = Fraction(self.seconds_per_frame * tracks.rate).limit_denominator(FINEST)
         self._ratio = (float(ratio.numerator), float(ratio.denominator)) if ratio else (self.seconds_per_frame * tracks.rate, 1.0)
@@ -211,7 +211,7 @@ class Recorded(Trajectory):
         )
 
     def _floors(self) -> np.ndarray | None:
-        """Return the last height of each sample, (k,) metres, from which its agent gets to a floor.
+        """Return the last height of each sample, (k,) meters, from which its agent gets to a floor.
 
         None on a single floor.
         """
@@ -237,6 +237,6 @@ class Recorded(Trajectory):
         if self.tracks.phased:
             cycles = way - self.gaits.rates[self._fixed["group"], pace] * seconds
         else:
-            cycles = self._begun + self._per_metre * (way - (self.tracks.paces * seconds)[pace])
+            cycles = self._begun + self._per_meter * (way - (self.tracks.paces * seconds)[pace])
         whole = np.rint(cycles * CLASSES).astype(np.int64)
         return whole.astype(np.uint8) % np.uint8(CLASSES)  # of which a byte holds a whole number

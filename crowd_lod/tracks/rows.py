@@ -11,7 +11,7 @@ from ..errors import CrowdError
 from ..format import printable
 
 MOST_ROWS = 200_000_000
-# metres of a unit, as (times, divided by): one of them is 1, so that a length is rounded once
+# meters of a unit, as (times, divided by): one of them is 1, so that a length is rounded once
 UNITS = {"m": (1.0, 1.0), "cm": (1.0, 100.0), "mm": (1.0, 1000.0), "ft": (0.3048, 1.0)}
 COLUMNS = ("id", "frame", "x", "y", "z", "heading", "phase", "group")
 
@@ -54,10 +54,10 @@ class Rows:
         """The columns by their names, without those that are None."""
         return {name: getattr(self, name) for name in COLUMNS if getattr(self, name) is not None}
 
-    def in_metres(self, unit: str = "") -> "Rows":
-        """Return the rows with places in metres.
+    def in_meters(self, unit: str = "") -> "Rows":
+        """Return the rows with places in meters.
 
-        unit: one of UNITS that holds whatever the file tells; "" for the file's own, or else metres.
+        unit: one of UNITS that holds whatever the file tells; "" for the file's own, or else meters.
         """
         unit = unit or self.unit or "m"
         times, by = UNITS[unit]

@@ -11,9 +11,9 @@ class Samples:
 
     agent: (k,) int32.
     frame: (k,) float64, of the file.
-    x, y, z: (k,) float64 metres; z None if the file has none.
+    x, y, z: (k,) float64 meters; z None if the file has none.
     heading, turn: (k,) float32 radians, and its change until the next row.
-    way: (k,) float32 metres walked since the agent entered, or cycles if the file gives phases.
+    way: (k,) float32 meters walked since the agent entered, or cycles if the file gives phases.
     pace: (k,) uint8.
     walks, hidden: (k,) bool, whether the agent walks, and whether a long gap hides it.
     after: (k,) int32, the place of the agent's next row; its own at the agent's last.

@@ -60,7 +60,7 @@ class Tracks:
 
     @cached_property
     def spread(self) -> np.ndarray:
-        """(2, 3) float64 metres, the least and the greatest x, y and z; z is 0 if the file has none."""
+        """(2, 3) float64 meters, the least and the greatest x, y and z; z is 0 if the file has none."""
         places = [self.samples.x, self.samples.y, np.zeros(1) if self.samples.z is None else self.samples.z]
         return np.array([[place.min() for place in places], [place.max() for place in places]])
 

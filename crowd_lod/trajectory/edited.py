@@ -18,8 +18,8 @@ class Edit:
     """A change of some agents, in all frames.
 
     agents: (m,) intp, their indices, each once.
-    move: (x, y, z) metres that they stand beside their own way. On a ground that is not level they
-        stand on it where they are, `z` metres above.
+    move: (x, y, z) meters that they stand beside their own way. On a ground that is not level they
+        stand on it where they are, `z` meters above.
     turn: radians that they face beside their own heading, counter-clockwise seen from above.
     group: the index of the group that they show; None for their own.
     hide: whether they are not there.
@@ -62,8 +62,8 @@ class Edited(Trajectory):
         self.start = self._of(own.start)
         self.leave = own.leave
         places = needless_of_places(self.start, len(self.groups), not self.level, self.level)
-        behaviour = {item for item in own.left_out if item.stage == "behaviour"}
-        self.left_out = self.leave & (behaviour | {item for item in places if item.stage != "behaviour"})
+        behavior = {item for item in own.left_out if item.stage == "behavior"}
+        self.left_out = self.leave & (behavior | {item for item in places if item.stage != "behavior"})
         # blocks count on agents that are taken onto the area, or to its other side, where they cross its border
         self._leaves_area = bool(len(self._moved)) and (own.wraps or not _within(own.start, self._moved, own.area))
 

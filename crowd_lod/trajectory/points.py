@@ -24,7 +24,7 @@ SAME_TIME = 1e-4  # frames: Blender's sub-frames are float32
 class Snapshot:
     """Points at one time, one array per column.
 
-    x, y, z: (n,) float64 world metres, the feet.
+    x, y, z: (n,) float64 world meters, the feet.
     heading: (n,) float32 radians; None if not known.
     phase: (n,) float32 in [0, 1), the places in their action's cycle; None if not known.
     group: (n,) uint8, indices of character groups; None if not known.
@@ -122,7 +122,7 @@ class Points(Trajectory):
 
     @property
     def area(self) -> Area:
-        """The rectangle about the agents, and a metre more."""
+        """The rectangle about the agents, and a meter more."""
         x, y, z = self.found.x, self.found.y, self.found.z
         return Area(float(x.min()) - 1, float(y.min()) - 1, float(x.max()) + 1, float(y.max()) + 1, float(z.min()))
 

@@ -107,7 +107,7 @@ class Trajectory(ABC):
         yield 1.0
 
     def most_moved(self, times: Sequence[float]) -> float:
-        """Return metres that no agent walks between two neighboring `times`, in frames.
+        """Return meters that no agent walks between two neighboring `times`, in frames.
 
         It is the distance of the whole gap, not of half of it. So an agent that jumps to the other
         side of a wrapping map is covered before and after.
@@ -129,7 +129,7 @@ class Trajectory(ABC):
         return None
 
     def ground(self, crowd: Crowd, agents: np.ndarray) -> np.ndarray | None:
-        """Return the height of the ground under `agents` (m,) of the `crowd`, (m,) float64 metres.
+        """Return the height of the ground under `agents` (m,) of the `crowd`, (m,) float64 meters.
 
         None if all keep a height of their own wherever they are moved to.
         """

@@ -2,5 +2,5 @@
 
 They use exact arithmetic, renders, and rasters of their own.
 In: Frames, Cameras, pictures (rows, columns, channels).
-Out: counts of missed agents, errors in metres or pixels, timings.
+Out: counts of missed agents, errors in meters or pixels, timings.
 """

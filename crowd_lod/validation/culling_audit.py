@@ -13,7 +13,7 @@ from ..culling.camera import Camera, crop, referential, window
 from ..culling.radar import ROUNDING, radar
 from .exact_frustum import depth_error, gap, scatter, seen
 
-# name: kind of camera, range of log10 of the fitted side (slope or metres), largest lens shift
+# name: kind of camera, range of log10 of the fitted side (slope or meters), largest lens shift
 LENSES = {
     "telephoto": ("PERSP", (-3.0, -1.0), 0.1),
     "normal": ("PERSP", (-1.0, 0.5), 0.1),
@@ -73,8 +73,8 @@ def standing(points: np.ndarray, group: np.ndarray | None = None) -> Crowd:
 def check(camera: Camera, points: np.ndarray, radius: np.ndarray, group: np.ndarray) -> Verdict:
     """Return the verdict on the culling of spheres of radius[group] at the points.
 
-    points: (n, 3) world metres.
-    radius: (G,) metres.
+    points: (n, 3) world meters.
+    radius: (G,) meters.
     group: (n,) uint8.
     """
     visible, distance = radar(standing(points, group), camera, np.zeros(len(radius)), radius)

@@ -14,8 +14,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from ..behaviour.exact_walk import convergence, drift, listing, walk
-from ..behaviour.step import step
+from ..behavior.exact_walk import convergence, drift, listing, walk
+from ..behavior.step import step
 from ..crowd.agents import Crowd
 from ..crowd.maps import LabelMap
 from ..crowd.state_machine import StateMachine
@@ -24,13 +24,13 @@ from ..culling.radar import RadarOptions, radar
 from ..levels.assignment import LevelPolicy, assign, limits
 from .exact_frustum import seen
 
-MARGINS = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)  # metres of fixed Delta
-# metres by which crowd and camera are moved together, to show what float32 loses far out
+MARGINS = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)  # meters of fixed Delta
+# meters by which crowd and camera are moved together, to show what float32 loses far out
 OFFSETS = (0.0, 1e5)
 LEVEL_OFFSETS = (*OFFSETS, 1e6, 1e7)
 SAMPLES = 100  # distances a view that are compared with exact arithmetic
 View = tuple[Crowd, tuple[Camera, ...]]
-# of behaviour: a step of so many seconds
+# of behavior: a step of so many seconds
 Method = Callable[[Crowd, StateMachine, LabelMap, float], Crowd]
 Found = TypeVar("Found")
 
@@ -60,7 +60,7 @@ def some(crowd: Crowd, most: int) -> Crowd:
     return crowd.of(chosen)
 
 
-def behaviour(
+def behavior(
     crowd: Crowd, machine: StateMachine, world: LabelMap, frame: float, frames: int = 48, repeats: int = 7
 ) -> Iterator[dict]:
     """Yield rows of `step`, `listing` and the exact walk, each timed and judged.
@@ -97,9 +97,9 @@ def behaviour(
 
 
 def drifts(most: int = 1_000_000) -> Iterator[dict]:
-    """Yield rows of `drift` (behaviour/exact_walk.py), at most `most` steps each.
+    """Yield rows of `drift` (behavior/exact_walk.py), at most `most` steps each.
 
-    A row has the precision, the metres from the origin, the steps, and the mean and worst error.
+    A row has the precision, the meters from the origin, the steps, and the mean and worst error.
     """
     for offset in (0.0, 1e4):
         for dtype in (np.float32, np.float64):
@@ -117,7 +117,7 @@ def pinhole(camera: Camera) -> Camera:
 
 
 def moved(view: View, offset: float) -> View:
-    """Return the view with crowd and cameras moved `offset` metres along x and y."""
+    """Return the view with crowd and cameras moved `offset` meters along x and y."""
     crowd, cameras = view
     shift = np.array([offset, offset, 0.0])
     return replace(crowd, x=crowd.x + offset, y=crowd.y + offset), tuple(replace(c, origin=c.origin + shift) for c in cameras)
@@ -264,7 +264,7 @@ def levels(
 
     Of each of `views` the first camera counts, with each policy.
     differ, differ_ppm: ids that differ from exact arithmetic, and how many of a million.
-    worst_m: the largest error of a distance, metres.
+    worst_m: the largest error of a distance, meters.
     ms: per view.
     metric: that of the scene; its row is marked as the default.
     """

@@ -19,8 +19,8 @@ def sees(camera: Camera, center: Sequence[float] | np.ndarray, radius: float) ->
 
     The answer is exact for the float64 numbers given. The sphere must lie in or touch all six
     planes, or the clip range of a panoramic camera.
-    center: (3,) floats, world metres.
-    radius: metres.
+    center: (3,) floats, world meters.
+    radius: meters.
     """
     v = [F(float(p)) - F(float(c)) for p, c in zip(center, camera.origin, strict=True)]
     r, near, far = F(float(radius)), F(float(camera.near)), F(float(camera.far))
@@ -57,8 +57,8 @@ def seen(camera: Camera, centers: np.ndarray, radius: np.ndarray) -> tuple[np.nd
 
     doubtful: spheres that float64 could not decide and rational arithmetic did. Each plane is
         tested in float64 with a bound on all rounding that is wide by a factor of 10 and more.
-    centers: (n, 3) world metres.
-    radius: (n,) metres.
+    centers: (n, 3) world meters.
+    radius: (n,) meters.
     """
     v = centers - camera.origin
     size, loose = np.abs(v).sum(axis=1) + np.abs(camera.origin).sum(), 256 * np.finfo(np.float64).eps
@@ -86,7 +86,7 @@ def seen(camera: Camera, centers: np.ndarray, radius: np.ndarray) -> tuple[np.nd
 
 
 def depth_error(camera: Camera, center: Sequence[float] | np.ndarray, distance: float) -> float:
-    """Return |distance - v.Z| in metres, exact but for the last rounding.
+    """Return |distance - v.Z| in meters, exact but for the last rounding.
 
     center: (3,), the center of the sphere.
     """
@@ -95,11 +95,11 @@ def depth_error(camera: Camera, center: Sequence[float] | np.ndarray, distance: 
 
 
 def gap(camera: Camera, centers: np.ndarray) -> np.ndarray:
-    """Return distances (n,) float64 in metres from centers to the frustum's body.
+    """Return distances (n,) float64 in meters from centers to the frustum's body.
 
     They are measured to the nearest of its six faces and twelve edges; 0 inside. A sphere may touch
     all six planes and still miss the body at an edge or corner.
-    centers: (n, 3) world metres.
+    centers: (n, 3) world meters.
     """
     w, frame = camera.window, np.linalg.inv(np.array([camera.X, camera.Y, camera.Z]))
     points = []
@@ -135,7 +135,7 @@ def gap(camera: Camera, centers: np.ndarray) -> np.ndarray:
 def scatter(camera: Camera, radius: np.ndarray, random: np.random.Generator, on_planes: float = 0.25) -> np.ndarray:
     """Return random world points (n, 3) for spheres in, around and beside the view.
 
-    radius: (n,) metres.
+    radius: (n,) meters.
     on_planes: the part of the points within a few roundings of where the sphere touches a plane.
     """
     count, w = len(radius), camera.window

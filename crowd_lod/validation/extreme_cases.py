@@ -52,8 +52,8 @@ def camera_of(
 ) -> Camera:
     """Return a camera, 16 : 9, at (1, -1, 1) x offset that looks in `direction`.
 
-    fov: degrees across; for ORTHO metres.
-    near, far: metres.
+    fov: degrees across; for ORTHO meters.
+    near, far: meters.
     """
     back = -np.array(direction, np.float64) / np.linalg.norm(direction)
     side = np.cross((0.0, 1.0, 0.0) if abs(back[2]) > 0.9 else (0.0, 0.0, 1.0), back)

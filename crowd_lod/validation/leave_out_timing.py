@@ -20,7 +20,7 @@ from ..trajectory.trajectory import Trajectory
 class Savings:
     """Medians over repeats, in milliseconds.
 
-    full, lean: the four stages of a frame, with one step of behaviour, made by itself: what a walk
+    full, lean: the four stages of a frame, with one step of behavior, made by itself: what a walk
         looks ahead serves many frames, and is no part of any item.
     items: the saving of each part that is left out while those before it are left out already. They
         add up to about full - lean. The height map is different, as the full pipeline does not have
@@ -50,7 +50,7 @@ def savings(
     """
 
     def measured(leave: frozenset[LeftOut]) -> tuple[np.ndarray, tuple[LeftOut, ...]]:
-        """Return (milliseconds of behaviour and of the rest, what was left out)."""
+        """Return (milliseconds of behavior and of the rest, what was left out)."""
         settled = STILL in leave & trajectory.left_out  # then it follows one that was planned
         first = time - 2 if settled else time - 1
         shot = trajectory.leaving(leave, first)
@@ -58,15 +58,15 @@ def savings(
         if settled:
             plan(shot, camera, policy, time - 1, *more)
         frame = plan(shot, camera, policy, time, *more)
-        behaviour, *rest = frame.milliseconds.values()
-        return np.array([behaviour, sum(rest)]), frame.left_out
+        behavior, *rest = frame.milliseconds.values()
+        return np.array([behavior, sum(rest)]), frame.left_out
 
     found = set(measured(ALL)[1])
     order = [item for item in ITEMS if item in found and item not in (STATIC, NO_HEIGHTS)] + [STATIC] * (STATIC in found)
     choices = [frozenset(order[:k]) for k in range(len(order) + 1)]
     took = np.array([[measured(leave)[0] for leave in choices] for _ in range(repeats)])
     # each where it can save anything: the other part is the clock's noise
-    part = [0 if item.stage == "behaviour" else 1 for item in order]
+    part = [0 if item.stage == "behavior" else 1 for item in order]
     gained = {item: took[:, k, part[k]] - took[:, k + 1, part[k]] for k, item in enumerate(order)}
     if NO_HEIGHTS in found:
         gained[NO_HEIGHTS] = _look_up(trajectory, repeats)

@@ -15,7 +15,7 @@ SUPERSAMPLING = 3  # pixels drawn across one of the picture
 # right, up, towards the eye
 LIGHT = np.array([0.35, 0.45, 0.82]) / np.linalg.norm((0.35, 0.45, 0.82))
 SKY = 0.3  # of the light: that from everywhere
-PAPER = 0.18  # linear grey behind the body
+PAPER = 0.18  # linear gray behind the body
 MARGIN = 6  # pixels about the body, half a window of `likeness`
 WINDOW = np.exp(-0.5 * (np.arange(-5, 6) / 1.5) ** 2)
 WINDOW /= WINDOW.sum()
@@ -30,7 +30,7 @@ HALVINGS = 6  # of these, for pictures as they look from farther off
 class Body:
     """A body to draw.
 
-    points: (n, 3) metres.
+    points: (n, 3) meters.
     triangles: (m, 3).
     normals: (m, 3, 3), of each triangle's corners, of length 1.
     uvs: (m, 3, 2), of each triangle's corners.

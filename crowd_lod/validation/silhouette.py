@@ -33,9 +33,9 @@ def directions() -> np.ndarray:
 def project(points: np.ndarray, center: np.ndarray, towards: np.ndarray, distance: float, camera: Camera) -> np.ndarray:
     """Return points as a camera sees them: (n, 3), pixels right and up, and depth.
 
-    Pixels count from the picture's middle; depth is in metres. The camera has the lens of `camera`
-    and looks at `center` (3,) from `distance` metres in the direction `towards` (3,).
-    points: (n, 3) metres.
+    Pixels count from the picture's middle; depth is in meters. The camera has the lens of `camera`
+    and looks at `center` (3,) from `distance` meters in the direction `towards` (3,).
+    points: (n, 3) meters.
     """
     right = np.array([-towards[1], towards[0], 0.0])
     right = right / np.linalg.norm(right)
@@ -91,9 +91,9 @@ def error(
 
     The error is the largest `outline_distance` between two surfaces' silhouettes over all
     `directions`.
-    one, other: (points (n, 3) metres, triangles (m, 3)).
+    one, other: (points (n, 3) meters, triangles (m, 3)).
     center: (3,), the point that the camera looks at.
-    distance: metres from the camera to it. The camera must be outside both surfaces.
+    distance: meters from the camera to it. The camera must be outside both surfaces.
     expected: about how many pixels the error will be.
     Masks have MASK_PIXELS pixels across a pixel of the picture; across the expected error, if that
     is less; coarser for an expected error above MASK_PIXELS. A side has MOST_PIXELS at most. Where

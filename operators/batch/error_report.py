@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod import __version__
-from ...crowd_lod.behaviour.walk import walks_of
+from ...crowd_lod.behavior.walk import walks_of
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
 from ...crowd_lod.levels.assignment import LevelPolicy
@@ -61,8 +61,8 @@ def error(scene: bpy.types.Scene, folder: Path, repeats: int = 7) -> Generator[f
         walk = walks[0]
         crowd = error_vs_runtime.some(walk.start, MOST_AGENTS)
         parts = {  # name: (rows to come, of about how many, share of the time)
-            "behaviour": (
-                error_vs_runtime.behaviour(crowd, walk.machine, walk.world, walk.seconds_per_frame, repeats=repeats),
+            "behavior": (
+                error_vs_runtime.behavior(crowd, walk.machine, walk.world, walk.seconds_per_frame, repeats=repeats),
                 15,
                 0.6,
             ),

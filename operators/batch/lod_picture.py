@@ -23,7 +23,7 @@ CLAY, EDGE = (0.66, 0.71, 0.79), (0.10, 0.16, 0.30)
 # one's
 DECADES = 3
 LIGHT = np.array([0.35, 0.45, 0.82])  # right, up, towards the eye
-# viridis, which reads alike for color-blind eyes and in grey (van der Walt, Smith)
+# viridis, which reads alike for color-blind eyes and in gray (van der Walt, Smith)
 RAMP = np.array([(68, 1, 84), (72, 40, 120), (59, 82, 139), (44, 114, 142), (33, 145, 140), (40, 174, 128), (94, 201, 98), (173, 220, 48), (253, 231, 37)]) / 255  # fmt: skip
 
 
@@ -33,16 +33,16 @@ def ramp(part: np.ndarray) -> np.ndarray:
 
 
 def draw_lods(
-    character: Surface, levels: Sequence[Surface], captions: Sequence[str], azimuth: float, metres: float = 1.0
+    character: Surface, levels: Sequence[Surface], captions: Sequence[str], azimuth: float, meters: float = 1.0
 ) -> tuple[np.ndarray, float]:
-    """Draw all LODs of a character; return (picture, metres of the brightest color).
+    """Draw all LODs of a character; return (picture, meters of the brightest color).
 
     The picture is (rows, columns, 4) uint8, bottom row first.
 
     levels: each LOD's surface in the pose of `character`.
     captions: a line for each LOD.
     azimuth: radians, direction from the character to the eye.
-    metres: metres in a unit of length of the surfaces.
+    meters: meters in a unit of length of the surfaces.
     """
     towards = np.array([np.cos(azimuth) * 0.985, np.sin(azimuth) * 0.985, 0.17])
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
@@ -56,7 +56,7 @@ def draw_lods(
         for at, surface in zip(seen, levels, strict=True)
     ]
     away = [_distances(character, surface, *look[:3]) for surface, look in zip(levels, looks, strict=True)]
-    most = metres * max((float(d.max(initial=0)) for d in away), default=0.0)
+    most = meters * max((float(d.max(initial=0)) for d in away), default=0.0)
 
     cell = max(width, 10 * LETTER) + GAP
     head, canvas_width = 4 * LETTER, GAP + cell * len(levels) + 9 * LETTER
@@ -65,7 +65,7 @@ def draw_lods(
     for k, (caption, (pixel, _, _, shade, edge), off) in enumerate(zip(captions, looks, away, strict=True)):
         left = GAP + k * cell + (cell - GAP - width) // 2
         clay = (np.array(CLAY) * shade[:, None]) * (1 - edge[:, None]) + np.array(EDGE) * edge[:, None]
-        tinted = ramp(1 + np.log10(np.maximum(metres * off / (most or 1.0), 1e-9)) / DECADES) * (0.75 + 0.25 * shade[:, None])
+        tinted = ramp(1 + np.log10(np.maximum(meters * off / (most or 1.0), 1e-9)) / DECADES) * (0.75 + 0.25 * shade[:, None])
         for row, colors in ((height + 2 * GAP, clay), (GAP, tinted)):
             _paste(sheet, row, left, pixel, colors, (height, width))
         middle = GAP + k * cell + (cell - GAP) / 2

@@ -32,11 +32,11 @@ def tables(
     A LOD that a group repeats, because others have more, has one row. Pictures levels_NAME.png of
     the first MOST_SHOWN groups are written to `folder`. Silhouettes are measured for these alone.
 
-    begins: (G, n - 1) metres from `camera` where each group's LODs begin (see assignment.limits).
+    begins: (G, n - 1) meters from `camera` where each group's LODs begin (see assignment.limits).
     progress: (first, last) of the progress to yield.
     """
     found, taken = [], set()
-    characters, settings, metres = characters_of(scene), scene.crowd_lod, scene_data.metres(scene)
+    characters, settings, meters = characters_of(scene), scene.crowd_lod, scene_data.meters(scene)
     finest = policy_of(settings).finest or [0] * len(groups)
     start, span = progress[0], (progress[1] - progress[0]) / min(len(groups), MOST_SHOWN)
     for g, (group, (_, objects, origin)) in enumerate(zip(groups, characters, strict=True)):
@@ -44,11 +44,11 @@ def tables(
         # the last may be repeated
         meshes = [each for k, each in enumerate(every) if k == 0 or each != every[k - 1]]
         performance = group_performance(group, objects)
-        rows = [_row(group, k, each, camera, begins[g], metres) | _worst(group, k, performance) for k, each in enumerate(meshes)]
+        rows = [_row(group, k, each, camera, begins[g], meters) | _worst(group, k, performance) for k, each in enumerate(meshes)]
         rows[-1]["to_lod"] = len(every) - 1
         entry = {
             "group": group.name,
-            "diagonal_m": metres * group.diagonal,
+            "diagonal_m": meters * group.diagonal,
             "picture": None,
             "finest_lod": finest[g],
             "levels": rows,
@@ -72,27 +72,27 @@ def tables(
             character, levels = posed.at(group.worst[len(rows) - 1])
         if character is not None and None not in levels:
             captions = [f"{row['triangles']:,} triangles" for row in rows]
-            pixels, _ = lod_picture.draw_lods(character, levels, captions, AZIMUTH - scene_data.rotation(settings.forward), metres)
+            pixels, _ = lod_picture.draw_lods(character, levels, captions, AZIMUTH - scene_data.rotation(settings.forward), meters)
             entry["picture"] = _file_name(group.name, g, taken)
             image_data.save_png(folder / entry["picture"], pixels)
         yield start + span * (g + 1)
     return found
 
 
-def _row(group: Group, k: int, meshes: list[bpy.types.Object], camera: Camera, begins: np.ndarray, metres: float) -> dict:
+def _row(group: Group, k: int, meshes: list[bpy.types.Object], camera: Camera, begins: np.ndarray, meters: float) -> dict:
     begin = begins[k - 1] if k else 0.0
     deviation = group.deviations[k]
-    told = {key: [item[f"crowd_lod_{key}"] for item in meshes if f"crowd_lod_{key}" in item] for key in ("way", "why", "ms")}
+    told = {key: [item[f"crowd_lod_{key}"] for item in meshes if f"crowd_lod_{key}" in item] for key in ("method", "why", "ms")}
     return {
         "lod": k,
         "to_lod": k,
         "triangles": group.triangles[k],
         "vertices": group.vertices[k],
-        "deviation_mm": 1000 * metres * deviation,
-        "deviation_bound_mm": 1000 * metres * group.bounds[k],
-        "rms_mm": 1000 * metres * group.rms[k],
+        "deviation_mm": 1000 * meters * deviation,
+        "deviation_bound_mm": 1000 * meters * group.bounds[k],
+        "rms_mm": 1000 * meters * group.rms[k],
         "percent": 100 * deviation / group.diagonal,
-        "from_m": metres * float(begin) if np.isfinite(begin) else None,
+        "from_m": meters * float(begin) if np.isfinite(begin) else None,
         "begins": "never" if begin == np.inf else "anywhere" if begin == -np.inf else "at",
         "predicted_px": _known(shown(group.bounds[k], begin, camera, group.radius)) if k and begin < np.inf else None,
         "measured_px": None,
@@ -100,7 +100,7 @@ def _row(group: Group, k: int, meshes: list[bpy.types.Object], camera: Camera, b
         "shading_within_px": _known(group.diagonal / group.shaded[k]) if group.shaded and group.shaded[k] else None,
         "picture_difference": None,
         "picture_similarity": None,
-        "way": ", ".join(dict.fromkeys(map(str, told["way"]))) or None,
+        "method": ", ".join(dict.fromkeys(map(str, told["method"]))) or None,
         "why": " ".join(dict.fromkeys(map(str, told["why"]))) or None,
         "ms": _known(sum(told["ms"])) if told["ms"] and all(isinstance(each, float) for each in told["ms"]) else None,
     }
@@ -116,7 +116,7 @@ def _worst(group: Group, k: int, performance: Performance) -> dict:
 
 
 def _seen(posed: Posed, k: int, looks: Looks, center: np.ndarray, distance: float, camera: Camera) -> dict:
-    """Return how LOD k's picture differs from the character's at `distance` metres."""
+    """Return how LOD k's picture differs from the character's at `distance` meters."""
     depsgraph = posed.stage.view_layers[0].depsgraph
     bodies = [bodies_of(objects, depsgraph, looks) for objects in (posed.character, posed.levels[k])]
     if None in bodies:
@@ -131,7 +131,7 @@ def _known(number) -> float | None:
 
 
 def _distance(camera: Camera, begin: float, radius: float) -> float | None:
-    """Return from how many metres to look at a LOD that begins at `begin`, or None.
+    """Return from how many meters to look at a LOD that begins at `begin`, or None.
 
     None where it never begins, or begins inside the bounding sphere.
     """

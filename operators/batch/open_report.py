@@ -6,7 +6,7 @@ import bpy
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import printable
-from ..blender.labelled_properties import EnumProperty
+from ..blender.labeled_properties import EnumProperty
 from ..blender.operator import Reporting
 from ..blender.output_folders import output_folder
 

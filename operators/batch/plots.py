@@ -14,11 +14,11 @@ MARKERS = "osD^v<>"
 
 
 def draw_plots(folder: Path, tables: dict[str, list[dict]], caption: str) -> None:
-    """Write error_behaviour.png, error_culling.png and error_levels.png to `folder`."""
-    figure = _figure("Behaviour: distance from the exact walk", caption)
-    _behaviour(figure.add_subplot(1, 2, 1), tables["behaviour"])
+    """Write error_behavior.png, error_culling.png and error_levels.png to `folder`."""
+    figure = _figure("Behavior: distance from the exact walk", caption)
+    _behavior(figure.add_subplot(1, 2, 1), tables["behavior"])
     _drift(figure.add_subplot(1, 2, 2), tables["drift"])
-    _save(figure, folder / "error_behaviour.png")
+    _save(figure, folder / "error_behavior.png")
     figure = _figure("Culling: agents a frame that differ from the exact six planes", caption)
     for place, what in enumerate(("missed", "surplus")):
         _culling(figure.add_subplot(1, 2, place + 1), tables["culling"], what, legend=place == 1)
@@ -78,7 +78,7 @@ def _legend(axes) -> None:
     axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=2, frameon=False)
 
 
-def _behaviour(axes, rows: list[dict]) -> None:
+def _behavior(axes, rows: list[dict]) -> None:
     floor = 1e-17
     for color, (name, found) in zip(PLOT_COLORS, groupby(rows, lambda r: r["method"]), strict=False):
         found = list(found)

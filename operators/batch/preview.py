@@ -39,7 +39,7 @@ from .shared_frames import ALONE, Sharing, made, state_of
 from .shot_plan import Planned, Wanted, budget_of, plan_shot, shot_json, write_levels
 
 MOST_IN_SHEET = 24  # frames on the contact sheet
-BEHAVIOUR = 0.9  # of a frame's time, where the way to it is long
+BEHAVIOR = 0.9  # of a frame's time, where the way to it is long
 # of the progress: LODs made or measured, the shot planned, the LODs' pictures and table
 LEVELS, PLANNED, LODS = 0.1, 0.1, 0.05
 MOST_PLANNED = 30_000_000  # agents times frames that a preview plans first; longer shots take Plan Shot
@@ -173,7 +173,7 @@ class _Run:
         Yields the progress and returns (what is told of it, the pictures); see FrameParts.put.
         """
         stage, (main, above) = self.on.stage, self.pictures(number)
-        yield from share(self.approach(number), 0.0, BEHAVIOUR)
+        yield from share(self.approach(number), 0.0, BEHAVIOR)
         frame = self.planned(number)
         ticks = [clock.perf_counter()]
         self.shots.place(frame)

@@ -12,8 +12,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod import __version__
-from ...crowd_lod.behaviour.walk import walks_of
-from ...crowd_lod.crowd.agents import Group
+from ...crowd_lod.behavior.walk import walks_of
 from ...crowd_lod.format import printable
 from ...crowd_lod.progress import aside
 from ...crowd_lod.reporting import tables
@@ -48,7 +47,7 @@ def plan_json(
             "width": wanted.width,
             "height": staged.size[1],
             "engine": wanted.engine,
-            "colour": wanted.color,
+            "color": wanted.color,
             "notes": list(notes),
         },
         "left_out": (yield from _left_out(stage, wanted.frames[-1], ENGINES[wanted.engine])),
@@ -125,13 +124,8 @@ def _crowd_of(settings, trajectory: Trajectory) -> dict[str, Any]:
         "forward": settings.forward,
         "first_frame": settings.first_frame,
         "frames_per_second": 1 / trajectory.seconds_per_frame,
-        "groups": [_group_of(group) for group in trajectory.groups],
+        "groups": [asdict(group) for group in trajectory.groups],
     }
-
-
-def _group_of(group: Group) -> dict[str, Any]:
-    """Return the fields of the group under the names that plan.json has had since version 1."""
-    return {{"center": "centre"}.get(name, name): value for name, value in asdict(group).items()}
 
 
 def _levels_of(stage: bpy.types.Scene, characters: list[dict]) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from ..build.hidden_characters import shows_characters
 ENGINES = {"WORKBENCH": "BLENDER_WORKBENCH", "CYCLES": "CYCLES", "EEVEE": scene_data.EEVEE, "OVERLAY": "BLENDER_WORKBENCH"}
 COLOR_MODES = ("LOD", "MATERIAL")  # that every engine has
 SIZE = "resolution_x", "resolution_y", "resolution_percentage"
-GREY = (0.55, 0.58, 0.62)  # the sky of the tinted pictures, linear
+GRAY = (0.55, 0.58, 0.62)  # the sky of the tinted pictures, linear
 
 
 @dataclass(frozen=True)
@@ -173,10 +173,10 @@ def _render(stage: bpy.types.Scene, path: Path, engine: str) -> None:
 def _world() -> bpy.types.World:
     """Return a world with an even light gray sky, in every engine."""
     world = bpy.data.worlds.new("Crowd LOD preview")
-    world.color = GREY
+    world.color = GRAY
     world.use_nodes = True
     background = next(node for node in world.node_tree.nodes if node.type == "BACKGROUND")
-    background.inputs["Color"].default_value = (*GREY, 1.0)
+    background.inputs["Color"].default_value = (*GRAY, 1.0)
     return world
 
 

@@ -3,7 +3,7 @@
 import bpy
 import numpy as np
 
-from ...crowd_lod.behaviour.walk import stray_places, walks_of
+from ...crowd_lod.behavior.walk import stray_places, walks_of
 from ...crowd_lod.crowd.maps import Area
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.planning.frame import Frame
@@ -14,7 +14,7 @@ from ..overlay.inset import STRAY
 
 CULLED = (0.25, 0.25, 0.25)
 ARROW_PIXELS, LINE_PIXELS = 5.0, 2.0
-ARROW_METRES = 0.7
+ARROW_METERS = 0.7
 
 
 def drawing_in(stage: bpy.types.Scene) -> bpy.types.Object:
@@ -63,7 +63,7 @@ def draw_crowd(mesh: bpy.types.Mesh, frame: Frame, view: Camera) -> None:
 
 
 def _pixel(view: Camera, points: np.ndarray) -> np.ndarray:
-    """Return the size (n,) metres of a pixel of `view` at the points (n, 3)."""
+    """Return the size (n,) meters of a pixel of `view` at the points (n, 3)."""
     extent = view.window.right - view.window.left
     if view.kind != "ORTHO":
         extent = extent * np.maximum((points - view.origin) @ view.Z, view.near)
@@ -79,7 +79,7 @@ def _arrows(frame: Frame, view: Camera) -> tuple[np.ndarray, np.ndarray]:
     crowd, visible, levels = frame.crowd.of(there), frame.visible[there], frame.levels[there]
     at = np.stack(crowd.places(frame.trajectory.spheres.center), axis=1)
     rank = np.where(visible, len(TINTS) - levels.astype(int), 0)
-    size = np.maximum(ARROW_METRES, ARROW_PIXELS * _pixel(view, at))
+    size = np.maximum(ARROW_METERS, ARROW_PIXELS * _pixel(view, at))
     forward = np.stack([np.cos(crowd.heading), np.sin(crowd.heading)], axis=1)
     left = np.stack([-forward[:, 1], forward[:, 0]], axis=1)
     at = at - view.Z * (0.01 * rank[:, None])

@@ -170,18 +170,18 @@ def _panorama(data: bpy.types.Camera, pixels: tuple[int, int], film: Window) -> 
     CUSTOM camera's shader may change the directions of its rays in any way; moved ray origins are
     not supported.
 
-    film: the sensor's window in millimetres.
+    film: the sensor's window in millimeters.
     """
     width, height = pixels
     half = min(np.pi, data.fisheye_fov / 2)
-    per_millimetre = max(width / (film.right - film.left), height / (film.top - film.bottom))
+    per_millimeter = max(width / (film.right - film.left), height / (film.top - film.bottom))
     across, up = (abs(getattr(data, f"{name}_max") - getattr(data, f"{name}_min")) for name in ("longitude", "latitude"))
     round_, tall = (abs(getattr(data, f"{CYLINDER}_{a}_max") - getattr(data, f"{CYLINDER}_{a}_min")) for a in "uv")
     types = {
         # an ellipse that fills the picture
         "FISHEYE_EQUIDISTANT": (half, max(pixels) / data.fisheye_fov),
-        "FISHEYE_EQUISOLID": (half, per_millimetre * data.fisheye_lens),
-        "FISHEYE_LENS_POLYNOMIAL": (half, per_millimetre / max(abs(data.fisheye_polynomial_k1), 1e-6)),
+        "FISHEYE_EQUISOLID": (half, per_millimeter * data.fisheye_lens),
+        "FISHEYE_LENS_POLYNOMIAL": (half, per_millimeter / max(abs(data.fisheye_polynomial_k1), 1e-6)),
         "EQUIRECTANGULAR": (np.pi, max(width / max(across, 1e-6), height / max(up, 1e-6))),
         "EQUIANGULAR_CUBEMAP_FACE": (np.pi, max(pixels) / (np.pi / 2)),
         "MIRRORBALL": (np.pi, max(pixels) / 4),
@@ -190,7 +190,7 @@ def _panorama(data: bpy.types.Camera, pixels: tuple[int, int], film: Window) -> 
             max(width / max(round_, 1e-6), height * data.central_cylindrical_radius / max(tall, 1e-6)),
         ),
     }
-    flat = (np.pi, per_millimetre * data.lens)
+    flat = (np.pi, per_millimeter * data.lens)
     return flat if data.type == "CUSTOM" else types.get(data.panorama_type, flat)
 
 
@@ -206,13 +206,13 @@ def _focused(film: Camera, data: bpy.types.Camera, depsgraph: bpy.types.Depsgrap
 
 
 def focus_distance(data: bpy.types.Camera, depsgraph: bpy.types.Depsgraph, origin: np.ndarray, ahead: np.ndarray) -> float:
-    """Return metres from `origin` (3,) along `ahead` (3,) to what the camera focuses on."""
+    """Return meters from `origin` (3,) along `ahead` (3,) to what the camera focuses on."""
     dof = data.dof
     return dof.focus_distance if dof.focus_object is None else _focus(dof, depsgraph, origin, ahead)
 
 
 def _focus(dof: bpy.types.CameraDOFSettings, depsgraph: bpy.types.Depsgraph, origin: np.ndarray, ahead: np.ndarray) -> float:
-    """Return metres from `origin` (3,) along `ahead` (3,) to the object in focus."""
+    """Return meters from `origin` (3,) along `ahead` (3,) to the object in focus."""
     target = dof.focus_object.evaluated_get(depsgraph)
     place = target.matrix_world
     if dof.focus_subtarget and target.pose and dof.focus_subtarget in target.pose.bones:

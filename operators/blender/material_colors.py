@@ -6,7 +6,7 @@ import numpy as np
 from . import image_data
 from .color_space import encoded
 
-GREY = (0.8, 0.8, 0.8)
+GRAY = (0.8, 0.8, 0.8)
 SIZE = 1024  # most pixels of an image along a side
 
 
@@ -23,7 +23,7 @@ class Looks:
     def of(self, material: bpy.types.Material | None) -> tuple[float, float, float, float]:
         """Return linear base color, and the layer of `images` that replaces it, or -1."""
         if material is None:
-            return *GREY, -1.0
+            return *GRAY, -1.0
         socket = _base_color(material)
         if socket is None:
             return *material.diffuse_color[:3], -1.0

@@ -148,7 +148,7 @@ def world_polygons(evaluated: bpy.types.Object, matrix: np.ndarray) -> tuple[np.
 
 
 def key_reaches(item: bpy.types.Object) -> np.ndarray:
-    """How far each shape key at 1 moves the vertex that it moves most, (k,) metres.
+    """How far each shape key at 1 moves the vertex that it moves most, (k,) meters.
 
     Of a mesh's keys but the first.
     """

@@ -8,7 +8,7 @@ import bpy
 from ...crowd_lod.errors import FAULTS, sentence
 from ...crowd_lod.progress import finished
 from . import collection_caches, sidebars
-from .labelled_properties import CONTEXT
+from .labeled_properties import CONTEXT
 
 TICK = 0.1  # seconds of work between two drawings of the window
 # by the bl_idname of an operator at work: its progress, 0 to 1
@@ -96,7 +96,7 @@ class Stepwise(Reporting):
     def modal(self, context, event) -> set[str]:
         if event.type == "ESC":
             self._end(context)
-            self.report({"WARNING"}, f"{self.bl_label} was cancelled; nothing was changed.")
+            self.report({"WARNING"}, f"{self.bl_label} was canceled; nothing was changed.")
             return {"CANCELLED"}
         if event.type != "TIMER":
             return {"RUNNING_MODAL"}

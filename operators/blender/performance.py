@@ -38,8 +38,8 @@ class Part:
     action, handle, player: the action, its slot's handle, and the object that plays it; None for the own.
     travels: by the curves' (path, index), how far the action moves the character as a whole; taken
         out when it is played.
-    way: metres that it travels in the plane.
-    stride: metres walked in a cycle as its custom property says, or as far as it travels; 0 if
+    way: meters that it travels in the plane.
+    stride: meters walked in a cycle as its custom property says, or as far as it travels; 0 if
         neither says.
     mixed: of a step of a cross-fade its two actions, and the share of the second.
     """
@@ -344,15 +344,15 @@ def _travels(player, action: bpy.types.Action, handle: int, span: tuple[float, f
 
 
 def _stride(action: bpy.types.Action) -> float:
-    """Return the custom property `stride` of the action, metres; 0 without one."""
+    """Return the custom property `stride` of the action, meters; 0 without one."""
     value = action.get("stride", 0)
     if not isinstance(value, int | float) or not 0 <= value < np.inf:
-        raise CrowdError(f"The property stride of the action {action.name} is {value!r}: set a number of metres, or remove it.")
+        raise CrowdError(f"The property stride of the action {action.name} is {value!r}: set a number of meters, or remove it.")
     return float(value)
 
 
 def _way(player: bpy.types.Object, travels: Sequence[tuple[str, int, float]]) -> float:
-    """Return how far the action moves `player` in the plane, metres; travels: see Part."""
+    """Return how far the action moves `player` in the plane, meters; travels: see Part."""
     way, world = Vector((0, 0, 0)), player.matrix_world.to_3x3()
     for path, index, length in travels:
         step, bone = Vector([length if axis == index else 0.0 for axis in range(3)]), BONE.match(path)

@@ -43,8 +43,8 @@ def frames_of(scene: bpy.types.Scene, step: int = 1) -> list[int]:
     return parse_frames(f"{first}:{last}", step)
 
 
-def metres(scene: bpy.types.Scene) -> float:
-    """Return the metres in one unit of length of the scene."""
+def meters(scene: bpy.types.Scene) -> float:
+    """Return the meters in one unit of length of the scene."""
     units = scene.unit_settings
     return 1.0 if units.system == "NONE" else units.scale_length
 

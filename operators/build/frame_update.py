@@ -79,7 +79,7 @@ def columns_by_bucket(
 
     The agents stand as in `crowd`. For mesh_data.write_points.
 
-    position: metres, world space.
+    position: meters, world space.
     heading, of agents on slopes also pitch and roll (see maps.lean): radians.
     phase, group: those of the agent.
     pose: which of the `library`'s characters the agent shows, of the frame that is `held`.

@@ -130,7 +130,7 @@ def _models(who: rigs.Acting, acts: list[Performance], made: dict) -> Generator[
         if alike:  # its own action, for one that another group plays
             models.append(alike[0])
             continue
-        model, reason = yield from share(rigs.modelled(who, act, made), k / len(acts), (k + 1) / len(acts))
+        model, reason = yield from share(rigs.modeled(who, act, made), k / len(acts), (k + 1) / len(acts))
         told += [reason] * bool(reason)
         if model is None:
             blocks = [block for block in made if block not in before]

@@ -26,7 +26,7 @@ NEAR = 1e-4
 # of it: how far it may be, where more keys do not help; posed meshes of a long action are farther
 # off
 ACCEPTED = 0.01
-STILL = 1e-6  # metres, and radians: an object that moves by less stands
+STILL = 1e-6  # meters, and radians: an object that moves by less stands
 ROUNDING = 1e-5  # of a bone's place, turn and size: what changes by less does not change
 TRACKS = "Crowd LOD tracks"  # a rig whose bones carry objects
 LINEAR = bpy.types.Keyframe.bl_rna.properties["interpolation"].enum_items["LINEAR"].value
@@ -37,7 +37,7 @@ class Bones:
     """The motion of bones over time, in world space.
 
     rest: bone name -> (4, 4) matrix at rest, without scale.
-    lengths: of each bone, metres.
+    lengths: of each bone, meters.
     back: (bones, 4, 4), inverses of the bones' rest matrices in armature space.
     moves: per time (bones, 4, 4), the matrices that take a point that a bone deforms from its place
         at rest to its place then.
@@ -146,7 +146,7 @@ def model_of(name: str, bones: dict[str, Bones], places: dict, origin: np.ndarra
     """Return the model of the character `name` from its recorded motion.
 
     bones, places: from `record`, at `times`.
-    origin: (3,) metres, the character's origin.
+    origin: (3,) meters, the character's origin.
     times: (k,) frames of its action, from its first to its last.
     made: gets the new data-blocks with their final names.
     """
@@ -285,7 +285,7 @@ def dress(item: bpy.types.Object, model: Model, rigs: dict[str, bpy.types.Object
 
 
 def shown_off(copies: dict, actors: dict, stage: bpy.types.Scene, origin: np.ndarray) -> float:
-    """Return the largest distance of a vertex in `copies` from the original, metres.
+    """Return the largest distance of a vertex in `copies` from the original, meters.
 
     copies: object -> its copy about the world's origin.
     actors: object -> the object that shows it in `stage`, where both are at the same phase now.
@@ -308,7 +308,7 @@ class Acting:
     name: of its group.
     homes: the collections of its LODs.
     stage, actors: see as_rendered.
-    diagonal: metres.
+    diagonal: meters.
     """
 
     name: str
@@ -318,7 +318,7 @@ class Acting:
     diagonal: float
 
 
-def modelled(who: Acting, performance: Performance, made: dict) -> Generator[float, None, tuple[Model | None, str]]:
+def modeled(who: Acting, performance: Performance, made: dict) -> Generator[float, None, tuple[Model | None, str]]:
     """Make the model of one action of a character, with as many keys as it needs.
 
     The rigs should show it within NEAR of its diagonal; more keys are tried as long as they help.
@@ -388,7 +388,7 @@ def _looks(times: np.ndarray, bones: dict[str, Bones]) -> np.ndarray:
 
 
 def _off(model: Model, who: Acting, performance: Performance, looks: np.ndarray) -> float:
-    """Return how far off a rig of `model` shows the character at the moments `looks`, at most, metres."""
+    """Return how far off a rig of `model` shows the character at the moments `looks`, at most, meters."""
     (span,), origin = performance.spans, np.array(who.homes[0].instance_offset, np.float64)
     length = max(span[1] - span[0], 1.0)
     rigs = perform(model, "Crowd LOD trial", 1 / length, -span[0] / length, span)

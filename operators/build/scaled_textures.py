@@ -95,7 +95,7 @@ def scale_textures(
 
 
 def _pixels(scene: bpy.types.Scene, settings) -> dict[bpy.types.Object, float]:
-    """Return for each LOD's object the metres per pixel where it is nearest.
+    """Return for each LOD's object the meters per pixel where it is nearest.
 
     0 for the finest LOD.
     """
@@ -178,7 +178,7 @@ def _levels(copy: bpy.types.Object, slot: int, pixel: float, left: dict[bpy.type
 def _surface(copy: bpy.types.Object, slot: int, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the triangles of the object that have the material in `slot`.
 
-    (corners (m, 3, 3) metres, UVs (m, 3, 2)).
+    (corners (m, 3, 3) meters, UVs (m, 3, 2)).
     """
     mesh = copy.data
     points, triangles, corners, faces = mesh_data.read_triangles(mesh)

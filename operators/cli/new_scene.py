@@ -37,7 +37,7 @@ KEPT = {
         "dropped",
     ),
 }
-LENS = 28.0  # millimetres
+LENS = 28.0  # millimeters
 DOWN = 0.2  # part of the picture's height by which the horizon is above the middle
 BORDER = 0.95  # part of the picture that the crowd is framed in
 MOST_FRAME = 1_048_574  # that Blender's timeline holds
@@ -99,10 +99,10 @@ def _object(name: str | None, path: Path) -> bpy.types.Object | None:
 
 
 def _check_units(scene: bpy.types.Scene, path: Path) -> None:
-    if abs(scene_data.metres(scene) - 1) > 1e-6:
+    if abs(scene_data.meters(scene) - 1) > 1e-6:
         raise CrowdError(
-            f"A unit of the scene {scene.name} in {printable(path.name)} is {scene_data.metres(scene):g} m, and trajectories are in "
-            "metres: set its Unit Scale to 1, and scale the characters."
+            f"A unit of the scene {scene.name} in {printable(path.name)} is {scene_data.meters(scene):g} m, and trajectories are in "
+            "meters: set its Unit Scale to 1, and scale the characters."
         )
 
 

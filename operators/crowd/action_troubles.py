@@ -12,7 +12,7 @@ from ..blender import scene_data
 from ..blender.performance import called
 from .scene_world import machine_of
 
-SLIDES = 0.01  # metres in a cycle: feet that slide less do not count
+SLIDES = 0.01  # meters in a cycle: feet that slide less do not count
 
 
 def told_of_actions(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
@@ -29,7 +29,7 @@ def told_of_actions(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator
 
 def _root_motion(scene: bpy.types.Scene, group: Group, action: Action) -> Iterator[str]:
     if action.way:
-        way = number(action.way * scene_data.metres(scene))
+        way = number(action.way * scene_data.meters(scene))
         yield (
             f"The action {_title(group, action)} moves {group.name} by {way} m in a cycle: that is taken out, because states move "
             "the agents."
@@ -49,13 +49,13 @@ def _slides(scene: bpy.types.Scene, group: Group, action: Action, machines: Sequ
         return
     speed, state = walks[-1]
     slide = abs((action.stride or speed * action.period) - action.feet)
-    metres = scene_data.metres(scene)
-    if slide * metres > SLIDES:
+    meters = scene_data.meters(scene)
+    if slide * meters > SLIDES:
         fits = f"the speed that fits is {number(action.feet / action.period)} m/s"
         says = f", its property stride says {number(action.stride)} m" if action.stride else ""
         yield (
-            f"In the state {state} at {number(speed)} m/s the feet of {group.name} slide by {number(slide * metres)} m in a cycle of "
-            f"{_title(group, action)}: they walk {number(action.feet * metres)} m in it{says}; {fits}."
+            f"In the state {state} at {number(speed)} m/s the feet of {group.name} slide by {number(slide * meters)} m in a cycle of "
+            f"{_title(group, action)}: they walk {number(action.feet * meters)} m in it{says}; {fits}."
         )
 
 

@@ -20,7 +20,7 @@ MOST_POSES = 120
 TICK = 0.25  # seconds of measuring at a time
 OFF_GROUND = 0.02  # of a character's height: nearer to the ground it stands on it
 FEET = 0.01  # of a character's height above its lowest point: what is lower stands on the ground
-THIN = 0.01  # metres: the radius of hair that has none of its own
+THIN = 0.01  # meters: the radius of hair that has none of its own
 
 
 def frames_of(first: float, last: float) -> np.ndarray:
@@ -58,13 +58,13 @@ def posing(
 
 
 def lowest(poses: list[np.ndarray], origin: float) -> float:
-    """Return the height of the lowest point of all `poses` above `origin`, metres.
+    """Return the height of the lowest point of all `poses` above `origin`, meters.
 
     0 if it is within OFF_GROUND of the character's height, as it may be in a step, or if there are
     no points, or some that are not finite.
 
     poses: each (n, 4); see `extent`.
-    origin: height in metres.
+    origin: height in meters.
     """
     heights = np.concatenate(poses)[:, 2]
     if not len(heights) or not np.isfinite(heights).all():
@@ -74,7 +74,7 @@ def lowest(poses: list[np.ndarray], origin: float) -> float:
 
 
 def walked(poses: list[np.ndarray]) -> float:
-    """Return the metres that the feet walk in a cycle of the action whose `poses` are given.
+    """Return the meters that the feet walk in a cycle of the action whose `poses` are given.
 
     Points near the lowest are taken to stand on the ground; their way backward, in the middle of
     those of a pose, is the walk's. 0 if nothing stands in any pose.
@@ -96,13 +96,13 @@ def bounds(name: str, origin, *acts: list[np.ndarray]) -> tuple[float, float]:
     """Return (center, radius) of the sphere that holds the character in all poses.
 
     Its center stands on the vertical axis through `origin`, at the height `center` above it,
-    metres. CrowdError if there are no points, or some at NaN or infinity.
+    meters. CrowdError if there are no points, or some at NaN or infinity.
 
     Between two frames a vertex may leave the straight line by an eighth of its acceleration,
     estimated by the second difference of three poses. The radius is larger by twice that.
 
     name: of the character, for errors.
-    origin: (3,) metres.
+    origin: (3,) meters.
     acts: the poses of each action, evenly over it, each (n, 4); see `extent`.
     """
     points, reach = np.split(np.concatenate([pose for poses in acts for pose in poses]), [3], axis=1)
@@ -117,7 +117,7 @@ def bounds(name: str, origin, *acts: list[np.ndarray]) -> tuple[float, float]:
 
 
 def extent(actor: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
-    """Return the points of `actor` and the reach around each: (n, 4) float64, metres.
+    """Return the points of `actor` and the reach around each: (n, 4) float64, meters.
 
     The first three columns are the point in world space, as `depsgraph` has evaluated it. The
     object may show anything within the fourth, the reach.
@@ -170,7 +170,7 @@ def _values(attribute: bpy.types.Attribute, name: str, width: int) -> np.ndarray
 
 
 def displaced(evaluated: bpy.types.Object) -> float:
-    """Return the most that materials displace an evaluated object, metres.
+    """Return the most that materials displace an evaluated object, meters.
 
     Materials with an unknown displacement count as 0; see `displacement`.
     """

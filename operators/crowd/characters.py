@@ -21,7 +21,7 @@ class Character(NamedTuple):
     """A character group, or a variant of one.
 
     objects: those with a shape.
-    origin: world metres.
+    origin: world meters.
     variant_of: the group's name, "" for the variant without props.
     chance: that an agent of the group is this variant.
     """

@@ -8,7 +8,7 @@ from dataclasses import replace
 import bpy
 import numpy as np
 
-from ...crowd_lod.behaviour.walk import Walk
+from ...crowd_lod.behavior.walk import Walk
 from ...crowd_lod.crowd import random_streams, start_places
 from ...crowd_lod.crowd.agents import Crowd, Group, populate, varied
 from ...crowd_lod.crowd.maps import LabelMap
@@ -315,7 +315,7 @@ def draw_of(crowd, groups: Sequence[Group]) -> Draw:
 def leaning(groups: tuple[Group, ...], heights: Ground) -> tuple[Group, ...]:
     """Return `groups` with spheres that hold characters leaning on slopes.
 
-    A lean of t moves a sphere's center, `center` metres above the feet, by 2 sin(t / 2) of that
+    A lean of t moves a sphere's center, `center` meters above the feet, by 2 sin(t / 2) of that
     height. The sphere is widened by as much, for the steepest slope that `heights` may have
     anywhere.
     """

@@ -21,9 +21,9 @@ from ...crowd_lod.errors import CrowdError
 
 # What JuPedSim needs at run time: its wheel asks for Qt and VTK, 1.2 GB, for a viewer of its own.
 PACKAGES = "jupedsim shapely deprecated wrapt"
-RADIUS, TIME_GAP = 0.2, 1.0  # metres and seconds: JuPedSim's defaults for people
-SPEED = (1.34, 0.26, 0.7, 2.0)  # metres per second: mean, deviation, least and most (Weidmann 1993)
-APART, OFF_WALL = 0.45, 0.25  # metres between two agents at the start, and from an agent to a wall
+RADIUS, TIME_GAP = 0.2, 1.0  # meters and seconds: JuPedSim's defaults for people
+SPEED = (1.34, 0.26, 0.7, 2.0)  # meters per second: mean, deviation, least and most (Weidmann 1993)
+APART, OFF_WALL = 0.45, 0.25  # meters between two agents at the start, and from an agent to a wall
 LONGEST_STEP = 0.02  # seconds
 
 
@@ -33,7 +33,7 @@ class Wanted:
 
     world: the label map.
     walls, starts, goals: (L,) bool, which labels nobody enters, agents start on, and agents walk to.
-    obstacles: (k, 2, 2) float64, world metres: segments of lines that nobody crosses, such as
+    obstacles: (k, 2, 2) float64, world meters: segments of lines that nobody crosses, such as
         outlines of meshes. What closed ones enclose is not entered either.
     nearest: whether agents walk to the nearest goal; else each draws one.
     count, seed: of agents.
@@ -56,7 +56,7 @@ class Wanted:
 def simulating(wanted: Wanted, path: Path) -> Generator[float, None, int]:
     """Simulate, and write JuPedSim's own SQLite file of trajectories to `path`, which must not exist.
 
-    Positions are in metres from the middle of the map's area.
+    Positions are in meters from the middle of the map's area.
     Yields the progress, 0 to 1, and returns how many agents arrived at a goal, where they leave.
     CrowdError if JuPedSim is not installed, or cannot simulate it.
     """
@@ -131,7 +131,7 @@ def _site(wanted: Wanted) -> tuple[Any, Any, list[Any]]:
 
 
 def _polygon(world: LabelMap, outline: Outline) -> Any:
-    """Return the outline of cells as a Polygon in metres from the middle of the map's area."""
+    """Return the outline of cells as a Polygon in meters from the middle of the map's area."""
     middle = np.array(world.labels.shape[::-1]) / 2
     outer, *holes = ((corners - middle) * world.cell for corners in (outline.outer, *outline.holes))
     return _module("shapely").Polygon(outer, holes)

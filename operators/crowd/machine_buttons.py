@@ -9,7 +9,7 @@ from ...crowd_lod.crowd.state_machine import parse
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
 from ...crowd_lod.reporting import files
-from ..blender.labelled_properties import BoolProperty, EnumProperty, IntProperty, StringProperty
+from ..blender.labeled_properties import BoolProperty, EnumProperty, IntProperty, StringProperty
 from ..blender.operator import Reporting
 from .machine_editor import cell_of, change, draft_of, lacking, selected
 

@@ -9,14 +9,14 @@ import numpy as np
 from ...crowd_lod import srgb
 from ...crowd_lod.errors import CrowdError
 from ..blender import image_data
-from ..blender.labelled_properties import IntProperty, StringProperty
+from ..blender.labeled_properties import IntProperty, StringProperty
 from ..blender.operator import Reporting
 from . import map_areas
 from .scene_world import area_of, machine_of
 
 MARK = "crowd_lod_map"  # custom property of the plane
 COLORS = "crowd_lod_colors"  # custom property of the plane: what solid viewports were colored by, before it was shown
-ABOVE = 0.02  # metres of the plane above the ground, so that it does not flicker with it
+ABOVE = 0.02  # meters of the plane above the ground, so that it does not flicker with it
 BRUSH = "Crowd LOD Label"
 
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import bpy
 
 from ...crowd_lod.errors import CrowdError
-from ..blender.labelled_properties import FloatProperty
+from ..blender.labeled_properties import FloatProperty
 from ..blender.operator import Reporting
 from ..blender.props import PROP
 from . import needs

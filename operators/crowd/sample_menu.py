@@ -3,7 +3,7 @@
 import bpy
 
 from ... import sample_scenes
-from ..blender.labelled_properties import EnumProperty
+from ..blender.labeled_properties import EnumProperty
 from ..blender.operator import Reporting
 
 

@@ -27,7 +27,6 @@ from .action_troubles import told_of_actions
 from .character_extent import bounds, frames_of, lowest, posing, unknown, walked
 from .characters import all_characters, characters_of
 from .scene_world import actions_named, bias_of, check_maps
-from .settings_versions import VERSION
 from .shot_reference import use_of
 from .stuck_agents import find
 
@@ -59,7 +58,7 @@ def measuring_groups(
 
     Yields the progress, 0 to 1, and returns the groups. Measurements of LOD meshes are kept.
 
-    reaches: (lowest, center, radius) in metres by group, for groups that are not to be measured.
+    reaches: (lowest, center, radius) in meters by group, for groups that are not to be measured.
     """
     settings = scene.crowd_lod
     fps = scene.render.fps / scene.render.fps_base
@@ -102,7 +101,7 @@ def _acted(objects: list[bpy.types.Object], performance: Performance) -> Generat
 
 
 def _action(part: Part, poses: list[np.ndarray], fps: float, size: float) -> Action:
-    """Return the Action that a group plays as `part`; poses: see `walked`; size: of the group, metres."""
+    """Return the Action that a group plays as `part`; poses: see `walked`; size: of the group, meters."""
     feet = walked(poses)
     stride, feet = (each if each > STANDS * size else 0.0 for each in (part.stride or feet, feet))
     return Action(part.name, stride, (part.last - part.first) / fps, feet, part.way)
@@ -123,7 +122,6 @@ def store_groups(settings, groups: tuple[Group, ...]) -> None:
         g.name: (g.own_thresholds, tuple(g.thresholds), tuple(g.sizes), g.finest, g.share, tuple(g.scale)) for g in settings.groups
     }
     settings.groups.clear()
-    settings.version = VERSION
     for group in groups:
         entry = settings.groups.add()
         # see set_down
@@ -185,7 +183,7 @@ def _custom(top: bpy.types.Collection, name: str, key: str) -> float:
     owner = top.children.get(name) or top.objects.get(name)
     if key not in owner:
         return 0.0
-    return float(stored_values.read(owner, key, float, "set a number of metres, or remove it", bounds=(0, FARTHEST)))
+    return float(stored_values.read(owner, key, float, "set a number of meters, or remove it", bounds=(0, FARTHEST)))
 
 
 def groups_of(settings) -> tuple[Group, ...]:
@@ -351,7 +349,7 @@ def _off_ground(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Iterator[s
     for moved, begin in ((True, "Moved to stand on the ground"), (False, "Off the ground (see Stand on Ground)")):
         found = [group for group in groups if group.lowest and group.on_ground == moved]
         far = [
-            f"{number(abs(group.lowest) * scene_data.metres(scene))} m {'below' if group.lowest < 0 else 'above'}"
+            f"{number(abs(group.lowest) * scene_data.meters(scene))} m {'below' if group.lowest < 0 else 'above'}"
             for group in found
         ]
         told = [f"{group.name} (lowest point {each} its origin)" for group, each in zip(found, far, strict=True)]

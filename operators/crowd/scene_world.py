@@ -126,5 +126,5 @@ def bias_of(settings) -> Bias | None:
     """
     if settings.bias_image is None:
         return None
-    grey = image_data.read_pixels(settings.bias_image)[..., :3].mean(axis=2)
-    return Bias(np.interp(grey, (0, 128, 255), (0, 0.5, 1)), area_of(settings))
+    gray = image_data.read_pixels(settings.bias_image)[..., :3].mean(axis=2)
+    return Bias(np.interp(gray, (0, 128, 255), (0, 0.5, 1)), area_of(settings))

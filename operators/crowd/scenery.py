@@ -96,7 +96,7 @@ class Scenery:
         return [placed for placed in self.things if placed[0] in inside] if inside else []
 
     def box(self, depsgraph: bpy.types.Depsgraph) -> np.ndarray | None:
-        """Return the bounding box (2, 3) of the solid things, world metres.
+        """Return the bounding box (2, 3) of the solid things, world meters.
 
         None if not `bounded`. An empty box has least at inf and most at -inf.
         """

@@ -187,8 +187,8 @@ def _present(chosen: np.ndarray, crowd: Crowd) -> np.ndarray:
 
 def _light(image: bpy.types.Image) -> np.ndarray:
     """Return where the image is lighter than a half, (rows, columns) uint8."""
-    grey = image_data.read_pixels(image)[..., :3].mean(axis=2)
-    return (grey > 127.5).astype(np.uint8)
+    gray = image_data.read_pixels(image)[..., :3].mean(axis=2)
+    return (gray > 127.5).astype(np.uint8)
 
 
 def _inside(region: bpy.types.Object, name: str, trajectory: Trajectory, time: float, at: frame_stepping.At) -> np.ndarray:

@@ -13,13 +13,13 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, number, printable
 from ...crowd_lod.reporting import files
 from ..blender import mesh_data, stored_values
-from ..blender.labelled_properties import IntProperty
+from ..blender.labeled_properties import IntProperty
 from ..blender.operator import Stepwise
 from .crowd_sources import crowds_of
 from .jupedsim_run import Wanted, simulating
 from .scene_world import machine_of, world_of
 
-KNEE = 0.5  # metres above the ground, where the meshes of obstacles are cut
+KNEE = 0.5  # meters above the ground, where the meshes of obstacles are cut
 
 
 def simulating_crowd(scene: bpy.types.Scene, index: int, path: Path) -> Generator[float, None, str]:

@@ -106,8 +106,8 @@ def _on_surface(crowd, item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -
         maps.append(_uvs(mesh) if crowd.density_image is not None else np.zeros((len(triangles), 3, 2)))
     factors = []
     if crowd.density_image is not None:
-        grey = image_data.read_pixels(crowd.density_image)[..., :3].mean(axis=2) / 255
-        factors.append(partial(_looked_up, grey, np.concatenate(maps)))
+        gray = image_data.read_pixels(crowd.density_image)[..., :3].mean(axis=2) / 255
+        factors.append(partial(_looked_up, gray, np.concatenate(maps)))
     if crowd.density_volumes is not None:
         factors.append(partial(_in_any, list(crowd.density_volumes.all_objects), depsgraph))
 
@@ -148,11 +148,11 @@ def _uvs(mesh: bpy.types.Mesh) -> np.ndarray:
     return found[corners].astype(np.float64)
 
 
-def _looked_up(grey: np.ndarray, maps: np.ndarray, points: np.ndarray, triangle: np.ndarray, weight: np.ndarray) -> np.ndarray:
+def _looked_up(gray: np.ndarray, maps: np.ndarray, points: np.ndarray, triangle: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Return the image's gray, 0 to 1, at the places; it repeats beyond its borders."""
     place = (weight[:, :, None] * maps[triangle]).sum(axis=1)
-    column, row = ((place - np.floor(place)) * grey.shape[::-1]).astype(np.intp).T
-    return grey[np.minimum(row, grey.shape[0] - 1), np.minimum(column, grey.shape[1] - 1)]
+    column, row = ((place - np.floor(place)) * gray.shape[::-1]).astype(np.intp).T
+    return gray[np.minimum(row, gray.shape[0] - 1), np.minimum(column, gray.shape[1] - 1)]
 
 
 def _in_any(volumes: list, depsgraph: bpy.types.Depsgraph, points: np.ndarray, *_) -> np.ndarray:
@@ -167,7 +167,7 @@ def _along_curves(crowd, item: bpy.types.Object, depsgraph: bpy.types.Depsgraph)
 
 
 def _curves(item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Iterator[tuple[np.ndarray, bool]]:
-    """Yield (points (k, 3) world metres, whether closed) of the object's splines or chains of edges."""
+    """Yield (points (k, 3) world meters, whether closed) of the object's splines or chains of edges."""
     evaluated = item.evaluated_get(depsgraph)
     matrix = np.array(evaluated.matrix_world, np.float64)
     bare = _without_bevel(item) if item.type == "CURVE" else None

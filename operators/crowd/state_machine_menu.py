@@ -3,7 +3,7 @@
 import bpy
 
 from ...crowd_lod.crowd.state_machine import load_preset, preset_names
-from ..blender.labelled_properties import CONTEXT, EnumProperty
+from ..blender.labeled_properties import CONTEXT, EnumProperty
 from ..blender.operator import Reporting
 
 

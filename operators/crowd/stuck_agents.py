@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...crowd_lod.behaviour.courant_number import courant
-from ...crowd_lod.behaviour.exact_walk import Trouble, trouble
-from ...crowd_lod.behaviour.walk import Walk, walks_of
+from ...crowd_lod.behavior.courant_number import courant
+from ...crowd_lod.behavior.exact_walk import Trouble, trouble
+from ...crowd_lod.behavior.walk import Walk, walks_of
 from ...crowd_lod.crowd.maps import LabelMap
 from ...crowd_lod.crowd.state_machine import StateMachine
 from ...crowd_lod.trajectory.trajectory import Trajectory
@@ -27,7 +27,7 @@ class OffColor:
     They have the same fields as a Trouble of agents.
 
     label: that the pixels have for want of another.
-    x, y: (k,) float64 world metres, of their middles.
+    x, y: (k,) float64 world meters, of their middles.
     column, row: (k,) intp; row 0 lies at y_min.
     counts: how many pixels there are.
     """

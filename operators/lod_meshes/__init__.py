@@ -2,5 +2,5 @@
 
 In: a character's objects and its action.
 Out: objects in the collection "Crowd LOD", and the deviation of each LOD from the character, in
-    metres.
+    meters.
 """

@@ -308,7 +308,7 @@ def set_normals(mesh: bpy.types.Mesh) -> None:
 
 
 def set_keys(item: bpy.types.Object, source: Source) -> None:
-    """Make shape keys of `item` of the offsets that travelled as attributes.
+    """Make shape keys of `item` of the offsets that traveled as attributes.
 
     They are driven by those of the source's own object.
     """

@@ -42,7 +42,7 @@ TINTS = (
 # which candidate it is, and how many objects it has; of the finest, what was measured of those that
 # were made. Of its objects: the hash of what was made; how, why so, and the milliseconds it took.
 DIGEST, CANDIDATE, SIZE, MEASURED = "crowd_lod_digest", "crowd_lod_candidate", "crowd_lod_size", "crowd_lod_measured"
-AS_MADE, WAY, WHY, MILLISECONDS = "crowd_lod_as_made", "crowd_lod_way", "crowd_lod_why", "crowd_lod_ms"
+AS_MADE, WAY, WHY, MILLISECONDS = "crowd_lod_as_made", "crowd_lod_method", "crowd_lod_why", "crowd_lod_ms"
 # Of Group, a value a LOD
 COLUMNS = {"vertices": int, "triangles": int, "deviations": float, "bounds": float, "rms": float, "worst": float}
 # of what was measured: where the group stands, by how much materials displace it, its lowest point,
@@ -87,16 +87,16 @@ class Ladder:
 
     read(), make() and measure() yield their progress.
 
-    place: four numbers given: the origin x, y, z in world metres, and 1 if the group stands on its
+    place: four numbers given: the origin x, y, z in world meters, and 1 if the group stands on its
         lowest point, else 0. Kept with the displacement of each object added.
     rows: measurements by candidate, a value for each of `kinds`.
-    reach: the group's lowest point, center and radius in metres, or None.
+    reach: the group's lowest point, center and radius in meters, or None.
     found: collections by candidate; made: those of them that are new.
     """
 
     def __init__(self, name: str, objects: list[bpy.types.Object], ratios: list[float], settings, place: Sequence[float]):
         actions = actions_named(settings.id_data, name)
-        self.name, self.objects, self.ratios, self.method = name, objects, ratios, settings.way
+        self.name, self.objects, self.ratios, self.method = name, objects, ratios, settings.method
         self.looks = Looks() if settings.choice == "BY_TOLERANCE" and settings.shading_counts else None
         self.kinds = dict(COLUMNS) | ({"shaded": float} if self.looks else {})
         self.place = [*place, *map(displaced, objects)]

@@ -35,7 +35,7 @@ BETWEEN = 0.03  # part that is added to the bound of an action, for the poses be
 LOST_IN = 3  # poses in which thin parts that a LOD has lost are looked at, about
 SAMPLES = 5_000  # points of each surface whose root mean square distance is told
 
-Shape = tuple[np.ndarray, np.ndarray]  # points (n, 3) float64 metres, triangles (m, 3)
+Shape = tuple[np.ndarray, np.ndarray]  # points (n, 3) float64 meters, triangles (m, 3)
 
 
 class Posed:
@@ -128,7 +128,7 @@ def poses(objects: Sequence[bpy.types.Object], performance: Performance | None =
 
 
 def _apart(joints: np.ndarray, one: np.ndarray) -> np.ndarray:
-    """How far the farthest joint is from where it is in one pose, (poses,) metres.
+    """How far the farthest joint is from where it is in one pose, (poses,) meters.
 
     joints: (poses, n, 3); one: (n, 3).
     """
@@ -136,7 +136,7 @@ def _apart(joints: np.ndarray, one: np.ndarray) -> np.ndarray:
 
 
 def _joints(objects: Sequence[bpy.types.Object], times: np.ndarray, performance: Performance) -> np.ndarray:
-    """Where a character's bones and objects are at `times`, (times, n, 3) metres.
+    """Where a character's bones and objects are at `times`, (times, n, 3) meters.
 
     The times are moments of the performance.
 
@@ -210,7 +210,7 @@ class Measure:
     def level(self, objects: Sequence[bpy.types.Object], k: int) -> Generator[float, None, tuple[float, float, float, float]]:
         """Measure LOD k: all `objects` together against all of the character's.
 
-        Returns (deviation, bound, root mean square, moment of the worst pose), metres. CrowdError if either has no face in any pose.
+        Returns (deviation, bound, root mean square, moment of the worst pose), meters. CrowdError if either has no face in any pose.
         """
         yield from share(self.read(), 0.0, 0.2)
         shapes = yield from share(_shapes(objects, self.frames, self.performance), 0.2, 0.4)
@@ -314,7 +314,7 @@ def _measured(character: _Acting, other: _Acting, frames: Sequence[float]) -> tu
 
 
 def _unseen(character: _Acting, other: _Acting, poses: list[int], bound: float) -> float:
-    """How far thin parts of the character are from where a LOD shows, metres: see thin_parts.unseen.
+    """How far thin parts of the character are from where a LOD shows, meters: see thin_parts.unseen.
 
     What is lost is so in all poses, and only far from what shows do some poses tell how far.
     """
@@ -337,7 +337,7 @@ def compare(
 ) -> float:
     """What the shaded pictures of a LOD and its character say, see Group.shaded.
 
-    objects: the character's; level: the LOD's; at: what it plays, and a moment of that; diagonal: metres, of the character's bounding
+    objects: the character's; level: the LOD's; at: what it plays, and a moment of that; diagonal: meters, of the character's bounding
     box; looks: of all objects.
     """
     with Posed(objects, [level], at[0]) as posed:

@@ -134,7 +134,7 @@ def _chosen(scene: bpy.types.Scene, ladders: list[Ladder], groups: Sequence[Grou
     while missing:
         usual = [each for ladder in ladders for each in ladder.lost()]
         guesses = [ladder.guess(group, usual) for ladder, group in zip(ladders, groups, strict=True)]
-        chosen = selection.chosen(scene.crowd_lod, guesses, shots, scene_data.metres(scene))
+        chosen = selection.chosen(scene.crowd_lod, guesses, shots, scene_data.meters(scene))
         missing = [(ladder, k) for ladder, own in zip(ladders, chosen.keep, strict=True) for k in own if k not in ladder.rows]
         for ladder, k in missing[:1]:  # it says more of the others
             tried = sum(len(each.rows) for each in ladders)

@@ -57,11 +57,11 @@ def make(source: Source, ratio: float, method: str, name: str) -> Generator[None
         mesh = source.mesh.copy()
         mesh.name = name
         return Made(mesh, source.weights, "WHOLE", f"It keeps all of its {len(triangles):,} triangles.", 0.0)
-    if method == "PRECISE":
+    if method == "DECIMATE":
         precise = _precise(source, ratio, name, "The method Decimate Modifier was chosen.")
         return precise if precise.mesh.polygons else (yield from _fast(source, ratio, name, _without(precise)))
     fast = yield from _fast(source, ratio, name, "The method Pose-Aware was chosen.")
-    if method == "FAST":
+    if method == "POSE_AWARE":
         return fast
     if len(triangles) > MOST_PRECISE:
         fast.why = f"Pose-Aware: the mesh has {len(triangles):,} triangles; Decimate Modifier is tried only up to {MOST_PRECISE:,}."
@@ -163,7 +163,7 @@ def _fast(source: Source, ratio: float, name: str, why: str) -> Generator[None, 
     mesh = yield from dress(name, result, source)
     mesh.validate()
     weights = weights_of(result, source)
-    return Made(mesh, weights, "FAST", why, 1000 * (spent + clock.perf_counter() - start))
+    return Made(mesh, weights, "POSE_AWARE", why, 1000 * (spent + clock.perf_counter() - start))
 
 
 def _precise(source: Source, ratio: float, name: str, why: str) -> Made:
@@ -182,7 +182,7 @@ def _precise(source: Source, ratio: float, name: str, why: str) -> Made:
     drop_loose(mesh)
     if mesh.polygons:
         shade(mesh, source)
-    return Made(mesh, read_weights(mesh), "PRECISE", why, 1000 * (clock.perf_counter() - start))
+    return Made(mesh, read_weights(mesh), "DECIMATE", why, 1000 * (clock.perf_counter() - start))
 
 
 def _without(precise: Made) -> str:

@@ -112,12 +112,12 @@ class Chosen:
     tolerance: float = 0.0
 
 
-def chosen(settings, groups: Sequence[Group], shots: Sequence[Shot | None], metres: float) -> Chosen:
+def chosen(settings, groups: Sequence[Group], shots: Sequence[Shot | None], meters: float) -> Chosen:
     """Choose the candidates to keep.
 
     groups: character groups with values of all their candidates, measured or guessed.
     shots: for each group its Shot. None keeps all its candidates.
-    metres: that a unit of the scene is.
+    meters: that a unit of the scene is.
 
     With a limit of memory, and candidates beyond it, the tolerance is raised until they fit.
     CrowdError if no tolerance is enough.
@@ -127,7 +127,7 @@ def chosen(settings, groups: Sequence[Group], shots: Sequence[Shot | None], metr
         kept, reasons, dear = list(range(len(group.triangles))), {}, {}
         if shot is not None:
             own = counting(group, tolerance, shot)
-            kept, reasons = choose(own, tolerance, shot.views, metres)
+            kept, reasons = choose(own, tolerance, shot.views, meters)
             kept, dear = cheapest(own, kept, tolerance, shot)
             if settings.memory:
                 memory += dict(priced(own, kept, tolerance, shot))[tuple(kept)].memory

@@ -79,14 +79,14 @@ def side(azimuth: float) -> np.ndarray:
 
 
 def within(one: Body, other: Body, images: np.ndarray, diagonal: float) -> float:
-    """Return the size of a pixel, in metres, from which on two bodies look alike.
+    """Return the size of a pixel, in meters, from which on two bodies look alike.
 
     Pictures look alike if their mean difference over all sides is at most WITHIN. From this size on
     they do at every coarser one. The result is 0 if they look alike at every size up to a diagonal
     of LARGEST pixels, and inf if they differ even in the smallest picture.
 
     images: (i, size, size, 4) uint8, of the bodies' materials.
-    diagonal: metres, of the character's bounding box.
+    diagonal: meters, of the character's bounding box.
     """
     scale, differences = LARGEST / diagonal, []
     for axes in map(side, AROUND):
@@ -106,8 +106,8 @@ def alike(one: Body, other: Body, images: np.ndarray, center: np.ndarray, distan
     pixels.
 
     images: (i, size, size, 4) uint8, of the bodies' materials.
-    center: (3,) metres.
-    distance: metres.
+    center: (3,) meters.
+    distance: meters.
     """
     found = []
     for azimuth in AROUND:

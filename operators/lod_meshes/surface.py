@@ -11,7 +11,7 @@ from ...crowd_lod.simplification.components import areas
 from ...crowd_lod.simplification.hausdorff import Moving
 from ...crowd_lod.simplification.triangle_mesh import ranges
 
-ANYWHERE, ROUNDED = 1e19, 1e-5  # metres, and part of a distance that float32 may round away, amply
+ANYWHERE, ROUNDED = 1e19, 1e-5  # meters, and part of a distance that float32 may round away, amply
 # of a triangle's longest side over the square of its height as part of that: what the tree errs by,
 # in float32
 LOST = 4e-8
@@ -28,7 +28,7 @@ FLAT = 1e-6  # a triangle's height as part of its longest side, up to which noth
 class Surface:
     """A triangle surface with queries for nearest points.
 
-    points: (n, 3) metres, kept as float64.
+    points: (n, 3) meters, kept as float64.
     triangles: (m, 3) indices.
 
     Blender's BVH tree stores float32. To lose little precision it is built relative to the middle
@@ -47,7 +47,7 @@ class Surface:
         They run along the longest side of each, and are so dense that every point of the triangle
         is within NEAR of the surface's size.
 
-        ends: (l, 2, 3) metres.
+        ends: (l, 2, 3) meters.
         triangle: (l,) triangle of each line.
         """
         a, b, c = (self.points[self.triangles[:, i]] for i in range(3))
@@ -75,9 +75,9 @@ class Surface:
     def nearest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the surface's nearest points to `points`, (k, 3).
 
-        at: (k, 3) metres.
+        at: (k, 3) meters.
         triangle: (k,) intp.
-        distance: (k,) metres.
+        distance: (k,) meters.
         """
         hits = list(self._hits(points))
         at = np.array([hit[0] for hit in hits], np.float64).reshape(-1, 3) + self.middle
@@ -85,7 +85,7 @@ class Surface:
         return at, triangle, np.array([hit[3] for hit in hits], np.float64)
 
     def distances(self, points: np.ndarray) -> np.ndarray:
-        """Return the distance (k,) metres of `points` (k, 3) to the surface.
+        """Return the distance (k,) meters of `points` (k, 3) to the surface.
 
         This is faster than `nearest`.
         """
@@ -107,7 +107,7 @@ class Surface:
             yield hit
 
     def through(self, points: np.ndarray, ways: np.ndarray) -> np.ndarray:
-        """Return how far it is from `points` (k, 3) inside the surface, or on it, to the outside: (k,) metres.
+        """Return how far it is from `points` (k, 3) inside the surface, or on it, to the outside: (k,) meters.
 
         ways: (k, 3), of unit length. They end at the first triangle seen from its back; infinite where there is none. Triangles
         seen from their front lie inside, as a body does in its clothes.
@@ -129,7 +129,7 @@ class Surface:
     def facing(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the surface's nearest points to `points`, and its normals there.
 
-        Both are (k, 3): metres, and of unit length.
+        Both are (k, 3): meters, and of unit length.
         """
         at, triangle, _ = self.nearest(points)
         a, b, c = (self.points[self.triangles[triangle, i]] for i in range(3))
@@ -137,26 +137,26 @@ class Surface:
 
     @cached_property
     def area(self) -> np.ndarray:
-        """Return twice the area of each triangle: (m,) square metres."""
+        """Return twice the area of each triangle: (m,) square meters."""
         a, b, c = (self.points[self.triangles[:, i]] for i in range(3))
         return np.linalg.norm(np.cross(b - a, c - a), axis=1)
 
     @cached_property
     def shown(self) -> float:
-        """Return the area of the silhouette, square metres, a mean over some directions."""
+        """Return the area of the silhouette, square meters, a mean over some directions."""
         return float(areas(self.points, self.triangles, np.zeros(len(self.triangles), np.intp), 1, SILHOUETTE)[0])
 
     @property
     def corners(self) -> np.ndarray:
-        """Return the points (k, 3) that triangles use, metres."""
+        """Return the points (k, 3) that triangles use, meters."""
         return self.points[np.unique(self.triangles)]
 
     def at(self, triangle: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """Return points (k, 3) metres at barycentric `weights` (k, 3) of triangles (k,)."""
+        """Return points (k, 3) meters at barycentric `weights` (k, 3) of triangles (k,)."""
         return np.einsum("kc,kcd->kd", weights, self.points[self.triangles[triangle]])
 
     def samples(self, count: int) -> np.ndarray:
-        """Return points (k, 3) metres: the corners, then `count` spread evenly by area.
+        """Return points (k, 3) meters: the corners, then `count` spread evenly by area.
 
         Only the corners if the surface has no area.
         """
@@ -192,7 +192,7 @@ def moving(points: Sequence[np.ndarray], triangles: np.ndarray) -> Moving | None
     Triangles without area in every pose are left out. Points at the same place in every pose are
     merged, since importers split them along seams.
 
-    points: for each pose (n, 3) metres.
+    points: for each pose (n, 3) meters.
     triangles: (m, 3).
     """
     triangles = triangles[np.any([has_area(each[triangles]) for each in points], axis=0)]
@@ -230,7 +230,7 @@ def same_faces(one: np.ndarray, other: np.ndarray) -> bool:
 
 
 def deviation(one: Surface, other: Surface, count: int) -> tuple[float, float]:
-    """Return (symmetric Hausdorff distance, root mean square) of surfaces, metres.
+    """Return (symmetric Hausdorff distance, root mean square) of surfaces, meters.
 
     Distances are measured at vertices, centers of triangles, and `count` samples of each surface.
     The triangles farthest off are then divided up to HALVED times and measured more densely. The
@@ -246,7 +246,7 @@ def deviation(one: Surface, other: Surface, count: int) -> tuple[float, float]:
 
 
 def spread(one: Surface, other: Surface, count: int) -> float:
-    """Return the root mean square distance of two surfaces, metres.
+    """Return the root mean square distance of two surfaces, meters.
 
     It is measured at `count` samples of each surface, to the other. The larger one counts.
     """
@@ -254,7 +254,7 @@ def spread(one: Surface, other: Surface, count: int) -> float:
 
 
 def roughly(one: Surface, other: Surface, count: int) -> float:
-    """Estimate the symmetric Hausdorff distance of two surfaces, metres.
+    """Estimate the symmetric Hausdorff distance of two surfaces, meters.
 
     It looks at a corner and the center of about `count` / 2 triangles of each, then at the corners
     and sides of the FARTHEST triangles farthest off. That is good enough for a choice.
@@ -273,7 +273,7 @@ def _roughly(one: Surface, other: Surface, count: int) -> float:
 
 
 def _away(one: Surface, other: Surface, count: int) -> tuple[float, float]:
-    """Return (largest distance, root mean square) from `one` to `other`, metres."""
+    """Return (largest distance, root mean square) from `one` to `other`, meters."""
     used, triangles = np.unique(one.triangles, return_inverse=True)
     corners = other.distances(one.points[used])
     if not one.area.any():

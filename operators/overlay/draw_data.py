@@ -40,11 +40,11 @@ class Style:
 
 @dataclass(frozen=True)
 class Drawing:
-    """One frame's instances, points and lines, in metres relative to `origin`.
+    """One frame's instances, points and lines, in meters relative to `origin`.
 
-    Relative positions keep float32 accurate to a millimetre, wherever in the world the shot is.
+    Relative positions keep float32 accurate to a millimeter, wherever in the world the shot is.
 
-    origin: (3,) float64, world metres, the camera's position.
+    origin: (3,) float64, world meters, the camera's position.
     agents: (m, 8) float32, the instances, sorted by draw: x, y, z of the feet, heading, phase,
         look, pitch, roll (radians); (m, 9) with their scale, where they are of several sizes. look is 4 * color index + 2 + share. share selects the part of
         a dither pattern that is drawn: above 0 the pattern below it, below 0 the rest, at 0 all.
@@ -57,7 +57,7 @@ class Drawing:
         culled agents last.
     colors: (n, 4) float32, linear RGBA, of the points.
     sizes: (n,) float32, relative to the largest character's.
-    diameter: metres of a point of size 1.
+    diameter: meters of a point of size 1.
     lines: (m, 2, 3) float32, both ends.
     line_colors: (m, 2, 4) float32, linear RGBA.
     """
@@ -178,9 +178,9 @@ def frustum_lines(camera: Camera, begins: np.ndarray) -> tuple[np.ndarray, np.nd
 
     The lines are the frustum's edges, and a rectangle where each LOD begins, in its tint. Where
     groups have other limits, a LOD has several rectangles. A panoramic camera has no lines.
-    Returns ends (m, 2, 3) float64, world metres, and colors (m, 2, 4) float32, linear RGBA.
+    Returns ends (m, 2, 3) float64, world meters, and colors (m, 2, 4) float32, linear RGBA.
 
-    begins: (G, n - 1) metres, see crowd_lod.levels.assignment.limits.
+    begins: (G, n - 1) meters, see crowd_lod.levels.assignment.limits.
     """
     if camera.kind == "PANO":
         return np.empty((0, 2, 3)), np.empty((0, 2, 4), np.float32)

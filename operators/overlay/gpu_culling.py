@@ -37,7 +37,7 @@ PART = 256  # counts that a thread sums
 THREADS = 64  # in a work group
 # Far more than all roundings of float32: some ten of them, each 2 ** -24 of the terms' sizes.
 SLACK = 2.0**-19
-# Metres: of what is larger, float32 loses the square; a slack is no smaller.
+# Meters: of what is larger, float32 loses the square; a slack is no smaller.
 HUGE, TINY = 1e15, 1e-20
 # Frames that each way is tried for, and milliseconds from which on a plan is worth trying another.
 TRIES, WORTH = 4, 1.0
@@ -253,7 +253,7 @@ class Faster:
             self.usable = on_gpu = False
             frame = plan_of(trajectory, request)
         took = self._took[on_gpu]
-        took.append(sum(ms for stage, ms in frame.milliseconds.items() if stage != "behaviour"))
+        took.append(sum(ms for stage, ms in frame.milliseconds.items() if stage != "behavior"))
         del took[:-TRIES]
         return frame
 

@@ -134,7 +134,7 @@ def paint(batches: Batches, view: np.ndarray, projection: np.ndarray, size: tupl
             shader = shader_programs.points()
             shader.bind()
             shader.uniform_float("matrix", Matrix(matrix.tolist()))
-            shader.uniform_float("pixels_per_metre", float(projection[1, 1] * size[1] / 2))
+            shader.uniform_float("pixels_per_meter", float(projection[1, 1] * size[1] / 2))
             shader.uniform_float("diameter", batches.diameter)
             shader.uniform_float("bounds", [pixels * ui_scale for pixels in POINT_PIXELS])
             batches.points.draw(shader)
@@ -248,7 +248,7 @@ def _palette_texture(palette: np.ndarray) -> "GPUTexture":
 
 def _point_batch(positions: np.ndarray, colors: np.ndarray, sizes: np.ndarray) -> "GPUBatch | None":
     """Return the batch of a Drawing's points, or None without points."""
-    columns = {"position": positions, "colour": colors, "size": sizes}
+    columns = {"position": positions, "color": colors, "size": sizes}
     return _batch(columns, None, "POINTS") if len(positions) else None
 
 
@@ -337,7 +337,7 @@ def _mesh_batch(mesh: SkinnedMesh, joints: bool) -> "GPUBatch | None":
     joints: whether the draw skins the mesh, so that the batch needs positions, normals, joints and
         weights.
     """
-    columns = {"uv": mesh.uvs, "base_colour": mesh.colors, "layer": mesh.layers} | (_jointed(mesh) if joints else {})
+    columns = {"uv": mesh.uvs, "base_color": mesh.colors, "layer": mesh.layers} | (_jointed(mesh) if joints else {})
     return _batch(columns, mesh.triangles) if len(mesh.triangles) else None
 
 

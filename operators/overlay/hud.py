@@ -15,7 +15,7 @@ from . import shader_programs
 from .agent_colors import Colors
 from .gpu_draw import LINE_PIXELS
 
-STAGES = {"behaviour": "Behavior", "culling": "Culling", "levels": "Levels", "sorting": "Sorting", "drawing": "Drawing"}
+STAGES = {"behavior": "Behavior", "culling": "Culling", "levels": "Levels", "sorting": "Sorting", "drawing": "Drawing"}
 WHITE, RING, BEHIND = (0.9, 0.9, 0.9, 1.0), (1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.5)  # sRGB
 SAMPLE = "Agents 0123456789, visible"  # of the figures' letters, for their mean width
 # nominal pixels; LINE is that of Blender's own text, the viewport's name and so on

@@ -44,8 +44,8 @@ def from_above(area: Area, eye: np.ndarray, places: np.ndarray) -> tuple[np.ndar
 
     The view covers the area and the eye, and no height of `places` is clipped.
 
-    eye: (3,) world metres.
-    places: (n, 3) metres, relative to the eye.
+    eye: (3,) world meters.
+    places: (n, 3) meters, relative to the eye.
     """
     aspect = SIZE[0] / SIZE[1]
     low = np.minimum(eye[:2], (area.x_min, area.y_min))

@@ -47,7 +47,7 @@ def mesh_interface(kind: str, materials: bool = False) -> "GPUShaderCreateInfo":
     if materials:
         info.define("MATERIALS", "1")
         info.vertex_in(4, "VEC2", "uv")
-        info.vertex_in(5, "VEC3", "base_colour")
+        info.vertex_in(5, "VEC3", "base_color")
         info.vertex_in(6, "FLOAT", "layer")
     else:
         info.sampler(2, "FLOAT_2D", "palette")
@@ -125,11 +125,11 @@ def points() -> "GPUShader":
     between.flat("VEC4", "tint")
     info = GPUShaderCreateInfo()
     info.push_constant("MAT4", "matrix")
-    info.push_constant("FLOAT", "pixels_per_metre")  # at a distance of 1 m; orthographic: anywhere
-    info.push_constant("FLOAT", "diameter")  # metres
+    info.push_constant("FLOAT", "pixels_per_meter")  # at a distance of 1 m; orthographic: anywhere
+    info.push_constant("FLOAT", "diameter")  # meters
     info.push_constant("VEC2", "bounds")  # pixels
     info.vertex_in(0, "VEC3", "position")
-    info.vertex_in(1, "VEC4", "colour")
+    info.vertex_in(1, "VEC4", "color")
     info.vertex_in(2, "FLOAT", "size")
     info.vertex_out(between)
     info.fragment_out(0, "VEC4", "result")

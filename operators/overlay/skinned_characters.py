@@ -36,7 +36,7 @@ class Character:
     meshes: one per LOD, finest first.
     images: (n, size, size, 4) uint8, sRGB, bottom row first: the images of the meshes' materials.
     color: (3,) linear, the mean base color of the vertices of all LODs.
-    off: greatest distance in metres of a vertex of LOD 0 from Blender's own; inf if the two cannot
+    off: greatest distance in meters of a vertex of LOD 0 from Blender's own; inf if the two cannot
         be compared.
     told: a sentence about `off` for the user if it is more than TOLERANCE of the diagonal, else
         None.
@@ -312,7 +312,7 @@ def _piece(part: _Part, joints: _Joints, read: tuple) -> tuple[SkinnedMesh, Skin
 def _compare(played: Played, parts: list[_Part], sources: list[SkinnedMesh], frames, origin) -> float:
     """Return the greatest distance of the skinned `sources` from Blender's vertices.
 
-    In metres, over POSES of the moments; inf if vertex counts differ.
+    In meters, over POSES of the moments; inf if vertex counts differ.
     """
     stage, performance, times = played
     for part in parts:

@@ -25,7 +25,7 @@ def camera_of(view: np.ndarray, projection: np.ndarray, pixels: tuple[int, int],
     view: (4, 4) float64, world to viewer's space.
     projection: (4, 4) float64, OpenGL's, perspective or orthographic.
     pixels: width and height of the picture.
-    clip: near and far in metres, used for perspective: a float32 matrix no longer holds the far
+    clip: near and far in meters, used for perspective: a float32 matrix no longer holds the far
         one. An orthographic view takes both from the matrix, because Blender's begins behind the
         viewer.
     """

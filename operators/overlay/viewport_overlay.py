@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import bpy
 import numpy as np
 
-from ...crowd_lod.behaviour.walk import stray_places
+from ...crowd_lod.behavior.walk import stray_places
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.levels.assignment import Bias

@@ -9,7 +9,7 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
 from ...crowd_lod.planning.exceptions import named
 from ...crowd_lod.trajectory.trajectory import Trajectory
-from ..blender.labelled_properties import EnumProperty, FloatProperty
+from ..blender.labeled_properties import EnumProperty, FloatProperty
 from ..blender.operator import Reporting
 from ..crowd import needs
 from ..crowd.hand_edits import unedited
@@ -18,7 +18,7 @@ from ..crowd.scene_crowd import trajectory_of
 from ..crowd.shot_exceptions import REGIONS, find_agents
 from ..overlay import viewport_overlay
 
-NUDGE, TURN = 0.5, pi / 2  # metres and radians by which one press moves and turns
+NUDGE, TURN = 0.5, pi / 2  # meters and radians by which one press moves and turns
 # kind: name and icon of its button
 BUTTONS = {
     "NUDGE": ("Nudge", "EMPTY_ARROWS"),
@@ -39,7 +39,7 @@ class CROWDLOD_OT_edit_agent(Reporting, bpy.types.Operator):
     kind: EnumProperty(
         name="Change",
         items=[
-            ("NUDGE", "Nudge", "Half a metre along x; press again for as much more"),
+            ("NUDGE", "Nudge", "Half a meter along x; press again for as much more"),
             ("TURN", "Turn", "By 90 degrees; press again for as much more"),
             ("HIDE", "Hide", "It is not there, nor is its shadow"),
             ("GROUP", "Swap Group", "To the next character group; press again for the one after it"),

@@ -3,7 +3,7 @@
 import bpy
 
 from ...crowd_lod.format import counted
-from ..blender.labelled_properties import BoolProperty, PointerProperty, StringProperty
+from ..blender.labeled_properties import BoolProperty, PointerProperty, StringProperty
 from ..blender.operator import Reporting
 from ..crowd import map_areas
 from ..crowd.machine_editor import draft_of, selected

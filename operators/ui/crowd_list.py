@@ -5,7 +5,7 @@ import bpy
 from ..blender.operator import Reporting
 from ..crowd import needs
 from ..crowd.tracks_source import told_of_frames
-from .drawing import button, greyed, label
+from .drawing import button, grayed, label
 from .settings_list import Removing, draw_list
 from .step_panel import Step
 
@@ -120,9 +120,9 @@ def draw_source(layout, crowd) -> None:
         draw_start(layout, crowd)
     layout.prop(crowd, "seed")
     layout.prop(crowd, "group_names")
-    greyed(layout, crowd.source != "POINTS").prop(crowd, "center")
+    grayed(layout, crowd.source != "POINTS").prop(crowd, "center")
     stretched = crowd.source == "FILE" and crowd.height_image is not None  # over the crowd's ground
-    greyed(layout, crowd.source == "MACHINE" or stretched).prop(crowd, "size")
+    grayed(layout, crowd.source == "MACHINE" or stretched).prop(crowd, "size")
 
 
 def draw_start(layout, crowd) -> None:
@@ -146,27 +146,27 @@ def draw_start(layout, crowd) -> None:
 
 def draw_ground(layout, crowd) -> None:
     """Draw what the agents of a crowd stand on; grayed where their heights are those of points."""
-    whole = greyed(layout, crowd.source != "POINTS")
+    whole = grayed(layout, crowd.source != "POINTS")
     for name in ("terrain", "terrain_object"):
         whole.prop(crowd, name)
     terrain = crowd.terrain is not None or crowd.terrain_object is not None
-    column = greyed(whole, not terrain)
+    column = grayed(whole, not terrain)
     label(column, "Height Map")
     column.template_ID(crowd, "height_image", open="image.open")
-    greyed(column, crowd.height_image is not None).prop(crowd, "height_scale")
-    greyed(whole, terrain or crowd.height_image is not None).prop(crowd, "tilt")
+    grayed(column, crowd.height_image is not None).prop(crowd, "height_scale")
+    grayed(whole, terrain or crowd.height_image is not None).prop(crowd, "tilt")
     if crowd.source == "POINTS":
         label(layout, "The points have their heights", "INFO")
 
 
 def draw_behavior(layout, crowd) -> None:
     """Draw what the agents of a crowd do; grayed where a file or an object moves them."""
-    column = greyed(layout, crowd.source == "MACHINE")
+    column = grayed(layout, crowd.source == "MACHINE")
     label(column, "Label Map")
     column.template_ID(crowd, "map_image", open="image.open")
     label(column, "State Machine")
     column.template_ID(crowd, "machine", new="text.new", open="text.open")
-    greyed(layout, crowd.source != "POINTS").prop(crowd, "first_frame")
+    grayed(layout, crowd.source != "POINTS").prop(crowd, "first_frame")
 
 
 def draw_simulation(layout, crowd, index: int) -> None:

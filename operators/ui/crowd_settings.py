@@ -4,7 +4,7 @@ import bpy
 
 from ...crowd_lod.crowd.agents import MOST_AGENTS
 from ...crowd_lod.levels.assignment import MOST_LEVELS
-from ..blender.labelled_properties import (
+from ..blender.labeled_properties import (
     BoolProperty,
     CollectionProperty,
     EnumProperty,
@@ -15,7 +15,6 @@ from ..blender.labelled_properties import (
     StringProperty,
 )
 from ..crowd.outdated_estimate import outdate
-from ..crowd.renamed_settings import OLD, renamed
 from .area_list import CrowdLodArea
 
 
@@ -63,7 +62,7 @@ class CrowdSettings:
         name="Unit",
         description="Unit of length in the file",
         items=[
-            ("AUTO", "From File", "The unit that the file names, or else metres"),
+            ("AUTO", "From File", "The unit that the file names, or else meters"),
             ("M", "Meters", ""),
             ("CM", "Centimeters", ""),
             ("MM", "Millimeters", ""),
@@ -147,10 +146,7 @@ class CrowdSettings:
         type=bpy.types.Mesh, name="Places", description="Places to start on an object, as Populate drew them"
     )
     seed: IntProperty(name="Seed", min=0, description="The same seed gives the same crowd")
-    center: renamed(
-        FloatVectorProperty, "center", name="Center", size=3, subtype="TRANSLATION", description="Center of the crowd's ground"
-    )
-    centre: FloatVectorProperty(name="Center", size=3, **OLD)
+    center: FloatVectorProperty(name="Center", size=3, subtype="TRANSLATION", description="Center of the crowd's ground")
     size: FloatVectorProperty(
         name="Size",
         size=2,

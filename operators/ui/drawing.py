@@ -46,7 +46,7 @@ def button(layout, name: str, text: str = "", icon: str = "NONE", following: str
     return row.operator(name, icon=icon)
 
 
-def greyed(layout, active: bool) -> bpy.types.UILayout:
+def grayed(layout, active: bool) -> bpy.types.UILayout:
     """Return a column whose settings are grayed where they do not apply."""
     column = layout.column()
     column.active = active
@@ -62,7 +62,7 @@ def wide(layout, settings, name: str) -> None:
 
 def length(context, units: float) -> str:
     return bpy.utils.units.to_string(
-        context.scene.unit_settings.system, "LENGTH", units * scene_data.metres(context.scene), precision=3
+        context.scene.unit_settings.system, "LENGTH", units * scene_data.meters(context.scene), precision=3
     )
 
 

@@ -3,7 +3,7 @@
 import bpy
 
 from ...crowd_lod.levels.assignment import MOST_LEVELS
-from ..blender.labelled_properties import (
+from ..blender.labeled_properties import (
     BoolProperty,
     EnumProperty,
     FloatProperty,

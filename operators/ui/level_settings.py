@@ -3,7 +3,7 @@
 import bpy
 
 from ...crowd_lod.levels.assignment import MOST_LEVELS
-from ..blender.labelled_properties import (
+from ..blender.labeled_properties import (
     BoolProperty,
     CollectionProperty,
     EnumProperty,
@@ -15,7 +15,6 @@ from ..blender.labelled_properties import (
     StringProperty,
 )
 from ..crowd.outdated_estimate import outdate
-from ..crowd.renamed_settings import OLD, renamed
 from ..crowd.scene_crowd import set_down
 from ..crowd.threshold_order import push, push_all
 
@@ -24,7 +23,6 @@ METHODS = (
     ("POSE_AWARE", "Pose-Aware", "Quadric edge collapse that heeds the poses of the action and keeps UV seams"),
     ("DECIMATE", "Decimate Modifier", "Blender's own, which looks at the rest pose; it is quicker"),
 )
-OLD_METHODS = "AUTO", "FAST", "PRECISE"  # how files call these
 SIZES = (200, 80, 40, 20, 10, 5, 2)
 THRESHOLDS = (0.15, 0.4, 0.6, 0.7, 0.8, 0.9, 1.0)
 
@@ -32,17 +30,16 @@ THRESHOLDS = (0.15, 0.4, 0.6, 0.7, 0.8, 0.9, 1.0)
 class CrowdLodAction(bpy.types.PropertyGroup):
     """Measurements of the action that states name `name`, as one character group plays it."""
 
-    stride: FloatProperty(name="Stride", unit="LENGTH", description="Metres walked in a cycle; 0 plays the action by time")
+    stride: FloatProperty(name="Stride", unit="LENGTH", description="Meters walked in a cycle; 0 plays the action by time")
     period: FloatProperty(name="Period", unit="TIME_ABSOLUTE", description="Seconds in a cycle of the action")
 
 
 class CrowdLodGroup(bpy.types.PropertyGroup):
     """Measurements of the character group `name`, and its own LOD thresholds."""
 
-    center: renamed(FloatProperty, "center", name="Center", unit="LENGTH", description="Height of the bounding sphere's center")
-    centre: FloatProperty(name="Center", **OLD)
+    center: FloatProperty(name="Center", unit="LENGTH", description="Height of the bounding sphere's center")
     radius: FloatProperty(name="Radius", unit="LENGTH", description="Radius of the bounding sphere over the whole action")
-    stride: FloatProperty(name="Stride", unit="LENGTH", description="Metres walked in a cycle; 0 plays the action by time")
+    stride: FloatProperty(name="Stride", unit="LENGTH", description="Meters walked in a cycle; 0 plays the action by time")
     period: FloatProperty(name="Period", unit="TIME_ABSOLUTE", description="Seconds in a cycle of the action")
     share: FloatProperty(
         name="Share", min=0, soft_max=10, default=1, description="Share of the agents, in proportion to the other groups'"
@@ -172,17 +169,7 @@ class LevelSettings:
         default=(1.0, 0.4, 0.12, 0.05, 0.03, 0.02, 0.015, 0.01),
         description="Part of the triangles that each LOD keeps",
     )
-    method: renamed(
-        EnumProperty,
-        "method",
-        name="Decimation",
-        description="How the LOD meshes are made",
-        items=METHODS,
-        old=OLD_METHODS,
-    )
-    way: EnumProperty(
-        name="Decimation", **OLD, items=[(old, *method[1:]) for old, method in zip(OLD_METHODS, METHODS, strict=True)]
-    )
+    method: EnumProperty(name="Decimation", description="How the LOD meshes are made", items=METHODS)
     thresholds: FloatVectorProperty(
         update=push("thresholds"),
         name="Threshold",

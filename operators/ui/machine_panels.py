@@ -9,13 +9,13 @@ import bpy
 import numpy as np
 
 from ..blender import scene_cache
-from ..blender.labelled_properties import CONTEXT
+from ..blender.labeled_properties import CONTEXT
 from ..crowd import map_areas
 from ..crowd.machine_editor import cell_of, draft_of, faulty, lacking, problem_of, selected
 from ..overlay import viewport_overlay
 from .area_list import draw_areas
 from .crowd_list import MOVERS
-from .drawing import greyed, label, letters_of, paragraph
+from .drawing import grayed, label, letters_of, paragraph
 from .machine_settings import MOST_TARGETS, color_of, rows_of
 from .step_panel import Step
 from .swatches import swatch
@@ -129,7 +129,7 @@ def _mover(layout, settings) -> None:
 
 
 class _Editor(Step):
-    bl_parent_id = "CROWDLOD_PT_behaviour"
+    bl_parent_id = "CROWDLOD_PT_behavior"
 
     def body(self, context, layout, settings) -> None:
         found = draft_of(context.scene)
@@ -137,7 +137,7 @@ class _Editor(Step):
             _problem(context, layout)
             return
         rows_of(context, "states", found.states)
-        self.editor(context, greyed(layout, settings.source == "MACHINE"), context.scene.crowd_lod_editor, found)
+        self.editor(context, grayed(layout, settings.source == "MACHINE"), context.scene.crowd_lod_editor, found)
         _problem(context, layout)
         _mover(layout, settings)
 
@@ -160,7 +160,7 @@ class CROWDLOD_PT_states(_Editor, bpy.types.Panel):
         field("action", "action")
         field("fade", "fade")
         field("use_timer", "after")
-        timer = greyed(layout, editor.use_timer)
+        timer = grayed(layout, editor.use_timer)
         column = timer.column(align=True)
         column.alert = found.faulty("states", state, "after")
         column.prop(editor, "timer_least")
@@ -179,12 +179,12 @@ class CROWDLOD_PT_rules(_Editor, bpy.types.Panel):
         label(layout, state)
         _list(context, layout, "rules", found.rows(state), 6)
         column = layout.column(align=True)
-        greyed(column, row != "*").prop(editor, "own_rule")
-        walk = greyed(column, found.has_rule(state, row))
+        grayed(column, row != "*").prop(editor, "own_rule")
+        walk = grayed(column, found.has_rule(state, row))
         walk.alert = any(found.faulty("states", state, "on", row, field) for field in ("move", "speed", "heading"))
         walk.prop(editor, "speed")
         walk.prop(editor, "heading")
-        following = greyed(column, found.has_rule(state, row))
+        following = grayed(column, found.has_rule(state, row))
         following.alert = found.faulty("states", state, "on", row, "next")
         _draw_targets(context, following, found.targets(state, row), "next")
 
@@ -242,16 +242,16 @@ class CROWDLOD_PT_labels(_Editor, bpy.types.Panel):
             column.prop(editor, field)
         row = layout.row()
         row.operator("crowd_lod.new_map", icon="ADD")
-        greyed(layout, context.scene.crowd_lod.map_image is not None).prop(editor, "show_map")
+        grayed(layout, context.scene.crowd_lod.map_image is not None).prop(editor, "show_map")
 
 
 class CROWDLOD_PT_areas(Step, bpy.types.Panel):
     bl_label = "Walls and Areas"
-    bl_parent_id = "CROWDLOD_PT_behaviour"
+    bl_parent_id = "CROWDLOD_PT_behavior"
 
     def body(self, context, layout, settings) -> None:
         rows_of(context, "labels", draft_of(context.scene).labels)
-        draw_areas(greyed(layout, settings.source == "MACHINE"), context, settings)
+        draw_areas(grayed(layout, settings.source == "MACHINE"), context, settings)
         _mover(layout, settings)
         if trouble := map_areas.trouble_of(context.scene):
             paragraph(layout, trouble, "ERROR", letters_of(context))

@@ -13,7 +13,7 @@ import numpy as np
 from ...crowd_lod.crowd import machine_edits as edits
 from ...crowd_lod.crowd.state_machine import EDGES, SHORTEST
 from ...crowd_lod.errors import CrowdError
-from ..blender.labelled_properties import (
+from ..blender.labeled_properties import (
     BoolProperty,
     CollectionProperty,
     EnumProperty,
@@ -275,7 +275,7 @@ class CrowdLodMachineEditor(bpy.types.PropertyGroup):
     )
     speed: FloatProperty(
         name="Speed",
-        description="Metres per second in this state on this label",
+        description="Meters per second in this state on this label",
         min=0,
         step=5,
         soft_max=5,

@@ -3,7 +3,7 @@
 import bpy
 
 from ... import sample_scenes
-from ..blender.labelled_properties import CONTEXT
+from ..blender.labeled_properties import CONTEXT
 from .agent_edits import BUTTONS
 
 WEBSITE = "https://github.com/crowd-lod/crowd-lod"

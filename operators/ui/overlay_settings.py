@@ -1,7 +1,6 @@
 """Settings of the overlay in the viewport."""
 
-from ..blender.labelled_properties import BoolProperty, EnumProperty, FloatProperty, IntProperty
-from ..crowd.renamed_settings import OLD, renamed
+from ..blender.labeled_properties import BoolProperty, EnumProperty, FloatProperty, IntProperty
 from .shot_settings import COLORS
 
 OVERLAY_COLORS = (
@@ -26,14 +25,7 @@ class OverlaySettings:
             ("POINTS", "Points", "As wide as the characters; for very many"),
         ],
     )
-    overlay_color: renamed(
-        EnumProperty,
-        "overlay_color",
-        name="Overlay Color",
-        description="Colors of the agents in the overlay",
-        items=OVERLAY_COLORS,
-    )
-    overlay_colour: EnumProperty(name="Overlay Color", items=OVERLAY_COLORS, **OLD)
+    overlay_color: EnumProperty(name="Overlay Color", description="Colors of the agents in the overlay", items=OVERLAY_COLORS)
     overlay_camera: EnumProperty(
         name="Seen From",
         description="View that culls agents and chooses LODs in the overlay",

@@ -9,7 +9,7 @@ from textwrap import shorten
 import bpy
 
 from ... import sample_scenes
-from ...crowd_lod.behaviour.walk import walks_of
+from ...crowd_lod.behavior.walk import walks_of
 from ...crowd_lod.format import counted
 from ..blender.props import PROP
 from ..crowd.prop_button import props_in
@@ -18,7 +18,7 @@ from ..overlay import viewport_overlay
 from . import steps
 from .agent_edits import draw_edits
 from .crowd_list import MOVERS, draw_behavior, draw_ground, draw_simulation, draw_source
-from .drawing import LOD_COLORS, MOST_ROWS, button, cells, greyed, label, length, letters_of, table, wide
+from .drawing import LOD_COLORS, MOST_ROWS, button, cells, grayed, label, length, letters_of, table, wide
 from .step_panel import Sidebar, Step, presets_button
 
 
@@ -101,7 +101,7 @@ class CROWDLOD_PT_samples(Step, bpy.types.Panel):
             row.operator("crowd_lod.sample", text=name.capitalize(), translate=False).name = name
 
 
-class CROWDLOD_PT_behaviour(Step, bpy.types.Panel):
+class CROWDLOD_PT_behavior(Step, bpy.types.Panel):
     bl_label = "Behavior"
     step = "behavior"
 
@@ -120,7 +120,7 @@ class CROWDLOD_PT_behaviour(Step, bpy.types.Panel):
 
 class CROWDLOD_PT_heights(Step, bpy.types.Panel):
     bl_label = "Ground"
-    bl_parent_id = "CROWDLOD_PT_behaviour"
+    bl_parent_id = "CROWDLOD_PT_behavior"
 
     def body(self, context, layout, settings) -> None:
         draw_ground(layout, settings)
@@ -128,7 +128,7 @@ class CROWDLOD_PT_heights(Step, bpy.types.Panel):
 
 class CROWDLOD_PT_simulation(Step, bpy.types.Panel):
     bl_label = "Simulation"
-    bl_parent_id = "CROWDLOD_PT_behaviour"
+    bl_parent_id = "CROWDLOD_PT_behavior"
 
     def body(self, context, layout, settings) -> None:
         draw_simulation(layout, settings, 0)
@@ -141,7 +141,7 @@ class CROWDLOD_PT_camera(Step, bpy.types.Panel):
     def body(self, context, layout, settings) -> None:
         layout.prop(context.scene, "camera", text="Active Camera", translate=False)
         wide(layout, settings, "shadows")
-        greyed(layout, settings.shadows).prop(settings, "mirrors")
+        grayed(layout, settings.shadows).prop(settings, "mirrors")
 
 
 class CROWDLOD_PT_culling(Step, bpy.types.Panel):
@@ -150,10 +150,10 @@ class CROWDLOD_PT_culling(Step, bpy.types.Panel):
 
     def body(self, context, layout, settings) -> None:
         layout.prop(settings, "margin_kind")
-        greyed(layout, settings.margin_kind == "FIXED").prop(settings, "margin", text="Distance", translate=False)
-        wide(greyed(layout, context.scene.render.use_border), settings, "cull_to_border")
+        grayed(layout, settings.margin_kind == "FIXED").prop(settings, "margin", text="Distance", translate=False)
+        wide(grayed(layout, context.scene.render.use_border), settings, "cull_to_border")
         wide(layout, settings, "drop_lost")
-        greyed(layout, settings.shadows).prop(settings, "unseen_level")
+        grayed(layout, settings.shadows).prop(settings, "unseen_level")
 
 
 class CROWDLOD_PT_levels(Step, bpy.types.Panel):
@@ -231,7 +231,7 @@ class CROWDLOD_PT_decimation(Step, bpy.types.Panel):
 
     def body(self, context, layout, settings) -> None:
         layout.prop(settings, "method")
-        greyed(layout, settings.choice == "BY_TOLERANCE").prop(settings, "shading_counts")
+        grayed(layout, settings.choice == "BY_TOLERANCE").prop(settings, "shading_counts")
         layout.prop(settings, "scale_textures")
         layout.prop(settings, "bias_image")
         button(layout, "crowd_lod.measure_levels", icon="DRIVER_DISTANCE")
@@ -245,7 +245,7 @@ class CROWDLOD_PT_overlay(Step, bpy.types.Panel):
         self.layout.prop(context.scene.crowd_lod, "overlay", text="")
 
     def body(self, context, layout, settings) -> None:
-        column = greyed(layout, settings.overlay)
+        column = grayed(layout, settings.overlay)
         for name in ("overlay_camera", "overlay_mode", "overlay_color", "hud", "inset"):
             column.prop(settings, name)
         row = column.row(align=True)
@@ -261,7 +261,7 @@ class CROWDLOD_PT_drawing(Step, bpy.types.Panel):
     bl_parent_id = "CROWDLOD_PT_overlay"
 
     def body(self, context, layout, settings) -> None:
-        column = greyed(layout, settings.overlay)
+        column = grayed(layout, settings.overlay)
         for name in ("overlay_culled", "overlay_fade", "hysteresis"):
             column.prop(settings, name)
 
@@ -271,7 +271,7 @@ CLASSES = (
     CROWDLOD_PT_crowd,
     CROWDLOD_PT_groups,
     CROWDLOD_PT_samples,
-    CROWDLOD_PT_behaviour,
+    CROWDLOD_PT_behavior,
     CROWDLOD_PT_heights,
     CROWDLOD_PT_simulation,
     CROWDLOD_PT_camera,

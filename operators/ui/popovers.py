@@ -5,7 +5,7 @@ import bpy
 from ...crowd_lod.format import number
 from ...crowd_lod.levels.assignment import MOST_LEVELS
 from ..blender import scene_data
-from ..blender.labelled_properties import CONTEXT
+from ..blender.labeled_properties import CONTEXT
 from ..crowd.scene_crowd import count_of
 from ..overlay import viewport_overlay
 from ..overlay.hud import STAGES, share, told
@@ -70,7 +70,7 @@ class CROWDLOD_PT_statistics(_Popover, bpy.types.Panel):
             rows = []
             for k in (k for k in range(count) if group.triangles[k]):
                 begin = frame.begins[g, k - 1] if current and k and frame.begins.shape[1] >= k else None
-                deviates = f"{number(1000 * scene_data.metres(context.scene) * group.deviations[k])} mm" if group.diagonal else "-"
+                deviates = f"{number(1000 * scene_data.meters(context.scene) * group.deviations[k])} mm" if group.diagonal else "-"
                 rows.append((f"LOD {k}", f"{group.triangles[k]:,}", deviates, distance(context, begin)))
             table(self.layout, (group.name, "Triangles", "Deviates", "From"), rows)
         lines = settings.dropped.splitlines()

@@ -10,10 +10,9 @@ from bl_operators.presets import AddPresetBase
 from bl_ui.utils import PresetPanel
 
 from ...crowd_lod.format import counted
-from ..blender.labelled_properties import CONTEXT, EnumProperty
+from ..blender.labeled_properties import CONTEXT, EnumProperty
 from ..blender.operator import Reporting
 from ..crowd.outdated_estimate import outdate
-from ..crowd.renamed_settings import STORED
 from ..crowd.threshold_order import note_thresholds
 from .crowd_settings import BehaviorSettings, CameraSettings, CharacterSettings, CrowdSettings, SimulationSettings
 from .level_settings import LevelSettings
@@ -41,11 +40,7 @@ def names_of(step: str) -> list[str]:
     """Return the names of the settings that a preset of the step holds."""
     kinds: Any = CrowdLodSettings.bl_rna.properties
     own = (name for part in STEPS[step] for name in part.__annotations__)
-    return [
-        name
-        for name in own
-        if name not in PASSING and name not in STORED.values() and kinds[name].type in ("BOOLEAN", "INT", "FLOAT", "ENUM")
-    ]
+    return [name for name in own if name not in PASSING and kinds[name].type in ("BOOLEAN", "INT", "FLOAT", "ENUM")]
 
 
 class CROWDLOD_OT_reset(Reporting, bpy.types.Operator):
@@ -59,7 +54,7 @@ class CROWDLOD_OT_reset(Reporting, bpy.types.Operator):
     def run(self, context) -> str:
         names, settings = names_of(self.step), context.scene.crowd_lod
         for name in names:
-            settings.property_unset(STORED.get(name, name))
+            settings.property_unset(name)
         # no setting's update callback is called
         note_thresholds(settings)
         outdate(settings, context)

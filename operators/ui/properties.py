@@ -2,7 +2,7 @@
 
 import bpy
 
-from ..blender.labelled_properties import CollectionProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
+from ..blender.labeled_properties import CollectionProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 from .crowd_settings import BehaviorSettings, CameraSettings, CharacterSettings, CrowdLodCrowd, CrowdSettings, SimulationSettings
 from .level_settings import CrowdLodAction, CrowdLodGroup, LevelSettings
 from .overlay_settings import OverlaySettings
@@ -29,7 +29,6 @@ class CrowdLodSettings(
     Everything else that a plan depends on is in the scene itself.
     """
 
-    version: IntProperty(name="Version", min=0, description="Which version of Crowd LOD these settings are of")
     crowds: CollectionProperty(type=CrowdLodCrowd, name="Further Crowds", description="Crowds beside that of these settings")
     crowd_index: IntProperty(name="Active Crowd", min=0, description="Which of the further crowds the sidebar shows")
     groups: CollectionProperty(type=CrowdLodGroup, name="Character Groups", description="What was measured of each")

@@ -2,7 +2,7 @@
 
 import bpy
 
-from ..blender.labelled_properties import IntProperty
+from ..blender.labeled_properties import IntProperty
 from ..blender.operator import Reporting
 
 

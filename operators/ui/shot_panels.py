@@ -9,7 +9,7 @@ from ..build.view_layers import layers_of
 from ..crowd.hand_edits import EDITS
 from ..overlay import viewport_overlay
 from . import steps
-from .drawing import button, greyed, label, table, wide
+from .drawing import button, grayed, label, table, wide
 from .settings_list import draw_list
 from .step_panel import Step
 
@@ -20,7 +20,7 @@ class CROWDLOD_PT_plan(Step, bpy.types.Panel):
 
     def body(self, context, layout, settings) -> None:
         layout.prop(settings, "own_frames")
-        column = greyed(layout, settings.own_frames and not settings.frames).column(align=True)
+        column = grayed(layout, settings.own_frames and not settings.frames).column(align=True)
         column.prop(settings, "frame_start")
         column.prop(settings, "frame_end")
         layout.prop(settings, "avoid_pops")
@@ -76,23 +76,23 @@ class CROWDLOD_PT_exceptions(Step, bpy.types.Panel):
 
     def entry(self, layout, entry) -> None:
         """Draw the settings of the selected exception."""
-        column = greyed(layout, entry.use)
+        column = grayed(layout, entry.use)
         column.prop(entry, "kind")
         if entry.kind == "GROUP":
             column.prop_search(entry, "group_name", entry.id_data.crowd_lod, "groups")
         elif entry.kind in ("NUDGE", "TURN"):
             column.prop(entry, {"NUDGE": "move", "TURN": "turn"}[entry.kind])
         else:
-            greyed(column, entry.kind != "HIDE").prop(entry, "level")
+            grayed(column, entry.kind != "HIDE").prop(entry, "level")
         column.prop(entry, "chosen_by")
         column.prop(entry, {"MAP": "map_image", "REGION": "region", "VOLUME": "region"}.get(entry.chosen_by, "agents"))
-        by_place = greyed(column, entry.chosen_by != "NUMBERS")
+        by_place = grayed(column, entry.chosen_by != "NUMBERS")
         by_place.prop(entry, "share")
         by_place.prop(entry, "share_seed")
         by_place.operator("crowd_lod.find_agents", icon="VIEWZOOM")
-        span = greyed(column, entry.kind not in EDITS)
+        span = grayed(column, entry.kind not in EDITS)
         span.prop(entry, "all_frames")
-        frames = greyed(span, not entry.all_frames)
+        frames = grayed(span, not entry.all_frames)
         frames.prop(entry, "first_frame")
         frames.prop(entry, "last_frame")
 
@@ -115,7 +115,7 @@ class CROWDLOD_PT_preview(Step, bpy.types.Panel):
         for name in ("step", "width", "engine"):
             layout.prop(settings, name)
         # else its color is the overlay's
-        greyed(layout, settings.engine != "OVERLAY").prop(settings, "color")
+        grayed(layout, settings.engine != "OVERLAY").prop(settings, "color")
         layout.prop(settings, "above", text="From Above", translate=False)
         layout.prop(settings, "folder")
         _with_report(layout, "crowd_lod.preview", "RENDER_ANIMATION", "PREVIEW", "")

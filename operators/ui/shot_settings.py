@@ -2,7 +2,7 @@
 
 import bpy
 
-from ..blender.labelled_properties import (
+from ..blender.labeled_properties import (
     BoolProperty,
     CollectionProperty,
     EnumProperty,
@@ -11,7 +11,6 @@ from ..blender.labelled_properties import (
     PointerProperty,
     StringProperty,
 )
-from ..crowd.renamed_settings import OLD, renamed
 from .exception_list import CrowdLodException
 
 COLORS = (
@@ -86,10 +85,7 @@ class PlanSettings:
 class PreviewSettings:
     """The pictures of a preview."""
 
-    color: renamed(
-        EnumProperty, "color", name="Color", description="Colors of the characters in the previewed pictures", items=COLORS
-    )
-    colour: EnumProperty(name="Color", items=COLORS, **OLD)
+    color: EnumProperty(name="Color", description="Colors of the characters in the previewed pictures", items=COLORS)
     engine: EnumProperty(
         name="Engine",
         description="What draws the previewed pictures",

@@ -1,6 +1,6 @@
 """What the panels of the sidebar have in common."""
 
-from ..blender.labelled_properties import CONTEXT
+from ..blender.labeled_properties import CONTEXT
 from . import steps
 from .drawing import button
 

@@ -42,7 +42,7 @@ class CrowdFile:
             self.stage = usd.Usd.Stage.CreateNew(str(hidden / path.name))
         geometry = usd.UsdGeom
         geometry.SetStageUpAxis(self.stage, geometry.Tokens.z)
-        geometry.SetStageMetersPerUnit(self.stage, scene_data.metres(scene))
+        geometry.SetStageMetersPerUnit(self.stage, scene_data.meters(scene))
         root = geometry.Xform.Define(self.stage, self.ROOT)
         self.stage.SetDefaultPrim(root.GetPrim())
         usd.Usd.ModelAPI(root.GetPrim()).SetKind("component")

@@ -33,7 +33,7 @@ class Materials:
 
     def _write(self, material: bpy.types.Material | None) -> Any:
         shade, types = self.usd.UsdShade, self.usd.Sdf.ValueTypeNames
-        path = f"{self.home}/{self.name(material.name if material else 'Grey')}"
+        path = f"{self.home}/{self.name(material.name if material else 'Gray')}"
         made = shade.Material.Define(self.stage, path)
         surface = shade.Shader.Define(self.stage, f"{path}/Surface")
         surface.CreateIdAttr("UsdPreviewSurface")

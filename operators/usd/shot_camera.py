@@ -56,7 +56,7 @@ def write_camera(usd, stage, path: str, scene: bpy.types.Scene, frames: dict[flo
     """
     camera, render = usd.UsdGeom.Camera.Define(stage, path), scene.render
     placed = camera.AddTransformOp()
-    tenths = 0.01 / scene_data.metres(scene)  # in a millimetre
+    tenths = 0.01 / scene_data.meters(scene)  # in a millimeter
     for number, film in frames.items():
         left, right, bottom, top = film.window
         unit = 10.0 if film.ortho else film.lens * tenths  # of the window

@@ -42,7 +42,7 @@ def scene():
     settings.characters, settings.forward = characters, "X"
     settings.count, settings.size = 300, (40, 40)
     settings.thresholds[:2] = (0.2, 0.5)
-    settings.way = "PRECISE"  # the quickest
+    settings.method = "DECIMATE"  # the quickest
     return scene
 
 

@@ -103,7 +103,7 @@ def agents_of(scene, number):
 
 
 def worst(scene, number):
-    """Metres by which what the build shows of some agents is off the characters themselves, and how many actions they play."""
+    """Meters by which what the build shows of some agents is off the characters themselves, and how many actions they play."""
     crowd, shown = trajectory_of(scene).at(number), [points for level, points in instances(scene) if level == 0]
     off, actions = 0.0, set()
     for agent, action, phase in agents_of(scene, number):
@@ -167,7 +167,7 @@ def test_a_stride_is_measured_by_the_feet_and_an_idle_plays_by_time(waiting):
     assert bpy.data.objects["adult rig"].animation_data.action.name == "walk adult"
 
 
-def travelling(scene, way=1.3541666):
+def traveling(scene, way=1.3541666):
     """An action "stroll adult": the walk, moved forward by its stride in a cycle."""
     action = bpy.data.actions["walk adult"].copy()
     action.name = "stroll adult"
@@ -184,7 +184,7 @@ def travelling(scene, way=1.3541666):
 
 
 def test_root_motion_is_taken_out_and_is_the_stride(waiting):
-    travelling(waiting)
+    traveling(waiting)
     waiting.crowd_lod.characters.children.unlink(waiting.crowd_lod.characters.children["child"])
     group = group_of(waiting, go=going("stroll"))
     assert group.action("stroll").stride == pytest.approx(1.3541666, rel=1e-4)

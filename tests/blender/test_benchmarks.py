@@ -27,7 +27,7 @@ def bench(monkeypatch):
 def test_peers_find_what_the_core_finds_and_leave_the_file_as_it_was(bench, agents):
     before = set(bpy.data.user_map())
     row = bench.stages(agents, 2, 1)
-    assert row["agents"] == agents and {"behaviour", "core", "naive", "six_planes", "geometry_nodes"} <= set(row)
+    assert row["agents"] == agents and {"behavior", "core", "naive", "six_planes", "geometry_nodes"} <= set(row)
     assert ("c_loop" in row) == (bench.loop.library() is not None)
     assert set(bpy.data.user_map()) == before
 

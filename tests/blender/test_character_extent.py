@@ -13,11 +13,11 @@ from mathutils import Matrix
 from ..support.characters import character, new, rig, skin, tube
 from ..support.rigs import keyed
 
-PIXELS, WIDTH = 64, 12.0  # of the picture; metres that it shows
+PIXELS, WIDTH = 64, 12.0  # of the picture; meters that it shows
 
 
 def lit(tmp_path, height, frames=(1,)):
-    """(n, 2) metres to the right and up from the `height` above the scene's origin: the pixels that renders from the side show."""
+    """(n, 2) meters to the right and up from the `height` above the scene's origin: the pixels that renders from the side show."""
     scene = bpy.context.scene
     eye = new("eye", bpy.data.cameras.new("eye"))
     eye.data.type, eye.data.ortho_scale = "ORTHO", WIDTH
@@ -155,7 +155,7 @@ def test_a_sphere_holds_all_that_a_render_shows(case, tmp_path):
 def test_the_plans_sphere_holds_lods_that_stick_out_of_the_character(tmp_path):
     body = new("body", tube("body", 8, 8))
     home, scene = character(body), bpy.context.scene
-    scene.crowd_lod.level_count, scene.crowd_lod.way = 2, "PRECISE"
+    scene.crowd_lod.level_count, scene.crowd_lod.method = 2, "DECIMATE"
     list(make_levels(scene))
     level = scene.crowd_lod.levels.children[1].children[0].objects[0]
     level.data.transform(Matrix.Diagonal((3, 1, 2, 1)))  # an edited LOD
@@ -216,13 +216,13 @@ def sunk():
     skin(body, armature)
     character(body, armature, name="giraffe").instance_offset = (0, 0, 1)
     settings = scene.crowd_lod
-    settings.count, settings.size, settings.level_count, settings.way = 1, (0.001, 0.001), 2, "PRECISE"
+    settings.count, settings.size, settings.level_count, settings.method = 1, (0.001, 0.001), 2, "DECIMATE"
     scene.render.fps = 24
     return scene
 
 
 def pictured(scene, tmp_path):
-    """Metres above the ground, of the lowest that a render of the built crowd shows."""
+    """Meters above the ground, of the lowest that a render of the built crowd shows."""
     scene.frame_set(1)
     return lit(tmp_path, 1.0)[:, 1].min() + 1.0
 

@@ -20,7 +20,7 @@ def far():
     scene = bpy.context.scene
     character(new("body", tube("body", 8, 8)))
     settings = scene.crowd_lod
-    settings.count, settings.size, settings.center, settings.level_count, settings.way = 1, (1, 1), (50, 0, 0), 2, "PRECISE"
+    settings.count, settings.size, settings.center, settings.level_count, settings.method = 1, (1, 1), (50, 0, 0), 2, "DECIMATE"
     eye = new("eye", bpy.data.cameras.new("eye"))
     eye.data.clip_end, eye.rotation_euler = 100, Euler((np.pi / 2, 0, 0))
     scene.collection.objects.link(eye)

@@ -106,7 +106,7 @@ def faders(scene, number):
 
 
 def off(scene, number):
-    """Metres by which what the build shows is off at most, and the steps that agents show."""
+    """Meters by which what the build shows is off at most, and the steps that agents show."""
     crowd, shown = trajectory_of(scene).at(number), [points for level, points in instances(scene) if level == 0]
     worst, steps = 0.0, set()
     for (group, name), (agent, phase) in faders(scene, number).items():

@@ -125,7 +125,7 @@ def test_wrong_weights_show_in_motion_alone():
     with deviation.Posed([right], [[wrong]]) as posed:
         at_rest, (other,) = posed.at(1)
         assert surface.deviation(at_rest, other, deviation.SAMPLES)[0] < 1e-6
-    # bent square, the part from 1 to 1.5 stands up where the right one lies flat: its end is half a metre off
+    # bent square, the part from 1 to 1.5 stands up where the right one lies flat: its end is half a meter off
     assert found.deviations[1] == pytest.approx(0.5, abs=0.12)
     assert 15 < found.worst[1] < 27 and found.rms[1] < found.deviations[1]
 

@@ -13,7 +13,7 @@ from crowd_lod_extension.operators.crowd.scene_world import machine_of, world_of
 
 @pytest.fixture
 def ground():
-    """A scene with the market's machine and a ground of 40 by 20 metres, off the origin."""
+    """A scene with the market's machine and a ground of 40 by 20 meters, off the origin."""
     bpy.ops.crowd_lod.machine_preset(name="market")
     settings = bpy.context.scene.crowd_lod
     settings.center, settings.size = (10, -5, 1), (40, 20)
@@ -128,7 +128,7 @@ def test_selected_meshes_lay_their_label_over_the_painted_map_and_follow(ground)
     bpy.ops.crowd_lod.add_area()
     assert [(entry.name, entry.label) for entry in ground.crowd_lod.areas] == [("Block", "wall")]
     assert place(ground, 10, -5) == "wall" and place(ground, 13, -5) == "lane" and inputs_of(ground) != before
-    assert (labels_of(ground) == "wall").sum() == 8 * 8  # 4 m of half a metre
+    assert (labels_of(ground) == "wall").sum() == 8 * 8  # 4 m of half a meter
     item.location.x = 20
     bpy.context.view_layer.update()
     bpy.ops.crowd_lod.refresh_areas()

@@ -7,7 +7,7 @@ import bpy
 import pytest
 from bl_operators.presets import AddPresetBase
 from crowd_lod_extension.operators import registration
-from crowd_lod_extension.operators.blender.labelled_properties import CONTEXT
+from crowd_lod_extension.operators.blender.labeled_properties import CONTEXT
 
 FILES = sorted((Path(__file__).parents[2] / "operators" / "ui").glob("*.py"))
 TEXTED = {"label", "prop", "operator", "menu", "popover", "progress"}

@@ -20,7 +20,7 @@ def run(scene):
 def two():
     """Two groups, `one` with a rig and a material, `two` without."""
     scene = bpy.context.scene
-    scene.crowd_lod.way = "PRECISE"  # the quickest
+    scene.crowd_lod.method = "DECIMATE"  # the quickest
     armature, body = rig(), new("body", tube("body", 12, 12))
     body.data.materials.append(bpy.data.materials.new("skin"))
     skin(body, armature)
@@ -138,7 +138,7 @@ def test_other_settings_make_all_anew(two):
     run(two)
     two.crowd_lod.ratios[2] = 0.2
     assert run(two)[0].made == ("one", "two")
-    two.crowd_lod.way = "FAST"
+    two.crowd_lod.method = "POSE_AWARE"
     assert run(two)[0].made == ("one", "two")
     two.crowd_lod.level_count = 2
     outcome, lods = run(two)
@@ -189,7 +189,7 @@ def test_esc_at_any_step_leaves_what_was_there(two):
 
 def test_what_is_deleted_between_two_steps_is_one_sentence_and_nothing_is_left(two):
     run(two)
-    two.crowd_lod.way, levels = "FAST", two.crowd_lod.levels
+    two.crowd_lod.method, levels = "POSE_AWARE", two.crowd_lod.levels
     before = {block: block.name for block in bpy.data.user_map()}
     steps = make_levels(two)
     next(steps), next(steps), next(steps)

@@ -146,7 +146,7 @@ def test_nested_collections_shared_meshes_and_props_on_bones_follow_the_bone():
     assert world(left).max(axis=0)[1] < -0.3 or world(left).min(axis=0)[1] < -0.3  # it did move with the bone
 
 
-@pytest.mark.parametrize("way", ["FAST", "PRECISE"])
+@pytest.mark.parametrize("way", ["POSE_AWARE", "DECIMATE"])
 def test_shape_keys_that_move_are_kept_through_modifiers_and_driven_by_the_characters_own(way):
     item = new("body", tube("body"))
     item.shape_key_add(name="Basis")
@@ -162,7 +162,7 @@ def test_shape_keys_that_move_are_kept_through_modifiers_and_driven_by_the_chara
         fat.keyframe_insert("value", frame=frame)
     item.modifiers.new("Subdivision", "SUBSURF").levels = 1
     character(item)
-    bpy.context.scene.crowd_lod.way = way
+    bpy.context.scene.crowd_lod.method = way
     lod = made(1)["body LOD 1"]
     assert lod.data.shape_keys.key_blocks.keys() == ["Basis", "fat"]
     for frame, radius in ((1, 0.2), (10, 0.4)):
@@ -242,7 +242,7 @@ def test_a_missing_library_is_named(tmp_path):
         made()
 
 
-@pytest.mark.parametrize("way", ["FAST", "PRECISE"])
+@pytest.mark.parametrize("way", ["POSE_AWARE", "DECIMATE"])
 def test_one_triangle_and_two_hundred_loose_parts(way):
     one = bpy.data.meshes.new("one")
     one.from_pydata([(0, 0, 0), (1, 0, 0), (0, 0, 1)], [], [(0, 1, 2)])
@@ -254,14 +254,14 @@ def test_one_triangle_and_two_hundred_loose_parts(way):
     parts = bpy.data.meshes.new("parts")
     parts.from_pydata(points, [], faces)
     character(new("one", one), new("parts", parts))
-    bpy.context.scene.crowd_lod.way = way
+    bpy.context.scene.crowd_lod.method = way
     lods = made(1)
     assert triangles(lods["one LOD 1"]) == 1
     found = mesh_data.read_triangles(lods["parts LOD 1"].data)[1]
     assert len(np.unique(np.sort(found, axis=1), axis=0)) == len(found) >= 200  # none twice
 
 
-@pytest.mark.parametrize("way", ["AUTO", "PRECISE"])
+@pytest.mark.parametrize("way", ["AUTO", "DECIMATE"])
 def test_what_the_precise_way_would_leave_nothing_of_is_made_the_fast_way(way, monkeypatch):
     """Hair cards: Blender's Decimate takes the last face of a lone quad, too."""
     monkeypatch.setattr(methods, "LEAST", 0)
@@ -274,18 +274,18 @@ def test_what_the_precise_way_would_leave_nothing_of_is_made_the_fast_way(way, m
     cards.from_pydata(points, [], faces)
     character(new("cards", cards), new("body", tube("body")))
     settings = bpy.context.scene.crowd_lod
-    settings.way, settings.ratios[1], settings.ratios[2] = way, 0.005, 0.002  # less than one face
+    settings.method, settings.ratios[1], settings.ratios[2] = way, 0.005, 0.002  # less than one face
     lods = made(1)
     assert triangles(lods["cards LOD 1"]) >= 1
-    assert lods["cards LOD 1"]["crowd_lod_way"] == "FAST" and "leaves no face" in lods["cards LOD 1"]["crowd_lod_why"]
-    settings.way, settings.ratios[1], settings.ratios[2] = "PRECISE", 0.5, 0.2  # it leaves some
+    assert lods["cards LOD 1"]["crowd_lod_method"] == "POSE_AWARE" and "leaves no face" in lods["cards LOD 1"]["crowd_lod_why"]
+    settings.method, settings.ratios[1], settings.ratios[2] = "DECIMATE", 0.5, 0.2  # it leaves some
     cards = made(1)["cards LOD 1"]
-    assert cards["crowd_lod_way"] == "PRECISE" and len(cards.data.vertices) == len(
+    assert cards["crowd_lod_method"] == "DECIMATE" and len(cards.data.vertices) == len(
         {*(loop.vertex_index for loop in cards.data.loops)}
     )
 
 
-@pytest.mark.parametrize("way", ["FAST", "PRECISE"])
+@pytest.mark.parametrize("way", ["POSE_AWARE", "DECIMATE"])
 def test_vertex_groups_of_what_nodes_join_keep_their_names(way):
     donor = new("donor", tube("donor", 8, 8))
     for name in ("a", "b", "c"):
@@ -306,7 +306,7 @@ def test_vertex_groups_of_what_nodes_join_keep_their_names(way):
     body.modifiers.new("Join", "NODES").node_group = tree
     skin(body, armature)
     character(body)
-    bpy.context.scene.crowd_lod.way = way
+    bpy.context.scene.crowd_lod.method = way
     lod = made(1)["body LOD 1"]
     of = {group.index: group.name for group in lod.vertex_groups}
     assert set(of.values()) == {"a", "b", "c", "lower", "upper"}
@@ -320,7 +320,7 @@ def test_modifiers_count_as_they_are_rendered():
         array = item.modifiers.new("Array", "ARRAY")
         array.show_viewport, array.show_render = seen, rendered
         character(item, name=name)
-    bpy.context.scene.crowd_lod.way = "PRECISE"
+    bpy.context.scene.crowd_lod.method = "DECIMATE"
     wide = {name: np.ptp(mesh_data.read_triangles(item.data)[0][:, 0]) for name, item in made(1).items()}
     assert wide["rendered LOD 1"] == pytest.approx(wide["both LOD 1"]) == pytest.approx(2 * wide["drawn LOD 1"], rel=0.05)
     assert all(group.deviations[1] < 0.05 for group in bpy.context.scene.crowd_lod.groups)
@@ -334,7 +334,7 @@ def test_a_stray_face_without_area_costs_no_lod_its_likeness():
     stray = bpy.data.meshes.new("stray")
     stray.from_pydata(points, [], [*faces, (at, at + 1, at + 2), (at + 3, at + 4, at + 5)])
     character(new("stray", stray))
-    bpy.context.scene.crowd_lod.way = "FAST"
+    bpy.context.scene.crowd_lod.method = "POSE_AWARE"
     lod = made(1)["stray LOD 1"]
     assert np.abs(mesh_data.read_triangles(lod.data)[0][:, :2]).max() < 0.25
     assert bpy.context.scene.crowd_lod.groups[0].deviations[1] < 0.05
@@ -350,7 +350,7 @@ def test_what_is_shrunk_onto_a_body_is_so_at_rest():
     wrap = shirt.modifiers.new("Shrinkwrap", "SHRINKWRAP")
     wrap.target, wrap.offset = body, 0.02
     character(armature, body, shirt)
-    bpy.context.scene.crowd_lod.way = "PRECISE"
+    bpy.context.scene.crowd_lod.method = "DECIMATE"
     low, high = (getattr(mesh_data.read_triangles(made(1)["shirt LOD 1"].data)[0], end)(axis=0) for end in ("min", "max"))
     assert np.allclose(low, (-0.22, -0.22, 0), atol=0.03) and np.allclose(high, (0.22, 0.22, 2), atol=0.03)
     assert armature.data.pose_position == "POSE"
@@ -374,7 +374,7 @@ def test_of_two_armatures_that_deform_it_in_turn_a_lod_follows_both():
     bpy.ops.object.mode_set(mode="OBJECT")
     item.vertex_groups.new(name="face upper").add(range(len(item.data.vertices)), 0.1, "REPLACE")
     character(body, face, item)
-    bpy.context.scene.crowd_lod.way = "PRECISE"
+    bpy.context.scene.crowd_lod.method = "DECIMATE"
     lod = made(1)["body LOD 1"]
     for vertex in lod.data.vertices:
         weights = {lod.vertex_groups[entry.group].name: entry.weight for entry in vertex.groups}

@@ -9,14 +9,14 @@ from mathutils import Matrix, Vector
 
 from ..support.characters import character, new, rig, skin, tube
 
-WAYS = ("FAST", "PRECISE")  # the third, AUTO, takes the better one of theirs: see below
+WAYS = ("POSE_AWARE", "DECIMATE")  # the third, AUTO, takes the better one of theirs: see below
 
 
 def lod(k, item, way):
     scene = bpy.context.scene
     if scene.crowd_lod.characters is None:
         character(item)
-    scene.crowd_lod.way = way
+    scene.crowd_lod.method = way
     list(make_levels(scene))
     return next(o for o in scene.crowd_lod.levels.children[k].all_objects if o.name.startswith(f"{item.name} LOD"))
 
@@ -90,19 +90,19 @@ def test_a_sleeve_takes_nothing_from_the_arm_in_it(way):
     )
     both.color_attributes.active_color_index = 1
     made = lod(1, new("both", both), way).data
-    neighbours = {v.index: set() for v in made.vertices}
+    neighbors = {v.index: set() for v in made.vertices}
     for a, b in (e.vertices for e in made.edges):
-        neighbours[a].add(b), neighbours[b].add(a)
+        neighbors[a].add(b), neighbors[b].add(a)
     assert made.color_attributes["Corner"].data_type == "BYTE_COLOR" and made.color_attributes["Corner"].domain == "CORNER"
     assert made.color_attributes.active_color.name == "Corner"
     seen = set()
-    for start in neighbours:  # each loose part is all skin or all cloth, in every layer
+    for start in neighbors:  # each loose part is all skin or all cloth, in every layer
         part, todo = set(), [start]
         while todo:
             vertex = todo.pop()
             if vertex not in part:
                 part.add(vertex)
-                todo += neighbours[vertex]
+                todo += neighbors[vertex]
         cloth = {p.material_index for p in made.polygons if p.vertices[0] in part}
         blue = {round(made.color_attributes["Point"].data[v].color[2], 3) for v in part}
         corners = {
@@ -210,14 +210,17 @@ def test_no_face_is_flipped_or_doubled(way):
 def test_the_way_and_why_are_kept_with_each_lod_and_auto_takes_one_of_both():
     body = new("body", tube("body"))
     points = {}
-    for way, says in (("FAST", "The method Pose-Aware was chosen."), ("PRECISE", "The method Decimate Modifier was chosen.")):
+    for way, says in (
+        ("POSE_AWARE", "The method Pose-Aware was chosen."),
+        ("DECIMATE", "The method Decimate Modifier was chosen."),
+    ):
         made = lod(1, body, way)
         points[way] = [tuple(vertex.co) for vertex in made.data.vertices]
-        assert (made["crowd_lod_way"], made["crowd_lod_why"]) == (way, says) and made["crowd_lod_ms"] > 0
+        assert (made["crowd_lod_method"], made["crowd_lod_why"]) == (way, says) and made["crowd_lod_ms"] > 0
     made = lod(1, body, "AUTO")
-    assert points["FAST"] != points["PRECISE"]
-    assert points[made["crowd_lod_way"]] == [tuple(vertex.co) for vertex in made.data.vertices]
-    assert made["crowd_lod_why"].startswith({"FAST": "Pose-Aware", "PRECISE": "Decimate Modifier"}[made["crowd_lod_way"]])
+    assert points["POSE_AWARE"] != points["DECIMATE"]
+    assert points[made["crowd_lod_method"]] == [tuple(vertex.co) for vertex in made.data.vertices]
+    assert made["crowd_lod_why"].startswith({"POSE_AWARE": "Pose-Aware", "DECIMATE": "Decimate Modifier"}[made["crowd_lod_method"]])
     assert "% of the size away" in made["crowd_lod_why"]
 
 
@@ -266,7 +269,7 @@ def test_the_choice_counts_what_shows(fast, precise, takes_fast):
 
 @pytest.mark.once
 @pytest.mark.usefixtures("exact_levels")
-@pytest.mark.parametrize("way", ["FAST", "PRECISE"])
+@pytest.mark.parametrize("way", ["POSE_AWARE", "DECIMATE"])
 def test_normals_of_few_triangles_are_the_source_s_under_posing_too(way):
     """A smooth egg without custom normals, which a bone turns: of its LODs normals are those of the egg at each place."""
     size = np.array([0.3, 0.2, 0.5])

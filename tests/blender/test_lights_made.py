@@ -99,7 +99,7 @@ WAYS = [by_vertices, by_faces, by_nodes, by_material, by_instances_of_a_mesh, in
 
 
 def held(lights, x):
-    """Of each of the places, `x` metres further along x, the sizes of the small lights that hold it."""
+    """Of each of the places, `x` meters further along x, the sizes of the small lights that hold it."""
     places = np.array(PLACES) + (x, 0, 0)
     return [[light.size for light in lights if np.linalg.norm(light.origin - place) < light.size + 0.1] for place in places]
 

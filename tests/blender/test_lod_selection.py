@@ -69,9 +69,9 @@ def test_at_the_switch_distance_the_bound_spans_the_tolerance_in_blender_s_own_c
         bpy.context.view_layer.update()
         frame = scene_crowd.frame_of(tolerant, bpy.context.evaluated_depsgraph_get())
         for group, begins in zip(scene_crowd.groups_of(settings), frame.begins, strict=True):
-            for metres, begin in zip(group.bounds[1:], begins, strict=True):
+            for meters, begin in zip(group.bounds[1:], begins, strict=True):
                 depth = -(begin - group.radius)  # of the sphere's nearest point
-                ends = [world_to_camera_view(tolerant, camera, Vector((x, 0, depth))) for x in (0, metres)]
+                ends = [world_to_camera_view(tolerant, camera, Vector((x, 0, depth))) for x in (0, meters)]
                 assert (ends[1].x - ends[0].x) * width == pytest.approx(2.0, rel=1e-4)
 
 

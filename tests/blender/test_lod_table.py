@@ -67,13 +67,13 @@ def test_rendered_silhouettes_stay_within_what_the_deviation_predicts(scene, tmp
 
 def test_the_way_a_lod_was_made_is_told_where_it_is_known(levelled, tmp_path):
     item = next(o for o in levelled.crowd_lod.levels.children[1].children[0].objects if o.type == "MESH")
-    item["crowd_lod_way"], item["crowd_lod_why"], item["crowd_lod_ms"] = "precise", "It has seams.", 12.5
+    item["crowd_lod_method"], item["crowd_lod_why"], item["crowd_lod_ms"] = "precise", "It has seams.", 12.5
     for other in (o for home in levelled.crowd_lod.levels.children[2].children for o in home.objects):
-        for key in ("crowd_lod_way", "crowd_lod_why", "crowd_lod_ms"):
+        for key in ("crowd_lod_method", "crowd_lod_why", "crowd_lod_ms"):
             other.pop(key, None)
     tables, _ = told(levelled, tmp_path)
-    assert [tables[0]["levels"][1][key] for key in ("way", "why", "ms")] == ["precise", "It has seams.", 12.5]
-    assert [tables[0]["levels"][2][key] for key in ("way", "why", "ms")] == [None, None, None]
+    assert [tables[0]["levels"][1][key] for key in ("method", "why", "ms")] == ["precise", "It has seams.", 12.5]
+    assert [tables[0]["levels"][2][key] for key in ("method", "why", "ms")] == [None, None, None]
 
 
 def test_names_make_safe_and_different_files(scene, tmp_path):

@@ -85,7 +85,7 @@ def test_points_of_an_object_get_a_scene_that_films_them(people, ground, tmp_pat
 
 @pytest.fixture
 def corridor(tmp_path):
-    """Walkers in two streams, as PeTrack and PedPy write them: 25 frames a second, centimetres, heights of heads."""
+    """Walkers in two streams, as PeTrack and PedPy write them: 25 frames a second, centimeters, heights of heads."""
     rows = ["# framerate: 25 fps", "# id frame x/cm y/cm z/cm"]
     for agent in range(40):
         way, lane, late = (-1) ** agent, 40 * (agent // 2 % 5) - 100, 9 * (agent // 2)

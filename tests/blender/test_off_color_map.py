@@ -3,7 +3,7 @@
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.behaviour.walk import stray_places
+from crowd_lod_extension.crowd_lod.behavior.walk import stray_places
 from crowd_lod_extension.crowd_lod.crowd import state_machine
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.batch.preview import Preview, preview

@@ -63,8 +63,8 @@ def test_lods_bend_as_the_character_does():
     item = arm()
     settings = bpy.context.scene.crowd_lod
     found = {}
-    for way in ("FAST", "PRECISE", "AUTO"):
-        settings.way = way
+    for way in ("POSE_AWARE", "DECIMATE", "AUTO"):
+        settings.method = way
         list(make_levels(bpy.context.scene))
         (group,) = groups_of(settings)
         found[way] = group.deviations
@@ -72,9 +72,9 @@ def test_lods_bend_as_the_character_does():
             (lod,) = level.all_objects
             near = mesh_data.read_triangles(lod.data)[0]
             assert np.abs(np.hypot(near[:, 0], near[:, 1]) - 0.2).max() < 0.03, (way, k)
-    assert found["FAST"][1] == pytest.approx(0, abs=0.01)
-    assert all(fast < precise / 2 for fast, precise in zip(found["FAST"][1:], found["PRECISE"][1:], strict=True)), found
-    assert found["AUTO"] == found["FAST"]
+    assert found["POSE_AWARE"][1] == pytest.approx(0, abs=0.01)
+    assert all(fast < precise / 2 for fast, precise in zip(found["POSE_AWARE"][1:], found["DECIMATE"][1:], strict=True)), found
+    assert found["AUTO"] == found["POSE_AWARE"]
     assert all("away in motion" in item["crowd_lod_why"] for level in settings.levels.children[1:] for item in level.all_objects)
     assert item.data.vertices and item.name == "arm"
 
@@ -105,22 +105,22 @@ def bowed(keyed=True):
 def test_a_shape_key_that_bends_counts_as_a_pose():
     bowed()
     settings, found = bpy.context.scene.crowd_lod, {}
-    for way in ("FAST", "PRECISE", "AUTO"):
-        settings.way = way
+    for way in ("POSE_AWARE", "DECIMATE", "AUTO"):
+        settings.method = way
         list(make_levels(bpy.context.scene))
         found[way] = groups_of(settings)[0].deviations
-    assert all(fast < 0.7 * precise for fast, precise in zip(found["FAST"][1:], found["PRECISE"][1:], strict=True)), found
-    assert found["AUTO"] == found["FAST"]
+    assert all(fast < 0.7 * precise for fast, precise in zip(found["POSE_AWARE"][1:], found["DECIMATE"][1:], strict=True)), found
+    assert found["AUTO"] == found["POSE_AWARE"]
     assert all("away in motion" in item["crowd_lod_why"] for level in settings.levels.children[1:] for item in level.all_objects)
 
 
 @pytest.mark.once
 @pytest.mark.usefixtures("exact_levels")
-@pytest.mark.parametrize("way", ["FAST", "PRECISE"])
+@pytest.mark.parametrize("way", ["POSE_AWARE", "DECIMATE"])
 def test_offsets_of_shape_keys_are_those_at_the_place_of_each_point(way):
     """What grows with the height is right at each height, not that of the nearest vertex."""
     bowed()
-    bpy.context.scene.crowd_lod.way = way
+    bpy.context.scene.crowd_lod.method = way
     list(make_levels(bpy.context.scene))
     for level in list(bpy.context.scene.crowd_lod.levels.children)[1:]:
         keys = level.all_objects[0].data.shape_keys.key_blocks

@@ -18,7 +18,7 @@ def test_error_report_leaves_tables_and_plots(tmp_path, capfd):
     result = json.loads(capfd.readouterr().out)
     assert sorted(os.listdir(tmp_path / "out")) == sorted(result["files"])
     tables = {}
-    for name in ("behaviour", "culling", "drift", "levels"):
+    for name in ("behavior", "culling", "drift", "levels"):
         lines = (tmp_path / "out" / f"error_{name}.csv").read_text().splitlines()
         assert "CPUs" in lines[0]
         tables[name] = list(csv.DictReader(lines[1:]))
@@ -29,8 +29,8 @@ def test_error_report_leaves_tables_and_plots(tmp_path, capfd):
     assert derived and all(float(row["missed"]) == 0 == float(row["surplus"]) for row in derived)
     fixed = {float(row["delta_m"]): row for row in tables["culling"] if row["method"] == "fixed Delta"}
     assert float(fixed[0.0]["missed"]) > 0 and float(fixed[10.0]["surplus"]) > 0
-    steps = [float(row["worst_m"]) for row in tables["behaviour"] if row["method"] == "step"]
-    listing = [float(row["worst_m"]) for row in tables["behaviour"] if row["method"] == "listing"]
+    steps = [float(row["worst_m"]) for row in tables["behavior"] if row["method"] == "step"]
+    listing = [float(row["worst_m"]) for row in tables["behavior"] if row["method"] == "listing"]
     assert max(steps) < 1e-9 < 0.01 < min(listing)  # the chapter's walls meet its cells: only the listing overshoots
     assert float(listing[-1]) == pytest.approx(listing[0] / 64, rel=0.1)  # of first order, over 6 halvings
 

@@ -44,7 +44,7 @@ def itself(scene, group, phase):
 
 
 def worst(scene, frame, agents=4):
-    """Metres by which LOD 0 of the first `agents` that the camera sees is off the character itself, at most."""
+    """Meters by which LOD 0 of the first `agents` that the camera sees is off the character itself, at most."""
     trajectory, plan = trajectory_of(scene), frame_of(scene, bpy.context.evaluated_depsgraph_get())
     crowd, chosen = plan.crowd, plan.buckets[0][:agents]
     assert len(chosen)
@@ -83,7 +83,7 @@ def test_a_quick_swing_between_even_looks_gets_its_keys(scene):
     home.objects.link(objects[0])
     with as_rendered(home.objects) as (stage, actors):
         act = performance.own(objects)
-        model, why = finished(rigs.modelled(rigs.Acting("adult", [home], stage, actors, 1.9), act, {}))
+        model, why = finished(rigs.modeled(rigs.Acting("adult", [home], stage, actors, 1.9), act, {}))
         (begin, end), off = act.spans[0], 0.0
         played = rigs.perform(model, "trial", 1 / (end - begin), -begin / (end - begin), (begin, end))
         copies = {item: rigs.dress(item, model, played, actor) for item, actor in actors.items()}
@@ -330,7 +330,7 @@ def test_another_frame_rate_asks_for_another_build(built, capfd):
 
 
 @pytest.mark.parametrize("engine", ["CYCLES", "BLENDER_WORKBENCH"])
-def test_neighbours_are_drawn_in_different_poses(built, tmp_path, engine):
+def test_neighbors_are_drawn_in_different_poses(built, tmp_path, engine):
     """Two agents side by side, of one group: with the same phase their silhouettes are the same, with others not."""
     settings = built.crowd_lod
     settings.count, settings.size, settings.center = 2, (3, 3), (0, 0, 0)

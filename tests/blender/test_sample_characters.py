@@ -81,7 +81,7 @@ def test_mesh_is_closed_and_stands_on_the_ground(groups, name, height):
     mesh.loops.foreach_get("vertex_index", corners)
     quads = corners.reshape(-1, 4)
     directed = np.stack([quads, np.roll(quads, -1, axis=1)], -1).reshape(-1, 2)
-    assert len(np.unique(directed, axis=0)) == len(directed)  # neighbours agree on which side is out
+    assert len(np.unique(directed, axis=0)) == len(directed)  # neighbors agree on which side is out
     assert {tuple(edge) for edge in directed} == {tuple(edge) for edge in directed[:, ::-1]}  # closed
     assert len(points) - len(mesh.edges) + len(quads) == 2  # one piece, without holes, and nothing loose
 

@@ -53,7 +53,7 @@ def crowd():
     scene.view_settings.view_transform = "Standard"
     scene.frame_end = 3
     settings = scene.crowd_lod
-    settings.count, settings.size, settings.way = 60, (20, 60), "PRECISE"
+    settings.count, settings.size, settings.method = 60, (20, 60), "DECIMATE"
     settings.level_count, settings.thresholds[:2] = 3, (0.15, 0.4)
     store_groups(settings, measure_groups(scene))
     list(make_levels(scene))

@@ -9,7 +9,6 @@ import bpy
 import pytest
 from bl_operators.presets import AddPresetBase
 from crowd_lod_extension.operators import registration
-from crowd_lod_extension.operators.crowd.renamed_settings import STORED
 from crowd_lod_extension.operators.ui import presets
 
 STEPS = [step for step in presets.STEPS if step != "all"]
@@ -51,7 +50,7 @@ def settings():
 @pytest.mark.parametrize("step", STEPS)
 def test_a_preset_holds_settings_of_its_step_that_can_be_written(settings, step):
     names = presets.names_of(step)
-    assert names and len(set(names)) == len(names) and not set(names) & set(STORED.values())
+    assert names and len(set(names)) == len(names)
     for name in names:
         before = value(settings, name)
         setattr(settings, name, other(settings.bl_rna.properties[name]))
@@ -71,7 +70,7 @@ def test_reset_brings_back_the_defaults_of_its_step_alone(settings, step):
         assert bpy.ops.crowd_lod.reset(step=step) == {"FINISHED"}
     own = set(presets.names_of(step))
     assert values(settings) == {name: usual[name] if name in own else changed[name] for name in usual}
-    assert not any(settings.is_property_set(STORED.get(name, name)) for name in own)
+    assert not any(settings.is_property_set(name) for name in own)
     assert settings.characters == kept and settings.plan_folder == "//mine"
     assert settings.estimate == ""  # it was of other settings
 

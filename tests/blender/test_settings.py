@@ -182,39 +182,3 @@ def test_what_was_measured_and_is_spoilt_is_measured_anew(levelled):
         group = levelled.crowd_lod.groups[0]
         assert group.radius > 0.5 and group.diagonal > 1
     assert bpy.ops.crowd_lod.build() == {"FINISHED"}
-
-
-@pytest.mark.parametrize(
-    "new, old, value, called",
-    [
-        ("center", "centre", (1.0, -2.0, 3.0), (1.0, -2.0, 3.0)),
-        ("color", "colour", "MATERIAL", "MATERIAL"),
-        ("overlay_color", "overlay_colour", "REASON", "REASON"),
-        ("method", "way", "POSE_AWARE", "FAST"),
-        ("method", "way", "DECIMATE", "PRECISE"),
-    ],
-)
-def test_renamed_settings_are_read_and_written_by_both_names(scene, tmp_path, new, old, value, called):
-    settings = scene.crowd_lod
-    plain = lambda found: found if isinstance(found, str) else tuple(found)  # noqa: E731
-    settings.property_unset(old)
-    before = plain(getattr(settings, old))
-    setattr(settings, new, value)
-    assert plain(getattr(settings, old)) == called != before
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "saved.blend"))
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "saved.blend"))
-    settings = bpy.context.scene.crowd_lod
-    assert plain(getattr(settings, new)) == value and plain(getattr(settings, old)) == called
-    setattr(settings, old, before)
-    setattr(settings, old, called)
-    assert plain(getattr(settings, new)) == value
-    (same,) = {type(settings).bl_rna.properties[name].type for name in (new, old)}
-    assert same in ("ENUM", "FLOAT")
-
-
-def test_a_groups_center_has_both_names(levelled):
-    entry = levelled.crowd_lod.groups[0]
-    entry.centre = 1.25
-    assert entry.center == 1.25
-    entry.center = 0.75
-    assert entry.centre == 0.75

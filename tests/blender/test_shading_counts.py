@@ -28,7 +28,7 @@ def striped(monkeypatch):
     scene.camera = camera
     camera.location, camera.rotation_euler, camera.data.clip_end = (0, -40, 2), (1.5, 0, 0), 100
     settings = scene.crowd_lod
-    settings.count, settings.size, settings.way, settings.frames = 60, (40, 60), "PRECISE", "1"
+    settings.count, settings.size, settings.method, settings.frames = 60, (40, 60), "DECIMATE", "1"
     settings.choice, settings.tolerance = "BY_TOLERANCE", 20.0
     store_groups(settings, measure_groups(scene))
     list(make_levels(scene))

@@ -48,7 +48,7 @@ def test_files_agree_and_come_out_the_same_again(levelled, tmp_path):
 def test_report_tells_the_stages_and_the_curve(levelled, tmp_path):
     found = files_of(levelled, tmp_path / "plan")
     read = Reader(found["report.html"].decode())
-    assert {"behaviour", "culling", "levels", "sorting"} <= set(read.texts) and "Milliseconds by stage" in read.texts
+    assert {"behavior", "culling", "levels", "sorting"} <= set(read.texts) and "Milliseconds by stage" in read.texts
     curve = json.loads(found["plan.json"])["shot"]["curve"]
     assert curve["agents"] == levelled.crowd_lod.count
     own = [point for point in curve["points"] if point["kind"] == "plan"]

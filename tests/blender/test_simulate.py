@@ -44,7 +44,7 @@ def hall(tmp_path):
 
 
 def rows_of(path):
-    """Rows (frame, id, x, y) of JuPedSim's file, in the world's metres."""
+    """Rows (frame, id, x, y) of JuPedSim's file, in the world's meters."""
     with sqlite3.connect(path) as file:
         rows = np.array(file.execute("SELECT frame, id, pos_x, pos_y FROM trajectory_data ORDER BY frame, id").fetchall())
         fps = float(file.execute("SELECT value FROM metadata WHERE key = 'fps'").fetchone()[0])

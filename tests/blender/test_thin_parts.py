@@ -13,7 +13,7 @@ from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 
 pytestmark = pytest.mark.once
 RADIUS, LONG = 0.012, 1.5
-PIXEL = 2 * RADIUS / 0.7  # metres: a rod covers most of a pixel's width
+PIXEL = 2 * RADIUS / 0.7  # meters: a rod covers most of a pixel's width
 SAMPLES = 4  # across a pixel, as Cycles takes them for the outline
 
 
@@ -132,7 +132,7 @@ def test_a_rod_of_few_triangles_keeps_those_that_it_shows_with(scene, adult):
         bpy.data.collections["adult"].objects.link(item)
         bpy.data.collections["People"].children.unlink(bpy.data.collections["child"])
         settings = scene.crowd_lod
-        settings.way, settings.choice, settings.level_count = "AUTO", "BY_RATIO", 3
+        settings.method, settings.choice, settings.level_count = "AUTO", "BY_RATIO", 3
         settings.ratios[:3] = (1.0, 0.12, 0.03)
         store_groups(settings, measure_groups(scene))
         finished(make_levels(scene))

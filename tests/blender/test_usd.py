@@ -21,7 +21,7 @@ from crowd_lod_extension.operators.usd.openusd import openusd
 from mathutils import Matrix, Quaternion
 
 FRAMES = (3, 11, 30)
-HALF = 2e-3  # metres and parts by which orientations in half floats turn what is as large as a person
+HALF = 2e-3  # meters and parts by which orientations in half floats turn what is as large as a person
 
 
 @pytest.fixture(autouse=True)
@@ -177,7 +177,7 @@ def test_blender_imports_camera_and_agents_as_in_the_build_and_openusd_finds_no_
         np.testing.assert_allclose(film.matrix_world, view[number], atol=1e-5)
         own, dof = film.data, film.data.dof
         assert own.type == kind and own.shift_x == pytest.approx(0.1, rel=1e-5) and own.clip_start == pytest.approx(0.25)
-        # Blender takes the aperture of an orthographic camera for metres, others for tenths as OpenUSD does
+        # Blender takes the aperture of an orthographic camera for meters, others for tenths as OpenUSD does
         assert kind == "ORTHO" or own.lens / own.sensor_width == pytest.approx(35 / 36)
         assert (dof.use_dof, dof.focus_distance) == (True, pytest.approx(7)) and dof.aperture_fstop == pytest.approx(1.4)
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
+from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import Crowd, Group
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
@@ -91,7 +91,7 @@ def test_an_account_says_what_the_plan_made_of_an_agent():
 
 def test_sizes_and_errors_are_in_pixels_of_the_picture():
     found, _, _ = accounts()
-    # 1000 pixels for 2 units: 500 pixels a metre at 1 m; the sphere's nearest point errs most
+    # 1000 pixels for 2 units: 500 pixels a meter at 1 m; the sphere's nearest point errs most
     assert found[0].pixels == pytest.approx(2 * 500 / 5) and found[0].error == 0
     assert found[1].pixels == pytest.approx(2 * 500 / 20) and found[1].error == pytest.approx(0.02 * 500 / 19)
     assert found[2].pixels == pytest.approx(1 * 500 / 30) and found[2].error == pytest.approx(0.05 * 500 / 29.5)

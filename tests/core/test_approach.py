@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
+from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset, parse

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
+from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd import leave_outs, morton_order
 from crowd_lod_extension.crowd_lod.crowd.agents import populate, spheres_of
 from crowd_lod_extension.crowd_lod.crowd.maps import HeightMap

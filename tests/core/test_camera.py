@@ -20,7 +20,7 @@ def test_referential_of_a_scaled_sheared_mirrored_camera_is_blenders():
         matrix[:3, 3] = random.normal(size=3)
         origin, X, Y, Z = referential(matrix)
         assert (origin == matrix[:3, 3]).all()
-        # a point placed by camera coordinates along the normalised axes has these coordinates again
+        # a point placed by camera coordinates along the normalized axes has these coordinates again
         x, y, z = random.normal(size=3)
         right, up, back = (matrix[:3, :3] / np.linalg.norm(matrix[:3, :3], axis=0)).T
         v = x * right + y * up - z * back

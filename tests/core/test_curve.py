@@ -71,7 +71,7 @@ def test_hysteresis_is_that_of_one_agent_after_another(seed):
     survey, found = shot.survey, hysteresis(shot.survey, BOUNDS, TOLERANCE)
     held = 0
     for a in range(50):
-        begins = BOUNDS[survey.group[a]] / TOLERANCE  # metres a pixel, which stand for distances
+        begins = BOUNDS[survey.group[a]] / TOLERANCE  # meters a pixel, which stand for distances
         now = None
         for f in range(20):
             if survey.kind[f, a] != SEEN:

@@ -157,7 +157,7 @@ def test_closed_stays_closed_with_no_face_turned_doubled_or_flat(make, ratio):
     lod = decimate((points, triangles), ratio, "mesh")
     assert (edge_counts(lod.triangles)[1] == 2).all()
     half = lod.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    assert len(np.unique(half, axis=0)) == len(half)  # neighbours run their edge in opposite directions
+    assert len(np.unique(half, axis=0)) == len(half)  # neighbors run their edge in opposite directions
     assert len(np.unique(np.sort(lod.triangles, axis=1), axis=0)) == len(lod.triangles)
     a, b, c = (lod.points[lod.triangles[:, k]] for k in range(3))
     normal = np.cross(b - a, c - a)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
+from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd import morton_order
 from crowd_lod_extension.crowd_lod.crowd.agents import populate
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS, FLAT, IN_ORDER, NOTHING, STATIC
@@ -164,13 +164,13 @@ def test_agents_of_a_file_are_edited_by_their_ids_while_they_are_there(monkeypat
 def edits(draw, count, groups):
     """Any edits of some agents of a crowd."""
     agents = st.lists(st.integers(0, count - 1), min_size=1, max_size=6, unique=True).map(lambda own: some(*own))
-    metres = st.floats(-60, 60)
+    meters = st.floats(-60, 60)
     return draw(
         st.lists(
             st.builds(
                 Edit,
                 agents,
-                move=st.tuples(metres, metres, st.floats(-3, 3)) | st.just((0.0, 0.0, 0.0)),
+                move=st.tuples(meters, meters, st.floats(-3, 3)) | st.just((0.0, 0.0, 0.0)),
                 turn=st.floats(-4, 4),
                 group=st.none() | st.integers(0, groups - 1),
                 hide=st.booleans(),

@@ -79,12 +79,12 @@ def test_float32_in_the_world_loses_ids_far_out_and_float64_none(monkeypatch):
     assert sum(r["default"] for r in rows) == 1
 
 
-def test_behaviour_of_the_chapter_is_exact_and_the_listing_of_first_order():
+def test_behavior_of_the_chapter_is_exact_and_the_listing_of_first_order():
     from crowd_lod_extension.crowd_lod.crowd.agents import populate
 
     machine = load_preset("chapter")
     world = edge_map(Area(-20, -20, 20, 20, 0), machine.labels)
-    rows = list(error_vs_runtime.behaviour(populate(300, 1, 1, machine, world), machine, world, 1 / 24, 48, repeats=1))
+    rows = list(error_vs_runtime.behavior(populate(300, 1, 1, machine, world), machine, world, 1 / 24, 48, repeats=1))
     step, listing = ([r for r in rows if r["method"] == name] for name in ("step", "listing"))
     assert max(r["worst_m"] for r in step) < 1e-11 and listing[0]["order"] == pytest.approx(1, abs=0.3)
     assert [r["dt_s"] for r in rows if r["default"]] == [pytest.approx(1 / 24)]

@@ -2,8 +2,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.behaviour.exact_walk import convergence, drift, listing, trouble, walk
-from crowd_lod_extension.crowd_lod.behaviour.step import step
+from crowd_lod_extension.crowd_lod.behavior.exact_walk import convergence, drift, listing, trouble, walk
+from crowd_lod_extension.crowd_lod.behavior.step import step
 from crowd_lod_extension.crowd_lod.crowd.agents import populate
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset

@@ -104,7 +104,7 @@ def test_plans_keep_to_the_exceptions_in_their_frames_and_lie_above_their_bound(
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_programme_finds_the_least_of_all_that_exceptions_leave(seed):
+def test_program_finds_the_least_of_all_that_exceptions_leave(seed):
     shot = with_rules(some_shot(seed, agents=2, seen=1.0), rule("ALWAYS", 2, [0], 2, 3), rule("NEVER_COARSER", 0, [1], 4))
     table = np.random.default_rng(seed).integers(1000, size=(5, 3, 2)).astype(np.float32)
     levels, cost = finished(decided(shot, table, 0.0))

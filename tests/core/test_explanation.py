@@ -31,7 +31,7 @@ def frame_of(camera=CAMERA, bias=None, **policy):
     return plan(shot(groups=(GROUP,)), camera, LevelPolicy((0.3, 0.6), **policy), 1, bias=bias)
 
 
-def test_planes_are_signed_distances_in_metres():
+def test_planes_are_signed_distances_in_meters():
     found = {side.name: side for side in sides_of(CAMERA, np.array([3.0, 10.0, 1.0]), 0.5, None)}
     assert found["right"].outside == pytest.approx((3 - 10) / 2**0.5) and found["left"].outside == pytest.approx(-13 / 2**0.5)
     assert found["top"].outside == found["bottom"].outside == pytest.approx(-10 / 2**0.5)
@@ -50,8 +50,8 @@ def test_planes_are_signed_distances_in_metres():
 )  # fmt: skip
 def test_who_passes_all_tests_is_seen_and_nobody_else(camera, margin):
     points = np.random.default_rng(4).uniform((-60, -30, -20), (60, 100, 20), (4000, 3))
-    centre, radius = np.array([0.9]), np.array([1.0])
-    seen, _ = radar(crowd_at(points), camera, centre, radius, RadarOptions(margin))
+    center, radius = np.array([0.9]), np.array([1.0])
+    seen, _ = radar(crowd_at(points), camera, center, radius, RadarOptions(margin))
     for at, expected in zip(points, seen, strict=True):
         found = sides_of(camera, at + (0, 0, 0.9), 1.0 if margin is None else 0.0, margin)
         assert all(side.passed for side in found) == expected

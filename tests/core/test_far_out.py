@@ -5,7 +5,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
+from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd import morton_order
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 from crowd_lod_extension.crowd_lod.culling import blocks
@@ -94,16 +94,16 @@ def test_nobody_is_culled_whom_float32_positions_show(lens, away, monkeypatch):
     assert beside > 60 and (missed or away < 1e5)  # the positions' own rounding makes the difference
 
 
-@pytest.mark.parametrize("away, metres", [(0.0, 1e-3), (1e3, 1e-2), (1e6, 5.0)])
-def test_who_is_clearly_outside_is_culled_all_the_same(away, metres):
-    """Near the origin the bound is a tenth of a millimetre for each 100 m."""
+@pytest.mark.parametrize("away, meters", [(0.0, 1e-3), (1e3, 1e-2), (1e6, 5.0)])
+def test_who_is_clearly_outside_is_culled_all_the_same(away, meters):
+    """Near the origin the bound is a tenth of a millimeter for each 100 m."""
     random, culled = np.random.default_rng(1), 0
     for _ in range(20):
         camera = random_camera(random, "normal")
         camera = in_float32(replace(camera, origin=np.array([away, -away / 3, 2]), near=0.1, far=100.0))
-        feet = at_the_planes(camera, random, 60) + random.uniform(-3, 3, (60, 3)) * metres
+        feet = at_the_planes(camera, random, 60) + random.uniform(-3, 3, (60, 3)) * meters
         v = feet + [0, 0, GROUP.center] - camera.origin
-        outside = ((v @ planes(camera).normals.T - planes(camera).offsets) > GROUP.radius + metres).any(axis=1)
+        outside = ((v @ planes(camera).normals.T - planes(camera).offsets) > GROUP.radius + meters).any(axis=1)
         assert not (outside & plan(shot(feet), camera, POLICY, 0).visible).any()
         culled += outside.sum()
     assert culled > 100

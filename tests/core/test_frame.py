@@ -22,7 +22,7 @@ def test_costs_are_those_of_the_agents_counted_one_by_one():
     group, level = frame.crowd.group, frame.levels
     assert frame.vertices == sum(trajectory.groups[group[i]].vertices[level[i]] for i in seen)
     assert frame.full_triangles == sum(trajectory.groups[g].triangles[0] for g in group)
-    assert set(frame.milliseconds) == {"behaviour", "culling", "levels", "sorting"}
+    assert set(frame.milliseconds) == {"behavior", "culling", "levels", "sorting"}
 
 
 def test_a_plan_does_not_depend_on_what_was_asked_before():

@@ -4,7 +4,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.behaviour import walk as walk_file
+from crowd_lod_extension.crowd_lod.behavior import walk as walk_file
 from crowd_lod_extension.crowd_lod.crowd import leave_outs, morton_order
 from crowd_lod_extension.crowd_lod.crowd.maps import HeightMap
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy

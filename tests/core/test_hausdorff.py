@@ -87,7 +87,7 @@ def test_what_lies_between_the_vertices_counts():
 
 
 def test_a_map_of_one_pose_that_says_too_much_in_another_is_found_anew():
-    """Two fingers that touch at first: what is nearest then is on the wrong one, and a metre off when they part."""
+    """Two fingers that touch at first: what is nearest then is on the wrong one, and a meter off when they part."""
     one, faces = ball(6, 8)
     low, _ = ball(6, 8)
     both, triangles = np.concatenate([one, low + (2.001, 0, 0)]), np.concatenate([faces, faces + len(one)])

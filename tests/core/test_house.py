@@ -29,7 +29,7 @@ def test_package_imports_without_blender(tmp_path):
 # The floors of each package, lowest first; "" are the modules that lie in the package itself.
 FLOORS = {
     "crowd_lod": (
-        *("", "crowd", "animation", "trajectory", "tracks", "behaviour", "culling", "levels", "sorting"),
+        *("", "crowd", "animation", "trajectory", "tracks", "behavior", "culling", "levels", "sorting"),
         *("simplification", "planning", "validation", "reporting"),
     ),
     "operators": ("blender", "crowd", "lod_meshes", "overlay", "build", "batch", "usd", "cli", "ui", ""),

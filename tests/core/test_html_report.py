@@ -13,7 +13,7 @@ def row(k, **more):
         "lod": k, "to_lod": k, "triangles": 5000 >> k, "vertices": 2500 >> k, "deviation_mm": 12.5 * k, "deviation_bound_mm": 13.5 * k, "rms_mm": 1.25 * k, "percent": 0.7 * k,
         "worst_frame": 3.0, "from_m": 17.25 * k, "begins": "at", "predicted_px": 0.99 if k else None,
         "measured_px": 0.51 if k else None, "measured_px_between": [0.5, 0.52] if k else None,
-        "picture_difference": 0.0321 if k else None, "picture_similarity": 0.971 if k else None, "way": None, "why": None, "ms": None, **more,
+        "picture_difference": 0.0321 if k else None, "picture_similarity": 0.971 if k else None, "method": None, "why": None, "ms": None, **more,
     }  # fmt: skip
 
 
@@ -53,7 +53,7 @@ def test_the_page_is_whole_and_holds_the_tables():
 
 
 def test_names_are_text_and_pictures_are_relative():
-    read = Reader(page(plan(EVIL, way=EVIL, why=f'"{EVIL}')))
+    read = Reader(page(plan(EVIL, method=EVIL, why=f'"{EVIL}')))
     assert "script" not in read.tags and "".join(read.texts).count(EVIL) >= 5
     assert set(read.links) == {"contact_sheet.png", "levels_a%20b.png"}
 

@@ -213,7 +213,7 @@ def test_savings_name_what_was_left_out_and_add_up():
 
 def test_every_reason_is_a_sentence_of_a_stage():
     assert len({item.reason for item in leave_outs.ITEMS}) == len(leave_outs.ITEMS) == len(leave_outs.ALL)
-    assert {item.stage for item in leave_outs.ITEMS} == {"plan", "behaviour", "culling", "levels", "sorting"}
+    assert {item.stage for item in leave_outs.ITEMS} == {"plan", "behavior", "culling", "levels", "sorting"}
 
 
 def test_presets_lean_and_full():

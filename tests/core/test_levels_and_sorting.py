@@ -69,7 +69,7 @@ def test_sizes_in_pixels_follow_the_zoom():
     assert limits(policy, camera, np.array([1.0, 3.0])).tolist() == [[10, 50], [30, 150]]
     zoomed = replace(camera, window=Window(-0.5, 0.5, -0.5, 0.5))
     assert limits(policy, zoomed, np.ones(1)).tolist() == [[20, 100]]
-    flat = straight(kind="ORTHO")  # 10 pixels a metre at any distance: 20 pixels
+    flat = straight(kind="ORTHO")  # 10 pixels a meter at any distance: 20 pixels
     assert assign(np.array([5.0, 5000.0]), limits(LevelPolicy((20.0, 2.0), "PIXELS"), flat, np.ones(1))).tolist() == [1, 1]
 
 

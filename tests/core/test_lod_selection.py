@@ -39,7 +39,7 @@ def test_a_zoom_and_the_tolerance_change_what_pays():
     tele = replace(straight(), window=Window(-0.1, 0.1, -0.1, 0.1))
     assert choose(LODS, 1.0, [View(tele, 2.0, 12.0)])[0] == [0]
     assert choose(LODS, 1.0, [View(tele, 2.0, 12.0), near])[0] == [0, 2]  # one frame of the shot is enough
-    flat = straight(kind="ORTHO")  # 10 pixels a metre, at any distance
+    flat = straight(kind="ORTHO")  # 10 pixels a meter, at any distance
     assert choose(LODS, 1.0, [View(flat, 2.0, 12.0)])[0] == [0, 2]
     assert choose(LODS, 3.0, [View(flat, 2.0, 12.0)])[0] == [0, 5]
 

@@ -6,11 +6,11 @@ from functools import partial
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.behaviour import lookahead
-from crowd_lod_extension.crowd_lod.behaviour import step as step_
-from crowd_lod_extension.crowd_lod.behaviour.lookahead import look, onward, opened
-from crowd_lod_extension.crowd_lod.behaviour.step import advance, step
-from crowd_lod_extension.crowd_lod.behaviour.tabulated_step import Tables
+from crowd_lod_extension.crowd_lod.behavior import lookahead
+from crowd_lod_extension.crowd_lod.behavior import step as step_
+from crowd_lod_extension.crowd_lod.behavior.lookahead import look, onward, opened
+from crowd_lod_extension.crowd_lod.behavior.step import advance, step
+from crowd_lod_extension.crowd_lod.behavior.tabulated_step import Tables
 from crowd_lod_extension.crowd_lod.crowd.agents import populate
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import ALL
 from crowd_lod_extension.crowd_lod.crowd.maps import LabelMap

@@ -4,7 +4,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.animation.phase_classes import Library
-from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
+from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import Action, Group, populate
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 from crowd_lod_extension.crowd_lod.crowd.paces import MOST_PACES

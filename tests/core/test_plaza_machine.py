@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.behaviour.step import step
+from crowd_lod_extension.crowd_lod.behavior.step import step
 from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.errors import CrowdError

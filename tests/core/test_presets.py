@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.behaviour.exact_walk import trouble
-from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
+from crowd_lod_extension.crowd_lod.behavior.exact_walk import trouble
+from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import populate
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset

@@ -6,7 +6,7 @@ from crowd_lod_extension.crowd_lod.crowd import rasterize
 from crowd_lod_extension.crowd_lod.crowd.maps import Area
 from crowd_lod_extension.crowd_lod.crowd.rasterize import covered
 
-AREA = Area(-3, 2, 7, 8)  # of 10 by 6 cells of a metre, or other sizes
+AREA = Area(-3, 2, 7, 8)  # of 10 by 6 cells of a meter, or other sizes
 
 
 def clipped(polygon, axis, value, keep_above):

@@ -207,7 +207,7 @@ def test_feet_keep_to_the_ground_poses_are_a_32nd_of_a_cycle_off_at_most():
 
 
 def walked(rows, agent, frame):
-    """Metres of the agent's smoothed way to a whole frame, summed row by row."""
+    """Meters of the agent's smoothed way to a whole frame, summed row by row."""
     frames, x, y, _ = track(rows, agent)
     total, near = 0.0, round(0.25 * rows.rate)
     for k, own in enumerate(frames):

@@ -91,13 +91,13 @@ def test_likeness_is_what_sums_pixel_by_pixel_give():
     one[7:17, 8:22] = random.random((10, 14, 3))
     other = one.copy()
     other[7:17, 8:22] = (one[7:17, 8:22] + 0.3 * random.random((10, 14, 3))).clip(0, 1)
-    grey = [picture @ (0.2126, 0.7152, 0.0722) for picture in (one, other)]
+    gray = [picture @ (0.2126, 0.7152, 0.0722) for picture in (one, other)]
     weight = np.exp(-(np.arange(-5, 6)[:, None] ** 2 + np.arange(-5, 6) ** 2) / (2 * 1.5**2))
     weight /= weight.sum()
     values, gaps = [], []
     for row in range(7, 17):
         for column in range(8, 22):
-            a, b = (g[row - 5 : row + 6, column - 5 : column + 6] for g in grey)
+            a, b = (g[row - 5 : row + 6, column - 5 : column + 6] for g in gray)
             u, v = (weight * a).sum(), (weight * b).sum()
             s, t, c = (weight * (a - u) ** 2).sum(), (weight * (b - v) ** 2).sum(), (weight * (a - u) * (b - v)).sum()
             values.append((2 * u * v + 1e-4) * (2 * c + 9e-4) / ((u * u + v * v + 1e-4) * (s + t + 9e-4)))

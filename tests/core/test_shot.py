@@ -36,7 +36,7 @@ def paid(shot, table, weight, agent, levels):
 
 @pytest.mark.parametrize("weight", [0, 0.125, 1, 64])
 @pytest.mark.parametrize("seed", range(8))
-def test_programme_finds_the_least_of_all_assignments(seed, weight):
+def test_program_finds_the_least_of_all_assignments(seed, weight):
     shot = some_shot(seed, each=2)
     table = np.random.default_rng(seed).integers(1000, size=(5, 3, 4)).astype(np.float32)
     levels, cost = finished(decided(shot, table, weight))
@@ -78,7 +78,7 @@ def costs(shot, weight):
 @pytest.mark.parametrize(("engine", "gap"), [("EEVEE", 0.02), ("CYCLES", 0.15)])
 @pytest.mark.parametrize("lods", [2, 3])
 def test_plan_lies_between_its_bound_and_the_best(engine, gap, lods):
-    """With shared meshes, which the programme does not minimize by itself."""
+    """With shared meshes, which the program does not minimize by itself."""
     for seed in range(6):
         shot = some_shot(seed, frames=4, lods=lods, engine=engine)
         plan = finished(decide(shot, 0.3))

@@ -1,4 +1,4 @@
-"""The rasteriser and the silhouette error, against areas, brute force and known outlines."""
+"""The rasterizer and the silhouette error, against areas, brute force and known outlines."""
 
 from dataclasses import replace
 
@@ -121,7 +121,7 @@ def test_directions_go_all_around_and_some_look_down():
 
 
 def test_a_sheet_seen_edge_on_is_off_by_no_more_than_it_deviates():
-    """As wings, hair cards and cloth: one lies in the direction of a view, the other is tilted by 1 cm a metre."""
+    """As wings, hair cards and cloth: one lies in the direction of a view, the other is tilted by 1 cm a meter."""
     camera = replace(straight(), pixels=(2000, 2000))
     flat = np.array([(0, -1, -0.1), (0, 1, -0.1), (0, 1, 0.1), (0, -1, 0.1)], float)
     tilted, quad = flat + flat[:, [1]] * (0.01, 0, 0), np.array([(0, 1, 2), (0, 2, 3)])

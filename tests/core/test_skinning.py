@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.animation.skinning import SkinnedMesh, axes, closed, merge, pose, skin, stance, strongest
-from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
+from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import Crowd, Group
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, HeightMap, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset

@@ -4,7 +4,7 @@ import hashlib
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
+from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd import morton_order
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import FLAT, NOTHING
 from crowd_lod_extension.crowd_lod.crowd.maps import Area

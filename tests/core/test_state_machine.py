@@ -116,8 +116,8 @@ MALFORMED = {
     "edge": (table(edge="fall"), "edge is 'fall'"),
     "no states": (table(states={}), "states must hold"),
     "no labels": (table(labels=None), "labels must be an object"),
-    "same colours": (table(labels={"a": {"color": "#000000"}, "b": {"color": "#000000"}}), "same color"),
-    "bad colour": (table(labels={"a": {"color": "red"}}), "labels.a.color is 'red'"),
+    "same colors": (table(labels={"a": {"color": "#000000"}, "b": {"color": "#000000"}}), "same color"),
+    "bad color": (table(labels={"a": {"color": "red"}}), "labels.a.color is 'red'"),
     "nowhere to start": (table(labels={"a": {"color": "#000000", "spawn": False}}, states={"w": WALK}), "may start"),
     "missing label": (table(states={"w": {"on": {"ground": {}}}}), "says nothing of the label 'wall'"),
     "unknown label": (table(states={"w": {"on": {"*": {}, "river": {}}}}), "states.w.on.river names no label"),
@@ -145,7 +145,7 @@ MALFORMED = {
 }
 # What no schema can say: sums, and names that must occur elsewhere.
 SEMANTIC = {
-    "not json", "same colours", "nowhere to start", "missing label", "unknown label", "unknown state", "heavy start", "nan",
+    "not json", "same colors", "nowhere to start", "missing label", "unknown label", "unknown state", "heavy start", "nan",
     "huge", "unknown then", "times the wrong way round", "unknown choice", "choice of nothing",
 }  # fmt: skip
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.behaviour import cell_borders, tabulated_step
-from crowd_lod_extension.crowd_lod.behaviour import step as step_
-from crowd_lod_extension.crowd_lod.behaviour.step import advance, step
+from crowd_lod_extension.crowd_lod.behavior import cell_borders, tabulated_step
+from crowd_lod_extension.crowd_lod.behavior import step as step_
+from crowd_lod_extension.crowd_lod.behavior.step import advance, step
 from crowd_lod_extension.crowd_lod.crowd import leave_outs
 from crowd_lod_extension.crowd_lod.crowd.agents import populate
 from crowd_lod_extension.crowd_lod.crowd.maps import LabelMap

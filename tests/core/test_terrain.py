@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
+from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd import morton_order
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS, NOTHING
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, HeightMap
@@ -46,7 +46,7 @@ def two_floors(stairs=False):
 
 
 def soup(count=200, seed=1):
-    """Triangles anywhere over 20 by 20 metres, many over each other."""
+    """Triangles anywhere over 20 by 20 meters, many over each other."""
     random = np.random.default_rng(seed)
     middle = random.uniform((-10, -10, 0), (10, 10, 4), (count, 1, 3))
     corners = middle + random.normal(size=(count, 3, 3)) * (3, 3, 0.6)
@@ -163,7 +163,7 @@ def test_where_agents_start_the_height_of_the_crowd_chooses_the_floor():
 
 def test_nobody_starts_within_stairs():
     terrain = Terrain(two_floors(stairs=True))
-    x, y = np.zeros(4), np.array([5.0, 24.5, 27.5, 36.5])  # steps at 1, 1.6 and 3.4 metres
+    x, y = np.zeros(4), np.array([5.0, 24.5, 27.5, 36.5])  # steps at 1, 1.6 and 3.4 meters
     assert terrain.at(x, y, np.zeros(4)).tolist() == [0, 0, 0, 0]
     started = terrain.start(x, y, np.zeros(4))
     assert started == pytest.approx([0, 1, 1.6, 0]) and np.array_equal(terrain.at(x, y, started), started)

@@ -32,7 +32,7 @@ def test_what_is_not_known_is_left_out(tmp_path):
 
 
 def test_centimeters_are_rounded_once(tmp_path):
-    found = rows(x=np.array([-554.56] * 20)).in_metres("cm")
+    found = rows(x=np.array([-554.56] * 20)).in_meters("cm")
     assert (found.x == float(Fraction(-554.56) / 100)).all() and found.unit == "cm"
 
 

@@ -52,7 +52,7 @@ FORMATS = {
         lines(BY_ID, "{} {:.0f} {} {} 1.76", "# PeTrack project: a.pet\n# framerate: 16 fps\n# id frame x/m y/m z/m\n")
     ),
     "PeTrack, tabs": lambda path: path.write_text(
-        lines([(i, f, f"{x:.4f}", f"{y:.4f}") for i, f, x, y in BY_ID], "{}\t{:.0f}\t{}\t{}\t1.76", "#framerate: 16.00\n#ID\tFR\tX\tY\tZ\n#X,Y,Z: coordinates (in metres)\n")
+        lines([(i, f, f"{x:.4f}", f"{y:.4f}") for i, f, x, y in BY_ID], "{}\t{:.0f}\t{}\t{}\t1.76", "#framerate: 16.00\n#ID\tFR\tX\tY\tZ\n#X,Y,Z: coordinates (in meters)\n")
     ),
     "CSV": lambda path: table(path, [(x, i, "a, b", int(f), y) for i, f, x, y in COLUMNS], ["pos_x/m", "ID", "name", "Frame", "pos_y/m"]),
     "CSV of seconds": lambda path: table(path, [(f / 16, i, y, x) for i, f, x, y in BY_FRAME], ["t", "id", "y", "x"]),

@@ -5,10 +5,10 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.behaviour import step
-from crowd_lod_extension.crowd_lod.behaviour.exact_walk import trouble, walk
-from crowd_lod_extension.crowd_lod.behaviour.step import HOLD, MOST_TURNS, advance
-from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
+from crowd_lod_extension.crowd_lod.behavior import step
+from crowd_lod_extension.crowd_lod.behavior.exact_walk import trouble, walk
+from crowd_lod_extension.crowd_lod.behavior.step import HOLD, MOST_TURNS, advance
+from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import populate
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 
@@ -119,7 +119,7 @@ def test_agents_caught_between_walls_are_in_trouble_and_others_are_not():
 
 @pytest.mark.parametrize("way", [(1, 0), (0, -1), (1, 0.6), (-0.37, 1)])
 @pytest.mark.parametrize("edge", ["clamp", "wrap", "reflect"])
-def test_a_million_metres_a_second(edge, way):
+def test_a_million_meters_a_second(edge, way):
     """Between walls all around, and where there are none: where a straight line leads that is folded at the walls."""
     random, speed = np.random.default_rng(0), 1e6
     vx, vy = speed * np.array(way)

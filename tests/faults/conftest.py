@@ -22,7 +22,7 @@ scene = bpy.context.scene
 sample_scenes.make("chapter", scene)
 for name in "child", "heavy":
     scene.crowd_lod.characters.children.unlink(bpy.data.collections[name])
-scene.crowd_lod.count, scene.crowd_lod.way, scene.crowd_lod.goal_labels = 300, "PRECISE", "left edge, right edge"
+scene.crowd_lod.count, scene.crowd_lod.method, scene.crowd_lod.goal_labels = 300, "DECIMATE", "left edge, right edge"
 store_groups(scene.crowd_lod, measure_groups(scene))
 list(make_levels(scene))
 bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])

@@ -142,7 +142,7 @@ def test_what_is_spoilt_is_refused_in_one_sentence_and_nothing_is_left(built, ke
         done = [spoil(opened, dice) for _ in range(3)]
         name = dice.choice(STEPS[:-3] * 3 + STEPS)
         if name == "remove_build" and opened.crowd_lod.build is None:
-            continue  # its button is grey
+            continue  # its button is gray
         before = size()
         capfd.readouterr()
         said = ""

@@ -60,7 +60,7 @@ def small(file: Path) -> None:
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=False)
     scene = bpy.context.scene
     sample_scenes.make("chapter", scene)
-    scene.crowd_lod.count, scene.crowd_lod.way = 60, "PRECISE"
+    scene.crowd_lod.count, scene.crowd_lod.method = 60, "DECIMATE"
     scene.frame_end, scene.crowd_lod.goal_labels = 3, "left edge, right edge"
     store_groups(scene.crowd_lod, measure_groups(scene))
     list(make_levels(scene))

@@ -82,7 +82,7 @@ def named(name: str) -> dict:
 def quicken(scene: bpy.types.Scene, folder: str = "") -> None:
     """Make a new sample scene quick to work with; what it writes goes to the folder, if there is one."""
     settings = scene.crowd_lod
-    scene.frame_end, settings.way, settings.count = 5, "PRECISE", min(settings.count, 200)
+    scene.frame_end, settings.method, settings.count = 5, "DECIMATE", min(settings.count, 200)
     settings.frames, settings.width = "1,5", 64
     settings.verify_count, settings.verify_width, settings.verify_samples = 1, 32, 1
     for name in ("folder", "plan_folder", "verify_folder"):
@@ -151,7 +151,7 @@ def saved(folder: str) -> str:
         material.node_tree.nodes.new("ShaderNodeTexImage").image = bpy.data.images.new(f"{material.name} image", 256, 256)
     scene.frame_end, settings = 5, scene.crowd_lod
     settings.scale_textures = True
-    settings.count, settings.way, settings.frames, settings.width, settings.folder = 100, "PRECISE", "1,5", 64, folder
+    settings.count, settings.method, settings.frames, settings.width, settings.folder = 100, "DECIMATE", "1,5", 64, folder
     bpy.ops.crowd_lod.populate()
     path = f"{folder}/crowd.blend"
     bpy.ops.wm.save_as_mainfile(filepath=path)

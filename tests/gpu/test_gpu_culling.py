@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import gpu
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
+from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd import morton_order
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, HeightMap, LabelMap
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy

@@ -3,7 +3,7 @@
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.operators.blender.material_colors import GREY, Looks
+from crowd_lod_extension.operators.blender.material_colors import GRAY, Looks
 
 COLOR = 0.5, 0.25, 0.125
 SRGB = 188, 137, 99  # of COLOR
@@ -29,9 +29,9 @@ def image(values, space, floats):
     return made
 
 
-def test_a_plain_material_shows_its_base_color_and_none_is_grey():
+def test_a_plain_material_shows_its_base_color_and_none_is_gray():
     assert Looks().of(material()) == pytest.approx((*COLOR, -1))
-    assert Looks().of(None) == (*GREY, -1)
+    assert Looks().of(None) == (*GRAY, -1)
 
 
 @pytest.mark.parametrize(

@@ -40,7 +40,7 @@ def scene():
         swing.keyframe_insert("rotation_euler", frame=frame)
     for item in (prop, swing):
         adult.objects.link(item)
-    scene.crowd_lod.way = "FAST"  # half of what it takes to compare
+    scene.crowd_lod.method = "POSE_AWARE"  # half of what it takes to compare
     with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
         assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
         assert bpy.ops.crowd_lod.make_levels() == {"FINISHED"}
@@ -368,7 +368,7 @@ def test_a_draw_shows_its_action_and_an_agent_its_size(kind, monkeypatch):
     if kind == "JOINTS":
         monkeypatch.setattr(gpu_side, "MOST_SKINNED", 0)
     frames = np.repeat(np.eye(4, dtype=np.float32)[None, None, :3], 4, axis=0)
-    frames[2:, 0, 2, 3] = 0.5, 1.0  # its second action, of the last three frames, lifts it by a metre
+    frames[2:, 0, 2, 3] = 0.5, 1.0  # its second action, of the last three frames, lifts it by a meter
     body = replace(quad_character(np.empty((0, 1, 1, 4), np.uint8), -1), frames=frames, rows={"": (0, 1), "lift": (1, 3)})
     cast = Cast((), (body,))
     for action, phase, size, low in (

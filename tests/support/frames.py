@@ -1,6 +1,6 @@
 """A frame of a small crowd."""
 
-from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
+from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import populate
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset

@@ -1,9 +1,9 @@
-"""Steps of behaviour that are hard, and whether two crowds are the same."""
+"""Steps of behavior that are hard, and whether two crowds are the same."""
 
 from dataclasses import replace
 
 import numpy as np
-from crowd_lod_extension.crowd_lod.behaviour.step import pace_of
+from crowd_lod_extension.crowd_lod.behavior.step import pace_of
 
 from .shots import AREA
 

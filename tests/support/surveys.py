@@ -13,7 +13,7 @@ BOUNDS = np.array([[0, 1, 3, 8], [0, 2, 3, 12]]) / 64  # sums of them, times who
 def some_shot(seed, agents=3, frames=5, lods=3, engine="EEVEE", tolerance=None, seen=0.7, each=1):
     """Agents of two groups, with `each` characters a group, that come and go before a camera that cuts.
 
-    Their scales are whole pixels a metre, and sometimes double in a frame.
+    Their scales are whole pixels a meter, and sometimes double in a frame.
     tolerance: pixels; None for LODs that are allowed at random.
     """
     random = np.random.default_rng(seed)

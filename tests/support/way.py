@@ -1,4 +1,4 @@
-"""One agent's way over the map in exact rational arithmetic, in a plain loop: nothing in common with the behaviour."""
+"""One agent's way over the map in exact rational arithmetic, in a plain loop: nothing in common with the behavior."""
 
 from fractions import Fraction as F
 from math import floor

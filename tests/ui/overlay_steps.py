@@ -182,7 +182,7 @@ def local_view():
 
 def build():
     """Characters are drawn only where the build does not show."""
-    settings().way = "PRECISE"
+    settings().method = "DECIMATE"
     settings().choice, settings().level_count = "BY_RATIO", 2
     yield from robot.press("crowd_lod.make_levels")
     yield from robot.press("crowd_lod.build")

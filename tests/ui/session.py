@@ -120,8 +120,8 @@ def timeline():
     return found
 
 
-def move(metres: float):
-    scene().camera.location.x += metres
+def move(meters: float):
+    scene().camera.location.x += meters
 
 
 def threshold(*values: float):
@@ -130,7 +130,7 @@ def threshold(*values: float):
 
 
 def levels():
-    settings().way = "PRECISE"  # the quickest
+    settings().method = "DECIMATE"  # the quickest
     status = yield from robot.press("crowd_lod.make_levels")
     yield 1.0
     for part in ("06_levels_a", "06_levels_b", "06_levels_c"):

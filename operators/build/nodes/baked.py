@@ -18,7 +18,7 @@ def baked() -> bpy.types.GeometryNodeTree:
     Inputs: those of instances.instances; Rate (frames of the timeline per frame of the animation);
     Opens (part of a frame by which the shutter opens before it).
 
-    Points may have velocities: move_before and move_after, metres per frame, and turn_before and
+    Points may have velocities: move_before and move_after, meters per frame, and turn_before and
     turn_after (roll, pitch, heading), radians per frame. "before" holds until the frame, "after"
     from it on.
     """

@@ -16,16 +16,14 @@ def made(kind: str) -> bpy.types.GeometryNodeTree | None:
     A tree of the user's with the same name does not count.
     """
     for tree in bpy.data.node_groups:
-        # before version 3 by name alone
-        marked = tree.get(KIND) == kind or (tree.name == kind and TREE_VERSION in tree)
-        if marked and tree.bl_idname == "GeometryNodeTree" and tree.library is None:
+        if tree.get(KIND) == kind and tree.bl_idname == "GeometryNodeTree" and tree.library is None:
             return tree
     return None
 
 
 def is_ours(tree: bpy.types.NodeTree | None) -> bool:
     """Return whether this is a tree of ours, of any kind and version."""
-    return tree is not None and (KIND in tree or tree.name.startswith("Crowd LOD ") and TREE_VERSION in tree)
+    return tree is not None and KIND in tree
 
 
 def stale(kind: str, version: int) -> bool:

@@ -1,4 +1,4 @@
-"""Cut steps at the borders of map cells and of the map (for behaviour/step.py)."""
+"""Cut steps at the borders of map cells and of the map (for behavior/step.py)."""
 
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ MANY_PIECES = 8
 class Walkers(NamedTuple):
     """Agents on their way, the columns along x and y.
 
-    place: (2, c) float64, world metres.
+    place: (2, c) float64, world meters.
     cell: (2, c) intp, column and row of the map cells that they are in.
     velocity: (2, c) float64, m/s.
     """
@@ -38,7 +38,7 @@ class Borders(NamedTuple):
     way: the direction -1, 0 or 1.
     beyond: column and row of the cell behind the border.
     out: bool, whether that cell is off the map.
-    at: the border's coordinate, world metres.
+    at: the border's coordinate, world meters.
     """
 
     last: np.ndarray
@@ -52,7 +52,7 @@ class Crossing(NamedTuple):
     """What agents have done who went to the border of their cell.
 
     taken: (c,) seconds.
-    place: (2, c) world metres.
+    place: (2, c) world meters.
     cell: (2, c) column and row of the cell entered.
     flips: (c,) uint8, the bits of `mirror` that the map's edge flips.
     crossed: (c,) intp, the borders crossed before the last one.
@@ -160,7 +160,7 @@ def same_beside(cell: np.ndarray, to: np.ndarray, world: LabelMap) -> np.ndarray
 
 
 def outside(place: np.ndarray, area: Area) -> np.ndarray:
-    """Return whether places (2, n), world metres, lie outside the area, (n,) bool."""
+    """Return whether places (2, n), world meters, lie outside the area, (n,) bool."""
     x, y = place
     return (x < area.x_min) | (x > area.x_max) | (y < area.y_min) | (y > area.y_max)
 
@@ -168,7 +168,7 @@ def outside(place: np.ndarray, area: Area) -> np.ndarray:
 def leaves_map(place: np.ndarray, velocity: np.ndarray, area: Area) -> np.ndarray:
     """Return whether agents would move off the map, (m,) bool.
 
-    place: (2, m) world metres, on the area's border or beyond it; agents inside give False.
+    place: (2, m) world meters, on the area's border or beyond it; agents inside give False.
     velocity: (2, m) m/s.
     """
     (x, y), (vx, vy) = place, velocity
@@ -232,7 +232,7 @@ class Rounds:
     to the same place.
 
     most: pieces that an agent may take in a step, plus about as many for each cell that it walks.
-    area: the map's area; its largest coordinate gives the rounding per border, metres.
+    area: the map's area; its largest coordinate gives the rounding per border, meters.
     """
 
     def __init__(self, most: int, area: Area):
@@ -240,7 +240,7 @@ class Rounds:
         self.met: np.ndarray | None = None  # all that the way depends on, at the piece `since`
         # the seconds left then, and the cells and reads since
         self.had, self.gone = np.zeros(0), np.zeros((2, 0))
-        # metres a border
+        # meters a border
         self.rounding = 4 * np.spacing(np.abs((area.x_min, area.y_min, area.x_max, area.y_max)).max())
 
     def piece(self, pieces: int, now: np.ndarray | None, rest: np.ndarray, gone: np.ndarray) -> Repeats:

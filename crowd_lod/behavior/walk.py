@@ -354,7 +354,7 @@ def walks_of(trajectory: Trajectory) -> list[Walk]:
 
 
 def stray_places(trajectory: Trajectory) -> np.ndarray:
-    """Return (k, 3) world metres of the middles of all cells painted in no label's color."""
+    """Return (k, 3) world meters of the middles of all cells painted in no label's color."""
     worlds = [walk.world for walk in walks_of(trajectory)]
     found = [np.column_stack([*world.middles(*world.strays.T), np.full(len(world.strays), world.area.z)]) for world in worlds]
     return np.concatenate(found) if found else np.empty((0, 3))

@@ -96,7 +96,7 @@ def advance(
 
     exact: take the limit of ever shorter steps. An agent whose state changes then moves no further
         than out of the cell on whose border it stands, and reads the table again
-        (behaviour/exact_walk.py).
+        (behavior/exact_walk.py).
     leave: parts to leave out, from leave_outs.needless.
     """
     way = _Way(crowd, machine, world, seconds, exact, leave)
@@ -117,7 +117,7 @@ class _Piece:
     label: (k,) uint8, of the cells they are in; (1,) if all of the map has one.
     changed: (k,) bool, whose state the read has changed.
     span: (k,) seconds that they walk.
-    to, to_cell: (2, k), where that leads, metres, and column and row of the cell there.
+    to, to_cell: (2, k), where that leads, meters, and column and row of the cell there.
     leaves: (c,) intp, which of them are stopped at a border.
     reads: (k,) intp, table reads.
     """
@@ -349,7 +349,7 @@ def _put(into: np.ndarray, some: np.ndarray, values: np.ndarray) -> None:
 def pace_of(x: np.ndarray, y: np.ndarray, state: np.ndarray, machine: StateMachine, world: LabelMap) -> np.ndarray:
     """Return at which of the machine's paces agents walk on, (n,) uint8.
 
-    x, y: (n,) world metres.
+    x, y: (n,) world meters.
     state: (n,) uint8. With the edge policy "stop", agents that stand at the map's border get the pace
         at which their action stands.
     """

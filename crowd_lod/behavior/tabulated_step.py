@@ -31,7 +31,7 @@ class Tables:
 
     Each table is (cases,), in the order mirror, state, label.
 
-    x, y: displacement, metres; x is NaN where the state changes.
+    x, y: displacement, meters; x is NaN where the state changes.
     heading: float32 radians.
     turns, stands: bool, speed above 0, speed 0.
     changing: names of the Crowd columns that a step within a cell changes.

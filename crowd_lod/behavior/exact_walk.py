@@ -6,7 +6,7 @@ agent reads the table until its state no longer changes, then walks to the next 
 reads it does not move, with one exception: a rule that heads out over the border on which the agent
 stands, as a wall's rule does, moves it out.
 
-A step (behaviour/step.py) reads once in each piece. So the two agree, up to rounding, wherever a
+A step (behavior/step.py) reads once in each piece. So the two agree, up to rounding, wherever a
 rule moves as the state that it leads to. Elsewhere an agent keeps the rule's own velocity for at
 most a step, and the error is of first order in the step.
 
@@ -62,7 +62,7 @@ class Convergence:
     """The error of stepping against the exact walk.
 
     dt: (k,) seconds.
-    median, mean, worst: (k,) metres, over the agents compared.
+    median, mean, worst: (k,) meters, over the agents compared.
     apart: (k,), the share of these agents that end more than a cell's diagonal away.
     agents: the number of agents compared.
     """
@@ -122,7 +122,7 @@ def drift(
     offset: float = 0.0,
     seed: int = 0,
 ) -> tuple[float, float]:
-    """Return (mean, worst) position error in metres after `steps` steps in `dtype`.
+    """Return (mean, worst) position error in meters after `steps` steps in `dtype`.
 
     The reference is the exact sum. The agents walk straight for 1,000 steps at a time, at 0.5 to 2
     m/s drawn anew for each stretch, to and fro within some 100 m of `offset`. Each step rounds x +
@@ -157,7 +157,7 @@ class Trouble:
     kind: "chatters": the state changes for ever and the agent gets nowhere, or nearly so. "stuck":
         the agent stands for good in a state that walks elsewhere.
     agents: (k,) intp.
-    x, y: (p,) float64 world metres, centers of the map cells where the agents are.
+    x, y: (p,) float64 world meters, centers of the map cells where the agents are.
     column, row: (p,) intp, these cells; row 0 lies at y_min.
     counts: (p,), agents in each cell, largest first.
     """

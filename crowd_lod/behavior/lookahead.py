@@ -118,10 +118,10 @@ def _across(rooms: np.ndarray, ways: np.ndarray, at_cell: np.ndarray, world: Lab
     In these steps no agent goes through a corner of cells. Both borders are crossed in one step
     only where an agent reaches them less than a step apart.
 
-    rooms: (2, m) metres to the borders ahead, along x and y.
-    ways: (2, m) metres of a step.
+    rooms: (2, m) meters to the borders ahead, along x and y.
+    ways: (2, m) meters of a step.
     at_cell: (m,) indices into the flat map.
-    slack: metres by which a border counts as nearer.
+    slack: meters by which a border counts as nearer.
     """
     (width, depth), pace = world.cell, np.abs(ways)
     square = world.squares.reshape(-1).take((2 * (ways[1] > 0) + (ways[0] > 0)) * world.labels.size + at_cell, mode="clip") - 1.0

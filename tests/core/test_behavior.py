@@ -3,9 +3,9 @@ import weakref
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.behaviour.courant_number import courant
-from crowd_lod_extension.crowd_lod.behaviour.step import HOLD, advance, step
-from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
+from crowd_lod_extension.crowd_lod.behavior.courant_number import courant
+from crowd_lod_extension.crowd_lod.behavior.step import HOLD, advance, step
+from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import populate
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, HeightMap, LabelMap, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset

@@ -1,4 +1,4 @@
-"""Behaviour: agents step through the state machine over the labelled map (chapter listing 1.1).
+"""Behavior: agents step through the state machine over the labeled map (chapter listing 1.1).
 
 In: Crowd, StateMachine, LabelMap, seconds. Out: Crowd. `trajectory` is the crowd at any frame; `exact_walk` judges its steps.
 
