@@ -2,6 +2,7 @@
 
 import json
 import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -13,8 +14,7 @@ from crowd_lod_extension.operators.cli import commands, farm
 
 OPENJD = Path(sys.executable).with_name("openjd")
 # Blender as a module in the place of Blender's own program: it opens the file and runs the script. Once it fails.
-BLENDER = """#!{python}
-import runpy, sys
+BLENDER = """import runpy, sys
 from pathlib import Path
 
 once = Path(__file__).with_name("failed")
@@ -45,7 +45,10 @@ def job(levelled, tmp_path):
 @pytest.mark.skipif(os.name == "nt", reason="the stand-in for Blender's program is a script")
 def test_the_job_runs_and_a_chunk_that_fails_is_tried_again(job, tmp_path, capfd):
     blender = tmp_path / "blender"
-    blender.write_text(BLENDER.format(python=sys.executable))
+    script = tmp_path / "blender.py"
+    script.write_text(BLENDER)
+    # of a "#!" line with the interpreter's path the kernel takes what comes before the first space
+    blender.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} {shlex.quote(str(script))} "$@"\n')
     blender.chmod(0o755)
 
     def start(step, *words):
