@@ -18,7 +18,9 @@ import numpy as np
 
 from ..errors import CrowdError
 from ..format import printable
+from ..levels.assignment import MOST_LEVELS
 from ..npz_file import read_arrays
+from ..planning.planned import LEVEL
 
 VERSION = 2
 NAME = "plan.npz"
@@ -55,16 +57,20 @@ class StoredPlan:
         step = float(np.diff(self.times).max(initial=1.0))
         return f if f >= 0 and time < self.times[f] + step else None
 
-    def row(self, f: int, agents: int) -> np.ndarray:
+    def row(self, f: int, agents: int, levels: int = MOST_LEVELS) -> np.ndarray:
         """Return the plan of frame `f`, (n,) uint8; CrowdError if the file is spoilt.
 
         agents: the number that it must have.
+        levels: the number of LODs that there are.
         """
         name = f"levels_{self.numbers[f]}"
-        levels = _read(self.path, (name,))[name]
-        if levels.shape != (agents,) or levels.dtype != np.uint8:
+        row = _read(self.path, (name,))[name]
+        if row.shape != (agents,) or row.dtype != np.uint8:
             raise CrowdError(f"The shot plan {printable(self.path)} does not have {agents:,} agents in {name}: {AGAIN}.")
-        return levels
+        coarsest = int((row & LEVEL).max(initial=0))
+        if coarsest >= levels:
+            raise CrowdError(f"The shot plan {printable(self.path)} has a LOD {coarsest} in {name}, and there are {levels}: {AGAIN}.")
+        return row
 
 
 def write(path: Path, stored: StoredPlan, levels: Sequence[np.ndarray]) -> None:
