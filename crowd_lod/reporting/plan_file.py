@@ -69,7 +69,9 @@ class StoredPlan:
             raise CrowdError(f"The shot plan {printable(self.path)} does not have {agents:,} agents in {name}: {AGAIN}.")
         coarsest = int((row & LEVEL).max(initial=0))
         if coarsest >= levels:
-            raise CrowdError(f"The shot plan {printable(self.path)} has a LOD {coarsest} in {name}, and there are {levels}: {AGAIN}.")
+            raise CrowdError(
+                f"The shot plan {printable(self.path)} has a LOD {coarsest} in {name}, and there are {levels}: {AGAIN}."
+            )
         return row
 
 
