@@ -1,8 +1,11 @@
 """Data-blocks that an object uses through nodes, particles and instances."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import bpy
+
+from .rig_dependencies import movers_of
+from .scene_data import node_inputs
 
 
 def reached(item: bpy.types.Object) -> set[bpy.types.ID]:
@@ -19,6 +22,20 @@ def reached(item: bpy.types.Object) -> set[bpy.types.ID]:
     return found
 
 
+def closure_of(objects: Iterable[bpy.types.Object]) -> list[bpy.types.Object]:
+    """Return `objects` and all others without which they would stand, move or look otherwise.
+
+    These are parents, the objects that modifiers, constraints and drivers refer to, what nodes and
+    instances show, and all that these need in turn.
+    """
+    closure = movers_of(list(objects))
+    while True:
+        shown = {block for item in closure for block in reached(item) if isinstance(block, bpy.types.Object)}
+        if shown.issubset(closure):
+            return closure
+        closure = movers_of([*closure, *shown.difference(closure)])
+
+
 def _named(block: bpy.types.ID) -> Iterator[bpy.types.ID]:
     if isinstance(block, bpy.types.Object):
         yield from (slot.material for slot in block.material_slots if slot.material is not None)
@@ -29,7 +46,7 @@ def _named(block: bpy.types.ID) -> Iterator[bpy.types.ID]:
         for modifier in block.modifiers:
             if modifier.type == "NODES" and modifier.node_group is not None:
                 yield modifier.node_group
-                yield from _inputs(modifier)
+                yield from (value for value in node_inputs(modifier).values() if isinstance(value, bpy.types.ID))
         for system in block.particle_systems:
             yield from filter(None, (system.settings.instance_object, system.settings.instance_collection))
     elif isinstance(block, bpy.types.Collection):
@@ -39,16 +56,3 @@ def _named(block: bpy.types.ID) -> Iterator[bpy.types.ID]:
             values = [getattr(node, name, None) for name in ("node_tree", "material", "object", "collection")]
             values += [getattr(each, "default_value", None) for each in node.inputs]
             yield from (value for value in values if isinstance(value, bpy.types.ID))
-
-
-def _inputs(modifier: bpy.types.NodesModifier) -> Iterator[bpy.types.ID]:
-    """Yield the data-blocks chosen in the inputs of the modifier's node group."""
-    if bpy.app.version >= (5, 2, 0):
-        values = (getattr(each, "value", None) for each in _members(modifier.properties.inputs))
-    else:
-        values = (modifier[name] for name in modifier.keys())
-    yield from (value for value in values if isinstance(value, bpy.types.ID))
-
-
-def _members(struct) -> Iterator:
-    yield from (getattr(struct, name) for name, kind in struct.bl_rna.properties.items() if kind.type == "POINTER")

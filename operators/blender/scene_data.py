@@ -1,5 +1,8 @@
 """Values from a scene's settings, and which scene owns a collection."""
 
+from collections.abc import Iterator
+from typing import Any
+
 import bpy
 import numpy as np
 from mathutils import Matrix
@@ -56,6 +59,29 @@ def set_node_input(modifier: bpy.types.NodesModifier, name: str, value) -> None:
         getattr(modifier.properties.inputs, socket.identifier).value = value
     else:
         modifier[socket.identifier] = value
+
+
+def node_inputs(modifier: bpy.types.NodesModifier) -> dict[str, Any]:
+    """Return the inputs of the modifier's node group, in any Blender version: RNA path -> value.
+
+    The paths begin at the modifier. Values are numbers, texts, data-blocks, None, and tuples for
+    vectors. There are none without a node group.
+    """
+    if bpy.app.version < (5, 2, 0):
+        values = {f'["{key}"]': value for key, value in modifier.items()}
+    else:
+        values = dict(_node_properties(modifier.properties.inputs)) if modifier.properties else {}
+    arrays = {path for path, value in values.items() if hasattr(value, "__len__") and not isinstance(value, str)}
+    return {path: tuple(value) if path in arrays else value for path, value in values.items()}
+
+
+def _node_properties(inputs: bpy.types.bpy_struct) -> Iterator[tuple[str, Any]]:
+    for identifier in inputs.bl_rna.properties.keys():
+        # Blender may list sockets of a node group that has changed since
+        socket = getattr(inputs, identifier, None)
+        for name in ("type", "attribute_name", "value"):
+            if identifier.startswith("Socket_") and hasattr(socket, name):
+                yield f".properties.inputs.{identifier}.{name}", getattr(socket, name)
 
 
 def rotation(forward: str) -> float:

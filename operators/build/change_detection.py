@@ -45,8 +45,7 @@ def shown_by(top: bpy.types.Collection) -> str:
 
 def _properties(item: bpy.types.Object) -> list:
     linked = [home and home.name_full for home in (item.light_linking.receiver_collection, item.light_linking.blocker_collection)]
-    inputs = [(key, repr(m[key])) for m in item.modifiers if m.type == "NODES" for key in m.keys()]
-    return [*custom(item), item.lightgroup, linked, inputs]
+    return [*custom(item), item.lightgroup, linked]
 
 
 def cameras_digest(cameras: Iterable[Camera]) -> str:

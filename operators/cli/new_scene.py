@@ -1,7 +1,7 @@
 """The command scene: a scene made of trajectories, with the characters of a file."""
 
 import os
-from collections.abc import Generator
+from collections.abc import Generator, Iterable
 from contextlib import suppress
 from math import floor, radians
 from pathlib import Path
@@ -17,18 +17,19 @@ from ...crowd_lod.progress import share
 from ...crowd_lod.reporting import files
 from ...crowd_lod.tracks.recorded import Recorded
 from ..blender import cameras, console, scene_data
+from ..blender.references import closure_of
 from ..build.render_setup import remove_build
 from ..crowd.scene_crowd import characters_of, populating, trajectory_of
 from .scene_files import blend_path, finish, first_line, open_scene, save
 
 # What the new scene keeps of the settings: the characters and their LOD meshes.
 KEPT = {
-    *("version", "characters", "keep_characters", "forward", "groups", "levels", "choice", "tolerance", "memory", "shading_counts"),
+    *("characters", "keep_characters", "forward", "groups", "levels", "choice", "tolerance", "memory", "shading_counts"),
     *(
         "level_count",
         "scale_textures",
         "ratios",
-        "way",
+        "method",
         "thresholds",
         "metric",
         "sizes",
@@ -129,6 +130,7 @@ def _empty(scene: bpy.types.Scene, source: bpy.types.Object | None, keeps: bool)
         bpy.data.scenes.remove(other)
     top, home = scene.collection, bpy.data.collections.new("Ground")
     own = {settings.characters, *([settings.levels] if settings.levels in top.children_recursive else [])}
+    own |= _homes_of_needed(own, source)
     for parent in (top, *bpy.data.collections):
         for child in own & set(parent.children):
             parent.children.unlink(child)
@@ -149,6 +151,23 @@ def _empty(scene: bpy.types.Scene, source: bpy.types.Object | None, keeps: bool)
     bpy.data.orphans_purge(do_recursive=True)
     scene.unit_settings.system = "METRIC"
     return home if keeps else None
+
+
+def _homes_of_needed(own: Iterable[bpy.types.Collection], source: bpy.types.Object | None) -> set[bpy.types.Collection]:
+    """Return a new hidden collection of what the objects of `own` need from outside, if anything.
+
+    Blender would purge parents and targets that no collection holds, and characters change their
+    size and place without them.
+    """
+    inside = {item for collection in own for item in collection.all_objects}
+    outside = set(closure_of(inside)) - inside - {source}
+    if not outside:
+        return set()
+    home = bpy.data.collections.new("Characters' Parents")
+    home.hide_render = True
+    for item in outside:
+        home.objects.link(item)
+    return {home}
 
 
 def _add_ground(scene: bpy.types.Scene, path: Path) -> bpy.types.Collection:

@@ -15,6 +15,7 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
 from ..blender import mesh_data
 from ..blender.ownership import OWNED
+from ..blender.scene_data import node_inputs
 
 MADE_OF = "crowd_lod_made_of"  # custom property of such a mesh: what it was made of, as text
 NAMES = "start_places", "terrain_mesh"  # the settings that refer to one
@@ -69,7 +70,7 @@ def _modifier(modifier: bpy.types.Modifier) -> tuple:
     names = [
         each.identifier for each in modifier.bl_rna.properties if each.type in SETTINGS and not getattr(each, "is_array", False)
     ]
-    inputs = [(key, repr(modifier[key])) for key in modifier.keys()] if modifier.type == "NODES" else []
+    inputs = sorted((path, repr(value)) for path, value in node_inputs(modifier).items()) if modifier.type == "NODES" else []
     return modifier.name, [(name, getattr(modifier, name)) for name in names if name not in PASSING], inputs
 
 

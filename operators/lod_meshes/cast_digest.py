@@ -6,7 +6,7 @@ from collections.abc import Iterable
 import bpy
 import numpy as np
 
-from ..blender import mesh_data, scene_cache
+from ..blender import mesh_data, scene_cache, scene_data
 from ..blender.rig_dependencies import curves_of, places, players_of
 from ..crowd.scene_crowd import characters_of
 from .source_mesh import text_digest
@@ -45,9 +45,21 @@ def look_again(scene: bpy.types.Scene) -> str:
 
 def _moves(item: bpy.types.Object) -> bool:
     """Return whether the object's own place is animated, and so tells the frame."""
+    return any(map(places, _curves(item)))
+
+
+def _curves(item: bpy.types.Object) -> list[bpy.types.FCurve]:
+    """Return the drivers and F-curves that animate the object itself."""
     data = item.animation_data
-    curves = [*data.drivers, *(curve for player in players_of([item]) for curve in curves_of(player))] if data is not None else []
-    return any(map(places, curves))
+    return [*data.drivers, *(curve for player in players_of([item]) for curve in curves_of(player))] if data is not None else []
+
+
+def _node_inputs(item: bpy.types.Object) -> list[tuple[str, str]]:
+    """Return (RNA path, value as text) of each input of Nodes modifiers that nothing animates."""
+    modifiers = [modifier for modifier in item.modifiers if modifier.type == "NODES"]
+    inputs = {m.path_from_id() + path: value for m in modifiers for path, value in scene_data.node_inputs(m).items()}
+    animated = {curve.data_path for curve in _curves(item)}
+    return sorted((path, repr(value)) for path, value in inputs.items() if path not in animated)
 
 
 def _sampled(item: bpy.types.Object) -> list:
@@ -60,7 +72,16 @@ def holds(item: bpy.types.Object, still: bool = True) -> tuple:
     named = [(*each, other and other.name) for *each, other in modifiers]
     sizes = (len(item.data.vertices), len(item.data.loops)) if item.type == "MESH" else ()
     places = np.array([*item.matrix_basis, *item.matrix_parent_inverse]).tolist() if still else []
-    return item.name, item.data and item.data.name_full, sizes, item.parent and item.parent.name, item.parent_bone, places, named
+    return (
+        item.name,
+        item.data and item.data.name_full,
+        sizes,
+        item.parent and item.parent.name,
+        item.parent_bone,
+        places,
+        named,
+        _node_inputs(item),
+    )
 
 
 def slots(item: bpy.types.Object) -> list:

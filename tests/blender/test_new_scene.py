@@ -11,6 +11,7 @@ from crowd_lod_extension.operators.blender.cameras import read_cameras
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.crowd.scene_crowd import trajectory_of
 
+from ..support.characters import character, new, rig, tube
 from ..support.scatter import scatter
 
 
@@ -167,3 +168,40 @@ def test_bad_input_is_one_sentence_and_writes_no_file(people, tmp_path, capfd):
         assert re.search(said, line), line
         assert sorted(tmp_path.iterdir()) == before
     assert run("scene", people, "--characters", people, "--unit", "yard", *out) == 2
+
+
+@pytest.mark.parametrize("rigged", (False, True))
+def test_characters_keep_the_size_that_empties_outside_their_collection_give_them(tmp_path, corridor, rigged):
+    """As importers leave them: a mesh in centimeters, Y up, below an empty, which is below another that moves."""
+    scene = bpy.context.scene
+    mount, root = new("mount", None), new("root", None)
+    for item in (mount, root):
+        scene.collection.objects.link(item)
+    mount.keyframe_insert("location", frame=1)
+    root.parent, root.scale, root.rotation_euler = mount, (0.01, 0.01, 0.01), (np.pi / 2, 0, 0)
+    box = new("box", tube("box", 4, 4, height=1.0))
+    points = [vertex.co.copy() for vertex in box.data.vertices]
+    spans = [max(point[k] for point in points) - min(point[k] for point in points) for k in range(3)]
+    size = (50, 180, 30)  # what is y in the mesh is up in the scene
+    for vertex in box.data.vertices:
+        x, y, z = (vertex.co[k] / spans[k] for k in range(3))
+        vertex.co = (x * size[0], z * size[1], y * size[2])
+    items = [box]
+    if rigged:
+        armature = rig()
+        armature.parent = root
+        box.parent = armature
+        items.append(armature)
+    else:
+        box.parent = root
+    character(*items)
+    path, out = tmp_path / "characters.blend", tmp_path / "shot.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
+    assert run("scene", corridor, "--characters", path, "--out", out) == 0
+    scene = opened(out)
+    box = scene.objects["box"]
+    corners = np.array([box.matrix_world @ vertex.co for vertex in box.data.vertices])
+    assert np.ptp(corners, axis=0) == pytest.approx((0.5, 0.3, 1.8), rel=1e-5)
+    assert scene.objects["root"].parent == scene.objects["mount"] and scene.objects["mount"].animation_data.action
+    (group,) = scene.crowd_lod.groups
+    assert 0.9 < group.radius < 1.0
