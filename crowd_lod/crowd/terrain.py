@@ -246,7 +246,9 @@ class Terrain:
         Cell c is touched by triangles[begin[c]:begin[c + 1]].
         """
         plan = self.corners[:, :, :2] - self._low
-        least, most = ((edge / self._size).astype(np.intp) for edge in (plan.min(axis=1) - self._close, plan.max(axis=1) + self._close))
+        least, most = (
+            (edge / self._size).astype(np.intp) for edge in (plan.min(axis=1) - self._close, plan.max(axis=1) + self._close)
+        )
         least, most = np.clip(least, 0, self._grid - 1), np.clip(most, 0, self._grid - 1)
         wide, high = (most - least + 1).T
         ends = np.cumsum(wide * high)

@@ -120,7 +120,11 @@ def _crowd_of(settings, trajectory: Trajectory) -> dict[str, Any]:
         "count": len(trajectory.parts[0].start),
         "seed": settings.seed,
         "starts_on": settings.start_on,
-        "area": {"x": [area.x_min * meters, area.x_max * meters], "y": [area.y_min * meters, area.y_max * meters], "z": area.z * meters},
+        "area": {
+            "x": [area.x_min * meters, area.x_max * meters],
+            "y": [area.y_min * meters, area.y_max * meters],
+            "z": area.z * meters,
+        },
         "forward": settings.forward,
         "first_frame": settings.first_frame,
         "frames_per_second": 1 / trajectory.seconds_per_frame,

@@ -5,6 +5,8 @@ There they would stand in the picture, uncounted.
 
 import bpy
 
+from ..crowd.glow import told_of_glow
+
 HIDDEN = (
     # custom property of the build's collection: the characters' collection, if the build hides it
     # from renders

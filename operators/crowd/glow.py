@@ -27,7 +27,11 @@ def told_of_glow(scene: bpy.types.Scene) -> Iterator[str]:
     if not found:
         return
     names = ", ".join(f"{name} (material {material})" for name, material in found.items())
-    kept = "each agent of them stays in the render" if scene.crowd_lod.shadows else "without Shadows and Reflections culling takes it away"
+    kept = (
+        "each agent of them stays in the render"
+        if scene.crowd_lod.shadows
+        else "without Shadows and Reflections culling takes it away"
+    )
     yield (
         f"In Cycles these characters light what is around them: {names}; {kept}. If that is not meant, mix the emission with "
         "Transparent by Light Path > Is Camera Ray."

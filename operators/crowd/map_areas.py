@@ -14,6 +14,7 @@ from ...crowd_lod.crowd.maps import FARTHEST
 from ...crowd_lod.crowd.rasterize import covered
 from ...crowd_lod.errors import CrowdError
 from ..blender import image_data, scene_cache, scene_data
+from ..blender.guard import guarded, handler
 from . import kept_meshes
 from .scene_world import MADE_FOR, area_of, areas_depend_on, machine_of
 
@@ -104,7 +105,7 @@ def _triangles(items: list[bpy.types.Object], depsgraph: bpy.types.Depsgraph) ->
             yield points[:, :2].clip(-farthest, farthest)[triangles]
 
 
-@bpy.app.handlers.persistent
+@handler
 def moved_or_edited(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Handler of depsgraph_update_post: have the areas follow their objects and settings.
 
@@ -139,7 +140,7 @@ def _outdated(scene: bpy.types.Scene) -> bool:
         return False
 
 
-@bpy.app.handlers.persistent
+@handler
 def undone(*_) -> None:
     """Handler of undo_post and redo_post: undo brings objects back, and may bring an old image."""
     for scene in bpy.data.scenes:
@@ -156,6 +157,7 @@ def follow_soon(scene: bpy.types.Scene) -> None:
         bpy.app.timers.register(_follow, first_interval=REST)
 
 
+@guarded
 def _follow() -> None:
     """Timer: make the images of scenes whose areas have changed."""
     for scene in [each for each in bpy.data.scenes if _due.pop(each.session_uid, False)]:

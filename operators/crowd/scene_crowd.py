@@ -85,7 +85,9 @@ def measuring_groups(
             found = replace(found, stride=base.stride, actions=base.actions, variant_of=variant_of)
         else:
             found = replace(found, stride=_custom(settings.characters, name, "stride") / meters)
-            actions = {part.name: _action(part, poses, fps, 2 * radius, meters) for part, poses in zip(others, acts[1:], strict=True)}
+            actions = {
+                part.name: _action(part, poses, fps, 2 * radius, meters) for part, poses in zip(others, acts[1:], strict=True)
+            }
             for part in (part for part in others if part.mixed):  # a cross-fade goes at the rate of the action to come
                 actions[part.name] = replace(actions.get(part.mixed[1].name, found.action("")), name=part.name, way=0.0)
             found = replace(found, actions=tuple(actions.values()))

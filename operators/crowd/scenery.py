@@ -11,6 +11,7 @@ import bpy
 import numpy as np
 
 from ..blender import scene_cache
+from ..blender.guard import handler
 from ..blender.ownership import OWNED, is_ours
 from ..blender.references import reached
 
@@ -313,7 +314,7 @@ def _alone(own, event: str) -> bool:
     return own in handlers and all(map(is_ours, handlers))
 
 
-@bpy.app.handlers.persistent
+@handler
 def noticed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Handle frame_change_post: update the cached Scenery, or drop it."""
     key = scene.session_uid, depsgraph.view_layer_eval.name
@@ -322,7 +323,7 @@ def noticed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
         _kept.pop(key, None)
 
 
-@bpy.app.handlers.persistent
+@handler
 def edited(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Handle depsgraph_update_post: update the cached Scenery, or drop the caches."""
     if _alone(edited, "depsgraph_update_post"):
@@ -331,7 +332,7 @@ def edited(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
         forget()
 
 
-@bpy.app.handlers.persistent
+@handler
 def forget(*_) -> None:
     """undo_pre, redo_pre: what is kept names objects that will be gone."""
     _kept.clear()
