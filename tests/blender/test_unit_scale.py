@@ -1,11 +1,13 @@
 """The same crowd in scenes whose unit is a centimeter, a meter and a kilometer: the same figures in meters."""
 
+import json
 import re
 
 import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd.state_machine import preset_text
+from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.planning.explanation import explained
 from crowd_lod_extension.operators.batch.preview_plan import _crowd_of
 from crowd_lod_extension.operators.blender import scene_data
@@ -13,6 +15,7 @@ from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.crowd.scene_crowd import frame_of, groups_of, trajectory_of
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.overlay import hud
+from crowd_lod_extension.operators.usd.openusd import openusd
 from crowd_lod_extension.sample_scenes.characters import make_characters
 
 SCALES = 0.01, 1.0, 1000.0
@@ -191,3 +194,36 @@ def test_jupedsim_walks_alike_in_every_unit(scale, tmp_path):
     first, last = trajectory.at(1), trajectory.at(1 + 48)
     speed = np.hypot(last.x - first.x, last.y - first.y) * scale / 2
     assert 0.5 < np.median(speed) < 2.0
+
+
+def test_a_shot_plan_and_its_export_are_alike_in_every_unit(tmp_path):
+    try:
+        modules = openusd()
+    except CrowdError as error:
+        pytest.skip(str(error))
+    found = []
+    for scale in SCALES:
+        scene = scaled(scale)
+        of_machine(scene, scale, tmp_path)
+        scene.crowd_lod.choice = "BY_TOLERANCE"
+        assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
+        file, out, usd = (tmp_path / f"{name}{scale:g}" for name in ("crowd.blend", "plan", "crowd"))
+        file, usd = file.with_suffix(".blend"), tmp_path / f"crowd{scale:g}.usdc"
+        bpy.ops.wm.save_as_mainfile(filepath=str(file))
+        run = ["plan", file, "--frames", "1:3", "--out", out, "--quiet"]
+        assert commands._run([*map(str, run)], "crowd-lod") == 0
+        run = ["export", file, "--frames", "1:3", "--out", usd, "--quiet"]
+        assert commands._run([*map(str, run)], "crowd-lod") == 0
+        plan = json.loads((out / "plan.json").read_text())
+        stage = modules.Usd.Stage.Open(str(usd))
+        (agents,) = [prim for prim in stage.Traverse() if prim.IsA(modules.UsdGeom.PointInstancer)]
+        places = np.array(modules.UsdGeom.PointInstancer(agents).GetPositionsAttr().Get(2))
+        found.append((plan, places * modules.UsdGeom.GetStageMetersPerUnit(stage)))
+    (plan, places), *others = found
+    for other, there in others:
+        assert other["frames"] == plan["frames"]
+        for own, group in zip(other["crowd"]["groups"], plan["crowd"]["groups"], strict=True):
+            for name in ("radius", "center", "stride", "diagonal"):
+                assert own[name] == pytest.approx(group[name], rel=1e-3)
+            assert own["triangles"] == group["triangles"]
+        np.testing.assert_allclose(there, places, rtol=1e-4, atol=1e-3)
