@@ -69,7 +69,7 @@ def tables(
                     pair = ((sized(each.points, feet, largest), each.triangles) for each in (character, levels[k]))
                     least, most = silhouette.error(*pair, center, distance, camera, rows[k]["predicted_px"] or 1.0)
                     rows[k] |= {"measured_px": _known((least + most) / 2), "measured_px_between": [_known(least), _known(most)]}
-                    rows[k] |= _seen(posed, k, looks, (feet, largest), center, distance, camera)
+                    rows[k] |= _seen(posed, k, looks, (feet, largest), (center, distance, camera))
                 performance.rest()
                 yield start + span * (g + 0.7 * k / len(rows))
             character, levels = posed.at(group.worst[len(rows) - 1])
@@ -129,20 +129,19 @@ def _seen(
     k: int,
     looks: Looks,
     size: tuple[np.ndarray, float],
-    center: np.ndarray,
-    distance: float,
-    camera: Camera,
+    view: tuple[np.ndarray, float, Camera],
 ) -> dict:
-    """Return how LOD k's picture differs from the character's at `distance` meters.
+    """Return how LOD k's picture differs from the character's.
 
     size: the feet (3,) and the size of the agent, see `sized`.
+    view: the point (3,) that the camera looks at, from how many meters, and the camera.
     """
     depsgraph = posed.stage.view_layers[0].depsgraph
     bodies = [bodies_of(objects, depsgraph, looks) for objects in (posed.character, posed.levels[k])]
     if None in bodies:
         return {}
     bodies = [replace(body, points=sized(body.points, *size)) for body in bodies]
-    difference, similarity = alike(*bodies, looks.images(), center, distance, camera)
+    difference, similarity = alike(*bodies, looks.images(), *view)
     return {"picture_difference": difference, "picture_similarity": similarity}
 
 
