@@ -66,7 +66,7 @@ def tables(
                 distance = _distance(camera, begins[g][k - 1], group.radius)
                 character, levels = posed.at(group.worst[k])
                 if distance is not None and character is not None and levels[k] is not None:
-                    pair = ((sized(each.points, feet, largest), each.triangles) for each in (character, levels[k]))
+                    pair = ((at_size(each.points, feet, largest), each.triangles) for each in (character, levels[k]))
                     least, most = silhouette.error(*pair, center, distance, camera, rows[k]["predicted_px"] or 1.0)
                     rows[k] |= {"measured_px": _known((least + most) / 2), "measured_px_between": [_known(least), _known(most)]}
                     rows[k] |= _seen(posed, k, looks, (feet, largest), (center, distance, camera))
@@ -119,7 +119,7 @@ def _worst(group: Group, k: int, performance: Performance) -> dict:
     return {"worst_frame": frame} | ({"worst_action": part.name} if group.actions else {})
 
 
-def sized(points: np.ndarray, feet: np.ndarray, size: float) -> np.ndarray:
+def at_size(points: np.ndarray, feet: np.ndarray, size: float) -> np.ndarray:
     """Return points (n, 3) scaled by `size` about `feet` (3,), as an agent of that size has them."""
     return feet + size * (points - feet)
 
@@ -133,14 +133,14 @@ def _seen(
 ) -> dict:
     """Return how LOD k's picture differs from the character's.
 
-    size: the feet (3,) and the size of the agent, see `sized`.
+    size: the feet (3,) and the size of the agent, see `at_size`.
     view: the point (3,) that the camera looks at, from how many meters, and the camera.
     """
     depsgraph = posed.stage.view_layers[0].depsgraph
     bodies = [bodies_of(objects, depsgraph, looks) for objects in (posed.character, posed.levels[k])]
     if None in bodies:
         return {}
-    bodies = [replace(body, points=sized(body.points, *size)) for body in bodies]
+    bodies = [replace(body, points=at_size(body.points, *size)) for body in bodies]
     difference, similarity = alike(*bodies, looks.images(), *view)
     return {"picture_difference": difference, "picture_similarity": similarity}
 
