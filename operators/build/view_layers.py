@@ -58,9 +58,7 @@ def show_where_characters_are(scene: bpy.types.Scene) -> None:
         show_in(scene, showing)
 
 
-def _ways_to(
-    place: bpy.types.LayerCollection, collection: bpy.types.Collection
-) -> list[tuple[bpy.types.LayerCollection, ...]]:
+def _ways_to(place: bpy.types.LayerCollection, collection: bpy.types.Collection) -> list[tuple[bpy.types.LayerCollection, ...]]:
     """Return the ways down the layer from `place` to each place of the `collection`."""
     if place.collection == collection:
         return [(place,)]
