@@ -13,7 +13,7 @@ import numpy as np
 from ...crowd_lod.crowd.maps import FARTHEST
 from ...crowd_lod.crowd.rasterize import covered
 from ...crowd_lod.errors import CrowdError
-from ..blender import image_data, scene_cache
+from ..blender import image_data, scene_cache, scene_data
 from ..blender.guard import guarded, handler
 from . import kept_meshes
 from .scene_world import MADE_FOR, area_of, areas_depend_on, machine_of
@@ -95,13 +95,14 @@ def _store(crowd, pixels: np.ndarray) -> None:
 
 def _triangles(items: list[bpy.types.Object], depsgraph: bpy.types.Depsgraph) -> Iterator[np.ndarray]:
     """Yield the triangles (n, 3, 2) of each shape of the objects, world x and y."""
+    farthest = FARTHEST / scene_data.meters(depsgraph.scene)
     for _, mesh, points, triangles in kept_meshes.evaluated_triangles(items, depsgraph):
         if not len(triangles):  # a curve or a chain of edges is a wall, too
             edges = np.empty((len(mesh.edges), 2), np.int32)
             mesh.edges.foreach_get("vertices", edges.ravel())
             triangles = edges[:, [0, 1, 0]]
         if len(triangles):
-            yield points[:, :2].clip(-FARTHEST, FARTHEST)[triangles]
+            yield points[:, :2].clip(-farthest, farthest)[triangles]
 
 
 @handler

@@ -231,15 +231,49 @@ def _dark(tree: bpy.types.NodeTree | None) -> bool:
 
 
 def emits(tree: bpy.types.NodeTree | None) -> bool:
-    """Return whether a node of a material, or of a group in it, emits light."""
-    for node in tree.nodes if tree is not None else ():
-        if node.type == "EMISSION" and _set(node.inputs["Strength"]) and _set(node.inputs["Color"]):
-            return True
-        if node.type == "BSDF_PRINCIPLED" and _set(node.inputs["Emission Strength"]) and _set(node.inputs["Emission Color"]):
-            return True
-        if node.type == "GROUP" and emits(node.node_tree):
-            return True
+    """Return whether a material's nodes emit light that other surfaces receive.
+
+    What only camera rays see does not: "unlit" materials are wired so, glTF's among them.
+    """
+    ends = {"OUTPUT_MATERIAL", "GROUP_OUTPUT"}
+    sockets = [socket for node in (tree.nodes if tree is not None else ()) if node.type in ends for socket in node.inputs]
+    known: set[bpy.types.Node] = set()
+    while sockets:
+        socket = sockets.pop()
+        for link in socket.links:
+            node = link.from_node
+            if socket.type == "SHADER" and link.from_socket.type != "SHADER":
+                return True  # a color that is no shader shows as emission
+            if node not in known:
+                known.add(node)
+                if _emits_itself(node):
+                    return True
+                sockets += _seen_by_all(node)
     return False
+
+
+def _emits_itself(node: bpy.types.Node) -> bool:
+    if node.mute:
+        return False
+    if node.type == "GROUP":
+        return emits(node.node_tree)
+    if node.type in ("EMISSION", "BACKGROUND"):
+        return _set(node.inputs["Color"]) and _set(node.inputs["Strength"]) and not _of_camera(node.inputs["Strength"])
+    if node.type in ("BSDF_PRINCIPLED", "PRINCIPLED_VOLUME"):
+        strength = node.inputs["Emission Strength"]
+        return _set(strength) and _set(node.inputs["Emission Color"]) and not _of_camera(strength)
+    return False
+
+
+def _seen_by_all(node: bpy.types.Node) -> list[bpy.types.NodeSocket]:
+    """Return the inputs of `node` that other rays than the camera's may meet."""
+    inputs = list(node.inputs)
+    return inputs[:2] if node.type == "MIX_SHADER" and not node.mute and _of_camera(inputs[0]) else inputs
+
+
+def _of_camera(socket: bpy.types.NodeSocket) -> bool:
+    """Return whether `socket` is 1 for camera rays and 0 for all others."""
+    return any(link.from_node.type == "LIGHT_PATH" and link.from_socket.name == "Is Camera Ray" for link in socket.links)
 
 
 def _set(socket: bpy.types.NodeSocket) -> bool:

@@ -143,7 +143,8 @@ def account_of(scene: bpy.types.Scene) -> Account | None:
     shown, agent = shown_of(scene), scene.crowd_lod.agent
     if shown is None or shown.frame is None or not 0 <= agent < len(shown.frame.crowd):
         return None
-    return account(shown.frame, agent)
+    found = account(shown.frame, agent)
+    return replace(found, depth=found.depth * scene_data.meters(scene))
 
 
 def legend_of(scene: bpy.types.Scene) -> list[hud.Line]:
