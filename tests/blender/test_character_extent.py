@@ -268,3 +268,10 @@ def test_crowds_of_today_keep_their_feet(sunk, tmp_path):
 def test_a_step_of_two_percent_is_none(sunk):
     sunk.crowd_lod.characters.children[0].instance_offset.z = 0.03
     assert scene_crowd.measure_groups(sunk)[0].lowest == 0
+
+
+def test_rounding_of_a_flat_character_lifts_nobody(sunk):
+    bpy.data.objects["body"].scale.z = 0
+    sunk.crowd_lod.characters.children[0].instance_offset.z = 2.18e-7
+    bpy.ops.crowd_lod.populate()
+    assert sunk.crowd_lod.groups[0].lowest == 0 and "ground" not in sunk.crowd_lod.trouble
