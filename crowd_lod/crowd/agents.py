@@ -104,7 +104,7 @@ class Group:
 
     @property
     def reach(self) -> float:
-        """Meters, the radius of the sphere that holds the LODs, too.
+        """The radius of the sphere that holds the LODs, too.
 
         A LOD lies off the character by its bound at most.
         """
@@ -114,6 +114,18 @@ class Group:
     def feet(self) -> float:
         """Meters from the group's origin up to the point that stands on the ground."""
         return self.lowest if self.on_ground else 0.0
+
+    def scaled(self, factor: float) -> "Group":
+        """Return the group with all lengths multiplied by `factor`, as from units to meters."""
+        single = "center", "radius", "stride", "diagonal", "lowest"
+        several = "deviations", "bounds", "rms", "shaded"
+        lengths = {name: getattr(self, name) * factor for name in single}
+        lengths |= {name: tuple(length * factor for length in getattr(self, name)) for name in several}
+        actions = tuple(
+            replace(action, stride=action.stride * factor, feet=action.feet * factor, way=action.way * factor)
+            for action in self.actions
+        )
+        return replace(self, actions=actions, **lengths)
 
     def knows(self, name: str) -> bool:
         """Return whether the action `name` was measured; its own, "", always."""

@@ -129,7 +129,9 @@ def _fades(names: list[str], pairs: Sequence[tuple[str, str]]) -> np.ndarray | t
 def _ladder(speed: np.ndarray, stops: bool) -> tuple[np.ndarray, np.ndarray]:
     """Return the paces (p,) that serve all of `speed` (s, L), and the pace (s, L) of each."""
     stands = [0.0] if stops or not speed.all() else []
-    walks = np.unique(speed[speed > 0].round(9))
+    # ten digits, whatever the unit of length
+    digits = 9 - int(np.floor(np.log10(speed.max()))) if speed.any() else 9
+    walks = np.unique(speed[speed > 0].round(digits))
     if len(stands) + len(walks) > MOST_PACES:
         walks = np.geomspace(walks[0], walks[-1], MOST_PACES - len(stands))
     found = np.array([*stands, *walks])

@@ -19,6 +19,7 @@ TRIES, AT_A_TIME = 20_000, 2**18
 MOST_EDGES = 200_000  # about a second
 # Meters: points of a curve that are closer are one.
 ONE_POINT = 1e-6
+ENOUGH = 1 + 1e-6  # Blender keeps float32: 20 m have room for 25 agents at 0.8 m
 SHARPEST = 2.0  # times as far as a row's depth lies its corner from the corner of the row before, at most
 
 # Which share of the places at `points` (k, 3), on the triangles (k,) with the weights (k, 3) of their
@@ -136,7 +137,7 @@ def on_grid(area: Area, count: int, seed: int, spacing: Spacing) -> Places:
     """
     width, depth = area.size
     if spacing.apart:
-        columns, rows = (max(int(side / spacing.apart + 1e-9), 1) for side in (width, depth))
+        columns, rows = (max(int(side / spacing.apart * ENOUGH), 1) for side in (width, depth))
         count = columns * rows
     else:
         check_counts(count)
@@ -170,7 +171,7 @@ def in_rows(curves: Sequence[tuple[np.ndarray, bool]], count: int, seed: int, sp
     if not total > 0:
         raise CrowdError("The curves to start along have no length: give the object splines or edges that are longer than 0.")
     if spacing.apart:
-        counts = [max(int(lengths.sum() / spacing.apart + 1e-9), 1) for _, lengths in found]
+        counts = [max(int(lengths.sum() / spacing.apart * ENOUGH), 1) for _, lengths in found]
     else:
         check_counts(count)
         until = np.rint(np.cumsum([lengths.sum() for _, lengths in found]) / total * count).astype(int)

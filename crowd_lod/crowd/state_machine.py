@@ -25,7 +25,7 @@ presets/schema.json describes the same as a JSON Schema, for editors.
 
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -48,7 +48,7 @@ class StateMachine:
     """A complete table: every state × label has a next state and a velocity.
 
     next_state: (S, L) uint8.
-    velocity: (S, L, 2) float64, m/s along x and y.
+    velocity: (S, L, 2) float64, along x and y: m/s as parsed, see in_units.
     start: (S,) float64, sums to 1.
     spawn: (L,) bool.
     label_colors: (L, 3) uint8.
@@ -82,6 +82,10 @@ class StateMachine:
     odds: np.ndarray
     next_choice: np.ndarray
     then_choice: np.ndarray
+
+    def in_units(self, meters: float) -> "StateMachine":
+        """Return the same table with velocities in units of `meters` a second."""
+        return self if meters == 1 else replace(self, velocity=self.velocity / meters)
 
     @property
     def moves(self) -> bool:

@@ -31,13 +31,15 @@ class Terrain:
     An agent stands on the highest floor at most STEP above its last height, or else on the lowest.
     Floors less than STEP apart are one, the upper of them: nobody fits between.
 
-    corners: (m, 3, 3) float64, world meters: of each triangle three points (x, y, z). See upward.
-    z: the height where there is no triangle, meters.
+    corners: (m, 3, 3) float64, world space: of each triangle three points (x, y, z). See upward.
+    z: the height where there is no triangle.
+    meters: in a unit of length, for STEP, HEADROOM and CLOSE.
     CrowdError if there is no triangle, or a point at NaN or infinity.
     """
 
     corners: np.ndarray
     z: float = 0.0
+    meters: float = 1.0
 
     def __post_init__(self) -> None:
         if not len(self.corners):
@@ -74,7 +76,7 @@ class Terrain:
             who, _, z = self._over(*places[at : at + LOOK_UPS].T)
             if len(who):
                 begin = _begins(who)
-                if (np.maximum.reduceat(z, begin) > _reached(z, begin, np.minimum.reduceat(z, begin))).any():
+                if (np.maximum.reduceat(z, begin) > _reached(z, begin, np.minimum.reduceat(z, begin), self._step)).any():
                     return True
         return False
 
@@ -91,7 +93,7 @@ class Terrain:
     def start(self, x: np.ndarray, y: np.ndarray, last: np.ndarray) -> np.ndarray:
         """Return world z (n,) float64 of where agents start: as `at`, but not where there is no HEADROOM."""
         z = np.full(len(x), float(self.z))
-        for agents, height, _ in self._stood(x, y, last, HEADROOM):
+        for agents, height, _ in self._stood(x, y, last, HEADROOM / self.meters):
             z[agents] = height
         return z
 
@@ -126,14 +128,22 @@ class Terrain:
 
     def digest(self) -> bytes:
         """Return all that the heights follow from."""
-        return repr(self.z).encode() + self.corners.tobytes()
+        return repr((self.z, self.meters)).encode() + self.corners.tobytes()
+
+    @property
+    def _step(self) -> float:
+        return STEP / self.meters
+
+    @property
+    def _close(self) -> float:
+        return CLOSE / self.meters
 
     def _stood(
-        self, x: np.ndarray, y: np.ndarray, last: np.ndarray | None, room: float = STEP
+        self, x: np.ndarray, y: np.ndarray, last: np.ndarray | None, room: float = 0.0
     ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Yield (agents (k,) intp, heights (k,), triangles (k,)) of those with ground under them.
 
-        room: meters from a floor to the next above, with less of which nobody stands on it.
+        room: from a floor to the next above, with less of which nobody stands on it; STEP at least.
         """
         for at in range(0, len(x), LOOK_UPS):
             block = slice(at, at + LOOK_UPS)
@@ -146,8 +156,8 @@ class Terrain:
                 yield agents + at, z, triangles
                 continue
             lowest = np.minimum.reduceat(z, begin)
-            found = _reached(z, begin, lowest if last is None else last[block][agents])
-            found = _reached(z, begin, found, room) if room > STEP else found
+            found = _reached(z, begin, lowest if last is None else last[block][agents], self._step)
+            found = _reached(z, begin, found, room) if room > self._step else found
             # the first triangle of that height
             (same,) = np.nonzero(z == np.repeat(found, np.diff(begin, append=len(z))))
             yield agents + at, found, triangles[same[_begins(who[same])]]
@@ -160,7 +170,7 @@ class Terrain:
         begin, of_cell = self._cells
         columns, rows = self._grid
         place = np.stack([x, y]) - self._low[:, None]
-        inside = ((place >= -CLOSE) & (place <= (self._size * self._grid)[:, None] + CLOSE)).all(axis=0)
+        inside = ((place >= -self._close) & (place <= (self._size * self._grid)[:, None] + self._close)).all(axis=0)
         column, row = (
             np.fmin(np.fmax(each / size, 0), count - 1).astype(np.intp)
             for each, size, count in zip(place, self._size, (columns, rows), strict=True)
@@ -171,9 +181,9 @@ class Terrain:
         who = np.repeat(np.arange(len(x)), count)
         triangles = of_cell[np.arange(len(who)) + np.repeat(first - (np.cumsum(count) - count), count)]
         side, (u, v) = self._sides[triangles].T, place[:, who]
-        on = side[0] * u + side[1] * v + side[2] >= -CLOSE
+        on = side[0] * u + side[1] * v + side[2] >= -self._close
         for k in (3, 6):
-            on &= side[k] * u + side[k + 1] * v + side[k + 2] >= -CLOSE
+            on &= side[k] * u + side[k + 1] * v + side[k + 2] >= -self._close
         who, triangles = who[on], triangles[on]
         along_x, along_y, z, least, most = self._heights[triangles].T
         return who, triangles, np.clip(along_x * u[on] + along_y * v[on] + z, least, most)
@@ -193,7 +203,7 @@ class Terrain:
 
     @cached_property
     def _extent(self) -> np.ndarray:
-        return np.maximum(self.corners[:, :, :2].max(axis=(0, 1)) - self._low, CLOSE)
+        return np.maximum(self.corners[:, :, :2].max(axis=(0, 1)) - self._low, self._close)
 
     @cached_property
     def _size(self) -> np.ndarray:
@@ -236,7 +246,9 @@ class Terrain:
         Cell c is touched by triangles[begin[c]:begin[c + 1]].
         """
         plan = self.corners[:, :, :2] - self._low
-        least, most = ((edge / self._size).astype(np.intp) for edge in (plan.min(axis=1) - CLOSE, plan.max(axis=1) + CLOSE))
+        least, most = (
+            (edge / self._size).astype(np.intp) for edge in (plan.min(axis=1) - self._close, plan.max(axis=1) + self._close)
+        )
         least, most = np.clip(least, 0, self._grid - 1), np.clip(most, 0, self._grid - 1)
         wide, high = (most - least + 1).T
         ends = np.cumsum(wide * high)
@@ -254,7 +266,7 @@ class Terrain:
             middle = (np.stack([column, row]) + 0.5) * self._size[:, None]
             side, touched = self._sides[which].T, np.ones(len(which), bool)
             for k in (0, 3, 6):
-                reach = (np.abs(side[k]) * self._size[0] + np.abs(side[k + 1]) * self._size[1]) / 2 + 2 * CLOSE
+                reach = (np.abs(side[k]) * self._size[0] + np.abs(side[k + 1]) * self._size[1]) / 2 + 2 * self._close
                 touched &= side[k] * middle[0] + side[k + 1] * middle[1] + side[k + 2] >= -reach
             cells.append((row * self._grid[0] + column)[touched])
             triangles.append(which[touched].astype(np.int32))
@@ -264,17 +276,19 @@ class Terrain:
         return np.append(0, np.cumsum(count)), np.concatenate(triangles)[np.argsort(cell, kind="stable")]
 
 
-def upward(corners: np.ndarray) -> np.ndarray:
+def upward(corners: np.ndarray, meters: float = 1.0) -> np.ndarray:
     """Return which triangles of one object, `corners` (m, 3, 3), carry somebody, (m,) bool.
 
     Left out are upright ones, and those that face down: they are ceilings. If all face down, the
     mesh is taken for one that is inside out, and they count.
+
+    meters: in a unit of length.
     """
     along, up = (corners[:, NEXT, axis] - corners[:, :, axis] for axis in (0, 1))
     double = _double(along, up)
     longest = np.hypot(along, up).max(axis=1, initial=0)
     # what is NaN stays, to be told of
-    wide = ~(np.abs(double) <= CLOSE * longest)
+    wide = ~(np.abs(double) <= CLOSE / meters * longest)
     faces_up = ~(double < 0)
     return wide & faces_up if (wide & faces_up).any() else wide
 
@@ -289,7 +303,7 @@ def _begins(who: np.ndarray) -> np.ndarray:
     return np.flatnonzero(np.append(True, who[1:] != who[:-1]))
 
 
-def _reached(z: np.ndarray, begin: np.ndarray, last: np.ndarray, step: float = STEP) -> np.ndarray:
+def _reached(z: np.ndarray, begin: np.ndarray, last: np.ndarray, step: float) -> np.ndarray:
     """Return the height (a,) that each agent gets to from its `last` (a,) by steps up of at most `step`.
 
     z: heights of floors, agent by agent; begin: where each agent's begin.

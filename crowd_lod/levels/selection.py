@@ -43,7 +43,7 @@ class View:
 
     def counted(self) -> "View":
         """Return the view with agents of a character together that stand within CLOSE of each other."""
-        steps = np.floor(np.log(self.distance.clip(1e-3)) / np.log(CLOSE)).astype(np.intp)
+        steps = np.floor(np.log(self.distance.clip(1e-9)) / np.log(CLOSE)).astype(np.intp)
         cells = np.stack([steps, self.character])
         (steps, character), agents = np.unique(cells, axis=1, return_counts=True)
         return replace(self, distance=CLOSE ** (steps + 0.5), character=character, agents=agents)

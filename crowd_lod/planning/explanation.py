@@ -1,6 +1,6 @@
 """Why an agent is shown as it is: every test with its numbers, and what other LODs would cost."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -134,10 +134,11 @@ class Explanation:
         )
 
 
-def explained(frame: Frame, agent: int, engine: str) -> Explanation:
+def explained(frame: Frame, agent: int, engine: str, meters: float = 1.0) -> Explanation:
     """Return all that `frame` decided on one agent.
 
     engine: one of cost_model.NAMES.
+    meters: in a unit of the scene.
     CrowdError if there is no such agent.
     """
     about = account(frame, agent)
@@ -147,19 +148,19 @@ def explained(frame: Frame, agent: int, engine: str) -> Explanation:
     center = feet + np.array([0.0, 0.0, spheres.center[g]])
     reach = float(spheres.reach[g])
     distance, factor = frame.distances[agent : agent + 1], None if frame.factors is None else frame.factors[agent : agent + 1]
-    unseen = {"Its shadow falls into the picture.": frame.shadow, "A mirror shows it.": frame.mirrored}
+    unseen = {"Its shadow or its light falls into the picture.": frame.shadow, "A mirror shows it.": frame.mirrored}
     return Explanation(
-        account=about,
-        place=(float(feet[0]), float(feet[1]), float(feet[2])),
-        radius=reach,
-        away=float(np.linalg.norm(center - frame.camera.origin)),
-        distance=float(distance[0]),
+        account=replace(about, depth=about.depth * meters),
+        place=(float(feet[0]) * meters, float(feet[1]) * meters, float(feet[2]) * meters),
+        radius=reach * meters,
+        away=float(np.linalg.norm(center - frame.camera.origin)) * meters,
+        distance=float(distance[0]) * meters,
         factor=1.0 if factor is None else float(factor[0]),
         by_distance=int(assign(distance, frame.begins, crowd.group[agent : agent + 1], factor)[0]),
-        eyes=tuple(sides_of(eye, center, reach if margin is None else 0.0, margin) for eye in frame.eyes),
+        eyes=tuple(_in_meters(sides_of(eye, center, reach if margin is None else 0.0, margin), meters) for eye in frame.eyes),
         unseen=" ".join(told for told, each in unseen.items() if each is not None and agent in each.order),
         engine=engine,
-        alternatives=tuple(_alternative(frame, about, g, level, engine) for level in range(frame.policy.count)),
+        alternatives=tuple(_alternative(frame, about, g, level, engine, meters) for level in range(frame.policy.count)),
     )
 
 
@@ -188,7 +189,11 @@ def sides_of(camera: Camera, center: np.ndarray, radius: float, margin: float | 
     return tuple(found)
 
 
-def _alternative(frame: Frame, about: Account, g: int, level: int, engine: str) -> Alternative:
+def _in_meters(sides: tuple[Side, ...], meters: float) -> tuple[Side, ...]:
+    return tuple(Side(side.name, side.outside * meters, side.reach * meters) for side in sides)
+
+
+def _alternative(frame: Frame, about: Account, g: int, level: int, engine: str, meters: float) -> Alternative:
     group, costs = frame.trajectory.groups[g], SECONDS[engine]
     triangles = group.triangles[level] if level < len(group.triangles) else None
     pixels = None
@@ -197,7 +202,7 @@ def _alternative(frame: Frame, about: Account, g: int, level: int, engine: str) 
     same = int((frame.crowd.group[frame.buckets[level]] == g).sum())
     return Alternative(
         level=level,
-        begins=float(frame.begins[g, level - 1]) if level else None,
+        begins=float(frame.begins[g, level - 1]) * meters if level else None,
         triangles=triangles,
         pixels=pixels,
         seconds=None if triangles is None else costs["instances"] + costs.get("instanced", 0.0) * triangles,

@@ -15,7 +15,8 @@ from .frame_range import shot_frames
 # allows, or finer; whether an exception asks for that; whether the agent is hidden.
 LEVEL, EXCEPTED, PINNED, HIDDEN = 0x0F, 0x20, 0x40, 0x80
 CAMERA_KINDS = "PERSP", "ORTHO", "PANO"  # of cameras, by their number in a plan
-SAME = 1e-4  # parts of a meter, a slope or a pixel by which two cameras that count as one may differ
+SAME = 1e-4  # part of a number by which two cameras that count as one may differ
+NEAR_COLUMN, LENGTHS = 16, [0, 1, 2, 16, 17]  # columns of numbers_of
 
 
 def with_row(frame: Frame, row: np.ndarray) -> Frame:
@@ -107,5 +108,7 @@ def same_cameras(planned: np.ndarray, now: np.ndarray) -> bool:
     """
     if planned.shape != now.shape:
         return False
-    limit = SAME * np.maximum(1.0, np.abs(planned))
+    least = np.ones(planned.shape)
+    least[:, LENGTHS] = np.minimum(planned, now)[:, NEAR_COLUMN, None]  # lengths have the scene's unit: near tells how fine
+    limit = SAME * np.maximum(least, np.abs(planned))
     return bool((np.abs(planned - now) <= limit)[:, :-1].all() and (now[:, -1] <= planned[:, -1] * (1 + SAME)).all())

@@ -33,6 +33,7 @@ class Surroundings:
     level: the LOD of agents that the camera itself does not see, or the coarsest there is.
     left_out: what is not looked for, and why.
     finest: each group's finest LOD; () if all have all.
+    glows: for each group whether its agents light the picture, wherever they are; () if none does.
     """
 
     lights: tuple[Light, ...] = ()
@@ -41,12 +42,13 @@ class Surroundings:
     level: int = 255
     left_out: tuple[LeftOut, ...] = ()
     finest: tuple[int, ...] = ()
+    glows: tuple[bool, ...] = ()
 
 
 def surround(frame: Frame, around: Surroundings) -> Frame:
     """Return `frame` with the agents that it culled and that still matter.
 
-    In `shadow` are those that only cast a shadow into the picture or into what mirrors show of it,
+    In `shadow` are those that only cast a shadow into the picture or into what mirrors show of it, or that glow;
     in `mirrored` those that mirrors show. A pure function of its arguments.
     """
     begun = clock.perf_counter()
@@ -61,6 +63,8 @@ def surround(frame: Frame, around: Surroundings) -> Frame:
         for volume, light in product(lit, map(spread, around.lights)):
             shades.find(there, volume, light)
     reflected, shade = unseen & ~reflects.agents, unseen & ~shades.agents
+    if around.glows:
+        shade |= unseen & np.array(around.glows)[frame.crowd.group]
     count = len(frame.buckets.counts)
     finest = np.array(around.finest or [0] * len(trajectory.groups), np.uint8)[frame.crowd.group]
     levels = np.maximum(finest, np.uint8(min(around.level, count - 1)))

@@ -21,6 +21,7 @@ IN_TOTAL = (
 # Of plans that do not tell what they were made for: the parts that may differ.
 PARTS = {"crowd": "the crowd", "machine": "the state machine", "camera": "the camera", "levels": "the choice of LODs"}
 Numbers = dict[str, float]
+MOST_FIGURE = 1e15  # no plan has a greater one; integers of JSON may be greater than any float
 
 
 @dataclass(frozen=True)
@@ -133,9 +134,9 @@ def _common(frames: Mapping[int, Numbers]) -> list[str]:
 
 
 def _numbers(table: Mapping[str, Any], names: tuple[str, ...]) -> Numbers:
-    """Return those of `names` that are finite numbers in the table."""
+    """Return those of `names` that are numbers in the table, up to MOST_FIGURE."""
     found = {name: table[name] for name in names if type(table.get(name)) in (int, float)}
-    return {name: value for name, value in found.items() if math.isfinite(value)}
+    return {name: value for name, value in found.items() if abs(value) <= MOST_FIGURE}
 
 
 def _differs(a: Plan, b: Plan) -> list[str]:
@@ -151,7 +152,7 @@ def _differs(a: Plan, b: Plan) -> list[str]:
     stored = [plan.path.with_name(plan_file.NAME) for plan in (a, b)]
     if all(path.is_file() for path in stored) and not _same_views(*map(plan_file.read, stored)):
         found.append("the camera")
-    return list(dict.fromkeys(found))
+    return list(dict.fromkeys(map(printable, found)))
 
 
 def _same_views(a: plan_file.StoredPlan, b: plan_file.StoredPlan) -> bool:

@@ -9,7 +9,6 @@ tolerance: the most pixels that LODs may deviate, or NaN if thresholds by distan
 levels_N: (n,) uint8 of frame N, of LEVEL, PINNED and HIDDEN in planning/planned.py. Each is read only when its frame is shown.
 """
 
-import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,10 +18,23 @@ import numpy as np
 
 from ..errors import CrowdError
 from ..format import printable
+from ..levels.assignment import MOST_LEVELS
+from ..npz_file import read_arrays
+from ..planning.planned import LEVEL
 
 VERSION = 2
 NAME = "plan.npz"
+CAMERA_SIZE = 21  # numbers of a camera, see planning.planned.numbers_of
 AGAIN = "press Plan Shot again"
+# Of each array that is read at once: its kinds of dtype (NumPy's letters) and its dimensions.
+FORM = {
+    "version": ("iu", 0),
+    "numbers": ("i", 1),
+    "times": ("f", 1),
+    "cameras": ("f", 3),
+    "made_for": ("U", 2),
+    "tolerance": ("f", 0),
+}
 
 
 @dataclass(frozen=True)
@@ -45,16 +57,22 @@ class StoredPlan:
         step = float(np.diff(self.times).max(initial=1.0))
         return f if f >= 0 and time < self.times[f] + step else None
 
-    def row(self, f: int, agents: int) -> np.ndarray:
+    def row(self, f: int, agents: int, levels: int = MOST_LEVELS) -> np.ndarray:
         """Return the plan of frame `f`, (n,) uint8; CrowdError if the file is spoilt.
 
         agents: the number that it must have.
+        levels: the number of LODs that there are.
         """
         name = f"levels_{self.numbers[f]}"
-        levels = _read(self.path, (name,))[name]
-        if levels.shape != (agents,) or levels.dtype != np.uint8:
+        row = _read(self.path, (name,))[name]
+        if row.shape != (agents,) or row.dtype != np.uint8:
             raise CrowdError(f"The shot plan {printable(self.path)} does not have {agents:,} agents in {name}: {AGAIN}.")
-        return levels
+        coarsest = int((row & LEVEL).max(initial=0))
+        if coarsest >= levels:
+            raise CrowdError(
+                f"The shot plan {printable(self.path)} has a LOD {coarsest} in {name}, and there are {levels}: {AGAIN}."
+            )
+        return row
 
 
 def write(path: Path, stored: StoredPlan, levels: Sequence[np.ndarray]) -> None:
@@ -75,34 +93,55 @@ def read(path: Path) -> StoredPlan:
 
     CrowdError if there is no such file, or it is of another version, or spoilt.
     """
-    found = _read(path, ("version", "numbers", "times", "cameras", "made_for", "tolerance"))
-    if found["version"].shape != () or int(found["version"]) != VERSION:
+    arrays = _read(path, tuple(FORM))
+    version = arrays["version"]
+    if version.shape != () or version.dtype.kind not in "iu" or int(version) != VERSION:
         raise CrowdError(f"The shot plan {printable(path)} is of another version of Crowd LOD: {AGAIN}.")
-    frames, tolerance = len(np.atleast_1d(found["numbers"])), float(found["tolerance"])
-    shapes = {"numbers": (frames,), "times": (frames,), "cameras": (frames, *found["cameras"].shape[1:])}
-    wrong = [name for name, shape in shapes.items() if found[name].shape != shape or not np.isfinite(found[name]).all()]
-    wrong += ["cameras"] * (found["cameras"].ndim != 3) + ["made_for"] * (found["made_for"].ndim != 2)
-    wrong += [name for name in ("numbers", "times") if name not in wrong and (np.diff(found[name]) <= 0).any()]
-    if wrong or not frames:
-        raise CrowdError(f"The shot plan {printable(path)} is spoilt in {', '.join(wrong) or 'its frames'}: {AGAIN}.")
+    wrong = _wrong_in(arrays)
+    if wrong:
+        raise CrowdError(f"The shot plan {printable(path)} is spoilt in {', '.join(wrong)}: {AGAIN}.")
+    tolerance = float(arrays["tolerance"])
     return StoredPlan(
         path=path,
-        numbers=found["numbers"],
-        times=found["times"],
-        cameras=found["cameras"],
-        made_for=dict(found["made_for"].tolist()),
+        numbers=arrays["numbers"],
+        times=arrays["times"],
+        cameras=arrays["cameras"],
+        made_for=dict(arrays["made_for"].tolist()),
         tolerance=None if np.isnan(tolerance) else tolerance,
     )
+
+
+def _wrong_in(arrays: Mapping[str, np.ndarray]) -> list[str]:
+    """Return the names of the arrays of a plan that are not as FORM and each other ask for."""
+    wrong = [
+        name
+        for name, (kinds, dimensions) in FORM.items()
+        if arrays[name].dtype.kind not in kinds or arrays[name].ndim != dimensions
+    ]
+    if wrong:
+        return wrong
+    frames = len(arrays["numbers"])
+    if not frames:
+        return ["numbers"]
+    for name in ("numbers", "times"):
+        increases = np.isfinite(arrays[name]).all() and (np.diff(arrays[name]) > 0).all()
+        if len(arrays[name]) != frames or not increases:
+            wrong.append(name)
+    cameras = arrays["cameras"]
+    if len(cameras) != frames or cameras.shape[2] != CAMERA_SIZE or not np.isfinite(cameras).all():
+        wrong.append("cameras")
+    if arrays["made_for"].shape[1] != 2:
+        wrong.append("made_for")
+    return wrong
 
 
 def _read(path: Path, names: Sequence[str]) -> dict[str, np.ndarray]:
     """Return these arrays of the file; CrowdError if one cannot be read."""
     try:
-        with np.load(path, allow_pickle=False) as file:
-            return {name: file[name] for name in names}
+        return read_arrays(path, names, what="The shot plan", remedy=f"{AGAIN}, or press Remove Plan")
     except FileNotFoundError:
         raise CrowdError(f"There is no shot plan {printable(path)}: {AGAIN}, or press Remove Plan.") from None
-    except KeyError as error:
-        raise CrowdError(f"The shot plan {printable(path)} lacks {error.args[0]}: {AGAIN}.") from None
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise CrowdError(f"The shot plan {printable(path)} cannot be read ({error}): {AGAIN}, or press Remove Plan.") from None
+    except OSError as error:
+        raise CrowdError(
+            f"The shot plan {printable(path)} cannot be read ({error.strerror}): {AGAIN}, or press Remove Plan."
+        ) from None

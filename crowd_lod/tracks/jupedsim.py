@@ -15,14 +15,13 @@ import numpy as np
 
 from ..errors import CrowdError
 from ..format import printable
-from ..progress import breath
-from . import sqlite_pages
-from .rows import Rows
-from .sqlite_pages import Unreadable
+from ..progress import Ended, breath
+from .rows import MOST_ROWS, Rows
 
 MAGIC = b"SQLite format 3\0"
 VERSIONS = ("1", "2", "3")
 ROWS_AT_ONCE = 2**17  # rows that are read at a time
+STEPS = 100_000  # of SQLite, between two looks at whether anybody still waits
 NAMES = "id", "frame", "pos_x", "pos_y"
 ROW = np.dtype([("id", np.int64), ("frame", np.float64), ("x", np.float64), ("y", np.float64)])
 
@@ -36,65 +35,62 @@ def read_jupedsim(path: Path, tell: Callable[[float], None] = lambda _: None) ->
     where = printable(path)
     try:
         with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as database:
-            known = dict(database.execute("SELECT key, value FROM metadata"))
+            database.set_progress_handler(_is_unwanted, STEPS)
+            _check_tables(database, where)
+            known = dict(database.execute("SELECT key, value FROM metadata LIMIT 1000"))
             if str(known.get("version")) not in VERSIONS:
                 raise CrowdError(
                     f"The database {where} has version {known.get('version')} of JuPedSim's format: versions 1 to 3 are read."
                 )
-            count = database.execute("SELECT count(*) FROM trajectory_data").fetchone()[0]
-            try:
-                parts = list(_by_pages(path, database, count, tell))
-            except Unreadable:
-                _check(database)
-                parts = list(_by_rows(database, count, tell))
-            found = np.concatenate([np.empty(0, ROW), *parts])
+            rows = np.concatenate([np.empty(0, ROW), *_read_rows(database, where, tell)])
     except (sqlite3.Error, TypeError, ValueError, OverflowError, MemoryError) as error:
+        breath()
+        reason = str(error) or "its rows take more memory than there is"
         raise CrowdError(
-            f"The database {where} is not one of JuPedSim's, or damaged ({str(error) or 'its rows take more memory than there is'}): "
+            f"The database {where} is not one of JuPedSim's, or damaged ({reason}): "
             "it needs the tables metadata and trajectory_data; copy or write it again."
         ) from None
     try:
         rate = float(known.get("fps", 0))
     except ValueError:
         rate = 0.0
-    columns: dict[str, Any] = {name: np.ascontiguousarray(found[name]) for name in ROW.names or ()}
+    columns: dict[str, Any] = {name: np.ascontiguousarray(rows[name]) for name in ROW.names or ()}
     return Rows(**columns, rate=rate, unit="m")
 
 
-def _check(database: sqlite3.Connection) -> None:
-    """Raise sqlite3.DatabaseError if the pages of the tracks are not in order.
+def _is_unwanted() -> bool:
+    """Return whether nobody waits for the tracks any longer: SQLite then ends its query."""
+    try:
+        breath()
+    except Ended:
+        return True
+    return False
 
-    SQLite itself reads other pages as if they were the table's.
+
+def _check_tables(database: sqlite3.Connection, where: str) -> None:
+    """Raise CrowdError if the tables are views, and sqlite3.DatabaseError if their pages are not in order.
+
+    A view may have no end, and SQLite itself reads other pages as if they were the table's.
     """
-    (said,) = database.execute("PRAGMA quick_check(trajectory_data)").fetchone()
-    if said != "ok":
-        raise sqlite3.DatabaseError(said.replace("\n", " "))
+    views = database.execute("SELECT name FROM sqlite_master WHERE type = 'view' AND name IN ('metadata', 'trajectory_data')")
+    view = views.fetchone()
+    if view is not None:
+        raise CrowdError(f"In the database {where} {view[0]} is a view: write its rows to a table of that name.")
+    (state,) = database.execute("PRAGMA quick_check(trajectory_data)").fetchone()
+    if state != "ok":
+        raise sqlite3.DatabaseError(state.replace("\n", " "))
 
 
-def _by_pages(path: Path, database: sqlite3.Connection, count: int, tell: Callable[[float], None]) -> Iterator[np.ndarray]:
-    """Yield the `count` rows of the database, many at a time.
-
-    Unreadable where SQLite itself has to read them.
-    """
-    names = [name for _, name, *_ in database.execute("PRAGMA table_info(trajectory_data)")]
-    places = [names.index(name) for name in NAMES]
-    (root,) = database.execute("SELECT rootpage FROM sqlite_master WHERE name = 'trajectory_data'").fetchone()
-    if any(path.with_name(path.name + ending).exists() for ending in ("-journal", "-wal")):
-        raise Unreadable
-    done = 0
-    for columns in sqlite_pages.columns(np.fromfile(path, np.uint8), root, len(names), places):
-        part = np.empty(len(columns[0]), ROW)
-        for name, column in zip(ROW.names or (), columns, strict=True):
-            part[name] = column
-        done += len(part)
-        tell(min(done / max(count, 1), 1.0))
-        yield part
-    if done != count:
-        raise Unreadable
-
-
-def _by_rows(database: sqlite3.Connection, count: int, tell: Callable[[float], None]) -> Iterator[np.ndarray]:
-    """Yield the `count` rows of the database, a part at a time."""
+def _read_rows(database: sqlite3.Connection, where: str, tell: Callable[[float], None]) -> Iterator[np.ndarray]:
+    """Yield the rows of the database, a part at a time."""
+    (count,) = database.execute("SELECT count(*) FROM trajectory_data").fetchone()
+    if count > MOST_ROWS:
+        raise CrowdError(f"The database {where} has {count:,} rows: use at most {MOST_ROWS:,}, of fewer agents or frames.")
+    fraction = database.execute(
+        "SELECT id FROM trajectory_data WHERE typeof(id) = 'real' AND (id <> CAST(id AS INTEGER) OR abs(id) >= 9007199254740992)"
+    ).fetchone()
+    if fraction is not None:
+        raise CrowdError(f"The database {where} has the id {fraction[0]!r}: give agents whole numbers.")
     rows = database.execute(f"SELECT {', '.join(NAMES)} FROM trajectory_data ORDER BY rowid")
     rows.arraysize = ROWS_AT_ONCE
     for at in range(0, count, ROWS_AT_ONCE):

@@ -5,8 +5,6 @@ Arrays of one length: `id` (whole numbers), `frame`, `x`, `y` and `z` (meters); 
 second, and optional `unit`, one of m, cm, mm and ft.
 """
 
-import zipfile
-import zlib
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +12,7 @@ import numpy as np
 
 from ..errors import CrowdError
 from ..format import printable
+from ..npz_file import read_arrays
 from .rows import COLUMNS, UNITS, Rows
 
 
@@ -32,14 +31,7 @@ def read(path: Path) -> Rows:
     CrowdError if it is no NPZ, or lacks an array. OSError if it cannot be read.
     """
     where = printable(path)
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            found: dict[str, Any] = {name: np.asarray(file[name]) for name in (*COLUMNS, "fps", "unit") if name in file}
-    except (ValueError, zipfile.BadZipFile, zlib.error, EOFError, KeyError, AttributeError) as error:
-        raise CrowdError(f"The file {where} cannot be read as NPZ ({error}): write it with numpy.savez, without objects.") from None
-    lacks = [name for name in ("id", "frame", "x", "y") if name not in found]
-    if lacks:
-        raise CrowdError(f"The file {where} lacks {', '.join(lacks)}: give arrays id, frame, x and y, and z if it is known.")
+    found: dict[str, Any] = dict(read_arrays(path, ("id", "frame", "x", "y"), (*COLUMNS, "fps", "unit")))
     rate, unit = found.pop("fps", np.zeros(())), str(found.pop("unit", "m"))
     if rate.shape not in ((), (1,)) or rate.dtype.kind not in "iuf":
         raise CrowdError(f"The file {where} has {rate.size} values of fps: give one number, its frames a second.")

@@ -1,43 +1,98 @@
 """From a file, whatever its format, to tracks."""
 
+import gzip
 import hashlib
+import zlib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 from ..errors import CrowdError
 from ..format import printable
+from ..npz_file import MOST_BYTES
+from ..progress import breath
 from . import jupedsim, npz, text
 from .making import tracks_of
 from .rows import Rows, check_rows
 from .tracks import Tracks
 
-ZIP = b"PK\x03\x04"
+ZIP = b"PK"
+GZIP = b"\x1f\x8b"
+UTF_16 = (b"\xff\xfe", b"\xfe\xff")
+UTF_8 = b"\xef\xbb\xbf"
+# how files begin that are known and not read: what they are, and what to do
+OTHERS = {
+    b"\x89HDF\r\n\x1a\n": ("HDF5", "write its table as CSV, by pandas.read_hdf(file).to_csv(other), say"),
+    b"<": ("XML", "write it as CSV with columns id, time, x and y, as SUMO's xml2csv.py does"),
+    b"{": ("JSON", "write it as CSV with columns id, frame, x and y, by pandas, say"),
+    b"[": ("JSON", "write it as CSV with columns id, frame, x and y, by pandas, say"),
+}
+LOOK = 2**16  # bytes in which a zero tells that it is no text
+CHUNK = 2**22  # bytes that are read between two looks at whether anybody still waits
 HEADS = 1.0, 2.3  # meters, where the heads of people are
 
 
 def read_rows(path: Path, tell: Callable[[float], None] = lambda _: None) -> Rows:
     """Return the rows of the file `path`, checked, in the file's own unit.
 
+    The format goes by the content.
     tell: called with the progress, 0 to 1.
     CrowdError if it cannot be read, or a value cannot be used.
     """
     where = printable(path)
     try:
+        if path.is_dir():
+            raise CrowdError(f"{where} is a folder and cannot be read: choose one file, with the tables of all agents in it.")
         with path.open("rb") as file:
             head = file.read(len(jupedsim.MAGIC))
-        if not head:
-            raise CrowdError(f"The file {where} is empty: choose a file of trajectories.")
         if head.startswith(ZIP):
             rows = npz.read(path)
         elif head == jupedsim.MAGIC:
             rows = jupedsim.read_jupedsim(path, tell)
         else:
-            rows = text.read_text(path, tell)
+            rows = text.read_text(_text_of(path, head.startswith(GZIP)), where, tell)
     except OSError as error:
         reason = error.strerror or error
         raise CrowdError(f"The file of trajectories {where} cannot be read ({reason}): choose another.") from None
     return check_rows(rows, path)
+
+
+def _text_of(path: Path, is_packed: bool) -> bytes:
+    """Return the text of the file in UTF-8. CrowdError if it is no text, too long or damaged."""
+    where = printable(path)
+    data = bytearray()
+    try:
+        with gzip.open(path) if is_packed else path.open("rb") as file:
+            while part := file.read(CHUNK):
+                data += part
+                breath()
+                if len(data) > MOST_BYTES:
+                    raise CrowdError(
+                        f"The file {where} has more than the {MOST_BYTES / 2**30:.1f} GiB that are read at once: "
+                        "give fewer agents or frames, or write it as NPZ."
+                    )
+                if len(data) == len(part):
+                    _check_kind(part, where)
+    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+        raise CrowdError(f"The file {where} cannot be unpacked ({error}): copy it again.") from None
+    if not data:
+        raise CrowdError(f"The file {where} is empty: choose a file of trajectories.")
+    if data.startswith(UTF_16):
+        try:
+            return data.decode("utf-16").encode()
+        except UnicodeError as error:
+            raise CrowdError(f"The file {where} is not the UTF-16 that its head tells ({error}): save it as UTF-8.") from None
+    return bytes(data.removeprefix(UTF_8))
+
+
+def _check_kind(data: bytes, where: str) -> None:
+    """Raise CrowdError if `data`, which begins a file, is of a known format that is not read."""
+    head = data.removeprefix(UTF_8).lstrip()
+    for magic, (kind, remedy) in OTHERS.items():
+        if head.startswith(magic):
+            raise CrowdError(f"The file {where} is {kind}, which is not read: {remedy}.")
+    if not data.startswith(UTF_16) and b"\0" in data[:LOOK]:
+        raise CrowdError(f"The file {where} is neither text nor NPZ nor a database: choose a file of trajectories.")
 
 
 def read_tracks(

@@ -74,7 +74,8 @@ class Recorded(Trajectory):
         self._at_level = np.full(count, float(self.offset[2]))
         self._lasts = self._floors()
         (x_min, y_min, z_min), (x_max, y_max, _) = (tracks.spread + self.offset).tolist()
-        self._area = Area(x_min - AROUND, y_min - AROUND, x_max + AROUND, y_max + AROUND, z_min)
+        around = AROUND / tracks.meters
+        self._area = Area(x_min - around, y_min - around, x_max + around, y_max + around, z_min)
         self._latest: tuple[float, Crowd] | None = None
         self.start = self.at(self.first_frame)
         self.left_out = self.leave & needless_of_places(self.start, len(self.groups), not self.level, self.level)

@@ -13,6 +13,8 @@ from ..format import printable
 MOST_ROWS = 200_000_000
 # meters of a unit, as (times, divided by): one of them is 1, so that a length is rounded once
 UNITS = {"m": (1.0, 1.0), "cm": (1.0, 100.0), "mm": (1.0, 1000.0), "ft": (0.3048, 1.0)}
+UNITS |= {"km": (1000.0, 1.0), "dm": (1.0, 10.0), "in": (0.0254, 1.0), "yd": (0.9144, 1.0)}
+ASKED = ("m", "cm", "mm", "ft")  # of UNITS, those that a user may set; the others only a file names
 COLUMNS = ("id", "frame", "x", "y", "z", "heading", "phase", "group")
 
 
@@ -110,7 +112,7 @@ def _checked(name: str, column: np.ndarray, where: str) -> np.ndarray:
     if name != "id":
         return column.astype(np.float64, copy=False)
     if column.dtype.kind == "f":
-        broken = (column != np.rint(column)) | (np.abs(column) > 2.0**53)
+        broken = (column != np.rint(column)) | (np.abs(column) >= 2.0**53)
         if broken.any():
             row = int(broken.argmax())
             raise CrowdError(f"Row {row + 1:,} of {where} has the id {column[row]}: give agents whole numbers.")

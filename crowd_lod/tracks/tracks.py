@@ -6,7 +6,7 @@ together, whoever is there, and a crowd that enters and leaves costs no more tha
 """
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -31,6 +31,7 @@ class Tracks:
     phased: whether Samples.way counts cycles.
     group: (n,) whole numbers or texts, what the file tells of each agent's group, or None.
     told: a sentence on the file.
+    meters: in the unit of its lengths, see in_units.
     """
 
     ids: np.ndarray
@@ -42,6 +43,17 @@ class Tracks:
     phased: bool
     group: np.ndarray | None
     told: str
+    meters: float = 1.0
+
+    def in_units(self, meters: float) -> "Tracks":
+        """Return the same tracks, which are in meters, in units of `meters`."""
+        if meters == 1:
+            return self
+        own = self.samples
+        z = None if own.z is None else own.z / meters
+        way = own.way if self.phased else own.way / np.float32(meters)
+        samples = replace(own, x=own.x / meters, y=own.y / meters, z=z, way=way)
+        return replace(self, samples=samples, paces=self.paces / meters, meters=meters)
 
     @cached_property
     def first(self) -> float:

@@ -122,9 +122,11 @@ class Points(Trajectory):
 
     @property
     def area(self) -> Area:
-        """The rectangle about the agents, and a meter more."""
+        """The rectangle about the agents, and the largest sphere's radius more."""
         x, y, z = self.found.x, self.found.y, self.found.z
-        return Area(float(x.min()) - 1, float(y.min()) - 1, float(x.max()) + 1, float(y.max()) + 1, float(z.min()))
+        around = max(group.radius for group in self.groups) or 1.0
+        edges = float(x.min()) - around, float(y.min()) - around, float(x.max()) + around, float(y.max()) + around
+        return Area(*edges, float(z.min()))
 
     @property
     def states(self) -> States:

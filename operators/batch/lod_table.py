@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Generator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -56,23 +57,26 @@ def tables(
         found.append(entry)
         if g >= MOST_SHOWN:
             continue
-        center = np.array(origin) + (0, 0, group.feet + group.center)
+        # the group's figures are those of its largest agents, whose size the character itself has not
+        largest, feet = group.scale[1], np.array(origin) + (0, 0, group.feet)
+        center = feet + (0, 0, group.center)
         with Posed(objects, meshes, performance) as posed:
             looks = Looks()
             for k in range(1, len(rows)):
                 distance = _distance(camera, begins[g][k - 1], group.radius)
                 character, levels = posed.at(group.worst[k])
                 if distance is not None and character is not None and levels[k] is not None:
-                    pair = ((each.points, each.triangles) for each in (character, levels[k]))
+                    pair = ((at_size(each.points, feet, largest), each.triangles) for each in (character, levels[k]))
                     least, most = silhouette.error(*pair, center, distance, camera, rows[k]["predicted_px"] or 1.0)
                     rows[k] |= {"measured_px": _known((least + most) / 2), "measured_px_between": [_known(least), _known(most)]}
-                    rows[k] |= _seen(posed, k, looks, center, distance, camera)
+                    rows[k] |= _seen(posed, k, looks, (feet, largest), (center, distance, camera))
                 performance.rest()
                 yield start + span * (g + 0.7 * k / len(rows))
             character, levels = posed.at(group.worst[len(rows) - 1])
         if character is not None and None not in levels:
             captions = [f"{row['triangles']:,} triangles" for row in rows]
-            pixels, _ = lod_picture.draw_lods(character, levels, captions, AZIMUTH - scene_data.rotation(settings.forward), meters)
+            azimuth = AZIMUTH - scene_data.rotation(settings.forward)
+            pixels, _ = lod_picture.draw_lods(character, levels, captions, azimuth, meters * largest)
             entry["picture"] = _file_name(group.name, g, taken)
             image_data.save_png(folder / entry["picture"], pixels)
         yield start + span * (g + 1)
@@ -115,13 +119,29 @@ def _worst(group: Group, k: int, performance: Performance) -> dict:
     return {"worst_frame": frame} | ({"worst_action": part.name} if group.actions else {})
 
 
-def _seen(posed: Posed, k: int, looks: Looks, center: np.ndarray, distance: float, camera: Camera) -> dict:
-    """Return how LOD k's picture differs from the character's at `distance` meters."""
+def at_size(points: np.ndarray, feet: np.ndarray, size: float) -> np.ndarray:
+    """Return points (n, 3) scaled by `size` about `feet` (3,), as an agent of that size has them."""
+    return feet + size * (points - feet)
+
+
+def _seen(
+    posed: Posed,
+    k: int,
+    looks: Looks,
+    size: tuple[np.ndarray, float],
+    view: tuple[np.ndarray, float, Camera],
+) -> dict:
+    """Return how LOD k's picture differs from the character's.
+
+    size: the feet (3,) and the size of the agent, see `at_size`.
+    view: the point (3,) that the camera looks at, from how many meters, and the camera.
+    """
     depsgraph = posed.stage.view_layers[0].depsgraph
     bodies = [bodies_of(objects, depsgraph, looks) for objects in (posed.character, posed.levels[k])]
     if None in bodies:
         return {}
-    difference, similarity = alike(*bodies, looks.images(), center, distance, camera)
+    bodies = [replace(body, points=at_size(body.points, *size)) for body in bodies]
+    difference, similarity = alike(*bodies, looks.images(), *view)
     return {"picture_difference": difference, "picture_similarity": similarity}
 
 

@@ -214,7 +214,7 @@ class _Run:
         with sized(stage.render, self.on.size):
             layer.update()
             above = cameras.camera_from(self.view, stage.render, layer.depsgraph)
-            top_view.draw_crowd(self.drawing.data, frame, above)
+            top_view.draw_crowd(self.drawing.data, frame, above, scene_data.meters(stage))
             self.drawing.hide_render = self.drawing.hide_viewport = False
             shade(stage, "VERTEX", "FLAT")
             stage.camera = self.view

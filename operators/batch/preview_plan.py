@@ -65,8 +65,8 @@ def scene_json(
     last: frame of the timeline.
     characters: of lod_table.tables.
     """
-    settings, trajectory = stage.crowd_lod, trajectory_of(stage)
-    troubles = yield from aside(lambda: find(trajectory))
+    settings, trajectory, meters = stage.crowd_lod, trajectory_of(stage), scene_data.meters(stage)
+    troubles = yield from aside(lambda: find(trajectory, meters))
     return {
         "version": tables.PLAN_VERSION,
         "command": command,
@@ -81,7 +81,7 @@ def scene_json(
         "map": _map_of(settings, trajectory),
         "height": {
             "image": settings.height_image.name if settings.height_image else None,
-            "scale": settings.height_scale,
+            "scale": settings.height_scale * meters,
             "tilt": settings.tilt,
             "terrain": [item.name for item in terrain_source.objects_of(settings)],
         },
@@ -115,16 +115,20 @@ def _scene_of(scene: bpy.types.Scene) -> dict[str, Any]:
 
 
 def _crowd_of(settings, trajectory: Trajectory) -> dict[str, Any]:
-    area = trajectory.area
+    area, meters = trajectory.area, scene_data.meters(settings.id_data)
     return {
         "count": len(trajectory.parts[0].start),
         "seed": settings.seed,
         "starts_on": settings.start_on,
-        "area": {"x": [area.x_min, area.x_max], "y": [area.y_min, area.y_max], "z": area.z},
+        "area": {
+            "x": [area.x_min * meters, area.x_max * meters],
+            "y": [area.y_min * meters, area.y_max * meters],
+            "z": area.z * meters,
+        },
         "forward": settings.forward,
         "first_frame": settings.first_frame,
         "frames_per_second": 1 / trajectory.seconds_per_frame,
-        "groups": [asdict(group) for group in trajectory.groups],
+        "groups": [asdict(group.scaled(meters)) for group in trajectory.groups],
     }
 
 
@@ -132,7 +136,7 @@ def _levels_of(stage: bpy.types.Scene, characters: list[dict]) -> dict[str, Any]
     settings, policy = stage.crowd_lod, policy_of(stage.crowd_lod)
     return {
         "metric": policy.metric,
-        "margin": policy.margin,
+        "margin": policy.margin and policy.margin * scene_data.meters(stage),
         "tolerance": policy.tolerance,
         "shading_counts": policy.shading,
         "pixels": cameras.image_size(stage.render),

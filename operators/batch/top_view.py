@@ -41,13 +41,15 @@ def straight_down(stage: bpy.types.Scene, area: Area, camera: Camera) -> bpy.typ
     return item
 
 
-def draw_crowd(mesh: bpy.types.Mesh, frame: Frame, view: Camera) -> None:
+def draw_crowd(mesh: bpy.types.Mesh, frame: Frame, view: Camera, meters: float) -> None:
     """Make `mesh` the drawing of `frame` for the camera `view`.
 
     Agents have the tint of their LOD, those culled are gray, all at their spheres' centers. Over
     them lie the map's off-color pixels. Sizes are in the picture's pixels.
+
+    meters: in a unit of the scene.
     """
-    arrows, tints = map(np.concatenate, zip(_arrows(frame, view), _strays(frame, view), strict=True))
+    arrows, tints = map(np.concatenate, zip(_arrows(frame, view, meters), _strays(frame, view), strict=True))
     lines, line_tints = _frustum(frame, view)
     points = np.concatenate([arrows.reshape(-1, 3), lines.reshape(-1, 3)])
     count = len(arrows)
@@ -70,7 +72,7 @@ def _pixel(view: Camera, points: np.ndarray) -> np.ndarray:
     return np.broadcast_to(extent / view.pixels[0], len(points))
 
 
-def _arrows(frame: Frame, view: Camera) -> tuple[np.ndarray, np.ndarray]:
+def _arrows(frame: Frame, view: Camera, meters: float) -> tuple[np.ndarray, np.ndarray]:
     """Return corners (n, 3, 3) float64 and color (n, 3) of an arrowhead per agent.
 
     Each is raised towards `view` by its LOD: culled agents lie lowest, the finest LOD on top.
@@ -79,7 +81,7 @@ def _arrows(frame: Frame, view: Camera) -> tuple[np.ndarray, np.ndarray]:
     crowd, visible, levels = frame.crowd.of(there), frame.visible[there], frame.levels[there]
     at = np.stack(crowd.places(frame.trajectory.spheres.center), axis=1)
     rank = np.where(visible, len(TINTS) - levels.astype(int), 0)
-    size = np.maximum(ARROW_METERS, ARROW_PIXELS * _pixel(view, at))
+    size = np.maximum(ARROW_METERS / meters, ARROW_PIXELS * _pixel(view, at))
     forward = np.stack([np.cos(crowd.heading), np.sin(crowd.heading)], axis=1)
     left = np.stack([-forward[:, 1], forward[:, 0]], axis=1)
     at = at - view.Z * (0.01 * rank[:, None])

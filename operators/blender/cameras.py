@@ -10,7 +10,7 @@ from ...crowd_lod.culling.camera import Camera, Window, crop, lens_blur, opened,
 from ...crowd_lod.errors import CrowdError
 from .frame_stepping import At, stage, stepped
 from .ownership import is_ours
-from .scene_data import EEVEE, remapped
+from .scene_data import EEVEE, meters, remapped
 
 # the part of the shutter that comes before the frame
 OPENS = {"START": 0.0, "CENTER": 0.5, "END": 1.0}
@@ -102,8 +102,9 @@ def camera_from(
     evaluated = camera.evaluated_get(depsgraph)
     data, matrix = evaluated.data, np.array(evaluated.matrix_world, np.float64)
     if not 0 <= data.clip_start < data.clip_end:
+        unit = meters(depsgraph.scene)
         raise CrowdError(
-            f"The camera {camera.name} clips from {data.clip_start:g} to {data.clip_end:g} m: the end must exceed the start."
+            f"The camera {camera.name} clips from {data.clip_start * unit:g} to {data.clip_end * unit:g} m: the end must exceed the start."
         )
     kind = data.type if data.type in ("PERSP", "ORTHO") else "PANO"
     eyes = stereo.Stereo(

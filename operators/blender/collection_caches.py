@@ -13,6 +13,8 @@ docs/notes/undo.md.
 import bpy
 from bpy.types import Collection
 
+from .guard import handler
+
 CHANGES = "crowd_lod_changes"  # of a collection of the build: how often something below it changed
 MOST = 2**30  # it begins anew there
 # a collection's children and objects, where the file has such, and the custom property of a collection of the build that has
@@ -20,7 +22,7 @@ MOST = 2**30  # it begins anew there
 HELD = ("children", "collections", "crowd_lod_children"), ("objects", "objects", "crowd_lod_objects")
 
 
-@bpy.app.handlers.persistent
+@handler
 def renew(*_) -> None:
     """Make Blender drop the caches of all collections (undo_post, redo_post handler)."""
     item = next((item for item in bpy.data.objects if item.library is None), None)
@@ -36,7 +38,7 @@ def note_held(*collections: Collection) -> None:
             collection[key] = "\n".join(getattr(collection, inside).keys())
 
 
-@bpy.app.handlers.persistent
+@handler
 def restore(*_) -> None:
     """Put back what undo has lost from collections of builds (undo_post, redo_post handler).
 

@@ -2,20 +2,36 @@
 
 Without it Blender's dictionary translates the labels that it knows from other fields, and
 "Characters" becomes a word for letters.
+Their update callbacks end in the guard.
 """
 
-from functools import partial
+from collections.abc import Callable
+from typing import Any
 
 from bpy import props
 
+from .guard import guarded
+
 CONTEXT = "Crowd LOD"
 
-BoolProperty = partial(props.BoolProperty, translation_context=CONTEXT)
-CollectionProperty = partial(props.CollectionProperty, translation_context=CONTEXT)
-EnumProperty = partial(props.EnumProperty, translation_context=CONTEXT)
-FloatProperty = partial(props.FloatProperty, translation_context=CONTEXT)
-FloatVectorProperty = partial(props.FloatVectorProperty, translation_context=CONTEXT)
-IntProperty = partial(props.IntProperty, translation_context=CONTEXT)
-IntVectorProperty = partial(props.IntVectorProperty, translation_context=CONTEXT)
-PointerProperty = partial(props.PointerProperty, translation_context=CONTEXT)
-StringProperty = partial(props.StringProperty, translation_context=CONTEXT)
+
+def _labeled(make: Callable) -> Callable:
+    def property_of(**options) -> Any:
+        if "update" in options:
+            update = guarded(options["update"])
+            # bpy.props counts the parameters
+            options["update"] = lambda owner, context: update(owner, context)
+        return make(translation_context=CONTEXT, **options)
+
+    return property_of
+
+
+BoolProperty = _labeled(props.BoolProperty)
+CollectionProperty = _labeled(props.CollectionProperty)
+EnumProperty = _labeled(props.EnumProperty)
+FloatProperty = _labeled(props.FloatProperty)
+FloatVectorProperty = _labeled(props.FloatVectorProperty)
+IntProperty = _labeled(props.IntProperty)
+IntVectorProperty = _labeled(props.IntVectorProperty)
+PointerProperty = _labeled(props.PointerProperty)
+StringProperty = _labeled(props.StringProperty)

@@ -3,6 +3,8 @@
 import bpy
 import numpy as np
 
+from ...crowd_lod.errors import CrowdError
+
 
 def read_triangles(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return (points, triangles, corners, faces) of the mesh, in its own space.
@@ -73,7 +75,11 @@ def write_points(mesh: bpy.types.Mesh, columns: dict[str, np.ndarray]) -> None:
 
     columns: attribute name to values (m,) or (m, 3), float32 or int32, one row per vertex.
         "position" (m, 3) is the vertices' own position, in the mesh's space.
+
+    CrowdError if the mesh is in Edit Mode, where Blender adds no vertices.
     """
+    if mesh.is_editmode:
+        raise CrowdError(f"The points {mesh.name} are in Edit Mode: leave it, and the crowd follows the frame again.")
     mesh.clear_geometry()
     mesh.vertices.add(len(columns["position"]))
     for name, values in columns.items():

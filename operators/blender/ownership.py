@@ -13,7 +13,8 @@ PACKAGE = __package__.rpartition(".")[0]  # that all our handlers are from
 
 def is_ours(handler: Callable) -> bool:
     """Return whether `handler`, from one of bpy.app.handlers, belongs to Crowd LOD."""
-    return getattr(handler, "__module__", "").startswith(PACKAGE)
+    module = getattr(handler, "__module__", None)  # of a callable object, None or anything
+    return isinstance(module, str) and module.startswith(f"{PACKAGE}.")
 
 
 def remove_owned(top: bpy.types.Collection, heirs: Sequence[bpy.types.Collection] = ()) -> None:

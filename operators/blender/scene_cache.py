@@ -8,8 +8,10 @@ from typing import TypeVar
 
 import bpy
 
+from .guard import handler, troubles
+
 Cache = TypeVar("Cache")
-_caches: list[tuple] = []
+_caches: list[tuple] = [(troubles, False)]
 
 
 def kept(cache: Cache, by_scene: bool = False) -> Cache:
@@ -30,7 +32,7 @@ def tidy() -> None:
             del cache[gone]
 
 
-@bpy.app.handlers.persistent
+@handler
 def forget(*_) -> None:
     """Clear all caches (load_pre handler)."""
     for cache, _ in _caches:

@@ -2,7 +2,10 @@
 
 import bpy
 
+from .guard import guarded
 
+
+@guarded
 def redraw() -> None:
     """Have Blender draw the sidebars anew."""
     for window in bpy.context.window_manager.windows:

@@ -27,6 +27,7 @@ from ..crowd.scene_crowd import characters_of, groups_of, home_of, policy_of, tr
 from ..crowd.scene_world import bias_of
 from ..lod_meshes.selection import MOST_FRAMES, cast_of, rigs_of
 from .frame_update import members
+from .render_setup import check_levels
 from .scaled_textures import bytes_of, shown_images
 
 FULL = "Full Detail"
@@ -142,6 +143,7 @@ def estimate(scene: bpy.types.Scene, settings, frames: Sequence[int] = (), known
     frames = frames or range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
     looked_at = evenly(frames, MOST_FRAMES)
     trajectory, choices = trajectory_of(scene), choices_of(settings)
+    check_levels(scene)
     characters = characters_of(scene)
     library = cast_of(characters, trajectory)
     owner, (rigs, moved_as) = library.owner(trajectory.gaits), rigs_of(characters, trajectory, library)

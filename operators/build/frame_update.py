@@ -17,11 +17,13 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.planning.frame import Frame
 from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import cameras, frame_stepping, mesh_data, scene_cache, scene_data
+from ..blender.guard import clear_troubles, handler
 from ..blender.main_thread import on_main_thread
 from ..blender.operator import at_work
 from ..crowd import lights
 from ..crowd.crowd_sources import crowds_of, is_live, live
 from ..crowd.scene_crowd import frame_of, trajectory_of
+from .appended_builds import standing_still
 from .render_setup import BAKED, LEVEL, MADE_FROM, UNSEEN_BY, buckets_of, check_levels, libraries_of, made_from, points_of
 
 
@@ -176,19 +178,24 @@ _unplanned: dict[int, str] = scene_cache.kept({}, by_scene=True)
 _stages: list[bpy.types.Scene] = []
 
 
-@bpy.app.handlers.persistent
+@handler
 def rendering(scene: bpy.types.Scene, *_) -> None:
-    """Note the frame that a render begins (render_pre handler)."""
+    """Note the frame that a render begins (render_pre handler).
+
+    CrowdError, for the guard to tell, if the scene has a build that nothing moves.
+    """
     _rendering[scene.session_uid] = Rendering(scene.frame_current + scene.frame_subframe)
+    if told := standing_still(scene):
+        raise CrowdError(told)
 
 
-@bpy.app.handlers.persistent
+@handler
 def rendered(scene: bpy.types.Scene, *_) -> None:
     """Forget the frame that was rendered (render_post and render_cancel handler)."""
     _rendering.pop(scene.session_uid, None)
 
 
-@bpy.app.handlers.persistent
+@handler
 def ended(*_) -> None:
     """Tidy up after a whole render (render_complete and render_cancel handler)."""
     _told.clear()
@@ -198,7 +205,7 @@ def ended(*_) -> None:
         _stages.clear()
 
 
-@bpy.app.handlers.persistent
+@handler
 def forget(*_) -> None:
     """Forget renders and their stages when another file is loaded (load_pre handler)."""
     _rendering.clear()
@@ -255,6 +262,7 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     trajectory, frame, held, shutter = kept[own]
     _compare(scene, depsgraph, number, time, shutter)
     write(top, trajectory, frame, held, frame.crowd if frame.time == time else trajectory.at(time))
+    clear_troubles(scene)
 
 
 def _planned(
@@ -309,7 +317,7 @@ def _compare(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, number: flo
         )
 
 
-@bpy.app.handlers.persistent
+@handler
 def follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Update the build to the frame and the camera (frame_change_post handler).
 
@@ -317,21 +325,18 @@ def follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """
     if scene.crowd_lod.build is None or frame_stepping.is_stepped(scene):
         return
-    try:
-        on_main_thread(lambda: _show(scene, depsgraph))
-    except CrowdError as error:
-        print(f"Crowd LOD, frame {scene.frame_current}: {error}", file=sys.stderr)
+    on_main_thread(lambda: _show(scene, depsgraph))
 
 
 def _show(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     try:
         update(scene, depsgraph)
-    except CrowdError:
+    except Exception:
         empty(scene.crowd_lod.build)  # the crowd of another frame would be a wrong picture
         raise
 
 
-@bpy.app.handlers.persistent
+@handler
 def follow_points(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Update the build to an edited object whose points are agents (depsgraph_update_post handler).
 

@@ -5,6 +5,8 @@ There they would stand in the picture, uncounted.
 
 import bpy
 
+from ..crowd.glow import told_of_glow
+
 HIDDEN = (
     # custom property of the build's collection: the characters' collection, if the build hides it
     # from renders
@@ -68,10 +70,13 @@ def _shown_for(scene: bpy.types.Scene) -> str:
 
 
 def told_of_characters(scene: bpy.types.Scene) -> str:
-    """Return a sentence on the characters in renders of the built scene.
+    """Return sentences on the characters in renders of the built scene: where they went, and who glows."""
+    glow = told_of_glow(scene) if scene.render.engine == "CYCLES" else ()
+    return " ".join(filter(None, (_told_of_hiding(scene), *glow)))
 
-    Returns "" if Build left them as they were.
-    """
+
+def _told_of_hiding(scene: bpy.types.Scene) -> str:
+    """Return a sentence on the characters themselves; "" if Build left them as they were."""
     characters = scene.crowd_lod.characters
     if HIDDEN in scene.crowd_lod.build:
         lamps = [item.name for item in characters.all_objects if item.type == "LIGHT"]

@@ -26,7 +26,7 @@ from .change_detection import made_of, shown_by
 from .hidden_characters import unhide_characters
 from .nodes import baked, instances, trees
 from .phase_characters import Cast, Wanted, make_cast
-from .view_layers import exclude
+from .view_layers import exclude, show_where_characters_are
 
 # Custom properties. Of a point object: its LOD and its bucket; in builds from before there were
 # rigs its poses, and their rates.
@@ -302,6 +302,7 @@ def _shelve(scene: bpy.types.Scene, top: bpy.types.Collection, cast: Cast) -> No
         for view_layer in scene.view_layers:
             view_layer.update()  # a scene that was never evaluated has no layer collections yet
             exclude(view_layer.layer_collection, library)
+        show_where_characters_are(scene)
     shelves, levels = _shelves(top), len(cast.collections)
     gone, spare = bpy.data.collections.new("Crowd LOD"), {}
     # what the user put into characters is to stay in this scene

@@ -353,9 +353,9 @@ def modeled(who: Acting, performance: Performance, made: dict) -> Generator[floa
     if nearest <= NEAR:
         return best, ""
     if nearest <= ACCEPTED:
-        return best, f"Between keyframes the rigs of {name} are off by up to {nearest * diagonal:.2g} m."
+        return best, f"Between keyframes the rigs of {name} are off by up to {nearest:.2%} of its size."
     _drop(best, made)
-    return None, f"rigs would be off by {nearest * diagonal:.2g} m" if best else "its number of vertices changes during the action"
+    return None, f"rigs would be off by {nearest:.2%} of its size" if best else "its number of vertices changes during the action"
 
 
 def _drop(model: Model | None, made: dict[bpy.types.ID, str]) -> None:

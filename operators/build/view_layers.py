@@ -39,6 +39,39 @@ def show_in(scene: bpy.types.Scene, names: Sequence[str]) -> None:
             place.exclude = not place.exclude
 
 
+def show_where_characters_are(scene: bpy.types.Scene) -> None:
+    """Show a new build of the scene as its view layers show the characters.
+
+    A layer that excludes the characters excludes the build; one where they are held out, or in sight
+    of indirect rays alone, treats the build alike. Characters that no layer shows are hidden for
+    being the build's source: it is then shown in all layers.
+    """
+    characters = {layer.name: _ways_to(layer.layer_collection, scene.crowd_lod.characters) for layer in scene.view_layers}
+    builds = layers_of(scene)
+    showing = [name for name, ways in characters.items() if any(map(_shows, ways))]
+    for name in showing:
+        shown = [way for way in characters[name] if _shows(way)]
+        for setting in ("holdout", "indirect_only"):
+            if all(any(getattr(place, setting) for place in way) for way in shown):
+                setattr(builds[name], setting, True)
+    if showing:
+        show_in(scene, showing)
+
+
+def _ways_to(place: bpy.types.LayerCollection, collection: bpy.types.Collection) -> list[tuple[bpy.types.LayerCollection, ...]]:
+    """Return the ways down the layer from `place` to each place of the `collection`."""
+    if place.collection == collection:
+        return [(place,)]
+    return [(place, *way) for child in place.children for way in _ways_to(child, collection)]
+
+
+def _shows(way: tuple[bpy.types.LayerCollection, ...]) -> bool:
+    """Return whether the view layer has objects of the way's last place, or below it."""
+    *_, place = way
+    own = not place.exclude and len(place.collection.objects) > 0
+    return own or any(_shows((child,)) for child in place.children)
+
+
 def check_layers(scene: bpy.types.Scene, names: Sequence[str]) -> None:
     """Raise CrowdError if `scene` lacks a view layer of the `names`."""
     for name in names:

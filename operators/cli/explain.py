@@ -29,4 +29,4 @@ def explain(scene: bpy.types.Scene, agent: int, number: int) -> Generator[float,
         eyes, around, shutter = lights.read_moment(scene, time, at)
         frame = frame_of(scene, at((), time), time, eyes, trajectory, around, shutter)
     yield 1.0
-    return explained(frame, agent, scene_data.engine_of(scene)), frame.unplanned
+    return explained(frame, agent, scene_data.engine_of(scene), scene_data.meters(scene)), frame.unplanned

@@ -21,6 +21,7 @@ from ...crowd_lod.planning.frame_range import evenly, frames_are, parse_frames, 
 from ...crowd_lod.reporting import file_checks, files, tables
 from ...crowd_lod.reporting.farm_job import FarmJob, template, values
 from ...crowd_lod.reporting.html_report import STYLE, cards, document, table_of
+from ...crowd_lod.reporting.plan_comparison import MOST_FIGURE
 from ..blender import image_data
 from .scene_files import open_scene
 
@@ -104,13 +105,7 @@ def assemble_frames(folder: Path, frames: Sequence[int], command: Sequence[str])
         )
     for number in frames:
         file_checks.check(found[number])
-    plan, rows = folder / "plan" / "plan.json", []
-    if plan.is_file():
-        try:
-            told = {row["frame"]: row for row in json.loads(plan.read_text(encoding="utf-8"))["frames"]}
-            rows = [told[number] for number in frames if number in told]
-        except (OSError, ValueError, LookupError, TypeError):
-            raise CrowdError(f"The plan {printable(plan)} is damaged: run the step Plan again.") from None
+    rows = _planned_rows(folder / "plan" / "plan.json", frames)
     with files.staged(folder) as part:
         shrunk = [tables.shrink(image_data.load_pixels(found[number]), WIDTH) for number in evenly(list(frames), MOST_SHOWN)]
         image_data.save_png(part / "contact_sheet.png", tables.contact_sheet(shrunk, columns=4 if len(shrunk) > 3 else len(shrunk)))
@@ -119,6 +114,25 @@ def assemble_frames(folder: Path, frames: Sequence[int], command: Sequence[str])
         (part / "report.html").write_text(_page(folder.name, frames, rows, command), encoding="utf-8")
     out = printable(folder)
     return {"out": out, "frames": list(frames), "summary": f"{counted(len(frames), 'frame is', 'frames are')} assembled.\n{out}"}
+
+
+def _planned_rows(plan: Path, frames: Sequence[int]) -> list[dict[str, Any]]:
+    """Return the rows that the file `plan` has of the `frames`.
+
+    Empty without such a file; CrowdError if it is damaged.
+    """
+    if not plan.is_file():
+        return []
+    try:
+        planned = {row["frame"]: row for row in json.loads(plan.read_text(encoding="utf-8"))["frames"]}
+        rows = [planned[number] for number in frames if number in planned]
+        figures = [row[column] for row in rows for column in COLUMNS]
+        sound = all(type(figure) is int and abs(figure) <= MOST_FIGURE for figure in figures)
+        if sound and all(row.keys() <= rows[0].keys() for row in rows):
+            return rows
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
+        pass
+    raise CrowdError(f"The plan {printable(plan)} is damaged: run the step Plan again.")
 
 
 def _number(path: Path) -> int | None:
@@ -134,11 +148,10 @@ def _page(name: str, frames: Sequence[int], rows: Sequence[dict], command: Seque
         figures.append((f"{max(row['visible'] for row in rows):,}", "agents visible at most"))
         share = sum(row["triangles"] for row in rows) / max(sum(row["full_triangles"] for row in rows), 1)
         figures.append((f"{share:.0%}", "of all triangles"))
-        names = [column for column in COLUMNS if column in rows[0]]
-        head = [column.replace("_", " ").capitalize() for column in names]
+        head = [column.replace("_", " ").capitalize() for column in COLUMNS]
         parts = [
             '<h2>Frames</h2><p><a href="plan/report.html">The plan of the shot</a> has more of them.</p>',
-            table_of(head, [[f"{row[column]:,}" for column in names] for row in rows]),
+            table_of(head, [[f"{row[column]:,}" for column in COLUMNS] for row in rows]),
         ]
     sheet = '<section><a href="contact_sheet.png"><img src="contact_sheet.png" alt="The rendered frames"></a></section>'
     footer = f"<footer>By <code>{escape(' '.join(command))}</code>.</footer>"

@@ -56,7 +56,6 @@ def made(args, command: list[str]) -> dict:
     with files.staged_file(path) as part:
         scene = open_scene(str(characters))
         characters_of(scene)  # says what is wrong with them
-        _check_units(scene, characters)
         source = _object(args.source, characters)
         own = ground is not None and ground.samefile(characters)
         left = _empty(scene, source, own)
@@ -96,14 +95,6 @@ def _object(name: str | None, path: Path) -> bpy.types.Object | None:
     if name is not None and name not in bpy.data.objects:
         raise CrowdError(f"There is no object {name} in {printable(path)}: give the name of one whose points are the agents.")
     return None if name is None else bpy.data.objects[name]
-
-
-def _check_units(scene: bpy.types.Scene, path: Path) -> None:
-    if abs(scene_data.meters(scene) - 1) > 1e-6:
-        raise CrowdError(
-            f"A unit of the scene {scene.name} in {printable(path.name)} is {scene_data.meters(scene):g} m, and trajectories are in "
-            "meters: set its Unit Scale to 1, and scale the characters."
-        )
 
 
 def _empty(scene: bpy.types.Scene, source: bpy.types.Object | None, keeps: bool) -> bpy.types.Collection | None:
@@ -147,7 +138,9 @@ def _empty(scene: bpy.types.Scene, source: bpy.types.Object | None, keeps: bool)
     if not keeps:
         bpy.data.collections.remove(home)
     bpy.data.orphans_purge(do_recursive=True)
+    meters = scene_data.meters(scene)
     scene.unit_settings.system = "METRIC"
+    scene.unit_settings.scale_length = meters
     return home if keeps else None
 
 
@@ -168,6 +161,12 @@ def _add_ground(scene: bpy.types.Scene, path: Path) -> bpy.types.Collection:
     found = next((each for each in wanted.scenes if any(item.type == "MESH" for item in each.objects)), None)
     if found is None:
         raise CrowdError(f"No scene of {printable(path)} shows a mesh: give a file with the ground, or leave out --ground.")
+    own, meters = scene_data.meters(found), scene_data.meters(scene)
+    if abs(own / meters - 1) > 1e-5:
+        raise CrowdError(
+            f"A unit of the scene {found.name} in {printable(path.name)} is {own:g} m, and one of the characters' scene {meters:g} m: "
+            "give both files the same Unit Scale."
+        )
     for child in found.collection.children:
         home.children.link(child)
     for item in found.collection.objects:
@@ -226,10 +225,11 @@ def _film(scene: bpy.types.Scene, places: np.ndarray) -> None:
     camera.data.lens, camera.data.shift_y = LENS, -DOWN * height / max(width, height)
     scene.camera = camera
     window = cameras.camera_from(camera, scene.render, bpy.context.evaluated_depsgraph_get()).window
-    view = framing(places, BORDER * window.right, -BORDER * window.bottom, BORDER * window.top)
+    meters = scene_data.meters(scene)
+    view = framing(places * meters, BORDER * window.right, -BORDER * window.bottom, BORDER * window.top)
     x, y = view.ahead
-    scene_data.look_at(camera, view.eye, (y, -x, 0), (0, 0, 1), (x, y, 0))
-    camera.data.clip_start, camera.data.clip_end = 0.1, view.far
+    scene_data.look_at(camera, view.eye / meters, (y, -x, 0), (0, 0, 1), (x, y, 0))
+    camera.data.clip_start, camera.data.clip_end = 0.1 / meters, view.far / meters
 
 
 def _add(scene: bpy.types.Scene, name: str, data: bpy.types.ID) -> bpy.types.Object:

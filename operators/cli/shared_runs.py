@@ -5,11 +5,13 @@ See docs/notes/runs_in_parts.md.
 
 import argparse
 import hashlib
+import io
 import json
 import os
 import shutil
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +27,7 @@ from ..batch.shared_frames import Sharing, allowed
 
 PARTS, RUN = "parts", "run.json"  # of a folder: its parts, and which run they are of
 # options with the number of their values: of a process that makes a part; that do not change what is made
+SHARED = "preview", "verify"  # the commands that are made in parts
 OF_PART = {"--part": 1, "--into": 1, "--threads": 1}
 ASIDE = {**OF_PART, "--out": 1, "--jobs": 1, "--quiet": 0, "--json": 0}
 MOST_JOBS = 256
@@ -163,7 +166,8 @@ def read_run(folder: Path) -> dict[str, Any]:
     path = folder / PARTS / RUN
     try:
         run = json.loads(path.read_text(encoding="utf-8"))
-        if all(isinstance(run[name], str) for name in ("key", "scene")) and all(isinstance(word, str) for word in run["command"]):
+        texts = run["key"], run["scene"], *run["command"]
+        if all(isinstance(text, str) for text in texts) and run["command"][1] in SHARED:
             return run
     except FileNotFoundError:
         rendered = ", or add --frames A:B for the frames of a job" * (folder / "frames").is_dir()
@@ -172,7 +176,12 @@ def read_run(folder: Path) -> dict[str, Any]:
         ) from None
     except (OSError, ValueError, LookupError, TypeError):
         pass
-    raise CrowdError(f"The file {printable(path)} is damaged: remove {printable(folder / PARTS)} and make the parts again.")
+    raise _damaged(folder)
+
+
+def _damaged(folder: Path) -> CrowdError:
+    parts = folder / PARTS
+    return CrowdError(f"The file {printable(parts / RUN)} is damaged: remove {printable(parts)} and make the parts again.")
 
 
 def assembled(args, parser: Callable[[str], argparse.ArgumentParser]) -> tuple[argparse.Namespace, list[str]]:
@@ -182,7 +191,12 @@ def assembled(args, parser: Callable[[str], argparse.ArgumentParser]) -> tuple[a
     """
     run = read_run(args.folder)
     program, *words = run["command"]
-    again = parser(program).parse_args(words)
+    try:
+        with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+            again = parser(program).parse_args(words)
+    except SystemExit:  # what argparse would print is of no use here
+        raise _damaged(args.folder) from None
+    again.part = None
     again.out, again.into = args.folder, args.folder / PARTS
     again.scene = args.scene or (again.scene if again.scene in sample_scenes.NAMES else run["scene"])
     again.quiet, again.json = args.quiet, args.json

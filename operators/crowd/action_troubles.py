@@ -42,7 +42,7 @@ def _slides(scene: bpy.types.Scene, group: Group, action: Action, machines: Sequ
         for machine in machines
         for s, name in enumerate(machine.actions)
         if name == action.name
-        for speed in np.hypot(*machine.velocity[s].T).round(9)
+        for speed in np.unique(np.hypot(*machine.velocity[s].T))
     }
     walks = sorted((speed, state) for state, speed in speeds if speed)
     if not walks or not action.period:
@@ -51,10 +51,10 @@ def _slides(scene: bpy.types.Scene, group: Group, action: Action, machines: Sequ
     slide = abs((action.stride or speed * action.period) - action.feet)
     meters = scene_data.meters(scene)
     if slide * meters > SLIDES:
-        fits = f"the speed that fits is {number(action.feet / action.period)} m/s"
-        says = f", its property stride says {number(action.stride)} m" if action.stride else ""
+        fits = f"the speed that fits is {number(action.feet * meters / action.period)} m/s"
+        says = f", its property stride says {number(action.stride * meters)} m" if action.stride else ""
         yield (
-            f"In the state {state} at {number(speed)} m/s the feet of {group.name} slide by {number(slide * meters)} m in a cycle of "
+            f"In the state {state} at {number(speed * meters)} m/s the feet of {group.name} slide by {number(slide * meters)} m in a cycle of "
             f"{_title(group, action)}: they walk {number(action.feet * meters)} m in it{says}; {fits}."
         )
 

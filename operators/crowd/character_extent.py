@@ -20,7 +20,7 @@ MOST_POSES = 120
 TICK = 0.25  # seconds of measuring at a time
 OFF_GROUND = 0.02  # of a character's height: nearer to the ground it stands on it
 FEET = 0.01  # of a character's height above its lowest point: what is lower stands on the ground
-THIN = 0.01  # meters: the radius of hair that has none of its own
+THIN = 0.01  # units: the radius of hair that has none of its own
 
 
 def frames_of(first: float, last: float) -> np.ndarray:

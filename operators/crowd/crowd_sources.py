@@ -22,7 +22,7 @@ from ...crowd_lod.tracks.cast import groups_of_agents
 from ...crowd_lod.tracks.recorded import Recorded
 from ...crowd_lod.trajectory.several import Several
 from ...crowd_lod.trajectory.trajectory import Trajectory
-from ..blender import image_data, scene_cache, stored_values
+from ..blender import image_data, scene_cache, scene_data, stored_values
 from . import hand_edits, start_source, terrain_source, tracks_source
 from .characters import props_outdated
 from .points_source import points_of_crowd
@@ -135,7 +135,8 @@ def _asked(crowd) -> tuple:
     ground = terrain_source.wanted(crowd) and (crowd.terrain_mesh and crowd.terrain_mesh.session_uid)
     text = crowd.machine and crowd.machine.as_string()
     place = start_source.places_asked(crowd), ground, tracks_source.file_asked(crowd) if crowd.source == "FILE" else ()
-    return text, numbers, crowd.tilt, crowd.group_names, crowd.use_crowd, points, *place
+    units = scene_data.meters(crowd.id_data)
+    return text, units, numbers, crowd.tilt, crowd.group_names, crowd.use_crowd, points, *place
 
 
 def is_live(crowd) -> bool:
@@ -218,6 +219,7 @@ def _walk(crowd, groups: tuple[Group, ...], seconds: float) -> Trajectory:
     numbers = (crowd.count, crowd.seed, crowd.first_frame, crowd.tilt)
     key = (
         machine.text,
+        machine.velocity.tobytes(),
         world.area,
         world.labels.shape,
         groups,

@@ -11,6 +11,7 @@ from ...crowd_lod.planning.shadows import Surroundings
 from ...crowd_lod.planning.volumes import Light, Mirror
 from ..blender import frame_stepping, mesh_data, scene_data
 from ..blender.cameras import camera_at, read_shutter, shutter_times
+from .glow import glowing
 from .scene_crowd import policy_of
 from .scenery import SOLID, Placed, casts, emits, matrix_of, scenery_of
 
@@ -54,7 +55,16 @@ def read_surroundings(
         lights += shown.instanced
         box = None if _foggy(scene.world) else shown.box(depsgraph)
     left_out = (NO_SHADOWS,) * (not lights) + (NO_MIRRORS,) * (not mirrors)
-    return Surroundings(tuple(lights), tuple(mirrors), box, settings.unseen_level, left_out, policy_of(settings).finest)
+    glows = glowing(scene) if engine == "CYCLES" else {}
+    return Surroundings(
+        tuple(lights),
+        tuple(mirrors),
+        box,
+        settings.unseen_level,
+        left_out,
+        policy_of(settings).finest,
+        tuple(group.name in glows for group in settings.groups) if glows else (),
+    )
 
 
 def read_moment(scene: bpy.types.Scene, time: float, at: frame_stepping.At) -> tuple:

@@ -13,7 +13,8 @@ import numpy as np
 from ...crowd_lod.crowd.maps import FARTHEST
 from ...crowd_lod.crowd.rasterize import covered
 from ...crowd_lod.errors import CrowdError
-from ..blender import image_data, scene_cache
+from ..blender import image_data, scene_cache, scene_data
+from ..blender.guard import guarded, handler
 from . import kept_meshes
 from .scene_world import MADE_FOR, area_of, areas_depend_on, machine_of
 
@@ -94,16 +95,17 @@ def _store(crowd, pixels: np.ndarray) -> None:
 
 def _triangles(items: list[bpy.types.Object], depsgraph: bpy.types.Depsgraph) -> Iterator[np.ndarray]:
     """Yield the triangles (n, 3, 2) of each shape of the objects, world x and y."""
+    farthest = FARTHEST / scene_data.meters(depsgraph.scene)
     for _, mesh, points, triangles in kept_meshes.evaluated_triangles(items, depsgraph):
         if not len(triangles):  # a curve or a chain of edges is a wall, too
             edges = np.empty((len(mesh.edges), 2), np.int32)
             mesh.edges.foreach_get("vertices", edges.ravel())
             triangles = edges[:, [0, 1, 0]]
         if len(triangles):
-            yield points[:, :2].clip(-FARTHEST, FARTHEST)[triangles]
+            yield points[:, :2].clip(-farthest, farthest)[triangles]
 
 
-@bpy.app.handlers.persistent
+@handler
 def moved_or_edited(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Handler of depsgraph_update_post: have the areas follow their objects and settings.
 
@@ -138,7 +140,7 @@ def _outdated(scene: bpy.types.Scene) -> bool:
         return False
 
 
-@bpy.app.handlers.persistent
+@handler
 def undone(*_) -> None:
     """Handler of undo_post and redo_post: undo brings objects back, and may bring an old image."""
     for scene in bpy.data.scenes:
@@ -155,6 +157,7 @@ def follow_soon(scene: bpy.types.Scene) -> None:
         bpy.app.timers.register(_follow, first_interval=REST)
 
 
+@guarded
 def _follow() -> None:
     """Timer: make the images of scenes whose areas have changed."""
     for scene in [each for each in bpy.data.scenes if _due.pop(each.session_uid, False)]:

@@ -8,11 +8,12 @@ import numpy as np
 
 from ...crowd_lod import srgb
 from ...crowd_lod.errors import CrowdError
-from ..blender import image_data
+from ..blender import image_data, scene_data
 from ..blender.labeled_properties import IntProperty, StringProperty
 from ..blender.operator import Reporting
 from ..blender.shader_nodes import switch_nodes_on
 from . import map_areas
+from .lengths import set_lengths
 from .scene_world import area_of, machine_of
 
 MARK = "crowd_lod_map"  # custom property of the plane
@@ -48,7 +49,7 @@ def show(scene: bpy.types.Scene) -> bpy.types.Object:
     plane.hide_render, plane.hide_viewport = True, False
     plane.parent = None
     plane.rotation_euler = plane.delta_rotation_euler = (0, 0, 0)
-    plane.location = ((area.x_min + area.x_max) / 2, (area.y_min + area.y_max) / 2, area.z + ABOVE)
+    plane.location = ((area.x_min + area.x_max) / 2, (area.y_min + area.y_max) / 2, area.z + ABOVE / scene_data.meters(scene))
     plane.scale = (1, 1, 1)
     _stretch(plane.data, area.size)
     material = plane.data.materials[0] if plane.data.materials else None
@@ -141,12 +142,14 @@ class CROWDLOD_OT_new_map(Reporting, bpy.types.Operator):
 
     def run(self, context) -> str:
         settings = context.scene.crowd_lod
+        set_lengths(context.scene)
         machine, area = machine_of(settings), area_of(settings)
         rows, columns = map_areas.cells_of(area.size, self.pixels)
         colors = np.broadcast_to(machine.label_colors[0], (rows, columns, 3))
         settings.map_image = image_data.write_image("Label Map", colors)
         show(context.scene)
-        return f"{settings.map_image.name}: {columns} by {rows} pixels of {area.size[0] / columns:.3g} m, all {machine.labels[0]}."
+        cell = area.size[0] / columns * scene_data.meters(context.scene)
+        return f"{settings.map_image.name}: {columns} by {rows} pixels of {cell:.3g} m, all {machine.labels[0]}."
 
 
 def _unmapped(scene: bpy.types.Scene) -> str:

@@ -84,7 +84,7 @@ def read_points(
         raise NoPoints(
             f"The object {item.name} has no points, instances or particles in this frame: choose another, or another frame."
         )
-    _check(item, found)
+    _check(item, found, scene_data.meters(depsgraph.scene))
     return Snapshot(**found)
 
 
@@ -192,7 +192,7 @@ def _particles(system: bpy.types.ParticleSystem) -> dict[str, np.ndarray]:
     return {"x": x, "y": y, "z": z, "heading": np.arctan2(along[:, 1], along[:, 0]), "ids": alive.astype(np.int64)}
 
 
-def _check(item: bpy.types.Object, found: dict[str, np.ndarray]) -> None:
+def _check(item: bpy.types.Object, found: dict[str, np.ndarray], meters: float) -> None:
     count = len(found["x"])
     if count > MOST_AGENTS:
         raise CrowdError(f"The object {item.name} has {count:,} points: a crowd has at most {MOST_AGENTS:,} agents.")
@@ -202,9 +202,9 @@ def _check(item: bpy.types.Object, found: dict[str, np.ndarray]) -> None:
         if not np.isfinite(reach):
             wrong = np.flatnonzero(~np.isfinite(values))[0]
             raise CrowdError(f"Point {wrong} of the object {item.name} has {name} {values[wrong]}: give it a finite value.")
-        if reach > FARTHEST and name in "xyz":
+        if name in "xyz" and reach * meters > FARTHEST:
             raise CrowdError(
-                f"Points of {item.name} lie up to {reach:.3g} m from the world's origin: move them to within {FARTHEST:,.0f} m."
+                f"Points of {item.name} lie up to {reach * meters:.3g} m from the world's origin: move them to within {FARTHEST:,.0f} m."
             )
 
 

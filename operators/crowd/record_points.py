@@ -225,12 +225,13 @@ def _rows(crowd, found: list[Snapshot], times: list[int], frames: int, groups: t
         parts = [getattr(each, name) for each in found]
         return None if any(part is None for part in parts) else np.concatenate(parts)
 
+    meters = scene_data.meters(crowd.id_data)
     group, center, names = column("group"), crowd.center, np.array([each.name for each in groups])
     return Rows(
         id=np.concatenate([_ids(each) for each in found]),
         frame=np.repeat(np.array(times, np.int64), counts),
-        # the setting Center is added to what a file has
-        **{name: column(name) - center[axis] for axis, name in enumerate("xyz")},
+        # the setting Center is added to what a file has, in meters
+        **{name: (column(name) - center[axis]) * meters for axis, name in enumerate("xyz")},
         heading=column("heading"),
         phase=column("phase"),
         group=None if group is None else names[group],

@@ -26,6 +26,8 @@ from . import crowd_sources, kept_meshes, map_areas, needs
 from .action_troubles import told_of_actions
 from .character_extent import bounds, frames_of, lowest, posing, unknown, walked
 from .characters import all_characters, characters_of
+from .glow import told_of_glow
+from .lengths import set_lengths
 from .scene_world import actions_named, bias_of, check_maps
 from .shot_reference import use_of
 from .stuck_agents import find
@@ -58,10 +60,10 @@ def measuring_groups(
 
     Yields the progress, 0 to 1, and returns the groups. Measurements of LOD meshes are kept.
 
-    reaches: (lowest, center, radius) in meters by group, for groups that are not to be measured.
+    reaches: (lowest, center, radius) by group, for groups that are not to be measured.
     """
     settings = scene.crowd_lod
-    fps = scene.render.fps / scene.render.fps_base
+    fps, meters = scene.render.fps / scene.render.fps_base, scene_data.meters(scene)
     known = {}
     with suppress(CrowdError):  # what is spoilt is measured anew
         known = {group.name: group for group in groups_of(settings)}
@@ -82,8 +84,10 @@ def measuring_groups(
         if base:
             found = replace(found, stride=base.stride, actions=base.actions, variant_of=variant_of)
         else:
-            found = replace(found, stride=_custom(settings.characters, name, "stride"))
-            actions = {part.name: _action(part, poses, fps, 2 * radius) for part, poses in zip(others, acts[1:], strict=True)}
+            found = replace(found, stride=_custom(settings.characters, name, "stride") / meters)
+            actions = {
+                part.name: _action(part, poses, fps, 2 * radius, meters) for part, poses in zip(others, acts[1:], strict=True)
+            }
             for part in (part for part in others if part.mixed):  # a cross-fade goes at the rate of the action to come
                 actions[part.name] = replace(actions.get(part.mixed[1].name, found.action("")), name=part.name, way=0.0)
             found = replace(found, actions=tuple(actions.values()))
@@ -100,10 +104,14 @@ def _acted(objects: list[bpy.types.Object], performance: Performance) -> Generat
     return acts
 
 
-def _action(part: Part, poses: list[np.ndarray], fps: float, size: float) -> Action:
-    """Return the Action that a group plays as `part`; poses: see `walked`; size: of the group, meters."""
+def _action(part: Part, poses: list[np.ndarray], fps: float, size: float, meters: float) -> Action:
+    """Return the Action that a group plays as `part`; poses: see `walked`.
+
+    size: of the group, in units of `meters`.
+    """
     feet = walked(poses)
-    stride, feet = (each if each > STANDS * size else 0.0 for each in (part.stride or feet, feet))
+    own = part.stride / meters if part.action is not None and part.action.get("stride") else part.stride
+    stride, feet = (each if each > STANDS * size else 0.0 for each in (own or feet, feet))
     return Action(part.name, stride, (part.last - part.first) / fps, feet, part.way)
 
 
@@ -361,10 +369,10 @@ def _unmeasured(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Iterator[s
     """Yield a sentence on what renders may show beyond the measured spheres."""
     found = [f"of {name}, {what}" for name, objects, _ in characters_of(scene) for what in dict.fromkeys(unknown(objects))]
     if found:
-        margin = number(MARGIN * max(group.radius for group in groups))
+        margin = number(MARGIN * max(group.radius for group in groups) * scene_data.meters(scene))
         yield (
             f"Renders may show more than was measured: {'; '.join(found)}. If something is missing at the picture's border, "
-            f"set Margin to Fixed, {margin} or more."
+            f"set Margin to Fixed, {margin} m or more."
         )
 
 
@@ -375,6 +383,7 @@ def populating(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Genera
     """
     settings = scene.crowd_lod
     crowds = crowd_sources.crowds_of(settings)
+    set_lengths(scene)
     for crowd in crowds:
         map_areas.make(crowd, depsgraph)
     check_maps(settings)
@@ -382,13 +391,14 @@ def populating(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Genera
         yield from crowd_sources.reading(crowds, settings.forward, depsgraph)
         groups = yield from measuring_groups(scene)
         trajectory = crowd_sources.populated(scene, groups, depsgraph)
-        troubles = yield from aside(lambda: find(trajectory), lambda: 1.0)
+        troubles = yield from aside(lambda: find(trajectory, scene_data.meters(scene)), lambda: 1.0)
         warnings = [troubles.sentence] if troubles.found else []
         warnings += [
             *_off_ground(scene, groups),
             *_unmeasured(scene, groups),
             *crowd_sources.notes(crowds, trajectory),
             *told_of_actions(scene, groups),
+            *told_of_glow(scene),
         ]
     store_groups(settings, groups)
     _place_levels(scene)

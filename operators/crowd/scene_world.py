@@ -9,17 +9,22 @@ from ...crowd_lod.crowd import state_machine as machines
 from ...crowd_lod.crowd.maps import FARTHEST, Area, HeightMap, LabelMap, edge_map, labels_from_colors, laid_over
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.levels.assignment import Bias
-from ..blender import image_data, stored_values
+from ..blender import image_data, scene_data, stored_values
 from ..blender.props import group_of
 
 MADE_FOR = "crowd_lod_made_for"  # custom property of a map of walls and areas
 
 
 def machine_of(settings) -> machines.StateMachine:
-    """Return the state machine of the settings, or the chapter's if none is chosen."""
+    """Return the state machine of the settings, or the chapter's if none is chosen.
+
+    Its velocities are in the scene's units a second.
+    """
     if settings.machine is None:
-        return machines.load_preset("chapter")
-    return machines.parse(settings.machine.as_string(), settings.machine.name)
+        machine = machines.load_preset("chapter")
+    else:
+        machine = machines.parse(settings.machine.as_string(), settings.machine.name)
+    return machine.in_units(scene_data.meters(settings.id_data))
 
 
 def actions_named(scene: bpy.types.Scene, group: str) -> tuple[str, ...]:
@@ -51,7 +56,8 @@ def area_of(settings) -> Area:
     """
     (x, y, z), (width, depth) = settings.center, settings.size
     area = Area(x - width / 2, y - depth / 2, x + width / 2, y + depth / 2, z)
-    _check_reach("The crowd's ground", max(map(abs, (area.x_min, area.y_min, area.x_max, area.y_max, z))), "Center or Size")
+    reach = max(map(abs, (area.x_min, area.y_min, area.x_max, area.y_max, z)))
+    _check_reach(settings.id_data, "The crowd's ground", reach, "Center or Size")
     return area
 
 
@@ -97,7 +103,8 @@ def heights_of(settings, area: Area) -> HeightMap | None:
     values, scale = image_data.read_values(settings.height_image)[..., :1], settings.height_scale
     image_data.check_finite(settings.height_image, values)
     highest = float(np.abs(values).max()) * abs(scale) + abs(area.z)
-    _check_reach(f"The ground of the height map {settings.height_image.name}", highest, "pixels or the setting Height")
+    what = f"The ground of the height map {settings.height_image.name}"
+    _check_reach(settings.id_data, what, highest, "pixels or the setting Height")
     return HeightMap(values[..., 0] * np.float32(scale), area)
 
 
@@ -111,7 +118,8 @@ def check_maps(settings) -> None:
     heights_of(settings, area), bias_of(settings)
 
 
-def _check_reach(what: str, reach: float, setting: str) -> None:
+def _check_reach(scene: bpy.types.Scene, what: str, reach: float, setting: str) -> None:
+    reach *= scene_data.meters(scene)
     if reach > FARTHEST:
         raise CrowdError(
             f"{what} lies up to {reach:.3g} m from the world's origin, where Blender's positions are too coarse to show a walk: "

@@ -11,6 +11,7 @@ import bpy
 import numpy as np
 
 from ..blender import scene_cache
+from ..blender.guard import handler
 from ..blender.ownership import OWNED, is_ours
 from ..blender.references import reached
 from ..blender.shader_nodes import used_nodes
@@ -231,15 +232,49 @@ def _dark(tree: bpy.types.NodeTree | None) -> bool:
 
 
 def emits(tree: bpy.types.NodeTree | None) -> bool:
-    """Return whether a node of a material, or of a group in it, emits light."""
-    for node in tree.nodes if tree is not None else ():
-        if node.type == "EMISSION" and _set(node.inputs["Strength"]) and _set(node.inputs["Color"]):
-            return True
-        if node.type == "BSDF_PRINCIPLED" and _set(node.inputs["Emission Strength"]) and _set(node.inputs["Emission Color"]):
-            return True
-        if node.type == "GROUP" and emits(node.node_tree):
-            return True
+    """Return whether a material's nodes emit light that other surfaces receive.
+
+    What only camera rays see does not: "unlit" materials are wired so, glTF's among them.
+    """
+    ends = {"OUTPUT_MATERIAL", "GROUP_OUTPUT"}
+    sockets = [socket for node in (tree.nodes if tree is not None else ()) if node.type in ends for socket in node.inputs]
+    known: set[bpy.types.Node] = set()
+    while sockets:
+        socket = sockets.pop()
+        for link in socket.links:
+            node = link.from_node
+            if socket.type == "SHADER" and link.from_socket.type != "SHADER":
+                return True  # a color that is no shader shows as emission
+            if node not in known:
+                known.add(node)
+                if _emits_itself(node):
+                    return True
+                sockets += _seen_by_all(node)
     return False
+
+
+def _emits_itself(node: bpy.types.Node) -> bool:
+    if node.mute:
+        return False
+    if node.type == "GROUP":
+        return emits(node.node_tree)
+    if node.type in ("EMISSION", "BACKGROUND"):
+        return _set(node.inputs["Color"]) and _set(node.inputs["Strength"]) and not _of_camera(node.inputs["Strength"])
+    if node.type in ("BSDF_PRINCIPLED", "PRINCIPLED_VOLUME"):
+        strength = node.inputs["Emission Strength"]
+        return _set(strength) and _set(node.inputs["Emission Color"]) and not _of_camera(strength)
+    return False
+
+
+def _seen_by_all(node: bpy.types.Node) -> list[bpy.types.NodeSocket]:
+    """Return the inputs of `node` that other rays than the camera's may meet."""
+    inputs = list(node.inputs)
+    return inputs[:2] if node.type == "MIX_SHADER" and not node.mute and _of_camera(inputs[0]) else inputs
+
+
+def _of_camera(socket: bpy.types.NodeSocket) -> bool:
+    """Return whether `socket` is 1 for camera rays and 0 for all others."""
+    return any(link.from_node.type == "LIGHT_PATH" and link.from_socket.name == "Is Camera Ray" for link in socket.links)
 
 
 def _set(socket: bpy.types.NodeSocket) -> bool:
@@ -280,7 +315,7 @@ def _alone(own, event: str) -> bool:
     return own in handlers and all(map(is_ours, handlers))
 
 
-@bpy.app.handlers.persistent
+@handler
 def noticed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Handle frame_change_post: update the cached Scenery, or drop it."""
     key = scene.session_uid, depsgraph.view_layer_eval.name
@@ -289,7 +324,7 @@ def noticed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
         _kept.pop(key, None)
 
 
-@bpy.app.handlers.persistent
+@handler
 def edited(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Handle depsgraph_update_post: update the cached Scenery, or drop the caches."""
     if _alone(edited, "depsgraph_update_post"):
@@ -298,7 +333,7 @@ def edited(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
         forget()
 
 
-@bpy.app.handlers.persistent
+@handler
 def forget(*_) -> None:
     """undo_pre, redo_pre: what is kept names objects that will be gone."""
     _kept.clear()

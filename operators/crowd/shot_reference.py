@@ -111,7 +111,7 @@ def _row(
             changed = [CAMERA]
         if changed:
             return None, f"The shot plan is not used, for {' and '.join(changed)} changed since it was made: {AGAIN}."
-        return stored.row(f, len(trajectory.start)), ""
+        return stored.row(f, len(trajectory.start), policy.count), ""
     except CrowdError as error:
         return None, str(error)
 

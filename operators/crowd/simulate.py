@@ -1,22 +1,25 @@
 """The operator Simulate with JuPedSim: from a crowd's settings to a file that moves it."""
 
 from collections.abc import Generator
+from dataclasses import astuple, replace
 from pathlib import Path
 
 import bpy
 import numpy as np
 
 from ...crowd_lod.crowd.agents import check_counts
+from ...crowd_lod.crowd.maps import Area, LabelMap
 from ...crowd_lod.crowd.outlines import section
 from ...crowd_lod.crowd.state_machine import StateMachine
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, number, printable
 from ...crowd_lod.reporting import files
-from ..blender import mesh_data, stored_values
+from ..blender import mesh_data, scene_data, stored_values
 from ..blender.labeled_properties import IntProperty
 from ..blender.operator import Stepwise
 from .crowd_sources import crowds_of
 from .jupedsim_run import Wanted, simulating
+from .lengths import set_lengths
 from .scene_world import machine_of, world_of
 
 KNEE = 0.5  # meters above the ground, where the meshes of obstacles are cut
@@ -50,26 +53,32 @@ def _wanted(scene: bpy.types.Scene, index: int) -> Wanted:
     if not 0 <= index < len(crowds):
         raise CrowdError(f"There is no crowd {index}: the scene {scene.name} has {len(crowds)}, counted from 0.")
     crowd = crowds[index]
+    set_lengths(scene)
     stored_values.check(crowd)
     check_counts(crowd.count)
-    machine = machine_of(crowd)
+    machine, meters = machine_of(crowd), scene_data.meters(scene)
     walls = _named(machine, "Walls", crowd.wall_labels, "wall")
     goals = _named(machine, "Goals", crowd.goal_labels, "exit")
     if not goals.any():
         raise CrowdError(f"Name the labels that agents walk to in Goals: the state machine has {', '.join(machine.labels)}.")
     starts = _named(machine, "Starts", crowd.start_labels) if crowd.start_labels.strip() else machine.spawn
     return Wanted(
-        world=world_of(crowd, machine),
+        world=_in_meters(world_of(crowd, machine), meters),
         walls=walls & ~goals,
         starts=starts & ~walls & ~goals,
         goals=goals,
-        obstacles=_obstacles(crowd),
+        obstacles=_obstacles(crowd, meters),
         nearest=crowd.goal_choice == "NEAREST",
         count=crowd.count,
         seed=crowd.seed,
         seconds=crowd.simulated_seconds,
         rate=scene.render.fps / scene.render.fps_base,
     )
+
+
+def _in_meters(world: LabelMap, meters: float) -> LabelMap:
+    """Return the map, which is in units of `meters`, in meters, as JuPedSim has it."""
+    return replace(world, area=Area(*(edge * meters for edge in astuple(world.area))))
 
 
 def _named(machine: StateMachine, setting: str, text: str, usual: str = "") -> np.ndarray:
@@ -83,8 +92,11 @@ def _named(machine: StateMachine, setting: str, text: str, usual: str = "") -> n
     return np.array([label in (names or {usual}) for label in machine.labels])
 
 
-def _obstacles(crowd) -> np.ndarray:
-    """Return the lines of the obstacles' meshes at knee height, as Wanted has them."""
+def _obstacles(crowd, meters: float) -> np.ndarray:
+    """Return the lines of the obstacles' meshes at knee height, as Wanted has them.
+
+    meters: in a unit of the scene.
+    """
     if crowd.obstacles is None:
         return np.empty((0, 2, 2))
     depsgraph = bpy.context.evaluated_depsgraph_get()
@@ -92,8 +104,8 @@ def _obstacles(crowd) -> np.ndarray:
     for item in crowd.obstacles.all_objects:
         if item.type == "MESH":
             points, triangles = mesh_data.world_triangles(item.evaluated_get(depsgraph))
-            cuts.append(section(points, triangles, crowd.center[2] + KNEE))
-    return np.concatenate(cuts)
+            cuts.append(section(points, triangles, crowd.center[2] + KNEE / meters))
+    return np.concatenate(cuts) * meters
 
 
 def _saved(scene: bpy.types.Scene) -> str:

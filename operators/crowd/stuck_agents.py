@@ -97,15 +97,17 @@ class Troubles:
         ]
 
 
-def find(trajectory: Trajectory) -> Troubles:
+def find(trajectory: Trajectory, meters: float = 1.0) -> Troubles:
     """Find the troubles of agents that a state machine moves, from the first frame on.
 
     It looks a minute ahead, but not beyond MOST_BORDERS cells of the fastest agent. It checks all
     agents, but at most MOST_AGENTS and what MOST_READS allow. Agents are placed at random, so the
     first ones are a fair sample.
+
+    meters: in a unit of the scene. Places of what is found are in meters.
     """
     parts = [_of_walk(walk) for walk in walks_of(trajectory)]
-    found = tuple(each for part in parts for each in part.found)
+    found = tuple(replace(each, x=each.x * meters, y=each.y * meters) for part in parts for each in part.found)
     agents, count = (sum(getattr(part, name) for part in parts) for name in ("agents", "count"))
     return Troubles(found, agents, count, min((part.seconds for part in parts), default=SECONDS))
 

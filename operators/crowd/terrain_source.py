@@ -10,12 +10,12 @@ from ...crowd_lod.crowd.terrain import Terrain, upward
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number
 from ...crowd_lod.trajectory.trajectory import Trajectory
-from ..blender import mesh_data, scene_cache
+from ..blender import mesh_data, scene_cache, scene_data
 from ..blender.ownership import OWNED
 from . import kept_meshes
 
-# By the session_uid of the kept mesh, and the height where there is no ground.
-_terrains: dict[tuple[int, float], Terrain] = scene_cache.kept({})
+# By the session_uid of the kept mesh, the height where there is no ground, and the meters in a unit.
+_terrains: dict[tuple[int, float, float], Terrain] = scene_cache.kept({})
 MOST_TERRAINS = 4
 
 
@@ -46,8 +46,9 @@ def read_terrain(crowd, depsgraph: bpy.types.Depsgraph) -> None:
         crowd.terrain_mesh = None
         return
     objects, points, triangles, count = objects_of(crowd), [], [], 0
+    meters = scene_data.meters(crowd.id_data)
     for _, _, own, sides in kept_meshes.evaluated_triangles(objects, depsgraph):
-        sides = sides[upward(own[sides])]
+        sides = sides[upward(own[sides], meters)]
         points.append(own)
         triangles.append(sides + count)
         count += len(own)
@@ -58,7 +59,7 @@ def read_terrain(crowd, depsgraph: bpy.types.Depsgraph) -> None:
         )
     used, which = np.unique(which, return_inverse=True)
     places = np.concatenate(points)[used]
-    if np.abs(places).max() > FARTHEST:
+    if np.abs(places).max() * meters > FARTHEST:
         raise CrowdError(f"The terrain {_name(crowd)} reaches beyond {FARTHEST:,.0f} m from the world's origin: move or shrink it.")
     mesh = mesh_data.new_mesh("Crowd LOD terrain", places, which.reshape(-1, 3))
     kept_meshes.keep(crowd, "terrain_mesh", mesh, kept_meshes.shape_marks(objects))
@@ -76,13 +77,14 @@ def terrain_of(crowd, z: float) -> Terrain | None:
     mesh = crowd.terrain_mesh
     if mesh is None:
         raise CrowdError(f"The terrain {_name(crowd)} is not read yet: press Populate.")
-    key = mesh.session_uid, z
+    meters = scene_data.meters(crowd.id_data)
+    key = mesh.session_uid, z, meters
     if key not in _terrains:
         points = np.empty((len(mesh.vertices), 3), np.float32)
         mesh.vertices.foreach_get("co", points.ravel())
         triangles = np.empty(len(mesh.loops), np.int32)
         mesh.loops.foreach_get("vertex_index", triangles)
-        made = Terrain(points[triangles].astype(np.float64).reshape(-1, 3, 3), z)
+        made = Terrain(points[triangles].astype(np.float64).reshape(-1, 3, 3), z, meters)
         while len(_terrains) >= MOST_TERRAINS:
             _terrains.pop(next(iter(_terrains)))
         _terrains[key] = made
@@ -107,7 +109,7 @@ def terrain_notes(crowd, trajectory: Trajectory) -> Iterator[str]:
             have, them, stand = ("has", "it", "stands") if over == 1 else ("have", "them", "stand")
             yield (
                 f"{over:,} of {len(start):,} agents {have} no ground of the terrain {_name(crowd)} under {them}, and {stand} at the "
-                f"crowd's height, {number(ground.z)} m."
+                f"crowd's height, {number(ground.z * ground.meters)} m."
             )
     top = crowd.id_data.crowd_lod.characters
     inside = sorted(item.name for item in set(objects_of(crowd)).intersection(top.all_objects if top is not None else ()))

@@ -12,7 +12,7 @@ from ...crowd_lod.format import counted, printable
 from ...crowd_lod.progress import aside, share
 from ...crowd_lod.tracks.reading import content_of, read_tracks
 from ...crowd_lod.tracks.tracks import Tracks
-from ..blender import scene_cache
+from ..blender import scene_cache, scene_data
 
 UNITS = {"AUTO": "", "M": "m", "CM": "cm", "MM": "mm", "FT": "ft"}
 MOST_FILES = 4  # that are kept
@@ -94,10 +94,10 @@ def reading_files(crowds: list, usual: float) -> Generator[float, None, None]:
             yield from share(aside(read, lambda progress=progress: progress[0]), k / len(wanted), (k + 1) / len(wanted))
 
 
-def _told(crowd, usual: float) -> tuple[str, float, float]:
-    """Return how the crowd's file is read: unit, rate, and the rate if the file tells none."""
+def _told(crowd, usual: float) -> tuple[str, float, float, float]:
+    """Return how the crowd's file is read: unit, rate, the rate if the file tells none, the scene's meters."""
     rate = round(float(crowd.tracks_rate), 6)
-    return UNITS[crowd.tracks_unit], rate, 0.0 if rate else usual
+    return UNITS[crowd.tracks_unit], rate, 0.0 if rate else usual, scene_data.meters(crowd.id_data)
 
 
 def _kept(stamp: tuple, told: tuple) -> Tracks | None:
@@ -118,8 +118,8 @@ def _read(stamp: tuple, told: tuple, progress: list[float]) -> Tracks:
         def tell(part: float) -> None:
             progress[0] = part
 
-        unit, rate, usual = told
-        tracks = read_tracks(path, unit, rate, usual, tell)
+        unit, rate, usual, meters = told
+        tracks = read_tracks(path, unit, rate, usual, tell).in_units(meters)
         while len(_files) >= MOST_FILES:
             _files.pop(next(iter(_files)))
         _files[key] = tracks
@@ -128,10 +128,10 @@ def _read(stamp: tuple, told: tuple, progress: list[float]) -> Tracks:
 
 def check_places(tracks: Tracks, crowd) -> None:
     """Raise CrowdError if the tracks lie too far from the world's origin."""
-    low, high = tracks.spread + tuple(crowd.center)
+    low, high = (tracks.spread + tuple(crowd.center)) * tracks.meters
     reach = float(max(abs(low).max(), abs(high).max()))
     if reach > FARTHEST:
-        x, y = ((tracks.spread[0] + tracks.spread[1]) / 2)[:2].tolist()
+        x, y = ((tracks.spread[0] + tracks.spread[1]) / 2 * tracks.meters)[:2].tolist()
         raise CrowdError(
             f"The file {printable(tracks_path(crowd))} lies up to {reach:.3g} m from the world's origin: set Center to about "
             f"({-x:.0f}, {-y:.0f}), or choose another Unit, so that it stays within {FARTHEST:,.0f} m."

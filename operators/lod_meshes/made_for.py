@@ -256,7 +256,9 @@ def _facts(scene: bpy.types.Scene) -> dict[str, str]:
     }
     if camera is not None and camera.type == "CAMERA" and camera.data.animation_data is None:
         data = camera.data
-        facts["lens"] = f"{data.ortho_scale:.4g} m wide" if data.type == "ORTHO" else f"{data.lens:.4g} mm"
+        facts["lens"] = (
+            f"{data.ortho_scale * scene_data.meters(scene):.4g} m wide" if data.type == "ORTHO" else f"{data.lens:.4g} mm"
+        )
     return facts
 
 

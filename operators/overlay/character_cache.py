@@ -16,6 +16,7 @@ import numpy as np
 
 from ...crowd_lod.errors import CrowdError
 from ..blender import performance, scene_cache
+from ..blender.guard import guarded
 from ..blender.image_data import LOOK_AGAIN
 from ..blender.material_colors import Looks
 from ..blender.rig_dependencies import KEYS, armatures_of, curves_of, players_of, read_columns
@@ -96,6 +97,7 @@ def drop(scene: bpy.types.Scene) -> None:
     _castings.pop(scene.session_uid, None)
 
 
+@guarded
 def bake_some() -> float | None:
     """Timer: bake a few frames.
 

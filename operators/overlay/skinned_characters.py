@@ -158,7 +158,7 @@ def _character(name: str, played: Played, levels: list[list[tuple]], recorder, l
     if off > TOLERANCE * diagonal:
         told = (
             f"{name} moves in ways that joints cannot express (shape keys, other modifiers than armatures, or more than four "
-            f"bones a vertex): the overlay shows it {'at rest there' if np.isinf(off) else f'up to {off:.2g} m off'}."
+            f"bones a vertex): the overlay shows it {'at rest there' if np.isinf(off) else f'up to {off / diagonal:.1%} of its size off'}."
         )
     return Character(name, frames, tuple(meshes), looks.images(), color, off, told)
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from ...crowd_lod.errors import CrowdError
 from ..blender import cameras, image_data
+from ..blender.guard import guarded
 from ..blender.operator import Stepwise
 from ..crowd import needs
 from . import viewport_overlay, visibility
@@ -77,6 +78,7 @@ def _seen(context, space, region) -> tuple[np.ndarray, np.ndarray, tuple[int, in
     return view, projection, (region.width, region.height)
 
 
+@guarded
 def _show(name: str) -> None:
     """Open the image, if it is still there, in a new window.
 

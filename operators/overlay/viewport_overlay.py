@@ -19,6 +19,7 @@ from ...crowd_lod.planning.hysteresis import held
 from ...crowd_lod.planning.request import Request
 from ..blender import frame_stepping, image_data, scene_cache, scene_data, sidebars
 from ..blender.cameras import read_cameras, read_shutter
+from ..blender.guard import guarded
 from ..blender.image_data import LOOK_AGAIN
 from ..crowd.crowd_sources import inputs_of, live
 from ..crowd.scene_crowd import groups_of, policy_of, trajectory_of
@@ -105,6 +106,7 @@ def _let_go() -> None:
     shader_programs.forget()
 
 
+@guarded
 def _stop() -> None:
     """Timer: remove the draw handlers, which must not be done while Blender draws."""
     _let_go()
@@ -141,7 +143,8 @@ def account_of(scene: bpy.types.Scene) -> Account | None:
     shown, agent = shown_of(scene), scene.crowd_lod.agent
     if shown is None or shown.frame is None or not 0 <= agent < len(shown.frame.crowd):
         return None
-    return account(shown.frame, agent)
+    found = account(shown.frame, agent)
+    return replace(found, depth=found.depth * scene_data.meters(scene))
 
 
 def legend_of(scene: bpy.types.Scene) -> list[hud.Line]:
@@ -341,6 +344,7 @@ def _open_shutter(scene, time: float, eyes: tuple[Camera, ...]) -> tuple:
     return key, ()
 
 
+@guarded
 def _read_shutters() -> float | None:
     """Timer: read the shutters asked for.
 
@@ -366,6 +370,7 @@ def _read_shutters() -> float | None:
     return None
 
 
+@guarded(failed=WATCH)
 def _watch() -> float:
     """Timer: have viewports drawn again that are old without Blender's notice.
 

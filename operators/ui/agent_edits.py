@@ -9,6 +9,7 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
 from ...crowd_lod.planning.exceptions import named
 from ...crowd_lod.trajectory.trajectory import Trajectory
+from ..blender import scene_data
 from ..blender.labeled_properties import EnumProperty, FloatProperty
 from ..blender.operator import Reporting
 from ..crowd import needs
@@ -58,7 +59,7 @@ class CROWDLOD_OT_edit_agent(Reporting, bpy.types.Operator):
             raise CrowdError(f"There is no agent {agent}: the crowd has {len(trajectory.start):,}, numbered from 0 on.")
         entry = _entry(settings, self.kind, f"{BUTTONS[self.kind][0]} {agent}", named(np.array([agent]), trajectory.ids))
         if self.kind == "NUDGE":
-            entry.move[0] += NUDGE
+            entry.move[0] += NUDGE / scene_data.meters(scene)
         elif self.kind == "TURN":
             entry.turn += TURN
         elif self.kind == "GROUP":

@@ -30,7 +30,7 @@ THRESHOLDS = (0.15, 0.4, 0.6, 0.7, 0.8, 0.9, 1.0)
 class CrowdLodAction(bpy.types.PropertyGroup):
     """Measurements of the action that states name `name`, as one character group plays it."""
 
-    stride: FloatProperty(name="Stride", unit="LENGTH", description="Meters walked in a cycle; 0 plays the action by time")
+    stride: FloatProperty(name="Stride", unit="LENGTH", description="Length walked in a cycle; 0 plays the action by time")
     period: FloatProperty(name="Period", unit="TIME_ABSOLUTE", description="Seconds in a cycle of the action")
 
 
@@ -39,7 +39,7 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
 
     center: FloatProperty(name="Center", unit="LENGTH", description="Height of the bounding sphere's center")
     radius: FloatProperty(name="Radius", unit="LENGTH", description="Radius of the bounding sphere over the whole action")
-    stride: FloatProperty(name="Stride", unit="LENGTH", description="Meters walked in a cycle; 0 plays the action by time")
+    stride: FloatProperty(name="Stride", unit="LENGTH", description="Length walked in a cycle; 0 plays the action by time")
     period: FloatProperty(name="Period", unit="TIME_ABSOLUTE", description="Seconds in a cycle of the action")
     share: FloatProperty(
         name="Share", min=0, soft_max=10, default=1, description="Share of the agents, in proportion to the other groups'"

@@ -97,3 +97,14 @@ def test_lods_that_fit_in_memory_are_built_and_the_others_are_not(scene, tmp_pat
     finished(preview(scene, Preview([5], tmp_path / "out", 64), []))
     plan = json.loads((tmp_path / "out" / "plan.json").read_text())
     assert [told["finest_lod"] for told in plan["levels"]["characters"]] == list(finest)
+
+
+def test_the_button_asks_what_build_asks_where_lods_are_missing(levelled):
+    levelled.crowd_lod.level_count = 5
+    with pytest.raises(RuntimeError, match="do not fit the settings .5 of 2.: press Make LOD Meshes"):
+        bpy.ops.crowd_lod.estimate()
+    levelled.crowd_lod.level_count = 3
+    level = levelled.crowd_lod.levels.children[1]
+    level.children.unlink(level.children[0])
+    with pytest.raises(RuntimeError, match="press Make LOD Meshes"):
+        bpy.ops.crowd_lod.estimate()

@@ -65,6 +65,27 @@ def test_rendered_silhouettes_stay_within_what_the_deviation_predicts(scene, tmp
     assert json.loads(json.dumps(tables, allow_nan=False)) == tables
 
 
+@pytest.mark.parametrize("kind", ["PERSP", "ORTHO"])
+@pytest.mark.usefixtures("exact_levels")
+def test_a_group_of_small_agents_is_measured_at_their_size(scene, tmp_path, kind):
+    """Predictions hold for the largest agent; a character pictured at its own size shows 1 / 0.44 of its error."""
+    settings = scene.crowd_lod
+    settings.characters.children.unlink(settings.characters.children["adult"])
+    scene.camera.data.type, scene.camera.data.ortho_scale, scene.render.resolution_x = kind, 40.0, 1920
+    settings.choice, settings.tolerance, settings.frames = "BY_TOLERANCE", 8.0, "1"
+    scene_crowd.store_groups(settings, scene_crowd.measure_groups(scene))
+    settings.groups[0].scale = 0.4, 0.44
+    list(make_levels(scene))
+    (table,), _ = told(scene, tmp_path)
+    rows = [row for row in table["levels"] if row["predicted_px"] is not None]
+    assert rows
+    for row in rows:
+        least, most = row["measured_px_between"]
+        assert 0 < most and least <= row["predicted_px"] <= 8.0 + 1e-9
+        # an error that is measured at the character's own size would be about the double
+        assert row["measured_px"] <= 1.05 * row["predicted_px"]
+
+
 def test_the_way_a_lod_was_made_is_told_where_it_is_known(levelled, tmp_path):
     item = next(o for o in levelled.crowd_lod.levels.children[1].children[0].objects if o.type == "MESH")
     item["crowd_lod_method"], item["crowd_lod_why"], item["crowd_lod_ms"] = "precise", "It has seams.", 12.5

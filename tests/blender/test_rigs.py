@@ -231,7 +231,7 @@ def test_bones_that_shear_are_shown_as_near_as_can_be_and_it_is_said(scene):
     props(scene, ball)
     notes = finished(make_cast(scene, scene.crowd_lod)).notes
     assert list(scene.crowd_lod.build[render_setup.POSED]) == [0]
-    assert len(notes) == 1 and "are off by up to 0.0" in notes[0]
+    assert len(notes) == 1 and "are off by up to 0." in notes[0]
 
 
 def test_objects_that_move_as_a_whole_are_carried(scene):

@@ -1,5 +1,6 @@
 """A run in chunks, or by two processes, gives the files of one run."""
 
+import json
 import os
 
 import bpy
@@ -90,3 +91,22 @@ def test_only_options_that_change_nothing_are_left_out_of_the_key():
     words = ["crowd-lod", "preview", "a.blend", "--out", "x", "--part=1:2", "--jobs", "3", "--json", "--width", "9"]
     assert shared_runs.without(words, shared_runs.ASIDE) == ["crowd-lod", "preview", "a.blend", "--width", "9"]
     assert shared_runs.without(words, shared_runs.OF_PART) == words[:5] + words[6:]
+
+
+@pytest.mark.parametrize(
+    "words", (["export", "--out", "{}/x.usdc"], ["sample", "plaza"], ["preview", "--bad"], ["preview", "--help"], ["preview"], [])
+)
+def test_a_damaged_run_starts_nothing_but_preview_and_verify(file, tmp_path, capfd, words):
+    (name, *options), out = PREVIEW, tmp_path / "out"
+    assert run(name, file, *options, "--part", "1", "--out", out) == 0
+    path = out / "parts" / "run.json"
+    told = json.loads(path.read_text())
+    told["command"] = ["crowd-lod", *(word.format(out) for word in words)]
+    path.write_text(json.dumps(told))
+    before = contents(out)
+    capfd.readouterr()
+    assert run("assemble", out, "--quiet") == 1
+    said = capfd.readouterr()
+    assert said.err.startswith("crowd-lod: ") and said.err.count("\n") == 1 and not said.out
+    assert "is damaged" in said.err or words == ["preview"]
+    assert contents(out) == before

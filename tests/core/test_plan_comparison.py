@@ -109,3 +109,10 @@ def test_figures_that_are_no_numbers_are_left_out(tmp_path):
     told = compare(a, a).as_json
     assert told["total"] == {"visible": [30, 30]} and told["frames"][2] == {"frame": 3, "visible": [10, 10]}
     assert json.dumps(told, allow_nan=False)
+
+
+def test_an_integer_greater_than_any_float_is_no_figure(tmp_path):
+    a = planned(tmp_path / "a", [row(1, 100)], plan={"memory_mb": 10**309})
+    b = planned(tmp_path / "b", [row(1, 10**400, switches=2)], plan={"memory_mb": 2.0})
+    assert compare(a, b).as_json["total"] == {"visible": [10, 10]}
+    assert compare(a, b).text

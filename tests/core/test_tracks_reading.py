@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.tracks import npz, rows, sqlite_pages, text
+from crowd_lod_extension.crowd_lod.tracks import npz, rows, text
 from crowd_lod_extension.crowd_lod.tracks.cast import groups_of_agents
 from crowd_lod_extension.crowd_lod.tracks.making import tracks_of
-from crowd_lod_extension.crowd_lod.tracks.numbers import parsed, tokens
 from crowd_lod_extension.crowd_lod.tracks.reading import read_rows, read_tracks
 
 from ..support.tracks import wanderers
 
+LEAF = 13  # first byte of a page of SQLite that holds rows
 ROWS = wanderers(60)
 ROWS = replace(ROWS, x=ROWS.x.round(4), y=ROWS.y.round(4))
 COLUMNS = list(zip(*(ROWS.columns[name].tolist() for name in ("id", "frame", "x", "y")), strict=True))
@@ -96,36 +96,6 @@ def test_a_file_is_read_the_same_in_parts_of_any_length(tmp_path, monkeypatch):
     assert read_tracks(path, rate=16).digest == once
 
 
-def test_numbers_are_pythons_to_the_bit():
-    random = np.random.default_rng(1)
-    values = [repr(value) for value in random.normal(0, 100, 300).tolist()] + [
-        f"{value:.{k % 9}f}" for k, value in enumerate(random.normal(0, 1e4, 900))
-    ]
-    values += [
-        "0",
-        "-0",
-        "-0.0",
-        "+7",
-        ".5",
-        "-.25",
-        "5.",
-        "1e3",
-        "-2.5E-7",
-        "123456789012345",
-        "1234567890123456789",
-        "0.1234567890123456789",
-        "nan",
-        "inf",
-    ]
-    values += [f"{value}" for value in random.integers(-(10**9), 10**9, 200)]
-    data = np.frombuffer((" ".join(values) + "\n").encode(), np.uint8)
-    found = parsed(data, *tokens(data))
-    assert found.tobytes() == np.array([float(value) for value in values]).tobytes()
-    for wrong in (b"-", b".", b"1.2.3", b"x", b"1-2", b"--1", b"1_000"):
-        with pytest.raises(ValueError):
-            parsed(np.frombuffer(wrong, np.uint8), np.array([0]), np.array([len(wrong)]))
-
-
 def test_units_are_the_files_or_those_asked_for(tmp_path):
     path = tmp_path / "crowd.txt"
     path.write_text("# framerate: 25 fps\n# id frame x/cm y/cm\n1 0 125.5 300\n1 1 130.25 300\n")
@@ -191,7 +161,7 @@ def test_other_databases_are_named(tmp_path):
     with sqlite3.connect(path) as made:
         made.execute("CREATE TABLE notes(a)")
     made.close()
-    with pytest.raises(CrowdError, match="other.sqlite is not one of JuPedSim's.*no such table: metadata"):
+    with pytest.raises(CrowdError, match="other.sqlite is not one of JuPedSim's.*no such table: trajectory_data"):
         read_rows(path)
     path = tmp_path / "newer.sqlite"
     database(path, 4)
@@ -219,36 +189,7 @@ def test_too_many_rows_or_agents_are_refused(tmp_path, monkeypatch):
         read_rows(path)
 
 
-@pytest.mark.parametrize("size", [512, 4096, 65536])
-def test_pages_of_a_database_hold_what_sqlite_reads(tmp_path, size):
-    random = np.random.default_rng(size)
-    path = tmp_path / "crowd.sqlite"
-    whole = [0, 1, -1, 127, -128, 32767, -32768, 2**23 - 1, -(2**23), 2**31 - 1, 2**40, -(2**47), 2**53, -(2**60)]
-    own = [
-        (k, int(random.choice(whole)), float(random.choice([0.0, 3.0, -250.0, random.normal() * 1e5])), random.normal())
-        for k in range(4000)
-    ]
-    with sqlite3.connect(path) as made:
-        made.execute(f"PRAGMA page_size = {size}")
-        made.execute(
-            "CREATE TABLE trajectory_data (frame INTEGER NOT NULL, id INTEGER NOT NULL, pos_x REAL NOT NULL, pos_y REAL NOT NULL)"
-        )
-        made.execute("CREATE TABLE metadata(key TEXT NOT NULL UNIQUE PRIMARY KEY, value TEXT NOT NULL)")
-        made.executemany("INSERT INTO metadata VALUES(?, ?)", [("version", 3), ("fps", "25")])
-        made.executemany("INSERT INTO trajectory_data VALUES(?, ?, ?, ?)", own)
-        made.execute("DELETE FROM trajectory_data WHERE rowid % 7 = 0 OR rowid BETWEEN 1000 AND 1500")
-        made.execute("INSERT INTO trajectory_data(rowid, frame, id, pos_x, pos_y) VALUES(?, 1, 2, 3, 4)", [2**40])
-    with sqlite3.connect(path) as made:
-        wanted = made.execute("SELECT frame, id, pos_x, pos_y FROM trajectory_data ORDER BY rowid").fetchall()
-        (root,) = made.execute("SELECT rootpage FROM sqlite_master WHERE name = 'trajectory_data'").fetchone()
-    made.close()
-    parts = list(sqlite_pages.columns(np.fromfile(path, np.uint8), root, 4, range(4)))
-    found = np.concatenate([np.column_stack(part) for part in parts])
-    assert found.tobytes() == np.array(wanted, np.float64).tobytes()
-    assert read_rows(path).x.tolist() == [row[2] for row in wanted]
-
-
-def test_databases_whose_pages_are_not_plain_are_read_by_sqlite(tmp_path):
+def test_a_database_is_read_with_its_journal_and_by_its_values(tmp_path):
     path = tmp_path / "crowd.sqlite"
     database(path)
     wanted = read_rows(path)
@@ -306,7 +247,7 @@ def test_a_row_whose_place_is_told_twice_is_noticed(tmp_path):
     database(path)
     data = bytearray(path.read_bytes())
     size = int.from_bytes(data[16:18])
-    leaf = next(page for page in range(size, len(data), size) if data[page] == sqlite_pages.LEAF and data[page + 4] > 50)
+    leaf = next(page for page in range(size, len(data), size) if data[page] == LEAF and data[page + 4] > 50)
     data[leaf + 10 : leaf + 12] = data[leaf + 8 : leaf + 10]  # its second row is its first, too
     path.write_bytes(data)
     with pytest.raises(CrowdError, match="crowd.sqlite is not one of JuPedSim's, or damaged"):

@@ -1,0 +1,229 @@
+"""The same crowd in scenes whose unit is a centimeter, a meter and a kilometer: the same figures in meters."""
+
+import json
+import re
+
+import bpy
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.crowd.state_machine import preset_text
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.planning.explanation import explained
+from crowd_lod_extension.operators.batch.preview_plan import _crowd_of
+from crowd_lod_extension.operators.blender import scene_data
+from crowd_lod_extension.operators.cli import commands
+from crowd_lod_extension.operators.crowd.scene_crowd import frame_of, groups_of, trajectory_of
+from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.overlay import hud
+from crowd_lod_extension.operators.usd.openusd import openusd
+from crowd_lod_extension.sample_scenes.characters import make_characters
+
+SCALES = 0.01, 1.0, 1000.0
+
+
+def scaled(scale):
+    """An empty file whose unit is `scale` meters, with two sample characters and a camera."""
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    scene = bpy.context.scene
+    scene.unit_settings.system, scene.unit_settings.scale_length = "METRIC", scale
+    scene.render.fps, scene.render.resolution_x, scene.render.resolution_y = 24, 320, 180
+    characters = bpy.data.collections.new("People")
+    scene.collection.children.link(characters)
+    make_characters(characters)
+    characters.children.unlink(characters.children["heavy"])
+    for item in characters.all_objects:
+        if item.parent is None:
+            item.scale = [1 / scale] * 3
+            item.location /= scale
+    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    scene.collection.objects.link(camera)
+    scene.camera, camera.location, camera.rotation_euler = camera, np.array((0, -25, 2)) / scale, (1.5, 0, 0)
+    camera.data.clip_start, camera.data.clip_end = 0.1 / scale, 60 / scale
+    settings = scene.crowd_lod
+    settings.characters, settings.forward, settings.count = characters, "X", 60
+    settings.choice, settings.method = "BY_RATIO", "DECIMATE"
+    settings.thresholds[:2] = (0.2, 0.5)
+    bpy.context.view_layer.update()
+    return scene
+
+
+def box(name, scale, low, high):
+    """A box between two corners in meters."""
+    corners = [(x, y, z) for z in (low[2], high[2]) for y in (low[1], high[1]) for x in (low[0], high[0])]
+    faces = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata((np.array(corners, float) / scale).tolist(), [], faces)
+    item = bpy.data.objects.new(name, mesh)
+    bpy.context.scene.collection.objects.link(item)
+    return item
+
+
+def of_machine(scene, scale, folder):
+    scene.crowd_lod.machine = bpy.data.texts.new("chapter")
+    scene.crowd_lod.machine.write(preset_text("chapter"))
+
+
+def of_file(scene, scale, folder):
+    settings, path = scene.crowd_lod, folder / "tracks.csv"
+    rows = [f"{agent},{frame},{agent + 0.05 * frame},{agent % 7}" for agent in range(20) for frame in range(60)]
+    path.write_text("\n".join(["id,frame,x [m],y [m]", *rows]))
+    settings.source, settings.tracks_file, settings.tracks_rate = "FILE", str(path), 24
+
+
+def of_rows(scene, scale, folder):
+    curve = bpy.data.curves.new("Rows", "CURVE")
+    spline = curve.splines.new("POLY")
+    spline.points.add(1)
+    spline.points[0].co, spline.points[1].co = (-10 / scale, 0, 0, 1), (10 / scale, 0, 0, 1)
+    settings = scene.crowd_lod
+    settings.start_on, settings.start_object, settings.rows = "CURVES", bpy.data.objects.new("Rows", curve), 3
+    scene.collection.objects.link(settings.start_object)
+    settings.spacing = 0.8 / scale
+
+
+def of_grid(scene, scale, folder):
+    scene.crowd_lod.start_on = "GRID"
+
+
+def of_terrain(scene, scale, folder):
+    """Steps of 0.4 m, which agents take, and of 0.7 m, which they do not."""
+    grounds = [((-40, -40, -1), (40, 40, 0)), ((-3, -40, 0), (0, 40, 0.4)), ((0, -40, 0), (3, 40, 0.7))]
+    home = bpy.data.collections.new("Ground")
+    scene.collection.children.link(home)
+    for k, (low, high) in enumerate(grounds):
+        home.objects.link(box(f"Ground {k}", scale, low, high))
+    scene.crowd_lod.terrain = home
+
+
+def of_points(scene, scale, folder):
+    item = box("Points", scale, (-5, -5, 0), (5, 5, 0.5))
+    item.hide_render = False
+    scene.crowd_lod.source, scene.crowd_lod.points = "POINTS", item
+
+
+def of_record(scene, scale, folder):
+    of_points(scene, scale, folder)
+    scene.frame_end = 3
+    bpy.ops.wm.save_as_mainfile(filepath=str(folder / f"points{scale}.blend"))
+    assert bpy.ops.crowd_lod.record_points() == {"FINISHED"}
+
+
+SOURCES = of_machine, of_file, of_rows, of_grid, of_terrain, of_points, of_record
+
+
+def numbers(text):
+    return [float(each) for each in re.findall(r"-?\d+\.?\d*(?:e[-+]\d+)?", text.replace(",", ""))]
+
+
+def words(text):
+    return re.sub(r"[-\d.,e+ ]+", " ", text)
+
+
+def figures(scale, source, folder):
+    """What is known of the crowd, lengths in meters: (arrays, texts)."""
+    scene = scaled(scale)
+    source(scene, scale, folder)
+    assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
+    list(make_levels(scene))
+    arrays, texts = {}, {}
+    for number in (1, 2, 49) if source is not of_points else (1,):
+        scene.frame_set(number)
+        depsgraph = bpy.context.evaluated_depsgraph_get()
+        frame = frame_of(scene, depsgraph)
+        crowd = frame.crowd
+        arrays[f"places {number}"] = np.stack([crowd.x, crowd.y, crowd.z]) * scale
+        arrays[f"classes {number}"] = np.stack([crowd.phase_class, crowd.group, crowd.state])
+        arrays[f"levels {number}"] = np.where(frame.visible, frame.levels, 99)
+        for agent in (0, len(crowd) - 1):
+            account = explained(frame, agent, "CYCLES", scene_data.meters(scene))
+            texts[f"explain {number} {agent}"] = account.text
+            texts[f"HUD {number} {agent}"] = str(hud.told(account.account))
+    groups = groups_of(scene.crowd_lod)
+    arrays["triangles"] = np.array([group.triangles for group in groups])
+    for name in ("center", "radius", "stride", "deviations", "bounds", "diagonal"):
+        arrays[name] = np.array([getattr(group.scaled(scale), name) for group in groups])
+    trajectory = trajectory_of(scene)
+    area = _crowd_of(scene.crowd_lod, trajectory)["area"]
+    arrays["area"] = np.array([*area["x"], *area["y"], area["z"]])
+    arrays["paces"] = trajectory.gaits.paces.speeds * scale
+    return arrays, texts
+
+
+@pytest.mark.parametrize("source", SOURCES)
+def test_the_unit_of_the_scene_changes_no_figure_in_meters(source, tmp_path):
+    arrays, texts = figures(1.0, source, tmp_path)
+    for scale in SCALES[::2]:
+        others, told = figures(scale, source, tmp_path)
+        for name, expected in arrays.items():
+            np.testing.assert_allclose(others[name], expected, rtol=2e-3, atol=2e-4, err_msg=f"{name} at {scale}")
+        for name, expected in texts.items():
+            assert words(told[name]) == words(expected), (name, scale)
+            np.testing.assert_allclose(numbers(told[name]), numbers(expected), rtol=2e-2, atol=2e-3, err_msg=f"{name} at {scale}")
+
+
+@pytest.mark.parametrize("scale", SCALES)
+def test_the_command_scene_films_tracks_alike_in_every_unit(scale, tmp_path):
+    scene = scaled(scale)
+    of_file(scene, scale, tmp_path)
+    scene.crowd_lod.source = "MACHINE"
+    people, out = tmp_path / "people.blend", tmp_path / "out.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(people), copy=True)
+    words = ["scene", tmp_path / "tracks.csv", "--fps", "24", "--characters", people, "--out", out, "--quiet"]
+    assert commands._run([*map(str, words)], "crowd-lod") == 0
+    bpy.ops.wm.open_mainfile(filepath=str(out), load_ui=False)
+    scene = bpy.context.scene
+    assert scene_data.meters(scene) == pytest.approx(scale)
+    crowd, camera = trajectory_of(scene).at(1 + 24), scene.camera
+    assert crowd.x[0] * scale == pytest.approx(0.05 * 24, abs=1e-4)
+    assert camera.location.z * scale == pytest.approx(1.7, rel=1e-4)
+    assert camera.data.clip_start * scale == pytest.approx(0.1, rel=1e-4)
+    assert 5 < camera.data.clip_end * scale < 200
+
+
+@pytest.mark.parametrize("scale", SCALES)
+def test_jupedsim_walks_alike_in_every_unit(scale, tmp_path):
+    pytest.importorskip("jupedsim")
+    scene = scaled(scale)
+    of_machine(scene, scale, tmp_path)
+    settings = scene.crowd_lod
+    settings.count, settings.simulated_seconds, settings.goal_labels = 10, 3, "right edge"
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "hall.blend"))
+    assert bpy.ops.crowd_lod.simulate() == {"FINISHED"}
+    assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
+    trajectory = trajectory_of(scene)
+    first, last = trajectory.at(1), trajectory.at(1 + 48)
+    speed = np.hypot(last.x - first.x, last.y - first.y) * scale / 2
+    assert 0.5 < np.median(speed) < 2.0
+
+
+def test_a_shot_plan_and_its_export_are_alike_in_every_unit(tmp_path):
+    try:
+        modules = openusd()
+    except CrowdError as error:
+        pytest.skip(str(error))
+    found = []
+    for scale in SCALES:
+        scene = scaled(scale)
+        of_machine(scene, scale, tmp_path)
+        scene.crowd_lod.choice = "BY_TOLERANCE"
+        assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
+        file, out, usd = (tmp_path / f"{name}{scale:g}" for name in ("crowd.blend", "plan", "crowd"))
+        file, usd = file.with_suffix(".blend"), tmp_path / f"crowd{scale:g}.usdc"
+        bpy.ops.wm.save_as_mainfile(filepath=str(file))
+        run = ["plan", file, "--frames", "1:3", "--out", out, "--quiet"]
+        assert commands._run([*map(str, run)], "crowd-lod") == 0
+        run = ["export", file, "--frames", "1:3", "--out", usd, "--quiet"]
+        assert commands._run([*map(str, run)], "crowd-lod") == 0
+        plan = json.loads((out / "plan.json").read_text())
+        stage = modules.Usd.Stage.Open(str(usd))
+        (agents,) = [prim for prim in stage.Traverse() if prim.IsA(modules.UsdGeom.PointInstancer)]
+        places = np.array(modules.UsdGeom.PointInstancer(agents).GetPositionsAttr().Get(2))
+        found.append((plan, places * modules.UsdGeom.GetStageMetersPerUnit(stage)))
+    (plan, places), *others = found
+    for other, there in others:
+        assert other["frames"] == plan["frames"]
+        for own, group in zip(other["crowd"]["groups"], plan["crowd"]["groups"], strict=True):
+            for name in ("radius", "center", "stride", "diagonal"):
+                assert own[name] == pytest.approx(group[name], rel=1e-3)
+            assert own["triangles"] == group["triangles"]
+        np.testing.assert_allclose(there, places, rtol=1e-4, atol=1e-3)

@@ -1,0 +1,177 @@
+"""Files of tracks as programs write them: known by content, with their units; what is not read is named."""
+
+import gzip
+import sqlite3
+import zipfile
+
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.progress import aside
+from crowd_lod_extension.crowd_lod.tracks import reading, text
+from crowd_lod_extension.crowd_lod.tracks.reading import read_rows, read_tracks
+
+from .test_tracks_reading import database
+
+CSV = "id,frame,x,y\n1,0,0.25,0.5\n1,1,0.5,0.5\n"
+
+
+def read(tmp_path, content):
+    path = tmp_path / "tracks.txt"
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return read_rows(path)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        gzip.compress(CSV.encode()),
+        CSV.encode("utf-16"),
+        ("\ufeff" + CSV).encode("utf-16-be"),
+        CSV.replace("id", "person_id").replace("x,y", "xCenter,yCenter"),
+        CSV.replace("x,y", "P[x],P[y]"),
+        CSV.replace("\n", "\r"),
+        CSV.replace("x,y", "person_x,person_y"),
+        "# " + "long " * 20_000 + "\n" + CSV,
+        "id,frame,x,y,z,speed\n1,0,0.25,0.5\n1,1,0.5,0.5\n",
+        "id frame x [m] y [m]\n1 0 0.25 0.5\n1 1 0.5 0.5\n",
+    ],
+)
+def test_tables_are_known_by_content_and_by_the_names_of_their_columns(tmp_path, content):
+    rows = read(tmp_path, content)
+    assert (rows.id.tolist(), rows.frame.tolist()) == ([1, 1], [0, 1])
+    assert (rows.x.tolist(), rows.y.tolist()) == ([0.25, 0.5], [0.5, 0.5])
+
+
+@pytest.mark.parametrize(
+    ("title", "value", "meters"),
+    [("x/km", 0.25, 250), ("x [in]", 100, 2.54), ("x (yd)", 1, 0.9144), ("x_dm", 25, 2.5), ("x in cm", 25, 0.25)],
+)
+def test_units_of_lengths_in_titles_hold(tmp_path, title, value, meters):
+    other = title.replace("x", "y", 1)
+    rows = read(tmp_path, f"id,frame,{title},{other}\n1,0,{value},0\n").in_meters()
+    assert rows.x[0] == pytest.approx(meters)
+
+
+def test_units_of_times_and_headings_in_titles_hold(tmp_path):
+    rows = read(tmp_path, "id,time/ms,x,y,yaw [deg]\n1,0,0,0,90\n1,40,0,0.1,180\n")
+    assert rows.rate == 25 and rows.frame.tolist() == [0, 1]
+    assert rows.heading.tolist() == [np.pi / 2, np.pi]
+    rows = read(tmp_path, "id,frame,x,y,heading\n1,0,0,0,90\n1,1,0,0.1,180\n")
+    assert rows.heading.tolist() == [np.pi / 2, np.pi] and "taken for degrees" in rows.notes[0]
+
+
+def test_the_rate_is_that_of_frames_and_times_or_of_the_comment(tmp_path):
+    assert read(tmp_path, "id,frame,time,x,y\n1,10,0.4,0,0\n1,11,0.44,0.05,0\n1,20,0.8,1,0\n").rate == 25
+    assert read(tmp_path, "# framerate: 29,97 fps\n# id frame x/m y/m\n1 0 0 0\n").rate == 29.97
+
+
+def test_a_table_without_titles_may_begin_with_seconds(tmp_path):
+    rows = read(tmp_path, "0.0 7 1 2\n0.5 7 1.5 2\n1.0 7 2 2\n")
+    assert rows.id.tolist() == [7, 7, 7] and rows.frame.tolist() == [0, 1, 2] and rows.rate == 2
+
+
+def test_commas_are_decimal_or_refused(tmp_path):
+    rows = read(tmp_path, "id;frame;x;y\n1;0;1,500;2,250\n")
+    assert rows.x[0] == 1.5 and "1,500 is 1.5" in rows.notes[0]
+    with pytest.raises(CrowdError, match="both commas and dots"):
+        read(tmp_path, "id;frame;x;y\n1;0;1,500.5;2.25\n")
+
+
+def test_sumos_ids_are_texts_and_vaderes_last_steps_end(tmp_path):
+    sumo = "timestep_time;person_id;person_x;person_y\n0.00;ped0;1;2\n0.00;ped1;3;4\n0.50;ped0;1.5;2\n"
+    rows = read(tmp_path, sumo)
+    assert rows.id.tolist() == [0, 1, 0] and rows.rate == 2 and "texts" in rows.notes[0]
+    vadere = "pedestrianId simTime endTime-PID1 startX-PID1 startY-PID1 endX-PID1 endY-PID1\n1 0 0.5 0 0 1 0\n1 0.5 1 1 0 2 0\n"
+    rows = read(tmp_path, vadere)
+    assert rows.x.tolist() == [0, 1, 2] and rows.frame.tolist() == [0, 1, 2] and rows.rate == 2
+
+
+REFUSED = {
+    "HDF5": (b"\x89HDF\r\n\x1a\n" + bytes(99), "is HDF5, which is not read: write its table as CSV"),
+    "XML": ("<?xml version='1.0'?><fcd/>", "is XML, which is not read"),
+    "JSON": (' [{"id": 1}]', "is JSON, which is not read"),
+    "furlongs": ("id,frame,x [furlong],y [furlong]\n1,0,1,1\n", r"has the column x \[furlong\]: give places in one of m"),
+    "pixels": ("id,frame,x [px],y [px]\n1,0,1,1\n", r"has the column x \[px\]"),
+    "weeks": ("id,time/weeks,x,y\n1,0,1,1\n", "has the column time/weeks: give time in one of s"),
+    "boxes": ("id,frame,xmin,ymin,xmax,ymax\n1,0,1,1,2,2\n", "boxes in a picture"),
+    "a globe": ("id,frame,lon,lat\n1,0,1,1\n", "longitude and latitude, not lengths"),
+    "more titles": ("id,when,frame,x,y\n1,0,1,1\n", r"has 5 titles .* and 4 values in its first row"),
+    "two ids in one float": ("id,frame,x,y\n9007199254740992,0,1,1\n9007199254740993,1,1,1\n", "has the id 9.*whole numbers"),
+    "comments": ("# framerate: 25\n# nothing\n", "has no rows"),
+    "thousands": ('id,frame,x,y\n1,0,"1,500",0\n', 'Line 2 of .* has x "1,500"'),
+    "one line": ("id,frame,x,y\n" + "1," * 2**20, "has a line of more than"),
+    "a cut gzip": (gzip.compress(CSV.encode())[:-9], "cannot be unpacked"),
+    "odd UTF-16": (b"\xff\xfea", "is not the UTF-16"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", REFUSED)
+def test_what_is_not_read_is_named_with_what_to_do(tmp_path, fault):
+    content, message = REFUSED[fault]
+    with pytest.raises(CrowdError, match=message) as error:
+        read(tmp_path, content)
+    assert "tracks.txt" in str(error.value) and str(error.value).endswith(".")
+
+
+def test_more_bytes_than_are_read_at_once_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(reading, "MOST_BYTES", 2**20)
+    with pytest.raises(CrowdError, match="tracks.txt has more than the 0.0 GiB that are read at once"):
+        read(tmp_path, gzip.compress(CSV.encode() + b"1,2,0.5,0.5\n" * 2**20))
+
+
+def test_a_folder_is_named(tmp_path):
+    with pytest.raises(CrowdError, match="is a folder and cannot be read: choose one file"):
+        read_rows(tmp_path)
+
+
+def test_an_npz_of_other_files_is_one_sentence(tmp_path):
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+        for name in ("id", "frame", "x", "y"):
+            archive.writestr(f"{name}.npy", b"no array")
+    with pytest.raises(CrowdError, match="a.npz cannot be read"):
+        read_rows(tmp_path / "a.npz")
+
+
+def test_ids_of_a_database_are_exact_or_refused(tmp_path):
+    path = tmp_path / "crowd.sqlite"
+    database(path, columns="frame INTEGER, id, pos_x REAL, pos_y REAL")
+    with sqlite3.connect(path) as made:
+        made.execute("UPDATE trajectory_data SET id = ? WHERE id = 416", [2**53 + 1])
+    made.close()
+    assert read_rows(path).id.max() == 2**53 + 1
+    with sqlite3.connect(path) as made:
+        made.execute("UPDATE trajectory_data SET id = 1.5 WHERE id = 346")
+    made.close()
+    with pytest.raises(CrowdError, match="crowd.sqlite has the id 1.5: give agents whole numbers"):
+        read_rows(path)
+
+
+ENDLESS = "WITH RECURSIVE up(n) AS (SELECT 1 UNION ALL SELECT n + 1 FROM up) SELECT n AS frame, n AS id, 1.0 AS pos_x, 1.0 AS pos_y FROM up"
+
+
+def test_a_view_without_an_end_is_refused_and_reading_ends_when_nobody_waits(tmp_path):
+    path = tmp_path / "crowd.sqlite"
+    database(path)
+    reading_aside = aside(lambda: [read_rows(path) for _ in range(10_000)])
+    next(reading_aside)
+    reading_aside.close()
+    with sqlite3.connect(path) as made:
+        made.execute("DROP TABLE trajectory_data")
+        made.execute(f"CREATE VIEW trajectory_data AS {ENDLESS}")
+    made.close()
+    with pytest.raises(CrowdError, match="trajectory_data is a view: write its rows to a table"):
+        read_rows(path)
+
+
+def test_a_rate_that_cannot_be_is_told(tmp_path):
+    path = tmp_path / "tracks.csv"
+    path.write_text("id,frame,x,y\n" + "".join(f"{k},{f},{f * 0.098},{k}\n" for k in range(20) for f in range(50)))
+    assert "median of 2.45 m/s" in read_tracks(path, rate=25).told
+    assert "median" not in read_tracks(path, rate=12.5).told
+
+
+def test_an_error_is_found_in_any_part(tmp_path, monkeypatch):
+    monkeypatch.setattr(text, "BYTES_AT_ONCE", 64)
+    with pytest.raises(CrowdError, match='Line 102 of .* has y "far"'):
+        read(tmp_path, CSV.splitlines()[0] + "\n" + "1,0,1,1\n" * 100 + "1,0,1,far\n")
