@@ -87,7 +87,7 @@ def _read_rows(database: sqlite3.Connection, where: str, tell: Callable[[float],
     if count > MOST_ROWS:
         raise CrowdError(f"The database {where} has {count:,} rows: use at most {MOST_ROWS:,}, of fewer agents or frames.")
     fraction = database.execute(
-        "SELECT id FROM trajectory_data WHERE typeof(id) = 'real' AND (id <> CAST(id AS INTEGER) OR abs(id) > 9007199254740992)"
+        "SELECT id FROM trajectory_data WHERE typeof(id) = 'real' AND (id <> CAST(id AS INTEGER) OR abs(id) >= 9007199254740992)"
     ).fetchone()
     if fraction is not None:
         raise CrowdError(f"The database {where} has the id {fraction[0]!r}: give agents whole numbers.")

@@ -112,7 +112,7 @@ def _checked(name: str, column: np.ndarray, where: str) -> np.ndarray:
     if name != "id":
         return column.astype(np.float64, copy=False)
     if column.dtype.kind == "f":
-        broken = (column != np.rint(column)) | (np.abs(column) > 2.0**53)
+        broken = (column != np.rint(column)) | (np.abs(column) >= 2.0**53)
         if broken.any():
             row = int(broken.argmax())
             raise CrowdError(f"Row {row + 1:,} of {where} has the id {column[row]}: give agents whole numbers.")

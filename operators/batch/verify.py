@@ -27,6 +27,7 @@ from ..blender import cameras, cleanup, console, frame_stepping, image_data, mes
 from ..build import bake, render_setup
 from ..build.frame_update import Held, held_by, members
 from ..crowd import lights
+from ..crowd.glow import glowing
 from ..crowd.record_points import on_record
 from ..crowd.scene_crowd import characters_of, frame_of, groups_of, measure_groups, policy_of, store_groups, trajectory_of
 from ..lod_meshes.make_lods import make_levels
@@ -76,6 +77,10 @@ def verify(
         # what is missing is named before anything is set
         cameras.active_camera(scene), characters_of(scene)
         left_out, not_proved = _never_shown(scene), _not_proved(scene, wanted)
+        for material in {material for worn in glowing(scene).values() for material in worn}:
+            opened.callback(setattr, material.cycles, "emission_sampling", material.cycles.emission_sampling)
+            # rays that are aimed at lights meet others where fewer agents glow: the noise would differ
+            material.cycles.emission_sampling = "NONE"
         set_up_cycles(scene, wanted)
         layer.update()
         store_groups(own, measure_groups(scene))

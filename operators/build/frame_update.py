@@ -23,6 +23,7 @@ from ..blender.operator import at_work
 from ..crowd import lights
 from ..crowd.crowd_sources import crowds_of, is_live, live
 from ..crowd.scene_crowd import frame_of, trajectory_of
+from .appended_builds import standing_still
 from .render_setup import BAKED, LEVEL, MADE_FROM, UNSEEN_BY, buckets_of, check_levels, libraries_of, made_from, points_of
 
 
@@ -179,8 +180,13 @@ _stages: list[bpy.types.Scene] = []
 
 @handler
 def rendering(scene: bpy.types.Scene, *_) -> None:
-    """Note the frame that a render begins (render_pre handler)."""
+    """Note the frame that a render begins (render_pre handler).
+
+    CrowdError, for the guard to tell, if the scene has a build that nothing moves.
+    """
     _rendering[scene.session_uid] = Rendering(scene.frame_current + scene.frame_subframe)
+    if told := standing_still(scene):
+        raise CrowdError(told)
 
 
 @handler

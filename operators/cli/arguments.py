@@ -76,7 +76,10 @@ def _build(commands, program: str) -> None:
         help="with --bake: leave out characters and LODs that no frame shows; less memory and file",
     )
     command.add_argument(
-        "--view-layer", action="append", metavar="NAME", help="show the crowd only there; repeat for more (default: all)"
+        "--view-layer",
+        action="append",
+        metavar="NAME",
+        help="show the crowd only there; repeat for more (default: those that show the characters)",
     )
     command.add_argument("--out", type=_path, metavar="FILE", help="the .blend file (default: SCENE_built.blend)")
     _with_strict_plan(command)

@@ -10,14 +10,14 @@ from .scenery import emits
 LIT_BY = "visible_diffuse", "visible_glossy", "visible_transmission", "visible_volume_scatter"  # rays that meet light
 
 
-def glowing(scene: bpy.types.Scene) -> dict[str, str]:
-    """Return the name of a material that lights others by each character group that wears one."""
+def glowing(scene: bpy.types.Scene) -> dict[str, list[bpy.types.Material]]:
+    """Return the materials that light others, of each character group that wears any."""
     found = {}
     for name, objects, _ in characters_of(scene):
         worn = {slot.material for item in objects if any(getattr(item, ray) for ray in LIT_BY) for slot in item.material_slots}
-        names = sorted(material.name for material in worn - {None} if emits(material.node_tree))
-        if names:
-            found[name] = names[0]
+        lights = [material for material in worn - {None} if emits(material.node_tree)]
+        if lights:
+            found[name] = sorted(lights, key=lambda material: material.name_full)
     return found
 
 
@@ -26,7 +26,7 @@ def told_of_glow(scene: bpy.types.Scene) -> Iterator[str]:
     found = glowing(scene)
     if not found:
         return
-    names = ", ".join(f"{name} (material {material})" for name, material in found.items())
+    names = ", ".join(f"{name} (material {materials[0].name})" for name, materials in found.items())
     kept = (
         "each agent of them stays in the render"
         if scene.crowd_lod.shadows

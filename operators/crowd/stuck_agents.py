@@ -97,7 +97,7 @@ class Troubles:
         ]
 
 
-def find(trajectory: Trajectory, meters: float) -> Troubles:
+def find(trajectory: Trajectory, meters: float = 1.0) -> Troubles:
     """Find the troubles of agents that a state machine moves, from the first frame on.
 
     It looks a minute ahead, but not beyond MOST_BORDERS cells of the fastest agent. It checks all

@@ -6,6 +6,7 @@ from ...crowd_lod.simplification.decimate import missing_library
 from ..batch.verify_button import verdict_of
 from ..blender.guard import troubles_of
 from ..build import staleness
+from ..build.appended_builds import standing_still
 from ..build.render_setup import BAKED
 from ..crowd import crowd_sources, needs
 from ..lod_meshes.made_for import forecast, outdated
@@ -45,10 +46,10 @@ def _built_by(settings) -> str:
 def messages(scene: bpy.types.Scene) -> list[tuple[str, str]]:
     """Return (sentence, icon) of all that the user should know, the most urgent first."""
     settings, shown = scene.crowd_lod, viewport_overlay.shown_of(scene)
-    errors = [viewport_overlay.problem(scene), missing_library(), *troubles_of(scene)]
+    errors = [viewport_overlay.problem(scene), missing_library(), standing_still(scene), *troubles_of(scene)]
     if settings.characters is not None:
         errors.append(needs.camera(scene))
-    found = [(sentence, "ERROR") for sentence in errors if sentence]
+    found = [(sentence, "ERROR") for sentence in dict.fromkeys(errors) if sentence]
     if following(scene):
         found.append((f"Next: {LABELS[following(scene)]}", "FORWARD"))
     if changed := staleness.changed(scene):

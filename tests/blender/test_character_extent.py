@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender import image_data
+from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
 from crowd_lod_extension.operators.build import frame_update
 from crowd_lod_extension.operators.crowd import scene_crowd
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
@@ -107,9 +108,9 @@ def hair(body):
 
 def material(body, method="DISPLACEMENT"):
     made = bpy.data.materials.new("skin")
-    made.use_nodes, made.displacement_method = True, method
+    made.displacement_method = method
     body.data.materials.append(made)
-    return made.node_tree
+    return switch_nodes_on(made)
 
 
 def displaced_by(tree, height=None):

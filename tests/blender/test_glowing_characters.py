@@ -1,11 +1,14 @@
 """Characters that glow light the picture from outside it; those whose emission is for the camera alone do not."""
 
+import json
+
 import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.build.hidden_characters import told_of_characters
 from crowd_lod_extension.operators.build.render_setup import build
+from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.crowd.glow import glowing, told_of_glow
 from crowd_lod_extension.operators.crowd.scene_crowd import measure_groups, populating, store_groups
 from crowd_lod_extension.operators.crowd.scenery import emits
@@ -167,7 +170,7 @@ def test_culling_leaves_the_light_of_characters_in_the_picture(name, tmp_path):
 
 def test_populate_and_build_name_the_characters_that_glow():
     scene = glow_scene(emission())
-    assert glowing(scene) == {"someone": "Emission"}
+    assert glowing(scene) == {"someone": [bpy.data.materials["Emission"]]}
     said, warnings = finished(populating(scene, bpy.context.evaluated_depsgraph_get()))
     assert any("someone (material Emission)" in warning for warning in warnings) and "someone (material Emission)" in said
     list(build(scene))
@@ -177,3 +180,12 @@ def test_populate_and_build_name_the_characters_that_glow():
     for item in scene.crowd_lod.characters.all_objects:
         item.visible_diffuse = item.visible_glossy = item.visible_transmission = item.visible_volume_scatter = False
     assert not glowing(scene) and not list(told_of_glow(scene))
+
+
+def test_verify_proves_that_the_light_stays(tmp_path):
+    glow_scene(emission())
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "glow.blend"))
+    run = ["verify", tmp_path / "glow.blend", "--frames", "1", "--out", tmp_path / "proof", "--quiet"]
+    commands._run([*map(str, run)], "crowd-lod")
+    (row,) = json.loads((tmp_path / "proof" / "verify.json").read_text())["frames"]
+    assert row["b_pixels"] == 0 and row["bare_pixels"] > 50

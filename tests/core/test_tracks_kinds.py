@@ -97,6 +97,7 @@ REFUSED = {
     "boxes": ("id,frame,xmin,ymin,xmax,ymax\n1,0,1,1,2,2\n", "boxes in a picture"),
     "a globe": ("id,frame,lon,lat\n1,0,1,1\n", "longitude and latitude, not lengths"),
     "more titles": ("id,when,frame,x,y\n1,0,1,1\n", r"has 5 titles .* and 4 values in its first row"),
+    "two ids in one float": ("id,frame,x,y\n9007199254740992,0,1,1\n9007199254740993,1,1,1\n", "has the id 9.*whole numbers"),
     "comments": ("# framerate: 25\n# nothing\n", "has no rows"),
     "thousands": ('id,frame,x,y\n1,0,"1,500",0\n', 'Line 2 of .* has x "1,500"'),
     "one line": ("id,frame,x,y\n" + "1," * 2**20, "has a line of more than"),

@@ -1,0 +1,50 @@
+"""Live builds that came from another file without their scene, whose settings move them."""
+
+import time as clock
+
+import bpy
+
+from ..blender import scene_cache
+from .nodes import instances, trees
+from .render_setup import LEVEL, MADE_FROM
+
+_LOOK = 1.0  # seconds between two looks: the sidebar asks whenever it is drawn
+# Of each scene: when it was looked at, and the sentence.
+_known: dict[int, tuple[float, str]] = scene_cache.kept({}, by_scene=True)
+
+
+def standing_still(scene: bpy.types.Scene) -> str:
+    """Return a sentence on live builds in the scene that no scene's settings name; "" without.
+
+    The answer may be a second old.
+    """
+    now = clock.monotonic()
+    looked, told = _known.get(scene.session_uid, (-_LOOK, ""))
+    if now >= looked + _LOOK:
+        names = _names(scene)
+        told = ""
+        if names:
+            told = (
+                f"The build {' and '.join(names[:3])} came from another file without its scene's settings, so it stands "
+                "still: append its scene in place of it, or remove it and press Build."
+            )
+        scene_cache.tidy()
+        _known[scene.session_uid] = now, told
+    return told
+
+
+def _names(scene: bpy.types.Scene) -> list[str]:
+    """Return the names of the collections, or else of the points, that nothing moves."""
+    builds = {owner.crowd_lod.build for owner in bpy.data.scenes}
+    names = []
+    for item in scene.objects:
+        if LEVEL in item and any(map(_is_live, item.modifiers)):
+            homes = item.users_collection
+            if builds.isdisjoint(homes):
+                names.append(next((home.name for home in homes if MADE_FROM in home), item.name))
+    return sorted(set(names))
+
+
+def _is_live(modifier: bpy.types.Modifier) -> bool:
+    tree = modifier.node_group if modifier.type == "NODES" else None
+    return tree is not None and tree.get(trees.KIND) == instances.NAME

@@ -1,0 +1,62 @@
+"""A live build that is appended to another file: with its scene it follows the frame, without it it says that it stands still."""
+
+import bpy
+import pytest
+from crowd_lod_extension.operators.build.appended_builds import standing_still
+from crowd_lod_extension.operators.build.bake import bake
+from crowd_lod_extension.operators.build.render_setup import points_of
+from crowd_lod_extension.operators.ui import steps
+
+
+def saved(scene, path):
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    build = scene.crowd_lod.build
+    names = {"Scene": [scene.name], "Collection": [build.name], "Object": [item.name for item in build.objects]}
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    return names
+
+
+def append(path, kind, names):
+    for name in names:
+        bpy.ops.wm.append(directory=f"{path}/{kind}/", filename=name)
+    return bpy.context.scene
+
+
+def test_an_appended_scene_follows_the_frame(built, tmp_path):
+    path = tmp_path / "live.blend"
+    names = saved(built, path)
+    append(path, "Scene", names["Scene"])
+    scene = next(each for each in bpy.data.scenes if each.crowd_lod.build is not None)
+    counts = []
+    for frame in (1, 40):
+        scene.frame_set(frame)
+        counts.append([len(item.data.vertices) for item in points_of(scene.crowd_lod.build).values()])
+    assert counts[0] != counts[1] and not any(map(standing_still, bpy.data.scenes))
+
+
+@pytest.mark.parametrize("kind", ("Collection", "Object"))
+def test_without_its_scene_it_says_that_it_stands_still_by_name(built, tmp_path, capfd, kind):
+    path = tmp_path / "live.blend"
+    names = saved(built, path)
+    scene = append(path, kind, names[kind])
+    told = f"The build {' and '.join(sorted(names[kind])[:3])} came from another file without its scene's settings"
+    assert steps.messages(scene)[0][0].startswith(told) and steps.messages(scene)[0][1] == "ERROR"
+    scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    scene.collection.objects.link(scene.camera)
+    scene.render.engine, scene.render.resolution_percentage, scene.render.filepath = "BLENDER_WORKBENCH", 1, str(tmp_path / "x")
+    scene.frame_end = 2
+    capfd.readouterr()
+    bpy.ops.render.render(animation=True)
+    said = capfd.readouterr().err
+    assert said.count(told) == 1 and "Traceback" not in said
+
+
+def test_an_appended_bake_says_nothing(built, tmp_path):
+    list(bake(built, [1, 2]))
+    path = tmp_path / "baked.blend"
+    names = saved(built, path)
+    assert not standing_still(append(path, "Collection", names["Collection"]))
+
+
+def test_a_build_in_its_own_file_says_nothing(built):
+    assert not standing_still(built)
