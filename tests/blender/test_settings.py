@@ -7,8 +7,8 @@ from crowd_lod_extension.crowd_lod.crowd import state_machine as machines
 from crowd_lod_extension.operators import registration
 from crowd_lod_extension.operators.build import render_setup
 from crowd_lod_extension.operators.crowd import scene_crowd, scene_world, stuck_agents
-from crowd_lod_extension.operators.ui import steps
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.ui import steps
 
 STUCK = """{"version": 1, "labels": {"ground": {"color": "#808080"}},
  "states": {"go": {"on": {"*": {"move": [%s, 0]}}}}}"""
