@@ -86,9 +86,14 @@ def corner_moved():
 
 
 def grouped(name):
+    """Show the material `name` by a group that holds an Emission."""
     group = bpy.data.node_groups.new("group", "ShaderNodeTree")
-    group.nodes.new("ShaderNodeEmission")
-    node(name).new("ShaderNodeGroup").node_tree = group
+    group.interface.new_socket("Shader", in_out="OUTPUT", socket_type="NodeSocketShader")
+    emission, end = group.nodes.new("ShaderNodeEmission"), group.nodes.new("NodeGroupOutput")
+    group.links.new(emission.outputs[0], end.inputs[0])
+    holder = node(name).new("ShaderNodeGroup")
+    holder.node_tree = group
+    bpy.data.materials[name].node_tree.links.new(holder.outputs[0], node(name)["Material Output"].inputs["Surface"])
 
 
 def fog():
