@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
+from ..operators.blender.shader_nodes import switch_nodes_on
 from .body import Body, Build, make_body
 from .walk import Cycle, idle_cycle, walk_cycle
 
@@ -118,9 +119,8 @@ def make_mesh(build: Build, body: Body) -> bpy.types.Object:
 
 def make_material(name: str, color: tuple, roughness: float) -> bpy.types.Material:
     material = bpy.data.materials.new(name)
-    if material.node_tree is None:  # before Blender 5.0
-        material.use_nodes = True
-    shader = next(node for node in material.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
+    nodes = switch_nodes_on(material).nodes
+    shader = next(node for node in nodes if node.type == "BSDF_PRINCIPLED")
     shader.inputs["Base Color"].default_value = (*color, 1)
     shader.inputs["Roughness"].default_value = material.roughness = roughness
     material.diffuse_color = (*color, 1)

@@ -8,6 +8,8 @@ from math import cos, pi, radians, sin
 import bpy
 from mathutils import Vector
 
+from ..operators.blender.shader_nodes import switch_nodes_on
+
 # A shape is (points, faces): corners in world meters, and for each face the indices of its corners,
 # normals outward.
 Shape = tuple[list[tuple[float, float, float]], list[tuple[int, ...]]]
@@ -74,10 +76,10 @@ def material(name: str, color: tuple[float, float, float], roughness=0.8) -> bpy
     It looks the same in the viewport and in a render.
     """
     made = bpy.data.materials.new(name)
-    made.use_nodes = True
     made.diffuse_color = (*color, 1.0)
     made.roughness = roughness
-    shader = next(node for node in made.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
+    nodes = switch_nodes_on(made).nodes
+    shader = next(node for node in nodes if node.type == "BSDF_PRINCIPLED")
     shader.inputs["Base Color"].default_value = (*color, 1.0)
     shader.inputs["Roughness"].default_value = roughness
     return made
@@ -141,9 +143,9 @@ def film(scene: bpy.types.Scene) -> None:
     lamp.rotation_euler = SUN.to_track_quat("Z", "Y").to_euler()
     scene.collection.objects.link(lamp)
     world = bpy.data.worlds.new("Sky")
-    world.use_nodes = True
     world.color = SKY
-    sky = next(node for node in world.node_tree.nodes if node.type == "BACKGROUND")
+    nodes = switch_nodes_on(world).nodes
+    sky = next(node for node in nodes if node.type == "BACKGROUND")
     sky.inputs["Color"].default_value = (*SKY, 1.0)
     scene.world = world
 

@@ -9,6 +9,7 @@ import bpy
 
 from ...crowd_lod.planning.frame import Frame
 from ..blender import cameras, image_data, scene_data
+from ..blender.shader_nodes import switch_nodes_on
 from ..build import frame_update, render_setup, view_layers
 from ..build.hidden_characters import shows_characters
 
@@ -174,8 +175,8 @@ def _world() -> bpy.types.World:
     """Return a world with an even light gray sky, in every engine."""
     world = bpy.data.worlds.new("Crowd LOD preview")
     world.color = GRAY
-    world.use_nodes = True
-    background = next(node for node in world.node_tree.nodes if node.type == "BACKGROUND")
+    nodes = switch_nodes_on(world).nodes
+    background = next(node for node in nodes if node.type == "BACKGROUND")
     background.inputs["Color"].default_value = (*GRAY, 1.0)
     return world
 
@@ -183,8 +184,7 @@ def _world() -> bpy.types.World:
 def _tint_material() -> bpy.types.Material:
     """Return a material that shows each object's own color."""
     material = bpy.data.materials.new("Crowd LOD tint")
-    material.use_nodes = True
-    tree = material.node_tree
+    tree = switch_nodes_on(material)
     tree.nodes.clear()
     info, surface, output = (
         tree.nodes.new(kind) for kind in ("ShaderNodeObjectInfo", "ShaderNodeBsdfDiffuse", "ShaderNodeOutputMaterial")

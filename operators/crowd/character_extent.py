@@ -18,7 +18,7 @@ from ..blender.rig_dependencies import armatures_of
 # over a longer one.
 MOST_POSES = 120
 TICK = 0.25  # seconds of measuring at a time
-OFF_GROUND = 0.02  # of a character's height: nearer to the ground it stands on it
+OFF_GROUND = 0.02  # of a character's largest extent: nearer to the ground it stands on it
 FEET = 0.01  # of a character's height above its lowest point: what is lower stands on the ground
 THIN = 0.01  # units: the radius of hair that has none of its own
 
@@ -60,17 +60,18 @@ def posing(
 def lowest(poses: list[np.ndarray], origin: float) -> float:
     """Return the height of the lowest point of all `poses` above `origin`, meters.
 
-    0 if it is within OFF_GROUND of the character's height, as it may be in a step, or if there are
-    no points, or some that are not finite.
+    0 if it is within OFF_GROUND of the character's size, as it may be in a step, or if there are
+    no points, or some that are not finite. A flat character has no height to measure it by.
 
     poses: each (n, 4); see `extent`.
     origin: height in meters.
     """
-    heights = np.concatenate(poses)[:, 2]
-    if not len(heights) or not np.isfinite(heights).all():
+    points = np.concatenate(poses)[:, :3]
+    if not len(points) or not np.isfinite(points).all():
         return 0.0
-    lowest = float(heights.min())
-    return lowest - origin if abs(lowest - origin) > OFF_GROUND * (heights.max() - lowest) else 0.0
+    size = np.ptp(points, axis=0).max()
+    lowest = float(points[:, 2].min())
+    return lowest - origin if abs(lowest - origin) > OFF_GROUND * size else 0.0
 
 
 def walked(poses: list[np.ndarray]) -> float:

@@ -11,6 +11,7 @@ from ...crowd_lod.errors import CrowdError
 from ..blender import image_data, scene_data
 from ..blender.labeled_properties import IntProperty, StringProperty
 from ..blender.operator import Reporting
+from ..blender.shader_nodes import switch_nodes_on
 from . import map_areas
 from .lengths import set_lengths
 from .scene_world import area_of, machine_of
@@ -91,8 +92,7 @@ def _stretch(mesh: bpy.types.Mesh, size: tuple[float, float]) -> None:
 
 def _show_image(material: bpy.types.Material, image: bpy.types.Image) -> None:
     """Have the material glow in the image's colors, pixel by pixel, as what Texture Paint paints on."""
-    material.use_nodes = True
-    tree = material.node_tree
+    tree = switch_nodes_on(material)
     texture = next((node for node in tree.nodes if node.type == "TEX_IMAGE"), None)
     if texture is None:
         tree.nodes.clear()

@@ -402,8 +402,8 @@ def populating(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Genera
         ]
     store_groups(settings, groups)
     _place_levels(scene)
-    settings.trouble = troubles.sentence
     said = [] if troubles.found else [troubles.sentence]
+    settings.trouble = "\n".join(filter(None, (*warnings, *said)))
     agents = f"{len(trajectory.start):,} agent{'s' * (len(trajectory.start) != 1)} in {len(groups)} character group{'s' * (len(groups) > 1)}."
     sources = [part.told for part in trajectory.parts]
     return " ".join(filter(None, (agents, *sources, *warnings, *said))), warnings

@@ -14,6 +14,7 @@ from ..blender import scene_cache
 from ..blender.guard import handler
 from ..blender.ownership import OWNED, is_ours
 from ..blender.references import reached
+from ..blender.shader_nodes import used_nodes
 
 SOLID = {"MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "POINTCLOUD", "VOLUME", "GREASEPENCIL"}
 
@@ -221,7 +222,7 @@ def _makes_instances(item: bpy.types.Object) -> bool:
 
 def casts(lamp: bpy.types.Light) -> bool:
     """Return whether the lamp is on and casts shadows."""
-    return lamp.use_shadow and lamp.energy != 0 and any(lamp.color) and not _dark(lamp.node_tree if lamp.use_nodes else None)
+    return lamp.use_shadow and lamp.energy != 0 and any(lamp.color) and not _dark(used_nodes(lamp))
 
 
 def _dark(tree: bpy.types.NodeTree | None) -> bool:

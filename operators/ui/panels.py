@@ -33,7 +33,10 @@ class CROWDLOD_PT_main(Sidebar, bpy.types.Panel):
         row = column.row(align=True)
         row.prop(scene.crowd_lod, "overlay", text="", icon="OVERLAY")
         row.popover("CROWDLOD_PT_statistics", text=_line(scene), translate=False)
-        sentence, icon = steps.messages(scene)[0]
+        (sentence, icon), *others = steps.messages(scene)
+        warnings = sum(other == "ERROR" for _, other in others)
+        if warnings:
+            sentence = f"{sentence} ({counted(warnings, 'warning')})"
         row = column.row(align=True)
         row.alert = icon == "ERROR"
         row.popover("CROWDLOD_PT_messages", text=sentence, icon=icon, translate=False)

@@ -32,7 +32,7 @@ class CrowdLodSettings(
     crowds: CollectionProperty(type=CrowdLodCrowd, name="Further Crowds", description="Crowds beside that of these settings")
     crowd_index: IntProperty(name="Active Crowd", min=0, description="Which of the further crowds the sidebar shows")
     groups: CollectionProperty(type=CrowdLodGroup, name="Character Groups", description="What was measured of each")
-    trouble: StringProperty(name="Trouble", description="Agents that get stuck, found by Populate")
+    trouble: StringProperty(name="Trouble", description="What Populate found that may be wrong, a line each")
     memory_tolerance: FloatProperty(
         name="Tolerance for Memory",
         min=0,

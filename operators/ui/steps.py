@@ -48,7 +48,7 @@ def messages(scene: bpy.types.Scene) -> list[tuple[str, str]]:
     settings, shown = scene.crowd_lod, viewport_overlay.shown_of(scene)
     errors = [viewport_overlay.problem(scene), missing_library(), standing_still(scene), *troubles_of(scene)]
     if settings.characters is not None:
-        errors += [needs.camera(scene), settings.trouble]
+        errors.append(needs.camera(scene))
     found = [(sentence, "ERROR") for sentence in dict.fromkeys(errors) if sentence]
     if following(scene):
         found.append((f"Next: {LABELS[following(scene)]}", "FORWARD"))
@@ -60,4 +60,7 @@ def messages(scene: bpy.types.Scene) -> list[tuple[str, str]]:
         found.append((f"{lods}. {change.sentence}" if change else lods, "FILE_REFRESH"))
     if said := verdict_of(scene):
         found.append((said, "CHECKMARK" if said.startswith("OK") else "ERROR"))
+    # what Populate found stops nobody: it never stands before the next step
+    if settings.characters is not None:
+        found += [(warning, "ERROR") for warning in settings.trouble.splitlines()]
     return [*found, *((note, "INFO") for note in (shown.notes if shown else ()))]

@@ -4,6 +4,7 @@ import pytest
 from bpy_extras.object_utils import world_to_camera_view
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender import image_data
+from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
 from crowd_lod_extension.operators.build import render_setup
 from crowd_lod_extension.operators.crowd.scene_crowd import frame_of, trajectory_of
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
@@ -101,9 +102,7 @@ def colored_by_looks(material, colors):
     """Let `material` glow in one of `colors` (n, 3), by an image of n pixels that the agent's looks choose from."""
     image = bpy.data.images.new("choices", len(colors), 1, float_buffer=True)
     image.pixels.foreach_set(np.float32([(*color, 1) for color in colors]).ravel())
-    if material.node_tree is None:
-        material.use_nodes = True
-    tree = material.node_tree
+    tree = switch_nodes_on(material)
     tree.nodes.clear()
     looks, place, texture, glow, end = (
         tree.nodes.new(f"ShaderNode{kind}") for kind in ("Attribute", "CombineXYZ", "TexImage", "Emission", "OutputMaterial")

@@ -11,6 +11,7 @@ from crowd_lod_extension.crowd_lod.culling.radar import radar
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.validation.culling_audit import standing
 from crowd_lod_extension.operators.blender import cameras, image_data, mesh_data
+from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
 from crowd_lod_extension.operators.crowd.character_extent import bounds, frames_of, posing
 from mathutils import Euler, Matrix, Vector
 
@@ -203,9 +204,7 @@ def lit(scene, point, folder, engine, size=(96, 64)):
     faces = [(0, 2, 4), (2, 1, 4), (1, 3, 4), (3, 0, 4), (2, 0, 5), (1, 2, 5), (3, 1, 5), (0, 3, 5)]
     mesh.from_pydata((corners + point).tolist(), [], faces)
     material = bpy.data.materials.new("glow")
-    if bpy.app.version < (5, 0, 0):
-        material.use_nodes = True
-    nodes = material.node_tree
+    nodes = switch_nodes_on(material)
     glow = nodes.nodes.new("ShaderNodeEmission")
     nodes.links.new(glow.outputs[0], next(n for n in nodes.nodes if n.type == "OUTPUT_MATERIAL").inputs[0])
     mesh.materials.append(material)

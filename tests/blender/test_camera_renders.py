@@ -10,6 +10,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.culling.radar import radar
 from crowd_lod_extension.crowd_lod.validation.culling_audit import standing
 from crowd_lod_extension.operators.blender import cameras, image_data
+from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
 from mathutils import Matrix
 
 SPHERES = 80
@@ -39,9 +40,7 @@ def scene():
 def lit(scene, tmp_path):
     """(points (n, 3), radius (n,)) -> how many pixels show the spheres, over all of the picture's views."""
     glow = bpy.data.materials.new("glow")
-    if bpy.app.version < (5, 0, 0):
-        glow.use_nodes = True
-    nodes = glow.node_tree.nodes
+    nodes = switch_nodes_on(glow).nodes
     light = nodes.new("ShaderNodeEmission")
     light.inputs["Strength"].default_value = 1e5
     glow.node_tree.links.new(light.outputs[0], next(n for n in nodes if n.type == "OUTPUT_MATERIAL").inputs[0])

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender import image_data
+from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
 from crowd_lod_extension.operators.build import frame_update
 from crowd_lod_extension.operators.crowd import scene_crowd
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
@@ -107,9 +108,9 @@ def hair(body):
 
 def material(body, method="DISPLACEMENT"):
     made = bpy.data.materials.new("skin")
-    made.use_nodes, made.displacement_method = True, method
+    made.displacement_method = method
     body.data.materials.append(made)
-    return made.node_tree
+    return switch_nodes_on(made)
 
 
 def displaced_by(tree, height=None):
@@ -268,3 +269,10 @@ def test_crowds_of_today_keep_their_feet(sunk, tmp_path):
 def test_a_step_of_two_percent_is_none(sunk):
     sunk.crowd_lod.characters.children[0].instance_offset.z = 0.03
     assert scene_crowd.measure_groups(sunk)[0].lowest == 0
+
+
+def test_rounding_of_a_flat_character_lifts_nobody(sunk):
+    bpy.data.objects["body"].data.transform(Matrix.Diagonal((1, 1, 0, 1)))
+    sunk.crowd_lod.characters.children[0].instance_offset.z = 2.18e-7
+    bpy.ops.crowd_lod.populate()
+    assert sunk.crowd_lod.groups[0].lowest == 0 and "ground" not in sunk.crowd_lod.trouble

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 
 from ..support.characters import character, new, rig, skin, tube
@@ -118,7 +119,8 @@ def test_spheres_are_measured_anew_where_the_scene_may_show_more(two):
     """What displaces a surface is in no mesh: the LODs are kept, the sphere is not."""
     body = bpy.data.objects["body"]
     material = body.data.materials[0]
-    material.use_nodes, material.displacement_method = True, "DISPLACEMENT"
+    material.displacement_method = "DISPLACEMENT"
+    switch_nodes_on(material)
     run(two)
     before = [group.radius for group in two.crowd_lod.groups]
     outcome, _ = run(two)

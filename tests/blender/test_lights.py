@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd import leave_outs
 from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
 from crowd_lod_extension.operators.build import render_setup
 from crowd_lod_extension.operators.build.bake import bake
 from crowd_lod_extension.operators.crowd.lights import read_surroundings
@@ -73,8 +74,8 @@ def test_what_casts_no_shadow_is_no_light(lit):
     lit.view_layers[0].layer_collection.children["Home"].exclude = False
     dark.data.energy, unshadowed.data.use_shadow, hidden.hide_render, black.data.color = 1, True, False, (1, 0, 0)
     assert len(read(lit).lights) == 5 and leave_outs.NO_SHADOWS not in read(lit).left_out
-    inside.data.use_nodes = True
-    next(node for node in inside.data.node_tree.nodes if node.type == "EMISSION").inputs["Strength"].default_value = 0
+    nodes = switch_nodes_on(inside.data).nodes
+    next(node for node in nodes if node.type == "EMISSION").inputs["Strength"].default_value = 0
     assert len(read(lit).lights) == 4
 
 

@@ -4,6 +4,7 @@ import bpy
 import crowd_lod_extension
 import numpy as np
 import pytest
+from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
 from crowd_lod_extension.operators.crowd import scenery
 
 
@@ -38,8 +39,7 @@ def stage():
 
 def material(name, strength=0.0):
     made = bpy.data.materials.new(name)
-    made.use_nodes = True
-    made.node_tree.nodes["Principled BSDF"].inputs["Emission Strength"].default_value = strength
+    switch_nodes_on(made).nodes["Principled BSDF"].inputs["Emission Strength"].default_value = strength
     return made
 
 
@@ -86,14 +86,19 @@ def corner_moved():
 
 
 def grouped(name):
+    """Show the material `name` by a group that holds an Emission."""
     group = bpy.data.node_groups.new("group", "ShaderNodeTree")
-    group.nodes.new("ShaderNodeEmission")
-    node(name).new("ShaderNodeGroup").node_tree = group
+    group.interface.new_socket("Shader", in_out="OUTPUT", socket_type="NodeSocketShader")
+    emission, end = group.nodes.new("ShaderNodeEmission"), group.nodes.new("NodeGroupOutput")
+    group.links.new(emission.outputs[0], end.inputs[0])
+    holder = node(name).new("ShaderNodeGroup")
+    holder.node_tree = group
+    bpy.data.materials[name].node_tree.links.new(holder.outputs[0], node(name)["Material Output"].inputs["Surface"])
 
 
 def fog():
     world = bpy.context.scene.world = bpy.data.worlds.new("fog")
-    world.use_nodes = True
+    switch_nodes_on(world)
     scatter, output = world.node_tree.nodes.new("ShaderNodeVolumeScatter"), world.node_tree.nodes["World Output"]
     world.node_tree.links.new(scatter.outputs[0], output.inputs["Volume"])
 

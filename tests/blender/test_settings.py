@@ -8,6 +8,7 @@ from crowd_lod_extension.operators import registration
 from crowd_lod_extension.operators.build import render_setup
 from crowd_lod_extension.operators.crowd import scene_crowd, scene_world, stuck_agents
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.ui import steps
 
 STUCK = """{"version": 1, "labels": {"ground": {"color": "#808080"}},
  "states": {"go": {"on": {"*": {"move": [%s, 0]}}}}}"""
@@ -92,6 +93,9 @@ def test_populate_tells_who_is_stuck_and_forgets_it_when_all_is_well(scene):
     machine(scene, STUCK % "1.5")
     assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
     assert "stand for good" in scene.crowd_lod.trouble and f"{scene.crowd_lod.count} agents" in scene.crowd_lod.trouble
+    said = [sentence for sentence, _ in steps.messages(scene)]
+    following = next(k for k, sentence in enumerate(said) if sentence.startswith("Next: "))
+    assert following < said.index(scene.crowd_lod.trouble)
     found = stuck_agents.find(scene_crowd.trajectory_of(scene))
     (row,) = found.rows
     assert row["kind"] == "stuck" and row["agents"] == 300 and row["count"] == 300

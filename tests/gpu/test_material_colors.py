@@ -4,6 +4,7 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.operators.blender.material_colors import GRAY, Looks
+from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
 
 COLOR = 0.5, 0.25, 0.125
 SRGB = 188, 137, 99  # of COLOR
@@ -11,8 +12,7 @@ SRGB = 188, 137, 99  # of COLOR
 
 def material(image=None):
     made = bpy.data.materials.new("look")
-    made.use_nodes = True
-    tree = made.node_tree
+    tree = switch_nodes_on(made)
     surface = next(node for node in tree.nodes if node.type == "BSDF_PRINCIPLED")
     surface.inputs["Base Color"].default_value = (*COLOR, 1)
     if image is not None:

@@ -2,6 +2,7 @@
 
 import bpy
 import numpy as np
+from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
 
 
 def tube(
@@ -85,9 +86,7 @@ def new(name: str, data) -> bpy.types.Object:
 def painted(name, image, coordinates=None):
     """A material whose color is the image, placed by these coordinates."""
     material = bpy.data.materials.new(name)
-    if bpy.app.version < (5, 0, 0):
-        material.use_nodes = True
-    tree = material.node_tree
+    tree = switch_nodes_on(material)
     node = tree.nodes.new("ShaderNodeTexImage")
     node.image = image
     tree.links.new(node.outputs["Color"], tree.nodes["Principled BSDF"].inputs["Base Color"])
