@@ -11,6 +11,7 @@ from ...crowd_lod.planning.frame import Frame
 from ..blender import cameras, image_data, scene_data
 from ..blender.shader_nodes import switch_nodes_on
 from ..build import frame_update, render_setup, view_layers
+from ..build.appended_builds import STAGE
 from ..build.hidden_characters import shows_characters
 
 # What renders the pictures; the overlay's are drawn, and only the pictures of LODs rendered.
@@ -81,6 +82,7 @@ def _stage_of(scene: bpy.types.Scene, wanted: Preview) -> bpy.types.Scene:
 
 def set_up(stage: bpy.types.Scene, wanted: Preview) -> None:
     """Set `stage` to render the wanted pictures."""
+    stage[STAGE] = True
     render = stage.render
     height = max(1, round(wanted.width * render.resolution_y / render.resolution_x))
     render.resolution_x, render.resolution_y, render.resolution_percentage = wanted.width, height, 100

@@ -8,6 +8,8 @@ from ..blender import scene_cache
 from .nodes import instances, trees
 from .render_setup import LEVEL, MADE_FROM
 
+# Custom property of scenes that a run of ours draws: it moves their build itself.
+STAGE = "crowd_lod_stage"
 _LOOK = 1.0  # seconds between two looks: the sidebar asks whenever it is drawn
 # Of each scene: when it was looked at, and the sentence.
 _known: dict[int, tuple[float, str]] = scene_cache.kept({}, by_scene=True)
@@ -35,6 +37,8 @@ def standing_still(scene: bpy.types.Scene) -> str:
 
 def _names(scene: bpy.types.Scene) -> list[str]:
     """Return the names of the collections, or else of the points, that nothing moves."""
+    if STAGE in scene:
+        return []
     builds = {owner.crowd_lod.build for owner in bpy.data.scenes}
     names = []
     for item in scene.objects:

@@ -15,7 +15,7 @@ from crowd_lod_extension.operators.build import render_setup, view_layers
 from crowd_lod_extension.operators.build.bake import bake
 from crowd_lod_extension.operators.build.buttons import prepared
 from crowd_lod_extension.operators.build.nodes import trees
-from crowd_lod_extension.operators.build.nodes.instances import NAME, VERSION
+from crowd_lod_extension.operators.build.nodes.instances import NAME
 from crowd_lod_extension.operators.crowd.scene_crowd import groups_of, measure_groups, store_groups
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 
@@ -175,78 +175,6 @@ def test_other_poses_take_over_collections_but_not_what_the_user_put_there(built
         assert mine.users_collection == (built.collection,)
     assert 1 < poses[0] < poses[1] == at_first
     assert len({child.as_pointer() for child in shelf.children} & kept) > 10
-
-
-def stale(tree):
-    """Make it the tree of version 2, which instanced the child of index `group`, with other sockets."""
-    tree.name = NAME
-    del tree[trees.KIND]
-    tree[trees.TREE_VERSION] = 2
-    tree.nodes.clear()
-    tree.interface.clear()
-    for name, kind in (("Spare", "Int"), ("Characters", "Collection"), ("Geometry", "Geometry")):
-        tree.interface.new_socket(name, in_out="INPUT", socket_type=f"NodeSocket{kind}")
-    tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
-    entry, leave = tree.nodes.new("NodeGroupInput"), tree.nodes.new("NodeGroupOutput")
-    tree.links.new(entry.outputs["Geometry"], leave.inputs[0])
-
-
-def test_a_stale_tree_is_rebuilt_in_place_when_its_file_is_opened(built, tmp_path):
-    built.frame_set(8)
-    shown = visible()
-    tree = trees.made(NAME)
-    stale(tree)
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "old.blend"))
-    assert not len(visible())
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "old.blend"))
-    scene = bpy.context.scene
-    tree = bpy.data.node_groups[NAME]
-    assert tree[trees.TREE_VERSION] == VERSION and len(bpy.data.node_groups) == 1
-    np.testing.assert_allclose(visible(), shown)
-    scene.frame_set(20)
-    assert len(visible()) and not np.array_equal(visible(), shown)
-
-
-def test_a_build_from_before_the_poses_opens_and_shows_each_groups_lod(built, tmp_path):
-    """As version 2 made it: no poses, no buckets, the LOD's own collections."""
-    built.frame_set(8)
-    shown = visible()
-    top = built.crowd_lod.build
-    library = next(child for child in top.children if render_setup.LIBRARY in child)
-    bpy.data.batch_remove([item for item in render_setup.points_of(top).values() if not item.visible_camera])
-    for item in render_setup.points_of(top).values():
-        del item[render_setup.BUCKET]
-        item.data.attributes.remove(item.data.attributes["pose"])
-    for key in (render_setup.MADE_FROM, render_setup.POSED, render_setup.PLAYED):
-        del top[key]
-    bpy.data.batch_remove([*library.children_recursive, *library.all_objects, library])
-    stale(trees.made(NAME))
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "old.blend"))
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "old.blend"))
-    scene = bpy.context.scene
-    scene.frame_set(9)
-    scene.frame_set(8)
-    np.testing.assert_allclose(visible()[:, :2], shown[:, :2], atol=1e-5)
-    names = {each.object.name for each in bpy.context.evaluated_depsgraph_get().object_instances if each.is_instance}
-    assert names == {f"{name} LOD {k}" for name in ("adult", "child") for k in range(3)}
-    list(render_setup.build(scene))
-    scene.frame_set(8)
-    np.testing.assert_allclose(visible()[:, :2], shown[:, :2], atol=1e-5)
-    names = {each.object.name for each in bpy.context.evaluated_depsgraph_get().object_instances if each.is_instance}
-    names -= {"Crowd LOD 0 points"}  # meshes of the nearest agents' own
-    assert len(names) > 50 and all(re.search(r" \d{5}$", name) for name in names)
-
-
-def test_a_stale_bake_is_rebuilt_with_its_inputs(built, tmp_path):
-    list(bake(built, [8, 9]))
-    built.frame_set(9)
-    shown = visible()
-    stale(trees.made(NAME))
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "old.blend"))
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "old.blend"))
-    np.testing.assert_allclose(visible(), shown)
-    bpy.context.scene.frame_set(10)
-    assert not len(visible())
 
 
 def test_a_tree_of_the_users_by_our_name_is_let_alone(levelled):

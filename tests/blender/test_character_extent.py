@@ -193,7 +193,7 @@ def test_what_a_render_alone_knows_is_named_with_a_margin(case):
     named = case(body)
     assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
     said = " ".join(scene_crowd._unmeasured(bpy.context.scene, scene_crowd.groups_of(bpy.context.scene.crowd_lod)))
-    assert all(part in said for part in named) and "Margin to Fixed, 1.53 or more" in said
+    assert all(part in said for part in named) and "Margin to Fixed, 1.53 m or more" in said
     for made in bpy.data.materials:
         made.max_vertex_displacement = 0.5  # the user bounds it
     for made in bpy.data.node_groups:

@@ -101,18 +101,6 @@ def test_each_change_updates_once_more_at_most(owner, monkeypatch):
     assert deepest == 2
 
 
-def test_values_of_an_old_file_are_the_first_that_a_drag_changes(settings, tmp_path):
-    """A file of before has no note of its thresholds: they count as they are."""
-    settings.thresholds[:3] = (0.2, 0.5, 0.55)
-    for key in [key for key in settings.keys() if key.startswith("crowd_lod_before")]:
-        del settings[key]
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "old.blend"))
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "old.blend"))
-    settings = bpy.context.scene.crowd_lod
-    settings.thresholds[2] = 0.1
-    assert settings.thresholds[:3] == pytest.approx((0.098, 0.099, 0.1))
-
-
 def test_undo_takes_the_pushed_ones_back(settings):
     bpy.ops.ed.undo_push(message="before")
     settings.thresholds[0] = 0.65
