@@ -85,7 +85,7 @@ def _placed(item: bpy.types.Object, act: Performance) -> bool:
     data = item.animation_data
     if data is not None and any(map(places, data.drivers)):
         return True
-    steady = {(path, index) for part in act.parts for path, index, _ in part.travels if part.player is item}
+    steady = {(travel.path, travel.index) for part in act.parts for travel in part.root.travels if travel.owner is item}
     placing = filter(places, act.curves_on(item))
     return any((curve.data_path, curve.array_index) not in steady and _varies(curve) for curve in placing)
 
