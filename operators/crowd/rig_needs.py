@@ -6,10 +6,12 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.crowd.agents import Group
+from ...crowd_lod.format import number
 from ..blender.performance import Performance, group_performance
 from ..blender.rig_dependencies import armatures_of, places
 
 SIMULATED = {"CLOTH", "SOFT_BODY", "FLUID", "DYNAMIC_PAINT", "OCEAN", "PARTICLE_SYSTEM", "COLLISION", "EXPLODE"}
+POSES = 32  # of a group that no rig can show, in a cycle of its action
 Characters = Sequence[tuple[str, list[bpy.types.Object], tuple]]  # see characters_of
 
 
@@ -25,6 +27,11 @@ def refusal(objects: Sequence[bpy.types.Object]) -> str:
     if any(bone.bbone_segments > 1 for rig in armatures_of(objects) for bone in rig.data.bones if bone.use_deform):
         return "its armature has bendy bones"
     return ""
+
+
+def stands_for(frames: float, fps: float) -> str:
+    """Return how long each of POSES even poses of an action of so many `frames` stands, as text."""
+    return f"each of which stands for {number(frames / POSES)} frames ({number(frames / POSES / fps)} s) of its action"
 
 
 def deforming(rig: bpy.types.Object, objects: Sequence[bpy.types.Object]) -> list[str]:
