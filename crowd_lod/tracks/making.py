@@ -19,6 +19,7 @@ from .tracks import Tracks
 HIDES = 2.0  # seconds; a gap longer than that hides the agent
 FASTEST = 40.0  # m/s, which nobody moves at from the first row to the last
 WALKS = 0.2, 4.0  # m/s, of a walker
+TOGETHER = 1e-6  # of a frame; rows that are no further apart are of one frame
 HASTE = 2.2  # m/s; a crowd whose median is faster runs, or its frame rate or unit is another
 
 
@@ -89,7 +90,7 @@ def _call(work: Callable[[], Any]) -> Any:
 
 
 def _check_once(ids: np.ndarray, agent: np.ndarray, frame: np.ndarray, passed: np.ndarray, where: str) -> None:
-    twice = (passed[:-1] <= 0) & (agent[1:] == agent[:-1])
+    twice = (passed[:-1] <= TOGETHER) & (agent[1:] == agent[:-1])
     if twice.any():
         row = int(twice.argmax())
         raise CrowdError(

@@ -11,7 +11,7 @@ from ..errors import CrowdError
 from ..format import printable
 from ..npz_file import MOST_BYTES
 from ..progress import breath
-from . import jupedsim, npz, text
+from . import jupedsim, layout, npz, text
 from .making import tracks_of
 from .rows import Rows, check_rows
 from .tracks import Tracks
@@ -28,7 +28,7 @@ OTHERS = {
     b"[": ("JSON", "write it as CSV with columns id, frame, x and y, by pandas, say"),
 }
 LOOK = 2**16  # bytes in which a zero tells that it is no text
-CHUNK = 2**22  # bytes that are read between two looks at whether anybody still waits
+CHUNK = 2**22  # bytes that are read between two looks at whether anybody still waits; more than layout.LONGEST_LINE
 HEADS = 1.0, 2.3  # meters, where the heads of people are
 
 
@@ -57,7 +57,7 @@ def read_rows(path: Path, tell: Callable[[float], None] = lambda _: None) -> Row
     return check_rows(rows, path)
 
 
-def _text_of(path: Path, is_packed: bool) -> bytes:
+def _text_of(path: Path, is_packed: bool) -> bytearray:
     """Return the text of the file in UTF-8. CrowdError if it is no text, too long or damaged."""
     where = printable(path)
     data = bytearray()
@@ -66,6 +66,8 @@ def _text_of(path: Path, is_packed: bool) -> bytes:
             while part := file.read(CHUNK):
                 data += part
                 breath()
+                if len(part) == CHUNK and b"\n" not in part and b"\r" not in part:
+                    raise layout.long_line(where)
                 if len(data) > MOST_BYTES:
                     raise CrowdError(
                         f"The file {where} has more than the {MOST_BYTES / 2**30:.1f} GiB that are read at once: "
@@ -79,10 +81,12 @@ def _text_of(path: Path, is_packed: bool) -> bytes:
         raise CrowdError(f"The file {where} is empty: choose a file of trajectories.")
     if data.startswith(UTF_16):
         try:
-            return data.decode("utf-16").encode()
+            return bytearray(data.decode("utf-16").encode())
         except UnicodeError as error:
             raise CrowdError(f"The file {where} is not the UTF-16 that its head tells ({error}): save it as UTF-8.") from None
-    return bytes(data.removeprefix(UTF_8))
+    if data.startswith(UTF_8):
+        del data[: len(UTF_8)]
+    return data
 
 
 def _check_kind(data: bytes, where: str) -> None:

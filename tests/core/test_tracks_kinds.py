@@ -102,6 +102,9 @@ REFUSED = {
     "thousands": ('id,frame,x,y\n1,0,"1,500",0\n', 'Line 2 of .* has x "1,500"'),
     "one line": ("id,frame,x,y\n" + "1," * 2**20, "has a line of more than"),
     "a cut gzip": (gzip.compress(CSV.encode())[:-9], "cannot be unpacked"),
+    "a far place": ("id,frame,x,y\n1,0,1e300,1\n", r"Row 1 of .* has x 1e\+300.* at most 1e\+12"),
+    "seconds without an end": ("1e300 1 1 1\n1.5 1 1 1\n", r"has time 1e\+300"),
+    "frames by the picosecond": ("# framerate: 1234567890\n" + CSV, "tells the frame rate"),
     "odd UTF-16": (b"\xff\xfea", "is not the UTF-16"),
 }  # fmt: skip
 
