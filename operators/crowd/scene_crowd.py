@@ -84,7 +84,8 @@ def measuring_groups(
         if base:
             found = replace(found, stride=base.stride, actions=base.actions, variant_of=variant_of)
         else:
-            found = replace(found, stride=_custom(settings.characters, name, "stride") / meters)
+            told = _custom(settings.characters, name, "stride") / meters
+            found = replace(found, stride=told or first.root.way, way=first.root.way)
             actions = {
                 part.name: _action(part, poses, fps, 2 * radius, meters) for part, poses in zip(others, acts[1:], strict=True)
             }
@@ -112,7 +113,7 @@ def _action(part: Part, poses: list[np.ndarray], fps: float, size: float, meters
     feet = walked(poses)
     own = part.stride / meters if part.action is not None and part.action.get("stride") else part.stride
     stride, feet = (each if each > STANDS * size else 0.0 for each in (own or feet, feet))
-    return Action(part.name, stride, (part.last - part.first) / fps, feet, part.way)
+    return Action(part.name, stride, (part.last - part.first) / fps, feet, part.root.way)
 
 
 def stands(settings, name: str) -> bool:
