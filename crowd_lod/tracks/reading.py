@@ -41,8 +41,7 @@ def read_rows(path: Path, tell: Callable[[float], None] = lambda _: None) -> Row
     """
     where = printable(path)
     try:
-        if path.is_dir():
-            raise CrowdError(f"{where} is a folder and cannot be read: choose one file, with the tables of all agents in it.")
+        _refuse_folder(path)
         with path.open("rb") as file:
             head = file.read(len(jupedsim.MAGIC))
         if head.startswith(ZIP):
@@ -55,6 +54,18 @@ def read_rows(path: Path, tell: Callable[[float], None] = lambda _: None) -> Row
         reason = error.strerror or error
         raise CrowdError(f"The file of trajectories {where} cannot be read ({reason}): choose another.") from None
     return check_rows(rows, path)
+
+
+def _refuse_folder(path: Path) -> None:
+    """Raise CrowdError if `path` is a folder, in which some programs keep a file for each agent."""
+    if not path.is_dir():
+        return
+    names = sorted(file.name for file in path.iterdir() if file.is_file())
+    holds = f" of {len(names):,} files, such as {names[0]}" if names else ""
+    raise CrowdError(
+        f"{printable(path)} is a folder{holds}: choose one file of all agents; join tables of one agent each, with a column id, "
+        "by pandas.concat(tables, keys=ids, names=['id']), say."
+    )
 
 
 def _text_of(path: Path, is_packed: bool) -> bytearray:
@@ -100,17 +111,26 @@ def _check_kind(data: bytes, where: str) -> None:
 
 
 def read_tracks(
-    path: Path, unit: str = "", rate: float = 0.0, usual: float = 0.0, tell: Callable[[float], None] = lambda _: None
+    path: Path,
+    unit: str = "",
+    rate: float = 0.0,
+    usual: float = 0.0,
+    up: str = "Z",
+    tell: Callable[[float], None] = lambda _: None,
 ) -> Tracks:
     """Return the tracks of the file `path`.
 
     unit: one of rows.UNITS, whatever the file tells; "" for the file's own, or else meters.
     rate: frames of the file a second, whatever it tells; 0 for its own.
     usual: the rate if neither tells one, such as the scene's.
+    up: the file's axes, as in Rows.with_z_up.
     tell: called with the progress, 0 to 1.
     CrowdError if it cannot be read or used.
     """
     rows = read_rows(path, lambda part: tell(0.6 * part)).in_meters(unit)
+    if up != "Z" and rows.z is None:
+        raise CrowdError(f"The file {printable(path)} has no z, and y is up: set Up to Z, or give it columns x, y and z.")
+    rows = rows.with_z_up(up)
     notes = rows.notes
     if not rate and not rows.rate:
         if not usual:
@@ -136,6 +156,7 @@ def _standing(rows: Rows) -> Rows:
 
 
 def content_of(path: Path) -> bytes:
-    """Return the digest of the file's content. OSError if it cannot be read."""
+    """Return the digest of the file's content. OSError if it cannot be read, CrowdError if it is a folder."""
+    _refuse_folder(path)
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").digest()

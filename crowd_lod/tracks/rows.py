@@ -72,6 +72,17 @@ class Rows:
             places = {name: place * times / by for name, place in places.items()}
         return replace(self, **places, unit=unit)
 
+    def with_z_up(self, up: str) -> "Rows":
+        """Return the rows, which need a z, in the axes of Blender: right-handed, with z up.
+
+        up: which way is up in these: "Z", "Y" of right-handed axes as in Houdini and Maya, or
+            "Y_LEFT" of left-handed ones as in Unity.
+        Headings stay: they are counter-clockwise from +x as seen from above.
+        """
+        if up == "Z" or self.z is None:
+            return self
+        return replace(self, y=self.z if up == "Y_LEFT" else -self.z, z=self.y)
+
 
 def check_rows(rows: Rows, path: Path) -> Rows:
     """Return `rows`, with columns of the types that Rows names.
