@@ -18,6 +18,7 @@ from .crowd import (
     scenery,
     simulate,
     state_machine_menu,
+    take_action,
 )
 from .lod_meshes import deviation, make_lods
 from .overlay import agent_picker, viewport_image, viewport_overlay
@@ -53,6 +54,7 @@ MODULES = (
     record_points,
     characters_from_selection,
     prop_button,
+    take_action,
     make_lods,
     deviation,
     cost_estimate,

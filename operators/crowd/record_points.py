@@ -29,7 +29,7 @@ from .characters import all_characters
 from .crowd_sources import crowds_of, draw_of, is_live
 from .points_source import NoPoints, check_ids, read_points
 
-SOURCE = ("source", "tracks_file", "tracks_unit", "tracks_rate", "first_frame")  # settings that recording sets
+SOURCE = ("source", "tracks_file", "tracks_unit", "tracks_rate", "tracks_up", "first_frame")  # settings that recording sets
 STEPPED = 0.95  # part of the progress
 
 
@@ -164,6 +164,7 @@ def recording(scene: bpy.types.Scene, paths: Sequence[Path], frames: Sequence[in
             npz.write(written.enter_context(files.staged_file(path)), rows)
     for crowd, path, known in zip(crowds, paths, when, strict=True):
         crowd.source, crowd.tracks_file, crowd.tracks_unit, crowd.tracks_rate = "FILE", str(path), "AUTO", 0
+        crowd.tracks_up = "Z"
         crowd.first_frame = known[0]
     yield 1.0
     return [len(np.unique(np.concatenate([_ids(snapshot) for snapshot in own]))) for own in found]

@@ -49,7 +49,7 @@ def file_asked(crowd) -> tuple:
         stamp = stamp_of(crowd)
     except CrowdError:  # whoever reads the file says so
         stamp = (crowd.tracks_file,)
-    return *stamp, crowd.tracks_unit, crowd.tracks_rate
+    return *stamp, crowd.tracks_unit, crowd.tracks_rate, crowd.tracks_up
 
 
 def tracks_of_crowd(crowd, usual: float) -> Tracks:
@@ -93,10 +93,10 @@ def reading_files(crowds: list, usual: float) -> Generator[float, None, None]:
             yield from share(aside(read, lambda progress=progress: progress[0]), k / len(wanted), (k + 1) / len(wanted))
 
 
-def _told(crowd, usual: float) -> tuple[str, float, float, float]:
-    """Return how the crowd's file is read: unit, rate, the rate if the file tells none, the scene's meters."""
+def _told(crowd, usual: float) -> tuple[str, float, float, str, float]:
+    """Return how the crowd's file is read: unit, rate, the rate if it tells none, what is up, the scene's meters."""
     rate = round(float(crowd.tracks_rate), 6)
-    return UNITS[crowd.tracks_unit], rate, 0.0 if rate else usual, scene_data.meters(crowd.id_data)
+    return UNITS[crowd.tracks_unit], rate, 0.0 if rate else usual, crowd.tracks_up, scene_data.meters(crowd.id_data)
 
 
 def _kept(stamp: tuple, told: tuple) -> Tracks | None:
@@ -117,8 +117,8 @@ def _read(stamp: tuple, told: tuple, progress: list[float]) -> Tracks:
         def tell(part: float) -> None:
             progress[0] = part
 
-        unit, rate, usual, meters = told
-        tracks = read_tracks(path, unit, rate, usual, tell).in_units(meters)
+        *how, meters = told
+        tracks = read_tracks(path, *how, tell).in_units(meters)
         while len(_files) >= MOST_FILES:
             _files.pop(next(iter(_files)))
         _files[key] = tracks

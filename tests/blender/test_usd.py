@@ -16,7 +16,7 @@ from crowd_lod_extension.operators.blender.output_folders import output_folder
 from crowd_lod_extension.operators.build import render_setup
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.crowd.scene_crowd import characters_of, trajectory_of
-from crowd_lod_extension.operators.lod_meshes.deviation import Posed
+from crowd_lod_extension.operators.lod_meshes.posed_shapes import Posed
 from crowd_lod_extension.operators.usd.export import POSES, UsdExport, export_usd
 from crowd_lod_extension.operators.usd.openusd import openusd
 from mathutils import Matrix, Quaternion
