@@ -31,6 +31,7 @@ from .lengths import set_lengths
 from .scene_world import actions_named, bias_of, check_maps
 from .shot_reference import use_of
 from .stuck_agents import find
+from .take_action import told_of_gliding
 
 STANDS = 0.01  # of a character's size: feet that walk less in a cycle stand, and the action plays by time
 MARGIN = 1.5  # of the largest sphere's radius, where a sphere is not known to hold all
@@ -399,6 +400,7 @@ def populating(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Genera
             *_unmeasured(scene, groups),
             *crowd_sources.notes(crowds, trajectory),
             *told_of_actions(scene, groups),
+            *told_of_gliding(scene),
             *told_of_glow(scene),
         ]
     store_groups(settings, groups)
