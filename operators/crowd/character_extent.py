@@ -39,7 +39,7 @@ def posing(
     performance: what the character plays, of which `frames` are moments; its own action if None.
 
     Returns a list of (n, 4), one for each frame; see `extent`. Whenever it yields, the file holds
-    none of its temporary data.
+    none of its temporary data. CrowdError if an object has points at NaN or infinity.
     """
     performance, poses = performance or own(objects), []
     while len(poses) < len(frames):
@@ -50,24 +50,34 @@ def posing(
             for frame in frames[len(poses) :]:
                 performance.go_to(stage, frame)
                 depsgraph = stage.view_layers[0].depsgraph
-                poses.append(np.concatenate([extent(actor, depsgraph) for actor in actors.values()]))
+                found = [(item, extent(actor, depsgraph)) for item, actor in actors.items()]
+                poses.append(np.concatenate([_finite(item, points) for item, points in found]))
                 if clock.monotonic() >= until:
                     break
         yield len(poses) / len(frames)
     return poses
 
 
+def _finite(item: bpy.types.Object, points: np.ndarray) -> np.ndarray:
+    if not np.isfinite(points).all():
+        raise CrowdError(
+            f"The object {item.name} has points at NaN or infinity in its action: mend its mesh, its modifiers, its constraints or "
+            "its rig."
+        )
+    return points
+
+
 def lowest(poses: list[np.ndarray], origin: float) -> float:
     """Return the height of the lowest point of all `poses` above `origin`, meters.
 
     0 if it is within OFF_GROUND of the character's size, as it may be in a step, or if there are
-    no points, or some that are not finite. A flat character has no height to measure it by.
+    no points. A flat character has no height to measure it by.
 
     poses: each (n, 4); see `extent`.
     origin: height in meters.
     """
     points = np.concatenate(poses)[:, :3]
-    if not len(points) or not np.isfinite(points).all():
+    if not len(points):
         return 0.0
     size = np.ptp(points, axis=0).max()
     lowest = float(points[:, 2].min())
@@ -97,7 +107,7 @@ def bounds(name: str, origin, *acts: list[np.ndarray]) -> tuple[float, float]:
     """Return (center, radius) of the sphere that holds the character in all poses.
 
     Its center stands on the vertical axis through `origin`, at the height `center` above it,
-    meters. CrowdError if there are no points, or some at NaN or infinity.
+    meters. CrowdError if there are no points.
 
     Between two frames a vertex may leave the straight line by an eighth of its acceleration,
     estimated by the second difference of three poses. The radius is larger by twice that.
@@ -109,8 +119,6 @@ def bounds(name: str, origin, *acts: list[np.ndarray]) -> tuple[float, float]:
     points, reach = np.split(np.concatenate([pose for poses in acts for pose in poses]), [3], axis=1)
     if not len(points):
         raise CrowdError(f"The character {name} has no vertices, modifiers applied: give it a mesh, or take it out.")
-    if not np.isfinite(points).all():
-        raise CrowdError(f"The character {name} has vertices at NaN or infinity in its action: mend the mesh or the rig.")
     center, radius = bounding_sphere(points - origin, reach[:, 0])
     threes = [three for poses in acts for three in zip(poses, poses[1:], poses[2:], strict=False)]
     bends = (np.linalg.norm((a - 2 * b + c)[:, :3], axis=1).max() for a, b, c in threes if a.shape == b.shape == c.shape)
@@ -130,7 +138,8 @@ def extent(actor: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> np.ndarra
             if (instance.parent or instance.object).original == actor.original:
                 points.append(_shape(instance.object, np.array(instance.matrix_world, np.float64)))
     found = np.concatenate(points)
-    found[:, 3] += displaced(evaluated)
+    if len(found) and np.isfinite(found).all():
+        found[:, 3] += displaced(evaluated)
     return found
 
 

@@ -25,7 +25,7 @@ from ..blender.props import group_of
 from . import crowd_sources, kept_meshes, map_areas, needs
 from .action_troubles import told_of_actions
 from .character_extent import bounds, frames_of, lowest, posing, unknown, walked
-from .characters import all_characters, characters_of
+from .characters import all_characters, characters_of, told_of_left_out
 from .glow import told_of_glow
 from .lengths import set_lengths
 from .scene_world import actions_named, bias_of, check_maps
@@ -397,6 +397,7 @@ def populating(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Genera
             *_off_ground(scene, groups),
             *_unmeasured(scene, groups),
             *crowd_sources.notes(crowds, trajectory),
+            *told_of_left_out(scene),
             *told_of_actions(scene, groups),
             *told_of_glow(scene),
         ]
