@@ -65,6 +65,7 @@ class Group:
     scale: the least and the greatest of its agents, see `varied`.
     actions: those besides its own action that states name. What is said of the action above and
         below holds over all actions, but stride and period.
+    way: meters that its own action travels in a cycle, as Action.way.
     variant_of: the group that this is with props, "" if it has none (see variants.py).
     chance: that an agent of the group is this variant of it.
 
@@ -101,6 +102,7 @@ class Group:
     scale: tuple[float, float] = (1.0, 1.0)
     variant_of: str = ""
     chance: float = 1.0
+    way: float = field(default=0.0, compare=False, repr=False)
 
     @property
     def reach(self) -> float:
@@ -117,7 +119,7 @@ class Group:
 
     def scaled(self, factor: float) -> "Group":
         """Return the group with all lengths multiplied by `factor`, as from units to meters."""
-        single = "center", "radius", "stride", "diagonal", "lowest"
+        single = "center", "radius", "stride", "diagonal", "lowest", "way"
         several = "deviations", "bounds", "rms", "shaded"
         lengths = {name: getattr(self, name) * factor for name in single}
         lengths |= {name: tuple(length * factor for length in getattr(self, name)) for name in several}

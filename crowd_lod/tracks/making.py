@@ -19,6 +19,9 @@ from .tracks import Tracks
 HIDES = 2.0  # seconds; a gap longer than that hides the agent
 FASTEST = 40.0  # m/s, which nobody moves at from the first row to the last
 WALKS = 0.2, 4.0  # m/s, of a walker
+CLIMBS = 0.8  # meters for each meter of the way; a crowd that climbs more has y up
+FLAT = 0.1, 2.0  # meters: where y changes by less, and z by more, y is up
+TOGETHER = 1e-6  # of a frame; rows that are no further apart are of one frame
 HASTE = 2.2  # m/s; a crowd whose median is faster runs, or its frame rate or unit is another
 
 
@@ -66,7 +69,9 @@ def tracks_of(rows: Rows, where: str) -> Tracks:
         paces,
         rows.phase is not None,
         None if rows.group is None else columns["group"][enters],
-        _told(rows, len(ids), (float(frame.min()), float(frame.max())), crossed, hidden) + _told_of_haste(columns, seconds, enters),
+        _told(rows, len(ids), (float(frame.min()), float(frame.max())), crossed, hidden)
+        + _told_of_haste(columns, seconds, enters)
+        + _told_of_climbs(columns, seconds),
     )
 
 
@@ -89,7 +94,7 @@ def _call(work: Callable[[], Any]) -> Any:
 
 
 def _check_once(ids: np.ndarray, agent: np.ndarray, frame: np.ndarray, passed: np.ndarray, where: str) -> None:
-    twice = (passed[:-1] <= 0) & (agent[1:] == agent[:-1])
+    twice = (passed[:-1] <= TOGETHER) & (agent[1:] == agent[:-1])
     if twice.any():
         row = int(twice.argmax())
         raise CrowdError(
@@ -176,6 +181,20 @@ def _told_of_haste(columns: dict[str, np.ndarray], seconds: np.ndarray, enters: 
         return ""
     median = float(np.median(way[time > 0] / time[time > 0]))
     return f" Agents walk at a median of {median:.3g} m/s: check Frame Rate and Unit." if median > HASTE else ""
+
+
+def _told_of_climbs(columns: dict[str, np.ndarray], seconds: np.ndarray) -> str:
+    """Return a sentence if z changes as the ground's second axis would, or ""."""
+    z = columns.get("z")
+    if z is None:
+        return ""
+    moves = seconds[:-1] > 0
+    way = np.hypot(np.diff(columns["x"]), np.diff(columns["y"]))[moves].sum()
+    climb = np.abs(np.diff(z))[moves].sum()
+    is_flat = np.ptp(columns["y"]) < FLAT[0] and np.ptp(z) > FLAT[1]
+    if climb <= CLIMBS * way and not is_flat:
+        return ""
+    return f" Its z goes from {z.min():.3g} to {z.max():.3g} m as agents walk: if y is up in the file, set Up to Y."
 
 
 def _told(rows: Rows, agents: int, frames: tuple[float, float], crossed: int, hidden: np.ndarray) -> str:

@@ -58,7 +58,7 @@ def action_range(objects: list[bpy.types.Object]) -> tuple[float, float]:
     return (min(first for first, _ in spans), max(last for _, last in spans)) if spans else (1.0, 1.0)
 
 
-def _tracks(data: bpy.types.AnimData) -> list[bpy.types.NlaTrack]:
+def tracks_of(data: bpy.types.AnimData) -> list[bpy.types.NlaTrack]:
     """Return the NLA tracks that play: the solo one, or all that are not muted."""
     tracks = list(data.nla_tracks) if data.use_nla else []
     return [track for track in tracks if track.is_solo] or [track for track in tracks if not track.mute]
@@ -83,7 +83,7 @@ def _spans(items: Iterable[bpy.types.Object]) -> Iterator[tuple[float, float]]:
         curves = curves_of(data)
         if (data.action is not None and data.action.use_frame_range) or any(map(_keyed, curves)):
             yield span_of(data.action, curves)
-        for track in _tracks(data):
+        for track in tracks_of(data):
             yield from ((strip.frame_start, strip.frame_end) for strip in track.strips if not strip.mute)
 
 
@@ -108,7 +108,7 @@ def players_of(items: Iterable[bpy.types.Object]) -> list[bpy.types.AnimData | b
 
 
 def _players(data: bpy.types.AnimData) -> list[bpy.types.AnimData | bpy.types.NlaStrip]:
-    strips = (strip for track in _tracks(data) for strip in _strips(track.strips))
+    strips = (strip for track in tracks_of(data) for strip in _strips(track.strips))
     return [player for player in (data, *strips) if player.action is not None]
 
 
@@ -192,7 +192,7 @@ def stance(*items: bpy.types.Object) -> list:
             [_driver(driver) for driver in drivers],
             list(_spans([mover])),
             [settings_of(each, moved, PLAYED) for each in data],
-            [_strip(strip) for each in data for track in _tracks(each) for strip in _strips(track.strips)],
+            [_strip(strip) for each in data for track in tracks_of(each) for strip in _strips(track.strips)],
         ]
         if mover in items:  # LODs copy these; of others' all that counts is what drivers read
             still = [each for each in custom(mover) if (f'["{bpy.utils.escape_identifier(each[0])}"]', 0) not in moved]

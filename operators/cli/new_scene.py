@@ -66,6 +66,7 @@ def made(args, command: list[str]) -> dict:
         if source is None:
             settings.source, settings.tracks_file, settings.tracks_unit = "FILE", str(tracks), (args.unit or "auto").upper()
             settings.tracks_rate = args.fps or 0
+            settings.tracks_up = args.up.upper().replace("-", "_")
         else:
             settings.source, settings.points = "POINTS", source
         said = finish(_filled(scene), f"scene of {path.stem}", args.quiet)
@@ -83,10 +84,10 @@ def made(args, command: list[str]) -> dict:
 
 
 def _existing(path: Path | None) -> Path | None:
-    """Return the path from the root; CrowdError if there is no such file."""
+    """Return the path from the root; CrowdError if nothing is there."""
     if path is None:
         return None
-    if not path.is_file():
+    if not path.exists():
         raise CrowdError(f"There is no file {printable(path)}: give another path.")
     return files.absolute(path)
 

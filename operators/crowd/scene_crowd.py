@@ -31,6 +31,7 @@ from .lengths import set_lengths
 from .scene_world import actions_named, bias_of, check_maps
 from .shot_reference import use_of
 from .stuck_agents import find
+from .take_action import told_of_gliding
 
 STANDS = 0.01  # of a character's size: feet that walk less in a cycle stand, and the action plays by time
 MARGIN = 1.5  # of the largest sphere's radius, where a sphere is not known to hold all
@@ -84,7 +85,8 @@ def measuring_groups(
         if base:
             found = replace(found, stride=base.stride, actions=base.actions, variant_of=variant_of)
         else:
-            found = replace(found, stride=_custom(settings.characters, name, "stride") / meters)
+            told = _custom(settings.characters, name, "stride") / meters
+            found = replace(found, stride=told or first.root.way, way=first.root.way)
             actions = {
                 part.name: _action(part, poses, fps, 2 * radius, meters) for part, poses in zip(others, acts[1:], strict=True)
             }
@@ -112,7 +114,7 @@ def _action(part: Part, poses: list[np.ndarray], fps: float, size: float, meters
     feet = walked(poses)
     own = part.stride / meters if part.action is not None and part.action.get("stride") else part.stride
     stride, feet = (each if each > STANDS * size else 0.0 for each in (own or feet, feet))
-    return Action(part.name, stride, (part.last - part.first) / fps, feet, part.way)
+    return Action(part.name, stride, (part.last - part.first) / fps, feet, part.root.way)
 
 
 def stands(settings, name: str) -> bool:
@@ -399,6 +401,7 @@ def populating(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Genera
             *crowd_sources.notes(crowds, trajectory),
             *told_of_left_out(scene),
             *told_of_actions(scene, groups),
+            *told_of_gliding(scene),
             *told_of_glow(scene),
         ]
     store_groups(settings, groups)

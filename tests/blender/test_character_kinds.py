@@ -150,8 +150,7 @@ def test_all_kinds_of_characters_go_through_all_buttons(small_shot, tmp_path, ca
     settings.level_count = 2
     settings.width = settings.verify_width = 32
     settings.verify_count = settings.verify_samples = 1
-    settings.plan_folder, settings.folder, settings.verify_folder = (str(tmp_path / name) for name in ("plan", "preview", "verify"))
-    settings.usd_file = str(tmp_path / "crowd.usda")
+    settings.output_folder = str(tmp_path)
     for name in BUTTONS:
         assert getattr(bpy.ops.crowd_lod, name)() == {"FINISHED"}, name
     told = "Left out of the crowd, which shows faces and hair: cloud (point cloud), drawing (Grease Pencil), volume (volume)."
