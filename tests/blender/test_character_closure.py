@@ -93,7 +93,7 @@ def test_characters_have_their_size_in_spheres_build_bake_and_export(library, sm
         character(brought(library, name == "linked"), name=name)
     settings = small_shot.crowd_lod
     settings.count, settings.level_count, settings.thresholds[0] = 30, 2, 0.9
-    settings.usd_file = str(tmp_path / "crowd.usda")
+    settings.output_folder = str(tmp_path)
     bpy.ops.crowd_lod.populate()
     bpy.ops.crowd_lod.make_levels()
     spheres = {group.name: (group.center, group.radius) for group in settings.groups}
@@ -106,7 +106,7 @@ def test_characters_have_their_size_in_spheres_build_bake_and_export(library, sm
         assert heights_shown() == {name: {height} for name, height in HEIGHTS.items()}
     bpy.ops.crowd_lod.export_usd()
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    bpy.ops.wm.usd_import(filepath=str(tmp_path / "crowd.usda"))
+    bpy.ops.wm.usd_import(filepath=str(tmp_path / "usd" / "crowd.usdc"))
     exported = {round(item.dimensions.z, 3) for item in bpy.data.objects if item.type == "MESH"}
     assert exported == set(HEIGHTS.values())
 
