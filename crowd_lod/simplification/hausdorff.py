@@ -26,11 +26,18 @@ class Moving:
 
     points: (n, k, 3) float64 meters; triangles: (m, 3) indices.
     find(pose, points (j, 3)): the triangles (j,) closest to the points in that pose.
+    counted: (m,) bool, the triangles whose distance from another surface counts; None if all do.
     """
 
     points: np.ndarray
     triangles: np.ndarray
     find: Callable[[int, np.ndarray], np.ndarray]
+    counted: np.ndarray | None = None
+
+    @property
+    def pieces(self) -> np.ndarray:
+        """The triangles (p, 3) whose distance counts."""
+        return self.triangles if self.counted is None else self.triangles[self.counted]
 
     def on(self, face: np.ndarray, points: np.ndarray, pose: int) -> np.ndarray:
         """Barycentric weights (j, 3) of the points of faces closest to `points` (j, 3).
@@ -114,17 +121,54 @@ class _Pairs:
 
 
 def interval(one: Moving, other: Moving) -> Interval:
-    """The symmetric Hausdorff distance of two surfaces, the largest over their poses."""
-    found = Interval(settings.CURRENT.bound_floor * float(np.ptp(one.points, axis=0).max()))
+    """The symmetric Hausdorff distance of two surfaces, the largest over their poses.
+
+    It is that of what counts of either from the whole of the other.
+    """
+    found = _nothing_known(one)
     ways = [_Way(b, found, slice(0, b.points.shape[1])) for b in (other, one)]
-    mapped = [way.mapped(a.points) for way, a in zip(ways, (one, other), strict=True)]
+    used = [np.unique(a.pieces, return_inverse=True) for a in (one, other)]
+    mapped = [way.mapped(a.points[some]) for way, a, (some, _) in zip(ways, (one, other), used, strict=True)]
     for way, points in zip(ways, mapped, strict=True):
         way.look_again(points)
-    for way, points, a in zip(ways, mapped, (one, other), strict=True):
-        corners = a.points[a.triangles]
-        way.cover(points, a.triangles, _length(corners - corners[:, [1, 2, 0]]).max(axis=1))
+    for way, points, a, (_, pieces) in zip(ways, mapped, (one, other), used, strict=True):
+        corners = a.points[a.pieces]
+        longest = _length(corners - corners[:, [1, 2, 0]]).max(axis=1)
+        way.cover(points, pieces.reshape(-1, 3), longest)
     found.bound = max(found.bound, found.enough)
     return found
+
+
+def estimate(one: Moving, other: Moving, beyond: float) -> tuple[float, np.ndarray]:
+    """Estimate what `interval` measures, and where it is more than `beyond`, meters.
+
+    Looked at are the points of what counts of `one`, and corners and middles of those triangles of
+    `other` that are nearest to what counts of `one`. Returns the distance, and which points of
+    `one` are, or are nearest to, a point that is farther off than `beyond`: (n,) bool.
+    """
+    found = _nothing_known(one)
+    poses = slice(0, one.points.shape[1])
+    far = np.zeros(len(one.points), bool)
+
+    some = np.unique(one.pieces)
+    way = _Way(other, found, poses)
+    points = way.mapped(one.points[some])
+    way.look_again(points, beyond)
+    far[some[points.near.max(axis=1) > beyond]] = True
+
+    way = _Way(one, found, poses)
+    corners = other.points[other.triangles]
+    at = np.concatenate([other.points[np.unique(other.triangles)], corners.mean(axis=1)])
+    to = one.find(0, at[:, 0])
+    points = way.mapped(at if one.counted is None else at[one.counted[to]])
+    way.look_again(points, beyond)
+    lost = points.near.max(axis=1) > beyond
+    far[one.triangles[points.to[lost], points.weights[lost].argmax(axis=1)]] = True
+    return found.measured, far
+
+
+def _nothing_known(one: Moving) -> Interval:
+    return Interval(settings.CURRENT.bound_floor * float(np.ptp(one.points, axis=0).max()))
 
 
 @dataclass
@@ -160,12 +204,12 @@ class _Way:
         """The points (j, poses, 3) at weights (j, 3) of points (j, 3) of `other`."""
         return sum(self.other.points[corners[:, c], poses] * weights[:, c, None, None] for c in range(3))
 
-    def look_again(self, points: _Points) -> None:
-        """Measure points in the poses where they may be farther off than any."""
+    def look_again(self, points: _Points, beyond: float = np.inf) -> None:
+        """Measure points in the poses where they may be farther off than any, or than `beyond`."""
         for least in (settings.CURRENT.bound_first, None):
             for k in range(1, points.off.shape[1]):
                 order = np.argsort(-points.near[:, k])[:least]
-                some = order[points.near[order, k] > self.found.enough]
+                some = order[points.near[order, k] > min(self.found.enough, beyond)]
                 if len(some):
                     points.near[some, k] = self.alone(k).mapped(points.at[some, k, None]).off[:, 0]
 

@@ -1,7 +1,7 @@
 """Extent of a character in renders: vertices, hair, displacement by materials."""
 
 import time as clock
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterator, Mapping
 from typing import TypeVar
 
 import bpy
@@ -36,15 +36,30 @@ def frames_of(first: float, last: float, most: int = MOST_POSES) -> np.ndarray:
     return np.linspace(first, last, min(int(np.ceil(last - first)) + 1, most))
 
 
-def extents(actors: Iterable[bpy.types.Object], depsgraph: bpy.types.Depsgraph) -> np.ndarray:
-    """Return the points of a character and the reach around each, (n, 4); see `extent`."""
-    return np.concatenate([extent(actor, depsgraph) for actor in actors])
+Actors = Mapping[bpy.types.Object, bpy.types.Object]  # see as_rendered
 
 
-def sole(actors: Iterable[bpy.types.Object], depsgraph: bpy.types.Depsgraph) -> tuple[float, float]:
+def extents(actors: Actors, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
+    """Return the points of a character and the reach around each, (n, 4); see `extent`.
+
+    CrowdError if an object has points at NaN or infinity.
+    """
+    return np.concatenate([_finite(item, extent(actor, depsgraph)) for item, actor in actors.items()])
+
+
+def _finite(item: bpy.types.Object, points: np.ndarray) -> np.ndarray:
+    if not np.isfinite(points).all():
+        raise CrowdError(
+            f"The object {item.name} has points at NaN or infinity in its action: mend its mesh, its modifiers, its constraints or "
+            "its rig."
+        )
+    return points
+
+
+def sole(actors: Actors, depsgraph: bpy.types.Depsgraph) -> tuple[float, float]:
     """Return the height of a character's soles, and of its lowest point, world space; see sole_of."""
     count, points, triangles = 0, [np.empty((0, 3))], [np.empty((0, 3), np.int32)]
-    for actor in actors:
+    for actor in actors.values():
         places, sides = mesh_data.world_triangles(actor.evaluated_get(depsgraph))
         points.append(places)
         triangles.append(sides + count)
@@ -57,7 +72,7 @@ def posing(
     objects: list[bpy.types.Object],
     frames: np.ndarray,
     performance: Performance | None = None,
-    measure: Callable[[Iterable[bpy.types.Object], bpy.types.Depsgraph], Measured] = extents,
+    measure: Callable[[Actors, bpy.types.Depsgraph], Measured] = extents,
 ) -> Generator[float, None, list[Measured]]:
     """Measure `objects` at each of `frames`: yield the progress.
 
@@ -76,7 +91,7 @@ def posing(
             for frame in frames[len(poses) :]:
                 performance.go_to(stage, frame)
                 depsgraph = stage.view_layers[0].depsgraph
-                poses.append(measure(actors.values(), depsgraph))
+                poses.append(measure(actors, depsgraph))
                 if clock.monotonic() >= until:
                     break
         yield len(poses) / len(frames)
@@ -87,15 +102,15 @@ def standing(poses: list[np.ndarray], soles: list[tuple[float, float]], origin: 
     """Return the height above `origin` of what the character stands on, meters.
 
     That is its lowest point, or its soles where something hangs lower. 0 if it is within OFF_GROUND
-    of the character's size, as it may be in a step, or if there are no points, or some that are not
-    finite. A flat character has no height to measure it by.
+    of the character's size, as it may be in a step, or if there are no points. A flat character has
+    no height to measure it by.
 
     poses: each (n, 4); see `extents`.
     soles: of poses of the same actions; see `sole`.
     origin: height in meters.
     """
     points = np.concatenate(poses)[:, :3]
-    if not len(points) or not np.isfinite(points).all():
+    if not len(points):
         return 0.0
     size = np.ptp(points, axis=0).max()
     hangs = any(height > low for height, low in soles)
@@ -129,7 +144,7 @@ def bounds(name: str, origin, *acts: list[np.ndarray]) -> tuple[float, float]:
     """Return (center, radius) of the sphere that holds the character in all poses.
 
     Its center stands on the vertical axis through `origin`, at the height `center` above it,
-    meters. CrowdError if there are no points, or some at NaN or infinity.
+    meters. CrowdError if there are no points.
 
     Between two frames a vertex may leave the straight line by an eighth of its acceleration,
     estimated by the second difference of three poses. The radius is larger by twice that.
@@ -141,8 +156,6 @@ def bounds(name: str, origin, *acts: list[np.ndarray]) -> tuple[float, float]:
     points, reach = np.split(np.concatenate([pose for poses in acts for pose in poses]), [3], axis=1)
     if not len(points):
         raise CrowdError(f"The character {name} has no vertices, modifiers applied: give it a mesh, or take it out.")
-    if not np.isfinite(points).all():
-        raise CrowdError(f"The character {name} has vertices at NaN or infinity in its action: mend the mesh or the rig.")
     center, radius = bounding_sphere(points - origin, reach[:, 0])
     threes = [three for poses in acts for three in zip(poses, poses[1:], poses[2:], strict=False)]
     bends = (np.linalg.norm((a - 2 * b + c)[:, :3], axis=1).max() for a, b, c in threes if a.shape == b.shape == c.shape)
@@ -162,7 +175,8 @@ def extent(actor: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> np.ndarra
             if (instance.parent or instance.object).original == actor.original:
                 points.append(_shape(instance.object, np.array(instance.matrix_world, np.float64)))
     found = np.concatenate(points)
-    found[:, 3] += displaced(evaluated)
+    if len(found) and np.isfinite(found).all():
+        found[:, 3] += displaced(evaluated)
     return found
 
 

@@ -4,8 +4,6 @@ import os
 from collections.abc import Generator
 from pathlib import Path
 
-import bpy
-
 from ...crowd_lod.crowd.maps import FARTHEST
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
@@ -13,6 +11,7 @@ from ...crowd_lod.progress import aside, share
 from ...crowd_lod.tracks.reading import content_of, read_tracks
 from ...crowd_lod.tracks.tracks import Tracks
 from ..blender import scene_cache, scene_data
+from ..blender.output_folders import full_path
 
 UNITS = {"AUTO": "", "M": "m", "CM": "cm", "MM": "mm", "FT": "ft"}
 MOST_FILES = 4  # that are kept
@@ -26,7 +25,7 @@ def tracks_path(crowd) -> Path:
     """Return the path of the crowd's file. CrowdError if none is chosen."""
     if not crowd.tracks_file.strip():
         raise CrowdError(f"The crowd {crowd.name or 1} follows a file, and none is chosen: choose a File in the Crowd panel.")
-    return Path(bpy.path.abspath(crowd.tracks_file, library=crowd.id_data.library))
+    return full_path(crowd.tracks_file, crowd.id_data.library)
 
 
 def stamp_of(crowd) -> tuple:
