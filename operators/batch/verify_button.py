@@ -13,6 +13,7 @@ from ..blender.output_folders import output_folder, place_of
 from ..build.staleness import MADE_FOR
 from ..crowd import needs
 from .verify import Verify, verify
+from .verify_build import frames_to_verify
 
 # What the last proof of each scene found, and of which build.
 _verdicts: dict[int, tuple[str, object]] = scene_cache.kept({}, by_scene=True)
@@ -41,7 +42,7 @@ class CROWDLOD_OT_verify(Stepwise, bpy.types.Operator):
     def steps(self, context) -> Generator[float, None, str]:
         settings = context.scene.crowd_lod
         wanted = Verify(
-            frames=evenly(scene_data.frames_of(context.scene), settings.verify_count),
+            frames=evenly(frames_to_verify(context.scene, scene_data.frames_of(context.scene)), settings.verify_count),
             folder=output_folder(settings.verify_folder),
             width=settings.verify_width,
             samples=settings.verify_samples,
