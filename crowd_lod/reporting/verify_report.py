@@ -80,7 +80,7 @@ def _agents(result: dict) -> list[str]:
         "<h2>Agents</h2>",
         "<p>Of each frame the agents that are predicted worst, and others drawn by chance, were rendered alone, at full detail (left) "
         "and as built (right), at the size of the final picture or finer. A silhouette's shift is the largest distance from "
-        "one to the other, in pixels of the final picture. Pinned agents, and those in a cross-fade, stand apart.</p>",
+        "one to the other, in pixels of the final picture. Agents that exceptions pin, that blur lets be coarser, or that are in a cross-fade, stand apart.</p>",
         *pictures,
         table_of(AGENT_COLUMNS, [_agent_cells(agent) for agent in agents]),
     ]

@@ -7,13 +7,13 @@ import numpy as np
 from ..culling.camera import Camera, Window
 from ..levels.assignment import shown
 from ..planning.frame import Frame
-from ..planning.planned import PINNED
+from ..planning.planned import EXCEPTED, PINNED
 
-WORST, DRAWN = 10, 10  # agents judged of a frame: those predicted worst, and others by chance
+JUDGED = 10  # agents of a frame that are predicted worst, and as many others drawn by chance
 SEED = 36
 BEYOND = 1.01  # times what is allowed, from which on a pinned agent stands apart
 OVERSCAN = 0.5  # parts of the picture by which a crop may reach beyond each of its edges
-PINNED_APART, FADING_APART = "pinned", "in a cross-fade"
+PINNED_APART, BLURRED_APART, FADING_APART = "pinned", "blurred", "in a cross-fade"  # why agents stand apart
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class JudgedAgent:
     window: of that camera, around the agent.
     predicted: pixels by which its LOD shifts its silhouette at most; None if that is not known.
     allowed: pixels; None if neither a tolerance nor the prediction is known.
-    apart: why it is not held to that, PINNED_APART or FADING_APART; "" if it is.
+    apart: why it is not held to that, one of PINNED_APART, BLURRED_APART, FADING_APART; "" if it is.
     """
 
     agent: int
@@ -61,7 +61,9 @@ class _Candidates:
     allowed: np.ndarray
 
 
-def choose_agents(frame: Frame, agents: np.ndarray, levels: np.ndarray, tolerance: float | None, number: int) -> list[JudgedAgent]:
+def choose_agents(
+    frame: Frame, agents: np.ndarray, levels: np.ndarray, tolerance: float | None, number: int, count: int = JUDGED
+) -> list[JudgedAgent]:
     """Return the agents to be judged: the worst, some by chance, and the worst of those apart.
 
     agents: (m,) intp, those that the build shows to the camera.
@@ -69,6 +71,7 @@ def choose_agents(frame: Frame, agents: np.ndarray, levels: np.ndarray, toleranc
     tolerance: pixels that LODs may deviate. None where LODs follow from distances alone: they may
         then deviate as far as their bounds predict.
     number: of the frame; with SEED it fixes the draw.
+    count: how many of each.
 
     None of a panoramic camera, whose pictures have no crops.
     """
@@ -78,10 +81,10 @@ def choose_agents(frame: Frame, agents: np.ndarray, levels: np.ndarray, toleranc
     apart = _apart(frame, known)
     worst_first = np.lexsort((known.depth, -np.nan_to_num(known.pixels, posinf=np.inf)))
     held = worst_first[[not apart[k] for k in worst_first]]
-    rest = np.random.default_rng((SEED, abs(number))).permutation(held[WORST:])
+    rest = np.random.default_rng((SEED, abs(number))).permutation(held[count:])
     rest = rest[_of_all_kinds(known.group[rest], known.level[rest])]
     others = worst_first[[bool(apart[k]) for k in worst_first]]
-    chosen = [*held[:WORST].tolist(), *rest[:DRAWN].tolist(), *others[:WORST].tolist()]
+    chosen = [*held[:count].tolist(), *rest[:count].tolist(), *others[:count].tolist()]
     return [_judged(frame, known, k, apart[k]) for k in chosen]
 
 
@@ -110,13 +113,14 @@ def _candidates(frame: Frame, agents: np.ndarray, levels: np.ndarray, tolerance:
 
 def _apart(frame: Frame, known: _Candidates) -> list[str]:
     """Return for each candidate why it stands apart, "" if it does not."""
-    pinned = np.zeros(len(known.agent), bool)
-    if frame.plan_row is not None:
-        pinned = (frame.plan_row[known.agent] & PINNED != 0) & (known.pixels > BEYOND * known.allowed)
+    row = np.zeros(len(frame.crowd), np.uint8) if frame.plan_row is None else frame.plan_row
+    row = row[known.agent]
+    pinned = (row & PINNED != 0) & (known.pixels > BEYOND * known.allowed)
+    asked = pinned & (row & EXCEPTED != 0)
     fading = np.zeros(len(known.agent), bool)
     if frame.crowd.faded is not None:
         fading = frame.crowd.faded[known.agent] < 1
-    return np.select([pinned, fading], [PINNED_APART, FADING_APART], "").tolist()
+    return np.select([asked, pinned, fading], [PINNED_APART, BLURRED_APART, FADING_APART], "").tolist()
 
 
 def _of_all_kinds(group: np.ndarray, level: np.ndarray) -> np.ndarray:
@@ -135,7 +139,7 @@ def _judged(frame: Frame, known: _Candidates, k: int, apart: str) -> JudgedAgent
     window = window_around(camera, known.center[k], radius + np.nan_to_num(off))
     stretch = _stretch(camera, window)
     # the LOD's surface may be nearer to the camera than the character's
-    predicted = float(shown(off, known.depth[k], camera, radius + off)) * stretch
+    predicted = float(shown(off, known.depth[k], camera, radius + off)) * stretch if off >= 0 else np.nan
     allowed = float(known.allowed[k]) * stretch
     if predicted > 0 and known.pixels[k] > 0:
         allowed *= predicted / stretch / float(known.pixels[k])

@@ -245,7 +245,8 @@ class _Run:
         levels = [np.full(len(columns["id"]), int(name.removeprefix("LOD "))) for name, columns in seen.items()]
         levels = np.concatenate([np.empty(0, np.intp), *levels])
         known = (agents >= 0) & (agents < len(planned.crowd))
-        chosen = choose_agents(planned, agents[known], levels[known], _tolerance(self.scene, planned), number)
+        tolerance = _tolerance(self.scene, planned)
+        chosen = choose_agents(planned, agents[known], levels[known], tolerance, number, self.wanted.agents)
         built, full = render_setup.points_of(self.proved.top), render_setup.points_of(self.full)["LOD 0"]
         pairs = []
         for judged in chosen:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import bpy
 
+from ...crowd_lod.validation.judged_agents import JUDGED
 from ..blender.ownership import OWNED
 from ..build import bake, render_setup
 from ..build.hidden_characters import hides_characters
@@ -26,6 +27,8 @@ class Verify:
     bounces: above 0, each picture is rendered a second time, with the light of the sky and this
         many bounces of light and reflections.
     strict: a frame without the LODs of the scene's shot plan is an error.
+    agents: so many of each frame are rendered alone because they are predicted worst, as many others
+        by chance, and as many of those apart.
     """
 
     frames: list[int]
@@ -34,6 +37,7 @@ class Verify:
     samples: int = 4
     bounces: int = 0
     strict: bool = False
+    agents: int = JUDGED
 
 
 def set_up_cycles(scene: bpy.types.Scene, wanted: Verify) -> tuple[int, int]:
