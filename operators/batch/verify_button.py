@@ -12,6 +12,7 @@ from ..blender.operator import Stepwise
 from ..blender.output_folders import output_folder, place_of
 from ..build.staleness import MADE_FOR
 from ..crowd import needs
+from .output_index import note_output
 from .verify import Verify, verify
 from .verify_build import frames_to_verify
 
@@ -32,7 +33,7 @@ def _build_of(scene: bpy.types.Scene) -> object:
 
 
 class CROWDLOD_OT_verify(Stepwise, bpy.types.Operator):
-    """Render a few frames with and without culling and LODs, compare them, and write a report"""
+    """Render a few frames of the build beside everyone at full detail, compare them, and write a report"""
 
     bl_idname = "crowd_lod.verify"
     bl_label = "Verify"
@@ -41,14 +42,16 @@ class CROWDLOD_OT_verify(Stepwise, bpy.types.Operator):
 
     def steps(self, context) -> Generator[float, None, str]:
         settings = context.scene.crowd_lod
+        frames = frames_to_verify(context.scene, scene_data.frames_of(context.scene))
         wanted = Verify(
-            frames=evenly(frames_to_verify(context.scene, scene_data.frames_of(context.scene)), settings.verify_count),
-            folder=output_folder(settings.verify_folder),
+            frames=evenly(frames, settings.verify_count),
+            folder=output_folder(context.scene, "verify"),
             width=settings.verify_width,
             samples=settings.verify_samples,
         )
         result = yield from verify(context.scene, wanted, ["sidebar"])
-        said = f"{verdict(result)} The report is in {place_of(settings.verify_folder)}."
+        note_output(context.scene, "verify")
+        said = f"{verdict(result)} The report is in {place_of(wanted.folder)}."
         scene_cache.tidy()
         _verdicts[context.scene.session_uid] = said, _build_of(context.scene)
         if not result["ok"]:
