@@ -1,6 +1,6 @@
 """Ctrl-C at any moment of any command: exit code 130, one line, and the disk as before, or all of the output.
 
-CROWD_LOD_TRIALS=10 tries ten times as many moments of each command.
+CROWD_LOD_TRIALS=10 tries ten times as many moments of each command, and more commands.
 """
 
 import os
@@ -33,6 +33,12 @@ COMMANDS = {
     "export": "export {small} --frames 1,9 --out out/x.usdc",
     "package": "package --out out",
 }
+if TRIALS > 2:
+    COMMANDS |= {
+        "jobs": "preview {small} --frames 1,9 --width 64 --jobs 2 --out out",
+        "plan": "plan {small} --frames 1:9 --out out",
+        "job": "job {small} --out out",
+    }
 
 FILES = 300
 RENAMES = f"""
