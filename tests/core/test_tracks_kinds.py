@@ -144,19 +144,6 @@ def test_a_file_without_heights_has_z_up(tmp_path):
         read_tracks(tmp_path / "flat.csv", rate=25, up="Y")
 
 
-def test_heights_that_change_as_people_walk_are_told(tmp_path):
-    path = tmp_path / "tracks.csv"
-    frames = np.arange(50)
-    ways = {"x": (1, 0), "z": (0, 1), "both": (0.7, 0.7)}
-    rows = [(k, f, 0.05 * f * way[0], 0.0, 5 * k + 0.05 * f * way[1]) for k, way in enumerate(ways.values()) for f in frames]
-    path.write_text("id,frame,x,y,z\n" + "".join("{},{},{},{},{}\n".format(*row) for row in rows))
-    assert "if y is up in the file, set Up to Y" in read_tracks(path, rate=25).told
-    assert "Up" not in read_tracks(path, rate=25, up="Y").told
-    # stairs, of 17 cm for each 29 cm
-    path.write_text("id,frame,x,y,z\n" + "".join(f"{k},{f},{0.04 * f},{k},{0.0235 * f}\n" for k in range(9) for f in frames))
-    assert "Up" not in read_tracks(path, rate=25).told
-
-
 def test_an_npz_of_other_files_is_one_sentence(tmp_path):
     with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
         for name in ("id", "frame", "x", "y"):
@@ -194,13 +181,6 @@ def test_a_view_without_an_end_is_refused_and_reading_ends_when_nobody_waits(tmp
     made.close()
     with pytest.raises(CrowdError, match="trajectory_data is a view: write its rows to a table"):
         read_rows(path)
-
-
-def test_a_rate_that_cannot_be_is_told(tmp_path):
-    path = tmp_path / "tracks.csv"
-    path.write_text("id,frame,x,y\n" + "".join(f"{k},{f},{f * 0.098},{k}\n" for k in range(20) for f in range(50)))
-    assert "median of 2.45 m/s" in read_tracks(path, rate=25).told
-    assert "median" not in read_tracks(path, rate=12.5).told
 
 
 def test_an_error_is_found_in_any_part(tmp_path, monkeypatch):

@@ -23,7 +23,7 @@ TRIALS = 2 * int(os.environ.get("CROWD_LOD_TRIALS", "1"))
 SOON = 3.0  # seconds, on a machine with much else to do; else it is a quarter of one
 COMMANDS = {
     "sample": "sample chapter --out out/x.blend",
-    "preview": "preview {small} --frames 1,9 --width 160 --out out",
+    "preview": "preview {small} --frames 1,9 --width 64 --out out",
     "build": "build {small} --out out/x.blend",
     "bake": "build {small} --bake --frames 1:3 --out out/x.blend",
     "verify": "verify {small} --frames 1 --width 64 --samples 1 --out out",
