@@ -27,6 +27,7 @@ from ..batch.preview import preview
 from ..batch.preview_stage import COLOR_MODES, Preview
 from ..batch.shot_survey import forget_parts
 from ..batch.verify import Verify, verify
+from ..batch.verify_build import frames_to_verify
 from ..blender import console, frame_stepping, scene_data
 from ..blender.output_folders import output_file
 from ..build import bake, render_setup, view_layers
@@ -216,8 +217,9 @@ def _verify(args, command: list[str]) -> dict:
     settings = scene.crowd_lod
     _follow_plan(settings, args)
     stem = stem_of(args)
+    frames = _frames(args, scene)
     wanted = Verify(
-        frames=_frames(args, scene),
+        frames=frames if args.frames is not None else frames_to_verify(scene, frames),
         folder=files.absolute(args.out or Path(f"{stem}_verify")),
         width=_within("width", args.width, 16, 8192),
         samples=_within("number of samples", args.samples, 1, 4096),
