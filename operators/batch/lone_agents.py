@@ -27,9 +27,7 @@ ERROR = 1.0  # pixels of a crop by which a shift between two of them errs, see s
 # characters are off by 0.03 (docs/notes/verify.md)
 COLOR_OFF = 0.1
 TILE = 160  # pixels of a crop's larger side in the picture of all of them
-GRAY = 0.4  # behind the agents in that picture, sRGB
-
-Columns = Mapping[str, np.ndarray]
+BEHIND = 0.4  # behind the agents in that picture, sRGB
 
 
 @dataclass(frozen=True)
@@ -41,11 +39,11 @@ class Shown:
     """
 
     points: bpy.types.Object
-    row: Columns
+    row: Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True)
-class Crop:
+class LoneCrop:
     """Two pictures of an agent, (rows, columns, 4) float32, linear, and what they show.
 
     told: a dict for JSON, see `told_of`.
@@ -147,10 +145,10 @@ def _natural(collection: bpy.types.Collection) -> list:
     return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in parts if part]
 
 
-def crops_of(
+def lone_crops(
     stage: LoneStage, number: int, chosen: Sequence[JudgedAgent], pairs: Sequence[tuple[Shown, Shown | None]]
-) -> Iterator[Crop]:
-    """Yield a Crop of each of the chosen agents at the frame `number`.
+) -> Iterator[LoneCrop]:
+    """Yield a LoneCrop of each of the chosen agents at the frame `number`.
 
     pairs: of each, at full detail and as it was built.
     """
@@ -158,7 +156,7 @@ def crops_of(
         finer, window, size = _finer(judged)
         stage.look(judged.camera, window, size)
         pictures = [stage.render(number, each) for each in (full, built)]
-        yield Crop(*pictures, told_of(judged, *pictures, finer))
+        yield LoneCrop(*pictures, told_of(judged, *pictures, finer))
 
 
 def _finer(judged: JudgedAgent) -> tuple[float, Window, tuple[int, int]]:
@@ -206,13 +204,13 @@ def told_of(judged: JudgedAgent, full: np.ndarray, built: np.ndarray, finer: flo
     }
 
 
-def sheet_of(crops: Sequence[Crop]) -> list[np.ndarray]:
+def sheet_of(crops: Sequence[LoneCrop]) -> list[np.ndarray]:
     """Return a tile for each crop, (rows, columns, 4) uint8: at full detail, and as built."""
     tiles = []
     for crop in crops:
         step = max(1, int(np.ceil(max(crop.full.shape[:2]) / TILE)))
         pair = np.concatenate([crop.full[::step, ::step], crop.built[::step, ::step]], axis=1)
         alpha = pair[..., 3:].clip(0, 1)
-        color = encoded(pair[..., :3].clip(0, 1)) + (1 - alpha) * GRAY
+        color = encoded(pair[..., :3].clip(0, 1)) + (1 - alpha) * BEHIND
         tiles.append(np.concatenate([np.rint(255 * color.clip(0, 1)), np.full_like(alpha, 255)], axis=2).astype(np.uint8))
     return tiles

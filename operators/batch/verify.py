@@ -30,7 +30,7 @@ from ..crowd.record_points import on_record
 from ..crowd.scene_crowd import characters_of, frame_of, groups_of, measure_groups, policy_of, store_groups, trajectory_of
 from ..crowd.shot_reference import stored_plan
 from ..lod_meshes.make_lods import make_levels
-from .lone_agents import LoneStage, Shown, crops_of, sheet_of
+from .lone_agents import LoneStage, Shown, lone_crops, sheet_of
 from .shared_frames import ALONE, Sharing, made, state_of
 from .verify_build import MADE, Columns, ProvedBuild, build_of, columns_of_members, seen_by_kind
 from .verify_pictures import AMPLIFIED, COMPARED, PICTURES, amplified, render_picture, small
@@ -178,7 +178,7 @@ class _Run:
         row |= differences
         chosen, pairs = self._chosen(number, planned, held, rows)
         crops = []
-        for crop in crops_of(self.alone, number, chosen, pairs):
+        for crop in lone_crops(self.alone, number, chosen, pairs):
             crops.append(crop)
             yield 1 - CROPS * (1 - len(crops) / len(pairs))
         agents = [crop.told for crop in crops]

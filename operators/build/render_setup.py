@@ -42,8 +42,7 @@ ACTIONS = "crowd_lod_actions"  # of the build's collection: see played_by.action
 MADE_OF, NOTES = "crowd_lod_made_of", "crowd_lod_notes"
 # of the build's collection: Rate and Opens (build/nodes/baked.py), the first and the last frame
 BAKED = "crowd_lod_baked"
-# of a bake: digests for each frame
-CAMERAS, LIGHTS = "crowd_lod_cameras", "crowd_lod_lights"
+CAMERAS, LIGHTS = "crowd_lod_cameras", "crowd_lod_lights"  # of a bake: digests for each frame
 
 REMEDY = "press Remove Build, then Build again"  # where one of these is spoilt
 

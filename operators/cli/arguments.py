@@ -107,7 +107,7 @@ def _verify(commands, program: str) -> None:
         commands,
         program,
         "verify",
-        "render frames of the build beside everyone at full detail, and compare them pixel by pixel and agent by agent",
+        "render frames of the build beside everyone at full detail, and compare the pictures",
         "verify plaza --frames 1,60 --out plaza_verify",
     )
     _shot(command, program)
