@@ -136,6 +136,25 @@ def test_an_animated_empty_above_moves_the_character_in_all_phases(small_shot):
     assert len(heights) > 5 and min(heights) < 1.2 and max(heights) > 1.9
 
 
+@pytest.mark.parametrize("link", (False, True))
+def test_the_root_motion_of_a_rig_of_another_file_is_taken_out(small_shot, tmp_path, link):
+    item, armature = new("body", tube("body", 6, 4)), rig()
+    skin(item, armature)
+    armature.parent = new("root", None)
+    armature.parent.scale = (0.01,) * 3
+    keyed(armature.pose.bones["lower"], "location", (0, 0, 150), 10)
+    path = str(tmp_path / "library.blend")
+    bpy.data.libraries.write(path, {item})
+    item.name = "own"
+    with bpy.data.libraries.load(path, link=link) as (_, wanted):
+        wanted.objects = ["body"]
+    character(wanted.objects[0])
+    bpy.context.view_layer.update()
+    bpy.ops.crowd_lod.populate()
+    (group,) = small_shot.crowd_lod.groups
+    assert group.radius < 0.3 and group.stride == pytest.approx(1.5, abs=0.01)
+
+
 def depending():
     """A character that depends on much outside of its collection: its objects, and what they depend on: (data-block, path, index)."""
     item, armature = new("item", tube("item", 4, 3)), rig()
