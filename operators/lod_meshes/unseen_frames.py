@@ -124,14 +124,22 @@ def exceeded(
     if one is None or other is None:
         return row
     deviation, bound, rms, worst = row
-    places = [watched.at(at) for watched, at in zip(pair, points, strict=True)]
-    away = [
-        Surface(surface.moving.points[:, 0], surface.moving.triangles).distances(at)
-        for surface, at in zip((other, one), places, strict=True)
-    ]
-    if max(each.max(initial=0) for each in away) <= bound:
+    ways = zip(pair, points, points[::-1], (other, one), strict=True)
+    if not any(_exceeds(watched, *two, surface, bound) for watched, *two, surface in ways):
         return row
     found = interval(one.moving, other.moving, bound)
     if found.measured > deviation:
         deviation, worst = found.measured, moment
     return deviation, max(bound, found.bound), rms, worst
+
+
+def _exceeds(watched: Watched, points: np.ndarray, other: np.ndarray, surface: Merged, bound: float) -> bool:
+    """Return whether a watched place is farther than `bound` from all of the other surface.
+
+    points, other: see Watched.distances; surface: the other one, in the same frame.
+    """
+    far = watched.distances(points, other) > bound
+    if not far.any():
+        return False
+    whole = Surface(surface.moving.points[:, 0], surface.moving.triangles)
+    return bool(whole.distances(watched.at(points)[far]).max() > bound)
