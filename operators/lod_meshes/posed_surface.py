@@ -9,7 +9,7 @@ from ...crowd_lod.simplification import hausdorff, thin_parts
 from ...crowd_lod.simplification.hausdorff import Part
 from .pose_choice import farthest_apart
 from .posed_shapes import Shape, surface_of
-from .surface import Merged, merge, same_faces, spread
+from .surface import Merged, has_area, merge, same_faces, spread
 from .visible_surface import visible_points
 
 JOINTS = 500  # points of a mesh by which its poses are told apart
@@ -81,7 +81,10 @@ class PosedSurface:
         """Return points of the surface in the pose, and how thick it is there. It must have a face."""
         if pose not in self._samples:
             surface = surface_of(self.shapes[pose])
-            self._samples[pose] = thin_parts.samples(surface.points, surface.triangles, surface.through)
+            whole = self.surface([pose]).moving
+            points = whole.points[:, 0]
+            shown = whole.pieces[has_area(points[whole.pieces])]
+            self._samples[pose] = thin_parts.samples(points, shown, surface.through)
         return self._samples[pose]
 
 
@@ -135,7 +138,7 @@ def _unseen(character: PosedSurface, other: PosedSurface, poses: list[int], boun
     for pose in poses[:: max(1, len(poses) // LOST_IN)]:
         surface = surface_of(other.shapes[pose])
         if surface is not None:
-            found = max(found, thin_parts.unseen(character.samples(pose), surface.facing, bound))
+            found = max(found, thin_parts.unseen(character.samples(pose), surface.facing, surface.meets, bound))
         if found < 2 * bound:
             break
     return found
