@@ -139,7 +139,7 @@ class Measure:
         """
         yield from share(self.read(), 0.0, 0.2)
         shapes = yield from share(read_shapes(objects, self.frames, self.performance), 0.2, 0.4)
-        lod = PosedSurface(shapes, self.hidden_counts)
+        lod = PosedSurface(shapes, self.hidden_counts, self.character)
         self._levels[_key(objects)] = lod
         found = compare_surfaces(self.character, lod, self.frames)
         if found is None:
@@ -158,7 +158,7 @@ class Measure:
         found, moments = list(found), moments_between(self.performance)
         some = [k for k, row in enumerate(found) if row[0] > 0]
         lods = [self._levels[_key(levels[k])] for k in some]
-        if not some or len(self.character.runs) > 1 or any(len(lod.runs) > 1 for lod in lods):
+        if not (some and moments) or len(self.character.runs) > 1 or any(len(lod.runs) > 1 for lod in lods):
             return found
         character, *surfaces = (each.surface(each.runs[0]) for each in (self.character, *lods))
         pairs = [(watch(character, surface), watch(surface, character)) for surface in surfaces]

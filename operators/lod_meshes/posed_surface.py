@@ -1,16 +1,17 @@
 """A character or a LOD in all poses, and how far two of them are apart."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
 from ...crowd_lod.simplification import hausdorff, thin_parts
-from ...crowd_lod.simplification.hausdorff import Part
+from ...crowd_lod.simplification.hausdorff import Interval, Moving, Part
 from .pose_choice import farthest_apart
 from .posed_shapes import Shape, surface_of
 from .surface import Merged, has_area, merge, same_faces, spread
-from .visible_surface import visible_points
+from .visible_surface import visible_faces, visible_points
 
 JOINTS = 500  # points of a mesh by which its poses are told apart
 BETWEEN = 0.03  # part that is added to the bound of an action, for the poses between those looked at
@@ -28,10 +29,11 @@ class PosedSurface:
 
     runs: of poses in which its faces are the same; first in each is the pose least unlike the
     others. Quads are cut as in that.
+    source: the character, if this is a LOD.
     """
 
-    def __init__(self, shapes: Sequence[Shape], hidden_counts: bool):
-        self.shapes, self.runs, self.hidden_counts = shapes, [], hidden_counts
+    def __init__(self, shapes: Sequence[Shape], hidden_counts: bool, source: "PosedSurface | None" = None):
+        self.shapes, self.runs, self.hidden_counts, self.source = shapes, [], hidden_counts, source
         self._surfaces: dict[tuple[int, ...], Merged | None] = {}
         self._samples: dict[int, thin_parts.Samples] = {}
         for k, shape in enumerate(shapes):
@@ -53,13 +55,24 @@ class PosedSurface:
         return [self._visible(run) for run in self.runs]
 
     def _visible(self, run: list[int]) -> np.ndarray:
+        """Return which points count, (n,) bool: those seen, or nearest to such of the source."""
         first = self.shapes[run[0]]
+        if self.source is not None and not self.hidden_counts:
+            return self.source.counts_nearest(run[0], first.points)
         whole = merge([self.shapes[k].points for k in run], first.triangles)
         if whole is None or self.hidden_counts:
             return np.ones(len(first.points), bool)
         moving = whole.moving
         seen = visible_points(moving.points, moving.triangles, first.hiding[whole.shown])
         return (whole.place >= 0) & seen[whole.place]
+
+    def counts_nearest(self, pose: int, points: np.ndarray) -> np.ndarray:
+        """Return which points (n, 3) are nearest to a triangle that counts, in a pose, (n,) bool."""
+        run = next(run for run in self.runs if pose in run)
+        surface = self.surface(run)
+        if surface is None:
+            return np.ones(len(points), bool)
+        return surface.moving.counted[surface.moving.find(run.index(pose), points)]
 
     def surface(self, poses: Sequence[int]) -> Merged | None:
         """Return the surface in `poses`, all of one run, or None without a face."""
@@ -118,18 +131,46 @@ def compare_surfaces(character: PosedSurface, other: PosedSurface, frames: Seque
             if all(np.array_equal(*each) for each in zip(*((m.points, m.triangles) for m in pair), strict=True)):
                 found.append((0.0, 0.0, frames[shared[0]]))
                 continue
-            own = hausdorff.interval(*pair)
-            pose, lost = shared[own.pose], _unseen(character, other, shared, own.bound)
+            apart = hausdorff.interval(*pair)
+            _count_shown(pair[0], surfaces[1], other.shapes[shared[0]].hiding, apart)
+            pose, lost = shared[apart.pose], _lost(character, other, shared, apart.bound)
             rms = spread(*(surface_of(each.shapes[pose]) for each in (character, other)), SAMPLES)
-            found.append((max(own.measured, lost), rms, frames[pose]))
-            bound = max(bound, own.bound, lost)
+            found.append((max(apart.measured, lost), rms, frames[pose]))
+            bound = max(bound, apart.bound, lost)
     if not found:
         return None
     most, rms, frame = max(found)
     return most, float(bound) * (1 + BETWEEN * (len(frames) > 1)), rms, frame
 
 
-def _unseen(character: PosedSurface, other: PosedSurface, poses: list[int], bound: float) -> float:
+def _count_shown(character: Moving, surface: Merged, hiding: np.ndarray, apart: Interval) -> None:
+    """Count faces of a LOD, too, that are seen though the character's nearest surface is hidden.
+
+    Only those are looked at whose distance exceeds what is known. surface, hiding: the LOD's, see
+    Shape; apart: takes up what is found.
+    """
+    lod = surface.moving
+    left = np.flatnonzero(~lod.counted)
+    points = np.unique(lod.triangles[left])
+    distance = np.zeros(len(lod.points))
+    distance[points] = hausdorff.upper_distances(lod, character, Part(points, left[:0]))
+    suspects = left[distance[lod.triangles[left]].max(axis=1) > apart.bound]
+    if not len(suspects):
+        return
+    suspects = suspects[visible_faces(lod.points, lod.triangles, hiding[surface.shown], suspects)]
+    if not len(suspects):
+        return
+    shown = np.isin(np.arange(len(lod.triangles)), suspects)
+    more = hausdorff.interval(
+        replace(character, counted=np.zeros(len(character.triangles), bool)), replace(lod, counted=shown), apart.bound
+    )
+    apart.bound = max(apart.bound, more.bound)
+    if more.measured > apart.measured:
+        apart.measured, apart.pose = more.measured, more.pose
+    lod.counted |= shown
+
+
+def _lost(character: PosedSurface, other: PosedSurface, poses: list[int], bound: float) -> float:
     """How far thin parts of the character are from where a LOD shows, meters: see thin_parts.unseen.
 
     What is lost is so in all poses, and only far from what shows do some poses tell how far.
