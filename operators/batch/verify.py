@@ -203,7 +203,7 @@ class _Run:
         """
         scene, bounces, row = self.scene, self.wanted.bounces, {}
         members = {
-            "a": {"LOD 0": _everyone(planned)},
+            "a": {"LOD 0": everyone_there(planned)},
             "b": {f"{kind} 0": agents for kind, agents in seen.items()},
             "bare": {"LOD 0": seen["LOD"]},
         }
@@ -257,7 +257,7 @@ class _Run:
         return chosen, pairs
 
 
-def _everyone(planned: Frame) -> np.ndarray:
+def everyone_there(planned: Frame) -> np.ndarray:
     """Return all agents that are there, (m,) intp; who is hidden by an exception is not."""
     there = np.isfinite(planned.crowd.places()).all(axis=0) & (planned.visible | planned.culled)
     if planned.plan_row is not None:
