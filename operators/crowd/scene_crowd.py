@@ -23,8 +23,8 @@ from ..blender.performance import Part, Performance, performance_of
 from ..blender.props import group_of
 from . import crowd_sources, kept_meshes, map_areas, needs
 from .action_troubles import told_of_actions
-from .character_extent import SOLES, Act, bounds, frames_of, posing, sole, standing, walked
-from .characters import all_characters, characters_of, told_of_left_out
+from .character_extent import SOLES, Act, bounds, frames_of, hangs, posing, sole, standing, walked
+from .characters import all_characters, characters_of, told_of_left_out, told_of_unsaved
 from .glow import told_of_glow
 from .lengths import set_lengths
 from .plausible import told_of_extent, told_of_feet, told_of_plausibility
@@ -103,8 +103,12 @@ def _acted(objects: list[bpy.types.Object], performance: Performance) -> Generat
     acts, count = [], len(performance.spans)
     for k, span in enumerate(performance.spans):
         poses = yield from share(posing(objects, frames_of(*span), performance), k / count, (k + 0.8) / count)
-        looking = posing(objects, frames_of(*span, SOLES), performance, sole)
-        soles = yield from share(looking, (k + 0.8) / count, (k + 1) / count)
+        soles: list[tuple[float, float]] = []
+        for number in SOLES:
+            looking = posing(objects, frames_of(*span, number), performance, sole)
+            soles = yield from share(looking, (k + 0.8) / count, (k + 1) / count)
+            if not hangs(soles):
+                break
         acts.append(Act(poses, soles))
     return acts
 
@@ -380,6 +384,7 @@ def populating(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Genera
             *told_of_plausibility(scene, groups, crowds, trajectory.parts, depsgraph),
             *crowd_sources.notes(crowds, trajectory),
             *told_of_left_out(scene),
+            *told_of_unsaved(scene),
             *told_of_actions(scene, groups),
             *told_of_gliding(scene),
             *told_of_glow(scene),
