@@ -1,6 +1,6 @@
 """What moves a character: armatures, parents, targets, actions, settings."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from typing import Any
 
@@ -153,7 +153,7 @@ def _run(curve: bpy.types.FCurve) -> tuple:
         curve.mute or bool(curve.group and curve.group.mute),
         read_columns(curve.keyframe_points, KEYED),
         read_columns(curve.sampled_points, KEYS[:1]),
-        [(_settings(m), [_settings(point) for point in getattr(m, "control_points", ())]) for m in curve.modifiers],
+        [(read_settings(m), [read_settings(point) for point in getattr(m, "control_points", ())]) for m in curve.modifiers],
     )
 
 
@@ -170,13 +170,23 @@ def read_columns(points: bpy.types.bpy_prop_collection, columns: Iterable[tuple[
     return found
 
 
-def _driver(curve: bpy.types.FCurve) -> tuple:
+Called = Callable[[bpy.types.ID | None], str]
+
+
+def full_name(block: bpy.types.ID | None) -> str:
+    """Return the name of a data-block with that of its library; "" for None."""
+    return block.name_full if block is not None else ""
+
+
+def _driver(curve: bpy.types.FCurve, called: Called) -> tuple:
     """Return the driver's type, expression, variables and curve."""
-    variables = [(variable.name, variable.type, [_read(t) for t in variable.targets]) for variable in curve.driver.variables]
+    variables = [
+        (variable.name, variable.type, [_read(t, called) for t in variable.targets]) for variable in curve.driver.variables
+    ]
     return curve.driver.type, curve.driver.expression, variables, _run(curve)
 
 
-def _read(target: bpy.types.DriverTarget) -> tuple:
+def _read(target: bpy.types.DriverTarget, called: Called) -> tuple:
     """Return what a driver's variable reads.
 
     Includes the value if it is a custom property that nothing animates.
@@ -189,14 +199,16 @@ def _read(target: bpy.types.DriverTarget) -> tuple:
             with suppress(ValueError):  # it is not there
                 value = repr(block.path_resolve(target.data_path))
     place = target.bone_target, target.transform_type, target.transform_space, target.rotation_mode
-    return block and block.name_full, path, value, place
+    return called(block), path, value, place
 
 
-def stance(*items: bpy.types.Object) -> list:
+def stance(*items: bpy.types.Object, called: Called = full_name) -> list:
     """Return how `items` and everything they follow are set up, to compare as text.
 
     The list holds poses, settings, shapes and animation, except values that animation or drivers
     change. Rigs whose lists print alike move alike.
+
+    called: what the list has for the name of a data-block, which may be None.
     """
     found = []
     for mover in movers_of(list(items)):
@@ -206,25 +218,25 @@ def stance(*items: bpy.types.Object) -> list:
         moved = {(curve.data_path, curve.array_index) for curve in (*curves, *drivers)}
         keys = getattr(mover.data, "shape_keys", None)
         found += [
-            (mover.name_full, mover.type, mover.parent and mover.parent.name_full, mover.parent_type, mover.parent_bone),
+            (called(mover), mover.type, called(mover.parent), mover.parent_type, mover.parent_bone),
             [tuple(row) for row in mover.matrix_parent_inverse],
-            _settings(mover, moved, (*PLACE, *DELTAS)),
-            [_settings(struct, moved) for struct in (*mover.modifiers, *mover.constraints)],
-            [(_settings(key, moved, SHAPED), key.relative_key.name) for key in keys.key_blocks] if keys else [],
+            read_settings(mover, moved, (*PLACE, *DELTAS), called),
+            [read_settings(struct, moved, (), called) for struct in (*mover.modifiers, *mover.constraints)],
+            [(read_settings(key, moved, SHAPED), key.relative_key.name) for key in keys.key_blocks] if keys else [],
             [_run(curve) for curve in curves],
-            [_driver(driver) for driver in drivers],
+            [_driver(driver, called) for driver in drivers],
             list(_spans([mover])),
-            [_settings(each, moved, PLAYED) for each in data],
-            [_strip(strip) for each in data for track in tracks_of(each) for strip in _strips(track.strips)],
+            [read_settings(each, moved, PLAYED) for each in data],
+            [_strip(strip, called) for each in data for track in tracks_of(each) for strip in _strips(track.strips)],
         ]
         if mover in items:  # LODs copy these; of others' all that counts is what drivers read
             still = [each for each in custom(mover) if (f'["{bpy.utils.escape_identifier(each[0])}"]', 0) not in moved]
             found += [still] if still else []
         if mover.type == "ARMATURE":
-            found += [_bone(bone, mover.data.bones[bone.name], moved) for bone in mover.pose.bones]
-            found += [mover.data.pose_position, mover.pose.ik_solver, mover.pose.ik_param and _settings(mover.pose.ik_param)]
+            found += [_bone(bone, mover.data.bones[bone.name], moved, called) for bone in mover.pose.bones]
+            found += [mover.data.pose_position, mover.pose.ik_solver, mover.pose.ik_param and read_settings(mover.pose.ik_param)]
         elif mover not in items and mover.data is not None:
-            found += [_settings(mover.data, moved), *_shape(mover.data)]
+            found += [read_settings(mover.data, moved, (), called), *read_shape(mover.data)]
     return found
 
 
@@ -238,7 +250,7 @@ def custom(item: bpy.types.Object) -> list[tuple[str, str]]:
     return sorted((key, repr(plain(value))) for key, value in item.items())
 
 
-def _shape(data: bpy.types.ID) -> Iterator[list[bytes]]:
+def read_shape(data: bpy.types.ID) -> Iterator[list[bytes]]:
     """Yield the points of a mesh, a lattice or a curve, as bytes."""
     if isinstance(data, bpy.types.Mesh):
         yield read_columns(data.vertices, POINTS)
@@ -248,27 +260,30 @@ def _shape(data: bpy.types.ID) -> Iterator[list[bytes]]:
         yield read_columns(spline.points, SPLINES) + read_columns(spline.bezier_points, BEZIERS)
 
 
-def _strip(strip: bpy.types.NlaStrip) -> tuple:
+def _strip(strip: bpy.types.NlaStrip, called: Called) -> tuple:
     moved = {(curve.data_path, curve.array_index) for curve in strip.fcurves}
-    return strip.name, strip.action and strip.action.name_full, _settings(strip, moved), [_run(curve) for curve in strip.fcurves]
+    return called(strip.action), read_settings(strip, moved, (), called), [_run(curve) for curve in strip.fcurves]
 
 
-def _bone(bone: bpy.types.PoseBone, rest: bpy.types.Bone, moved: set[tuple[str, int]]) -> tuple:
+def _bone(bone: bpy.types.PoseBone, rest: bpy.types.Bone, moved: set[tuple[str, int]], called: Called) -> tuple:
     return (
         bone.name,
         rest.parent and rest.parent.name,
         (*(tuple(row) for row in rest.matrix_local), rest.length),
-        _settings(rest, moved, RESTING),
-        _settings(bone, moved, POSING),
-        [_settings(constraint, moved) for constraint in bone.constraints],
+        read_settings(rest, moved, RESTING),
+        read_settings(bone, moved, POSING),
+        [read_settings(constraint, moved, (), called) for constraint in bone.constraints],
     )
 
 
-def _settings(struct, moved: set[tuple[str, int]] = frozenset(), some: tuple[str, ...] = ()) -> tuple:
+def read_settings(
+    struct, moved: set[tuple[str, int]] = frozenset(), some: tuple[str, ...] = (), called: Called = full_name
+) -> tuple:
     """Return the settings of a struct, such as a modifier or a constraint.
 
     moved: (path, index) of animated values; None stands for each of these.
     some: prefixes of the names to take; () takes all but those that change no shape.
+    called: see stance.
     """
     path = ""
     with suppress(ValueError):
@@ -280,11 +295,11 @@ def _settings(struct, moved: set[tuple[str, int]] = frozenset(), some: tuple[str
             continue
         value, place = getattr(struct, name), f"{path}.{name}" if path else name
         if isinstance(value, bpy.types.ID):
-            found.append((name, value.name_full))
+            found.append((name, called(value)))
         elif kind.type == "ENUM" and kind.is_enum_flag:
             found.append((name, sorted(value)))
         elif kind.type != "POINTER":
             values = np.ravel(value).tolist() if getattr(kind, "is_array", False) else [value]
             found.append((name, [None if (place, k) in moved else each for k, each in enumerate(values)]))
-    found += [(target.target and target.target.name_full, target.subtarget) for target in getattr(struct, "targets", ())]
+    found += [(called(target.target), target.subtarget) for target in getattr(struct, "targets", ())]
     return tuple(found)

@@ -10,14 +10,12 @@ import time as clock
 import bpy
 
 from ...crowd_lod.errors import CrowdError
-from ..blender import scene_cache
+from ..blender import provenance, scene_cache
 from ..blender.cameras import read_cameras
-from ..blender.performance import digest, group_performance
-from ..crowd.scene_crowd import characters_of, policy_of, trajectory_of
+from ..blender.provenance import text_digest
+from ..crowd.scene_crowd import policy_of, trajectory_of
 from ..crowd.scene_world import bias_of
-from ..crowd.shot_reference import changes, made_for, reference
-from ..lod_meshes.cast_digest import look_again
-from ..lod_meshes.source_mesh import text_digest
+from ..crowd.shot_reference import made_for, reference
 from .change_detection import cameras_digest
 from .render_setup import BAKED, CAMERAS
 
@@ -30,7 +28,8 @@ _known: dict[int, tuple[float, list[str]]] = scene_cache.kept({}, by_scene=True)
 
 def note_build(scene: bpy.types.Scene) -> None:
     """Store in the scene's build what it was made for."""
-    scene.crowd_lod.build[MADE_FOR] = json.dumps(_now(scene))
+    provenance.look_afresh()
+    provenance.keep(scene.crowd_lod.build, MADE_FOR, _now(scene))
     _known.pop(scene.session_uid, None)
 
 
@@ -52,7 +51,7 @@ def changed(scene: bpy.types.Scene) -> list[str]:
 
 def _compared(scene: bpy.types.Scene, build: bpy.types.Collection) -> list[str]:
     try:
-        found = changes(json.loads(build[MADE_FOR]), _now(scene))
+        found = provenance.differences(provenance.kept_in(build, MADE_FOR), _now(scene))
         frame = str(scene.frame_current)
         cameras = json.loads(build[CAMERAS]) if CAMERAS in build else {}
         eyes = read_cameras(scene, scene.view_layers[0].depsgraph)
@@ -68,17 +67,15 @@ def _now(scene: bpy.types.Scene) -> dict[str, str]:
     settings, render, trajectory = scene.crowd_lod, scene.render, trajectory_of(scene)
     bias = bias_of(settings)
     known = made_for(settings, trajectory, policy_of(settings), bias)
-    cast, looks = {name: objects for name, objects, _ in characters_of(scene)}, look_again(scene)
-    acts = [(group, cast[group.name]) for group in trajectory.groups if group.actions and group.name in cast]
-    named = [digest(group_performance(g, own).parts) for g, own in acts]
     mirrors = settings.mirrors and settings.mirrors.name
     known |= {
-        "the characters": text_digest(looks, *named) if named else looks,
         "the settings": text_digest(mirrors, *(getattr(settings, name) for name in SETTINGS)),
         "the frame rate": text_digest(render.fps, render.fps_base, render.frame_map_old, render.frame_map_new),
         "the shot plan": text_digest(reference(settings)[1:]),
     }
     if settings.build is not None and BAKED in settings.build:
+        lamps = [item for item in scene.objects if item.type == "LIGHT" and not item.hide_render]
+        known["the lights"] = provenance.lights_digest(lamps)
         known["the frame range"] = text_digest(scene.frame_start, scene.frame_end, scene.frame_step)
         known["the resolution"] = text_digest(render.resolution_x, render.resolution_y, render.resolution_percentage)
     return known

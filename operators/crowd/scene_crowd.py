@@ -25,7 +25,7 @@ from ..blender.props import group_of
 from . import crowd_sources, kept_meshes, map_areas, needs
 from .action_troubles import told_of_actions
 from .character_extent import bounds, frames_of, lowest, posing, unknown, walked
-from .characters import all_characters, characters_of
+from .characters import GROUP, all_characters, characters_of
 from .glow import told_of_glow
 from .lengths import set_lengths
 from .scene_world import actions_named, bias_of, check_maps
@@ -35,8 +35,6 @@ from .take_action import told_of_gliding
 
 STANDS = 0.01  # of a character's size: feet that walk less in a cycle stand, and the action plays by time
 MARGIN = 1.5  # of the largest sphere's radius, where a sphere is not known to hold all
-# custom property of a LOD's collection of one character group: the group's name
-GROUP = "crowd_lod_group"
 OF_LEVELS = (
     "vertices",
     "triangles",

@@ -4,6 +4,7 @@ import bpy
 import pytest
 from crowd_lod_extension.operators.blender.scene_data import set_node_input
 from crowd_lod_extension.operators.build import staleness
+from crowd_lod_extension.operators.crowd import cast_provenance
 
 from ..support.characters import character, new, rig, skin, tube
 
@@ -58,6 +59,7 @@ def press_buttons():
 
 def test_a_changed_input_of_nodes_makes_the_build_ask_for_update(crowd, monkeypatch):
     monkeypatch.setattr(staleness, "LOOK", 0.0)
+    monkeypatch.setattr(cast_provenance, "PAUSE", 0.0)
     item = new("body", tube("body", 6, 3))
     character(item)
     modifier = nodes_modifier(item)
@@ -69,15 +71,16 @@ def test_a_changed_input_of_nodes_makes_the_build_ask_for_update(crowd, monkeypa
     assert staleness.changed(crowd) == []
     for kind, (before, after) in INPUTS.items():
         set_node_input(modifier, kind, after)
-        assert "the characters" in staleness.changed(crowd), kind
+        assert "the character body" in staleness.changed(crowd), kind
         set_node_input(modifier, kind, before)
         assert staleness.changed(crowd) == [], kind
     set_node_input(modifier, "Object", crowd.camera)
-    assert "the characters" in staleness.changed(crowd)
+    assert "the character body" in staleness.changed(crowd)
 
 
 def test_an_animated_input_of_nodes_is_no_edit(crowd, monkeypatch):
     monkeypatch.setattr(staleness, "LOOK", 0.0)
+    monkeypatch.setattr(cast_provenance, "PAUSE", 0.0)
     item = new("body", tube("body", 6, 3))
     character(item)
     modifier = nodes_modifier(item)
