@@ -7,7 +7,7 @@ Guthe, Borodin, Klein, "Fast and accurate Hausdorff distance calculation between
 upper bounds for triangle soup Pompeiu-Hausdorff distance", 2024.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -139,32 +139,52 @@ def interval(one: Moving, other: Moving) -> Interval:
     return found
 
 
-def estimate(one: Moving, other: Moving, beyond: float) -> tuple[float, np.ndarray]:
-    """Estimate what `interval` measures, and where it is more than `beyond`, meters.
+@dataclass
+class Part:
+    """A part of a surface, such as an object of a character.
 
-    Looked at are the points of what counts of `one`, and corners and middles of those triangles of
-    `other` that are nearest to what counts of `one`. Returns the distance, and which points of
-    `one` are, or are nearest to, a point that is farther off than `beyond`: (n,) bool.
+    points: (n,) those of the surface that are looked at.
+    faces: (m,) triangles whose middles are looked at as well.
     """
-    found = _nothing_known(one)
+
+    points: np.ndarray
+    faces: np.ndarray
+
+
+def estimate(one: Moving, other: Moving, parts: Sequence[tuple[Part, Part]], beyond: float) -> tuple[list[float], np.ndarray]:
+    """Estimate what `interval` measures, part by part, and where it is more than `beyond` meters.
+
+    parts: of each a Part of `one` and one of `other`, whose distances from the whole of the other
+        surface count. Those of `other` count where what is nearest of `one` counts.
+
+    Returns the distance of each part, and which points of `one` are farther off than `beyond`, or
+    nearest to a point of `other` that is: (n,) bool.
+    """
     poses = slice(0, one.points.shape[1])
     far = np.zeros(len(one.points), bool)
+    distances = []
+    for mine, theirs in parts:
+        found = _nothing_known(one)
 
-    some = np.unique(one.pieces)
-    way = _Way(other, found, poses)
-    points = way.mapped(one.points[some])
-    way.look_again(points, beyond)
-    far[some[points.near.max(axis=1) > beyond]] = True
+        way = _Way(other, found, poses)
+        points = way.mapped(np.concatenate([one.points[mine.points], _middles(one, mine.faces)]))
+        way.look_again(points, beyond)
+        lost = points.near.max(axis=1) > beyond
+        far[mine.points[lost[: len(mine.points)]]] = True
+        far[one.triangles[mine.faces[lost[len(mine.points) :]]]] = True
 
-    way = _Way(one, found, poses)
-    corners = other.points[other.triangles]
-    at = np.concatenate([other.points[np.unique(other.triangles)], corners.mean(axis=1)])
-    to = one.find(0, at[:, 0])
-    points = way.mapped(at if one.counted is None else at[one.counted[to]])
-    way.look_again(points, beyond)
-    lost = points.near.max(axis=1) > beyond
-    far[one.triangles[points.to[lost], points.weights[lost].argmax(axis=1)]] = True
-    return found.measured, far
+        way = _Way(one, found, poses)
+        points = way.mapped(np.concatenate([other.points[theirs.points], _middles(other, theirs.faces)]), one.counted)
+        way.look_again(points, beyond)
+        lost = points.near.max(axis=1) > beyond
+        far[one.triangles[points.to[lost], points.weights[lost].argmax(axis=1)]] = True
+        distances.append(found.measured)
+    return distances, far
+
+
+def _middles(surface: Moving, faces: np.ndarray) -> np.ndarray:
+    """The middles of triangles in all poses, (m, poses, 3)."""
+    return surface.points[surface.triangles[faces]].mean(axis=1)
 
 
 def _nothing_known(one: Moving) -> Interval:
@@ -190,9 +210,14 @@ class _Way:
     def mesh(self) -> TriangleMesh:
         return self.other.mesh(self.base)
 
-    def mapped(self, at: np.ndarray) -> _Points:
-        """Points (n, poses, 3), mapped to the nearest in the first pose."""
+    def mapped(self, at: np.ndarray, counted: np.ndarray | None = None) -> _Points:
+        """Points (n, poses, 3), mapped to the nearest in the first pose.
+
+        counted: which triangles of `other`; those nearest to the others are left out.
+        """
         to = self.other.find(self.base, at[:, 0])
+        if counted is not None:
+            at, to = at[counted[to]], to[counted[to]]
         weights = self.other.on(to, at[:, 0], self.base)
         off = np.empty(at.shape[:2])
         for some in blocks(len(at), TOGETHER):

@@ -7,9 +7,10 @@ tells what is read, when, and what that costs.
 import hashlib
 import json
 import zlib
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 
 import bpy
 import numpy as np
@@ -17,11 +18,13 @@ import numpy as np
 from . import scene_cache, scene_data
 from .guard import handler
 from .props import PROP
-from .rig_dependencies import curves_of, movers_of, places, players_of, read_columns, read_settings, read_shape, stance
+from .references import blocks_of
+from .rig_dependencies import curves_of, places, players_of, read_columns, settings_of, shape_of, stance
 
 MOST_WEIGHED = 20_000  # vertices of a mesh whose weights are read, evenly
-CASTING = "type", "use_shadow", "shadow_soft_size", "spot_size", "angle", "size", "shape", "use_custom_distance", "cutoff_distance"
 NAMED = 3  # inputs that a sentence names; of more it tells the number
+# What such data-blocks hold is read; the palette tells materials apart.
+READ = bpy.types.Material | bpy.types.Action | bpy.types.Mesh | bpy.types.Armature | bpy.types.Key
 # Of types of attributes: the property, the numbers in it and their type.
 VALUES = {
     "FLOAT": ("value", 1, "f4"),
@@ -85,12 +88,13 @@ def character_digest(objects: Sequence[bpy.types.Object], actions: Callable[[], 
 
     def read() -> list:
         items = sorted(objects, key=_own)
-        order = {mover: f"object {k}" for k, mover in enumerate(movers_of(items))}
+        movers = [block for block in blocks_of(items, look=False) if isinstance(block, bpy.types.Object)]
+        order = {mover: f"object {k:04}" for k, mover in enumerate(sorted(movers, key=_own))}
         palette = palette_of(items)
         looks = [[palette[slot.material] for slot in item.material_slots] for item in items]
         return [*map(_own, items), looks, stance(*items, called=lambda block: _called(block, order)), actions()]
 
-    return _digest_of(objects, read, movers_of)
+    return _digest_of(objects, read, partial(blocks_of, look=False))
 
 
 def level_digest(home: bpy.types.Collection, characters: Sequence[bpy.types.Object]) -> str:
@@ -113,18 +117,6 @@ def level_digest(home: bpy.types.Collection, characters: Sequence[bpy.types.Obje
     return text_digest(_digest_of([*home.objects], read, list, *map(_uid, palette)), tuple(home.instance_offset))
 
 
-def lights_digest(lamps: Sequence[bpy.types.Object]) -> str:
-    """Return the digest of lights as far as shadows go by it: where they are and move, their kind and size, whether they are on."""
-
-    def read() -> list:
-        looks = [(lamp, (read_settings(lamp.data, some=CASTING), lamp.data.energy > 0)) for lamp in lamps]
-        looks.sort(key=lambda look: repr((look[1], _place(look[0]))))
-        order = {mover: f"object {k}" for k, mover in enumerate(movers_of([lamp for lamp, _ in looks]))}
-        return [[look for _, look in looks], stance(*order, called=lambda block: _called(block, order))]
-
-    return _digest_of(lamps, read, movers_of)
-
-
 def text_digest(*values) -> str:
     """Return a SHA-256 hash of the printed form of `values`."""
     return hashlib.sha256(repr(values).encode()).hexdigest()
@@ -142,29 +134,29 @@ def _uid(block: bpy.types.ID | None) -> int:
 
 def _called(block: bpy.types.ID | None, order: Mapping[bpy.types.ID, str]) -> str:
     """Return what stands for the name of a data-block."""
-    if block is None or isinstance(block, bpy.types.Material | bpy.types.Action):
-        return ""  # what actions hold is read, and materials are told apart by the palette
+    if block is None or isinstance(block, READ):
+        return ""
     return order.get(block, "another") if isinstance(block, bpy.types.Object) else block.name_full
 
 
 def _digest_of(items: Sequence[bpy.types.Object], read: Callable[[], list], follow: Callable, *more) -> str:
     """Return the digest of what `read` returns of the objects, from before where nothing has changed.
 
-    follow: items -> all objects that are read.
+    follow: items -> all data-blocks that are read.
     """
     key = tuple(item.session_uid for item in items)
     stamp = ([_print(item) for item in items], more)
     known = _known.get(key)
     if known is None or known.print != stamp:
-        known = _known[key] = _Known(text_digest(read()), stamp, frozenset(_blocks(follow(list(items)))))
+        known = _known[key] = _Known(text_digest(read()), stamp, frozenset(_uids(follow(items))))
     return known.digest
 
 
-def _blocks(items: Sequence[bpy.types.Object]) -> list[int]:
-    """Return the session_uids of the objects, and of what is in them."""
-    players = [player.action for player in players_of(items)]
-    data = [block for item in items for block in (item.data, getattr(item.data, "shape_keys", None))]
-    return [block.session_uid for block in (*items, *players, *data) if block is not None]
+def _uids(blocks: Sequence[bpy.types.ID]) -> Iterator[int]:
+    """Yield the session_uids of data-blocks, and of what is in those of them that are objects."""
+    items = [block for block in blocks if isinstance(block, bpy.types.Object)]
+    inside = [block for item in items for block in (item.data, getattr(item.data, "shape_keys", None))]
+    yield from {block.session_uid for block in (*blocks, *inside, *(player.action for player in players_of(items))) if block}
 
 
 def _print(item: bpy.types.Object) -> tuple:
@@ -238,7 +230,7 @@ def _read_data(data: bpy.types.ID, weighted: bool) -> str:
         hashed.update(read_columns(data.polygons, [("loop_start", 1, "i4")])[0])
         hashed.update(_weights(data) if weighted else b"")
     else:
-        hashed.update(repr([read_settings(data, called=lambda block: _called(block, {})), *read_shape(data)]).encode())
+        hashed.update(repr([settings_of(data, called=lambda block: _called(block, {})), *shape_of(data)]).encode())
     keys = getattr(data, "shape_keys", None)
     for key in keys.key_blocks if keys is not None else ():
         placed = isinstance(data, bpy.types.Mesh | bpy.types.Lattice)

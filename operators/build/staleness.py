@@ -4,20 +4,20 @@ A live build follows frame and camera by itself. What it does not follow, and al
 shows, is compared with what it was made for.
 """
 
-import json
 import time as clock
 
 import bpy
 
 from ...crowd_lod.errors import CrowdError
-from ..blender import provenance, scene_cache
+from ..blender import provenance, scene_cache, scene_data
 from ..blender.cameras import read_cameras
 from ..blender.provenance import text_digest
+from ..crowd.lights import read_surroundings
 from ..crowd.scene_crowd import policy_of, trajectory_of
 from ..crowd.scene_world import bias_of
 from ..crowd.shot_reference import made_for, reference
-from .change_detection import cameras_digest
-from .render_setup import BAKED, CAMERAS
+from .change_detection import cameras_digest, lights_digest
+from .render_setup import BAKED, CAMERAS, LIGHTS
 
 MADE_FOR = "crowd_lod_made_for"  # custom property of the build
 # settings that are in no digest of the crowd
@@ -52,14 +52,24 @@ def changed(scene: bpy.types.Scene) -> list[str]:
 def _compared(scene: bpy.types.Scene, build: bpy.types.Collection) -> list[str]:
     try:
         found = provenance.differences(provenance.kept_in(build, MADE_FOR), _now(scene))
-        frame = str(scene.frame_current)
-        cameras = json.loads(build[CAMERAS]) if CAMERAS in build else {}
-        eyes = read_cameras(scene, scene.view_layers[0].depsgraph)
-        if not scene.frame_subframe and frame in cameras and cameras[frame] != cameras_digest(eyes):
-            found.append("the camera")
+        if BAKED in build and not scene.frame_subframe:
+            found += _other_in_frame(scene, build)
         return found
     except (CrowdError, ValueError) as error:  # a text that is not JSON is a ValueError
         return [str(error)]
+
+
+def _other_in_frame(scene: bpy.types.Scene, bake: bpy.types.Collection) -> list[str]:
+    """Return what of the scene's frame is other than when it was baked: the camera, the lights."""
+    frame, depsgraph = str(scene.frame_current), scene.view_layers[0].depsgraph
+    cameras, around = provenance.kept_in(bake, CAMERAS), provenance.kept_in(bake, LIGHTS)
+    found = []
+    if frame in cameras and cameras[frame] != cameras_digest(read_cameras(scene, depsgraph)):
+        found.append("the camera")
+    if frame in around and not scene.render.use_motion_blur:  # else the shutter would have to be looked through
+        now = read_surroundings(scene, depsgraph, scene_data.time_of(scene))
+        found += ["the lights"] * (around[frame] != lights_digest(now))
+    return found
 
 
 def _now(scene: bpy.types.Scene) -> dict[str, str]:
@@ -74,8 +84,6 @@ def _now(scene: bpy.types.Scene) -> dict[str, str]:
         "the shot plan": text_digest(reference(settings)[1:]),
     }
     if settings.build is not None and BAKED in settings.build:
-        lamps = [item for item in scene.objects if item.type == "LIGHT" and not item.hide_render]
-        known["the lights"] = provenance.lights_digest(lamps)
         known["the frame range"] = text_digest(scene.frame_start, scene.frame_end, scene.frame_step)
         known["the resolution"] = text_digest(render.resolution_x, render.resolution_y, render.resolution_percentage)
     return known

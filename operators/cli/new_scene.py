@@ -25,6 +25,7 @@ from .scene_files import blend_path, finish, first_line, open_scene, save
 # What the new scene keeps of the settings: the characters and their LOD meshes.
 KEPT = {
     *("characters", "keep_characters", "forward", "groups", "levels", "choice", "tolerance", "memory", "shading_counts"),
+    "hidden_surface_counts",
     *(
         "level_count",
         "scale_textures",

@@ -107,7 +107,7 @@ class Ladder:
         self.found: dict[int, bpy.types.Collection] = {}
         self.made: dict[int, bpy.types.Collection] = {}
         self.sizes: dict[int, tuple[int, int]] = {}
-        self.by, self.diagonal = Measure(name, objects, actions), 0.0
+        self.by, self.diagonal = Measure(name, objects, actions, settings.hidden_surface_counts), 0.0
 
     def read(self) -> Iterator[float]:
         digests = []
@@ -119,7 +119,9 @@ class Ladder:
         if not any(source.mesh for source in self.sources):
             raise CrowdError(f"The character group {self.name} has no faces, modifiers applied: give it a mesh, or take it out.")
         named = digest_of(self.by.performance.parts)
-        self.digest = text_digest(digests, self.ratios, self.method, VERSION, *["shading"] * bool(self.looks), *named)
+        self.digest = text_digest(
+            digests, self.ratios, self.method, VERSION, *["shading"] * bool(self.looks), *named, self.by.hidden_counts
+        )
         shown = [source for source in self.sources if source.mesh]
         triangles = [len(source.mesh.loops) - 2 * len(source.mesh.polygons) for source in shown]
         for source, own in zip(shown, triangles, strict=True):

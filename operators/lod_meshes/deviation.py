@@ -13,6 +13,7 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
 from ...crowd_lod.progress import finished, share
 from ...crowd_lod.simplification import hausdorff, thin_parts
+from ...crowd_lod.simplification.hausdorff import Part
 from ..blender.material_colors import Looks
 from ..blender.operator import Stepwise
 from ..blender.performance import Performance, performance_of
@@ -31,18 +32,25 @@ BETWEEN = 0.03  # part that is added to the bound of an action, for the poses be
 LOST_IN = 3  # poses in which thin parts that a LOD has lost are looked at, about
 SAMPLES = 5_000  # points of each surface whose root mean square distance is told
 ESTIMATED_IN = 4  # poses that an estimate looks at
+LARGE = 1 / 64  # of the size: it looks at the middles of triangles with longer sides
 
 
 @dataclass(frozen=True)
 class Estimate:
     """What is roughly known of a LOD.
 
-    deviation: meters, of the visible surfaces, as far as some poses and points tell.
+    deviations: for each of its objects meters from all of the character, and of the character's
+        object from all of the LOD, of what is visible, as far as some poses and points tell.
     spots: for each object of the character the vertices (k,) where it is more than was asked for.
     """
 
-    deviation: float
+    deviations: list[float]
     spots: list[np.ndarray]
+
+    @property
+    def deviation(self) -> float:
+        """Meters, of all objects together."""
+        return max(self.deviations)
 
 
 class Measure:
@@ -108,23 +116,25 @@ class Measure:
         return np.array([tree.find(point)[1] for point in points @ matrix[:3, :3].T + matrix[:3, 3]], np.intp)
 
     def estimate(self, objects: Sequence[bpy.types.Object], beyond: float = np.inf) -> Estimate:
-        """Measure a LOD, all `objects` together, roughly but quickly. The character must be read.
+        """Measure a LOD roughly but quickly. The character must be read.
 
-        beyond: meters, of the places to find. The deviation is infinite where the LOD has no face.
+        objects: the LOD's, one for each of the character's, in their order.
+        beyond: meters, of the spots to find.
+        Deviations are infinite where the LOD has no face.
         """
         run = max(self.character.runs, key=len)
         some = np.unique(np.linspace(0, len(run) - 1, ESTIMATED_IN).round().astype(int))
         chosen = [run[k] for k in some]
         shapes = finished(read_shapes(objects, [self.frames[k] for k in chosen], self.performance))
-        nowhere = [np.empty(0, np.intp) for _ in self.objects]
         lod = merge([shape.points for shape in shapes], shapes[0].triangles)
         if lod is None:
-            return Estimate(np.inf, nowhere)
+            return Estimate([np.inf] * len(objects), [np.empty(0, np.intp)] * len(objects))
         character = self.character.surface(chosen)
-        deviation, far = hausdorff.estimate(character.moving, lod.moving, beyond)
+        first = self.character.shapes[chosen[0]]
+        parts = list(zip(_parts(character, first), _parts(lod, shapes[0]), strict=True))
+        deviations, far = hausdorff.estimate(character.moving, lod.moving, parts, beyond)
         spots = (character.place >= 0) & far[character.place]
-        begins = self.character.shapes[0].begins
-        return Estimate(deviation, [np.flatnonzero(each) for each in np.split(spots, begins[1:-1])])
+        return Estimate(deviations, [np.flatnonzero(each) for each in np.split(spots, first.begins[1:-1])])
 
     def level(self, objects: Sequence[bpy.types.Object], k: int) -> Generator[float, None, tuple[float, float, float, float]]:
         """Measure LOD k: all `objects` together against all of the character's.
@@ -141,13 +151,18 @@ class Measure:
 
 
 def measure(
-    group: Group, objects: Sequence[bpy.types.Object], levels: Sequence[Sequence[bpy.types.Object]], actions: Sequence[str] = ()
+    group: Group,
+    objects: Sequence[bpy.types.Object],
+    levels: Sequence[Sequence[bpy.types.Object]],
+    actions: Sequence[str] = (),
+    hidden_counts: bool = False,
 ) -> Generator[float, None, Group]:
     """Measure the LODs of `group`; yields the progress, 0 to 1.
 
-    objects: the character's; levels: those of each LOD; actions: see Measure. Returns the group with deviations and bounds.
+    objects: the character's; levels: those of each LOD; actions, hidden_counts: see Measure. Returns the group with deviations and
+    bounds.
     """
-    by, found = Measure(group.name, objects, actions), []
+    by, found = Measure(group.name, objects, actions, hidden_counts), []
     for k, level in enumerate(levels):
         found.append((yield from share(by.level(level, k), k / len(levels), (k + 1) / len(levels))))
     deviations, bounds, rms, worst = zip(*found, strict=True)
@@ -213,6 +228,21 @@ class _Acting:
             surface = surface_of(self.shapes[pose])
             self._samples[pose] = thin_parts.samples(surface.points, surface.triangles, surface.through)
         return self._samples[pose]
+
+
+def _parts(surface: Merged, shape: Shape) -> list[Part]:
+    """Return what of each object estimates look at: of what counts all corners, and large faces."""
+    moving = surface.moving
+    faces = np.arange(len(moving.triangles)) if moving.counted is None else np.flatnonzero(moving.counted)
+    owner = np.searchsorted(shape.begins, surface.source[moving.triangles[faces, 0]], side="right") - 1
+    corners = moving.points[moving.triangles[faces], 0]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    large = longest > LARGE * np.ptp(moving.points[:, 0], axis=0).max()
+    parts = []
+    for number in range(len(shape.begins) - 1):
+        own = owner == number
+        parts.append(Part(np.unique(moving.triangles[faces[own]]), faces[own & large]))
+    return parts
 
 
 def _measured(character: _Acting, other: _Acting, frames: Sequence[float]) -> tuple[float, float, float, float] | None:
@@ -300,7 +330,8 @@ def measure_levels(scene: bpy.types.Scene) -> Iterator[float]:
                 f"The character group {name} has no LOD meshes in {settings.levels.name}: press Make LOD Meshes again."
             )
         meshes, actions = meshes_of(settings.levels, g, name), actions_named(scene, name)
-        found = yield from share(measure(known[name], objects, meshes, actions), g / len(characters), (g + 1) / len(characters))
+        steps = measure(known[name], objects, meshes, actions, settings.hidden_surface_counts)
+        found = yield from share(steps, g / len(characters), (g + 1) / len(characters))
         if settings.shading_counts:
             looks, others = Looks(), zip(meshes[1:], found.worst[1:], strict=True)
             performance = performance_of(name, objects, actions)

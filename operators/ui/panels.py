@@ -237,6 +237,7 @@ class CROWDLOD_PT_decimation(Step, bpy.types.Panel):
     def body(self, context, layout, settings) -> None:
         layout.prop(settings, "method")
         grayed(layout, settings.choice == "BY_TOLERANCE").prop(settings, "shading_counts")
+        layout.prop(settings, "hidden_surface_counts")
         layout.prop(settings, "scale_textures")
         layout.prop(settings, "bias_image")
         button(layout, "crowd_lod.measure_levels", icon="DRIVER_DISTANCE")
