@@ -298,7 +298,7 @@ def _not_proved(scene: bpy.types.Scene, wanted: Verify) -> list[str]:
     if wanted.bounces:
         found.append(f"more than {counted(wanted.bounces, 'bounce')} of light")
     else:
-        found.append("the light of the sky and of bounces (--bounces 2 renders them)")
+        found.append("the light of the sky and of bounces")
     if width != wanted.width:
         found.append(f"pictures of {width} x {height} pixels")
     if render.engine != "CYCLES":

@@ -24,7 +24,7 @@ from ..blender.props import group_of
 from . import crowd_sources, kept_meshes, map_areas, needs
 from .action_troubles import told_of_actions
 from .character_extent import SOLES, Act, bounds, frames_of, hangs, posing, sole, standing, walked
-from .characters import GROUP, all_characters, characters_of, told_of_left_out
+from .characters import GROUP, all_characters, characters_of, told_of_left_out, told_of_unsaved
 from .glow import told_of_glow
 from .lengths import set_lengths
 from .plausible import told_of_extent, told_of_feet, told_of_plausibility
@@ -382,6 +382,7 @@ def populating(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Genera
             *told_of_plausibility(scene, groups, crowds, trajectory.parts, depsgraph),
             *crowd_sources.notes(crowds, trajectory),
             *told_of_left_out(scene),
+            *told_of_unsaved(scene),
             *told_of_actions(scene, groups),
             *told_of_gliding(scene),
             *told_of_glow(scene),

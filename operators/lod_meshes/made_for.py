@@ -45,16 +45,17 @@ class Forecast:
 
     @property
     def short(self) -> str:
-        """Return the change in a line of the sidebar: how many groups would have coarser LODs, and finer ones."""
+        """Return the change in a line of the sidebar: how many groups would have coarser LODs, finer ones or none."""
+        without = sum(len(then) == 1 for _, _, then in self.rows)
         coarser = sum(_mean(then) < _mean(now) for _, now, then in self.rows)
-        counts = {"coarser": coarser, "finer": len(self.rows) - coarser}
+        counts = {"coarser": coarser, "finer": len(self.rows) - coarser - without, "without LODs": without}
         told = [f"{count} {'group' if count == 1 else 'groups'} {which}" for which, count in counts.items() if count]
         return f"About: {', '.join(told)}" if told else "About the same LODs would do"
 
     @property
     def sentence(self) -> str:
         """Return the change in full."""
-        told = [f"{name} from {_parts(now)} to {_parts(then)} of the triangles" for name, now, then in self.rows]
+        told = [f"{name} from {_parts(now)} to {_parts(then)}" for name, now, then in self.rows]
         where = "where they did" if abs(self.farther - 1) < 0.005 else f"at {number(self.farther)} times the distance"
         change = f"would change, about: {'; '.join(told)}" if told else "would keep about the same LODs"
         return f"LODs begin {where} when they were made. Make LOD Meshes {change}."
@@ -66,7 +67,8 @@ def _mean(ratios: Sequence[float]) -> float:
 
 
 def _parts(ratios: Sequence[float]) -> str:
-    return f"{', '.join(f'{100 * ratio:g}' for ratio in ratios)} %"
+    """Return the parts of the triangles that a group's LODs have, in words."""
+    return f"{', '.join(f'{100 * ratio:g}' for ratio in ratios)} % of the triangles" if len(ratios) > 1 else "no LODs"
 
 
 def note_shot(scene: bpy.types.Scene, groups: Sequence[Group], shots: Sequence[Shot | None], keep: Sequence[Sequence[int]]) -> None:

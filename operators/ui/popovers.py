@@ -21,7 +21,7 @@ class _Popover:
     bl_region_type = "HEADER"  # else it would be a panel of the sidebar, too
     bl_options = {"INSTANCED"}
     bl_translation_context = CONTEXT
-    bl_ui_units_x = 16
+    bl_ui_units_x = 22  # LETTERS of Blender's font fit
 
 
 class CROWDLOD_PT_statistics(_Popover, bpy.types.Panel):
