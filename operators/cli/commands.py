@@ -2,10 +2,12 @@
 
 import json
 import os
+import shutil
 import sys
 import time as clock
 from collections.abc import Generator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import bpy
@@ -17,6 +19,7 @@ from ...crowd_lod.planning.budget import Budget
 from ...crowd_lod.planning.frame_range import parse_frames
 from ...crowd_lod.progress import share
 from ...crowd_lod.reporting import files, interrupt, plan_comparison, plan_file, standard_streams, tables
+from ...crowd_lod.reporting.temporary_folder import own_temporary_folder
 from ...crowd_lod.validation import extreme_cases
 from ...crowd_lod.validation.render_proof import to_text
 from ..batch import error_report, shot_plan
@@ -24,6 +27,7 @@ from ..batch.preview import preview
 from ..batch.preview_stage import COLOR_MODES, Preview
 from ..batch.shot_survey import forget_parts
 from ..batch.verify import Verify, verify
+from ..batch.verify_build import frames_to_verify
 from ..blender import console, frame_stepping, scene_data
 from ..blender.output_folders import output_file
 from ..build import bake, render_setup, view_layers
@@ -32,6 +36,9 @@ from ..build.cost_estimate import estimate
 from ..build.hidden_characters import told_of_characters
 from ..build.phase_characters import Cast
 from ..crowd.record_points import with_record
+from ..crowd.scene_crowd import policy_of, trajectory_of
+from ..crowd.scene_world import bias_of
+from ..crowd.shot_reference import told_of_shot
 from ..usd import export as usd
 from . import farm, new_scene, shared_runs, simulate
 from .arguments import parser
@@ -45,7 +52,9 @@ def from_blender(argv: list[str]) -> int:
     Without a SCENE the commands work on the open file.
     """
     interrupt.heed()
-    status = _run(argv, "blender -b [FILE] --command crowd_lod")
+    # Blender, which removes its session's folder at its end, has made it before
+    with own_temporary_folder(), interrupt.unfinished(partial(shutil.rmtree, bpy.app.tempdir, ignore_errors=True)):
+        status = _run(argv, "blender -b [FILE] --command crowd_lod")
     if "--json" in argv:  # what Blender still has to say would come after it
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     return status
@@ -211,8 +220,9 @@ def _verify(args, command: list[str]) -> dict:
     settings = scene.crowd_lod
     _follow_plan(settings, args)
     stem = stem_of(args)
+    frames = _frames(args, scene)
     wanted = Verify(
-        frames=_frames(args, scene),
+        frames=frames if args.frames is not None else frames_to_verify(scene, frames),
         folder=files.absolute(args.out or Path(f"{stem}_verify")),
         width=_within("width", args.width, 16, 8192),
         samples=_within("number of samples", args.samples, 1, 4096),
@@ -277,8 +287,6 @@ def _build(args, command: list[str]) -> dict:
         raise CrowdError("Without --bake all frames are built: leave out --frames and --step, or add --bake.")
     if args.render_only and not args.bake:
         raise CrowdError("Without --bake a render needs all characters: leave out --render-only, or add --bake.")
-    if args.strict and not args.bake:
-        raise CrowdError("Without --bake the plan is looked up as frames are shown: leave out --strict, or add --bake.")
     frames = None if args.frames is None else parse_frames(args.frames, 1 if args.step is None else args.step)
     with files.staged_file(path) as part:
         scene = open_scene(args.scene)
@@ -288,6 +296,7 @@ def _build(args, command: list[str]) -> dict:
             step = scene.frame_step if args.step is None else args.step
             frames = parse_frames(f"{scene.frame_start}:{scene.frame_end}", step)
         view_layers.check_layers(scene, args.view_layer or ())
+        unplanned: list[str] = []
         if not args.bake:
             check_blur(scene)
         predicted = []
@@ -296,13 +305,21 @@ def _build(args, command: list[str]) -> dict:
             predicted.append((yield from share(estimate(scene, scene.crowd_lod, frames or (), args.bake), 0.0, 0.3)))
             if not args.quiet:
                 print(predicted[0].sentence, file=sys.stderr)
-            return (yield from share(bake.bake(scene, frames, args.strict) if args.bake else render_setup.build(scene), 0.3, 1.0))
+            cast = yield from share(bake.bake(scene, frames, args.strict) if args.bake else render_setup.build(scene), 0.3, 1.0)
+            if not args.bake:  # a live build looks the plan up when its frames are shown
+                unplanned.append(_told_of_plan(scene, args.strict))
+            return cast
 
         cast = finish(prepared(scene, work, frames or ()), f"{'bake' if args.bake else 'build'} of {stem}", args.quiet)
         if args.view_layer:
             view_layers.show_in(scene, args.view_layer)
         points = {name: len(item.data.vertices) for name, item in render_setup.points_of(scene.crowd_lod.build).items()}
-        told = render_setup.told_of_cast(scene, cast), told_of_characters(scene), args.bake and frame_stepping.unbaked(scene)
+        told = (
+            *unplanned,
+            render_setup.told_of_cast(scene, cast),
+            told_of_characters(scene),
+            args.bake and frame_stepping.unbaked(scene),
+        )
         told = tables.nobody_seen(points.values()), *told
         if args.render_only:
             told = *told, bake.keep_what_renders(scene)
@@ -327,6 +344,17 @@ def _build(args, command: list[str]) -> dict:
         "image_bytes": cast.images,
         "summary": "\n".join(filter(None, (f"{what}; {size / 1e6:,.1f} MB, opened in {seconds:.2f} s.", *told, printable(path)))),
     }
+
+
+def _told_of_plan(scene: bpy.types.Scene, strict: bool) -> str:
+    """Return a sentence if the scene's shot plan does not hold; "" if it does, or there is none.
+
+    CrowdError in its place if that is `strict`.
+    """
+    told = told_of_shot(scene, trajectory_of(scene), policy_of(scene.crowd_lod), bias_of(scene.crowd_lod))
+    if told and strict:
+        raise CrowdError(told)
+    return told
 
 
 def _export(args, command: list[str]) -> dict:
