@@ -7,7 +7,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.culling.camera import Window
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, assign, limits
+from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, assign, deviations, limits
 from crowd_lod_extension.crowd_lod.levels.selection import BETWEEN, LEAST_SAVED, View, choose, guessed
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -97,3 +97,18 @@ def test_what_is_guessed_goes_through_what_is_known():
     assert guessed(ratios, {0: 0.0, 2: 0.04}, 9.0) == pytest.approx([0, 0.02, 0.04, 0.08])
     assert guessed(ratios, {0: 0.0, 1: 0.01, 3: 0.09}, 9.0) == pytest.approx([0, 0.01, 0.03, 0.09])
     assert guessed(ratios, {0: 0.0, 1: np.inf, 2: 0.04}, 9.0)[1:] == pytest.approx([np.inf, 0.04, 0.08])
+
+
+def test_a_lod_that_repeats_the_group_s_last_never_begins():
+    """Groups have as many LODs as the one with most: without any of its own a group shows LOD 0."""
+    counts, bounds = ((900, 900, 900), (900, 90, 90), (900, 90, 9)), ((0.0,) * 3, (0.0, 0.1, 0.1), (0.0, 0.1, 0.3))
+    groups = [
+        Group(str(k), 1, 1.0, 0, 1, triangles=own, deviations=off, bounds=off)
+        for k, (own, off) in enumerate(zip(counts, bounds, strict=True))
+    ]
+    policy = LevelPolicy((0.0, 0.0), "PIXELS", tolerance=1.0)
+    for camera in (straight(), straight(kind="ORTHO")):
+        begins = limits(policy, camera, np.ones(3), deviations(groups, policy))
+        coarsest = assign(np.full(3, 1e6), begins, np.arange(3))
+        assert coarsest.tolist() == ([0, 1, 2] if camera.kind == "PERSP" else [0, *coarsest[1:]])
+        assert np.isinf(begins[0]).all() and (begins[0] > 0).all()
