@@ -15,6 +15,7 @@ from ..blender.props import variants_of
 from ..blender.references import closure_of
 from . import terrain_source
 
+GROUP = "crowd_lod_group"  # custom property of a LOD's collection of one character group: the group's name
 FINE = 1e-5  # of a chance: Blender keeps float32
 
 

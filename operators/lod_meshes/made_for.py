@@ -16,19 +16,18 @@ from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number
 from ...crowd_lod.levels.selection import LADDER, Shot, View
-from ..blender import scene_cache, scene_data
+from ..blender import provenance, scene_cache, scene_data
 from ..blender.cameras import read_cameras
+from ..crowd.cast_provenance import cast_inputs, of_characters
 from ..crowd.scene_crowd import GROUP, count_of
 from ..crowd.scene_world import actions_named
-from . import cast_digest
 from .selection import chosen
 
 # custom properties of the collection of all LODs: what they were made for, and what they were
 # chosen from
 MADE_FOR, CHOSEN_FROM = "crowd_lod_made_for", "crowd_lod_chosen_from"
-CHARACTERS = "characters"  # that they are as they were
 # changes after which the candidates are others than those that LODs were chosen from
-UNFORESEEN = {"actions", "decimation", "character groups", CHARACTERS}
+UNFORESEEN = {"actions", "decimation", "character groups"}
 _known: dict[int, tuple[tuple, "Forecast | None"]] = scene_cache.kept({}, by_scene=True)
 
 
@@ -80,8 +79,8 @@ def note_shot(scene: bpy.types.Scene, groups: Sequence[Group], shots: Sequence[S
     keep: for each group, the candidates that it has.
     """
     top = scene.crowd_lod.levels
-    cast_digest.look_again(scene)
-    top[MADE_FOR] = json.dumps(_facts(scene))
+    provenance.look_afresh()
+    provenance.keep(top, MADE_FOR, _facts(scene) | of_characters(cast_inputs(scene)))
     top[CHOSEN_FROM] = json.dumps(
         {
             "camera": _scale(scene),
@@ -120,17 +119,23 @@ def _unpacked(stored: list, camera: Camera, farther: float) -> View:
 def changed(scene: bpy.types.Scene) -> dict[str, tuple[str, str]]:
     """Return what the LODs were made for and is otherwise now: {name: (then, now)}.
 
-    Both are "" of characters that were edited. Also what LODs lack of what the settings ask for.
-    Those that do not say what they were made for lack nothing else.
+    Also what LODs lack of what the settings ask for. Those that do not say what they were made for
+    lack nothing else. Characters that were edited are told by edited().
     """
     settings = scene.crowd_lod
     if settings.levels is None:
         return {}
-    before, now = {}, _facts(scene)
-    with suppress(TypeError, ValueError):  # a script may have put anything there
-        before = dict(json.loads(settings.levels.get(MADE_FOR, "{}")))
-    found = {name: (before[name], now[name]) for name in now if name in before and before[name] != now[name]}
-    return _lacks(settings) | found | ({CHARACTERS: ("", "")} if CHARACTERS in found else {})
+    before, now = provenance.kept_in(settings.levels, MADE_FOR), _facts(scene)
+    return _lacks(settings) | {name: (before[name], now[name]) for name in now if name in before and before[name] != now[name]}
+
+
+def edited(scene: bpy.types.Scene) -> list[str]:
+    """Return the names of characters that were edited since LODs were made of them, such as "the character adult"."""
+    if scene.crowd_lod.levels is None:
+        return []
+    before = of_characters(provenance.kept_in(scene.crowd_lod.levels, MADE_FOR))
+    now = of_characters(cast_inputs(scene)) if before else {}
+    return [name for name in now if name in before and before[name] != now[name]]
 
 
 def _lacks(settings) -> dict[str, tuple[str, str]]:
@@ -148,8 +153,10 @@ def _lacks(settings) -> dict[str, tuple[str, str]]:
 
 def outdated(scene: bpy.types.Scene) -> str:
     """Return a sentence on what has changed since the LODs were made; "" if nothing."""
-    told = [f"{name} {then} (now {now})" if then else f"other {name}" for name, (then, now) in changed(scene).items()]
-    return f"LODs were made for {', '.join(told)}" if told else ""
+    news = ", ".join(f"{name} {then} (now {now})" for name, (then, now) in changed(scene).items())
+    names = provenance.named(edited(scene))
+    told = [f"for {news}"] * bool(news) + [f"before {names} changed"] * bool(names)
+    return f"LODs were made {', '.join(told)}" if told else ""
 
 
 def to_make_again(scene: bpy.types.Scene) -> str:
@@ -157,8 +164,8 @@ def to_make_again(scene: bpy.types.Scene) -> str:
     settings = scene.crowd_lod
     if settings.choice == "BY_TOLERANCE" and settings.memory != settings.memory_made:
         return "Memory for Characters has changed since the LOD meshes were made: press Make LOD Meshes, and Build again."
-    if CHARACTERS in changed(scene):
-        return "The characters were edited since the LOD meshes were made of them: press Make LOD Meshes, and Build again."
+    if names := edited(scene):
+        return f"Since the LOD meshes were made, {provenance.named(names)} changed: press Make LOD Meshes, and Build again."
     return ""
 
 
@@ -175,7 +182,7 @@ def forecast(scene: bpy.types.Scene) -> Forecast | None:
     if not isinstance(stored, str) or settings.memory or settings.choice != "BY_TOLERANCE":
         return None
     news = changed(scene)
-    if not news or UNFORESEEN & set(news):
+    if not news or UNFORESEEN & set(news) or edited(scene):
         return None
     key = stored, json.dumps(_facts(scene)), json.dumps(_scale(scene)), settings.shading_counts
     known = _known.get(scene.session_uid)
@@ -249,8 +256,6 @@ def _facts(scene: bpy.types.Scene) -> dict[str, str]:
     settings, render, camera = scene.crowd_lod, scene.render, scene.camera
     method = settings.bl_rna.properties["method"].enum_items.get(settings.method)
     facts = {"decimation": method.name if method else "unknown"}
-    with suppress(CrowdError):  # missing characters are told elsewhere
-        facts[CHARACTERS] = cast_digest.looked_at(scene)
     if settings.choice == "BY_RATIO":
         return facts | {"ratios": ", ".join(f"{ratio:.3g}" for ratio in settings.ratios[1 : settings.level_count])}
     part = render.resolution_percentage / 100

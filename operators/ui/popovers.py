@@ -13,7 +13,7 @@ from ..overlay.hud import STAGES, share, told
 from . import steps
 from .drawing import LOD_COLORS, MOST_ROWS, button, distance, label, paragraph, table
 
-LETTERS = 60  # in a line of a popover
+LETTERS = 50  # in a line of a popover
 
 
 class _Popover:

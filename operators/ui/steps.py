@@ -9,6 +9,7 @@ from ..build import staleness
 from ..build.appended_builds import standing_still
 from ..build.render_setup import BAKED
 from ..crowd import crowd_sources, needs
+from ..crowd.shot_reference import told_of_file
 from ..lod_meshes.made_for import forecast, outdated
 from ..overlay import viewport_overlay
 from ..overlay.appearance import missing_groups
@@ -63,4 +64,6 @@ def messages(scene: bpy.types.Scene) -> list[tuple[str, str]]:
     # what Populate found stops nobody: it never stands before the next step
     if settings.characters is not None:
         found += [(warning, "ERROR") for warning in settings.trouble.splitlines()]
+    if note := told_of_file(settings):
+        found.append((note, "INFO"))
     return [*found, *((note, "INFO") for note in (shown.notes if shown else ()))]

@@ -9,7 +9,7 @@ from crowd_lod_extension.operators.blender.references import closure_of
 from crowd_lod_extension.operators.blender.scene_data import set_node_input
 from crowd_lod_extension.operators.build import staleness
 from crowd_lod_extension.operators.cli import commands
-from crowd_lod_extension.operators.lod_meshes import cast_digest
+from crowd_lod_extension.operators.crowd import cast_provenance
 from crowd_lod_extension.operators.lod_meshes.made_for import to_make_again
 from crowd_lod_extension.operators.overlay import character_cache
 
@@ -208,6 +208,7 @@ def depending():
 
 def test_a_change_of_anything_that_a_character_is_made_of_is_an_edit_of_it(small_shot, monkeypatch):
     monkeypatch.setattr(staleness, "LOOK", 0.0)
+    monkeypatch.setattr(cast_provenance, "PAUSE", 0.0)
     items, dependencies = depending()
     character(*items)
     small_shot.crowd_lod.level_count = 2
@@ -220,12 +221,13 @@ def test_a_change_of_anything_that_a_character_is_made_of_is_an_edit_of_it(small
         holder, _, last = path.rpartition(".")
         owner = block.path_resolve(holder) if holder else block
         before = getattr(owner, last) if index is None else getattr(owner, last)[index]
-        for value, said in ((not before if isinstance(before, bool) else before + 0.07, ["the characters"]), (before, [])):
+        for value, said in ((not before if isinstance(before, bool) else before + 0.07, ["the character someone"]), (before, [])):
             owner = block.path_resolve(holder) if holder else block
             if index is None:
                 setattr(owner, last, value)
             else:
                 getattr(owner, last)[index] = value
+            small_shot.view_layers[0].update()
             assert staleness.changed(small_shot) == said, name
             if block != items[0]:  # LODs have modifiers of their own
                 assert (character_cache._key(small_shot)[0] != drawn) == bool(said), name
@@ -236,11 +238,11 @@ def test_the_command_scene_keeps_all_that_a_character_is_made_of(small_shot, tmp
     character(*items)
     path, tracks, out = (tmp_path / name for name in ("people.blend", "tracks.txt", "shot.blend"))
     tracks.write_text("# framerate: 25 fps\n# id frame x/m y/m\n1 1 0 0\n1 2 0.05 0\n")
-    before = cast_digest.look_again(small_shot)
+    before = cast_provenance.of_characters(cast_provenance.cast_inputs(small_shot))
     bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
     assert commands._run(["scene", str(tracks), "--characters", str(path), "--out", str(out), "--quiet"], "crowd-lod") == 0
     bpy.ops.wm.open_mainfile(filepath=str(out), load_ui=False)
-    assert cast_digest.look_again(bpy.context.scene) == before
+    assert cast_provenance.of_characters(cast_provenance.cast_inputs(bpy.context.scene)) == before
 
 
 def test_neither_the_scene_nor_what_a_lamp_shines_on_is_part_of_a_character(small_shot):
