@@ -72,7 +72,7 @@ def made(args, command: list[str]) -> dict:
         said = finish(_filled(scene), f"scene of {path.stem}", args.quiet)
         if source is None:
             with suppress(ValueError):  # on another drive
-                settings.tracks_file = bpy.path.relpath(str(tracks))  # what is saved names it from its own place
+                settings.tracks_file = bpy.path.relpath(str(tracks))  # saving makes it relative to the new file
         save(part, path)
     count = scene.frame_end - scene.frame_start + 1
     return {
