@@ -140,7 +140,7 @@ def without_faces():
     return {name: new(name, block) for name, block in blocks.items()} | {"drawing": drawing}
 
 
-BUTTONS = ("populate", "make_levels", "estimate", "build", "bake", "plan_shot", "preview", "verify", "export_usd", "remove_build")
+BUTTONS = ("populate", "make_levels", "estimate", "plan_shot", "build", "bake", "preview", "verify", "export_usd", "remove_build")
 
 
 def test_all_kinds_of_characters_go_through_all_buttons(small_shot, tmp_path, capfd):

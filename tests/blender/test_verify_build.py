@@ -124,6 +124,14 @@ def test_lods_that_are_off_at_the_final_size_are_not_ok_in_a_small_picture(stree
     assert f"shifts {worst['shift_px']:.2f} px, {worst['allowed_px']:.2f} allowed there" in verdict(result)
 
 
+def test_a_bake_for_workbench_is_proved_without_shadows(street, tmp_path):
+    street.render.engine = "BLENDER_WORKBENCH"
+    _light("Low", (0, 0, 0), (0, 1.35, 0))
+    assert bpy.ops.crowd_lod.bake() == {"FINISHED"}
+    result = proof(street, tmp_path / "out", agents=1)
+    assert result["ok"] and any("Workbench" in said for said in result["left_out"]) and bpy.data.lights["Low"].use_shadow
+
+
 def test_frames_that_a_bake_lacks_are_named_and_the_button_takes_those_that_it_has(baked, tmp_path):
     with pytest.raises(CrowdError, match=r"The bake of Scene has frames 1 to 2, and Frame 9 is not in it"):
         proof(baked, tmp_path / "out", 9)
