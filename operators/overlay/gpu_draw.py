@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 POINT_PIXELS = 4.0, 14.0  # least and greatest width of a visible agent's point
 LINE_PIXELS = 1.5
-BEHIND = 1e-6  # part of the depth's range, behind all else, that lines beyond the clip end lie in
-NEARER = 0.005  # of the viewport's clip start, from which on they are drawn
+BEHIND_ALL = 1e-6  # part of the depth's range, behind all else, that lines beyond the clip end lie in
+NEAREST_LINE = 0.005  # of the viewport's clip start, from which on they are drawn
 TEXEL = 16  # bytes
 WIDEST = 16384  # texels, of a texture on every GPU
 MOST_SKINNED = 32e6  # bytes of a LOD's skinned frames
@@ -166,7 +166,7 @@ def _farther(projection: np.ndarray) -> np.ndarray:
     """
     lens = np.array(projection, np.float64)
     # the last term keeps what is behind the viewer away
-    lens[2] = (1 - BEHIND) * lens[3] + (0, 0, 0, lens[2, 3] * NEARER * (lens[3, 3] == 0))
+    lens[2] = (1 - BEHIND_ALL) * lens[3] + (0, 0, 0, lens[2, 3] * NEAREST_LINE * (lens[3, 3] == 0))
     return lens
 
 
