@@ -3,7 +3,7 @@
 import bpy
 
 from .batch import open_report, preview, shot_plan, verify_button
-from .blender import collection_caches, main_thread, scene_cache
+from .blender import collection_caches, main_thread, output_folders, scene_cache
 from .build import buttons, cost_estimate, frame_update
 from .cli import commands
 from .crowd import (
@@ -18,6 +18,7 @@ from .crowd import (
     scenery,
     simulate,
     state_machine_menu,
+    take_action,
 )
 from .lod_meshes import deviation, make_lods
 from .overlay import agent_picker, viewport_image, viewport_overlay
@@ -53,6 +54,7 @@ MODULES = (
     record_points,
     characters_from_selection,
     prop_button,
+    take_action,
     make_lods,
     deviation,
     cost_estimate,
@@ -77,6 +79,10 @@ HANDLERS = {
     "frame_change_post": [scenery.noticed, frame_update.follow],
     "depsgraph_update_post": [scenery.edited, map_areas.moved_or_edited, frame_update.follow_points],
     "load_pre": [scene_cache.forget, frame_update.forget],
+    "load_post": [output_folders.opened],
+    "save_pre": [output_folders.before_saving],
+    "save_post": [output_folders.after_saving],
+    "save_post_fail": [output_folders.not_saved],
     "undo_pre": [scenery.forget],
     "redo_pre": [scenery.forget],
     "undo_post": [collection_caches.restore, collection_caches.renew, map_areas.undone],

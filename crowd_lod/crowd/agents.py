@@ -58,13 +58,15 @@ class Group:
     period: seconds of one cycle.
     vertices, triangles: counts of each LOD mesh, finest first. A group with fewer LODs than others
         repeats its last.
-    lowest: meters from the group's origin up to its lowest point over the action; 0 if that is
+    lowest: meters from the group's origin up to its soles over the action; 0 if that is
         near.
-    on_ground: whether the lowest point is the feet. If not, the origin is.
+    on_ground: whether the soles are the feet. If not, the origin is.
     share: of the agents, in proportion to the other groups'.
     scale: the least and the greatest of its agents, see `varied`.
     actions: those besides its own action that states name. What is said of the action above and
         below holds over all actions, but stride and period.
+    way: meters that its own action travels in a cycle, as Action.way.
+    height: meters, of the character as it stands in most of its own action; 0 if not measured.
     variant_of: the group that this is with props, "" if it has none (see variants.py).
     chance: that an agent of the group is this variant of it.
 
@@ -101,6 +103,8 @@ class Group:
     scale: tuple[float, float] = (1.0, 1.0)
     variant_of: str = ""
     chance: float = 1.0
+    way: float = field(default=0.0, compare=False, repr=False)
+    height: float = field(default=0.0, compare=False, repr=False)
 
     @property
     def reach(self) -> float:
@@ -117,7 +121,7 @@ class Group:
 
     def scaled(self, factor: float) -> "Group":
         """Return the group with all lengths multiplied by `factor`, as from units to meters."""
-        single = "center", "radius", "stride", "diagonal", "lowest"
+        single = "center", "radius", "stride", "diagonal", "lowest", "way", "height"
         several = "deviations", "bounds", "rms", "shaded"
         lengths = {name: getattr(self, name) * factor for name in single}
         lengths |= {name: tuple(length * factor for length in getattr(self, name)) for name in several}

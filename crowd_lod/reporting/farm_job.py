@@ -9,6 +9,8 @@ from typing import Any
 
 Step = dict[str, Any]
 
+MOST_NAME = 128  # characters of a job's name
+BRACES = str.maketrans("{}", "()")  # two of them are an expression in a job's name
 ENGINES = ("SCENE", "CYCLES", "EEVEE", "WORKBENCH")
 
 
@@ -40,7 +42,7 @@ def template(job: FarmJob) -> dict[str, Any]:
     return {
         "specificationVersion": "jobtemplate-2023-09",
         "extensions": ["TASK_CHUNKING"],
-        "name": job.name[:128],
+        "name": job.name.translate(BRACES)[:MOST_NAME],
         "parameterDefinitions": _parameters(job),
         "steps": steps,
     }
@@ -84,8 +86,8 @@ def values(job: FarmJob) -> dict[str, Any]:
 
 def _render_steps(job: FarmJob) -> list[Step]:
     scene, folder, baked = "{{Param.Scene}}", "{{Param.OutputDir}}", "{{Param.BakedFile}}"
-    frames = ("--frames", "{{Param.FirstFrame}}:{{Param.LastFrame}}")
-    stepped = (*frames, "--step", "{{Param.Step}}")
+    frames = "--frames={{Param.FirstFrame}}:{{Param.LastFrame}}"  # one word: it may begin with a minus
+    stepped = (frames, "--step", "{{Param.Step}}")
     bake = ("build", scene, "--bake", "--render-only", *stepped, "--plan", f"{folder}/plan", "--out", baked)
     render = _step(
         "Render",
@@ -95,7 +97,7 @@ def _render_steps(job: FarmJob) -> list[Step]:
     )
     render["script"]["embeddedFiles"] = [{"name": "Render", "type": "TEXT", "filename": "render.py", "data": job.script}]
     return [
-        _step("Plan", job.command, ("plan", scene, *frames, "--out", f"{folder}/plan")),
+        _step("Plan", job.command, ("plan", scene, frames, "--out", f"{folder}/plan")),
         _step("Bake", job.command, bake, after="Plan"),
         _chunked(render),
         _step("Assemble", job.command, ("assemble", folder, *stepped), after="Render"),
@@ -104,8 +106,8 @@ def _render_steps(job: FarmJob) -> list[Step]:
 
 def _preview_steps(job: FarmJob) -> list[Step]:
     scene, folder = "{{Param.Scene}}", "{{Param.OutputDir}}"
-    frames = ("--frames", "{{Param.FirstFrame}}:{{Param.LastFrame}}", "--step", "{{Param.Step}}")
-    part = ("preview", scene, *frames, "--part", "{{Task.Param.Frames}}", "--out", folder)
+    frames = ("--frames={{Param.FirstFrame}}:{{Param.LastFrame}}", "--step", "{{Param.Step}}")
+    part = ("preview", scene, *frames, "--part={{Task.Param.Frames}}", "--out", folder)
     return [
         _chunked(_step("Preview", job.command, part)),
         _step("Assemble", job.command, ("assemble", folder, "--scene", scene), after="Preview"),

@@ -7,7 +7,7 @@ Guthe, Borodin, Klein, "Fast and accurate Hausdorff distance calculation between
 upper bounds for triangle soup Pompeiu-Hausdorff distance", 2024.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -26,11 +26,18 @@ class Moving:
 
     points: (n, k, 3) float64 meters; triangles: (m, 3) indices.
     find(pose, points (j, 3)): the triangles (j,) closest to the points in that pose.
+    counted: (m,) bool, the triangles whose distance from another surface counts; None if all do.
     """
 
     points: np.ndarray
     triangles: np.ndarray
     find: Callable[[int, np.ndarray], np.ndarray]
+    counted: np.ndarray | None = None
+
+    @property
+    def pieces(self) -> np.ndarray:
+        """The triangles (p, 3) whose distance counts."""
+        return self.triangles if self.counted is None else self.triangles[self.counted]
 
     def on(self, face: np.ndarray, points: np.ndarray, pose: int) -> np.ndarray:
         """Barycentric weights (j, 3) of the points of faces closest to `points` (j, 3).
@@ -114,17 +121,74 @@ class _Pairs:
 
 
 def interval(one: Moving, other: Moving) -> Interval:
-    """The symmetric Hausdorff distance of two surfaces, the largest over their poses."""
-    found = Interval(settings.CURRENT.bound_floor * float(np.ptp(one.points, axis=0).max()))
+    """The symmetric Hausdorff distance of two surfaces, the largest over their poses.
+
+    It is that of what counts of either from the whole of the other.
+    """
+    found = _nothing_known(one)
     ways = [_Way(b, found, slice(0, b.points.shape[1])) for b in (other, one)]
-    mapped = [way.mapped(a.points) for way, a in zip(ways, (one, other), strict=True)]
+    used = [np.unique(a.pieces, return_inverse=True) for a in (one, other)]
+    mapped = [way.mapped(a.points[some]) for way, a, (some, _) in zip(ways, (one, other), used, strict=True)]
     for way, points in zip(ways, mapped, strict=True):
         way.look_again(points)
-    for way, points, a in zip(ways, mapped, (one, other), strict=True):
-        corners = a.points[a.triangles]
-        way.cover(points, a.triangles, _length(corners - corners[:, [1, 2, 0]]).max(axis=1))
+    for way, points, a, (_, pieces) in zip(ways, mapped, (one, other), used, strict=True):
+        corners = a.points[a.pieces]
+        longest = _length(corners - corners[:, [1, 2, 0]]).max(axis=1)
+        way.cover(points, pieces.reshape(-1, 3), longest)
     found.bound = max(found.bound, found.enough)
     return found
+
+
+@dataclass
+class Part:
+    """A part of a surface, such as an object of a character.
+
+    points: (n,) those of the surface that are looked at.
+    faces: (m,) triangles whose middles are looked at as well.
+    """
+
+    points: np.ndarray
+    faces: np.ndarray
+
+
+def estimate(one: Moving, other: Moving, parts: Sequence[tuple[Part, Part]], beyond: float) -> tuple[list[float], np.ndarray]:
+    """Estimate what `interval` measures, part by part, and where it is more than `beyond` meters.
+
+    parts: of each a Part of `one` and one of `other`, whose distances from the whole of the other
+        surface count. Those of `other` count where what is nearest of `one` counts.
+
+    Returns the distance of each part, and which points of `one` are farther off than `beyond`, or
+    nearest to a point of `other` that is: (n,) bool.
+    """
+    poses = slice(0, one.points.shape[1])
+    far = np.zeros(len(one.points), bool)
+    distances = []
+    for mine, theirs in parts:
+        found = _nothing_known(one)
+
+        way = _Way(other, found, poses)
+        points = way.mapped(np.concatenate([one.points[mine.points], _middles(one, mine.faces)]))
+        way.look_again(points, beyond)
+        lost = points.near.max(axis=1) > beyond
+        far[mine.points[lost[: len(mine.points)]]] = True
+        far[one.triangles[mine.faces[lost[len(mine.points) :]]]] = True
+
+        way = _Way(one, found, poses)
+        points = way.mapped(np.concatenate([other.points[theirs.points], _middles(other, theirs.faces)]), one.counted)
+        way.look_again(points, beyond)
+        lost = points.near.max(axis=1) > beyond
+        far[one.triangles[points.to[lost], points.weights[lost].argmax(axis=1)]] = True
+        distances.append(found.measured)
+    return distances, far
+
+
+def _middles(surface: Moving, faces: np.ndarray) -> np.ndarray:
+    """The middles of triangles in all poses, (m, poses, 3)."""
+    return surface.points[surface.triangles[faces]].mean(axis=1)
+
+
+def _nothing_known(one: Moving) -> Interval:
+    return Interval(settings.CURRENT.bound_floor * float(np.ptp(one.points, axis=0).max()))
 
 
 @dataclass
@@ -146,9 +210,14 @@ class _Way:
     def mesh(self) -> TriangleMesh:
         return self.other.mesh(self.base)
 
-    def mapped(self, at: np.ndarray) -> _Points:
-        """Points (n, poses, 3), mapped to the nearest in the first pose."""
+    def mapped(self, at: np.ndarray, counted: np.ndarray | None = None) -> _Points:
+        """Points (n, poses, 3), mapped to the nearest in the first pose.
+
+        counted: which triangles of `other`; those nearest to the others are left out.
+        """
         to = self.other.find(self.base, at[:, 0])
+        if counted is not None:
+            at, to = at[counted[to]], to[counted[to]]
         weights = self.other.on(to, at[:, 0], self.base)
         off = np.empty(at.shape[:2])
         for some in blocks(len(at), TOGETHER):
@@ -160,12 +229,12 @@ class _Way:
         """The points (j, poses, 3) at weights (j, 3) of points (j, 3) of `other`."""
         return sum(self.other.points[corners[:, c], poses] * weights[:, c, None, None] for c in range(3))
 
-    def look_again(self, points: _Points) -> None:
-        """Measure points in the poses where they may be farther off than any."""
+    def look_again(self, points: _Points, beyond: float = np.inf) -> None:
+        """Measure points in the poses where they may be farther off than any, or than `beyond`."""
         for least in (settings.CURRENT.bound_first, None):
             for k in range(1, points.off.shape[1]):
                 order = np.argsort(-points.near[:, k])[:least]
-                some = order[points.near[order, k] > self.found.enough]
+                some = order[points.near[order, k] > min(self.found.enough, beyond)]
                 if len(some):
                     points.near[some, k] = self.alone(k).mapped(points.at[some, k, None]).off[:, 0]
 

@@ -19,7 +19,7 @@ from .tracks import Tracks
 HIDES = 2.0  # seconds; a gap longer than that hides the agent
 FASTEST = 40.0  # m/s, which nobody moves at from the first row to the last
 WALKS = 0.2, 4.0  # m/s, of a walker
-HASTE = 2.2  # m/s; a crowd whose median is faster runs, or its frame rate or unit is another
+TOGETHER = 1e-6  # of a frame; rows that are no further apart are of one frame
 
 
 def tracks_of(rows: Rows, where: str) -> Tracks:
@@ -66,7 +66,7 @@ def tracks_of(rows: Rows, where: str) -> Tracks:
         paces,
         rows.phase is not None,
         None if rows.group is None else columns["group"][enters],
-        _told(rows, len(ids), (float(frame.min()), float(frame.max())), crossed, hidden) + _told_of_haste(columns, seconds, enters),
+        _told(rows, len(ids), (float(frame.min()), float(frame.max())), crossed, hidden),
     )
 
 
@@ -89,7 +89,7 @@ def _call(work: Callable[[], Any]) -> Any:
 
 
 def _check_once(ids: np.ndarray, agent: np.ndarray, frame: np.ndarray, passed: np.ndarray, where: str) -> None:
-    twice = (passed[:-1] <= 0) & (agent[1:] == agent[:-1])
+    twice = (passed[:-1] <= TOGETHER) & (agent[1:] == agent[:-1])
     if twice.any():
         row = int(twice.argmax())
         raise CrowdError(
@@ -164,18 +164,6 @@ def _in_classes(frame: np.ndarray, passed: np.ndarray, step: float) -> tuple[np.
         found.append((at, at + len(some), longest))
         at += len(some)
     return np.concatenate(orders), tuple(found)
-
-
-def _told_of_haste(columns: dict[str, np.ndarray], seconds: np.ndarray, enters: np.ndarray) -> str:
-    """Return a sentence if those who walk are faster than people walk, or ""."""
-    first = np.flatnonzero(enters)
-    ways = np.hypot(np.diff(columns["x"], append=columns["x"][-1:]), np.diff(columns["y"], append=columns["y"][-1:]))
-    walks = columns["walks"] & (seconds > 0)
-    way, time = (np.add.reduceat(np.where(walks, values, 0.0), first) for values in (ways, seconds))
-    if not time.any():
-        return ""
-    median = float(np.median(way[time > 0] / time[time > 0]))
-    return f" Agents walk at a median of {median:.3g} m/s: check Frame Rate and Unit." if median > HASTE else ""
 
 
 def _told(rows: Rows, agents: int, frames: tuple[float, float], crossed: int, hidden: np.ndarray) -> str:

@@ -11,7 +11,7 @@ from ..errors import CrowdError
 from ..format import printable
 from ..npz_file import MOST_BYTES
 from ..progress import breath
-from . import jupedsim, npz, text
+from . import jupedsim, layout, npz, text
 from .making import tracks_of
 from .rows import Rows, check_rows
 from .tracks import Tracks
@@ -28,7 +28,7 @@ OTHERS = {
     b"[": ("JSON", "write it as CSV with columns id, frame, x and y, by pandas, say"),
 }
 LOOK = 2**16  # bytes in which a zero tells that it is no text
-CHUNK = 2**22  # bytes that are read between two looks at whether anybody still waits
+CHUNK = 2**22  # bytes that are read between two looks at whether anybody still waits; more than layout.LONGEST_LINE
 HEADS = 1.0, 2.3  # meters, where the heads of people are
 
 
@@ -41,8 +41,7 @@ def read_rows(path: Path, tell: Callable[[float], None] = lambda _: None) -> Row
     """
     where = printable(path)
     try:
-        if path.is_dir():
-            raise CrowdError(f"{where} is a folder and cannot be read: choose one file, with the tables of all agents in it.")
+        _refuse_folder(path)
         with path.open("rb") as file:
             head = file.read(len(jupedsim.MAGIC))
         if head.startswith(ZIP):
@@ -57,7 +56,19 @@ def read_rows(path: Path, tell: Callable[[float], None] = lambda _: None) -> Row
     return check_rows(rows, path)
 
 
-def _text_of(path: Path, is_packed: bool) -> bytes:
+def _refuse_folder(path: Path) -> None:
+    """Raise CrowdError if `path` is a folder, in which some programs keep a file for each agent."""
+    if not path.is_dir():
+        return
+    names = sorted(file.name for file in path.iterdir() if file.is_file())
+    holds = f" of {len(names):,} files, such as {names[0]}" if names else ""
+    raise CrowdError(
+        f"{printable(path)} is a folder{holds}: choose one file of all agents; join tables of one agent each, with a column id, "
+        "by pandas.concat(tables, keys=ids, names=['id']), say."
+    )
+
+
+def _text_of(path: Path, is_packed: bool) -> bytearray:
     """Return the text of the file in UTF-8. CrowdError if it is no text, too long or damaged."""
     where = printable(path)
     data = bytearray()
@@ -66,6 +77,8 @@ def _text_of(path: Path, is_packed: bool) -> bytes:
             while part := file.read(CHUNK):
                 data += part
                 breath()
+                if len(part) == CHUNK and b"\n" not in part and b"\r" not in part:
+                    raise layout.long_line(where)
                 if len(data) > MOST_BYTES:
                     raise CrowdError(
                         f"The file {where} has more than the {MOST_BYTES / 2**30:.1f} GiB that are read at once: "
@@ -79,10 +92,12 @@ def _text_of(path: Path, is_packed: bool) -> bytes:
         raise CrowdError(f"The file {where} is empty: choose a file of trajectories.")
     if data.startswith(UTF_16):
         try:
-            return data.decode("utf-16").encode()
+            return bytearray(data.decode("utf-16").encode())
         except UnicodeError as error:
             raise CrowdError(f"The file {where} is not the UTF-16 that its head tells ({error}): save it as UTF-8.") from None
-    return bytes(data.removeprefix(UTF_8))
+    if data.startswith(UTF_8):
+        del data[: len(UTF_8)]
+    return data
 
 
 def _check_kind(data: bytes, where: str) -> None:
@@ -96,17 +111,26 @@ def _check_kind(data: bytes, where: str) -> None:
 
 
 def read_tracks(
-    path: Path, unit: str = "", rate: float = 0.0, usual: float = 0.0, tell: Callable[[float], None] = lambda _: None
+    path: Path,
+    unit: str = "",
+    rate: float = 0.0,
+    usual: float = 0.0,
+    up: str = "Z",
+    tell: Callable[[float], None] = lambda _: None,
 ) -> Tracks:
     """Return the tracks of the file `path`.
 
     unit: one of rows.UNITS, whatever the file tells; "" for the file's own, or else meters.
     rate: frames of the file a second, whatever it tells; 0 for its own.
     usual: the rate if neither tells one, such as the scene's.
+    up: the file's axes, as in Rows.with_z_up.
     tell: called with the progress, 0 to 1.
     CrowdError if it cannot be read or used.
     """
     rows = read_rows(path, lambda part: tell(0.6 * part)).in_meters(unit)
+    if up != "Z" and rows.z is None:
+        raise CrowdError(f"The file {printable(path)} has no z, and y is up: set Up to Z, or give it columns x, y and z.")
+    rows = rows.with_z_up(up)
     notes = rows.notes
     if not rate and not rows.rate:
         if not usual:
@@ -132,6 +156,7 @@ def _standing(rows: Rows) -> Rows:
 
 
 def content_of(path: Path) -> bytes:
-    """Return the digest of the file's content. OSError if it cannot be read."""
+    """Return the digest of the file's content. OSError if it cannot be read, CrowdError if it is a folder."""
+    _refuse_folder(path)
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").digest()

@@ -15,6 +15,10 @@ MOST_ROWS = 200_000_000
 UNITS = {"m": (1.0, 1.0), "cm": (1.0, 100.0), "mm": (1.0, 1000.0), "ft": (0.3048, 1.0)}
 UNITS |= {"km": (1000.0, 1.0), "dm": (1.0, 10.0), "in": (0.0254, 1.0), "yd": (0.9144, 1.0)}
 ASKED = ("m", "cm", "mm", "ft")  # of UNITS, those that a user may set; the others only a file names
+# the greatest amount of a value in any unit: beyond it a file is damaged, and what follows overflows
+GREATEST = {"frame": 1e14, "time": 1e19, "endtime": 1e19, "heading": 1e6, "phase": 1e9}
+GREATEST |= dict.fromkeys(("x", "y", "z", "endx", "endy"), 1e12)
+RATES = 1e-3, 1e6  # frames a second, that a file may tell
 COLUMNS = ("id", "frame", "x", "y", "z", "heading", "phase", "group")
 
 
@@ -68,6 +72,17 @@ class Rows:
             places = {name: place * times / by for name, place in places.items()}
         return replace(self, **places, unit=unit)
 
+    def with_z_up(self, up: str) -> "Rows":
+        """Return the rows, which need a z, in the axes of Blender: right-handed, with z up.
+
+        up: which way is up in these: "Z", "Y" of right-handed axes as in Houdini and Maya, or
+            "Y_LEFT" of left-handed ones as in Unity.
+        Headings stay: they are counter-clockwise from +x as seen from above.
+        """
+        if up == "Z" or self.z is None:
+            return self
+        return replace(self, y=self.z if up == "Y_LEFT" else -self.z, z=self.y)
+
 
 def check_rows(rows: Rows, path: Path) -> Rows:
     """Return `rows`, with columns of the types that Rows names.
@@ -89,9 +104,26 @@ def check_rows(rows: Rows, path: Path) -> Rows:
     agents = 1 + int(np.count_nonzero(np.diff(np.sort(found["id"])))) if count > MOST_AGENTS else 0
     if agents > MOST_AGENTS:
         raise CrowdError(f"The file {where} has {agents:,} agents: a crowd has at most {MOST_AGENTS:,}.")
-    if not (np.isfinite(rows.rate) and rows.rate >= 0):
-        raise CrowdError(f"The file {where} tells the frame rate {rows.rate}: set Frame Rate to frames a second.")
+    check_rate(rows.rate, where)
     return replace(rows, **found)
+
+
+def check_rate(rate: float, where: str) -> None:
+    """Raise CrowdError unless the file `where` may have the `rate`, in frames a second; 0 for none."""
+    if rate and not RATES[0] <= rate <= RATES[1]:
+        raise CrowdError(f"The file {where} tells the frame rate {rate}: correct it to frames a second.")
+
+
+def check_range(name: str, column: np.ndarray, where: str) -> None:
+    """Raise CrowdError if a value of the column (k,) is not finite, or greater than GREATEST has it."""
+    most = GREATEST[name]
+    wrong = ~((column >= -most) & (column <= most))
+    if wrong.any():
+        row = int(wrong.argmax())
+        raise CrowdError(
+            f"Row {row + 1:,} of {where} has {name} {column[row]}, one of {np.count_nonzero(wrong):,} such rows: "
+            f"remove them, or give them values of at most {most:g}."
+        )
 
 
 def _checked(name: str, column: np.ndarray, where: str) -> np.ndarray:
@@ -101,18 +133,11 @@ def _checked(name: str, column: np.ndarray, where: str) -> np.ndarray:
         return column.astype(str) if column.dtype.kind == "S" else column
     if column.dtype.kind not in "iufb":
         raise CrowdError(f"The column {name} of {where} is of the kind {column.dtype}: give numbers.")
-    if column.dtype.kind == "f":
-        wrong = ~np.isfinite(column)
-        if wrong.any():
-            row = int(wrong.argmax())
-            raise CrowdError(
-                f"Row {row + 1:,} of {where} has {name} {column[row]}, one of {np.count_nonzero(wrong):,} such rows: "
-                "remove them, or give them finite values."
-            )
     if name != "id":
+        check_range(name, column, where)
         return column.astype(np.float64, copy=False)
     if column.dtype.kind == "f":
-        broken = (column != np.rint(column)) | (np.abs(column) >= 2.0**53)
+        broken = ~((column == np.rint(column)) & (np.abs(column) < 2.0**53))
         if broken.any():
             row = int(broken.argmax())
             raise CrowdError(f"Row {row + 1:,} of {where} has the id {column[row]}: give agents whole numbers.")

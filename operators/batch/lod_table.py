@@ -17,7 +17,8 @@ from ..blender import image_data, scene_data
 from ..blender.material_colors import Looks
 from ..blender.performance import Performance, group_performance
 from ..crowd.scene_crowd import characters_of, policy_of
-from ..lod_meshes.deviation import Posed, meshes_of
+from ..lod_meshes.deviation import meshes_of
+from ..lod_meshes.posed_shapes import Posed
 from ..lod_meshes.shaded_pictures import alike, bodies_of
 from . import lod_picture
 

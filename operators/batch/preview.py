@@ -33,6 +33,7 @@ from ..lod_meshes.made_for import to_make_again
 from ..lod_meshes.make_lods import make_levels
 from ..overlay.playblast import Playblast, need_gpu
 from . import lod_table, top_view
+from .output_index import note_output
 from .preview_plan import plan_json
 from .preview_stage import Preview, Rendered, Staged, leaves_out, shade, sized, staged
 from .shared_frames import ALONE, Sharing, made, state_of
@@ -254,13 +255,14 @@ class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
         settings = context.scene.crowd_lod
         wanted = Preview(
             frames=scene_data.frames_of(context.scene, settings.step),
-            folder=output_folder(settings.folder),
+            folder=output_folder(context.scene, "preview"),
             width=settings.width,
             engine=settings.engine,
             color=settings.overlay_color if settings.engine == "OVERLAY" else settings.color,
         )
         yield from preview(context.scene, wanted, ["sidebar"])
-        said = f"{counted(len(wanted.frames), 'frame is', 'frames are')} in {place_of(settings.folder)}."
+        note_output(context.scene, "preview")
+        said = f"{counted(len(wanted.frames), 'frame is', 'frames are')} in {place_of(wanted.folder)}."
         return f"{said} {LEFT_OUT}" if leaves_out(context.scene) else said
 
 

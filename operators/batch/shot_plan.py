@@ -23,7 +23,7 @@ from ...crowd_lod.reporting.shot_json import shot_facts
 from ...crowd_lod.reporting.shot_report import Told, shot_page
 from ..blender import cameras, scene_data
 from ..blender.operator import Reporting, Stepwise
-from ..blender.output_folders import output_folder, place_of
+from ..blender.output_folders import full_path, output_path, place_of
 from ..build.render_setup import check_levels
 from ..crowd import needs, shot_reference
 from ..crowd.crowd_sources import check_recorded
@@ -34,6 +34,7 @@ from ..lod_meshes.deviation import measure_levels
 from ..lod_meshes.level_objects import TINTS
 from ..lod_meshes.make_lods import make_levels
 from ..lod_meshes.selection import cast_of, rigs_of
+from .output_index import note_output
 from .preview_plan import scene_json
 from .shot_survey import survey_of
 from .switch_crops import crops_of
@@ -190,17 +191,18 @@ class CROWDLOD_OT_plan_shot(Stepwise, bpy.types.Operator):
 
     def steps(self, context) -> Generator[float, None, str]:
         scene, settings = context.scene, context.scene.crowd_lod
-        folder = output_folder(settings.plan_folder)
+        place = output_path(scene, "plan")
+        folder = full_path(place)
         with files.staged(folder, plan_file.NAME) as part:
             wanted = Wanted(
                 scene_data.frames_of(scene), folder, settings.avoid_pops, budget_of(settings), blurred=settings.plan_blurred
             )
             planned = yield from share(plan_shot(scene, wanted), 0.0, 0.99)
             yield from standing(write_plan(scene, part, planned, ["sidebar"]), 0.99)
-        path = str(folder / plan_file.NAME)
-        settings.shot_plan = bpy.path.relpath(path) if settings.plan_folder.startswith("//") and bpy.data.filepath else path
+        settings.shot_plan = f"{place}/{plan_file.NAME}"
         settings.use_shot_plan = True
-        return f"{sentence(planned)} The plan is in {place_of(settings.plan_folder)}."
+        note_output(scene, "plan")
+        return f"{sentence(planned)} The plan is in {place_of(folder)}."
 
 
 class CROWDLOD_OT_remove_plan(Reporting, bpy.types.Operator):
@@ -224,7 +226,7 @@ class CROWDLOD_OT_go_to_switch(Reporting, bpy.types.Operator):
 
     def run(self, context) -> str:
         scene, settings = context.scene, context.scene.crowd_lod
-        rows = tables.largest_switches(Path(bpy.path.abspath(settings.shot_plan)).with_name("switches.csv"))
+        rows = tables.largest_switches(full_path(settings.shot_plan).with_name("switches.csv"))
         if not rows:
             return "No agent changes its LOD in sight."
         places = [(int(row["frame"]), int(row["agent"])) for row in rows]

@@ -12,6 +12,7 @@ from ..blender.operator import Stepwise
 from ..blender.output_folders import output_folder, place_of
 from ..build.staleness import MADE_FOR
 from ..crowd import needs
+from .output_index import note_output
 from .verify import Verify, verify
 
 # What the last proof of each scene found, and of which build.
@@ -42,12 +43,13 @@ class CROWDLOD_OT_verify(Stepwise, bpy.types.Operator):
         settings = context.scene.crowd_lod
         wanted = Verify(
             frames=evenly(scene_data.frames_of(context.scene), settings.verify_count),
-            folder=output_folder(settings.verify_folder),
+            folder=output_folder(context.scene, "verify"),
             width=settings.verify_width,
             samples=settings.verify_samples,
         )
         result = yield from verify(context.scene, wanted, ["sidebar"])
-        said = f"{verdict(result)} The report is in {place_of(settings.verify_folder)}."
+        note_output(context.scene, "verify")
+        said = f"{verdict(result)} The report is in {place_of(wanted.folder)}."
         scene_cache.tidy()
         _verdicts[context.scene.session_uid] = said, _build_of(context.scene)
         if not result["ok"]:

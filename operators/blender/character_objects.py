@@ -9,6 +9,9 @@ from ...crowd_lod.errors import CrowdError
 # kinds of objects whose shape may be a mesh
 GEOMETRY = {"MESH", "CURVE", "SURFACE", "FONT", "CURVES"}
 
+# kinds of objects that renders show, and that have no faces
+WITHOUT_FACES = {"POINTCLOUD": "point cloud", "VOLUME": "volume", "GREASEPENCIL": "Grease Pencil"}
+
 # kinds of objects that stand beside characters
 STAGE = {"LIGHT", "CAMERA", "EMPTY", "SPEAKER", "LIGHT_PROBE", "LATTICE"}
 

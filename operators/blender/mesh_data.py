@@ -118,16 +118,23 @@ def world_triangles(evaluated: bpy.types.Object) -> tuple[np.ndarray, np.ndarray
     points: (n, 3) float64.
     triangles: (m, 3) int32.
     """
+    return world_faces(evaluated)[:2]
+
+
+def world_faces(evaluated: bpy.types.Object) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return what `world_triangles` does, and the material slot of each triangle, (m,) int32."""
     try:
         mesh = evaluated.to_mesh()
     except RuntimeError:
-        return np.empty((0, 3)), np.empty((0, 3), np.int32)
+        return np.empty((0, 3)), np.empty((0, 3), np.int32), np.empty(0, np.int32)
     try:
-        points, triangles, _, _ = read_triangles(mesh)
+        points, triangles, _, faces = read_triangles(mesh)
+        slots = np.empty(len(mesh.polygons), np.int32)
+        mesh.polygons.foreach_get("material_index", slots)
     finally:
         evaluated.to_mesh_clear()
     matrix = np.array(evaluated.matrix_world, np.float64)
-    return points @ matrix[:3, :3].T + matrix[:3, 3], triangles
+    return points @ matrix[:3, :3].T + matrix[:3, 3], triangles, slots[faces]
 
 
 def some_vertices(mesh: bpy.types.Mesh, about: int) -> list[tuple[float, float, float]]:

@@ -1,37 +1,104 @@
-"""The folders that settings name for output, and files in them."""
+"""Where output goes: one folder for each .blend file, beside it, with a folder for each step.
+
+A file that was never saved has no place: its output goes to a folder of this Blender session, and
+is moved beside the file when that is saved for the first time.
+"""
 
 import os
-from pathlib import Path
+import shutil
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
 
 import bpy
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import printable
 from ...crowd_lod.reporting import files
+from .guard import handler
+
+BLEND_NAME = "{blend_name}"  # in paths of settings: the .blend file's name without its ending
+UNTITLED = "untitled"  # stands for it while the file was never saved
 
 
-def output_folder(text: str) -> Path:
-    """Return the folder, or file, that a setting names, from the root.
+@dataclass
+class _File:
+    """The open file.
 
-    text: a path; one that begins with "//" is beside the .blend file. While that has no place yet,
-        it is in a folder of this Blender session, which Blender removes when it ends.
+    number: in this session; an unsaved file has a folder of its own by it.
+    unsaved: paths of settings at which it has output that has no place yet.
+    before: (owner, name, text) of the settings that differ in the file that is being saved.
+    """
+
+    number: int = 0
+    unsaved: set[str] = field(default_factory=set)
+    before: list[tuple[bpy.types.PropertyGroup, str, str]] = field(default_factory=list)
+
+
+_file = _File()
+
+
+def full_path(text: str, library: bpy.types.Library | None = None) -> Path:
+    """Return the file or folder that a setting names, from the root.
+
+    text: a path; one that begins with "//" is beside the .blend file, or, while that was never
+        saved, in a folder that Blender removes when it ends.
+    library: the file that holds the setting, if it is linked.
 
     CrowdError if the path is relative and the working folder was deleted.
     """
-    if _unsaved(text):
-        name, ending = os.path.splitext(text[2:])
-        return Path(bpy.app.tempdir, bpy.path.clean_name(name) + ending)
-    return files.absolute(Path(bpy.path.abspath(text)))
+    if text.startswith("//") and not bpy.data.filepath and library is None:
+        return _temporary(text)
+    name = _named(text, Path(bpy.data.filepath).stem or UNTITLED)
+    return files.absolute(Path(bpy.path.abspath(name, library=library)))
 
 
-def place_of(text: str) -> str:
-    """Return the `output_folder` in words, with what becomes of it."""
-    until = ", until Blender ends: save the file to keep later ones beside it" if _unsaved(text) else ""
-    return f"{printable(output_folder(text))}{until}"
+def _temporary(text: str) -> Path:
+    """Return where the path `text` of an unsaved file is for now."""
+    parts = PurePosixPath(_named(text, UNTITLED)[2:].replace("\\", "/")).parts
+    return Path(bpy.app.tempdir, f"crowd_lod_{_file.number}", *("__" if part == ".." else part for part in parts))
 
 
-def _unsaved(text: str) -> bool:
-    return text.startswith("//") and not bpy.data.filepath
+def output_path(scene: bpy.types.Scene, part: str = "") -> str:
+    """Return the folder of a step's output as a path for settings; in it full_path finds the folder.
+
+    part: of the folder; "" is the whole. Where several scenes of the file have crowds and the same
+        folder, each has one of its own in it.
+
+    CrowdError if the setting is empty.
+    """
+    text = scene.crowd_lod.output_folder
+    if not text.strip():
+        raise CrowdError(f"Output Folder is empty: give a folder, such as //{BLEND_NAME}_crowd_lod.")
+    others = [other.crowd_lod for other in bpy.data.scenes if other != scene and other.library is None]
+    shared = any(other.characters is not None and other.output_folder == text for other in others)
+    names = [bpy.path.clean_name(scene.name)] * shared + [part] * bool(part)
+    top = text if text.endswith(("/", "\\")) else f"{text}/"
+    return saved_path(top + "/".join(names))
+
+
+def saved_path(text: str) -> str:
+    """Return a path to keep in a setting, at which there is output now.
+
+    It names the saved file that owns the output, also in one that is saved under another name later.
+    """
+    if bpy.data.filepath:
+        return _named(text, Path(bpy.data.filepath).stem)
+    if text.startswith("//"):
+        _file.unsaved.add(text)
+    return text
+
+
+def output_folder(scene: bpy.types.Scene, part: str = "") -> Path:
+    """Return the folder of a step's output from the root; errors and part as output_path."""
+    return full_path(output_path(scene, part))
+
+
+def place_of(path: Path) -> str:
+    """Return the place of output in words, with what becomes of it."""
+    temporary = not bpy.data.filepath and path.is_relative_to(bpy.app.tempdir)
+    return f"{printable(path)}{', until Blender ends: save the file to keep it beside it' if temporary else ''}"
 
 
 def output_file(path: Path, *endings: str) -> Path:
@@ -39,10 +106,90 @@ def output_file(path: Path, *endings: str) -> Path:
 
     CrowdError if it ends in none of `endings`, or its folder does not exist.
     """
-    if path.suffix not in endings:
-        raise CrowdError(f"The file {printable(path.name)} must end in {' or '.join(endings)}.")
-    path = files.absolute(path)
+    path = files.absolute(with_ending(path, *endings))
     parent = os.path.dirname(os.path.realpath(path))
     if not os.path.isdir(parent):
         raise CrowdError(f"The file {printable(path)} cannot be written: there is no folder {printable(parent)}.")
     return path
+
+
+def with_ending(path: Path, *endings: str) -> Path:
+    """Return the path of a file; CrowdError if it ends in none of `endings`."""
+    if path.suffix not in endings:
+        raise CrowdError(f"The file {printable(path.name)} must end in {' or '.join(endings)}.")
+    return path
+
+
+def _named(text: str, name: str) -> str:
+    return text.replace(BLEND_NAME, name)
+
+
+def _paths() -> Iterator[tuple[bpy.types.PropertyGroup, str]]:
+    """Yield (owner, name) of the settings that hold paths of what was made, or is read."""
+    for scene in bpy.data.scenes:
+        if scene.library is None:
+            yield scene.crowd_lod, "shot_plan"
+            for crowd in (scene.crowd_lod, *scene.crowd_lod.crowds):
+                yield crowd, "tracks_file"
+
+
+@handler
+def before_saving(path: str, *_) -> None:
+    """Make settings name, from the place where the file will be, what they name now (save_pre)."""
+    _file.before.clear()
+    for owner, name in _paths() if path else ():
+        text = getattr(owner, name)
+        moved = _seen_from(text, Path(path)) if text.startswith("//") else text
+        if moved != text:
+            _file.before.append((owner, name, text))
+            setattr(owner, name, moved)
+
+
+def _seen_from(text: str, path: Path) -> str:
+    """Return the setting's path `text` as it reads in the file `path`."""
+    if not bpy.data.filepath:  # its output will move along
+        return _named(text, path.stem)
+    if path.parent == Path(bpy.data.filepath).parent:
+        return text
+    with suppress(ValueError):  # another drive
+        return bpy.path.relpath(str(full_path(text)), start=str(path.parent))
+    return str(full_path(text))
+
+
+@handler
+def after_saving(path: str, *_) -> None:
+    """Move the output of a file that has a place now (save_post); a saved copy gets a copy of it."""
+    copied = path != bpy.data.filepath
+    if copied:
+        not_saved()
+    for text in sorted(_file.unsaved) if path else ():
+        target = Path(bpy.path.abspath(_named(text, Path(path).stem), start=os.path.dirname(path)))
+        _move(_temporary(text), target, copied)
+        if not copied:
+            _file.unsaved.remove(text)
+
+
+def _move(source: Path, target: Path, copied: bool) -> None:
+    """Move a file or folder; into a folder that is there already, too. Or copy it."""
+    if source.is_dir():
+        shutil.copytree(source, target, dirs_exist_ok=True)
+        if not copied:
+            shutil.rmtree(source)
+    elif source.is_file():
+        (shutil.copy2 if copied else shutil.move)(source, target)
+
+
+@handler
+def not_saved(*_) -> None:
+    """Give the settings of the open file back what they were (save_post_fail)."""
+    for owner, name, text in _file.before:
+        setattr(owner, name, text)
+    _file.before.clear()
+
+
+@handler
+def opened(*_) -> None:
+    """Begin anew: output of the file before is not that of the new one (load_post)."""
+    _file.number += 1
+    _file.unsaved.clear()
+    _file.before.clear()

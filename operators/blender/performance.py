@@ -8,22 +8,20 @@ So it is with the steps of cross-fades, whose poses are mixed of two actions (po
 import re
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import bpy
 import numpy as np
-from mathutils import Vector
 
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.crowd.paces import mixed_in
 from ...crowd_lod.errors import CrowdError
-from .pose_mixing import AT_REST, Mixture, Played
+from .pose_mixing import AT_REST, Mixture
 from .props import group_of
 from .rig_dependencies import action_range, armatures_of, curves_of, players_of, read_columns, span_of
+from .root_motion import RootMotion, TakenOut, of_action, of_character
 
-# of a rig's size: an action that ends farther from where it began moves the character
-TRAVELS = 0.01
 BONE = re.compile(r'pose\.bones\["(.*)"\]')
 # how an action is played, and how a bone stands
 AS_IT_IS = {"use_nla": False, "action_blend_type": "REPLACE", "action_influence": 1.0, "action_extrapolation": "HOLD"}
@@ -36,9 +34,7 @@ class Part:
     name: as states name it; "" for the character's own, whatever that is.
     first, last: its frames.
     action, handle, player: the action, its slot's handle, and the object that plays it; None for the own.
-    travels: by the curves' (path, index), how far the action moves the character as a whole; taken
-        out when it is played.
-    way: meters that it travels in the plane.
+    root: how it moves the character as a whole; taken out when it is played.
     stride: meters walked in a cycle as its custom property says, or as far as it travels; 0 if
         neither says.
     mixed: of a step of a cross-fade its two actions, and the share of the second.
@@ -50,8 +46,7 @@ class Part:
     action: bpy.types.Action | None = None
     handle: int = 0
     player: bpy.types.Object | None = None
-    travels: tuple[tuple[str, int, float], ...] = ()
-    way: float = 0.0
+    root: RootMotion = RootMotion()
     stride: float = 0.0
     mixed: tuple["Part", "Part", float] | None = None
 
@@ -73,7 +68,7 @@ class Performance:
             self.begins.append(self.begins[-1] + part.last - part.first + 1)
         self._playing: Part | None = None
         self._before: list[tuple] = []
-        self._made: list[bpy.types.Action] = []
+        self._root: TakenOut | None = None
         self._mixture: Mixture | None = None
 
     def __enter__(self) -> "Performance":
@@ -125,8 +120,7 @@ class Performance:
         part, frame = self.find(moment)
         if part is not self._playing:
             self.rest()
-            if part.player is not None:
-                self._play(part)
+            self._play(part)
         if self._mixture is not None and part.mixed:
             phase = (frame - part.first) / max(part.last - part.first, 1e-9)
             one, other = (each.first + phase * (each.last - each.first) for each in part.mixed[:2])
@@ -134,22 +128,25 @@ class Performance:
         stage.frame_set(int(frame // 1), subframe=float(frame % 1))
 
     def _play(self, part: Part) -> None:
+        self._playing = part
+        if part.player is not None:
+            self._put_on(part)
+        parts = part.mixed[:2] if part.mixed else (part,)
+        self._root = TakenOut(dict.fromkeys(travel for each in parts for travel in each.root.travels))
+
+    def _put_on(self, part: Part) -> None:
         player = part.player
         new = player.animation_data is None
         data = player.animation_data_create()
         before = {name: getattr(data, name) for name in AS_IT_IS}
-        self._playing, self._before = part, [(player, new, data.action, data.action_slot_handle, before), *_unkeyed(player, part)]
-        action = part.action
+        self._before = [(player, new, data.action, data.action_slot_handle, before), *_unkeyed(player, part)]
         if part.mixed:
-            self._mixture = Mixture(player, tuple(map(_played, part.mixed[:2])), part.mixed[2], _paths_moved(player))
-        if part.travels:
-            action = action.copy()
-            self._made.append(action)
+            self._mixture = Mixture(
+                player, [_curves(own.action, own.handle) for own in part.mixed[:2]], part.mixed[2], _paths_moved(player)
+            )
         for name, value in AS_IT_IS.items():
             setattr(data, name, value)
-        _assign(data, action, part.handle)
-        for path, index, way in part.travels:
-            _stay(next(c for c in curves_of(data) if (c.data_path, c.array_index) == (path, index)), way, part)
+        _assign(data, part.action, part.handle)
         for bone, name, _ in self._before[1:]:
             setattr(bone, name, AT_REST[name])
 
@@ -157,6 +154,12 @@ class Performance:
         """Give the character back what it played."""
         if self._playing is None:
             return
+        self._root.restore()
+        if self._before:
+            self._take_off()
+        self._playing, self._before, self._root, self._mixture = None, [], None, None
+
+    def _take_off(self) -> None:
         (player, new, action, handle, before), *bones = self._before
         if self._mixture is not None:
             self._mixture.restore()
@@ -168,25 +171,12 @@ class Performance:
             player.animation_data_clear()
         for bone, name, value in bones:
             setattr(bone, name, value)
-        bpy.data.batch_remove(self._made)
-        self._playing, self._before, self._made, self._mixture = None, [], [], None
 
 
 def _assign(data: bpy.types.AnimData, action: bpy.types.Action | None, handle: int) -> None:
     data.action = action
     if action is not None:
         data.action_slot = next((slot for slot in action.slots if slot.handle == handle), None)
-
-
-def _stay(curve: bpy.types.FCurve, way: float, part: Part) -> None:
-    """Take a steady motion by `way` over the action out of the curve."""
-    points, slope = curve.keyframe_points, way / (part.last - part.first)
-    for name in ("co", "handle_left", "handle_right"):
-        values = np.empty(2 * len(points), np.float32)
-        points.foreach_get(name, values)
-        values[1::2] -= slope * (values[::2] - part.first)
-        points.foreach_set(name, values)
-    curve.update()
 
 
 def _unkeyed(player: bpy.types.Object, part: Part) -> list[tuple[bpy.types.PoseBone, str, tuple]]:
@@ -208,18 +198,18 @@ def _paths_moved(player: bpy.types.Object) -> set[str]:
     return {curve.data_path for each in players_of([player]) for curve in curves_of(each)}
 
 
-def _played(part: Part) -> Played:
-    slopes = {(path, index): way / (part.last - part.first) for path, index, way in part.travels}
-    return Played(_curves(part.action, part.handle), slopes, part.first)
-
-
 def _curves(action: bpy.types.Action, handle: int) -> list[bpy.types.FCurve]:
     return curves_of(SimpleNamespace(action=action, action_slot_handle=handle))
 
 
 def own(objects: list[bpy.types.Object]) -> Performance:
     """Return the performance of the character's own action alone."""
-    return Performance([Part("", *action_range(objects))])
+    return Performance([_own_part(objects)])
+
+
+def _own_part(objects: list[bpy.types.Object]) -> Part:
+    root = of_character(objects)
+    return Part("", *action_range(objects), root=root, stride=root.way)
 
 
 def performance_of(group: str, objects: list[bpy.types.Object], names: Iterable[str] = ()) -> Performance:
@@ -276,7 +266,7 @@ def _own_action(group: str, objects: list[bpy.types.Object]) -> Part:
         data = player.animation_data
         plain = data is not None and (data.action_blend_type, data.action_influence) == ("REPLACE", 1)
         if plain and data.action is not None and players_of([player]) == [data]:
-            return Part("", *action_range(objects), data.action, data.action_slot_handle, player)
+            return replace(_own_part(objects), action=data.action, handle=data.action_slot_handle, player=player)
     raise CrowdError(
         f"A state fades from or to the own action of the character group {group}, whose animation is not one action of one object: "
         "name an action for each of these states, or set their fade to 0."
@@ -302,9 +292,8 @@ def _named(group: str, objects: list[bpy.types.Object], name: str) -> Part:
         raise CrowdError(
             f"The action {action.name} has one frame: key it at two frames or more, for {group} to play it in a cycle."
         )
-    travels = _travels(player, action, handle, (first, last))
-    way = _way(player, travels)
-    return Part(name, first, last, action, handle, player, travels, way, _stride(action) or way)
+    root = of_action(player, objects, action, handle, (first, last))
+    return Part(name, first, last, action, handle, player, root, _stride(action) or root.way)
 
 
 def _player(objects: list[bpy.types.Object], action: bpy.types.Action) -> tuple[bpy.types.Object, int] | None:
@@ -327,40 +316,12 @@ def _moves(player: bpy.types.Object, curve: bpy.types.FCurve) -> bool:
     return False
 
 
-def _travels(player, action: bpy.types.Action, handle: int, span: tuple[float, float]) -> tuple[tuple[str, int, float], ...]:
-    """Return (path, index, way) of the curves by which the action moves the character as a whole."""
-    roots = {
-        f'pose.bones["{bpy.utils.escape_identifier(bone.name)}"].location'
-        for bone in (player.data.bones if player.pose else ())
-        if not bone.parent
-    }
-    size = max(np.ptp([bone.head_local for bone in player.data.bones], axis=0)) if player.pose else max(player.dimensions)
-    ends = {
-        (curve.data_path, curve.array_index): curve.evaluate(span[1]) - curve.evaluate(span[0])
-        for curve in _curves(action, handle)
-        if curve.data_path in {*roots, "location"} and len(curve.keyframe_points)
-    }
-    return tuple((*key, way) for key, way in ends.items() if abs(way) > TRAVELS * size)
-
-
 def _stride(action: bpy.types.Action) -> float:
     """Return the custom property `stride` of the action, meters; 0 without one."""
     value = action.get("stride", 0)
     if not isinstance(value, int | float) or not 0 <= value < np.inf:
         raise CrowdError(f"The property stride of the action {action.name} is {value!r}: set a number of meters, or remove it.")
     return float(value)
-
-
-def _way(player: bpy.types.Object, travels: Sequence[tuple[str, int, float]]) -> float:
-    """Return how far the action moves `player` in the plane, meters; travels: see Part."""
-    way, world = Vector((0, 0, 0)), player.matrix_world.to_3x3()
-    for path, index, length in travels:
-        step, bone = Vector([length if axis == index else 0.0 for axis in range(3)]), BONE.match(path)
-        if bone:
-            way += world @ player.data.bones[bpy.utils.unescape_identifier(bone[1])].matrix_local.to_3x3() @ step
-        else:
-            way += player.parent.matrix_world.to_3x3() @ step if player.parent else step
-    return way.xy.length
 
 
 def digest(parts: Sequence[Part]) -> list:

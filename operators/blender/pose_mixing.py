@@ -14,18 +14,6 @@ AT_REST = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Played:
-    """What an action says: its curves, and how far they move the character as a whole.
-
-    That is told a frame, by (path, index).
-    """
-
-    curves: Sequence[bpy.types.FCurve]
-    slopes: dict[tuple[str, int], float]
-    first: float
-
-
 @dataclass
 class _Channel:
     """A property of an object that two actions move.
@@ -46,16 +34,17 @@ class _Channel:
 class Mixture:
     """Two actions on `player`. It must play no action itself, and `restore` gives back how it stood.
 
+    actions: the curves of both.
     share: of the second action, 0 to 1.
     moved: the paths of what its own animation moves: an action that leaves that alone has it at rest,
         and all else as it stands.
     """
 
-    def __init__(self, player: bpy.types.Object, actions: tuple[Played, Played], share: float, moved: Container[str]):
-        self.player, self.actions, self.share = player, actions, share
+    def __init__(self, player: bpy.types.Object, actions: Sequence[list[bpy.types.FCurve]], share: float, moved: Container[str]):
+        self.player, self.share = player, share
         self.channels: dict[str, _Channel] = {}
-        for side, action in enumerate(actions):
-            for curve in action.curves:
+        for side, curves in enumerate(actions):
+            for curve in curves:
                 path = curve.data_path
                 if curve.mute or (curve.group is not None and curve.group.mute):
                     continue
@@ -68,14 +57,13 @@ class Mixture:
 
     def put(self, frames: tuple[float, float]) -> None:
         """Set the pose between the actions, each at its own frame."""
-        for path, channel in self.channels.items():
+        for channel in self.channels.values():
             both = []
-            for action, frame, curves in zip(self.actions, frames, channel.sides, strict=True):
+            for frame, curves in zip(frames, channel.sides, strict=True):
                 values = channel.rest.copy()
                 for index, curve in curves.items():
                     if index < len(values):
-                        slope = action.slopes.get((path, index), 0.0)
-                        values[index] = curve.evaluate(frame) - slope * (frame - action.first)
+                        values[index] = curve.evaluate(frame)
                 both.append(values)
             _write(channel, _between(channel, *both, self.share))
         self.player.update_tag()  # a custom property does not

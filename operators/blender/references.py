@@ -1,10 +1,10 @@
-"""Data-blocks that an object uses through nodes, particles and instances."""
+"""What objects are made of: the data-blocks that they refer to, show and instance."""
 
 from collections.abc import Iterable, Iterator
 
 import bpy
+from bpy_extras.id_map_utils import get_id_reference_map
 
-from .rig_dependencies import movers_of
 from .scene_data import node_inputs
 
 
@@ -22,18 +22,45 @@ def reached(item: bpy.types.Object) -> set[bpy.types.ID]:
     return found
 
 
-def closure_of(objects: Iterable[bpy.types.Object]) -> list[bpy.types.Object]:
-    """Return `objects` and all others without which they would stand, move or look otherwise.
+def blocks_of(objects: Iterable[bpy.types.Object], look: bool = True) -> list[bpy.types.ID]:
+    """Return `objects` and all data-blocks that they refer to, directly or not: what they are made of.
 
-    These are parents, the objects that modifiers, constraints and drivers refer to, what nodes and
-    instances show, and all that these need in turn.
+    Blender itself says what refers to what: by parents, modifiers, constraints, drivers, nodes,
+    particles, instances, data, or by anything else that a version of it knows. `objects` come
+    first, all others are sorted by type and name. docs/notes/character_closure.md says what is no
+    part.
+
+    look: whether materials, and what they alone refer to, count.
     """
-    closure = movers_of(list(objects))
-    while True:
-        shown = {block for item in closure for block in reached(item) if isinstance(block, bpy.types.Object)}
-        if shown.issubset(closure):
-            return closure
-        closure = movers_of([*closure, *shown.difference(closure)])
+    references = get_id_reference_map()
+    no_part = (bpy.types.Scene,) if look else (bpy.types.Scene, bpy.types.Material)
+    closure = dict.fromkeys(objects)
+    count = len(closure)
+    left = list(closure)
+    while left:
+        block = left.pop()
+        for other in references.get(block, set()) - _beside(block):
+            if other not in closure and not isinstance(other, no_part):
+                closure[other] = None
+                left.append(other)
+    blocks = list(closure)
+    return blocks[:count] + sorted(blocks[count:], key=lambda block: (block.id_type, block.name_full))
+
+
+def closure_of(objects: Iterable[bpy.types.Object], look: bool = True) -> list[bpy.types.Object]:
+    """Return `objects` and all others that they are made of; see `blocks_of`."""
+    return [block for block in blocks_of(objects, look) if isinstance(block, bpy.types.Object)]
+
+
+def _beside(block: bpy.types.ID) -> set[bpy.types.ID | None]:
+    """Return what `block` refers to without being made of it.
+
+    This is the linked original of an override, and the collections that a lamp is to shine on.
+    """
+    override = block.override_library
+    linking = getattr(block, "light_linking", None)
+    collections = {linking.receiver_collection, linking.blocker_collection} if linking is not None else set()
+    return collections | ({override.reference} if override is not None else set())
 
 
 def _named(block: bpy.types.ID) -> Iterator[bpy.types.ID]:

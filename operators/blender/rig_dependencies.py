@@ -7,6 +7,9 @@ from typing import Any
 import bpy
 import numpy as np
 
+from .references import blocks_of, closure_of
+from .scene_data import plain
+
 # Settings that change nothing of a shape, and what the names of such begin with.
 OF_THE_WINDOW = {"name", "active", "is_active", "on_cage", "use_pin_to_last", "execution_time", "persistent_uid", "tag",
                  "use_fake_user", "use_extra_user"}  # fmt: skip
@@ -48,41 +51,14 @@ def action_range(objects: list[bpy.types.Object]) -> tuple[float, float]:
     """Return the first and last frame of the animation that moves `objects`.
 
     It spans the actions and NLA strips of the objects, their armatures and shape keys. If they have
-    none, it spans those of everything they follow. (1, 1) if there is no animation at all.
+    none, it spans those of everything else that they are made of, but for their materials. (1, 1)
+    if there is no animation at all.
     """
-    spans = list(_spans([*objects, *armatures_of(objects)])) or list(_spans(movers_of(objects)))
+    spans = list(_spans([*objects, *armatures_of(objects)])) or list(_spans(closure_of(objects, look=False)))
     return (min(first for first, _ in spans), max(last for _, last in spans)) if spans else (1.0, 1.0)
 
 
-def movers_of(objects: list[bpy.types.Object]) -> list[bpy.types.Object]:
-    """Return `objects` and everything they follow.
-
-    They follow parents, and the targets of modifiers, constraints (of bones too) and drivers.
-    """
-    found = dict.fromkeys(objects)
-    left = list(found)
-    while left:
-        item = left.pop()
-        structs = [*item.modifiers, *item.constraints]
-        if item.type == "ARMATURE":
-            structs += [constraint for bone in item.pose.bones for constraint in bone.constraints]
-        structs += [variable for data in _animated([item]) for driver in data.drivers for variable in driver.driver.variables]
-        for target in (item.parent, *(target for struct in structs for target in _targets(struct))):
-            if target is not None and target not in found:
-                found[target] = None
-                left.append(target)
-    return list(found)
-
-
-def _targets(struct) -> Iterator[bpy.types.Object]:
-    """Yield the objects that a modifier, a constraint or a driver's variable names."""
-    for holder in (struct, *getattr(struct, "targets", ())):
-        for value in (getattr(holder, name) for name, kind in holder.bl_rna.properties.items() if kind.type == "POINTER"):
-            if isinstance(value, bpy.types.Object):
-                yield value
-
-
-def _tracks(data: bpy.types.AnimData) -> list[bpy.types.NlaTrack]:
+def tracks_of(data: bpy.types.AnimData) -> list[bpy.types.NlaTrack]:
     """Return the NLA tracks that play: the solo one, or all that are not muted."""
     tracks = list(data.nla_tracks) if data.use_nla else []
     return [track for track in tracks if track.is_solo] or [track for track in tracks if not track.mute]
@@ -107,7 +83,7 @@ def _spans(items: Iterable[bpy.types.Object]) -> Iterator[tuple[float, float]]:
         curves = curves_of(data)
         if (data.action is not None and data.action.use_frame_range) or any(map(_keyed, curves)):
             yield span_of(data.action, curves)
-        for track in _tracks(data):
+        for track in tracks_of(data):
             yield from ((strip.frame_start, strip.frame_end) for strip in track.strips if not strip.mute)
 
 
@@ -132,7 +108,7 @@ def players_of(items: Iterable[bpy.types.Object]) -> list[bpy.types.AnimData | b
 
 
 def _players(data: bpy.types.AnimData) -> list[bpy.types.AnimData | bpy.types.NlaStrip]:
-    strips = (strip for track in _tracks(data) for strip in _strips(track.strips))
+    strips = (strip for track in tracks_of(data) for strip in _strips(track.strips))
     return [player for player in (data, *strips) if player.action is not None]
 
 
@@ -153,7 +129,7 @@ def _run(curve: bpy.types.FCurve) -> tuple:
         curve.mute or bool(curve.group and curve.group.mute),
         read_columns(curve.keyframe_points, KEYED),
         read_columns(curve.sampled_points, KEYS[:1]),
-        [(_settings(m), [_settings(point) for point in getattr(m, "control_points", ())]) for m in curve.modifiers],
+        [(settings_of(m), [settings_of(point) for point in getattr(m, "control_points", ())]) for m in curve.modifiers],
     )
 
 
@@ -193,64 +169,98 @@ def _read(target: bpy.types.DriverTarget) -> tuple:
 
 
 def stance(*items: bpy.types.Object) -> list:
-    """Return how `items` and everything they follow are set up, to compare as text.
+    """Return how `items` and everything they are made of are set up, to compare as text.
 
     The list holds poses, settings, shapes and animation, except values that animation or drivers
     change. Rigs whose lists print alike move alike.
     """
-    found = []
-    for mover in movers_of(list(items)):
+    blocks = blocks_of(items, look=False)
+    found = [read_tree(tree) for tree in blocks if isinstance(tree, bpy.types.GeometryNodeTree)]
+    for mover in (block for block in blocks if isinstance(block, bpy.types.Object)):
         data = _animated([mover])
         curves = [curve for player in players_of([mover]) for curve in curves_of(player)]
         drivers = [driver for each in data for driver in each.drivers]
-        moved = {(curve.data_path, curve.array_index) for curve in (*curves, *drivers)}
+        moved = moved_values(mover)
         keys = getattr(mover.data, "shape_keys", None)
         found += [
             (mover.name_full, mover.type, mover.parent and mover.parent.name_full, mover.parent_type, mover.parent_bone),
             [tuple(row) for row in mover.matrix_parent_inverse],
-            _settings(mover, moved, (*PLACE, *DELTAS)),
-            [_settings(struct, moved) for struct in (*mover.modifiers, *mover.constraints)],
-            [(_settings(key, moved, SHAPED), key.relative_key.name) for key in keys.key_blocks] if keys else [],
+            settings_of(mover, moved, (*PLACE, *DELTAS)),
+            [settings_of(struct, moved) for struct in (*mover.modifiers, *mover.constraints)],
+            [(settings_of(key, moved, SHAPED), key.relative_key.name) for key in keys.key_blocks] if keys else [],
             [_run(curve) for curve in curves],
             [_driver(driver) for driver in drivers],
             list(_spans([mover])),
-            [_settings(each, moved, PLAYED) for each in data],
-            [_strip(strip) for each in data for track in _tracks(each) for strip in _strips(track.strips)],
+            [settings_of(each, moved, PLAYED) for each in data],
+            [_strip(strip) for each in data for track in tracks_of(each) for strip in _strips(track.strips)],
         ]
         if mover in items:  # LODs copy these; of others' all that counts is what drivers read
             still = [each for each in custom(mover) if (f'["{bpy.utils.escape_identifier(each[0])}"]', 0) not in moved]
             found += [still] if still else []
         if mover.type == "ARMATURE":
             found += [_bone(bone, mover.data.bones[bone.name], moved) for bone in mover.pose.bones]
-            found += [mover.data.pose_position, mover.pose.ik_solver, mover.pose.ik_param and _settings(mover.pose.ik_param)]
+            found += [mover.data.pose_position, mover.pose.ik_solver, mover.pose.ik_param and settings_of(mover.pose.ik_param)]
         elif mover not in items and mover.data is not None:
-            found += [_settings(mover.data, moved), *_shape(mover.data)]
+            found += [settings_of(mover.data, moved), *shape_of(mover.data)]
     return found
 
 
 def custom(item: bpy.types.Object) -> list[tuple[str, str]]:
     """Return (name, value as text) of the object's custom properties, sorted."""
 
-    def plain(value) -> Any:
+    def read(value) -> Any:
         told = getattr(value, "to_dict", None) or getattr(value, "to_list", None)
         return told() if told else value
 
-    return sorted((key, repr(plain(value))) for key, value in item.items())
+    return sorted((key, repr(read(value))) for key, value in item.items())
 
 
-def _shape(data: bpy.types.ID) -> Iterator[list[bytes]]:
-    """Yield the points of a mesh, a lattice or a curve, as bytes."""
+def moved_values(item: bpy.types.Object) -> set[tuple[str, int]]:
+    """Return (path, index) of all values of the object, its data and its shape keys that animation or drivers change."""
+    return {place for data in _animated([item]) for place in _moved(data)}
+
+
+def _moved(data: bpy.types.AnimData | None) -> set[tuple[str, int]]:
+    if data is None:
+        return set()
+    curves = [*data.drivers, *(curve for player in _players(data) for curve in curves_of(player))]
+    return {(curve.data_path, curve.array_index) for curve in curves}
+
+
+def read_tree(tree: bpy.types.NodeTree) -> list:
+    """Return what `tree` does, to compare as text: its nodes' settings and values, and its links.
+
+    Values that animation or drivers change are left out, and so is where nodes stand.
+    """
+    moved = _moved(tree.animation_data)
+    paths = {path for path, _ in moved}
+    rows: list = []
+    for node in tree.nodes:
+        settings = tuple(set(node.bl_rna.properties.keys()).difference(bpy.types.Node.bl_rna.properties.keys()))
+        places = [(socket, f"{node.path_from_id()}.inputs[{k}].default_value") for k, socket in enumerate(node.inputs)]
+        values = [plain(getattr(socket, "default_value", None)) for socket, path in places if path not in paths]
+        rows.append((node.name, node.mute, settings_of(node, moved, settings) if settings else (), values))
+    links = [
+        (link.from_node.name, link.from_socket.identifier, link.to_node.name, link.to_socket.identifier) for link in tree.links
+    ]
+    return [*rows, sorted(links)]
+
+
+def shape_of(data: bpy.types.ID) -> Iterator[list[bytes]]:
+    """Yield the points of a mesh, a lattice, a curve or hair, as bytes."""
     if isinstance(data, bpy.types.Mesh):
         yield read_columns(data.vertices, POINTS)
     elif isinstance(data, bpy.types.Lattice):
         yield read_columns(data.points, (("co_deform", 3, "f4"),))
+    elif isinstance(data, bpy.types.Curves):
+        yield read_columns(data.points, (("position", 3, "f4"),))
     for spline in getattr(data, "splines", ()):
         yield read_columns(spline.points, SPLINES) + read_columns(spline.bezier_points, BEZIERS)
 
 
 def _strip(strip: bpy.types.NlaStrip) -> tuple:
     moved = {(curve.data_path, curve.array_index) for curve in strip.fcurves}
-    return strip.name, strip.action and strip.action.name_full, _settings(strip, moved), [_run(curve) for curve in strip.fcurves]
+    return strip.name, strip.action and strip.action.name_full, settings_of(strip, moved), [_run(curve) for curve in strip.fcurves]
 
 
 def _bone(bone: bpy.types.PoseBone, rest: bpy.types.Bone, moved: set[tuple[str, int]]) -> tuple:
@@ -258,13 +268,13 @@ def _bone(bone: bpy.types.PoseBone, rest: bpy.types.Bone, moved: set[tuple[str, 
         bone.name,
         rest.parent and rest.parent.name,
         (*(tuple(row) for row in rest.matrix_local), rest.length),
-        _settings(rest, moved, RESTING),
-        _settings(bone, moved, POSING),
-        [_settings(constraint, moved) for constraint in bone.constraints],
+        settings_of(rest, moved, RESTING),
+        settings_of(bone, moved, POSING),
+        [settings_of(constraint, moved) for constraint in bone.constraints],
     )
 
 
-def _settings(struct, moved: set[tuple[str, int]] = frozenset(), some: tuple[str, ...] = ()) -> tuple:
+def settings_of(struct, moved: set[tuple[str, int]] = frozenset(), some: tuple[str, ...] = ()) -> tuple:
     """Return the settings of a struct, such as a modifier or a constraint.
 
     moved: (path, index) of animated values; None stands for each of these.

@@ -64,23 +64,26 @@ def set_node_input(modifier: bpy.types.NodesModifier, name: str, value) -> None:
 def node_inputs(modifier: bpy.types.NodesModifier) -> dict[str, Any]:
     """Return the inputs of the modifier's node group, in any Blender version: RNA path -> value.
 
-    The paths begin at the modifier. Values are numbers, texts, data-blocks, None, and tuples for
-    vectors. There are none without a node group.
+    The paths begin at the modifier; values are as of `plain`. There are none without a node group.
     """
     if bpy.app.version < (5, 2, 0):
-        values = {f'["{key}"]': value for key, value in modifier.items()}
+        values = ((f'["{key}"]', value) for key, value in modifier.items())
     else:
-        values = dict(_node_properties(modifier.properties.inputs)) if modifier.properties else {}
-    arrays = {path for path, value in values.items() if hasattr(value, "__len__") and not isinstance(value, str)}
-    return {path: tuple(value) if path in arrays else value for path, value in values.items()}
+        values = _node_properties(modifier.properties.inputs) if modifier.properties else ()
+    return {path: plain(value) for path, value in values}
+
+
+def plain(value) -> Any:
+    """Return a value of a node: a number, text, data-block or None as it is, and a vector as a tuple."""
+    return tuple(value) if hasattr(value, "__len__") and not isinstance(value, str) else value
 
 
 def _node_properties(inputs: bpy.types.bpy_struct) -> Iterator[tuple[str, Any]]:
     for identifier in inputs.bl_rna.properties.keys():
         # Blender may list sockets of a node group that has changed since
-        socket = getattr(inputs, identifier, None)
-        for name in ("type", "attribute_name", "value"):
-            if identifier.startswith("Socket_") and hasattr(socket, name):
+        socket = None if identifier == "rna_type" else getattr(inputs, identifier, None)
+        for name in ("type", "attribute_name", "layer_name", "value"):
+            if hasattr(socket, name):
                 yield f".properties.inputs.{identifier}.{name}", getattr(socket, name)
 
 

@@ -19,13 +19,11 @@ from ..blender.ownership import OWNED
 from ..blender.performance import Performance, group_performance
 from ..blender.render_evaluation import as_rendered
 from ..crowd.characters import check_measured
-from ..crowd.rig_needs import leads
+from ..crowd.rig_needs import POSES, leads, stands_for
 from ..crowd.scene_crowd import characters_of, groups_of, home_of, policy_of, trajectory_of
 from ..lod_meshes.deviation import SOLID
 from . import rigs
 from .scaled_textures import scale_textures
-
-POSES = 32  # of a group that no rig can show, in a cycle of its action
 
 Wanted = Sequence[Container[int]]  # of each LOD the characters of a Library that it has
 
@@ -107,7 +105,9 @@ def read_library(scene: bpy.types.Scene, settings) -> Generator[float, None, Lib
                 reason = " ".join(reasons)
                 if len(own) < len(played):
                     posed[g], own = POSES, []
-                    reason = f"{name} is shown as {POSES} still poses, so its limbs have no motion blur: {reasons[-1]}."
+                    frames = max(last - first for action in played for first, last in performance.only(action).spans)
+                    stands = stands_for(frames, scene.render.fps / scene.render.fps_base)
+                    reason = f"{name} is shown as {POSES} still poses, {stands}, so its limbs have no motion blur: {reasons[-1]}."
             if reason:
                 notes.append(reason)
             models.append(own)

@@ -222,6 +222,12 @@ def _new_scene(commands, program: str) -> None:
     command.add_argument("--ground", type=_path, metavar="FILE", help="a .blend file whose scene is the ground")
     command.add_argument("--fps", type=float, metavar="N", help="frames a second in TRACKS (default: as it tells)")
     command.add_argument("--unit", choices=("m", "cm", "mm", "ft"), help="unit of length in TRACKS (default: as it tells, or m)")
+    command.add_argument(
+        "--up",
+        choices=("z", "y", "y-left"),
+        default="z",
+        help="axis that is up in TRACKS; y-left as in Unity, whose axes are left-handed (default: z)",
+    )
     command.add_argument("--out", type=_path, metavar="FILE", help="the .blend file (default: TRACKS.blend, or OBJECT.blend)")
 
 

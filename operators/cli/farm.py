@@ -28,6 +28,7 @@ from .scene_files import open_scene
 FLAMENCO = Path(__file__).with_name("flamenco_job.js")
 MOST_SHOWN = 24  # frames on the contact sheet
 WIDTH = 480  # pixels of one of them, at least
+UNFIT = re.compile(r"[\x00-\x1f\x7f-\x9f\ud800-\udfff]")  # in paths: controls, and bytes that are no text
 PICTURES = (".png", ".exr", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp")
 COLUMNS = ("frame", "agents", "visible", "culled", "triangles", "full_triangles")
 
@@ -65,6 +66,12 @@ def write_job(args, command: Sequence[str]) -> dict[str, Any]:
     path = Path(bpy.data.filepath)
     if not path.is_file():
         raise CrowdError("A farm opens the scene as a file: save it, or write the sample with the command sample.")
+    starts = _command()
+    for place in (str(path), starts[0]):
+        if UNFIT.search(place):
+            raise CrowdError(
+                f"The path {printable(place)} has a line break or another character that a job cannot hold: rename it, and open it again."
+            )
     step = args.step
     if step is None:
         step = scene.crowd_lod.step if args.preview else scene.frame_step
@@ -74,7 +81,7 @@ def write_job(args, command: Sequence[str]) -> dict[str, Any]:
         raise CrowdError(f"A job takes a range of frames: give --frames as A:B, and --step, not {args.frames}.")
     folder = files.absolute(args.out or Path(f"{path.stem}_job"))
     name = f"{path.stem}: {'preview' if args.preview else 'render'} of a crowd"
-    job = FarmJob(name, printable(path), (frames[0], frames[-1], *gaps), args.chunk, args.preview, RENDER, _command())
+    job = FarmJob(name, printable(path), (frames[0], frames[-1], *gaps), args.chunk, args.preview, RENDER, starts)
     with files.staged(folder, "template.json", "parameter_values.json", "crowd_lod.js") as part:
         (part / "template.json").write_text(json.dumps(template(job), indent=2) + "\n", encoding="utf-8")
         (part / "parameter_values.json").write_text(json.dumps(values(job), indent=2) + "\n", encoding="utf-8")

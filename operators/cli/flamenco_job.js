@@ -32,6 +32,10 @@ function compileJob(job) {
     if (!match || Number(match[1]) > Number(match[2])) {
         throw "The frames " + settings.frames + " are no range: give first and last frame, such as 1-120.";
     }
+    if (Number(match[1]) < 0) {
+        throw "The frames " + settings.frames + " begin below 0, which Blender counts from the last frame: "
+            + "move the scene's frames.";
+    }
     if (settings.chunk_size < 1) {
         throw "A task has " + settings.chunk_size + " frames: give at least 1.";
     }

@@ -25,6 +25,7 @@ from .scene_files import blend_path, finish, first_line, open_scene, save
 # What the new scene keeps of the settings: the characters and their LOD meshes.
 KEPT = {
     *("characters", "keep_characters", "forward", "groups", "levels", "choice", "tolerance", "memory", "shading_counts"),
+    "hidden_surface_counts",
     *(
         "level_count",
         "scale_textures",
@@ -66,6 +67,7 @@ def made(args, command: list[str]) -> dict:
         if source is None:
             settings.source, settings.tracks_file, settings.tracks_unit = "FILE", str(tracks), (args.unit or "auto").upper()
             settings.tracks_rate = args.fps or 0
+            settings.tracks_up = args.up.upper().replace("-", "_")
         else:
             settings.source, settings.points = "POINTS", source
         said = finish(_filled(scene), f"scene of {path.stem}", args.quiet)
@@ -83,10 +85,10 @@ def made(args, command: list[str]) -> dict:
 
 
 def _existing(path: Path | None) -> Path | None:
-    """Return the path from the root; CrowdError if there is no such file."""
+    """Return the path from the root; CrowdError if nothing is there."""
     if path is None:
         return None
-    if not path.is_file():
+    if not path.exists():
         raise CrowdError(f"There is no file {printable(path)}: give another path.")
     return files.absolute(path)
 

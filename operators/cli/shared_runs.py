@@ -112,7 +112,7 @@ def worker_of(args, command: Sequence[str], jobs: int) -> Callable[[Path, Sequen
 
     def worker(file: Path, frames: Sequence[int]) -> list[str]:
         into = file.parent.parent
-        own = [words[0], str(file), *words[1:], "--part", ",".join(map(str, frames)), "--into", str(into)]
+        own = [words[0], str(file), *words[1:], f"--part={','.join(map(str, frames))}", "--into", str(into)]
         if args.plan is None and (into / plan_file.NAME).exists():
             own += "--plan", str(into)
         return [*launcher(), *own, "--threads", str(_threads(jobs)), "--quiet"]

@@ -1,4 +1,4 @@
-"""What is to be said of the actions that states name: root motion, and feet that slide."""
+"""What is to be said of the actions that characters play: root motion, and feet that slide."""
 
 from collections.abc import Iterator, Sequence
 
@@ -16,23 +16,25 @@ SLIDES = 0.01  # meters in a cycle: feet that slide less do not count
 
 
 def told_of_actions(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
-    """Yield sentences on the actions that states of the scene's crowds name.
+    """Yield sentences on the characters' own actions, and on those that states of the crowds name.
 
     groups: as just measured.
     """
     machines = [machine_of(crowd) for crowd in (scene.crowd_lod, *scene.crowd_lod.crowds) if crowd.source == "MACHINE"]
     for group in groups:
+        if group.variant_of:
+            continue
+        yield from _root_motion(scene, group, "own animation", group.way)
         for action in group.actions:
-            yield from _root_motion(scene, group, action)
+            yield from _root_motion(scene, group, f"action {_title(group, action)}", action.way)
             yield from _slides(scene, group, action, machines)
 
 
-def _root_motion(scene: bpy.types.Scene, group: Group, action: Action) -> Iterator[str]:
-    if action.way:
-        way = number(action.way * scene_data.meters(scene))
+def _root_motion(scene: bpy.types.Scene, group: Group, what: str, way: float) -> Iterator[str]:
+    if way:
         yield (
-            f"The action {_title(group, action)} moves {group.name} by {way} m in a cycle: that is taken out, because states move "
-            "the agents."
+            f"The {what} moves {group.name} by {number(way * scene_data.meters(scene))} m in a cycle: that is taken out, because "
+            "the crowd moves its agents."
         )
 
 

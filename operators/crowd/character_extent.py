@@ -1,12 +1,14 @@
 """Extent of a character in renders: vertices, hair, displacement by materials."""
 
 import time as clock
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Mapping
+from typing import TypeVar
 
 import bpy
 import numpy as np
 
 from ...crowd_lod.crowd.agents import bounding_sphere
+from ...crowd_lod.crowd.sole import sole_of
 from ...crowd_lod.errors import CrowdError
 from ..blender import cleanup, mesh_data
 from ..blender.performance import Performance, own
@@ -17,29 +19,68 @@ from ..blender.rig_dependencies import armatures_of
 # The bounding sphere is measured at every whole frame of the action, or at this many times evenly
 # over a longer one.
 MOST_POSES = 120
+SOLES = 6  # poses of an action in which soles are looked for
 TICK = 0.25  # seconds of measuring at a time
 OFF_GROUND = 0.02  # of a character's largest extent: nearer to the ground it stands on it
 FEET = 0.01  # of a character's height above its lowest point: what is lower stands on the ground
 THIN = 0.01  # units: the radius of hair that has none of its own
 
+Measured = TypeVar("Measured")
 
-def frames_of(first: float, last: float) -> np.ndarray:
+
+def frames_of(first: float, last: float, most: int = MOST_POSES) -> np.ndarray:
     """Return the frames at which an action from `first` to `last` is measured.
 
-    These are all whole frames, or MOST_POSES evenly over a longer action.
+    These are all whole frames, or `most` evenly over a longer action.
     """
-    return np.linspace(first, last, min(int(np.ceil(last - first)) + 1, MOST_POSES))
+    return np.linspace(first, last, min(int(np.ceil(last - first)) + 1, most))
+
+
+Actors = Mapping[bpy.types.Object, bpy.types.Object]  # see as_rendered
+
+
+def extents(actors: Actors, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
+    """Return the points of a character and the reach around each, (n, 4); see `extent`.
+
+    CrowdError if an object has points at NaN or infinity.
+    """
+    return np.concatenate([_finite(item, extent(actor, depsgraph)) for item, actor in actors.items()])
+
+
+def _finite(item: bpy.types.Object, points: np.ndarray) -> np.ndarray:
+    if not np.isfinite(points).all():
+        raise CrowdError(
+            f"The object {item.name} has points at NaN or infinity in its action: mend its mesh, its modifiers, its constraints or "
+            "its rig."
+        )
+    return points
+
+
+def sole(actors: Actors, depsgraph: bpy.types.Depsgraph) -> tuple[float, float]:
+    """Return the height of a character's soles, and of its lowest point, world space; see sole_of."""
+    count, points, triangles = 0, [np.empty((0, 3))], [np.empty((0, 3), np.int32)]
+    for actor in actors.values():
+        places, sides = mesh_data.world_triangles(actor.evaluated_get(depsgraph))
+        points.append(places)
+        triangles.append(sides + count)
+        count += len(places)
+    places = np.concatenate(points)
+    return sole_of(places, np.concatenate(triangles)), float(places[:, 2].min(initial=np.inf))
 
 
 def posing(
-    objects: list[bpy.types.Object], frames: np.ndarray, performance: Performance | None = None
-) -> Generator[float, None, list[np.ndarray]]:
-    """Measure the extent of `objects` at each of `frames`: yield the progress.
+    objects: list[bpy.types.Object],
+    frames: np.ndarray,
+    performance: Performance | None = None,
+    measure: Callable[[Actors, bpy.types.Depsgraph], Measured] = extents,
+) -> Generator[float, None, list[Measured]]:
+    """Measure `objects` at each of `frames`: yield the progress.
 
     performance: what the character plays, of which `frames` are moments; its own action if None.
+    measure: of the objects that stand for them in a depsgraph, such as `extents`.
 
-    Returns a list of (n, 4), one for each frame; see `extent`. Whenever it yields, the file holds
-    none of its temporary data.
+    Returns a measurement for each frame. Whenever it yields, the file holds none of its temporary
+    data.
     """
     performance, poses = performance or own(objects), []
     while len(poses) < len(frames):
@@ -50,44 +91,50 @@ def posing(
             for frame in frames[len(poses) :]:
                 performance.go_to(stage, frame)
                 depsgraph = stage.view_layers[0].depsgraph
-                poses.append(np.concatenate([extent(actor, depsgraph) for actor in actors.values()]))
+                poses.append(measure(actors, depsgraph))
                 if clock.monotonic() >= until:
                     break
         yield len(poses) / len(frames)
     return poses
 
 
-def lowest(poses: list[np.ndarray], origin: float) -> float:
-    """Return the height of the lowest point of all `poses` above `origin`, meters.
+def standing(poses: list[np.ndarray], soles: list[tuple[float, float]], origin: float) -> float:
+    """Return the height above `origin` of what the character stands on, meters.
 
-    0 if it is within OFF_GROUND of the character's size, as it may be in a step, or if there are
-    no points, or some that are not finite. A flat character has no height to measure it by.
+    That is its lowest point, or its soles where something hangs lower. 0 if it is within OFF_GROUND
+    of the character's size, as it may be in a step, or if there are no points. A flat character has
+    no height to measure it by.
 
-    poses: each (n, 4); see `extent`.
+    poses: each (n, 4); see `extents`.
+    soles: of poses of the same actions; see `sole`.
     origin: height in meters.
     """
     points = np.concatenate(poses)[:, :3]
-    if not len(points) or not np.isfinite(points).all():
+    if not len(points):
         return 0.0
     size = np.ptp(points, axis=0).max()
-    lowest = float(points[:, 2].min())
-    return lowest - origin if abs(lowest - origin) > OFF_GROUND * size else 0.0
+    hangs = any(height > low for height, low in soles)
+    ground = min(height for height, _ in soles) if hangs else float(points[:, 2].min())
+    return ground - origin if abs(ground - origin) > OFF_GROUND * size else 0.0
 
 
-def walked(poses: list[np.ndarray]) -> float:
+def walked(poses: list[np.ndarray], soles: list[tuple[float, float]]) -> float:
     """Return the meters that the feet walk in a cycle of the action whose `poses` are given.
 
-    Points near the lowest are taken to stand on the ground; their way backward, in the middle of
+    Points near the soles are taken to stand on the ground; their way backward, in the middle of
     those of a pose, is the walk's. 0 if nothing stands in any pose.
 
-    poses: each (n, 4), evenly over the action; see `extent`.
+    poses: each (n, 4), evenly over the action; see `extents`.
+    soles: of poses of it; see `sole`.
     """
     low = min(float(pose[:, 2].min(initial=np.inf)) for pose in poses)
-    high = low + FEET * (max(float(pose[:, 2].max(initial=-np.inf)) for pose in poses) - low)
+    near = FEET * (max(float(pose[:, 2].max(initial=-np.inf)) for pose in poses) - low)
+    if any(height > lowest for height, lowest in soles):
+        low = min(height for height, _ in soles)
     steps = []
     for a, b in zip(poses, poses[1:], strict=False):
         if a.shape == b.shape:
-            stand = (a[:, 2] <= high) & (b[:, 2] <= high)
+            stand = (np.abs(a[:, 2] - low) <= near) & (np.abs(b[:, 2] - low) <= near)
             if stand.any():
                 steps.append(np.median((b - a)[stand, :2], axis=0))
     return float(np.linalg.norm(np.mean(steps, axis=0))) * (len(poses) - 1) if steps else 0.0
@@ -97,7 +144,7 @@ def bounds(name: str, origin, *acts: list[np.ndarray]) -> tuple[float, float]:
     """Return (center, radius) of the sphere that holds the character in all poses.
 
     Its center stands on the vertical axis through `origin`, at the height `center` above it,
-    meters. CrowdError if there are no points, or some at NaN or infinity.
+    meters. CrowdError if there are no points.
 
     Between two frames a vertex may leave the straight line by an eighth of its acceleration,
     estimated by the second difference of three poses. The radius is larger by twice that.
@@ -109,8 +156,6 @@ def bounds(name: str, origin, *acts: list[np.ndarray]) -> tuple[float, float]:
     points, reach = np.split(np.concatenate([pose for poses in acts for pose in poses]), [3], axis=1)
     if not len(points):
         raise CrowdError(f"The character {name} has no vertices, modifiers applied: give it a mesh, or take it out.")
-    if not np.isfinite(points).all():
-        raise CrowdError(f"The character {name} has vertices at NaN or infinity in its action: mend the mesh or the rig.")
     center, radius = bounding_sphere(points - origin, reach[:, 0])
     threes = [three for poses in acts for three in zip(poses, poses[1:], poses[2:], strict=False)]
     bends = (np.linalg.norm((a - 2 * b + c)[:, :3], axis=1).max() for a, b, c in threes if a.shape == b.shape == c.shape)
@@ -130,7 +175,8 @@ def extent(actor: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> np.ndarra
             if (instance.parent or instance.object).original == actor.original:
                 points.append(_shape(instance.object, np.array(instance.matrix_world, np.float64)))
     found = np.concatenate(points)
-    found[:, 3] += displaced(evaluated)
+    if len(found) and np.isfinite(found).all():
+        found[:, 3] += displaced(evaluated)
     return found
 
 

@@ -9,7 +9,7 @@ import bpy
 from ...crowd_lod.crowd.agents import MOST_GROUPS, Group
 from ...crowd_lod.errors import CrowdError
 from ..blender import stored_values
-from ..blender.character_objects import is_stage, may_have_faces, parts
+from ..blender.character_objects import WITHOUT_FACES, is_stage, may_have_faces, parts
 from ..blender.ownership import OWNED
 from ..blender.props import variants_of
 from . import terrain_source
@@ -86,6 +86,14 @@ def groups_in(scene: bpy.types.Scene, top: bpy.types.Collection) -> Iterator[tup
             members = [root, *(item for item in root.children_recursive if not item.get(OWNED))]
             if not is_stage(members) and root not in ground:
                 yield root, members, tuple(root.matrix_world.translation)
+
+
+def told_of_left_out(scene: bpy.types.Scene) -> Iterator[str]:
+    """Yield a sentence on what renders show of the characters and no crowd does, because it has no faces."""
+    members = [item for _, group, _ in groups_in(scene, scene.crowd_lod.characters) for item in group]
+    names = [f"{item.name} ({WITHOUT_FACES[item.type]})" for item in members if item.type in WITHOUT_FACES and not item.hide_render]
+    if names:
+        yield f"Left out of the crowd, which shows faces and hair: {', '.join(sorted(names))}. Convert to meshes what is needed."
 
 
 def check_measured(cast: Sequence[tuple], groups: Sequence[Group]) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import bpy
 
 from ...crowd_lod.errors import CrowdError
-from ..blender.character_objects import GEOMETRY, may_have_faces
+from ..blender.character_objects import GEOMETRY, WITHOUT_FACES, may_have_faces
 from ..blender.operator import Reporting
 from ..blender.ownership import OWNED
 
@@ -16,7 +16,8 @@ def characters_in(scene: bpy.types.Scene, selected: Sequence[bpy.types.Object]) 
     """Return the characters that `selected` belong to: root -> the root and all its shapes.
 
     A root is a rig. Its shapes are what it deforms and what is parented to it. Shapes that no rig
-    moves have as root the topmost shape, or selected empty, that they are parented to.
+    moves have as root the topmost shape, or selected empty, that they are parented to. Empties
+    above all these, with no shape of others below them, come last.
     """
     shapes = {bone.custom_shape for item in scene.objects if item.type == "ARMATURE" for bone in item.pose.bones}
     usable = [item for item in scene.objects if item not in shapes and _is_shape(item)]
@@ -29,7 +30,15 @@ def characters_in(scene: bpy.types.Scene, selected: Sequence[bpy.types.Object]) 
     for item in usable:
         if root[item] in chosen:
             members.setdefault(root[item], [root[item]]).append(item)
-    return {top: list(dict.fromkeys(found)) for top, found in members.items()}
+    return {top: list(dict.fromkeys([*found, *_empties_above(found, usable)])) for top, found in members.items()}
+
+
+def _empties_above(items: Sequence[bpy.types.Object], shapes: Iterable[bpy.types.Object]) -> list[bpy.types.Object]:
+    """Return the empties that `items` alone of all `shapes` are parented to, such as importers make."""
+    others = set(shapes).difference(items)
+    above = dict.fromkeys(parent for item in items for parent in _parents(item) if parent.type == "EMPTY")
+    own = (empty for empty in above if empty.instance_collection is None and not _fixed(empty))
+    return [empty for empty in own if others.isdisjoint(empty.children_recursive)]
 
 
 def _is_shape(item: bpy.types.Object) -> bool:
@@ -90,7 +99,8 @@ def _notes(selected: Sequence[bpy.types.Object], characters: dict, moved: dict) 
     used = {item for items in characters.values() for item in items}
     # an empty above characters is none of them, and not left out
     left = {item for item in selected if item not in used and not used.intersection(item.children_recursive)}
-    left |= {item for root in moved for item in root.children_recursive if item.type == "META" or item.instance_collection}
+    faceless = {"META", *WITHOUT_FACES}
+    left |= {item for root in moved for item in root.children_recursive if item.type in faceless or item.instance_collection}
     instances = {item for item in left if item.instance_collection is not None}
     if left - instances:
         yield f"Left where they are: {_listed(left - instances)}."

@@ -23,12 +23,13 @@ from ...crowd_lod.tracks.rows import MOST_ROWS, Rows
 from ...crowd_lod.trajectory.points import Snapshot
 from ..blender import frame_stepping, scene_data
 from ..blender.operator import Stepwise
+from ..blender.output_folders import BLEND_NAME, full_path, saved_path
 from . import needs
 from .characters import all_characters
 from .crowd_sources import crowds_of, draw_of, is_live
 from .points_source import NoPoints, check_ids, read_points
 
-SOURCE = ("source", "tracks_file", "tracks_unit", "tracks_rate", "first_frame")  # settings that recording sets
+SOURCE = ("source", "tracks_file", "tracks_unit", "tracks_rate", "tracks_up", "first_frame")  # settings that recording sets
 STEPPED = 0.95  # part of the progress
 
 
@@ -163,6 +164,7 @@ def recording(scene: bpy.types.Scene, paths: Sequence[Path], frames: Sequence[in
             npz.write(written.enter_context(files.staged_file(path)), rows)
     for crowd, path, known in zip(crowds, paths, when, strict=True):
         crowd.source, crowd.tracks_file, crowd.tracks_unit, crowd.tracks_rate = "FILE", str(path), "AUTO", 0
+        crowd.tracks_up = "Z"
         crowd.first_frame = known[0]
     yield 1.0
     return [len(np.unique(np.concatenate([_ids(snapshot) for snapshot in own]))) for own in found]
@@ -249,13 +251,13 @@ class CROWDLOD_OT_record_points(Stepwise, bpy.types.Operator):
     def steps(self, context) -> Generator[float, None, str]:
         scene = context.scene
         crowds = [crowd for crowd in crowds_of(scene.crowd_lod) if is_live(crowd)]
-        file = Path(bpy.data.filepath or Path(bpy.app.tempdir, scene.name))
-        parts = [(file.stem, crowd.name, crowd.points and crowd.points.name) for crowd in crowds]
-        paths = [file.parent / f"{bpy.path.clean_name('_'.join(filter(None, each)))}.npz" for each in parts]
+        parts = [(crowd.name, crowd.points and crowd.points.name) for crowd in crowds]
+        names = [bpy.path.clean_name("_".join(filter(None, each))) for each in parts]
+        texts = [saved_path(f"//{BLEND_NAME}_{name}.npz") for name in names]
+        paths = [full_path(text) for text in texts]
         counts = yield from recording(scene, paths)
-        for crowd in crowds:
-            if bpy.data.filepath:
-                crowd.tracks_file = bpy.path.relpath(crowd.tracks_file)
+        for crowd, text in zip(crowds, texts, strict=True):
+            crowd.tracks_file = text
         told = ", ".join(f"{counted(count, 'agent')} in {printable(path)}" for count, path in zip(counts, paths, strict=True))
         return f"Recorded: {told}. To follow the object again, set Source to Points."
 

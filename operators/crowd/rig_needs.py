@@ -6,10 +6,12 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.crowd.agents import Group
+from ...crowd_lod.format import number
 from ..blender.performance import Performance, group_performance
 from ..blender.rig_dependencies import armatures_of, places
 
 SIMULATED = {"CLOTH", "SOFT_BODY", "FLUID", "DYNAMIC_PAINT", "OCEAN", "PARTICLE_SYSTEM", "COLLISION", "EXPLODE"}
+POSES = 32  # of a group that no rig can show, in a cycle of its action
 Characters = Sequence[tuple[str, list[bpy.types.Object], tuple]]  # see characters_of
 
 
@@ -25,6 +27,11 @@ def refusal(objects: Sequence[bpy.types.Object]) -> str:
     if any(bone.bbone_segments > 1 for rig in armatures_of(objects) for bone in rig.data.bones if bone.use_deform):
         return "its armature has bendy bones"
     return ""
+
+
+def stands_for(frames: float, fps: float) -> str:
+    """Return how long each of POSES even poses of an action of so many `frames` stands, as text."""
+    return f"each of which stands for {number(frames / POSES)} frames ({number(frames / POSES / fps)} s) of its action"
 
 
 def deforming(rig: bpy.types.Object, objects: Sequence[bpy.types.Object]) -> list[str]:
@@ -85,7 +92,7 @@ def _placed(item: bpy.types.Object, act: Performance) -> bool:
     data = item.animation_data
     if data is not None and any(map(places, data.drivers)):
         return True
-    steady = {(path, index) for part in act.parts for path, index, _ in part.travels if part.player is item}
+    steady = {(travel.path, travel.index) for part in act.parts for travel in part.root.travels if travel.owner is item}
     placing = filter(places, act.curves_on(item))
     return any((curve.data_path, curve.array_index) not in steady and _varies(curve) for curve in placing)
 

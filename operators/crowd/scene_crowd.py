@@ -1,6 +1,6 @@
 """From the scene's settings to the core's crowd: groups, map, trajectory, plan."""
 
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -11,7 +11,6 @@ from ...crowd_lod.crowd.agents import Action, Group
 from ...crowd_lod.crowd.maps import FARTHEST
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.format import number
 from ...crowd_lod.levels.assignment import MOST_LEVELS, LevelPolicy
 from ...crowd_lod.planning.frame import Frame, plan
 from ...crowd_lod.planning.shadows import Surroundings, surround
@@ -24,16 +23,17 @@ from ..blender.performance import Part, Performance, performance_of
 from ..blender.props import group_of
 from . import crowd_sources, kept_meshes, map_areas, needs
 from .action_troubles import told_of_actions
-from .character_extent import bounds, frames_of, lowest, posing, unknown, walked
-from .characters import all_characters, characters_of
+from .character_extent import SOLES, bounds, frames_of, posing, sole, standing, walked
+from .characters import all_characters, characters_of, told_of_left_out
 from .glow import told_of_glow
 from .lengths import set_lengths
+from .plausible import told_of_extent, told_of_feet, told_of_plausibility
 from .scene_world import actions_named, bias_of, check_maps
 from .shot_reference import use_of
 from .stuck_agents import find
+from .take_action import told_of_gliding
 
 STANDS = 0.01  # of a character's size: feet that walk less in a cycle stand, and the action plays by time
-MARGIN = 1.5  # of the largest sphere's radius, where a sphere is not known to hold all
 # custom property of a LOD's collection of one character group: the group's name
 GROUP = "crowd_lod_group"
 OF_LEVELS = (
@@ -69,25 +69,28 @@ def measuring_groups(
         known = {group.name: group for group in groups_of(settings)}
     measured, cast = {}, all_characters(scene)
     for g, (name, objects, origin, variant_of, chance) in enumerate(cast):
-        performance, on_ground, acts = performance_of(name, objects, actions_named(scene, name)), stands(settings, name), []
+        performance, on_ground = performance_of(name, objects, actions_named(scene, name)), stands(settings, name)
+        acted: list[Act] = []
         base = measured.get(variant_of)  # props are no feet
         if name in reaches and len(performance.parts) == 1:
             low, center, radius = reaches[name]
         else:
-            acts = yield from share(_acted(objects, performance), g / len(cast), (g + 1) / len(cast))
+            acted = yield from share(_acted(objects, performance), g / len(cast), (g + 1) / len(cast))
             # while two actions mix, feet may dip into the ground: nobody is lifted for that
-            plain = (poses for part, poses in zip(performance.parts, acts, strict=True) if not part.mixed)
-            low = base.lowest if base else lowest([pose for poses in plain for pose in poses], origin[2])
-            center, radius = bounds(objects[0].name, (*origin[:2], origin[2] + low * on_ground), *acts)
+            plain = [act for part, act in zip(performance.parts, acted, strict=True) if not part.mixed]
+            poses, soles = ([one for act in plain for one in act[k]] for k in (0, 1))
+            low = base.lowest if base else standing(poses, soles, origin[2])
+            center, radius = bounds(objects[0].name, (*origin[:2], origin[2] + low * on_ground), *(poses for poses, _ in acted))
         first, *others = performance.parts
         found = Group(name, center, radius, 0.0, (first.last - first.first) / fps, lowest=low, on_ground=on_ground)
+        if acted:
+            found = replace(found, height=float(np.median([np.ptp(pose[:, 2]) for pose in acted[0][0]])))
         if base:
             found = replace(found, stride=base.stride, actions=base.actions, variant_of=variant_of)
         else:
-            found = replace(found, stride=_custom(settings.characters, name, "stride") / meters)
-            actions = {
-                part.name: _action(part, poses, fps, 2 * radius, meters) for part, poses in zip(others, acts[1:], strict=True)
-            }
+            told = _custom(settings.characters, name, "stride") / meters
+            found = replace(found, stride=told or first.root.way, way=first.root.way)
+            actions = {part.name: _action(part, act, fps, 2 * radius, meters) for part, act in zip(others, acted[1:], strict=True)}
             for part in (part for part in others if part.mixed):  # a cross-fade goes at the rate of the action to come
                 actions[part.name] = replace(actions.get(part.mixed[1].name, found.action("")), name=part.name, way=0.0)
             found = replace(found, actions=tuple(actions.values()))
@@ -96,23 +99,29 @@ def measuring_groups(
     return tuple(measured.values())
 
 
-def _acted(objects: list[bpy.types.Object], performance: Performance) -> Generator[float, None, list[list[np.ndarray]]]:
-    """Measure the extent of `objects` over each action of the performance; see `posing`."""
+Act = tuple[list[np.ndarray], list[tuple[float, float]]]  # of an action the extents of its poses, and soles
+
+
+def _acted(objects: list[bpy.types.Object], performance: Performance) -> Generator[float, None, list[Act]]:
+    """Measure the extent and the soles of `objects` over each action of the performance; see `posing`."""
     acts, count = [], len(performance.spans)
     for k, span in enumerate(performance.spans):
-        acts.append((yield from share(posing(objects, frames_of(*span), performance), k / count, (k + 1) / count)))
+        poses = yield from share(posing(objects, frames_of(*span), performance), k / count, (k + 0.8) / count)
+        looking = posing(objects, frames_of(*span, SOLES), performance, sole)
+        soles = yield from share(looking, (k + 0.8) / count, (k + 1) / count)
+        acts.append((poses, soles))
     return acts
 
 
-def _action(part: Part, poses: list[np.ndarray], fps: float, size: float, meters: float) -> Action:
-    """Return the Action that a group plays as `part`; poses: see `walked`.
+def _action(part: Part, act: Act, fps: float, size: float, meters: float) -> Action:
+    """Return the Action that a group plays as `part`; act: of it.
 
     size: of the group, in units of `meters`.
     """
-    feet = walked(poses)
+    feet = walked(*act)
     own = part.stride / meters if part.action is not None and part.action.get("stride") else part.stride
     stride, feet = (each if each > STANDS * size else 0.0 for each in (own or feet, feet))
-    return Action(part.name, stride, (part.last - part.first) / fps, feet, part.way)
+    return Action(part.name, stride, (part.last - part.first) / fps, feet, part.root.way)
 
 
 def stands(settings, name: str) -> bool:
@@ -352,30 +361,6 @@ def frame_of(  # noqa: PLR0913 - most are at hand, and read if not
     return use.applied(frame if around is None else surround(frame, around))  # who is hidden casts no shadow
 
 
-def _off_ground(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Iterator[str]:
-    """Yield a sentence on groups moved to the ground, and one on groups left off it."""
-    for moved, begin in ((True, "Moved to stand on the ground"), (False, "Off the ground (see Stand on Ground)")):
-        found = [group for group in groups if group.lowest and group.on_ground == moved]
-        far = [
-            f"{number(abs(group.lowest) * scene_data.meters(scene))} m {'below' if group.lowest < 0 else 'above'}"
-            for group in found
-        ]
-        told = [f"{group.name} (lowest point {each} its origin)" for group, each in zip(found, far, strict=True)]
-        if told:
-            yield f"{begin}: {', '.join(told)}."
-
-
-def _unmeasured(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Iterator[str]:
-    """Yield a sentence on what renders may show beyond the measured spheres."""
-    found = [f"of {name}, {what}" for name, objects, _ in characters_of(scene) for what in dict.fromkeys(unknown(objects))]
-    if found:
-        margin = number(MARGIN * max(group.radius for group in groups) * scene_data.meters(scene))
-        yield (
-            f"Renders may show more than was measured: {'; '.join(found)}. If something is missing at the picture's border, "
-            f"set Margin to Fixed, {margin} m or more."
-        )
-
-
 def populating(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Generator[float, None, tuple[str, list[str]]]:
     """Measure the characters of `scene` and place the crowd: yield the progress.
 
@@ -394,10 +379,13 @@ def populating(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Genera
         troubles = yield from aside(lambda: find(trajectory, scene_data.meters(scene)), lambda: 1.0)
         warnings = [troubles.sentence] if troubles.found else []
         warnings += [
-            *_off_ground(scene, groups),
-            *_unmeasured(scene, groups),
+            *told_of_feet(scene, groups),
+            *told_of_extent(scene, groups),
+            *told_of_plausibility(scene, groups, crowds, trajectory.parts, depsgraph),
             *crowd_sources.notes(crowds, trajectory),
+            *told_of_left_out(scene),
             *told_of_actions(scene, groups),
+            *told_of_gliding(scene),
             *told_of_glow(scene),
         ]
     store_groups(settings, groups)

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from weakref import WeakKeyDictionary
 
-import bpy
 import numpy as np
 
 from ...crowd_lod.crowd.agents import Group
@@ -20,6 +19,7 @@ from ...crowd_lod.planning.planned import numbers_of, same_cameras, with_row
 from ...crowd_lod.reporting.plan_file import AGAIN, StoredPlan, read
 from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import scene_cache, scene_data
+from ..blender.output_folders import full_path
 from . import hand_edits
 from .shot_exceptions import digest_of, numbered_of
 
@@ -51,7 +51,7 @@ class Use:
 
 def path_of(settings) -> Path | None:
     """Return the path of the plan that the settings refer to, or None."""
-    return Path(bpy.path.abspath(settings.shot_plan)) if settings.shot_plan and settings.use_shot_plan else None
+    return full_path(settings.shot_plan) if settings.shot_plan and settings.use_shot_plan else None
 
 
 def reference(settings) -> tuple:

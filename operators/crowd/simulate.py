@@ -45,6 +45,7 @@ def follow(scene: bpy.types.Scene, index: int, path: str) -> None:
     """
     crowd = crowds_of(scene.crowd_lod)[index]
     crowd.source, crowd.tracks_file, crowd.tracks_unit, crowd.tracks_rate = "FILE", path, "M", 0
+    crowd.tracks_up = "Z"
 
 
 def _wanted(scene: bpy.types.Scene, index: int) -> Wanted:

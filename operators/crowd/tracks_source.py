@@ -4,8 +4,6 @@ import os
 from collections.abc import Generator
 from pathlib import Path
 
-import bpy
-
 from ...crowd_lod.crowd.maps import FARTHEST
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
@@ -13,6 +11,7 @@ from ...crowd_lod.progress import aside, share
 from ...crowd_lod.tracks.reading import content_of, read_tracks
 from ...crowd_lod.tracks.tracks import Tracks
 from ..blender import scene_cache, scene_data
+from ..blender.output_folders import full_path
 
 UNITS = {"AUTO": "", "M": "m", "CM": "cm", "MM": "mm", "FT": "ft"}
 MOST_FILES = 4  # that are kept
@@ -26,7 +25,7 @@ def tracks_path(crowd) -> Path:
     """Return the path of the crowd's file. CrowdError if none is chosen."""
     if not crowd.tracks_file.strip():
         raise CrowdError(f"The crowd {crowd.name or 1} follows a file, and none is chosen: choose a File in the Crowd panel.")
-    return Path(bpy.path.abspath(crowd.tracks_file, library=crowd.id_data.library))
+    return full_path(crowd.tracks_file, crowd.id_data.library)
 
 
 def stamp_of(crowd) -> tuple:
@@ -50,7 +49,7 @@ def file_asked(crowd) -> tuple:
         stamp = stamp_of(crowd)
     except CrowdError:  # whoever reads the file says so
         stamp = (crowd.tracks_file,)
-    return *stamp, crowd.tracks_unit, crowd.tracks_rate
+    return *stamp, crowd.tracks_unit, crowd.tracks_rate, crowd.tracks_up
 
 
 def tracks_of_crowd(crowd, usual: float) -> Tracks:
@@ -94,10 +93,10 @@ def reading_files(crowds: list, usual: float) -> Generator[float, None, None]:
             yield from share(aside(read, lambda progress=progress: progress[0]), k / len(wanted), (k + 1) / len(wanted))
 
 
-def _told(crowd, usual: float) -> tuple[str, float, float, float]:
-    """Return how the crowd's file is read: unit, rate, the rate if the file tells none, the scene's meters."""
+def _told(crowd, usual: float) -> tuple[str, float, float, str, float]:
+    """Return how the crowd's file is read: unit, rate, the rate if it tells none, what is up, the scene's meters."""
     rate = round(float(crowd.tracks_rate), 6)
-    return UNITS[crowd.tracks_unit], rate, 0.0 if rate else usual, scene_data.meters(crowd.id_data)
+    return UNITS[crowd.tracks_unit], rate, 0.0 if rate else usual, crowd.tracks_up, scene_data.meters(crowd.id_data)
 
 
 def _kept(stamp: tuple, told: tuple) -> Tracks | None:
@@ -118,8 +117,8 @@ def _read(stamp: tuple, told: tuple, progress: list[float]) -> Tracks:
         def tell(part: float) -> None:
             progress[0] = part
 
-        unit, rate, usual, meters = told
-        tracks = read_tracks(path, unit, rate, usual, tell).in_units(meters)
+        *how, meters = told
+        tracks = read_tracks(path, *how, tell).in_units(meters)
         while len(_files) >= MOST_FILES:
             _files.pop(next(iter(_files)))
         _files[key] = tracks

@@ -25,7 +25,6 @@ from ..crowd.character_extent import displaced
 from ..crowd.scene_world import actions_named
 from . import source_mesh as sources
 from .deviation import Measure, compare, poses
-from .glimpse import Glimpse
 from .level_objects import AS_MADE, WAY, discard, hash_made, make_object, share_object
 from .pose_deformation import skin_of
 from .search import Search
@@ -93,7 +92,7 @@ class Ladder:
         self.rows: dict[float, tuple] = {}
         self.found: dict[float, bpy.types.Collection] = {}
         self.made: dict[float, bpy.types.Collection] = {}
-        self.by, self.diagonal = Measure(name, objects, actions), 0.0
+        self.by, self.diagonal = Measure(name, objects, actions, settings.hidden_surface_counts), 0.0
         self.search: Search | None = None
 
     def read(self) -> Iterator[float]:
@@ -106,7 +105,9 @@ class Ladder:
         if not any(source.mesh for source in self.sources):
             raise CrowdError(f"The character group {self.name} has no faces, modifiers applied: give it a mesh, or take it out.")
         named = digest_of(self.by.performance.parts)
-        self.digest = sources.text_digest(digests, self.goals, self.method, VERSION, *["shading"] * bool(self.looks), *named)
+        self.digest = sources.text_digest(
+            digests, self.goals, self.method, VERSION, *["shading"] * bool(self.looks), *named, self.by.hidden_counts
+        )
         shown = [source for source in self.sources if source.mesh]
         triangles = [len(source.mesh.loops) - 2 * len(source.mesh.polygons) for source in shown]
         for source, own in zip(shown, triangles, strict=True):
@@ -199,7 +200,7 @@ class Ladder:
         """Search for the LOD that deviates by `length` at most."""
         if self.search is None:
             yield from self._read_skins()
-            self.search = Search(self.sources, self.method, make_object, Glimpse(self.by))
+            self.search = Search(self.sources, self.method, make_object, self.by)
         whole = self._value(0.0, "triangles")
         tries, measured = yield from self.search.find(length, self._guess_triangles([length], OFTEN_LOST)[0] / whole)
         self._keep(length, [attempt.item for attempt in tries])

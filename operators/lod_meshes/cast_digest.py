@@ -1,13 +1,14 @@
 """Whether characters were edited: quick hashes of what they are, to be asked while one works."""
 
 import time as clock
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import bpy
 import numpy as np
 
 from ..blender import mesh_data, scene_cache, scene_data
-from ..blender.rig_dependencies import curves_of, places, players_of
+from ..blender.references import blocks_of
+from ..blender.rig_dependencies import curves_of, moved_values, places, players_of, read_tree, settings_of, shape_of
 from ..crowd.scene_crowd import characters_of
 from .source_mesh import text_digest
 
@@ -17,13 +18,15 @@ _known: dict[int, tuple[float, str]] = scene_cache.kept({}, by_scene=True)
 
 
 def cast_digest(items: Iterable[bpy.types.Object]) -> str:
-    """Return a hash of characters: what they hold and play, and some of their vertices.
+    """Return a hash of characters: what they and all that they are made of hold and play.
 
     It is the same in all frames. A change of few vertices or keys may escape it.
     """
-    items = list(items)
-    played = [(player.action.name_full, *player.action.frame_range) for player in players_of(items) if player.action is not None]
-    return text_digest([(holds(item, still=not _moves(item)), slots(item), _sampled(item)) for item in items], played)
+    blocks = blocks_of(list(items))
+    parts = [block for block in blocks if isinstance(block, bpy.types.Object)]
+    trees = [read_tree(block) for block in blocks if isinstance(block, bpy.types.GeometryNodeTree)]
+    played = [(player.action.name_full, *player.action.frame_range) for player in players_of(parts) if player.action is not None]
+    return text_digest([(holds(item, still=not _moves(item)), slots(item), *_made_of(item)) for item in parts], played, trees)
 
 
 def looked_at(scene: bpy.types.Scene) -> str:
@@ -62,8 +65,18 @@ def _node_inputs(item: bpy.types.Object) -> list[tuple[str, str]]:
     return sorted((path, repr(value)) for path, value in inputs.items() if path not in animated)
 
 
-def _sampled(item: bpy.types.Object) -> list:
-    return mesh_data.some_vertices(item.data, SAMPLED) if item.type == "MESH" else []
+def _made_of(item: bpy.types.Object) -> Iterator[list]:
+    """Yield what else shapes and moves the object: modifiers, constraints, and its data, or some of a mesh's vertices."""
+    moved = moved_values(item)
+    bones = item.pose.bones if item.pose is not None else ()
+    constraints = [*item.constraints, *(constraint for bone in bones for constraint in bone.constraints)]
+    yield [settings_of(struct, moved) for struct in (*item.modifiers, *constraints)]
+    if item.type == "MESH":
+        yield mesh_data.some_vertices(item.data, SAMPLED)
+    elif item.type != "ARMATURE" and item.data is not None:
+        yield [settings_of(item.data, moved), *shape_of(item.data)]
+    elif not moved:
+        yield [tuple(map(tuple, bone.matrix_basis)) for bone in bones]
 
 
 def holds(item: bpy.types.Object, still: bool = True) -> tuple:

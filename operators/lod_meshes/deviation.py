@@ -1,195 +1,78 @@
 """How far each LOD lies from its character, over the poses of its action."""
 
 from collections.abc import Generator, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import bpy
 import numpy as np
+from mathutils.kdtree import KDTree
 
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
-from ...crowd_lod.progress import share
-from ...crowd_lod.simplification import thin_parts
-from ...crowd_lod.simplification.hausdorff import Moving, interval
-from ..blender import cleanup, mesh_data
+from ...crowd_lod.progress import finished, share
+from ...crowd_lod.simplification import hausdorff, thin_parts
+from ...crowd_lod.simplification.hausdorff import Part
 from ..blender.material_colors import Looks
 from ..blender.operator import Stepwise
-from ..blender.performance import Performance, own, performance_of
-from ..blender.render_evaluation import as_rendered
-from ..blender.rig_dependencies import armatures_of
+from ..blender.performance import Performance, performance_of
 from ..crowd import needs
 from ..crowd.scene_crowd import characters_of, groups_of, home_of, store_groups
 from ..crowd.scene_world import actions_named
+from .pose_choice import farthest_apart, poses
+from .posed_shapes import Posed, Shape, read_shapes, surface_of
 from .shaded_pictures import bodies_of, within
-from .surface import Surface, has_area, moving, same_faces, spread
+from .surface import Merged, merge, same_faces, spread
+from .visible_surface import visible_points
 
 SOLID = ("MESH", "CURVE", "SURFACE", "META", "FONT")  # types of objects that have faces
-# poses spread over the action, its ends included, and with those least like any before
-EVENLY, POSES = 6, 12
-# the origin and a point on each axis
-AXES = np.array([(0, 0, 0, 1), (1, 0, 0, 1), (0, 1, 0, 1), (0, 0, 1, 1)], np.float64).T
-LOOKED_AT = 240  # frames of an action at which its joints are looked at, at most
 JOINTS = 500  # points of a mesh by which its poses are told apart
 BETWEEN = 0.03  # part that is added to the bound of an action, for the poses between those looked at
 LOST_IN = 3  # poses in which thin parts that a LOD has lost are looked at, about
 SAMPLES = 5_000  # points of each surface whose root mean square distance is told
+ESTIMATED_IN = 4  # poses that an estimate looks at
+LARGE = 1 / 64  # of the size: it looks at the middles of triangles with longer sides
 
-Shape = tuple[np.ndarray, np.ndarray]  # points (n, 3) float64 meters, triangles (m, 3)
 
+@dataclass(frozen=True)
+class Estimate:
+    """What is roughly known of a LOD.
 
-class Posed:
-    """A character and its LODs in a scene of their own, as they are rendered.
-
-    A context: the scene is gone afterwards. character: its objects; levels: the objects of each LOD; performance: what it plays, its
-    own action if None. Let the performance rest before anything yields.
+    deviations: for each of its objects meters from all of the character, and of the character's
+        object from all of the LOD, of what is visible, as far as some poses and points tell.
+    spots: for each object of the character the vertices (k,) where it is more than was asked for.
     """
 
-    def __init__(
-        self,
-        objects: Sequence[bpy.types.Object],
-        levels: Sequence[Sequence[bpy.types.Object]],
-        performance: Performance | None = None,
-    ):
-        self.performance = performance or own(list(objects))
-        self._staged = as_rendered([item for each in (objects, *levels) for item in each])
-        self.stage, actors = self._staged.__enter__()
-        self.character, *self.levels = [[actors[item] for item in each] for each in (objects, *levels)]
+    deviations: list[float]
+    spots: list[np.ndarray]
 
-    def at(self, frame: float) -> tuple[Surface | None, list[Surface | None]]:
-        """The surfaces of the character and of each LOD at `frame`, a moment of the performance, world space.
-
-        None where there is no face.
-        """
-        character, *levels = (_surface(*shape) for shape in self.shapes(frame))
-        return character, levels
-
-    def shapes(self, frame: float) -> list[Shape]:
-        """Return the Shape of the character, then of each LOD, at `frame`, world space."""
-        self.performance.go_to(self.stage, frame)
-        depsgraph = self.stage.view_layers[0].depsgraph
-        return [_shape(each, depsgraph) for each in (self.character, *self.levels)]
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *error):
-        self.performance.rest()
-        self._staged.__exit__(*error)
-
-
-def _shape(objects: list[bpy.types.Object], depsgraph: bpy.types.Depsgraph) -> Shape:
-    """Return (points, triangles) of all objects together, world space.
-
-    points: (n, 3) float64.
-    triangles: (m, 3).
-    """
-    points, triangles, count = [np.empty((0, 3))], [np.empty((0, 3), np.int32)], 0
-    for item in objects:
-        corners, faces = mesh_data.world_triangles(item.evaluated_get(depsgraph))
-        points.append(corners)
-        triangles.append(faces + count)
-        count += len(corners)
-    return np.concatenate(points), np.concatenate(triangles)
-
-
-def _surface(points: np.ndarray, triangles: np.ndarray) -> Surface | None:
-    """Return the Surface without loose vertices and faces without area, or None."""
-    used, triangles = np.unique(triangles[has_area(points[triangles])], return_inverse=True)
-    return Surface(points[used], triangles.reshape(-1, 3)) if len(triangles) else None
-
-
-def poses(objects: Sequence[bpy.types.Object], performance: Performance | None = None) -> list[float]:
-    """The moments of the performance at which LODs of a character are measured.
-
-    performance: what it plays; its own action if None.
-
-    Some lie evenly over each action, half as many over those that states name; at the others its joints are farthest from where they
-    are at any before.
-    """
-    performance = performance or own(list(objects))
-    parts = [np.linspace(*span, min(int(np.ceil(span[1] - span[0])) + 1, LOOKED_AT)) for span in performance.spans]
-    times, begins = np.concatenate(parts), np.cumsum([0, *map(len, parts)]).tolist()
-    joints: np.ndarray | None = None
-    chosen: list[int] = []
-    for k, (begin, end) in enumerate(zip(begins, begins[1:], strict=False)):
-        even, most = (EVENLY // 2, POSES // 2) if k else (EVENLY, POSES)
-        if end - begin <= most:
-            chosen += range(begin, end)
-            continue
-        joints = _joints(objects, times, performance) if joints is None else joints
-        mine = (begin + np.linspace(0, end - begin - 1, even).round().astype(int)).tolist()
-        near = np.min([_apart(joints[begin:end], joints[j]) for j in (*chosen, *mine)], axis=0)
-        while len(mine) < most and near.max() > 0:
-            mine.append(begin + int(near.argmax()))
-            near = np.minimum(near, _apart(joints[begin:end], joints[mine[-1]]))
-        chosen += mine
-    return times[sorted(chosen)].tolist()
-
-
-def _apart(joints: np.ndarray, one: np.ndarray) -> np.ndarray:
-    """How far the farthest joint is from where it is in one pose, (poses,) meters.
-
-    joints: (poses, n, 3); one: (n, 3).
-    """
-    return np.linalg.norm(joints - one, axis=2).max(axis=1, initial=0)
-
-
-def _joints(objects: Sequence[bpy.types.Object], times: np.ndarray, performance: Performance) -> np.ndarray:
-    """Where a character's bones and objects are at `times`, (times, n, 3) meters.
-
-    The times are moments of the performance.
-
-    Its way as a whole is left out. There are three points of each bone, four of each object, and how far each shape key moves what
-    it moves most.
-    """
-    found = []
-    with cleanup.scratch(), performance:
-        stage = bpy.data.scenes.new("Crowd LOD poses")
-        rigs, items = armatures_of(objects), [item.copy() for item in objects]
-        for item in (*rigs, *items):
-            stage.collection.objects.link(item)
-        reaches = [mesh_data.key_reaches(item) for item in items]
-        for item in items:
-            item.hide_viewport = False
-            item.modifiers.clear()  # from here on only where it is matters
-        for time in times.tolist():
-            performance.go_to(stage, time)
-            depsgraph = stage.view_layers[0].depsgraph
-            places = [_placed(item, depsgraph) @ AXES for item in items]
-            for rig in rigs:
-                bones = rig.evaluated_get(depsgraph).pose.bones
-                matrices, lengths = np.empty((len(bones), 4, 4), np.float32), np.empty((len(bones), 1, 1), np.float32)
-                bones.foreach_get("matrix", matrices.ravel())
-                bones.foreach_get("length", lengths.ravel())
-                places += list(
-                    _placed(rig, depsgraph)
-                    @ matrices.transpose(0, 2, 1)
-                    @ (AXES * [[1], [1], [1], [0]] * lengths + AXES * [[0], [0], [0], [1]])
-                )
-            places = np.array(places)[:, :3].transpose(0, 2, 1).reshape(-1, 3)
-            moved = [
-                item.evaluated_get(depsgraph).data.shape_keys for item, reach in zip(items, reaches, strict=True) if len(reach)
-            ]
-            values = np.array([key.value for keys in moved for key in keys.key_blocks[1:]])
-            keyed = np.outer(values * np.concatenate([[], *reaches]), (1.0, 0.0, 0.0))
-            found.append(np.concatenate([places - places.mean(axis=0), keyed]))
-    return np.array(found)
-
-
-def _placed(item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
-    return np.array(item.evaluated_get(depsgraph).matrix_world, np.float64)
+    @property
+    def deviation(self) -> float:
+        """Meters, of all objects together."""
+        return max(self.deviations)
 
 
 class Measure:
     """What LODs of a character are measured by: the character in all poses.
 
-    It is read when first needed. name: of the group; objects: the character's; actions: that states name, besides its own. Its steps
-    yield, of a whole of 1, the part done.
+    It is read when first needed. Its steps yield, of a whole of 1, the part done.
+
+    name: of the group.
+    objects: the character's.
+    actions: that states name, besides its own.
+    hidden_counts: whether surface that nobody sees counts as well.
     """
 
-    def __init__(self, name: str, objects: Sequence[bpy.types.Object], actions: Sequence[str] = ()):
+    def __init__(
+        self,
+        name: str,
+        objects: Sequence[bpy.types.Object],
+        actions: Sequence[str] = (),
+        hidden_counts: bool = False,
+    ):
         self.name, self.objects, self.character = name, objects, None
+        self.hidden_counts = hidden_counts
         self.performance = performance_of(name, list(objects), actions)
 
     def read(self) -> Iterator[float]:
@@ -200,12 +83,58 @@ class Measure:
         if self.character is not None:
             return
         self.frames = poses(self.objects, self.performance)
-        shapes = yield from _shapes(self.objects, self.frames, self.performance)
-        shown = [each.points for each in (_surface(*shape) for shape in shapes) if each]
+        shapes = yield from read_shapes(self.objects, self.frames, self.performance)
+        shown = [each.points for each in map(surface_of, shapes) if each]
         if not shown:
             raise CrowdError(f"The character {self.name} shows no face in any pose of its action: check its modifiers.")
         self.diagonal = max(float(np.linalg.norm(np.ptp(points, axis=0))) for points in shown)
-        self.character = _Acting(shapes)
+        self.character = _Acting(shapes, self.hidden_counts)
+
+    def visible(self, number: int) -> np.ndarray:
+        """Return which vertices of the object someone may see, (n,) bool, as it is evaluated.
+
+        Its triangles count where one of their corners is visible. The character must be read.
+        """
+        begin, end = self.character.shapes[0].begins[number : number + 2]
+        return self.character.visible[0][begin:end]
+
+    def vertices_at(self, number: int, points: np.ndarray) -> np.ndarray:
+        """Return which of the object's vertices are nearest to points in the first pose, (s,) intp.
+
+        So vertices of a source mesh, which is sewn and has no loose ones, are recognized. The
+        character must be read.
+
+        points: (s, 3), in the object's space, as it is at the first of `frames`.
+        """
+        shape = self.character.shapes[0]
+        begin, end = shape.begins[number : number + 2]
+        matrix = shape.matrices[number]
+        tree = KDTree(int(end - begin))
+        for index, point in enumerate(shape.points[begin:end]):
+            tree.insert(point, index)
+        tree.balance()
+        return np.array([tree.find(point)[1] for point in points @ matrix[:3, :3].T + matrix[:3, 3]], np.intp)
+
+    def estimate(self, objects: Sequence[bpy.types.Object], beyond: float = np.inf) -> Estimate:
+        """Measure a LOD roughly but quickly. The character must be read.
+
+        objects: the LOD's, one for each of the character's, in their order.
+        beyond: meters, of the spots to find.
+        Deviations are infinite where the LOD has no face.
+        """
+        run = max(self.character.runs, key=len)
+        some = np.unique(np.linspace(0, len(run) - 1, ESTIMATED_IN).round().astype(int))
+        chosen = [run[k] for k in some]
+        shapes = finished(read_shapes(objects, [self.frames[k] for k in chosen], self.performance))
+        lod = merge([shape.points for shape in shapes], shapes[0].triangles)
+        if lod is None:
+            return Estimate([np.inf] * len(objects), [np.empty(0, np.intp)] * len(objects))
+        character = self.character.surface(chosen)
+        first = self.character.shapes[chosen[0]]
+        parts = list(zip(_parts(character, first), _parts(lod, shapes[0]), strict=True))
+        deviations, far = hausdorff.estimate(character.moving, lod.moving, parts, beyond)
+        spots = (character.place >= 0) & far[character.place]
+        return Estimate(deviations, [np.flatnonzero(each) for each in np.split(spots, first.begins[1:-1])])
 
     def level(self, objects: Sequence[bpy.types.Object], k: int) -> Generator[float, None, tuple[float, float, float, float]]:
         """Measure LOD k: all `objects` together against all of the character's.
@@ -213,35 +142,27 @@ class Measure:
         Returns (deviation, bound, root mean square, moment of the worst pose), meters. CrowdError if either has no face in any pose.
         """
         yield from share(self.read(), 0.0, 0.2)
-        shapes = yield from share(_shapes(objects, self.frames, self.performance), 0.2, 0.4)
-        found = _measured(self.character, _Acting(shapes), self.frames)
+        shapes = yield from share(read_shapes(objects, self.frames, self.performance), 0.2, 0.4)
+        found = _measured(self.character, _Acting(shapes, self.hidden_counts), self.frames)
         if found is None:
             raise CrowdError(f"LOD {k} of {self.name} has no face: raise its ratio and press Make LOD Meshes.")
         yield 1.0
         return found
 
 
-def _shapes(
-    objects: Sequence[bpy.types.Object], frames: Sequence[float], performance: Performance
-) -> Generator[float, None, list[Shape]]:
-    """Return the Shape of `objects` at each of `frames`, moments of the performance; yield the progress."""
-    found = []
-    with Posed(objects, (), performance) as posed:
-        for frame in frames:
-            found += posed.shapes(frame)
-            performance.rest()
-            yield len(found) / len(frames)
-    return found
-
-
 def measure(
-    group: Group, objects: Sequence[bpy.types.Object], levels: Sequence[Sequence[bpy.types.Object]], actions: Sequence[str] = ()
+    group: Group,
+    objects: Sequence[bpy.types.Object],
+    levels: Sequence[Sequence[bpy.types.Object]],
+    actions: Sequence[str] = (),
+    hidden_counts: bool = False,
 ) -> Generator[float, None, Group]:
     """Measure the LODs of `group`; yields the progress, 0 to 1.
 
-    objects: the character's; levels: those of each LOD; actions: see Measure. Returns the group with deviations and bounds.
+    objects: the character's; levels: those of each LOD; actions, hidden_counts: see Measure. Returns the group with deviations and
+    bounds.
     """
-    by, found = Measure(group.name, objects, actions), []
+    by, found = Measure(group.name, objects, actions, hidden_counts), []
     for k, level in enumerate(levels):
         found.append((yield from share(by.level(level, k), k / len(levels), (k + 1) / len(levels))))
     deviations, bounds, rms, worst = zip(*found, strict=True)
@@ -251,41 +172,77 @@ def measure(
 class _Acting:
     """A character or a LOD in all poses.
 
-    runs: of poses in which its faces are the same; first in each is the pose least unlike the others. Quads are cut as in that.
+    runs: of poses in which its faces are the same; first in each is the pose least unlike the
+    others. Quads are cut as in that.
     """
 
-    def __init__(self, shapes: Sequence[Shape]):
-        self.shapes, self.runs = shapes, []
-        self._moving: dict[tuple[int, ...], Moving | None] = {}
+    def __init__(self, shapes: Sequence[Shape], hidden_counts: bool):
+        self.shapes, self.runs, self.hidden_counts = shapes, [], hidden_counts
+        self._surfaces: dict[tuple[int, ...], Merged | None] = {}
         self._samples: dict[int, thin_parts.Samples] = {}
-        for k, (points, triangles) in enumerate(shapes):
+        for k, shape in enumerate(shapes):
             for run in self.runs:
-                if len(points) == len(shapes[run[0]][0]) and same_faces(shapes[run[0]][1], triangles):
+                first = shapes[run[0]]
+                if len(shape.points) == len(first.points) and same_faces(first.triangles, shape.triangles):
                     run.append(k)
                     break
             else:
                 self.runs.append([k])
         for run in self.runs:
-            some = np.array([shapes[k][0][:: max(1, len(shapes[k][0]) // JOINTS)] for k in run])
+            some = np.array([shapes[k].points[:: max(1, len(shapes[k].points) // JOINTS)] for k in run])
             some -= some.sum(axis=1, keepdims=True) / max(some.shape[1], 1)
-            run.insert(0, run.pop(int(np.argmin([_apart(some, one).max() for one in some]))))
+            run.insert(0, run.pop(int(np.argmin([farthest_apart(some, one).max() for one in some]))))
 
-    def moving(self, poses: list[int]) -> Moving | None:
+    @cached_property
+    def visible(self) -> list[np.ndarray]:
+        """Which points someone may see, (n,) bool, for each run."""
+        return [self._visible(run) for run in self.runs]
+
+    def _visible(self, run: list[int]) -> np.ndarray:
+        first = self.shapes[run[0]]
+        whole = merge([self.shapes[k].points for k in run], first.triangles)
+        if whole is None or self.hidden_counts:
+            return np.ones(len(first.points), bool)
+        moving = whole.moving
+        seen = visible_points(moving.points, moving.triangles, first.hiding[whole.shown])
+        return (whole.place >= 0) & seen[whole.place]
+
+    def surface(self, poses: list[int]) -> Merged | None:
         """Return the surface in `poses`, all of one run, or None without a face.
 
         Quads are cut as in the first of `poses`.
         """
         key = tuple(poses)
-        if key not in self._moving:
-            self._moving[key] = moving([self.shapes[k][0] for k in poses], self.shapes[poses[0]][1])
-        return self._moving[key]
+        if key not in self._surfaces:
+            surface = merge([self.shapes[k].points for k in poses], self.shapes[poses[0]].triangles)
+            if surface is not None:
+                number = next(number for number, run in enumerate(self.runs) if poses[0] in run)
+                visible = self.visible[number][surface.source]
+                surface.moving.counted = visible[surface.moving.triangles].any(axis=1)
+            self._surfaces[key] = surface
+        return self._surfaces[key]
 
     def samples(self, pose: int) -> thin_parts.Samples:
         """Return points of the surface in the pose, and how thick it is there. It must have a face."""
         if pose not in self._samples:
-            surface = _surface(*self.shapes[pose])
+            surface = surface_of(self.shapes[pose])
             self._samples[pose] = thin_parts.samples(surface.points, surface.triangles, surface.through)
         return self._samples[pose]
+
+
+def _parts(surface: Merged, shape: Shape) -> list[Part]:
+    """Return what of each object estimates look at: of what counts all corners, and large faces."""
+    moving = surface.moving
+    faces = np.arange(len(moving.triangles)) if moving.counted is None else np.flatnonzero(moving.counted)
+    owner = np.searchsorted(shape.begins, surface.source[moving.triangles[faces, 0]], side="right") - 1
+    corners = moving.points[moving.triangles[faces], 0]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    large = longest > LARGE * np.ptp(moving.points[:, 0], axis=0).max()
+    parts = []
+    for number in range(len(shape.begins) - 1):
+        own = owner == number
+        parts.append(Part(np.unique(moving.triangles[faces[own]]), faces[own & large]))
+    return parts
 
 
 def _measured(character: _Acting, other: _Acting, frames: Sequence[float]) -> tuple[float, float, float, float] | None:
@@ -295,16 +252,17 @@ def _measured(character: _Acting, other: _Acting, frames: Sequence[float]) -> tu
     """
     found, bound = [], 0.0
     for run in character.runs:
-        for poses in ([k for k in run if k in each] for each in other.runs):
-            pair = [each.moving(poses) if poses else None for each in (character, other)]
-            if None in pair:
+        for shared in ([k for k in run if k in each] for each in other.runs):
+            surfaces = [each.surface(shared) if shared else None for each in (character, other)]
+            if None in surfaces:
                 continue
+            pair = [each.moving for each in surfaces]
             if all(np.array_equal(*each) for each in zip(*((m.points, m.triangles) for m in pair), strict=True)):
-                found.append((0.0, 0.0, frames[poses[0]]))
+                found.append((0.0, 0.0, frames[shared[0]]))
                 continue
-            own = interval(*pair)
-            pose, lost = poses[own.pose], _unseen(character, other, poses, own.bound)
-            rms = spread(*(_surface(*each.shapes[pose]) for each in (character, other)), SAMPLES)
+            own = hausdorff.interval(*pair)
+            pose, lost = shared[own.pose], _unseen(character, other, shared, own.bound)
+            rms = spread(*(surface_of(each.shapes[pose]) for each in (character, other)), SAMPLES)
             found.append((max(own.measured, lost), rms, frames[pose]))
             bound = max(bound, own.bound, lost)
     if not found:
@@ -320,7 +278,7 @@ def _unseen(character: _Acting, other: _Acting, poses: list[int], bound: float) 
     """
     found = 0.0
     for pose in poses[:: max(1, len(poses) // LOST_IN)]:
-        surface = _surface(*other.shapes[pose])
+        surface = surface_of(other.shapes[pose])
         if surface is not None:
             found = max(found, thin_parts.unseen(character.samples(pose), surface.facing, bound))
         if found < 2 * bound:
@@ -372,7 +330,8 @@ def measure_levels(scene: bpy.types.Scene) -> Iterator[float]:
                 f"The character group {name} has no LOD meshes in {settings.levels.name}: press Make LOD Meshes again."
             )
         meshes, actions = meshes_of(settings.levels, g, name), actions_named(scene, name)
-        found = yield from share(measure(known[name], objects, meshes, actions), g / len(characters), (g + 1) / len(characters))
+        steps = measure(known[name], objects, meshes, actions, settings.hidden_surface_counts)
+        found = yield from share(steps, g / len(characters), (g + 1) / len(characters))
         if settings.shading_counts:
             looks, others = Looks(), zip(meshes[1:], found.worst[1:], strict=True)
             performance = performance_of(name, objects, actions)

@@ -12,6 +12,7 @@ import bpy
 
 from ...crowd_lod.levels.lengths import NEAR_ENOUGH, read_curve
 from ...crowd_lod.progress import share, standing
+from .deviation import Measure
 from .level_objects import discard
 from .methods import LEAST
 from .source_mesh import Source
@@ -109,12 +110,11 @@ class Search:
     """The search of one character's LODs, which learns from each.
 
     sources: the character's objects. method: AUTO, POSE_AWARE or DECIMATE. make: makes an object of a source with a
-    ratio and a method. judge: has `estimate(items)`, the deviation of each item in meters, and `level(items, k)`, see
-    Measure. All three yield between their steps.
+    ratio and a method, and yields between its steps. by: measures.
     """
 
-    def __init__(self, sources: Sequence[Source], method: str, make: Make, judge):
-        self.make, self.judge = make, judge
+    def __init__(self, sources: Sequence[Source], method: str, make: Make, by: Measure):
+        self.make, self.by = make, by
         self.methods = METHODS if method == "AUTO" else (method,)
         self.curves = [Curve(source) for source in sources]
         self.times = 1.0  # a LOD's bound over its deviation as estimated
@@ -132,10 +132,11 @@ class Search:
             if any(objects == earlier for _, _, earlier, _ in found):
                 break
             measured = yield from share(
-                self.judge.level([attempt.item for attempt in objects], 1), (k + 0.7) / MEASURED, (k + 1) / MEASURED
+                self.by.level([attempt.item for attempt in objects], 1), (k + 0.7) / MEASURED, (k + 1) / MEASURED
             )
             bound, deviation = measured[1], max(attempt.deviation for attempt in objects)
             fits = bound <= length
+            __import__('sys').stderr.write(f"FULL length {1000*length:.2f} bound {1000*bound:.2f} measured {1000*measured[0]:.2f} est {1000*deviation:.2f} tri {sum(attempt.triangles for attempt in objects)} {__import__('time').process_time():.1f}\n")
             found.append((not fits, sum(attempt.triangles for attempt in objects) if fits else bound, objects, measured))
             if measured[0] > MISSED * deviation:
                 worst = max(objects, key=lambda attempt: attempt.deviation)
@@ -158,8 +159,10 @@ class Search:
             for number in range(max(map(len, wanted))):
                 made = yield from self._try([tries[number : number + 1] for tries in wanted], k / ROUNDS)
                 objects = [own[0] if own else curve.best(length) for own, curve in zip(made, self.curves, strict=True)]
-                deviations = yield from self.judge.estimate([attempt.item for attempt in objects])
-                for own, curve, deviation in zip(made, self.curves, deviations, strict=True):
+                yield from standing(self.by.read(), k / ROUNDS)
+                estimate = self.by.estimate([attempt.item for attempt in objects])
+                __import__('sys').stderr.write(f'TRY {[(o.method[0],round(o.ratio,4),o.triangles,round(1000*d,2)) for o,d in zip(objects,estimate.deviations)]} aim {1000*length:.2f} {__import__("time").process_time():.1f}\n')
+                for own, curve, deviation in zip(made, self.curves, estimate.deviations, strict=True):
                     for attempt in own:
                         attempt.deviation = deviation
                         curve.known[attempt.method].append(attempt)

@@ -13,7 +13,8 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
 from ...crowd_lod.simplification.pose_deformation import Skin
 from ..blender import mesh_data
-from ..blender.rig_dependencies import armatures_of, curves_of, movers_of
+from ..blender.references import closure_of
+from ..blender.rig_dependencies import armatures_of, curves_of
 from .mesh_repair import drop_flat_parts, mend
 from .surface import Surface
 
@@ -119,7 +120,8 @@ def _at_rest(item: bpy.types.Object) -> Iterator[None]:
 
     Armatures that it follows through other objects are included.
     """
-    rigs = [armature for armature in movers_of([item]) if armature.type == "ARMATURE"] if armatures_of([item]) else []
+    parts = closure_of([item], look=False) if armatures_of([item]) else []
+    rigs = [part for part in parts if part.type == "ARMATURE"]
     before = {rig.data: rig.data.pose_position for rig in rigs}
     try:
         for data in before:

@@ -1,6 +1,7 @@
 """Surfaces of triangles: nearest points, samples, and distances between two."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -186,19 +187,32 @@ def has_area(corners: np.ndarray) -> np.ndarray:
     return np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) > FLAT * longest**2
 
 
-def moving(points: Sequence[np.ndarray], triangles: np.ndarray) -> Moving | None:
-    """Return the surface in several poses as a Moving, or None if it has no faces.
+@dataclass
+class Merged:
+    """A surface in several poses, points at the same place merged: importers split them.
 
-    Triangles without area in every pose are left out. Points at the same place in every pose are
-    merged, since importers split them along seams.
+    moving: without loose points, and triangles that have no area in any pose.
+    source: (n,) for each point of that one of those given; place: (given,) the reverse, -1 for
+        loose points.
+    shown: (given triangles,) bool, those with area.
+    """
+
+    moving: Moving
+    source: np.ndarray
+    place: np.ndarray
+    shown: np.ndarray
+
+
+def merge(points: Sequence[np.ndarray], triangles: np.ndarray) -> Merged | None:
+    """Return the surface in several poses, or None if it has no faces.
 
     points: for each pose (n, 3) meters.
     triangles: (m, 3).
     """
-    triangles = triangles[np.any([has_area(each[triangles]) for each in points], axis=0)]
-    if not len(triangles):
+    shown = np.any([has_area(each[triangles]) for each in points], axis=0)
+    if not shown.any():
         return None
-    used, triangles = np.unique(triangles, return_inverse=True)
+    used, triangles = np.unique(triangles[shown], return_inverse=True)
     every = np.ascontiguousarray(np.stack([each[used] for each in points], axis=1).reshape(len(used), -1))
     _, first, one = np.unique(every.view(f"V{every.shape[1] * 8}").ravel(), return_index=True, return_inverse=True)
     every, triangles = every[first].reshape(len(first), -1, 3), one[triangles].reshape(-1, 3)
@@ -211,7 +225,9 @@ def moving(points: Sequence[np.ndarray], triangles: np.ndarray) -> Moving | None
         hits = map(surface.tree.find_nearest, (at - surface.middle).tolist())
         return np.concatenate([np.arange(len(triangles)), surface.lines[1]])[[hit[2] for hit in hits]]
 
-    return Moving(every, triangles, find)
+    place = np.full(len(points[0]), -1)
+    place[used] = one
+    return Merged(Moving(every, triangles, find), used[first], place, shown)
 
 
 def same_faces(one: np.ndarray, other: np.ndarray) -> bool:

@@ -22,6 +22,7 @@ from ..blender.material_colors import Looks
 from ..blender.rig_dependencies import KEYS, armatures_of, curves_of, players_of, read_columns
 from ..crowd.scene_crowd import GROUP
 from ..crowd.scene_world import actions_named
+from ..lod_meshes.cast_digest import cast_digest
 from . import redraw
 from .skinned_characters import Character, baking
 
@@ -160,7 +161,9 @@ def _key(scene: bpy.types.Scene) -> tuple[bytes, Looks]:
     when an object enters or leaves a painting or edit mode.
     """
     digest, looks, told = hashlib.sha256(), Looks(), set()
-    for home in (home for level in scene.crowd_lod.levels.children for home in level.children):
+    homes = [home for level in scene.crowd_lod.levels.children for home in level.children]
+    digest.update(cast_digest(item for home in homes for item in home.all_objects).encode())
+    for home in homes:
         items = [item for item in home.all_objects if item.type == "MESH"]
         digest.update(repr((home.session_uid, home.get(GROUP), tuple(home.instance_offset))).encode())
         for item in items:

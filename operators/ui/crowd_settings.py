@@ -75,6 +75,15 @@ class CrowdSettings:
         max=10_000,
         description="Frames a second of the file's frame numbers; 0 for the rate that the file names",
     )
+    tracks_up: EnumProperty(
+        name="Up",
+        description="Axis that is up in the file; its headings are counter-clockwise from +X as seen from above",
+        items=[
+            ("Z", "Z", "As in Blender and in programs for pedestrians: X and Y are the ground"),
+            ("Y", "Y", "Right-handed axes, as in Houdini and Maya: X and -Z are the ground"),
+            ("Y_LEFT", "Y, Left-Handed", "As in Unity: X and Z are the ground"),
+        ],
+    )
     points: PointerProperty(
         type=bpy.types.Object,
         name="Object",

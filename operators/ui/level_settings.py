@@ -56,11 +56,11 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
     chance: FloatProperty(name="Chance", default=1, min=0, max=1, description="That an agent of the group has just these props")
     actions: CollectionProperty(type=CrowdLodAction, name="Actions", description="Those besides its own that states name")
     lowest: FloatProperty(
-        name="Lowest Point", unit="LENGTH", description="Its height above the origin, over the whole action; 0 if near"
+        name="Soles", unit="LENGTH", description="Height of its soles above the origin, over the whole action; 0 if near"
     )
     on_ground: BoolProperty(
         name="Stand on Ground",
-        description="Its lowest point over the whole action stands on the ground, instead of its origin",
+        description="Its soles stand on the ground over the whole action, instead of its origin",
         update=set_down,
     )
     vertices: IntVectorProperty(name="Vertices", size=MOST_LEVELS, description="Vertices of each LOD")
@@ -146,6 +146,11 @@ class LevelSettings:
     shading_counts: BoolProperty(
         name="Shading Counts",
         description="By tolerance, a LOD also begins only where its shaded picture differs by 2 % of white at most",
+    )
+    hidden_surface_counts: BoolProperty(
+        name="Hidden Surface Counts",
+        description="Deviations heed surface that no direction shows in any pose, such as a body within clothes: for characters "
+        "that are cut open or looked into",
     )
     level_count: IntProperty(
         update=push_all,

@@ -18,6 +18,7 @@ WORK = (
     "characters_from_selection",
     "populate",
     "mark_as_prop",
+    "take_action",
     "simulate",
     "make_levels",
     "measure_levels",

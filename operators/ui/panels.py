@@ -92,6 +92,7 @@ class CROWDLOD_PT_groups(Step, bpy.types.Panel):
         for item in props[:MOST_ROWS]:
             layout.prop(item, f'["{PROP}"]', text=item.name, translate=False)
         button(layout, "crowd_lod.mark_as_prop", icon="MOD_CLOTH")
+        button(layout, "crowd_lod.take_action", icon="ACTION")
 
 
 class CROWDLOD_PT_samples(Step, bpy.types.Panel):
@@ -235,6 +236,7 @@ class CROWDLOD_PT_decimation(Step, bpy.types.Panel):
     def body(self, context, layout, settings) -> None:
         layout.prop(settings, "method")
         grayed(layout, settings.choice == "BY_TOLERANCE").prop(settings, "shading_counts")
+        layout.prop(settings, "hidden_surface_counts")
         layout.prop(settings, "scale_textures")
         layout.prop(settings, "bias_image")
         button(layout, "crowd_lod.measure_levels", icon="DRIVER_DISTANCE")

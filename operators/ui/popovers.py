@@ -7,10 +7,11 @@ from ...crowd_lod.levels.assignment import MOST_LEVELS
 from ..blender import scene_data
 from ..blender.labeled_properties import CONTEXT
 from ..crowd.scene_crowd import count_of
+from ..crowd.take_action import TAKE_ACTION
 from ..overlay import viewport_overlay
 from ..overlay.hud import STAGES, share, told
 from . import steps
-from .drawing import LOD_COLORS, MOST_ROWS, distance, label, paragraph, table
+from .drawing import LOD_COLORS, MOST_ROWS, button, distance, label, paragraph, table
 
 LETTERS = 60  # in a line of a popover
 
@@ -88,6 +89,8 @@ class CROWDLOD_PT_messages(_Popover, bpy.types.Panel):
     def draw(self, context) -> None:
         for sentence, icon in steps.messages(context.scene):
             paragraph(self.layout, sentence, icon, LETTERS)
+            if TAKE_ACTION in sentence:
+                button(self.layout, "crowd_lod.take_action", icon="ACTION")
 
 
 class CROWDLOD_PT_agent(_Popover, bpy.types.Panel):

@@ -103,7 +103,9 @@ class CROWDLOD_PT_plan_output(Step, bpy.types.Panel):
 
     def body(self, context, layout, settings) -> None:
         layout.prop(settings, "frames")
-        layout.prop(settings, "plan_folder")
+        row = layout.row(align=True)
+        row.prop(settings, "output_folder")
+        row.operator("crowd_lod.open_report", text="", icon="URL").which = "ALL"
         layout.prop(settings, "shot_plan")
 
 
@@ -117,7 +119,6 @@ class CROWDLOD_PT_preview(Step, bpy.types.Panel):
         # else its color is the overlay's
         grayed(layout, settings.engine != "OVERLAY").prop(settings, "color")
         layout.prop(settings, "above", text="From Above", translate=False)
-        layout.prop(settings, "folder")
         _with_report(layout, "crowd_lod.preview", "RENDER_ANIMATION", "PREVIEW", "")
 
 
@@ -197,7 +198,7 @@ class CROWDLOD_PT_verify(Step, bpy.types.Panel):
     step, main = "verify", ("crowd_lod.verify", "Verify")
 
     def body(self, context, layout, settings) -> None:
-        for name in ("verify_count", "verify_width", "verify_samples", "verify_folder"):
+        for name in ("verify_count", "verify_width", "verify_samples"):
             layout.prop(settings, name)
         _with_report(layout, "crowd_lod.verify", "CHECKMARK", "VERIFY", steps.following(context.scene))
 

@@ -11,6 +11,7 @@ from ..blender.labeled_properties import (
     PointerProperty,
     StringProperty,
 )
+from ..blender.output_folders import BLEND_NAME
 from .exception_list import CrowdLodException
 
 COLORS = (
@@ -20,7 +21,16 @@ COLORS = (
 
 
 class FrameSettings:
-    """The frames of the shot."""
+    """The frames of the shot, and where output goes."""
+
+    output_folder: StringProperty(
+        name="Output Folder",
+        default=f"//{BLEND_NAME}_crowd_lod",
+        subtype="DIR_PATH",
+        options={"PATH_SUPPORTS_BLEND_RELATIVE"},
+        description="Folder for plan, previews, proofs and exports, with a page index.html on all of them. "
+        f"{BLEND_NAME} is the name of the .blend file",
+    )
 
     own_frames: BoolProperty(name="Own Frame Range", description="Plan, preview and verify other frames than the scene's own range")
     frame_start: IntProperty(name="Start", default=1, subtype="TIME", description="First frame of the shot")
@@ -57,13 +67,6 @@ class PlanSettings:
         soft_max=16_000,
         precision=0,
         description="Megabytes that the characters may take in any frame of the shot; the tolerance rises until they fit. 0 is no limit",
-    )
-    plan_folder: StringProperty(
-        name="Plan Folder",
-        default="//crowd_lod_plan",
-        subtype="DIR_PATH",
-        options={"PATH_SUPPORTS_BLEND_RELATIVE"},
-        description="Folder for the shot plan and its report",
     )
     shot_plan: StringProperty(
         name="Shot Plan",
@@ -104,13 +107,6 @@ class PreviewSettings:
     )
     step: IntProperty(name="Step", default=10, min=1, description="Preview every so many frames of a range")
     width: IntProperty(name="Width", default=960, min=16, max=8192, subtype="PIXEL", description="Width of the pictures")
-    folder: StringProperty(
-        name="Output",
-        default="//crowd_lod",
-        subtype="DIR_PATH",
-        options={"PATH_SUPPORTS_BLEND_RELATIVE"},
-        description="Folder for the preview's pictures, table and plan",
-    )
 
 
 class VerifySettings:
@@ -121,13 +117,6 @@ class VerifySettings:
         name="Width", default=320, min=16, max=8192, subtype="PIXEL", description="Width of the pictures that are compared"
     )
     verify_samples: IntProperty(name="Samples", default=4, min=1, max=4096, description="Samples of each pixel that are rendered")
-    verify_folder: StringProperty(
-        name="Verify Folder",
-        default="//crowd_lod_verify",
-        subtype="DIR_PATH",
-        options={"PATH_SUPPORTS_BLEND_RELATIVE"},
-        description="Folder for the pictures that are compared, and their report",
-    )
 
 
 class ExportSettings:
@@ -135,10 +124,8 @@ class ExportSettings:
 
     usd_file: StringProperty(
         name="USD File",
-        default="//crowd.usdc",
-        subtype="FILE_PATH",
-        options={"PATH_SUPPORTS_BLEND_RELATIVE"},
-        description="File for the crowd of the shot: .usdc, .usda or .usd",
+        default="crowd.usdc",
+        description="Name of the file for the crowd of the shot, in the folder usd of Output Folder: .usdc, .usda or .usd",
     )
     usd_animated: BoolProperty(
         name="Moving Prototypes",

@@ -1,12 +1,16 @@
 """The button that exports the crowd of the shot as USD."""
 
 from collections.abc import Generator
+from pathlib import Path
 
 import bpy
 
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import printable
+from ..batch.output_index import note_output
 from ..blender import scene_data
 from ..blender.operator import Stepwise
-from ..blender.output_folders import output_file, output_folder, place_of
+from ..blender.output_folders import output_folder, place_of, with_ending
 from ..crowd import needs
 from .export import ENDINGS, UsdExport, export_usd
 
@@ -20,9 +24,15 @@ class CROWDLOD_OT_export_usd(Stepwise, bpy.types.Operator):
 
     def steps(self, context) -> Generator[float, None, str]:
         scene, settings = context.scene, context.scene.crowd_lod
-        path = output_file(output_folder(settings.usd_file), *ENDINGS)
+        name = settings.usd_file
+        if Path(name).name != name:
+            raise CrowdError(
+                f"USD File is {printable(name)}: give a name alone, such as crowd.usdc; Output Folder says where it goes."
+            )
+        path = with_ending(output_folder(scene, "usd") / name, *ENDINGS)
         found = yield from export_usd(scene, UsdExport(scene_data.frames_of(scene), path, settings.usd_animated))
-        return f"{found.sentence} The file is {place_of(settings.usd_file)}."
+        note_output(scene, "usd")
+        return f"{found.sentence} The file is {place_of(path)}."
 
 
 CLASSES = (CROWDLOD_OT_export_usd,)

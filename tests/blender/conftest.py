@@ -47,6 +47,20 @@ def scene():
 
 
 @pytest.fixture
+def small_shot():
+    """A scene of two small frames with a camera and no characters yet, in which 6 agents are to be."""
+    scene = bpy.context.scene
+    scene.render.resolution_x, scene.render.resolution_y = 80, 45
+    scene.frame_start, scene.frame_end = 1, 2
+    scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    scene.collection.objects.link(scene.camera)
+    scene.camera.location, scene.camera.rotation_euler = (0, -25, 2), (1.5, 0, 0)
+    settings = scene.crowd_lod
+    settings.count, settings.size, settings.method = 6, (10, 10), "DECIMATE"
+    return scene
+
+
+@pytest.fixture
 def rendered():
     """(scene, number, look) -> what look(scene) says at each time that Cycles asks for to render the frame."""
 

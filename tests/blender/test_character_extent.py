@@ -7,7 +7,7 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
 from crowd_lod_extension.operators.build import frame_update
-from crowd_lod_extension.operators.crowd import scene_crowd
+from crowd_lod_extension.operators.crowd import plausible, scene_crowd
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from mathutils import Matrix
 
@@ -192,13 +192,13 @@ def test_what_a_render_alone_knows_is_named_with_a_margin(case):
     character(body)
     named = case(body)
     assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
-    said = " ".join(scene_crowd._unmeasured(bpy.context.scene, scene_crowd.groups_of(bpy.context.scene.crowd_lod)))
+    said = " ".join(plausible.told_of_extent(bpy.context.scene, scene_crowd.groups_of(bpy.context.scene.crowd_lod)))
     assert all(part in said for part in named) and "Margin to Fixed, 1.53 m or more" in said
     for made in bpy.data.materials:
         made.max_vertex_displacement = 0.5  # the user bounds it
     for made in bpy.data.node_groups:
         made.nodes.remove(made.nodes["Is Viewport"])
-    assert not list(scene_crowd._unmeasured(bpy.context.scene, scene_crowd.groups_of(bpy.context.scene.crowd_lod)))
+    assert not list(plausible.told_of_extent(bpy.context.scene, scene_crowd.groups_of(bpy.context.scene.crowd_lod)))
     assert scene_crowd.measure_groups(bpy.context.scene)[0].radius == pytest.approx(1.02 + 0.5 * bool(bpy.data.materials), abs=0.01)
 
 
@@ -234,15 +234,15 @@ def test_new_crowds_stand_on_their_lowest_point(sunk, tmp_path):
     bpy.ops.crowd_lod.populate()
     (entry,) = settings.groups
     assert entry.on_ground and entry.lowest == pytest.approx(-1) and entry.center == pytest.approx(1.0, abs=0.01)
-    said = " ".join(scene_crowd._off_ground(sunk, scene_crowd.groups_of(settings)))
-    assert said == "Moved to stand on the ground: giraffe (lowest point 1 m below its origin)."
+    said = " ".join(plausible.told_of_feet(sunk, scene_crowd.groups_of(settings)))
+    assert said == "Moved to stand on the ground: giraffe (feet 1 m below its origin)."
     bpy.ops.crowd_lod.build()
     settings.characters.hide_render = True
     assert pictured(sunk, tmp_path) == pytest.approx(0, abs=WIDTH / PIXELS)
     entry.on_ground = False
     assert entry.center == pytest.approx(0.0, abs=0.01)
     assert "Off the ground (see Stand on Ground): giraffe" in " ".join(
-        scene_crowd._off_ground(sunk, scene_crowd.groups_of(settings))
+        plausible.told_of_feet(sunk, scene_crowd.groups_of(settings))
     )
     with pytest.raises(CrowdError, match="press Build again"):
         frame_update.update(sunk, bpy.context.evaluated_depsgraph_get())

@@ -91,9 +91,26 @@ def test_a_selected_empty_brings_what_hangs_on_it(stage):
 
 
 def test_meshes_under_an_empty_that_is_not_selected_are_characters_each(stage):
-    stage.objects["statue"].parent = stage.objects["stand"]
+    other = new("other statue", tube("other", 6, 4))
+    stage.collection.objects.link(other)
+    stage.objects["statue"].parent = other.parent = stage.objects["stand"]
     press(stage.objects["statue"])
     assert groups() == {"statue": ["statue"]} and homes()["stand"] == ["Collection"]
+
+
+def test_a_rig_and_its_mesh_take_along_the_empties_that_an_importer_put_above_them(stage):
+    anna, scale, file = stage.objects["Anna"], new("scale", None), new("file", None)
+    for item in (scale, file):
+        stage.collection.objects.link(item)
+    anna.parent, scale.parent, file.parent = scale, file, stage.objects["stand"]
+    scale.scale, scale.rotation_euler, file.location = (0.01, 0.01, 0.01), (1.5, 0, 0), (0, 5, 0)
+    stage.objects["Bert"].parent = stage.objects["stand"]  # which is above both, and stays
+    bpy.context.view_layer.update()
+    place = anna.matrix_world.copy()
+    press(anna, stage.objects["body"])
+    assert groups() == {"Anna": ["Anna", "body", "coat", "file", "hat", "scale"]}
+    assert homes()["file"] == ["Anna"] and homes()["stand"] == ["Collection"] and anna.matrix_world == place
+    assert [(name, len(objects), origin) for name, objects, origin in characters_of(stage)] == [("Anna", 3, (0, 5, 0))]
 
 
 def test_it_adds_to_the_characters_that_there_are(stage):
@@ -106,14 +123,15 @@ def test_it_adds_to_the_characters_that_there_are(stage):
 
 def test_instances_metaballs_and_meshes_without_faces_are_named(stage, capfd):
     blob, empty = new("blob", bpy.data.metaballs.new("blob")), new("sword", None)
+    cloud = new("dust", bpy.data.pointclouds.new("dust"))
     empty.instance_type, empty.instance_collection = "COLLECTION", bpy.data.collections.new("swords")
-    blob.parent, empty.parent = stage.objects["Bert"], stage.objects["Bert"]
-    for item in (blob, empty, new("points", bpy.data.meshes.new("points"))):
+    blob.parent = empty.parent = cloud.parent = stage.objects["Bert"]
+    for item in (blob, empty, cloud, new("points", bpy.data.meshes.new("points"))):
         stage.collection.objects.link(item)
     press(stage.objects["Bert"], stage.objects["points"])
     assert groups() == {"Bert": ["Bert", "other"]}
     told = capfd.readouterr().out
-    assert "Left where they are: blob, points." in told and "make them real (Object > Apply): sword." in told
+    assert "Left where they are: blob, dust, points." in told and "make them real (Object > Apply): sword." in told
     assert [name for name, _, _ in characters_of(stage)] == ["Bert"]
 
 

@@ -9,7 +9,7 @@ from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.crowd import scene_crowd
-from crowd_lod_extension.operators.lod_meshes import deviation, surface
+from crowd_lod_extension.operators.lod_meshes import deviation, pose_choice, surface
 
 pytestmark = pytest.mark.usefixtures("exact_levels")
 GROUP = Group("one", 0, 1, 0, 1)
@@ -233,8 +233,8 @@ def test_poses_are_those_that_are_least_alike():
         bone.rotation_euler.x = angle
         bone.keyframe_insert("rotation_euler", frame=frame)
     item = cylinder("arm", rig, 1.0)
-    assert 83 in deviation.poses([item]) and len(deviation.poses([item])) <= deviation.POSES
+    assert 83 in pose_choice.poses([item]) and len(pose_choice.poses([item])) <= pose_choice.POSES
     item.parent = None
     item.modifiers.clear()
-    found = deviation.poses([item])  # at rest there is nothing to choose by
-    assert len(found) <= deviation.EVENLY
+    found = pose_choice.poses([item])  # at rest there is nothing to choose by
+    assert len(found) <= pose_choice.EVENLY

@@ -163,7 +163,10 @@ def test_flamencos_job_takes_every_so_many_frames(flamenco):
         assert (args.frames, args.step) == ("1:9", 2)
 
 
-@pytest.mark.parametrize("settings, said", [({"frames": "5-1"}, "no range"), ({"frames": "1-5", "chunk_size": 0}, "at least 1")])
+@pytest.mark.parametrize(
+    "settings, said",
+    [({"frames": "5-1"}, "no range"), ({"frames": "-5-4"}, "begin below 0"), ({"frames": "1-5", "chunk_size": 0}, "at least 1")],
+)
 def test_flamencos_job_refuses_what_makes_no_sense(flamenco, settings, said):
     with pytest.raises(Exception, match=said):
         flamenco(**{"chunk_size": 1, "output": "/out", "engine": "SCENE", "blendfile": "/crowd.blend", **settings})

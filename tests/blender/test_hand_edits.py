@@ -211,7 +211,7 @@ def test_wrong_edits_are_told_in_one_sentence_and_the_crowd_still_works(levelled
     assert says in frame.unplanned and frame.unplanned.count("Hero") <= 1
     assert np.array_equal(frame.visible, before.visible)
     assert frame.crowd.heading[5] != before.crowd.heading[5]
-    levelled.crowd_lod.frames, levelled.crowd_lod.plan_folder = "1:3", str(tmp_path / "plan")
+    levelled.crowd_lod.frames, levelled.crowd_lod.output_folder = "1:3", str(tmp_path)
     with pytest.raises(RuntimeError) as told:
         bpy.ops.crowd_lod.plan_shot()
     assert says in str(told.value)

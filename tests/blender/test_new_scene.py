@@ -205,3 +205,16 @@ def test_characters_keep_the_size_that_empties_outside_their_collection_give_the
     assert scene.objects["root"].parent == scene.objects["mount"] and scene.objects["mount"].animation_data.action
     (group,) = scene.crowd_lod.groups
     assert 0.9 < group.radius < 1.0
+
+
+def test_what_is_up_in_trajectories_is_an_option(people, tmp_path, capfd):
+    tracks, out = tmp_path / "unity.csv", tmp_path / "shot.blend"
+    tracks.write_text("id,time,x,y,z\n" + "".join(f"{k},{f / 10},{f / 8},0.5,{k}\n" for f in range(30) for k in range(8)))
+    options = ("--characters", people, "--out", out)
+    assert run("scene", tracks, "--up", "y-left", *options) == 0
+    scene = opened(out)
+    crowd = trajectory_of(scene).at(1)
+    assert scene.crowd_lod.tracks_up == "Y_LEFT" and crowd.y.tolist() == list(range(8)) and set(crowd.z) == {0.5}
+    capfd.readouterr()
+    assert run("scene", tmp_path, *options) == 1
+    assert "is a folder of" in capfd.readouterr().err

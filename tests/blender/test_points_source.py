@@ -351,7 +351,7 @@ def test_what_needs_other_frames_says_so(moving):
 
 def test_plan_holds_for_the_record(moving, tmp_path):
     bpy.ops.crowd_lod.record_points()
-    moving.crowd_lod.plan_folder = str(tmp_path / "plan")
+    moving.crowd_lod.output_folder = str(tmp_path)
     bpy.ops.crowd_lod.plan_shot()
     frame = frame_of(moving, moving.view_layers[0].depsgraph, 2)
     assert frame.planned and not frame.unplanned

@@ -64,14 +64,14 @@ def test_reset_brings_back_the_defaults_of_its_step_alone(settings, step):
     changed = change_all(settings)
     assert all(changed[name] != usual[name] for name in usual)
     settings.characters = kept = bpy.data.collections.new("Kept")
-    settings.plan_folder, settings.estimate = "//mine", "old"
+    settings.output_folder, settings.estimate = "//mine", "old"
     scene = settings.id_data
     with bpy.context.temp_override(scene=scene):
         assert bpy.ops.crowd_lod.reset(step=step) == {"FINISHED"}
     own = set(presets.names_of(step))
     assert values(settings) == {name: usual[name] if name in own else changed[name] for name in usual}
     assert not any(settings.is_property_set(name) for name in own)
-    assert settings.characters == kept and settings.plan_folder == "//mine"
+    assert settings.characters == kept and settings.output_folder == "//mine"
     assert settings.estimate == ""  # it was of other settings
 
 

@@ -61,7 +61,7 @@ def test_a_group_that_is_not_there_is_named(two):
 
 def test_a_plan_of_the_shot_holds_all_crowds_and_is_told_when_one_changes(two, tmp_path):
     settings = two.crowd_lod
-    settings.plan_folder, two.frame_end = str(tmp_path / "plan"), 3
+    settings.output_folder, two.frame_end = str(tmp_path), 3
     bpy.ops.crowd_lod.make_levels()
     bpy.ops.crowd_lod.plan_shot()
     frame = frame_of(two, bpy.context.evaluated_depsgraph_get(), 2)

@@ -29,7 +29,7 @@ def chosen(scene, frames=FRAMES):
 def planned(scene, folder):
     """Press Plan Shot; return (the levels by frame, plan.json)."""
     settings = scene.crowd_lod
-    settings.frames, settings.plan_folder = "1:12", str(folder)
+    settings.frames, settings.output_folder = "1:12", str(folder.parent)
     assert bpy.ops.crowd_lod.plan_shot() == {"FINISHED"}
     stored = plan_file.read(folder / "plan.npz")
     rows = [stored.row(f, settings.count) for f in range(12)]
@@ -216,7 +216,7 @@ def test_wrong_exceptions_are_named_in_one_sentence_and_change_nothing(levelled,
     bpy.context.view_layer.update()
     blocks = {"region": bpy.data.objects, "map_image": bpy.data.images}
     add(levelled, **{key: blocks[key][value] if key in blocks else value for key, value in settings.items()})
-    levelled.crowd_lod.frames, levelled.crowd_lod.plan_folder = "1:3", str(tmp_path / "plan")
+    levelled.crowd_lod.frames, levelled.crowd_lod.output_folder = "1:3", str(tmp_path)
     with pytest.raises(RuntimeError) as told:
         bpy.ops.crowd_lod.plan_shot()
     assert says in str(told.value) and "Hero" in str(told.value)

@@ -32,7 +32,7 @@ def zoomed(levelled):
 def planned(scene, folder):
     """Press Plan Shot; return the stored plan."""
     settings = scene.crowd_lod
-    settings.frames, settings.plan_folder = "1:12", str(folder)
+    settings.frames, settings.output_folder = "1:12", str(folder.parent)
     assert bpy.ops.crowd_lod.plan_shot() == {"FINISHED"}
     return plan_file.read(folder / "plan.npz")
 
@@ -180,7 +180,7 @@ def test_settings_that_are_animated_are_refused(zoomed, tmp_path):
     settings = zoomed.crowd_lod
     for frame, settings.count in ((1, 40), (12, 60)):
         settings.keyframe_insert("count", frame=frame)
-    settings.frames, settings.plan_folder = "1:12", str(tmp_path / "plan")
+    settings.frames, settings.output_folder = "1:12", str(tmp_path)
     with pytest.raises(RuntimeError, match="The crowd's settings change at frame"):
         bpy.ops.crowd_lod.plan_shot()
     assert not settings.shot_plan and not (tmp_path / "plan").exists()
@@ -189,7 +189,7 @@ def test_settings_that_are_animated_are_refused(zoomed, tmp_path):
 @pytest.mark.parametrize(("name", "value", "words"), [("frames", "12:1", "run backwards"), ("budget_triangles", 1, "impossible")])
 def test_bad_input_leaves_the_scene_as_it_was(zoomed, tmp_path, name, value, words):
     settings = zoomed.crowd_lod
-    settings.frames, settings.plan_folder = "1:12", str(tmp_path / "plan")
+    settings.frames, settings.output_folder = "1:12", str(tmp_path)
     setattr(settings, name, value)
     with pytest.raises(RuntimeError, match=words):
         bpy.ops.crowd_lod.plan_shot()
@@ -255,7 +255,7 @@ def test_lods_of_other_settings_are_named(scene, tmp_path):
     settings.choice, settings.level_count = "BY_RATIO", 2
     bpy.ops.crowd_lod.populate()
     bpy.ops.crowd_lod.make_levels()
-    settings.level_count, settings.frames, settings.plan_folder = 3, "1:3", str(tmp_path / "plan")
+    settings.level_count, settings.frames, settings.output_folder = 3, "1:3", str(tmp_path)
     with pytest.raises(RuntimeError, match="do not fit the settings"):
         bpy.ops.crowd_lod.plan_shot()
     assert not (tmp_path / "plan").exists()

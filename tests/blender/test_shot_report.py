@@ -22,13 +22,13 @@ def files_of(scene, folder):
     settings.choice, settings.tolerance = "BY_TOLERANCE", 4.0
     for frame, lens.lens in ((1, 15), (12, 200)):
         lens.keyframe_insert("lens", frame=frame)
-    settings.frames, settings.plan_folder = "1:12", str(folder)
+    settings.frames, settings.output_folder = "1:12", str(folder)
     assert bpy.ops.crowd_lod.plan_shot() == {"FINISHED"}
-    return {path.name: path.read_bytes() for path in folder.iterdir()}
+    return {path.name: path.read_bytes() for path in (folder / "plan").iterdir()}
 
 
 def test_files_agree_and_come_out_the_same_again(levelled, tmp_path):
-    found = files_of(levelled, tmp_path / "plan")
+    found = files_of(levelled, tmp_path / "one")
     again = files_of(levelled, tmp_path / "again")
     assert found.keys() == again.keys() >= {"plan.npz", "plan.json", "switches.csv", "report.html"}
     assert all(found[name] == again[name] for name in ("plan.npz", "switches.csv"))
@@ -38,7 +38,7 @@ def test_files_agree_and_come_out_the_same_again(levelled, tmp_path):
     switches = [row for row in rows if row["from"]]
     assert len(switches) == told["plan"]["switches"] > 0
     assert max(float(row["change_px"]) for row in switches) == pytest.approx(told["plan"]["largest_switch_pixels"], abs=1e-3)
-    stored = plan_file.read(tmp_path / "plan" / "plan.npz")
+    stored = plan_file.read(tmp_path / "one" / "plan" / "plan.npz")
     for row in switches:
         frame, agent = int(row["frame"]), int(row["agent"])
         before, after = (int(stored.row(f, levelled.crowd_lod.count)[agent]) for f in (frame - 2, frame - 1))
@@ -46,7 +46,7 @@ def test_files_agree_and_come_out_the_same_again(levelled, tmp_path):
 
 
 def test_report_tells_the_stages_and_the_curve(levelled, tmp_path):
-    found = files_of(levelled, tmp_path / "plan")
+    found = files_of(levelled, tmp_path / "one")
     read = Reader(found["report.html"].decode())
     assert {"behavior", "culling", "levels", "sorting"} <= set(read.texts) and "Milliseconds by stage" in read.texts
     curve = json.loads(found["plan.json"])["shot"]["curve"]
@@ -58,7 +58,7 @@ def test_report_tells_the_stages_and_the_curve(levelled, tmp_path):
 
 def test_largest_changes_are_drawn_into_the_report_and_leave_nothing_in_the_file(levelled, tmp_path):
     before = set(bpy.data.user_map())
-    page = Reader(files_of(levelled, tmp_path / "plan")["report.html"].decode())
+    page = Reader(files_of(levelled, tmp_path / "one")["report.html"].decode())
     assert sum(link.startswith("data:image/png;base64,") for link in page.links) == 9
     assert {block.id_type for block in set(bpy.data.user_map()) - before} <= {"ACTION"}  # that of the zoom
     told = finished(plan_shot(levelled, Wanted(range(1, 13), tmp_path / "again"))).told

@@ -93,7 +93,7 @@ def test_the_files_groups_are_the_scenes(followed, tmp_path):
 BAD = {
     "none chosen": ("", "none is chosen"),
     "missing": ("//gone.csv", "gone.csv cannot be read"),
-    "a folder": ("//", "cannot be read"),
+    "a folder": ("//", "is a folder of 2 files"),
 }
 
 

@@ -21,8 +21,25 @@ from crowd_lod_extension.sample_scenes.characters import make_characters
 SCALES = 0.01, 1.0, 1000.0
 
 
-def scaled(scale):
-    """An empty file whose unit is `scale` meters, with two sample characters and a camera."""
+@pytest.fixture
+def scaled(kept):
+    """(scale) -> the scene of a file whose unit is `scale` meters: characters with LODs and a camera."""
+
+    def opened(scale):
+        path = kept / f"unit{scale:g}.blend"
+        if not path.exists():
+            make_scaled(scale)
+            assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
+            list(make_levels(bpy.context.scene))
+            bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
+        bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False)
+        return bpy.context.scene
+
+    return opened
+
+
+def make_scaled(scale):
+    """Two sample characters and a camera in a file whose unit is `scale` meters."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     scene = bpy.context.scene
     scene.unit_settings.system, scene.unit_settings.scale_length = "METRIC", scale
@@ -44,7 +61,6 @@ def scaled(scale):
     settings.choice, settings.method = "BY_RATIO", "DECIMATE"
     settings.thresholds[:2] = (0.2, 0.5)
     bpy.context.view_layer.update()
-    return scene
 
 
 def box(name, scale, low, high):
@@ -119,9 +135,8 @@ def words(text):
     return re.sub(r"[-\d.,e+ ]+", " ", text)
 
 
-def figures(scale, source, folder):
+def figures(scene, scale, source, folder):
     """What is known of the crowd, lengths in meters: (arrays, texts)."""
-    scene = scaled(scale)
     source(scene, scale, folder)
     assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
     list(make_levels(scene))
@@ -150,10 +165,10 @@ def figures(scale, source, folder):
 
 
 @pytest.mark.parametrize("source", SOURCES)
-def test_the_unit_of_the_scene_changes_no_figure_in_meters(source, tmp_path):
-    arrays, texts = figures(1.0, source, tmp_path)
+def test_the_unit_of_the_scene_changes_no_figure_in_meters(source, scaled, tmp_path):
+    arrays, texts = figures(scaled(1.0), 1.0, source, tmp_path)
     for scale in SCALES[::2]:
-        others, told = figures(scale, source, tmp_path)
+        others, told = figures(scaled(scale), scale, source, tmp_path)
         for name, expected in arrays.items():
             np.testing.assert_allclose(others[name], expected, rtol=2e-3, atol=2e-4, err_msg=f"{name} at {scale}")
         for name, expected in texts.items():
@@ -162,7 +177,7 @@ def test_the_unit_of_the_scene_changes_no_figure_in_meters(source, tmp_path):
 
 
 @pytest.mark.parametrize("scale", SCALES)
-def test_the_command_scene_films_tracks_alike_in_every_unit(scale, tmp_path):
+def test_the_command_scene_films_tracks_alike_in_every_unit(scale, scaled, tmp_path):
     scene = scaled(scale)
     of_file(scene, scale, tmp_path)
     scene.crowd_lod.source = "MACHINE"
@@ -181,7 +196,7 @@ def test_the_command_scene_films_tracks_alike_in_every_unit(scale, tmp_path):
 
 
 @pytest.mark.parametrize("scale", SCALES)
-def test_jupedsim_walks_alike_in_every_unit(scale, tmp_path):
+def test_jupedsim_walks_alike_in_every_unit(scale, scaled, tmp_path):
     pytest.importorskip("jupedsim")
     scene = scaled(scale)
     of_machine(scene, scale, tmp_path)
@@ -196,7 +211,8 @@ def test_jupedsim_walks_alike_in_every_unit(scale, tmp_path):
     assert 0.5 < np.median(speed) < 2.0
 
 
-def test_a_shot_plan_and_its_export_are_alike_in_every_unit(tmp_path):
+@pytest.mark.once
+def test_a_shot_plan_and_its_export_are_alike_in_every_unit(scaled, tmp_path):
     try:
         modules = openusd()
     except CrowdError as error:
@@ -205,8 +221,11 @@ def test_a_shot_plan_and_its_export_are_alike_in_every_unit(tmp_path):
     for scale in SCALES:
         scene = scaled(scale)
         of_machine(scene, scale, tmp_path)
+        characters = scene.crowd_lod.characters
+        characters.children.unlink(characters.children[0])
         scene.crowd_lod.choice = "BY_TOLERANCE"
         assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
+        assert bpy.ops.crowd_lod.make_levels() == {"FINISHED"}
         file, out, usd = (tmp_path / f"{name}{scale:g}" for name in ("crowd.blend", "plan", "crowd"))
         file, usd = file.with_suffix(".blend"), tmp_path / f"crowd{scale:g}.usdc"
         bpy.ops.wm.save_as_mainfile(filepath=str(file))

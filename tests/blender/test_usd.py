@@ -12,10 +12,11 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.planning.instances import turned
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import image_data
+from crowd_lod_extension.operators.blender.output_folders import output_folder
 from crowd_lod_extension.operators.build import render_setup
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.crowd.scene_crowd import characters_of, trajectory_of
-from crowd_lod_extension.operators.lod_meshes.deviation import Posed
+from crowd_lod_extension.operators.lod_meshes.posed_shapes import Posed
 from crowd_lod_extension.operators.usd.export import POSES, UsdExport, export_usd
 from crowd_lod_extension.operators.usd.openusd import openusd
 from mathutils import Matrix, Quaternion
@@ -223,15 +224,16 @@ def test_the_button_writes_materials_with_their_images_beside_the_file(usd, buil
     node.image = image_data.write_image("cloth", pixels)
     tree.links.new(node.outputs["Color"], shader.inputs["Base Color"])
     shader.inputs["Roughness"].default_value = 0.25
-    built.crowd_lod.usd_file, built.crowd_lod.frames = str(tmp_path / "crowd.usda"), "3:4"
+    settings = built.crowd_lod
+    settings.output_folder, settings.usd_file, settings.frames = str(tmp_path), "crowd.usda", "3:4"
     assert bpy.ops.crowd_lod.export_usd() == {"FINISHED"}
 
-    stage = usd.Usd.Stage.Open(str(tmp_path / "crowd.usda"))
+    stage = usd.Usd.Stage.Open(str(tmp_path / "usd" / "crowd.usda"))
     home = stage.GetPrimAtPath("/Crowd/Materials").GetChild(usd.Tf.MakeValidIdentifier(material.name))
     file = home.GetChild("Image").GetAttribute("inputs:file").Get()
     np.testing.assert_array_equal(image_data.load_pixels(file.resolvedPath), pixels)
     assert home.GetChild("Surface").GetAttribute("inputs:roughness").Get() == 0.25
-    assert len([*tmp_path.iterdir()]) == 2
+    assert len([*(tmp_path / "usd").iterdir()]) == 2
     mesh = next(each for each in stage.Traverse() if each.IsA(usd.UsdGeom.Mesh) and "LOD_0" in str(each.GetPath()))
     bound = {str(usd.UsdShade.MaterialBindingAPI(each).ComputeBoundMaterial()[0].GetPath()) for each in (mesh, *mesh.GetChildren())}
     assert str(home.GetPath()) in bound
@@ -243,9 +245,9 @@ def test_the_button_writes_materials_with_their_images_beside_the_file(usd, buil
 
 def test_in_a_file_without_a_place_the_button_writes_to_a_temporary_folder(scene):
     scene.crowd_lod.count, scene.crowd_lod.frames, scene.crowd_lod.level_count = 20, "1", 1
-    assert scene.crowd_lod.usd_file.startswith("//") and not bpy.data.filepath
+    assert not bpy.data.filepath
     assert bpy.ops.crowd_lod.export_usd() == {"FINISHED"}
-    assert Path(bpy.app.tempdir, "crowd.usdc").stat().st_size > 1000
+    assert Path(output_folder(scene, "usd"), "crowd.usdc").stat().st_size > 1000
 
 
 def test_while_the_shutter_is_open_agents_go_on_as_in_the_build(usd, built, tmp_path):

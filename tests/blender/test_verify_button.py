@@ -1,15 +1,13 @@
-"""The buttons Verify and Open Report, and where output of an unsaved file goes."""
+"""The buttons Verify and Open Report."""
 
 import json
 import sys
 import webbrowser
-from pathlib import Path
 from urllib.parse import unquote
 
 import bpy
 import pytest
-from crowd_lod_extension.operators.batch.open_report import MADE_BY, report_path
-from crowd_lod_extension.operators.blender.output_folders import output_folder
+from crowd_lod_extension.operators.batch.open_report import REPORTS, report_path
 from crowd_lod_extension.sample_scenes.scenery import add, material, tile
 
 from ..support.pages import Reader
@@ -29,7 +27,7 @@ def test_a_few_frames_of_the_shot_are_proved_and_reported(levelled, tmp_path, ca
     assert bpy.ops.crowd_lod.verify() == {"FINISHED"}
     assert {each.name for each in bpy.data.user_map()} == names and settings.build is None
     path = report_path(levelled, "VERIFY")
-    assert path == tmp_path / "crowd_lod_verify" / "report.html"
+    assert path == tmp_path / "people_crowd_lod" / "verify" / "report.html"
     result = json.loads(path.with_name("verify.json").read_text())
     assert (
         result["ok"] and [row["frame"] for row in result["frames"]] == [1, 30] and result["width"] == 64 and result["samples"] == 1
@@ -43,7 +41,7 @@ def test_a_few_frames_of_the_shot_are_proved_and_reported(levelled, tmp_path, ca
 def test_a_proof_that_fails_is_an_error_and_its_report_stays(levelled, tmp_path):
     """Agents are culled whose shadows fall into the picture."""
     settings = small(levelled)
-    settings.verify_count, settings.verify_folder = 1, str(tmp_path / "out")
+    settings.verify_count, settings.output_folder = 1, str(tmp_path / "out")
     add(levelled.collection, "Ground", [(tile(-30, -40, 30, 50), material("Ground", (0.5, 0.5, 0.5)))])
     sun = bpy.data.objects.new("Sun", bpy.data.lights.new("Sun", "SUN"))
     sun.rotation_euler = (0, 1.2, 0.2)
@@ -64,40 +62,21 @@ def test_without_cycles_it_is_said(levelled):
         bpy.ops.preferences.addon_enable(module="cycles")
 
 
-def test_output_of_an_unsaved_file_goes_to_the_session_and_that_is_said(scene, capfd):
-    settings = small(scene)
-    settings.frames, settings.width, settings.verify_count = "1", 32, 1
-    for name in ("plan_shot", "preview", "verify"):
-        assert getattr(bpy.ops.crowd_lod, name)() == {"FINISHED"}
-        assert ", until Blender ends: save the file " in capfd.readouterr().out
-    assert all(report_path(scene, which).is_file() for which in MADE_BY)
-    assert Path(settings.shot_plan) == Path(bpy.app.tempdir, "crowd_lod_plan", "plan.npz")
-
-
-@pytest.mark.parametrize("text, name", [("//crowd_lod", "crowd_lod"), ("//../up/x", "___up_x"), ("//", "")])
-def test_folders_of_an_unsaved_file_stay_in_that_of_the_session(text, name):
-    assert output_folder(text) == Path(bpy.app.tempdir, name)
-
-
-def test_a_folder_beside_a_saved_file_or_from_the_root_is_that_folder(tmp_path):
-    assert output_folder(str(tmp_path)) == tmp_path and output_folder("out") == Path.cwd() / "out"
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "a.blend"))
-    assert output_folder("//out") == tmp_path / "out"
-
-
-@pytest.mark.parametrize("which", MADE_BY)
+@pytest.mark.parametrize("which", REPORTS)
 def test_open_report_shows_that_of_its_step_in_the_browser(which, tmp_path):
     """The browser is a program that writes down the address that it is given."""
     scene, seen, folder = bpy.context.scene, tmp_path / "seen", tmp_path / "a b#é%"
     program = "import sys; open(sys.argv[2], 'w').write(sys.argv[1])"
     webbrowser.register("notes", None, webbrowser.GenericBrowser([sys.executable, "-c", program, "%s", str(seen)]), preferred=True)
-    made_by, setting = MADE_BY[which]
-    setattr(scene.crowd_lod, setting, str(folder))
-    with pytest.raises(RuntimeError, match=f"There is no report .* yet: press {made_by}"):
+    scene.crowd_lod.output_folder = str(folder)
+    with pytest.raises(RuntimeError, match="There is no report .* yet: press (Preview|Plan Shot|Verify)"):
         bpy.ops.crowd_lod.open_report(which=which)
     assert not seen.exists()
-    folder.mkdir()
-    (folder / "report.html").write_text("<p>")
+    path = report_path(scene, which)
+    path.parent.mkdir(parents=True)
+    path.write_text("<p>")
     assert bpy.ops.crowd_lod.open_report(which=which) == {"FINISHED"}
     address = seen.read_text()
-    assert address.startswith("file:///") and " " not in address and unquote(address).endswith("/a b#é%/report.html")
+    assert (
+        address.startswith("file:///") and " " not in address and unquote(address).endswith(f"/a b#é%/{path.relative_to(folder)}")
+    )

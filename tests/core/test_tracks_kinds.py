@@ -102,6 +102,9 @@ REFUSED = {
     "thousands": ('id,frame,x,y\n1,0,"1,500",0\n', 'Line 2 of .* has x "1,500"'),
     "one line": ("id,frame,x,y\n" + "1," * 2**20, "has a line of more than"),
     "a cut gzip": (gzip.compress(CSV.encode())[:-9], "cannot be unpacked"),
+    "a far place": ("id,frame,x,y\n1,0,1e300,1\n", r"Row 1 of .* has x 1e\+300.* at most 1e\+12"),
+    "seconds without an end": ("1e300 1 1 1\n1.5 1 1 1\n", r"has time 1e\+300"),
+    "frames by the picosecond": ("# framerate: 1234567890\n" + CSV, "tells the frame rate"),
     "odd UTF-16": (b"\xff\xfea", "is not the UTF-16"),
 }  # fmt: skip
 
@@ -121,8 +124,24 @@ def test_more_bytes_than_are_read_at_once_are_refused(tmp_path, monkeypatch):
 
 
 def test_a_folder_is_named(tmp_path):
-    with pytest.raises(CrowdError, match="is a folder and cannot be read: choose one file"):
-        read_rows(tmp_path)
+    (tmp_path / "person_1.csv").write_text(CSV)
+    for read_folder in (read_rows, reading.content_of):
+        with pytest.raises(CrowdError, match="is a folder of 1 files, such as person_1.csv: choose one file.*with a column id"):
+            read_folder(tmp_path)
+
+
+@pytest.mark.parametrize(("up", "y", "z"), [("Z", 0.0, 3.0), ("Y", -3.0, 0.0), ("Y_LEFT", 3.0, 0.0)])
+def test_what_is_up_in_a_file_can_be_set(tmp_path, up, y, z):
+    path = tmp_path / "unity.csv"
+    path.write_text("id,frame,x,y,z\n1,0,1,0,3\n1,1,1.05,0,3\n2,0,1,0.5,0.5\n2,1,1.05,0.5,0.5\n")
+    samples = read_tracks(path, rate=25, up=up).samples
+    assert (samples.x[0], samples.y[0], 0.0 if samples.z is None else samples.z[0]) == (1, y, z)
+
+
+def test_a_file_without_heights_has_z_up(tmp_path):
+    (tmp_path / "flat.csv").write_text(CSV)
+    with pytest.raises(CrowdError, match="flat.csv has no z, and y is up: set Up to Z"):
+        read_tracks(tmp_path / "flat.csv", rate=25, up="Y")
 
 
 def test_an_npz_of_other_files_is_one_sentence(tmp_path):
@@ -162,13 +181,6 @@ def test_a_view_without_an_end_is_refused_and_reading_ends_when_nobody_waits(tmp
     made.close()
     with pytest.raises(CrowdError, match="trajectory_data is a view: write its rows to a table"):
         read_rows(path)
-
-
-def test_a_rate_that_cannot_be_is_told(tmp_path):
-    path = tmp_path / "tracks.csv"
-    path.write_text("id,frame,x,y\n" + "".join(f"{k},{f},{f * 0.098},{k}\n" for k in range(20) for f in range(50)))
-    assert "median of 2.45 m/s" in read_tracks(path, rate=25).told
-    assert "median" not in read_tracks(path, rate=12.5).told
 
 
 def test_an_error_is_found_in_any_part(tmp_path, monkeypatch):

@@ -46,6 +46,8 @@ BAD = {
     "no rows": lambda path: np.savez(path, id=[], frame=[], x=[], y=[]),
     "other lengths": lambda path: np.savez(path, id=[1, 2], frame=[1, 2], x=[0.0, 1.0], y=[0.0]),
     "NaN": lambda path: npz.write(path, rows(y=np.full(20, np.nan))),
+    "a far place": lambda path: npz.write(path, rows(x=np.full(20, 1e300))),
+    "a far frame": lambda path: npz.write(path, rows(frame=np.full(20, -1e300))),
     "broken ids": lambda path: npz.write(path, rows(id=np.full(20, 1.5))),
     "texts for numbers": lambda path: npz.write(path, rows(x=np.full(20, "a"))),
     "groups of fractions": lambda path: npz.write(path, rows(group=np.full(20, 0.5))),

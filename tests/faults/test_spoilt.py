@@ -34,7 +34,7 @@ taken = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (taken + (400 << 20),) * 2)
 sys.exit(commands.main(sys.argv[1:]))
 """
-TRIALS = 20 * int(os.environ.get("CROWD_LOD_TRIALS", "1"))
+TRIALS = 8 * int(os.environ.get("CROWD_LOD_TRIALS", "1"))
 WORDS = ("scene {tracks} --characters {crowd}", "simulate {crowd} --seconds 1", "export {crowd} --frames 1,2", "job {crowd}")
 FILE = {"scene": "x.blend", "simulate": "x.blend", "export": "x.usdc", "job": "job"}
 STEPS = ("build", "bake", "populate", "remove_build", "measure_levels", "make_levels", "frame", "look")

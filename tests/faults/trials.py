@@ -21,7 +21,7 @@ import rough
 def operator(file: str, folder: str) -> int:
     bpy.ops.wm.open_mainfile(filepath=file)
     settings = bpy.context.scene.crowd_lod
-    settings.folder, settings.frames, settings.width = folder, "1,9", 64
+    settings.output_folder, settings.frames, settings.width = folder, "1,9", 64
     try:
         bpy.ops.crowd_lod.preview()
     except RuntimeError as error:

@@ -85,9 +85,7 @@ def quicken(scene: bpy.types.Scene, folder: str = "") -> None:
     scene.frame_end, settings.method, settings.count = 5, "DECIMATE", min(settings.count, 200)
     settings.frames, settings.width = "1,5", 64
     settings.verify_count, settings.verify_width, settings.verify_samples = 1, 32, 1
-    for name in ("folder", "plan_folder", "verify_folder"):
-        setattr(settings, name, folder or getattr(settings, name))
-    settings.usd_file = f"{folder}/crowd.usdc" if folder else settings.usd_file
+    settings.output_folder = folder or settings.output_folder
 
 
 def change(chance: random.Random) -> None:
@@ -151,7 +149,8 @@ def saved(folder: str) -> str:
         material.node_tree.nodes.new("ShaderNodeTexImage").image = bpy.data.images.new(f"{material.name} image", 256, 256)
     scene.frame_end, settings = 5, scene.crowd_lod
     settings.scale_textures = True
-    settings.count, settings.method, settings.frames, settings.width, settings.folder = 100, "DECIMATE", "1,5", 64, folder
+    settings.count, settings.method, settings.frames, settings.width = 100, "DECIMATE", "1,5", 64
+    settings.output_folder = folder
     bpy.ops.crowd_lod.populate()
     path = f"{folder}/crowd.blend"
     bpy.ops.wm.save_as_mainfile(filepath=path)

@@ -15,7 +15,7 @@ def test_the_panel_says_whether_the_plan_holds_in_the_frame_that_is_shown(tmp_pa
         seen = viewport_overlay.latest(scene).visible
         settings.agent, settings.level_count = int(seen.argmax()), 1
         entry = settings.exceptions.add()
-        entry.agents, entry.kind, settings.frames, settings.plan_folder = str(settings.agent), "HIDE", "1:3", str(tmp_path / "plan")
+        entry.agents, entry.kind, settings.frames, settings.output_folder = str(settings.agent), "HIDE", "1:3", str(tmp_path)
         with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
             assert bpy.ops.crowd_lod.plan_shot() == {"FINISHED"}
         scene.frame_set(2)

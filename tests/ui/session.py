@@ -202,17 +202,17 @@ def points():
 
 
 def preview():
-    settings().folder, settings().frames, settings().width = str(FOLDER / "preview"), "1,60", 320
+    settings().output_folder, settings().frames, settings().width = str(FOLDER / "output"), "1,60", 320
     before = robot.snapshot()
     status = yield from robot.press("crowd_lod.preview")
     yield from robot.picture("08_preview_done")
-    files = sorted(path.name for path in (FOLDER / "preview").iterdir())
+    files = sorted(path.name for path in (FOLDER / "output" / "preview").iterdir())
     return {"status": status, "files": files, "changed": robot.changes(before)}
 
 
 def escape():
     """Esc in the middle of a long preview."""
-    settings().folder, settings().frames = str(FOLDER / "escaped"), "1:200"
+    settings().output_folder, settings().frames = str(FOLDER / "escaped"), "1:200"
     settings().step = 1
     before = robot.snapshot()
     status = yield from robot.press("crowd_lod.preview", escape_after=3.0)
@@ -294,13 +294,13 @@ def lifecycle():
 
 def leave():
     """Blender is quit amid a preview."""
-    settings().folder, settings().frames, settings().step = str(FOLDER / "left"), "1:200", 1
+    settings().output_folder, settings().frames, settings().step = str(FOLDER / "left"), "1:200", 1
     with robot.over():
         status = bpy.ops.crowd_lod.preview("INVOKE_DEFAULT")
     yield from robot.until(lambda: (FOLDER / "left").exists())
     return {"status": sorted(status), "begun": (FOLDER / "left").exists()}
 
 
-for old in ("preview", "escaped", "left"):
+for old in ("output", "escaped", "left"):
     shutil.rmtree(FOLDER / old, ignore_errors=True)
 robot.perform(session(), results, FOLDER)

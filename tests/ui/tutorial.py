@@ -42,7 +42,7 @@ def session():
         yield from click(*blue_button(seen))
         seen = yield from picture(name)
         results["after"][name] = made()
-    results["verified"] = json.loads((FOLDER / "verify_folder" / "verify.json").read_text(encoding="utf-8"))["ok"]
+    results["verified"] = json.loads((FOLDER / "output" / "verify" / "verify.json").read_text(encoding="utf-8"))["ok"]
 
 
 def own_scene():
@@ -62,8 +62,7 @@ def own_scene():
     scenery.aim(scene().camera, (-9, -24, 3.2), (1, 0, 0.5))
     scene().frame_end, scene().render.resolution_x, scene().render.resolution_y = 24, 960, 540
     settings().count, settings().verify_count, settings().verify_width = 500, 1, 160
-    for name in ("plan_folder", "verify_folder"):
-        setattr(settings(), name, str(FOLDER / name))
+    settings().output_folder = str(FOLDER / "output")
 
 
 def made():

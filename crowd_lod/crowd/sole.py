@@ -1,0 +1,37 @@
+"""The height at which a character stands: that of its soles, whatever hangs lower."""
+
+import numpy as np
+
+SLAB = 0.02  # of the height: soles are looked for in layers so thick
+BEARING = 0.002  # of the height squared: an area that faces down so wide carries the character
+EDGE = 0.1  # of the area that carries: so much of it may lie below the soles' height
+HANGS = 0.03  # of the surface: what hangs below the soles, such as a sword in the hand, is no more
+
+
+def sole_of(points: np.ndarray, triangles: np.ndarray) -> float:
+    """Return the height of the lowest surface that is wide enough to stand on.
+
+    It is the lowest point's where nothing, or too much of the character, lies below such a surface.
+    inf without a point.
+
+    points: (n, 3), z up; triangles: (m, 3) of their indices.
+    """
+    lowest = float(points[:, 2].min(initial=np.inf))
+    height = float(points[:, 2].max(initial=-np.inf)) - lowest
+    if not len(triangles) or not 0 < height < np.inf:
+        return lowest
+    corners = points[triangles]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
+    middle = corners[:, :, 2].mean(axis=1)
+    slab = ((middle - lowest) / (SLAB * height)).astype(np.intp)
+    down = np.bincount(slab, np.maximum(-normal[:, 2], 0))
+    area = np.bincount(slab, np.linalg.norm(normal, axis=1))
+    (wide,) = np.nonzero(down + np.append(down[1:], 0) >= BEARING * height**2)
+    if not len(wide) or area[: wide[0]].sum() > HANGS * area.sum():
+        return lowest
+    if wide[0] == 0:
+        return lowest
+    (bears,) = np.nonzero((slab >= wide[0]) & (slab <= wide[0] + 1) & (normal[:, 2] < 0))
+    bears = bears[np.argsort(middle[bears])]
+    borne = np.cumsum(-normal[bears, 2])
+    return float(middle[bears[np.searchsorted(borne, EDGE * borne[-1])]])

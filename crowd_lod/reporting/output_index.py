@@ -1,0 +1,81 @@
+"""The page index.html of an output folder: what lies there, when it was made, and for which file."""
+
+import json
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from html import escape
+from pathlib import Path
+from urllib.parse import quote
+
+from . import files
+from .html_report import STYLE, document, table_of
+
+NAME = "index.html"
+ENTRIES = "index.json"  # what the page tells, for the next one
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What one step has written into its folder.
+
+    part: the folder's name.
+    title: of the step.
+    made: when, as text.
+    file, scene: for which .blend file ("" if it was not saved) and scene.
+    """
+
+    part: str
+    title: str
+    made: str
+    file: str
+    scene: str
+
+
+def add_to_index(folder: Path, entry: Entry) -> None:
+    """Note in the output folder what a step has made there, in place of its entry before.
+
+    CrowdError if the folder cannot be written.
+    """
+    entries = {known.part: known for known in read_index(folder)} | {entry.part: entry}
+    ordered = sorted(entries.values(), key=lambda known: known.made, reverse=True)
+    with files.staged(folder, NAME, ENTRIES) as hidden:
+        (hidden / ENTRIES).write_text(json.dumps([asdict(known) for known in ordered], indent=1), encoding="utf-8")
+        (hidden / NAME).write_text(index_page(folder, ordered), encoding="utf-8")
+
+
+def read_index(folder: Path) -> list[Entry]:
+    """Return the entries of the output folder; none if it has none that can be read."""
+    with suppress(OSError, ValueError, TypeError):
+        entries = [Entry(**known) for known in json.loads((folder / ENTRIES).read_text(encoding="utf-8"))]
+        if all(isinstance(value, str) for entry in entries for value in asdict(entry).values()):
+            return entries
+    return []
+
+
+def index_page(folder: Path, entries: Sequence[Entry]) -> str:
+    """Return the page as HTML; all text is escaped."""
+    head = "Step", "Made", "For file", "Scene", "Files"
+    rows = [
+        [
+            escape(entry.title),
+            escape(entry.made),
+            escape(entry.file or "not saved"),
+            escape(entry.scene),
+            _links(folder, entry.part),
+        ]
+        for entry in entries
+        if (folder / entry.part).is_dir()
+    ]
+    title = escape(folder.name)
+    return document(title, STYLE, [f"<h1>{title}</h1><p>What Crowd LOD has made, the newest first.</p>", table_of(head, rows)])
+
+
+def _links(folder: Path, part: str) -> str:
+    """Return links to a step's report, and to the other files that are no pictures of frames."""
+    names = sorted(path.name for path in (folder / part).iterdir() if path.is_file() and not path.name.startswith("."))
+    first = [name for name in names if name == "report.html"]
+    others = [name for name in names if name not in first and (not name.endswith(".png") or name == "contact_sheet.png")]
+    links = [f'<a href="{quote(part)}/{quote(name)}">{escape(name)}</a>' for name in first + others]
+    pictures = len(names) - len(links)
+    return ", ".join([*links, *[f"{pictures} pictures"] * bool(pictures)])

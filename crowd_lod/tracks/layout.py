@@ -1,0 +1,208 @@
+"""How a table of text is laid out: its titles, units, rate, and where its rows begin."""
+
+import csv
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from ..errors import CrowdError
+from .names import LENGTHS, RADIANS, SECONDS, columns_of, told_of_places, unit_of
+
+LONGEST_LINE = 2**20  # bytes
+RATE = re.compile(r"(?:frame\s*rate|fps)\s*[:=]?\s*([0-9]+(?:[.,][0-9]+)?)", re.IGNORECASE)
+IN = re.compile(r"\bin\s+(\w+)", re.IGNORECASE)
+NUMBER = re.compile(r"[-+]?[0-9.,]+(?:[eE][-+]?[0-9]+)?|[-+]?nan|[-+]?inf")
+COMMENTS = ("#", "%", "//", "*", "$VISION")
+OBSMAT = {"frame": 0, "id": 1, "x": 2, "y": 4}
+PLAIN = {"id": 0, "frame": 1, "x": 2, "y": 3, "z": 4}
+TEXTS = ("id", "group")  # columns that may have texts
+ENDS = {"time": "endtime", "x": "endx", "y": "endy"}  # of Vadere's steps
+
+
+@dataclass(frozen=True)
+class Table:
+    """How a table of text is laid out.
+
+    begins: bytes before its first row.
+    split: between two values; None for any white space.
+    width: how many values a row has.
+    columns: for each name in names.KNOWN its place.
+    factors: for time and heading, what one is in seconds and radians, where titles tell it.
+    rate, unit: as in Rows.
+    titled: whether the columns go by titles.
+    numeric: whether all values of the first row are numbers.
+    texts: columns that are read as texts.
+    """
+
+    begins: int
+    split: str | None
+    width: int
+    columns: dict[str, int]
+    factors: dict[str, float]
+    rate: float
+    unit: str
+    titled: bool
+    numeric: bool
+    texts: tuple[str, ...]
+
+
+def long_line(where: str) -> CrowdError:
+    """Return the error of a file with a line longer than LONGEST_LINE."""
+    return CrowdError(f"The file {where} has a line of more than {LONGEST_LINE:,} bytes: give each row a line of its own.")
+
+
+def _lines(data: bytearray, where: str) -> Iterator[bytearray]:
+    at = 0
+    while at < len(data):
+        end = data.find(b"\n", at, at + LONGEST_LINE) + 1
+        if not end and len(data) - at > LONGEST_LINE:
+            raise long_line(where)
+        end = end or len(data)
+        if b"\0" in data[at:end]:
+            raise CrowdError(f"The file {where} is neither text nor NPZ nor a database: choose a file of trajectories.")
+        yield data[at:end]
+        at = end
+
+
+def layout_of(data: bytearray, where: str) -> Table:
+    """Return how the table `data` is laid out."""
+    at, row = 0, ""
+    comments: list[str] = []
+    titles: list[str] = []
+    for raw in _lines(data, where):
+        text = raw.decode("utf-8", "replace").strip()
+        if text.startswith("$") and ";" in text:
+            titles = _split_titles(text.partition(":")[2])
+        elif not text or text.startswith(COMMENTS):
+            words = _split_titles(re.sub(r"^[#%/*\s]+", "", text))
+            comments.append(text)
+            if {"id", "x", "y"} <= (known := columns_of(words)).keys() and ("frame" in known or "time" in known):
+                titles = words
+        elif not titles and not _numeric(text):
+            titles = _split_titles(text)
+            if not {"x", "y"} <= columns_of(titles).keys():
+                break
+        elif not _numeric(text) and not _numeric_places(text, titles):  # a row of units below the titles
+            titles = [f"{title}/{unit}" for title, unit in zip(titles, [*_split(text), *[""] * len(titles)], strict=False)]
+        else:
+            row = text
+            break
+        at += len(raw)
+    columns = columns_of(titles)
+    values = _split(row) if row else []
+    _check_titles(titles, columns, values, where)
+    if not titles:
+        columns = OBSMAT if len(values) == 8 else {name: place for name, place in PLAIN.items() if place < len(values)}
+    if values:
+        columns = {name: place for name, place in columns.items() if place < len(values)}
+    bare = [re.sub(r"[^a-z]", "", title.split("-")[0].lower()) for title in titles]
+    if "time" in columns and set(ENDS.values()) <= set(bare):
+        columns |= {name: bare.index(name) for name in ENDS.values()}
+    factors = {}
+    for name, units in (("time", SECONDS), ("heading", RADIANS)):
+        if titles and name in columns and (unit := unit_of(titles[columns[name]], units)):
+            factors[name] = units[unit]
+    rates = [match[1] for text in comments if (match := RATE.search(text))]
+    lengths = [_unit(titles, columns, where)] if titles else []
+    lengths += [LENGTHS.get(match[1].lower(), "") for text in comments for match in IN.finditer(text)]
+    texts = tuple(
+        name for name in TEXTS if name in columns and (name == "group" or values and not _is_number(values[columns[name]]))
+    )
+    return Table(
+        begins=at,
+        split=_splitter(row),
+        width=len(values),
+        columns=columns,
+        factors=factors,
+        rate=float(rates[-1].replace(",", ".")) if rates else 0.0,
+        unit=next(filter(None, lengths), ""),
+        titled=bool(titles),
+        numeric=all(map(_is_number, values)),
+        texts=texts,
+    )
+
+
+def _check_titles(titles: list[str], columns: dict[str, int], values: list[str], where: str) -> None:
+    """Raise CrowdError if a table with such titles and such a first row cannot be read."""
+    lacks = [name for name in ("id", "frame", "x", "y") if name not in columns and not (name == "frame" and "time" in columns)]
+    if titles and lacks:
+        told = told_of_places(titles) if "x" in lacks or "y" in lacks else ""
+        wanted = f"These are {told}; give it" if told else "give it"
+        raise CrowdError(
+            f"The table {where} has the columns {', '.join(titles[:12])}, and none for {', '.join(lacks)}: {wanted} columns id, frame "
+            "(or time, in seconds), x and y."
+        )
+    if not values:
+        raise CrowdError(f"The file {where} has no rows: choose a file of trajectories.")
+    if not titles and len(values) < 4:
+        raise CrowdError(
+            f"The table {where} has {len(values)} column{'s' * (len(values) > 1)}: give it id, frame, x and y, and titles."
+        )
+    if titles and max(columns[name] for name in columns.keys() & {"id", "frame", "time", "x", "y"}) >= len(values):
+        raise CrowdError(
+            f"The table {where} has {len(titles)} titles ({', '.join(titles[:12])}) and {len(values)} values in its first row: "
+            "give each column one title."
+        )
+    for name, units in (("time", SECONDS), ("heading", RADIANS)):
+        if titles and name in columns and unit_of(titles[columns[name]], units) is None:
+            raise CrowdError(f"The table {where} has the column {titles[columns[name]]}: give {name} in one of {', '.join(units)}.")
+
+
+def _unit(titles: list[str], columns: dict[str, int], where: str) -> str:
+    """Return the unit that the titles of places name, or "". CrowdError if they name several, or another."""
+    named = {axis: unit_of(titles[columns[axis]]) for axis in "xyz" if axis in columns}
+    for axis, unit in named.items():
+        if unit is None:
+            raise CrowdError(
+                f"The table {where} has the column {titles[columns[axis]]}: give places in one of {', '.join(dict.fromkeys(LENGTHS.values()))}."
+            )
+    known = {axis: LENGTHS[unit] for axis, unit in named.items() if unit}
+    if len(set(known.values())) > 1:
+        told = " and ".join(f"{axis} in {unit}" for axis, unit in known.items())
+        raise CrowdError(f"The table {where} has {told}: give all places in one unit.")
+    return next(iter(known.values()), "")
+
+
+def _splitter(row: str) -> str | None:
+    """Return what parts the values of a row; None for white space."""
+    if ";" in row:
+        return ";"
+    if "\t" in row:
+        return "\t"
+    return "," if "," in row else None
+
+
+def _split(row: str) -> list[str]:
+    """Return the values of a row."""
+    split = _splitter(row)
+    return [value.strip() for value in split_row(row, split)]
+
+
+def split_row(row: str, split: str | None) -> list[str]:
+    if split is None:
+        return row.split()
+    try:
+        return next(csv.reader([row], delimiter=split), [])
+    except csv.Error:  # a value longer than csv reads
+        return row.split(split)
+
+
+def _split_titles(row: str) -> list[str]:
+    """Return the titles of a row: a unit in brackets belongs to the title before it."""
+    return _split(row if _splitter(row) else re.sub(r"\s+([\[({])", r"\1", row))
+
+
+def _is_number(value: str) -> bool:
+    return NUMBER.fullmatch(value) is not None
+
+
+def _numeric(row: str) -> bool:
+    """Return whether a row is one of numbers: at least its first three values that are told are."""
+    values = [value for value in _split(row) if value]
+    return sum(map(_is_number, values)) >= min(3, max(len(values), 1))
+
+
+def _numeric_places(row: str, titles: list[str]) -> bool:
+    """Return whether the row has numbers where the titles have places, as beside ids that are texts."""
+    columns, values = columns_of(titles), _split(row)
+    return all(columns[axis] < len(values) and _is_number(values[columns[axis]]) for axis in "xy")

@@ -1,0 +1,105 @@
+"""The shapes of a character and its LODs, as they are rendered, in the poses of an action."""
+
+from collections.abc import Generator, Sequence
+from typing import NamedTuple
+
+import bpy
+import numpy as np
+
+from ..blender import mesh_data
+from ..blender.performance import Performance, own
+from ..blender.render_evaluation import as_rendered
+from .opacity import hiding_slots
+from .surface import Surface, has_area
+
+
+class Shape(NamedTuple):
+    """All objects of a character or a LOD together, in one pose, world space.
+
+    points: (n, 3) float64 meters.
+    triangles: (m, 3) indices.
+    hiding: (m,) bool, those that hide what is behind them.
+    begins: (objects + 1,) where the points of each object begin, and how many there are.
+    matrices: of the objects, (4, 4) each, from its space to world space.
+    """
+
+    points: np.ndarray
+    triangles: np.ndarray
+    hiding: np.ndarray
+    begins: np.ndarray
+    matrices: list[np.ndarray]
+
+
+class Posed:
+    """A character and its LODs in a scene of their own, as they are rendered.
+
+    A context: the scene is gone afterwards. character: its objects; levels: the objects of each LOD; performance: what it plays, its
+    own action if None. Let the performance rest before anything yields.
+    """
+
+    def __init__(
+        self,
+        objects: Sequence[bpy.types.Object],
+        levels: Sequence[Sequence[bpy.types.Object]],
+        performance: Performance | None = None,
+    ):
+        self.performance = performance or own(list(objects))
+        self._staged = as_rendered([item for each in (objects, *levels) for item in each])
+        self.stage, actors = self._staged.__enter__()
+        self.character, *self.levels = [[actors[item] for item in each] for each in (objects, *levels)]
+
+    def at(self, frame: float) -> tuple[Surface | None, list[Surface | None]]:
+        """The surfaces of the character and of each LOD at `frame`, a moment of the performance, world space.
+
+        None where there is no face.
+        """
+        character, *levels = map(surface_of, self.shapes(frame))
+        return character, levels
+
+    def shapes(self, frame: float) -> list[Shape]:
+        """Return the Shape of the character, then of each LOD, at `frame`, world space."""
+        self.performance.go_to(self.stage, frame)
+        depsgraph = self.stage.view_layers[0].depsgraph
+        return [_shape(each, depsgraph) for each in (self.character, *self.levels)]
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        self.performance.rest()
+        self._staged.__exit__(*error)
+
+
+def _shape(objects: list[bpy.types.Object], depsgraph: bpy.types.Depsgraph) -> Shape:
+    points, triangles, hiding = [np.empty((0, 3))], [np.empty((0, 3), np.int32)], [np.empty(0, bool)]
+    begins, matrices = [0], []
+    for item in objects:
+        evaluated = item.evaluated_get(depsgraph)
+        corners, faces, slots = mesh_data.world_faces(evaluated)
+        opaque = np.array(hiding_slots(item, evaluated))
+        points.append(corners)
+        triangles.append(faces + begins[-1])
+        hiding.append(opaque[slots.clip(0, len(opaque) - 1)])
+        begins.append(begins[-1] + len(corners))
+        matrices.append(np.array(evaluated.matrix_world, np.float64))
+    return Shape(*map(np.concatenate, (points, triangles, hiding)), np.array(begins), matrices)
+
+
+def surface_of(shape: Shape) -> Surface | None:
+    """Return the Surface without loose vertices and faces without area, or None."""
+    shown = shape.triangles[has_area(shape.points[shape.triangles])]
+    used, triangles = np.unique(shown, return_inverse=True)
+    return Surface(shape.points[used], triangles.reshape(-1, 3)) if len(triangles) else None
+
+
+def read_shapes(
+    objects: Sequence[bpy.types.Object], frames: Sequence[float], performance: Performance
+) -> Generator[float, None, list[Shape]]:
+    """Return the Shape of `objects` at each of `frames`, moments of the performance; yield the progress."""
+    found = []
+    with Posed(objects, (), performance) as posed:
+        for frame in frames:
+            found += posed.shapes(frame)
+            performance.rest()
+            yield len(found) / len(frames)
+    return found

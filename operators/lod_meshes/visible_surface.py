@@ -1,0 +1,133 @@
+"""The visible surface of a character or a LOD: what some direction sees in some pose."""
+
+from collections.abc import Iterable
+
+import numpy as np
+from mathutils.bvhtree import BVHTree
+
+from ...crowd_lod.simplification.triangle_mesh import ranges
+
+DIRECTIONS = 50
+POSES_SEEN = 6  # poses that are looked at, at most
+# directions, those nearest to its normal, that every point tries in the first pose, and in each
+# other one
+FIRST, OTHERS = 4, 2
+ONE_IN = 4  # hidden points, far from seen ones, that try all directions
+OFF = 2e-4  # of the size: how far off the surface a ray begins
+SPACING = 1 / 32  # of the size: larger triangles have points within
+
+
+def visible_points(points: np.ndarray, triangles: np.ndarray, hiding: np.ndarray) -> np.ndarray:
+    """Return which points someone may see, (n,) bool: the corners of triangles that are seen.
+
+    A triangle is seen if a ray from one of its points leaves the character, in one of DIRECTIONS
+    in one of up to POSES_SEEN poses. Whoever counts all triangles of these points has a margin of
+    their neighbors, for what opens between those poses.
+
+    points: (n, k, 3) meters in k poses, those at the same place merged.
+    triangles: (m, 3) indices.
+    hiding: (m,) bool, the triangles that hide what is behind them.
+    """
+    if not hiding.any():
+        return np.ones(len(points), bool)
+    size = float(np.ptp(points[:, 0], axis=0).max())
+    face, weights = _samples(points[:, 0], triangles, SPACING * size)
+    rays = _Rays(points, triangles, hiding, OFF * size)
+    corner = np.unique(triangles)
+    vertices, inner = (np.arange(len(corner)), np.arange(len(corner), len(face)))
+    seen = np.zeros(len(points), bool)
+    tried = np.zeros(len(points), bool)
+
+    seen[corner] = rays.leave(face[vertices], weights[vertices], few=True)
+    large = face[inner[rays.leave(face[inner], weights[inner])]]
+    seen[triangles[large]] = True
+    due = np.zeros(len(points), bool)
+    due[corner[::ONE_IN]] = True
+    while True:
+        due[triangles[seen[triangles].any(axis=1)]] = True
+        some = np.flatnonzero(due[corner] & ~seen[corner] & ~tried[corner])
+        if not len(some):
+            return seen
+        tried[corner[some]] = True
+        seen[corner[some]] = rays.leave(face[some], weights[some])
+
+
+class _Rays:
+    """Rays from a surface in some poses, which may meet what hides.
+
+    off: meters from the surface where they begin.
+    """
+
+    def __init__(self, points: np.ndarray, triangles: np.ndarray, hiding: np.ndarray, off: float):
+        self.triangles, self.off = triangles, off
+        poses = np.unique(np.linspace(0, points.shape[1] - 1, POSES_SEEN).round().astype(int))
+        middles = (points.min(axis=0) + points.max(axis=0)) / 2  # trees have float32 alone
+        self.at = [points[:, pose] - middles[pose] for pose in poses]
+        faces = triangles[hiding].tolist()
+        self.trees = [BVHTree.FromPolygons(at.tolist(), faces) for at in self.at]
+
+    def leave(self, face: np.ndarray, weights: np.ndarray, few: bool = False) -> np.ndarray:
+        """Return from which points some ray leaves, (s,) bool.
+
+        face: (s,) triangles; weights: (s, 3), barycentric, on these; few: whether to try only
+        directions near the normal.
+        """
+        seen = np.zeros(len(face), bool)
+        for number, (at, tree) in enumerate(zip(self.at, self.trees, strict=True)):
+            some = np.flatnonzero(~seen)
+            corners = at[self.triangles[face[some]]]
+            start = np.einsum("sc,scd->sd", weights[some], corners)
+            normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            order = np.argsort(-normals @ SPHERE.T, axis=1)
+            for rank in self._ranks(number, few):
+                ways = SPHERE[order[:, rank]]
+                begins = start + self.off * ways
+                hits = map(tree.ray_cast, begins.tolist(), ways.tolist())
+                leaves = np.array([hit[0] is None for hit in hits], bool)
+                seen[some[leaves]] = True
+                some, start, order = (each[~leaves] for each in (some, start, order))
+        return seen
+
+    def _ranks(self, number: int, few: bool) -> Iterable[int]:
+        """Return which directions a pose tries, 0 for that nearest to the normal.
+
+        The first pose tries all, the others share them.
+        """
+        nearest = FIRST if number == 0 else OTHERS
+        if few:
+            return range(nearest)
+        return range(DIRECTIONS) if number == 0 else [*range(OTHERS), *range(OTHERS + number - 1, DIRECTIONS, len(self.at) - 1)]
+
+
+def _samples(points: np.ndarray, triangles: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return points of a surface, as (face (s,), barycentric weights (s, 3)).
+
+    These are all corners, each on one of its triangles, and a grid within triangles whose sides
+    are longer than `spacing`.
+    """
+    _, first = np.unique(triangles.ravel(), return_index=True)
+    sides = points[triangles] - points[np.roll(triangles, -1, axis=1)]
+    lengths = np.linalg.norm(sides, axis=2)
+    longest = lengths.max(axis=1)
+    height = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / longest
+    along, up = (np.ceil(each / spacing).astype(np.intp) for each in (longest, height))
+    cells = np.where(along > 1, along * up.clip(1), 0)
+    face = np.repeat(np.arange(len(triangles)), cells)
+    row, column = np.divmod(ranges(np.zeros_like(cells), cells), along[face])
+    x, y = (column + 0.5) / along[face], (row + 0.5) / up[face].clip(1)
+    outside = x + y > 1
+    x, y = np.where(outside, 1 - x, x), np.where(outside, 1 - y, y)
+    order = (lengths.argmax(axis=1)[face, None] + np.arange(3)) % 3
+    inner = np.empty((len(face), 3))
+    np.put_along_axis(inner, order, np.stack([1 - x - y, x, y], axis=1), axis=1)
+    return np.concatenate([first // 3, face]), np.concatenate([np.eye(3)[first % 3], inner])
+
+
+def _sphere(count: int) -> np.ndarray:
+    """Return (count, 3) directions spread evenly, on a spiral."""
+    z = 1 - (2 * np.arange(count) + 1) / count
+    turn = np.pi * (1 + 5**0.5) * (np.arange(count) + 0.5)
+    return np.stack([np.cos(turn), np.sin(turn), 0 * z], axis=1) * np.sqrt(1 - z**2)[:, None] + [0, 0, 1] * z[:, None]
+
+
+SPHERE = _sphere(DIRECTIONS)

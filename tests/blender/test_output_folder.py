@@ -1,0 +1,190 @@
+"""One folder of output for each file: where it is, what moves when the file is saved, and its index."""
+
+import shutil
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.reporting.output_index import Entry, add_to_index, read_index
+from crowd_lod_extension.operators.batch.open_report import report_path
+from crowd_lod_extension.operators.blender.output_folders import full_path, output_folder
+from crowd_lod_extension.operators.crowd.scene_crowd import frame_of
+
+from ..support.pages import Reader
+
+
+def small(scene):
+    """Few agents, one LOD, one frame of few pixels."""
+    settings = scene.crowd_lod
+    settings.count, settings.level_count, settings.frames, settings.width = 20, 1, "1", 32
+    settings.verify_count, settings.verify_width, settings.verify_samples = 1, 32, 1
+    return settings
+
+
+def plan(scene):
+    assert bpy.ops.crowd_lod.plan_shot() == {"FINISHED"}
+    return full_path(scene.crowd_lod.shot_plan)
+
+
+def save(path, **options):
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), **options)
+    return bpy.context.scene
+
+
+def planned(scene):
+    scene.frame_set(1)
+    return frame_of(scene, bpy.context.evaluated_depsgraph_get()).planned
+
+
+def test_output_of_an_unsaved_file_waits_in_the_session_and_moves_with_the_first_save(scene, tmp_path, capfd):
+    settings = small(scene)
+    for name in ("plan_shot", "export_usd"):
+        assert getattr(bpy.ops.crowd_lod, name)() == {"FINISHED"}
+        assert ", until Blender ends: save the file " in capfd.readouterr().out
+    before = output_folder(scene)
+    assert before.is_relative_to(bpy.app.tempdir) and report_path(scene, "ALL").is_file()
+    scene = save(tmp_path / "people.blend")
+    home = tmp_path / "people_crowd_lod"
+    assert not before.exists() and output_folder(scene) == home and full_path(settings.shot_plan) == home / "plan" / "plan.npz"
+    assert report_path(scene, "ALL").is_file() and (home / "usd" / "crowd.usdc").is_file()
+    assert planned(scene)
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "people.blend"))
+    assert bpy.context.scene.crowd_lod.shot_plan == "//people_crowd_lod/plan/plan.npz" and planned(bpy.context.scene)
+
+
+def test_files_in_one_folder_have_a_plan_each(scene, tmp_path):
+    small(scene)
+    save(tmp_path / "a.blend")
+    first = plan(scene)
+    save(tmp_path / "a.blend")
+    scene = save(tmp_path / "b.blend")
+    assert full_path(scene.crowd_lod.shot_plan) == first and planned(scene)  # until it has one of its own
+    scene.crowd_lod.seed += 1
+    second = plan(scene)
+    save(tmp_path / "b.blend")
+    assert (first.parts[-3], second.parts[-3]) == ("a_crowd_lod", "b_crowd_lod")
+    for name in ("a", "b"):
+        bpy.ops.wm.open_mainfile(filepath=str(tmp_path / f"{name}.blend"))
+        assert planned(bpy.context.scene)
+
+
+@pytest.mark.parametrize("copy", (True, False), ids=("copy", "save as"))
+def test_a_file_saved_elsewhere_names_the_plan_that_is_there(scene, tmp_path, copy):
+    small(scene)
+    path = plan(save(tmp_path / "a.blend"))
+    before = scene.crowd_lod.shot_plan
+    (tmp_path / "other").mkdir()
+    save(tmp_path / "other" / "b.blend", copy=copy)
+    assert scene.crowd_lod.shot_plan == (before if copy else "//../a_crowd_lod/plan/plan.npz")
+    assert full_path(scene.crowd_lod.shot_plan).resolve() == path
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "other" / "b.blend"))
+    assert full_path(bpy.context.scene.crowd_lod.shot_plan).resolve() == path and planned(bpy.context.scene)
+
+
+def test_a_copy_of_an_unsaved_file_has_a_copy_of_the_plan(scene, tmp_path):
+    small(scene)
+    path = plan(scene)
+    before = scene.crowd_lod.shot_plan
+    save(tmp_path / "a.blend", copy=True)
+    assert path.is_file() and scene.crowd_lod.shot_plan == before and planned(scene)
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "a.blend"))
+    assert planned(bpy.context.scene)
+
+
+def test_a_save_that_fails_leaves_settings_and_output(scene, tmp_path):
+    small(scene)
+    path = plan(scene)
+    before = scene.crowd_lod.shot_plan
+    with pytest.raises(RuntimeError):
+        save(tmp_path / "nowhere" / "a.blend")
+    assert path.is_file() and scene.crowd_lod.shot_plan == before and planned(scene)
+
+
+def test_a_new_file_does_not_take_the_output_of_the_one_before(scene, tmp_path):
+    small(scene)
+    path = plan(scene)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    assert output_folder(bpy.context.scene) != path.parents[1]
+    save(tmp_path / "new.blend")
+    assert [path.name for path in tmp_path.iterdir()] == ["new.blend"]
+
+
+def test_scenes_of_a_file_have_a_folder_each(scene, tmp_path):
+    small(scene)
+    save(tmp_path / "a.blend")
+    assert output_folder(scene, "plan") == tmp_path / "a_crowd_lod" / "plan"
+    other = scene.copy()
+    folders = [output_folder(each, "plan") for each in (scene, other)]
+    assert folders == [tmp_path / "a_crowd_lod" / each.name.replace(".", "_") / "plan" for each in (scene, other)]
+
+
+@pytest.mark.parametrize(
+    "text, name",
+    [
+        ("//out", "out"),
+        ("//{blend_name}", "untitled"),
+        ("//../up/x", "__/up/x"),
+        ("//", "."),
+    ],
+)
+def test_paths_of_an_unsaved_file_stay_in_the_folder_of_the_session(text, name):
+    home = full_path(text)
+    assert home.is_relative_to(bpy.app.tempdir) and home.relative_to(full_path("//")) == Path(name)
+
+
+def test_a_path_beside_a_saved_file_or_from_the_root_is_that_path(tmp_path):
+    assert full_path(str(tmp_path)) == tmp_path and full_path("out") == Path.cwd() / "out"
+    save(tmp_path / "a.blend")
+    assert full_path("//out") == tmp_path / "out" and full_path("//{blend_name}/x") == tmp_path / "a" / "x"
+
+
+@pytest.mark.parametrize(
+    "name, value, words", [("output_folder", " ", "Output Folder is empty"), ("usd_file", "a/b.usdc", "a name")]
+)
+def test_a_wrong_setting_is_said(scene, name, value, words):
+    setattr(small(scene), name, value)
+    with pytest.raises(RuntimeError, match=words):
+        bpy.ops.crowd_lod.export_usd()
+
+
+def test_a_record_of_points_moves_along(tmp_path):
+    scene = bpy.context.scene
+    mesh = bpy.data.meshes.new("Points")
+    mesh.from_pydata([(0, 0, 0), (1, 0, 0)], [], [])
+    settings, item = scene.crowd_lod, bpy.data.objects.new("Points", mesh)
+    scene.collection.objects.link(item)
+    settings.characters = bpy.data.collections.new("People")
+    body = bpy.data.meshes.new("Body")
+    body.from_pydata([(0, 0, 0), (0, 0, 1), (0, 1, 0)], [], [(0, 1, 2)])
+    one = bpy.data.collections.new("One")
+    one.objects.link(bpy.data.objects.new("Body", body))
+    settings.characters.children.link(one)
+    scene.collection.children.link(settings.characters)
+    settings.source, settings.points, scene.frame_end = "POINTS", item, 3
+    assert bpy.ops.crowd_lod.record_points() == {"FINISHED"}
+    assert full_path(settings.tracks_file).is_file()
+    save(tmp_path / "a.blend")
+    assert settings.tracks_file == "//a_Points.npz"
+    with np.load(tmp_path / "a_Points.npz") as file:
+        assert file.files
+
+
+def test_the_index_tells_what_was_made_when_and_for_which_file(tmp_path):
+    folder = tmp_path / "a & b"
+    for part in ("plan", "preview"):
+        (folder / part).mkdir(parents=True)
+        for name in ("report.html", "f 1.png", "plan.json"):
+            (folder / part / name).write_text("")
+    add_to_index(folder, Entry("plan", "Plan Shot", "2026-01-01 10:00:00 UTC", "old.blend", "S"))
+    add_to_index(folder, Entry("preview", "Preview", "2026-01-02 10:00:00 UTC", "", "S <1>"))
+    add_to_index(folder, Entry("plan", "Plan Shot", "2026-01-03 10:00:00 UTC", "new.blend", "S"))
+    page = Reader((folder / "index.html").read_text(encoding="utf-8"))
+    assert [cell for cell in page.cells if cell.endswith("UTC")] == ["2026-01-03 10:00:00 UTC", "2026-01-02 10:00:00 UTC"]
+    assert "new.blend" in page.cells and "not saved" in page.cells and "S <1>" in page.cells and "old.blend" not in page.cells
+    assert page.links[:2] == ["plan/report.html", "plan/plan.json"] and all((folder / link).is_file() for link in page.links)
+    (folder / "index.json").write_text("[{}]")
+    assert read_index(folder) == []
+    shutil.rmtree(folder / "plan")
+    add_to_index(folder, Entry("preview", "Preview", "2026-01-04 10:00:00 UTC", "", "S"))
+    assert len(read_index(folder)) == 1

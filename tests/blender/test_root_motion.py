@@ -1,0 +1,156 @@
+"""Root motion of a character's own animation: taken out wherever it is keyed, told, and walked by."""
+
+import bpy
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.format import number
+from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.operators.blender.performance import own
+from crowd_lod_extension.operators.blender.rig_dependencies import curves_of
+from crowd_lod_extension.operators.crowd.action_troubles import told_of_actions
+from crowd_lod_extension.operators.crowd.character_extent import posing
+from crowd_lod_extension.operators.crowd.scene_crowd import measure_groups, trajectory_of
+
+from ..support.characters import character, new, rig, skin, tube
+
+WAY, LAST = 1.2, 25
+
+
+def travel(owner, place=None):
+    """Key the location of `place`, the object itself or a bone of it, so that it goes along the world's x."""
+    place = place or owner
+    for frame, x in ((1, 0.0), (LAST, WAY)):
+        place.location = (x, 0, 0)
+        place.keyframe_insert("location", frame=frame)
+    for curve in curves_of(owner.animation_data):
+        for key in curve.keyframe_points:
+            key.interpolation = "LINEAR"
+
+
+def on_object():
+    travel(bpy.data.objects["rig"])
+
+
+def on_root_bone():
+    armature = bpy.data.objects["rig"]
+    travel(armature, armature.pose.bones["lower"])
+
+
+def below_static_root():
+    armature = bpy.data.objects["rig"]
+    armature.pose.bones["lower"].keyframe_insert("location", frame=1)
+    travel(armature, armature.pose.bones["upper"])
+
+
+def on_strip():
+    on_object()
+    data = bpy.data.objects["rig"].animation_data
+    strip = data.nla_tracks.new().strips.new("walk", 1, data.action)
+    strip.repeat = 2
+    data.action = None
+
+
+def on_parent():
+    holder = bpy.data.objects.new("holder", None)
+    bpy.context.scene.collection.objects.link(holder)
+    bpy.data.objects["rig"].parent = holder
+    travel(holder)
+
+
+def walker(name="someone"):
+    scene = bpy.context.scene
+    armature, item = rig(), new("body", tube("body", 8, 4))
+    skin(item, armature)
+    bpy.context.scene.collection.objects.link(armature)
+    character(item, name=name)
+    scene.render.fps = 24
+    return scene, item
+
+
+def middles(item):
+    """The middle of the character in x and y over its animation, (frames, 2)."""
+    act = own([item])
+    poses = finished(posing([item], np.linspace(*act.spans[0], 9), act))
+    return np.array([pose[:12, :2].mean(axis=0) for pose in poses])  # of its lowest rings, which do not bend
+
+
+def keys():
+    actions = [action for action in bpy.data.actions for _ in action.slots]
+    return [
+        [
+            (
+                curve.data_path,
+                [tuple(value) for key in curve.keyframe_points for value in (key.co, key.handle_left, key.handle_right)],
+            )
+        ]
+        for action in actions
+        for layer in action.layers
+        for strip in layer.strips
+        for bag in strip.channelbags
+        for curve in bag.fcurves
+    ]
+
+
+@pytest.mark.parametrize("place, cycles", [(on_object, 1), (on_root_bone, 1), (on_strip, 2), (on_parent, 9 / 24)])
+def test_the_way_is_taken_out_and_is_the_stride(place, cycles):
+    """The animation of the rig itself has 9 frames."""
+    scene, item = walker()
+    place()
+    scene.view_layers[0].update()
+    before = keys()
+    (group,) = measure_groups(scene)
+    assert group.way == pytest.approx(cycles * WAY, rel=1e-4)
+    assert group.stride == group.way
+    assert np.abs(middles(item) - middles(item)[0]).max() < 1e-5
+    assert group.radius < 1.5
+    assert keys() == before
+    (told,) = told_of_actions(scene, [group])
+    assert told.startswith(f"The own animation moves someone by {cycles * WAY:.3g} m in a cycle: that is taken out")
+
+
+def test_the_pelvis_below_a_static_root_moves_the_character():
+    scene, item = walker()
+    below_static_root()
+    scene.view_layers[0].update()
+    (group,) = measure_groups(scene)
+    assert group.way == pytest.approx(WAY, rel=1e-4)
+    top = [pose[:, 0].max() for pose in finished(posing([item], np.array([1.0, 25.0])))]
+    assert top[0] == pytest.approx(0.2, abs=1e-4)
+    assert top[1] == pytest.approx(0.2, abs=1e-4)
+
+
+def test_who_sits_down_or_shifts_a_little_is_left_alone():
+    scene, _ = walker()
+    armature = bpy.data.objects["rig"]
+    for frame, place in ((1, (0, 0, 0)), (LAST, (0.1, 0, -0.4))):
+        armature.location = place
+        armature.keyframe_insert("location", frame=frame)
+    scene.view_layers[0].update()
+    (group,) = measure_groups(scene)
+    assert group.way == 0
+    assert not list(told_of_actions(scene, [group]))
+
+
+@pytest.mark.parametrize("meters", [0.01, 1000])
+def test_the_way_is_told_in_meters(meters):
+    scene, _ = walker()
+    scene.unit_settings.scale_length = meters
+    on_object()
+    scene.view_layers[0].update()
+    (told,) = told_of_actions(scene, measure_groups(scene))
+    assert f"by {number(WAY * meters)} m in a cycle" in told
+
+
+def test_what_walks_on_the_map_is_drawn_by_the_map_alone():
+    scene, _ = walker()
+    on_object()
+    scene.view_layers[0].update()
+    settings = scene.crowd_lod
+    settings.count = 1
+    bpy.ops.crowd_lod.populate()
+    assert "The own animation moves someone by 1.2 m" in settings.trouble
+    trajectory = trajectory_of(scene)
+    speeds = trajectory.gaits.paces.speeds
+    moving = speeds > 0
+    assert trajectory.gaits.rates[0][moving] == pytest.approx(speeds[moving] / WAY, rel=1e-4)
+    assert curves_of(bpy.data.objects["rig"].animation_data)

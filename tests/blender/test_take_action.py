@@ -1,0 +1,99 @@
+"""Characters whose rig plays nothing: told at Populate, and given an action whose bones are theirs."""
+
+import bpy
+import numpy as np
+import pytest
+from crowd_lod_extension.operators.crowd.scene_crowd import groups_of
+
+from ..support.characters import character, new, rig, skin, tube
+
+
+def bent(name):
+    """A rig that bends from frame 1 to 10, as the motion's file of a pack brings it, and its action."""
+    armature = rig(name)
+    bpy.context.scene.collection.objects.link(armature)
+    armature.animation_data.action.name = f"{name} walk"
+    return armature, armature.animation_data.action
+
+
+@pytest.fixture
+def skinned():
+    """A character in its bind pose, as the skin's file of a pack brings it."""
+    armature, action = bent("skin")
+    armature.animation_data_clear()
+    bpy.data.actions.remove(action)
+    item = new("body", tube("body", 8, 4))
+    skin(item, armature)
+    character(item)
+    bpy.context.scene.crowd_lod.count = 2
+    return armature
+
+
+def rename(armature, prefix):
+    for bone in armature.data.bones:
+        bone.name = prefix + bone.name  # also in the curves that move it
+
+
+def test_a_character_without_an_action_is_told_with_the_way_out(skinned):
+    settings = bpy.context.scene.crowd_lod
+    bpy.ops.crowd_lod.populate()
+    assert "someone has a rig that plays no action, and would glide in its bind pose: import the file" in settings.trouble
+    bent("motion")
+    bpy.ops.crowd_lod.populate()
+    assert "press Take Action, which gives them motion walk" in settings.trouble
+    assert bpy.ops.crowd_lod.take_action() == {"FINISHED"}
+    assert skinned.animation_data.action == bpy.data.actions["motion walk"]
+    bpy.ops.crowd_lod.populate()
+    assert "glide" not in settings.trouble
+    assert groups_of(settings)[0].period == pytest.approx(9 / 24)
+
+
+def top(armature, frame):
+    bpy.context.scene.frame_set(frame)
+    return np.array(armature.evaluated_get(bpy.context.evaluated_depsgraph_get()).pose.bones[-1].tail)
+
+
+def test_prefixes_of_names_are_ignored_and_the_action_applies(skinned):
+    motion, action = bent("motion")
+    rename(motion, "mixamorig:")
+    assert bpy.ops.crowd_lod.take_action() == {"FINISHED"}
+    assert skinned.animation_data.action.name == "motion walk skin"
+    assert motion.animation_data.action == action
+    for frame in (1, 6, 10):
+        assert np.allclose(top(skinned, frame), top(motion, frame), atol=1e-6)
+    assert not np.allclose(top(skinned, 1), top(skinned, 10), atol=0.1)
+
+
+def test_what_places_the_other_rig_does_not_move_this_one(skinned):
+    motion, _ = bent("motion")
+    motion.scale = (0.01, 0.01, 0.01)
+    motion.keyframe_insert("scale", frame=1)
+    bpy.ops.crowd_lod.take_action()
+    bpy.context.scene.frame_set(5)
+    assert tuple(skinned.evaluated_get(bpy.context.evaluated_depsgraph_get()).scale) == (1, 1, 1)
+
+
+@pytest.mark.parametrize("change", ["names", "rest", "nothing there"])
+def test_what_does_not_fit_is_refused_in_a_sentence(skinned, change):
+    if change == "names":
+        motion, _ = bent("motion")
+        motion.data.bones["lower"].name, motion.data.bones["upper"].name = "wheel", "axle"
+    elif change == "rest":
+        motion, _ = bent("motion")
+        bpy.context.view_layer.objects.active = motion
+        bpy.ops.object.mode_set(mode="EDIT")
+        motion.data.edit_bones["upper"].roll += 0.5
+        bpy.ops.object.mode_set(mode="OBJECT")
+    wanted = "rest turned otherwise" if change == "rest" else "No action of the file moves the bones of someone"
+    with pytest.raises(RuntimeError, match=wanted):
+        bpy.ops.crowd_lod.take_action()
+    assert skinned.animation_data is None or skinned.animation_data.action is None
+
+
+def test_who_stands_in_a_stadium_does_not_glide(skinned):
+    settings = bpy.context.scene.crowd_lod
+    text = bpy.data.texts.new("sit")
+    text.from_string('{"version": 1, "labels": {"ground": {"color": "#808080"}}, "states": {"sit": {"start": 1, "on": {"*": {}}}}}')
+    settings.machine = text
+    bpy.ops.crowd_lod.populate()
+    assert "glide" not in settings.trouble
