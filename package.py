@@ -22,6 +22,7 @@ from pathlib import Path
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.reporting import interrupt
 from crowd_lod_extension.crowd_lod.reporting.files import staged
+from crowd_lod_extension.crowd_lod.reporting.temporary_folder import own_temporary_folder
 
 ROOT = Path(__file__).resolve().parent
 WHEELS = ROOT / "wheels"
@@ -124,7 +125,8 @@ if __name__ == "__main__":
     try:
         if os.name != "nt":
             signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})  # environment.py holds it back while Python starts
-        main()
+        with own_temporary_folder():  # of pip and Blender's tool
+            main()
     except OSError as error:
         sys.exit(f"crowd-lod package: {error.strerror}" + (f": {error.filename}" if error.filename else ""))
     except (Failure, CrowdError) as failure:

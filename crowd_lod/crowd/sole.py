@@ -2,10 +2,21 @@
 
 import numpy as np
 
+PLANTED = 1 / 3  # of the poses of an action: in as many a foot may dip below the ground, as where it pushes off
 SLAB = 0.02  # of the height: soles are looked for in layers so thick
 BEARING = 0.002  # of the height squared: an area that faces down so wide carries the character
 EDGE = 0.1  # of the area that carries: so much of it may lie below the soles' height
 HANGS = 0.03  # of the surface: what hangs below the soles, such as a sword in the hand, is no more
+
+
+def ground_of(soles: np.ndarray) -> float:
+    """Return the height of the ground on which a character walks, by that of its lowest sole in each pose.
+
+    A toe may dip below it where the foot pushes off, and both feet leave it in a run.
+
+    soles: (n,), over an action.
+    """
+    return float(np.quantile(soles, PLANTED, method="lower"))
 
 
 def sole_of(points: np.ndarray, triangles: np.ndarray) -> float:

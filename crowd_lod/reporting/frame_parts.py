@@ -33,13 +33,12 @@ class FrameParts:
 
     def get(self, number: int) -> dict[str, Any] | None:
         """Return what was told of the frame `number`; None if it is not whole."""
-        try:
-            record = json.loads(self._record(number).read_text(encoding="utf-8"))
-            sums = record["files"]
-            if record["state"] == self.state and all(_sum(self.folder / name) == sums[name] for name in sums):
+        record = _read_record(self._record(number))
+        if record is None or record["state"] != self.state:
+            return None
+        with suppress(OSError):  # a picture that is gone
+            if all(_sum(self.folder / name) == value for name, value in record["files"].items()):
                 return record["told"]
-        except (OSError, ValueError, LookupError, TypeError):
-            pass  # there is none, or it was not written to its end
         return None
 
     def put(self, number: int, told: dict[str, Any], pictures: Sequence[Path]) -> dict[str, Any]:
@@ -56,7 +55,7 @@ class FrameParts:
         part = record.with_suffix(f".{os.getpid()}")
         sums = {picture.name: _sum(picture) for picture in pictures}
         text = json.dumps({"state": self.state, "told": told, "files": sums})
-        part.write_text(text, encoding="utf-8")
+        part.write_text(json.dumps([_digest(text), text]), encoding="utf-8")
         file_checks.sync(part)
         part.replace(record)
         return json.loads(text)["told"]
@@ -92,10 +91,10 @@ def whole_frames(folder: Path) -> list[int]:
 
 def keep_whole(folder: Path) -> None:
     """Remove the files in `folder` that no record names: parts of frames that were not finished."""
-    named = set()
+    named: set[str] = set()
     for record in (folder / RECORDS).glob("*.json"):
-        with suppress(OSError, ValueError, LookupError, TypeError):
-            named.update(json.loads(record.read_text(encoding="utf-8"))["files"])
+        found = _read_record(record)
+        named.update(found["files"] if found else ())
     for path in folder.glob("[!.]*"):
         if path.is_file() and path.name not in named:
             path.unlink()
@@ -110,6 +109,19 @@ def take(source: Path, folder: Path) -> None:
             os.link(path, target)
         except OSError:  # another disk, or one without links
             shutil.copyfile(path, target)
+
+
+def _read_record(path: Path) -> dict[str, Any] | None:
+    """Return what the record says; None if there is none, or it was not written to its end."""
+    try:
+        digest, text = json.loads(path.read_bytes())
+        return json.loads(text) if digest == _digest(text) else None
+    except (OSError, ValueError, TypeError, AttributeError, RecursionError):
+        return None
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _sum(path: Path) -> str:

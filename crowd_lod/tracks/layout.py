@@ -14,6 +14,7 @@ IN = re.compile(r"\bin\s+(\w+)", re.IGNORECASE)
 NUMBER = re.compile(r"[-+]?[0-9.,]+(?:[eE][-+]?[0-9]+)?|[-+]?nan|[-+]?inf")
 COMMENTS = ("#", "%", "//", "*", "$VISION")
 OBSMAT = {"frame": 0, "id": 1, "x": 2, "y": 4}
+WIDEST = 8  # columns of a table without titles, that of ETH's obsmat; those of boxes in pictures have more
 PLAIN = {"id": 0, "frame": 1, "x": 2, "y": 3, "z": 4}
 TEXTS = ("id", "group")  # columns that may have texts
 ENDS = {"time": "endtime", "x": "endx", "y": "endy"}  # of Vadere's steps
@@ -137,6 +138,11 @@ def _check_titles(titles: list[str], columns: dict[str, int], values: list[str],
     if not titles and len(values) < 4:
         raise CrowdError(
             f"The table {where} has {len(values)} column{'s' * (len(values) > 1)}: give it id, frame, x and y, and titles."
+        )
+    if not titles and len(values) > WIDEST:
+        raise CrowdError(
+            f"The table {where} has {len(values)} columns without titles, as those of boxes in pictures: give it columns id, frame, "
+            "x and y, in places on the ground, and titles."
         )
     if titles and max(columns[name] for name in columns.keys() & {"id", "frame", "time", "x", "y"}) >= len(values):
         raise CrowdError(

@@ -137,23 +137,42 @@ def _values(part: bytearray, table: Table, where: str, line: int, commas: set[bo
             commas.add(re.search(rb"\d,(?:\d{0,2}|\d{4,})(?!\d)", part) is None)
         part = part.replace(b",", b".")
     lines = part.decode("utf-8", "replace").split("\n")
+    columns = None if table.texts or not table.numeric else _numbers_alone(lines, table)
+    if columns is not None:
+        return columns
+    lines = _without_nobodies(lines, table)
+    _check_rows(lines, table, where, line)
     numbers = [name for name in table.columns if name not in table.texts]
     try:
-        if table.numeric and not table.texts:
-            values = _load(lines, table, float, None)
-            if len(values) and values.shape[1] != table.width:
-                raise ValueError
-            columns = {name: values[:, table.columns[name]] for name in numbers}
-        else:
-            _check_rows(lines, table, where, line)
-            values = _load(lines, table, float, [table.columns[name] for name in numbers])
-            columns = {name: values[:, k] for k, name in enumerate(numbers)}
+        values = _load(lines, table, float, [table.columns[name] for name in numbers])
+        columns = {name: values[:, k] for k, name in enumerate(numbers)}
+        for name in table.texts:
+            columns[name] = _load(lines, table, str, [table.columns[name]])[:, 0]
     except ValueError as error:
-        _check_rows(lines, table, where, line)
         raise CrowdError(f"The table {where} cannot be read after line {line:,} ({error}): give each row its numbers.") from None
-    for name in table.texts:
-        columns[name] = _load(lines, table, str, [table.columns[name]])[:, 0]
     return columns
+
+
+def _numbers_alone(lines: list[str], table: Table) -> dict[str, np.ndarray] | None:
+    """Return the columns of rows in which all values are numbers; None if there are others, which takes a closer look."""
+    try:
+        values = _load(lines, table, float, None)
+    except ValueError:
+        return None
+    if len(values) and values.shape[1] != table.width:
+        return None
+    return {name: values[:, place] for name, place in table.columns.items()}
+
+
+def _without_nobodies(lines: list[str], table: Table) -> list[str]:
+    """Return `lines` with those left empty that have neither id nor place, as SUMO's times without a person."""
+    told = [table.columns[name] for name in ("id", "x", "y")]
+
+    def tells(line: str) -> bool:
+        values = split_row(line, table.split)
+        return len(values) != table.width or any(values[place].strip() for place in told)
+
+    return [line if tells(line) else "" for line in lines]
 
 
 def _load(lines: list[str], table: Table, type: type, columns: Sequence[int] | None) -> np.ndarray:

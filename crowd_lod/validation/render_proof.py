@@ -1,35 +1,103 @@
 """The text of the proof by renders: culling, LODs, and what is not proved."""
 
+from collections.abc import Sequence
+from typing import Any
+
 from ..format import counted
+
+BUILDS = {"bake": "the bake", "build": "the build"}  # kinds of builds that were there before the proof
+REMEDIES = {"bake": "bake again", "build": "press Build again"}
+
+
+def agents_row(agents: Sequence[dict], tolerance: float | None) -> dict[str, Any]:
+    """Return what a frame's row tells of the agents that were rendered alone.
+
+    agents: dicts of lone_agents.told_of.
+    tolerance: pixels; None where LODs may deviate as far as their bounds predict.
+    """
+    held = [agent for agent in agents if not agent["apart"]]
+    apart = [agent["shift_px"] for agent in agents if agent["apart"]]
+    predicted = [agent["predicted_px"] for agent in held]
+    return {
+        "judged": sum(agent["ok"] is not None for agent in held),
+        "silhouette_shift": max((agent["shift_px"] for agent in held), default=None),
+        "predicted_shift": None if None in predicted else max(predicted, default=None),
+        "allowed_shift": tolerance,
+        "apart": len(apart),
+        "apart_shift": max(apart, default=None),
+        "color_off": max((agent["color_off"] for agent in held), default=None),
+        "lod_ok": all(agent["ok"] is not False for agent in held),
+    }
+
+
+def is_ok(result: dict) -> bool:
+    """Return whether the proof of verify.json holds, of a build that is up to date and rendered."""
+    build = result["build"]
+    fits = all(row["culling_ok"] and row["lod_ok"] for row in result["frames"])
+    return fits and not build["older_than"] and not build["hidden"]
 
 
 def to_text(result: dict) -> str:
-    """Return three lines from the dict of verify.json: culling, LODs, not proved."""
-    return "\n".join((_culling(result["frames"], result["bounces"]), _levels(result["frames"]), _left_open(result)))
+    """Return lines from the dict of verify.json: the build's, culling, LODs, not proved."""
+    rows = result["frames"]
+    about = [f"{said[0].upper()}{said[1:]}." for said in _build(result["build"])]
+    return "\n".join((*about, _culling(rows, result["bounces"]), _levels(result), _left_open(result)))
 
 
 def verdict(result: dict) -> str:
     """Return in one sentence whether the proof of verify.json holds: culling, then silhouettes."""
-    rows = result["frames"]
+    rows, build = result["frames"], result["build"]
     differ, wrong = sum(row["b_pixels"] for row in rows), [row["frame"] for row in rows if not row["culling_ok"]]
     culling = f"culling changes {differ:,} {'pixel' if differ == 1 else 'pixels'}" if differ else "culling changes no pixel"
     where = _frames(wrong or rows) if wrong or not differ else f"{_frames(rows)}, by rounding alone"
-    return f"{'OK' if result['ok'] else 'Not OK'}: {culling} in {where}; {_shift(rows)}."
+    strangers = sum(row["strangers"] for row in rows)
+    found = [
+        *_build(build),
+        f"{culling} in {where}",
+        *[f"{counted(strangers, 'point')} of it {'is no agent' if strangers == 1 else 'are no agents'}"] * (strangers > 0),
+        *_shifts(result),
+    ]
+    of = f" for {BUILDS[build['kind']]}" if build["kind"] in BUILDS else ""
+    return f"{'OK' if result['ok'] else 'Not OK'}{of}: {'; '.join(found)}."
 
 
-def _shift(rows: list[dict]) -> str:
-    """Return by how many pixels LODs shift silhouettes, of which frame if that is too many."""
-    judged = [row for row in rows if row["predicted_shift"] is not None]
-    wrong = [row for row in judged if not row["lod_ok"]]
-    if not judged:
-        return "silhouettes were not judged"
+def _build(build: dict) -> list[str]:
+    """Return what is wrong with a build as a whole, in phrases."""
+    name = BUILDS.get(build["kind"], "")
+    found = [f"{name} is hidden from renders"] * build["hidden"]
+    if build["older_than"]:
+        found.append(f"{name} is older than {' and '.join(build['older_than'])}: {REMEDIES[build['kind']]}")
+    return found
+
+
+def _shifts(result: dict) -> list[str]:
+    """Return by how many pixels LODs shift silhouettes, who shifts further, and who stands apart."""
+    rows = result["frames"]
+    judged = sum(row["judged"] for row in rows)
+    shifts = [row["silhouette_shift"] for row in rows if row["silhouette_shift"] is not None]
+    if not judged or not shifts:
+        return ["silhouettes were not judged"]
+    allowed = [row["allowed_shift"] for row in rows if row["allowed_shift"] is not None]
+    predicted = [row["predicted_shift"] for row in rows if row["predicted_shift"] is not None]
+    bound = f"{max(allowed):.2f} allowed" if allowed else f"{max(predicted):.2f} predicted" if predicted else "no more is known"
+    found = [f"LODs shift silhouettes at most {max(shifts):.2f} px, {bound}, {counted(judged, 'agent')}"]
+    wrong = [agent for agent in result["agents"] if agent["ok"] is False]
     if wrong:
-        row = max(wrong, key=lambda row: row["silhouette_shift"] - row["predicted_shift"])
-        found, told, where = row["silhouette_shift"], row["predicted_shift"], f" in frame {row['frame']}"
-    else:
-        found, told = (max(row[key] for row in judged) for key in ("silhouette_shift", "predicted_shift"))
-        where = ""
-    return f"LODs shift silhouettes by at most {found:.1f} pixels{where}, {told:.2f} were predicted"
+        found.append(_wrong(max(wrong, key=lambda agent: agent["shift_px"])))
+    apart = sum(row["apart"] for row in rows)
+    if apart:
+        names = " or ".join(sorted({agent["apart"] for agent in result["agents"] if agent["apart"]}, reverse=True))
+        most = max(row["apart_shift"] for row in rows if row["apart"])
+        found.append(f"{counted(apart, 'agent')} apart ({names}) at most {most:.2f} px")
+    return found
+
+
+def _wrong(agent: dict) -> str:
+    """Return what is wrong with an agent."""
+    who = f"agent {agent['agent']} at LOD {agent['lod']} in frame {agent['frame']}"
+    if agent["allowed_px"] is not None and agent["shift_px"] - agent["error_px"] > agent["allowed_px"]:
+        return f"{who} shifts {agent['shift_px']:.2f} px, {agent['allowed_px']:.2f} allowed there"
+    return f"{who} has another color than the character, {agent['color_off']:.0%} off on average"
 
 
 def _culling(rows: list[dict], bounces: int) -> str:
@@ -39,6 +107,7 @@ def _culling(rows: list[dict], bounces: int) -> str:
     """
     wrong = [row["frame"] for row in rows if not row["culling_ok"]]
     differ, bare = (sum(row[f"{name}_pixels"] for row in rows) for name in ("b", "bare"))
+    strangers = sum(row["strangers"] for row in rows)
     if wrong:
         said = f"Culling: WRONG, {counted(differ, 'pixel differs', 'pixels differ')} in {_frames(wrong)}"
     elif differ:
@@ -46,6 +115,7 @@ def _culling(rows: list[dict], bounces: int) -> str:
         said = f"Culling: {counted(differ, 'pixel differs', 'pixels differ')} in {_frames(rows)}, by {most:.1g} at most"
     else:
         said = f"Culling: no pixel differs in {_frames(rows)}"
+    said += f", {counted(strangers, 'point is no agent', 'points are no agents')}" if strangers else ""
     said += f" ({bare:,} would differ without the agents kept for shadows and mirrors)." if bare > differ else "."
     if bounces:
         row = max(rows, key=lambda row: row["b_bounces_share"])
@@ -54,16 +124,12 @@ def _culling(rows: list[dict], bounces: int) -> str:
     return said
 
 
-def _levels(rows: list[dict]) -> str:
-    """Return how far silhouettes shift, as predicted and found, and what differs."""
+def _levels(result: dict) -> str:
+    """Return how far silhouettes shift, as allowed and found, and what differs."""
+    rows = result["frames"]
     wrong = [row["frame"] for row in rows if not row["lod_ok"]]
-    judged = [row for row in rows if row["predicted_shift"] is not None]
-    if judged:
-        row = max(judged, key=lambda row: row["silhouette_shift"] - row["predicted_shift"])
-        said = f"LODs: WRONG in {_frames(wrong)}, silhouettes" if wrong else "LODs: silhouettes"
-        said += f" shift {row['silhouette_shift']:.1f} pixels, {row['predicted_shift']:.2f} predicted (to a pixel, frame {row['frame']})"
-    else:
-        said = "LODs: silhouettes were not judged"
+    found = "; ".join(_shifts(result)).replace("LODs shift silhouettes", "silhouettes shift", 1)
+    said = f"LODs: {f'WRONG in {_frames(wrong)}, ' if wrong else ''}{found}"
     row = max(rows, key=lambda row: row["c_share"])
     said += f"; {row['c_share']:.2%} of the pixels differ visibly, shading included, by {row['c_mean']:.2g} on average"
     return f"{said} (frame {row['frame']}; not predicted)."

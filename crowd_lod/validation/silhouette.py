@@ -8,6 +8,7 @@ import numpy as np
 from ..culling.camera import Camera
 from ..simplification import rasterizer
 
+TOUCHED, SOLID = 1e-6, 0.5  # coverage of a pixel
 AROUND, ABOVE = 8, 4  # directions at eye level, and from ABOVE_DEGREES above it
 ABOVE_DEGREES = 35.0
 # pixels of the masks across a pixel of the picture, and across the error that is expected, if that
@@ -56,6 +57,18 @@ def outline_distance(one: np.ndarray, other: np.ndarray) -> float:
     one, other: (rows, columns) bool.
     """
     return float(max(_off(*pair)[2].max(initial=0.0) for pair in ((one, other), (other, one))))
+
+
+def shift(one: np.ndarray, other: np.ndarray) -> float:
+    """Return by how many pixels two rendered silhouettes lie apart.
+
+    This is the largest distance from a pixel that one covers by half or more to the nearest pixel
+    that the other touches, both ways. A shift of s pixels shows as s - 1 to s + 1. Infinite if one
+    of them alone is empty.
+    one, other: (rows, columns) float in [0, 1], the coverage of each pixel.
+    """
+    pairs = (one, other), (other, one)
+    return float(max(_off(a >= SOLID, b > TOUCHED)[2].max(initial=0.0) for a, b in pairs))
 
 
 def _off(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -1,16 +1,14 @@
 """Proof by renders: the same frames with and without culling and LOD, compared."""
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import bpy
 import numpy as np
 
-from ...crowd_lod.culling.camera import Camera
-from ...crowd_lod.culling.stereo import EYES
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
 from ...crowd_lod.planning.frame import Frame
@@ -18,36 +16,31 @@ from ...crowd_lod.planning.frame_range import evenly
 from ...crowd_lod.planning.index_cache import approach
 from ...crowd_lod.planning.planned import HIDDEN, noted, told_unplanned
 from ...crowd_lod.progress import share, standing
-from ...crowd_lod.reporting import file_checks, tables
+from ...crowd_lod.reporting import tables
 from ...crowd_lod.reporting.frame_parts import FrameParts
 from ...crowd_lod.reporting.verify_report import verify_page
-from ...crowd_lod.sorting.buckets import sort
 from ...crowd_lod.validation import image_difference
-from ..blender import cameras, cleanup, console, frame_stepping, image_data, mesh_data, scene_data
-from ..build import bake, render_setup
-from ..build.frame_update import Held, held_by, members
+from ...crowd_lod.validation.judged_agents import JudgedAgent, choose_agents
+from ...crowd_lod.validation.render_proof import agents_row, is_ok
+from ..blender import cameras, cleanup, frame_stepping, image_data, mesh_data, scene_data
+from ..build import bake, frame_update, render_setup
 from ..crowd import lights
 from ..crowd.glow import glowing
 from ..crowd.record_points import on_record
 from ..crowd.scene_crowd import characters_of, frame_of, groups_of, measure_groups, policy_of, store_groups, trajectory_of
+from ..crowd.shot_reference import stored_plan
 from ..lod_meshes.make_lods import make_levels
+from .lone_agents import LoneStage, Shown, lone_crops, sheet_of
 from .shared_frames import ALONE, Sharing, made, state_of
-from .verify_stage import LONGEST_SHUTTER, PAIRS, Verify, add_twins, dark_world, light_by, outline_of, put_cameras, set_up_cycles
+from .verify_build import MADE, Columns, ProvedBuild, build_of, columns_of_members, seen_by_kind
+from .verify_pictures import AMPLIFIED, COMPARED, PICTURES, amplified, render_picture, small
+from .verify_stage import LONGEST_SHUTTER, PAIRS, Verify, add_twins, dark_world, light_by, set_up_cycles
 
-# The pictures of a frame. The third is the culled one without those whom the camera does not see
-# itself.
-PICTURES = {
-    "a": "all agents, full detail",
-    "b": "culled, full detail",
-    "bare": "culled, without shadows and reflections from outside the picture",
-    "c": "culled, with LODs",
-}
-COMPARED = "b", "bare", "c"  # with "a"
-AMPLIFIED, FAINTEST = 16, 60  # in the pictures of differences: times, and at least, of 255
 # of linear light: how far off Cycles' rounding may be that displaces a mesh where one of its
 # instances stands
 DISPLACED = 1e-3
 LODS_MADE = 0.05  # of the progress: LODs made
+CROPS = 0.4  # of a frame's time
 MOST_PROVED_IN_SHEET = 8  # frames on the contact sheet
 
 
@@ -57,6 +50,7 @@ def verify(
 ) -> Generator[float, None, dict[str, Any]]:
     """Write the proof for `scene`: yield the progress, return verify.json's dict.
 
+    What is proved is the scene's bake, else its live build, else one that is made for the proof.
     The scene itself is stepped and rendered, because a copy lacks some of what its frames show.
     Afterwards it is restored. The folder gets its files at the end, all or none.
 
@@ -68,20 +62,22 @@ def verify(
     own, groups = scene.crowd_lod, groups_of(scene.crowd_lod)
     with ExitStack() as opened:
         folder = opened.enter_context(sharing.opened(wanted.folder))
+        layer = scene.view_layers[0]
+        opened.callback(lambda: frame_update.follow(scene, layer.depsgraph))  # a live build was shown other frames
         opened.callback(store_groups, own, groups)
         opened.enter_context(cleanup.scratch())
-        layer = scene.view_layers[0]
         lent = scene.render, scene.render.image_settings, scene.cycles, scene.display, scene.view_settings, own, *scene.view_layers
         opened.enter_context(cleanup.lent(*lent, *filter(None, (own.build, own.characters))))
         opened.callback(setattr, scene, "world", scene.world)
         # what is missing is named before anything is set
         cameras.active_camera(scene), characters_of(scene)
         left_out, not_proved = _never_shown(scene), _not_proved(scene, wanted)
+        proved = build_of(scene, wanted.frames if sharing.part is None else sharing.part)
         for material in {material for worn in glowing(scene).values() for material in worn}:
             opened.callback(setattr, material.cycles, "emission_sampling", material.cycles.emission_sampling)
             # rays that are aimed at lights meet others where fewer agents glow: the noise would differ
             material.cycles.emission_sampling = "NONE"
-        set_up_cycles(scene, wanted)
+        size = set_up_cycles(scene, wanted)
         layer.update()
         store_groups(own, measure_groups(scene))
         trajectory = trajectory_of(scene)
@@ -92,20 +88,22 @@ def verify(
             yield from share(make_levels(scene), 0.0, LODS_MADE)
         sharing.save(folder)
         # also of LODs that are left out to save memory: they are what is proved
-        run = _Run(scene, wanted, folder, opened.enter_context(frame_stepping.stepped(scene)))
+        at = opened.enter_context(frame_stepping.stepped(scene))
+        run = _Run(scene, wanted, folder, at, size, proved, LoneStage(scene, folder))
         parts = FrameParts(folder, state_of(scene, wanted))
         with sharing.helped(parts, wanted.frames) as helpers:
             found = yield from share(made(parts, wanted.frames, sharing, run.prepare, run.prove, helpers), LODS_MADE, 0.95)
-        rows, unplanned = [each["row"] for each in found], [tuple(each["unplanned"]) for each in found]
+        rows = [each["row"] for each in found]
+        unplanned = [tuple(each["unplanned"]) for each in found]
         if sharing.part is not None:
             return {"frames": rows, "ok": True}
-        result = _result(
-            rows,
-            wanted,
-            command,
-            left_out + _left_out(scene, rows, wanted) + [told_unplanned(unplanned)] * any(why for _, why in unplanned),
-            not_proved,
-        )
+        told = _left_out(scene, rows, wanted) + [told_unplanned(unplanned)] * any(why for _, why in unplanned)
+        result = _result(found, wanted, command) | {
+            "build": told_of_build(proved, rows),
+            "left_out": left_out + told,
+            "not_proved": not_proved,
+        }
+        result["ok"] = is_ok(result)
         (folder / "verify.json").write_text(tables.to_json(result), encoding="utf-8")
         (folder / "verify.csv").write_text(tables.to_csv(rows), encoding="utf-8")
         title = Path(bpy.data.filepath).stem or scene.name
@@ -123,177 +121,161 @@ class _Run:
 
     folder: where the files lie until all are made.
     at: steps the scene.
-    top: the build, once it is made.
-    outline: see outline_of.
+    size: of the whole pictures.
+    proved: the build that is proved.
+    alone: where single agents are rendered.
+    full: the build of everyone at full detail, once it is made; that which is proved, if it is made
+        for the proof.
     """
 
     scene: bpy.types.Scene
     wanted: Verify
     folder: Path
     at: frame_stepping.At
-    top: bpy.types.Collection | None = None
-    outline: bpy.types.Scene | None = None
+    size: tuple[int, int]
+    proved: ProvedBuild
+    alone: LoneStage
+    full: bpy.types.Collection | None = None
 
     def prepare(self) -> Generator[float, None, None]:
-        """Build the crowd of all LODs: yield the progress."""
+        """Build the crowd at full detail, and with its LODs if no build is there: yield the progress."""
         scene, own = self.scene, self.scene.crowd_lod
+        every, count = range(2**31), policy_of(own).count
         # also of LODs that are left out to save memory: they are what is proved
-        yield from render_setup.build(scene, [range(2**31)] * policy_of(own).count)
+        yield from render_setup.build(scene, [every, *([every if self.proved.kind == MADE else ()] * (count - 1))])
         bake.mark(scene, self.wanted.frames)  # with motion blur its points move by themselves
         render_setup.dress_all(scene)
-        self.top, own.build = own.build, None  # it holds what is written here, not what the frame asks
-        self.outline = outline_of(scene, self.top)
-        add_twins(scene, self.top)
+        self.full, own.build = own.build, None  # it holds what is written here, not what the frame asks
+        add_twins(scene, self.full)
+        if self.proved.kind == MADE:
+            self.proved = ProvedBuild(self.full)
 
     def pictures(self, number: int) -> list[Path]:
-        """Return the files of a frame's pictures, in the order of the contact sheet."""
+        """Return the files of a frame's whole pictures, in the order of the contact sheet."""
         endings = ("", "_bounces") if self.wanted.bounces else ("",)
         names = [*PICTURES, *(f"a_{name}" for name in COMPARED)]
         return [self.folder / f"frame_{number:04d}_{name}{ending}.png" for ending in endings for name in names]
 
     def prove(self, number: int) -> Generator[float, None, tuple[dict[str, Any], list[Path]]]:
         """Verify one frame: yield the progress, return (what is told of it, its pictures); see FrameParts.put."""
-        scene, wanted, folder, outline = self.scene, self.wanted, self.folder, self.outline
-        trajectory, time = trajectory_of(scene), scene_data.remapped(scene.render, number)
-        yield from share(approach(trajectory, time), 0.0, 0.5 / len(PICTURES))
+        scene, trajectory = self.scene, trajectory_of(self.scene)
+        time = scene_data.remapped(scene.render, number)
+        yield from share(approach(trajectory, time), 0.0, 0.1)
         film, around, shutter = lights.read_moment(scene, time, self.at)
-        depsgraph = self.at((), time)
-        planned, full = (
-            frame_of(scene, depsgraph, time, film, trajectory, each, shutter)
-            for each in (around, replace(around, level=0, finest=()))
-        )
-        frames = _variants(planned, full)
-        put_cameras(outline, scene, depsgraph)
-        outline.frame_set(number)
-        total, so_far = 2 * len(frames) if wanted.bounces else len(frames), 0
-        held = held_by(scene, trajectory, number, planned.crowd)
-        worlds = scene.world, dark_world(scene.world)
+        planned = frame_of(scene, self.at((), time), time, film, trajectory, around, shutter)
+        held = frame_update.held_by(scene, trajectory, number, planned.crowd)
+        rows = self.proved.rows(trajectory, planned, held, number)
+        seen, strangers = seen_by_kind(rows, len(planned.crowd))
         row = {
             "frame": number,
             "agents": len(planned.crowd),
-            "visible": int(planned.visible.sum()),
-            "shadow": len(planned.shadow.order),
-            "mirrored": len(planned.mirrored.order),
+            "visible": len(seen["LOD"]),
+            "shadow": len(seen["Shadow"]),
+            "mirrored": len(seen["Mirror"]),
+            "strangers": strangers,
         }
-        masks = {}
-        for bounces in (0, wanted.bounces)[: 1 + (wanted.bounces > 0)]:
-            light_by(scene, bounces, worlds)
-            ending = "_bounces" if bounces else ""
-            shot = {}
-            for name, frame in frames.items():
-                _write(scene, self.top, trajectory, frame, number, held)
-                shot[name] = _render(scene, folder / f"frame_{number:04d}_{name}{ending}.png")
-                if not bounces and name in ("a", "c"):
-                    masks[name] = _render(outline, folder / f"outline_{number:04d}.png")[..., 3]
-                so_far += 1
-                yield so_far / total
+        differences = yield from share(self._compare(number, planned, held, rows, seen), 0.1, 1 - CROPS)
+        row |= differences
+        chosen, pairs = self._chosen(number, planned, held, rows)
+        crops = []
+        for crop in lone_crops(self.alone, number, chosen, pairs):
+            crops.append(crop)
+            yield 1 - CROPS * (1 - len(crops) / len(pairs))
+        agents = [crop.told for crop in crops]
+        row |= agents_row(agents, _tolerance(scene, planned))
+        rounded = row["b_largest"] <= DISPLACED and bool(_displaced(scene))
+        row["culling_ok"] = not strangers and (row["b_pixels"] == 0 or rounded)
+        row["older_than"] = ", ".join(self.proved.older_than(number, film, around))
+        pictures = self.pictures(number)
+        if crops:
+            pictures.append(self.folder / f"frame_{number:04d}_agents.png")
+            image_data.save_png(pictures[-1], tables.contact_sheet(sheet_of(crops), columns=5))
+        told = {"row": row, "agents": agents, "unplanned": noted(number, planned.unplanned, self.wanted.strict)}
+        return told, pictures
+
+    def _compare(
+        self, number: int, planned: Frame, held: frame_update.Held, rows: dict[str, Columns], seen: dict[str, np.ndarray]
+    ) -> Generator[float, None, dict[str, Any]]:
+        """Render the whole pictures of a frame: yield the progress, return how they differ from the first.
+
+        rows: the points that the build shows.
+        seen: its agents by kind of bucket.
+        """
+        scene, bounces, row = self.scene, self.wanted.bounces, {}
+        members = {
+            "a": {"LOD 0": _everyone(planned)},
+            "b": {f"{kind} 0": agents for kind, agents in seen.items()},
+            "bare": {"LOD 0": seen["LOD"]},
+        }
+        worlds = scene.world, dark_world(scene.world)
+        for times, count in enumerate((0, bounces)[: 1 + (bounces > 0)]):
+            light_by(scene, count, worlds)
+            ending, shot = "_bounces" if count else "", {}
+            for done, name in enumerate(PICTURES):
+                if name in members:
+                    self._write(columns_of_members(self.full, planned.trajectory, members[name], held, number))
+                elif self.proved.kind == MADE:
+                    self._write(rows)
+                shown = self.full if name in members else self.proved.top
+                for top in {self.full, self.proved.top}:
+                    top.hide_render = top != shown or (name == "c" and self.proved.hidden)
+                with small(scene, self.size):
+                    shot[name] = render_picture(scene, self.folder / f"frame_{number:04d}_{name}{ending}.png")
+                yield (times + (done + 1) / len(PICTURES)) / (1 + (bounces > 0))
             for name in COMPARED:
                 found = image_difference.between(shot["a"], shot[name])
                 row |= {f"{name}{ending}_{key}": value for key, value in vars(found).items()}
-                picture = _amplified(shot["a"], shot[name])
-                image_data.save_png(folder / f"frame_{number:04d}_a_{name}{ending}.png", picture)
+                picture = amplified(shot["a"], shot[name])
+                image_data.save_png(self.folder / f"frame_{number:04d}_a_{name}{ending}.png", picture)
         scene.world = worlds[0]
-        (folder / f"outline_{number:04d}.png").unlink()
-        shift, predicted = _shifts(scene, planned, film, masks)
-        row |= {"silhouette_shift": shift, "predicted_shift": predicted}
-        row["culling_ok"] = row["b_pixels"] == 0 or (row["b_largest"] <= DISPLACED and bool(_displaced(scene)))
-        row["lod_ok"] = predicted is None or shift <= predicted + 1
-        return {"row": row, "unplanned": noted(number, planned.unplanned, wanted.strict)}, self.pictures(number)
+        return row
+
+    def _write(self, rows: dict[str, Columns]) -> None:
+        """Write the points of each bucket to the build at full detail."""
+        for name, points in render_setup.points_of(self.full).items():
+            mesh_data.write_points(points.data, rows[name])
+
+    def _chosen(
+        self, number: int, planned: Frame, held: frame_update.Held, rows: dict[str, Columns]
+    ) -> tuple[list[JudgedAgent], list[tuple[Shown, Shown]]]:
+        """Return the agents that are judged alone, and each at full detail and as built."""
+        trajectory = planned.trajectory
+        seen = {name: columns for name, columns in rows.items() if name.startswith("LOD ") and len(columns["id"])}
+        agents = np.concatenate([np.empty(0, np.intp), *(columns["id"] for columns in seen.values())])
+        levels = [np.full(len(columns["id"]), int(name.removeprefix("LOD "))) for name, columns in seen.items()]
+        levels = np.concatenate([np.empty(0, np.intp), *levels])
+        known = (agents >= 0) & (agents < len(planned.crowd))
+        tolerance = _tolerance(self.scene, planned)
+        chosen = choose_agents(planned, agents[known], levels[known], tolerance, number, self.wanted.agents)
+        built, full = render_setup.points_of(self.proved.top), render_setup.points_of(self.full)["LOD 0"]
+        pairs = []
+        for judged in chosen:
+            alone = columns_of_members(self.full, trajectory, {"LOD 0": np.array([judged.agent])}, held, number)["LOD 0"]
+            name = f"LOD {judged.level}"
+            row = {key: values[rows[name]["id"] == judged.agent][:1] for key, values in rows[name].items()}
+            pairs.append((Shown(full, alone), Shown(built[name], row)))
+        return chosen, pairs
 
 
-def _shifts(
-    scene: bpy.types.Scene, planned: Frame, film: Sequence[Camera], masks: dict[str, np.ndarray]
-) -> tuple[float, float | None]:
-    """Return by how many pixels the silhouettes moved, and what was predicted; None if nothing was.
-
-    masks: the crowd's silhouettes at full detail, "a", and with LODs, "c".
-    """
-    eyes = len(_views(scene.render))
-    shift = max(image_difference.shift(*pair) for pair in zip(*(np.split(masks[name], eyes, axis=1) for name in "ac"), strict=True))
-    each = [image_difference.predicted(replace(planned, eyes=(camera,))) for camera in film]
-    return shift, None if None in each else max(each)
+def _everyone(planned: Frame) -> np.ndarray:
+    """Return all agents that are there, (m,) intp; who is hidden by an exception is not."""
+    there = np.isfinite(planned.crowd.places()).all(axis=0) & (planned.visible | planned.culled)
+    if planned.plan_row is not None:
+        there &= planned.plan_row & HIDDEN == 0
+    return np.flatnonzero(there)
 
 
-def _write(stage, home: bpy.types.Collection, trajectory, frame: Frame, number: int, held: Held) -> None:
-    """Write the agents of the frame's buckets to the point objects in `home`.
-
-    With motion blur, the points also get velocities.
-    """
-    points = render_setup.points_of(home)
-    for name, agents in members(frame).items():
-        library = render_setup.library_of(home, points[name], trajectory.gaits)
-        columns = bake.columns_in_time(trajectory, held, number, agents, library)
-        mesh_data.write_points(points[name].data, columns)
+def _tolerance(scene: bpy.types.Scene, planned: Frame) -> float | None:
+    """Return the pixels that LODs may deviate: of the shot plan, if the frame has its LODs."""
+    stored = stored_plan(scene.crowd_lod) if planned.planned else None
+    return planned.policy.tolerance if stored is None else stored.tolerance
 
 
-def _variants(planned: Frame, full: Frame) -> dict[str, Frame]:
-    """Return a Frame for each of PICTURES.
-
-    planned: the frame's plan.
-    full: the same, with the finest LOD also for agents that the camera does not see itself.
-    """
-    count = len(planned.buckets.counts)
-    finest = np.zeros(len(planned.crowd), np.uint8)
-    nobody = sort(np.zeros(len(planned.crowd), bool), finest, count)
-    everyone = np.isfinite(planned.crowd.places()).all(axis=0) & (planned.visible | planned.culled)
-    if planned.plan_row is not None:  # who is hidden by an exception is not there
-        everyone &= planned.plan_row & HIDDEN == 0
-    culled = replace(full, buckets=sort(planned.visible, finest, count))
-    return {
-        "a": replace(full, buckets=sort(everyone, finest, count), shadow=nobody, mirrored=nobody),
-        "b": culled,
-        "bare": replace(culled, shadow=nobody, mirrored=nobody),
-        "c": planned,
-    }
-
-
-def _views(render: bpy.types.RenderSettings) -> list[str]:
-    """Return the file suffixes of the picture's views, such as the eyes of stereo."""
-    if not render.use_multiview:
-        return [""]
-    stereo = render.views_format == "STEREO_3D"
-    return [view.file_suffix for view in render.views if view.use and (view.name in EYES or not stereo)]
-
-
-def _render(stage: bpy.types.Scene, path: Path) -> np.ndarray:
-    """Render to the PNG `path`; return the linear values, (rows, columns, 4) float32.
-
-    The bottom row is first. The views of a stereo picture stand side by side.
-    """
-    render, settings = stage.render, stage.render.image_settings
-    stem = path.with_suffix("")
-    with console.quiet(), bpy.context.temp_override(scene=stage):
-        settings.file_format, settings.color_depth, render.filepath = "OPEN_EXR", "32", f"{stem}.exr"
-        bpy.ops.render.render(write_still=True)
-    settings.file_format, settings.color_depth = "PNG", "8"
-    values, shown = [], []
-    for view in _views(render):
-        raw, seen = Path(f"{stem}{view}.exr"), Path(f"{stem}{view}.png")
-        file_checks.check(raw)
-        image = bpy.data.images.load(str(raw))
-        try:
-            values.append(image_data.read_values(image))
-            with image_data.writing(seen):
-                image.save_render(str(seen), scene=stage)
-            shown.append(image_data.load_pixels(seen))
-        finally:
-            bpy.data.images.remove(image)
-        raw.unlink()
-        seen.unlink()
-    image_data.save_png(path, np.concatenate(shown, axis=1))
-    return np.concatenate(values, axis=1)
-
-
-def _amplified(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the amplified difference of two pictures, (rows, columns, 4) uint8.
-
-    Black is no difference. Any other is at least FAINTEST.
-    """
-    off = np.abs(a - b)
-    shown = np.rint(255 * (AMPLIFIED * off).clip(0, 1)).astype(np.uint8)
-    shown[off > 0] = np.maximum(shown[off > 0], FAINTEST)
-    shown[..., 3] = 255
-    return shown
+def told_of_build(proved: ProvedBuild, rows: list[dict]) -> dict[str, Any]:
+    """Return what verify.json tells of the build: its kind, and what has changed since it was made."""
+    older = [name for row in rows for name in row["older_than"].split(", ") if name]
+    changed = list(dict.fromkeys([*proved.changed, *older]))
+    return {"kind": proved.kind, "older_than": changed, "hidden": proved.hidden}
 
 
 def _never_shown(scene: bpy.types.Scene) -> list[str]:
@@ -356,18 +338,16 @@ def _left_out(scene: bpy.types.Scene, rows: list[dict], wanted: Verify) -> list[
     return said
 
 
-def _result(rows: list[dict], wanted: Verify, command: list[str], left_out: list[str], not_proved: list[str]) -> dict:
-    """Return the dict of verify.json."""
+def _result(found: list[dict], wanted: Verify, command: list[str]) -> dict[str, Any]:
+    """Return the dict of verify.json, as far as it follows from the frames."""
     return {
         "version": 1,
         "command": command,
-        "ok": all(row["culling_ok"] and row["lod_ok"] for row in rows),
         "width": wanted.width,
         "samples": wanted.samples,
         "bounces": wanted.bounces,
         "pictures": PICTURES,
         "amplified": AMPLIFIED,
-        "left_out": left_out,
-        "not_proved": not_proved,
-        "frames": rows,
+        "frames": [each["row"] for each in found],
+        "agents": [{"frame": each["row"]["frame"], **agent} for each in found for agent in each["agents"]],
     }

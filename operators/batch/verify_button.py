@@ -14,6 +14,7 @@ from ..build.staleness import MADE_FOR
 from ..crowd import needs
 from .output_index import note_output
 from .verify import Verify, verify
+from .verify_build import frames_to_verify
 
 # What the last proof of each scene found, and of which build.
 _verdicts: dict[int, tuple[str, object]] = scene_cache.kept({}, by_scene=True)
@@ -32,7 +33,7 @@ def _build_of(scene: bpy.types.Scene) -> object:
 
 
 class CROWDLOD_OT_verify(Stepwise, bpy.types.Operator):
-    """Render a few frames with and without culling and LODs, compare them, and write a report"""
+    """Render a few frames of the build beside everyone at full detail, compare them, and write a report"""
 
     bl_idname = "crowd_lod.verify"
     bl_label = "Verify"
@@ -41,8 +42,9 @@ class CROWDLOD_OT_verify(Stepwise, bpy.types.Operator):
 
     def steps(self, context) -> Generator[float, None, str]:
         settings = context.scene.crowd_lod
+        frames = frames_to_verify(context.scene, scene_data.frames_of(context.scene))
         wanted = Verify(
-            frames=evenly(scene_data.frames_of(context.scene), settings.verify_count),
+            frames=evenly(frames, settings.verify_count),
             folder=output_folder(context.scene, "verify"),
             width=settings.verify_width,
             samples=settings.verify_samples,

@@ -1,17 +1,16 @@
-"""The stages of a proof: the scene itself, set up for Cycles, and the outline of its crowd."""
+"""The stage of a proof: the scene itself, set up for Cycles."""
 
 from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
 
-from ..blender import cameras
+from ...crowd_lod.validation.judged_agents import JUDGED
 from ..blender.ownership import OWNED
 from ..build import bake, render_setup
 from ..build.hidden_characters import hides_characters
-from .preview_stage import Preview, set_up
+from .preview_stage import SIZE, Preview, set_up
 
-SILHOUETTE_SAMPLES = 16  # a pixel
 # Blender 4.5 does not read back the values that it writes of two eyes
 PAIRS = bpy.app.version >= (5, 2, 0)
 LONGEST_SHUTTER = 0.99 * bake.LONGEST  # frames
@@ -23,11 +22,13 @@ class Verify:
     """What to verify.
 
     frames: increasing.
-    width: of the pictures, pixels.
+    width: of the whole pictures, pixels.
     samples: per pixel.
     bounces: above 0, each picture is rendered a second time, with the light of the sky and this
         many bounces of light and reflections.
     strict: a frame without the LODs of the scene's shot plan is an error.
+    agents: so many of each frame are rendered alone because they are predicted worst, as many others
+        by chance, and as many of those apart.
     """
 
     frames: list[int]
@@ -36,14 +37,17 @@ class Verify:
     samples: int = 4
     bounces: int = 0
     strict: bool = False
+    agents: int = JUDGED
 
 
-def set_up_cycles(scene: bpy.types.Scene, wanted: Verify) -> None:
+def set_up_cycles(scene: bpy.types.Scene, wanted: Verify) -> tuple[int, int]:
     """Set up `scene` so that Cycles' pictures depend only on what its rays meet.
 
     That is: one seed, and no adaptive sampling, light tree, path guiding, fast GI, time limit or
-    denoiser. The scene's own pixel filter stays. The user's own build is hidden, and so are the
-    characters if renders hide them.
+    denoiser. The scene's own pixel filter and size stay: the crowd is planned for them. The user's
+    own build is hidden, and so are the characters if renders hide them.
+
+    Returns the size of the pictures.
     """
     if hides_characters(scene):
         scene.crowd_lod.characters.hide_render = True
@@ -51,7 +55,11 @@ def set_up_cycles(scene: bpy.types.Scene, wanted: Verify) -> None:
         scene.crowd_lod.build.hide_render, scene.crowd_lod.build = True, None
     render, cycles = scene.render, scene.cycles
     filmed = render.use_motion_blur, render.use_multiview and PAIRS, render.use_border and scene.crowd_lod.cull_to_border
+    own = [getattr(render, name) for name in SIZE]
     set_up(scene, Preview(wanted.frames, wanted.folder, wanted.width, "CYCLES", "MATERIAL"))
+    size = render.resolution_x, render.resolution_y
+    for name, value in zip(SIZE, own, strict=True):
+        setattr(render, name, value)
     render.use_motion_blur, render.use_multiview, render.use_border = filmed
     render.motion_blur_shutter = min(render.motion_blur_shutter, LONGEST_SHUTTER)
     render.image_settings.views_format = "INDIVIDUAL"
@@ -63,6 +71,7 @@ def set_up_cycles(scene: bpy.types.Scene, wanted: Verify) -> None:
     render.image_settings.color_mode = "RGBA"
     for layer in scene.view_layers:
         layer.samples = 0
+    return size
 
 
 def light_by(stage: bpy.types.Scene, bounces: int, worlds: tuple) -> None:
@@ -108,32 +117,3 @@ def add_twins(stage: bpy.types.Scene, top: bpy.types.Collection) -> None:
         for ray in RAYS:
             setattr(twin, f"visible_{ray}", False)
         stage.collection.objects.link(twin)
-
-
-def outline_of(stage: bpy.types.Scene, top: bpy.types.Collection) -> bpy.types.Scene:
-    """Return a scene of the build alone: its alpha is the crowd's silhouette.
-
-    It has no motion blur and a box pixel filter: the deviation of LODs is of sharp silhouettes.
-    """
-    outline = stage.copy()
-    outline.timeline_markers.clear()
-    for child in outline.collection.children:
-        outline.collection.children.unlink(child)
-    for item in outline.collection.objects:
-        outline.collection.objects.unlink(item)
-    for item in render_setup.points_of(top).values():
-        outline.collection.objects.link(item)
-    outline.render.film_transparent, outline.render.use_motion_blur, outline.world = True, False, None
-    outline.cycles.samples, outline.cycles.max_bounces, outline.cycles.pixel_filter_type = SILHOUETTE_SAMPLES, 0, "BOX"
-    return outline
-
-
-def put_cameras(outline: bpy.types.Scene, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """Put still copies of the cameras of `scene`, as in `depsgraph`, into `outline`."""
-    for item in [item for item in outline.collection.objects if item.type == "CAMERA"]:
-        outline.collection.objects.unlink(item)
-    for camera in [item for item in scene.objects if item.type == "CAMERA"]:
-        still = cameras.still(camera, depsgraph)
-        outline.collection.objects.link(still)
-        if camera == scene.camera:
-            outline.camera = still

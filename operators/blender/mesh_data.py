@@ -92,6 +92,20 @@ def write_points(mesh: bpy.types.Mesh, columns: dict[str, np.ndarray]) -> None:
     mesh.update_tag()
 
 
+def read_points(mesh: bpy.types.Mesh) -> dict[str, np.ndarray]:
+    """Return the point attributes that `write_points` has written, in its form."""
+    fields = {kind: (dtype, dimensions) for (dtype, dimensions), kind in KINDS.items()}
+    columns = {}
+    for attribute in mesh.attributes:
+        if attribute.domain != "POINT" or attribute.data_type not in fields:
+            continue
+        dtype, dimensions = fields[attribute.data_type]
+        values = np.empty((len(mesh.vertices), 3) if dimensions == 2 else len(mesh.vertices), dtype)
+        attribute.data.foreach_get("vector" if dimensions == 2 else "value", values.ravel())
+        columns[attribute.name] = values
+    return columns
+
+
 def world_points(evaluated: bpy.types.Object) -> np.ndarray:
     """Return the vertices of an evaluated object's mesh in world space.
 

@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.animation.phase_classes import Library
+from ...crowd_lod.crowd.leave_outs import WORKBENCH
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.planning.index_cache import approach
 from ...crowd_lod.planning.planned import noted, told_unplanned
@@ -20,11 +21,11 @@ from ..blender.ownership import remove_owned
 from ..crowd import lights
 from ..crowd.record_points import on_record
 from ..crowd.scene_crowd import frame_of, policy_of, trajectory_of
-from .change_detection import cameras_digest
+from .change_detection import cameras_digest, lights_digest
 from .frame_update import Held, columns_of, held_by, members, opening
 from .hidden_characters import HIDDEN, shows_characters
 from .phase_characters import Cast, make_cast, read_library
-from .render_setup import BAKED, CAMERAS, buckets_of, check_build, check_levels, dress_all, install, points_of
+from .render_setup import BAKED, CAMERAS, LIGHTS, buckets_of, check_build, check_levels, dress_all, install, points_of
 
 # frames: shutters of this length and longer overlap, and baked points show one frame at a time
 LONGEST = 1.0
@@ -55,9 +56,9 @@ def bake(scene: bpy.types.Scene, frames: Sequence[int], strict: bool = False) ->
         )
     read, rows = (yield from share(read_library(scene, scene.crowd_lod), 0.0, 0.2)), None
     unplanned: list[tuple[int, str]] = []
-    filmed: dict[int, str] = {}
+    noted_of: dict[str, dict[int, str]] = {CAMERAS: {}, LIGHTS: {}}
     try:
-        rows = yield from share(_rows(scene, Library(read[0]), frames, (unplanned, filmed), strict), 0.2, 0.8)
+        rows = yield from share(_rows(scene, Library(read[0]), frames, (unplanned, noted_of), strict), 0.2, 0.8)
     finally:
         if rows is None:
             bpy.data.batch_remove(list(read[-1]))
@@ -65,7 +66,8 @@ def bake(scene: bpy.types.Scene, frames: Sequence[int], strict: bool = False) ->
     top = install(scene, cast)
     cast.notes.extend(filter(None, [told_unplanned(unplanned)]))
     mark(scene, frames)
-    top[CAMERAS] = json.dumps(filmed)
+    for key, digests in noted_of.items():
+        top[key] = json.dumps(digests)
     for name, item in points_of(top).items():
         columns = rows[name][0].keys()
         mesh_data.write_points(item.data, {column: np.concatenate([each[column] for each in rows[name]]) for column in columns})
@@ -135,14 +137,14 @@ def _rows(
     scene: bpy.types.Scene,
     library: Library,
     frames: Sequence[int],
-    told: tuple[list[tuple[int, str]], dict[int, str]],
+    told: tuple[list[tuple[int, str]], dict[str, dict[int, str]]],
     strict: bool,
 ) -> Generator[float, None, dict[str, list[dict[str, np.ndarray]]]]:
     """Compute the points of each bucket, by its name, frame by frame.
 
     library: the characters that the points show.
     told: two containers. The first gets (frame, why the shot plan does not hold there, or ""). The
-        second gets a digest of each frame's cameras.
+        second gets digests of each frame's cameras and lights.
 
     Yields the progress.
     """
@@ -156,7 +158,9 @@ def _rows(
             film, around, shutter = lights.read_moment(scene, time, at)
             frame = frame_of(scene, None, time, film, trajectory, around, shutter)
             told[0].append(noted(number, frame.unplanned, strict))
-            told[1][number] = cameras_digest(film)
+            told[1][CAMERAS][number] = cameras_digest(film)
+            if WORKBENCH not in around.left_out:  # which does not look for lights
+                told[1][LIGHTS][number] = lights_digest(around)
             held = held_by(scene, trajectory, number, frame.crowd)
             for name, agents in members(frame).items():
                 rows[name].append(columns_in_time(trajectory, held, number, agents, library))

@@ -42,7 +42,7 @@ ACTIONS = "crowd_lod_actions"  # of the build's collection: see played_by.action
 MADE_OF, NOTES = "crowd_lod_made_of", "crowd_lod_notes"
 # of the build's collection: Rate and Opens (build/nodes/baked.py), the first and the last frame
 BAKED = "crowd_lod_baked"
-CAMERAS = "crowd_lod_cameras"  # of a bake: a digest for each frame
+CAMERAS, LIGHTS = "crowd_lod_cameras", "crowd_lod_lights"  # of a bake: digests for each frame
 
 REMEDY = "press Remove Build, then Build again"  # where one of these is spoilt
 
@@ -206,7 +206,7 @@ def install(scene: bpy.types.Scene, cast: Cast) -> bpy.types.Collection:
         scene.collection.children.link(top)
     top[MADE_FROM], top[POSED], top[PLAYED] = made_from(scene), cast.posed.tolist(), played_by.numbers(trajectory_of(scene))
     top[ACTIONS] = played_by.actions(trajectory_of(scene))
-    for key in (BAKED, CAMERAS, MADE_OF):
+    for key in (BAKED, CAMERAS, LIGHTS, MADE_OF):
         top.pop(key, None)
     if cast.collections:
         _shelve(scene, top, cast)

@@ -107,12 +107,12 @@ def _verify(commands, program: str) -> None:
         commands,
         program,
         "verify",
-        "render frames with and without culling and LODs, and compare them pixel by pixel",
+        "render frames of the build beside everyone at full detail, and compare the pictures",
         "verify plaza --frames 1,60 --out plaza_verify",
     )
     _shot(command, program)
     command.add_argument("--out", type=_path, metavar="DIR", help="the folder for pictures and tables (default: SCENE_verify)")
-    command.add_argument("--width", type=int, default=320, metavar="PIXELS", help="width of the pictures (default: 320)")
+    command.add_argument("--width", type=int, default=320, metavar="PIXELS", help="width of the whole pictures (default: 320)")
     command.add_argument("--samples", type=int, default=4, metavar="N", help="samples of each pixel (default: 4)")
     _with_strict_plan(command)
     command.add_argument("--bounces", type=int, default=0, metavar="N", help="render again with the sky and N bounces (default: 0)")

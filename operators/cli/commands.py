@@ -2,10 +2,12 @@
 
 import json
 import os
+import shutil
 import sys
 import time as clock
 from collections.abc import Generator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import bpy
@@ -17,6 +19,7 @@ from ...crowd_lod.planning.budget import Budget
 from ...crowd_lod.planning.frame_range import parse_frames
 from ...crowd_lod.progress import share
 from ...crowd_lod.reporting import files, interrupt, plan_comparison, plan_file, standard_streams, tables
+from ...crowd_lod.reporting.temporary_folder import own_temporary_folder
 from ...crowd_lod.validation import extreme_cases
 from ...crowd_lod.validation.render_proof import to_text
 from ..batch import error_report, shot_plan
@@ -24,6 +27,7 @@ from ..batch.preview import preview
 from ..batch.preview_stage import COLOR_MODES, Preview
 from ..batch.shot_survey import forget_parts
 from ..batch.verify import Verify, verify
+from ..batch.verify_build import frames_to_verify
 from ..blender import console, frame_stepping, scene_data
 from ..blender.output_folders import output_file
 from ..build import bake, render_setup, view_layers
@@ -45,7 +49,9 @@ def from_blender(argv: list[str]) -> int:
     Without a SCENE the commands work on the open file.
     """
     interrupt.heed()
-    status = _run(argv, "blender -b [FILE] --command crowd_lod")
+    # Blender, which removes its session's folder at its end, has made it before
+    with own_temporary_folder(), interrupt.unfinished(partial(shutil.rmtree, bpy.app.tempdir, ignore_errors=True)):
+        status = _run(argv, "blender -b [FILE] --command crowd_lod")
     if "--json" in argv:  # what Blender still has to say would come after it
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     return status
@@ -211,8 +217,9 @@ def _verify(args, command: list[str]) -> dict:
     settings = scene.crowd_lod
     _follow_plan(settings, args)
     stem = stem_of(args)
+    frames = _frames(args, scene)
     wanted = Verify(
-        frames=_frames(args, scene),
+        frames=frames if args.frames is not None else frames_to_verify(scene, frames),
         folder=files.absolute(args.out or Path(f"{stem}_verify")),
         width=_within("width", args.width, 16, 8192),
         samples=_within("number of samples", args.samples, 1, 4096),

@@ -1,14 +1,14 @@
 """Extent of a character in renders: vertices, hair, displacement by materials."""
 
 import time as clock
-from collections.abc import Callable, Generator, Iterator, Mapping
-from typing import TypeVar
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from typing import NamedTuple, TypeVar
 
 import bpy
 import numpy as np
 
 from ...crowd_lod.crowd.agents import bounding_sphere
-from ...crowd_lod.crowd.sole import sole_of
+from ...crowd_lod.crowd.sole import ground_of, sole_of
 from ...crowd_lod.errors import CrowdError
 from ..blender import cleanup, mesh_data
 from ..blender.performance import Performance, own
@@ -19,7 +19,9 @@ from ..blender.rig_dependencies import armatures_of
 # The bounding sphere is measured at every whole frame of the action, or at this many times evenly
 # over a longer one.
 MOST_POSES = 120
-SOLES = 6  # poses of an action in which soles are looked for
+# Poses of an action in which soles are looked for: first, and where something hangs below them. They
+# take a third of all measuring if looked for in nine at once.
+SOLES = 3, 9
 TICK = 0.25  # seconds of measuring at a time
 OFF_GROUND = 0.02  # of a character's largest extent: nearer to the ground it stands on it
 FEET = 0.01  # of a character's height above its lowest point: what is lower stands on the ground
@@ -34,6 +36,17 @@ def frames_of(first: float, last: float, most: int = MOST_POSES) -> np.ndarray:
     These are all whole frames, or `most` evenly over a longer action.
     """
     return np.linspace(first, last, min(int(np.ceil(last - first)) + 1, most))
+
+
+class Act(NamedTuple):
+    """An action as it was measured.
+
+    poses: each (n, 4), evenly over it; see `extents`.
+    soles: of some of them; see `sole`.
+    """
+
+    poses: list[np.ndarray]
+    soles: list[tuple[float, float]]
 
 
 Actors = Mapping[bpy.types.Object, bpy.types.Object]  # see as_rendered
@@ -98,43 +111,49 @@ def posing(
     return poses
 
 
-def standing(poses: list[np.ndarray], soles: list[tuple[float, float]], origin: float) -> float:
-    """Return the height above `origin` of what the character stands on, meters.
+def hangs(soles: list[tuple[float, float]]) -> bool:
+    """Return whether something hangs below the soles in one of the poses; see `sole`."""
+    return any(height > lowest for height, lowest in soles)
 
-    That is its lowest point, or its soles where something hangs lower. 0 if it is within OFF_GROUND
-    of the character's size, as it may be in a step, or if there are no points. A flat character has
-    no height to measure it by.
 
-    poses: each (n, 4); see `extents`.
-    soles: of poses of the same actions; see `sole`.
+def ground_below(act: Act) -> float:
+    """Return the height of the ground that a character walks on in an action; inf without points.
+
+    By its lowest point in each pose, or by its soles where something hangs lower.
+    """
+    lows = [float(pose[:, 2].min(initial=np.inf)) for pose in act.poses]
+    return ground_of(np.array([height for height, _ in act.soles] if hangs(act.soles) else lows))
+
+
+def standing(acts: Sequence[Act], origin: float) -> float:
+    """Return the height above `origin` of the lowest ground that a character walks on in its actions.
+
+    0 if it is within OFF_GROUND of the character's size, as it may be in a step, or if there are no
+    points. A flat character has no height to measure it by.
+
     origin: height in meters.
     """
-    points = np.concatenate(poses)[:, :3]
+    points = np.concatenate([pose[:, :3] for act in acts for pose in act.poses])
     if not len(points):
         return 0.0
     size = np.ptp(points, axis=0).max()
-    hangs = any(height > low for height, low in soles)
-    ground = min(height for height, _ in soles) if hangs else float(points[:, 2].min())
+    ground = min(map(ground_below, acts))
     return ground - origin if abs(ground - origin) > OFF_GROUND * size else 0.0
 
 
-def walked(poses: list[np.ndarray], soles: list[tuple[float, float]]) -> float:
-    """Return the meters that the feet walk in a cycle of the action whose `poses` are given.
+def walked(act: Act) -> float:
+    """Return the meters that the feet walk in a cycle of an action.
 
-    Points near the soles are taken to stand on the ground; their way backward, in the middle of
-    those of a pose, is the walk's. 0 if nothing stands in any pose.
-
-    poses: each (n, 4), evenly over the action; see `extents`.
-    soles: of poses of it; see `sole`.
+    Points near the ground are taken to stand on it; their way backward, in the middle of those of a
+    pose, is the walk's. 0 if nothing stands in any pose.
     """
+    ground, poses = ground_below(act), act.poses
     low = min(float(pose[:, 2].min(initial=np.inf)) for pose in poses)
     near = FEET * (max(float(pose[:, 2].max(initial=-np.inf)) for pose in poses) - low)
-    if any(height > lowest for height, lowest in soles):
-        low = min(height for height, _ in soles)
     steps = []
     for a, b in zip(poses, poses[1:], strict=False):
         if a.shape == b.shape:
-            stand = (np.abs(a[:, 2] - low) <= near) & (np.abs(b[:, 2] - low) <= near)
+            stand = (np.abs(a[:, 2] - ground) <= near) & (np.abs(b[:, 2] - ground) <= near)
             if stand.any():
                 steps.append(np.median((b - a)[stand, :2], axis=0))
     return float(np.linalg.norm(np.mean(steps, axis=0))) * (len(poses) - 1) if steps else 0.0

@@ -23,7 +23,7 @@ from ..blender.performance import Part, Performance, performance_of
 from ..blender.props import group_of
 from . import crowd_sources, kept_meshes, map_areas, needs
 from .action_troubles import told_of_actions
-from .character_extent import SOLES, bounds, frames_of, posing, sole, standing, walked
+from .character_extent import SOLES, Act, bounds, frames_of, hangs, posing, sole, standing, walked
 from .characters import all_characters, characters_of, told_of_left_out
 from .glow import told_of_glow
 from .lengths import set_lengths
@@ -78,13 +78,12 @@ def measuring_groups(
             acted = yield from share(_acted(objects, performance), g / len(cast), (g + 1) / len(cast))
             # while two actions mix, feet may dip into the ground: nobody is lifted for that
             plain = [act for part, act in zip(performance.parts, acted, strict=True) if not part.mixed]
-            poses, soles = ([one for act in plain for one in act[k]] for k in (0, 1))
-            low = base.lowest if base else standing(poses, soles, origin[2])
-            center, radius = bounds(objects[0].name, (*origin[:2], origin[2] + low * on_ground), *(poses for poses, _ in acted))
+            low = base.lowest if base else standing(plain, origin[2])
+            center, radius = bounds(objects[0].name, (*origin[:2], origin[2] + low * on_ground), *(act.poses for act in acted))
         first, *others = performance.parts
         found = Group(name, center, radius, 0.0, (first.last - first.first) / fps, lowest=low, on_ground=on_ground)
         if acted:
-            found = replace(found, height=float(np.median([np.ptp(pose[:, 2]) for pose in acted[0][0]])))
+            found = replace(found, height=float(np.median([np.ptp(pose[:, 2]) for pose in acted[0].poses])))
         if base:
             found = replace(found, stride=base.stride, actions=base.actions, variant_of=variant_of)
         else:
@@ -99,17 +98,18 @@ def measuring_groups(
     return tuple(measured.values())
 
 
-Act = tuple[list[np.ndarray], list[tuple[float, float]]]  # of an action the extents of its poses, and soles
-
-
 def _acted(objects: list[bpy.types.Object], performance: Performance) -> Generator[float, None, list[Act]]:
     """Measure the extent and the soles of `objects` over each action of the performance; see `posing`."""
     acts, count = [], len(performance.spans)
     for k, span in enumerate(performance.spans):
         poses = yield from share(posing(objects, frames_of(*span), performance), k / count, (k + 0.8) / count)
-        looking = posing(objects, frames_of(*span, SOLES), performance, sole)
-        soles = yield from share(looking, (k + 0.8) / count, (k + 1) / count)
-        acts.append((poses, soles))
+        soles: list[tuple[float, float]] = []
+        for number in SOLES:
+            looking = posing(objects, frames_of(*span, number), performance, sole)
+            soles = yield from share(looking, (k + 0.8) / count, (k + 1) / count)
+            if not hangs(soles):
+                break
+        acts.append(Act(poses, soles))
     return acts
 
 
@@ -118,7 +118,7 @@ def _action(part: Part, act: Act, fps: float, size: float, meters: float) -> Act
 
     size: of the group, in units of `meters`.
     """
-    feet = walked(*act)
+    feet = walked(act)
     own = part.stride / meters if part.action is not None and part.action.get("stride") else part.stride
     stride, feet = (each if each > STANDS * size else 0.0 for each in (own or feet, feet))
     return Action(part.name, stride, (part.last - part.first) / fps, feet, part.root.way)

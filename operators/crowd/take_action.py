@@ -80,10 +80,10 @@ def told_of_gliding(scene: bpy.types.Scene) -> Iterator[str]:
     if not found:
         return
     names = ", ".join(found)
-    verb = "has" if len(found) == 1 else "have"
+    verb, them = ("has", "it") if len(found) == 1 else ("have", "them")
     fits = sorted({fit.action.name for rig in found.values() if (fit := best(rig, [])) is not None})
     way = (
-        f"press {TAKE_ACTION}, which gives them {', '.join(fits)}"
+        f"press {TAKE_ACTION}, which gives {them} {', '.join(fits)}"
         if fits
         else f"import the file of the pack that holds its motion, then press {TAKE_ACTION}"
     )

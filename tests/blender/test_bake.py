@@ -40,7 +40,11 @@ def pictures(folder, name):
 
 @pytest.mark.parametrize(
     "engine, blur, stretch",
-    [("CYCLES", None, 100), ("CYCLES", "END", 150), ("BLENDER_WORKBENCH", None, 70)],
+    [
+        ("CYCLES", None, 100),
+        pytest.param("CYCLES", "END", 150, marks=pytest.mark.once),
+        ("BLENDER_WORKBENCH", None, 70),
+    ],
 )
 def test_a_farm_renders_the_pictures_of_the_live_build(built, tmp_path, engine, blur, stretch):
     render = built.render

@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.once
 FOLDER = Path(__file__).parents[2] / "benchmarks"
 
 

@@ -277,6 +277,7 @@ SPOILT = {
 }
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("case", SPOILT)
 def test_what_is_spoilt_in_a_build_is_named_and_nothing_is_left_behind(built, case, capfd):
     find, key, value = SPOILT[case]

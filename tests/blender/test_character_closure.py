@@ -9,6 +9,7 @@ from crowd_lod_extension.operators.blender.references import closure_of
 from crowd_lod_extension.operators.blender.scene_data import set_node_input
 from crowd_lod_extension.operators.build import staleness
 from crowd_lod_extension.operators.lod_meshes.made_for import to_make_again
+from crowd_lod_extension.operators.overlay import character_cache
 
 from ..support.characters import character, new, rig, skin, tube
 from ..support.nodes import nodes_modifier
@@ -186,6 +187,7 @@ def test_a_change_of_anything_that_a_character_is_made_of_is_an_edit_of_it(small
     bpy.ops.crowd_lod.make_levels()
     bpy.ops.crowd_lod.build()
     assert (staleness.changed(small_shot), to_make_again(small_shot)) == ([], "")
+    drawn = character_cache._key(small_shot)[0]
     for name, (block, path, index) in dependencies.items():
         holder, _, last = path.rpartition(".")
         owner = block.path_resolve(holder) if holder else block
@@ -197,6 +199,8 @@ def test_a_change_of_anything_that_a_character_is_made_of_is_an_edit_of_it(small
             else:
                 getattr(owner, last)[index] = value
             assert staleness.changed(small_shot) == said, name
+            if block != items[0]:  # LODs have modifiers of their own
+                assert (character_cache._key(small_shot)[0] != drawn) == bool(said), name
 
 
 def test_neither_the_scene_nor_what_a_lamp_shines_on_is_part_of_a_character(small_shot):

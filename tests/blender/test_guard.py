@@ -85,6 +85,7 @@ def name_no_lod(path):
     np.savez_compressed(path, **arrays)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("spoil", (spoil_stream, name_no_lod), ids=lambda spoil: spoil.__name__)
 def test_a_live_build_with_a_spoilt_plan_shows_its_own_frame_and_says_why(built, tmp_path, capfd, spoil):
     settings = built.crowd_lod

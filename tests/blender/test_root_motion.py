@@ -154,3 +154,28 @@ def test_what_walks_on_the_map_is_drawn_by_the_map_alone():
     moving = speeds > 0
     assert trajectory.gaits.rates[0][moving] == pytest.approx(speeds[moving] / WAY, rel=1e-4)
     assert curves_of(bpy.data.objects["rig"].animation_data)
+
+
+@pytest.mark.parametrize("place", [on_object, on_root_bone, on_parent])
+def test_a_build_shows_agents_where_they_are(place):
+    scene, item = walker()
+    place()
+    settings = scene.crowd_lod
+    settings.count, settings.level_count, settings.method = 1, 1, "DECIMATE"
+    eye = bpy.data.objects.new("eye", bpy.data.cameras.new("eye"))
+    scene.collection.objects.link(eye)
+    scene.camera, eye.data.clip_end = eye, 1000
+    eye.location = (0, 0, 400)
+    bpy.ops.crowd_lod.populate()
+    bpy.ops.crowd_lod.build()
+    for frame in (1, 6, 12, 24):
+        scene.frame_set(frame)
+        depsgraph = bpy.context.evaluated_depsgraph_get()
+        agent = np.array([[value[0] for value in trajectory_of(scene).at(frame).places()]])
+        middles = [
+            np.mean([each.matrix_world @ vertex.co for vertex in each.object.data.vertices[:16]], axis=0)
+            for each in depsgraph.object_instances
+            if each.is_instance and each.object.type == "MESH"
+        ]
+        assert len(middles) == 1
+        assert np.abs(middles[0] - agent)[0, :2].max() < 1e-3

@@ -40,7 +40,7 @@ def test_a_character_without_an_action_is_told_with_the_way_out(skinned):
     assert "someone has a rig that plays no action, and would glide in its bind pose: import the file" in settings.trouble
     bent("motion")
     bpy.ops.crowd_lod.populate()
-    assert "press Take Action, which gives them motion walk" in settings.trouble
+    assert "press Take Action, which gives it motion walk" in settings.trouble
     assert bpy.ops.crowd_lod.take_action() == {"FINISHED"}
     assert skinned.animation_data.action == bpy.data.actions["motion walk"]
     bpy.ops.crowd_lod.populate()

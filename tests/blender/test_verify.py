@@ -44,7 +44,7 @@ def lit(levelled):
 
 def rendered(scene, folder, **wanted):
     """What verify finds of one small frame, run to its end."""
-    steps = verify(scene, Verify([7], folder, 96, 2, **wanted), ["test"])
+    steps = verify(scene, Verify([7], folder, 96, 2, agents=1, **wanted), ["test"])
     while True:
         try:
             progress = next(steps)
@@ -71,7 +71,7 @@ def test_the_command_proves_that_culling_changes_no_pixel_and_shadows_need_their
     rows = list(csv.DictReader((out / "verify.csv").open()))
     assert [int(row["b_pixels"]) for row in rows] == [0, 0]
     names = ("a", "b", "bare", "c", "a_b", "a_bare", "a_c")
-    pictures = {f"frame_{n:04d}_{name}.png" for n in (1, 30) for name in names}
+    pictures = {f"frame_{n:04d}_{name}.png" for n in (1, 30) for name in (*names, "agents")}
     assert set(os.listdir(out)) == pictures | {"verify.json", "verify.csv", "contact_sheet.png", "report.html"}
     assert not image_data.load_pixels(out / "frame_0001_a_b.png")[..., :3].any()
     assert image_data.load_pixels(out / "frame_0001_a_bare.png")[..., :3].any()
@@ -265,8 +265,10 @@ def test_predictions_hold_where_planned_lods_switch(levelled, tmp_path, capfd, m
     most = max(frames, key=frames.count)
     words = ("--frames", f"{most - 1},{most}", "--width", 160, "--samples", 1, "--plan", plan, "--strict", "--quiet")
     assert run("verify", file, *words, "--out", tmp_path / "out") == 0
-    rows = json.loads((tmp_path / "out" / "verify.json").read_text())["frames"]
-    assert all(row["culling_ok"] and row["lod_ok"] and row["predicted_shift"] > 0 for row in rows)
-    told = json.loads((plan / "plan.json").read_text())["shot"]
-    # of blurred agents the plan tells what their blur does not hide, verify the whole
-    assert not more or max(told["plan"]["largest_deviation_pixels"], *(row["predicted_shift"] for row in rows)) > 2.0
+    result = json.loads((tmp_path / "out" / "verify.json").read_text())
+    rows, agents = result["frames"], result["agents"]
+    assert all(row["culling_ok"] and row["lod_ok"] and row["judged"] for row in rows)
+    # of blurred agents the plan tells what their blur does not hide, verify the whole, and apart
+    assert not more or max(agent["predicted_px"] for agent in agents) > 2.0
+    assert any(agent["apart"] for agent in agents) == ("--blur" in more)
+    assert ("--triangles" in more) == (rows[0]["allowed_shift"] > 2.0)

@@ -127,3 +127,26 @@ def test_a_sheet_seen_edge_on_is_off_by_no_more_than_it_deviates():
     tilted, quad = flat + flat[:, [1]] * (0.01, 0, 0), np.array([(0, 1, 2), (0, 2, 3)])
     least, most = silhouette.error((flat, quad), (tilted, quad), np.zeros(3), 5.0, camera)
     assert least <= 0.01 * camera.pixels_per_unit / 4.0 and 0 < most
+
+
+def disc(x, y, radius, size=(90, 120), samples=8):
+    """Coverage of each pixel by a disc, from samples x samples of it."""
+    rows, columns = ((np.arange(n * samples) + 0.5) / samples for n in size)
+    inside = np.hypot(columns[None] - x, rows[:, None] - y) <= radius
+    return inside.reshape(size[0], samples, size[1], samples).mean(axis=(1, 3))
+
+
+@pytest.mark.parametrize("way", [(0.0, 0.0), (0.4, 0.0), (3.0, 0.0), (0.0, -6.5), (5.0, 4.0), (-20.0, 8.0)])
+def test_a_disc_that_moves_shifts_by_as_much(way):
+    found = silhouette.shift(disc(50, 45, 14), disc(50 + way[0], 45 + way[1], 14))
+    assert abs(found - np.hypot(*way)) <= 1
+
+
+def test_a_disc_that_grows_shifts_by_as_much_and_one_that_is_gone_by_infinity():
+    for more in (0.5, 2, 7):
+        assert abs(silhouette.shift(disc(50, 45, 14), disc(50, 45, 14 + more)) - more) <= 1
+        assert silhouette.shift(disc(50, 45, 14), disc(50, 45, 14 + more)) == silhouette.shift(
+            disc(50, 45, 14 + more), disc(50, 45, 14)
+        )
+    assert silhouette.shift(disc(50, 45, 14), np.zeros((90, 120))) == np.inf
+    assert silhouette.shift(np.zeros((90, 120)), np.zeros((90, 120))) == 0

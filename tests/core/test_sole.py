@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.crowd.sole import sole_of
+from crowd_lod_extension.crowd_lod.crowd.sole import ground_of, sole_of
 
 SIDES = [
     (0, 2, 1),
@@ -57,3 +57,9 @@ def test_points_alone_stand_on_the_lowest():
     points = np.array([(0, 0, 2.0), (1, 0, 1.0)])
     assert sole_of(points, np.empty((0, 3), int)) == 1
     assert sole_of(points[:0], np.empty((0, 3), int)) == np.inf
+
+
+def test_the_ground_is_where_feet_are_planted():
+    walk = [0.0] * 18 + [-0.067, -0.06, -0.04] * 2
+    run = [0.0] * 8 + [0.1, 0.12, 0.1] * 4
+    assert ground_of(np.array(walk)) == ground_of(np.array(run)) == 0

@@ -34,6 +34,7 @@ def read(tmp_path, content):
         CSV.replace("x,y", "person_x,person_y"),
         "# " + "long " * 20_000 + "\n" + CSV,
         "id,frame,x,y,z,speed\n1,0,0.25,0.5\n1,1,0.5,0.5\n",
+        "id,frame,x,y,speed,state\n1,0,0.25,0.5,1,2\n1,1,0.5,0.5,,\n",
         "id frame x [m] y [m]\n1 0 0.25 0.5\n1 1 0.5 0.5\n",
     ],
 )
@@ -82,6 +83,11 @@ def test_sumos_ids_are_texts_and_vaderes_last_steps_end(tmp_path):
     sumo = "timestep_time;person_id;person_x;person_y\n0.00;ped0;1;2\n0.00;ped1;3;4\n0.50;ped0;1.5;2\n"
     rows = read(tmp_path, sumo)
     assert rows.id.tolist() == [0, 1, 0] and rows.rate == 2 and "texts" in rows.notes[0]
+    nobody = (
+        "timestep_time;person_id;person_x;person_y;vehicle_id;vehicle_x\n0.00;;;;;\n0.50;7;1;2;;\n0.50;;;;car;5\n1.00;7;2;2;;\n"
+    )
+    rows = read(tmp_path, nobody)
+    assert rows.id.tolist() == [7, 7] and rows.x.tolist() == [1, 2] and rows.rate == 2
     vadere = "pedestrianId simTime endTime-PID1 startX-PID1 startY-PID1 endX-PID1 endY-PID1\n1 0 0.5 0 0 1 0\n1 0.5 1 1 0 2 0\n"
     rows = read(tmp_path, vadere)
     assert rows.x.tolist() == [0, 1, 2] and rows.frame.tolist() == [0, 1, 2] and rows.rate == 2
@@ -94,6 +100,8 @@ REFUSED = {
     "furlongs": ("id,frame,x [furlong],y [furlong]\n1,0,1,1\n", r"has the column x \[furlong\]: give places in one of m"),
     "pixels": ("id,frame,x [px],y [px]\n1,0,1,1\n", r"has the column x \[px\]"),
     "weeks": ("id,time/weeks,x,y\n1,0,1,1\n", "has the column time/weeks: give time in one of s"),
+    "boxes of MOT": ("1,1,912,484,97,109,0,-1,-1,-1\n", "10 columns without titles, as those of boxes in pictures"),
+    "boxes of SDD": ('0 789 399 815 436 0 0 0 0 "Cart"\n', "10 columns without titles"),
     "boxes": ("id,frame,xmin,ymin,xmax,ymax\n1,0,1,1,2,2\n", "boxes in a picture"),
     "a globe": ("id,frame,lon,lat\n1,0,1,1\n", "longitude and latitude, not lengths"),
     "more titles": ("id,when,frame,x,y\n1,0,1,1\n", r"has 5 titles .* and 4 values in its first row"),

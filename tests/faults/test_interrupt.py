@@ -1,6 +1,6 @@
 """Ctrl-C at any moment of any command: exit code 130, one line, and the disk as before, or all of the output.
 
-CROWD_LOD_TRIALS=10 tries ten times as many moments of each command.
+CROWD_LOD_TRIALS=10 tries ten times as many moments of each command, and more commands.
 """
 
 import os
@@ -23,7 +23,7 @@ TRIALS = 2 * int(os.environ.get("CROWD_LOD_TRIALS", "1"))
 SOON = 3.0  # seconds, on a machine with much else to do; else it is a quarter of one
 COMMANDS = {
     "sample": "sample chapter --out out/x.blend",
-    "preview": "preview {small} --frames 1,9 --width 160 --out out",
+    "preview": "preview {small} --frames 1,9 --width 64 --out out",
     "build": "build {small} --out out/x.blend",
     "bake": "build {small} --bake --frames 1:3 --out out/x.blend",
     "verify": "verify {small} --frames 1 --width 64 --samples 1 --out out",
@@ -33,6 +33,12 @@ COMMANDS = {
     "export": "export {small} --frames 1,9 --out out/x.usdc",
     "package": "package --out out",
 }
+if TRIALS > 2:
+    COMMANDS |= {
+        "jobs": "preview {small} --frames 1,9 --width 64 --jobs 2 --out out",
+        "plan": "plan {small} --frames 1:9 --out out",
+        "job": "job {small} --out out",
+    }
 
 FILES = 300
 RENAMES = f"""
@@ -87,6 +93,7 @@ class Trial:
         self.code, self.took, self.ended = process.returncode, time.monotonic() - begun, time.monotonic() - sent
         self.lines = [line for line in self.err.replace("\r", "\n").split("\n") if line.strip() and "%|" not in line]
         self.after = self.files()
+        self.left = [path.name for path in self.tmp.iterdir()]
 
     def files(self) -> dict[str, bytes]:
         every = (path for path in self.folder.rglob("*"))
@@ -105,6 +112,7 @@ def test_ctrl_c(name, small, tmp_path):
     if name == "package" and "network" in whole.err:
         pytest.skip(whole.err)
     assert whole.code == 0 and whole.after != whole.before, whole.err
+    assert not whole.left, whole.left
     chance, told = random.Random(name), []
     for k in range(TRIALS):
         moment = 0.02 + (whole.took - 0.02) * (k + chance.random()) / TRIALS
@@ -113,6 +121,7 @@ def test_ctrl_c(name, small, tmp_path):
         print(about)
         told.append(trial.ended)
         assert "Traceback" not in trial.err and trial.ended < SOON, about
+        assert not trial.left, (about, trial.left)
         if trial.code == 130:
             assert len(trial.lines) == 1 and trial.lines[0].startswith("crowd-lod: stopped"), about
             assert trial.out == "", about

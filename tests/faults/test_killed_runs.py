@@ -32,7 +32,7 @@ def test_a_killed_run_goes_on_and_ends_with_the_same_files(small, tmp_path, jobs
     process.send_signal(signal.SIGKILL)
     process.communicate()
     (hidden,) = out.glob(".crowd-lod-*")
-    records = [json.loads(path.read_text()) for path in hidden.glob(".frames/*.json")]
+    records = [json.loads(json.loads(path.read_text())[1]) for path in hidden.glob(".frames/*.json")]
     names = [name for record in records for name in record["files"]]
     before = {name: (hidden / name).stat().st_mtime_ns for name in names}
     assert before and [path for path in out.iterdir() if not path.name.startswith(".")] == []

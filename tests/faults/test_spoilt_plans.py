@@ -12,6 +12,7 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.levels.assignment import MOST_LEVELS
 from crowd_lod_extension.crowd_lod.planning.planned import LEVEL
 from crowd_lod_extension.crowd_lod.reporting import plan_file
+from crowd_lod_extension.crowd_lod.reporting.frame_parts import FrameParts, keep_whole
 from crowd_lod_extension.crowd_lod.reporting.plan_comparison import compare
 from crowd_lod_extension.operators.cli import farm, shared_runs
 from crowd_lod_extension.operators.cli.arguments import parser
@@ -174,6 +175,19 @@ def test_plan_json(tmp_path):
         if rows:
             assert farm._page("x", (1, 2, 3), rows, ["crowd-lod"])
     assert 0 < read < TRIALS
+
+
+def test_records_of_frames(tmp_path):
+    dice, parts = random.Random(4), FrameParts(tmp_path, "state")
+    (tmp_path / "a.txt").write_text("picture")
+    told = parts.put(1, {"row": {"frame": 1, "agents": 7}}, [tmp_path / "a.txt"])
+    (path,) = tmp_path.glob(".frames/*.json")
+    record = json.loads(path.read_text())
+    for _ in range(TRIALS):
+        path.write_bytes(spoilt_text(record, dice))
+        assert parts.get(1) in (None, told)
+        keep_whole(tmp_path)
+        (tmp_path / "a.txt").write_text("picture")
 
 
 def test_run_json_starts_nothing_but_preview_and_verify(tmp_path, capfd):

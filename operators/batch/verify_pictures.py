@@ -1,0 +1,95 @@
+"""The whole pictures of a proof: rendered small, compared, and written as PNG."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.culling.stereo import EYES
+from ...crowd_lod.reporting import file_checks
+from ..blender import cameras, cleanup, console, image_data
+
+# The pictures of a frame. The third is the culled one without those whom the camera does not see
+# itself.
+PICTURES = {
+    "a": "all agents, full detail",
+    "b": "culled, full detail",
+    "bare": "culled, without shadows and reflections from outside the picture",
+    "c": "as built",
+}
+COMPARED = "b", "bare", "c"  # with "a"
+AMPLIFIED, FAINTEST = 16, 60  # in the pictures of differences: times, and at least, of 255
+
+
+@contextmanager
+def small(scene: bpy.types.Scene, size: tuple[int, int]) -> Iterator[None]:
+    """Set the size of renders, (width, height) pixels, and restore it afterwards.
+
+    The pictures show no more than those of the scene's own size, for which agents are culled: the
+    same window, a pixel filter that reaches as far, and of a render border whole pixels only.
+    """
+    render, (width, height) = scene.render, size
+    own_width, own_height = cameras.image_size(render)
+    with cleanup.lent(render, scene.cycles):
+        scene.cycles.filter_width *= min(width / own_width, 1.0)
+        render.resolution_x, render.resolution_y, render.resolution_percentage = width, height, 100
+        taller = width * own_height / (own_width * height)  # the pixels, than the scene's own
+        render.pixel_aspect_x *= max(1 / taller, 1.0)
+        render.pixel_aspect_y *= max(taller, 1.0)
+        for axis, count in (("x", width), ("y", height)):
+            first, last = (getattr(render, f"border_{end}_{axis}") * count for end in ("min", "max"))
+            # a little inside, for Blender takes every pixel that the border touches
+            setattr(render, f"border_min_{axis}", (np.ceil(first - 1e-3) + 1e-3) / count)
+            setattr(render, f"border_max_{axis}", (np.floor(last + 1e-3) - 1e-3) / count)
+        yield
+
+
+def render_picture(stage: bpy.types.Scene, path: Path) -> np.ndarray:
+    """Render to the PNG `path`; return the linear values, (rows, columns, 4) float32.
+
+    The bottom row is first. The views of a stereo picture stand side by side.
+    """
+    render, settings = stage.render, stage.render.image_settings
+    stem = path.with_suffix("")
+    with console.quiet(), bpy.context.temp_override(scene=stage):
+        settings.file_format, settings.color_depth, render.filepath = "OPEN_EXR", "32", f"{stem}.exr"
+        bpy.ops.render.render(write_still=True)
+    settings.file_format, settings.color_depth = "PNG", "8"
+    values, shown = [], []
+    for view in _views(render):
+        raw, seen = Path(f"{stem}{view}.exr"), Path(f"{stem}{view}.png")
+        file_checks.check(raw)
+        image = bpy.data.images.load(str(raw))
+        try:
+            values.append(image_data.read_values(image))
+            with image_data.writing(seen):
+                image.save_render(str(seen), scene=stage)
+            shown.append(image_data.load_pixels(seen))
+        finally:
+            bpy.data.images.remove(image)
+        raw.unlink()
+        seen.unlink()
+    image_data.save_png(path, np.concatenate(shown, axis=1))
+    return np.concatenate(values, axis=1)
+
+
+def _views(render: bpy.types.RenderSettings) -> list[str]:
+    """Return the file suffixes of the picture's views, such as the eyes of stereo."""
+    if not render.use_multiview:
+        return [""]
+    stereo = render.views_format == "STEREO_3D"
+    return [view.file_suffix for view in render.views if view.use and (view.name in EYES or not stereo)]
+
+
+def amplified(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the amplified difference of two pictures, (rows, columns, 4) uint8.
+
+    Black is no difference. Any other is at least FAINTEST.
+    """
+    off = np.abs(a - b)
+    shown = np.rint(255 * (AMPLIFIED * off).clip(0, 1)).astype(np.uint8)
+    shown[off > 0] = np.maximum(shown[off > 0], FAINTEST)
+    shown[..., 3] = 255
+    return shown

@@ -1,0 +1,143 @@
+"""Verify proves the build that is there: what is spoilt in a bake, or older than its scene, is not OK."""
+
+import bpy
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.crowd_lod.validation.render_proof import verdict
+from crowd_lod_extension.operators.batch.verify import Verify, verify
+from crowd_lod_extension.operators.batch.verify_build import frames_to_verify
+from crowd_lod_extension.operators.blender import image_data, mesh_data
+from crowd_lod_extension.operators.build.render_setup import points_of
+from crowd_lod_extension.sample_scenes.scenery import add, material, tile
+from mathutils import Matrix
+
+from ..support.characters import character, new, tube
+
+
+@pytest.fixture
+def street(kept):
+    """Forty wavy tubes on a ground, seen by a camera; LOD 1 from 8 m on. Its LOD meshes are made."""
+    path = kept / "street.blend"
+    if not path.exists():
+        _make_street()
+        bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
+    bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False)
+    return bpy.context.scene
+
+
+def _make_street():
+    scene = bpy.context.scene
+    body = new("body", tube("body", around=12, along=8))
+    for vertex in body.data.vertices:  # wavy, so that a LOD has another outline
+        vertex.co.xy *= 1 + 0.5 * np.sin(5 * vertex.co.z)
+    body.data.materials.append(material("Blue", (0.05, 0.1, 0.6)))
+    character(body).hide_render = True
+    scene.render.engine, scene.render.resolution_x, scene.render.resolution_y = "CYCLES", 160, 90
+    add(scene.collection, "Ground", [(tile(-30, -20, 30, 40), material("Ground", (0.5, 0.5, 0.5)))])
+    camera = new("Camera", bpy.data.cameras.new("Camera"))
+    camera.location, camera.rotation_euler, camera.data.clip_end = (0, -12, 2), (1.45, 0, 0), 40
+    scene.collection.objects.link(camera)
+    scene.camera, scene.frame_end = camera, 2
+    _light("Lamp", (0, -10, 20), (0.3, 0, 0))
+    settings = scene.crowd_lod
+    settings.count, settings.size, settings.level_count, settings.method = 40, (16, 16), 2, "DECIMATE"
+    settings.thresholds[0] = 0.2
+    bpy.ops.crowd_lod.populate()
+    bpy.ops.crowd_lod.make_levels()
+
+
+def _light(name, place, turn):
+    sun = new(name, bpy.data.lights.new(name, "SUN"))
+    sun.location, sun.rotation_euler = place, turn
+    bpy.context.scene.collection.objects.link(sun)
+
+
+@pytest.fixture
+def baked(street):
+    assert bpy.ops.crowd_lod.bake() == {"FINISHED"}
+    return street
+
+
+def proof(scene, folder, frame=1, agents=2):
+    return finished(verify(scene, Verify([frame], folder, 64, 1, agents=agents), ["test"]))
+
+
+def lods(scene):
+    return points_of(scene.crowd_lod.build)["LOD 1"]
+
+
+def test_a_bake_as_it_was_made_is_ok_and_stays_as_it_was(baked, tmp_path):
+    before = mesh_data.read_points(lods(baked).data)
+    blocks = {block.name for block in bpy.data.user_map()}
+    result = proof(baked, tmp_path / "out", 2)
+    (row,) = result["frames"]
+    assert verdict(result).startswith("OK for the bake: culling changes no pixel in 1 frame; LODs shift silhouettes at most ")
+    assert 0 < row["visible"] < 40 and row["judged"] == 4 and 0 < row["silhouette_shift"] <= row["predicted_shift"] + 0.3
+    assert {agent["lod"] for agent in result["agents"]} == {0, 1} and row["color_off"] < 0.02
+    assert image_data.load_pixels(tmp_path / "out" / "frame_0002_agents.png").shape[1] > 200
+    assert {block.name for block in bpy.data.user_map()} == blocks
+    build, after = baked.crowd_lod.build, mesh_data.read_points(lods(baked).data)
+    assert build is not None and not build.hide_render and all(np.array_equal(before[name], after[name]) for name in before)
+
+
+def test_a_bake_of_which_points_were_deleted_and_one_is_of_no_agent(baked, tmp_path):
+    points = mesh_data.read_points(lods(baked).data)
+    points["id"][5] = 1000
+    mesh_data.write_points(lods(baked).data, {name: values[5:] for name, values in points.items()})
+    result = proof(baked, tmp_path / "out")
+    assert result["frames"][0]["b_visible"] and not result["frames"][0]["culling_ok"]
+    assert "Not OK for the bake: culling changes " in verdict(result) and "; 1 point of it is no agent; " in verdict(result)
+
+
+def test_a_bake_whose_lod_has_a_red_material(baked, tmp_path):
+    red = material("Red", (0.8, 0.01, 0.01))
+    for item in [item for item in baked.crowd_lod.build.all_objects if item.name.startswith("body LOD 1")]:
+        item.material_slots[0].link, item.material_slots[0].material = "OBJECT", red
+    result = proof(baked, tmp_path / "out")
+    assert result["frames"][0]["culling_ok"] and "has another color than the character" in verdict(result)
+    assert {agent["lod"] for agent in result["agents"] if agent["ok"] is False} == {1}
+
+
+def test_a_bake_that_is_older_than_a_low_sun_and_than_its_camera(baked, tmp_path):
+    _light("Low", (0, 0, 0), (0, 1.35, 0))
+    baked.camera.location.x += 1e-3
+    result = proof(baked, tmp_path / "out")
+    assert verdict(result).startswith("Not OK for the bake: the bake is older than the camera and the lights: bake again; ")
+    assert result["frames"][0]["b_visible"] and not result["frames"][0]["culling_ok"]
+
+
+def test_lods_that_are_off_at_the_final_size_are_not_ok_in_a_small_picture(street, tmp_path):
+    """By 15 cm: at 640 pixels by five times as much as is allowed, at 64 by half of it."""
+    street.crowd_lod.choice, street.crowd_lod.tolerance = "BY_TOLERANCE", 3.0
+    assert bpy.ops.crowd_lod.bake() == {"FINISHED"}
+    fits = proof(street, tmp_path / "fits", agents=1)
+    assert fits["ok"] and fits["frames"][0]["allowed_shift"] == 3.0
+    for mesh in {item.data for item in street.crowd_lod.build.all_objects if item.name.startswith("body LOD 1")}:
+        mesh.transform(Matrix.Diagonal((1.5, 1.5, 1, 1)))
+    street.render.resolution_x, street.render.resolution_y = 640, 360
+    result = proof(street, tmp_path / "out", agents=1)
+    worst = max(result["agents"], key=lambda agent: agent["shift_px"])
+    assert not result["ok"] and result["width"] == 64 and not result["frames"][0]["lod_ok"]
+    assert worst["lod"] == 1 and 3 < worst["allowed_px"] < 4 < 8 < worst["shift_px"] < 25
+    assert f"shifts {worst['shift_px']:.2f} px, {worst['allowed_px']:.2f} allowed there" in verdict(result)
+
+
+def test_frames_that_a_bake_lacks_are_named_and_the_button_takes_those_that_it_has(baked, tmp_path):
+    with pytest.raises(CrowdError, match=r"The bake of Scene has frames 1 to 2, and Frame 9 is not in it"):
+        proof(baked, tmp_path / "out", 9)
+    assert frames_to_verify(baked, [2, 3, 4]) == [2] and frames_to_verify(baked, [7]) == [1, 2]
+
+
+def test_a_live_build_is_proved_at_each_frame_and_shows_its_own_again(street, tmp_path):
+    assert bpy.ops.crowd_lod.build() == {"FINISHED"}
+    street.frame_set(2)
+    before = mesh_data.read_points(lods(street).data)
+    result = proof(street, tmp_path / "out")
+    assert verdict(result).startswith("OK for the build: ")
+    after = mesh_data.read_points(lods(street).data)
+    assert all(np.array_equal(before[name], after[name]) for name in before) and not street.crowd_lod.build.hide_render
+    street.crowd_lod.build.hide_render = True
+    assert "the build is hidden from renders" in verdict(proof(street, tmp_path / "hidden"))
+    assert street.crowd_lod.build.hide_render
