@@ -247,9 +247,10 @@ class Ladder:
         """
         rows = [self.rows.get(goal, (0,) * len(self.kinds)) for goal in self.goals]
         values = dict(zip(self.kinds, map(list, zip(*rows, strict=True)), strict=True))
-        missing = [k for k, goal in enumerate(self.goals) if goal not in self.rows]
+        # by ratio all are made, whatever they deviate by
+        missing = [k for k, goal in enumerate(self.goals) if goal not in self.rows and self.searched]
         lengths = [self.goals[k] for k in missing]
-        guessed = {"bounds": lengths, "triangles": self._guess_triangles(lengths, min(usual, default=USUALLY_LOST))}
+        guessed = {"bounds": lengths, "triangles": missing and self._guess_triangles(lengths, min(usual, default=USUALLY_LOST))}
         if self.looks:
             known = [(self._value(goal, "bounds"), self._value(goal, "shaded")) for goal in self.rows]
             known = [(bound, shaded) for bound, shaded in known if 0 < shaded < np.inf and bound > 0]

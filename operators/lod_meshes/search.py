@@ -18,12 +18,13 @@ from .methods import LEAST
 from .source_mesh import Source
 
 ROUNDS = 4  # tries of a length, at most, before the whole is measured
-MEASURED = 3  # times that the whole is measured, at most
-NEAR = 0.97  # of a length that is aimed at
+MOST_MEASURED = 3  # times that the whole is measured, at most
+AIMED = 0.97  # of a length that is aimed at
 STEP = 1.08  # times the triangles, that a try must differ by from those before
 MOST_STEP = 6.0  # times the triangles, that it may differ by
-MISSED = 1.3  # times the deviation as estimated, from which on a measured one is that of a place not looked at
-WIDE = 2.0  # times the triangles, within which a method does about as well against the other
+USUAL = 1.15  # times the deviation as estimated, that a bound is
+OVERLOOKED = 1.3  # times the deviation as estimated, from which on a measured one is that of a place not looked at
+WIDE = 2.0  # times the triangles, within which a method does about as well against the other; and that a step is at most
 WORSE = 1.3  # times the triangles, from which on a method is not tried
 BETTER = 1.1  # times the triangles that Pose-Aware may take, which keeps UV seams
 METHODS = "POSE_AWARE", "DECIMATE"
@@ -102,7 +103,7 @@ class Curve:
         if any(ratio / STEP < other < ratio * STEP for other in tried):
             if self.best(length).deviation <= length or max(tried) == 1.0:
                 return 0.0
-            return min(1.0, max(tried) * STEP**2)
+            return min(1.0, max(tried) * min(max(self.best(length).deviation / length, STEP**2), WIDE))
         return ratio
 
 
@@ -117,7 +118,7 @@ class Search:
         self.make, self.by = make, by
         self.methods = METHODS if method == "AUTO" else (method,)
         self.curves = [Curve(source) for source in sources]
-        self.times = 1.0  # a LOD's bound over its deviation as estimated
+        self.times = USUAL  # a LOD's bound over its deviation as estimated
 
     def find(self, length: float, about: float) -> Generator[float, None, tuple[list[Try], Measured]]:
         """Find the LOD of fewest triangles whose bound is `length` meters at most; yields the progress.
@@ -126,24 +127,23 @@ class Search:
         Returns its objects and what Measure.level says of them. Where none fits, these are the nearest that were found.
         """
         found: list[tuple[bool, float, list[Try], Measured]] = []
-        for k in range(MEASURED):
-            yield from share(self._fit(NEAR * length / self.times, about), k / MEASURED, (k + 0.7) / MEASURED)
-            objects = [curve.best(NEAR * length / self.times) for curve in self.curves]
+        for k in range(MOST_MEASURED):
+            yield from share(self._fit(AIMED * length / self.times, about), k / MOST_MEASURED, (k + 0.7) / MOST_MEASURED)
+            objects = [curve.best(AIMED * length / self.times) for curve in self.curves]
             if any(objects == earlier for _, _, earlier, _ in found):
                 break
             measured = yield from share(
-                self.by.level([attempt.item for attempt in objects], 1), (k + 0.7) / MEASURED, (k + 1) / MEASURED
+                self.by.level([attempt.item for attempt in objects], 1), (k + 0.7) / MOST_MEASURED, (k + 1) / MOST_MEASURED
             )
             bound, deviation = measured[1], max(attempt.deviation for attempt in objects)
             fits = bound <= length
-            __import__('sys').stderr.write(f"FULL length {1000*length:.2f} bound {1000*bound:.2f} measured {1000*measured[0]:.2f} est {1000*deviation:.2f} tri {sum(attempt.triangles for attempt in objects)} {__import__('time').process_time():.1f}\n")
             found.append((not fits, sum(attempt.triangles for attempt in objects) if fits else bound, objects, measured))
-            if measured[0] > MISSED * deviation:
+            if measured[0] > OVERLOOKED * deviation:
                 worst = max(objects, key=lambda attempt: attempt.deviation)
                 worst.deviation = deviation = measured[0]
             if bound > 0:
-                self.times = bound / deviation
-            if NEAR_ENOUGH * NEAR_ENOUGH * length <= bound <= length:
+                self.times = (self.times * bound / deviation) ** 0.5
+            if NEAR_ENOUGH * length <= bound <= length:
                 break
         _, _, objects, measured = min(found, key=lambda each: each[:2])
         for curve in self.curves:
@@ -161,7 +161,6 @@ class Search:
                 objects = [own[0] if own else curve.best(length) for own, curve in zip(made, self.curves, strict=True)]
                 yield from standing(self.by.read(), k / ROUNDS)
                 estimate = self.by.estimate([attempt.item for attempt in objects])
-                __import__('sys').stderr.write(f'TRY {[(o.method[0],round(o.ratio,4),o.triangles,round(1000*d,2)) for o,d in zip(objects,estimate.deviations)]} aim {1000*length:.2f} {__import__("time").process_time():.1f}\n')
                 for own, curve, deviation in zip(made, self.curves, estimate.deviations, strict=True):
                     for attempt in own:
                         attempt.deviation = deviation

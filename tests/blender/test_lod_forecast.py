@@ -40,7 +40,7 @@ def test_what_is_foretold_is_about_what_is_made(scene):
         foretold = {name: then for name, _, then in told.rows}
         for name, own in after.items():
             guess = foretold[name] if name in foretold else before[name]
-            assert guess[-1] == pytest.approx(own[-1], rel=0.6)  # what was not made yet is guessed
+            assert 0.4 < guess[-1] / own[-1] < 2.5  # what was not made yet is guessed
         before = after
 
 

@@ -1,6 +1,5 @@
 """A frame counts as made if its record and all of its pictures are whole, and no sooner."""
 
-
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.planning.frame_range import parse_frames, parse_part, told_frames
