@@ -69,6 +69,7 @@ class Measure:
         self.name, self.objects, self.character = name, objects, None
         self.hidden_counts = hidden_counts
         self._levels: dict[tuple[int, ...], PosedSurface] = {}
+        self._worst: list[int] = []  # poses that were the worst of a LOD
         self.performance = performance_of(name, list(objects), actions)
 
     def read(self) -> Iterator[float]:
@@ -119,8 +120,9 @@ class Measure:
         Deviations are infinite where the LOD has no face.
         """
         run = max(self.character.runs, key=len)
-        some = np.unique(np.linspace(0, len(run) - 1, ESTIMATED_IN).round().astype(int))
-        chosen = [run[k] for k in some]
+        evenly = [run[k] for k in np.linspace(0, len(run) - 1, ESTIMATED_IN).round().astype(int)]
+        worst = [pose for pose in reversed(self._worst) if pose in run]
+        chosen = list(dict.fromkeys([run[0], *worst, *evenly]))[:ESTIMATED_IN]
         shapes = finished(read_shapes(objects, [self.frames[k] for k in chosen], self.performance))
         lod = merge([shape.points for shape in shapes], shapes[0].triangles)
         if lod is None:
@@ -144,6 +146,7 @@ class Measure:
         found = compare_surfaces(self.character, lod, self.frames)
         if found is None:
             raise CrowdError(f"LOD {k} of {self.name} has no face: raise its ratio and press Make LOD Meshes.")
+        self._worst.append(self.frames.index(found[-1]))
         yield 1.0
         return found
 
