@@ -19,7 +19,7 @@ from ...crowd_lod.levels.selection import LADDER, Shot, View
 from ..blender import provenance, scene_cache, scene_data
 from ..blender.cameras import read_cameras
 from ..crowd.cast_provenance import cast_inputs, of_characters
-from ..crowd.scene_crowd import count_of
+from ..crowd.scene_crowd import GROUP, count_of
 from ..crowd.scene_world import actions_named
 from .selection import chosen
 
@@ -140,10 +140,15 @@ def edited(scene: bpy.types.Scene) -> list[str]:
 
 def _lacks(settings) -> dict[str, tuple[str, str]]:
     """Return how many LODs and groups there are, if the settings ask for others; as `changed`."""
-    levels, asked, groups = settings.levels.children, count_of(settings), len(settings.groups)
-    made = len(levels[0].children) if levels else 0
+    levels, asked = settings.levels.children, count_of(settings)
     found = {"levels": (str(len(levels)), str(asked))} if len(levels) < asked else {}
-    return found | ({"character groups": (str(made), str(groups))} if groups and made != groups else {})
+    names, homes = [group.name for group in settings.groups], [*levels[0].children] if levels else []
+    if names and len(homes) != len(names):
+        return found | {"character groups": (str(len(homes)), str(len(names)))}
+    renamed = [(home[GROUP], name) for home, name in zip(homes, names, strict=False) if home.get(GROUP, name) != name]
+    if renamed:
+        found["character groups"] = tuple(", ".join(column) for column in zip(*renamed, strict=True))
+    return found
 
 
 def outdated(scene: bpy.types.Scene) -> str:

@@ -36,6 +36,17 @@ def test_who_is_told_to_populate_finds_that_button_next(levelled, setting):
     assert not any("press Populate" in sentence for sentence, _ in steps.messages(levelled))
 
 
+def test_a_character_of_another_name_asks_for_populate_and_then_for_its_lods(levelled):
+    settings = levelled.crowd_lod
+    settings.characters.children[0].name = "renamed"
+    assert steps.following(levelled) == "crowd_lod.populate"
+    assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
+    assert steps.following(levelled) == "crowd_lod.make_levels"
+    assert any("renamed)" in sentence for sentence, _ in steps.messages(levelled))
+    assert bpy.ops.crowd_lod.make_levels() == {"FINISHED"}
+    assert steps.following(levelled) == "crowd_lod.plan_shot"
+
+
 def test_groups_that_lose_their_lods_are_not_called_finer():
     rows = ("a", (1.0, 0.4), (1.0,)), ("b", (1.0,), (1.0, 0.1)), ("c", (1.0, 0.1), (1.0, 0.2))
     told = Forecast(1.0, rows)
