@@ -3,7 +3,7 @@
 import bpy
 
 from .batch import open_report, preview, shot_plan, verify_button
-from .blender import collection_caches, main_thread, output_folders, scene_cache
+from .blender import collection_caches, main_thread, output_folders, provenance, scene_cache
 from .build import buttons, cost_estimate, frame_update
 from .cli import commands
 from .crowd import (
@@ -76,8 +76,8 @@ MODULES = (
 )
 CLASSES = tuple(c for module in MODULES for c in module.CLASSES)
 HANDLERS = {
-    "frame_change_post": [scenery.noticed, frame_update.follow],
-    "depsgraph_update_post": [scenery.edited, map_areas.moved_or_edited, frame_update.follow_points],
+    "frame_change_post": [provenance.note_edits_of_frame, scenery.noticed, frame_update.follow],
+    "depsgraph_update_post": [provenance.note_edits, scenery.edited, map_areas.moved_or_edited, frame_update.follow_points],
     "load_pre": [scene_cache.forget, frame_update.forget],
     "load_post": [output_folders.opened],
     "save_pre": [output_folders.before_saving],
@@ -85,8 +85,8 @@ HANDLERS = {
     "save_post_fail": [output_folders.not_saved],
     "undo_pre": [scenery.forget],
     "redo_pre": [scenery.forget],
-    "undo_post": [collection_caches.restore, collection_caches.renew, map_areas.undone],
-    "redo_post": [collection_caches.restore, collection_caches.renew, map_areas.undone],
+    "undo_post": [provenance.note_undo, collection_caches.restore, collection_caches.renew, map_areas.undone],
+    "redo_post": [provenance.note_undo, collection_caches.restore, collection_caches.renew, map_areas.undone],
     "render_pre": [frame_update.rendering],
     "render_post": [frame_update.rendered],
     "render_complete": [frame_update.ended],

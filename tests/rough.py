@@ -10,11 +10,11 @@ def levels(package: str) -> dict:
     LOD meshes are refined for a tenth as long, and measured in few poses at few points, their
     silhouettes from few sides, drawn small.
     """
-    names = "lod_meshes.deviation", "lod_meshes.pose_choice", "lod_meshes.methods", "batch.lod_picture"
-    deviation, pose_choice, methods, lod_picture = (import_module(f"{package}.operators.{name}") for name in names)
+    names = "lod_meshes.posed_surface", "lod_meshes.pose_choice", "lod_meshes.methods", "batch.lod_picture"
+    posed_surface, pose_choice, methods, lod_picture = (import_module(f"{package}.operators.{name}") for name in names)
     names = "simplification.settings", "validation.silhouette"
     settings, silhouette = (import_module(f"{package}.crowd_lod.{name}") for name in names)
-    few = {(pose_choice, "EVENLY"): 2, (pose_choice, "POSES"): 4, (deviation, "SAMPLES"): 500}
+    few = {(pose_choice, "EVENLY"): 2, (pose_choice, "POSES"): 4, (posed_surface, "SAMPLES"): 500}
     few |= {(methods, "COMPARED"): 1_000, (methods, "IN_MOTION"): 250}
     less = replace(settings.CURRENT, moves=settings.CURRENT.moves // 10, moves_each=settings.CURRENT.moves_each / 2)
     few[settings, "CURRENT"] = replace(less, bound_tolerance=0.3, bound_depth=4)

@@ -248,7 +248,7 @@ class Bias:
 def deviations(groups: Sequence[Group], policy: LevelPolicy) -> np.ndarray | None:
     """Return how far each group's LODs deviate at most; None if one is not measured.
 
-    (G, n) float64, meters. If the policy counts shading, an entry is at least the tolerance times
+    (G, n) float64, meters. Infinite for LODs that repeat the group's last: they never begin. If the policy counts shading, an entry is at least the tolerance times
     Group.shaded: the length that shows as many pixels as the tolerance at the distance from which
     the LOD's shaded picture is good enough.
     CrowdError if shading counts and the pictures were not compared.
@@ -257,6 +257,8 @@ def deviations(groups: Sequence[Group], policy: LevelPolicy) -> np.ndarray | Non
     if not all(len(group.bounds) >= count for group in groups):
         return None
     table = np.array([group.bounds[:count] for group in groups], np.float64)
+    for row, group in zip(table, groups, strict=True):
+        row[_lods_of_its_own(group, count) :] = np.inf
     if not policy.shading:
         return table
     if not all(len(group.shaded) >= count for group in groups):
@@ -264,3 +266,11 @@ def deviations(groups: Sequence[Group], policy: LevelPolicy) -> np.ndarray | Non
             "Shading Counts needs LODs whose pictures were compared with their characters': press Measure LOD Meshes, or Make LOD Meshes."
         )
     return np.maximum(table, policy.tolerance * np.array([group.shaded[:count] for group in groups]))
+
+
+def _lods_of_its_own(group: Group, count: int) -> int:
+    """Return how many of `count` LODs the group has of its own; the others repeat the last of them."""
+    rows = [*zip(group.triangles[:count], group.bounds[:count], strict=False)]
+    if len(rows) < count:
+        return count
+    return max((k for k in range(1, count) if rows[k] != rows[k - 1]), default=0) + 1

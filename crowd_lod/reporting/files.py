@@ -68,7 +68,7 @@ def staged(folder: Path, *names: str, key: str = "") -> Iterator[Path]:
                 _try(hidden / name, place / name)
         except OSError as error:
             raise CrowdError(
-                f"The output folder {printable(folder)} cannot be written ({_reason(error)}): choose another with --out."
+                f"The output folder {printable(folder)} cannot be written ({_reason(error)}): choose another."
             ) from None
         try:
             yield hidden

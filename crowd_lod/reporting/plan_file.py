@@ -5,6 +5,7 @@ numbers: (F,) int64, frames of the timeline. times: (F,) float64, the same in fr
     animation. Both increase.
 cameras: (F, E, 21) float64, of planning.planned.numbers_of.
 made_for: texts: pairs of what the plan was made for and its digest.
+blend_file: the name of the .blend file that it was made for; "" if that was not saved.
 tolerance: the most pixels that LODs may deviate, or NaN if thresholds by distance chose them.
 levels_N: (n,) uint8 of frame N, of LEVEL, PINNED and HIDDEN in planning/planned.py. Each is read only when its frame is shown.
 """
@@ -33,6 +34,7 @@ FORM = {
     "times": ("f", 1),
     "cameras": ("f", 3),
     "made_for": ("U", 2),
+    "blend_file": ("U", 0),
     "tolerance": ("f", 0),
 }
 
@@ -47,6 +49,7 @@ class StoredPlan:
     cameras: np.ndarray
     made_for: Mapping[str, str]
     tolerance: float | None
+    blend_file: str = ""
 
     def place(self, time: float) -> int | None:
         """Return which of the plan's frames `time` belongs to, or None outside of them.
@@ -82,7 +85,11 @@ def write(path: Path, stored: StoredPlan, levels: Sequence[np.ndarray]) -> None:
     levels: (n,) uint8 of each frame.
     """
     arrays: dict[str, Any] = {f"levels_{number}": row for number, row in zip(stored.numbers.tolist(), levels, strict=True)}
-    arrays |= {"version": np.array(VERSION), "made_for": np.array(list(stored.made_for.items()), np.str_)}
+    arrays |= {
+        "version": np.array(VERSION),
+        "blend_file": np.array(stored.blend_file),
+        "made_for": np.array(list(stored.made_for.items()), np.str_),
+    }
     arrays |= {name: getattr(stored, name) for name in ("numbers", "times", "cameras")}
     arrays["tolerance"] = np.array(np.nan if stored.tolerance is None else stored.tolerance)
     np.savez_compressed(path, **arrays)
@@ -107,6 +114,7 @@ def read(path: Path) -> StoredPlan:
         times=arrays["times"],
         cameras=arrays["cameras"],
         made_for=dict(arrays["made_for"].tolist()),
+        blend_file=str(arrays["blend_file"]),
         tolerance=None if np.isnan(tolerance) else tolerance,
     )
 

@@ -120,12 +120,14 @@ class _Pairs:
         return _Pairs((np.cumsum(pieces) - 1)[self.piece[some]], self.weights[some], self.to[some], self.to_weights[some])
 
 
-def interval(one: Moving, other: Moving) -> Interval:
+def interval(one: Moving, other: Moving, least: float = 0.0) -> Interval:
     """The symmetric Hausdorff distance of two surfaces, the largest over their poses.
 
-    It is that of what counts of either from the whole of the other.
+    It is that of what counts of either from the whole of the other. least: meters, a bound need not
+    be lower.
     """
     found = _nothing_known(one)
+    found.floor = max(found.floor, least)
     ways = [_Way(b, found, slice(0, b.points.shape[1])) for b in (other, one)]
     used = [np.unique(a.pieces, return_inverse=True) for a in (one, other)]
     mapped = [way.mapped(a.points[some]) for way, a, (some, _) in zip(ways, (one, other), used, strict=True)]
@@ -180,6 +182,16 @@ def estimate(one: Moving, other: Moving, parts: Sequence[tuple[Part, Part]], bey
         far[one.triangles[points.to[lost], points.weights[lost].argmax(axis=1)]] = True
         distances.append(found.measured)
     return distances, far
+
+
+def upper_distances(one: Moving, other: Moving, part: Part) -> np.ndarray:
+    """Return how far a Part of `one` is from `other` at most, in any pose, (k,) meters.
+
+    These are its points, then the middles of its faces.
+    """
+    way = _Way(other, _nothing_known(one), slice(0, one.points.shape[1]))
+    points = way.mapped(np.concatenate([one.points[part.points], _middles(one, part.faces)]))
+    return points.near.max(axis=1)
 
 
 def _middles(surface: Moving, faces: np.ndarray) -> np.ndarray:

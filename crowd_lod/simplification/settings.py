@@ -111,8 +111,6 @@ class Settings:
     thin_least: float = 0.5
     # of a thickness, that a LOD must have: of half a pixel, 16 samples in a pixel then meet it
     thin_shown: float = 0.25
-    # cosine between the normals of two places that the same views show edge on
-    thin_alike: float = 0.9
 
 
 CURRENT = Settings()

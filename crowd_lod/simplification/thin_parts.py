@@ -3,7 +3,8 @@
 The Hausdorff distance of two surfaces bounds how far apart their silhouettes are only where both have a thickness. A rod may
 become a flat strip within it: no point is farther off than its radius, but seen edge on the strip covers nothing, and what the
 picture shows nearest to the rod is where the strip ends. So where the surface is thinner than the distance could hide, it is asked
-how much of the thickness the other one has; where that is too little, the distance to the nearest place that shows counts, too.
+how much of the thickness the other one has. Where that is too little, lines of sight along the other surface tell how far away it
+shows in the picture, and that distance counts, too.
 """
 
 from collections.abc import Callable
@@ -15,9 +16,14 @@ from . import settings
 from .triangle_mesh import blocks, ranges
 
 PAIRED = 1_000_000  # pairs of samples that are compared at a time
+MEASURED = 60  # lost samples, at most, whose pictures are looked at
+VIEWS, AROUND = 6, 8  # along the other surface, and lines of sight about a sample in each
+GROWTH = 1.2  # of a circle of lines of sight to the next one
 
 # (points (k, 3), directions (k, 3) of unit length) to (k,) meters
 Through = Callable[[np.ndarray, np.ndarray], np.ndarray]
+# points (k, 3), directions (k, 3) to whether the lines through them meet a surface, (k,) bool
+Meets = Callable[[np.ndarray, np.ndarray], np.ndarray]
 # points (k, 3) to the points (k, 3) of a surface nearest to them, and the surface's normals (k, 3) there, of unit length
 Nearest = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
@@ -40,7 +46,8 @@ class Samples:
 def samples(points: np.ndarray, triangles: np.ndarray, through: Through) -> Samples:
     """Sample a surface: points (n, 3) meters; triangles (m, 3), with area; through: see Samples.
 
-    Each triangle has one sample, and large ones have a grid of them, along their longest side.
+    Each triangle has one sample, and large ones have a grid of them, along their longest side. Of
+    samples that lie as near to each other and face alike, one is kept.
     """
     spacing = settings.CURRENT.thin_spacing * float(np.ptp(points, axis=0).max())
     corners = points[triangles]
@@ -57,6 +64,9 @@ def samples(points: np.ndarray, triangles: np.ndarray, through: Through) -> Samp
     top = np.where(x < foot, a[face] + rising * (c - a)[face], b[face] + falling * (c - b)[face])
     base = a[face] + x * (b - a)[face]
     at, inwards = base + y * (top - base), -(normals / area[:, None])[face]
+    cell = np.floor(at / (spacing / 2)).astype(np.intp)
+    _, first = np.unique(np.concatenate([cell, inwards > 0], axis=1), axis=0, return_index=True)
+    at, inwards = at[first], inwards[first]
     return Samples(at, inwards, through(at, inwards), through)
 
 
@@ -100,26 +110,40 @@ class _Comparison:
             near = np.minimum(near, _squares(self.thin.at[lost[block]], self.thin.at[some]).min(axis=0))
         return some[near <= self.most**2]
 
-    def farthest(self) -> float:
-        """How far a lost sample is, at most, from where the other surface shows in the same views."""
-        at, normals, lost, shown = self.thin.at, self.normals, np.flatnonzero(self.lost), np.flatnonzero(~self.lost)
-        size, found = float(np.linalg.norm(np.ptp(at, axis=0))), 0.0
-        if not len(shown):
-            return size
-        everywhere = ~normals[shown].any(axis=1)
-        for block in blocks(len(lost), max(1, PAIRED // len(shown))):
-            some = lost[block]
-            away = _squares(at[some], at[shown])
-            away[~everywhere & (np.abs(normals[some] @ normals[shown].T) < settings.CURRENT.thin_alike)] = np.inf
-            far = np.linalg.norm(at[some] - self.nearest(at[shown[away.argmin(axis=1)]])[0], axis=1)
-            found = max(found, float(np.where(np.isfinite(away.min(axis=1)), far, size).max()))
-        return found
+    def farthest(self, meets: Meets) -> float:
+        """Return how far away the other surface shows of what is lost, at most, meters.
+
+        It is looked at in views along the other surface, which shows least in these: at each lost
+        sample, then on circles of lines of sight about it.
+        """
+        lost = np.flatnonzero(self.lost)
+        some = lost[np.linspace(0, len(lost) - 1, min(MEASURED, len(lost))).round().astype(int)]
+        at, normals = self.thin.at[some], self.normals[some]
+        at = at + np.minimum(self.thin.thickness[some], self.most)[:, None] / 2 * self.thin.inwards[some]
+        side = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
+        side /= np.linalg.norm(side, axis=1, keepdims=True)
+        up = np.cross(normals, side)
+        turns = np.pi * np.arange(VIEWS) / VIEWS
+        views = (np.cos(turns)[:, None, None] * side + np.sin(turns)[:, None, None] * up).reshape(-1, 3)
+        at, normals = np.tile(at, (VIEWS, 1)), np.tile(normals, (VIEWS, 1))
+        across = np.cross(views, normals)
+        size = float(np.linalg.norm(np.ptp(self.thin.at, axis=0)))
+        radius, around = self.deviation / GROWTH**4, 2 * np.pi * np.arange(AROUND) / AROUND
+        waiting = np.flatnonzero(~meets(at, views))
+        while len(waiting) and radius < size:
+            shown = np.zeros(len(waiting), bool)
+            for turn in around:
+                aside = np.cos(turn) * normals[waiting] + np.sin(turn) * across[waiting]
+                shown |= meets(at[waiting] + radius * aside, views[waiting])
+            waiting = waiting[~shown]
+            radius *= GROWTH
+        return min(radius, size)
 
 
-def unseen(thin: Samples, nearest: Nearest, deviation: float) -> float:
+def unseen(thin: Samples, nearest: Nearest, meets: Meets, deviation: float) -> float:
     """How far the surface is, at most, from where another one shows: meters, 0 where that shows all of it.
 
-    nearest: of the other surface; deviation: the Hausdorff distance of the two, meters.
+    nearest, meets: of the other surface; deviation: the Hausdorff distance of the two, meters.
 
     The other surface covers least in views along itself. There its own width counts, against that of the surface: both along the
     normal of the other. Where the surface is thicker than twice the distance, the other has points on either side of its middle,
@@ -131,7 +155,8 @@ def unseen(thin: Samples, nearest: Nearest, deviation: float) -> float:
     if not found.lost.any():
         return 0.0
     found.look(found.beside(np.flatnonzero(thick)))  # the end of a rod is as thick as the rod is long
-    return found.farthest()
+    far = found.farthest(meets)
+    return far if far > deviation else 0.0
 
 
 def _squares(one: np.ndarray, other: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.format import counted, number
+from ...crowd_lod.format import counted, number, printable
 from ...crowd_lod.levels.assignment import deviations
 from ...crowd_lod.planning.budget import Budget, BudgetPlan, decide_within
 from ...crowd_lod.planning.curve import curve_of
@@ -21,7 +21,7 @@ from ...crowd_lod.progress import share, standing
 from ...crowd_lod.reporting import files, plan_file, tables
 from ...crowd_lod.reporting.shot_json import shot_facts
 from ...crowd_lod.reporting.shot_report import Told, shot_page
-from ..blender import cameras, scene_data
+from ..blender import cameras, provenance, scene_data
 from ..blender.operator import Reporting, Stepwise
 from ..blender.output_folders import full_path, output_path, place_of
 from ..build.render_setup import check_levels
@@ -82,6 +82,7 @@ def plan_shot(scene: bpy.types.Scene, wanted: Wanted) -> Generator[float, None, 
     if not 0 <= wanted.avoid < 1e6:
         raise CrowdError(f"Avoid Pops is {wanted.avoid:g}; give the part of the cost that it may add, such as 0.05.")
     check_recorded(scene, "Plan Shot")
+    provenance.look_afresh()
     yield from share(ready(scene), 0.0, READY)
     trajectory, policy = trajectory_of(scene), policy_of(scene.crowd_lod)
     exemptions = exemptions_of(scene, trajectory, policy, wanted.frames)
@@ -113,6 +114,7 @@ def plan_shot(scene: bpy.types.Scene, wanted: Wanted) -> Generator[float, None, 
         cameras=through.cameras,
         made_for=shot_reference.made_for(scene.crowd_lod, trajectory, policy, bias),
         tolerance=max(found.tolerance, policy.tolerance or 0.0) or None,
+        blend_file=printable(Path(bpy.data.filepath).name),
     )
     return Planned(shot, found, stored, told, wanted, exemptions)
 

@@ -32,9 +32,9 @@ from ..crowd.shot_reference import stored_plan
 from ..lod_meshes.make_lods import make_levels
 from .lone_agents import LoneStage, Shown, lone_crops, sheet_of
 from .shared_frames import ALONE, Sharing, made, state_of
-from .verify_build import MADE, Columns, ProvedBuild, build_of, columns_of_members, seen_by_kind
+from .verify_build import BAKE, LIVE, MADE, Columns, ProvedBuild, build_of, columns_of_members, seen_by_kind
 from .verify_pictures import AMPLIFIED, COMPARED, PICTURES, amplified, render_picture, small
-from .verify_stage import LONGEST_SHUTTER, PAIRS, Verify, add_twins, dark_world, light_by, set_up_cycles
+from .verify_stage import LONGEST_SHUTTER, PAIRS, Verify, add_twins, dark_world, light_by, set_up_cycles, without_shadows
 
 # of linear light: how far off Cycles' rounding may be that displaces a mesh where one of its
 # instances stands
@@ -73,6 +73,9 @@ def verify(
         cameras.active_camera(scene), characters_of(scene)
         left_out, not_proved = _never_shown(scene), _not_proved(scene, wanted)
         proved = build_of(scene, wanted.frames if sharing.part is None else sharing.part)
+        left_out += _unlike_renders(scene, proved)
+        if proved.kind == BAKE and scene.render.engine == "BLENDER_WORKBENCH":
+            opened.enter_context(without_shadows(scene))
         for material in {material for worn in glowing(scene).values() for material in worn}:
             opened.callback(setattr, material.cycles, "emission_sampling", material.cycles.emission_sampling)
             # rays that are aimed at lights meet others where fewer agents glow: the noise would differ
@@ -203,7 +206,7 @@ class _Run:
         """
         scene, bounces, row = self.scene, self.wanted.bounces, {}
         members = {
-            "a": {"LOD 0": _everyone(planned)},
+            "a": {"LOD 0": everyone_there(planned)},
             "b": {f"{kind} 0": agents for kind, agents in seen.items()},
             "bare": {"LOD 0": seen["LOD"]},
         }
@@ -257,7 +260,7 @@ class _Run:
         return chosen, pairs
 
 
-def _everyone(planned: Frame) -> np.ndarray:
+def everyone_there(planned: Frame) -> np.ndarray:
     """Return all agents that are there, (m,) intp; who is hidden by an exception is not."""
     there = np.isfinite(planned.crowd.places()).all(axis=0) & (planned.visible | planned.culled)
     if planned.plan_row is not None:
@@ -288,6 +291,16 @@ def _never_shown(scene: bpy.types.Scene) -> list[str]:
     return said + list(filter(None, [frame_stepping.unbaked(scene)]))
 
 
+def _unlike_renders(scene: bpy.types.Scene, proved: ProvedBuild) -> list[str]:
+    """Return sentences on what the pictures of the build show otherwise than renders do."""
+    said = []
+    if proved.kind == LIVE and scene.render.use_motion_blur:
+        said.append("The live build was pictured without the blur of its agents' way.")
+    if proved.kind == BAKE and scene.render.engine == "BLENDER_WORKBENCH":
+        said.append("Shadows were left out: Workbench, for which the bake was made, needs nobody for them.")
+    return said
+
+
 def _not_proved(scene: bpy.types.Scene, wanted: Verify) -> list[str]:
     """Return short phrases for what this run does not prove of a render of `scene`.
 
@@ -298,7 +311,7 @@ def _not_proved(scene: bpy.types.Scene, wanted: Verify) -> list[str]:
     if wanted.bounces:
         found.append(f"more than {counted(wanted.bounces, 'bounce')} of light")
     else:
-        found.append("the light of the sky and of bounces (--bounces 2 renders them)")
+        found.append("the light of the sky and of bounces")
     if width != wanted.width:
         found.append(f"pictures of {width} x {height} pixels")
     if render.engine != "CYCLES":

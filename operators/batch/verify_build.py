@@ -1,6 +1,5 @@
 """The build that a proof is of: the scene's own, else one that is made for the proof."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -11,10 +10,11 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.planning.frame import Frame
 from ...crowd_lod.planning.frame_range import frames_are, shot_frames
 from ...crowd_lod.trajectory.trajectory import Trajectory
-from ..blender import mesh_data, stored_values
+from ..blender import mesh_data
+from ..blender.provenance import kept_in, look_afresh
 from ..build import bake, frame_update, render_setup, staleness
 from ..build.change_detection import cameras_digest, lights_digest
-from ..build.render_setup import BAKED, CAMERAS, LIGHTS, REMEDY, UNSEEN_BY
+from ..build.render_setup import BAKED, CAMERAS, LIGHTS, UNSEEN_BY
 from ..build.view_layers import layers_of
 
 MADE, LIVE, BAKE = "made for this proof", "build", "bake"  # kinds of builds
@@ -62,7 +62,7 @@ class ProvedBuild:
         if self.kind != BAKE:
             return []
         now = {CAMERAS: ("the camera", cameras_digest(film)), LIGHTS: ("the lights", lights_digest(around))}
-        return [name for key, (name, digest) in now.items() if _noted(self.top, key).get(str(number), digest) != digest]
+        return [name for key, (name, digest) in now.items() if kept_in(self.top, key).get(str(number), digest) != digest]
 
 
 def columns_of_members(
@@ -101,6 +101,8 @@ def build_of(scene: bpy.types.Scene, frames: Sequence[int]) -> ProvedBuild:
             )
     else:
         frame_update.update(scene, scene.view_layers[0].depsgraph)
+    scene.view_layers[0].update()
+    look_afresh()
     changed = tuple(name for name in staleness.changed(scene) if name != FRAMES)
     places = layers_of(scene).values()
     hidden = top.hide_render or all(place.exclude for place in places)
@@ -110,25 +112,14 @@ def build_of(scene: bpy.types.Scene, frames: Sequence[int]) -> ProvedBuild:
 def baked_frames(scene: bpy.types.Scene) -> set[int]:
     """Return the frames that the scene's bake has; none without a bake, or if it does not say."""
     top = scene.crowd_lod.build
-    return {int(number) for number in _noted(top, CAMERAS)} if top is not None and BAKED in top else set()
+    noted = kept_in(top, CAMERAS) if top is not None and BAKED in top else {}
+    return {int(number) for number in noted if number.lstrip("-").isdecimal()}
 
 
 def frames_to_verify(scene: bpy.types.Scene, frames: Sequence[int]) -> list[int]:
     """Return those of the shot's `frames` that the scene's bake has; all of its own if it has none of them."""
     baked = baked_frames(scene)
     return [number for number in frames if number in baked] or sorted(baked) or list(frames)
-
-
-def _noted(top: bpy.types.Collection, key: str) -> dict[str, str]:
-    """Return what the bake has noted of its frames; CrowdError if that is spoilt."""
-    if key not in top:
-        return {}
-    text = stored_values.read(top, key, str, REMEDY)
-    try:
-        noted = json.loads(text)
-        return {str(int(number)): str(digest) for number, digest in noted.items()}
-    except (ValueError, AttributeError):
-        raise CrowdError(f"What the bake {top.name} has noted of its frames is spoilt: {REMEDY}.") from None
 
 
 def seen_by_kind(rows: Mapping[str, Columns], count: int) -> tuple[dict[str, np.ndarray], int]:

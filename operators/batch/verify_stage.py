@@ -1,5 +1,7 @@
 """The stage of a proof: the scene itself, set up for Cycles."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -72,6 +74,19 @@ def set_up_cycles(scene: bpy.types.Scene, wanted: Verify) -> tuple[int, int]:
     for layer in scene.view_layers:
         layer.samples = 0
     return size
+
+
+@contextmanager
+def without_shadows(scene: bpy.types.Scene) -> Iterator[None]:
+    """Let no lamp of `scene` cast shadows, and restore that afterwards."""
+    lamps = {item.data: item.data.use_shadow for item in scene.objects if item.type == "LIGHT"}
+    try:
+        for lamp in lamps:
+            lamp.use_shadow = False
+        yield
+    finally:
+        for lamp, casts in lamps.items():
+            lamp.use_shadow = casts
 
 
 def light_by(stage: bpy.types.Scene, bounces: int, worlds: tuple) -> None:

@@ -332,7 +332,7 @@ def digest(parts: Sequence[Part]) -> list:
     columns = (("co", 2, "f4"), ("handle_left", 2, "f4"), ("handle_right", 2, "f4"), ("interpolation", 1, "i4"))
     return [
         (
-            (part.name, part.action.name_full, part.first, part.last, part.stride, part.player.name_full),
+            (part.name, part.first, part.last, part.stride),
             [
                 (c.data_path, c.array_index, c.mute, read_columns(c.keyframe_points, columns))
                 for c in _curves(part.action, part.handle)

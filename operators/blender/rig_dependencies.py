@@ -1,6 +1,6 @@
 """What moves a character: armatures, parents, targets, actions, settings."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from typing import Any
 
@@ -146,13 +146,23 @@ def read_columns(points: bpy.types.bpy_prop_collection, columns: Iterable[tuple[
     return found
 
 
-def _driver(curve: bpy.types.FCurve) -> tuple:
+Called = Callable[[bpy.types.ID | None], str]
+
+
+def full_name(block: bpy.types.ID | None) -> str:
+    """Return the name of a data-block with that of its library; "" for None."""
+    return block.name_full if block is not None else ""
+
+
+def _driver(curve: bpy.types.FCurve, called: Called) -> tuple:
     """Return the driver's type, expression, variables and curve."""
-    variables = [(variable.name, variable.type, [_read(t) for t in variable.targets]) for variable in curve.driver.variables]
+    variables = [
+        (variable.name, variable.type, [_read(t, called) for t in variable.targets]) for variable in curve.driver.variables
+    ]
     return curve.driver.type, curve.driver.expression, variables, _run(curve)
 
 
-def _read(target: bpy.types.DriverTarget) -> tuple:
+def _read(target: bpy.types.DriverTarget, called: Called) -> tuple:
     """Return what a driver's variable reads.
 
     Includes the value if it is a custom property that nothing animates.
@@ -165,43 +175,45 @@ def _read(target: bpy.types.DriverTarget) -> tuple:
             with suppress(ValueError):  # it is not there
                 value = repr(block.path_resolve(target.data_path))
     place = target.bone_target, target.transform_type, target.transform_space, target.rotation_mode
-    return block and block.name_full, path, value, place
+    return called(block), path, value, place
 
 
-def stance(*items: bpy.types.Object) -> list:
+def stance(*items: bpy.types.Object, called: Called = full_name) -> list:
     """Return how `items` and everything they are made of are set up, to compare as text.
 
     The list holds poses, settings, shapes and animation, except values that animation or drivers
     change. Rigs whose lists print alike move alike.
+
+    called: what the list has for the name of a data-block, which may be None; it is sorted by that.
     """
     blocks = blocks_of(items, look=False)
-    found = [read_tree(tree) for tree in blocks if isinstance(tree, bpy.types.GeometryNodeTree)]
-    for mover in (block for block in blocks if isinstance(block, bpy.types.Object)):
+    found = sorted((read_tree(tree, called) for tree in blocks if isinstance(tree, bpy.types.GeometryNodeTree)), key=repr)
+    for mover in sorted((block for block in blocks if isinstance(block, bpy.types.Object)), key=called):
         data = _animated([mover])
         curves = [curve for player in players_of([mover]) for curve in curves_of(player)]
         drivers = [driver for each in data for driver in each.drivers]
         moved = moved_values(mover)
         keys = getattr(mover.data, "shape_keys", None)
         found += [
-            (mover.name_full, mover.type, mover.parent and mover.parent.name_full, mover.parent_type, mover.parent_bone),
+            (called(mover), mover.type, called(mover.parent), mover.parent_type, mover.parent_bone),
             [tuple(row) for row in mover.matrix_parent_inverse],
-            settings_of(mover, moved, (*PLACE, *DELTAS)),
-            [settings_of(struct, moved) for struct in (*mover.modifiers, *mover.constraints)],
+            settings_of(mover, moved, (*PLACE, *DELTAS), called),
+            [settings_of(struct, moved, (), called) for struct in (*mover.modifiers, *mover.constraints)],
             [(settings_of(key, moved, SHAPED), key.relative_key.name) for key in keys.key_blocks] if keys else [],
             [_run(curve) for curve in curves],
-            [_driver(driver) for driver in drivers],
+            [_driver(driver, called) for driver in drivers],
             list(_spans([mover])),
             [settings_of(each, moved, PLAYED) for each in data],
-            [_strip(strip) for each in data for track in tracks_of(each) for strip in _strips(track.strips)],
+            [_strip(strip, called) for each in data for track in tracks_of(each) for strip in _strips(track.strips)],
         ]
         if mover in items:  # LODs copy these; of others' all that counts is what drivers read
             still = [each for each in custom(mover) if (f'["{bpy.utils.escape_identifier(each[0])}"]', 0) not in moved]
             found += [still] if still else []
         if mover.type == "ARMATURE":
-            found += [_bone(bone, mover.data.bones[bone.name], moved) for bone in mover.pose.bones]
+            found += [_bone(bone, mover.data.bones[bone.name], moved, called) for bone in mover.pose.bones]
             found += [mover.data.pose_position, mover.pose.ik_solver, mover.pose.ik_param and settings_of(mover.pose.ik_param)]
         elif mover not in items and mover.data is not None:
-            found += [settings_of(mover.data, moved), *shape_of(mover.data)]
+            found += [settings_of(mover.data, moved, (), called), *shape_of(mover.data)]
     return found
 
 
@@ -227,7 +239,7 @@ def _moved(data: bpy.types.AnimData | None) -> set[tuple[str, int]]:
     return {(curve.data_path, curve.array_index) for curve in curves}
 
 
-def read_tree(tree: bpy.types.NodeTree) -> list:
+def read_tree(tree: bpy.types.NodeTree, called: Called = full_name) -> list:
     """Return what `tree` does, to compare as text: its nodes' settings and values, and its links.
 
     Values that animation or drivers change are left out, and so is where nodes stand.
@@ -238,8 +250,9 @@ def read_tree(tree: bpy.types.NodeTree) -> list:
     for node in tree.nodes:
         settings = tuple(set(node.bl_rna.properties.keys()).difference(bpy.types.Node.bl_rna.properties.keys()))
         places = [(socket, f"{node.path_from_id()}.inputs[{k}].default_value") for k, socket in enumerate(node.inputs)]
-        values = [plain(getattr(socket, "default_value", None)) for socket, path in places if path not in paths]
-        rows.append((node.name, node.mute, settings_of(node, moved, settings) if settings else (), values))
+        values = [getattr(socket, "default_value", None) for socket, path in places if path not in paths]
+        told = [called(value) if isinstance(value, bpy.types.ID) else plain(value) for value in values]
+        rows.append((node.name, node.mute, settings_of(node, moved, settings, called) if settings else (), told))
     links = [
         (link.from_node.name, link.from_socket.identifier, link.to_node.name, link.to_socket.identifier) for link in tree.links
     ]
@@ -258,27 +271,28 @@ def shape_of(data: bpy.types.ID) -> Iterator[list[bytes]]:
         yield read_columns(spline.points, SPLINES) + read_columns(spline.bezier_points, BEZIERS)
 
 
-def _strip(strip: bpy.types.NlaStrip) -> tuple:
+def _strip(strip: bpy.types.NlaStrip, called: Called) -> tuple:
     moved = {(curve.data_path, curve.array_index) for curve in strip.fcurves}
-    return strip.name, strip.action and strip.action.name_full, settings_of(strip, moved), [_run(curve) for curve in strip.fcurves]
+    return called(strip.action), settings_of(strip, moved, (), called), [_run(curve) for curve in strip.fcurves]
 
 
-def _bone(bone: bpy.types.PoseBone, rest: bpy.types.Bone, moved: set[tuple[str, int]]) -> tuple:
+def _bone(bone: bpy.types.PoseBone, rest: bpy.types.Bone, moved: set[tuple[str, int]], called: Called) -> tuple:
     return (
         bone.name,
         rest.parent and rest.parent.name,
         (*(tuple(row) for row in rest.matrix_local), rest.length),
         settings_of(rest, moved, RESTING),
         settings_of(bone, moved, POSING),
-        [settings_of(constraint, moved) for constraint in bone.constraints],
+        [settings_of(constraint, moved, (), called) for constraint in bone.constraints],
     )
 
 
-def settings_of(struct, moved: set[tuple[str, int]] = frozenset(), some: tuple[str, ...] = ()) -> tuple:
+def settings_of(struct, moved: set[tuple[str, int]] = frozenset(), some: tuple[str, ...] = (), called: Called = full_name) -> tuple:
     """Return the settings of a struct, such as a modifier or a constraint.
 
     moved: (path, index) of animated values; None stands for each of these.
     some: prefixes of the names to take; () takes all but those that change no shape.
+    called: see stance.
     """
     path = ""
     with suppress(ValueError):
@@ -290,11 +304,11 @@ def settings_of(struct, moved: set[tuple[str, int]] = frozenset(), some: tuple[s
             continue
         value, place = getattr(struct, name), f"{path}.{name}" if path else name
         if isinstance(value, bpy.types.ID):
-            found.append((name, value.name_full))
+            found.append((name, called(value)))
         elif kind.type == "ENUM" and kind.is_enum_flag:
             found.append((name, sorted(value)))
         elif kind.type != "POINTER":
             values = np.ravel(value).tolist() if getattr(kind, "is_array", False) else [value]
             found.append((name, [None if (place, k) in moved else each for k, each in enumerate(values)]))
-    found += [(target.target and target.target.name_full, target.subtarget) for target in getattr(struct, "targets", ())]
+    found += [(called(target.target), target.subtarget) for target in getattr(struct, "targets", ())]
     return tuple(found)

@@ -122,14 +122,14 @@ class TakenOut:
             for name, values in keys.items():
                 sheared = values.copy()
                 sheared[:, 1] -= travel.slope * (values[:, 0] - travel.first)
-                curve.keyframe_points.foreach_set(name, sheared.ravel())
+                _write(curve, name, sheared)
             travel.action.update_tag()
 
     def restore(self) -> None:
         """Give the curves back their values, to the bit."""
         for curve, keys in self._before:
             for name, values in keys.items():
-                curve.keyframe_points.foreach_set(name, values.ravel())
+                _write(curve, name, values)
             curve.id_data.update_tag()
 
 
@@ -138,6 +138,15 @@ def _read(curve: bpy.types.FCurve, name: str) -> np.ndarray:
     values = np.empty((len(curve.keyframe_points), 2), np.float32)
     curve.keyframe_points.foreach_get(name, values.ravel())
     return values
+
+
+def _write(curve: bpy.types.FCurve, name: str, values: np.ndarray) -> None:
+    """Set a column of the curve's keys, (k, 2) float32."""
+    if curve.id_data.library is None:
+        curve.keyframe_points.foreach_set(name, values.ravel())
+        return
+    for key, value in zip(curve.keyframe_points, values.tolist(), strict=True):  # foreach_set leaves linked data as it is
+        setattr(key, name, value)
 
 
 def _curve(travel: Travel) -> bpy.types.FCurve:

@@ -9,9 +9,9 @@ from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.planning.planned import numbers_of
 from ...crowd_lod.planning.shadows import Surroundings
 from ..blender import mesh_data
+from ..blender.provenance import text_digest
 from ..blender.rig_dependencies import curves_of, custom, players_of, read_columns, stance
 from ..lod_meshes.cast_digest import holds, slots
-from ..lod_meshes.source_mesh import text_digest
 
 CORNERS = (("co", 2, "f4"),)  # of a curve's keys: the rest is the same in all that rigs play
 

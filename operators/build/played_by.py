@@ -7,7 +7,7 @@ import numpy as np
 
 from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import performance
-from ..crowd.scene_crowd import GROUP
+from ..crowd.characters import GROUP
 
 
 def numbers(trajectory: Trajectory) -> list[float]:

@@ -4,22 +4,20 @@ A live build follows frame and camera by itself. What it does not follow, and al
 shows, is compared with what it was made for.
 """
 
-import json
 import time as clock
 
 import bpy
 
 from ...crowd_lod.errors import CrowdError
-from ..blender import scene_cache
+from ..blender import provenance, scene_cache, scene_data
 from ..blender.cameras import read_cameras
-from ..blender.performance import digest, group_performance
-from ..crowd.scene_crowd import characters_of, policy_of, trajectory_of
+from ..blender.provenance import text_digest
+from ..crowd.lights import read_surroundings
+from ..crowd.scene_crowd import policy_of, trajectory_of
 from ..crowd.scene_world import bias_of
-from ..crowd.shot_reference import changes, made_for, reference
-from ..lod_meshes.cast_digest import look_again
-from ..lod_meshes.source_mesh import text_digest
-from .change_detection import cameras_digest
-from .render_setup import BAKED, CAMERAS
+from ..crowd.shot_reference import made_for, reference
+from .change_detection import cameras_digest, lights_digest
+from .render_setup import BAKED, CAMERAS, LIGHTS
 
 MADE_FOR = "crowd_lod_made_for"  # custom property of the build
 # settings that are in no digest of the crowd
@@ -30,7 +28,8 @@ _known: dict[int, tuple[float, list[str]]] = scene_cache.kept({}, by_scene=True)
 
 def note_build(scene: bpy.types.Scene) -> None:
     """Store in the scene's build what it was made for."""
-    scene.crowd_lod.build[MADE_FOR] = json.dumps(_now(scene))
+    provenance.look_afresh()
+    provenance.keep(scene.crowd_lod.build, MADE_FOR, _now(scene))
     _known.pop(scene.session_uid, None)
 
 
@@ -52,15 +51,25 @@ def changed(scene: bpy.types.Scene) -> list[str]:
 
 def _compared(scene: bpy.types.Scene, build: bpy.types.Collection) -> list[str]:
     try:
-        found = changes(json.loads(build[MADE_FOR]), _now(scene))
-        frame = str(scene.frame_current)
-        cameras = json.loads(build[CAMERAS]) if CAMERAS in build else {}
-        eyes = read_cameras(scene, scene.view_layers[0].depsgraph)
-        if not scene.frame_subframe and frame in cameras and cameras[frame] != cameras_digest(eyes):
-            found.append("the camera")
+        found = provenance.differences(provenance.kept_in(build, MADE_FOR), _now(scene))
+        if BAKED in build and not scene.frame_subframe:
+            found += _other_in_frame(scene, build)
         return found
     except (CrowdError, ValueError) as error:  # a text that is not JSON is a ValueError
         return [str(error)]
+
+
+def _other_in_frame(scene: bpy.types.Scene, bake: bpy.types.Collection) -> list[str]:
+    """Return what of the scene's frame is other than when it was baked: the camera, the lights."""
+    frame, depsgraph = str(scene.frame_current), scene.view_layers[0].depsgraph
+    cameras, around = provenance.kept_in(bake, CAMERAS), provenance.kept_in(bake, LIGHTS)
+    found = []
+    if frame in cameras and cameras[frame] != cameras_digest(read_cameras(scene, depsgraph)):
+        found.append("the camera")
+    if frame in around and not scene.render.use_motion_blur:  # else the shutter would have to be looked through
+        now = read_surroundings(scene, depsgraph, scene_data.time_of(scene))
+        found += ["the lights"] * (around[frame] != lights_digest(now))
+    return found
 
 
 def _now(scene: bpy.types.Scene) -> dict[str, str]:
@@ -68,12 +77,8 @@ def _now(scene: bpy.types.Scene) -> dict[str, str]:
     settings, render, trajectory = scene.crowd_lod, scene.render, trajectory_of(scene)
     bias = bias_of(settings)
     known = made_for(settings, trajectory, policy_of(settings), bias)
-    cast, looks = {name: objects for name, objects, _ in characters_of(scene)}, look_again(scene)
-    acts = [(group, cast[group.name]) for group in trajectory.groups if group.actions and group.name in cast]
-    named = [digest(group_performance(g, own).parts) for g, own in acts]
     mirrors = settings.mirrors and settings.mirrors.name
     known |= {
-        "the characters": text_digest(looks, *named) if named else looks,
         "the settings": text_digest(mirrors, *(getattr(settings, name) for name in SETTINGS)),
         "the frame rate": text_digest(render.fps, render.fps_base, render.frame_map_old, render.frame_map_new),
         "the shot plan": text_digest(reference(settings)[1:]),

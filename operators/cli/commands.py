@@ -36,6 +36,9 @@ from ..build.cost_estimate import estimate
 from ..build.hidden_characters import told_of_characters
 from ..build.phase_characters import Cast
 from ..crowd.record_points import with_record
+from ..crowd.scene_crowd import policy_of, trajectory_of
+from ..crowd.scene_world import bias_of
+from ..crowd.shot_reference import told_of_shot
 from ..usd import export as usd
 from . import farm, new_scene, shared_runs, simulate
 from .arguments import parser
@@ -284,8 +287,6 @@ def _build(args, command: list[str]) -> dict:
         raise CrowdError("Without --bake all frames are built: leave out --frames and --step, or add --bake.")
     if args.render_only and not args.bake:
         raise CrowdError("Without --bake a render needs all characters: leave out --render-only, or add --bake.")
-    if args.strict and not args.bake:
-        raise CrowdError("Without --bake the plan is looked up as frames are shown: leave out --strict, or add --bake.")
     frames = None if args.frames is None else parse_frames(args.frames, 1 if args.step is None else args.step)
     with files.staged_file(path) as part:
         scene = open_scene(args.scene)
@@ -295,6 +296,7 @@ def _build(args, command: list[str]) -> dict:
             step = scene.frame_step if args.step is None else args.step
             frames = parse_frames(f"{scene.frame_start}:{scene.frame_end}", step)
         view_layers.check_layers(scene, args.view_layer or ())
+        unplanned: list[str] = []
         if not args.bake:
             check_blur(scene)
         predicted = []
@@ -303,13 +305,21 @@ def _build(args, command: list[str]) -> dict:
             predicted.append((yield from share(estimate(scene, scene.crowd_lod, frames or (), args.bake), 0.0, 0.3)))
             if not args.quiet:
                 print(predicted[0].sentence, file=sys.stderr)
-            return (yield from share(bake.bake(scene, frames, args.strict) if args.bake else render_setup.build(scene), 0.3, 1.0))
+            cast = yield from share(bake.bake(scene, frames, args.strict) if args.bake else render_setup.build(scene), 0.3, 1.0)
+            if not args.bake:  # a live build looks the plan up when its frames are shown
+                unplanned.append(_told_of_plan(scene, args.strict))
+            return cast
 
         cast = finish(prepared(scene, work, frames or ()), f"{'bake' if args.bake else 'build'} of {stem}", args.quiet)
         if args.view_layer:
             view_layers.show_in(scene, args.view_layer)
         points = {name: len(item.data.vertices) for name, item in render_setup.points_of(scene.crowd_lod.build).items()}
-        told = render_setup.told_of_cast(scene, cast), told_of_characters(scene), args.bake and frame_stepping.unbaked(scene)
+        told = (
+            *unplanned,
+            render_setup.told_of_cast(scene, cast),
+            told_of_characters(scene),
+            args.bake and frame_stepping.unbaked(scene),
+        )
         told = tables.nobody_seen(points.values()), *told
         if args.render_only:
             told = *told, bake.keep_what_renders(scene)
@@ -334,6 +344,17 @@ def _build(args, command: list[str]) -> dict:
         "image_bytes": cast.images,
         "summary": "\n".join(filter(None, (f"{what}; {size / 1e6:,.1f} MB, opened in {seconds:.2f} s.", *told, printable(path)))),
     }
+
+
+def _told_of_plan(scene: bpy.types.Scene, strict: bool) -> str:
+    """Return a sentence if the scene's shot plan does not hold; "" if it does, or there is none.
+
+    CrowdError in its place if that is `strict`.
+    """
+    told = told_of_shot(scene, trajectory_of(scene), policy_of(scene.crowd_lod), bias_of(scene.crowd_lod))
+    if told and strict:
+        raise CrowdError(told)
+    return told
 
 
 def _export(args, command: list[str]) -> dict:

@@ -1,6 +1,5 @@
 """The command scene: a scene made of trajectories, with the characters of a file."""
 
-import os
 from collections.abc import Generator, Iterable
 from contextlib import suppress
 from math import floor, radians
@@ -73,7 +72,7 @@ def made(args, command: list[str]) -> dict:
         said = finish(_filled(scene), f"scene of {path.stem}", args.quiet)
         if source is None:
             with suppress(ValueError):  # on another drive
-                settings.tracks_file = "//" + os.path.relpath(tracks, path.parent)
+                settings.tracks_file = bpy.path.relpath(str(tracks))  # saving makes it relative to the new file
         save(part, path)
     count = scene.frame_end - scene.frame_start + 1
     return {

@@ -12,8 +12,10 @@ from ..blender import stored_values
 from ..blender.character_objects import WITHOUT_FACES, is_stage, may_have_faces, parts
 from ..blender.ownership import OWNED
 from ..blender.props import variants_of
+from ..blender.references import closure_of
 from . import terrain_source
 
+GROUP = "crowd_lod_group"  # custom property of a LOD's collection of one character group: the group's name
 FINE = 1e-5  # of a chance: Blender keeps float32
 
 
@@ -94,6 +96,17 @@ def told_of_left_out(scene: bpy.types.Scene) -> Iterator[str]:
     names = [f"{item.name} ({WITHOUT_FACES[item.type]})" for item in members if item.type in WITHOUT_FACES and not item.hide_render]
     if names:
         yield f"Left out of the crowd, which shows faces and hair: {', '.join(sorted(names))}. Convert to meshes what is needed."
+
+
+def told_of_unsaved(scene: bpy.types.Scene) -> Iterator[str]:
+    """Yield a sentence on objects that the characters are made of and that Blender drops when it saves the file."""
+    shapes = [item for _, objects, _ in characters_of(scene) for item in objects]
+    names = sorted(item.name for item in closure_of(shapes) if not item.users and item.library is None)
+    if names:
+        yield (
+            f"No collection holds {', '.join(names)}, on which the characters depend: Blender does not save such objects, so link "
+            "them to a collection."
+        )
 
 
 def check_measured(cast: Sequence[tuple], groups: Sequence[Group]) -> None:

@@ -37,8 +37,8 @@ _latest: dict[int, dict[int, tuple]] = scene_cache.kept({}, by_scene=True)
 _together: dict[int, tuple[tuple, Trajectory]] = scene_cache.kept({}, by_scene=True)
 
 
-# Of each scene when `outdated` looked last, and what it found.
-_outdated: dict[int, tuple[float, list[str]]] = scene_cache.kept({}, by_scene=True)
+# Of each scene when `outdated` looked last, at what inputs, and what it found.
+_outdated: dict[int, tuple[float, tuple, list[str]]] = scene_cache.kept({}, by_scene=True)
 LOOK = 1.0  # seconds between two looks
 ASKED = start_source.places_outdated, terrain_source.terrain_outdated
 
@@ -112,15 +112,18 @@ def notes(crowds: Sequence, trajectory: Trajectory) -> Iterator[str]:
 def outdated(scene: bpy.types.Scene) -> list[str]:
     """Return sentences on what Populate would now read otherwise: places, terrain, props.
 
-    There is one for each crowd, and one on props.
+    There is one for each crowd, and one on props; none before the first Populate.
 
-    The answer may be a second old: the sidebar asks whenever it is drawn.
+    The sidebar asks whenever it is drawn: while the settings stay, the answer may be a second old.
     """
-    now, (looked, found) = clock.monotonic(), _outdated.get(scene.session_uid, (-LOOK, []))
-    if now >= looked + LOOK:
+    if not len(scene.crowd_lod.groups):
+        return []
+    now, inputs = clock.monotonic(), inputs_of(scene)
+    looked, before, found = _outdated.get(scene.session_uid, (-LOOK, (), []))
+    if now >= looked + LOOK or inputs != before:
         found = [note for crowd in crowds_of(scene.crowd_lod) for ask in ASKED for note in ask(crowd)]
         found += props_outdated(scene)
-        _outdated[scene.session_uid] = now, found
+        _outdated[scene.session_uid] = now, inputs, found
     return found
 
 
@@ -163,6 +166,7 @@ def populated(scene: bpy.types.Scene, groups: tuple[Group, ...], depsgraph: bpy.
 
     Without ids that may not change.
     """
+    _outdated.pop(scene.session_uid, None)
     found = [(k, crowd) for k, crowd in enumerate(crowds_of(scene.crowd_lod)) if is_live(crowd)]
     counts = [crowd.points_count for _, crowd in found]
     try:

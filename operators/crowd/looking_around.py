@@ -11,6 +11,7 @@ from ..blender.ownership import OWNED
 from .object_volumes import ALONG, ONWARD, closed
 
 HEAD = 1.0  # meters above the feet, from where the ground below is looked for
+ROOM = 2.0  # meters: who is within a closed mesh, with so much above the feet, is in a hall
 STEEP = 0.3  # of a normal's z: a surface that is steeper is no ground
 MOST_SHAPES, MOST_HITS = 20_000, 1000  # that are looked at, and surfaces along a ray
 
@@ -63,7 +64,7 @@ def look_around(
             down = _ground(shape, (x, y, z + HEAD / meters), -1)
             if down is not None and down > below[index]:
                 below[index], names[index][0] = down, shape.name
-            up = _ground(shape, (x, y, z), 1)
+            up = _ground(shape, (x, y, z), 1, ROOM / meters)
             if up is not None and up < above[index]:
                 above[index], names[index][1] = up, shape.name
         if shape.solid:
@@ -112,17 +113,22 @@ def _hits(shape: _Shape, start: Vector, way: Vector) -> Iterator[tuple[Vector, V
         start = where + onward
 
 
-def _ground(shape: _Shape, place: tuple[float, float, float], side: int) -> float | None:
+def _ground(shape: _Shape, place: tuple[float, float, float], side: int, room: float = np.inf) -> float | None:
     """Return the world z of the first ground above (`side` 1) or below (-1) a place; None without one.
 
     A ground faces up. The first surface below may be of an open mesh that is inside out; above,
-    the underside of a slab is passed.
+    the underside of a slab is passed, and a roof with more `room` below it is that of a hall.
     """
     back = shape.matrix.inverted()
-    for where, normal in _hits(shape, back @ Vector(place), back.to_3x3() @ Vector((0, 0, side))):
+    hits = _hits(shape, back @ Vector(place), back.to_3x3() @ Vector((0, 0, side)))
+    for passed, (where, normal) in enumerate(hits):
         up = (back.to_3x3().transposed() @ normal).normalized().z
+        height = (shape.matrix @ where).z
+        is_within = shape.solid and up > 0 and passed == 0
+        if side > 0 and is_within and height - place[2] > room:
+            return None
         if up > STEEP or (side < 0 and not shape.solid and up < -STEEP):
-            return (shape.matrix @ where).z
+            return height
         if side < 0:
             return None
     return None

@@ -10,6 +10,7 @@ from ...crowd_lod.crowd.json_reader import FieldPath
 from ...crowd_lod.crowd.machine_edits import Draft, Edit, draft, edited
 from ...crowd_lod.errors import CrowdError
 from ..blender import scene_cache
+from .scene_world import machine_text
 
 # Of each scene the edit that was refused last: the text that it left, and a sentence.
 _refused: dict[int, tuple[str, str]] = scene_cache.kept({}, by_scene=True)
@@ -24,9 +25,12 @@ def lacking(scene: bpy.types.Scene) -> str:
 
 
 def draft_of(scene: bpy.types.Scene) -> Draft:
-    """Return what the scene's text says; an empty one without a text."""
+    """Return what the scene's text says, or the machine that moves agents where it is empty.
+
+    An empty Draft without a text.
+    """
     text = scene.crowd_lod.machine
-    return Draft({}) if text is None else draft(text.as_string(), text.name)
+    return Draft({}) if text is None else draft(machine_text(scene.crowd_lod), text.name)
 
 
 def problem_of(scene: bpy.types.Scene) -> str:
@@ -67,7 +71,7 @@ def change(scene: bpy.types.Scene, edit: Edit) -> None:
         raise CrowdError(f"{lack}.")
     _refused.pop(scene.session_uid, None)
     text = scene.crowd_lod.machine
-    new = edited(text.as_string(), text.name, edit)
+    new = edited(machine_text(scene.crowd_lod), text.name, edit)
     if new != text.as_string():
         text.from_string(new)
 

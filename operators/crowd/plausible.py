@@ -129,8 +129,10 @@ def _around(crowd, part: Trajectory, groups: Sequence[Group], depsgraph: bpy.typ
     height = float(np.median([group.height for group in groups])) / 2 or 1.0 / meters
     left_out = {crowd.points, *scene.crowd_lod.characters.all_objects}
     around = look_around(depsgraph, places, height, meters, left_out)
+    within = np.any([np.zeros(len(places), bool), *around.walls.values()], axis=0)
     if not isinstance(part.heights, Terrain):
-        for found in judge.check_ground((places[:, 2] - around.ground) * meters):
+        above = np.where(within, np.nan, places[:, 2] - around.ground)
+        for found in judge.check_ground(above * meters):
             names = [around.names[index] for index in found.which]
             ground = max(sorted(set(names)), key=names.count)
             side = "above" if found.kind == "floats" else "below"
@@ -138,15 +140,14 @@ def _around(crowd, part: Trajectory, groups: Sequence[Group], depsgraph: bpy.typ
                 f"{found.share:.0%} of the agents stand {number(found.value)} m {side} the ground {ground}: choose it as Terrain "
                 "Object, or change the z of Center."
             )
-    if around.walls:
-        within = np.any(list(around.walls.values()), axis=0)
-        names = ", ".join(sorted(around.walls, key=lambda name: -np.count_nonzero(around.walls[name]))[:3])
+    if within.any():
+        names = sorted(around.walls, key=lambda name: -np.count_nonzero(around.walls[name]))
         remedy = (
             "add it to Areas, with a label where nobody starts"
             if isinstance(part, Walk)
             else "move it, or set Center so that they fit the scene"
         )
-        yield f"{within.mean():.1%} of the agents stand within {names}: {remedy}."
+        yield f"{within.mean():.1%} of the agents stand within {', '.join(names[:3])}: {remedy}."
 
 
 def _places(part: Trajectory) -> np.ndarray:

@@ -24,7 +24,7 @@ from ..blender.props import group_of
 from . import crowd_sources, kept_meshes, map_areas, needs
 from .action_troubles import told_of_actions
 from .character_extent import SOLES, Act, bounds, frames_of, hangs, posing, sole, standing, walked
-from .characters import all_characters, characters_of, told_of_left_out
+from .characters import GROUP, all_characters, characters_of, told_of_left_out, told_of_unsaved
 from .glow import told_of_glow
 from .lengths import set_lengths
 from .plausible import told_of_extent, told_of_feet, told_of_plausibility
@@ -34,8 +34,6 @@ from .stuck_agents import find
 from .take_action import told_of_gliding
 
 STANDS = 0.01  # of a character's size: feet that walk less in a cycle stand, and the action plays by time
-# custom property of a LOD's collection of one character group: the group's name
-GROUP = "crowd_lod_group"
 OF_LEVELS = (
     "vertices",
     "triangles",
@@ -384,6 +382,7 @@ def populating(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Genera
             *told_of_plausibility(scene, groups, crowds, trajectory.parts, depsgraph),
             *crowd_sources.notes(crowds, trajectory),
             *told_of_left_out(scene),
+            *told_of_unsaved(scene),
             *told_of_actions(scene, groups),
             *told_of_gliding(scene),
             *told_of_glow(scene),

@@ -15,15 +15,21 @@ from ..blender.props import group_of
 MADE_FOR = "crowd_lod_made_for"  # custom property of a map of walls and areas
 
 
+def machine_text(settings) -> str:
+    """Return the JSON of the settings' state machine.
+
+    It is the chapter's if none is chosen, or if its text is empty, as a new one is.
+    """
+    text = "" if settings.machine is None else settings.machine.as_string()
+    return text if text.strip() else machines.preset_text("chapter")
+
+
 def machine_of(settings) -> machines.StateMachine:
-    """Return the state machine of the settings, or the chapter's if none is chosen.
+    """Return the state machine of the settings: see machine_text.
 
     Its velocities are in the scene's units a second.
     """
-    if settings.machine is None:
-        machine = machines.load_preset("chapter")
-    else:
-        machine = machines.parse(settings.machine.as_string(), settings.machine.name)
+    machine = machines.parse(machine_text(settings), settings.machine.name if settings.machine else "chapter")
     return machine.in_units(scene_data.meters(settings.id_data))
 
 
@@ -35,8 +41,8 @@ def actions_named(scene: bpy.types.Scene, group: str) -> tuple[str, ...]:
     They are those of the crowds that have agents of the `group`. CrowdError if a state machine is bad.
     """
     crowds = [crowd for crowd in (scene.crowd_lod, *scene.crowd_lod.crowds) if crowd.machine and crowd.source == "MACHINE"]
-    texts = [crowd.machine for crowd in crowds if {group, group_of(group)} & (names_in(crowd) or {group})]
-    return tuple(sorted({name for text in texts for name in _actions(text.as_string(), text.name)} - {""}))
+    using = [crowd for crowd in crowds if {group, group_of(group)} & (names_in(crowd) or {group})]
+    return tuple(sorted({name for crowd in using for name in _actions(machine_text(crowd), crowd.machine.name)} - {""}))
 
 
 def names_in(crowd) -> set[str]:

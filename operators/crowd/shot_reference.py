@@ -1,16 +1,19 @@
 """The shot plan that a scene refers to, and whether it still holds."""
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from weakref import WeakKeyDictionary
 
+import bpy
 import numpy as np
 
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import printable
 from ...crowd_lod.levels.assignment import Bias, LevelPolicy
 from ...crowd_lod.planning.exceptions import Exemption, alone
 from ...crowd_lod.planning.frame import Frame
@@ -19,8 +22,11 @@ from ...crowd_lod.planning.planned import numbers_of, same_cameras, with_row
 from ...crowd_lod.reporting.plan_file import AGAIN, StoredPlan, read
 from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import scene_cache, scene_data
+from ..blender.cameras import cameras_at
 from ..blender.output_folders import full_path
+from ..blender.provenance import differences, named
 from . import hand_edits
+from .cast_provenance import cast_inputs
 from .shot_exceptions import digest_of, numbered_of
 
 # Plans by path, time of change and size.
@@ -105,20 +111,49 @@ def _row(
         f = stored.place(time)
         if f is None:
             return None, f"The shot plan covers {shot_frames(stored.numbers)}: here thresholds hold."
-        changed = changes(stored.made_for, made_for(settings, trajectory, policy, bias))
+        changed = differences(stored.made_for, made_for(settings, trajectory, policy, bias))
         exact = abs(stored.times[f] - time) < 1e-6
         if not changed and exact and not same_cameras(stored.cameras[f], numbers_of(eyes)):
             changed = [CAMERA]
         if changed:
-            return None, f"The shot plan is not used, for {' and '.join(changed)} changed since it was made: {AGAIN}."
+            return None, _not_used(stored, changed)
         return stored.row(f, len(trajectory.start), policy.count), ""
     except CrowdError as error:
         return None, str(error)
 
 
-def changes(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
-    """Return what differs between what a plan was made for, and what there is now."""
-    return [name for name in {**now, **before} if before.get(name) != now.get(name)]
+def _for_another(stored: StoredPlan) -> str:
+    """Return for which file the plan was made, if that is not the open one."""
+    name = printable(Path(bpy.data.filepath).name)
+    return f" for the file {stored.blend_file}" if stored.blend_file and name and stored.blend_file != name else ""
+
+
+def told_of_file(settings) -> str:
+    """Return a sentence if the plan in use was made for another file; "" else, or if it cannot be read."""
+    with suppress(CrowdError):
+        stored = stored_plan(settings)
+        if stored is not None and (other := _for_another(stored)):
+            return f"The shot plan was made{other}: Plan Shot makes one for this file."
+    return ""
+
+
+def told_of_shot(scene: bpy.types.Scene, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | None) -> str:
+    """Return a sentence on what has changed since the scene's plan was made, in any of its frames; "" if nothing.
+
+    CrowdError if the plan cannot be read.
+    """
+    stored = stored_plan(scene.crowd_lod)
+    if stored is None:
+        return ""
+    changed = differences(stored.made_for, made_for(scene.crowd_lod, trajectory, policy, bias))
+    films = cameras_at(scene, stored.times.tolist())
+    if not all(same_cameras(planned, numbers_of(eyes)) for planned, eyes in zip(stored.cameras, films, strict=True)):
+        changed.append(CAMERA)
+    return _not_used(stored, changed) if changed else ""
+
+
+def _not_used(stored: StoredPlan, changed: Sequence[str]) -> str:
+    return f"The shot plan is not used, for {named(changed)} changed since it was made{_for_another(stored)}: {AGAIN}."
 
 
 def made_for(settings, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | None) -> dict[str, str]:
@@ -129,12 +164,13 @@ def made_for(settings, trajectory: Trajectory, policy: LevelPolicy, bias: Bias |
     known = _crowds.get(trajectory)
     if known is None:
         known = _crowds[trajectory] = _of_crowd(trajectory)
-    return known | {
+    chosen = {
         "the choice of LODs": _digest(repr(policy)),
         "the detail map": _digest("" if bias is None else f"{bias.area}", b"" if bias is None else bias.values.tobytes()),
         # with the crowd's own digests these tell the edits, too
         "the exceptions": _digest(digest_of(settings)),
     }
+    return known | chosen | cast_inputs(settings.id_data)
 
 
 def _of_crowd(trajectory: Trajectory) -> dict[str, str]:

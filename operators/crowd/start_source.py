@@ -57,7 +57,7 @@ def places_of(crowd, area: Area) -> Places | None:
         return start_places.on_grid(area, crowd.count, crowd.seed, spacing_of(crowd))
     mesh = crowd.start_places
     if mesh is None or HEADING not in mesh.attributes:
-        raise CrowdError(f"The places where the crowd {crowd.name or 1} starts are not drawn yet: press Populate.")
+        raise CrowdError(_undrawn(crowd))
     if mesh.session_uid not in _places:
         points, heading = np.empty((len(mesh.vertices), 3), np.float32), np.empty(len(mesh.vertices), np.float32)
         mesh.vertices.foreach_get("co", points.ravel())
@@ -85,10 +85,16 @@ def places_asked(crowd) -> tuple:
 def places_outdated(crowd) -> Iterator[str]:
     """Yield a sentence if the crowd's places are not those that Populate would draw now."""
     mesh = crowd.start_places
-    drawn = crowd.source == "MACHINE" and crowd.start_on not in LIVE
-    if drawn and mesh is not None and crowd.start_object is not None:
-        if mesh.get(kept_meshes.MADE_OF) != _made_of(crowd):
-            yield f"What the places on {crowd.start_object.name} were drawn from has changed: press Populate"
+    if crowd.source != "MACHINE" or crowd.start_on in LIVE or crowd.start_object is None:
+        return
+    if mesh is None:
+        yield _undrawn(crowd)
+    elif mesh.get(kept_meshes.MADE_OF) != _made_of(crowd):
+        yield f"What the places on {crowd.start_object.name} were drawn from has changed: press Populate."
+
+
+def _undrawn(crowd) -> str:
+    return f"The places where the crowd {crowd.name or 1} starts are not drawn yet: press Populate."
 
 
 def _made_of(crowd) -> str:

@@ -76,7 +76,7 @@ def terrain_of(crowd, z: float) -> Terrain | None:
         return None
     mesh = crowd.terrain_mesh
     if mesh is None:
-        raise CrowdError(f"The terrain {_name(crowd)} is not read yet: press Populate.")
+        raise CrowdError(_unread(crowd))
     meters = scene_data.meters(crowd.id_data)
     key = mesh.session_uid, z, meters
     if key not in _terrains:
@@ -94,8 +94,16 @@ def terrain_of(crowd, z: float) -> Terrain | None:
 def terrain_outdated(crowd) -> Iterator[str]:
     """Yield a sentence if the crowd's terrain is not what Populate read."""
     mesh = crowd.terrain_mesh
-    if wanted(crowd) and mesh is not None and mesh.get(kept_meshes.MADE_OF) != kept_meshes.shape_marks(objects_of(crowd)):
-        yield f"The terrain {_name(crowd)} has changed: press Populate"
+    if not wanted(crowd):
+        return
+    if mesh is None:
+        yield _unread(crowd)
+    elif mesh.get(kept_meshes.MADE_OF) != kept_meshes.shape_marks(objects_of(crowd)):
+        yield f"The terrain {_name(crowd)} has changed: press Populate."
+
+
+def _unread(crowd) -> str:
+    return f"The terrain {_name(crowd)} is not read yet: press Populate."
 
 
 def terrain_notes(crowd, trajectory: Trajectory) -> Iterator[str]:

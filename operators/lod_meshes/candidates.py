@@ -20,6 +20,7 @@ from ..blender import mesh_data, stored_values
 from ..blender.material_colors import Looks
 from ..blender.ownership import OWNED
 from ..blender.performance import digest as digest_of
+from ..blender.provenance import text_digest
 from ..blender.rig_dependencies import stance
 from ..crowd.character_extent import displaced
 from ..crowd.scene_world import actions_named
@@ -105,7 +106,7 @@ class Ladder:
         if not any(source.mesh for source in self.sources):
             raise CrowdError(f"The character group {self.name} has no faces, modifiers applied: give it a mesh, or take it out.")
         named = digest_of(self.by.performance.parts)
-        self.digest = sources.text_digest(
+        self.digest = text_digest(
             digests, self.goals, self.method, VERSION, *["shading"] * bool(self.looks), *named, self.by.hidden_counts
         )
         shown = [source for source in self.sources if source.mesh]
@@ -289,6 +290,6 @@ def _object_digest(item: bpy.types.Object, source: sources.Source) -> str:
         [(name, blocks[name].slider_min, blocks[name].slider_max) for name in source.keys],
     )
     if source.mesh is None:
-        return sources.text_digest(stance(item), looks)
+        return text_digest(stance(item), looks)
     active = [layer.active_render for layer in source.mesh.uv_layers], source.mesh.attributes.default_color_name
     return sources.digest(source.mesh, stance(item), looks, active, source.groups)

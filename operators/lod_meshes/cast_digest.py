@@ -1,20 +1,16 @@
 """Whether characters were edited: quick hashes of what they are, to be asked while one works."""
 
-import time as clock
 from collections.abc import Iterable, Iterator
 
 import bpy
 import numpy as np
 
-from ..blender import mesh_data, scene_cache, scene_data
+from ..blender import mesh_data, scene_data
+from ..blender.provenance import text_digest
 from ..blender.references import blocks_of
 from ..blender.rig_dependencies import curves_of, moved_values, places, players_of, read_tree, settings_of, shape_of
-from ..crowd.scene_crowd import characters_of
-from .source_mesh import text_digest
 
 SAMPLED = 200  # vertices of a mesh, roughly
-LOOK = 1.0  # seconds between two looks at a scene's characters
-_known: dict[int, tuple[float, str]] = scene_cache.kept({}, by_scene=True)
 
 
 def cast_digest(items: Iterable[bpy.types.Object]) -> str:
@@ -27,23 +23,6 @@ def cast_digest(items: Iterable[bpy.types.Object]) -> str:
     trees = [read_tree(block) for block in blocks if isinstance(block, bpy.types.GeometryNodeTree)]
     played = [(player.action.name_full, *player.action.frame_range) for player in players_of(parts) if player.action is not None]
     return text_digest([(holds(item, still=not _moves(item)), slots(item), *_made_of(item)) for item in parts], played, trees)
-
-
-def looked_at(scene: bpy.types.Scene) -> str:
-    """Return `cast_digest` of the scene's characters, at most a second old; CrowdError if they are none."""
-    now = clock.monotonic()
-    looked, found = _known.get(scene.session_uid, (-LOOK, ""))
-    if now >= looked + LOOK:
-        found = look_again(scene)
-    return found
-
-
-def look_again(scene: bpy.types.Scene) -> str:
-    """Return `cast_digest` of the scene's characters as they are now; CrowdError if they are none."""
-    found = cast_digest(item for _, objects, _ in characters_of(scene) for item in objects)
-    scene_cache.tidy()
-    _known[scene.session_uid] = clock.monotonic(), found
-    return found
 
 
 def _moves(item: bpy.types.Object) -> bool:

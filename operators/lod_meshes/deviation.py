@@ -2,7 +2,6 @@
 
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import bpy
 import numpy as np
@@ -12,27 +11,23 @@ from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
 from ...crowd_lod.progress import finished, share
-from ...crowd_lod.simplification import hausdorff, thin_parts
-from ...crowd_lod.simplification.hausdorff import Part
+from ...crowd_lod.simplification import hausdorff
 from ..blender.material_colors import Looks
 from ..blender.operator import Stepwise
 from ..blender.performance import Performance, performance_of
 from ..crowd import needs
 from ..crowd.scene_crowd import characters_of, groups_of, home_of, store_groups
 from ..crowd.scene_world import actions_named
-from .pose_choice import farthest_apart, poses
-from .posed_shapes import Posed, Shape, read_shapes, surface_of
+from .pose_choice import poses
+from .posed_shapes import Posed, read_shapes, surface_of
+from .posed_surface import Measured, PosedSurface, compare_surfaces, parts_of
 from .shaded_pictures import bodies_of, within
-from .surface import Merged, merge, same_faces, spread
-from .visible_surface import visible_points
+from .surface import merge
+from .unseen_frames import exceeded, look_at, moments_between, watch
 
 SOLID = ("MESH", "CURVE", "SURFACE", "META", "FONT")  # types of objects that have faces
-JOINTS = 500  # points of a mesh by which its poses are told apart
-BETWEEN = 0.03  # part that is added to the bound of an action, for the poses between those looked at
-LOST_IN = 3  # poses in which thin parts that a LOD has lost are looked at, about
-SAMPLES = 5_000  # points of each surface whose root mean square distance is told
+BELOW = 5e-5  # of the size: no frame exceeds a bound by less
 ESTIMATED_IN = 4  # poses that an estimate looks at
-LARGE = 1 / 64  # of the size: it looks at the middles of triangles with longer sides
 
 
 @dataclass(frozen=True)
@@ -73,6 +68,8 @@ class Measure:
     ):
         self.name, self.objects, self.character = name, objects, None
         self.hidden_counts = hidden_counts
+        self._levels: dict[tuple[int, ...], PosedSurface] = {}
+        self._worst: list[int] = []  # poses that were the worst of a LOD
         self.performance = performance_of(name, list(objects), actions)
 
     def read(self) -> Iterator[float]:
@@ -88,7 +85,7 @@ class Measure:
         if not shown:
             raise CrowdError(f"The character {self.name} shows no face in any pose of its action: check its modifiers.")
         self.diagonal = max(float(np.linalg.norm(np.ptp(points, axis=0))) for points in shown)
-        self.character = _Acting(shapes, self.hidden_counts)
+        self.character = PosedSurface(shapes, self.hidden_counts)
 
     def visible(self, number: int) -> np.ndarray:
         """Return which vertices of the object someone may see, (n,) bool, as it is evaluated.
@@ -123,31 +120,66 @@ class Measure:
         Deviations are infinite where the LOD has no face.
         """
         run = max(self.character.runs, key=len)
-        some = np.unique(np.linspace(0, len(run) - 1, ESTIMATED_IN).round().astype(int))
-        chosen = [run[k] for k in some]
+        evenly = [run[k] for k in np.linspace(0, len(run) - 1, ESTIMATED_IN).round().astype(int)]
+        worst = [pose for pose in reversed(self._worst) if pose in run]
+        chosen = list(dict.fromkeys([run[0], *worst, *evenly]))[:ESTIMATED_IN]
         shapes = finished(read_shapes(objects, [self.frames[k] for k in chosen], self.performance))
         lod = merge([shape.points for shape in shapes], shapes[0].triangles)
         if lod is None:
             return Estimate([np.inf] * len(objects), [np.empty(0, np.intp)] * len(objects))
         character = self.character.surface(chosen)
         first = self.character.shapes[chosen[0]]
-        parts = list(zip(_parts(character, first), _parts(lod, shapes[0]), strict=True))
+        parts = list(zip(parts_of(character, first), parts_of(lod, shapes[0]), strict=True))
         deviations, far = hausdorff.estimate(character.moving, lod.moving, parts, beyond)
         spots = (character.place >= 0) & far[character.place]
         return Estimate(deviations, [np.flatnonzero(each) for each in np.split(spots, first.begins[1:-1])])
 
-    def level(self, objects: Sequence[bpy.types.Object], k: int) -> Generator[float, None, tuple[float, float, float, float]]:
+    def level(self, objects: Sequence[bpy.types.Object], k: int) -> Generator[float, None, Measured]:
         """Measure LOD k: all `objects` together against all of the character's.
 
         Returns (deviation, bound, root mean square, moment of the worst pose), meters. CrowdError if either has no face in any pose.
         """
         yield from share(self.read(), 0.0, 0.2)
         shapes = yield from share(read_shapes(objects, self.frames, self.performance), 0.2, 0.4)
-        found = _measured(self.character, _Acting(shapes, self.hidden_counts), self.frames)
+        lod = PosedSurface(shapes, self.hidden_counts, self.character)
+        self._levels[_key(objects)] = lod
+        found = compare_surfaces(self.character, lod, self.frames)
         if found is None:
             raise CrowdError(f"LOD {k} of {self.name} has no face: raise its ratio and press Make LOD Meshes.")
+        self._worst.append(self.frames.index(found[-1]))
         yield 1.0
         return found
+
+    def look_between(
+        self, levels: Sequence[Sequence[bpy.types.Object]], found: Sequence[Measured]
+    ) -> Generator[float, None, list[Measured]]:
+        """Look at LODs in frames that no pose has, where their places deviate most; yields the progress.
+
+        levels: the objects of each, which `level` has measured; found: what it returned of them.
+        Returns the same, with greater bounds where a frame exceeds them.
+        """
+        found, moments = list(found), moments_between(self.performance)
+        some = [k for k, row in enumerate(found) if row[0] > 0]
+        lods = [self._levels[_key(levels[k])] for k in some]
+        if not (some and moments) or len(self.character.runs) > 1 or any(len(lod.runs) > 1 for lod in lods):
+            return found
+        character, *surfaces = (each.surface(each.runs[0]) for each in (self.character, *lods))
+        pairs = [(watch(character, surface), watch(surface, character)) for surface in surfaces]
+        with Posed(self.objects, [levels[k] for k in some], self.performance) as posed:
+            off = yield from share(look_at(posed, moments, pairs), 0.0, 0.9)
+            for k, lod, own, pair in zip(some, lods, off, pairs, strict=True):
+                while own.max() > found[k][1] + BELOW * self.diagonal:
+                    moment = moments[int(own.argmax())]
+                    points = posed.points(moment)
+                    posed.performance.rest()
+                    found[k] = exceeded(found[k], (self.character, lod), (points[0], points[1 + some.index(k)]), pair, moment)
+                    own[own.argmax()] = 0.0
+                    yield 0.9
+        return found
+
+
+def _key(objects: Sequence[bpy.types.Object]) -> tuple[int, ...]:
+    return tuple(item.session_uid for item in objects)
 
 
 def measure(
@@ -164,126 +196,10 @@ def measure(
     """
     by, found = Measure(group.name, objects, actions, hidden_counts), []
     for k, level in enumerate(levels):
-        found.append((yield from share(by.level(level, k), k / len(levels), (k + 1) / len(levels))))
+        found.append((yield from share(by.level(level, k), 0.8 * k / len(levels), 0.8 * (k + 1) / len(levels))))
+    found = yield from share(by.look_between(levels, found), 0.8, 1.0)
     deviations, bounds, rms, worst = zip(*found, strict=True)
     return replace(group, deviations=deviations, bounds=bounds, rms=rms, worst=worst, diagonal=by.diagonal, shaded=())
-
-
-class _Acting:
-    """A character or a LOD in all poses.
-
-    runs: of poses in which its faces are the same; first in each is the pose least unlike the
-    others. Quads are cut as in that.
-    """
-
-    def __init__(self, shapes: Sequence[Shape], hidden_counts: bool):
-        self.shapes, self.runs, self.hidden_counts = shapes, [], hidden_counts
-        self._surfaces: dict[tuple[int, ...], Merged | None] = {}
-        self._samples: dict[int, thin_parts.Samples] = {}
-        for k, shape in enumerate(shapes):
-            for run in self.runs:
-                first = shapes[run[0]]
-                if len(shape.points) == len(first.points) and same_faces(first.triangles, shape.triangles):
-                    run.append(k)
-                    break
-            else:
-                self.runs.append([k])
-        for run in self.runs:
-            some = np.array([shapes[k].points[:: max(1, len(shapes[k].points) // JOINTS)] for k in run])
-            some -= some.sum(axis=1, keepdims=True) / max(some.shape[1], 1)
-            run.insert(0, run.pop(int(np.argmin([farthest_apart(some, one).max() for one in some]))))
-
-    @cached_property
-    def visible(self) -> list[np.ndarray]:
-        """Which points someone may see, (n,) bool, for each run."""
-        return [self._visible(run) for run in self.runs]
-
-    def _visible(self, run: list[int]) -> np.ndarray:
-        first = self.shapes[run[0]]
-        whole = merge([self.shapes[k].points for k in run], first.triangles)
-        if whole is None or self.hidden_counts:
-            return np.ones(len(first.points), bool)
-        moving = whole.moving
-        seen = visible_points(moving.points, moving.triangles, first.hiding[whole.shown])
-        return (whole.place >= 0) & seen[whole.place]
-
-    def surface(self, poses: list[int]) -> Merged | None:
-        """Return the surface in `poses`, all of one run, or None without a face.
-
-        Quads are cut as in the first of `poses`.
-        """
-        key = tuple(poses)
-        if key not in self._surfaces:
-            surface = merge([self.shapes[k].points for k in poses], self.shapes[poses[0]].triangles)
-            if surface is not None:
-                number = next(number for number, run in enumerate(self.runs) if poses[0] in run)
-                visible = self.visible[number][surface.source]
-                surface.moving.counted = visible[surface.moving.triangles].any(axis=1)
-            self._surfaces[key] = surface
-        return self._surfaces[key]
-
-    def samples(self, pose: int) -> thin_parts.Samples:
-        """Return points of the surface in the pose, and how thick it is there. It must have a face."""
-        if pose not in self._samples:
-            surface = surface_of(self.shapes[pose])
-            self._samples[pose] = thin_parts.samples(surface.points, surface.triangles, surface.through)
-        return self._samples[pose]
-
-
-def _parts(surface: Merged, shape: Shape) -> list[Part]:
-    """Return what of each object estimates look at: of what counts all corners, and large faces."""
-    moving = surface.moving
-    faces = np.arange(len(moving.triangles)) if moving.counted is None else np.flatnonzero(moving.counted)
-    owner = np.searchsorted(shape.begins, surface.source[moving.triangles[faces, 0]], side="right") - 1
-    corners = moving.points[moving.triangles[faces], 0]
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    large = longest > LARGE * np.ptp(moving.points[:, 0], axis=0).max()
-    parts = []
-    for number in range(len(shape.begins) - 1):
-        own = owner == number
-        parts.append(Part(np.unique(moving.triangles[faces[own]]), faces[own & large]))
-    return parts
-
-
-def _measured(character: _Acting, other: _Acting, frames: Sequence[float]) -> tuple[float, float, float, float] | None:
-    """(deviation, bound, root mean square, frame of the worst pose) of a LOD.
-
-    frames: of the poses. None where no pose shows both.
-    """
-    found, bound = [], 0.0
-    for run in character.runs:
-        for shared in ([k for k in run if k in each] for each in other.runs):
-            surfaces = [each.surface(shared) if shared else None for each in (character, other)]
-            if None in surfaces:
-                continue
-            pair = [each.moving for each in surfaces]
-            if all(np.array_equal(*each) for each in zip(*((m.points, m.triangles) for m in pair), strict=True)):
-                found.append((0.0, 0.0, frames[shared[0]]))
-                continue
-            own = hausdorff.interval(*pair)
-            pose, lost = shared[own.pose], _unseen(character, other, shared, own.bound)
-            rms = spread(*(surface_of(each.shapes[pose]) for each in (character, other)), SAMPLES)
-            found.append((max(own.measured, lost), rms, frames[pose]))
-            bound = max(bound, own.bound, lost)
-    if not found:
-        return None
-    most, rms, frame = max(found)
-    return most, float(bound) * (1 + BETWEEN * (len(frames) > 1)), rms, frame
-
-
-def _unseen(character: _Acting, other: _Acting, poses: list[int], bound: float) -> float:
-    """How far thin parts of the character are from where a LOD shows, meters: see thin_parts.unseen.
-
-    What is lost is so in all poses, and only far from what shows do some poses tell how far.
-    """
-    found = 0.0
-    for pose in poses[:: max(1, len(poses) // LOST_IN)]:
-        surface = surface_of(other.shapes[pose])
-        if surface is not None:
-            found = max(found, thin_parts.unseen(character.samples(pose), surface.facing, bound))
-        if found < 2 * bound:
-            break
-    return found
 
 
 def compare(

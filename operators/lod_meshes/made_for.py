@@ -17,19 +17,18 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number
 from ...crowd_lod.levels.lengths import DARKER, NEAR_ENOUGH, allowed_lengths, read_curve
 from ...crowd_lod.levels.selection import Shot, View
-from ..blender import scene_cache, scene_data
+from ..blender import provenance, scene_cache, scene_data
 from ..blender.cameras import read_cameras
-from ..crowd.scene_crowd import count_of
+from ..crowd.cast_provenance import cast_inputs, of_characters
+from ..crowd.scene_crowd import GROUP, count_of
 from ..crowd.scene_world import actions_named
-from . import cast_digest
 from .selection import chosen
 
 # custom properties of the collection of all LODs: what they were made for, and what they were
 # chosen from
 MADE_FOR, CHOSEN_FROM = "crowd_lod_made_for", "crowd_lod_chosen_from"
-CHARACTERS = "characters"  # that they are as they were
 # changes after which the candidates are others than those that LODs were chosen from
-UNFORESEEN = {"actions", "decimation", "character groups", CHARACTERS}
+UNFORESEEN = {"actions", "decimation", "character groups"}
 _known: dict[int, tuple[tuple, "Forecast | None"]] = scene_cache.kept({}, by_scene=True)
 
 
@@ -47,16 +46,17 @@ class Forecast:
 
     @property
     def short(self) -> str:
-        """Return the change in a line of the sidebar: how many groups would have coarser LODs, and finer ones."""
+        """Return the change in a line of the sidebar: how many groups would have coarser LODs, finer ones or none."""
+        without = sum(len(then) == 1 for _, _, then in self.rows)
         coarser = sum(_mean(then) < _mean(now) for _, now, then in self.rows)
-        counts = {"coarser": coarser, "finer": len(self.rows) - coarser}
+        counts = {"coarser": coarser, "finer": len(self.rows) - coarser - without, "without LODs": without}
         told = [f"{count} {'group' if count == 1 else 'groups'} {which}" for which, count in counts.items() if count]
         return f"About: {', '.join(told)}" if told else "About the same LODs would do"
 
     @property
     def sentence(self) -> str:
         """Return the change in full."""
-        told = [f"{name} from {_parts(now)} to {_parts(then)} of the triangles" for name, now, then in self.rows]
+        told = [f"{name} from {_parts(now)} to {_parts(then)}" for name, now, then in self.rows]
         where = "where they did" if abs(self.farther - 1) < 0.005 else f"at {number(self.farther)} times the distance"
         change = f"would change, about: {'; '.join(told)}" if told else "would keep about the same LODs"
         return f"LODs begin {where} when they were made. Make LOD Meshes {change}."
@@ -68,7 +68,8 @@ def _mean(ratios: Sequence[float]) -> float:
 
 
 def _parts(ratios: Sequence[float]) -> str:
-    return f"{', '.join(f'{100 * ratio:g}' for ratio in ratios)} %"
+    """Return the parts of the triangles that a group's LODs have, in words."""
+    return f"{', '.join(f'{100 * ratio:g}' for ratio in ratios)} % of the triangles" if len(ratios) > 1 else "no LODs"
 
 
 def note_shot(scene: bpy.types.Scene, groups: Sequence[Group], shots: Sequence[Shot | None], keep: Sequence[Sequence[int]]) -> None:
@@ -79,8 +80,8 @@ def note_shot(scene: bpy.types.Scene, groups: Sequence[Group], shots: Sequence[S
     keep: for each group, the candidates that it has.
     """
     top = scene.crowd_lod.levels
-    cast_digest.look_again(scene)
-    top[MADE_FOR] = json.dumps(_facts(scene))
+    provenance.look_afresh()
+    provenance.keep(top, MADE_FOR, _facts(scene) | of_characters(cast_inputs(scene)))
     top[CHOSEN_FROM] = json.dumps(
         {
             "camera": _scale(scene),
@@ -119,31 +120,44 @@ def _unpacked(stored: list, camera: Camera, farther: float) -> View:
 def changed(scene: bpy.types.Scene) -> dict[str, tuple[str, str]]:
     """Return what the LODs were made for and is otherwise now: {name: (then, now)}.
 
-    Both are "" of characters that were edited. Also what LODs lack of what the settings ask for.
-    Those that do not say what they were made for lack nothing else.
+    Also what LODs lack of what the settings ask for. Those that do not say what they were made for
+    lack nothing else. Characters that were edited are told by edited().
     """
     settings = scene.crowd_lod
     if settings.levels is None:
         return {}
-    before, now = {}, _facts(scene)
-    with suppress(TypeError, ValueError):  # a script may have put anything there
-        before = dict(json.loads(settings.levels.get(MADE_FOR, "{}")))
-    found = {name: (before[name], now[name]) for name in now if name in before and before[name] != now[name]}
-    return _lacks(settings) | found | ({CHARACTERS: ("", "")} if CHARACTERS in found else {})
+    before, now = provenance.kept_in(settings.levels, MADE_FOR), _facts(scene)
+    return _lacks(settings) | {name: (before[name], now[name]) for name in now if name in before and before[name] != now[name]}
+
+
+def edited(scene: bpy.types.Scene) -> list[str]:
+    """Return the names of characters that were edited since LODs were made of them, such as "the character adult"."""
+    if scene.crowd_lod.levels is None:
+        return []
+    before = of_characters(provenance.kept_in(scene.crowd_lod.levels, MADE_FOR))
+    now = of_characters(cast_inputs(scene)) if before else {}
+    return [name for name in now if name in before and before[name] != now[name]]
 
 
 def _lacks(settings) -> dict[str, tuple[str, str]]:
     """Return how many LODs and groups there are, if the settings ask for others; as `changed`."""
-    levels, asked, groups = settings.levels.children, count_of(settings), len(settings.groups)
-    made = len(levels[0].children) if levels else 0
+    levels, asked = settings.levels.children, count_of(settings)
     found = {"levels": (str(len(levels)), str(asked))} if len(levels) < asked else {}
-    return found | ({"character groups": (str(made), str(groups))} if groups and made != groups else {})
+    names, homes = [group.name for group in settings.groups], [*levels[0].children] if levels else []
+    if names and len(homes) != len(names):
+        return found | {"character groups": (str(len(homes)), str(len(names)))}
+    renamed = [(home[GROUP], name) for home, name in zip(homes, names, strict=False) if home.get(GROUP, name) != name]
+    if renamed:
+        found["character groups"] = tuple(", ".join(column) for column in zip(*renamed, strict=True))
+    return found
 
 
 def outdated(scene: bpy.types.Scene) -> str:
     """Return a sentence on what has changed since the LODs were made; "" if nothing."""
-    told = [f"{name} {then} (now {now})" if then else f"other {name}" for name, (then, now) in changed(scene).items()]
-    return f"LODs were made for {', '.join(told)}" if told else ""
+    news = ", ".join(f"{name} {then} (now {now})" for name, (then, now) in changed(scene).items())
+    names = provenance.named(edited(scene))
+    told = [f"for {news}"] * bool(news) + [f"before {names} changed"] * bool(names)
+    return f"LODs were made {', '.join(told)}" if told else ""
 
 
 def to_make_again(scene: bpy.types.Scene) -> str:
@@ -151,8 +165,8 @@ def to_make_again(scene: bpy.types.Scene) -> str:
     settings = scene.crowd_lod
     if settings.choice == "BY_TOLERANCE" and settings.memory != settings.memory_made:
         return "Memory for Characters has changed since the LOD meshes were made: press Make LOD Meshes, and Build again."
-    if CHARACTERS in changed(scene):
-        return "The characters were edited since the LOD meshes were made of them: press Make LOD Meshes, and Build again."
+    if names := edited(scene):
+        return f"Since the LOD meshes were made, {provenance.named(names)} changed: press Make LOD Meshes, and Build again."
     return ""
 
 
@@ -169,7 +183,7 @@ def forecast(scene: bpy.types.Scene) -> Forecast | None:
     if not isinstance(stored, str) or settings.memory or settings.choice != "BY_TOLERANCE":
         return None
     news = changed(scene)
-    if not news or UNFORESEEN & set(news):
+    if not news or UNFORESEEN & set(news) or edited(scene):
         return None
     key = stored, json.dumps(_facts(scene)), json.dumps(_scale(scene)), settings.shading_counts
     known = _known.get(scene.session_uid)
@@ -202,7 +216,7 @@ def _forecast(scene: bpy.types.Scene, stored: dict) -> Forecast | None:
         before, after = _ratios(own["triangles"], own["keep"]), _ratios(group.triangles, then)
         if before != after:
             rows.append((own["name"], before, after))
-    tolerance = json.loads(settings.levels[MADE_FOR])["tolerance"]
+    tolerance = provenance.kept_in(settings.levels, MADE_FOR)["tolerance"]
     return Forecast(closer * float(tolerance.split()[0]) / settings.tolerance, tuple(rows))
 
 
@@ -264,8 +278,6 @@ def _facts(scene: bpy.types.Scene) -> dict[str, str]:
     settings, render, camera = scene.crowd_lod, scene.render, scene.camera
     method = settings.bl_rna.properties["method"].enum_items.get(settings.method)
     facts = {"decimation": method.name if method else "unknown"}
-    with suppress(CrowdError):  # missing characters are told elsewhere
-        facts[CHARACTERS] = cast_digest.looked_at(scene)
     if settings.choice == "BY_RATIO":
         return facts | {"ratios": ", ".join(f"{ratio:.3g}" for ratio in settings.ratios[1 : settings.level_count])}
     part = render.resolution_percentage / 100

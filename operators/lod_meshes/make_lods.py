@@ -13,8 +13,9 @@ from ..blender import scene_data
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED, remove_owned
 from ..crowd import needs
+from ..crowd.characters import GROUP
 from ..crowd.record_points import with_record
-from ..crowd.scene_crowd import GROUP, characters_of, measuring_groups, stands, store_groups, trajectory_of
+from ..crowd.scene_crowd import characters_of, measuring_groups, stands, store_groups, trajectory_of
 from ..crowd.scene_world import check_maps
 from . import selection
 from .candidates import CANDIDATE, Ladder

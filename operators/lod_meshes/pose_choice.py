@@ -8,40 +8,57 @@ import numpy as np
 from ..blender import cleanup, mesh_data
 from ..blender.performance import Performance, own
 from ..blender.rig_dependencies import armatures_of
+from .source_mesh import positions, read_weights
 
 # poses spread over the action, its ends included, and with those least like any before
-EVENLY, POSES = 6, 12
+EVENLY, POSES = 4, 12
 # the origin and a point on each axis
 AXES = np.array([(0, 0, 0, 1), (1, 0, 0, 1), (0, 1, 0, 1), (0, 0, 1, 1)], np.float64).T
-LOOKED_AT = 240  # frames of an action at which its joints are looked at, at most
+LOOKED_AT = 3_000  # frames of an action at which its joints are looked at, at most
+CARRIED = 0.1  # weight from which on a bone carries a vertex
 
 
 def poses(objects: Sequence[bpy.types.Object], performance: Performance | None = None) -> list[float]:
-    """The moments of the performance at which LODs of a character are measured.
+    """Return the moments of the performance at which LODs of a character are measured.
 
     performance: what it plays; its own action if None.
 
-    Some lie evenly over each action, half as many over those that states name; at the others its joints are farthest from where they
-    are at any before.
+    Some lie evenly over each action, half as many over those that states name. At the others its
+    joints are farthest from where they are at any before, or are bent most unlike them, in turn.
     """
     performance = performance or own(list(objects))
-    parts = [np.linspace(*span, min(int(np.ceil(span[1] - span[0])) + 1, LOOKED_AT)) for span in performance.spans]
+    parts = [_frames(*span) for span in performance.spans]
     times, begins = np.concatenate(parts), np.cumsum([0, *map(len, parts)]).tolist()
-    joints: np.ndarray | None = None
+    motions: tuple[np.ndarray, np.ndarray] | None = None
     chosen: list[int] = []
     for k, (begin, end) in enumerate(zip(begins, begins[1:], strict=False)):
         even, most = (EVENLY // 2, POSES // 2) if k else (EVENLY, POSES)
         if end - begin <= most:
             chosen += range(begin, end)
             continue
-        joints = _joints(objects, times, performance) if joints is None else joints
-        mine = (begin + np.linspace(0, end - begin - 1, even).round().astype(int)).tolist()
-        near = np.min([farthest_apart(joints[begin:end], joints[j]) for j in (*chosen, *mine)], axis=0)
-        while len(mine) < most and near.max() > 0:
-            mine.append(begin + int(near.argmax()))
-            near = np.minimum(near, farthest_apart(joints[begin:end], joints[mine[-1]]))
-        chosen += mine
+        motions = motions or _motions(objects, times, performance)
+        evenly = begin + np.linspace(0, end - begin - 1, even).round().astype(int)
+        chosen += _least_alike(motions, (begin, end), chosen, evenly.tolist(), most)
     return times[sorted(chosen)].tolist()
+
+
+def _frames(first: float, last: float) -> np.ndarray:
+    """Return all whole frames of an action, (k,), or as many as are looked at."""
+    return np.linspace(first, last, min(int(np.ceil(last - first)) + 1, LOOKED_AT))
+
+
+def _least_alike(
+    motions: Sequence[np.ndarray], span: tuple[int, int], before: list[int], chosen: list[int], most: int
+) -> list[int]:
+    """Return `chosen`, and further frames of the span, `most` in all, as far as any is new."""
+    frames = slice(*span)
+    unlike = [np.min([farthest_apart(m[frames], m[j]) for j in (*before, *chosen)], axis=0) for m in motions]
+    while len(chosen) < most and any(each.max() > 0 for each in unlike):
+        turn = len(chosen) % len(motions)
+        new = unlike[turn] if unlike[turn].max() > 0 else unlike[1 - turn]
+        chosen = [*chosen, span[0] + int(new.argmax())]
+        unlike = [np.minimum(each, farthest_apart(m[frames], m[chosen[-1]])) for each, m in zip(unlike, motions, strict=True)]
+    return chosen
 
 
 def farthest_apart(joints: np.ndarray, one: np.ndarray) -> np.ndarray:
@@ -52,15 +69,16 @@ def farthest_apart(joints: np.ndarray, one: np.ndarray) -> np.ndarray:
     return np.linalg.norm(joints - one, axis=2).max(axis=1, initial=0)
 
 
-def _joints(objects: Sequence[bpy.types.Object], times: np.ndarray, performance: Performance) -> np.ndarray:
-    """Where a character's bones and objects are at `times`, (times, n, 3) meters.
+def _motions(objects: Sequence[bpy.types.Object], times: np.ndarray, performance: Performance) -> tuple[np.ndarray, np.ndarray]:
+    """Return where a character's joints are at `times`, and how they are bent, (times, n, 3) each.
 
-    The times are moments of the performance.
+    times: moments of the performance.
 
-    Its way as a whole is left out. There are three points of each bone, four of each object, and how far each shape key moves what
-    it moves most.
+    The first are four points of each bone and object, in meters, without its way as a whole, and
+    how far each shape key moves what it moves most. The second are the axes of each bone seen from
+    its parent's, as long as the bone reaches.
     """
-    found = []
+    places, bends = [], []
     with cleanup.scratch(), performance:
         stage = bpy.data.scenes.new("Crowd LOD poses")
         rigs, items = armatures_of(objects), [item.copy() for item in objects]
@@ -70,28 +88,67 @@ def _joints(objects: Sequence[bpy.types.Object], times: np.ndarray, performance:
         for item in items:
             item.hide_viewport = False
             item.modifiers.clear()  # from here on only where it is matters
+        bones = [_Bones(rig, items) for rig in rigs]
         for time in times.tolist():
             performance.go_to(stage, time)
             depsgraph = stage.view_layers[0].depsgraph
-            places = [_placed(item, depsgraph) @ AXES for item in items]
-            for rig in rigs:
-                bones = rig.evaluated_get(depsgraph).pose.bones
-                matrices, lengths = np.empty((len(bones), 4, 4), np.float32), np.empty((len(bones), 1, 1), np.float32)
-                bones.foreach_get("matrix", matrices.ravel())
-                bones.foreach_get("length", lengths.ravel())
-                places += list(
-                    _placed(rig, depsgraph)
-                    @ matrices.transpose(0, 2, 1)
-                    @ (AXES * [[1], [1], [1], [0]] * lengths + AXES * [[0], [0], [0], [1]])
-                )
-            places = np.array(places)[:, :3].transpose(0, 2, 1).reshape(-1, 3)
+            joints = [_placed(item, depsgraph) @ AXES for item in items]
+            bent = [np.empty((0, 3))]
+            for each in bones:
+                joints += each.read(depsgraph)
+                bent.append(each.bends)
+            joints = np.array(joints)[:, :3].transpose(0, 2, 1).reshape(-1, 3)
             moved = [
                 item.evaluated_get(depsgraph).data.shape_keys for item, reach in zip(items, reaches, strict=True) if len(reach)
             ]
             values = np.array([key.value for keys in moved for key in keys.key_blocks[1:]])
             keyed = np.outer(values * np.concatenate([[], *reaches]), (1.0, 0.0, 0.0))
-            found.append(np.concatenate([places - places.mean(axis=0), keyed]))
-    return np.array(found)
+            places.append(np.concatenate([joints - joints.mean(axis=0), keyed]))
+            bends.append(np.concatenate(bent))
+    return np.array(places), np.array(bends)
+
+
+class _Bones:
+    """The bones of an armature.
+
+    reach: (b, 1, 1) how far the farthest vertex that each bone carries is from its head, or its
+    length, if it carries none; in the armature's space.
+    """
+
+    def __init__(self, rig: bpy.types.Object, items: Sequence[bpy.types.Object]):
+        self.rig = rig
+        names = {bone.name: number for number, bone in enumerate(rig.data.bones)}
+        self.parent = np.array([names[bone.parent.name] if bone.parent else -1 for bone in rig.data.bones], np.intp)
+        heads = np.array([bone.head_local for bone in rig.data.bones], np.float64).reshape(-1, 3)
+        reach = np.zeros(len(names))
+        for item in items:
+            if item.type != "MESH" or not item.vertex_groups:
+                continue
+            number = np.array([names.get(group.name, -1) for group in item.vertex_groups])
+            vertex, group, weight = read_weights(item.data)
+            carried = (weight >= CARRIED) & (number[group] >= 0)
+            vertex, bone = vertex[carried], number[group[carried]]
+            matrix = np.array(rig.matrix_world.inverted_safe() @ item.matrix_world, np.float64)
+            points = positions(item.data)[vertex] @ matrix[:3, :3].T + matrix[:3, 3]
+            np.maximum.at(reach, bone, np.linalg.norm(points - heads[bone], axis=1))
+        lengths = np.array([bone.length for bone in rig.data.bones])
+        self.reach = np.where(reach > 0, reach, lengths)[:, None, None]
+
+    def read(self, depsgraph: bpy.types.Depsgraph) -> list[np.ndarray]:
+        """Return four points (4, 4) of each bone, world space; set `bends`, (3 b, 3) meters."""
+        evaluated = self.rig.evaluated_get(depsgraph)
+        columns = np.empty((len(self.parent), 4, 4), np.float32)
+        evaluated.pose.bones.foreach_get("matrix", columns.ravel())
+        matrices = columns.transpose(0, 2, 1).astype(np.float64)
+        placed = _placed(self.rig, depsgraph)
+        axes = matrices[:, :3, :3]
+        relative = np.linalg.pinv(axes[self.parent]) @ axes
+        relative[self.parent < 0] = np.eye(3)  # it turns the character as a whole
+        scale = np.cbrt(abs(np.linalg.det(placed[:3, :3])))
+        self.bends = (scale * self.reach * relative).transpose(0, 2, 1).reshape(-1, 3)
+        lengths = np.concatenate([np.repeat(self.reach, 3, axis=1), np.ones_like(self.reach)], axis=1)
+        tips = AXES * [[1], [1], [1], [0]] * lengths + AXES * [[0], [0], [0], [1]]
+        return list(placed @ matrices @ tips)
 
 
 def _placed(item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> np.ndarray:

@@ -62,6 +62,15 @@ class Posed:
         depsgraph = self.stage.view_layers[0].depsgraph
         return [_shape(each, depsgraph) for each in (self.character, *self.levels)]
 
+    def points(self, frame: float) -> list[np.ndarray]:
+        """Return the points (n, 3) of the character, then of each LOD, at `frame`, world space."""
+        self.performance.go_to(self.stage, frame)
+        depsgraph = self.stage.view_layers[0].depsgraph
+        return [
+            np.concatenate([mesh_data.world_points(item.evaluated_get(depsgraph)) for item in objects])
+            for objects in (self.character, *self.levels)
+        ]
+
     def __enter__(self):
         return self
 

@@ -29,7 +29,7 @@ WORSE = 1.3  # times the triangles, from which on a method is not tried
 BETTER = 1.1  # times the triangles that Pose-Aware may take, which keeps UV seams
 METHODS = "POSE_AWARE", "DECIMATE"
 
-Measured = tuple[float, float, float, float]  # see Measure.level
+Figures = tuple[float, float, float, float]  # see Measure.level
 Make = Callable[[Source, float, str], Generator[Any, None, tuple[bpy.types.Object, int, int]]]
 
 
@@ -120,13 +120,13 @@ class Search:
         self.curves = [Curve(source) for source in sources]
         self.times = USUAL  # a LOD's bound over its deviation as estimated
 
-    def find(self, length: float, about: float) -> Generator[float, None, tuple[list[Try], Measured]]:
+    def find(self, length: float, about: float) -> Generator[float, None, tuple[list[Try], Figures]]:
         """Find the LOD of fewest triangles whose bound is `length` meters at most; yields the progress.
 
         about: the part of the triangles that it takes, as far as is known.
         Returns its objects and what Measure.level says of them. Where none fits, these are the nearest that were found.
         """
-        found: list[tuple[bool, float, list[Try], Measured]] = []
+        found: list[tuple[bool, float, list[Try], Figures]] = []
         for k in range(MOST_MEASURED):
             yield from share(self._fit(AIMED * length / self.times, about), k / MOST_MEASURED, (k + 0.7) / MOST_MEASURED)
             objects = [curve.best(AIMED * length / self.times) for curve in self.curves]

@@ -335,11 +335,6 @@ def read_weights(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarr
     return vertex.astype(np.intp), group.astype(np.intp), weight
 
 
-def text_digest(*values) -> str:
-    """Return a SHA-256 hash of the printed form of `values`."""
-    return hashlib.sha256(repr(values).encode()).hexdigest()
-
-
 def digest(mesh: bpy.types.Mesh, *others) -> str:
     """Return a hash of the mesh and of `others`.
 

@@ -127,6 +127,15 @@ class Surface:
                     break
         return found
 
+    def meets(self, points: np.ndarray, ways: np.ndarray) -> np.ndarray:
+        """Return which lines through points (k, 3) meet the surface, (k,) bool.
+
+        ways: (k, 3), of unit length.
+        """
+        size, cast = float(np.linalg.norm(np.ptp(self.points, axis=0))), self.tree.ray_cast
+        begins = points - self.middle - size * ways
+        return np.array([cast(*line)[0] is not None for line in zip(begins.tolist(), ways.tolist(), strict=True)], bool)
+
     def facing(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the surface's nearest points to `points`, and its normals there.
 

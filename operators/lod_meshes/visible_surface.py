@@ -12,7 +12,7 @@ POSES_SEEN = 6  # poses that are looked at, at most
 # directions, those nearest to its normal, that every point tries in the first pose, and in each
 # other one
 FIRST, OTHERS = 4, 2
-ONE_IN = 4  # hidden points, far from seen ones, that try all directions
+ONE_IN = 8  # hidden points, far from seen ones, that try all directions
 OFF = 2e-4  # of the size: how far off the surface a ray begins
 SPACING = 1 / 32  # of the size: larger triangles have points within
 
@@ -50,6 +50,23 @@ def visible_points(points: np.ndarray, triangles: np.ndarray, hiding: np.ndarray
             return seen
         tried[corner[some]] = True
         seen[corner[some]] = rays.leave(face[some], weights[some])
+
+
+def visible_faces(points: np.ndarray, triangles: np.ndarray, hiding: np.ndarray, some: np.ndarray) -> np.ndarray:
+    """Return which of the triangles `some` (k,) someone may see, (k,) bool.
+
+    points, triangles, hiding: see visible_points.
+    """
+    if not hiding.any():
+        return np.ones(len(some), bool)
+    size = float(np.ptp(points[:, 0], axis=0).max())
+    face, weights = _samples(points[:, 0], triangles[some], SPACING * size)
+    middles = np.arange(len(some)), np.full((len(some), 3), 1 / 3)
+    face, weights = np.concatenate([face, middles[0]]), np.concatenate([weights, middles[1]])
+    seen = np.zeros(len(points), bool)
+    leaves = _Rays(points, triangles, hiding, OFF * size).leave(some[face], weights)
+    seen[triangles[some[face[leaves]]]] = True
+    return seen[triangles[some]].any(axis=1)
 
 
 class _Rays:
@@ -91,12 +108,14 @@ class _Rays:
     def _ranks(self, number: int, few: bool) -> Iterable[int]:
         """Return which directions a pose tries, 0 for that nearest to the normal.
 
-        The first pose tries all, the others share them.
+        The first pose tries all, the others share those before the surface.
         """
         nearest = FIRST if number == 0 else OTHERS
         if few:
             return range(nearest)
-        return range(DIRECTIONS) if number == 0 else [*range(OTHERS), *range(OTHERS + number - 1, DIRECTIONS, len(self.at) - 1)]
+        if number == 0:
+            return range(DIRECTIONS)
+        return [*range(OTHERS), *range(OTHERS + number - 1, DIRECTIONS // 2, len(self.at) - 1)]
 
 
 def _samples(points: np.ndarray, triangles: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:

@@ -20,7 +20,7 @@ from ..blender.guard import guarded
 from ..blender.image_data import LOOK_AGAIN
 from ..blender.material_colors import Looks
 from ..blender.rig_dependencies import KEYS, armatures_of, curves_of, players_of, read_columns
-from ..crowd.scene_crowd import GROUP
+from ..crowd.characters import GROUP
 from ..crowd.scene_world import actions_named
 from ..lod_meshes.cast_digest import cast_digest
 from . import redraw

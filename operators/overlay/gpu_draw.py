@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 POINT_PIXELS = 4.0, 14.0  # least and greatest width of a visible agent's point
 LINE_PIXELS = 1.5
+BEHIND_ALL = 1e-6  # part of the depth's range, behind all else, that lines beyond the clip end lie in
+NEAREST_LINE = 0.005  # of the viewport's clip start, from which on they are drawn
 TEXEL = 16  # bytes
 WIDEST = 16384  # texels, of a texture on every GPU
 MOST_SKINNED = 32e6  # bytes of a LOD's skinned frames
@@ -139,14 +141,33 @@ def paint(batches: Batches, view: np.ndarray, projection: np.ndarray, size: tupl
             shader.uniform_float("bounds", [pixels * ui_scale for pixels in POINT_PIXELS])
             batches.points.draw(shader)
         if batches.lines is not None:
-            shader = shader_programs.lines()
-            with gpu.matrix.push_pop(), gpu.matrix.push_pop_projection():
-                gpu.matrix.load_matrix(Matrix(view.tolist()))
-                gpu.matrix.load_projection_matrix(Matrix(np.asarray(projection).tolist()))
-                shader.bind()
-                shader.uniform_float("viewportSize", size)
-                shader.uniform_float("lineWidth", LINE_PIXELS * ui_scale)
-                batches.lines.draw(shader)
+            for lens in (np.array(projection, np.float64), _farther(projection)):
+                _paint_lines(batches, view, lens, size, ui_scale)
+
+
+def _paint_lines(batches: Batches, view: np.ndarray, projection: np.ndarray, size: tuple[int, int], ui_scale: float) -> None:
+    import gpu
+    from mathutils import Matrix
+
+    shader = shader_programs.lines()
+    with gpu.matrix.push_pop(), gpu.matrix.push_pop_projection():
+        gpu.matrix.load_matrix(Matrix(view.tolist()))
+        gpu.matrix.load_projection_matrix(Matrix(projection.tolist()))
+        shader.bind()
+        shader.uniform_float("viewportSize", size)
+        shader.uniform_float("lineWidth", LINE_PIXELS * ui_scale)
+        batches.lines.draw(shader)
+
+
+def _farther(projection: np.ndarray) -> np.ndarray:
+    """Return the `projection` (4, 4) without an end: all that it shows lies behind what the viewport has drawn.
+
+    With it a frustum that reaches beyond the viewport's clip end is drawn whole, where nothing is in front.
+    """
+    lens = np.array(projection, np.float64)
+    # the last term keeps what is behind the viewer away
+    lens[2] = (1 - BEHIND_ALL) * lens[3] + (0, 0, 0, lens[2, 3] * NEAREST_LINE * (lens[3, 3] == 0))
+    return lens
 
 
 def put_depth(depth, size: tuple[int, int]) -> None:

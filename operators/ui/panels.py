@@ -13,7 +13,7 @@ from ...crowd_lod.behavior.walk import walks_of
 from ...crowd_lod.format import counted
 from ..blender.props import PROP
 from ..crowd.prop_button import props_in
-from ..lod_meshes.made_for import changed, forecast
+from ..lod_meshes.made_for import changed, edited, forecast
 from ..overlay import viewport_overlay
 from . import steps
 from .agent_edits import draw_edits
@@ -180,10 +180,11 @@ class CROWDLOD_PT_levels(Step, bpy.types.Panel):
 
     def made(self, context, layout, settings) -> None:
         """Draw two lines: what has changed since LODs were made, and about what others would be."""
-        since, change, line = changed(context.scene), forecast(context.scene), letters_of(context)
+        change, line = forecast(context.scene), letters_of(context)
+        since = [f"{name} (was {then})" for name, (then, _) in changed(context.scene).items()] + edited(context.scene)
         said = "Press Make LOD Meshes" if settings.levels is None else "LOD meshes are made"
         if since:
-            said = f"Changed: {', '.join(f'{name} (was {then})' if then else name for name, (then, _) in since.items())}"
+            said = f"Changed: {', '.join(since)}"
         label(layout, shorten(said, line, placeholder="..."), "FILE_REFRESH" if since else "INFO")
         counts = [f"{group.name} {len(set(group.triangles) - {0})}" for group in settings.groups]
         told = f"LODs: {', '.join(counts)}" if settings.levels is not None and counts else ""

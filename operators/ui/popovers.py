@@ -13,7 +13,7 @@ from ..overlay.hud import STAGES, share, told
 from . import steps
 from .drawing import LOD_COLORS, MOST_ROWS, button, distance, label, paragraph, table
 
-LETTERS = 60  # in a line of a popover
+LETTERS = 50  # in a line of a popover
 
 
 class _Popover:
@@ -21,7 +21,7 @@ class _Popover:
     bl_region_type = "HEADER"  # else it would be a panel of the sidebar, too
     bl_options = {"INSTANCED"}
     bl_translation_context = CONTEXT
-    bl_ui_units_x = 16
+    bl_ui_units_x = 22  # LETTERS of Blender's font fit
 
 
 class CROWDLOD_PT_statistics(_Popover, bpy.types.Panel):

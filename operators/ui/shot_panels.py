@@ -21,8 +21,9 @@ class CROWDLOD_PT_plan(Step, bpy.types.Panel):
     def body(self, context, layout, settings) -> None:
         layout.prop(settings, "own_frames")
         column = grayed(layout, settings.own_frames and not settings.frames).column(align=True)
-        column.prop(settings, "frame_start")
-        column.prop(settings, "frame_end")
+        frames = settings if settings.own_frames else context.scene
+        column.prop(frames, "frame_start")
+        column.prop(frames, "frame_end")
         layout.prop(settings, "avoid_pops")
         _with_report(layout, "crowd_lod.plan_shot", "TIME", "PLAN", steps.following(context.scene))
         row = layout.row(align=True)

@@ -9,6 +9,7 @@ from ..build import staleness
 from ..build.appended_builds import standing_still
 from ..build.render_setup import BAKED
 from ..crowd import crowd_sources, needs
+from ..crowd.shot_reference import told_of_file
 from ..lod_meshes.made_for import forecast, outdated
 from ..overlay import viewport_overlay
 from ..overlay.appearance import missing_groups
@@ -29,7 +30,7 @@ def following(scene: bpy.types.Scene) -> str:
     settings, frame = scene.crowd_lod, viewport_overlay.latest(scene)
     done = {
         "crowd_lod.characters_from_selection": settings.characters is not None,
-        "crowd_lod.populate": len(settings.groups) > 0 and not missing_groups(settings),
+        "crowd_lod.populate": len(settings.groups) > 0 and not missing_groups(settings) and not crowd_sources.outdated(scene),
         "crowd_lod.make_levels": settings.levels is not None and not outdated(scene),
         "crowd_lod.plan_shot": bool(settings.shot_plan) and not (frame and frame.unplanned),
         _built_by(settings): settings.build is not None and not staleness.changed(scene),
@@ -54,7 +55,7 @@ def messages(scene: bpy.types.Scene) -> list[tuple[str, str]]:
         found.append((f"Next: {LABELS[following(scene)]}", "FORWARD"))
     if changed := staleness.changed(scene):
         found.append((f"Changed since Build: {', '.join(changed)}", "FILE_REFRESH"))
-    found += [(note, "FILE_REFRESH") for note in crowd_sources.outdated(scene)]
+    found += [(note, "FILE_REFRESH") for note in crowd_sources.outdated(scene) if note not in errors]
     if lods := outdated(scene):
         change = forecast(scene)
         found.append((f"{lods}. {change.sentence}" if change else lods, "FILE_REFRESH"))
@@ -63,4 +64,6 @@ def messages(scene: bpy.types.Scene) -> list[tuple[str, str]]:
     # what Populate found stops nobody: it never stands before the next step
     if settings.characters is not None:
         found += [(warning, "ERROR") for warning in settings.trouble.splitlines()]
+    if note := told_of_file(settings):
+        found.append((note, "INFO"))
     return [*found, *((note, "INFO") for note in (shown.notes if shown else ()))]

@@ -72,7 +72,7 @@ def export_usd(scene: bpy.types.Scene, wanted: UsdExport) -> Generator[float, No
     """
     usd, path = openusd(), files.followed(wanted.path)
     if printable(path) != str(path):
-        raise CrowdError(f"OpenUSD cannot write to {printable(path)}, which is no text in UTF-8: choose another place with --out.")
+        raise CrowdError(f"OpenUSD cannot write to {printable(path)}, which is no text in UTF-8: choose another place.")
     with files.staged(path.parent, path.name) as hidden:
         yield from share(ready(scene), 0.0, READY)
         trajectory = trajectory_of(scene)

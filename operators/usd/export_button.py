@@ -13,6 +13,7 @@ from ..blender.operator import Stepwise
 from ..blender.output_folders import output_folder, place_of, with_ending
 from ..crowd import needs
 from .export import ENDINGS, UsdExport, export_usd
+from .openusd import missing_openusd
 
 
 class CROWDLOD_OT_export_usd(Stepwise, bpy.types.Operator):
@@ -20,7 +21,7 @@ class CROWDLOD_OT_export_usd(Stepwise, bpy.types.Operator):
 
     bl_idname = "crowd_lod.export_usd"
     bl_label = "Export USD"
-    needs = (needs.characters, needs.camera)
+    needs = (needs.characters, needs.camera, missing_openusd)
 
     def steps(self, context) -> Generator[float, None, str]:
         scene, settings = context.scene, context.scene.crowd_lod

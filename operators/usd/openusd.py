@@ -4,6 +4,8 @@ The only file that imports it, so that Crowd LOD works without.
 """
 
 import sys
+from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,6 +14,23 @@ import bpy
 from ...crowd_lod.errors import CrowdError
 
 NAMES = ("Gf", "Sdf", "Tf", "Usd", "UsdGeom", "UsdShade", "Vt")
+MISSING = (
+    "This Blender comes without OpenUSD (the Python module pxr): install usd-core into its Python "
+    f"{sys.version_info.major}.{sys.version_info.minor} with pip, or export with Blender from blender.org."
+)
+
+
+def missing_openusd(_: bpy.types.Scene) -> str:
+    """Return the sentence that `openusd` would raise, without a load of the module; "" if it is there."""
+    _look_beside_data()
+    return "" if find_spec("pxr") is not None else MISSING
+
+
+@cache
+def _look_beside_data() -> None:
+    """Have Python look where the module bpy keeps `pxr`: beside its own data."""
+    for path in Path(bpy.utils.resource_path("LOCAL")).glob("python/lib/**/site-packages/pxr/__init__.py"):
+        sys.path.append(str(path.parents[1]))
 
 
 def openusd() -> SimpleNamespace:
@@ -19,18 +38,10 @@ def openusd() -> SimpleNamespace:
 
     CrowdError if neither this Blender nor its Python has it.
     """
-    # the Python module bpy keeps it beside its own data, where Python does not look
-    own = Path(bpy.utils.resource_path("LOCAL")).glob("python/lib/**/site-packages/pxr/__init__.py")
-    for path in own:
-        if str(path.parents[1]) not in sys.path:
-            sys.path.append(str(path.parents[1]))
+    _look_beside_data()
     try:
         import pxr.Usd  # noqa: F401
         from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade, Vt
     except ImportError:
-        version = ".".join(map(str, sys.version_info[:2]))
-        raise CrowdError(
-            f"This Blender comes without OpenUSD (the Python module pxr): install usd-core into its Python {version} with pip, "
-            "or export with Blender from blender.org."
-        ) from None
+        raise CrowdError(MISSING) from None
     return SimpleNamespace(Gf=Gf, Sdf=Sdf, Tf=Tf, Usd=Usd, UsdGeom=UsdGeom, UsdShade=UsdShade, Vt=Vt)

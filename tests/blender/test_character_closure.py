@@ -8,6 +8,8 @@ import pytest
 from crowd_lod_extension.operators.blender.references import closure_of
 from crowd_lod_extension.operators.blender.scene_data import set_node_input
 from crowd_lod_extension.operators.build import staleness
+from crowd_lod_extension.operators.cli import commands
+from crowd_lod_extension.operators.crowd import cast_provenance
 from crowd_lod_extension.operators.lod_meshes.made_for import to_make_again
 from crowd_lod_extension.operators.overlay import character_cache
 
@@ -18,10 +20,15 @@ from ..support.rigs import keyed
 HEIGHTS = {"box": 1.8, "knight": 1.75, "turned": 1.0, "linked": 1.8, "appended": 1.8}
 
 
-def empty(name, parent=None, **values):
-    """An empty of the scene that is in none of the characters' collections."""
-    item = new(name, None)
+def beside(name, data=None):
+    """A new object of the scene that is in none of the characters' collections."""
+    item = new(name, data)
     bpy.context.scene.collection.objects.link(item)
+    return item
+
+
+def empty(name, parent=None, **values):
+    item = beside(name)
     item.parent = parent
     for key, value in values.items():
         setattr(item, key, value)
@@ -86,7 +93,7 @@ def heights_shown():
     return heights
 
 
-def test_characters_have_their_size_in_spheres_build_bake_and_export(library, small_shot, tmp_path):
+def test_characters_have_their_size_in_spheres_build_bake_and_export(library, small_shot, tmp_path, capfd):
     character(box("box"), name="box")
     character(*knight(), name="knight").instance_offset = (4, 0, 0)
     character(turned(), name="turned")
@@ -96,6 +103,8 @@ def test_characters_have_their_size_in_spheres_build_bake_and_export(library, sm
     settings.count, settings.level_count, settings.thresholds[0] = 30, 2, 0.9
     settings.output_folder = str(tmp_path)
     bpy.ops.crowd_lod.populate()
+    told = "Warning: No collection holds root of box.001, on which the characters depend: Blender does not save such objects"
+    assert told in capfd.readouterr().out  # it has been appended by a script
     bpy.ops.crowd_lod.make_levels()
     spheres = {group.name: (group.center, group.radius) for group in settings.groups}
     assert spheres.keys() == HEIGHTS.keys()
@@ -127,6 +136,25 @@ def test_an_animated_empty_above_moves_the_character_in_all_phases(small_shot):
     assert len(heights) > 5 and min(heights) < 1.2 and max(heights) > 1.9
 
 
+@pytest.mark.parametrize("link", (False, True))
+def test_the_root_motion_of_a_rig_of_another_file_is_taken_out(small_shot, tmp_path, link):
+    item, armature = new("body", tube("body", 6, 4)), rig()
+    skin(item, armature)
+    armature.parent = new("root", None)
+    armature.parent.scale = (0.01,) * 3
+    keyed(armature.pose.bones["lower"], "location", (0, 0, 150), 10)
+    path = str(tmp_path / "library.blend")
+    bpy.data.libraries.write(path, {item})
+    item.name = "own"
+    with bpy.data.libraries.load(path, link=link) as (_, wanted):
+        wanted.objects = ["body"]
+    character(wanted.objects[0])
+    bpy.context.view_layer.update()
+    bpy.ops.crowd_lod.populate()
+    (group,) = small_shot.crowd_lod.groups
+    assert group.radius < 0.3 and group.stride == pytest.approx(1.5, abs=0.01)
+
+
 def depending():
     """A character that depends on much outside of its collection: its objects, and what they depend on: (data-block, path, index)."""
     item, armature = new("item", tube("item", 4, 3)), rig()
@@ -142,18 +170,18 @@ def depending():
     driver = item.driver_add("location", 0).driver
     driver.variables.new().targets[0].id = driving
     driver.variables[0].type = "TRANSFORMS"
-    wrapping, cage = new("wrapping", tube("wrapping", 4, 3)), new("cage", bpy.data.lattices.new("cage"))
+    wrapping, cage = beside("wrapping", tube("wrapping", 4, 3)), beside("cage", bpy.data.lattices.new("cage"))
     item.modifiers.new("Shrinkwrap", "SHRINKWRAP").target = wrapping
     item.modifiers.new("Lattice", "LATTICE").object = cage
     item.modifiers.new("Solidify", "SOLIDIFY").thickness = 0.1
     nodes = nodes_modifier(item)
     set_node_input(nodes, "Object", pointed)
     members = bpy.data.collections.new("members")
-    members.objects.link(new("member", None))
+    members.objects.link(beside("member"))
     set_node_input(nodes, "Collection", members)
     info = nodes.node_group.nodes.new("GeometryNodeObjectInfo")
     info.inputs[0].default_value = inner
-    path, profile = (new(name, bpy.data.curves.new(name, "CURVE")) for name in ("path", "profile"))
+    path, profile = (make(name, bpy.data.curves.new(name, "CURVE")) for name, make in (("path", new), ("profile", beside)))
     for each in (path, profile):
         each.data.splines.new("POLY").points.add(2)
         each.data.splines[0].points[1].co = (0, 0.1, 1, 1)
@@ -180,6 +208,7 @@ def depending():
 
 def test_a_change_of_anything_that_a_character_is_made_of_is_an_edit_of_it(small_shot, monkeypatch):
     monkeypatch.setattr(staleness, "LOOK", 0.0)
+    monkeypatch.setattr(cast_provenance, "PAUSE", 0.0)
     items, dependencies = depending()
     character(*items)
     small_shot.crowd_lod.level_count = 2
@@ -192,15 +221,28 @@ def test_a_change_of_anything_that_a_character_is_made_of_is_an_edit_of_it(small
         holder, _, last = path.rpartition(".")
         owner = block.path_resolve(holder) if holder else block
         before = getattr(owner, last) if index is None else getattr(owner, last)[index]
-        for value, said in ((not before if isinstance(before, bool) else before + 0.07, ["the characters"]), (before, [])):
+        for value, said in ((not before if isinstance(before, bool) else before + 0.07, ["the character someone"]), (before, [])):
             owner = block.path_resolve(holder) if holder else block
             if index is None:
                 setattr(owner, last, value)
             else:
                 getattr(owner, last)[index] = value
+            small_shot.view_layers[0].update()
             assert staleness.changed(small_shot) == said, name
             if block != items[0]:  # LODs have modifiers of their own
                 assert (character_cache._key(small_shot)[0] != drawn) == bool(said), name
+
+
+def test_the_command_scene_keeps_all_that_a_character_is_made_of(small_shot, tmp_path):
+    items, _ = depending()
+    character(*items)
+    path, tracks, out = (tmp_path / name for name in ("people.blend", "tracks.txt", "shot.blend"))
+    tracks.write_text("# framerate: 25 fps\n# id frame x/m y/m\n1 1 0 0\n1 2 0.05 0\n")
+    before = cast_provenance.of_characters(cast_provenance.cast_inputs(small_shot))
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
+    assert commands._run(["scene", str(tracks), "--characters", str(path), "--out", str(out), "--quiet"], "crowd-lod") == 0
+    bpy.ops.wm.open_mainfile(filepath=str(out), load_ui=False)
+    assert cast_provenance.of_characters(cast_provenance.cast_inputs(bpy.context.scene)) == before
 
 
 def test_neither_the_scene_nor_what_a_lamp_shines_on_is_part_of_a_character(small_shot):

@@ -4,6 +4,7 @@ import bpy
 import pytest
 from crowd_lod_extension.operators.blender.scene_data import set_node_input
 from crowd_lod_extension.operators.build import staleness
+from crowd_lod_extension.operators.crowd import cast_provenance
 
 from ..support.characters import character, new, rig, skin, tube
 from ..support.nodes import BLOCKS, INPUTS, nodes_modifier
@@ -11,6 +12,7 @@ from ..support.nodes import BLOCKS, INPUTS, nodes_modifier
 
 def test_a_changed_input_of_nodes_makes_the_build_ask_for_update(small_shot, monkeypatch):
     monkeypatch.setattr(staleness, "LOOK", 0.0)
+    monkeypatch.setattr(cast_provenance, "PAUSE", 0.0)
     item = new("body", tube("body", 6, 3))
     character(item)
     modifier = nodes_modifier(item)
@@ -21,18 +23,19 @@ def test_a_changed_input_of_nodes_makes_the_build_ask_for_update(small_shot, mon
     assert staleness.changed(small_shot) == []
     for kind, (before, after) in INPUTS.items():
         set_node_input(modifier, kind, after)
-        assert "the characters" in staleness.changed(small_shot), kind
+        assert "the character someone" in staleness.changed(small_shot), kind
         set_node_input(modifier, kind, before)
         assert staleness.changed(small_shot) == [], kind
     for kind, block in zip(BLOCKS, (small_shot.camera, *blocks), strict=True):
         set_node_input(modifier, kind, block)
-        assert "the characters" in staleness.changed(small_shot), kind
+        assert "the character someone" in staleness.changed(small_shot), kind
         set_node_input(modifier, kind, None)
         assert staleness.changed(small_shot) == [], kind
 
 
 def test_an_animated_input_of_nodes_is_no_edit(small_shot, monkeypatch):
     monkeypatch.setattr(staleness, "LOOK", 0.0)
+    monkeypatch.setattr(cast_provenance, "PAUSE", 0.0)
     item = new("body", tube("body", 6, 3))
     character(item)
     modifier = nodes_modifier(item)
@@ -137,7 +140,7 @@ def without_faces():
     return {name: new(name, block) for name, block in blocks.items()} | {"drawing": drawing}
 
 
-BUTTONS = ("populate", "make_levels", "estimate", "build", "bake", "plan_shot", "preview", "verify", "export_usd", "remove_build")
+BUTTONS = ("populate", "make_levels", "estimate", "plan_shot", "build", "bake", "preview", "verify", "export_usd", "remove_build")
 
 
 def test_all_kinds_of_characters_go_through_all_buttons(small_shot, tmp_path, capfd):

@@ -9,7 +9,7 @@ from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.crowd import scene_crowd
-from crowd_lod_extension.operators.lod_meshes import deviation, pose_choice, surface
+from crowd_lod_extension.operators.lod_meshes import deviation, pose_choice, posed_surface, surface
 
 pytestmark = pytest.mark.usefixtures("exact_levels")
 GROUP = Group("one", 0, 1, 0, 1)
@@ -124,7 +124,7 @@ def test_wrong_weights_show_in_motion_alone():
     assert found.deviations[0] == 0
     with deviation.Posed([right], [[wrong]]) as posed:
         at_rest, (other,) = posed.at(1)
-        assert surface.deviation(at_rest, other, deviation.SAMPLES)[0] < 1e-6
+        assert surface.deviation(at_rest, other, posed_surface.SAMPLES)[0] < 1e-6
     # bent square, the part from 1 to 1.5 stands up where the right one lies flat: its end is half a meter off
     assert found.deviations[1] == pytest.approx(0.5, abs=0.12)
     assert 15 < found.worst[1] < 27 and found.rms[1] < found.deviations[1]

@@ -87,12 +87,11 @@ def test_the_build_shows_edited_agents_where_they_are_put(built, make, monkeypat
 
 @pytest.mark.parametrize("all_frames", [True, False])
 def test_who_is_hidden_is_not_missed_by_the_proof(levelled, all_frames):
-    from crowd_lod_extension.operators.batch.verify import _variants
+    from crowd_lod_extension.operators.batch.verify import everyone_there
 
     (agent, *_) = seen_at(levelled, 1)
     add(levelled, kind="HIDE", agents=f"{agent}", all_frames=all_frames, first_frame=2, last_frame=3)
-    frame = frame_at(levelled, 2)
-    everyone = _variants(frame, frame)["a"].buckets.order
+    everyone = everyone_there(frame_at(levelled, 2))
     assert len(everyone) == levelled.crowd_lod.count - 1 and agent not in everyone
 
 

@@ -6,11 +6,13 @@ import pytest
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.build import staleness
+from crowd_lod_extension.operators.crowd import cast_provenance
 
 
 @pytest.fixture(autouse=True)
 def at_once(monkeypatch):
     monkeypatch.setattr(staleness, "LOOK", 0.0)
+    monkeypatch.setattr(cast_provenance, "PAUSE", 0.0)
 
 
 def paint(scene):
@@ -35,13 +37,14 @@ CHANGES = {
     "the map": paint,
     "the choice of LODs": lambda scene: scene.crowd_lod.thresholds.__setitem__(0, 0.3),
     "the LOD meshes": other_lods,
-    "the characters": bend,
+    "the character adult": bend,
     "the settings": lambda scene: setattr(scene.crowd_lod, "margin_kind", "FIXED"),
     "the frame rate": lambda scene: setattr(scene.render, "fps", scene.render.fps + 6),
 }
 OF_A_BAKE = {
     "the camera": lambda scene: setattr(scene.camera, "location", (1, -25, 2)),
     "the frame range": lambda scene: setattr(scene, "frame_end", 4),
+    "the lights": lambda scene: scene.collection.objects.link(bpy.data.objects.new("Sun", bpy.data.lights.new("Sun", "SUN"))),
     "the resolution": lambda scene: setattr(scene.render, "resolution_x", 200),
 }
 

@@ -165,11 +165,11 @@ def test_a_change_of_the_terrain_or_of_the_places_is_told(scene):
     populated(scene)
     assert crowd_sources.outdated(scene) == []
     ground.modifiers.new("Subdivide", "SUBSURF").levels = 1
-    assert crowd_sources.outdated(scene) == ["The terrain Waves has changed: press Populate"]
+    assert crowd_sources.outdated(scene) == ["The terrain Waves has changed: press Populate."]
     populated(scene)
     ground.location.z = 1
     scene.view_layers[0].update()
-    assert crowd_sources.outdated(scene) == ["The terrain Waves has changed: press Populate"]
+    assert crowd_sources.outdated(scene) == ["The terrain Waves has changed: press Populate."]
     populated(scene)
     assert crowd_sources.outdated(scene) == []
     settings.count += 1

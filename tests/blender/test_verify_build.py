@@ -104,7 +104,8 @@ def test_a_bake_that_is_older_than_a_low_sun_and_than_its_camera(baked, tmp_path
     _light("Low", (0, 0, 0), (0, 1.35, 0))
     baked.camera.location.x += 1e-3
     result = proof(baked, tmp_path / "out")
-    assert verdict(result).startswith("Not OK for the bake: the bake is older than the camera and the lights: bake again; ")
+    assert verdict(result).startswith("Not OK for the bake: the bake is older than the ")
+    assert sorted(result["build"]["older_than"]) == ["the camera", "the lights"]
     assert result["frames"][0]["b_visible"] and not result["frames"][0]["culling_ok"]
 
 
@@ -122,6 +123,14 @@ def test_lods_that_are_off_at_the_final_size_are_not_ok_in_a_small_picture(stree
     assert not result["ok"] and result["width"] == 64 and not result["frames"][0]["lod_ok"]
     assert worst["lod"] == 1 and 3 < worst["allowed_px"] < 4 < 8 < worst["shift_px"] < 25
     assert f"shifts {worst['shift_px']:.2f} px, {worst['allowed_px']:.2f} allowed there" in verdict(result)
+
+
+def test_a_bake_for_workbench_is_proved_without_shadows(street, tmp_path):
+    street.render.engine = "BLENDER_WORKBENCH"
+    _light("Low", (0, 0, 0), (0, 1.35, 0))
+    assert bpy.ops.crowd_lod.bake() == {"FINISHED"}
+    result = proof(street, tmp_path / "out", agents=1)
+    assert result["ok"] and any("Workbench" in said for said in result["left_out"]) and bpy.data.lights["Low"].use_shadow
 
 
 def test_frames_that_a_bake_lacks_are_named_and_the_button_takes_those_that_it_has(baked, tmp_path):

@@ -7,7 +7,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.culling.camera import Window
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, assign, limits
+from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, assign, deviations, limits
 from crowd_lod_extension.crowd_lod.levels.lengths import APART, MOST_LENGTHS, allowed_lengths, read_curve
 from crowd_lod_extension.crowd_lod.levels.selection import BETWEEN, LEAST_SAVED, View, choose
 from hypothesis import given, settings
@@ -114,3 +114,18 @@ def test_lengths_go_from_what_the_nearest_agent_allows_to_what_the_farthest_does
     assert allowed_lengths([View(straight(), 1.0, 900.0)], 1.0, 9.0, 1e-4)[-1] == 0.25  # a few triangles
     assert allowed_lengths(views, 1.0, 0.2, 1e-4, higher=True)[-1] == 0.25
     assert allowed_lengths([View(straight(kind="ORTHO"), 2.0, 40.0)], 1.0, 1.0, 1e-4) == [0.1]
+
+
+def test_a_lod_that_repeats_the_group_s_last_never_begins():
+    """Groups have as many LODs as the one with most: without any of its own a group shows LOD 0."""
+    counts, bounds = ((900, 900, 900), (900, 90, 90), (900, 90, 9)), ((0.0,) * 3, (0.0, 0.1, 0.1), (0.0, 0.1, 0.3))
+    groups = [
+        Group(str(k), 1, 1.0, 0, 1, triangles=own, deviations=off, bounds=off)
+        for k, (own, off) in enumerate(zip(counts, bounds, strict=True))
+    ]
+    policy = LevelPolicy((0.0, 0.0), "PIXELS", tolerance=1.0)
+    for camera in (straight(), straight(kind="ORTHO")):
+        begins = limits(policy, camera, np.ones(3), deviations(groups, policy))
+        coarsest = assign(np.full(3, 1e6), begins, np.arange(3))
+        assert coarsest.tolist() == ([0, 1, 2] if camera.kind == "PERSP" else [0, *coarsest[1:]])
+        assert np.isinf(begins[0]).all() and (begins[0] > 0).all()

@@ -51,5 +51,5 @@ def test_a_spoilt_image_of_a_map(tmp_path, kind):
         path.write_bytes(spoilt_bytes(whole, dice))
         loaded = bpy.data.images.load(str(path))
         pixels = refused(image_data.read_pixels, loaded)
-        assert pixels is None or pixels.shape == (*loaded.size[::-1], 4)
+        assert pixels is None or pixels.shape == (*tuple(loaded.size)[::-1], 4)
         bpy.data.images.remove(loaded)

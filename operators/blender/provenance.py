@@ -1,0 +1,285 @@
+"""What something was made of: digests by content of named inputs, kept with what was made.
+
+No digest has a data-block's name in it: what is renamed is what it was. docs/notes/provenance.md
+tells what is read, when, and what that costs.
+"""
+
+import hashlib
+import json
+import zlib
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+
+import bpy
+import numpy as np
+
+from . import scene_cache, scene_data
+from .guard import handler
+from .props import PROP
+from .references import blocks_of
+from .rig_dependencies import curves_of, places, players_of, read_columns, settings_of, shape_of, stance
+
+MOST_WEIGHED = 20_000  # vertices of a mesh whose weights are read, evenly
+NAMED = 3  # inputs that a sentence names; of more it tells the number
+# What such data-blocks hold is read; the palette tells materials apart.
+READ = bpy.types.Material | bpy.types.Action | bpy.types.Mesh | bpy.types.Armature | bpy.types.Key
+# Of types of attributes: the property, the numbers in it and their type.
+VALUES = {
+    "FLOAT": ("value", 1, "f4"),
+    "INT": ("value", 1, "i4"),
+    "INT8": ("value", 1, "i4"),
+    "BOOLEAN": ("value", 1, "?"),
+    "FLOAT2": ("vector", 2, "f4"),
+    "FLOAT_VECTOR": ("vector", 3, "f4"),
+    "FLOAT_COLOR": ("color", 4, "f4"),
+    "BYTE_COLOR": ("color", 4, "f4"),
+    "QUATERNION": ("value", 4, "f4"),
+    "INT16_2D": ("value", 2, "i4"),
+    "INT32_2D": ("value", 2, "i4"),
+    "FLOAT4X4": ("value", 16, "f4"),
+}
+
+
+@dataclass
+class _Known:
+    """A digest, and when it holds: while the print is the same, and no block was told to have changed."""
+
+    digest: str
+    print: object
+    blocks: frozenset[int]
+
+
+_known: dict[tuple, _Known] = scene_cache.kept({})
+changes = 0  # of data-blocks that Blender has told of, and of undo steps
+
+
+def differences(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
+    """Return the names of the inputs that differ, those of `now` first."""
+    return [name for name in {**now, **before} if before.get(name) != now.get(name)]
+
+
+def named(names: Sequence[str]) -> str:
+    """Return the names of inputs in words, such as "the camera and LOD 1 of adult"."""
+    shown = list(names) if len(names) <= NAMED + 1 else [*names[:NAMED], f"{len(names) - NAMED} more"]
+    return " and ".join(filter(None, [", ".join(shown[:-1]), shown[-1]])) if shown else ""
+
+
+def keep(holder: bpy.types.ID, key: str, inputs: Mapping[str, str]) -> None:
+    """Keep with what was made, in a custom property, what it was made of."""
+    holder[key] = json.dumps(inputs)
+
+
+def kept_in(holder: bpy.types.ID, key: str) -> dict[str, str]:
+    """Return what `keep` has kept there; nothing if a script has put anything else there."""
+    with suppress(TypeError, ValueError):
+        return dict(json.loads(holder.get(key, "{}")))
+    return {}
+
+
+def character_digest(objects: Sequence[bpy.types.Object], actions: Callable[[], list] = list) -> str:
+    """Return the digest of a character: shapes, weights, which materials are where, rig, and what it plays.
+
+    It is the same in all frames.
+
+    actions: returns what else it plays, to compare as text.
+    """
+
+    def read() -> list:
+        items = sorted(objects, key=_own)
+        movers = [block for block in blocks_of(items, look=False) if isinstance(block, bpy.types.Object)]
+        order = {mover: f"object {k:04}" for k, mover in enumerate(sorted(movers, key=_own))}
+        palette = palette_of(items)
+        looks = [[palette[slot.material] for slot in item.material_slots] for item in items]
+        return [*map(_own, items), looks, stance(*items, called=lambda block: _called(block, order)), actions()]
+
+    return _digest_of(objects, read, partial(blocks_of, look=False))
+
+
+def level_digest(home: bpy.types.Collection, characters: Sequence[bpy.types.Object]) -> str:
+    """Return the digest of a LOD: shapes, places, modifiers, weights, and which of its character's materials are where.
+
+    home: the LOD's collection.
+    characters: the objects that it was made of. Meshes that the LOD shares with them are theirs.
+    """
+    palette = palette_of(characters)
+    shared = {item.data for item in characters}
+
+    def read() -> list:
+        told = []
+        for item in home.objects:
+            materials = [slot.material for slot in item.material_slots]
+            looks = [palette.get(material, material and material.name_full) for material in materials]
+            told.append((_own(item, shared), looks))
+        return sorted(told, key=repr)
+
+    return text_digest(_digest_of([*home.objects], read, list, *map(_uid, palette)), tuple(home.instance_offset))
+
+
+def text_digest(*values) -> str:
+    """Return a SHA-256 hash of the printed form of `values`."""
+    return hashlib.sha256(repr(values).encode()).hexdigest()
+
+
+def palette_of(items: Sequence[bpy.types.Object]) -> dict[bpy.types.Material | None, int]:
+    """Return the number of each material of the objects: the place where it is first used."""
+    materials = dict.fromkeys(slot.material for item in items for slot in item.material_slots)
+    return {material: number for number, material in enumerate(materials)}
+
+
+def _uid(block: bpy.types.ID | None) -> int:
+    return block.session_uid if block is not None else 0
+
+
+def _called(block: bpy.types.ID | None, order: Mapping[bpy.types.ID, str]) -> str:
+    """Return what stands for the name of a data-block."""
+    if block is None or isinstance(block, READ):
+        return ""
+    return order.get(block, "another") if isinstance(block, bpy.types.Object) else block.name_full
+
+
+def _digest_of(items: Sequence[bpy.types.Object], read: Callable[[], list], follow: Callable, *more) -> str:
+    """Return the digest of what `read` returns of the objects, from before where nothing has changed.
+
+    follow: items -> all data-blocks that are read.
+    """
+    key = tuple(item.session_uid for item in items)
+    stamp = ([_print(item) for item in items], more)
+    known = _known.get(key)
+    if known is None or known.print != stamp:
+        known = _known[key] = _Known(text_digest(read()), stamp, frozenset(_uids(follow(items))))
+    return known.digest
+
+
+def _uids(blocks: Sequence[bpy.types.ID]) -> Iterator[int]:
+    """Yield the session_uids of data-blocks, and of what is in those of them that are objects."""
+    items = [block for block in blocks if isinstance(block, bpy.types.Object)]
+    inside = [block for item in items for block in (item.data, getattr(item.data, "shape_keys", None))]
+    yield from {block.session_uid for block in (*blocks, *inside, *(player.action for player in players_of(items))) if block}
+
+
+def _print(item: bpy.types.Object) -> tuple:
+    """Return what tells, at once, most changes of an object of which Blender does not tell."""
+    slots = [_uid(slot.material) for slot in item.material_slots]
+    modifiers = [(modifier.type, modifier.show_render, modifier.show_viewport) for modifier in item.modifiers]
+    return _place(item), _uid(item.data), modifiers, _inputs(item), slots, _points(item.data)
+
+
+def _points(data: bpy.types.ID | None) -> tuple:
+    if not isinstance(data, bpy.types.Mesh) or data.is_editmode:
+        return ()
+    points = np.empty(3 * len(data.vertices), np.float32)
+    data.vertices.foreach_get("co", points)
+    return len(data.loops), zlib.crc32(points)
+
+
+def _curves(item: bpy.types.Object) -> list[bpy.types.FCurve]:
+    """Return the drivers and F-curves that animate the object itself."""
+    data = item.animation_data
+    return [*data.drivers, *(curve for player in players_of([item]) for curve in curves_of(player))] if data is not None else []
+
+
+def _place(item: bpy.types.Object) -> list[float]:
+    """Return where the object stands, unless that is animated."""
+    if any(map(places, _curves(item))):
+        return []
+    return np.array([*item.matrix_basis, *item.matrix_parent_inverse]).ravel().tolist()
+
+
+def _own(item: bpy.types.Object, shared: Container[bpy.types.ID] = ()) -> str:
+    """Return the digest of the object itself, without its materials and what moves it; of `shared` data it has nothing."""
+    data = "" if item.data in shared else _data(item)
+    modifiers = [(m.type, m.show_render, m.show_viewport) for m in item.modifiers]
+    groups = [group.name for group in getattr(item, "vertex_groups", ())]
+    return text_digest(item.type, _place(item), item.parent_bone, repr(item.get(PROP)), modifiers, _inputs(item), groups, data)
+
+
+def _inputs(item: bpy.types.Object) -> list[tuple[str, str]]:
+    """Return (RNA path, value as text) of each input of Nodes modifiers that nothing animates."""
+    modifiers = [modifier for modifier in item.modifiers if modifier.type == "NODES"]
+    values = {m.path_from_id() + path: value for m in modifiers for path, value in scene_data.node_inputs(m).items()}
+    moved = {curve.data_path for curve in _curves(item)} if values else set()
+    told = {path: _called(value, {}) if isinstance(value, bpy.types.ID) else repr(value) for path, value in values.items()}
+    return sorted((path, text) for path, text in told.items() if path not in moved)
+
+
+def _data(item: bpy.types.Object) -> str:
+    """Return the digest of the object's data, from before where it has not changed."""
+    data, weighted = item.data, bool(len(getattr(item, "vertex_groups", ())))
+    if data is None:
+        return ""
+    key, stamp = (data.session_uid, weighted), _points(data)
+    known = _known.get(key)
+    if known is None or known.print != stamp:
+        keys = getattr(data, "shape_keys", None)
+        blocks = frozenset(block.session_uid for block in (data, keys) if block is not None)
+        known = _known[key] = _Known(_read_data(data, weighted), stamp, blocks)
+    return known.digest
+
+
+def _read_data(data: bpy.types.ID, weighted: bool) -> str:
+    """Return the digest of data: attributes, faces, shape keys, weights; of others than meshes settings and points."""
+    hashed = hashlib.sha256()
+    for attribute in getattr(data, "attributes", ()):
+        if attribute.data_type in VALUES and (attribute.name[0] != "." or attribute.name == ".corner_vert"):
+            name, width, kind = VALUES[attribute.data_type]
+            hashed.update(f"{attribute.name} {attribute.domain}".encode())
+            hashed.update(read_columns(attribute.data, [(name, width, kind)])[0])
+    if isinstance(data, bpy.types.Mesh):
+        hashed.update(read_columns(data.polygons, [("loop_start", 1, "i4")])[0])
+        hashed.update(_weights(data) if weighted else b"")
+    else:
+        hashed.update(repr([settings_of(data, called=lambda block: _called(block, {})), *shape_of(data)]).encode())
+    keys = getattr(data, "shape_keys", None)
+    for key in keys.key_blocks if keys is not None else ():
+        placed = isinstance(data, bpy.types.Mesh | bpy.types.Lattice)
+        hashed.update(repr((key.name, placed and read_columns(key.data, [("co", 3, "f4")]))).encode())
+    return hashed.hexdigest()
+
+
+def _weights(mesh: bpy.types.Mesh) -> bytes:
+    """Return the weights of vertices, of MOST_WEIGHED at most: Python reads 10 microseconds a vertex."""
+    vertices, count = mesh.vertices, len(mesh.vertices)
+    chosen = range(0, count, -(-count // MOST_WEIGHED) or 1)
+    table = [number for k in chosen for entry in vertices[k].groups for number in (k, entry.group, entry.weight)]
+    return np.array(table, np.float64).tobytes()
+
+
+def look_afresh() -> None:
+    """Read everything again when it is next asked for, also what a script has changed without a word to Blender."""
+    global changes
+    changes += 1
+    _known.clear()
+
+
+@handler
+def note_edits(_, depsgraph: bpy.types.Depsgraph) -> None:
+    """Drop the digests of what was edited (depsgraph_update_post)."""
+    blocks = [update.id.original for update in depsgraph.updates]
+    if any(isinstance(block, bpy.types.Action) for block in blocks):  # whoever plays it
+        look_afresh()
+    _drop({block.session_uid for block in blocks})
+
+
+@handler
+def note_edits_of_frame(_, depsgraph: bpy.types.Depsgraph) -> None:
+    """Drop the digests of meshes that were edited before the frame changed (frame_change_post).
+
+    Objects and actions are named at each change of the frame.
+    """
+    _drop({update.id.original.session_uid for update in depsgraph.updates if isinstance(update.id, bpy.types.Mesh)})
+
+
+@handler
+def note_undo(*_) -> None:
+    """Drop all digests: what is undone is not named (undo_post, redo_post)."""
+    look_afresh()
+
+
+def _drop(edited: set[int]) -> None:
+    global changes
+    gone = [key for key, known in _known.items() if not edited.isdisjoint(known.blocks)]
+    for key in gone:
+        del _known[key]
+    changes += bool(gone)

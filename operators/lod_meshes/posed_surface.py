@@ -1,0 +1,185 @@
+"""A character or a LOD in all poses, and how far two of them are apart."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+
+from ...crowd_lod.simplification import hausdorff, thin_parts
+from ...crowd_lod.simplification.hausdorff import Interval, Moving, Part
+from .pose_choice import farthest_apart
+from .posed_shapes import Shape, surface_of
+from .surface import Merged, has_area, merge, same_faces, spread
+from .visible_surface import visible_faces, visible_points
+
+JOINTS = 500  # points of a mesh by which its poses are told apart
+BETWEEN = 0.03  # part that is added to the bound of an action, for the poses between those looked at
+LOST_IN = 3  # poses in which thin parts that a LOD has lost are looked at, about
+SAMPLES = 5_000  # points of each surface whose root mean square distance is told
+LARGE = 1 / 64  # of the size: estimates look at the middles of triangles with longer sides
+
+
+# deviation, bound, root mean square (meters), and the moment of the worst pose
+Measured = tuple[float, float, float, float]
+
+
+class PosedSurface:
+    """A character or a LOD in all poses.
+
+    runs: of poses in which its faces are the same; first in each is the pose least unlike the
+    others. Quads are cut as in that.
+    source: the character, if this is a LOD.
+    """
+
+    def __init__(self, shapes: Sequence[Shape], hidden_counts: bool, source: "PosedSurface | None" = None):
+        self.shapes, self.runs, self.hidden_counts, self.source = shapes, [], hidden_counts, source
+        self._surfaces: dict[tuple[int, ...], Merged | None] = {}
+        self._samples: dict[int, thin_parts.Samples] = {}
+        for k, shape in enumerate(shapes):
+            for run in self.runs:
+                first = shapes[run[0]]
+                if len(shape.points) == len(first.points) and same_faces(first.triangles, shape.triangles):
+                    run.append(k)
+                    break
+            else:
+                self.runs.append([k])
+        for run in self.runs:
+            some = np.array([shapes[k].points[:: max(1, len(shapes[k].points) // JOINTS)] for k in run])
+            some -= some.sum(axis=1, keepdims=True) / max(some.shape[1], 1)
+            run.insert(0, run.pop(int(np.argmin([farthest_apart(some, one).max() for one in some]))))
+
+    @cached_property
+    def visible(self) -> list[np.ndarray]:
+        """Which points someone may see, (n,) bool, for each run."""
+        return [self._visible(run) for run in self.runs]
+
+    def _visible(self, run: list[int]) -> np.ndarray:
+        """Return which points count, (n,) bool: those seen, or nearest to such of the source."""
+        first = self.shapes[run[0]]
+        if self.source is not None and not self.hidden_counts:
+            return self.source.counts_nearest(run[0], first.points)
+        whole = merge([self.shapes[k].points for k in run], first.triangles)
+        if whole is None or self.hidden_counts:
+            return np.ones(len(first.points), bool)
+        moving = whole.moving
+        seen = visible_points(moving.points, moving.triangles, first.hiding[whole.shown])
+        return (whole.place >= 0) & seen[whole.place]
+
+    def counts_nearest(self, pose: int, points: np.ndarray) -> np.ndarray:
+        """Return which points (n, 3) are nearest to a triangle that counts, in a pose, (n,) bool."""
+        run = next(run for run in self.runs if pose in run)
+        surface = self.surface(run)
+        if surface is None:
+            return np.ones(len(points), bool)
+        return surface.moving.counted[surface.moving.find(run.index(pose), points)]
+
+    def surface(self, poses: Sequence[int]) -> Merged | None:
+        """Return the surface in `poses`, all of one run, or None without a face."""
+        key = tuple(poses)
+        if key not in self._surfaces:
+            number = next(number for number, run in enumerate(self.runs) if poses[0] in run)
+            self._surfaces[key] = self.at([self.shapes[k].points for k in poses], number)
+        return self._surfaces[key]
+
+    def at(self, points: Sequence[np.ndarray], number: int = 0) -> Merged | None:
+        """Return the surface with the faces of a run where its points are others, (n, 3) each."""
+        surface = merge(points, self.shapes[self.runs[number][0]].triangles)
+        if surface is not None:
+            visible = self.visible[number][surface.source]
+            surface.moving.counted = visible[surface.moving.triangles].any(axis=1)
+        return surface
+
+    def samples(self, pose: int) -> thin_parts.Samples:
+        """Return points of the surface in the pose, and how thick it is there. It must have a face."""
+        if pose not in self._samples:
+            surface = surface_of(self.shapes[pose])
+            whole = self.surface([pose]).moving
+            points = whole.points[:, 0]
+            shown = whole.pieces[has_area(points[whole.pieces])]
+            self._samples[pose] = thin_parts.samples(points, shown, surface.through)
+        return self._samples[pose]
+
+
+def parts_of(surface: Merged, shape: Shape) -> list[Part]:
+    """Return what of each object estimates look at: of what counts all corners, and large faces."""
+    moving = surface.moving
+    faces = np.arange(len(moving.triangles)) if moving.counted is None else np.flatnonzero(moving.counted)
+    owner = np.searchsorted(shape.begins, surface.source[moving.triangles[faces, 0]], side="right") - 1
+    corners = moving.points[moving.triangles[faces], 0]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    large = longest > LARGE * np.ptp(moving.points[:, 0], axis=0).max()
+    parts = []
+    for number in range(len(shape.begins) - 1):
+        own = owner == number
+        parts.append(Part(np.unique(moving.triangles[faces[own]]), faces[own & large]))
+    return parts
+
+
+def compare_surfaces(character: PosedSurface, other: PosedSurface, frames: Sequence[float]) -> Measured | None:
+    """Return (deviation, bound, root mean square, frame of the worst pose) of a LOD, meters.
+
+    frames: of the poses. None where no pose shows both.
+    """
+    found, bound = [], 0.0
+    for run in character.runs:
+        for shared in ([k for k in run if k in each] for each in other.runs):
+            surfaces = [each.surface(shared) if shared else None for each in (character, other)]
+            if None in surfaces:
+                continue
+            pair = [each.moving for each in surfaces]
+            if all(np.array_equal(*each) for each in zip(*((m.points, m.triangles) for m in pair), strict=True)):
+                found.append((0.0, 0.0, frames[shared[0]]))
+                continue
+            apart = hausdorff.interval(*pair)
+            _count_shown(pair[0], surfaces[1], other.shapes[shared[0]].hiding, apart)
+            pose, lost = shared[apart.pose], _lost(character, other, shared, apart.bound)
+            rms = spread(*(surface_of(each.shapes[pose]) for each in (character, other)), SAMPLES)
+            found.append((max(apart.measured, lost), rms, frames[pose]))
+            bound = max(bound, apart.bound, lost)
+    if not found:
+        return None
+    most, rms, frame = max(found)
+    return most, float(bound) * (1 + BETWEEN * (len(frames) > 1)), rms, frame
+
+
+def _count_shown(character: Moving, surface: Merged, hiding: np.ndarray, apart: Interval) -> None:
+    """Count faces of a LOD, too, that are seen though the character's nearest surface is hidden.
+
+    Only those are looked at whose distance exceeds what is known. surface, hiding: the LOD's, see
+    Shape; apart: takes up what is found.
+    """
+    lod = surface.moving
+    left = np.flatnonzero(~lod.counted)
+    points = np.unique(lod.triangles[left])
+    distance = np.zeros(len(lod.points))
+    distance[points] = hausdorff.upper_distances(lod, character, Part(points, left[:0]))
+    suspects = left[distance[lod.triangles[left]].max(axis=1) > apart.bound]
+    if not len(suspects):
+        return
+    suspects = suspects[visible_faces(lod.points, lod.triangles, hiding[surface.shown], suspects)]
+    if not len(suspects):
+        return
+    shown = np.isin(np.arange(len(lod.triangles)), suspects)
+    more = hausdorff.interval(
+        replace(character, counted=np.zeros(len(character.triangles), bool)), replace(lod, counted=shown), apart.bound
+    )
+    apart.bound = max(apart.bound, more.bound)
+    if more.measured > apart.measured:
+        apart.measured, apart.pose = more.measured, more.pose
+    lod.counted |= shown
+
+
+def _lost(character: PosedSurface, other: PosedSurface, poses: list[int], bound: float) -> float:
+    """How far thin parts of the character are from where a LOD shows, meters: see thin_parts.unseen.
+
+    What is lost is so in all poses, and only far from what shows do some poses tell how far.
+    """
+    found = 0.0
+    for pose in poses[:: max(1, len(poses) // LOST_IN)]:
+        surface = surface_of(other.shapes[pose])
+        if surface is not None:
+            found = max(found, thin_parts.unseen(character.samples(pose), surface.facing, surface.meets, bound))
+        if found < 2 * bound:
+            break
+    return found

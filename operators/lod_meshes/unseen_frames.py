@@ -1,0 +1,145 @@
+"""Frames besides the poses that LODs are measured in, where one may deviate by more than its bound.
+
+At many frames only those places are looked at that deviate most. That is no proof, but it finds
+the pose of a joint that no measured pose has.
+"""
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...crowd_lod.simplification.closest_point import closest_weights
+from ...crowd_lod.simplification.hausdorff import Moving, Part, interval, upper_distances
+from ..blender.performance import Performance
+from .posed_shapes import Posed
+from .posed_surface import Measured, PosedSurface
+from .surface import Merged, Surface
+
+MOMENTS = 240  # frames and sub-frames that are looked at, at most
+EACH = 4  # of a frame, at most
+CELLS = 12  # across the character, of each of which some places are watched
+WORST = 3  # places of a cell, those that deviate most
+
+
+@dataclass
+class Watched:
+    """Places of one surface, and what of another surface was nearest to each in some pose.
+
+    corners: (w, 3) points of the surface; weights: (w, 3), barycentric, on these.
+    place: (q,) of pairs; triangle: (q, 3) points of the other surface.
+    """
+
+    corners: np.ndarray
+    weights: np.ndarray
+    place: np.ndarray
+    triangle: np.ndarray
+
+    def at(self, points: np.ndarray) -> np.ndarray:
+        """Return where the places are, (w, 3), of the surface's points (n, 3)."""
+        return np.einsum("wc,wcd->wd", self.weights, points[self.corners])
+
+    def distances(self, points: np.ndarray, other: np.ndarray) -> np.ndarray:
+        """Return how far each place is from the other surface at most, (w,) meters.
+
+        points, other: (n, 3) of the two surfaces in some frame.
+        """
+        at = self.at(points)[self.place]
+        corners = other[self.triangle]
+        weights = closest_weights(at.T, *corners.transpose(1, 2, 0)).T
+        away = np.linalg.norm(at - np.einsum("qc,qcd->qd", weights, corners), axis=1)
+        nearest = np.full(len(self.corners), np.inf)
+        np.minimum.at(nearest, self.place, away)
+        return nearest
+
+
+def watch(one: Merged, other: Merged) -> Watched:
+    """Choose the places of `one` to watch: in each cell of the first pose those farthest off."""
+    surface = one.moving
+    part = Part(np.unique(surface.pieces), np.flatnonzero(_counted(surface)))
+    distance = upper_distances(surface, other.moving, part)
+    some, first = np.unique(surface.triangles.ravel(), return_index=True)
+    first = first[np.searchsorted(some, part.points)]
+    face = np.concatenate([first // 3, part.faces])
+    weights = np.concatenate([np.eye(3)[first % 3], np.full((len(part.faces), 3), 1 / 3)])
+
+    at = np.einsum("wc,wcd->wd", weights, surface.points[surface.triangles[face], 0])
+    size = float(np.ptp(at, axis=0).max()) or 1.0
+    cell = np.floor(CELLS * (at - at.min(axis=0)) / size).astype(np.intp) @ (1, 100, 10_000)
+    order = np.lexsort((-distance, cell))
+    begins = np.flatnonzero(np.diff(cell[order], prepend=-1))
+    rank = np.arange(len(order)) - np.repeat(begins, np.diff(begins, append=len(order)))
+    worst = order[rank < WORST]
+
+    face, weights = face[worst], weights[worst]
+    places = np.einsum("wc,wckd->wkd", weights, surface.points[surface.triangles[face]])
+    nearest = [other.moving.find(pose, places[:, pose]) for pose in range(places.shape[1])]
+    pairs = np.unique(np.stack([np.tile(np.arange(len(face)), len(nearest)), np.concatenate(nearest)]), axis=1)
+    corners = one.source[surface.triangles[face]]
+    return Watched(corners, weights, pairs[0], other.source[other.moving.triangles[pairs[1]]])
+
+
+def _counted(surface: Moving) -> np.ndarray:
+    return np.ones(len(surface.triangles), bool) if surface.counted is None else surface.counted
+
+
+def moments_between(performance: Performance) -> list[float]:
+    """Return moments of all actions, evenly, up to EACH a frame and MOMENTS in all."""
+    lengths = np.array([end - begin for begin, end in performance.spans])
+    counts = np.minimum(EACH * lengths, MOMENTS * lengths / max(lengths.sum(), 1e-9)).round().astype(int)
+    spans = zip(performance.spans, counts, strict=True)
+    return [begin + (end - begin) * (k + 0.5) / n for (begin, end), n in spans for k in range(n)]
+
+
+def look_at(posed: Posed, moments: Sequence[float], pairs: Sequence[tuple[Watched, Watched]]) -> Generator[float, None, np.ndarray]:
+    """Return how far each LOD is off in each of `moments` at most, (LODs, moments) meters.
+
+    posed: the character and its LODs; pairs: for each LOD what is watched of the character, and of
+    the LOD. Yields the progress.
+    """
+    found = np.zeros((len(pairs), len(moments)))
+    for number, moment in enumerate(moments):
+        character, *levels = posed.points(moment)
+        posed.performance.rest()
+        for k, ((mine, theirs), level) in enumerate(zip(pairs, levels, strict=True)):
+            off = mine.distances(character, level), theirs.distances(level, character)
+            found[k, number] = max(each.max(initial=0) for each in off)
+        yield (number + 1) / len(moments)
+    return found
+
+
+def exceeded(
+    row: Measured,
+    surfaces: tuple[PosedSurface, PosedSurface],
+    points: tuple[np.ndarray, np.ndarray],
+    pair: tuple[Watched, Watched],
+    moment: float,
+) -> Measured:
+    """Return what is known of a LOD after a look at all of it at `moment`.
+
+    row: what was known; surfaces: the character and the LOD; points: where theirs are at `moment`,
+    (n, 3) each; pair: see `look_at`.
+    """
+    one, other = (surface.at([at]) for surface, at in zip(surfaces, points, strict=True))
+    if one is None or other is None:
+        return row
+    deviation, bound, rms, worst = row
+    ways = zip(pair, points, points[::-1], (other, one), strict=True)
+    if not any(_exceeds(watched, *two, surface, bound) for watched, *two, surface in ways):
+        return row
+    found = interval(one.moving, other.moving, bound)
+    if found.measured > deviation:
+        deviation, worst = found.measured, moment
+    return deviation, max(bound, found.bound), rms, worst
+
+
+def _exceeds(watched: Watched, points: np.ndarray, other: np.ndarray, surface: Merged, bound: float) -> bool:
+    """Return whether a watched place is farther than `bound` from all of the other surface.
+
+    points, other: see Watched.distances; surface: the other one, in the same frame.
+    """
+    far = watched.distances(points, other) > bound
+    if not far.any():
+        return False
+    whole = Surface(surface.moving.points[:, 0], surface.moving.triangles)
+    return bool(whole.distances(watched.at(points)[far]).max() > bound)
