@@ -29,9 +29,9 @@ OVERLOOKED = 1.3  # times the bound that is usual, from which on it is that of a
 WIDE = 2.0  # times the triangles, within which a method does about as well against the other; and that a step is at most
 WORSE = 1.3  # times the triangles, from which on a method is not tried
 BETTER = 1.1  # times the triangles that Pose-Aware may take, which keeps UV seams
-# A try up to SPOTTED times as far off as it should be, at FEW of its vertices, is made AGAIN so often with as many
+# A try up to SPOTTED times as far off as it should be, at FEW_SPOTS of its vertices, is made AGAIN so often with as many
 # triangles, and these vertices count HEAVIER each time.
-SPOTTED, FEW, AGAIN, HEAVIER = 1.4, 0.01, 2, 4.0
+SPOTTED, FEW_SPOTS, AGAIN, HEAVIER = 1.4, 0.01, 2, 4.0
 METHODS = "POSE_AWARE", "DECIMATE"
 
 Figures = tuple[float, float, float, float]  # see Measure.level
@@ -94,7 +94,7 @@ class Curve:
         last = self.tries[-1]
         if last.method != "POSE_AWARE" or not length < last.deviation < SPOTTED * length or last.spots is None:
             return None
-        if not 0 < last.spots.mean() < FEW or sum(attempt.ratio == last.ratio for attempt in self.tries) > AGAIN:
+        if not 0 < last.spots.mean() < FEW_SPOTS or sum(attempt.ratio == last.ratio for attempt in self.tries) > AGAIN:
             return None
         triangles = self.source.geometry[1]
         around = np.unique(triangles[last.spots[triangles].any(axis=1)])
