@@ -23,7 +23,7 @@ from .posed_shapes import Posed, read_shapes, surface_of
 from .posed_surface import Measured, PosedSurface, compare_surfaces, parts_of
 from .shaded_pictures import bodies_of, within
 from .surface import merge
-from .unseen_frames import exceeded, look_at, moments_between, watch
+from .unseen_frames import exceeded, look_at, moments_beside, moments_between, watch
 
 SOLID = ("MESH", "CURVE", "SURFACE", "META", "FONT")  # types of objects that have faces
 BELOW = 5e-5  # of the size: no frame exceeds a bound by less
@@ -166,7 +166,10 @@ class Measure:
         character, *surfaces = (each.surface(each.runs[0]) for each in (self.character, *lods))
         pairs = [(watch(character, surface), watch(surface, character)) for surface in surfaces]
         with Posed(self.objects, [levels[k] for k in some], self.performance) as posed:
-            off = yield from share(look_at(posed, moments, pairs), 0.0, 0.9)
+            off = yield from share(look_at(posed, moments, pairs), 0.0, 0.8)
+            beside = moments_beside(moments, off)
+            closer = yield from share(look_at(posed, beside, pairs), 0.8, 0.9)
+            moments, off = [*moments, *beside], np.concatenate([off, closer], axis=1)
             for k, lod, own, pair in zip(some, lods, off, pairs, strict=True):
                 while own.max() > found[k][1] + BELOW * self.diagonal:
                     moment = moments[int(own.argmax())]
