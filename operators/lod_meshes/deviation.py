@@ -155,11 +155,12 @@ class Measure:
     ) -> Generator[float, None, list[Measured]]:
         """Look at LODs in frames that no pose has, where their places deviate most; yields the progress.
 
-        levels: the objects of each, which `level` has measured; found: what it returned of them.
+        levels: the objects of each; found: what `level` returned of them. Those that another Measure
+        has measured stay as they are.
         Returns the same, with greater bounds where a frame exceeds them.
         """
         found, moments = list(found), moments_between(self.performance)
-        some = [k for k, row in enumerate(found) if row[0] > 0]
+        some = [k for k, row in enumerate(found) if row[0] > 0 and _key(levels[k]) in self._levels]
         lods = [self._levels[_key(levels[k])] for k in some]
         if not (some and moments) or len(self.character.runs) > 1 or any(len(lod.runs) > 1 for lod in lods):
             return found
