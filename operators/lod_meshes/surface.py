@@ -286,12 +286,20 @@ def deviation(one: Surface, other: Surface, count: int) -> tuple[float, float]:
     return max(most for most, _ in found), max(rms for _, rms in found)
 
 
-def spread(one: Surface, other: Surface, count: int) -> float:
+def spread(one: Surface, other: Surface, counted: Sequence[np.ndarray], count: int) -> float:
     """Return the root mean square distance of two surfaces, meters.
 
-    It is measured at `count` samples of each surface, to the other. The larger one counts.
+    It is measured at `count` samples of the triangles of each that count, to the other. The larger
+    one is returned.
+
+    counted: of each surface which triangles count, (m,) bool.
     """
-    return max(float(np.sqrt(np.mean(b.distances(a.at(*scattered(a.area, count))) ** 2))) for a, b in ((one, other), (other, one)))
+    found = [0.0]
+    for a, b, some in ((one, other, counted[0]), (other, one, counted[1])):
+        area = a.area * some
+        if area.any():
+            found.append(float(np.sqrt(np.mean(b.distances(a.at(*scattered(area, count))) ** 2))))
+    return max(found)
 
 
 def roughly(one: Surface, other: Surface, count: int) -> float:
