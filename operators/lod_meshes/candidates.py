@@ -231,6 +231,14 @@ class Ladder:
             at, level = (self.by.performance, measured[-1]), list(self.found[goal].objects)
             self.rows[goal] += (compare(self.objects, level, at, self.diagonal, self.looks) if goal else 0.0,)
 
+    def look_between(self, goals: Sequence[float]) -> Iterator[float]:
+        """Look at LODs that were made anew in further frames, which may raise their bounds."""
+        new = [goal for goal in goals if goal in self.made]
+        levels = [list(self.found[goal].objects) for goal in new]
+        measured = yield from self.by.look_between(levels, [self.rows[goal][2:6] for goal in new])
+        for goal, row in zip(new, measured, strict=True):
+            self.rows[goal] = *self.rows[goal][:2], *row, *self.rows[goal][6:]
+
     def columns(self, goals: Sequence[float]) -> dict:
         """Return the values of a Group for the candidates of `goals`, by name of the field."""
         return dict(zip(self.kinds, zip(*(self.rows[goal] for goal in goals), strict=True), strict=True)) | {

@@ -23,7 +23,7 @@ from .posed_shapes import Posed, read_shapes, surface_of
 from .posed_surface import Measured, PosedSurface, compare_surfaces, parts_of
 from .shaded_pictures import bodies_of, within
 from .surface import merge
-from .unseen_frames import exceeded, look_at, moments_between, watch
+from .unseen_frames import exceeded, look_at, moments_beside, moments_between, watch
 
 SOLID = ("MESH", "CURVE", "SURFACE", "META", "FONT")  # types of objects that have faces
 BELOW = 5e-5  # of the size: no frame exceeds a bound by less
@@ -155,18 +155,22 @@ class Measure:
     ) -> Generator[float, None, list[Measured]]:
         """Look at LODs in frames that no pose has, where their places deviate most; yields the progress.
 
-        levels: the objects of each, which `level` has measured; found: what it returned of them.
+        levels: the objects of each; found: what `level` returned of them. Those that another Measure
+        has measured stay as they are.
         Returns the same, with greater bounds where a frame exceeds them.
         """
         found, moments = list(found), moments_between(self.performance)
-        some = [k for k, row in enumerate(found) if row[0] > 0]
+        some = [k for k, row in enumerate(found) if row[0] > 0 and _key(levels[k]) in self._levels]
         lods = [self._levels[_key(levels[k])] for k in some]
         if not (some and moments) or len(self.character.runs) > 1 or any(len(lod.runs) > 1 for lod in lods):
             return found
         character, *surfaces = (each.surface(each.runs[0]) for each in (self.character, *lods))
         pairs = [(watch(character, surface), watch(surface, character)) for surface in surfaces]
         with Posed(self.objects, [levels[k] for k in some], self.performance) as posed:
-            off = yield from share(look_at(posed, moments, pairs), 0.0, 0.9)
+            off = yield from share(look_at(posed, moments, pairs), 0.0, 0.8)
+            beside = moments_beside(moments, off)
+            closer = yield from share(look_at(posed, beside, pairs), 0.8, 0.9)
+            moments, off = [*moments, *beside], np.concatenate([off, closer], axis=1)
             for k, lod, own, pair in zip(some, lods, off, pairs, strict=True):
                 while own.max() > found[k][1] + BELOW * self.diagonal:
                     moment = moments[int(own.argmax())]

@@ -164,6 +164,7 @@ def _made(ladders: list[Ladder], keep: Sequence[Sequence[int]], earlier: bpy.typ
             edited.append(ladder.name)
         for goal in missing:
             yield from standing(ladder.make(goal), 0.9 + 0.09 * g / len(ladders))
+        yield from standing(ladder.look_between(goals), 0.9 + 0.09 * g / len(ladders))
         homes.append([ladder.found[goal] for goal in goals])
         taken.update(homes[-1])
     return homes, edited
