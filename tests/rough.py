@@ -17,7 +17,7 @@ def levels(package: str) -> dict:
     few = {(pose_choice, "EVENLY"): 2, (pose_choice, "POSES"): 4, (posed_surface, "SAMPLES"): 500}
     few |= {(methods, "COMPARED"): 1_000, (methods, "IN_MOTION"): 250}
     less = replace(settings.CURRENT, moves=settings.CURRENT.moves // 10, moves_each=settings.CURRENT.moves_each / 2)
-    few[settings, "CURRENT"] = replace(less, bound_tolerance=1.0, bound_depth=1)
+    few[settings, "CURRENT"] = replace(less, bound_tolerance=0.3, bound_depth=4)
     few |= {(silhouette, "AROUND"): 2, (silhouette, "ABOVE"): 1, (silhouette, "MOST_PIXELS"): 300, (silhouette, "CLOSER"): 2}
     return few | {(lod_picture, "TALL"): 120}
 

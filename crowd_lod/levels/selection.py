@@ -1,6 +1,6 @@
 """Choice of a character's LODs from candidates, by a tolerance in pixels."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 
@@ -13,8 +13,6 @@ from ..format import number
 from .assignment import LevelPolicy, deviations, limits
 from .cost_model import NAMES, Actors, Price, price, work_of
 
-# Parts of the triangles that the candidates keep; MOST_LEVELS of them at most.
-LADDER = (1.0, 0.4, 0.16, 0.06, 0.025, 0.01)
 LEAST_SAVED = 0.2  # of the triangles of the next finer LOD, else a LOD is not worth a mesh
 WORTH = 0.05  # of full detail's memory or time: what a LOD has to save
 STEPS = 60  # of a tolerance that is raised until LODs fit in memory, four to its double
@@ -47,24 +45,6 @@ class View:
         cells = np.stack([steps, self.character])
         (steps, character), agents = np.unique(cells, axis=1, return_counts=True)
         return replace(self, distance=CLOSE ** (steps + 0.5), character=character, agents=agents)
-
-
-def guessed(ratios: Sequence[float], known: dict[int, float], usual: float) -> list[float]:
-    """Return the deviation in meters of each candidate, measured or estimated.
-
-    Between measured candidates log deviation is linear in log triangles. Outside them deviation is
-    proportional to 1 / triangles, as for smooth surfaces.
-    ratios: triangles of each candidate, as parts of the character's.
-    known: {candidate: meters}, measured; returned as it is. Values of 0 and infinity do not count
-        in the estimate.
-    usual: meters; if nothing is known, a candidate deviates by usual / ratio.
-    """
-    made = sorted(k for k, bound in known.items() if 0 < bound < np.inf)
-    places = np.log([1 / ratios[k] for k in made] or [1.0])
-    values = np.log([known[k] for k in made] or [max(usual, 1e-30)])
-    at = np.log(1 / np.array(ratios))
-    found = np.exp(np.interp(at, places, values) + np.minimum(at - places[0], 0) + np.maximum(at - places[-1], 0))
-    return [known.get(k, float(found[k])) for k in range(len(ratios))]
 
 
 def choose(group: Group, tolerance: float, views: Sequence[View], meters: float = 1.0) -> tuple[list[int], dict[int, str]]:
@@ -190,14 +170,16 @@ def priced(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) -> I
             yield tuple(kept[j] for j in chosen), price(work, shot.engine)
 
 
-def cheapest(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) -> tuple[list[int], dict[int, str]]:
+def cheapest(
+    group: Group, kept: Sequence[int], tolerance: float, shot: Shot, measured: Collection[int] = ()
+) -> tuple[list[int], dict[int, str]]:
     """Return (the candidates that cost least, {dropped candidate: reason}).
 
     A reason is a sentence. The cost of a choice of `kept` is the sum of its memory and its time,
     each as a part of what the group takes at full detail. Of the choices that cost at most WORTH
-    more than the cheapest, the one with the fewest LODs is taken. The first candidate is kept for
-    agents that come nearer than the shot shows. All are kept if the distances of the shot's agents
-    are not known.
+    more than the cheapest, the one with the fewest LODs is taken, and of these the one with the most
+    `measured` candidates. The first candidate is kept for agents that come nearer than the shot
+    shows. All are kept if the distances of the shot's agents are not known.
     """
     if not any(len(view.distance) for view in shot.views):
         return list(kept), {}
@@ -206,7 +188,7 @@ def cheapest(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) ->
     parts = {chosen: own.share(whole) for chosen, own in found.items()}
     cost = {chosen: own.memory + own.seconds for chosen, own in parts.items()}
     good = [chosen for chosen in cost if cost[chosen] <= min(cost.values()) + WORTH]
-    best = min(good, key=lambda chosen: (len(chosen), cost[chosen]))
+    best = min(good, key=lambda chosen: (len(chosen), len(set(chosen).difference(measured)), cost[chosen]))
     gone = [k for k in kept if k not in best]
     return list(best), {
         k: f"{group.triangles[k]:,} triangles save too little memory and time in {NAMES[shot.engine]} to be worth a LOD."

@@ -12,6 +12,7 @@ from ...crowd_lod.format import number
 from ...crowd_lod.simplification import rasterizer
 from ..blender import mesh_data
 from ..lod_meshes.surface import Surface
+from ..lod_meshes.worst_place import InPose
 
 SUPERSAMPLING = 2  # pixels drawn across a pixel of the picture
 TALL = 380  # pixels of the character's height
@@ -19,6 +20,8 @@ GAP = 22  # pixels
 LETTER = 15  # pixels high
 PAPER, INK = (0.94, 0.945, 0.955), (0.13, 0.14, 0.17)
 CLAY, EDGE = (0.66, 0.71, 0.79), (0.10, 0.16, 0.30)
+HIDDEN, MARK = (0.62, 0.62, 0.62), (0.85, 0.10, 0.10)  # surface that nobody sees; a LOD's worst place
+RING = 9.0  # pixels, of the ring about that
 # of distances that the colors tell apart, by their logarithm: a fine LOD's show beside a coarse
 # one's
 DECADES = 3
@@ -33,45 +36,56 @@ def ramp(part: np.ndarray) -> np.ndarray:
 
 
 def draw_lods(
-    character: Surface, levels: Sequence[Surface], captions: Sequence[str], azimuth: float, meters: float = 1.0
+    views: Sequence[InPose], captions: Sequence[str], notes: Sequence[str], azimuth: float, meters: float = 1.0
 ) -> tuple[np.ndarray, float]:
     """Draw all LODs of a character; return (picture, meters of the brightest color).
 
-    The picture is (rows, columns, 4) uint8, bottom row first.
+    The picture is (rows, columns, 4) uint8, bottom row first. The lower row shows how far each LOD
+    is off, its worst place ringed; beneath LOD 0, which is not off, the surface that nobody sees.
 
-    levels: each LOD's surface in the pose of `character`.
-    captions: a line for each LOD.
+    views: each LOD with its character, in the pose where it deviates most.
+    captions, notes: a line above, and below, each LOD.
     azimuth: radians, direction from the character to the eye.
     meters: meters in a unit of length of the surfaces.
     """
     towards = np.array([np.cos(azimuth) * 0.985, np.sin(azimuth) * 0.985, 0.17])
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     axes = np.stack([right, np.cross(towards, right), towards])
-    seen = [surface.points @ axes.T for surface in levels]
-    low, high = (getattr(np.concatenate(seen), end)(axis=0) for end in ("min", "max"))
-    scale = TALL / max(high[1] - low[1], (high[0] - low[0]) / 1.5)
-    width, height = int((high[0] - low[0]) * scale) + 2, int((high[1] - low[1]) * scale) + 2
+    seen = [view.level.points @ axes.T for view in views]
+    # each in the middle of its cell: a pose may be elsewhere
+    low, high = ([getattr(at, end)(axis=0) for at in seen] for end in ("min", "max"))
+    size = np.max([b - a for a, b in zip(low, high, strict=True)], axis=0)
+    low = [(a + b - size) / 2 for a, b in zip(low, high, strict=True)]
+    scale = TALL / max(size[1], size[0] / 1.5)
+    width, height = int(size[0] * scale) + 2, int(size[1] * scale) + 2
+    fine = height * SUPERSAMPLING, width * SUPERSAMPLING
     looks = [
-        _look((at - low) * scale * SUPERSAMPLING, surface, (height * SUPERSAMPLING, width * SUPERSAMPLING))
-        for at, surface in zip(seen, levels, strict=True)
+        _look((at - corner) * scale * SUPERSAMPLING, view.level, fine) for at, corner, view in zip(seen, low, views, strict=True)
     ]
-    away = [_distances(character, surface, *look[:3]) for surface, look in zip(levels, looks, strict=True)]
+    away = [_distances(view.character, view.level, *look[:3]) for view, look in zip(views, looks, strict=True)]
     most = meters * max((float(d.max(initial=0)) for d in away), default=0.0)
 
     cell = max(width, 10 * LETTER) + GAP
-    head, canvas_width = 4 * LETTER, GAP + cell * len(levels) + 9 * LETTER
+    head, canvas_width = 4 * LETTER, GAP + cell * len(views) + 9 * LETTER
     sheet = np.empty((2 * height + head + 4 * GAP, canvas_width, 3))
     sheet[:] = PAPER
-    for k, (caption, (pixel, _, _, shade, edge), off) in enumerate(zip(captions, looks, away, strict=True)):
+    for k, (view, (pixel, _, _, shade, edge), off) in enumerate(zip(views, looks, away, strict=True)):
         left = GAP + k * cell + (cell - GAP - width) // 2
         clay = (np.array(CLAY) * shade[:, None]) * (1 - edge[:, None]) + np.array(EDGE) * edge[:, None]
         tinted = ramp(1 + np.log10(np.maximum(meters * off / (most or 1.0), 1e-9)) / DECADES) * (0.75 + 0.25 * shade[:, None])
         for row, colors in ((height + 2 * GAP, clay), (GAP, tinted)):
             _paste(sheet, row, left, pixel, colors, (height, width))
+        if off.any():
+            _ring(sheet, GAP + (view.worst @ axes[1] - low[k][1]) * scale, left + (view.worst @ axes[0] - low[k][0]) * scale)
+        elif view.hidden.any():
+            inner = Surface(view.character.points, view.character.triangles[view.hidden])
+            pixel, _, _, shade, _ = _look((inner.points @ axes.T - low[k]) * scale * SUPERSAMPLING, inner, fine)
+            _paste(sheet, GAP, left, pixel, np.array(HIDDEN) * shade[:, None], (height, width))
         middle = GAP + k * cell + (cell - GAP) / 2
         write(sheet, f"LOD {k}", middle, 2 * height + 3 * GAP + 2.1 * LETTER, 1.25 * LETTER, "CENTER")
-        write(sheet, caption, middle, 2 * height + 3 * GAP + 0.5 * LETTER, LETTER, "CENTER")
-    bar = int(GAP + cell * len(levels)), int(GAP + height * 0.1), int(height * 0.8)
+        write(sheet, captions[k], middle, 2 * height + 3 * GAP + 0.5 * LETTER, LETTER, "CENTER")
+        write(sheet, notes[k], middle, GAP - 1.2 * LETTER, LETTER, "CENTER")
+    bar = int(GAP + cell * len(views)), int(GAP + height * 0.1), int(height * 0.8)
     sheet[bar[1] : bar[1] + bar[2], bar[0] : bar[0] + LETTER] = ramp(np.linspace(0, 1, bar[2]))[:, None]
     for decade in range(DECADES + 1):
         words, part = f"{number(1000 * most / 10**decade)} mm", 1 - decade / DECADES
@@ -80,6 +94,14 @@ def draw_lods(
     pixels = np.full((*sheet.shape[:2], 4), 255, np.uint8)
     pixels[..., :3] = np.rint(sheet * 255)
     return pixels, most
+
+
+def _ring(sheet: np.ndarray, row: float, column: float) -> None:
+    """Draw a ring over the sheet about a place in pixels."""
+    rows, columns = np.ogrid[: sheet.shape[0], : sheet.shape[1]]
+    off = np.hypot(rows - row, columns - column)
+    for radius, color in ((RING + 1.5, PAPER), (RING, MARK)):
+        sheet[np.abs(off - radius) < 1.2] = color
 
 
 def _look(at: np.ndarray, surface: Surface, shape: tuple[int, int]) -> tuple:

@@ -19,7 +19,9 @@ from ..blender.performance import Performance, group_performance
 from ..crowd.scene_crowd import characters_of, policy_of
 from ..lod_meshes.deviation import meshes_of
 from ..lod_meshes.posed_shapes import Posed
+from ..lod_meshes.posed_surface import PosedSurface
 from ..lod_meshes.shaded_pictures import alike, bodies_of
+from ..lod_meshes.worst_place import look_in_pose
 from . import lod_picture
 
 MOST_SHOWN = 12  # character groups whose silhouettes are measured and that have a picture
@@ -62,8 +64,15 @@ def tables(
         largest, feet = group.scale[1], np.array(origin) + (0, 0, group.feet)
         center = feet + (0, 0, group.center)
         with Posed(objects, meshes, performance) as posed:
-            looks = Looks()
-            for k in range(1, len(rows)):
+            looks, views = Looks(), []
+            # the one that deviates most tells the pose of LOD 0
+            for k in (len(rows) - 1, *range(1, len(rows))):
+                character, *levels = posed.shapes(group.worst[k])
+                if not views:
+                    whole = PosedSurface([character], settings.hidden_surface_counts)
+                    views.append(look_in_pose(whole, character, levels[0]))
+                    continue
+                views.append(look_in_pose(whole, character, levels[k]))
                 distance = _distance(camera, begins[g][k - 1], group.radius)
                 character, levels = posed.at(group.worst[k])
                 if distance is not None and character is not None and levels[k] is not None:
@@ -73,11 +82,12 @@ def tables(
                     rows[k] |= _seen(posed, k, looks, (feet, largest), (center, distance, camera))
                 performance.rest()
                 yield start + span * (g + 0.7 * k / len(rows))
-            character, levels = posed.at(group.worst[len(rows) - 1])
-        if character is not None and None not in levels:
+        if None not in views:
             captions = [f"{row['triangles']:,} triangles" for row in rows]
+            notes = [f"hidden: {views[0].hidden.mean():.0%}"]
+            notes += [f"worst: frame {row['worst_frame']:.1f}" for row in rows[1:]]
             azimuth = AZIMUTH - scene_data.rotation(settings.forward)
-            pixels, _ = lod_picture.draw_lods(character, levels, captions, azimuth, meters * largest)
+            pixels, _ = lod_picture.draw_lods(views, captions, notes, azimuth, meters * largest)
             entry["picture"] = _file_name(group.name, g, taken)
             image_data.save_png(folder / entry["picture"], pixels)
         yield start + span * (g + 1)

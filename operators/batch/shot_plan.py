@@ -30,8 +30,8 @@ from ..crowd.crowd_sources import check_recorded
 from ..crowd.scene_crowd import characters_of, groups_of, measuring_groups, policy_of, store_groups, trajectory_of
 from ..crowd.scene_world import bias_of
 from ..crowd.shot_exceptions import exemptions_of
-from ..lod_meshes.candidates import TINTS
 from ..lod_meshes.deviation import measure_levels
+from ..lod_meshes.level_objects import TINTS
 from ..lod_meshes.make_lods import make_levels
 from ..lod_meshes.selection import cast_of, rigs_of
 from .output_index import note_output

@@ -67,7 +67,8 @@ def node_inputs(modifier: bpy.types.NodesModifier) -> dict[str, Any]:
     The paths begin at the modifier; values are as of `plain`. There are none without a node group.
     """
     if bpy.app.version < (5, 2, 0):
-        values = ((f'["{key}"]', value) for key, value in modifier.items())
+        # a boolean of a file that was opened again is an integer
+        values = ((f'["{key}"]', int(value) if isinstance(value, bool) else value) for key, value in modifier.items())
     else:
         values = _node_properties(modifier.properties.inputs) if modifier.properties else ()
     return {path: plain(value) for path, value in values}

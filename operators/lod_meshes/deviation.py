@@ -23,7 +23,7 @@ from .posed_shapes import Posed, read_shapes, surface_of
 from .posed_surface import Measured, PosedSurface, compare_surfaces, parts_of
 from .shaded_pictures import bodies_of, within
 from .surface import merge
-from .unseen_frames import exceeded, look_at, moments_between, watch
+from .unseen_frames import exceeded, look_at, moments_beside, moments_between, watch
 
 SOLID = ("MESH", "CURVE", "SURFACE", "META", "FONT")  # types of objects that have faces
 BELOW = 5e-5  # of the size: no frame exceeds a bound by less
@@ -69,6 +69,7 @@ class Measure:
         self.name, self.objects, self.character = name, objects, None
         self.hidden_counts = hidden_counts
         self._levels: dict[tuple[int, ...], PosedSurface] = {}
+        self._worst: list[int] = []  # poses that were the worst of a LOD
         self.performance = performance_of(name, list(objects), actions)
 
     def read(self) -> Iterator[float]:
@@ -119,8 +120,9 @@ class Measure:
         Deviations are infinite where the LOD has no face.
         """
         run = max(self.character.runs, key=len)
-        some = np.unique(np.linspace(0, len(run) - 1, ESTIMATED_IN).round().astype(int))
-        chosen = [run[k] for k in some]
+        evenly = [run[k] for k in np.linspace(0, len(run) - 1, ESTIMATED_IN).round().astype(int)]
+        worst = [pose for pose in reversed(self._worst) if pose in run]
+        chosen = list(dict.fromkeys([run[0], *worst, *evenly]))[:ESTIMATED_IN]
         shapes = finished(read_shapes(objects, [self.frames[k] for k in chosen], self.performance))
         lod = merge([shape.points for shape in shapes], shapes[0].triangles)
         if lod is None:
@@ -144,6 +146,7 @@ class Measure:
         found = compare_surfaces(self.character, lod, self.frames)
         if found is None:
             raise CrowdError(f"LOD {k} of {self.name} has no face: raise its ratio and press Make LOD Meshes.")
+        self._worst.append(self.frames.index(found[-1]))
         yield 1.0
         return found
 
@@ -152,18 +155,22 @@ class Measure:
     ) -> Generator[float, None, list[Measured]]:
         """Look at LODs in frames that no pose has, where their places deviate most; yields the progress.
 
-        levels: the objects of each, which `level` has measured; found: what it returned of them.
+        levels: the objects of each; found: what `level` returned of them. Those that another Measure
+        has measured stay as they are.
         Returns the same, with greater bounds where a frame exceeds them.
         """
         found, moments = list(found), moments_between(self.performance)
-        some = [k for k, row in enumerate(found) if row[0] > 0]
+        some = [k for k, row in enumerate(found) if row[0] > 0 and _key(levels[k]) in self._levels]
         lods = [self._levels[_key(levels[k])] for k in some]
         if not (some and moments) or len(self.character.runs) > 1 or any(len(lod.runs) > 1 for lod in lods):
             return found
         character, *surfaces = (each.surface(each.runs[0]) for each in (self.character, *lods))
         pairs = [(watch(character, surface), watch(surface, character)) for surface in surfaces]
         with Posed(self.objects, [levels[k] for k in some], self.performance) as posed:
-            off = yield from share(look_at(posed, moments, pairs), 0.0, 0.9)
+            off = yield from share(look_at(posed, moments, pairs), 0.0, 0.8)
+            beside = moments_beside(moments, off)
+            closer = yield from share(look_at(posed, beside, pairs), 0.8, 0.9)
+            moments, off = [*moments, *beside], np.concatenate([off, closer], axis=1)
             for k, lod, own, pair in zip(some, lods, off, pairs, strict=True):
                 while own.max() > found[k][1] + BELOW * self.diagonal:
                     moment = moments[int(own.argmax())]

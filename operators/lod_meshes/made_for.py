@@ -15,7 +15,8 @@ from ...crowd_lod.crowd.paces import mixed_in
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number
-from ...crowd_lod.levels.selection import LADDER, Shot, View
+from ...crowd_lod.levels.lengths import DARKER, NEAR_ENOUGH, allowed_lengths, read_curve
+from ...crowd_lod.levels.selection import Shot, View
 from ..blender import provenance, scene_cache, scene_data
 from ..blender.cameras import read_cameras
 from ..crowd.cast_provenance import cast_inputs, of_characters
@@ -203,34 +204,55 @@ def _forecast(scene: bpy.types.Scene, stored: dict) -> Forecast | None:
     if camera is None or not now or not before or now[0] != before[0]:
         return None
     closer = now[1] / before[1]
-    groups = [
-        Group(
-            own["name"],
-            0.0,
-            own["radius"],
-            0.0,
-            1.0,
-            triangles=tuple(own["triangles"]),
-            deviations=tuple(own["bounds"]),  # a group has bounds only if it was measured
-            bounds=tuple(own["bounds"]),
-            shaded=tuple(own["shaded"]),
-            diagonal=own["diagonal"],
-        )
-        for own in stored["groups"]
-    ]
     engine, shading = scene_data.engine_of(scene), settings.shading_counts
     shots = [
         Shot([_unpacked(view, camera, closer) for view in own["views"]], own["characters"], engine, shading, own.get("rigs"))
         for own in stored["groups"]
     ]
-    keep = chosen(settings, groups, shots, 1.0).keep
-    rows = [
-        (own["name"], tuple(LADDER[k] for k in own["keep"]), tuple(LADDER[k] for k in then))
-        for own, then in zip(stored["groups"], keep, strict=True)
-        if own["keep"] != then
-    ]
-    tolerance = json.loads(settings.levels[MADE_FOR])["tolerance"]
+    groups = [_foreseen(settings, own, shot) for own, shot in zip(stored["groups"], shots, strict=True)]
+    keep = chosen(settings, groups, shots, 1.0, [range(len(group.triangles)) for group in groups]).keep
+    rows = []
+    for own, group, then in zip(stored["groups"], groups, keep, strict=True):
+        before, after = _ratios(own["triangles"], own["keep"]), _ratios(group.triangles, then)
+        if before != after:
+            rows.append((own["name"], before, after))
+    tolerance = provenance.kept_in(settings.levels, MADE_FOR)["tolerance"]
     return Forecast(closer * float(tolerance.split()[0]) / settings.tolerance, tuple(rows))
+
+
+def _foreseen(settings, stored: dict, shot: Shot) -> Group:
+    """Return the group with about the candidates that it would have now.
+
+    stored: those that it had.
+    """
+    bounds, triangles, shaded = (np.array(stored[name]) for name in ("bounds", "triangles", "shaded"))
+    tolerance, finest = round(settings.tolerance, 6), stored["diagonal"] / triangles[0]
+    lengths = allowed_lengths(shot.views, stored["radius"], tolerance, finest, finer=DARKER if len(shaded) else 1.0)
+    made = bounds[stored["keep"]]
+    near = [made[(made >= NEAR_ENOUGH * length) & (made <= length)] for length in lengths]
+    lengths = [float(fitting.max(initial=0)) or length for fitting, length in zip(near, lengths, strict=True)]
+    known = bounds > 0
+    columns = {"triangles": -1.0, "shaded": 1.0} if len(shaded) else {"triangles": -1.0}
+    values = {
+        name: read_curve(lengths, list(zip(bounds[known], np.array(stored[name])[known], strict=True)), power)
+        for name, power in columns.items()
+    }
+    return Group(
+        stored["name"],
+        0.0,
+        stored["radius"],
+        0.0,
+        1.0,
+        triangles=(int(triangles[0]), *values["triangles"].round().astype(int).clip(1, triangles[0]).tolist()),
+        deviations=(0.0, *lengths),  # a group has bounds only if it was measured
+        shaded=(0.0, *values["shaded"].tolist()) if len(shaded) else (),
+        diagonal=stored["diagonal"],
+    )
+
+
+def _ratios(triangles: Sequence[int], keep: Sequence[int]) -> tuple[float, ...]:
+    """Return the parts of the character's triangles that the candidates to `keep` have."""
+    return tuple(float(f"{triangles[k] / triangles[0]:.2g}") for k in keep)
 
 
 def _camera(scene: bpy.types.Scene) -> Camera | None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import bpy
 
-from ...crowd_lod.crowd.agents import Group
+from ...crowd_lod.crowd.agents import Group, varied
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.progress import share, standing
 from ..blender import scene_data
@@ -18,7 +18,8 @@ from ..crowd.record_points import with_record
 from ..crowd.scene_crowd import characters_of, measuring_groups, stands, store_groups, trajectory_of
 from ..crowd.scene_world import check_maps
 from . import selection
-from .candidates import CANDIDATE, TINTS, Ladder
+from .candidates import CANDIDATE, Ladder
+from .level_objects import TINTS
 from .made_for import note_shot
 
 
@@ -118,10 +119,12 @@ def _read(scene: bpy.types.Scene, characters: list, earlier: bpy.types.Collectio
         frames = scene_data.frames_of(scene)
         looking = with_record(scene, frames, lambda: selection.views(scene, settings, trajectory_of(scene, groups)))
         shots = yield from standing(looking, 0.1)
-    for ladder, group in zip(ladders, groups, strict=True):
+    for ladder, group, shot in zip(ladders, groups, shots, strict=True):
         ladder.reach = group.lowest, group.center, group.radius
-        if 0 not in ladder.rows:
-            yield from standing(ladder.measure(0), 0.1)
+        if ladder.goals[0] not in ladder.rows:
+            yield from standing(ladder.measure(ladder.goals[0]), 0.1)
+        if shot is not None:
+            ladder.aim(group, shot.views, round(settings.tolerance, 6), bool(settings.memory))
     return ladders, groups, shots
 
 
@@ -131,15 +134,19 @@ def _chosen(scene: bpy.types.Scene, ladders: list[Ladder], groups: Sequence[Grou
     One that was chosen by a guess is measured, and all are chosen again, until all that are chosen are measured. Returns the
     choice, and the groups with values of all their candidates.
     """
-    chosen, guesses, missing, total = None, [], True, sum(len(ladder.ratios) for ladder in ladders)
+    chosen, guesses, missing, total = None, [], True, sum(len(ladder.goals) for ladder in ladders)
     while missing:
-        usual = [each for ladder in ladders for each in ladder.lost()]
-        guesses = [ladder.guess(group, usual) for ladder, group in zip(ladders, groups, strict=True)]
-        chosen = selection.chosen(scene.crowd_lod, guesses, shots, scene_data.meters(scene))
-        missing = [(ladder, k) for ladder, own in zip(ladders, chosen.keep, strict=True) for k in own if k not in ladder.rows]
+        usual = [lost for ladder in ladders for lost in ladder.lost()]
+        guesses = [varied(ladder.guess(group, usual)) for ladder, group in zip(ladders, groups, strict=True)]
+        measured = [[k for k, goal in enumerate(ladder.goals) if goal in ladder.rows] for ladder in ladders]
+        chosen = selection.chosen(scene.crowd_lod, guesses, shots, scene_data.meters(scene), measured)
+        missing = [
+            (ladder, k) for ladder, keep, known in zip(ladders, chosen.keep, measured, strict=True) for k in keep if k not in known
+        ]
         for ladder, k in missing[:1]:  # it says more of the others
-            tried = sum(len(each.rows) for each in ladders)
-            yield from share(ladder.measure(k), 0.1 + 0.8 * tried / total, 0.1 + 0.8 * (tried + 1) / total)
+            tried = sum(len(known) for known in measured)
+            begin, end = 0.1 + 0.8 * tried / total, 0.1 + 0.8 * (tried + 1) / total
+            yield from share(ladder.measure(ladder.goals[k]), begin, end)
     return chosen, guesses
 
 
@@ -151,12 +158,14 @@ def _made(ladders: list[Ladder], keep: Sequence[Sequence[int]], earlier: bpy.typ
     homes, edited, taken = [], [], set()
     for g, (ladder, kept) in enumerate(zip(ladders, keep, strict=True)):
         ladder.find(earlier, taken)
-        missing = [k for k in kept if k not in ladder.found]
+        goals = [ladder.goals[k] for k in kept]
+        missing = [goal for goal in goals if goal not in ladder.found]
         if ladder.held(earlier, missing) and ladder.digest not in [each.digest for each in ladders[:g]]:
             edited.append(ladder.name)
-        for k in missing:
-            yield from standing(ladder.make(k), 0.9 + 0.09 * g / len(ladders))
-        homes.append([ladder.found[k] for k in kept])
+        for goal in missing:
+            yield from standing(ladder.make(goal), 0.9 + 0.09 * g / len(ladders))
+        yield from standing(ladder.look_between(goals), 0.9 + 0.09 * g / len(ladders))
+        homes.append([ladder.found[goal] for goal in goals])
         taken.update(homes[-1])
     return homes, edited
 
@@ -209,7 +218,7 @@ def _told(ladders: list[Ladder], dropped: list[dict[int, str]]) -> list[str]:
     """Return a line for each dropped candidate; "About" marks guessed values."""
     found = []
     for ladder, reasons in zip(ladders, dropped, strict=True):
-        found += [f"{ladder.name}: {'' if k in ladder.rows else 'About '}{reasons[k]}" for k in sorted(reasons)]
+        found += [f"{ladder.name}: {'' if ladder.goals[k] in ladder.rows else 'About '}{reasons[k]}" for k in sorted(reasons)]
     return found
 
 

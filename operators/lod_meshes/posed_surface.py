@@ -10,7 +10,7 @@ from ...crowd_lod.simplification import hausdorff, thin_parts
 from ...crowd_lod.simplification.hausdorff import Interval, Moving, Part
 from .pose_choice import farthest_apart
 from .posed_shapes import Shape, surface_of
-from .surface import Merged, has_area, merge, same_faces, spread
+from .surface import Merged, Surface, has_area, merge, same_faces, spread
 from .visible_surface import visible_faces, visible_points
 
 JOINTS = 500  # points of a mesh by which its poses are told apart
@@ -134,7 +134,8 @@ def compare_surfaces(character: PosedSurface, other: PosedSurface, frames: Seque
             apart = hausdorff.interval(*pair)
             _count_shown(pair[0], surfaces[1], other.shapes[shared[0]].hiding, apart)
             pose, lost = shared[apart.pose], _lost(character, other, shared, apart.bound)
-            rms = spread(*(surface_of(each.shapes[pose]) for each in (character, other)), SAMPLES)
+            posed = [Surface(m.points[:, apart.pose], m.triangles) for m in pair]
+            rms = spread(*posed, [m.counted for m in pair], SAMPLES)
             found.append((max(apart.measured, lost), rms, frames[pose]))
             bound = max(bound, apart.bound, lost)
     if not found:

@@ -1,6 +1,6 @@
 """Choice of LODs by tolerance: candidates, and distances of agents in the shot."""
 
-from collections.abc import Generator, Sequence
+from collections.abc import Collection, Generator, Sequence
 from dataclasses import dataclass
 
 import bpy
@@ -11,7 +11,7 @@ from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.culling.radar import radar
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.levels.assignment import LevelPolicy
-from ...crowd_lod.levels.selection import LADDER, Shot, View, cheapest, choose, counting, priced, within
+from ...crowd_lod.levels.selection import Shot, View, cheapest, choose, counting, priced, within
 from ...crowd_lod.planning.frame_range import evenly
 from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import scene_data
@@ -26,14 +26,13 @@ MOST_FRAMES = 9  # of the shot, evenly, that are looked at
 
 
 def ratios_of(settings) -> list[float]:
-    """Return the part of the triangles that each LOD, or each candidate, keeps.
+    """Return the part of the triangles that each LOD keeps; by tolerance the character's alone.
 
-    By tolerance these are all candidates (LADDER), else the ratios of the settings. CrowdError if
-    the tolerance is invalid, or if the ratios do not decrease.
+    CrowdError if the tolerance is invalid, or if the ratios do not decrease.
     """
     if settings.choice == "BY_TOLERANCE":
         LevelPolicy((0.0,), "PIXELS", tolerance=round(settings.tolerance, 6))  # refuses a wrong one
-        return list(LADDER)
+        return [1.0]
     ratios = [round(r, 6) for r in settings.ratios[: settings.level_count]]
     for k in range(1, len(ratios)):
         if ratios[k] >= ratios[k - 1]:
@@ -112,23 +111,26 @@ class Chosen:
     tolerance: float = 0.0
 
 
-def chosen(settings, groups: Sequence[Group], shots: Sequence[Shot | None], meters: float) -> Chosen:
+def chosen(
+    settings, groups: Sequence[Group], shots: Sequence[Shot | None], meters: float, measured: Sequence[Collection[int]]
+) -> Chosen:
     """Choose the candidates to keep.
 
     groups: character groups with values of all their candidates, measured or guessed.
     shots: for each group its Shot. None keeps all its candidates.
     meters: that a unit of the scene is.
+    measured: for each group, the candidates whose values are no guesses.
 
     With a limit of memory, and candidates beyond it, the tolerance is raised until they fit.
     CrowdError if no tolerance is enough.
     """
     tolerance, keep, dropped, memory = round(settings.tolerance, 6), [], [], 0.0
-    for group, shot in zip(groups, shots, strict=True):
+    for group, shot, known in zip(groups, shots, measured, strict=True):
         kept, reasons, dear = list(range(len(group.triangles))), {}, {}
         if shot is not None:
             own = counting(group, tolerance, shot)
             kept, reasons = choose(own, tolerance, shot.views, meters)
-            kept, dear = cheapest(own, kept, tolerance, shot)
+            kept, dear = cheapest(own, kept, tolerance, shot, known)
             if settings.memory:
                 memory += dict(priced(own, kept, tolerance, shot))[tuple(kept)].memory
         keep.append(kept)

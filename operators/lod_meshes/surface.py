@@ -196,6 +196,18 @@ def has_area(corners: np.ndarray) -> np.ndarray:
     return np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) > FLAT * longest**2
 
 
+def spatial_order(points: np.ndarray) -> np.ndarray:
+    """Return (n,) intp, an order of points (n, 3) in which neighbors in space are near each other.
+
+    It is that of Morton codes, with 1,024 cells along each axis.
+    """
+    size = float(np.ptp(points, axis=0).max()) or 1.0
+    cells = (1023 * (points - points.min(axis=0)) / size).astype(np.int64)
+    for shift, mask in ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249)):
+        cells = (cells | cells << shift) & mask
+    return np.argsort(cells @ (1, 2, 4), kind="stable")
+
+
 @dataclass
 class Merged:
     """A surface in several poses, points at the same place merged: importers split them.
@@ -224,6 +236,10 @@ def merge(points: Sequence[np.ndarray], triangles: np.ndarray) -> Merged | None:
     used, triangles = np.unique(triangles[shown], return_inverse=True)
     every = np.ascontiguousarray(np.stack([each[used] for each in points], axis=1).reshape(len(used), -1))
     _, first, one = np.unique(every.view(f"V{every.shape[1] * 8}").ravel(), return_index=True, return_inverse=True)
+    # neighbors beside each other: a tree then finds what is nearest to points in half the time
+    order = spatial_order(points[0][used[first]])
+    first, rank = first[order], np.argsort(order)
+    one = rank[one]
     every, triangles = every[first].reshape(len(first), -1, 3), one[triangles].reshape(-1, 3)
     surfaces = [None] * len(points)
 
@@ -270,12 +286,20 @@ def deviation(one: Surface, other: Surface, count: int) -> tuple[float, float]:
     return max(most for most, _ in found), max(rms for _, rms in found)
 
 
-def spread(one: Surface, other: Surface, count: int) -> float:
+def spread(one: Surface, other: Surface, counted: Sequence[np.ndarray], count: int) -> float:
     """Return the root mean square distance of two surfaces, meters.
 
-    It is measured at `count` samples of each surface, to the other. The larger one counts.
+    It is measured at `count` samples of the triangles of each that count, to the other. The larger
+    one is returned.
+
+    counted: of each surface which triangles count, (m,) bool.
     """
-    return max(float(np.sqrt(np.mean(b.distances(a.at(*scattered(a.area, count))) ** 2))) for a, b in ((one, other), (other, one)))
+    found = [0.0]
+    for a, b, some in ((one, other, counted[0]), (other, one, counted[1])):
+        area = a.area * some
+        if area.any():
+            found.append(float(np.sqrt(np.mean(b.distances(a.at(*scattered(area, count))) ** 2))))
+    return max(found)
 
 
 def roughly(one: Surface, other: Surface, count: int) -> float:

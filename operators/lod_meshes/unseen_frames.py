@@ -16,10 +16,12 @@ from .posed_shapes import Posed
 from .posed_surface import Measured, PosedSurface
 from .surface import Merged, Surface
 
-MOMENTS = 240  # frames and sub-frames that are looked at, at most
+MOMENTS = 200  # frames and sub-frames, evenly, that are looked at, at most
+PEAKS = 40  # further ones beside those where LODs are farthest off, about
 EACH = 4  # of a frame, at most
-CELLS = 12  # across the character, of each of which some places are watched
-WORST = 3  # places of a cell, those that deviate most
+CELLS = 14  # across the character, of each of which some places are watched
+LIKELY = 12  # places of a cell that are measured in all poses, those that may deviate most
+WORST = 4  # places of a cell that are watched, those that do
 
 
 @dataclass
@@ -66,17 +68,33 @@ def watch(one: Merged, other: Merged) -> Watched:
     at = np.einsum("wc,wcd->wd", weights, surface.points[surface.triangles[face], 0])
     size = float(np.ptp(at, axis=0).max()) or 1.0
     cell = np.floor(CELLS * (at - at.min(axis=0)) / size).astype(np.intp) @ (1, 100, 10_000)
+    likely = _worst_of(cell, distance, LIKELY)
+
+    face, weights, cell = face[likely], weights[likely], cell[likely]
+    places = np.einsum("wc,wckd->wkd", weights, surface.points[surface.triangles[face]])
+    distance = np.zeros(len(face))
+    nearest = []
+    for pose in range(places.shape[1]):
+        to = other.moving.find(pose, places[:, pose])
+        on = other.moving.on(to, places[:, pose], pose)
+        image = np.einsum("wc,wcd->wd", on, other.moving.points[other.moving.triangles[to], pose])
+        distance = np.maximum(distance, np.linalg.norm(places[:, pose] - image, axis=1))
+        nearest.append(to)
+    worst = _worst_of(cell, distance, WORST)
+    pairs = np.unique([np.tile(np.arange(len(worst)), len(nearest)), np.stack(nearest)[:, worst].ravel()], axis=1)
+    corners = one.source[surface.triangles[face[worst]]]
+    return Watched(corners, weights[worst], pairs[0], other.source[other.moving.triangles[pairs[1]]])
+
+
+def _worst_of(cell: np.ndarray, distance: np.ndarray, count: int) -> np.ndarray:
+    """Return up to `count` places of each cell, those of the greatest distance.
+
+    cell, distance: (w,) of all places.
+    """
     order = np.lexsort((-distance, cell))
     begins = np.flatnonzero(np.diff(cell[order], prepend=-1))
     rank = np.arange(len(order)) - np.repeat(begins, np.diff(begins, append=len(order)))
-    worst = order[rank < WORST]
-
-    face, weights = face[worst], weights[worst]
-    places = np.einsum("wc,wckd->wkd", weights, surface.points[surface.triangles[face]])
-    nearest = [other.moving.find(pose, places[:, pose]) for pose in range(places.shape[1])]
-    pairs = np.unique(np.stack([np.tile(np.arange(len(face)), len(nearest)), np.concatenate(nearest)]), axis=1)
-    corners = one.source[surface.triangles[face]]
-    return Watched(corners, weights, pairs[0], other.source[other.moving.triangles[pairs[1]]])
+    return order[rank < count]
 
 
 def _counted(surface: Moving) -> np.ndarray:
@@ -89,6 +107,17 @@ def moments_between(performance: Performance) -> list[float]:
     counts = np.minimum(EACH * lengths, MOMENTS * lengths / max(lengths.sum(), 1e-9)).round().astype(int)
     spans = zip(performance.spans, counts, strict=True)
     return [begin + (end - begin) * (k + 0.5) / n for (begin, end), n in spans for k in range(n)]
+
+
+def moments_beside(moments: Sequence[float], off: np.ndarray) -> list[float]:
+    """Return moments between those where LODs are farthest off and the ones beside these.
+
+    moments: (k,), ascending; off: (LODs, k) meters.
+    """
+    several = max(1, PEAKS // (4 * len(off)))
+    worst = np.unique(np.argsort(-off, axis=1)[:, :several])
+    beside = [(moments[k], moments[k + step]) for k in worst for step in (-1, 1) if 0 <= k + step < len(moments)]
+    return [one + part * (other - one) for one, other in beside for part in (0.25, 0.5)]
 
 
 def look_at(posed: Posed, moments: Sequence[float], pairs: Sequence[tuple[Watched, Watched]]) -> Generator[float, None, np.ndarray]:

@@ -11,7 +11,7 @@ import bpy
 from ..blender import operator, scene_data
 
 MOST_ROWS = 12  # of a table
-# Name and icon of each LOD's color in lod_meshes.candidates.TINTS.
+# Name and icon of each LOD's color in lod_meshes.level_objects.TINTS.
 LOD_COLORS = (
     ("red", "STRIP_COLOR_01"),
     ("green", "STRIP_COLOR_04"),

@@ -209,7 +209,9 @@ def test_progress_rises_from_0_to_1_with_a_step_for_each_object_and_lod(two):
 
 
 @pytest.mark.parametrize(
-    "value", ["x", 1.0, [1, 2], {}, {"diagonal": "x"}, {"diagonal": 1.0, "vertices": [1.5] * 3}], ids=lambda value: repr(value)[:12]
+    "value",
+    ["x", 0.123, [1, 2], {}, {"diagonal": "x"}, {"diagonal": 1.0, "vertices": [1.5] * 3}],
+    ids=lambda value: repr(value)[:12],
 )
 def test_measures_that_are_spoilt_are_made_anew(two, value):
     _, first = run(two)

@@ -15,6 +15,7 @@ from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.crowd import character_extent, scene_crowd
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.lod_meshes.surface import Surface
+from crowd_lod_extension.operators.lod_meshes.worst_place import InPose
 
 
 def told(scene, folder):
@@ -113,15 +114,31 @@ def test_the_picture_tints_by_the_distance_to_the_source():
     square = np.array([(0, -1, -1), (0, 1, -1), (0, 1, 1), (0, -1, 1)], float)
     faces = np.array([(0, 1, 2), (0, 2, 3)])
     flat, off = Surface(square, faces), Surface(square + (0.25, 0, 0), faces)
-    pixels, most = lod_picture.draw_lods(flat, [flat, off], ["two triangles", "two triangles"], 0.0)
+    nothing = np.zeros(2, bool)
+    views = [InPose(flat, level, nothing, level.points[2]) for level in (flat, off)]
+    pixels, most = lod_picture.draw_lods(views, ["two triangles", "two triangles"], ["hidden", "worst"], 0.0)
     assert most == pytest.approx(0.25, rel=1e-5)
     low = pixels[: len(pixels) // 2, ..., :3].reshape(-1, 3).astype(int)
     for end in lod_picture.RAMP[[0, -1]] * 255:  # the near one all in the ramp's first color, the far one in its last
         shades = np.arange(0.8, 1.001, 0.01)[:, None] * end
         assert (np.abs(low[:, None] - shades[None]).max(axis=2).min(axis=1) <= 3).mean() > 0.1
     before = len(bpy.data.curves), len(bpy.data.objects), len(bpy.data.meshes)
-    lod_picture.draw_lods(flat, [flat], ["again"], 1.0)
+    lod_picture.draw_lods(views[:1], ["again"], ["hidden"], 1.0)
     assert (len(bpy.data.curves), len(bpy.data.objects), len(bpy.data.meshes)) == before
+
+
+def test_the_picture_rings_the_worst_place_and_grays_what_nobody_sees():
+    square = np.array([(0, -1, -1), (0, 1, -1), (0, 1, 1), (0, -1, 1)], float)
+    faces = np.array([(0, 1, 2), (0, 2, 3)])
+    flat, off = Surface(square, faces), Surface(square + (0.25, 0, 0), faces)
+    hidden = np.array([True, False])
+    views = [InPose(flat, level, hidden, level.points[2]) for level in (flat, off)]
+    pixels, _ = lod_picture.draw_lods(views, ["whole", "off"], ["hidden", "worst"], 0.0)
+    low = pixels[: len(pixels) // 2, ..., :3].astype(int)
+    ring = (np.abs(low - np.array(lod_picture.MARK) * 255).max(axis=2) <= 2).nonzero()
+    assert ring[0].mean() > len(low) / 2 and ring[1].mean() > low.shape[1] / 2  # up, in the second cell
+    gray = (np.ptp(low, axis=2) == 0) & (low[..., 0] > 60) & (low[..., 0] < 220)
+    assert gray[:, : low.shape[1] // 2].sum() > 10 * gray[:, low.shape[1] // 2 : -9 * lod_picture.LETTER].sum()
 
 
 @pytest.mark.once

@@ -8,7 +8,8 @@ from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.culling.camera import Window
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, assign, deviations, limits
-from crowd_lod_extension.crowd_lod.levels.selection import BETWEEN, LEAST_SAVED, View, choose, guessed
+from crowd_lod_extension.crowd_lod.levels.lengths import APART, MOST_LENGTHS, allowed_lengths, read_curve
+from crowd_lod_extension.crowd_lod.levels.selection import BETWEEN, LEAST_SAVED, View, choose
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -91,12 +92,28 @@ def test_a_tolerance_that_means_nothing_is_refused():
         choose(LODS, float("nan"), [View(straight(), 2.0, 40.0)])
 
 
-def test_what_is_guessed_goes_through_what_is_known():
-    ratios = (1.0, 0.5, 0.25, 0.125)
-    assert guessed(ratios, {0: 0.0}, 0.01) == pytest.approx([0, 0.02, 0.04, 0.08])  # as 1 / triangles
-    assert guessed(ratios, {0: 0.0, 2: 0.04}, 9.0) == pytest.approx([0, 0.02, 0.04, 0.08])
-    assert guessed(ratios, {0: 0.0, 1: 0.01, 3: 0.09}, 9.0) == pytest.approx([0, 0.01, 0.03, 0.09])
-    assert guessed(ratios, {0: 0.0, 1: np.inf, 2: 0.04}, 9.0)[1:] == pytest.approx([np.inf, 0.04, 0.08])
+def test_a_curve_goes_through_what_is_known():
+    assert read_curve([0.01, 0.02, 0.08], [(0.02, 100)], -1.0) == pytest.approx([200, 100, 25])  # as 1 / length
+    assert read_curve([0.01, 0.02, 0.08], [(0.02, 100), (0.08, 400)], 1.0) == pytest.approx([50, 100, 400])
+    assert read_curve([0.03, 0.18], [(0.01, 900), (0.09, 100)], -1.0) == pytest.approx([300, 50])
+    # a LOD of fewer triangles that deviates less than another stands for it
+    assert read_curve([0.02, 0.04], [(0.01, 300), (0.04, 800)], -1.0) == pytest.approx([300, 300])
+    assert read_curve([0.02], [(0.02, 300), (0.02, 200)], -1.0) == pytest.approx([200])
+
+
+def test_lengths_go_from_what_the_nearest_agent_allows_to_what_the_farthest_does():
+    views = [View(straight(), 6.0, 40.0), View(straight(), 20.0, 50.0)]  # 0.02 m a pixel and meter
+    lengths = allowed_lengths(views, 1.0, 0.2, 1e-4)
+    assert lengths[0] == pytest.approx(0.2 * 5 / 50, rel=1e-3) and lengths[-1] == pytest.approx(0.2 * 49 / 50, rel=1e-3)
+    assert lengths[0] <= 0.2 * 5 / 50 and lengths[-1] <= 0.2 * 49 / 50 and len(lengths) == MOST_LENGTHS
+    near = allowed_lengths([View(straight(), 20.0, 21.0)], 1.0, 0.2, 1e-4)
+    assert len(near) == 1  # farther ones would save next to nothing
+    few = allowed_lengths([View(straight(), 20.0, 21.0 * APART**2)], 1.0, 0.2, 1e-4)
+    assert len(few) == 3
+    assert allowed_lengths(views, 1.0, 0.2, 0.05)[0] == 0.05  # finer ones save nothing
+    assert allowed_lengths([View(straight(), 1.0, 900.0)], 1.0, 9.0, 1e-4)[-1] == 0.25  # a few triangles
+    assert allowed_lengths(views, 1.0, 0.2, 1e-4, higher=True)[-1] == 0.25
+    assert allowed_lengths([View(straight(kind="ORTHO"), 2.0, 40.0)], 1.0, 1.0, 1e-4) == [0.1]
 
 
 def test_a_lod_that_repeats_the_group_s_last_never_begins():

@@ -1,0 +1,117 @@
+"""Objects of a LOD: made from a character's, with what moves and colors them."""
+
+from collections.abc import Generator, Sequence
+
+import bpy
+
+from ..blender import mesh_data
+from ..blender.ownership import OWNED
+from ..blender.rig_dependencies import armatures_of
+from . import attribute_transfer, methods
+from . import source_mesh as sources
+
+# LOD 0 red, 1 green, 2 blue, as in the chapter's figure 1.5; then colors that stay apart for
+# color-blind eyes (Okabe and Ito), and white. Linear RGB.
+TINTS = (
+    (0.80, 0.03, 0.03),
+    (0.04, 0.60, 0.06),
+    (0.05, 0.12, 0.85),
+    (0.78, 0.35, 0.00),
+    (0.09, 0.46, 0.81),
+    (0.87, 0.78, 0.05),
+    (0.60, 0.19, 0.38),
+    (0.85, 0.85, 0.85),
+)
+# Custom properties of objects: the hash of what was made; how, why so, and the milliseconds it took.
+AS_MADE, WAY, WHY, MILLISECONDS = "crowd_lod_as_made", "crowd_lod_method", "crowd_lod_why", "crowd_lod_ms"
+
+
+def hash_made(item: bpy.types.Object) -> str:
+    """Return a hash of everything that the user may edit in a LOD's object.
+
+    The mesh is included only if it was made for this object.
+    """
+    looks = [modifier.type for modifier in item.modifiers], item.data.name_full if WAY not in item else ""
+    if WAY not in item:
+        return repr(looks)
+    item.update_from_editmode()
+    return sources.digest(item.data, looks, item.vertex_groups.keys())
+
+
+def make_object(source: sources.Source, ratio: float, method: str) -> Generator[None, None, tuple[bpy.types.Object, int, int]]:
+    """Make the object of a LOD with about `ratio` of its triangles; return it and its (vertices, triangles).
+
+    method: AUTO, POSE_AWARE or DECIMATE. Yields between its steps. The object is in no collection. One without faces is
+    copied, with the character's data.
+    """
+    item = source.item
+    if source.mesh is None:
+        return share_object(source)
+    made = yield from methods.make(source, ratio, method, item.name)
+    copy = _copy(item) if item.type == "MESH" else _stand_in(item, made.mesh)
+    for modifier in list(copy.modifiers):
+        if modifier.type not in sources.FOLLOWED:
+            copy.modifiers.remove(modifier)
+    copy.data = made.mesh
+    for slot in copy.material_slots:
+        slot.link = "DATA"
+    attribute_transfer.set_weights(copy, source.groups, _rigs(item, source.groups), made.weights)
+    attribute_transfer.set_normals(made.mesh)
+    attribute_transfer.set_keys(copy, source)
+    attribute_transfer.mark_active(made.mesh, source.mesh)
+    copy[WAY], copy[WHY], copy[MILLISECONDS] = made.method, " ".join([made.why, *source.notes]), made.milliseconds
+    return copy, len(made.mesh.vertices), _triangles(made.mesh)
+
+
+def share_object(source: sources.Source) -> tuple[bpy.types.Object, int, int]:
+    """Return a copy of the source's object with the same data, and its (vertices, triangles), modifiers applied."""
+    mesh = source.mesh
+    return _copy(source.item), len(mesh.vertices) if mesh else 0, _triangles(mesh) if mesh else 0
+
+
+def _triangles(mesh: bpy.types.Mesh) -> int:
+    return len(mesh.loops) - 2 * len(mesh.polygons)
+
+
+def discard(items: Sequence[bpy.types.Object]) -> None:
+    """Remove objects of LODs, and the meshes made for them."""
+    meshes = {item.data for item in items if WAY in item}
+    bpy.data.batch_remove([*items, *meshes])
+
+
+def _rigs(item: bpy.types.Object, groups: list[str]) -> list[set[str]]:
+    """Return for each armature of `item` the vertex groups that it deforms.
+
+    Armatures that share the name of a bone are merged.
+    """
+    rigs: list[set[str]] = []
+    for armature in armatures_of([item]):
+        bones = {bone.name for bone in armature.data.bones if bone.use_deform}.intersection(groups)
+        apart = [other for other in rigs if not other & bones]
+        rigs = [*apart, bones.union(*(other for other in rigs if other & bones))]
+    return rigs
+
+
+def _copy(item: bpy.types.Object) -> bpy.types.Object:
+    copy = item.copy()
+    if copy.override_library:
+        copy.make_local()
+    for name in (OWNED, AS_MADE, WAY, WHY, MILLISECONDS):  # of a LOD that became a character
+        copy.pop(name, None)
+    # Blender puts a copy of a rigid body into the simulation
+    for collection in copy.users_collection:
+        collection.objects.unlink(copy)
+    copy.hide_render = copy.hide_viewport = False
+    return copy
+
+
+def _stand_in(item: bpy.types.Object, mesh: bpy.types.Mesh) -> bpy.types.Object:
+    """Return a mesh object in place of `item`, which has no mesh data of its own.
+
+    It copies the transforms of `item` and follows the same armatures.
+    """
+    copy = mesh_data.mesh_like(item, mesh)
+    copy.constraints.new("COPY_TRANSFORMS").target = item
+    for armature in armatures_of([item]):
+        copy.modifiers.new(armature.name, "ARMATURE").object = armature
+    return copy
