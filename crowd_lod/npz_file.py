@@ -50,6 +50,21 @@ def read_arrays(
     )
 
 
+def read_checksums(path: Path) -> dict[str, int]:
+    """Return the checksum of each array of the NPZ file `path` by name, as its directory has them.
+
+    They are of the arrays alone, whenever the file was written. What is no zip file has none.
+
+    OSError if it cannot be opened.
+    """
+    with path.open("rb") as file:
+        try:
+            with zipfile.ZipFile(file) as archive:
+                return {info.filename.removesuffix(".npy"): info.CRC for info in archive.infolist()}
+        except Exception:  # a damaged directory raises whatever it likes
+            return {}
+
+
 def _read_array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> np.ndarray:
     with archive.open(info) as member:
         array = np.lib.format.read_array(member, allow_pickle=False)

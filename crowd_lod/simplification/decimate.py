@@ -7,6 +7,7 @@ distance to the source is least.
 import threading
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -49,15 +50,19 @@ def missing_library() -> str | None:
     return None
 
 
-def decimate(
-    shape: Shape, ratio: float, name: str, seams: np.ndarray | None = None, skin: Skin | None = None, effort: float = 1.0
-) -> LodMesh:
+def decimate(*args: Any, **named: Any) -> LodMesh:
     """The mesh with about `ratio` of its triangles, all at once: see `decimating`."""
-    return finished(decimating(shape, ratio, name, seams, skin, effort))
+    return finished(decimating(*args, **named))
 
 
-def decimating(
-    shape: Shape, ratio: float, name: str, seams: np.ndarray | None = None, skin: Skin | None = None, effort: float = 1.0
+def decimating(  # noqa: PLR0913 - what a mesh is decimated by
+    shape: Shape,
+    ratio: float,
+    name: str,
+    seams: np.ndarray | None = None,
+    skin: Skin | None = None,
+    effort: float = 1.0,
+    weight: np.ndarray | None = None,
 ) -> Generator[None, None, LodMesh]:
     """Make the mesh with about `ratio` of its triangles; yields between its steps.
 
@@ -66,6 +71,7 @@ def decimating(
     seams: (k, 2) indices of points, edges to be kept in place as open borders are, such as UV seams and where materials meet.
     skin: how its points move, if they do: the poses count as much as the rest.
     effort: what part of Settings.moves it may do, as one of a character's meshes.
+    weight: (n,), how much the planes at each point count when edges collapse; 1 each if None.
 
     Returns the LodMesh. Points without a triangle are dropped, open borders at the same points become one. Loose parts are lost
     only where there are not two triangles for each: those that lie nearest to others go first. CrowdError for bad input.
@@ -99,7 +105,10 @@ def decimating(
     whole, held = whole.reshape(-1, 3), held[(held >= 0).all(axis=1)]
     skin = skin and skin.of(used[solid]).scaled(low, size).telling(whole)
     yield
-    best = yield from _best((unit[solid], whole), held, target, skin, effort)
+    # of points that became one the greatest weight counts
+    weights = np.zeros(len(unit))
+    np.maximum.at(weights, joined, 1.0 if weight is None else weight[used])
+    best = yield from _best((unit[solid], whole), held, target, skin, effort, weights[solid])
     if skin:
         source = solid[best.follows]
     else:
@@ -121,11 +130,13 @@ def _check(shape: Shape, ratio: float, name: str) -> None:
         raise CrowdError(f"The mesh {name} has {counted(wrong, 'vertex', 'vertices')} at NaN or infinity.")
 
 
-def _best(shape: Shape, seams: np.ndarray, target: int, skin: Skin | None, effort: float) -> Generator[None, None, Collapsed]:
+def _best(
+    shape: Shape, seams: np.ndarray, target: int, skin: Skin | None, effort: float, weight: np.ndarray
+) -> Generator[None, None, Collapsed]:
     """Collapse edges, then fit the surface; yields between the steps.
 
     shape: points (n, 3), of unit size, and triangles (m, 3); seams: (k, 2); target: triangles wanted; effort: part of
-    Settings.moves. Returns the points left; `follows` tells something with a skin only.
+    Settings.moves; weight: (n,), see decimating(). Returns the points left; `follows` tells something with a skin only.
 
     Work is counted, not timed: the same mesh gives the same LOD. fast-simplification knows no poses, and takes the rings of a
     straight elbow first: it goes less far, in the pose that bends most.
@@ -137,6 +148,8 @@ def _best(shape: Shape, seams: np.ndarray, target: int, skin: Skin | None, effor
     held, border = sides = constrained_edges(triangles, seams, len(points))
     quadrics = quadrics_of(points, triangles, sides, hold)
     pose_quadrics = [quadrics_of(place, triangles, sides, now.seams_posed) for place in (skin.place if skin else ())]
+    for each in (quadrics, *pose_quadrics):
+        each[:10] *= weight  # not the area, by which errors are divided
     spared = now.bulk_posed if skin else now.bulk_seamed if len(seams) else 0
     yield
     most = max(int(now.bulk_margin * target + now.bulk_part * len(triangles)), spared)

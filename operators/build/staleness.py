@@ -15,7 +15,7 @@ from ..blender.provenance import text_digest
 from ..crowd.lights import read_surroundings
 from ..crowd.scene_crowd import policy_of, trajectory_of
 from ..crowd.scene_world import bias_of
-from ..crowd.shot_reference import made_for, reference
+from ..crowd.shot_reference import content_of, made_for
 from .change_detection import cameras_digest, lights_digest
 from .render_setup import BAKED, CAMERAS, LIGHTS
 
@@ -81,7 +81,7 @@ def _now(scene: bpy.types.Scene) -> dict[str, str]:
     known |= {
         "the settings": text_digest(mirrors, *(getattr(settings, name) for name in SETTINGS)),
         "the frame rate": text_digest(render.fps, render.fps_base, render.frame_map_old, render.frame_map_new),
-        "the shot plan": text_digest(reference(settings)[1:]),
+        "the shot plan": content_of(settings),
     }
     if settings.build is not None and BAKED in settings.build:
         known["the frame range"] = text_digest(scene.frame_start, scene.frame_end, scene.frame_step)

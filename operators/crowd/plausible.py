@@ -25,7 +25,6 @@ MARGIN = 1.5  # of the largest sphere's radius, where a sphere is not known to h
 MOST_LOOKED_AT = 200  # that are looked at in the scene, of a crowd
 MOST_STEPS = 1_000_000  # of tracks that are judged
 TIMES = 3  # at which agents of a file are looked at
-LONG = 1000  # frames: rigs of a longer motion capture may be too far off, and poses take their place
 
 
 def told_of_plausibility(
@@ -166,20 +165,13 @@ def _places(part: Trajectory) -> np.ndarray:
 
 
 def _poses(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
-    """Yield sentences on groups that builds show, or may show, as poses that stand long."""
+    """Yield sentences on groups that builds show as poses that stand long."""
     fps = scene.render.fps / scene.render.fps_base
     reasons = [refusal(objects) for _, objects, _ in characters_of(scene)]
     cycles = np.array([max(group.period, *(action.period for action in group.actions), 0.0) for group in groups])
-    posed = np.array([bool(reason) for reason in reasons]) | (cycles * fps > LONG)
+    posed = np.array([bool(reason) for reason in reasons])
     found = judge.check_poses(np.where(posed, cycles / POSES, 0.0))
     for g in found.which if found is not None else ():
-        if groups[g].variant_of:
-            continue
-        stands = stands_for(cycles[g] * fps, fps)
-        if reasons[g]:
+        if not groups[g].variant_of:
+            stands = stands_for(cycles[g] * fps, fps)
             yield f"{groups[g].name} is built as {POSES} still poses, {stands}: {reasons[g]}. Take that out, or shorten the action."
-        else:
-            yield (
-                f"The action of {groups[g].name} has {cycles[g] * fps:,.0f} frames: where rigs cannot follow it, it is built as {POSES} "
-                f"still poses, {stands}. Cut the part that is needed."
-            )

@@ -15,6 +15,7 @@ from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import printable
 from ...crowd_lod.levels.assignment import Bias, LevelPolicy
+from ...crowd_lod.npz_file import read_checksums
 from ...crowd_lod.planning.exceptions import Exemption, alone
 from ...crowd_lod.planning.frame import Frame
 from ...crowd_lod.planning.frame_range import shot_frames
@@ -24,15 +25,17 @@ from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import scene_cache, scene_data
 from ..blender.cameras import cameras_at
 from ..blender.output_folders import full_path
-from ..blender.provenance import differences, named
+from ..blender.provenance import differences, named, text_digest
 from . import hand_edits
 from .cast_provenance import cast_inputs
 from .shot_exceptions import digest_of, numbered_of
 
 # Plans by path, time of change and size.
 _stored: dict[tuple, StoredPlan] = scene_cache.kept({})
+_contents: dict[tuple, str] = scene_cache.kept({})  # digests of plans, by the same
 _crowds: WeakKeyDictionary[Trajectory, dict[str, str]] = WeakKeyDictionary()
 CAMERA = "the camera"
+ABOUT = "version", "blend_file", "made_for"  # arrays of a plan's file that say nothing of its LODs
 
 
 @dataclass(frozen=True)
@@ -70,6 +73,21 @@ def reference(settings) -> tuple:
     except OSError:
         return (path,)
     return path, about.st_mtime_ns, about.st_size
+
+
+def content_of(settings) -> str:
+    """Return a digest of the plan's LODs and cameras; "" without a file.
+
+    A plan that was copied, or made again with the same result, is the same.
+    """
+    key = reference(settings)
+    if len(key) < 2:
+        return ""
+    if key not in _contents:
+        sums = read_checksums(key[0])
+        _contents.clear()
+        _contents[key] = text_digest(*sorted((name, sums[name]) for name in sums if name not in ABOUT))
+    return _contents[key]
 
 
 def stored_plan(settings) -> StoredPlan | None:

@@ -26,7 +26,7 @@ from ..crowd.character_extent import displaced
 from ..crowd.scene_world import actions_named
 from . import source_mesh as sources
 from .deviation import Measure, compare, poses
-from .level_objects import AS_MADE, WAY, discard, hash_made, make_object, share_object
+from .level_objects import AS_MADE, WAY, WHY, discard, hash_made, make_object, share_object
 from .pose_deformation import skin_of
 from .search import Search
 
@@ -204,6 +204,10 @@ class Ladder:
             self.search = Search(self.sources, self.method, make_object, self.by)
         whole = self._value(0.0, "triangles")
         tries, measured = yield from self.search.find(length, self._guess_triangles([length], OFTEN_LOST)[0] / whole)
+        for attempt in tries:
+            if WHY in attempt.item and attempt.ratio < 1.0:
+                name = "Pose-Aware" if attempt.method == "POSE_AWARE" else "Decimate Modifier"
+                attempt.item[WHY] = f"{name}: the fewest triangles of those tried that deviate no more than agents allow."
         self._keep(length, [attempt.item for attempt in tries])
         self._note(length, (sum(attempt.vertices for attempt in tries), sum(attempt.triangles for attempt in tries)), measured)
 

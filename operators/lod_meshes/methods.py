@@ -155,7 +155,7 @@ def _fast(source: Source, ratio: float, name: str, why: str) -> Generator[None, 
     Yields between its steps and returns the Made.
     """
     start = clock.perf_counter()
-    about = charts_of(source).seams, source.telling, source.share
+    about = charts_of(source).seams, source.telling, source.share, source.weight
     result = yield from decimating(source.geometry[:2], ratio, source.item.name, *about)
     spent = clock.perf_counter() - start
     yield

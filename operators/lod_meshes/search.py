@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import bpy
+import numpy as np
 
 from ...crowd_lod.levels.lengths import NEAR_ENOUGH, read_curve
 from ...crowd_lod.progress import share, standing
@@ -17,16 +18,20 @@ from .level_objects import discard
 from .methods import LEAST
 from .source_mesh import Source
 
-ROUNDS = 4  # tries of a length, at most, before the whole is measured
-MOST_MEASURED = 3  # times that the whole is measured, at most
+ROUNDS = 5  # tries of a length, at most, before the whole is measured
+REFINED = 2  # times that the whole is measured, once something fits
+MOST_MEASURED = 4  # the same at most
 AIMED = 0.97  # of a length that is aimed at
 STEP = 1.08  # times the triangles, that a try must differ by from those before
 MOST_STEP = 6.0  # times the triangles, that it may differ by
 USUAL = 1.15  # times the deviation as estimated, that a bound is
-OVERLOOKED = 1.3  # times the deviation as estimated, from which on a measured one is that of a place not looked at
+OVERLOOKED = 1.3  # times the bound that is usual, from which on it is that of a place that the estimate did not look at
 WIDE = 2.0  # times the triangles, within which a method does about as well against the other; and that a step is at most
 WORSE = 1.3  # times the triangles, from which on a method is not tried
 BETTER = 1.1  # times the triangles that Pose-Aware may take, which keeps UV seams
+# A try up to SPOTTED times as far off as it should be, at FEW_SPOTS of its vertices, is made AGAIN so often with as many
+# triangles, and these vertices count HEAVIER each time.
+SPOTTED, FEW_SPOTS, AGAIN, HEAVIER = 1.4, 0.01, 2, 4.0
 METHODS = "POSE_AWARE", "DECIMATE"
 
 Figures = tuple[float, float, float, float]  # see Measure.level
@@ -38,6 +43,7 @@ class Try:
     """An object of a LOD that was made.
 
     item: it; vertices, triangles: how many it has; method, ratio: how it was made; deviation: meters, as estimated.
+    spots: (n,) bool, the source's vertices where it is farther off than it should.
     """
 
     item: bpy.types.Object
@@ -46,6 +52,7 @@ class Try:
     method: str
     ratio: float
     deviation: float = 0.0
+    spots: np.ndarray | None = None
 
 
 @dataclass
@@ -53,11 +60,13 @@ class Curve:
     """What is known of an object's LODs.
 
     source: the object's; known: each method's tries; tries: of this length, whose objects are still there.
+    evaluated: (n,) which vertex of the evaluated object each of the source's is; None before that is asked for.
     """
 
     source: Source
     known: dict[str, list[Try]] = field(default_factory=lambda: {method: [] for method in METHODS})
     tries: list[Try] = field(default_factory=list)
+    evaluated: np.ndarray | None = None
 
     @property
     def count(self) -> int:
@@ -80,12 +89,28 @@ class Curve:
             return min(self.tries, key=lambda attempt: attempt.deviation)
         return min(fitting, key=lambda attempt: attempt.triangles * (BETTER if attempt.method == "DECIMATE" else 1.0))
 
+    def weigh_spots(self, length: float) -> Try | None:
+        """Let the places count more where the last try is too far off, if they are few, and return that try; else None."""
+        last = self.tries[-1]
+        if last.method != "POSE_AWARE" or not length < last.deviation < SPOTTED * length or last.spots is None:
+            return None
+        if not 0 < last.spots.mean() < FEW_SPOTS or sum(attempt.ratio == last.ratio for attempt in self.tries) > AGAIN:
+            return None
+        triangles = self.source.geometry[1]
+        around = np.unique(triangles[last.spots[triangles].any(axis=1)])
+        weight = np.ones(len(last.spots)) if self.source.weight is None else self.source.weight.copy()
+        weight[around] *= HEAVIER
+        self.source.weight = weight
+        return last
+
     def next_tries(self, methods: Sequence[str], length: float, about: float) -> list[tuple[str, float]]:
         """Return (method, ratio) of what to try next; [] if the best try will do."""
         if not self.count:
             return [] if self.tries else [(methods[0], 1.0)]
         if self.tries and NEAR_ENOUGH * length <= self.best(length).deviation <= length:
             return []
+        if self.tries and (spotted := self.weigh_spots(length)):
+            return [(spotted.method, spotted.ratio)]
         ratios = {method: self.ratio_for(method, length, about) for method in methods}
         least = min(ratios.values())
         unknown = [method for method in methods if not self._known_near(method, ratios[method])]
@@ -138,15 +163,16 @@ class Search:
             bound, deviation = measured[1], max(attempt.deviation for attempt in objects)
             fits = bound <= length
             found.append((not fits, sum(attempt.triangles for attempt in objects) if fits else bound, objects, measured))
-            if measured[0] > OVERLOOKED * deviation:
-                worst = max(objects, key=lambda attempt: attempt.deviation)
-                worst.deviation = deviation = measured[0]
-            if bound > 0:
+            if 0 < bound < OVERLOOKED * self.times * deviation:
                 self.times = (self.times * bound / deviation) ** 0.5
-            if NEAR_ENOUGH * length <= bound <= length:
+            # what was measured counts from now on, not what was estimated
+            worst = max(objects, key=lambda attempt: attempt.deviation)
+            worst.deviation = bound / self.times
+            if NEAR_ENOUGH * length <= bound <= length or (k + 1 >= REFINED and any(not misses for misses, *_ in found)):
                 break
         _, _, objects, measured = min(found, key=lambda each: each[:2])
         for curve in self.curves:
+            curve.source.weight = None
             discard([attempt.item for attempt in curve.tries if attempt not in objects])
             curve.tries = []
         return objects, measured
@@ -160,13 +186,24 @@ class Search:
                 made = yield from self._try([tries[number : number + 1] for tries in wanted], k / ROUNDS)
                 objects = [own[0] if own else curve.best(length) for own, curve in zip(made, self.curves, strict=True)]
                 yield from standing(self.by.read(), k / ROUNDS)
-                estimate = self.by.estimate([attempt.item for attempt in objects])
-                for own, curve, deviation in zip(made, self.curves, estimate.deviations, strict=True):
+                estimate = self.by.estimate([attempt.item for attempt in objects], length)
+                for index, (own, curve) in enumerate(zip(made, self.curves, strict=True)):
                     for attempt in own:
-                        attempt.deviation = deviation
+                        attempt.deviation = estimate.deviations[index]
+                        attempt.spots = self._on_source(index, estimate.spots[index])
                         curve.known[attempt.method].append(attempt)
             if not any(wanted):
                 return
+
+    def _on_source(self, number: int, spots: np.ndarray) -> np.ndarray | None:
+        """Return which vertices of the object's source are among the `spots` of the object as evaluated, (n,) bool."""
+        curve = self.curves[number]
+        if not curve.count:
+            return None
+        if curve.evaluated is None:
+            source = curve.source
+            curve.evaluated = self.by.vertices_at(number, source.skin.place[0] if source.skin else source.geometry[0])
+        return np.isin(curve.evaluated, spots)
 
     def _try(self, wanted: list[list[tuple[str, float]]], progress: float) -> Generator[float, None, list[list[Try]]]:
         """Make the objects `wanted`, one or none of each source; yields `progress`."""

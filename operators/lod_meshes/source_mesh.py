@@ -57,6 +57,7 @@ class Source:
     body: (Body, Looks) for the shaded pictures, made by shaded_pictures.similarity; None before.
     skin: how its points move in the poses (see pose_deformation.skin_of); None if they do not.
     share: its part of the character's triangles, from 0 to 1.
+    weight: (n,) how much each vertex counts in decimation, see simplification.decimate; None: all alike.
     """
 
     item: bpy.types.Object
@@ -70,6 +71,7 @@ class Source:
     body: object = None
     skin: Skin | None = None
     share: float = 1.0
+    weight: np.ndarray | None = None
 
     @cached_property
     def geometry(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

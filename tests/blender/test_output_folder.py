@@ -1,5 +1,6 @@
 """One folder of output for each file: where it is, what moves when the file is saved, and its index."""
 
+import os
 import shutil
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.reporting.output_index import Entry, add_to_index, read_index
 from crowd_lod_extension.operators.batch.open_report import report_path
 from crowd_lod_extension.operators.blender.output_folders import full_path, output_folder
+from crowd_lod_extension.operators.build import staleness
 from crowd_lod_extension.operators.crowd.scene_crowd import frame_of
 
 from ..support.pages import Reader
@@ -188,3 +190,18 @@ def test_the_index_tells_what_was_made_when_and_for_which_file(tmp_path):
     shutil.rmtree(folder / "plan")
     add_to_index(folder, Entry("preview", "Preview", "2026-01-04 10:00:00 UTC", "", "S"))
     assert len(read_index(folder)) == 1
+
+
+def test_a_plan_that_is_copied_or_made_again_alike_leaves_the_build_as_it_is(scene, tmp_path, monkeypatch):
+    monkeypatch.setattr(staleness, "LOOK", 0.0)
+    settings = small(scene)
+    save(tmp_path / "people.blend")
+    path = plan(scene)
+    bpy.ops.crowd_lod.build()
+    os.utime(path, (1, 1))
+    assert staleness.changed(scene) == []
+    plan(scene)
+    assert staleness.changed(scene) == []
+    settings.frames = "1:2"
+    plan(scene)
+    assert "the shot plan" in staleness.changed(scene)

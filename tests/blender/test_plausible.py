@@ -173,3 +173,11 @@ def test_poses_that_stand_are_told_in_frames_and_seconds(scene):
         "someone is built as 32 still poses, each of which stands for 86 frames (3.44 s) of its action: the shape keys" in trouble
     )
     assert np.isclose(2752 / 32 / 25, 3.44)
+
+
+def test_a_long_action_that_rigs_may_follow_is_no_trouble(scene):
+    body = bpy.data.objects["body"]
+    for frame in (1, 2753):
+        body.rotation_euler.z = frame / 2753
+        body.keyframe_insert("rotation_euler", frame=frame)
+    assert told(scene) == ""
