@@ -22,7 +22,7 @@ EACH = 4  # of a frame, at most
 CELLS = 20  # across the character, of each of which some places are watched
 # part of a bound, beyond which a watched place has the whole LOD looked at, for what lies between
 # places; and how often a LOD is, at most, where no place exceeds the bound
-NEARLY, LOOKS = 0.85, 5
+NEAR_BOUND, WHOLE_LOOKS = 0.85, 5
 LIKELY = 12  # places of a cell that are measured in all poses, those that may deviate most
 WORST = 4  # places of a cell that are watched, those that do
 
@@ -157,7 +157,7 @@ def exceeded(
         return row
     deviation, bound, rms, worst = row
     ways = zip(pair, points, points[::-1], (other, one), strict=True)
-    if not any(_exceeds(watched, *two, surface, NEARLY * bound) for watched, *two, surface in ways):
+    if not any(_exceeds(watched, *two, surface, NEAR_BOUND * bound) for watched, *two, surface in ways):
         return row
     found = interval(one.moving, other.moving, bound)
     if found.measured > deviation:
