@@ -204,10 +204,11 @@ class Ladder:
             self.search = Search(self.sources, self.method, make_object, self.by)
         whole = self._value(0.0, "triangles")
         tries, measured = yield from self.search.find(length, self._guess_triangles([length], OFTEN_LOST)[0] / whole)
-        for attempt in tries:
+        for attempt, source in zip(tries, self.sources, strict=True):
             if WHY in attempt.item and attempt.ratio < 1.0:
                 name = "Pose-Aware" if attempt.method == "POSE_AWARE" else "Decimate Modifier"
-                attempt.item[WHY] = f"{name}: the fewest triangles of those tried that deviate no more than agents allow."
+                reason = f"{name}: the fewest triangles of those tried that deviate no more than agents allow."
+                attempt.item[WHY] = " ".join([reason, *source.notes])
         self._keep(length, [attempt.item for attempt in tries])
         self._note(length, (sum(attempt.vertices for attempt in tries), sum(attempt.triangles for attempt in tries)), measured)
 
