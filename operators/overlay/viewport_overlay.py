@@ -255,7 +255,7 @@ def _shown_now(context, before: Shown | None) -> Shown:
         key, shutter = ((), ()) if own is not None or live(settings) else _open_shutter(scene, time, eyes)
         frame_inputs = own, time, policy, *map(_values, eyes), key if shutter else ()
         style, characters, notes = style_of(scene, policy.count)
-        notes += missing_groups(settings)
+        notes = missing_groups(settings) or notes  # LODs are made for the names that Populate gives
         frame_inputs += style, notes, settings.overlay_color, round(settings.overlay_fade, 6), reference(settings)
         frame_inputs += drawn_inputs(settings)
         known = before.frame if before is not None and before.crowd_inputs == crowd_inputs else None

@@ -95,6 +95,7 @@ def plan_arrays() -> dict:
         "times": np.array([1.0, 2.0]),
         "cameras": np.zeros((2, 1, plan_file.CAMERA_SIZE)),
         "made_for": np.array([("the crowd", "12")]),
+        "blend_file": np.array("a.blend"),
         "tolerance": np.array(1.5),
         "levels_1": np.zeros(5, np.uint8),
         "levels_2": np.zeros(5, np.uint8),

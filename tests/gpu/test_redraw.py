@@ -24,6 +24,13 @@ def test_a_group_that_is_gone_is_named_until_the_crowd_is_populated_again(scene)
     assert shown(scene).notes == ()
 
 
+def test_populate_is_named_before_lod_meshes(scene):
+    scene.crowd_lod.overlay_mode = "MESHES"
+    assert "Press Make LOD Meshes" in shown(scene).notes[0]
+    scene.crowd_lod.characters.objects["two"].name = "three"
+    assert shown(scene).notes == missing_groups(scene.crowd_lod) != ()
+
+
 def test_an_edit_of_the_state_machine_shows_in_the_next_drawing(scene):
     settings = scene.crowd_lod
     with bpy.context.temp_override(scene=scene):
