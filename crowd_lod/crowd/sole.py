@@ -48,7 +48,7 @@ def sole_of(points: np.ndarray, triangles: np.ndarray) -> float:
     # importers split the vertices of flat faces: what touches is one part
     _, corner = np.unique(corners[low].reshape(-1, 3), axis=0, return_inverse=True)
     corner = corner.reshape(-1, 3)
-    part = connected_components(corner.max() + 1, corner)[corner[:, 0]]
+    part = connected_components(int(corner.max()) + 1, corner)[corner[:, 0]]
     carries = np.where(slab[low] >= wide[0], np.maximum(-normal[low, 2], 0), 0)
     borne = np.bincount(part, carries)
     # a foot that rolls has its sole upright in part, and reaches below what faces down
