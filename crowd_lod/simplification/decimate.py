@@ -7,6 +7,7 @@ distance to the source is least.
 import threading
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -49,11 +50,9 @@ def missing_library() -> str | None:
     return None
 
 
-def decimate(
-    shape: Shape, ratio: float, name: str, seams: np.ndarray | None = None, skin: Skin | None = None, effort: float = 1.0
-) -> LodMesh:
+def decimate(*args: Any, **named: Any) -> LodMesh:
     """The mesh with about `ratio` of its triangles, all at once: see `decimating`."""
-    return finished(decimating(shape, ratio, name, seams, skin, effort))
+    return finished(decimating(*args, **named))
 
 
 def decimating(  # noqa: PLR0913 - what a mesh is decimated by

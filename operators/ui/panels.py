@@ -11,7 +11,9 @@ import bpy
 from ... import sample_scenes
 from ...crowd_lod.behavior.walk import walks_of
 from ...crowd_lod.format import counted
+from ...crowd_lod.levels.cost_model import NAMES
 from ..blender.props import PROP
+from ..blender.scene_data import engine_of
 from ..crowd.prop_button import props_in
 from ..lod_meshes.made_for import changed, edited, forecast
 from ..overlay import viewport_overlay
@@ -186,9 +188,10 @@ class CROWDLOD_PT_levels(Step, bpy.types.Panel):
         if since:
             said = f"Changed: {', '.join(since)}"
         label(layout, shorten(said, line, placeholder="..."), "FILE_REFRESH" if since else "INFO")
-        counts = [f"{group.name} {len(set(group.triangles) - {0})}" for group in settings.groups]
-        told = f"LODs: {', '.join(counts)}" if settings.levels is not None and counts else ""
-        label(layout, shorten(change.short if change else told, line, placeholder="..."), "BLANK1")
+        label(layout, shorten(change.short if change else "", line, placeholder="..."), "BLANK1")
+        without = f"no LOD pays in {NAMES[engine_of(context.scene)]}" if settings.choice == "BY_TOLERANCE" else "no LODs"
+        for group in settings.groups[: MOST_ROWS if settings.levels is not None else 0]:
+            label(layout, shorten(_lods_of(group, without), line, placeholder="..."), "MESH_DATA")
 
     def ratios(self, context, layout, settings) -> None:
         """Draw, for each LOD, the settings of what it keeps and where it begins."""
@@ -209,6 +212,14 @@ class CROWDLOD_PT_levels(Step, bpy.types.Panel):
             else:
                 row.prop(settings, "thresholds", index=level - 1, text="")
                 label(row, length(context, far * settings.thresholds[level - 1]) if far else "?")
+
+
+def _lods_of(group, without: str) -> str:
+    """Return in a line which LODs a group has, with their triangles; if none, the words `without`."""
+    counts = [*dict.fromkeys(count for count in group.triangles if count)][1:]
+    if not counts:
+        return f"{group.name}: full mesh, {without}"
+    return f"{group.name}: {counted(len(counts), 'LOD')}: {', '.join(f'{count:,}' for count in counts)} triangles"
 
 
 class CROWDLOD_PT_own_thresholds(Step, bpy.types.Panel):

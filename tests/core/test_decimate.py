@@ -45,6 +45,16 @@ def test_ratio_1_is_the_mesh_itself_without_loose_points():
     assert (lod.source == np.arange(1, len(points))).all()
 
 
+def test_places_that_weigh_more_keep_more_triangles():
+    points, triangles = torus()
+    spot = points[:, 0] > 1.2
+    counts = []
+    for weight in (None, np.where(spot, 64.0, 1.0)):
+        lod = decimate((points, triangles), 0.12, "torus", weight=weight)
+        counts.append((lod.points[lod.triangles][:, :, 0].mean(axis=1) > 1.2).sum() / len(lod.triangles))
+    assert counts[1] > 1.2 * counts[0]
+
+
 def test_one_triangle_survives_any_ratio():
     lod = decimate((np.eye(3), np.array([[0, 1, 2]])), 0.001, "card")
     assert len(lod.triangles) == 1
