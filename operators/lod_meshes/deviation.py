@@ -23,10 +23,11 @@ from .posed_shapes import Posed, read_shapes, surface_of
 from .posed_surface import Measured, PosedSurface, compare_surfaces, parts_of
 from .shaded_pictures import bodies_of, within
 from .surface import merge
-from .unseen_frames import exceeded, look_at, moments_beside, moments_between, watch
+from .unseen_frames import NEAR_BOUND, WHOLE_LOOKS, exceeded, look_at, moments_beside, moments_between, watch
 
 SOLID = ("MESH", "CURVE", "SURFACE", "META", "FONT")  # types of objects that have faces
 BELOW = 5e-5  # of the size: no frame exceeds a bound by less
+ALIKE_WITHIN = 3.0  # frames, within which a LOD is looked at as a whole once
 ESTIMATED_IN = 4  # poses that an estimate looks at
 
 
@@ -172,12 +173,17 @@ class Measure:
             closer = yield from share(look_at(posed, beside, pairs), 0.8, 0.9)
             moments, off = [*moments, *beside], np.concatenate([off, closer], axis=1)
             for k, lod, own, pair in zip(some, lods, off, pairs, strict=True):
-                while own.max() > found[k][1] + BELOW * self.diagonal:
+                looks = 0
+                while own.max() > found[k][1] * (NEAR_BOUND if looks < WHOLE_LOOKS else 1.0) + BELOW * self.diagonal:
                     moment = moments[int(own.argmax())]
                     points = posed.points(moment)
                     posed.performance.rest()
                     found[k] = exceeded(found[k], (self.character, lod), (points[0], points[1 + some.index(k)]), pair, moment)
+                    # what is as near in time is alike, unless it exceeds even the new bound
+                    alike = np.abs(np.subtract(moments, moment)) < ALIKE_WITHIN
+                    own[alike & (own <= found[k][1])] = 0.0
                     own[own.argmax()] = 0.0
+                    looks += 1
                     yield 0.9
         return found
 

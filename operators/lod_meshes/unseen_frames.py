@@ -19,7 +19,10 @@ from .surface import Merged, Surface
 MOMENTS = 200  # frames and sub-frames, evenly, that are looked at, at most
 PEAKS = 40  # further ones beside those where LODs are farthest off, about
 EACH = 4  # of a frame, at most
-CELLS = 14  # across the character, of each of which some places are watched
+CELLS = 20  # across the character, of each of which some places are watched
+# part of a bound, beyond which a watched place has the whole LOD looked at, for what lies between
+# places; and how often a LOD is, at most, where no place exceeds the bound
+NEAR_BOUND, WHOLE_LOOKS = 0.85, 5
 LIKELY = 12  # places of a cell that are measured in all poses, those that may deviate most
 WORST = 4  # places of a cell that are watched, those that do
 
@@ -154,11 +157,11 @@ def exceeded(
         return row
     deviation, bound, rms, worst = row
     ways = zip(pair, points, points[::-1], (other, one), strict=True)
-    if not any(_exceeds(watched, *two, surface, bound) for watched, *two, surface in ways):
+    if not any(_exceeds(watched, *two, surface, NEAR_BOUND * bound) for watched, *two, surface in ways):
         return row
     found = interval(one.moving, other.moving, bound)
     if found.measured > deviation:
-        deviation, worst = found.measured, moment
+        deviation, worst = found.measured, float(moment)
     return deviation, max(bound, found.bound), rms, worst
 
 

@@ -104,7 +104,7 @@ def plan_arrays() -> dict:
 
 @pytest.mark.parametrize("name", plan_file.FORM)
 @pytest.mark.parametrize(
-    "value", (np.array("x"), np.zeros((2, 3)), np.array([2, 1]), np.array([np.nan, 1.0]), np.zeros(0), np.array([b"a", b"b"]))
+    "value", (np.array(b"x"), np.zeros((2, 3)), np.array([2, 1]), np.array([np.nan, 1.0]), np.zeros(0), np.array([b"a", b"b"]))
 )
 def test_a_plan_with_another_array_is_told_by_its_name(tmp_path, name, value):
     path = tmp_path / "plan.npz"
