@@ -33,7 +33,6 @@ img { max-width: 100%; height: auto; border-radius: .5rem; display: block; margi
 .scroll { overflow-x: auto } table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums }
 th, td { padding: .32rem .7rem; text-align: right; white-space: nowrap; border-bottom: 1px solid var(--line) }
 th { color: var(--dim); font-weight: 600; font-size: .82rem } th:first-child, td:first-child { text-align: left }
-td:last-child.words { white-space: normal; text-align: left }
 .dot { display: inline-block; width: .7em; height: .7em; border-radius: 50%; margin-right: .45em }
 ul { color: var(--dim) } footer { margin-top: 3rem; color: var(--dim); font-size: .85rem }
 """

@@ -68,7 +68,8 @@ def index_page(folder: Path, entries: Sequence[Entry]) -> str:
         if (folder / entry.part).is_dir()
     ]
     title = escape(folder.name)
-    return document(title, STYLE, [f"<h1>{title}</h1><p>What Crowd LOD has made, the newest first.</p>", table_of(head, rows)])
+    style = STYLE + "th, td { text-align: left } td:last-child { white-space: normal }\n"
+    return document(title, style, [f"<h1>{title}</h1><p>What Crowd LOD has made, the newest first.</p>", table_of(head, rows)])
 
 
 def _links(folder: Path, part: str) -> str:
