@@ -37,8 +37,8 @@ class CROWDLOD_PT_main(Sidebar, bpy.types.Panel):
         row.popover("CROWDLOD_PT_statistics", text=_line(scene), translate=False)
         (sentence, icon), *others = steps.messages(scene)
         warnings = sum(other == "ERROR" for _, other in others)
-        more = f" ({counted(warnings, 'warning')})" if warnings else ""
-        # Blender would leave out the middle; the popover has all of it
+        # A sentence in red needs the room. Blender would cut its middle; the popover has all of it.
+        more = f" ({counted(warnings, 'warning')})" if warnings and icon != "ERROR" else ""
         sentence = shorten(sentence, max(20, letters_of(context) - len(more)), placeholder="...") + more
         row = column.row(align=True)
         row.alert = icon == "ERROR"
