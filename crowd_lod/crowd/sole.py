@@ -2,10 +2,12 @@
 
 import numpy as np
 
+from ..connected_components import connected_components
+
 PLANTED = 1 / 3  # of the poses of an action: in as many a foot may dip below the ground, as where it pushes off
 SLAB = 0.02  # of the height: soles are looked for in layers so thick
 BEARING = 0.002  # of the height squared: an area that faces down so wide carries the character
-EDGE = 0.1  # of the area that carries: so much of it may lie below the soles' height
+EDGE = 0.1  # of the area that carries: a part with less of it does not stand
 HANGS = 0.03  # of the surface: what hangs below the soles, such as a sword in the hand, is no more
 
 
@@ -42,7 +44,13 @@ def sole_of(points: np.ndarray, triangles: np.ndarray) -> float:
         return lowest
     if wide[0] == 0:
         return lowest
-    (bears,) = np.nonzero((slab >= wide[0]) & (slab <= wide[0] + 1) & (normal[:, 2] < 0))
-    bears = bears[np.argsort(middle[bears])]
-    borne = np.cumsum(-normal[bears, 2])
-    return float(middle[bears[np.searchsorted(borne, EDGE * borne[-1])]])
+    (low,) = np.nonzero(slab <= wide[0] + 1)
+    # importers split the vertices of flat faces: what touches is one part
+    _, corner = np.unique(corners[low].reshape(-1, 3), axis=0, return_inverse=True)
+    corner = corner.reshape(-1, 3)
+    part = connected_components(int(corner.max()) + 1, corner)[corner[:, 0]]
+    carries = np.where(slab[low] >= wide[0], np.maximum(-normal[low, 2], 0), 0)
+    borne = np.bincount(part, carries)
+    # a foot that rolls has its sole upright in part, and reaches below what faces down
+    stands = low[borne[part] > EDGE * borne.sum()]
+    return float(corners[stands, :, 2].min())

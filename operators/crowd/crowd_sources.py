@@ -27,6 +27,7 @@ from . import hand_edits, start_source, terrain_source, tracks_source
 from .characters import props_outdated
 from .points_source import points_of_crowd
 from .scene_world import area_of, heights_of, machine_of, names_in, world_of
+from .take_action import action_outdated
 
 # Trajectories by the digest of all they depend on.
 _trajectories: dict[bytes, Trajectory] = scene_cache.kept({})
@@ -110,9 +111,9 @@ def notes(crowds: Sequence, trajectory: Trajectory) -> Iterator[str]:
 
 
 def outdated(scene: bpy.types.Scene) -> list[str]:
-    """Return sentences on what Populate would now read otherwise: places, terrain, props.
+    """Return sentences on what Populate would now read otherwise: places, terrain, props, actions.
 
-    There is one for each crowd, and one on props; none before the first Populate.
+    There is one for each crowd, one on props and one on actions; none before the first Populate.
 
     The sidebar asks whenever it is drawn: while the settings stay, the answer may be a second old.
     """
@@ -122,7 +123,7 @@ def outdated(scene: bpy.types.Scene) -> list[str]:
     looked, before, found = _outdated.get(scene.session_uid, (-LOOK, (), []))
     if now >= looked + LOOK or inputs != before:
         found = [note for crowd in crowds_of(scene.crowd_lod) for ask in ASKED for note in ask(crowd)]
-        found += props_outdated(scene)
+        found += [*props_outdated(scene), *action_outdated(scene)]
         _outdated[scene.session_uid] = now, inputs, found
     return found
 

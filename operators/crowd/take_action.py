@@ -90,6 +90,12 @@ def told_of_gliding(scene: bpy.types.Scene) -> Iterator[str]:
     yield f"{names} {verb} a rig that plays no action, and would glide in its bind pose: {way}."
 
 
+def action_outdated(scene: bpy.types.Scene) -> list[str]:
+    """Return a sentence if characters that Populate found without an action have one now."""
+    told_before = TAKE_ACTION in scene.crowd_lod.trouble
+    return ["The characters have an action now: press Populate."] if told_before and not gliding(scene) else []
+
+
 def best(rig: bpy.types.Object, turned: list[str]) -> Fit | None:
     """Return the action of the file that fits the `rig` best, walks first; None if there is none.
 

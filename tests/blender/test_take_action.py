@@ -3,6 +3,7 @@
 import bpy
 import numpy as np
 import pytest
+from crowd_lod_extension.operators.crowd.crowd_sources import outdated
 from crowd_lod_extension.operators.crowd.scene_crowd import groups_of
 
 from ..support.characters import character, new, rig, skin, tube
@@ -43,6 +44,7 @@ def test_a_character_without_an_action_is_told_with_the_way_out(skinned):
     assert "press Take Action, which gives it motion walk" in settings.trouble
     assert bpy.ops.crowd_lod.take_action() == {"FINISHED"}
     assert skinned.animation_data.action == bpy.data.actions["motion walk"]
+    assert outdated(bpy.context.scene) == ["The characters have an action now: press Populate."]
     bpy.ops.crowd_lod.populate()
     assert "glide" not in settings.trouble
     assert groups_of(settings)[0].period == pytest.approx(9 / 24)

@@ -42,6 +42,12 @@ def test_a_sword_in_the_hand_lifts_nobody(size, below):
     assert sole_of(size * points, triangles) == pytest.approx(0, abs=1e-9 * size)
 
 
+def test_who_stands_on_the_tip_of_a_toe_is_not_lowered_to_the_heels():
+    heels = [((x, y, 0.15), high) for (x, y, _), high in LEGS]
+    toe = ((-0.05, 0.1, 0), (0, 0.12, 0.15))
+    assert sole_of(*boxes(*heels, BODY[2], toe)) == 0
+
+
 def test_who_stands_on_legs_without_soles_stands_on_their_lowest_point():
     points, triangles = boxes(*BODY)
     open_legs = triangles[(points[triangles][:, :, 2] > 0).any(axis=1)]
