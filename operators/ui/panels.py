@@ -37,8 +37,9 @@ class CROWDLOD_PT_main(Sidebar, bpy.types.Panel):
         row.popover("CROWDLOD_PT_statistics", text=_line(scene), translate=False)
         (sentence, icon), *others = steps.messages(scene)
         warnings = sum(other == "ERROR" for _, other in others)
-        if warnings:
-            sentence = f"{sentence} ({counted(warnings, 'warning')})"
+        # A sentence in red needs the room. Blender would cut its middle; the popover has all of it.
+        more = f" ({counted(warnings, 'warning')})" if warnings and icon != "ERROR" else ""
+        sentence = shorten(sentence, max(20, letters_of(context) - len(more)), placeholder="...") + more
         row = column.row(align=True)
         row.alert = icon == "ERROR"
         row.popover("CROWDLOD_PT_messages", text=sentence, icon=icon, translate=False)
