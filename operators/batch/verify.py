@@ -76,10 +76,7 @@ def verify(
         left_out += _unlike_renders(scene, proved)
         if proved.kind == BAKE and scene.render.engine == "BLENDER_WORKBENCH":
             opened.enter_context(without_shadows(scene))
-        for material in {material for worn in glowing(scene).values() for material in worn}:
-            opened.callback(setattr, material.cycles, "emission_sampling", material.cycles.emission_sampling)
-            # rays that are aimed at lights meet others where fewer agents glow: the noise would differ
-            material.cycles.emission_sampling = "NONE"
+        _unaimed(scene, opened)
         size = set_up_cycles(scene, wanted)
         layer.update()
         store_groups(own, measure_groups(scene))
@@ -107,15 +104,30 @@ def verify(
             "not_proved": not_proved,
         }
         result["ok"] = is_ok(result)
-        (folder / "verify.json").write_text(tables.to_json(result), encoding="utf-8")
-        (folder / "verify.csv").write_text(tables.to_csv(rows), encoding="utf-8")
-        title = Path(bpy.data.filepath).stem or scene.name
-        (folder / "report.html").write_text(verify_page(title, result), encoding="utf-8")
-        shown = [path for number in evenly(wanted.frames, MOST_PROVED_IN_SHEET) for path in run.pictures(number)]
-        tiles = [image_data.load_pixels(path) for path in shown]
-        image_data.save_png(folder / "contact_sheet.png", tables.contact_sheet(tiles, columns=len(PICTURES) + 3))
+        _write(folder, scene, run, result)
         yield 1.0
         return result
+
+
+def _unaimed(scene: bpy.types.Scene, opened: ExitStack) -> None:
+    """Aim no rays at what glows until `opened` closes.
+
+    Where fewer agents glow, aimed rays would meet others: the noise would differ.
+    """
+    for material in {material for worn in glowing(scene).values() for material in worn}:
+        opened.callback(setattr, material.cycles, "emission_sampling", material.cycles.emission_sampling)
+        material.cycles.emission_sampling = "NONE"
+
+
+def _write(folder: Path, scene: bpy.types.Scene, run: "_Run", result: dict[str, Any]) -> None:
+    """Write the proof's files: its figures, its report, and a sheet of pictures."""
+    (folder / "verify.json").write_text(tables.to_json(result), encoding="utf-8")
+    (folder / "verify.csv").write_text(tables.to_csv(result["frames"]), encoding="utf-8")
+    title = Path(bpy.data.filepath).stem or scene.name
+    (folder / "report.html").write_text(verify_page(title, result), encoding="utf-8")
+    proved = evenly(run.wanted.frames, MOST_PROVED_IN_SHEET)
+    tiles = [image_data.load_pixels(path) for number in proved for path in run.pictures(number)]
+    image_data.save_png(folder / "contact_sheet.png", tables.contact_sheet(tiles, columns=len(PICTURES) + 3))
 
 
 @dataclass

@@ -121,7 +121,7 @@ def test_lods_that_are_off_at_the_final_size_are_not_ok_in_a_small_picture(stree
     result = proof(street, tmp_path / "out", agents=1)
     worst = max(result["agents"], key=lambda agent: agent["shift_px"])
     assert not result["ok"] and result["width"] == 64 and not result["frames"][0]["lod_ok"]
-    assert worst["lod"] == 1 and 3 < worst["allowed_px"] < 4 < 8 < worst["shift_px"] < 25
+    assert worst["lod"] == 1 and 3 < worst["allowed_px"] < 4 < 8 < worst["shift_px"] < 40
     assert f"shifts {worst['shift_px']:.2f} px, {worst['allowed_px']:.2f} allowed there" in verdict(result)
 
 
