@@ -15,6 +15,8 @@ from crowd_lod_extension.operators.build.cost_estimate import FULL, estimate
 from crowd_lod_extension.operators.crowd import scene_crowd
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 
+pytestmark = pytest.mark.once  # long, and the same on every Blender
+
 
 def triangles(item):
     return len(item.data.loops) - 2 * len(item.data.polygons)
@@ -62,7 +64,6 @@ def test_the_button_fills_the_table_and_asks_for_lod_meshes(scene):
     assert scene.crowd_lod.estimate == ""
 
 
-@pytest.mark.once
 def test_lods_that_fit_in_memory_are_built_and_the_others_are_not(scene, tmp_path):
     settings = scene.crowd_lod
     settings.choice, settings.tolerance, settings.frames = "BY_TOLERANCE", 0.2, "1:20"

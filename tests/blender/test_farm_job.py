@@ -12,6 +12,9 @@ import pytest
 from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.cli import commands, farm
 
+pytestmark = pytest.mark.once  # long, and the same on every Blender
+
+
 OPENJD = Path(sys.executable).with_name("openjd")
 # Blender as a module in the place of Blender's own program: it opens the file and runs the script. Once it fails.
 BLENDER = """import runpy, sys
@@ -41,7 +44,6 @@ def job(levelled, tmp_path):
     return tmp_path / "job"
 
 
-@pytest.mark.once
 @pytest.mark.skipif(os.name == "nt", reason="the stand-in for Blender's program is a script")
 def test_the_job_runs_and_a_chunk_that_fails_is_tried_again(job, tmp_path, capfd):
     blender = tmp_path / "blender"

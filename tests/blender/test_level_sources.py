@@ -146,6 +146,7 @@ def test_nested_collections_shared_meshes_and_props_on_bones_follow_the_bone():
     assert world(left).max(axis=0)[1] < -0.3 or world(left).min(axis=0)[1] < -0.3  # it did move with the bone
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("way", ["POSE_AWARE", "DECIMATE"])
 def test_shape_keys_that_move_are_kept_through_modifiers_and_driven_by_the_characters_own(way):
     item = new("body", tube("body"))
@@ -193,6 +194,7 @@ def test_modes_selection_and_names_stay(mode):
     bpy.ops.object.mode_set(mode="OBJECT")
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("override", [False, True])
 def test_characters_linked_from_another_file(tmp_path, override):
     armature, body = rig(), new("body", tube("body"))

@@ -10,6 +10,8 @@ from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.ui import steps
 from mathutils import Matrix
 
+pytestmark = pytest.mark.once  # long, and the same on every Blender
+
 
 def made(scene) -> dict[str, list[float]]:
     """The parts of the character's triangles that each group's LODs have, after making them."""
@@ -20,7 +22,6 @@ def made(scene) -> dict[str, list[float]]:
     }
 
 
-@pytest.mark.once
 def test_what_is_foretold_is_about_what_is_made(scene):
     settings, lens = scene.crowd_lod, scene.camera.data
     settings.choice, settings.tolerance, settings.frames, settings.method = "BY_TOLERANCE", 1.0, "1:20", "DECIMATE"

@@ -9,6 +9,8 @@ from crowd_lod_extension.operators.lod_meshes.level_objects import make_object
 from crowd_lod_extension.operators.lod_meshes.search import Search
 from crowd_lod_extension.operators.lod_meshes.source_mesh import read_source
 
+pytestmark = pytest.mark.once  # long, and the same on every Blender
+
 
 @pytest.fixture
 def ball():

@@ -12,6 +12,9 @@ from crowd_lod_extension.operators.crowd import scene_crowd, scene_world, stuck_
 from crowd_lod_extension.operators.overlay.draw_data import drawing
 from crowd_lod_extension.operators.overlay.inset import STRAY, with_strays
 
+pytestmark = pytest.mark.once  # long, and the same on every Blender
+
+
 COLORS = state_machine.load_preset("chapter").label_colors
 
 

@@ -11,6 +11,8 @@ from mathutils import Matrix
 
 from ..support.characters import character, new
 
+pytestmark = pytest.mark.once  # long, and the same on every Blender
+
 
 def block(name, low, high):
     """A closed box from its least to its greatest corner."""

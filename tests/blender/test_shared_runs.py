@@ -11,6 +11,9 @@ from crowd_lod_extension.operators.cli import commands, shared_runs
 
 from ..support.outputs import contents
 
+pytestmark = pytest.mark.once  # long, and the same on every Blender
+
+
 PREVIEW = ("preview", "--frames", "1,9,20", "--width", "96", "--engine", "cycles", "--quiet")
 VERIFY = ("verify", "--frames", "1,9", "--width", "48", "--samples", "1", "--quiet")
 
@@ -26,7 +29,6 @@ def file(levelled, tmp_path):
     return tmp_path / "crowd.blend"
 
 
-@pytest.mark.once
 def test_chunks_are_assembled_to_the_files_of_one_run(file, tmp_path, capfd):
     (name, *options), chunks = VERIFY, ("1", "9")
     assert run(name, file, *options, "--out", tmp_path / "one") == 0
@@ -52,7 +54,6 @@ def test_parts_of_a_scene_that_was_changed_since_are_not_assembled(file, tmp_pat
     assert os.listdir(out) == ["parts"] and contents(out / "parts") == before
 
 
-@pytest.mark.once
 def test_two_processes_make_the_files_of_one(file, tmp_path, monkeypatch):
     name, *options = PREVIEW
     assert run(name, file, *options, "--out", tmp_path / "one") == 0

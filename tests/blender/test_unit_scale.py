@@ -18,6 +18,9 @@ from crowd_lod_extension.operators.overlay import hud
 from crowd_lod_extension.operators.usd.openusd import openusd
 from crowd_lod_extension.sample_scenes.characters import make_characters
 
+pytestmark = pytest.mark.once  # long, and the same on every Blender
+
+
 SCALES = 0.01, 1.0, 1000.0
 
 
@@ -211,7 +214,6 @@ def test_jupedsim_walks_alike_in_every_unit(scale, scaled, tmp_path):
     assert 0.5 < np.median(speed) < 2.0
 
 
-@pytest.mark.once
 def test_a_shot_plan_and_its_export_are_alike_in_every_unit(scaled, tmp_path):
     try:
         modules = openusd()

@@ -14,6 +14,9 @@ from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.sample_scenes.scenery import add, material, tile
 
+pytestmark = pytest.mark.once  # long, and the same on every Blender
+
+
 FAST = """{"version": 1, "labels": {"ground": {"color": "#808080"}},
  "states": {"east": {"on": {"*": {"move": [30, 0]}}}}, "edge": "wrap"}"""
 
@@ -183,7 +186,6 @@ def test_every_way_to_film_is_proven_as_it_is_rendered(lit, plain, tmp_path, fil
     assert not [name for name in os.listdir(tmp_path / "out") if "_L" in name or "_R" in name]
 
 
-@pytest.mark.once
 def test_fast_agents_are_blurred_and_more_of_them_are_kept(lit, tmp_path):
     """They cross the picture's edge while the shutter is open, and come back from the other side of the map."""
     blurred(lit)
@@ -199,7 +201,6 @@ def test_fast_agents_are_blurred_and_more_of_them_are_kept(lit, tmp_path):
     assert (np.abs(sharp - soft).max(axis=2) > 8).mean() > 0.02
 
 
-@pytest.mark.once
 def test_a_shutter_too_long_is_said(lit, tmp_path):
     lit.render.use_motion_blur, lit.render.motion_blur_shutter = True, 1.5
     result = rendered(lit, tmp_path / "out")
@@ -243,7 +244,6 @@ def test_what_is_wrong_is_one_sentence(tmp_path, capfd):
     assert os.listdir(tmp_path) == []
 
 
-@pytest.mark.once
 @pytest.mark.parametrize("more", [(), ("--triangles", "budget"), ("--blur",)])
 def test_predictions_hold_where_planned_lods_switch(levelled, tmp_path, capfd, more):
     """In the frame with the most switches and in the one before it, also where a budget or blur lets LODs deviate by more."""

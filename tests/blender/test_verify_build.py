@@ -15,6 +15,8 @@ from mathutils import Matrix
 
 from ..support.characters import character, new, tube
 
+pytestmark = pytest.mark.once  # long, and the same on every Blender
+
 
 @pytest.fixture
 def street(kept):

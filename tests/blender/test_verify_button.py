@@ -12,6 +12,8 @@ from crowd_lod_extension.sample_scenes.scenery import add, material, tile
 
 from ..support.pages import Reader
 
+pytestmark = pytest.mark.once  # long, and the same on every Blender
+
 
 def small(scene):
     settings = scene.crowd_lod

@@ -10,7 +10,7 @@ from crowd_lod_extension.operators.lod_meshes import deviation
 from crowd_lod_extension.operators.lod_meshes.posed_shapes import Posed
 from crowd_lod_extension.operators.lod_meshes.posed_surface import PosedSurface, compare_surfaces
 
-pytestmark = pytest.mark.usefixtures("exact_levels")
+pytestmark = [pytest.mark.once, pytest.mark.usefixtures("exact_levels")]
 GROUP = Group("one", 0, 1, 0, 1)
 FINE, COARSE = (12, 24), (3, 6)  # rings, segments of spheres
 
