@@ -67,6 +67,21 @@ def mesh_like(item: bpy.types.Object, mesh: bpy.types.Mesh) -> bpy.types.Object:
     return copy
 
 
+# Types of attributes: (name of the value, numbers in it, their type).
+ATTRIBUTES = {
+    "FLOAT": ("value", 1, np.float32),
+    "INT": ("value", 1, np.int32),
+    "INT8": ("value", 1, np.int32),
+    "BOOLEAN": ("value", 1, bool),
+    "FLOAT2": ("vector", 2, np.float32),
+    "FLOAT_VECTOR": ("vector", 3, np.float32),
+    "FLOAT_COLOR": ("color", 4, np.float32),
+    "BYTE_COLOR": ("color", 4, np.float32),
+    "QUATERNION": ("value", 4, np.float32),
+    "INT16_2D": ("value", 2, np.int32),
+    "INT32_2D": ("value", 2, np.int32),
+    "FLOAT4X4": ("value", 16, np.float32),
+}
 KINDS = {(np.dtype(np.float32), 1): "FLOAT", (np.dtype(np.int32), 1): "INT", (np.dtype(np.float32), 2): "FLOAT_VECTOR"}
 
 

@@ -15,7 +15,7 @@ from functools import partial
 import bpy
 import numpy as np
 
-from . import scene_cache, scene_data
+from . import mesh_data, scene_cache, scene_data
 from .guard import handler
 from .props import PROP
 from .references import blocks_of
@@ -25,21 +25,6 @@ MOST_WEIGHED = 20_000  # vertices of a mesh whose weights are read, evenly
 NAMED = 3  # inputs that a sentence names; of more it tells the number
 # What such data-blocks hold is read; the palette tells materials apart.
 READ = bpy.types.Material | bpy.types.Action | bpy.types.Mesh | bpy.types.Armature | bpy.types.Key
-# Of types of attributes: the property, the numbers in it and their type.
-VALUES = {
-    "FLOAT": ("value", 1, "f4"),
-    "INT": ("value", 1, "i4"),
-    "INT8": ("value", 1, "i4"),
-    "BOOLEAN": ("value", 1, "?"),
-    "FLOAT2": ("vector", 2, "f4"),
-    "FLOAT_VECTOR": ("vector", 3, "f4"),
-    "FLOAT_COLOR": ("color", 4, "f4"),
-    "BYTE_COLOR": ("color", 4, "f4"),
-    "QUATERNION": ("value", 4, "f4"),
-    "INT16_2D": ("value", 2, "i4"),
-    "INT32_2D": ("value", 2, "i4"),
-    "FLOAT4X4": ("value", 16, "f4"),
-}
 
 
 @dataclass
@@ -222,8 +207,8 @@ def _read_data(data: bpy.types.ID, weighted: bool) -> str:
     """Return the digest of data: attributes, faces, shape keys, weights; of others than meshes settings and points."""
     hashed = hashlib.sha256()
     for attribute in getattr(data, "attributes", ()):
-        if attribute.data_type in VALUES and (attribute.name[0] != "." or attribute.name == ".corner_vert"):
-            name, width, kind = VALUES[attribute.data_type]
+        if attribute.data_type in mesh_data.ATTRIBUTES and (attribute.name[0] != "." or attribute.name == ".corner_vert"):
+            name, width, kind = mesh_data.ATTRIBUTES[attribute.data_type]
             hashed.update(f"{attribute.name} {attribute.domain}".encode())
             hashed.update(read_columns(attribute.data, [(name, width, kind)])[0])
     if isinstance(data, bpy.types.Mesh):

@@ -10,7 +10,7 @@ from ...crowd_lod.connected_components import connected_components
 from ...crowd_lod.simplification.closest_point import barycentric
 from ...crowd_lod.simplification.decimate import LodMesh
 from ..blender import mesh_data
-from .source_mesh import KEY, KINDS, NORMALS, Source, offset_of, positions, read_attributes
+from .source_mesh import KEY, NORMALS, Source, offset_of, positions, read_attributes
 from .surface import Surface
 
 MOST_INFLUENCES = 4  # bones that a vertex of a LOD follows
@@ -283,7 +283,7 @@ def _same_side(nearest: np.ndarray, inwards: np.ndarray, centers: np.ndarray) ->
 def write_attribute(mesh: bpy.types.Mesh, name: str, domain: str, kind: str, values: np.ndarray) -> None:
     """Write `values` (n, width) to the attribute `name`, made if it is missing."""
     attribute = mesh.attributes.get(name) or mesh.attributes.new(name, kind, domain)
-    attribute.data.foreach_set(KINDS[kind][0], np.ascontiguousarray(values).ravel())
+    attribute.data.foreach_set(mesh_data.ATTRIBUTES[kind][0], np.ascontiguousarray(values).ravel())
 
 
 def mark_active(mesh: bpy.types.Mesh, source: bpy.types.Mesh) -> None:

@@ -24,21 +24,6 @@ DEFORMERS = {"CLOTH", "HOOK", "MESH_CACHE", "MESH_DEFORM", "MESH_SEQUENCE_CACHE"
 # What a LOD takes from its source beyond Blender's own layers travels as attributes of these names,
 # gone when it is done.
 NORMALS, KEY = "crowd_lod_normals", "crowd_lod_key_"
-# Types of attributes: (name of the value, numbers in it, their type).
-KINDS = {
-    "FLOAT": ("value", 1, np.float32),
-    "INT": ("value", 1, np.int32),
-    "INT8": ("value", 1, np.int32),
-    "BOOLEAN": ("value", 1, bool),
-    "FLOAT2": ("vector", 2, np.float32),
-    "FLOAT_VECTOR": ("vector", 3, np.float32),
-    "FLOAT_COLOR": ("color", 4, np.float32),
-    "BYTE_COLOR": ("color", 4, np.float32),
-    "QUATERNION": ("value", 4, np.float32),
-    "INT16_2D": ("value", 2, np.int32),
-    "INT32_2D": ("value", 2, np.int32),
-    "FLOAT4X4": ("value", 16, np.float32),
-}
 
 
 @dataclass
@@ -311,14 +296,14 @@ def _notes(item: bpy.types.Object) -> list[str]:
 def read_attributes(mesh: bpy.types.Mesh) -> dict[str, tuple[str, str, np.ndarray]]:
     """Return {name: (domain, type, values)} of the mesh's attributes.
 
-    values: (n, width), of the types in KINDS.
+    values: (n, width), of the types in mesh_data.ATTRIBUTES.
 
     Left out are positions, names that begin with ".", and other types.
     """
     found = {}
     for attribute in mesh.attributes:
-        if attribute.data_type in KINDS and not attribute.name.startswith(".") and attribute.name != "position":
-            value, width, kind = KINDS[attribute.data_type]
+        if attribute.data_type in mesh_data.ATTRIBUTES and not attribute.name.startswith(".") and attribute.name != "position":
+            value, width, kind = mesh_data.ATTRIBUTES[attribute.data_type]
             values = np.empty((len(attribute.data), width), kind)
             attribute.data.foreach_get(value, values.ravel())
             found[attribute.name] = (attribute.domain, attribute.data_type, values)
