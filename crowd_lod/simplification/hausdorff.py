@@ -15,9 +15,10 @@ import numpy as np
 
 from . import settings
 from .closest_point import closest_weights, walk
-from .triangle_mesh import TriangleMesh, blocks, normals
+from .triangle_mesh import TriangleMesh, blocks, edges_of, normals
 
 TOGETHER = 4_000  # points, or pieces, in all poses that fit in the processor's cache
+ALONG = (0.25, 0.5, 0.75)  # parts of an edge where Places lie
 
 
 @dataclass
@@ -142,22 +143,44 @@ def interval(one: Moving, other: Moving, least: float = 0.0) -> Interval:
 
 
 @dataclass
-class Part:
-    """A part of a surface, such as an object of a character.
+class Places:
+    """Points of a surface: corners of its triangles, and points between them.
 
-    points: (n,) those of the surface that are looked at.
-    faces: (m,) triangles whose middles are looked at as well.
+    corners: (s, 3) indices of points; weights: (s, 3), barycentric.
     """
 
-    points: np.ndarray
-    faces: np.ndarray
+    corners: np.ndarray
+    weights: np.ndarray
+
+    def at(self, points: np.ndarray) -> np.ndarray:
+        """Return where they are, (s, ..., 3) meters, of the surface's points (n, ..., 3)."""
+        weights = self.weights.reshape(*self.weights.shape, *[1] * (points.ndim - 1))
+        return sum(weights[:, c] * points[self.corners[:, c]] for c in range(3))
+
+    def of(self, some: np.ndarray) -> "Places":
+        """Return some of them."""
+        return Places(self.corners[some], self.weights[some])
 
 
-def estimate(one: Moving, other: Moving, parts: Sequence[tuple[Part, Part]], beyond: float) -> tuple[list[float], np.ndarray]:
+def places_on(triangles: np.ndarray, large: np.ndarray) -> Places:
+    """Return the corners of triangles, and of the large ones the middles and points on the edges.
+
+    A LOD is often farthest off where an edge of it runs across a crease.
+
+    triangles, large: (m, 3) and (k, 3) indices of points.
+    """
+    points = np.unique(triangles)
+    _, ends, _ = edges_of(large.T, points[-1] + 1)
+    corners = [points[:, None].repeat(3, axis=1), large, *[ends[[0, 1, 1]].T] * len(ALONG)]
+    weights = [(1, 0, 0), (1 / 3, 1 / 3, 1 / 3), *((1 - part, part, 0) for part in ALONG)]
+    return Places(np.concatenate(corners), np.repeat(np.array(weights, np.float64), [len(each) for each in corners], axis=0))
+
+
+def estimate(one: Moving, other: Moving, parts: Sequence[tuple[Places, Places]], beyond: float) -> tuple[list[float], np.ndarray]:
     """Estimate what `interval` measures, part by part, and where it is more than `beyond` meters.
 
-    parts: of each a Part of `one` and one of `other`, whose distances from the whole of the other
-        surface count. Those of `other` count where what is nearest of `one` counts.
+    parts: of each, such as an object, the Places of `one` and those of `other`, whose distances from the whole of the
+        other surface count. Those of `other` count where what is nearest of `one` counts.
 
     Returns the distance of each part, and which points of `one` are farther off than `beyond`, or
     nearest to a point of `other` that is: (n,) bool.
@@ -169,14 +192,12 @@ def estimate(one: Moving, other: Moving, parts: Sequence[tuple[Part, Part]], bey
         found = _nothing_known(one)
 
         way = _Way(other, found, poses)
-        points = way.mapped(np.concatenate([one.points[mine.points], _middles(one, mine.faces)]))
+        points = way.mapped(mine.at(one.points))
         way.look_again(points, beyond)
-        lost = points.near.max(axis=1) > beyond
-        far[mine.points[lost[: len(mine.points)]]] = True
-        far[one.triangles[mine.faces[lost[len(mine.points) :]]]] = True
+        far[mine.corners[points.near.max(axis=1) > beyond]] = True
 
         way = _Way(one, found, poses)
-        points = way.mapped(np.concatenate([other.points[theirs.points], _middles(other, theirs.faces)]), one.counted)
+        points = way.mapped(theirs.at(other.points), one.counted)
         way.look_again(points, beyond)
         lost = points.near.max(axis=1) > beyond
         far[one.triangles[points.to[lost], points.weights[lost].argmax(axis=1)]] = True
@@ -184,19 +205,10 @@ def estimate(one: Moving, other: Moving, parts: Sequence[tuple[Part, Part]], bey
     return distances, far
 
 
-def upper_distances(one: Moving, other: Moving, part: Part) -> np.ndarray:
-    """Return how far a Part of `one` is from `other` at most, in any pose, (k,) meters.
-
-    These are its points, then the middles of its faces.
-    """
+def upper_distances(one: Moving, other: Moving, places: Places) -> np.ndarray:
+    """Return how far Places of `one` are from `other` at most, in any pose, (s,) meters."""
     way = _Way(other, _nothing_known(one), slice(0, one.points.shape[1]))
-    points = way.mapped(np.concatenate([one.points[part.points], _middles(one, part.faces)]))
-    return points.near.max(axis=1)
-
-
-def _middles(surface: Moving, faces: np.ndarray) -> np.ndarray:
-    """The middles of triangles in all poses, (m, poses, 3)."""
-    return surface.points[surface.triangles[faces]].mean(axis=1)
+    return way.mapped(places.at(one.points)).near.max(axis=1)
 
 
 def _nothing_known(one: Moving) -> Interval:

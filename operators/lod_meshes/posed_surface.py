@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from ...crowd_lod.simplification import hausdorff, thin_parts
-from ...crowd_lod.simplification.hausdorff import Interval, Moving, Part
+from ...crowd_lod.simplification.hausdorff import Interval, Moving, Places, places_on
 from .pose_choice import farthest_apart
 from .posed_shapes import Shape, surface_of
 from .surface import Merged, Surface, has_area, merge, same_faces, spread
@@ -17,7 +17,7 @@ JOINTS = 500  # points of a mesh by which its poses are told apart
 BETWEEN = 0.03  # part that is added to the bound of an action, for the poses between those looked at
 LOST_IN = 3  # poses in which thin parts that a LOD has lost are looked at, about
 SAMPLES = 5_000  # points of each surface whose root mean square distance is told
-LARGE = 1 / 64  # of the size: estimates look at the middles of triangles with longer sides
+LARGE = 1 / 64  # of the size: estimates look within triangles with longer sides
 
 
 # deviation, bound, root mean square (meters), and the moment of the worst pose
@@ -101,19 +101,19 @@ class PosedSurface:
         return self._samples[pose]
 
 
-def parts_of(surface: Merged, shape: Shape) -> list[Part]:
+def parts_of(surface: Merged, shape: Shape) -> list[Places]:
     """Return what of each object estimates look at: of what counts all corners, and large faces."""
-    moving = surface.moving
-    faces = np.arange(len(moving.triangles)) if moving.counted is None else np.flatnonzero(moving.counted)
-    owner = np.searchsorted(shape.begins, surface.source[moving.triangles[faces, 0]], side="right") - 1
-    corners = moving.points[moving.triangles[faces], 0]
+    faces, large = surface.moving.pieces, large_pieces(surface.moving)
+    owner = np.searchsorted(shape.begins, surface.source[faces[:, 0]], side="right") - 1
+    own = [owner == number for number in range(len(shape.begins) - 1)]
+    return [places_on(faces[mine], faces[mine & large]) for mine in own]
+
+
+def large_pieces(surface: Moving) -> np.ndarray:
+    """Return which of the triangles that count have long sides, (p,) bool."""
+    corners = surface.points[surface.pieces, 0]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    large = longest > LARGE * np.ptp(moving.points[:, 0], axis=0).max()
-    parts = []
-    for number in range(len(shape.begins) - 1):
-        own = owner == number
-        parts.append(Part(np.unique(moving.triangles[faces[own]]), faces[own & large]))
-    return parts
+    return longest > LARGE * np.ptp(surface.points[:, 0], axis=0).max()
 
 
 def compare_surfaces(character: PosedSurface, other: PosedSurface, frames: Sequence[float]) -> Measured | None:
@@ -152,9 +152,9 @@ def _count_shown(character: Moving, surface: Merged, hiding: np.ndarray, apart: 
     """
     lod = surface.moving
     left = np.flatnonzero(~lod.counted)
-    points = np.unique(lod.triangles[left])
+    corners = places_on(lod.triangles[left], lod.triangles[:0])
     distance = np.zeros(len(lod.points))
-    distance[points] = hausdorff.upper_distances(lod, character, Part(points, left[:0]))
+    distance[corners.corners[:, 0]] = hausdorff.upper_distances(lod, character, corners)
     suspects = left[distance[lod.triangles[left]].max(axis=1) > apart.bound]
     if not len(suspects):
         return

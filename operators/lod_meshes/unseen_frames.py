@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...crowd_lod.simplification.closest_point import closest_weights
-from ...crowd_lod.simplification.hausdorff import Moving, Part, interval, upper_distances
+from ...crowd_lod.simplification.hausdorff import Places, interval, places_on, upper_distances
 from ..blender.performance import Performance
 from .posed_shapes import Posed
-from .posed_surface import Measured, PosedSurface
+from .posed_surface import Measured, PosedSurface, large_pieces
 from .surface import Merged, Surface
 
 MOMENTS = 200  # frames and sub-frames, evenly, that are looked at, at most
@@ -31,29 +31,24 @@ WORST = 4  # places of a cell that are watched, those that do
 class Watched:
     """Places of one surface, and what of another surface was nearest to each in some pose.
 
-    corners: (w, 3) points of the surface; weights: (w, 3), barycentric, on these.
+    places: w of them.
     place: (q,) of pairs; triangle: (q, 3) points of the other surface.
     """
 
-    corners: np.ndarray
-    weights: np.ndarray
+    places: Places
     place: np.ndarray
     triangle: np.ndarray
-
-    def at(self, points: np.ndarray) -> np.ndarray:
-        """Return where the places are, (w, 3), of the surface's points (n, 3)."""
-        return np.einsum("wc,wcd->wd", self.weights, points[self.corners])
 
     def distances(self, points: np.ndarray, other: np.ndarray) -> np.ndarray:
         """Return how far each place is from the other surface at most, (w,) meters.
 
         points, other: (n, 3) of the two surfaces in some frame.
         """
-        at = self.at(points)[self.place]
+        at = self.places.at(points)[self.place]
         corners = other[self.triangle]
         weights = closest_weights(at.T, *corners.transpose(1, 2, 0)).T
         away = np.linalg.norm(at - np.einsum("qc,qcd->qd", weights, corners), axis=1)
-        nearest = np.full(len(self.corners), np.inf)
+        nearest = np.full(len(self.places.corners), np.inf)
         np.minimum.at(nearest, self.place, away)
         return nearest
 
@@ -61,32 +56,27 @@ class Watched:
 def watch(one: Merged, other: Merged) -> Watched:
     """Choose the places of `one` to watch: in each cell of the first pose those farthest off."""
     surface = one.moving
-    part = Part(np.unique(surface.pieces), np.flatnonzero(_counted(surface)))
-    distance = upper_distances(surface, other.moving, part)
-    some, first = np.unique(surface.triangles.ravel(), return_index=True)
-    first = first[np.searchsorted(some, part.points)]
-    face = np.concatenate([first // 3, part.faces])
-    weights = np.concatenate([np.eye(3)[first % 3], np.full((len(part.faces), 3), 1 / 3)])
-
-    at = np.einsum("wc,wcd->wd", weights, surface.points[surface.triangles[face], 0])
+    places = places_on(surface.pieces, surface.pieces[large_pieces(surface)])
+    at = places.at(surface.points[:, 0])
     size = float(np.ptp(at, axis=0).max()) or 1.0
     cell = np.floor(CELLS * (at - at.min(axis=0)) / size).astype(np.intp) @ (1, 100, 10_000)
-    likely = _worst_of(cell, distance, LIKELY)
+    likely = _worst_of(cell, upper_distances(surface, other.moving, places), LIKELY)
 
-    face, weights, cell = face[likely], weights[likely], cell[likely]
-    places = np.einsum("wc,wckd->wkd", weights, surface.points[surface.triangles[face]])
-    distance = np.zeros(len(face))
+    places, cell = places.of(likely), cell[likely]
+    at = places.at(surface.points)
+    distance = np.zeros(len(at))
     nearest = []
-    for pose in range(places.shape[1]):
-        to = other.moving.find(pose, places[:, pose])
-        on = other.moving.on(to, places[:, pose], pose)
+    for pose in range(at.shape[1]):
+        to = other.moving.find(pose, at[:, pose])
+        on = other.moving.on(to, at[:, pose], pose)
         image = np.einsum("wc,wcd->wd", on, other.moving.points[other.moving.triangles[to], pose])
-        distance = np.maximum(distance, np.linalg.norm(places[:, pose] - image, axis=1))
+        distance = np.maximum(distance, np.linalg.norm(at[:, pose] - image, axis=1))
         nearest.append(to)
     worst = _worst_of(cell, distance, WORST)
     pairs = np.unique([np.tile(np.arange(len(worst)), len(nearest)), np.stack(nearest)[:, worst].ravel()], axis=1)
-    corners = one.source[surface.triangles[face[worst]]]
-    return Watched(corners, weights[worst], pairs[0], other.source[other.moving.triangles[pairs[1]]])
+    watched = places.of(worst)
+    watched.corners = one.source[watched.corners]
+    return Watched(watched, pairs[0], other.source[other.moving.triangles[pairs[1]]])
 
 
 def _worst_of(cell: np.ndarray, distance: np.ndarray, count: int) -> np.ndarray:
@@ -98,10 +88,6 @@ def _worst_of(cell: np.ndarray, distance: np.ndarray, count: int) -> np.ndarray:
     begins = np.flatnonzero(np.diff(cell[order], prepend=-1))
     rank = np.arange(len(order)) - np.repeat(begins, np.diff(begins, append=len(order)))
     return order[rank < count]
-
-
-def _counted(surface: Moving) -> np.ndarray:
-    return np.ones(len(surface.triangles), bool) if surface.counted is None else surface.counted
 
 
 def moments_between(performance: Performance) -> list[float]:
@@ -174,4 +160,4 @@ def _exceeds(watched: Watched, points: np.ndarray, other: np.ndarray, surface: M
     if not far.any():
         return False
     whole = Surface(surface.moving.points[:, 0], surface.moving.triangles)
-    return bool(whole.distances(watched.at(points)[far]).max() > bound)
+    return bool(whole.distances(watched.places.at(points)[far]).max() > bound)
