@@ -170,7 +170,7 @@ def places_on(triangles: np.ndarray, large: np.ndarray) -> Places:
     triangles, large: (m, 3) and (k, 3) indices of points.
     """
     points = np.unique(triangles)
-    _, ends, _ = edges_of(large.T, points[-1] + 1)
+    _, ends, _ = edges_of(large.T, large.max(initial=0) + 1)
     corners = [points[:, None].repeat(3, axis=1), large, *[ends[[0, 1, 1]].T] * len(ALONG)]
     weights = [(1, 0, 0), (1 / 3, 1 / 3, 1 / 3), *((1 - part, part, 0) for part in ALONG)]
     return Places(np.concatenate(corners), np.repeat(np.array(weights, np.float64), [len(each) for each in corners], axis=0))
@@ -194,7 +194,8 @@ def estimate(one: Moving, other: Moving, parts: Sequence[tuple[Places, Places]],
         way = _Way(other, found, poses)
         points = way.mapped(mine.at(one.points))
         way.look_again(points, beyond)
-        far[mine.corners[points.near.max(axis=1) > beyond]] = True
+        lost = points.near.max(axis=1) > beyond
+        far[mine.corners[lost, mine.weights[lost].argmax(axis=1)]] = True
 
         way = _Way(one, found, poses)
         points = way.mapped(theirs.at(other.points), one.counted)

@@ -23,11 +23,10 @@ from .posed_shapes import Posed, read_shapes, surface_of
 from .posed_surface import Measured, PosedSurface, compare_surfaces, parts_of
 from .shaded_pictures import bodies_of, within
 from .surface import merge
-from .unseen_frames import NEAR_BOUND, WHOLE_LOOKS, exceeded, look_at, moments_beside, moments_between, watch
+from .unseen_frames import Looked, look_at, moments_beside, moments_between, watch
 
 SOLID = ("MESH", "CURVE", "SURFACE", "META", "FONT")  # types of objects that have faces
 BELOW = 5e-5  # of the size: no frame exceeds a bound by less
-ALIKE_WITHIN = 3.0  # frames, within which a LOD is looked at as a whole once
 ESTIMATED_IN = 4  # poses that an estimate looks at
 
 
@@ -171,21 +170,25 @@ class Measure:
             off = yield from share(look_at(posed, moments, pairs), 0.0, 0.8)
             beside = moments_beside(moments, off)
             closer = yield from share(look_at(posed, beside, pairs), 0.8, 0.9)
-            moments, off = [*moments, *beside], np.concatenate([off, closer], axis=1)
-            for k, lod, own, pair in zip(some, lods, off, pairs, strict=True):
-                looks = 0
-                while own.max() > found[k][1] * (NEAR_BOUND if looks < WHOLE_LOOKS else 1.0) + BELOW * self.diagonal:
-                    moment = moments[int(own.argmax())]
-                    points = posed.points(moment)
-                    posed.performance.rest()
-                    found[k] = exceeded(found[k], (self.character, lod), (points[0], points[1 + some.index(k)]), pair, moment)
-                    # what is as near in time is alike, unless it exceeds even the new bound
-                    alike = np.abs(np.subtract(moments, moment)) < ALIKE_WITHIN
-                    own[alike & (own <= found[k][1])] = 0.0
-                    own[own.argmax()] = 0.0
-                    looks += 1
+            times, off = np.array([*moments, *beside]), np.concatenate([off, closer], axis=1)
+            for number, (k, lod) in enumerate(zip(some, lods, strict=True)):
+                looked = Looked(posed, number, (self.character, lod), pairs[number], times, off[number])
+                beyond = found[k][0]  # what lies between places may be farther off than any pose tells
+                while row := looked.measure(found[k], beyond):
+                    found[k] = row
+                    beyond = row[1] + BELOW * self.diagonal
                     yield 0.9
+                if found[k][3] not in self.frames:
+                    self._learn(posed, found[k][3])
         return found
+
+    def _learn(self, posed: Posed, moment: float) -> None:
+        """Measure LODs in a further pose from now on, as one was farther off there than in any."""
+        shape = posed.shapes(moment)[0]
+        self.performance.rest()
+        if self.character.add(shape):
+            self.frames.append(moment)
+            self._worst.append(len(self.frames) - 1)
 
 
 def _key(objects: Sequence[bpy.types.Object]) -> tuple[int, ...]:

@@ -66,6 +66,17 @@ class PosedSurface:
         seen = visible_points(moving.points, moving.triangles, first.hiding[whole.shown])
         return (whole.place >= 0) & seen[whole.place]
 
+    def add(self, shape: Shape) -> bool:
+        """Add a pose, if there is one run and the faces in it are the same; return whether so."""
+        first = self.shapes[self.runs[0][0]]
+        alike = len(self.runs) == 1 and len(shape.points) == len(first.points)
+        if not (alike and same_faces(first.triangles, shape.triangles)):
+            return False
+        self.runs[0].append(len(self.shapes))
+        self.shapes.append(shape)
+        self._surfaces.clear()
+        return True
+
     def counts_nearest(self, pose: int, points: np.ndarray) -> np.ndarray:
         """Return which points (n, 3) are nearest to a triangle that counts, in a pose, (n,) bool."""
         run = next(run for run in self.runs if pose in run)

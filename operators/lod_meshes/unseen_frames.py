@@ -20,9 +20,8 @@ MOMENTS = 200  # frames and sub-frames, evenly, that are looked at, at most
 PEAKS = 40  # further ones beside those where LODs are farthest off, about
 EACH = 4  # of a frame, at most
 CELLS = 20  # across the character, of each of which some places are watched
-# part of a bound, beyond which a watched place has the whole LOD looked at, for what lies between
-# places; and how often a LOD is, at most, where no place exceeds the bound
-NEAR_BOUND, WHOLE_LOOKS = 0.85, 5
+WHOLE_LOOKS = 5  # moments in which the whole of a LOD is measured together, at most
+ALIKE_WITHIN = 3.0  # frames, of which one is measured at a time
 LIKELY = 12  # places of a cell that are measured in all poses, those that may deviate most
 WORST = 4  # places of a cell that are watched, those that do
 
@@ -38,6 +37,22 @@ class Watched:
     places: Places
     place: np.ndarray
     triangle: np.ndarray
+
+    def look_closer(self, points: np.ndarray, other: np.ndarray, whole: Merged, beyond: float) -> bool:
+        """Return whether a place is farther than `beyond` meters from all of the other surface.
+
+        What is nearest to places is held against them from then on.
+
+        points, other: (n, 3) of the two surfaces in some frame; whole: the other one.
+        """
+        far = np.flatnonzero(self.distances(points, other) > beyond)
+        if not len(far):
+            return False
+        surface = Surface(other[whole.source], whole.moving.triangles)
+        _, triangle, distance = surface.nearest(self.places.at(points)[far])
+        self.place = np.concatenate([self.place, far])
+        self.triangle = np.concatenate([self.triangle, whole.source[whole.moving.triangles[triangle]]])
+        return bool(distance.max() > beyond)
 
     def distances(self, points: np.ndarray, other: np.ndarray) -> np.ndarray:
         """Return how far each place is from the other surface at most, (w,) meters.
@@ -126,38 +141,52 @@ def look_at(posed: Posed, moments: Sequence[float], pairs: Sequence[tuple[Watche
     return found
 
 
-def exceeded(
-    row: Measured,
-    surfaces: tuple[PosedSurface, PosedSurface],
-    points: tuple[np.ndarray, np.ndarray],
-    pair: tuple[Watched, Watched],
-    moment: float,
-) -> Measured:
-    """Return what is known of a LOD after a look at all of it at `moment`.
+@dataclass
+class Looked:
+    """A LOD and what is known of it in moments that no pose has.
 
-    row: what was known; surfaces: the character and the LOD; points: where theirs are at `moment`,
-    (n, 3) each; pair: see `look_at`.
+    number: the LOD's, of those that `posed` has; surfaces: the character and the LOD, in the poses.
+    watched: what is watched of either; moments, off: (k,) as `look_at` tells, 0 once it is known.
     """
-    one, other = (surface.at([at]) for surface, at in zip(surfaces, points, strict=True))
-    if one is None or other is None:
-        return row
-    deviation, bound, rms, worst = row
-    ways = zip(pair, points, points[::-1], (other, one), strict=True)
-    if not any(_exceeds(watched, *two, surface, NEAR_BOUND * bound) for watched, *two, surface in ways):
-        return row
-    found = interval(one.moving, other.moving, bound)
-    if found.measured > deviation:
-        deviation, worst = found.measured, float(moment)
-    return deviation, max(bound, found.bound), rms, worst
 
+    posed: Posed
+    number: int
+    surfaces: tuple[PosedSurface, PosedSurface]
+    watched: tuple[Watched, Watched]
+    moments: np.ndarray
+    off: np.ndarray
 
-def _exceeds(watched: Watched, points: np.ndarray, other: np.ndarray, surface: Merged, bound: float) -> bool:
-    """Return whether a watched place is farther than `bound` from all of the other surface.
+    def measure(self, row: Measured, beyond: float) -> Measured | None:
+        """Measure the whole LOD where a watched place is farther off than `beyond` meters.
 
-    points, other: see Watched.distances; surface: the other one, in the same frame.
-    """
-    far = watched.distances(points, other) > bound
-    if not far.any():
-        return False
-    whole = Surface(surface.moving.points[:, 0], surface.moving.triangles)
-    return bool(whole.distances(watched.places.at(points)[far]).max() > bound)
+        row: what is known of it. Returns the same, with a greater bound if a moment exceeds that;
+        None if there is no such place.
+        """
+        some = self._exceeding(beyond)
+        if not some:
+            return None
+        one, other = (surface.at([points[k] for _, points in some]) for k, surface in enumerate(self.surfaces))
+        if one is None or other is None:
+            return row
+        deviation, bound, rms, worst = row
+        apart = interval(one.moving, other.moving, bound)
+        if apart.measured > deviation:
+            deviation, worst = apart.measured, some[apart.pose][0]
+        return deviation, max(bound, apart.bound), rms, worst
+
+    def _exceeding(self, beyond: float) -> list[tuple[float, tuple[np.ndarray, np.ndarray]]]:
+        """Return moments that are not alike, and where the points of both surfaces are in these."""
+        whole = [surface.surface(surface.runs[0]) for surface in self.surfaces]
+        found, left = [], self.off.copy()
+        while len(found) < WHOLE_LOOKS and left.max() > beyond:
+            k = int(left.argmax())
+            left[k] = self.off[k] = 0.0
+            moment = float(self.moments[k])
+            points = self.posed.points(moment)
+            self.posed.performance.rest()
+            both = points[0], points[1 + self.number]
+            ways = zip(self.watched, (both, both[::-1]), whole[::-1], strict=True)
+            if any(watched.look_closer(*pair, other, beyond) for watched, pair, other in ways):
+                found.append((moment, both))
+                left[np.abs(self.moments - moment) < ALIKE_WITHIN] = 0.0
+        return found

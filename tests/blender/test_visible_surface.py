@@ -126,7 +126,7 @@ def test_a_body_counts_where_its_shirt_ends():
     assert estimate.deviations[0] == pytest.approx(off([body, shirt], dented(0.15))[0], rel=0.3)
     assert estimate.deviations[1] < 0.001
     assert len(estimate.spots[0])
-    assert (np.abs(heights[estimate.spots[0]] - 0.15) < 0.05).all()
+    assert (np.abs(heights[estimate.spots[0]] - 0.15) < 0.06).all()
 
 
 def rig(bones):
