@@ -8,7 +8,7 @@ upper bounds for triangle soup Pompeiu-Hausdorff distance", 2024.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -65,19 +65,21 @@ class Moving:
 class Interval:
     """What is known of the distance over all poses, meters.
 
-    It is at least `measured`, as at `pose`, and at most `bound`. floor: a bound need not be lower.
+    It is at least `measured`, as at `place`, (3,) meters, in `pose`, and at most `bound`. floor: a bound need not be
+    lower.
     """
 
     floor: float
     measured: float = 0.0
     pose: int = 0
+    place: np.ndarray = field(default_factory=lambda: np.zeros(3))
     bound: float = 0.0
 
-    def see(self, distance: np.ndarray, pose: int) -> None:
-        """Distances that there are in the pose."""
+    def see(self, distance: np.ndarray, pose: int, at: np.ndarray) -> None:
+        """Note distances (n,) from points `at` (n, 3), in the pose."""
         most = float(distance.max(initial=0.0))
         if most > self.measured:
-            self.measured, self.pose = most, pose
+            self.measured, self.pose, self.place = most, pose, at[distance.argmax()]
 
     @property
     def enough(self) -> float:
@@ -177,16 +179,16 @@ def places_on(triangles: np.ndarray, large: np.ndarray) -> Places:
 
 
 def estimate(one: Moving, other: Moving, parts: Sequence[tuple[Places, Places]], beyond: float) -> tuple[list[float], np.ndarray]:
-    """Estimate what `interval` measures, part by part, and where it is more than `beyond` meters.
+    """Estimate what `interval` measures, part by part and point by point.
 
     parts: of each, such as an object, the Places of `one` and those of `other`, whose distances from the whole of the
         other surface count. Those of `other` count where what is nearest of `one` counts.
 
-    Returns the distance of each part, and which points of `one` are farther off than `beyond`, or
-    nearest to a point of `other` that is: (n,) bool.
+    Returns the distance of each part, and that of each point of `one`, (n,) meters: the largest of places nearest to
+    it, of either surface. Of a point that is no farther off than `beyond` this may be too much.
     """
     poses = slice(0, one.points.shape[1])
-    far = np.zeros(len(one.points), bool)
+    away = np.zeros(len(one.points))
     distances = []
     for mine, theirs in parts:
         found = _nothing_known(one)
@@ -194,16 +196,19 @@ def estimate(one: Moving, other: Moving, parts: Sequence[tuple[Places, Places]],
         way = _Way(other, found, poses)
         points = way.mapped(mine.at(one.points))
         way.look_again(points, beyond)
-        lost = points.near.max(axis=1) > beyond
-        far[mine.corners[lost, mine.weights[lost].argmax(axis=1)]] = True
+        np.maximum.at(away, _nearest_corner(mine.corners, mine.weights), points.near.max(axis=1))
 
         way = _Way(one, found, poses)
         points = way.mapped(theirs.at(other.points), one.counted)
         way.look_again(points, beyond)
-        lost = points.near.max(axis=1) > beyond
-        far[one.triangles[points.to[lost], points.weights[lost].argmax(axis=1)]] = True
+        np.maximum.at(away, _nearest_corner(one.triangles[points.to], points.weights), points.near.max(axis=1))
         distances.append(found.measured)
-    return distances, far
+    return distances, away
+
+
+def _nearest_corner(corners: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Return the one of corners (s, 3) with the largest of weights (s, 3), (s,)."""
+    return np.take_along_axis(corners, weights.argmax(axis=1)[:, None], axis=1)[:, 0]
 
 
 def upper_distances(one: Moving, other: Moving, places: Places) -> np.ndarray:
@@ -247,7 +252,7 @@ class _Way:
         off = np.empty(at.shape[:2])
         for some in blocks(len(at), TOGETHER):
             off[some] = _length(at[some] - self.mixed(self.other.triangles[to[some]], weights[some], self.poses))
-        self.found.see(off[:, 0], self.base)
+        self.found.see(off[:, 0], self.base, at[:, 0])
         return _Points(at, to, weights, off, off.copy())
 
     def mixed(self, corners: np.ndarray, weights: np.ndarray, poses: slice) -> np.ndarray:

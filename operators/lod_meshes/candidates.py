@@ -233,7 +233,12 @@ class Ladder:
             self.rows[goal] += (compare(self.objects, level, at, self.diagonal, self.looks) if goal else 0.0,)
 
     def look_between(self, goals: Sequence[float]) -> Iterator[float]:
-        """Look at LODs that were made anew in further frames, which may raise their bounds."""
+        """Look at LODs that were made anew in further frames, which may raise their bounds.
+
+        A search has done so.
+        """
+        if self.searched:
+            return
         new = [goal for goal in goals if goal in self.made]
         levels = [list(self.found[goal].objects) for goal in new]
         measured = yield from self.by.look_between(levels, [self.rows[goal][2:6] for goal in new])

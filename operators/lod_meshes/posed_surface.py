@@ -22,6 +22,7 @@ LARGE = 1 / 64  # of the size: estimates look within triangles with longer sides
 
 # deviation, bound, root mean square (meters), and the moment of the worst pose
 Measured = tuple[float, float, float, float]
+Worst = tuple[int, np.ndarray]  # a pose, and where in it a LOD and its character are farthest apart, (3,) meters
 
 
 class PosedSurface:
@@ -127,8 +128,8 @@ def large_pieces(surface: Moving) -> np.ndarray:
     return longest > LARGE * np.ptp(surface.points[:, 0], axis=0).max()
 
 
-def compare_surfaces(character: PosedSurface, other: PosedSurface, frames: Sequence[float]) -> Measured | None:
-    """Return (deviation, bound, root mean square, frame of the worst pose) of a LOD, meters.
+def compare_surfaces(character: PosedSurface, other: PosedSurface, frames: Sequence[float]) -> tuple[Measured, Worst] | None:
+    """Return what is measured of a LOD, and where it is farthest off.
 
     frames: of the poses. None where no pose shows both.
     """
@@ -140,19 +141,19 @@ def compare_surfaces(character: PosedSurface, other: PosedSurface, frames: Seque
                 continue
             pair = [each.moving for each in surfaces]
             if all(np.array_equal(*each) for each in zip(*((m.points, m.triangles) for m in pair), strict=True)):
-                found.append((0.0, 0.0, frames[shared[0]]))
+                found.append((0.0, 0.0, shared[0], pair[0].points[0, 0]))
                 continue
             apart = hausdorff.interval(*pair)
             _count_shown(pair[0], surfaces[1], other.shapes[shared[0]].hiding, apart)
             pose, lost = shared[apart.pose], _lost(character, other, shared, apart.bound)
             posed = [Surface(m.points[:, apart.pose], m.triangles) for m in pair]
             rms = spread(*posed, [m.counted for m in pair], SAMPLES)
-            found.append((max(apart.measured, lost), rms, frames[pose]))
+            found.append((max(apart.measured, lost), rms, pose, apart.place))
             bound = max(bound, apart.bound, lost)
     if not found:
         return None
-    most, rms, frame = max(found)
-    return most, float(bound) * (1 + BETWEEN * (len(frames) > 1)), rms, frame
+    most, rms, pose, place = max(found, key=lambda each: each[:3])
+    return (most, float(bound) * (1 + BETWEEN * (len(frames) > 1)), rms, frames[pose]), (pose, place)
 
 
 def _count_shown(character: Moving, surface: Merged, hiding: np.ndarray, apart: Interval) -> None:
@@ -178,7 +179,7 @@ def _count_shown(character: Moving, surface: Merged, hiding: np.ndarray, apart: 
     )
     apart.bound = max(apart.bound, more.bound)
     if more.measured > apart.measured:
-        apart.measured, apart.pose = more.measured, more.pose
+        apart.measured, apart.pose, apart.place = more.measured, more.pose, more.place
     lod.counted |= shown
 
 

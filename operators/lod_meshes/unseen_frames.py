@@ -5,7 +5,7 @@ the pose of a joint that no measured pose has.
 """
 
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -147,6 +147,7 @@ class Looked:
 
     number: the LOD's, of those that `posed` has; surfaces: the character and the LOD, in the poses.
     watched: what is watched of either; moments, off: (k,) as `look_at` tells, 0 once it is known.
+    measured: moments in which the whole was measured.
     """
 
     posed: Posed
@@ -155,6 +156,7 @@ class Looked:
     watched: tuple[Watched, Watched]
     moments: np.ndarray
     off: np.ndarray
+    measured: list[float] = field(default_factory=list)
 
     def measure(self, row: Measured, beyond: float) -> Measured | None:
         """Measure the whole LOD where a watched place is farther off than `beyond` meters.
@@ -165,6 +167,7 @@ class Looked:
         some = self._exceeding(beyond)
         if not some:
             return None
+        self.measured += [moment for moment, _ in some]
         one, other = (surface.at([points[k] for _, points in some]) for k, surface in enumerate(self.surfaces))
         if one is None or other is None:
             return row
