@@ -112,17 +112,17 @@ class Measure:
         tree.balance()
         return np.array([tree.find(point)[1] for point in points @ matrix[:3, :3].T + matrix[:3, 3]], np.intp)
 
-    def worst_vertices(self) -> tuple[int, np.ndarray]:
-        """Return the character's vertices (k,) around where the LOD measured last is farthest off.
+    def worst_vertices(self) -> tuple[float, int, np.ndarray]:
+        """Return how far the LOD measured last is off at most, and the vertices (k,) around that place.
 
-        They are of one object, whose number comes first.
+        They are the character's, of the object whose number comes before them.
         """
-        pose, place = self.worst
+        deviation, pose, place = self.worst
         whole, begins = self.character.surface([pose]), self.character.shapes[pose].begins
         face = whole.moving.find(0, place[None])
         around = np.flatnonzero(np.isin(whole.place, whole.moving.triangles[face]))
         number = int(np.searchsorted(begins, around[0], side="right")) - 1
-        return number, around[around < begins[number + 1]] - begins[number]
+        return deviation, number, around[around < begins[number + 1]] - begins[number]
 
     def estimate(self, objects: Sequence[bpy.types.Object], beyond: float = np.inf) -> Estimate:
         """Measure a LOD roughly but quickly. The character must be read.

@@ -22,7 +22,8 @@ LARGE = 1 / 64  # of the size: estimates look within triangles with longer sides
 
 # deviation, bound, root mean square (meters), and the moment of the worst pose
 Measured = tuple[float, float, float, float]
-Worst = tuple[int, np.ndarray]  # a pose, and where in it a LOD and its character are farthest apart, (3,) meters
+# how far a LOD and its character are apart at most, in which pose, and where, (3,) meters
+Worst = tuple[float, int, np.ndarray]
 
 
 class PosedSurface:
@@ -153,7 +154,7 @@ def compare_surfaces(character: PosedSurface, other: PosedSurface, frames: Seque
     if not found:
         return None
     most, rms, pose, place = max(found, key=lambda each: each[:3])
-    return (most, float(bound) * (1 + BETWEEN * (len(frames) > 1)), rms, frames[pose]), (pose, place)
+    return (most, float(bound) * (1 + BETWEEN * (len(frames) > 1)), rms, frames[pose]), (most, pose, place)
 
 
 def _count_shown(character: Moving, surface: Merged, hiding: np.ndarray, apart: Interval) -> None:

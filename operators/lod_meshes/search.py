@@ -174,7 +174,7 @@ class Search:
             yield from share(self._fit(aim, about), k / MOST_MEASURED, (k + 0.7) / MOST_MEASURED)
             objects = [curve.best(aim) for curve in self.curves]
             if objects in before:
-                break
+                continue
             before.append(objects)
             measured = yield from share(self._measure(objects, length), (k + 0.7) / MOST_MEASURED, (k + 1) / MOST_MEASURED)
             bound = measured[1]
@@ -182,7 +182,7 @@ class Search:
                 fitting.append((sum(attempt.triangles for attempt in objects), objects, measured))
             if NEAR_ENOUGH * length <= bound <= length or (k + 1 >= REFINED and fitting):
                 break
-            self._learn(objects, measured[0], length / USUAL)
+            self._learn(objects, length / USUAL)
         if not fitting:
             objects = yield from self._whole()
             measured = yield from standing(self._measure(objects, length), 1.0)
@@ -202,13 +202,10 @@ class Search:
             (measured,) = yield from share(self.by.look_between([items], [measured]), 0.5, 1.0)
         return measured
 
-    def _learn(self, objects: list[Try], deviation: float, length: float) -> None:
-        """Note what a whole measure says of a LOD.
-
-        deviation: meters, at the place where it is worst. That may be one that no estimate looks at.
-        """
+    def _learn(self, objects: list[Try], length: float) -> None:
+        """Note what a whole measure says of a LOD: its worst place may be one that no estimate looks at."""
         estimate = self.by.estimate([attempt.item for attempt in objects], length)
-        number, vertices = self.by.worst_vertices()
+        deviation, number, vertices = self.by.worst_vertices()
         estimate.deviations[number] = max(estimate.deviations[number], deviation)
         estimate.away[number][vertices] = np.maximum(estimate.away[number][vertices], deviation)
         self._note_all(objects, estimate)
