@@ -19,9 +19,9 @@ from crowd_lod_extension.crowd_lod.reporting.state_graph import svg
 from crowd_lod_extension.operators import registration
 from crowd_lod_extension.operators.cli.arguments import parser
 from crowd_lod_extension.operators.ui import panels, presets, shot_panels
-from crowd_lod_extension.operators.ui.area_list import CrowdLodArea
+from crowd_lod_extension.operators.ui.area_settings import CrowdLodArea
 from crowd_lod_extension.operators.ui.crowd_settings import BehaviorSettings, CrowdSettings, SimulationSettings
-from crowd_lod_extension.operators.ui.exception_list import CrowdLodException
+from crowd_lod_extension.operators.ui.exception_settings import CrowdLodException
 from crowd_lod_extension.operators.ui.properties import CrowdLodGroup, CrowdLodSettings
 
 DOCS = Path(__file__).parent

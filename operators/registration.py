@@ -25,8 +25,10 @@ from .overlay import agent_picker, viewport_image, viewport_overlay
 from .ui import (
     agent_edits,
     area_list,
+    area_settings,
     crowd_list,
     exception_list,
+    exception_settings,
     machine_panels,
     machine_settings,
     menus,
@@ -34,12 +36,15 @@ from .ui import (
     popovers,
     presets,
     properties,
+    setting_changes,
     shot_panels,
     swatches,
 )
 from .usd import export_button
 
 MODULES = (
+    area_settings,
+    exception_settings,
     exception_list,
     agent_edits,
     area_list,
@@ -92,10 +97,16 @@ HANDLERS = {
     "render_complete": [frame_update.ended],
     "render_cancel": [frame_update.rendered, frame_update.ended],
 }
+# what follows when settings change
+FOLLOWERS = {
+    "areas": lambda entry: map_areas.follow_soon(entry.id_data),
+    "on_ground": scene_crowd.set_down,
+}
 _commands = []
 
 
 def register() -> None:
+    setting_changes.FOLLOWERS.update(FOLLOWERS)
     for c in CLASSES:
         bpy.utils.register_class(c)
     bpy.types.Scene.crowd_lod = bpy.props.PointerProperty(type=properties.CrowdLodSettings)

@@ -35,7 +35,7 @@ from ..lod_meshes.level_objects import TINTS
 from ..lod_meshes.make_lods import make_levels
 from ..lod_meshes.selection import cast_of, rigs_of
 from .output_index import note_output
-from .preview_plan import scene_json
+from .scene_json import scene_json
 from .shot_survey import survey_of
 from .switch_crops import crops_of
 

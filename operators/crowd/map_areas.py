@@ -18,7 +18,6 @@ from ..blender.guard import guarded, handler
 from . import kept_meshes
 from .scene_world import MADE_FOR, area_of, areas_depend_on, machine_of
 
-SURFACES = {"MESH", "CURVE", "SURFACE", "FONT", "META"}
 LONGER_SIDE = 256  # cells along the ground's longer side, where no image says how many
 REST = 0.1  # seconds from a change to the new image
 # Of each scene whose meshes have changed: True. What its image depended on when last asked, and what
@@ -39,11 +38,6 @@ def meshes_in(entry) -> list[bpy.types.Object]:
     """Return the objects of an area."""
     inside = entry.collection.all_objects if entry.collection is not None else ()
     return [item for item in dict.fromkeys((entry.object, *inside)) if item is not None]
-
-
-def is_scenery(item: bpy.types.Object) -> bool:
-    """Return whether an object may be a wall, and is none of Crowd LOD's own."""
-    return (item.type in SURFACES or item.is_instancer) and not any(key.startswith("crowd_lod") for key in item.keys())
 
 
 def make(crowd, depsgraph: bpy.types.Depsgraph) -> int:

@@ -167,7 +167,7 @@ def store_groups(settings, groups: tuple[Group, ...]) -> None:
             entry.own_thresholds, entry.thresholds, entry.sizes, entry.finest, entry.share, entry.scale = own[group.name]
 
 
-def set_down(entry: bpy.types.PropertyGroup, _) -> None:
+def set_down(entry: bpy.types.PropertyGroup) -> None:
     """Update a group after on_ground changed: move its sphere and LODs to its feet."""
     entry.center += -entry.lowest if entry.on_ground else entry.lowest
     for variant in entry.id_data.crowd_lod.groups:

@@ -19,12 +19,12 @@ from ...crowd_lod.levels.assignment import LevelPolicy
 from ...crowd_lod.planning.exceptions import KINDS, Exemption, check_level, parse_agents
 from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import frame_stepping, image_data, scene_cache, scene_data, stored_values
+from ..ui.exception_settings import REGIONS
 from . import hand_edits
 from .object_boxes import box_of, in_box
 from .object_volumes import in_volume, shape_of
 from .scene_world import area_of
 
-REGIONS = "MESH", "EMPTY"  # types of objects that may mark a region
 # Of painted maps: the values, and their digest.
 _painted: dict[int, tuple[np.ndarray, str]] = scene_cache.kept({})
 

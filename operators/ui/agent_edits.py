@@ -16,8 +16,9 @@ from ..crowd import needs
 from ..crowd.hand_edits import unedited
 from ..crowd.object_volumes import closed
 from ..crowd.scene_crowd import trajectory_of
-from ..crowd.shot_exceptions import REGIONS, find_agents
+from ..crowd.shot_exceptions import find_agents
 from ..overlay import viewport_overlay
+from .exception_settings import REGIONS
 
 NUDGE, TURN = 0.5, pi / 2  # meters and radians by which one press moves and turns
 # kind: name and icon of its button

@@ -15,7 +15,7 @@ from ..blender.labeled_properties import (
     StringProperty,
 )
 from ..crowd.outdated_estimate import outdate
-from .area_list import CrowdLodArea
+from .area_settings import CrowdLodArea
 
 
 class CharacterSettings:

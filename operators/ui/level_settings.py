@@ -15,8 +15,8 @@ from ..blender.labeled_properties import (
     StringProperty,
 )
 from ..crowd.outdated_estimate import outdate
-from ..crowd.scene_crowd import set_down
 from ..crowd.threshold_order import push, push_all
+from .setting_changes import settings_changed
 
 METHODS = (
     ("AUTO", "Automatic", "Make each mesh by both methods, measure how far it is off in motion, and take the closer one"),
@@ -61,7 +61,7 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
     on_ground: BoolProperty(
         name="Stand on Ground",
         description="Its soles stand on the ground over the whole action, instead of its origin",
-        update=set_down,
+        update=settings_changed("on_ground"),
     )
     vertices: IntVectorProperty(name="Vertices", size=MOST_LEVELS, description="Vertices of each LOD")
     triangles: IntVectorProperty(name="Triangles", size=MOST_LEVELS, description="Triangles of each LOD")

@@ -12,7 +12,7 @@ from ..blender.labeled_properties import (
     StringProperty,
 )
 from ..blender.output_folders import BLEND_NAME
-from .exception_list import CrowdLodException
+from .exception_settings import CrowdLodException
 
 COLORS = (
     ("LOD", "By LOD", "Red, green, blue from near to far"),

@@ -9,7 +9,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.crowd.state_machine import preset_text
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.planning.explanation import explained
-from crowd_lod_extension.operators.batch.preview_plan import _crowd_of
+from crowd_lod_extension.operators.batch.scene_json import _crowd_of
 from crowd_lod_extension.operators.blender import scene_data
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.crowd.scene_crowd import frame_of, groups_of, trajectory_of
