@@ -2,44 +2,19 @@
 
 import bpy
 
-from .batch import open_report, preview, shot_plan, verify_button
-from .blender import collection_caches, main_thread, output_folders, provenance, scene_cache
-from .build import buttons, cost_estimate, frame_update
+from .blender import collection_caches, main_thread, output_folders, provenance, scene_cache, scenery
+from .characters import characters_from_selection, prop_button, take_action
 from .cli import commands
-from .crowd import (
-    characters_from_selection,
-    machine_buttons,
-    map_areas,
-    map_painting,
-    prop_button,
-    record_points,
-    sample_menu,
-    scene_crowd,
-    scenery,
-    simulate,
-    state_machine_menu,
-    take_action,
-)
 from .lod_meshes import deviation, make_lods
+from .machine import machine_buttons, machine_settings, map_areas, map_painting, state_machine_menu
 from .overlay import agent_picker, viewport_image, viewport_overlay
-from .ui import (
-    agent_edits,
-    area_list,
-    area_settings,
-    crowd_list,
-    exception_list,
-    exception_settings,
-    machine_panels,
-    machine_settings,
-    menus,
-    panels,
-    popovers,
-    presets,
-    properties,
-    setting_changes,
-    shot_panels,
-    swatches,
-)
+from .render_setup import buttons, cost_estimate, frame_update
+from .runs import open_report, preview, verify_button
+from .scene import sample_menu, scene_crowd
+from .settings import area_settings, exception_settings, presets, properties, setting_changes
+from .shot import shot_plan
+from .sources import record_points, simulate
+from .ui import agent_edits, area_list, crowd_list, exception_list, machine_panels, menus, panels, popovers, shot_panels, swatches
 from .usd import export_button
 
 MODULES = (

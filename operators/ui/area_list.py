@@ -5,8 +5,8 @@ import bpy
 from ...crowd_lod.format import counted
 from ..blender.character_objects import is_scenery
 from ..blender.operator import Reporting
-from ..crowd import map_areas
-from ..crowd.machine_editor import draft_of, selected
+from ..machine import map_areas
+from ..machine.machine_editor import draft_of, selected
 from .settings_list import Moving, Removing, SwitchedRow, draw_list
 
 

@@ -3,7 +3,7 @@
 import bpy
 
 from ..blender.operator import Reporting
-from ..crowd import needs
+from ..settings import needs
 from .settings_list import Moving, Removing, SwitchedRow
 
 

@@ -6,11 +6,12 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension import sample_scenes
-from crowd_lod_extension.crowd_lod.planning.frame import plan
+from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.reporting import tables
-from crowd_lod_extension.operators.batch import scene_json
 from crowd_lod_extension.operators.blender import cameras, image_data
-from crowd_lod_extension.operators.crowd import scene_crowd, scene_world
+from crowd_lod_extension.operators.machine import scene_world
+from crowd_lod_extension.operators.scene import scene_crowd
+from crowd_lod_extension.operators.shot import scene_json
 from crowd_lod_extension.sample_scenes import station_plan
 from mathutils.bvhtree import BVHTree
 
