@@ -17,7 +17,7 @@ from ..crowd.state_machine import StateMachine
 from ..crowd.terrain import Ground, Terrain
 from ..crowd.velocity_bounds import STANDING, VelocityBounds
 from ..progress import aside
-from ..trajectory.trajectory import PART, States, Trajectory
+from ..sources.trajectory import PART, States, Trajectory
 from .courant_number import check_speeds
 from .fading import fading
 from .lookahead import Ahead, look, onward, opened

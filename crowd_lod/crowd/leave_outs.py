@@ -41,7 +41,7 @@ ALL_OUTSIDE = LeftOut("culling", "All agents lie outside the picture: none is te
 ONE_LEVEL = LeftOut("levels", "All agents lie in the range of one level of detail: distances are not measured.")
 ONE_BUCKET = LeftOut("sorting", "All visible agents have one level of detail: they are not sorted.")
 
-# Of the agents that the camera does not see (planning/shadows.py).
+# Of the agents that the camera does not see (frame/shadows.py).
 NO_SHADOWS = LeftOut("surroundings", "No light casts shadows: agents outside the picture are not searched for shadows in it.")
 NO_MIRRORS = LeftOut("surroundings", "No mirrors are chosen: agents outside the picture are not searched for reflections in it.")
 NOT_WANTED = LeftOut("surroundings", "Shadows and Reflections is off: agents that the camera does not see are left out.")

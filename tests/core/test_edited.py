@@ -10,13 +10,13 @@ from crowd_lod_extension.crowd_lod.crowd.agents import populate
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS, FLAT, IN_ORDER, NOTHING, STATIC
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, HeightMap, LabelMap
 from crowd_lod_extension.crowd_lod.culling import blocks as culling_blocks
-from crowd_lod_extension.crowd_lod.planning.exceptions import named, parse_agents
-from crowd_lod_extension.crowd_lod.planning.frame import plan
-from crowd_lod_extension.crowd_lod.planning.reasons import ABSENT, reasons
-from crowd_lod_extension.crowd_lod.planning.shadows import Surroundings, surround
-from crowd_lod_extension.crowd_lod.planning.volumes import Light
-from crowd_lod_extension.crowd_lod.trajectory.edited import Edit, Edited
-from crowd_lod_extension.crowd_lod.trajectory.several import Several
+from crowd_lod_extension.crowd_lod.culling.volumes import Light
+from crowd_lod_extension.crowd_lod.frame.frame import plan
+from crowd_lod_extension.crowd_lod.frame.reasons import ABSENT, reasons
+from crowd_lod_extension.crowd_lod.frame.shadows import Surroundings, surround
+from crowd_lod_extension.crowd_lod.shot.exceptions import named, parse_agents
+from crowd_lod_extension.crowd_lod.sources.edited import Edit, Edited
+from crowd_lod_extension.crowd_lod.sources.several import Several
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
 from hypothesis import given, settings
 from hypothesis import strategies as st

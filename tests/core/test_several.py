@@ -9,12 +9,12 @@ from crowd_lod_extension.crowd_lod.crowd import morton_order
 from crowd_lod_extension.crowd_lod.crowd.agents import populate
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS, FLAT, NOTHING
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, HeightMap, LabelMap
+from crowd_lod_extension.crowd_lod.culling.volumes import Light
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.planning.frame import plan
-from crowd_lod_extension.crowd_lod.planning.reasons import ABSENT, reasons
-from crowd_lod_extension.crowd_lod.planning.shadows import Surroundings, surround
-from crowd_lod_extension.crowd_lod.planning.volumes import Light
-from crowd_lod_extension.crowd_lod.trajectory.several import Several
+from crowd_lod_extension.crowd_lod.frame.frame import plan
+from crowd_lod_extension.crowd_lod.frame.reasons import ABSENT, reasons
+from crowd_lod_extension.crowd_lod.frame.shadows import Surroundings, surround
+from crowd_lod_extension.crowd_lod.sources.several import Several
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
 
 from ..support.cameras import straight

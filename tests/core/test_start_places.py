@@ -22,7 +22,7 @@ from crowd_lod_extension.crowd_lod.crowd.start_places import (
 )
 from crowd_lod_extension.crowd_lod.crowd.terrain import Terrain
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.planning.frame import plan
+from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
 
 from ..support.cameras import straight
