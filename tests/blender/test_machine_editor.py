@@ -3,7 +3,7 @@
 import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.crowd.state_machine import parse, preset_text
-from crowd_lod_extension.operators.crowd.machine_editor import draft_of, problem_of, selected
+from crowd_lod_extension.operators.machine.machine_editor import draft_of, problem_of, selected
 
 MARKET = preset_text("market")
 
