@@ -31,10 +31,11 @@ NEAR = 1e-4 * 1.9  # of the adult's diagonal
 
 @pytest.fixture
 def fading(kept, request):
-    """Two characters with their LODs who fade between walk and idle."""
+    """A character with its LODs who fades between walk and idle."""
     path = kept / "fading.blend"
     if not path.exists():
         scene = request.getfixturevalue("waiting")
+        scene.crowd_lod.group_names = "adult"
         name_actions(scene, FADING)
         levelled(scene)
         bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
