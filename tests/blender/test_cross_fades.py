@@ -205,6 +205,7 @@ def test_what_cannot_be_faded_is_one_sentence(waiting):  # noqa: F811
         measure_groups(waiting)
 
 
+@pytest.mark.once
 def test_lods_made_before_the_cross_fades_are_told(fading):
     scene = fading
     scene.crowd_lod.choice, scene.crowd_lod.frames = "BY_TOLERANCE", "1:20"
