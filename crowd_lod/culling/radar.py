@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..crowd.agents import Crowd, runs
-from ..crowd.leave_outs import FLAT, IN_ORDER, NOTHING, ONE_GROUP, LeftOut
+from ..crowd.agents import Crowd
 from ..errors import CrowdError
 from ..format import counted
 from .camera import Camera, Planes, planes, stretch
@@ -21,8 +20,6 @@ BLOCK = 16_384
 ROUNDING = 16 * np.finfo(np.float64).eps
 # Meters. Products and squares of smaller numbers may lose all their bits to underflow.
 TINY = 1e-150
-# Which corners of a box, (3, 8), lie at its lower side along x, y and z.
-CORNERS = np.indices((2, 2, 2), dtype=bool).reshape(3, 8)
 
 
 @dataclass(frozen=True)
@@ -33,15 +30,13 @@ class RadarOptions:
         lies in or touches all six planes (Delta = r / cos(fov / 2) at the sides, r at near and
         far). A number is the chapter's fixed Delta in meters, at the sides alone.
     radial: measure |v| instead of v.Z.
-    leave: what the crowd does not need, from leave_outs.needless.
-    every: the answer for all agents, from `bounds`, if it is known.
+    cull: whether to test the spheres; all are visible if not.
     measure: whether to measure distances; those not measured are inf.
     """
 
     margin: float | None = None
     radial: bool = False
-    leave: frozenset[LeftOut] = NOTHING
-    every: bool | None = None
+    cull: bool = True
     measure: bool = True
 
 
@@ -61,8 +56,7 @@ def radar(
     cameras: one, or the eyes of one picture.
     center, radius: (G,) float64 meters, each group's bounding sphere: the height of its center
         above the feet, and its radius.
-    agents: (m,) indices to test, group by group if the crowd is in order; None tests all. The
-        results are then (m,).
+    agents: (m,) indices to test; None tests all. The results are then (m,).
 
     visible: (n,) bool. Agents exactly on a plane are visible; those at NaN or infinity are not. A
         panoramic camera keeps all within its clip range and its cone, also what its picture leaves
@@ -74,20 +68,16 @@ def radar(
     Positions relative to the camera are computed in float64.
     """
     cameras = (cameras,) if isinstance(cameras, Camera) else tuple(cameras)
-    count, leave = len(crowd) if agents is None else len(agents), options.leave
-    visible, distance = np.full(count, bool(options.every)), np.full(count, np.inf)
-    if not count or (options.every is not None and not options.measure):
-        return visible, distance
+    count = len(crowd) if agents is None else len(agents)
+    visible, distance = np.full(count, not options.cull), np.full(count, np.inf)
     views = [(camera, None if camera.kind == "PANO" else planes(camera)) for camera in cameras]
-    height = crowd.z[0] + center if FLAT in leave else None
     with np.errstate(invalid="ignore", over="ignore", under="ignore"):
-        groups = crowd.group if agents is None else crowd.group[agents]
-        for block in _blocks(groups, leave):
+        for begin in range(0, count, BLOCK):
+            block = slice(begin, begin + BLOCK)
             here = block if agents is None else agents[block]
-            group = groups[block.start if leave & {ONE_GROUP, IN_ORDER} else block]
-            z = crowd.z[here] + center[group] if height is None else height[group]
+            group = crowd.group[here]
             r = radius[group] if options.margin is None else 0.0
-            places = crowd.x[here], crowd.y[here], z
+            places = crowd.x[here], crowd.y[here], crowd.z[here] + center[group]
             for camera, frustum in views:
                 _look(camera, frustum, places, r, options, (visible[block], distance[block]))
     return visible, distance
@@ -99,14 +89,14 @@ def _look(
     """Add to `found`, (visible, distance) of a block of agents, what one camera sees.
 
     frustum: the camera's planes; None for a panoramic one.
-    places: x, y, z of the spheres' centers, each (b,) or one number.
+    places: x, y, z of the spheres' centers, each (b,).
     r: radius.
     """
     visible, distance = found
     v = tuple(place - origin for place, origin in zip(places, camera.origin, strict=True))
     depth, ranged = _dot(v, camera.Z), options.radial or frustum is None
     away = np.sqrt(_dot(v, v)) if ranged or camera.turn else depth  # |v|, where something follows from it
-    if options.every is None:
+    if options.cull:
         reach, slack = reach_of(camera, v, away, r)
         if frustum is None:
             inside = _in_cone(camera, v, depth, away, reach + slack)
@@ -115,94 +105,6 @@ def _look(
         visible |= inside & np.isfinite(slack)
     if options.measure:
         np.fmin(distance, away if ranged else depth, out=distance)
-
-
-def _blocks(group: np.ndarray, leave: frozenset[LeftOut]) -> list[slice]:
-    """Return slices of agents, group (n,); of one group each if they are in order."""
-    parts = runs(group) if IN_ORDER in leave else [(0, len(group))]
-    return [slice(at, min(at + BLOCK, end)) for begin, end in parts for at in range(begin, end, BLOCK)]
-
-
-@dataclass(frozen=True)
-class Bounds:
-    """What holds for all agents.
-
-    every: whether `radar` keeps all (True), none (False), or this is not known (None).
-    finite: whether no agent stands at NaN or infinity.
-    nearest, farthest: meters, bounds of all distances.
-    """
-
-    every: bool | None = None
-    finite: bool = False
-    nearest: float = -np.inf
-    farthest: float = np.inf
-
-
-def bounds(
-    crowd: Crowd,
-    cameras: Sequence[Camera],
-    center: np.ndarray,
-    radius: np.ndarray,
-    options: RadarOptions = PLAIN,
-) -> Bounds:
-    """Return what `radar` finds for all agents, from the box about them.
-
-    The arguments are those of `radar`.
-
-    Rounding keeps the order of numbers: x <= y gives fl(x) <= fl(y). So the box's corners (for |v|:
-    its nearest point) bound each of the radar's terms, computed with the same operations in the
-    same order, roundings included. The answer is the radar's to the bit.
-    """
-    if not len(crowd):
-        return Bounds()
-    with np.errstate(invalid="ignore", over="ignore", under="ignore"):
-        z = crowd.z[:1] if FLAT in options.leave else crowd.z
-        low = np.array([crowd.x.min(), crowd.y.min(), z.min() + center.min()])
-        high = np.array([crowd.x.max(), crowd.y.max(), z.max() + center.max()])
-        if not np.isfinite([low, high]).all():
-            return Bounds()
-        r = (radius.min(), radius.max()) if options.margin is None else (0.0, 0.0)
-        each = [_bounds(camera, low, high, r, options) for camera in cameras]
-    answers = [one.every for one in each]
-    return Bounds(
-        every=True if True in answers else None if None in answers else False,
-        finite=True,
-        nearest=min(one.nearest for one in each),
-        farthest=min(one.farthest for one in each),
-    )
-
-
-def _bounds(camera: Camera, low: np.ndarray, high: np.ndarray, r: tuple, options: RadarOptions) -> Bounds:
-    """Return the Bounds for one camera of spheres in a box.
-
-    low, high: (3,), the box of the spheres' centers.
-    r: (least, most) radius.
-    """
-    low, high = low - camera.origin, high - camera.origin
-    corners = tuple(np.where(CORNERS, low[:, None], high[:, None]))
-    nearest = tuple(np.minimum(np.maximum(low, 0.0), high)[:, None])
-    close, away = np.sqrt(_dot(nearest, nearest)), np.sqrt(_dot(corners, corners))
-    (least, little), (most, much) = reach_of(camera, nearest, close, r[0]), reach_of(camera, corners, away, r[1])
-    depth = _dot(corners, camera.Z)
-    if camera.kind == "PANO":
-        least, most = (least + little).min(), (most + much).max()
-        begin, end = camera.near * (1 - ROUNDING), camera.far * (1 + ROUNDING)
-        inside = camera.cone >= np.pi and close.min() >= begin - least and away.max() <= end + least
-        outside = close.min() > end + most or away.max() < begin - most
-    else:
-        frustum = planes(camera)
-        least, most = (least + frustum.rounding * little).min(), (most + frustum.rounding * much).max()
-        *sides, near, far = frustum.limits(options.margin, ROUNDING)
-        along = depth * frustum.fixed[5]
-        beyond = [(_dot(corners, normal), side) for normal, side in zip(frustum.normals, sides, strict=False)]
-        inside = along.max() <= far + least and along.min() >= -near - least
-        inside = inside and all(d.max() <= least + side for d, side in beyond)
-        outside = along.min() > far + most or along.max() < -near - most
-        outside = outside or any(d.min() > most + side for d, side in beyond)
-    every = None if not np.isfinite(much).all() else True if inside else False if outside else None
-    if options.radial or camera.kind == "PANO":
-        return Bounds(every, True, float(close.min()), float(away.max()))
-    return Bounds(every, True, float(depth.min()), float(depth.max()))
 
 
 def reach_of(camera: Camera, v: tuple, away: np.ndarray, r: np.ndarray | float) -> tuple:

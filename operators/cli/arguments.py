@@ -8,7 +8,7 @@ import bpy
 from ... import sample_scenes
 from ...crowd_lod import __version__
 from ...crowd_lod.crowd.agents import MOST_AGENTS
-from ..batch.preview_stage import ENGINES
+from ..runs.preview_stage import ENGINES
 
 
 def parser(program: str) -> argparse.ArgumentParser:
