@@ -5,9 +5,9 @@ from bpy_extras.object_utils import world_to_camera_view
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
-from crowd_lod_extension.operators.build import render_setup
-from crowd_lod_extension.operators.crowd.scene_crowd import frame_of, trajectory_of
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.render_setup import render_setup
+from crowd_lod_extension.operators.scene.scene_crowd import frame_of, trajectory_of
 from mathutils import Vector
 
 

@@ -8,8 +8,8 @@ import pytest
 from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.crowd import scene_crowd
 from crowd_lod_extension.operators.lod_meshes import deviation, pose_choice, posed_surface, surface
+from crowd_lod_extension.operators.scene import scene_crowd
 
 pytestmark = pytest.mark.usefixtures("exact_levels")
 GROUP = Group("one", 0, 1, 0, 1)

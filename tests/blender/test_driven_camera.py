@@ -7,12 +7,12 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.batch.preview import Preview, preview
-from crowd_lod_extension.operators.batch.verify import Verify, verify
 from crowd_lod_extension.operators.blender import cameras, frame_stepping
-from crowd_lod_extension.operators.build import render_setup
-from crowd_lod_extension.operators.build.bake import bake
-from crowd_lod_extension.operators.crowd.scene_crowd import frame_of
+from crowd_lod_extension.operators.render_setup import render_setup
+from crowd_lod_extension.operators.render_setup.bake import bake
+from crowd_lod_extension.operators.runs.preview import Preview, preview
+from crowd_lod_extension.operators.runs.verify import Verify, verify
+from crowd_lod_extension.operators.scene.scene_crowd import frame_of
 
 
 class Film(bpy.types.RenderEngine):

@@ -6,13 +6,13 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.build.hidden_characters import told_of_characters
-from crowd_lod_extension.operators.build.render_setup import build
+from crowd_lod_extension.operators.blender.scenery import emits
+from crowd_lod_extension.operators.characters.glow import glowing, told_of_glow
 from crowd_lod_extension.operators.cli import commands
-from crowd_lod_extension.operators.crowd.glow import glowing, told_of_glow
-from crowd_lod_extension.operators.crowd.scene_crowd import measure_groups, populating, store_groups
-from crowd_lod_extension.operators.crowd.scenery import emits
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.render_setup.hidden_characters import told_of_characters
+from crowd_lod_extension.operators.render_setup.render_setup import build
+from crowd_lod_extension.operators.scene.scene_crowd import measure_groups, populating, store_groups
 from crowd_lod_extension.sample_scenes.scenery import add, material, tile
 
 from ..support.characters import character, new, tube

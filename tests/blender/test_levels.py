@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender import mesh_data
-from crowd_lod_extension.operators.crowd import scene_crowd
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.scene import scene_crowd
 from mathutils import Matrix
 from mathutils.bvhtree import BVHTree
 

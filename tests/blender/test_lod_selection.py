@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from bpy_extras.object_utils import world_to_camera_view
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.operators.build import render_setup
-from crowd_lod_extension.operators.crowd import scene_crowd
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.render_setup import render_setup
+from crowd_lod_extension.operators.scene import scene_crowd
 from mathutils import Vector
 
 

@@ -3,12 +3,12 @@
 import bpy
 import pytest
 from crowd_lod_extension.operators.blender import provenance
-from crowd_lod_extension.operators.build import staleness
+from crowd_lod_extension.operators.characters import cast_provenance
+from crowd_lod_extension.operators.characters.cast_provenance import cast_inputs
 from crowd_lod_extension.operators.cli import commands
-from crowd_lod_extension.operators.crowd import cast_provenance
-from crowd_lod_extension.operators.crowd.cast_provenance import cast_inputs
-from crowd_lod_extension.operators.crowd.scene_crowd import frame_of
 from crowd_lod_extension.operators.lod_meshes import made_for
+from crowd_lod_extension.operators.render_setup import staleness
+from crowd_lod_extension.operators.scene.scene_crowd import frame_of
 
 
 @pytest.fixture(autouse=True)

@@ -6,14 +6,14 @@ import sys
 import bpy
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
-from crowd_lod_extension.crowd_lod.planning.frame import plan
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import seen
 from crowd_lod_extension.operators.cli import commands
-from crowd_lod_extension.operators.crowd.scene_crowd import trajectory_of
-from crowd_lod_extension.operators.crowd.scene_world import machine_of, world_of
-from crowd_lod_extension.operators.crowd.simulate import follow, simulating_crowd
+from crowd_lod_extension.operators.machine.scene_world import machine_of, world_of
+from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
+from crowd_lod_extension.operators.sources.simulate import follow, simulating_crowd
 
 from ..support.cameras import straight
 from ..support.crowds import walker
@@ -127,7 +127,7 @@ def test_people_walk_around_the_meshes_of_a_collection(hall, tmp_path):
 
 
 def test_esc_leaves_the_scene_and_the_folder_as_they_were(hall, tmp_path):
-    from crowd_lod_extension.operators.crowd.simulate import CROWDLOD_OT_simulate
+    from crowd_lod_extension.operators.sources.simulate import CROWDLOD_OT_simulate
 
     steps = CROWDLOD_OT_simulate.steps(type("Own", (), {"crowd": 0}), bpy.context)
     for _ in range(20):
