@@ -11,7 +11,8 @@ import numpy as np
 
 from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.crowd.agents import Crowd
-from ...crowd_lod.culling.camera import Camera, differs
+from ...crowd_lod.culling.camera import Camera
+from ...crowd_lod.culling.shutter import differs
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.sources.trajectory import Trajectory
