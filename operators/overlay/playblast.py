@@ -13,11 +13,11 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.planning.frame import Frame
-from ...crowd_lod.trajectory.trajectory import Trajectory
+from ...crowd_lod.frame.frame import Frame
+from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import console, image_data
 from ..blender.color_space import linear
-from ..crowd.scene_crowd import policy_of
+from ..scene.scene_crowd import policy_of
 from . import character_cache, hud
 from .appearance import cast_of, colors_of, drawing_of, style_of
 from .gpu_draw import Batches, paint, put_depth
