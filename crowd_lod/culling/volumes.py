@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .camera import Camera, planes
-from .radar import ROUNDING, TINY
+from .camera import Camera
+from .frustum import ROUNDING, Frustum, frustum_of, spheres_swept_through
 
 # Where Cycles starts rays that leave a surface, if they would hit it again: up to 256 spacings of
 # float32 along its normal from it, relative to the surface's coordinates, and near 0 up to LIFT
@@ -44,37 +44,17 @@ class Mirror:
     corners: np.ndarray
 
 
-@dataclass(frozen=True)
-class Volume:
-    """The space that a camera sees, directly or in a mirror.
-
-    It holds the points p with normals . (p - origin) <= offsets, moved outward by `pad` meters and
-    by `turn` meters per meter of distance from the origin (see Camera).
-
-    origin: (3,) meters.
-    normals: (k, 3) unit vectors, outward.
-    offsets: (k,) meters.
-    """
-
-    origin: np.ndarray
-    normals: np.ndarray
-    offsets: np.ndarray
-    pad: float = 0.0
-    turn: float = 0.0
-
-
-def view(camera: Camera) -> Volume:
+def view(camera: Camera) -> Frustum:
     """Return the volume that the camera sees.
 
     For a panoramic camera: a cube that holds its far distance, and a pyramid about its cone.
     """
     if camera.kind != "PANO":
-        frustum = planes(camera)
-        return Volume(camera.origin, frustum.normals, frustum.offsets, camera.pad, camera.turn)
+        return frustum_of(camera)
     normals, offsets = _sides(camera)
     cube = np.concatenate([np.eye(3), -np.eye(3)])
     offsets = np.append(offsets, np.full(6, camera.far))
-    return Volume(camera.origin, np.concatenate([normals, cube]), offsets, camera.pad, camera.turn)
+    return Frustum(camera.origin, np.concatenate([normals, cube]), offsets, camera.pad, camera.turn)
 
 
 def _sides(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
@@ -83,7 +63,7 @@ def _sides(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     Empty for a panoramic camera with a cone of 90 degrees or more from its axis.
     """
     if camera.kind != "PANO":
-        frustum = planes(camera)
+        frustum = frustum_of(camera)
         return frustum.normals[:4], frustum.offsets[:4]
     if camera.cone >= np.pi / 2:
         return np.empty((0, 3)), np.empty(0)
@@ -91,7 +71,7 @@ def _sides(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     return rows / np.linalg.norm(rows, axis=1, keepdims=True), np.zeros(4)
 
 
-def mirrored(camera: Camera, mirror: Mirror) -> Volume | None:
+def mirrored(camera: Camera, mirror: Mirror) -> Frustum | None:
     """Return the volume that the camera sees in the mirror.
 
     It is the reflected camera's picture, as far as the mirror's rectangle frames it, in front of
@@ -114,7 +94,7 @@ def mirrored(camera: Camera, mirror: Mirror) -> Volume | None:
     origin = camera.origin - 2 * float(normal @ (camera.origin - middle)) * normal
     frame, frame_offsets = _framed(mirror.corners - origin, reflection @ camera.Z if camera.kind == "ORTHO" else None)
     front = -np.sign(height) * normal
-    return Volume(
+    return Frustum(
         origin,
         np.concatenate([sides @ reflection, frame, front[None]]),
         np.concatenate([side_offsets, frame_offsets, [front @ (middle - origin)]]),
@@ -138,7 +118,7 @@ def _framed(corners: np.ndarray, along: np.ndarray | None) -> tuple[np.ndarray, 
     return normals * outward[:, None], offsets * outward
 
 
-def within(volume: Volume, points: np.ndarray, radius: np.ndarray) -> np.ndarray:
+def within(volume: Frustum, points: np.ndarray, radius: np.ndarray) -> np.ndarray:
     """Return which spheres reach into the volume, (n,) bool.
 
     points: (n, 3) meters, their centers.
@@ -147,10 +127,10 @@ def within(volume: Volume, points: np.ndarray, radius: np.ndarray) -> np.ndarray
     As in the radar test, some spheres outside are kept near the volume's edges.
     """
     still = np.zeros(3)
-    return _swept(volume, points, radius, still, 0.0)
+    return spheres_swept_through(volume, points, radius, still, 0.0)
 
 
-def shaded(volume: Volume, light: Light, points: np.ndarray, radius: np.ndarray) -> np.ndarray:
+def shaded(volume: Frustum, light: Light, points: np.ndarray, radius: np.ndarray) -> np.ndarray:
     """Return which spheres may cast a shadow into the volume, (n,) bool.
 
     points: (n, 3) meters, their centers.
@@ -170,7 +150,7 @@ def shaded(volume: Volume, light: Light, points: np.ndarray, radius: np.ndarray)
     """
     if light.origin is None:
         way, grow = np.cos(light.angle) * light.direction, float(np.sin(light.angle))
-        return _swept(volume, points, radius, way, grow)
+        return spheres_swept_through(volume, points, radius, way, grow)
     way, larger = points - light.origin, radius + light.size
     distance = np.linalg.norm(way, axis=1)
     kept = distance - larger <= light.reach
@@ -182,63 +162,11 @@ def shaded(volume: Volume, light: Light, points: np.ndarray, radius: np.ndarray)
     if not kept.all():
         points, radius, way, larger = (each[kept] for each in (points, radius, way, larger))
         ends = ends and (ends[0][kept], ends[1][kept])
-    kept[kept] = _swept(volume, points, radius, way, larger, ends)
+    kept[kept] = spheres_swept_through(volume, points, radius, way, larger, ends)
     return kept
 
 
-def _swept(
-    volume: Volume,
-    points: np.ndarray,
-    radius: np.ndarray,
-    way: np.ndarray,
-    grow: np.ndarray | float,
-    ends: tuple[np.ndarray, np.ndarray] | None = None,
-) -> np.ndarray:
-    """Return whether spheres that move and grow with t >= 0 touch all planes, (n,).
-
-    At t a sphere is at points + t way, and its radius is radius + t grow. Returns bool.
-
-    way: (3,) with grow a number, or (n, 3) with grow (n,).
-    ends: one more condition, ends[0] + t ends[1] <= 0.
-    """
-    v = points - volume.origin
-    size, speed = np.linalg.norm(v, axis=1), np.linalg.norm(way, axis=-1)
-    reach, growth = radius + volume.pad, grow
-    if volume.turn:
-        reach = reach + volume.turn * (size + reach)
-        growth = growth + volume.turn * (speed + growth)
-    reach = reach + ROUNDING * (4 * size + np.linalg.norm(volume.origin) + reach) + TINY
-    growth = growth + ROUNDING * (4 * speed + growth)
-    offsets = volume.offsets + ROUNDING * np.abs(volume.offsets)
-    if isinstance(growth, np.ndarray):  # all planes at once: (k, n)
-        at, rate = _along(volume.normals, v) - offsets[:, None] - reach, _along(volume.normals, way) - growth
-        if ends is not None:
-            at = np.concatenate([at, (ends[0] - ROUNDING * size)[None]])
-            rate = np.concatenate([rate, (ends[1] - ROUNDING * speed)[None]])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            turn = -at / rate
-        low = np.where(rate < 0, turn, 0.0).max(axis=0, initial=0.0)
-        high = np.where(rate > 0, turn, np.inf).min(axis=0, initial=np.inf)
-        return (low <= high * (1 + ROUNDING)) & ~((rate == 0) & (at > 0)).any(axis=0)
-    low, high = np.zeros(len(v)), np.full(len(v), np.inf)
-    for normal, offset in zip(volume.normals, offsets, strict=True):
-        at, rate = v @ normal - offset - reach, way @ normal - growth
-        if rate < 0:
-            low = np.maximum(low, at / -rate)
-        elif rate > 0:
-            high = np.minimum(high, at / -rate)
-        else:
-            high[at > 0] = -1
-    return low <= high * (1 + ROUNDING)
-
-
-def _along(normals: np.ndarray, ways: np.ndarray) -> np.ndarray:
-    """Return how far the vectors `ways` (n, 3) go along the normals (k, 3), (k, n)."""
-    x, y, z = ways.T
-    return normals[:, :1] * x + normals[:, 1:2] * y + normals[:, 2:] * z
-
-
-def left_from(volume: Volume, about: np.ndarray, turn: float = 0.0) -> Volume:
+def left_from(volume: Frustum, about: np.ndarray, turn: float = 0.0) -> Frustum:
     """Return the volume of the points where rays from surfaces in the volume start.
 
     Surfaces that show the volume count, too. Such points lie beside their surface by Cycles' ray
@@ -250,7 +178,7 @@ def left_from(volume: Volume, about: np.ndarray, turn: float = 0.0) -> Volume:
     return replace(volume, pad=volume.pad + OFFSET * float(np.abs(about).max()) + LIFT, turn=volume.turn + turn)
 
 
-def bounded(volume: Volume, box: np.ndarray) -> Volume:
+def bounded(volume: Frustum, box: np.ndarray) -> Frustum:
     """Return the part of the volume in the box (2, 3), least and greatest corner."""
     normals = np.concatenate([volume.normals, np.eye(3), -np.eye(3)])
     offsets = np.concatenate([volume.offsets, box[1] - volume.origin, volume.origin - box[0]])

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from ..culling.camera import Camera, planes, stretch
-from ..culling.radar import ROUNDING, reach_of
+from ..culling.camera import Camera, stretch
+from ..culling.frustum import ROUNDING, frustum_of, reach_of
 from ..format import aligned, number
 from ..levels.assignment import assign, shown
 from ..levels.cost_model import NAMES, SECONDS
@@ -175,7 +175,7 @@ def sides_of(camera: Camera, center: np.ndarray, radius: float, margin: float | 
     away = float(np.linalg.norm(center - camera.origin))
     reach, slack = (float(each[0]) for each in reach_of(camera, v, np.array([away]), np.array([radius])))
     if camera.kind != "PANO":
-        frustum = planes(camera)
+        frustum = frustum_of(camera)
         outside = frustum.normals @ (center - camera.origin) - frustum.limits(margin, ROUNDING)
         return tuple(Side(name, float(d), reach + frustum.rounding * slack) for name, d in zip(PLANES, outside, strict=True))
     found = [

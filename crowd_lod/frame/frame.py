@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ..crowd.agents import Crowd
-from ..crowd.leave_outs import ITEMS, ONE_BUCKET, STATIC, STILL, LeftOut
+from ..crowd.leave_outs import ITEMS, STATIC, STILL, LeftOut
 from ..culling.camera import Camera, pictured
 from ..culling.radar import RadarOptions, radar
 from ..levels.assignment import Bias, LevelPolicy, assign, deviations, limits
@@ -122,8 +122,8 @@ class Frame(Request, Outcome):
         return self.trajectory.phase(self.crowd, self.time, agents)
 
     def _measured(self, eyes: tuple[Camera, ...], radial: bool) -> np.ndarray:
-        spheres, leave = self.trajectory.spheres, self.trajectory.left_out
-        return radar(self.crowd, eyes, spheres.center, spheres.reach, RadarOptions(None, radial, leave, every=True))[1]
+        spheres = self.trajectory.spheres
+        return radar(self.crowd, eyes, spheres.center, spheres.reach, RadarOptions(None, radial, cull=False))[1]
 
 
 def plan(
@@ -192,12 +192,9 @@ def _values(cameras: Sequence[Camera]) -> list[tuple]:
 def _outcome(task: Task, sorter: Sorter | None) -> Outcome:
     """Return who is seen, and what that costs."""
     groups, done = task.trajectory.groups, sorted_by_level(task, sorter)
-    left = done.left_out
     present, buckets = task.crowd.present, done.buckets
     if present is not None:
         buckets = buckets.among(present)
-    if ONE_BUCKET in task.trajectory.leave and np.count_nonzero(buckets.counts) <= 1:
-        left |= {ONE_BUCKET}
     counted = done.counted if present is None else None
     counted = counted or tally(task.crowd, buckets, len(groups))
     vertices, full_vertices = cost(counted, [group.vertices for group in groups])
@@ -210,7 +207,7 @@ def _outcome(task: Task, sorter: Sorter | None) -> Outcome:
         full_vertices=full_vertices,
         full_triangles=full_triangles,
         dropped=done.dropped,
-        left_out=tuple(item for item in ITEMS if item in left),
+        left_out=tuple(item for item in ITEMS if item in done.left_out),
         known_levels=done.levels,
     )
 

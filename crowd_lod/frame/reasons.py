@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..culling.camera import planes
+from ..culling.frustum import frustum_of
 from ..levels.assignment import assign, deviations, limits
 from .frame import Frame
 from .planned import EXCEPTED, HIDDEN
@@ -50,7 +50,7 @@ def reasons(frame: Frame) -> np.ndarray:
     found[culled] = BESIDE
     along, near, far = frame.depths[culled], camera.near, camera.far
     if camera.kind != "PANO":
-        frustum = planes(camera)
+        frustum = frustum_of(camera)
         along, near, far = along * frustum.fixed[5], -frustum.offsets[4], frustum.offsets[5]
     reach = spheres.reach[crowd.group[culled]] if policy.margin is None else 0.0
     found[culled[along < near - reach]] = NEAR

@@ -12,8 +12,9 @@ from ..crowd.agents import Crowd
 from ..crowd.leave_outs import BLOCKS, LeftOut
 from ..culling.blocks import Blocks, near
 from ..culling.camera import GRAIN, Camera
+from ..culling.frustum import Frustum
 from ..culling.frustum_box_test import BEYOND
-from ..culling.volumes import OFFSET, Light, Mirror, Volume, bounded, left_from, mirrored, shaded, spread, view, within
+from ..culling.volumes import OFFSET, Light, Mirror, bounded, left_from, mirrored, shaded, spread, view, within
 from ..sorting.buckets import sort
 from . import index_cache
 from .frame import Frame
@@ -123,7 +124,7 @@ def _there(frame: Frame, moment: Moment, made: tuple[int, Blocks] | None) -> _Th
     return replace(there, blocks=blocks, moved=moved, larger=larger)
 
 
-def _volumes(there: _There, eyes: Sequence[Camera], around: Surroundings) -> tuple[list[Volume], list[Volume]]:
+def _volumes(there: _There, eyes: Sequence[Camera], around: Surroundings) -> tuple[list[Frustum], list[Frustum]]:
     """Return (what mirrors show, where shadows are seen)."""
     shown = [(mirrored(eye, mirror), mirror) for eye in eyes for mirror in around.mirrors]
     mirrors = [left_from(volume, mirror.corners) for volume, mirror in shown if volume is not None]
@@ -145,7 +146,7 @@ class _Sought:
     agents: np.ndarray
     leaves: np.ndarray
 
-    def find(self, there: _There, volume: Volume, light: Light | None = None) -> None:
+    def find(self, there: _There, volume: Frustum, light: Light | None = None) -> None:
         """Strike out the agents in the volume, or those that `light` lets cast a shadow into it."""
         touches = partial(within, volume) if light is None else partial(shaded, volume, light)
         if there.blocks is None:
@@ -163,7 +164,7 @@ class _Sought:
         self.leaves[leaves] = left.any(axis=1)
 
 
-def _about(blocks: Blocks, volume: Volume, light: Light | None) -> float:
+def _about(blocks: Blocks, volume: Frustum, light: Light | None) -> float:
     """Return the largest coordinate, meters, in the tests of spheres in the blocks."""
     about = max(blocks.extent, volume.pad, *np.abs(volume.origin))
     if light is not None:

@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..crowd.agents import Crowd
-from ..crowd.leave_outs import ALL_INSIDE, ALL_OUTSIDE, BLOCKS, IN_ORDER, NOTHING, ONE_BUCKET, ONE_LEVEL, LeftOut
+from ..crowd.leave_outs import BLOCKS, LeftOut
 from ..culling.blocks import CULLED, LEAF, Blocks, decide
 from ..culling.camera import Camera
 from ..culling.frustum_box_test import Look
-from ..culling.radar import Bounds, RadarOptions, bounds, lost, radar, refuse_lost
-from ..levels.assignment import Bias, LevelPolicy, assign
+from ..culling.radar import RadarOptions, lost, radar, refuse_lost
+from ..levels.assignment import LevelPolicy, assign
 from ..sorting.buckets import Buckets, sort, sort_blocks, sort_in_order
 from ..sources.trajectory import Trajectory
 from .index_cache import blocks_at, moved
@@ -112,40 +112,25 @@ def _one_by_one(task: Task, blocks: Blocks | None) -> Sorted:
 
     blocks: those of the crowd, for their order.
     """
-    trajectory, crowd, policy, bias = task.trajectory, task.crowd, task.request.policy, task.request.bias
-    leave, center = trajectory.leave, trajectory.spheres.center
-    items: set[LeftOut] = set()
+    trajectory, crowd, policy = task.trajectory, task.crowd, task.request.policy
+    center = trajectory.spheres.center
     now, *shutter = task.seen
-    options = RadarOptions(policy.margin, policy.metric == "RADIAL", trajectory.left_out)
-    box = bounds(crowd, now.eyes, center, now.radius, options) if leave else Bounds()
-    gone = 0 if box.finite else task.lost()
-    level = _one_level(task.begins, box, bias) if ONE_LEVEL in leave else None
-    every = box.every if (ALL_INSIDE if box.every else ALL_OUTSIDE) in leave else None
-    visible, distance = radar(crowd, now.eyes, center, now.radius, replace(options, every=every, measure=level is None))
+    gone = task.lost()
+    options = RadarOptions(policy.margin, policy.metric == "RADIAL")
+    visible, distance = radar(crowd, now.eyes, center, now.radius, options)
     unmeasured = replace(options, radial=False, measure=False)
     for moment in shutter:
-        if every:
-            break
-        about = trajectory.at(moment.time), moment.eyes, center, moment.radius
-        seen = bounds(*about, unmeasured).every if {ALL_INSIDE, ALL_OUTSIDE} <= leave else None
-        visible |= radar(*about, replace(unmeasured, every=seen))[0]
-        every = seen if seen or every is False else None
+        visible |= radar(trajectory.at(moment.time), moment.eyes, center, moment.radius, unmeasured)[0]
     task.ticks.append(clock.perf_counter())
-    if level is None:
-        levels = assign(distance, task.begins, crowd.group, task.factors())
-    else:
-        levels = np.full(len(crowd), level, np.uint8)
-        items.add(ONE_LEVEL)
+    levels = assign(distance, task.begins, crowd.group, task.factors())
     task.ticks.append(clock.perf_counter())
     if blocks is None:
-        buckets = sort(visible, levels, policy.count, ONE_BUCKET in leave)
+        buckets = sort(visible, levels, policy.count)
     else:
         shown = np.where(visible, levels, CULLED)
         buckets = sort_in_order(shown[blocks.order], blocks.order, policy.count)
     task.ticks.append(clock.perf_counter())
-    if every is not None:
-        items.add(ALL_INSIDE if every else ALL_OUTSIDE)
-    return Sorted(buckets, gone, (trajectory.left_out - {BLOCKS}) | items, levels=levels)
+    return Sorted(buckets, gone, trajectory.left_out - {BLOCKS}, levels=levels)
 
 
 def _by_blocks(task: Task, since: int, blocks: Blocks) -> Sorted:
@@ -163,7 +148,7 @@ def _by_blocks(task: Task, since: int, blocks: Blocks) -> Sorted:
     ]
     decided, places = decide(blocks, crowd, looks, begins if task.request.bias is None else None, policy.margin, radial)
     agents = blocks.rows[decided.opened[places // LEAF], places % LEAF]
-    center, options = trajectory.spheres.center, RadarOptions(policy.margin, radial, trajectory.left_out | {IN_ORDER})
+    center, options = trajectory.spheres.center, RadarOptions(policy.margin, radial)
     visible, distance = radar(crowd, now.eyes, center, radius, options, agents)
     unmeasured = replace(options, radial=False, measure=False)
     for moment in shutter:
@@ -174,11 +159,7 @@ def _by_blocks(task: Task, since: int, blocks: Blocks) -> Sorted:
     task.ticks.append(clock.perf_counter())
     buckets, present = sort_blocks(blocks, decided, crowd.group, policy.count)
     task.ticks.append(clock.perf_counter())
-    holds = {ALL_INSIDE: len(buckets.order) == len(crowd), ALL_OUTSIDE: not len(buckets.order)}
-    holds[ONE_LEVEL] = task.request.bias is None and bool(np.count_nonzero(buckets.counts) <= 1)
-    known = trajectory.leave if not len(places) else NOTHING
-    items = {item for item in known if holds.get(item)}
-    return Sorted(buckets, gone, trajectory.left_out | items, (present, np.diff(blocks.groups)))
+    return Sorted(buckets, gone, trajectory.left_out, (present, np.diff(blocks.groups)))
 
 
 def _elsewhere(task: Task, blocks: Blocks | None, sorter: Sorter) -> Sorted:
@@ -195,16 +176,3 @@ def _elsewhere(task: Task, blocks: Blocks | None, sorter: Sorter) -> Sorted:
     task.ticks.extend([clock.perf_counter()] * 3)
     left = frozenset(item for item in task.trajectory.left_out if item.stage != "culling")
     return Sorted(buckets, gone, left, counted)
-
-
-def _one_level(begin: np.ndarray, box: Bounds, bias: Bias | None) -> int | None:
-    """Return the LOD of all agents if their distances allow only one, else None.
-
-    begin: (G, n - 1), from `limits`.
-    """
-    if begin.shape[1] == 0:
-        return 0
-    if bias is not None:
-        return None
-    finest, coarsest = (assign(np.full(len(begin), d), begin, np.arange(len(begin))) for d in (box.nearest, box.farthest))
-    return int(finest[0]) if (np.append(finest, coarsest) == finest[0]).all() else None

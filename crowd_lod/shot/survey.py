@@ -18,7 +18,7 @@ from .blur import blur_of
 
 # Kinds of agents in a frame.
 CULLED, SEEN, SHADOW, MIRRORED = range(4)
-EVERYONE = RadarOptions(every=True)  # only their distances are asked for
+EVERYONE = RadarOptions(cull=False)  # only their distances are asked for
 MOST_SCALE = float(np.finfo(np.float16).max)
 MOST_BYTES = 16 * 2**30  # of a survey
 

@@ -61,7 +61,7 @@ class Edited(Trajectory):
         self._made: dict[str, tuple[list[Any], np.ndarray]] = {}
         self.start = self._of(own.start)
         self.leave = own.leave
-        places = needless_of_places(self.start, len(self.groups), not self.level, self.level)
+        places = needless_of_places(self.start, not self.level)
         behavior = {item for item in own.left_out if item.stage == "behavior"}
         self.left_out = self.leave & (behavior | {item for item in places if item.stage != "behavior"})
         # blocks count on agents that are taken onto the area, or to its other side, where they cross its border

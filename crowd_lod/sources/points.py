@@ -118,7 +118,7 @@ class Points(Trajectory):
             key=drawn.key,
         )
         self.leave: frozenset[LeftOut] = ALL
-        self.left_out = needless_of_places(self.start, len(self.groups), True, False)
+        self.left_out = needless_of_places(self.start, relief=True)
 
     @property
     def area(self) -> Area:

@@ -173,7 +173,7 @@ class Several(Trajectory):
 
     def _needless(self) -> frozenset[LeftOut]:
         alike = frozenset.intersection(*(each.left_out for each in self.members))
-        places = needless_of_places(self.start, len(self.groups), not self.level, self.level)
+        places = needless_of_places(self.start, not self.level)
         return places | {item for item in alike if item.stage == "behavior"}
 
     def _together(self, crowds: list[Crowd]) -> Crowd:

@@ -7,7 +7,8 @@ by hand, loaded or undone shows up by itself.
 import bpy
 
 from ...crowd_lod.crowd.json_reader import FieldPath
-from ...crowd_lod.crowd.machine_edits import Draft, Edit, draft, edited
+from ...crowd_lod.crowd.machine_draft import Draft, draft
+from ...crowd_lod.crowd.machine_edits import Edit, edited
 from ...crowd_lod.errors import CrowdError
 from ..blender import scene_cache
 from .scene_world import machine_text

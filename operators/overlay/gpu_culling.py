@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...crowd_lod.crowd.agents import Crowd
-from ...crowd_lod.culling.camera import planes
+from ...crowd_lod.culling.frustum import frustum_of
 from ...crowd_lod.culling.radar import RadarOptions, radar
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame import Frame, plan_of
@@ -143,7 +143,7 @@ def _inputs(middle, spheres: tuple, asked: Unsorted) -> tuple[np.ndarray, np.nda
         + reach. Row k holds where LOD k begins.
     """
     (center, radius), camera, policy = spheres, asked.camera, asked.policy
-    frustum = planes(camera)
+    frustum = frustum_of(camera)
     reach = camera.pad + (radius if policy.margin is None else np.zeros_like(radius))
     normals, origin = np.vstack([frustum.normals, camera.Z]), camera.origin - middle
     offsets = np.append(frustum.limits(policy.margin), 0.0) + normals @ origin

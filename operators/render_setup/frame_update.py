@@ -11,8 +11,8 @@ import numpy as np
 
 from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.crowd.agents import Crowd
-from ...crowd_lod.crowd.leave_outs import FLAT
-from ...crowd_lod.culling.camera import Camera, differs
+from ...crowd_lod.culling.camera import Camera
+from ...crowd_lod.culling.shutter import differs
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.sources.trajectory import Trajectory
@@ -102,9 +102,6 @@ def columns_by_bucket(
     place = np.empty((len(agents), 3), np.float32)
     stays = trajectory.jumped(crowd, held.crowd, agents)
     for axis, name in enumerate("xyz"):
-        if name == "z" and FLAT in trajectory.left_out:
-            place[:, axis] = crowd.z[0]
-            continue
         there = of(getattr(crowd, name))
         place[:, axis] = there if stays is None else np.where(stays, of(getattr(held.crowd, name)), there)
     heading, seconds = of(crowd.heading), trajectory.seconds(held.time)
