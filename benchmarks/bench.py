@@ -33,12 +33,12 @@ from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
 from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.frame.frame import plan, plan_of
+from crowd_lod_extension.crowd_lod.frame.index_cache import blocks_at
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, limits
-from crowd_lod_extension.crowd_lod.planning.frame import plan, plan_of
-from crowd_lod_extension.crowd_lod.planning.index_cache import blocks_at
 from crowd_lod_extension.crowd_lod.reporting import files, tables
-from crowd_lod_extension.operators.batch.error_report import machine_name
 from crowd_lod_extension.operators.overlay.gpu_culling import Planner
+from crowd_lod_extension.operators.runs.error_report import machine_name
 from crowd_lod_extension.sample_scenes import plaza_map
 from matplotlib.image import imsave
 

@@ -14,9 +14,9 @@ import bpy
 import fast_simplification
 import numpy as np
 from crowd_lod_extension.crowd_lod.simplification.decimate import decimate
-from crowd_lod_extension.operators.batch.plots import MARKERS, PLOT_COLORS
 from crowd_lod_extension.operators.blender.mesh_data import new_mesh, read_triangles
 from crowd_lod_extension.operators.lod_meshes.surface import Surface, deviation
+from crowd_lod_extension.operators.runs.plots import MARKERS, PLOT_COLORS
 from crowd_lod_extension.sample_scenes.characters import make_characters
 from matplotlib.figure import Figure
 

@@ -10,10 +10,10 @@ import numpy as np
 from crowd_lod_extension.crowd_lod.animation.skinning import SkinnedMesh
 from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.culling.camera import Camera
+from crowd_lod_extension.crowd_lod.frame.frame import Frame, cost, plan, tally
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
-from crowd_lod_extension.crowd_lod.planning.frame import Frame, cost, plan, tally
 from crowd_lod_extension.crowd_lod.sorting.buckets import sort
-from crowd_lod_extension.crowd_lod.trajectory.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.sources.trajectory import Trajectory
 from crowd_lod_extension.operators.overlay.draw_data import Style, drawing
 from crowd_lod_extension.operators.overlay.gpu_draw import Batches, Cast, paint
 from crowd_lod_extension.operators.overlay.skinned_characters import Character

@@ -15,7 +15,8 @@ import numpy as np
 from crowd_lod_extension.crowd_lod.crowd.agents import Crowd, Group
 from crowd_lod_extension.crowd_lod.crowd.maps import LabelMap
 from crowd_lod_extension.crowd_lod.crowd.state_machine import StateMachine
-from crowd_lod_extension.crowd_lod.culling.camera import Camera, planes
+from crowd_lod_extension.crowd_lod.culling.camera import Camera
+from crowd_lod_extension.crowd_lod.culling.frustum import frustum_of
 
 FLAGS = ("-O3", "-march=native", "-shared", "-fPIC")
 
@@ -48,7 +49,7 @@ class Cull:
 
     def __call__(self, camera: Camera) -> np.ndarray:
         """Agents a LOD (n,) int64; their indices are in `buckets`."""
-        frustum, crowd, one = planes(camera), self.crowd, ctypes.c_double
+        frustum, crowd, one = frustum_of(camera), self.crowd, ctypes.c_double
         sides = np.column_stack([frustum.normals, frustum.offsets + frustum.normals @ camera.origin])
         depth = np.append(camera.Z, camera.Z @ camera.origin)
         counts = np.zeros(len(self.buckets), np.int64)

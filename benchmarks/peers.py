@@ -8,7 +8,8 @@ from functools import cache
 import bpy
 import numpy as np
 from crowd_lod_extension.crowd_lod.crowd.agents import Crowd, Group
-from crowd_lod_extension.crowd_lod.culling.camera import Camera, planes
+from crowd_lod_extension.crowd_lod.culling.camera import Camera
+from crowd_lod_extension.crowd_lod.culling.frustum import frustum_of
 
 
 def naive(crowd: Crowd, group: Group, camera: Camera, limits: np.ndarray) -> list[np.ndarray]:
@@ -33,7 +34,7 @@ def naive(crowd: Crowd, group: Group, camera: Camera, limits: np.ndarray) -> lis
 
 def six_planes(crowd: Crowd, group: Group, camera: Camera, limits: np.ndarray) -> list[np.ndarray]:
     """Six planes as one matrix product over all agents, then a stable sort."""
-    frustum = planes(camera)
+    frustum = frustum_of(camera)
     rows = np.vstack([frustum.normals, camera.Z])
     spheres = np.array([crowd.x, crowd.y, crowd.z + group.center])
     signed = rows @ spheres - (rows @ camera.origin)[:, None]
@@ -128,7 +129,7 @@ class Cull:
         tree.store("lod", "INT", level)
 
     def aim(self, camera: Camera, radius: float) -> None:
-        frustum = planes(camera)
+        frustum = frustum_of(camera)
         offsets = np.append(frustum.offsets + frustum.normals @ camera.origin + radius, camera.Z @ camera.origin)
         for (normal, offset), n, o in zip(self.planes, [*frustum.normals, camera.Z], offsets, strict=True):
             normal.default_value, offset.default_value = n, o

@@ -23,13 +23,13 @@ from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, window
+from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, assign, deviations, hold, limits
-from crowd_lod_extension.crowd_lod.planning.frame import plan
-from crowd_lod_extension.crowd_lod.planning.shot import decide
-from crowd_lod_extension.crowd_lod.planning.shot_cost import Bill, Shot, bill, meshes_of
-from crowd_lod_extension.crowd_lod.planning.survey import SEEN, Recorder, Survey, empty
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.reporting import files, tables
+from crowd_lod_extension.crowd_lod.shot.shot import decide
+from crowd_lod_extension.crowd_lod.shot.shot_cost import Bill, Shot, bill, meshes_of
+from crowd_lod_extension.crowd_lod.shot.survey import SEEN, Recorder, Survey, empty
 from crowd_lod_extension.sample_scenes import plaza, plaza_map
 from worth import LIMIT, PICTURE, job
 

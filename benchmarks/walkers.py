@@ -9,11 +9,11 @@ from crowd_lod_extension.crowd_lod.animation.phase_classes import Library
 from crowd_lod_extension.crowd_lod.crowd import random_streams
 from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.culling.camera import Camera
+from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
-from crowd_lod_extension.crowd_lod.planning.frame import plan
-from crowd_lod_extension.crowd_lod.trajectory.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.sources.trajectory import Trajectory
 from crowd_lod_extension.operators.blender import mesh_data
-from crowd_lod_extension.operators.build import frame_update
+from crowd_lod_extension.operators.render_setup import frame_update
 from peers import Nodes, Tree
 
 POSES = 8  # of each LOD's action, as the build makes them

@@ -23,8 +23,8 @@ import numpy as np
 from bench import table
 from crowd_lod_extension.crowd_lod.reporting import files as outputs
 from crowd_lod_extension.crowd_lod.reporting import tables
-from crowd_lod_extension.operators.batch.error_report import machine_name
-from crowd_lod_extension.operators.batch.plots import MARKERS, PLOT_COLORS
+from crowd_lod_extension.operators.runs.error_report import machine_name
+from crowd_lod_extension.operators.runs.plots import MARKERS, PLOT_COLORS
 from ways import BAKED, EVERYONE, FRAMES, NOBODY, shown_by
 
 NEAR, FAR = ({"groups": 4, "meters": meters, "finer": 1} for meters in (2, 20))

@@ -25,7 +25,7 @@ HOUSES = {
     "operators": ("operators: Blender's side", "#d55e00", "switches all floors on and off"),
 }
 WIDTH, HEIGHT = 1.1, 0.7  # of a box; rows are 1 apart
-LETTERS = 34  # of a line in a box
+LETTERS = 31  # of a line in a box of that width
 
 
 def imports() -> dict[tuple[str, str], set[tuple[str, str]]]:
@@ -76,22 +76,22 @@ def box(axes: Axes, x: float, y: float, wide: float, name: str, text: str, color
     tall = HEIGHT if name else HEIGHT / 2
     style = {"boxstyle": "round,pad=0,rounding_size=0.05", "fc": "white", "ec": color, "lw": 1.5}
     axes.add_patch(FancyBboxPatch((x - wide / 2, y - tall / 2), wide, tall, zorder=2, **style))
-    lines = textwrap.wrap(text, LETTERS if name else 200)
+    lines = textwrap.wrap(text, round(LETTERS * wide / WIDTH) if name else 200)
     if name:
         axes.text(x, y + 0.22, name, ha="center", va="center", weight="bold", size=11, color=color, zorder=3)
     axes.text(x, y - 0.11 * bool(name), "\n".join(lines), ha="center", va="center", size=7.5, color="#333333", zorder=3)
 
 
-def house(axes: Axes, package: str, all_imports: dict) -> None:
+def house(axes: Axes, package: str, all_imports: dict, rows: dict[str, int], tall: int) -> None:
     title, color, role = HOUSES[package]
     below = arrows(package, all_imports)
-    rows = rows_of(below)
     places, top = {}, max(rows.values())
     for row in range(top + 1):
         here = [floor for floor in FLOORS[package] if rows.get(floor) == row]
         places |= {floor: (1.2 * (k - (len(here) - 1) / 2), float(row)) for k, floor in enumerate(here)}
     for floor, (x, y) in places.items():
-        box(axes, x, y, WIDTH, floor, told(package, floor), color)
+        is_alone = list(rows.values()).count(rows[floor]) == 1
+        box(axes, x, y, 2 * WIDTH if is_alone else WIDTH, floor, told(package, floor), color)
         for other in below[floor]:
             ends = (places[other][0] + 0.15 * (x - places[other][0]), places[other][1] + HEIGHT / 2), (x, y - HEIGHT / 2)
             axes.annotate("", *ends, arrowprops={"arrowstyle": "-|>", "color": color, "lw": 1.2})
@@ -99,21 +99,23 @@ def house(axes: Axes, package: str, all_imports: dict) -> None:
     side = max(side, 1.8)
     lowest = any((package, "") in all_imports[package, floor] for floor in below)
     box(axes, 0, -0.75 if lowest else top + 0.75, 3.5, "", f"{told(package, '')}: {role}", color)
-    axes.set(xlim=(-side, side), ylim=(-1.1, 6.1), aspect="auto")
+    axes.set(xlim=(-side, side), ylim=(-1.1, tall + 0.1), aspect="auto")
     axes.set_title(title, color=color, weight="bold", size=12)
     axes.axis("off")
 
 
 def main() -> None:
     all_imports = imports()
-    figure = Figure(figsize=(15, 9), dpi=100)
+    rows = {package: rows_of(arrows(package, all_imports)) for package in HOUSES}
+    tall = 1 + max(max(own.values()) for own in rows.values())
+    figure = Figure(figsize=(15, tall + 1), dpi=100)
     FigureCanvasAgg(figure)
     panels = figure.subplots(1, 2, width_ratios=(4, 3))
     figure.subplots_adjust(left=0.01, right=0.99, bottom=0.01, top=0.95, wspace=0.13)
     for axes, package in zip(panels, HOUSES, strict=True):
-        house(axes, package, all_imports)
+        house(axes, package, all_imports, rows[package], tall)
     assert not any(home == "operators" for (own, _), found in all_imports.items() if own == "crowd_lod" for home, _ in found)
-    figure.text(0.575, 0.36, "imports\n\u27f5\narrays and\nfrozen\ndataclasses", ha="center", va="center", size=9, color="#333333")
+    figure.text(0.575, 0.25, "imports\n\u27f5\narrays and\nfrozen\ndataclasses", ha="center", va="center", size=9, color="#333333")
     figure.savefig(ROOT / "docs" / "architecture.png")
 
 

@@ -18,11 +18,12 @@ from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.reporting.state_graph import svg
 from crowd_lod_extension.operators import registration
 from crowd_lod_extension.operators.cli.arguments import parser
-from crowd_lod_extension.operators.ui import panels, presets, shot_panels
-from crowd_lod_extension.operators.ui.area_list import CrowdLodArea
-from crowd_lod_extension.operators.ui.crowd_settings import BehaviorSettings, CrowdSettings, SimulationSettings
-from crowd_lod_extension.operators.ui.exception_list import CrowdLodException
-from crowd_lod_extension.operators.ui.properties import CrowdLodGroup, CrowdLodSettings
+from crowd_lod_extension.operators.settings import presets
+from crowd_lod_extension.operators.settings.area_settings import CrowdLodArea
+from crowd_lod_extension.operators.settings.crowd_settings import BehaviorSettings, CrowdSettings, SimulationSettings
+from crowd_lod_extension.operators.settings.exception_settings import CrowdLodException
+from crowd_lod_extension.operators.settings.properties import CrowdLodGroup, CrowdLodSettings
+from crowd_lod_extension.operators.ui import panels, shot_panels
 
 DOCS = Path(__file__).parent
 WRITTEN = "Written by `docs/reference.py` from the code: change the code, and run it again."

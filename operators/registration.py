@@ -2,44 +2,24 @@
 
 import bpy
 
-from .batch import open_report, preview, shot_plan, verify_button
-from .blender import collection_caches, main_thread, output_folders, provenance, scene_cache
-from .build import buttons, cost_estimate, frame_update
+from .blender import collection_caches, main_thread, output_folders, provenance, scene_cache, scenery
+from .characters import characters_from_selection, prop_button, take_action
 from .cli import commands
-from .crowd import (
-    characters_from_selection,
-    machine_buttons,
-    map_areas,
-    map_painting,
-    prop_button,
-    record_points,
-    sample_menu,
-    scene_crowd,
-    scenery,
-    simulate,
-    state_machine_menu,
-    take_action,
-)
 from .lod_meshes import deviation, make_lods
+from .machine import machine_buttons, machine_settings, map_areas, map_painting, state_machine_menu
 from .overlay import agent_picker, viewport_image, viewport_overlay
-from .ui import (
-    agent_edits,
-    area_list,
-    crowd_list,
-    exception_list,
-    machine_panels,
-    machine_settings,
-    menus,
-    panels,
-    popovers,
-    presets,
-    properties,
-    shot_panels,
-    swatches,
-)
+from .render_setup import buttons, cost_estimate, frame_update
+from .runs import open_report, preview, verify_button
+from .scene import sample_menu, scene_crowd
+from .settings import area_settings, exception_settings, presets, properties, setting_changes
+from .shot import shot_plan
+from .sources import record_points, simulate
+from .ui import agent_edits, area_list, crowd_list, exception_list, machine_panels, menus, panels, popovers, shot_panels, swatches
 from .usd import export_button
 
 MODULES = (
+    area_settings,
+    exception_settings,
     exception_list,
     agent_edits,
     area_list,
@@ -92,10 +72,16 @@ HANDLERS = {
     "render_complete": [frame_update.ended],
     "render_cancel": [frame_update.rendered, frame_update.ended],
 }
+# what follows when settings change
+FOLLOWERS = {
+    "areas": lambda entry: map_areas.follow_soon(entry.id_data),
+    "on_ground": scene_crowd.set_down,
+}
 _commands = []
 
 
 def register() -> None:
+    setting_changes.FOLLOWERS.update(FOLLOWERS)
     for c in CLASSES:
         bpy.utils.register_class(c)
     bpy.types.Scene.crowd_lod = bpy.props.PointerProperty(type=properties.CrowdLodSettings)

@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 
 from ..operators.blender import image_data
-from ..operators.crowd import terrain_source
+from ..operators.machine import terrain_source
 from . import station_plan as site
 from .characters import make_characters
 from .scenery import add, aim, box, camera, child, film, material, tile, windows

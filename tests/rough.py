@@ -10,7 +10,7 @@ def levels(package: str) -> dict:
     LOD meshes are refined for a tenth as long, and measured in few poses at few points, their
     silhouettes from few sides, drawn small.
     """
-    names = "lod_meshes.posed_surface", "lod_meshes.pose_choice", "lod_meshes.methods", "batch.lod_picture"
+    names = "lod_meshes.posed_surface", "lod_meshes.pose_choice", "lod_meshes.methods", "runs.lod_picture"
     posed_surface, pose_choice, methods, lod_picture = (import_module(f"{package}.operators.{name}") for name in names)
     names = "simplification.settings", "validation.silhouette"
     settings, silhouette = (import_module(f"{package}.crowd_lod.{name}") for name in names)

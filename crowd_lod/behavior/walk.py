@@ -17,7 +17,7 @@ from ..crowd.state_machine import StateMachine
 from ..crowd.terrain import Ground, Terrain
 from ..crowd.velocity_bounds import STANDING, VelocityBounds
 from ..progress import aside
-from ..trajectory.trajectory import PART, States, Trajectory
+from ..sources.trajectory import PART, States, Trajectory
 from .courant_number import check_speeds
 from .fading import fading
 from .lookahead import Ahead, look, onward, opened
@@ -98,7 +98,7 @@ class Walk(Trajectory):
         self._floors = None if self.heights is None or self.seated or not self.heights.layered else self.heights
         if self._floors is not None:
             self.start = replace(self.start, z=self._floors.at(self.start.x, self.start.y, self.start.z))
-        found = needless_of_places(self.start, len(self.groups), not self.level, self.level)
+        found = needless_of_places(self.start, not self.level)
         self.left_out = self.leave and self.leave & (found | needless(self.start, self.machine, self.world))
         if not len(self.machine.paces.fades) or NO_FADES in self.left_out:
             self.start = replace(self.start, played=None, faded=None)

@@ -280,15 +280,6 @@ class Crowd:
         return found if origin is None else tuple(place - start for place, start in zip(found, origin, strict=True))
 
 
-def runs(group: np.ndarray) -> list[tuple[int, int]]:
-    """Return [(begin, end)] of the runs of agents that are in one group.
-
-    group: (n,), each agent's group.
-    """
-    edges = [0, *(np.flatnonzero(group[1:] != group[:-1]) + 1).tolist(), len(group)]
-    return list(zip(edges[:-1], edges[1:], strict=True))
-
-
 def bounding_sphere(points: np.ndarray, reach: np.ndarray | float = 0.0) -> tuple[float, float]:
     """Return (center, radius) of a sphere on the z axis that holds the points.
 

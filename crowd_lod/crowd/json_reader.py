@@ -3,7 +3,7 @@
 import json
 import math
 from json.decoder import scanstring  # type: ignore[attr-defined]  # typeshed leaves it out
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NoReturn
 
 from ..errors import CrowdError
 
@@ -19,14 +19,6 @@ class FieldError(CrowdError):
         self.path = path
 
 
-class Place(NamedTuple):
-    """Where a field stands in the text: it begins at its key, if it has one, and ends after its value."""
-
-    begin: int
-    value: int
-    end: int
-
-
 class Reader:
     """Checks one field of the JSON `text` at a time. A field is named by its path."""
 
@@ -34,7 +26,7 @@ class Reader:
         self.text, self.what = text, what
         try:
             self.root = json.loads(text, parse_int=_whole)
-            self.places, twice, halves = _places(text)
+            self._begins, twice, halves = _begins(text)
         except json.JSONDecodeError as error:
             raise CrowdError(f"{what} is not JSON: line {error.lineno}, column {error.colno}: {error.msg}.") from None
         except RecursionError:
@@ -49,8 +41,8 @@ class Reader:
 
         Its line is the field's, or that of the nearest parent if the field is missing.
         """
-        place = next(self.places[path[:n]] for n in range(len(path), -1, -1) if path[:n] in self.places)
-        line = self.text.count("\n", 0, place.begin) + 1
+        begin = next(self._begins[path[:n]] for n in range(len(path), -1, -1) if path[:n] in self._begins)
+        line = self.text.count("\n", 0, begin) + 1
         raise FieldError(f"{self.what}, line {line}: {'.'.join(map(str, path)) or 'the file'} {problem}.", path)
 
     def table(self, value: object, path: FieldPath, allowed: set[str] | None = None, filled: bool = False) -> dict[str, Any]:
@@ -104,12 +96,13 @@ def _torn(value: object) -> bool:
     return isinstance(value, str) and any("\ud800" <= each <= "\udfff" for each in value)
 
 
-def _places(text: str) -> tuple[dict[FieldPath, Place], list[FieldPath], list[FieldPath]]:
-    """Return where fields stand, which stand twice, which hold a lone surrogate.
+def _begins(text: str) -> tuple[dict[FieldPath, int], list[FieldPath], list[FieldPath]]:
+    """Return where fields begin, which stand twice, which hold a lone surrogate.
 
-    text: valid JSON. A surrogate counts in a field's key or its text.
+    text: valid JSON. A field begins at its key, if it has one. A surrogate counts in a field's key
+        or its text.
     """
-    places: dict[FieldPath, Place] = {}
+    begins: dict[FieldPath, int] = {}
     twice: list[FieldPath] = []
     halves: list[FieldPath] = []
     decoder = json.JSONDecoder(parse_int=_whole)
@@ -119,29 +112,28 @@ def _places(text: str) -> tuple[dict[FieldPath, Place], list[FieldPath], list[Fi
             i += 1
         return i
 
-    def field(i: int, path: FieldPath, begins: int) -> int:
+    def field(i: int, path: FieldPath, begin: int) -> int:
         """Record the field whose value begins at i, and return the index after it."""
-        if path in places:
+        if path in begins:
             twice.append(path)
+        begins[path] = begin
         opening = text[i]
         value, end = (None, i) if opening in "{[" else decoder.raw_decode(text, i)
-        places[path] = Place(begins, i, end)  # of an object or an array the end comes last
         if any(map(_torn, (*path[-1:], value))):
             halves.append(path)
         if end > i:
             return end
         i, place = skip(i + 1), 0
         while text[i] not in "}]":
-            begins, key = i, place
+            begin, key = i, place
             if opening == "{":
                 key, i = scanstring(text, i + 1)
                 i = skip(skip(i) + 1)
-            i, place = skip(field(i, (*path, key), begins)), place + 1
+            i, place = skip(field(i, (*path, key), begin)), place + 1
             if text[i] == ",":
                 i = skip(i + 1)
-        places[path] = places[path]._replace(end=i + 1)
         return i + 1
 
     first = skip(0)
     field(first, (), first)
-    return places, twice, halves
+    return begins, twice, halves

@@ -12,9 +12,6 @@ from .agents import Crowd
 from .maps import LabelMap
 from .state_machine import StateMachine
 
-# agents: about as many as take the culling the time of the calls that a block of them costs
-SHORT_RUN = 2_000
-
 
 # each is one of those below, and itself alone: asked for many times a frame
 @dataclass(frozen=True, eq=False)
@@ -32,16 +29,9 @@ ONE_LABEL = LeftOut("behavior", "The map has one label: it is not looked up.")
 NO_FADES = LeftOut("behavior", "No agent ever comes from another action into a state with a fade: none cross-fades.")
 NO_HEIGHTS = LeftOut("behavior", "There is no height map: agents keep the height they start at.")
 ONE_PACE = LeftOut("behavior", "All walk at one pace: no agent ever changes its phase class.")
-ONE_GROUP = LeftOut("culling", "There is one character group: its bounding sphere is not looked up for each agent.")
-IN_ORDER = LeftOut("culling", "Agents are in order of their groups: a group's bounding sphere is looked up once for many agents.")
-FLAT = LeftOut("culling", "All agents stand at one height: a frustum plane takes two products instead of three.")
 BLOCKS = LeftOut("culling", "Agents are in blocks: those of a block outside the picture, or inside and in one LOD, are not tested.")
-ALL_INSIDE = LeftOut("culling", "All agents lie inside the picture: none is tested by itself.")
-ALL_OUTSIDE = LeftOut("culling", "All agents lie outside the picture: none is tested by itself.")
-ONE_LEVEL = LeftOut("levels", "All agents lie in the range of one level of detail: distances are not measured.")
-ONE_BUCKET = LeftOut("sorting", "All visible agents have one level of detail: they are not sorted.")
 
-# Of the agents that the camera does not see (planning/shadows.py).
+# Of the agents that the camera does not see (frame/shadows.py).
 NO_SHADOWS = LeftOut("surroundings", "No light casts shadows: agents outside the picture are not searched for shadows in it.")
 NO_MIRRORS = LeftOut("surroundings", "No mirrors are chosen: agents outside the picture are not searched for reflections in it.")
 NOT_WANTED = LeftOut("surroundings", "Shadows and Reflections is off: agents that the camera does not see are left out.")
@@ -52,30 +42,18 @@ WORKBENCH = LeftOut(
 # In the order of the pipeline.
 ITEMS = (
     STATIC, STILL, UNCHANGING, ONE_LABEL, ONE_PACE, NO_FADES, NO_HEIGHTS,
-    ONE_GROUP, IN_ORDER, FLAT, BLOCKS, ALL_INSIDE, ALL_OUTSIDE, ONE_LEVEL, ONE_BUCKET,
+    BLOCKS,
 )  # fmt: skip
 ALL = frozenset(ITEMS)
 NOTHING: frozenset[LeftOut] = frozenset()
 
 
-def needless_of_places(crowd: Crowd, groups: int, relief: bool, level: bool) -> frozenset[LeftOut]:
+def needless_of_places(crowd: Crowd, relief: bool) -> frozenset[LeftOut]:
     """Return the work that no frame of the `crowd` needs, whoever moves it.
 
-    groups: the number of character groups.
     relief: whether agents stand on a ground that is not level.
-    level: whether nobody ever leaves its height.
     """
-    changes = np.count_nonzero(crowd.group[1:] != crowd.group[:-1])  # one less than there are runs
-    in_order = groups > 1 and changes < max(groups, len(crowd) // SHORT_RUN)
-    holds = {
-        NO_HEIGHTS: not relief,
-        ONE_GROUP: groups == 1,
-        IN_ORDER: in_order,
-        # of agents of mixed groups the product would be looked up for each, which costs more than
-        # it saves
-        FLAT: (groups == 1 or in_order) and level and len(crowd) > 0 and bool((crowd.z == crowd.z[0]).all()),
-        BLOCKS: len(crowd) >= morton_order.FEWEST,
-    }
+    holds = {NO_HEIGHTS: not relief, BLOCKS: len(crowd) >= morton_order.FEWEST}
     return frozenset(item for item, true in holds.items() if true)
 
 

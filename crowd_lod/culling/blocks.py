@@ -9,7 +9,7 @@ so the plan equals, bit for bit, that of testing every agent.
 
 Agents move away from where the boxes were taken. Until the next boxes, these are grown by how far
 the table lets agents walk. The order is renewed less often than the boxes, which only grow as
-neighbors part (planning/index_cache.py).
+neighbors part (frame/index_cache.py).
 """
 
 from bisect import bisect_left

@@ -1,6 +1,5 @@
 """Axes and window of Blender's cameras (chapter eqs 1.1 to 1.3, 1.5, 1.6)."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -45,12 +44,12 @@ class Camera:
     cone: radians; a PANO camera sees directions up to this angle from Z. The default is every
         direction.
     pad, turn: bounds on other displacements of the camera's rays. Every sphere counts as larger by
-        `pad` meters, and by `turn` meters per meter of distance (see `lens_blur`, `opened`,
-        culling/stereo.py).
+        `pad` meters, and by `turn` meters per meter of distance (see `lens_blur`,
+        culling/shutter.py, culling/stereo.py).
     density: pixels per unit of the window; PANO: per radian in the middle. None derives it from
         pixels and window.
     rays: near and far are where rays begin and end, as in Cycles, not planes. It matters only for a
-        sheared camera (see `planes`).
+        sheared camera (see culling/frustum.py).
     grain: meters per meter of the coordinates, the sphere's and the camera's, by which spheres
         count as larger still (see `pictured`).
     filtered: pixels by which the pixel filter reaches past the picture's edges. It widens what is
@@ -192,110 +191,6 @@ def stretch(camera: Camera) -> tuple[float, float]:
     """
     values = np.linalg.svd(np.array([camera.X, camera.Y, camera.Z]), compute_uv=False)
     return float(values[-1]), float(values[0])
-
-
-@dataclass(frozen=True)
-class Planes:
-    """The six planes of a PERSP or ORTHO camera: right, left, top, bottom, near, far.
-
-    A point at v = p - c lies inside plane k iff normals[k] . v <= offsets[k].
-
-    normals: (6, 3) float64, unit vectors in world space, outward.
-    offsets: (6,) meters.
-    fixed: (6,), meters along the normal per meter of v.X, v.Y (the chapter's fixed Delta) or v.Z.
-    rounding: how much larger than 1 the terms were that canceled in a normal. It is the factor by
-        which the normal's rounding may exceed that of a unit vector.
-    """
-
-    normals: np.ndarray
-    offsets: np.ndarray
-    fixed: np.ndarray
-    rounding: float
-
-    def limits(self, margin: float | None = None, rounding: float = 0.0) -> np.ndarray:
-        """(6,) meters: the offsets, farther out by the part `rounding` of each.
-
-        At the sides they are also farther out by the chapter's fixed Delta, `margin` meters, if
-        there is one.
-        """
-        found = self.offsets + rounding * np.abs(self.offsets) if rounding else self.offsets.copy()
-        found[:4] += (margin or 0.0) * self.fixed[:4]
-        return found
-
-
-def planes(camera: Camera) -> Planes:
-    """Return the camera's planes (chapter eqs 1.4 to 1.6).
-
-    |v.X| <= w / 2 with w = 2 (v.Z) tan(fov / 2) is (X - t Z) . v <= 0 with the slope t = tan(fov /
-    2) of the window's side. Divided by its length sqrt(1 + t^2), the chapter's 1 / cos(fov / 2), it
-    is the distance from the plane in meters. It stays finite as fov goes to 180 degrees, and a
-    sphere touches the plane iff it is at most r.
-
-    Cycles begins and ends a sheared camera's rays at near and far times a factor that depends on
-    the direction. With `camera.rays` the two planes are moved apart by the bound of that factor,
-    `stretch`.
-    """
-    w, X, Y, Z = camera.seen, camera.X, camera.Y, camera.Z
-    edges = ((X, w.right), (-X, -w.left), (Y, w.top), (-Y, -w.bottom))
-    slopes = [0.0 if camera.kind == "ORTHO" else edge for _, edge in edges]
-    least, most = stretch(camera) if camera.rays and camera.kind != "ORTHO" else (1.0, 1.0)
-    rows = np.array([axis - slope * Z for (axis, _), slope in zip(edges, slopes, strict=True)] + [-Z, Z])
-    offsets = [edge - slope for (_, edge), slope in zip(edges, slopes, strict=True)]
-    lengths = np.sqrt((rows * rows).sum(axis=1))
-    across, up, along = (math.sqrt(axis @ axis) for axis in (X, Y, Z))
-    terms = [axis + abs(slope) * along for axis, slope in zip((across, across, up, up), slopes, strict=True)]
-    return Planes(
-        normals=rows / lengths[:, None],
-        offsets=np.array([*offsets, -camera.near * least, camera.far * most]) / lengths,
-        fixed=1 / lengths,
-        rounding=float((terms / lengths[:4]).max()),
-    )
-
-
-def opened(samples: Sequence[Camera]) -> tuple[Camera, ...]:
-    """Return the cameras of an open shutter, each with its spheres grown.
-
-    samples: one camera at consecutive times. Spheres grow by as much as the camera moves to the
-        sample before or after.
-
-    Whatever the camera sees at any time between two samples, one of these two then sees, if the
-    camera moves on between them without turning back. From n . (p - c) <= offset + r: a plane's
-    normal that turns by dn moves by |dn| |v|, the origin by |dc|, the offset by itself.
-    """
-    moves = [(0.0, 0.0), *(_change(a, b) for a, b in zip(samples[:-1], samples[1:], strict=True)), (0.0, 0.0)]
-    return tuple(
-        replace(camera, pad=camera.pad + max(before[0], after[0]), turn=camera.turn + max(before[1], after[1]))
-        for camera, before, after in zip(samples, moves[:-1], moves[1:], strict=True)
-    )
-
-
-def differs(planned: Camera, shown: Camera) -> bool:
-    """Return whether two cameras differ by more than rounding.
-
-    planned: a sample of `opened`.
-    shown: the camera as it is.
-    """
-    if planned.kind != shown.kind:
-        return True
-    moved, turned = _change(planned, shown)
-    rounding = 1e-5 * (1 + np.abs(shown.origin).max())  # float32's, and that of sub-frames
-    return moved > rounding + 1e-3 * planned.pad or turned > 1e-5 + 1e-3 * planned.turn
-
-
-def _change(a: Camera, b: Camera) -> tuple[float, float]:
-    """Return how far the view's bounds move from camera a to b.
-
-    Returns (meters, meters per meter of distance).
-    """
-    moved = float(np.linalg.norm(b.origin - a.origin))
-    if a.kind == "PANO" or b.kind == "PANO":
-        clip = max(abs(b.near - a.near), abs(b.far - a.far))
-        return moved + clip, float(np.linalg.norm(b.Z - a.Z)) + abs(b.cone - a.cone)
-    one, two = planes(a), planes(b)
-    return (
-        moved + float(np.abs(two.offsets - one.offsets).max()),
-        float(np.linalg.norm(two.normals - one.normals, axis=1).max()),
-    )
 
 
 def frustum_corners(camera: Camera, distance: float) -> np.ndarray:

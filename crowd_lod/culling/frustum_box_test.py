@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .camera import Camera, planes, stretch
+from .camera import Camera, stretch
+from .frustum import frustum_of
 
 # Far more than all roundings, relative to the largest coordinate: those of the radar, of the boxes,
 # and of the walk, which rounds at each of the at most speeds.MOST_CELLS borders a step. What it
@@ -50,7 +51,7 @@ class Test:
         self.moved, self.wider = (look.least + look.most) / 2, (look.most - look.least) / 2
         normals, offsets, rounding = np.empty((0, 3)), np.empty(0), 1.0
         if camera.kind != "PANO":
-            frustum = planes(camera)
+            frustum = frustum_of(camera)
             normals, offsets, rounding = frustum.normals, frustum.limits(margin), max(1.0, frustum.rounding)
         self.reach = camera.pad + (look.grown if margin is None else 0.0)
         self.radius = 1.0 if margin is None else 0.0

@@ -9,8 +9,8 @@ from typing import Any
 
 from ..errors import CrowdError
 from ..format import aligned, number, printable
-from ..planning.planned import same_cameras
-from . import plan_file
+from ..frame.planned import same_cameras
+from ..shot import plan_file
 
 # Of the rows of frames, and of the totals of a shot, in this order.
 IN_FRAMES = ("triangles", "visible", "switches", "switch_pixels")

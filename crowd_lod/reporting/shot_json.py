@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from ..planning.budget import BudgetPlan
-from ..planning.curve import of_full_detail
-from ..planning.shot_cost import Bill, Shot
-from ..planning.survey import CULLED, MIRRORED, SHADOW
-from ..planning.unneeded import unneeded
-from .plan_file import StoredPlan
+from ..shot.budget import BudgetPlan
+from ..shot.curve import of_full_detail
+from ..shot.plan_file import StoredPlan
+from ..shot.shot_cost import Bill, Shot
+from ..shot.survey import CULLED, MIRRORED, SHADOW
+from ..shot.unneeded import unneeded
 from .shot_report import Told
 
 

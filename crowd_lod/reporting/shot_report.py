@@ -10,14 +10,14 @@ import numpy as np
 
 from ..format import counted, number
 from ..levels.cost_model import NAMES
-from ..planning.budget import BudgetPlan
-from ..planning.curve import WIDTH as HELD
-from ..planning.curve import Curve, of_full_detail
-from ..planning.shot import ShotPlan
-from ..planning.shot_cost import Shot
-from ..planning.survey import CULLED, MIRRORED, SEEN, SHADOW
-from ..planning.switches import NOTHING, WORST, largest
-from ..planning.unneeded import unneeded
+from ..shot.budget import BudgetPlan
+from ..shot.curve import WIDTH as HELD
+from ..shot.curve import Curve, of_full_detail
+from ..shot.shot import ShotPlan
+from ..shot.shot_cost import Shot
+from ..shot.survey import CULLED, MIRRORED, SEEN, SHADOW
+from ..shot.switches import NOTHING, WORST, largest
+from ..shot.unneeded import unneeded
 from . import svg_plots as svg
 from . import switch_figures
 from .html_report import STYLE, cards, css_of, document, list_of, name_of, parts_of, table_of
@@ -45,7 +45,7 @@ class Told:
     """What the report of a shot plan tells.
 
     title: of the scene.
-    noticed: (s,) of planning.switches.ROW.
+    noticed: (s,) of shot.switches.ROW.
     names: of the G groups.
     tints: (r, g, b) linear, of each LOD.
     milliseconds: of each stage of the survey, the mean of a frame; empty if they were not taken.

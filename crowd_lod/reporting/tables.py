@@ -11,8 +11,8 @@ import numpy as np
 
 from ..errors import CrowdError
 from ..format import printable
-from ..planning.frame import Frame
-from ..planning.switches import NOTHING
+from ..frame.frame import Frame
+from ..shot.switches import NOTHING
 
 PLAN_VERSION = 2  # of plan.json: 2 has all fields of 1, and `shot`
 
@@ -76,7 +76,7 @@ def largest_switches(path: Path, most: int = 100) -> list[dict[str, str]]:
 def switches_csv(found: np.ndarray) -> str:
     """Return switches.csv: the switches and entries that a viewer may notice.
 
-    found: (s,) of planning.switches.ROW. `from` is empty for an entry.
+    found: (s,) of shot.switches.ROW. `from` is empty for an entry.
     """
     lines = [
         f"{frame},{agent},{'' if before == NOTHING else before},{after},{size:.3f},{change:.3f}\n"

@@ -39,21 +39,18 @@ class Buckets:
         return np.diff(self.offsets)
 
 
-def sort(visible: np.ndarray, ids: np.ndarray, count: int, lean: bool = False) -> Buckets:
+def sort(visible: np.ndarray, ids: np.ndarray, count: int) -> Buckets:
     """Return the buckets of the visible agents.
 
     One pass: NumPy's stable sort of uint8 is a radix sort, the counting sort of the chapter's
     future work.
     visible: (n,) bool.
     ids: (n,) uint8, LOD ids below `count`.
-    lean: do not sort agents that all have one LOD.
     """
     agents = np.flatnonzero(visible).astype(np.int32)
     seen = ids[agents]
     counts, offsets = np.bincount(seen, minlength=count), np.zeros(count + 1, np.intp)
     np.cumsum(counts, out=offsets[1:])
-    if lean and counts.max() == len(seen):
-        return Buckets(agents, offsets)
     return Buckets(agents[np.argsort(seen, kind="stable")], offsets)
 
 

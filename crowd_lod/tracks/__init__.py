@@ -1,5 +1,5 @@
 """Tracks: the crowd as a file has it, recorded by trackers or simulated by other programs.
 
 In: files of text, NPZ, or SQLite, with rows of id, frame and place.
-Out: Recorded, a Trajectory: positions (n,) float64 meters, the file's own at its own frames.
+Out: Tracks: positions (n,) float64 meters, the file's own at its own frames.
 """

@@ -10,7 +10,8 @@ import numpy as np
 
 from ..crowd.agents import Crowd
 from ..culling.camera import Camera, crop, referential, window
-from ..culling.radar import ROUNDING, radar
+from ..culling.frustum import ROUNDING
+from ..culling.radar import radar
 from .exact_frustum import depth_error, gap, scatter, seen
 
 # name: kind of camera, range of log10 of the fitted side (slope or meters), largest lens shift

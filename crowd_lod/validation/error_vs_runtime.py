@@ -19,7 +19,8 @@ from ..behavior.step import step
 from ..crowd.agents import Crowd
 from ..crowd.maps import LabelMap
 from ..crowd.state_machine import StateMachine
-from ..culling.camera import Camera, planes
+from ..culling.camera import Camera
+from ..culling.frustum import frustum_of
 from ..culling.radar import RadarOptions, radar
 from ..levels.assignment import LevelPolicy, assign, limits
 from .exact_frustum import seen
@@ -149,7 +150,7 @@ def plain(view: View, center: np.ndarray, radius: np.ndarray, way: str) -> np.nd
     for camera in cameras:
         v = relative(crowd, camera, center, way)
         kind, r = v[0].dtype, radius.astype(v[0].dtype)[crowd.group]
-        frustum, ok = planes(camera), np.ones(len(crowd), bool)
+        frustum, ok = frustum_of(camera), np.ones(len(crowd), bool)
         for normal, offset in zip(frustum.normals.astype(kind), frustum.offsets.astype(kind), strict=True):
             ok &= v[0] * normal[0] + v[1] * normal[1] + v[2] * normal[2] <= offset + r
         mask |= ok

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..culling.camera import Camera, Window
+from ..frame.frame import Frame
+from ..frame.planned import EXCEPTED, PINNED
 from ..levels.assignment import shown
-from ..planning.frame import Frame
-from ..planning.planned import EXCEPTED, PINNED
 
 JUDGED = 10  # agents of a frame that are predicted worst, and as many others drawn by chance
 SEED = 36

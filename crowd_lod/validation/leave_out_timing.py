@@ -10,10 +10,10 @@ import numpy as np
 from ..crowd.leave_outs import ALL, ITEMS, NO_HEIGHTS, STATIC, STILL, LeftOut
 from ..crowd.maps import HeightMap
 from ..culling.camera import Camera
+from ..frame.frame import plan
+from ..frame.index_cache import blocks_at
 from ..levels.assignment import LevelPolicy
-from ..planning.frame import plan
-from ..planning.index_cache import blocks_at
-from ..trajectory.trajectory import Trajectory
+from ..sources.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ def savings(
     """Return what is saved in the plan of the frame at `time`.
 
     time: in frames, two or more after the first.
-    The other arguments are those of `plan` (planning/frame.py).
+    The other arguments are those of `plan` (frame/frame.py).
     """
 
     def measured(leave: frozenset[LeftOut]) -> tuple[np.ndarray, tuple[LeftOut, ...]]:

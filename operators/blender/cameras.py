@@ -6,7 +6,8 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.culling import stereo
-from ...crowd_lod.culling.camera import Camera, Window, crop, lens_blur, opened, referential, window
+from ...crowd_lod.culling.camera import Camera, Window, crop, lens_blur, referential, window
+from ...crowd_lod.culling.shutter import opened
 from ...crowd_lod.errors import CrowdError
 from .frame_stepping import At, stage, stepped
 from .ownership import is_ours

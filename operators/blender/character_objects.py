@@ -16,6 +16,10 @@ WITHOUT_FACES = {"POINTCLOUD": "point cloud", "VOLUME": "volume", "GREASEPENCIL"
 STAGE = {"LIGHT", "CAMERA", "EMPTY", "SPEAKER", "LIGHT_PROBE", "LATTICE"}
 
 
+# types of objects with a surface, that may be walls
+SURFACES = {"MESH", "CURVE", "SURFACE", "FONT", "META"}
+
+
 def is_stage(objects: Sequence[bpy.types.Object]) -> bool:
     """Return whether `objects`, at least one, are lamps, cameras and the like alone: no character.
 
@@ -58,3 +62,8 @@ def parts(owner: bpy.types.Collection | bpy.types.Object, objects: list[bpy.type
 def may_have_faces(item: bpy.types.Object) -> bool:
     """Return whether the object may have faces, also those that a modifier makes."""
     return item.type != "MESH" or len(item.data.polygons) > 0 or len(item.modifiers) > 0
+
+
+def is_scenery(item: bpy.types.Object) -> bool:
+    """Return whether an object may be a wall, and is none of Crowd LOD's own."""
+    return (item.type in SURFACES or item.is_instancer) and not any(key.startswith("crowd_lod") for key in item.keys())

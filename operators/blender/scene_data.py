@@ -8,7 +8,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.planning.frame_range import parse_frames
+from ...crowd_lod.frame.frame_range import parse_frames
 
 EEVEE = "BLENDER_EEVEE" if bpy.app.version >= (5, 0, 0) else "BLENDER_EEVEE_NEXT"
 

@@ -8,7 +8,7 @@ import bpy
 from ... import sample_scenes
 from ...crowd_lod import __version__
 from ...crowd_lod.crowd.agents import MOST_AGENTS
-from ..batch.preview_stage import ENGINES
+from ..runs.preview_stage import ENGINES
 
 
 def parser(program: str) -> argparse.ArgumentParser:
@@ -258,7 +258,11 @@ def _error(reports, program: str) -> None:
 
 def _extremes(reports, program: str) -> None:
     command = _command(
-        reports, program, "extremes", "judge the culling in extreme cases", "report extremes --most 100000 --out extremes.md"
+        reports,
+        program,
+        "extremes",
+        "judge culling, LODs and behavior in extreme cases",
+        "report extremes --most 100000 --out extremes.md",
     )
     command.add_argument(
         "--most", type=int, default=MOST_AGENTS, metavar="N", help="agents of the largest case (default: 10 million)"

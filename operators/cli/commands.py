@@ -15,30 +15,31 @@ import bpy
 from ...crowd_lod.crowd.agents import MOST_AGENTS
 from ...crowd_lod.errors import FAULTS, CrowdError, sentence
 from ...crowd_lod.format import counted, printable
-from ...crowd_lod.planning.budget import Budget
-from ...crowd_lod.planning.frame_range import parse_frames
+from ...crowd_lod.frame.frame_range import parse_frames
 from ...crowd_lod.progress import share
-from ...crowd_lod.reporting import files, interrupt, plan_comparison, plan_file, standard_streams, tables
+from ...crowd_lod.reporting import files, interrupt, plan_comparison, standard_streams, tables
 from ...crowd_lod.reporting.temporary_folder import own_temporary_folder
-from ...crowd_lod.validation import extreme_cases
+from ...crowd_lod.shot import plan_file
+from ...crowd_lod.shot.budget import Budget
 from ...crowd_lod.validation.render_proof import to_text
-from ..batch import error_report, shot_plan
-from ..batch.preview import preview
-from ..batch.preview_stage import COLOR_MODES, Preview
-from ..batch.shot_survey import forget_parts
-from ..batch.verify import Verify, verify
-from ..batch.verify_build import frames_to_verify
 from ..blender import console, frame_stepping, scene_data
 from ..blender.output_folders import output_file
-from ..build import bake, render_setup, view_layers
-from ..build.buttons import check_blur, prepared
-from ..build.cost_estimate import estimate
-from ..build.hidden_characters import told_of_characters
-from ..build.phase_characters import Cast
-from ..crowd.record_points import with_record
-from ..crowd.scene_crowd import policy_of, trajectory_of
-from ..crowd.scene_world import bias_of
-from ..crowd.shot_reference import told_of_shot
+from ..machine.scene_world import bias_of
+from ..render_setup import bake, render_setup, view_layers
+from ..render_setup.buttons import check_blur, prepared
+from ..render_setup.cost_estimate import estimate
+from ..render_setup.hidden_characters import told_of_characters
+from ..render_setup.phase_characters import Cast
+from ..runs import error_report
+from ..runs.preview import preview
+from ..runs.preview_stage import COLOR_MODES, Preview
+from ..runs.verify import Verify, verify
+from ..runs.verify_build import frames_to_verify
+from ..scene.scene_crowd import policy_of, trajectory_of
+from ..scene.shot_reference import told_of_shot
+from ..shot import shot_plan
+from ..shot.shot_survey import forget_parts
+from ..sources.record_points import with_record
 from ..usd import export as usd
 from . import farm, new_scene, shared_runs, simulate
 from .arguments import parser
@@ -263,15 +264,16 @@ def _report_error(args, command: list[str]) -> dict:
     result = finish(error_report.error(scene, folder, repeats), f"error report of {stem}", args.quiet)
     tables = {name: [{k: None if v != v else v for k, v in row.items()} for row in rows] for name, rows in result["tables"].items()}
     out = printable(folder)
-    summary = "\n".join(filter(None, (result["without"], ", ".join(result["files"]), out)))
+    summary = "\n".join((", ".join(result["files"]), out))
     return {**result, "tables": tables, "out": out, "summary": summary}
 
 
 def _report_extremes(args, command: list[str]) -> dict:
     most, seed = _within("number of agents", args.most, 1, MOST_AGENTS), _within("seed", args.seed, 0, 2**31 - 1)
     rows = finish(error_report.cases(most, seed, args.out and files.absolute(args.out)), "extreme cases", args.quiet)
-    found = [{"case": r.name, **vars(r.verdict), "milliseconds": r.milliseconds, "note": r.note} for r in rows]
-    return {"cases": found, "summary": extreme_cases.table_text(rows)}
+    culling = [{"case": r.name, **vars(r.verdict), "milliseconds": r.milliseconds, "note": r.note} for r in rows.culling]
+    behavior = [{"case": r.name, **{key: value for key, value in vars(r).items() if key != "name"}} for r in rows.behavior]
+    return {"cases": culling, "behavior": behavior, "summary": str(rows)}
 
 
 def _report_cull(args, command: list[str]) -> dict:

@@ -4,15 +4,15 @@ from collections.abc import Generator
 
 import bpy
 
-from ...crowd_lod.planning.explanation import Explanation, explained
-from ...crowd_lod.planning.frame_range import parse_frames
-from ...crowd_lod.planning.index_cache import approach
+from ...crowd_lod.frame.explanation import Explanation, explained
+from ...crowd_lod.frame.frame_range import parse_frames
+from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.progress import share
-from ..batch.shot_plan import ready
 from ..blender import frame_stepping, scene_data
-from ..crowd import lights
-from ..crowd.record_points import on_record
-from ..crowd.scene_crowd import frame_of, trajectory_of
+from ..scene import lights
+from ..scene.scene_crowd import frame_of, trajectory_of
+from ..shot.shot_plan import ready
+from ..sources.record_points import on_record
 
 
 @on_record(lambda scene, agent, number: parse_frames(str(number)))  # says what is wrong with it

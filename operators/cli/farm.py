@@ -17,7 +17,7 @@ import bpy
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
-from ...crowd_lod.planning.frame_range import evenly, frames_are, parse_frames, shot_frames
+from ...crowd_lod.frame.frame_range import evenly, frames_are, parse_frames, shot_frames
 from ...crowd_lod.reporting import file_checks, files, tables
 from ...crowd_lod.reporting.farm_job import FarmJob, template, values
 from ...crowd_lod.reporting.html_report import STYLE, cards, document, table_of

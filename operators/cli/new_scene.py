@@ -11,14 +11,14 @@ import numpy as np
 from ...crowd_lod.culling.framing import framing
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
-from ...crowd_lod.planning.frame_range import evenly
+from ...crowd_lod.frame.frame_range import evenly
 from ...crowd_lod.progress import share
 from ...crowd_lod.reporting import files
-from ...crowd_lod.tracks.recorded import Recorded
+from ...crowd_lod.sources.recorded import Recorded
 from ..blender import cameras, console, scene_data
 from ..blender.references import closure_of
-from ..build.render_setup import remove_build
-from ..crowd.scene_crowd import characters_of, populating, trajectory_of
+from ..render_setup.render_setup import remove_build
+from ..scene.scene_crowd import characters_of, populating, trajectory_of
 from .scene_files import blend_path, finish, first_line, open_scene, save
 
 # What the new scene keeps of the settings: the characters and their LOD meshes.

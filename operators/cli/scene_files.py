@@ -82,8 +82,8 @@ def finish(steps: Generator[float, None, Made], what: str, quiet: bool) -> Made:
                 tqdm.set_lock(threading.RLock())
                 looks = "{desc} {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
                 stack.callback(setattr, interrupt, "line", interrupt.line)
+                interrupt.line = "\n"  # before the bar draws itself for the first time
                 bar = stack.enter_context(tqdm(total=100, desc=what, bar_format=looks))
-                interrupt.line = "\n"
         while True:
             try:
                 progress = next(steps)

@@ -21,9 +21,10 @@ from ... import sample_scenes
 from ...crowd_lod import __version__
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
-from ...crowd_lod.planning.frame_range import frames_are, parse_part
-from ...crowd_lod.reporting import files, plan_file
-from ..batch.shared_frames import Sharing, allowed
+from ...crowd_lod.frame.frame_range import frames_are, parse_part
+from ...crowd_lod.reporting import files
+from ...crowd_lod.shot import plan_file
+from ..runs.shared_frames import Sharing, allowed
 
 PARTS, RUN = "parts", "run.json"  # of a folder: its parts, and which run they are of
 # options with the number of their values: of a process that makes a part; that do not change what is made

@@ -5,7 +5,7 @@ from pathlib import Path
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import printable
 from ...crowd_lod.reporting import files
-from ..crowd import simulate
+from ..sources import simulate
 from .scene_files import blend_path, finish, open_scene, save, stem_of
 
 

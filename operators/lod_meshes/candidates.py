@@ -22,8 +22,8 @@ from ..blender.ownership import OWNED
 from ..blender.performance import digest as digest_of
 from ..blender.provenance import text_digest
 from ..blender.rig_dependencies import stance
-from ..crowd.character_extent import displaced
-from ..crowd.scene_world import actions_named
+from ..characters.character_extent import displaced
+from ..machine.scene_world import actions_named
 from . import source_mesh as sources
 from .deviation import Measure, compare, poses
 from .level_objects import AS_MADE, WAY, WHY, discard, hash_made, make_object, share_object

@@ -15,9 +15,9 @@ from ...crowd_lod.simplification import hausdorff
 from ..blender.material_colors import Looks
 from ..blender.operator import Stepwise
 from ..blender.performance import Performance, performance_of
-from ..crowd import needs
-from ..crowd.scene_crowd import characters_of, groups_of, home_of, store_groups
-from ..crowd.scene_world import actions_named
+from ..machine.scene_world import actions_named
+from ..scene.scene_crowd import characters_of, groups_of, home_of, store_groups
+from ..settings import needs
 from .pose_choice import poses
 from .posed_shapes import Posed, read_shapes, surface_of
 from .posed_surface import Measured, PosedSurface, Worst, compare_surfaces, parts_of

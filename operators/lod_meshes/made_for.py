@@ -19,9 +19,9 @@ from ...crowd_lod.levels.lengths import DARKER, NEAR_ENOUGH, allowed_lengths, re
 from ...crowd_lod.levels.selection import Shot, View
 from ..blender import provenance, scene_cache, scene_data
 from ..blender.cameras import read_cameras
-from ..crowd.cast_provenance import cast_inputs, of_characters
-from ..crowd.scene_crowd import GROUP, count_of
-from ..crowd.scene_world import actions_named
+from ..characters.cast_provenance import cast_inputs, of_characters
+from ..machine.scene_world import actions_named
+from ..scene.scene_crowd import GROUP, count_of
 from .selection import chosen
 
 # custom properties of the collection of all LODs: what they were made for, and what they were

@@ -12,11 +12,11 @@ from ...crowd_lod.progress import share, standing
 from ..blender import scene_data
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED, remove_owned
-from ..crowd import needs
-from ..crowd.characters import GROUP
-from ..crowd.record_points import with_record
-from ..crowd.scene_crowd import characters_of, measuring_groups, stands, store_groups, trajectory_of
-from ..crowd.scene_world import check_maps
+from ..characters.characters import GROUP
+from ..machine.scene_world import check_maps
+from ..scene.scene_crowd import characters_of, measuring_groups, stands, store_groups, trajectory_of
+from ..settings import needs
+from ..sources.record_points import with_record
 from . import selection
 from .candidates import CANDIDATE, Ladder
 from .level_objects import TINTS

@@ -10,17 +10,17 @@ from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.culling.radar import radar
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.frame.frame_range import evenly
 from ...crowd_lod.levels.assignment import LevelPolicy
 from ...crowd_lod.levels.selection import Shot, View, cheapest, choose, counting, priced, within
-from ...crowd_lod.planning.frame_range import evenly
-from ...crowd_lod.trajectory.trajectory import Trajectory
+from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_data
 from ..blender.cameras import cameras_at
 from ..blender.performance import own
-from ..crowd.characters import check_measured
-from ..crowd.rig_needs import Characters, armatures, leads
-from ..crowd.scene_crowd import characters_of
-from ..crowd.scene_world import bias_of
+from ..characters.characters import check_measured
+from ..characters.rig_needs import Characters, armatures, leads
+from ..machine.scene_world import bias_of
+from ..scene.scene_crowd import characters_of
 
 MOST_FRAMES = 9  # of the shot, evenly, that are looked at
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...crowd_lod.planning.frame import Frame
-from ...crowd_lod.planning.reasons import REASONS, reasons
+from ...crowd_lod.frame.frame import Frame
+from ...crowd_lod.frame.reasons import REASONS, reasons
 from ..blender.color_space import linear
 from ..lod_meshes.make_lods import TINTS
 from .skinned_characters import Character
@@ -65,7 +65,7 @@ def by_group(frame: Frame) -> Colors:
 def by_reason(frame: Frame) -> Colors:
     """Color agents by the reason why they are culled or do not have the finest LOD.
 
-    The reasons are those of crowd_lod.planning.reasons.REASONS.
+    The reasons are those of crowd_lod.frame.reasons.REASONS.
     """
     return Colors(
         reasons(frame),

@@ -3,9 +3,9 @@
 import bpy
 import numpy as np
 
-from ...crowd_lod.planning.agent_under_cursor import nearest
+from ...crowd_lod.frame.agent_under_cursor import nearest
 from ..blender.operator import Needing
-from ..crowd import needs
+from ..settings import needs
 from . import redraw, viewport_overlay
 
 WITHIN = 40.0  # nominal pixels from the cursor

@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
-from ...crowd_lod.planning.cross_fade import fades_of
-from ...crowd_lod.planning.frame import Frame
+from ...crowd_lod.frame.cross_fade import fades_of
+from ...crowd_lod.frame.frame import Frame
 from ..blender import scene_data
 from . import agent_colors, character_cache
 from .draw_data import Drawing, Style, drawing

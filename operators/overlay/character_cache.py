@@ -20,9 +20,9 @@ from ..blender.guard import guarded
 from ..blender.image_data import LOOK_AGAIN
 from ..blender.material_colors import Looks
 from ..blender.rig_dependencies import KEYS, armatures_of, curves_of, players_of, read_columns
-from ..crowd.characters import GROUP
-from ..crowd.scene_world import actions_named
+from ..characters.characters import GROUP
 from ..lod_meshes.cast_digest import cast_digest
+from ..machine.scene_world import actions_named
 from . import redraw
 from .skinned_characters import Character, baking
 

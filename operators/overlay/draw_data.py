@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...crowd_lod.culling.camera import Camera, frustum_corners
-from ...crowd_lod.planning.frame import Frame
+from ...crowd_lod.frame.frame import Frame
 from ..lod_meshes.make_lods import TINTS
 from .agent_colors import Colors, by_level
 
@@ -92,7 +92,7 @@ def drawing(
     """Return the Drawing of `frame`.
 
     colors: None for the colors of the LODs.
-    fades: (finer, share) of all agents, from crowd_lod.planning.cross_fade.fades_of; None for no
+    fades: (finer, share) of all agents, from crowd_lod.frame.cross_fade.fades_of; None for no
         cross-fade.
     """
     crowd, origin = frame.crowd, frame.camera.origin

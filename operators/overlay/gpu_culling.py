@@ -19,14 +19,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...crowd_lod.crowd.agents import Crowd
-from ...crowd_lod.culling.camera import planes
+from ...crowd_lod.culling.frustum import frustum_of
 from ...crowd_lod.culling.radar import RadarOptions, radar
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.frame.frame import Frame, plan_of
+from ...crowd_lod.frame.request import Request
+from ...crowd_lod.frame.stages import Unsorted
 from ...crowd_lod.levels.assignment import assign
-from ...crowd_lod.planning.frame import Frame, plan_of
-from ...crowd_lod.planning.request import Request
-from ...crowd_lod.planning.stages import Unsorted
-from ...crowd_lod.trajectory.trajectory import Trajectory
+from ...crowd_lod.sources.trajectory import Trajectory
 from .shader_programs import TEXELS, source
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ class Planner:
     def __call__(self, asked: Unsorted) -> tuple[np.ndarray, np.ndarray]:
         """Return (places, offsets) of the visible agents' buckets.
 
-        They are those of planning/stages.py, Sorter: places (m,) int32, offsets (n + 1,).
+        They are those of frame/stages.py, Sorter: places (m,) int32, offsets (n + 1,).
         """
         from gpu.types import Buffer, GPUUniformBuf
 
@@ -143,7 +143,7 @@ def _inputs(middle, spheres: tuple, asked: Unsorted) -> tuple[np.ndarray, np.nda
         + reach. Row k holds where LOD k begins.
     """
     (center, radius), camera, policy = spheres, asked.camera, asked.policy
-    frustum = planes(camera)
+    frustum = frustum_of(camera)
     reach = camera.pad + (radius if policy.margin is None else np.zeros_like(radius))
     normals, origin = np.vstack([frustum.normals, camera.Z]), camera.origin - middle
     offsets = np.append(frustum.limits(policy.margin), 0.0) + normals @ origin

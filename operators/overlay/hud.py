@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...crowd_lod.format import counted
-from ...crowd_lod.planning.agent_under_cursor import Account
-from ...crowd_lod.planning.frame import Frame
+from ...crowd_lod.frame.agent_under_cursor import Account
+from ...crowd_lod.frame.frame import Frame
 from ..blender.color_space import encoded
 from . import shader_programs
 from .agent_colors import Colors

@@ -14,7 +14,7 @@ from ...crowd_lod.errors import CrowdError
 from ..blender import cameras, image_data
 from ..blender.guard import guarded
 from ..blender.operator import Stepwise
-from ..crowd import needs
+from ..settings import needs
 from . import viewport_overlay, visibility
 from .playblast import Canvas, camera_matrices
 

@@ -12,20 +12,20 @@ import numpy as np
 from ...crowd_lod.behavior.walk import stray_places
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.frame.agent_under_cursor import Account, account
+from ...crowd_lod.frame.frame import Frame
+from ...crowd_lod.frame.hysteresis import held
+from ...crowd_lod.frame.request import Request
 from ...crowd_lod.levels.assignment import Bias
-from ...crowd_lod.planning.agent_under_cursor import Account, account
-from ...crowd_lod.planning.frame import Frame
-from ...crowd_lod.planning.hysteresis import held
-from ...crowd_lod.planning.request import Request
 from ..blender import frame_stepping, image_data, scene_cache, scene_data, sidebars
 from ..blender.cameras import read_cameras, read_shutter
 from ..blender.guard import guarded
 from ..blender.image_data import LOOK_AGAIN
-from ..crowd.crowd_sources import inputs_of, live
-from ..crowd.scene_crowd import groups_of, policy_of, trajectory_of
-from ..crowd.scene_world import bias_of
-from ..crowd.shot_exceptions import drawn_inputs
-from ..crowd.shot_reference import reference, use_of
+from ..machine.scene_world import bias_of
+from ..scene.scene_crowd import groups_of, policy_of, trajectory_of
+from ..scene.shot_exceptions import drawn_inputs
+from ..scene.shot_reference import reference, use_of
+from ..sources.crowd_sources import inputs_of, live
 from . import agent_colors, character_cache, gpu_culling, hud, inset, redraw, shader_programs, visibility
 from .appearance import cast_of, colors_of, drawing_of, missing_groups, style_of
 from .draw_data import Style, drawing
@@ -145,12 +145,6 @@ def account_of(scene: bpy.types.Scene) -> Account | None:
         return None
     found = account(shown.frame, agent)
     return replace(found, depth=found.depth * scene_data.meters(scene))
-
-
-def legend_of(scene: bpy.types.Scene) -> list[hud.Line]:
-    """Return the legend of the colors that the viewport shows of `scene`, [] if it shows none."""
-    shown = shown_of(scene)
-    return hud.legend(shown.colored) if shown is not None and shown.colored is not None else []
 
 
 def steps_back(context) -> str:

@@ -1,1 +1,1 @@
-"""Settings and panels. Panels only draw."""
+"""The sidebar: panels, lists and menus. Panels only draw."""

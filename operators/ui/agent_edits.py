@@ -7,17 +7,18 @@ import numpy as np
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
-from ...crowd_lod.planning.exceptions import named
-from ...crowd_lod.trajectory.trajectory import Trajectory
+from ...crowd_lod.shot.exceptions import named
+from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_data
 from ..blender.labeled_properties import EnumProperty, FloatProperty
+from ..blender.object_volumes import closed
 from ..blender.operator import Reporting
-from ..crowd import needs
-from ..crowd.hand_edits import unedited
-from ..crowd.object_volumes import closed
-from ..crowd.scene_crowd import trajectory_of
-from ..crowd.shot_exceptions import REGIONS, find_agents
 from ..overlay import viewport_overlay
+from ..scene.scene_crowd import trajectory_of
+from ..scene.shot_exceptions import find_agents
+from ..settings import needs
+from ..settings.exception_settings import REGIONS
+from ..sources.hand_edits import unedited
 
 NUDGE, TURN = 0.5, pi / 2  # meters and radians by which one press moves and turns
 # kind: name and icon of its button

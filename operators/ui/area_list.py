@@ -1,37 +1,13 @@
-"""Walls and areas: their settings, their list in the sidebar, and its buttons."""
+"""Walls and areas: their list in the sidebar, and its buttons."""
 
 import bpy
 
 from ...crowd_lod.format import counted
-from ..blender.labeled_properties import BoolProperty, PointerProperty, StringProperty
+from ..blender.character_objects import is_scenery
 from ..blender.operator import Reporting
-from ..crowd import map_areas
-from ..crowd.machine_editor import draft_of, selected
+from ..machine import map_areas
+from ..machine.machine_editor import draft_of, selected
 from .settings_list import Moving, Removing, SwitchedRow, draw_list
-
-
-def _follow(entry, context) -> None:
-    map_areas.follow_soon(entry.id_data)
-
-
-class CrowdLodArea(bpy.types.PropertyGroup):
-    """Meshes that lay a label over the label map, called `name`."""
-
-    use: BoolProperty(update=_follow, name="Use", default=True, description="The label lies over the map")
-    object: PointerProperty(
-        update=_follow,
-        type=bpy.types.Object,
-        name="Object",
-        poll=lambda _, candidate: map_areas.is_scenery(candidate),
-        description="The label lies where this object is, seen from above",
-    )
-    collection: PointerProperty(
-        update=_follow,
-        type=bpy.types.Collection,
-        name="Collection",
-        description="The label lies where these objects are, seen from above",
-    )
-    label: StringProperty(update=_follow, name="Label", description="Label that lies over the map")
 
 
 class CROWDLOD_UL_areas(SwitchedRow, bpy.types.UIList):
@@ -56,7 +32,7 @@ class CROWDLOD_OT_add_area(Reporting, bpy.types.Operator):
         scene, settings = context.scene, context.scene.crowd_lod
         labels = map_areas.machine_of(settings).labels
         label = "wall" if "wall" in labels else selected(scene, "labels") or labels[-1]
-        items = [item for item in context.selected_objects if map_areas.is_scenery(item)]
+        items = [item for item in context.selected_objects if is_scenery(item)]
         for item in items or [None]:
             entry = settings.areas.add()
             entry.name, entry.object, entry.label = item.name if item else "Area", item, label
@@ -125,7 +101,6 @@ def draw_areas(layout, context, settings) -> None:
 
 
 CLASSES = (
-    CrowdLodArea,
     CROWDLOD_UL_areas,
     CROWDLOD_OT_add_area,
     CROWDLOD_OT_remove_area,

@@ -3,8 +3,8 @@
 import bpy
 
 from ..blender.operator import Reporting
-from ..crowd import needs
-from ..crowd.tracks_source import told_of_frames
+from ..settings import needs
+from ..sources.tracks_source import told_of_frames
 from .drawing import button, grayed, label
 from .settings_list import Removing, draw_list
 from .step_panel import Step

@@ -10,13 +10,13 @@ import numpy as np
 
 from ..blender import scene_cache
 from ..blender.labeled_properties import CONTEXT
-from ..crowd import map_areas
-from ..crowd.machine_editor import cell_of, draft_of, faulty, lacking, problem_of, selected
+from ..machine import map_areas
+from ..machine.machine_editor import cell_of, draft_of, faulty, lacking, problem_of, selected
+from ..machine.machine_settings import MOST_TARGETS, color_of, rows_of
 from ..overlay import viewport_overlay
 from .area_list import draw_areas
 from .crowd_list import MOVERS
 from .drawing import grayed, label, letters_of, paragraph
-from .machine_settings import MOST_TARGETS, color_of, rows_of
 from .step_panel import Step
 from .swatches import swatch
 

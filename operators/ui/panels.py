@@ -14,7 +14,7 @@ from ...crowd_lod.format import counted
 from ...crowd_lod.levels.cost_model import NAMES
 from ..blender.props import PROP
 from ..blender.scene_data import engine_of
-from ..crowd.prop_button import props_in
+from ..characters.prop_button import props_in
 from ..lod_meshes.made_for import changed, edited, forecast
 from ..overlay import viewport_overlay
 from . import steps

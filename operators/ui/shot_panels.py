@@ -3,11 +3,11 @@
 import bpy
 
 from ...crowd_lod.errors import CrowdError
-from ..build import staleness
-from ..build.render_setup import BAKED, baked_of
-from ..build.view_layers import layers_of
-from ..crowd.hand_edits import EDITS
 from ..overlay import viewport_overlay
+from ..render_setup import staleness
+from ..render_setup.render_setup import BAKED, baked_of
+from ..render_setup.view_layers import layers_of
+from ..sources.hand_edits import EDITS
 from . import steps
 from .drawing import button, grayed, label, table, wide
 from .settings_list import draw_list

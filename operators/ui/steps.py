@@ -3,16 +3,17 @@
 import bpy
 
 from ...crowd_lod.simplification.decimate import missing_library
-from ..batch.verify_button import verdict_of
 from ..blender.guard import troubles_of
-from ..build import staleness
-from ..build.appended_builds import standing_still
-from ..build.render_setup import BAKED
-from ..crowd import crowd_sources, needs
-from ..crowd.shot_reference import told_of_file
 from ..lod_meshes.made_for import forecast, outdated
 from ..overlay import viewport_overlay
 from ..overlay.appearance import missing_groups
+from ..render_setup import staleness
+from ..render_setup.appended_builds import standing_still
+from ..render_setup.render_setup import BAKED
+from ..runs.verify_button import verdict_of
+from ..scene.shot_reference import told_of_file
+from ..settings import needs
+from ..sources import crowd_sources
 
 LABELS = {
     "crowd_lod.characters_from_selection": "Characters from Selection",

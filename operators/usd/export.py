@@ -11,18 +11,18 @@ from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
 from ...crowd_lod.format import number as figure
-from ...crowd_lod.planning.frame_range import shot_frames
-from ...crowd_lod.planning.index_cache import approach
-from ...crowd_lod.planning.instances import Instances, Shown, instances_of, shown, turned
-from ...crowd_lod.planning.planned import noted, told_unplanned
+from ...crowd_lod.frame.frame_range import shot_frames
+from ...crowd_lod.frame.index_cache import approach
+from ...crowd_lod.frame.instances import Instances, Shown, instances_of, shown, turned
+from ...crowd_lod.frame.planned import noted, told_unplanned
 from ...crowd_lod.progress import share
 from ...crowd_lod.reporting import files
-from ..batch.shot_plan import ready
 from ..blender import frame_stepping, scene_data
-from ..build.frame_update import columns_of, held_by
-from ..crowd import lights
-from ..crowd.record_points import on_record
-from ..crowd.scene_crowd import frame_of, trajectory_of
+from ..render_setup.frame_update import columns_of, held_by
+from ..scene import lights
+from ..scene.scene_crowd import frame_of, trajectory_of
+from ..shot.shot_plan import ready
+from ..sources.record_points import on_record
 from .file import CrowdFile
 from .openusd import openusd
 from .prototypes import library_of_poses, names_of, write_prototypes

@@ -7,11 +7,11 @@ import bpy
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import printable
-from ..batch.output_index import note_output
 from ..blender import scene_data
 from ..blender.operator import Stepwise
 from ..blender.output_folders import output_folder, place_of, with_ending
-from ..crowd import needs
+from ..blender.output_index import note_output
+from ..settings import needs
 from .export import ENDINGS, UsdExport, export_usd
 from .openusd import missing_openusd
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import printable
-from ...crowd_lod.planning.instances import Instances
+from ...crowd_lod.frame.instances import Instances
 from ..blender import scene_data
 from .materials import Materials
 from .prototypes import Form

@@ -9,12 +9,12 @@ from mathutils import Matrix
 
 from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.trajectory.trajectory import Trajectory
+from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender.performance import Performance, group_performance
 from ..blender.render_evaluation import as_rendered
-from ..crowd.characters import check_measured
-from ..crowd.scene_crowd import characters_of, home_of, policy_of
+from ..characters.characters import check_measured
 from ..lod_meshes.deviation import SOLID
+from ..scene.scene_crowd import characters_of, home_of, policy_of
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def write_prototypes(
 ) -> Generator[float, None, None]:
     """Pose all prototypes and hand their meshes to `write`; yield the progress.
 
-    cast: the trajectory; the library; the wanted prototypes, increasing (crowd_lod/planning/instances.py).
+    cast: the trajectory; the library; the wanted prototypes, increasing (crowd_lod/frame/instances.py).
     frames, seconds: of the timeline, and after frame 0, at which moving prototypes are posed.
     """
     trajectory, library, wanted = cast

@@ -114,15 +114,15 @@ def _opened(path, make, request, fixture):
 
 
 def _level(scene):
-    from crowd_lod_extension.operators.crowd.scene_crowd import measure_groups, store_groups
     from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+    from crowd_lod_extension.operators.scene.scene_crowd import measure_groups, store_groups
 
     store_groups(scene.crowd_lod, measure_groups(scene))
     list(make_levels(scene))
 
 
 def _build(scene):
-    from crowd_lod_extension.operators.build.render_setup import build
+    from crowd_lod_extension.operators.render_setup.render_setup import build
 
     for frame, x, turn in ((1, -5, -0.3), (40, 12, 0.6)):
         scene.camera.location.x, scene.camera.rotation_euler.z = x, turn

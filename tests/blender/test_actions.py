@@ -11,9 +11,13 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import mesh_data, scene_data
 from crowd_lod_extension.operators.blender.performance import performance_of
-from crowd_lod_extension.operators.build import bake, render_setup
-from crowd_lod_extension.operators.crowd.action_troubles import told_of_actions
-from crowd_lod_extension.operators.crowd.scene_crowd import (
+from crowd_lod_extension.operators.characters.action_troubles import told_of_actions
+from crowd_lod_extension.operators.lod_meshes import deviation
+from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.overlay import skinned_characters
+from crowd_lod_extension.operators.overlay.draw_data import Style, drawing
+from crowd_lod_extension.operators.render_setup import bake, render_setup
+from crowd_lod_extension.operators.scene.scene_crowd import (
     characters_of,
     frame_of,
     groups_of,
@@ -21,10 +25,6 @@ from crowd_lod_extension.operators.crowd.scene_crowd import (
     store_groups,
     trajectory_of,
 )
-from crowd_lod_extension.operators.lod_meshes import deviation
-from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.overlay import skinned_characters
-from crowd_lod_extension.operators.overlay.draw_data import Style, drawing
 from crowd_lod_extension.sample_scenes.characters import make_characters
 
 from .test_rigs import instances
@@ -260,6 +260,7 @@ def test_bones_that_an_action_leaves_alone_stand_at_rest_in_it(waiting):
     assert np.allclose(found, np.eye(4), atol=1e-6)
 
 
+@pytest.mark.once
 def test_spheres_and_deviations_hold_in_every_action(waiting):
     idle, rig = bpy.data.actions["idle adult"], bpy.data.objects["adult rig"]
     rig.animation_data.action, walk = idle, rig.animation_data.action
@@ -332,6 +333,7 @@ def test_agents_have_sizes_of_their_own_in_build_bake_and_overlay_and_spheres_ho
             scene.frame_set(50)
 
 
+@pytest.mark.once
 def test_only_groups_of_the_crowd_that_names_an_action_need_it(waiting):
     bpy.data.actions.remove(bpy.data.actions["idle child"])
     with pytest.raises(CrowdError, match="the file has none for the character group child"):

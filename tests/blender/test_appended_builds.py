@@ -2,9 +2,9 @@
 
 import bpy
 import pytest
-from crowd_lod_extension.operators.build.appended_builds import standing_still
-from crowd_lod_extension.operators.build.bake import bake
-from crowd_lod_extension.operators.build.render_setup import points_of
+from crowd_lod_extension.operators.render_setup.appended_builds import standing_still
+from crowd_lod_extension.operators.render_setup.bake import bake
+from crowd_lod_extension.operators.render_setup.render_setup import points_of
 from crowd_lod_extension.operators.ui import steps
 
 

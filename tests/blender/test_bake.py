@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender import image_data
-from crowd_lod_extension.operators.build import render_setup
-from crowd_lod_extension.operators.build.bake import bake, keep_what_renders
-from crowd_lod_extension.operators.build.hidden_characters import HIDDEN
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.render_setup import render_setup
+from crowd_lod_extension.operators.render_setup.bake import bake, keep_what_renders
+from crowd_lod_extension.operators.render_setup.hidden_characters import HIDDEN
 
 FRAMES = (27, 12, 20)
 FARM = """
@@ -184,6 +184,7 @@ def test_a_bake_needs_what_a_build_needs(scene):
     assert scene.crowd_lod.build is None
 
 
+@pytest.mark.once
 def test_names_and_paths_of_any_script_and_scenes_with_more_than_the_crowd(scene, tmp_path, capfd):
     """Other alphabets, blanks, a second scene, hidden collections: baked and opened, the crowd is the live one's."""
     scene.name = "Сцена 1"

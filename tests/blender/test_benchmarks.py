@@ -98,7 +98,7 @@ def shown(scene):
 def test_a_way_to_render_shows_whom_it_says_and_its_cost_is_measured(bench, built, tmp_path, way):
     import ways
     import worth
-    from crowd_lod_extension.operators.crowd.scene_crowd import frame_of
+    from crowd_lod_extension.operators.scene.scene_crowd import frame_of
 
     number = ways.FRAMES[-1]  # at which the nodes are aimed
     built.frame_set(number)

@@ -5,9 +5,9 @@ from bpy_extras.object_utils import world_to_camera_view
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
-from crowd_lod_extension.operators.build import render_setup
-from crowd_lod_extension.operators.crowd.scene_crowd import frame_of, trajectory_of
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.render_setup import render_setup
+from crowd_lod_extension.operators.scene.scene_crowd import frame_of, trajectory_of
 from mathutils import Vector
 
 
@@ -177,6 +177,7 @@ def test_build_before_levels_is_refused(scene):
     assert scene.crowd_lod.build is None
 
 
+@pytest.mark.once
 def test_a_build_that_lacks_a_lod_shows_nobody_and_says_what_to_press(built, capfd):
     built.crowd_lod.level_count = 4
     built.frame_set(2)
@@ -190,6 +191,7 @@ def test_a_build_that_lacks_a_lod_shows_nobody_and_says_what_to_press(built, cap
     assert sum(1 for _ in instances(built)) > 0
 
 
+@pytest.mark.once
 def test_levels_made_anew_ask_for_a_new_build(built, capfd):
     built.crowd_lod.ratios[1] = 0.2
     list(make_levels(built))

@@ -11,13 +11,13 @@ import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import collection_caches, scene_data
-from crowd_lod_extension.operators.build import render_setup, view_layers
-from crowd_lod_extension.operators.build.bake import bake
-from crowd_lod_extension.operators.build.buttons import prepared
-from crowd_lod_extension.operators.build.nodes import trees
-from crowd_lod_extension.operators.build.nodes.instances import NAME
-from crowd_lod_extension.operators.crowd.scene_crowd import groups_of, measure_groups, store_groups
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.render_setup import render_setup, view_layers
+from crowd_lod_extension.operators.render_setup.bake import bake
+from crowd_lod_extension.operators.render_setup.buttons import prepared
+from crowd_lod_extension.operators.render_setup.nodes import trees
+from crowd_lod_extension.operators.render_setup.nodes.instances import NAME
+from crowd_lod_extension.operators.scene.scene_crowd import groups_of, measure_groups, store_groups
 
 
 def visible():
@@ -141,6 +141,7 @@ def test_characters_are_made_anew_only_where_something_changed(levelled, change)
     assert again.notes == first.notes and again.posed.tolist() == first.posed.tolist()
 
 
+@pytest.mark.once
 def test_a_level_more_or_less_adds_or_takes_its_points_and_poses(built):
     whole = counts()
     for levels, number in ((2, 2), (4, 4), (3, 3)):

@@ -2,7 +2,7 @@
 
 import bpy
 import pytest
-from crowd_lod_extension.operators.build import render_setup, view_layers
+from crowd_lod_extension.operators.render_setup import render_setup, view_layers
 
 
 def place_of(layer, *names):

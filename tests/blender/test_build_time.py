@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.batch.preview import Preview, preview
 from crowd_lod_extension.operators.blender import cameras, image_data, main_thread, scene_data
-from crowd_lod_extension.operators.build import frame_update, render_setup
-from crowd_lod_extension.operators.build.bake import bake
-from crowd_lod_extension.operators.crowd import crowd_sources
-from crowd_lod_extension.operators.crowd.scene_crowd import trajectory_of
+from crowd_lod_extension.operators.render_setup import frame_update, render_setup
+from crowd_lod_extension.operators.render_setup.bake import bake
+from crowd_lod_extension.operators.runs.preview import Preview, preview
+from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
+from crowd_lod_extension.operators.sources import crowd_sources
 
 
 def columns(scene, *names):

@@ -12,7 +12,7 @@ from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.validation.culling_audit import standing
 from crowd_lod_extension.operators.blender import cameras, image_data, mesh_data
 from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
-from crowd_lod_extension.operators.crowd.character_extent import bounds, frames_of, posing
+from crowd_lod_extension.operators.characters.character_extent import bounds, frames_of, posing
 from mathutils import Euler, Matrix, Vector
 
 FULL = bool(os.environ.get("CROWD_LOD_FULL"))

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from crowd_lod_extension.operators.blender.references import closure_of
 from crowd_lod_extension.operators.blender.scene_data import set_node_input
-from crowd_lod_extension.operators.build import staleness
+from crowd_lod_extension.operators.characters import cast_provenance
 from crowd_lod_extension.operators.cli import commands
-from crowd_lod_extension.operators.crowd import cast_provenance
 from crowd_lod_extension.operators.lod_meshes.made_for import to_make_again
 from crowd_lod_extension.operators.overlay import character_cache
+from crowd_lod_extension.operators.render_setup import staleness
 
 from ..support.characters import character, new, rig, skin, tube
 from ..support.nodes import nodes_modifier

@@ -6,9 +6,9 @@ import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
-from crowd_lod_extension.operators.build import frame_update
-from crowd_lod_extension.operators.crowd import plausible, scene_crowd
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.render_setup import frame_update
+from crowd_lod_extension.operators.scene import plausible, scene_crowd
 from mathutils import Matrix
 
 from ..support.characters import character, new, rig, skin, tube

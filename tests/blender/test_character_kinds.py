@@ -3,8 +3,8 @@
 import bpy
 import pytest
 from crowd_lod_extension.operators.blender.scene_data import set_node_input
-from crowd_lod_extension.operators.build import staleness
-from crowd_lod_extension.operators.crowd import cast_provenance
+from crowd_lod_extension.operators.characters import cast_provenance
+from crowd_lod_extension.operators.render_setup import staleness
 
 from ..support.characters import character, new, rig, skin, tube
 from ..support.nodes import BLOCKS, INPUTS, nodes_modifier

@@ -2,7 +2,7 @@
 
 import bpy
 import pytest
-from crowd_lod_extension.operators.crowd.scene_crowd import characters_of
+from crowd_lod_extension.operators.scene.scene_crowd import characters_of
 
 from ..support.characters import new, rig, skin, tube
 

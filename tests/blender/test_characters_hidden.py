@@ -7,8 +7,8 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.batch.preview import LEFT_OUT, Preview, preview
 from crowd_lod_extension.operators.blender import image_data
+from crowd_lod_extension.operators.runs.preview import LEFT_OUT, Preview, preview
 from mathutils import Euler
 
 from ..support.characters import character, new, tube
@@ -99,6 +99,7 @@ def test_of_two_builds_of_the_same_characters_the_last_shows_them_again(far):
     assert not far.crowd_lod.characters.hide_render
 
 
+@pytest.mark.once
 def test_a_preview_leaves_them_out_and_the_file_alone(far, tmp_path):
     far.camera.location = 0, -8, 1
     people, pictures = far.crowd_lod.characters, {}

@@ -9,11 +9,11 @@ import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.batch.preview import Preview, preview
-from crowd_lod_extension.operators.build import bake, render_setup
-from crowd_lod_extension.operators.build.cost_estimate import FULL, estimate
-from crowd_lod_extension.operators.crowd import scene_crowd
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.render_setup import bake, render_setup
+from crowd_lod_extension.operators.render_setup.cost_estimate import FULL, estimate
+from crowd_lod_extension.operators.runs.preview import Preview, preview
+from crowd_lod_extension.operators.scene import scene_crowd
 
 pytestmark = pytest.mark.once  # long, and the same on every Blender
 

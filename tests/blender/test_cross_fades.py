@@ -9,18 +9,18 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import mesh_data, scene_data
 from crowd_lod_extension.operators.blender.performance import group_performance, performance_of
-from crowd_lod_extension.operators.build import bake, render_setup
-from crowd_lod_extension.operators.crowd.scene_crowd import (
+from crowd_lod_extension.operators.lod_meshes import deviation
+from crowd_lod_extension.operators.lod_meshes.made_for import forecast, outdated
+from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.overlay import skinned_characters
+from crowd_lod_extension.operators.render_setup import bake, render_setup
+from crowd_lod_extension.operators.scene.scene_crowd import (
     characters_of,
     frame_of,
     groups_of,
     measure_groups,
     trajectory_of,
 )
-from crowd_lod_extension.operators.lod_meshes import deviation
-from crowd_lod_extension.operators.lod_meshes.made_for import forecast, outdated
-from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.overlay import skinned_characters
 
 from .test_actions import STATES, levelled, name_actions, waiting  # noqa: F401
 from .test_rigs import instances
@@ -31,10 +31,11 @@ NEAR = 1e-4 * 1.9  # of the adult's diagonal
 
 @pytest.fixture
 def fading(kept, request):
-    """Two characters with their LODs who fade between walk and idle."""
+    """A character with its LODs who fades between walk and idle."""
     path = kept / "fading.blend"
     if not path.exists():
         scene = request.getfixturevalue("waiting")
+        scene.crowd_lod.group_names = "adult"
         name_actions(scene, FADING)
         levelled(scene)
         bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
@@ -204,6 +205,7 @@ def test_what_cannot_be_faded_is_one_sentence(waiting):  # noqa: F811
         measure_groups(waiting)
 
 
+@pytest.mark.once
 def test_lods_made_before_the_cross_fades_are_told(fading):
     scene = fading
     scene.crowd_lod.choice, scene.crowd_lod.frames = "BY_TOLERANCE", "1:20"

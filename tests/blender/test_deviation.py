@@ -8,8 +8,8 @@ import pytest
 from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.crowd import scene_crowd
 from crowd_lod_extension.operators.lod_meshes import deviation, pose_choice, posed_surface, surface
+from crowd_lod_extension.operators.scene import scene_crowd
 
 pytestmark = pytest.mark.usefixtures("exact_levels")
 GROUP = Group("one", 0, 1, 0, 1)
@@ -32,6 +32,7 @@ def sphere(rings, segments, radius=1.0):
     return bpy.data.objects.new("sphere", mesh)
 
 
+@pytest.mark.once
 def test_a_sphere_deviates_from_its_inscribed_octahedron_as_geometry_says():
     ball, octahedron = sphere(200, 400, radius=2.0), sphere(2, 4, radius=2.0)
     assert len(octahedron.data.polygons) == 8

@@ -7,12 +7,12 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.batch.preview import Preview, preview
-from crowd_lod_extension.operators.batch.verify import Verify, verify
 from crowd_lod_extension.operators.blender import cameras, frame_stepping
-from crowd_lod_extension.operators.build import render_setup
-from crowd_lod_extension.operators.build.bake import bake
-from crowd_lod_extension.operators.crowd.scene_crowd import frame_of
+from crowd_lod_extension.operators.render_setup import render_setup
+from crowd_lod_extension.operators.render_setup.bake import bake
+from crowd_lod_extension.operators.runs.preview import Preview, preview
+from crowd_lod_extension.operators.runs.verify import Verify, verify
+from crowd_lod_extension.operators.scene.scene_crowd import frame_of
 
 
 class Film(bpy.types.RenderEngine):
@@ -176,6 +176,7 @@ def test_a_bake_shows_whom_the_build_shows(built, way):
     assert built.frame_current == 2
 
 
+@pytest.mark.once
 def test_a_preview_shows_whom_the_build_shows_and_leaves_it_as_it_was(built, tmp_path):
     live, shown = played(built, by_frame, [4, 12])
     plan = finished(preview(built, Preview([12], tmp_path / "preview", 64), []))
@@ -217,6 +218,7 @@ def test_a_render_says_once_that_its_open_shutter_shows_another_camera(built, re
     assert said.count("bake, and render the bake") == (way is not None), said
 
 
+@pytest.mark.once
 def test_verify_renders_and_judges_what_the_scenes_own_frames_show(built, tmp_path):
     built.camera.animation_data_clear()
     by_property(built)

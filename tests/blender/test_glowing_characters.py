@@ -6,13 +6,13 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.build.hidden_characters import told_of_characters
-from crowd_lod_extension.operators.build.render_setup import build
+from crowd_lod_extension.operators.blender.scenery import emits
+from crowd_lod_extension.operators.characters.glow import glowing, told_of_glow
 from crowd_lod_extension.operators.cli import commands
-from crowd_lod_extension.operators.crowd.glow import glowing, told_of_glow
-from crowd_lod_extension.operators.crowd.scene_crowd import measure_groups, populating, store_groups
-from crowd_lod_extension.operators.crowd.scenery import emits
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.render_setup.hidden_characters import told_of_characters
+from crowd_lod_extension.operators.render_setup.render_setup import build
+from crowd_lod_extension.operators.scene.scene_crowd import measure_groups, populating, store_groups
 from crowd_lod_extension.sample_scenes.scenery import add, material, tile
 
 from ..support.characters import character, new, tube
@@ -182,6 +182,7 @@ def test_populate_and_build_name_the_characters_that_glow():
     assert not glowing(scene) and not list(told_of_glow(scene))
 
 
+@pytest.mark.once
 def test_verify_proves_that_the_light_stays(tmp_path):
     glow_scene(emission())
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "glow.blend"))

@@ -3,9 +3,9 @@
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.trajectory.edited import Edited
-from crowd_lod_extension.operators.build import staleness
-from crowd_lod_extension.operators.crowd.scene_crowd import trajectory_of
+from crowd_lod_extension.crowd_lod.sources.edited import Edited
+from crowd_lod_extension.operators.render_setup import staleness
+from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 
 from ..support.scatter import scatter
 from .test_build import instances
@@ -87,7 +87,7 @@ def test_the_build_shows_edited_agents_where_they_are_put(built, make, monkeypat
 
 @pytest.mark.parametrize("all_frames", [True, False])
 def test_who_is_hidden_is_not_missed_by_the_proof(levelled, all_frames):
-    from crowd_lod_extension.operators.batch.verify import everyone_there
+    from crowd_lod_extension.operators.runs.verify import everyone_there
 
     (agent, *_) = seen_at(levelled, 1)
     add(levelled, kind="HIDE", agents=f"{agent}", all_frames=all_frames, first_frame=2, last_frame=3)

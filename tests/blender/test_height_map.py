@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.operators.blender import image_data
-from crowd_lod_extension.operators.crowd import scene_crowd
+from crowd_lod_extension.operators.scene import scene_crowd
 
 
 def test_agents_stand_on_the_height_image():

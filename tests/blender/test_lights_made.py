@@ -7,9 +7,9 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.batch.verify import Verify, verify
-from crowd_lod_extension.operators.crowd import scenery
-from crowd_lod_extension.operators.crowd.lights import MOST_INSTANCES
+from crowd_lod_extension.operators.blender import scenery
+from crowd_lod_extension.operators.runs.verify import Verify, verify
+from crowd_lod_extension.operators.scene.lights import MOST_INSTANCES
 from crowd_lod_extension.sample_scenes.scenery import add, box, material
 
 from .test_lights import lamp, lit, read  # noqa: F401

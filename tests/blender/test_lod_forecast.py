@@ -3,10 +3,10 @@
 import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.build import render_setup, staleness
-from crowd_lod_extension.operators.crowd import cast_provenance
+from crowd_lod_extension.operators.characters import cast_provenance
 from crowd_lod_extension.operators.lod_meshes.made_for import CHOSEN_FROM, MADE_FOR, forecast
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.render_setup import render_setup, staleness
 from crowd_lod_extension.operators.ui import steps
 from mathutils import Matrix
 

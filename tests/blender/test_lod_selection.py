@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from bpy_extras.object_utils import world_to_camera_view
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.operators.build import render_setup
-from crowd_lod_extension.operators.crowd import scene_crowd
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.render_setup import render_setup
+from crowd_lod_extension.operators.scene import scene_crowd
 from mathutils import Vector
 
 
@@ -18,6 +18,7 @@ def tolerant(scene):
     return scene
 
 
+@pytest.mark.once
 def test_as_many_are_made_as_pay_and_the_build_shows_them(tolerant):
     settings, before = tolerant.crowd_lod, set(bpy.data.user_map())
     list(make_levels(tolerant))
@@ -59,6 +60,7 @@ def made(scene, pixels=1.0):
     return scene.crowd_lod
 
 
+@pytest.mark.once
 def test_at_the_switch_distance_the_bound_spans_the_tolerance_in_blender_s_own_camera(tolerant):
     settings = made(tolerant, 2.0)
     camera, render = tolerant.camera, tolerant.render
@@ -74,6 +76,7 @@ def test_at_the_switch_distance_the_bound_spans_the_tolerance_in_blender_s_own_c
                 assert (ends[1].x - ends[0].x) * width == pytest.approx(2.0, rel=1e-4)
 
 
+@pytest.mark.once
 def test_tolerance_reaches_the_frame_and_a_wrong_one_is_refused(tolerant):
     settings = made(tolerant)
     depsgraph = bpy.context.evaluated_depsgraph_get()

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.levels import selection
 from crowd_lod_extension.crowd_lod.reporting.html_report import page
-from crowd_lod_extension.operators.batch import lod_picture, lod_table
 from crowd_lod_extension.operators.blender import image_data
+from crowd_lod_extension.operators.characters import character_extent
 from crowd_lod_extension.operators.cli import commands
-from crowd_lod_extension.operators.crowd import character_extent, scene_crowd
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.lod_meshes.surface import Surface
 from crowd_lod_extension.operators.lod_meshes.worst_place import InPose
+from crowd_lod_extension.operators.runs import lod_picture, lod_table
+from crowd_lod_extension.operators.scene import scene_crowd
 
 
 def told(scene, folder):

@@ -3,7 +3,7 @@
 import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.crowd.state_machine import parse, preset_text
-from crowd_lod_extension.operators.crowd.machine_editor import draft_of, problem_of, selected
+from crowd_lod_extension.operators.machine.machine_editor import draft_of, problem_of, selected
 
 MARKET = preset_text("market")
 
@@ -26,11 +26,11 @@ def changed(scene):
 
 
 FIELDS = {
-    "state_color": ((0.0, 1.0, 0.0), '"color": "#00ff00", "start": 1, "animation": "walk",'),
-    "start": (0.3, '"color": "#e65050", "start": 0.3, "animation": "walk",'),
-    "action": ("stroll", '"color": "#e65050", "start": 1, "action": "stroll", "animation": "walk",'),
-    "timer_most": (4.1, '"color": "#e65050", "start": 1, "animation": "walk", "after": 4.1, "then": "stroll north",'),
-    "use_timer": (True, '"color": "#e65050", "start": 1, "animation": "walk", "after": [5, 20], "then": "stroll north",'),
+    "state_color": ((0.0, 1.0, 0.0), '"color": "#00ff00",'),
+    "start": (0.3, '"start": 0.3,'),
+    "action": ("stroll", '"action": "stroll",'),
+    "timer_most": (4.1, '"after": 4.1, "then": "stroll north",'),
+    "use_timer": (True, '"after": [5, 20], "then": "stroll north",'),
     "speed": (0.85, '"stall front": {"speed": 0.85, "heading": 0},'),
     "heading": (0.78539816, '"stall front": {"speed": 0.7, "heading": 45},'),
     "next_state": ("buy", '"stall front": {"next": "buy", "speed": 0.7, "heading": 0},'),
@@ -46,7 +46,7 @@ def test_a_field_writes_its_place_in_the_text_and_nothing_else(market, name):
     editor = market.crowd_lod_editor
     editor.rule_index = 3
     setattr(editor, name, value)
-    assert changed(market) == [line] and not problem_of(market)
+    assert " ".join(changed(market)) == line and not problem_of(market)
     shown = getattr(editor, name)
     assert shown == value or list(shown) == list(value) if isinstance(value, tuple | str) else shown == pytest.approx(value)
 

@@ -9,7 +9,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import seen
 from crowd_lod_extension.operators.blender.cameras import read_cameras
 from crowd_lod_extension.operators.cli import commands
-from crowd_lod_extension.operators.crowd.scene_crowd import trajectory_of
+from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 
 from ..support.characters import character, new, rig, tube
 from ..support.scatter import scatter

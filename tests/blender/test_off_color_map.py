@@ -6,11 +6,12 @@ import pytest
 from crowd_lod_extension.crowd_lod.behavior.walk import stray_places
 from crowd_lod_extension.crowd_lod.crowd import state_machine
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.batch.preview import Preview, preview
 from crowd_lod_extension.operators.blender import image_data
-from crowd_lod_extension.operators.crowd import scene_crowd, scene_world, stuck_agents
+from crowd_lod_extension.operators.machine import scene_world
 from crowd_lod_extension.operators.overlay.draw_data import drawing
 from crowd_lod_extension.operators.overlay.inset import STRAY, with_strays
+from crowd_lod_extension.operators.runs.preview import Preview, preview
+from crowd_lod_extension.operators.scene import scene_crowd, stuck_agents
 
 pytestmark = pytest.mark.once  # long, and the same on every Blender
 

@@ -8,10 +8,10 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.reporting.output_index import Entry, add_to_index, read_index
-from crowd_lod_extension.operators.batch.open_report import report_path
 from crowd_lod_extension.operators.blender.output_folders import full_path, output_folder
-from crowd_lod_extension.operators.build import staleness
-from crowd_lod_extension.operators.crowd.scene_crowd import frame_of
+from crowd_lod_extension.operators.render_setup import staleness
+from crowd_lod_extension.operators.runs.open_report import report_path
+from crowd_lod_extension.operators.scene.scene_crowd import frame_of
 
 from ..support.pages import Reader
 

@@ -5,9 +5,9 @@ import json
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.reporting import plan_file
+from crowd_lod_extension.crowd_lod.shot import plan_file
 from crowd_lod_extension.operators.cli import commands
-from crowd_lod_extension.operators.crowd.scene_crowd import frame_of
+from crowd_lod_extension.operators.scene.scene_crowd import frame_of
 
 
 def run(*words):

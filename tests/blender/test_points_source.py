@@ -10,7 +10,7 @@ from crowd_lod_extension.crowd_lod.crowd.leave_outs import NOTHING
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
 from crowd_lod_extension.operators.cli import commands
-from crowd_lod_extension.operators.crowd.scene_crowd import frame_of, trajectory_of
+from crowd_lod_extension.operators.scene.scene_crowd import frame_of, trajectory_of
 
 from ..support.scatter import scatter
 from ..support.shots import raw

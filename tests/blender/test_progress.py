@@ -5,15 +5,15 @@ from types import SimpleNamespace
 
 import bpy
 import pytest
-from crowd_lod_extension.operators.batch.error_report import error
-from crowd_lod_extension.operators.batch.preview import Preview, preview
-from crowd_lod_extension.operators.batch.verify import Verify, verify
 from crowd_lod_extension.operators.blender import scene_cache
 from crowd_lod_extension.operators.blender.operator import left_words
-from crowd_lod_extension.operators.build.bake import bake
-from crowd_lod_extension.operators.build.buttons import prepared
-from crowd_lod_extension.operators.crowd import crowd_sources
-from crowd_lod_extension.operators.crowd.scene_crowd import CROWDLOD_OT_populate
+from crowd_lod_extension.operators.render_setup.bake import bake
+from crowd_lod_extension.operators.render_setup.buttons import prepared
+from crowd_lod_extension.operators.runs.error_report import error
+from crowd_lod_extension.operators.runs.preview import Preview, preview
+from crowd_lod_extension.operators.runs.verify import Verify, verify
+from crowd_lod_extension.operators.scene.scene_crowd import CROWDLOD_OT_populate
+from crowd_lod_extension.operators.sources import crowd_sources
 
 FAR = 10**6
 PATIENCE = 30.0  # seconds on a machine with much else to do; the way to FAR takes ten minutes

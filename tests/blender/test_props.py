@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.animation.skinning import pose, skin
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.planning.shot_cost import work_in
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.batch.shot_plan import Wanted, plan_shot
+from crowd_lod_extension.crowd_lod.shot.shot_cost import work_in
 from crowd_lod_extension.operators.blender import scene_data
 from crowd_lod_extension.operators.blender.rig_dependencies import action_range
-from crowd_lod_extension.operators.build import bake, render_setup
-from crowd_lod_extension.operators.build.cost_estimate import estimate
-from crowd_lod_extension.operators.crowd import crowd_sources
-from crowd_lod_extension.operators.crowd.scene_crowd import (
+from crowd_lod_extension.operators.lod_meshes import deviation
+from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.overlay import skinned_characters
+from crowd_lod_extension.operators.render_setup import bake, render_setup
+from crowd_lod_extension.operators.render_setup.cost_estimate import estimate
+from crowd_lod_extension.operators.scene.scene_crowd import (
     characters_of,
     frame_of,
     groups_of,
@@ -23,9 +24,8 @@ from crowd_lod_extension.operators.crowd.scene_crowd import (
     store_groups,
     trajectory_of,
 )
-from crowd_lod_extension.operators.lod_meshes import deviation
-from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.overlay import skinned_characters
+from crowd_lod_extension.operators.shot.shot_plan import Wanted, plan_shot
+from crowd_lod_extension.operators.sources import crowd_sources
 from mathutils import Matrix
 
 from ..support.scatter import scatter

@@ -3,12 +3,12 @@
 import bpy
 import pytest
 from crowd_lod_extension.operators.blender import provenance
-from crowd_lod_extension.operators.build import staleness
+from crowd_lod_extension.operators.characters import cast_provenance
+from crowd_lod_extension.operators.characters.cast_provenance import cast_inputs
 from crowd_lod_extension.operators.cli import commands
-from crowd_lod_extension.operators.crowd import cast_provenance
-from crowd_lod_extension.operators.crowd.cast_provenance import cast_inputs
-from crowd_lod_extension.operators.crowd.scene_crowd import frame_of
 from crowd_lod_extension.operators.lod_meshes import made_for
+from crowd_lod_extension.operators.render_setup import staleness
+from crowd_lod_extension.operators.scene.scene_crowd import frame_of
 
 
 @pytest.fixture(autouse=True)
@@ -98,6 +98,7 @@ def test_nothing_is_read_twice_while_nothing_changes(levelled):
     assert {key: id(each) for key, each in provenance._known.items()} == {key: id(each) for key, each in known.items()}
 
 
+@pytest.mark.once
 def test_a_plan_is_not_used_after_a_lod_was_edited_and_strict_is_strict(levelled, tmp_path, capfd):
     settings = levelled.crowd_lod
     settings.frames = "1:3"

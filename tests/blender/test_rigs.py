@@ -7,11 +7,11 @@ from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import image_data, mesh_data, performance, scene_data
 from crowd_lod_extension.operators.blender.render_evaluation import as_rendered
 from crowd_lod_extension.operators.blender.rig_dependencies import action_range
-from crowd_lod_extension.operators.build import render_setup, rigs
-from crowd_lod_extension.operators.build.phase_characters import make_cast
-from crowd_lod_extension.operators.crowd.rig_needs import POSES
-from crowd_lod_extension.operators.crowd.scene_crowd import characters_of, frame_of, measure_groups, store_groups, trajectory_of
+from crowd_lod_extension.operators.characters.rig_needs import POSES
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.render_setup import render_setup, rigs
+from crowd_lod_extension.operators.render_setup.phase_characters import make_cast
+from crowd_lod_extension.operators.scene.scene_crowd import characters_of, frame_of, measure_groups, store_groups, trajectory_of
 
 
 def instances(scene):
@@ -285,7 +285,7 @@ def test_rigs_share_the_meshes_of_the_lods(built):
 
 
 def test_a_bake_holds_what_its_frames_show_and_nothing_else(built):
-    from crowd_lod_extension.operators.build.bake import bake
+    from crowd_lod_extension.operators.render_setup.bake import bake
 
     whole = sum(len(c.children) for c in built.crowd_lod.build.children_recursive if c.get(render_setup.LIBRARY, -1) >= 0)
     list(bake(built, [3, 4]))
@@ -306,7 +306,7 @@ def test_a_bake_holds_what_its_frames_show_and_nothing_else(built):
 
 
 def test_a_bake_of_frames_that_show_nobody_leaves_no_motion(built):
-    from crowd_lod_extension.operators.build.bake import bake
+    from crowd_lod_extension.operators.render_setup.bake import bake
 
     built.camera.animation_data_clear()
     built.camera.rotation_euler = (3.14, 0, 0)  # up

@@ -6,11 +6,12 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension import sample_scenes
-from crowd_lod_extension.crowd_lod.planning.frame import plan
+from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.reporting import tables
-from crowd_lod_extension.operators.batch import preview_plan
 from crowd_lod_extension.operators.blender import cameras, image_data
-from crowd_lod_extension.operators.crowd import scene_crowd, scene_world
+from crowd_lod_extension.operators.machine import scene_world
+from crowd_lod_extension.operators.scene import scene_crowd
+from crowd_lod_extension.operators.shot import scene_json
 from crowd_lod_extension.sample_scenes import station_plan
 from mathutils.bvhtree import BVHTree
 
@@ -177,7 +178,7 @@ def test_who_waits_in_the_station_plays_another_action_of_the_three_groups():
     groups = scene_crowd.measure_groups(scene)
     assert len(groups) == 3 and all([action.name for action in group.actions] == ["idle"] for group in groups)
     trajectory = scene_crowd.trajectory_of(scene, groups)
-    assert '"idle"' in tables.to_json(preview_plan._crowd_of(scene.crowd_lod, trajectory))
+    assert '"idle"' in tables.to_json(scene_json._crowd_of(scene.crowd_lod, trajectory))
     crowd = trajectory.at(50)
     assert set(crowd.group) == {0, 1, 2}
     waiting = slice(-scene.crowd_lod.crowds[0].count, None)

@@ -4,8 +4,8 @@ import bpy
 import crowd_lod_extension
 import numpy as np
 import pytest
+from crowd_lod_extension.operators.blender import scenery
 from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
-from crowd_lod_extension.operators.crowd import scenery
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import bpy
 import pytest
 from bl_operators.presets import AddPresetBase
 from crowd_lod_extension.operators import registration
-from crowd_lod_extension.operators.ui import presets
+from crowd_lod_extension.operators.settings import presets
 
 STEPS = [step for step in presets.STEPS if step != "all"]
 

@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd import state_machine as machines
 from crowd_lod_extension.operators import registration
-from crowd_lod_extension.operators.build import render_setup
-from crowd_lod_extension.operators.crowd import scene_crowd, scene_world, stuck_agents
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.machine import scene_world
+from crowd_lod_extension.operators.render_setup import render_setup
+from crowd_lod_extension.operators.scene import scene_crowd, stuck_agents
 from crowd_lod_extension.operators.ui import steps
 
 STUCK = """{"version": 1, "labels": {"ground": {"color": "#808080"}},

@@ -4,8 +4,8 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.trajectory.several import Several
-from crowd_lod_extension.operators.crowd.scene_crowd import frame_of, trajectory_of
+from crowd_lod_extension.crowd_lod.sources.several import Several
+from crowd_lod_extension.operators.scene.scene_crowd import frame_of, trajectory_of
 
 
 @pytest.fixture

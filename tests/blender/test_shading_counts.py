@@ -4,9 +4,9 @@ import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.levels import selection
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.crowd.scene_crowd import frame_of, groups_of, measure_groups, store_groups
 from crowd_lod_extension.operators.lod_meshes.deviation import measure_levels
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.scene.scene_crowd import frame_of, groups_of, measure_groups, store_groups
 
 from ..support.characters import character, new, painted, tube
 

@@ -6,8 +6,8 @@ import os
 import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.reporting.frame_parts import FrameParts
-from crowd_lod_extension.operators.batch import preview
 from crowd_lod_extension.operators.cli import commands, shared_runs
+from crowd_lod_extension.operators.runs import preview
 
 from ..support.outputs import contents
 

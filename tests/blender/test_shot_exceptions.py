@@ -5,11 +5,11 @@ import json
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.planning.planned import HIDDEN, LEVEL, PINNED
-from crowd_lod_extension.crowd_lod.reporting import plan_file
+from crowd_lod_extension.crowd_lod.frame.planned import HIDDEN, LEVEL, PINNED
+from crowd_lod_extension.crowd_lod.shot import plan_file
 from crowd_lod_extension.operators.blender.image_data import write_image
-from crowd_lod_extension.operators.crowd.scene_crowd import frame_of, policy_of, trajectory_of
-from crowd_lod_extension.operators.crowd.shot_exceptions import exemptions_of
+from crowd_lod_extension.operators.scene.scene_crowd import frame_of, policy_of, trajectory_of
+from crowd_lod_extension.operators.scene.shot_exceptions import exemptions_of
 
 FRAMES = range(1, 13)
 
@@ -86,9 +86,9 @@ def test_the_plan_keeps_to_exceptions_and_its_users_show_them(levelled, tmp_path
 
 
 def test_who_is_hidden_casts_no_shadow(levelled, tmp_path):
-    from crowd_lod_extension.crowd_lod.planning.frame import plan
+    from crowd_lod_extension.crowd_lod.frame.frame import plan
     from crowd_lod_extension.operators.blender import frame_stepping
-    from crowd_lod_extension.operators.crowd import lights
+    from crowd_lod_extension.operators.scene import lights
 
     sun = bpy.data.objects.new("Sun", bpy.data.lights.new("Sun", "SUN"))
     sun.rotation_euler = (1.2, 0, 0.4)

@@ -7,14 +7,14 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.planning.planned import LEVEL
+from crowd_lod_extension.crowd_lod.frame.planned import LEVEL
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.crowd_lod.reporting import plan_file
-from crowd_lod_extension.operators.batch import shot_survey
-from crowd_lod_extension.operators.batch.preview import preview
-from crowd_lod_extension.operators.batch.preview_stage import Preview
-from crowd_lod_extension.operators.build import bake, frame_update, render_setup
-from crowd_lod_extension.operators.crowd.scene_crowd import frame_of
+from crowd_lod_extension.crowd_lod.shot import plan_file
+from crowd_lod_extension.operators.render_setup import bake, frame_update, render_setup
+from crowd_lod_extension.operators.runs.preview import preview
+from crowd_lod_extension.operators.runs.preview_stage import Preview
+from crowd_lod_extension.operators.scene.scene_crowd import frame_of
+from crowd_lod_extension.operators.shot import shot_survey
 
 FRAMES = range(1, 13)
 

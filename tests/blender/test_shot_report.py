@@ -8,10 +8,10 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.crowd_lod.reporting import plan_file
-from crowd_lod_extension.operators.batch.shot_plan import Wanted, plan_shot
-from crowd_lod_extension.operators.batch.switch_crops import _posed
-from crowd_lod_extension.operators.crowd.scene_crowd import frame_of
+from crowd_lod_extension.crowd_lod.shot import plan_file
+from crowd_lod_extension.operators.scene.scene_crowd import frame_of
+from crowd_lod_extension.operators.shot.shot_plan import Wanted, plan_shot
+from crowd_lod_extension.operators.shot.switch_crops import _posed
 
 from ..support.pages import Reader
 

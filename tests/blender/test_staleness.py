@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.operators.blender import image_data
-from crowd_lod_extension.operators.build import staleness
-from crowd_lod_extension.operators.crowd import cast_provenance
+from crowd_lod_extension.operators.characters import cast_provenance
+from crowd_lod_extension.operators.render_setup import staleness
 
 
 @pytest.fixture(autouse=True)

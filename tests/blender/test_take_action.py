@@ -3,8 +3,8 @@
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.operators.crowd.crowd_sources import outdated
-from crowd_lod_extension.operators.crowd.scene_crowd import groups_of
+from crowd_lod_extension.operators.scene.scene_crowd import groups_of
+from crowd_lod_extension.operators.sources.crowd_sources import outdated
 
 from ..support.characters import character, new, rig, skin, tube
 

@@ -8,7 +8,9 @@ from math import radians
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.operators.crowd import crowd_sources, kept_meshes, scene_crowd
+from crowd_lod_extension.operators.blender import kept_meshes
+from crowd_lod_extension.operators.scene import scene_crowd
+from crowd_lod_extension.operators.sources import crowd_sources
 from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 

@@ -3,7 +3,7 @@
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.operators.crowd.scene_crowd import policy_of
+from crowd_lod_extension.operators.scene.scene_crowd import policy_of
 
 NAN, INF = float("nan"), float("inf")
 
@@ -83,7 +83,7 @@ def test_more_levels_find_thresholds_that_leave_each_its_place(owner, settings):
 
 def test_each_change_updates_once_more_at_most(owner, monkeypatch):
     """Blender calls the update of a property that an update sets, too."""
-    from crowd_lod_extension.operators.crowd import threshold_order
+    from crowd_lod_extension.operators.settings import threshold_order
 
     depth, deepest = 0, 0
     put = threshold_order._put_in_order

@@ -7,9 +7,9 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.sources.recorded import Recorded
 from crowd_lod_extension.crowd_lod.tracks import npz
-from crowd_lod_extension.crowd_lod.tracks.recorded import Recorded
-from crowd_lod_extension.operators.crowd.scene_crowd import frame_of, trajectory_of
+from crowd_lod_extension.operators.scene.scene_crowd import frame_of, trajectory_of
 
 from ..support.tracks import wanderers
 

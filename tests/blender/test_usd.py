@@ -9,14 +9,14 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.planning.instances import turned
+from crowd_lod_extension.crowd_lod.frame.instances import turned
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.blender.output_folders import output_folder
-from crowd_lod_extension.operators.build import render_setup
 from crowd_lod_extension.operators.cli import commands
-from crowd_lod_extension.operators.crowd.scene_crowd import characters_of, trajectory_of
 from crowd_lod_extension.operators.lod_meshes.posed_shapes import Posed
+from crowd_lod_extension.operators.render_setup import render_setup
+from crowd_lod_extension.operators.scene.scene_crowd import characters_of, trajectory_of
 from crowd_lod_extension.operators.usd.export import POSES, UsdExport, export_usd
 from crowd_lod_extension.operators.usd.openusd import openusd
 from mathutils import Matrix, Quaternion

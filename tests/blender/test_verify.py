@@ -9,9 +9,9 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.validation.render_proof import to_text
-from crowd_lod_extension.operators.batch.verify import PAIRS, Verify, verify
 from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.cli import commands
+from crowd_lod_extension.operators.runs.verify import PAIRS, Verify, verify
 from crowd_lod_extension.sample_scenes.scenery import add, material, tile
 
 pytestmark = pytest.mark.once  # long, and the same on every Blender

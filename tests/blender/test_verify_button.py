@@ -7,7 +7,7 @@ from urllib.parse import unquote
 
 import bpy
 import pytest
-from crowd_lod_extension.operators.batch.open_report import REPORTS, report_path
+from crowd_lod_extension.operators.runs.open_report import REPORTS, report_path
 from crowd_lod_extension.sample_scenes.scenery import add, material, tile
 
 from ..support.pages import Reader

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd.machine_edits import add_state
 from crowd_lod_extension.crowd_lod.crowd.state_machine import preset_text
-from crowd_lod_extension.operators.crowd.machine_editor import change, draft_of, problem_of
-from crowd_lod_extension.operators.crowd.scene_crowd import trajectory_of
 from crowd_lod_extension.operators.lod_meshes.made_for import Forecast
+from crowd_lod_extension.operators.machine.machine_editor import change, draft_of, problem_of
+from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 from crowd_lod_extension.operators.ui import steps
 from crowd_lod_extension.operators.usd.openusd import MISSING, openusd
 

@@ -9,10 +9,10 @@ from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
 from crowd_lod_extension.crowd_lod.culling.radar import BLOCK
 from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.frame.agent_under_cursor import account, nearest
+from crowd_lod_extension.crowd_lod.frame.frame import plan
+from crowd_lod_extension.crowd_lod.frame.planned import EXCEPTED, HIDDEN, PINNED, with_row
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
-from crowd_lod_extension.crowd_lod.planning.agent_under_cursor import account, nearest
-from crowd_lod_extension.crowd_lod.planning.frame import plan
-from crowd_lod_extension.crowd_lod.planning.planned import EXCEPTED, HIDDEN, PINNED, with_row
 
 SIZE = 640, 480
 # 90 degrees wide, clipped at 1 and 100 m, from the origin along -z

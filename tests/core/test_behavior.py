@@ -4,7 +4,7 @@ import weakref
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behavior.courant_number import courant
-from crowd_lod_extension.crowd_lod.behavior.step import HOLD, advance, step
+from crowd_lod_extension.crowd_lod.behavior.step import PIECES, advance, step
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import populate
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, HeightMap, LabelMap, edge_map
@@ -12,8 +12,7 @@ from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 
 from ..support.crowds import crowd_at, walker
-from ..support.machines import TO_AND_FRO, machine_of, mirrored, random_machine, random_world, same
-from ..support.way import Agent
+from ..support.machines import TO_AND_FRO, machine_of, mirrored, random_world, same
 
 
 def test_a_step_within_a_cell_is_listing_1_1_bit_for_bit():
@@ -33,30 +32,6 @@ def test_a_step_within_a_cell_is_listing_1_1_bit_for_bit():
             assert (after.x[i], after.y[i]) == (x, y)
             stayed += 1
     assert stayed > 1500
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_steps_over_borders_are_the_listing_cut_at_each(seed):
-    """Any table, any map, up to 60 cells a step, against a plain loop in rational arithmetic.
-
-    So is the count of reads.
-    """
-    random = np.random.default_rng(seed)
-    machine, world = random_machine(random), random_world(random)
-    crowd = populate(60, seed, 1, machine, world)
-    agents = [Agent(*of, machine, world.labels, world.area) for of in zip(crowd.x, crowd.y, crowd.state, strict=True)]
-    for _ in range(4):
-        crowd, tally = advance(crowd, machine, world, 0.25)
-        before = sum(agent.reads for agent in agents)
-        for agent in agents:
-            agent.stood = False
-            agent.go(0.25)
-        assert [agent.state for agent in agents] == crowd.state.tolist()
-        assert [agent.stood for agent in agents] == tally.held.tolist()
-        assert sum(agent.reads for agent in agents) - before == tally.reads
-        np.testing.assert_allclose(crowd.x, [float(agent.x) for agent in agents], atol=1e-11)
-        np.testing.assert_allclose(crowd.y, [float(agent.y) for agent in agents], atol=1e-11)
-    assert sum(agent.reads for agent in agents) > 5 * len(crowd)  # 4 are the steps, the rest are borders
 
 
 def test_chapter_walks_right_to_the_edge_turns_and_walks_left():
@@ -197,7 +172,7 @@ def test_an_agent_that_the_table_sends_to_and_fro_stands_and_is_told():
     machine = machine_of(TO_AND_FRO)
     world = LabelMap(np.array([[0, 1]], np.uint8), Area(0, 0, 2, 1))
     crowd, tally = advance(crowd_at([(0.5, 0.5, 0), (0.1, 0.5, 0)]), machine, world, 0.75)
-    assert tally.held.tolist() == [True, False] and tally.reads == 2 + HOLD
+    assert tally.held.tolist() == [True, False] and tally.reads == 2 + PIECES
     np.testing.assert_allclose(crowd.x, [1.0, 0.85], atol=1e-12)
 
 

@@ -12,12 +12,12 @@ from crowd_lod_extension.crowd_lod.crowd.maps import HeightMap
 from crowd_lod_extension.crowd_lod.culling import blocks
 from crowd_lod_extension.crowd_lod.culling.camera import lens_blur
 from crowd_lod_extension.crowd_lod.culling.radar import RadarOptions, radar
+from crowd_lod_extension.crowd_lod.culling.volumes import Light, Mirror
 from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.frame import index_cache
+from crowd_lod_extension.crowd_lod.frame.frame import plan
+from crowd_lod_extension.crowd_lod.frame.shadows import Surroundings, surround
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, assign, limits
-from crowd_lod_extension.crowd_lod.planning import index_cache
-from crowd_lod_extension.crowd_lod.planning.frame import plan
-from crowd_lod_extension.crowd_lod.planning.shadows import Surroundings, surround
-from crowd_lod_extension.crowd_lod.planning.volumes import Light, Mirror
 from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, random_camera
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import scatter
 from hypothesis import given, settings

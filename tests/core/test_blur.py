@@ -9,10 +9,10 @@ from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.camera import lens_blur
+from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
-from crowd_lod_extension.crowd_lod.planning.blur import blur_of
-from crowd_lod_extension.crowd_lod.planning.frame import plan
-from crowd_lod_extension.crowd_lod.planning.survey import empty, record
+from crowd_lod_extension.crowd_lod.shot.blur import blur_of
+from crowd_lod_extension.crowd_lod.shot.survey import empty, record
 
 from ..support.cameras import straight
 from ..support.crowds import crowd_at, walker

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.levels.cost_model import SECONDS
-from crowd_lod_extension.crowd_lod.planning.budget import Budget, decide_within, relaxed
-from crowd_lod_extension.crowd_lod.planning.shot import decide, objective
-from crowd_lod_extension.crowd_lod.planning.shot_cost import Meshes, Shot, bill
-from crowd_lod_extension.crowd_lod.planning.survey import SEEN, at_tolerance, empty
 from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.crowd_lod.shot.budget import Budget, decide_within, relaxed
+from crowd_lod_extension.crowd_lod.shot.shot import decide, objective
+from crowd_lod_extension.crowd_lod.shot.shot_cost import Meshes, Shot, bill
+from crowd_lod_extension.crowd_lod.shot.survey import SEEN, at_tolerance, empty
 
 from ..support.surveys import BOUNDS, TRIANGLES, pixels_of, sequences, some_shot
 

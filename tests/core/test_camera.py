@@ -2,8 +2,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.culling.camera import crop, frustum_corners, lens_blur, opened, planes, referential, window
+from crowd_lod_extension.crowd_lod.culling.camera import crop, frustum_corners, lens_blur, referential, window
+from crowd_lod_extension.crowd_lod.culling.frustum import frustum_of
 from crowd_lod_extension.crowd_lod.culling.radar import radar
+from crowd_lod_extension.crowd_lod.culling.shutter import opened
 from crowd_lod_extension.crowd_lod.culling.stereo import Stereo, eye, spherical
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, random_camera
@@ -67,7 +69,7 @@ def test_frustum_corners_lie_on_the_planes(lens):
     random = np.random.default_rng(6)
     for _ in range(50):
         camera = random_camera(random, lens)
-        p = planes(camera)
+        p = frustum_of(camera)
         v = frustum_corners(camera, camera.far) - camera.origin
         out = v @ p.normals[:4].T - p.offsets[:4]
         scale = np.abs(v).max()

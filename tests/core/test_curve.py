@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.planning.curve import MOST_LOOKED_AT, TOLERANCES, WIDTH, curve_of, hysteresis, of_full_detail
-from crowd_lod_extension.crowd_lod.planning.shot import decide
-from crowd_lod_extension.crowd_lod.planning.shot_cost import bill
-from crowd_lod_extension.crowd_lod.planning.survey import SEEN
 from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.crowd_lod.shot.curve import MOST_LOOKED_AT, TOLERANCES, WIDTH, curve_of, hysteresis, of_full_detail
+from crowd_lod_extension.crowd_lod.shot.shot import decide
+from crowd_lod_extension.crowd_lod.shot.shot_cost import bill
+from crowd_lod_extension.crowd_lod.shot.survey import SEEN
 
 from ..support.surveys import BOUNDS, TRIANGLES, pixels_of, some_shot
 

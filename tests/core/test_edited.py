@@ -7,16 +7,16 @@ import pytest
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd import morton_order
 from crowd_lod_extension.crowd_lod.crowd.agents import populate
-from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS, FLAT, IN_ORDER, NOTHING, STATIC
+from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS, NOTHING, STATIC
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, HeightMap, LabelMap
 from crowd_lod_extension.crowd_lod.culling import blocks as culling_blocks
-from crowd_lod_extension.crowd_lod.planning.exceptions import named, parse_agents
-from crowd_lod_extension.crowd_lod.planning.frame import plan
-from crowd_lod_extension.crowd_lod.planning.reasons import ABSENT, reasons
-from crowd_lod_extension.crowd_lod.planning.shadows import Surroundings, surround
-from crowd_lod_extension.crowd_lod.planning.volumes import Light
-from crowd_lod_extension.crowd_lod.trajectory.edited import Edit, Edited
-from crowd_lod_extension.crowd_lod.trajectory.several import Several
+from crowd_lod_extension.crowd_lod.culling.volumes import Light
+from crowd_lod_extension.crowd_lod.frame.frame import plan
+from crowd_lod_extension.crowd_lod.frame.reasons import ABSENT, reasons
+from crowd_lod_extension.crowd_lod.frame.shadows import Surroundings, surround
+from crowd_lod_extension.crowd_lod.shot.exceptions import named, parse_agents
+from crowd_lod_extension.crowd_lod.sources.edited import Edit, Edited
+from crowd_lod_extension.crowd_lod.sources.several import Several
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -206,7 +206,7 @@ def test_nobody_is_missed_and_leave_outs_change_nothing_whatever_is_edited(block
             assert raw(frame) == raw(plan(fresh, camera, POLICY, time, shutter))
 
     exact()
-    assert (BLOCKS in found) == (morton_order.FEWEST == 1) and IN_ORDER in found
+    assert (BLOCKS in found) == (morton_order.FEWEST == 1)
 
 
 def test_who_is_hidden_casts_no_shadow_and_is_in_no_figure(blocks):
@@ -219,11 +219,6 @@ def test_who_is_hidden_casts_no_shadow_and_is_in_no_figure(blocks):
     assert len(gone) == 8 and not np.isin(shown, gone).any() and not frame.culled[gone].any()
     assert frame.crowd.there == 592 and (reasons(frame)[gone] == ABSENT).all()
     assert frame.full_triangles == plain.full_triangles - sum(GROUPS[g].triangles[0] for g in own.start.group[gone])
-
-
-def test_who_is_lifted_off_a_flat_crowd_ends_its_being_flat():
-    own = shot(walking(), count=50)
-    assert FLAT in own.left_out and FLAT not in Edited(own, [Edit(some(3), move=(0, 0, 1.0))]).left_out
 
 
 def test_a_plan_made_before_is_told_of_any_other_edit():

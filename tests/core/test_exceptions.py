@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.planning.exceptions import Exemption, check_level, excepted, marked, named, parse_agents
-from crowd_lod_extension.crowd_lod.planning.planned import EXCEPTED, HIDDEN, LEVEL, PINNED
-from crowd_lod_extension.crowd_lod.planning.shot import decide, decided, lower_bound
-from crowd_lod_extension.crowd_lod.planning.survey import CULLED, SEEN, SHADOW, at_tolerance
+from crowd_lod_extension.crowd_lod.frame.planned import EXCEPTED, HIDDEN, LEVEL, PINNED
 from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.crowd_lod.shot.exceptions import Exemption, check_level, excepted, marked, named, parse_agents
+from crowd_lod_extension.crowd_lod.shot.shot import decide, decided, lower_bound
+from crowd_lod_extension.crowd_lod.shot.survey import CULLED, SEEN, SHADOW, at_tolerance
 from hypothesis import given
 from hypothesis import strategies as st
 

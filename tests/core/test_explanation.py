@@ -9,11 +9,11 @@ from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
 from crowd_lod_extension.crowd_lod.culling.radar import RadarOptions, radar
 from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.frame.explanation import explained, sides_of
+from crowd_lod_extension.crowd_lod.frame.frame import plan
+from crowd_lod_extension.crowd_lod.frame.planned import EXCEPTED, PINNED, with_row
 from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy
 from crowd_lod_extension.crowd_lod.levels.cost_model import SECONDS
-from crowd_lod_extension.crowd_lod.planning.explanation import explained, sides_of
-from crowd_lod_extension.crowd_lod.planning.frame import plan
-from crowd_lod_extension.crowd_lod.planning.planned import EXCEPTED, PINNED, with_row
 
 from ..support.crowds import crowd_at
 from ..support.shots import AREA, shot

@@ -10,7 +10,7 @@ from crowd_lod_extension.crowd_lod.crowd.leave_outs import NO_FADES, NOTHING
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 from crowd_lod_extension.crowd_lod.crowd.paces import mixed_in, step_name
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.trajectory.several import Several
+from crowd_lod_extension.crowd_lod.sources.several import Several
 
 from ..support.machines import machine_of, same
 

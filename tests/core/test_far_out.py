@@ -9,11 +9,11 @@ from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd import morton_order
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 from crowd_lod_extension.crowd_lod.culling import blocks
-from crowd_lod_extension.crowd_lod.culling.camera import planes
+from crowd_lod_extension.crowd_lod.culling.frustum import frustum_of
 from crowd_lod_extension.crowd_lod.culling.radar import radar
-from crowd_lod_extension.crowd_lod.planning.frame import plan
-from crowd_lod_extension.crowd_lod.planning.shadows import Surroundings, surround
-from crowd_lod_extension.crowd_lod.planning.volumes import Light, shaded, view
+from crowd_lod_extension.crowd_lod.culling.volumes import Light, shaded, view
+from crowd_lod_extension.crowd_lod.frame.frame import plan
+from crowd_lod_extension.crowd_lod.frame.shadows import Surroundings, surround
 from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, random_camera
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
 
@@ -41,7 +41,7 @@ def at_the_planes(camera, random, count):
         reach = np.where(random.random(count) < 0.5, camera.far + RADIUS, max(camera.near - RADIUS[0], 0.5))
         points = camera.origin + way * reach[:, None]
     else:
-        frustum, axes = planes(camera), np.array([camera.X, camera.Y, camera.Z])
+        frustum, axes = frustum_of(camera), np.array([camera.X, camera.Y, camera.Z])
         depth = camera.near + (camera.far - camera.near) * random.random(count)
         w, at = camera.window, random.random((count, 2))
         across = [w.left + at[:, 0] * (w.right - w.left), w.bottom + at[:, 1] * (w.top - w.bottom)]
@@ -103,7 +103,7 @@ def test_who_is_clearly_outside_is_culled_all_the_same(away, meters):
         camera = in_float32(replace(camera, origin=np.array([away, -away / 3, 2]), near=0.1, far=100.0))
         feet = at_the_planes(camera, random, 60) + random.uniform(-3, 3, (60, 3)) * meters
         v = feet + [0, 0, GROUP.center] - camera.origin
-        outside = ((v @ planes(camera).normals.T - planes(camera).offsets) > GROUP.radius + meters).any(axis=1)
+        outside = ((v @ frustum_of(camera).normals.T - frustum_of(camera).offsets) > GROUP.radius + meters).any(axis=1)
         assert not (outside & plan(shot(feet), camera, POLICY, 0).visible).any()
         culled += outside.sum()
     assert culled > 100
@@ -126,11 +126,13 @@ def test_no_shadow_is_missed_by_rays_that_start_beside_their_surface(kind, away)
         camera = random_camera(random, "normal")
         way = random.normal(size=3) * [1, 1, 0.1]
         camera = in_float32(replace(camera, origin=camera.origin + away * way / np.linalg.norm(way), near=0.1, far=100.0))
-        out, w = planes(camera).normals[random.integers(4)], camera.window
+        out, w = frustum_of(camera).normals[random.integers(4)], camera.window
         depth, slopes = random.uniform(20, 90, 40), random.uniform([w.left, w.bottom], [w.right, w.top], (40, 2))
         v = np.array([*(slopes.T * depth), depth]).T @ np.linalg.inv([camera.X, camera.Y, camera.Z]).T
         points = np.float32(camera.origin + v - (v @ out)[:, None] * out)
-        seen = ((points - camera.origin) @ planes(camera).normals.T <= planes(camera).offsets + 1e-7 * (1 + away)).all(axis=1)
+        seen = ((points - camera.origin) @ frustum_of(camera).normals.T <= frustum_of(camera).offsets + 1e-7 * (1 + away)).all(
+            axis=1
+        )
         sun = np.cross(out, random.normal(size=3))
         sun /= np.linalg.norm(sun)
         starts, lamp = where_rays_start(points, np.broadcast_to(out, points.shape)), points[0] + 200 * sun

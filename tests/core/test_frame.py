@@ -3,12 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.frame.agent_under_cursor import account
+from crowd_lod_extension.crowd_lod.frame.cross_fade import fades_of
+from crowd_lod_extension.crowd_lod.frame.frame import plan
+from crowd_lod_extension.crowd_lod.frame.hysteresis import held
+from crowd_lod_extension.crowd_lod.frame.reasons import reasons
 from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy, assign
-from crowd_lod_extension.crowd_lod.planning.agent_under_cursor import account
-from crowd_lod_extension.crowd_lod.planning.cross_fade import fades_of
-from crowd_lod_extension.crowd_lod.planning.frame import plan
-from crowd_lod_extension.crowd_lod.planning.hysteresis import held
-from crowd_lod_extension.crowd_lod.planning.reasons import reasons
 
 from ..support.cameras import straight
 from ..support.frames import shot

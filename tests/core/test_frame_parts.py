@@ -2,7 +2,7 @@
 
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.planning.frame_range import parse_frames, parse_part, told_frames
+from crowd_lod_extension.crowd_lod.frame.frame_range import parse_frames, parse_part, told_frames
 from crowd_lod_extension.crowd_lod.reporting import files, frame_parts
 from crowd_lod_extension.crowd_lod.reporting.frame_parts import RECORDS, FrameParts
 

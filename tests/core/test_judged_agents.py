@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod.frame.frame import plan
+from crowd_lod_extension.crowd_lod.frame.planned import EXCEPTED, PINNED
 from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy
-from crowd_lod_extension.crowd_lod.planning.frame import plan
-from crowd_lod_extension.crowd_lod.planning.planned import EXCEPTED, PINNED
 from crowd_lod_extension.crowd_lod.validation.judged_agents import BLURRED_APART, PINNED_APART, choose_agents
 
 from ..support.cameras import straight

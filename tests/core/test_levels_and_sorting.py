@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd.maps import Area
 from crowd_lod_extension.crowd_lod.culling.camera import Window
-from crowd_lod_extension.crowd_lod.culling.radar import ROUNDING, radar
+from crowd_lod_extension.crowd_lod.culling.frustum import ROUNDING
+from crowd_lod_extension.crowd_lod.culling.radar import radar
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy, assign, hold, limits, pushed
 from crowd_lod_extension.crowd_lod.sorting.buckets import sort

@@ -4,7 +4,8 @@ import json
 
 import pytest
 from crowd_lod_extension.crowd_lod.crowd import machine_edits as edits
-from crowd_lod_extension.crowd_lod.crowd.machine_edits import draft, edited
+from crowd_lod_extension.crowd_lod.crowd.machine_draft import draft
+from crowd_lod_extension.crowd_lod.crowd.machine_edits import edited
 from crowd_lod_extension.crowd_lod.crowd.state_machine import parse, preset_names, preset_text
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from hypothesis import given, settings
@@ -37,22 +38,32 @@ def test_values_put_back_leave_a_preset_as_it_was_to_the_byte(name):
                 assert after(text, same) == text
 
 
+@pytest.mark.parametrize("name", preset_names())
+def test_presets_stand_in_the_layout_that_edits_write(name):
+    assert edits.layout(json.loads(preset_text(name))) == preset_text(name)
+
+
 def test_an_edit_changes_its_own_line_alone():
     text = after(MARKET, edits.set_speed("stroll east", "stall front", 0.85, 90.0))
-    assert text.splitlines()[14:16] == MARKET.splitlines()[14:16]
     changed = [(a, b) for a, b in zip(MARKET.splitlines(), text.splitlines(), strict=True) if a != b]
     assert changed == [
         ('        "stall front": {"speed": 0.7, "heading": 0},', '        "stall front": {"speed": 0.85, "heading": 90},')
     ]
 
 
+def test_an_edit_lays_a_text_out_anew_and_one_that_changes_nothing_leaves_it():
+    for text in (json.dumps(json.loads(MARKET)), json.dumps(json.loads(MARKET), indent=7)):
+        assert after(text, edits.set_field(("edge",), "reflect")) == text
+        assert after(text, edits.set_field(("edge",), "stop")) == after(MARKET, edits.set_field(("edge",), "stop"))
+
+
 def test_a_new_state_and_label_look_like_those_beside_them():
-    text = after(MARKET, edits.add_state("rest"), edits.set_timer("rest", 2, 4.5), edits.add_label("door"))
+    text = after(MARKET, edits.add_state("rest"), edits.add_label("door"))
     lines = text.splitlines()
-    at = lines.index('    "rest": {')
-    assert lines[at - 1] == "    }," and lines[at + 2 : at + 6] == ['      "on": {', '        "*": {}', "      }", "    }"]
-    assert lines[at + 1].endswith('"start": 0, "after": [2, 4.5], "then": "stroll east",')
+    assert lines[-3].startswith('    "rest": {"color": "#') and lines[-3].endswith('", "start": 0, "on": {"*": {}}}')
     assert lines[lines.index('    "wall": {"color": "#403838", "spawn": false},') + 1].startswith('    "door": {"color": "#')
+    text = after(text, edits.set_timer("rest", 2, 4.5))
+    assert list(json.loads(text)["states"]["rest"]) == ["color", "start", "after", "then", "on"]
     machine = parse(text, "t")
     assert machine.states[-1] == "rest" and machine.labels[-1] == "door"
     assert machine.after[-1].tolist() == [2, 4.5]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.npz_file import read_arrays
-from crowd_lod_extension.crowd_lod.reporting import plan_file
+from crowd_lod_extension.crowd_lod.shot import plan_file
 
 HEADER = b"\x93NUMPY\x01\x00"
 

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.reporting import plan_file
 from crowd_lod_extension.crowd_lod.reporting.plan_comparison import compare
+from crowd_lod_extension.crowd_lod.shot import plan_file
 
 
 def row(number, triangles, visible=10, **more):

@@ -8,11 +8,11 @@ from crowd_lod_extension.crowd_lod.crowd import morton_order
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS, NOTHING
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, HeightMap
 from crowd_lod_extension.crowd_lod.crowd.terrain import Terrain
-from crowd_lod_extension.crowd_lod.planning.frame import plan
-from crowd_lod_extension.crowd_lod.planning.shadows import Surroundings, surround
-from crowd_lod_extension.crowd_lod.planning.volumes import Light
+from crowd_lod_extension.crowd_lod.culling.volumes import Light
+from crowd_lod_extension.crowd_lod.frame.frame import plan
+from crowd_lod_extension.crowd_lod.frame.shadows import Surroundings, surround
+from crowd_lod_extension.crowd_lod.sources.several import Several
 from crowd_lod_extension.crowd_lod.tracks.rows import Rows
-from crowd_lod_extension.crowd_lod.trajectory.several import Several
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
 
 from ..support.cameras import straight

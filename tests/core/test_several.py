@@ -7,14 +7,14 @@ import pytest
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd import morton_order
 from crowd_lod_extension.crowd_lod.crowd.agents import populate
-from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS, FLAT, NOTHING
+from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS, NOTHING
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, HeightMap, LabelMap
+from crowd_lod_extension.crowd_lod.culling.volumes import Light
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.planning.frame import plan
-from crowd_lod_extension.crowd_lod.planning.reasons import ABSENT, reasons
-from crowd_lod_extension.crowd_lod.planning.shadows import Surroundings, surround
-from crowd_lod_extension.crowd_lod.planning.volumes import Light
-from crowd_lod_extension.crowd_lod.trajectory.several import Several
+from crowd_lod_extension.crowd_lod.frame.frame import plan
+from crowd_lod_extension.crowd_lod.frame.reasons import ABSENT, reasons
+from crowd_lod_extension.crowd_lod.frame.shadows import Surroundings, surround
+from crowd_lod_extension.crowd_lod.sources.several import Several
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
 
 from ..support.cameras import straight
@@ -78,7 +78,6 @@ def test_nobody_is_missed(blocks, edge):
             missed = [a for a in np.flatnonzero(~frame.visible) if sees(camera, places[a], radius[a])]
             assert not missed
         assert raw(frame) == raw(plan(crowds.leaving(NOTHING, 1), camera, POLICY, time, frame.shutter))
-    assert FLAT not in found
     assert (BLOCKS in found) == (morton_order.FEWEST == 1 and edge != "wrap")
 
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
 from crowd_lod_extension.crowd_lod.culling.radar import radar
+from crowd_lod_extension.crowd_lod.culling.volumes import Light, Mirror, bounded, mirrored, shaded, view, within
+from crowd_lod_extension.crowd_lod.frame.frame import plan
+from crowd_lod_extension.crowd_lod.frame.shadows import Surroundings, surround
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
-from crowd_lod_extension.crowd_lod.planning.frame import plan
-from crowd_lod_extension.crowd_lod.planning.shadows import Surroundings, surround
-from crowd_lod_extension.crowd_lod.planning.volumes import Light, Mirror, bounded, mirrored, shaded, view, within
 from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, random_camera
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import gap, scatter
 

@@ -5,10 +5,10 @@ import hashlib
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.levels.cost_model import SECONDS
-from crowd_lod_extension.crowd_lod.planning.shot import decide, decided, lower_bound
-from crowd_lod_extension.crowd_lod.planning.shot_cost import bill
-from crowd_lod_extension.crowd_lod.planning.survey import SEEN
 from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.crowd_lod.shot.shot import decide, decided, lower_bound
+from crowd_lod_extension.crowd_lod.shot.shot_cost import bill
+from crowd_lod_extension.crowd_lod.shot.survey import SEEN
 
 from ..support.surveys import pixels_of, sequences, some_shot
 

@@ -9,13 +9,13 @@ from html import unescape
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.planning.curve import curve_of
-from crowd_lod_extension.crowd_lod.planning.shot import decide
-from crowd_lod_extension.crowd_lod.planning.survey import CULLED
-from crowd_lod_extension.crowd_lod.planning.switches import noticed
-from crowd_lod_extension.crowd_lod.planning.unneeded import unneeded
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.reporting.shot_report import Told, shot_page
+from crowd_lod_extension.crowd_lod.shot.curve import curve_of
+from crowd_lod_extension.crowd_lod.shot.shot import decide
+from crowd_lod_extension.crowd_lod.shot.survey import CULLED
+from crowd_lod_extension.crowd_lod.shot.switches import noticed
+from crowd_lod_extension.crowd_lod.shot.unneeded import unneeded
 
 from ..support.pages import Reader
 from ..support.surveys import TRIANGLES, some_shot

@@ -4,16 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.animation.skinning import SkinnedMesh, axes, closed, merge, pose, skin, stance, strongest
+from crowd_lod_extension.crowd_lod.animation.skinning import SkinnedMesh, axes, closed, merge, pose, skin, strongest
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import Crowd, Group
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, HeightMap, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
-from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy, assign, limits
-from crowd_lod_extension.crowd_lod.planning.cross_fade import fade, fades_of
-from crowd_lod_extension.crowd_lod.planning.frame import plan
-from crowd_lod_extension.crowd_lod.planning.reasons import (
+from crowd_lod_extension.crowd_lod.frame.cross_fade import fade, fades_of
+from crowd_lod_extension.crowd_lod.frame.frame import plan
+from crowd_lod_extension.crowd_lod.frame.reasons import (
     BESIDE,
     DETAIL_MAP,
     DISTANCE,
@@ -24,6 +23,9 @@ from crowd_lod_extension.crowd_lod.planning.reasons import (
     NEAR_ENOUGH,
     reasons,
 )
+from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy, assign, limits
+
+from ..support.rotations import stance
 
 RANDOM = np.random.default_rng(3)
 TETRAHEDRON = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], np.float32)

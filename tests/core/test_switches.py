@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.planning.shot import decide
-from crowd_lod_extension.crowd_lod.planning.shot_cost import bill
-from crowd_lod_extension.crowd_lod.planning.switches import NOTHING, noticed
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.reporting.tables import switches_csv
+from crowd_lod_extension.crowd_lod.shot.shot import decide
+from crowd_lod_extension.crowd_lod.shot.shot_cost import bill
+from crowd_lod_extension.crowd_lod.shot.switches import NOTHING, noticed
 
 from ..support.surveys import pixels_of, some_shot
 

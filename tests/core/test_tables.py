@@ -4,7 +4,7 @@ import io
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.planning.frame_range import parse_frames
+from crowd_lod_extension.crowd_lod.frame.frame_range import parse_frames
 from crowd_lod_extension.crowd_lod.reporting import tables
 
 

@@ -11,7 +11,7 @@ from crowd_lod_extension.crowd_lod.crowd.maps import Area, HeightMap
 from crowd_lod_extension.crowd_lod.crowd.terrain import STEP, Terrain, upward
 from crowd_lod_extension.crowd_lod.culling.camera import Window
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.planning.frame import plan
+from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
 
 from ..support.cameras import straight

@@ -10,9 +10,9 @@ from pathlib import Path
 import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.planning.agent_under_cursor import account
+from crowd_lod_extension.crowd_lod.frame.agent_under_cursor import account
 from crowd_lod_extension.operators.cli import commands
-from crowd_lod_extension.operators.crowd import scene_crowd
+from crowd_lod_extension.operators.scene import scene_crowd
 
 from ..blender import conftest
 from .test_outputs import TRACKS

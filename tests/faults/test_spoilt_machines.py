@@ -7,7 +7,7 @@ import random
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.crowd import machine_edits, state_machine
+from crowd_lod_extension.crowd_lod.crowd import machine_draft, machine_edits, state_machine
 from crowd_lod_extension.operators.blender import image_data
 
 from .test_spoilt_plans import refused, spoilt_bytes, spoilt_text
@@ -33,7 +33,7 @@ def test_a_spoilt_state_machine(preset):
             "utf-8", "replace"
         )
         read += refused(state_machine.parse, spoilt, "The file") is not None
-        draft = refused(machine_edits.draft, spoilt, "The file")
+        draft = refused(machine_draft.draft, spoilt, "The file")
         if draft is not None and draft.states and draft.labels:
             refused(machine_edits.edited, spoilt, "The file", dice.choice(EDITS)(draft))
     assert read < TRIALS // 4

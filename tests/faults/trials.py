@@ -52,15 +52,17 @@ def trial(words: list[str], limit: int | None) -> dict:
 
 
 def small(file: Path) -> None:
-    """A crowd of 60 with its LODs, and little to render."""
+    """A crowd of 20 of one character with its LOD, and little to render."""
     from crowd_lod_extension import sample_scenes
-    from crowd_lod_extension.operators.crowd.scene_crowd import measure_groups, store_groups
     from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+    from crowd_lod_extension.operators.scene.scene_crowd import measure_groups, store_groups
 
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=False)
     scene = bpy.context.scene
     sample_scenes.make("chapter", scene)
-    scene.crowd_lod.count, scene.crowd_lod.method = 60, "DECIMATE"
+    for name in "child", "heavy":
+        scene.crowd_lod.characters.children.unlink(bpy.data.collections[name])
+    scene.crowd_lod.count, scene.crowd_lod.method, scene.crowd_lod.level_count = 20, "DECIMATE", 2
     scene.frame_end, scene.crowd_lod.goal_labels = 3, "left edge, right edge"
     store_groups(scene.crowd_lod, measure_groups(scene))
     list(make_levels(scene))

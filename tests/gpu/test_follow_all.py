@@ -3,8 +3,8 @@
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.operators.crowd.scene_crowd import frame_of
 from crowd_lod_extension.operators.overlay import viewport_overlay
+from crowd_lod_extension.operators.scene.scene_crowd import frame_of
 
 from ..support.overlays import populated, shown
 

@@ -3,8 +3,8 @@
 import bpy
 import pytest
 from crowd_lod_extension.operators.blender import scene_cache
-from crowd_lod_extension.operators.crowd import crowd_sources
 from crowd_lod_extension.operators.overlay import character_cache, viewport_overlay
+from crowd_lod_extension.operators.sources import crowd_sources
 
 from ..support.overlays import populated, shown
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import NO_HEIGHTS, STATIC
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
-from crowd_lod_extension.crowd_lod.planning.agent_under_cursor import Account
-from crowd_lod_extension.crowd_lod.planning.reasons import REASONS
+from crowd_lod_extension.crowd_lod.frame.agent_under_cursor import Account
+from crowd_lod_extension.crowd_lod.frame.reasons import REASONS
 from crowd_lod_extension.operators.blender.cameras import camera_from
 from crowd_lod_extension.operators.blender.color_space import encoded
 from crowd_lod_extension.operators.lod_meshes.make_lods import TINTS

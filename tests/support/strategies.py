@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 from crowd_lod_extension.crowd_lod.crowd.maps import HeightMap
-from crowd_lod_extension.crowd_lod.culling.camera import lens_blur, opened
+from crowd_lod_extension.crowd_lod.culling.camera import lens_blur
+from crowd_lod_extension.crowd_lod.culling.shutter import opened
 from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy
 from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, random_camera
 from hypothesis import strategies as st

@@ -3,8 +3,8 @@
 from itertools import product
 
 import numpy as np
-from crowd_lod_extension.crowd_lod.planning.shot_cost import Meshes, Shot
-from crowd_lod_extension.crowd_lod.planning.survey import CULLED, MIRRORED, SEEN, SHADOW, at_tolerance, empty
+from crowd_lod_extension.crowd_lod.shot.shot_cost import Meshes, Shot
+from crowd_lod_extension.crowd_lod.shot.survey import CULLED, MIRRORED, SEEN, SHADOW, at_tolerance, empty
 
 TRIANGLES = np.array([[9000, 4000, 1500, 400], [12000, 5000, 2500, 300]], float)
 BOUNDS = np.array([[0, 1, 3, 8], [0, 2, 3, 12]]) / 64  # sums of them, times whole scales, are exact in float32

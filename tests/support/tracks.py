@@ -1,8 +1,8 @@
 """Small files of tracks for the tests."""
 
 import numpy as np
+from crowd_lod_extension.crowd_lod.sources.recorded import Recorded
 from crowd_lod_extension.crowd_lod.tracks.making import tracks_of
-from crowd_lod_extension.crowd_lod.tracks.recorded import Recorded
 from crowd_lod_extension.crowd_lod.tracks.rows import Rows
 
 from .crowds import walker

@@ -1,0 +1,220 @@
+"""Why an agent is shown as it is: every test with its numbers, and what other LODs would cost."""
+
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..culling.camera import Camera, stretch
+from ..culling.frustum import ROUNDING, frustum_of, reach_of
+from ..format import aligned, number
+from ..levels.assignment import assign, shown
+from ..levels.cost_model import NAMES, SECONDS
+from .agent_under_cursor import Account, account
+from .frame import Frame
+
+PLANES = "right", "left", "top", "bottom", "near", "far"
+
+
+@dataclass(frozen=True)
+class Side:
+    """The test of the agent's bounding sphere against one side of what a camera sees.
+
+    name: of the side.
+    outside: meters by which the sphere's center lies beyond the side; below 0 within.
+    reach: meters by which it may. A fixed margin is a part of `outside`.
+    """
+
+    name: str
+    outside: float
+    reach: float
+
+    @property
+    def passed(self) -> bool:
+        return self.outside <= self.reach
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """What one LOD of the agent costs and shows.
+
+    begins: meters from which thresholds give it; None for LOD 0, infinite if they never do, or
+        always.
+    triangles: None if the LOD meshes were not made.
+    pixels: by which its surface lies off the character's at most; None if not measured, or behind
+        the camera.
+    seconds: of the engine, for one more agent.
+    mesh_seconds: of the engine, once a frame for all agents that show the same mesh.
+    others: agents of its group that are seen with this LOD, itself not counted.
+    """
+
+    level: int
+    begins: float | None
+    triangles: int | None
+    pixels: float | None
+    seconds: float | None
+    mesh_seconds: float | None
+    others: int
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """All that a frame decided on one agent.
+
+    place: world meters of its feet.
+    radius: meters, of its bounding sphere.
+    away: meters from the first camera to the sphere's center.
+    distance: meters from which its LOD follows: of several cameras the least.
+    factor: by which the detail map multiplies it.
+    by_distance: the LOD that follows from it.
+    eyes: for each camera the tests.
+    unseen: why it matters though no camera sees it, or "".
+    """
+
+    account: Account
+    place: tuple[float, float, float]
+    radius: float
+    away: float
+    distance: float
+    factor: float
+    by_distance: int
+    eyes: tuple[tuple[Side, ...], ...]
+    unseen: str
+    engine: str
+    alternatives: tuple[Alternative, ...]
+
+    @property
+    def as_json(self) -> dict[str, Any]:
+        """Return it as plain data; what is infinite is None."""
+        told: dict[str, Any] = _finite(asdict(self))
+        told["eyes"] = [[_finite(vars(side)) | {"passed": side.passed} for side in sides] for sides in self.eyes]
+        return told
+
+    @property
+    def text(self) -> str:
+        """Return it in lines of text."""
+        about = self.account
+        x, y, z = self.place
+        said = [
+            f"Agent {about.agent:,} of {about.group}: {about.state}, at ({x:.2f}, {y:.2f}, {z:.2f}).",
+            f"{'Shown' if about.visible else 'Culled'}: {about.reason}." + f" {self.unseen}" * bool(self.unseen),
+            f"Its sphere of {number(self.radius)} m is {number(about.depth)} m along the view, {number(self.away)} m from the camera"
+            + ("." if about.pixels is None else f", {number(about.pixels)} pixels wide."),
+        ]
+        for eye, sides in enumerate(self.eyes):
+            rows = [
+                (side.name, f"{side.outside:.3f} m", f"{side.reach:.3f} m", "inside" if side.passed else "outside")
+                for side in sides
+            ]
+            said += ["", *aligned((f"Side, eye {eye}" if len(self.eyes) > 1 else "Side", "Beyond by", "May be", ""), rows)]
+        detail = "" if self.factor == 1 else f" times {number(self.factor)} by the detail map"
+        said += ["", f"LOD {self.by_distance} by distance: {number(self.distance)} m{detail}."]
+        said += [f"The shot plan: {about.planned}{'' if about.visible else ', when it is seen next'}."] if about.planned else []
+        said += [
+            "",
+            *aligned(
+                ("LOD", "From", "Triangles", "Pixels off", "Seconds", "Mesh", "Others"),
+                [self._row(each) for each in self.alternatives],
+            ),
+        ]
+        said += [f"Seconds of {NAMES[self.engine]}: for one more agent, and once a frame for the mesh. Others show the same LOD."]
+        return "\n".join(said)
+
+    def _row(self, each: Alternative) -> tuple[str, ...]:
+        begins = "-" if each.begins is None else f"{number(each.begins)} m" if abs(each.begins) < np.inf else "never"
+        begins = "always" if each.begins == -np.inf else begins
+        mark = "*" if each.level == self.account.level and self.account.visible else ""
+        return (
+            f"{each.level}{mark}",
+            begins,
+            "-" if each.triangles is None else f"{each.triangles:,}",
+            number(each.pixels),
+            *("-" if seconds is None else f"{seconds:.2e}" for seconds in (each.seconds, each.mesh_seconds)),
+            f"{each.others:,}",
+        )
+
+
+def explained(frame: Frame, agent: int, engine: str, meters: float = 1.0) -> Explanation:
+    """Return all that `frame` decided on one agent.
+
+    engine: one of cost_model.NAMES.
+    meters: in a unit of the scene.
+    CrowdError if there is no such agent.
+    """
+    about = account(frame, agent)
+    crowd, g = frame.crowd, int(frame.crowd.group[agent])
+    spheres, margin = frame.trajectory.spheres, frame.policy.margin
+    feet = np.array([crowd.x[agent], crowd.y[agent], crowd.z[agent]], np.float64)
+    center = feet + np.array([0.0, 0.0, spheres.center[g]])
+    reach = float(spheres.reach[g])
+    distance, factor = frame.distances[agent : agent + 1], None if frame.factors is None else frame.factors[agent : agent + 1]
+    unseen = {"Its shadow or its light falls into the picture.": frame.shadow, "A mirror shows it.": frame.mirrored}
+    return Explanation(
+        account=replace(about, depth=about.depth * meters),
+        place=(float(feet[0]) * meters, float(feet[1]) * meters, float(feet[2]) * meters),
+        radius=reach * meters,
+        away=float(np.linalg.norm(center - frame.camera.origin)) * meters,
+        distance=float(distance[0]) * meters,
+        factor=1.0 if factor is None else float(factor[0]),
+        by_distance=int(assign(distance, frame.begins, crowd.group[agent : agent + 1], factor)[0]),
+        eyes=tuple(_in_meters(sides_of(eye, center, reach if margin is None else 0.0, margin), meters) for eye in frame.eyes),
+        unseen=" ".join(told for told, each in unseen.items() if each is not None and agent in each.order),
+        engine=engine,
+        alternatives=tuple(_alternative(frame, about, g, level, engine, meters) for level in range(frame.policy.count)),
+    )
+
+
+def sides_of(camera: Camera, center: np.ndarray, radius: float, margin: float | None) -> tuple[Side, ...]:
+    """Return the tests by which `radar` decides whether the camera sees a sphere.
+
+    center: (3,) world meters.
+    radius: meters; 0 for a fixed margin.
+    margin: see RadarOptions.
+    """
+    v = tuple(np.array([each]) for each in center - camera.origin)
+    away = float(np.linalg.norm(center - camera.origin))
+    reach, slack = (float(each[0]) for each in reach_of(camera, v, np.array([away]), np.array([radius])))
+    if camera.kind != "PANO":
+        frustum = frustum_of(camera)
+        outside = frustum.normals @ (center - camera.origin) - frustum.limits(margin, ROUNDING)
+        return tuple(Side(name, float(d), reach + frustum.rounding * slack) for name, d in zip(PLANES, outside, strict=True))
+    found = [
+        Side("near", camera.near * (1 - ROUNDING) - away, reach + slack),
+        Side("far", away - camera.far * (1 + ROUNDING), reach + slack),
+    ]
+    if camera.cone < np.pi:
+        x, y, z = (float((center - camera.origin) @ axis) for axis in (camera.X, camera.Y, camera.Z))
+        beyond = float(np.hypot(x, y) * np.cos(camera.cone) - z * np.sin(camera.cone))
+        found.append(Side("cone", beyond, (reach + slack) * stretch(camera)[1]))
+    return tuple(found)
+
+
+def _in_meters(sides: tuple[Side, ...], meters: float) -> tuple[Side, ...]:
+    return tuple(Side(side.name, side.outside * meters, side.reach * meters) for side in sides)
+
+
+def _alternative(frame: Frame, about: Account, g: int, level: int, engine: str, meters: float) -> Alternative:
+    group, costs = frame.trajectory.groups[g], SECONDS[engine]
+    triangles = group.triangles[level] if level < len(group.triangles) else None
+    pixels = None
+    if level < len(group.bounds) and about.pixels is not None:
+        pixels = float(shown(np.float64(group.bounds[level]), np.float64(about.depth), frame.camera, np.float64(group.radius)))
+    same = int((frame.crowd.group[frame.buckets[level]] == g).sum())
+    return Alternative(
+        level=level,
+        begins=float(frame.begins[g, level - 1]) * meters if level else None,
+        triangles=triangles,
+        pixels=pixels,
+        seconds=None if triangles is None else costs["instances"] + costs.get("instanced", 0.0) * triangles,
+        mesh_seconds=None if triangles is None else costs["unique"] * triangles,
+        others=same - (about.visible and about.level == level),
+    )
+
+
+def _finite(value: Any) -> Any:
+    """Return plain data with None for numbers that are not finite."""
+    if isinstance(value, dict):
+        return {name: _finite(each) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(each) for each in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value

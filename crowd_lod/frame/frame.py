@@ -1,0 +1,239 @@
+"""One frame's plan: behavior > culling > levels > sorting."""
+
+import operator
+import time as clock
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+
+import numpy as np
+
+from ..crowd.agents import Crowd
+from ..crowd.leave_outs import ITEMS, STATIC, STILL, LeftOut
+from ..culling.camera import Camera, pictured
+from ..culling.radar import RadarOptions, radar
+from ..levels.assignment import Bias, LevelPolicy, assign, deviations, limits
+from ..sorting.buckets import Buckets
+from ..sources.trajectory import Trajectory
+from .index_cache import kept_of
+from .request import Moment, Request, moments
+from .stages import Sorter, Task, sorted_by_level
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """Who is seen, at which LOD, and what that costs. It holds for as long as nothing moves.
+
+    begins: (G, n - 1) meters, where each group's LODs 1 ... n - 1 begin (levels.limits).
+    vertices, triangles: to be drawn for the visible agents.
+    full_vertices, full_triangles: without culling and LOD.
+    dropped: agents left out because they stand at NaN or infinity.
+    left_out: what the scene did not need, in the order of the pipeline. It tells how this plan was
+        made; all else is the same without it.
+    known_levels: the `levels` of the frame, where they do not follow from the distances alone, or
+        are at hand.
+    """
+
+    buckets: Buckets
+    begins: np.ndarray
+    vertices: int
+    triangles: int
+    full_vertices: int
+    full_triangles: int
+    dropped: int = 0
+    left_out: tuple[LeftOut, ...] = ()
+    known_levels: np.ndarray | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Frame(Request, Outcome):
+    """What one frame shows, and what it was planned with.
+
+    crowd: of the `trajectory` at that time.
+    milliseconds: of each stage, in the order of the pipeline.
+    shadow, mirrored: agents that are not visible but cast shadows into the picture, or are seen in
+        mirrors; None if not looked for (frame/shadows.py).
+    plan_row: (n,) uint8, what the shot plan has of the agents (frame/planned.py), if the LODs are
+        its, or what exceptions alone have; else None.
+    by_plan: whether `plan_row` is the shot plan's.
+    unplanned: a sentence why a stored shot plan does not give them, or "".
+
+    What is known of every agent, also of those culled, is found when it is first asked for, and
+    kept; the buckets say who is seen, and at which LOD.
+    """
+
+    crowd: Crowd
+    trajectory: Trajectory
+    milliseconds: dict[str, float]
+    shadow: Buckets | None = None
+    mirrored: Buckets | None = None
+    plan_row: np.ndarray | None = None
+    by_plan: bool = True
+    unplanned: str = ""
+
+    @property
+    def planned(self) -> bool:
+        """Whether the LODs are those of the shot plan."""
+        return self.plan_row is not None and self.by_plan
+
+    @property
+    def camera(self) -> Camera:
+        """The first of the eyes."""
+        return self.eyes[0]
+
+    @cached_property
+    def visible(self) -> np.ndarray:
+        """(n,) bool."""
+        seen = np.zeros(len(self.crowd), bool)
+        seen[self.buckets.order] = True
+        return seen
+
+    @property
+    def culled(self) -> np.ndarray:
+        """(n,) bool: who is there, and not visible."""
+        present = self.crowd.present
+        return ~self.visible if present is None else present & ~self.visible
+
+    @cached_property
+    def distances(self) -> np.ndarray:
+        """(n,) float64 meters, from which LODs follow: those of `radar`."""
+        return self._measured(self.eyes, self.policy.metric == "RADIAL")
+
+    @cached_property
+    def depths(self) -> np.ndarray:
+        """(n,) float64 meters along the first camera's view; of a panoramic camera, from it."""
+        same = len(self.eyes) == 1 and self.policy.metric != "RADIAL"
+        return self.distances if same else self._measured(self.eyes[:1], False)
+
+    @cached_property
+    def factors(self) -> np.ndarray | None:
+        """(n,) float64, the bias of each distance, or None."""
+        return None if self.bias is None else self.bias.at(self.crowd.x, self.crowd.y)
+
+    @cached_property
+    def levels(self) -> np.ndarray:
+        """(n,) uint8, the LOD of every agent."""
+        if self.known_levels is not None:
+            return self.known_levels
+        return assign(self.distances, self.begins, self.crowd.group, self.factors)
+
+    def phase_of(self, agents: np.ndarray) -> np.ndarray:
+        """(m,) float32 in [0, 1): the places of `agents` (m,) in their action's cycle."""
+        return self.trajectory.phase(self.crowd, self.time, agents)
+
+    def _measured(self, eyes: tuple[Camera, ...], radial: bool) -> np.ndarray:
+        spheres = self.trajectory.spheres
+        return radar(self.crowd, eyes, spheres.center, spheres.reach, RadarOptions(None, radial, cull=False))[1]
+
+
+def plan(
+    trajectory: Trajectory,
+    camera: Camera | Sequence[Camera],
+    policy: LevelPolicy,
+    time: float,
+    shutter: Sequence[tuple[float, Sequence[Camera]]] = (),
+    bias: Bias | None = None,
+) -> Frame:
+    """Return the plan of the frame at `time`: a pure function of the arguments.
+
+    The plan does not depend on the frame that came before.
+
+    camera: one, or the eyes of a stereo picture.
+    The other arguments are those of `Request`.
+    """
+    eyes = (camera,) if isinstance(camera, Camera) else tuple(camera)
+    return plan_of(trajectory, Request(time=time, eyes=eyes, policy=policy, shutter=tuple(shutter), bias=bias))
+
+
+def plan_of(trajectory: Trajectory, request: Request, sorter: Sorter | None = None) -> Frame:
+    """Return the frame that is asked for: a pure function of `trajectory` and `request`.
+
+    sorter: makes the buckets where it can (stages.sorted_by_level).
+    """
+    ticks = [clock.perf_counter()]
+    crowd = trajectory.at(request.time)
+    ticks.append(clock.perf_counter())
+    seen = [replace(moment, eyes=pictured(moment.eyes)) for moment in moments(trajectory, request)]
+    known, outcome = None, None
+    if STATIC in trajectory.leave and STILL in trajectory.left_out:
+        known = _asked(trajectory, crowd, request, seen)
+        outcome = _recalled(trajectory, *known)
+    if outcome is not None:
+        ticks += [clock.perf_counter()] * 3
+        outcome = replace(outcome, left_out=(STATIC, *outcome.left_out))
+    else:
+        begins = limits(request.policy, request.eyes[0], trajectory.spheres.radius, deviations(trajectory.groups, request.policy))
+        outcome = _outcome(Task(trajectory, request, crowd, seen, begins, ticks), sorter)
+        kept_of(trajectory).memo = None if known is None else (*known, outcome)
+    asked = {each.name: getattr(request, each.name) for each in fields(Request)}
+    return Frame(**asked, **vars(outcome), crowd=crowd, trajectory=trajectory, milliseconds=_milliseconds(ticks))
+
+
+def _asked(trajectory: Trajectory, crowd: Crowd, request: Request, seen: list[Moment]) -> tuple[list[np.ndarray], tuple]:
+    """Return (arrays of the crowd, values), from which the outcome of a still crowd follows."""
+    crowds = [crowd, *(trajectory.at(moment.time) for moment in seen[1:])]
+    bias = request.bias
+    painted = None if bias is None else (bias.values.shape, bias.values.tobytes(), bias.area)
+    views = [(_values(moment.eyes), moment.radius.tobytes()) for moment in seen]
+    return [column for each in crowds for column in (each.x, each.y, each.z, each.group)], (views, request.policy, painted)
+
+
+def _recalled(trajectory: Trajectory, columns: list[np.ndarray], values: tuple) -> Outcome | None:
+    """Return the last frame's outcome, if the same was asked then."""
+    made = kept_of(trajectory).memo
+    return made[2] if made is not None and made[1] == values and all(map(operator.is_, made[0], columns)) else None
+
+
+def _values(cameras: Sequence[Camera]) -> list[tuple]:
+    """Return the cameras' values, for comparison."""
+    return [tuple(v.tobytes() if isinstance(v, np.ndarray) else v for v in vars(camera).values()) for camera in cameras]
+
+
+def _outcome(task: Task, sorter: Sorter | None) -> Outcome:
+    """Return who is seen, and what that costs."""
+    groups, done = task.trajectory.groups, sorted_by_level(task, sorter)
+    present, buckets = task.crowd.present, done.buckets
+    if present is not None:
+        buckets = buckets.among(present)
+    counted = done.counted if present is None else None
+    counted = counted or tally(task.crowd, buckets, len(groups))
+    vertices, full_vertices = cost(counted, [group.vertices for group in groups])
+    triangles, full_triangles = cost(counted, [group.triangles for group in groups])
+    return Outcome(
+        buckets=buckets,
+        begins=task.begins,
+        vertices=vertices,
+        triangles=triangles,
+        full_vertices=full_vertices,
+        full_triangles=full_triangles,
+        dropped=done.dropped,
+        left_out=tuple(item for item in ITEMS if item in done.left_out),
+        known_levels=done.levels,
+    )
+
+
+def _milliseconds(ticks: list[float]) -> dict[str, float]:
+    stages = ("behavior", "culling", "levels", "sorting")
+    return {name: 1000 * float(b - a) for name, a, b in zip(stages, ticks[:-1], ticks[1:], strict=True)}
+
+
+def tally(crowd: Crowd, buckets: Buckets, groups: int) -> tuple[np.ndarray, np.ndarray]:
+    """Count agents in the buckets, (n, G) by LOD and group, and those of the crowd that are there, (G,)."""
+    if groups == 1:
+        return buckets.counts[:, None], np.array([crowd.there])
+    shown = [np.bincount(crowd.group[buckets[level]], minlength=groups) for level in range(len(buckets.counts))]
+    there = crowd.group if crowd.present is None else crowd.group[crowd.present]
+    return np.array(shown), np.bincount(there, minlength=groups)
+
+
+def cost(counted: tuple[np.ndarray, np.ndarray], sizes: list[tuple[int, ...]]) -> tuple[int, int]:
+    """Return (drawn, full): `sizes` summed over visible agents, and over all agents.
+
+    counted: from `tally`.
+    sizes: for each group one number per LOD, or none if not known; then both sums are 0.
+    """
+    present, full = counted
+    if not all(len(each) >= len(present) for each in sizes):
+        return 0, 0
+    drawn = [int(present[level, g]) * size[level] for g, size in enumerate(sizes) for level in range(len(present))]
+    return sum(drawn), sum(int(n) * size[0] for n, size in zip(full, sizes, strict=True))

@@ -1,0 +1,62 @@
+"""Why an agent is culled, or does not have the finest LOD."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..culling.frustum import frustum_of
+from ..levels.assignment import assign, deviations, limits
+from .frame import Frame
+from .planned import EXCEPTED, HIDDEN
+
+REASONS = (
+    "near enough",
+    "far away",
+    "detail map",
+    "hysteresis",
+    "clipped before the near plane",
+    "clipped beyond the far plane",
+    "outside the frustum",
+    "finer LODs left out for memory",
+    "shot plan",
+    "exception",
+    "not there at this time",
+)
+NEAR_ENOUGH, DISTANCE, DETAIL_MAP, HYSTERESIS, NEAR, FAR, BESIDE, LEFT_OUT, SHOT_PLAN, EXCEPTION, ABSENT = range(len(REASONS))
+
+
+def reasons(frame: Frame) -> np.ndarray:
+    """For each agent of `frame` an index (n,) uint8 into REASONS.
+
+    A culled agent lies before near or beyond far of the first camera by its sphere, or else beside the view. A LOD that
+    the distance alone does not give comes from the detail map, stands in for a finer one that builds leave out
+    (LevelPolicy.finest), or comes from the shot plan or from hysteresis. An exception from the shot plan is the reason
+    wherever it pins the LOD of a visible agent, or hides the agent. An agent that is not there has no other reason, unless an exception hides it.
+    """
+    crowd, policy, camera = frame.crowd, frame.policy, frame.camera
+    groups, spheres = frame.trajectory.groups, frame.trajectory.spheres
+    begins, finest = frame.begins, 0
+    if any(policy.finest):
+        begins = limits(replace(policy, finest=()), camera, spheres.radius, deviations(groups, policy))
+        finest = np.array(policy.finest)[crowd.group]
+    plain = assign(frame.distances, begins, crowd.group)
+    painted = plain if frame.bias is None else assign(frame.distances, begins, crowd.group, frame.factors)
+    found = np.full(len(crowd), DISTANCE, np.uint8)
+    found[painted != plain] = DETAIL_MAP
+    found[painted < finest] = LEFT_OUT
+    found[frame.levels != np.maximum(painted, finest)] = SHOT_PLAN if frame.planned else HYSTERESIS
+    found[frame.levels == 0] = NEAR_ENOUGH
+    culled = np.flatnonzero(~frame.visible)
+    found[culled] = BESIDE
+    along, near, far = frame.depths[culled], camera.near, camera.far
+    if camera.kind != "PANO":
+        frustum = frustum_of(camera)
+        along, near, far = along * frustum.fixed[5], -frustum.offsets[4], frustum.offsets[5]
+    reach = spheres.reach[crowd.group[culled]] if policy.margin is None else 0.0
+    found[culled[along < near - reach]] = NEAR
+    found[culled[along > far + reach]] = FAR
+    if crowd.present is not None:
+        found[~crowd.present] = ABSENT
+    if frame.plan_row is not None:
+        found[(frame.plan_row & HIDDEN != 0) | (frame.visible & (frame.plan_row & EXCEPTED != 0))] = EXCEPTION
+    return found

@@ -1,0 +1,182 @@
+"""Agents outside the picture that still matter, by a shadow or in a flat mirror."""
+
+import time as clock
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import product
+
+import numpy as np
+
+from ..crowd.agents import Crowd
+from ..crowd.leave_outs import BLOCKS, LeftOut
+from ..culling.blocks import Blocks, near
+from ..culling.camera import GRAIN, Camera
+from ..culling.frustum import Frustum
+from ..culling.frustum_box_test import BEYOND
+from ..culling.volumes import OFFSET, Light, Mirror, bounded, left_from, mirrored, shaded, spread, view, within
+from ..sorting.buckets import sort
+from . import index_cache
+from .frame import Frame
+from .request import Moment, moments
+
+# agents tested at a time, which a processor's cache holds with their distances from all planes
+PART = 4096
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """The rest of the scene, at one time or while one shutter is open.
+
+    lights, mirrors: those to take into account.
+    box: (2, 3) meters, least and greatest corner of all that shadows may fall on besides the crowd;
+        None if that is not known.
+    level: the LOD of agents that the camera itself does not see, or the coarsest there is.
+    left_out: what is not looked for, and why.
+    finest: each group's finest LOD; () if all have all.
+    glows: for each group whether its agents light the picture, wherever they are; () if none does.
+    """
+
+    lights: tuple[Light, ...] = ()
+    mirrors: tuple[Mirror, ...] = ()
+    box: np.ndarray | None = None
+    level: int = 255
+    left_out: tuple[LeftOut, ...] = ()
+    finest: tuple[int, ...] = ()
+    glows: tuple[bool, ...] = ()
+
+
+def surround(frame: Frame, around: Surroundings) -> Frame:
+    """Return `frame` with the agents that it culled and that still matter.
+
+    In `shadow` are those that only cast a shadow into the picture or into what mirrors show of it, or that glow;
+    in `mirrored` those that mirrors show. A pure function of its arguments.
+    """
+    begun = clock.perf_counter()
+    trajectory, unseen = frame.trajectory, frame.culled
+    made = index_cache.blocks_at(trajectory, frame.time) if BLOCKS in trajectory.leave & trajectory.left_out else None
+    reflects, shades = (_Sought(unseen.copy(), np.ones(len(made[1].rows) if made else 0, bool)) for _ in range(2))
+    for moment in moments(trajectory, frame) if around.lights or around.mirrors else ():
+        there = _there(frame, moment, made)
+        mirrors, lit = _volumes(there, moment.eyes, around)
+        for volume in mirrors:
+            reflects.find(there, volume)
+        for volume, light in product(lit, map(spread, around.lights)):
+            shades.find(there, volume, light)
+    reflected, shade = unseen & ~reflects.agents, unseen & ~shades.agents
+    if around.glows:
+        shade |= unseen & np.array(around.glows)[frame.crowd.group]
+    count = len(frame.buckets.counts)
+    finest = np.array(around.finest or [0] * len(trajectory.groups), np.uint8)[frame.crowd.group]
+    levels = np.maximum(finest, np.uint8(min(around.level, count - 1)))
+    return replace(
+        frame,
+        shadow=sort(shade & ~reflected, levels, count),
+        mirrored=sort(reflected, levels, count),
+        left_out=(*frame.left_out, *around.left_out),
+        milliseconds=frame.milliseconds | {"surroundings": 1000 * (clock.perf_counter() - begun)},
+    )
+
+
+@dataclass(frozen=True)
+class _There:
+    """The crowd at one moment, when some of its agents are looked for.
+
+    center, radius: (G,) meters, each group's sphere.
+    beside: meters by which pictures may draw an agent beside where it stands, for the cameras'
+        coordinates; spheres are drawn (camera.pictured).
+    blocks: the crowd's, of a large one.
+    moved: (least, most) displacement (3,) of the agents since these were made, meters.
+    larger: meters by which spheres are larger than they were then.
+    """
+
+    crowd: Crowd
+    center: np.ndarray
+    radius: np.ndarray
+    beside: float
+    blocks: Blocks | None = None
+    moved: tuple[np.ndarray, np.ndarray] = (np.zeros(3), np.zeros(3))
+    larger: float = 0.0
+
+    def kept(self, agents: np.ndarray, touches: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
+        """Return whether `touches` keeps the sphere of each of `agents` (m,), (m,) bool."""
+        found = np.empty(len(agents), bool)
+        for begin in range(0, len(agents), PART):
+            some = slice(begin, begin + PART)
+            points = np.stack(self.crowd.places(self.center, agents[some]), axis=1)
+            radius = self.radius[self.crowd.group[agents[some]]] + (self.beside + GRAIN * np.abs(points).sum(axis=1))
+            found[some] = touches(points, radius) & np.isfinite(points).all(axis=1)
+        return found
+
+
+def _there(frame: Frame, moment: Moment, made: tuple[int, Blocks] | None) -> _There:
+    """Return the crowd at a moment of the frame. made: (frame, the blocks made then)."""
+    trajectory, spheres = frame.trajectory, frame.trajectory.spheres
+    crowd = frame.crowd if moment.time == frame.time else trajectory.at(moment.time)
+    beside = GRAIN * max(np.abs(eye.origin).sum() for eye in moment.eyes)
+    there = _There(crowd, spheres.center, moment.radius, beside)
+    if made is None:
+        return there
+    since, blocks = made
+    moved = index_cache.moved(trajectory, moment.time, since)
+    larger = float((moment.radius - spheres.reach).max()) + beside
+    larger += GRAIN * 3 * (blocks.extent + np.abs(moved).max())
+    return replace(there, blocks=blocks, moved=moved, larger=larger)
+
+
+def _volumes(there: _There, eyes: Sequence[Camera], around: Surroundings) -> tuple[list[Frustum], list[Frustum]]:
+    """Return (what mirrors show, where shadows are seen)."""
+    shown = [(mirrored(eye, mirror), mirror) for eye in eyes for mirror in around.mirrors]
+    mirrors = [left_from(volume, mirror.corners) for volume, mirror in shown if volume is not None]
+    lit = [left_from(volume, volume.origin, OFFSET) for volume in (*map(view, eyes), *mirrors)]
+    if around.box is not None:
+        box = _joined(around.box, there)
+        lit = [bounded(volume, box) for volume in lit]
+    return mirrors, lit
+
+
+@dataclass(frozen=True)
+class _Sought:
+    """The agents not found yet.
+
+    agents: (n,) bool.
+    leaves: (b,) bool, the smallest blocks that may hold some of them; unused without blocks.
+    """
+
+    agents: np.ndarray
+    leaves: np.ndarray
+
+    def find(self, there: _There, volume: Frustum, light: Light | None = None) -> None:
+        """Strike out the agents in the volume, or those that `light` lets cast a shadow into it."""
+        touches = partial(within, volume) if light is None else partial(shaded, volume, light)
+        if there.blocks is None:
+            agents = np.flatnonzero(self.agents)
+            self.agents[agents[there.kept(agents, touches)]] = False
+            return
+        about = _about(there.blocks, volume, light)
+        leaves = near(there.blocks, self.leaves, there.moved, there.larger, about, touches)
+        rows = there.blocks.rows.take(leaves, axis=0)
+        left = self.agents[rows]
+        agents = rows[left]
+        found = there.kept(agents, touches)
+        self.agents[agents[found]] = False
+        left[left] = ~found
+        self.leaves[leaves] = left.any(axis=1)
+
+
+def _about(blocks: Blocks, volume: Frustum, light: Light | None) -> float:
+    """Return the largest coordinate, meters, in the tests of spheres in the blocks."""
+    about = max(blocks.extent, volume.pad, *np.abs(volume.origin))
+    if light is not None:
+        about = max(about, light.size, *(() if light.origin is None else np.abs(light.origin)))
+    away = np.abs(volume.offsets)  # planes so far off that nothing comes near do not count
+    return (1 + volume.turn) * (about + away[away < BEYOND * about].max(initial=0.0))
+
+
+def _joined(box: np.ndarray, there: _There) -> np.ndarray:
+    """Return the box (2, 3) about `box` and the crowd: shadows fall on agents, too."""
+    center, radius = there.center, there.radius
+    columns = [np.array([np.nanmin(c), np.nanmax(c)]) for c in there.crowd.places()]
+    low, high = np.array(columns).T
+    low, high = low + (0, 0, center.min()) - radius.max(), high + (0, 0, center.max()) + radius.max()
+    return np.array([np.minimum(box[0], low), np.maximum(box[1], high)])

@@ -1,0 +1,206 @@
+"""Art direction: exceptions from the shot plan, or from distance, for some agents and frames.
+
+They act in the order of their list: where two concern the same agent in the same frame, the later
+one holds.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..errors import CrowdError
+from ..frame.frame import Frame
+from ..frame.planned import EXCEPTED, HIDDEN, PINNED, with_row
+from .survey import CULLED, SEEN, Survey
+
+NEVER_COARSER, ALWAYS, HIDE = KINDS = ("NEVER_COARSER", "ALWAYS", "HIDE")
+NO_LIMIT = 255  # as the coarsest LOD
+
+
+@dataclass(frozen=True)
+class Exemption:
+    """One exception.
+
+    kind: NEVER_COARSER than the LOD `level`, ALWAYS that LOD, or HIDE.
+    agents: (m,) intp, their indices.
+    chosen: how they were chosen, in words.
+    first, last: the frames of the timeline for which it holds, both included; None for no limit.
+    """
+
+    name: str
+    kind: str
+    level: int
+    agents: np.ndarray
+    chosen: str = ""
+    first: int | None = None
+    last: int | None = None
+
+    def holds(self, number: int) -> bool:
+        """Return whether it holds in this frame of the timeline."""
+        return (self.first is None or self.first <= number) and (self.last is None or number <= self.last)
+
+    @property
+    def as_json(self) -> dict[str, Any]:
+        """What plan.json says of it."""
+        return {
+            "name": self.name,
+            "kind": self.kind,
+            "lod": None if self.kind == HIDE else self.level,
+            "chosen": self.chosen,
+            "agents": len(self.agents),
+            "first": self.first,
+            "last": self.last,
+        }
+
+
+def parse_agents(text: str, count: int, name: str, ids: np.ndarray | None = None) -> np.ndarray:
+    """Return the agents that `text` names, such as "12, 40-50", increasing, (m,) intp.
+
+    After "#" stand the numbers of a file's own, such as "#1007, #1020-1030". Of these, some may be
+    missing: points come and go.
+
+    count: agents of the crowd.
+    name: of the exception.
+    ids: (n,) int64, Trajectory.ids.
+    CrowdError if it names none, an index that is not there, numbers of a file of which none is there,
+    or a range that runs backwards.
+    """
+    if not text.strip():
+        raise CrowdError(f"The exception {name} names no agents: write their numbers, such as 12, 40-50.")
+    chosen = np.zeros(count, bool)
+    own = np.empty(0, np.int64) if ids is None or "#" not in text else ids
+    order = np.argsort(own, kind="stable")
+    own = own[order]
+    for part in text.split(","):
+        match = re.fullmatch(r"\s*(#?)(\d{1,18})\s*(?:-\s*(\d{1,18})\s*)?", part)
+        if match is None:
+            raise CrowdError(f"The exception {name} names agents by {part.strip()!r}: write numbers and ranges, such as 12, 40-50.")
+        mark, first, last = match[1], int(match[2]), int(match[3] or match[2])
+        if first > last:
+            raise CrowdError(
+                f"The exception {name} has agents {mark}{first}-{last}, a range that runs backwards: write {mark}{last}-{first}."
+            )
+        if mark:
+            begin, end = np.searchsorted(own, (first, last + 1)).tolist()
+            chosen[order[begin:end]] = True
+            continue
+        if last >= count:
+            raise CrowdError(f"The exception {name} names agent {last}: the crowd has {count:,}, numbered from 0 on.")
+        chosen[first : last + 1] = True
+    if not chosen.any():
+        raise CrowdError(f"The exception {name} names {text.strip()}: no agent has that number in its file or object.")
+    return np.flatnonzero(chosen)
+
+
+def named(agents: np.ndarray, ids: np.ndarray | None = None) -> str:
+    """Return the text by which `parse_agents` finds these `agents` (m,), increasing.
+
+    An agent is named by the number of its file if no other has the same, so that it is found again
+    when the file has changed; else by its index.
+
+    ids: (n,) int64, Trajectory.ids.
+    """
+    own = np.full(len(agents), -1) if ids is None else ids[agents].copy()
+    if ids is not None:
+        known, counts = np.unique(ids, return_counts=True)
+        own[counts[np.searchsorted(known, own)] > 1] = -1
+    return ", ".join([*_ranges(np.sort(own[own >= 0]), "#"), *_ranges(agents[own < 0], "")])
+
+
+def _ranges(numbers: np.ndarray, mark: str) -> list[str]:
+    """Return increasing `numbers` as texts, those that follow one another as one."""
+    runs = np.split(numbers, np.flatnonzero(np.diff(numbers) != 1) + 1)
+    return [f"{mark}{run[0]}" + f"-{run[-1]}" * (len(run) > 1) for run in runs if len(run)]
+
+
+def check_level(exemption: Exemption, count: int, finest: Sequence[int], group: np.ndarray, names: Sequence[str]) -> None:
+    """Raise CrowdError if an agent does not have the LOD that the exception asks for.
+
+    count: the number of LODs.
+    finest: for each group the finest LOD that it has; () if each has all.
+    group: (n,) uint8, of each agent.
+    names: of the groups.
+    """
+    name, level = exemption.name, exemption.level
+    if exemption.kind == HIDE:
+        return
+    if level >= count:
+        has = f"LODs 0 to {count - 1}" if count > 1 else "LOD 0 alone"
+        raise CrowdError(f"The exception {name} asks for LOD {level}: the crowd has {has}.")
+    lacks = [g for g in np.unique(group[exemption.agents]).tolist() if level < (finest[g] if finest else 0)]
+    if lacks:
+        raise CrowdError(
+            f"The exception {name} asks for LOD {level} of {names[lacks[0]]}, which Memory for Characters leaves out: ask for LOD "
+            f"{finest[lacks[0]]}, or raise that limit and make the LOD meshes again."
+        )
+
+
+def in_force(exemptions: Sequence[Exemption], number: int, count: int) -> np.ndarray:
+    """Return the index of the exception that holds for each agent in a frame, (count,) intp; -1 for none."""
+    found = np.full(count, -1, np.intp)
+    for index, each in enumerate(exemptions):
+        if each.holds(number):
+            found[each.agents] = index
+    return found
+
+
+def excepted(survey: Survey, exemptions: Sequence[Exemption]) -> Survey:
+    """Return the survey with the exceptions; its arrays are changed.
+
+    Whom one hides counts as culled. Who appears in sight when one ends has entered.
+    """
+    if not exemptions:
+        return survey
+    pins, hides = ([each.kind == kind for each in exemptions] for kind in (ALWAYS, HIDE))
+    levels = [each.level for each in exemptions]
+    # the last entry is for agents without one
+    least = np.array([level * pinned for level, pinned in zip(levels, pins, strict=True)] + [0], np.uint8)
+    most = np.array([NO_LIMIT if hidden else level for level, hidden in zip(levels, hides, strict=True)] + [NO_LIMIT], np.uint8)
+    hiding = np.array([*hides, False])
+    finest, limit = np.empty_like(survey.kind), np.empty_like(survey.kind)
+    gone = np.zeros(len(survey.group), bool)  # hidden in the frame before, and otherwise seen
+    for f, number in enumerate(survey.numbers.tolist()):
+        which = in_force(exemptions, number, len(survey.group))
+        finest[f], limit[f], hidden = least[which], most[which], hiding[which]
+        shows = survey.kind[f] == SEEN
+        appears = np.flatnonzero(gone & shows & ~hidden & (not survey.cuts[f]))
+        survey.entered[f] = np.union1d(survey.entered[f][~hidden[survey.entered[f]]], appears)
+        gone = shows & hidden
+        survey.kind[f, hidden] = CULLED
+        for column in (survey.coarsest, survey.scale, survey.character):
+            column[f, hidden] = 0
+        np.clip(survey.coarsest[f], finest[f], limit[f], out=survey.coarsest[f], where=shows & ~hidden)
+    return replace(survey, finest=finest, limit=limit)
+
+
+def alone(frame: Frame, exemptions: Sequence[Exemption], number: float) -> Frame:
+    """Return `frame`, which has no shot plan, with the exceptions that hold in it.
+
+    number: of the frame on the timeline; the part of a frame counts as the frame.
+    """
+    number = int(np.floor(number + 1e-6))
+    which = in_force(exemptions, number, len(frame.crowd))
+    asked = which >= 0
+    if not asked.any():
+        return frame
+    most = np.array([*(NO_LIMIT if each.kind == HIDE else each.level for each in exemptions), NO_LIMIT], np.uint8)[which]
+    levels = np.minimum(frame.levels, most) | np.where(frame.levels > most, EXCEPTED, 0).astype(np.uint8)
+    return replace(with_row(frame, marked(levels, number, exemptions)), by_plan=False)
+
+
+def marked(levels: np.ndarray, number: int, exemptions: Sequence[Exemption]) -> np.ndarray:
+    """Return what a plan stores of a frame (planned.Row).
+
+    These are `levels` (n,) uint8 with what exceptions pin and hide.
+
+    number: of the frame on the timeline.
+    """
+    which = in_force(exemptions, number, len(levels))
+    if not (which >= 0).any():
+        return levels
+    pinned, hidden = (np.array([*(each.kind == kind for each in exemptions), False])[which] for kind in (ALWAYS, HIDE))
+    level = np.array([*(each.level for each in exemptions), 0], np.uint8)[which]
+    return np.where(pinned, level | PINNED | EXCEPTED, levels) | np.where(hidden, HIDDEN, 0).astype(np.uint8)

@@ -1,0 +1,203 @@
+"""A crowd with some of its agents changed by hand."""
+
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..crowd.agents import Crowd
+from ..crowd.leave_outs import LeftOut, needless_of_places
+from ..crowd.maps import Area
+from ..crowd.velocity_bounds import VelocityBounds
+from .trajectory import States, Trajectory
+
+
+@dataclass(frozen=True)
+class Edit:
+    """A change of some agents, in all frames.
+
+    agents: (m,) intp, their indices, each once.
+    move: (x, y, z) meters that they stand beside their own way. On a ground that is not level they
+        stand on it where they are, `z` meters above.
+    turn: radians that they face beside their own heading, counter-clockwise seen from above.
+    group: the index of the group that they show; None for their own.
+    hide: whether they are not there.
+    """
+
+    agents: np.ndarray
+    move: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    turn: float = 0.0
+    group: int | None = None
+    hide: bool = False
+
+
+class Edited(Trajectory):
+    """The agents of a trajectory, some of them changed by hand.
+
+    Moves and turns of one agent add up; of two groups the later holds; who is hidden once is
+    hidden. All else is as without: agents keep their numbers, and walk, wait and choose as before.
+
+    own: the trajectory without edits.
+    CrowdError if an edit asks for another group, and the trajectory cannot give it.
+    """
+
+    def __init__(self, own: Trajectory, edits: Sequence[Edit]):
+        self.edits, count = tuple(edits), len(own.start)
+        group, hidden = own.start.group.copy(), np.zeros(count, bool)
+        for edit in edits:
+            hidden[edit.agents] |= edit.hide
+            if edit.group is not None:
+                group[edit.agents] = edit.group
+        self.own = own = own if np.array_equal(group, own.start.group) else own.regrouped(group)
+        self._shown = ~hidden if hidden.any() else None
+        self._moved, self._move = _summed(edits, lambda edit: edit.move)
+        self._turned, self._turn = _summed(edits, lambda edit: (edit.turn,))
+        aside = self._move[:, :2].any(axis=1)
+        self._aside = self._moved[aside], self._move[aside, 2]
+        self.groups, self.gaits, self.heights, self.ids = own.groups, own.gaits, own.heights, own.ids
+        self.seconds_per_frame, self.every, self.first_frame = own.seconds_per_frame, own.every, own.first_frame
+        # of each column, what it was made of, and itself: of a crowd that stands still it stays the same
+        self._made: dict[str, tuple[list[Any], np.ndarray]] = {}
+        self.start = self._of(own.start)
+        self.leave = own.leave
+        places = needless_of_places(self.start, not self.level)
+        behavior = {item for item in own.left_out if item.stage == "behavior"}
+        self.left_out = self.leave & (behavior | {item for item in places if item.stage != "behavior"})
+        # blocks count on agents that are taken onto the area, or to its other side, where they cross its border
+        self._leaves_area = bool(len(self._moved)) and (own.wraps or not _within(own.start, self._moved, own.area))
+
+    @property
+    def area(self) -> Area:
+        """That of the trajectory; who is moved may stand beside it."""
+        return self.own.area
+
+    @property
+    def states(self) -> States:
+        """Those of the trajectory."""
+        return self.own.states
+
+    @property
+    def parts(self) -> tuple[Trajectory, ...]:
+        """Those of the trajectory."""
+        return self.own.parts
+
+    @property
+    def level(self) -> bool:
+        """Whether nobody ever leaves its height."""
+        return self.own.level
+
+    @property
+    def wraps(self) -> bool:
+        """Whether agents come back at the other side of the area, moved as they are."""
+        return self.own.wraps
+
+    def velocity(self, since: float, until: float) -> VelocityBounds | None:
+        """Return the trajectory's bounds.
+
+        None if they are not known, or if agents who are moved may be taken from one side of the area to another.
+        """
+        return None if self._leaves_area else self.own.velocity(since, until)
+
+    def at(self, time: float) -> Crowd:
+        """Return the crowd at `time`, in frames."""
+        return self._of(self.own.at(time))
+
+    def kept_at(self, frame: int) -> Crowd:
+        """Return the crowd at a whole `frame`, counted from the first."""
+        return self._of(self.own.kept_at(frame))
+
+    def approach(self, time: float, then: Callable[[], object] = lambda: None) -> Generator[float, None, None]:
+        """Do what `at` needs."""
+        yield from self.own.approach(time, then)
+
+    def most_moved(self, times: Sequence[float]) -> float:
+        """Return the trajectory's."""
+        return self.own.most_moved(times)
+
+    def jumped(self, now: Crowd, before: Crowd, agents: np.ndarray) -> np.ndarray | None:
+        """Return which of `agents` came back at the other side of the area."""
+        return self.own.jumped(now, before, agents)
+
+    def tilt(self, crowd: Crowd, agents: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """Return (pitch, roll) of `agents` where they stand now."""
+        return self.own.tilt(crowd, agents)
+
+    def ground(self, crowd: Crowd, agents: np.ndarray) -> np.ndarray | None:
+        """Return the height of the ground under `agents`."""
+        return self.own.ground(crowd, agents)
+
+    def regrouped(self, group: np.ndarray) -> "Edited":
+        """Return the same crowd, edited but for groups, with these."""
+        return Edited(self.own.regrouped(group), [replace(edit, group=None) for edit in self.edits])
+
+    def leaving(self, leave: frozenset[LeftOut], time: float) -> "Edited":
+        """Return the same crowd with only `leave` left out."""
+        edited = Edited(self.own.leaving(leave, time), self.edits)
+        edited.left_out = leave & self.left_out
+        return edited
+
+    def digests(self) -> dict[str, bytes]:
+        """Return the trajectory's, and the edits."""
+        told = [repr((each.move, each.turn, each.group, each.hide)).encode() + each.agents.tobytes() for each in self.edits]
+        return self.own.digests() | {"the exceptions": b"\0".join(told)}
+
+    def _of(self, crowd: Crowd) -> Crowd:
+        """Return `crowd`, of the trajectory without edits, with them."""
+        changed = {}
+        if len(self._moved):
+            for axis, name in enumerate("xy"):
+                changed[name] = self._column(name, [getattr(crowd, name)], lambda column, k=axis: self._shifted(column, k))
+            aside = replace(crowd, **changed)
+            changed["z"] = self._column("z", [crowd.x, crowd.y, crowd.z], lambda *_: self._raised(aside))
+        if len(self._turned):
+            changed["heading"] = self._column("heading", [crowd.heading], self._headed)
+        if self._shown is not None:
+            shown = self._shown
+            changed["present"] = self._column("present", [crowd.present], lambda there: shown if there is None else there & shown)
+        return replace(crowd, **changed) if changed else crowd
+
+    def _column(self, name: str, parts: list[Any], make: Callable[..., np.ndarray]) -> np.ndarray:
+        known = self._made.get(name)
+        if known is None or not all(a is b for a, b in zip(known[0], parts, strict=True)):
+            known = self._made[name] = parts, make(*parts)
+        return known[1]
+
+    def _shifted(self, column: np.ndarray, axis: int) -> np.ndarray:
+        column = column.copy()
+        column[self._moved] += self._move[:, axis]
+        return column
+
+    def _raised(self, crowd: Crowd) -> np.ndarray:
+        """Return the heights of a crowd that is moved aside already."""
+        z, (agents, above) = self._shifted(crowd.z, 2), self._aside
+        ground = self.own.ground(crowd, agents) if len(agents) else None
+        if ground is not None:
+            z[agents] = ground + above
+        return z
+
+    def _headed(self, heading: np.ndarray) -> np.ndarray:
+        heading = heading.copy()
+        heading[self._turned] += self._turn[:, 0].astype(np.float32)
+        return heading
+
+
+def _summed(edits: Sequence[Edit], of: Callable[[Edit], tuple[float, ...]]) -> tuple[np.ndarray, np.ndarray]:
+    """Return (agents (k,) intp, sums (k, w)) of those for whom an edit has more than zeros.
+
+    The agents are increasing.
+    """
+    found = [(edit.agents, np.array(of(edit), np.float64)) for edit in edits if any(of(edit))]
+    if not found:
+        return np.empty(0, np.intp), np.empty((0, 3))
+    agents = np.unique(np.concatenate([own for own, _ in found]))
+    values = np.zeros((len(agents), len(found[0][1])))
+    for own, value in found:
+        values[np.searchsorted(agents, own)] += value
+    return agents, values
+
+
+def _within(crowd: Crowd, agents: np.ndarray, area: Area) -> bool:
+    """Return whether all `agents` stand on the area."""
+    x, y = crowd.x[agents], crowd.y[agents]
+    return bool(((x >= area.x_min) & (x <= area.x_max) & (y >= area.y_min) & (y <= area.y_max)).all())

@@ -1,0 +1,132 @@
+"""Meshes that Populate makes and the file keeps: ground and places.
+
+They are read from objects that a handler cannot evaluate.
+
+A mesh is never changed: another one takes its place. So copies of a scene may share it.
+"""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import counted
+from . import mesh_data
+from .ownership import OWNED
+from .scene_data import node_inputs
+
+MADE_OF = "crowd_lod_made_of"  # custom property of such a mesh: what it was made of, as text
+NAMES = "start_places", "terrain_mesh"  # the settings that refer to one
+SETTINGS = {"BOOLEAN", "INT", "FLOAT", "ENUM"}
+PASSING = {"execution_time", "show_expanded", "is_active", "show_in_editmode"}  # of a modifier: these change nothing
+SAMPLED = 500  # vertices of a mesh that are looked at to tell whether it changed, about
+
+
+@contextmanager
+def taken_back(crowds: Sequence[bpy.types.PropertyGroup]) -> Iterator[None]:
+    """Give the crowds their old meshes back if the block raises or is closed early; else remove those."""
+    before = [{name: getattr(crowd, name) for name in NAMES} for crowd in crowds]
+    unused = {mesh for own in before for mesh in own.values()}
+    try:
+        yield
+    except BaseException:
+        unused = {getattr(crowd, name) for crowd in crowds for name in NAMES}
+        for crowd, own in zip(crowds, before, strict=True):
+            for name, mesh in own.items():
+                setattr(crowd, name, mesh)
+        raise
+    finally:
+        for mesh in unused - {None}:
+            if mesh.get(OWNED) and not mesh.users:
+                bpy.data.meshes.remove(mesh)
+
+
+def keep(crowd: bpy.types.PropertyGroup, name: str, mesh: bpy.types.Mesh, made_of: str) -> None:
+    """Let the setting `name` of the crowd refer to `mesh`, which was made of `made_of`."""
+    mesh[OWNED], mesh[MADE_OF] = True, made_of
+    setattr(crowd, name, mesh)
+
+
+def shape_marks(objects: Sequence[bpy.types.Object]) -> str:
+    """Return what changes, most likely, when one of the objects looks or stands otherwise; it is quick."""
+    return repr([_marks(item) for item in objects])
+
+
+def _marks(item: bpy.types.Object) -> tuple:
+    data = item.data
+    shape: tuple = (data and data.name_full,)
+    if item.type == "MESH":
+        some = np.array(mesh_data.some_vertices(data, SAMPLED), np.float32)
+        shape = *shape, len(data.vertices), len(data.polygons), some.tobytes()
+    elif item.type == "CURVE":
+        shape = *shape, [[tuple(p.co) for p in (*spline.points, *spline.bezier_points)] for spline in data.splines]
+    return item.name_full, np.array(item.matrix_world).round(5).tolist(), shape, [_modifier(m) for m in item.modifiers]
+
+
+def _modifier(modifier: bpy.types.Modifier) -> tuple:
+    """Return the settings of a modifier that are numbers or choices, and the inputs of its nodes."""
+    names = [
+        each.identifier for each in modifier.bl_rna.properties if each.type in SETTINGS and not getattr(each, "is_array", False)
+    ]
+    inputs = sorted((path, repr(value)) for path, value in node_inputs(modifier).items()) if modifier.type == "NODES" else []
+    return modifier.name, [(name, getattr(modifier, name)) for name in names if name not in PASSING], inputs
+
+
+def moving(objects: Sequence[bpy.types.Object]) -> list[str]:
+    """Return the names of objects that may move: they, or one above them, are animated or constrained."""
+    found = []
+    for item in objects:
+        above: bpy.types.Object | None = item
+        while above is not None and not (above.animation_data or len(above.constraints)):
+            above = above.parent
+        if above is not None:
+            found.append(item.name)
+    return found
+
+
+def evaluated_triangles(
+    objects: Sequence[bpy.types.Object], depsgraph: bpy.types.Depsgraph
+) -> Iterator[tuple[bpy.types.Object, bpy.types.Mesh, np.ndarray, np.ndarray]]:
+    """Yield (object, evaluated mesh, points (n, 3) float64, triangles (m, 3) int32) of each shape.
+
+    The points are in world space.
+
+    These are those of the objects themselves, and of all that they instance. The mesh is valid until the next.
+    Triangles of mirrored objects are turned, so that they face as Blender shows them.
+    CrowdError if a vertex is at NaN or infinity.
+    """
+    wanted, seen = set(objects), set()
+    for each in depsgraph.object_instances:
+        owner = each.parent.original if each.is_instance else each.object.original
+        if owner in wanted:
+            seen.add(owner)
+            yield from _shape(each.object, np.array(each.matrix_world, np.float64))
+    for item in objects:  # such as those hidden in the viewport
+        if item not in seen:
+            evaluated = item.evaluated_get(depsgraph)
+            yield from _shape(evaluated, np.array(evaluated.matrix_world, np.float64))
+
+
+def _shape(item: bpy.types.Object, matrix: np.ndarray) -> Iterator[tuple]:
+    try:
+        mesh = item.to_mesh()
+    except RuntimeError:  # it has none, as an empty or hair
+        return
+    try:
+        points = np.empty((len(mesh.vertices), 3), np.float32)
+        mesh.vertices.foreach_get("co", points.ravel())
+        mesh.calc_loop_triangles()
+        triangles = np.empty((len(mesh.loop_triangles), 3), np.int32)
+        mesh.loop_triangles.foreach_get("vertices", triangles.ravel())
+        wrong = int((~np.isfinite(points).all(axis=1)).sum())
+        if wrong:
+            raise CrowdError(
+                f"The object {item.name} has {counted(wrong, 'vertex', 'vertices')} at NaN or infinity: mend its mesh or its "
+                "modifiers, then press Populate."
+            )
+        flipped = np.linalg.det(matrix[:3, :3]) < 0
+        yield item.original, mesh, points @ matrix[:3, :3].T + matrix[:3, 3], triangles[:, ::-1] if flipped else triangles
+    finally:
+        item.to_mesh_clear()

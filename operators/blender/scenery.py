@@ -1,0 +1,339 @@
+"""What a render shows besides the crowd: lamps, glowing and solid objects.
+
+Scenery is cached for each view layer that is played. `noticed` gets the changes of the depsgraph.
+It updates the cache where only places and shapes changed, and drops it otherwise. Renders read
+everything anew. So does a session that has frame handlers of others.
+"""
+
+from collections.abc import Iterator
+
+import bpy
+import numpy as np
+
+from . import scene_cache
+from .guard import handler
+from .ownership import OWNED, is_ours
+from .references import reached
+from .shader_nodes import used_nodes
+
+SOLID = {"MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "POINTCLOUD", "VOLUME", "GREASEPENCIL"}
+
+# A thing in a render: the object, and the collection instances it is in, outermost first.
+Placed = tuple[bpy.types.Object, tuple[bpy.types.Object, ...]]
+
+
+class Scenery:
+    """What a render of `scene` shows, as `depsgraph` has evaluated it, if given.
+
+    In the depsgraph, animated values are those of the frame. The file's own data has them only in
+    the viewport's frames.
+
+    things: all objects shown, without Crowd LOD's own, which still hold an earlier frame.
+    lights, solid: the lamps among them, and the objects of types in SOLID.
+    bounded: whether the objects' own bounding boxes hold everything: not if nodes or particles make
+        instances.
+    instanced: lights that objects of `shining` make, as lights.py read them; None if outdated.
+    """
+
+    def __init__(self, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None):
+        shown = list(_shown(scene, depsgraph))
+        self._hides = {item.session_uid: _evaluated(item, depsgraph).hide_render for item in {item for item, _ in shown}}
+        self.things = [placed for placed in shown if not self._hides[placed[0].session_uid] and not placed[0].get(OWNED)]
+        self.lights = [placed for placed in self.things if placed[0].type == "LIGHT"]
+        self.solid = [placed for placed in self.things if placed[0].type in SOLID]
+        self._makers = [placed for placed in self.things if _makes_instances(placed[0])]
+        self.bounded = not self._makers
+        # for scene/lights.py: what it read of the lights that `shining` makes, while that holds
+        self.instanced = None
+        self._reached: set[int] | None = None  # the objects, by session_uid, that those depend on
+        # what `depsgraph` does not hold has the values of the file's own data, which other scenes
+        # and layers may change
+        own = {item for item, _ in shown if depsgraph is not None and not item.evaluated_get(depsgraph).is_evaluated}
+        self._elsewhere = [(item, item.hide_render) for item in own]
+        homes = {each.instance_collection for _, inside in self.things for each in inside}
+        self._offsets = {home.session_uid: tuple(home.instance_offset) for home in homes}
+        # of each object, by session_uid, which of the solid it is, or instances
+        self._rows: dict[int, list[int]] = {}
+        # of the solid, what is in other view layers alone: nothing of it is noticed in this one
+        self._unwatched = set()
+        for row, (item, inside) in enumerate(self.solid):
+            for each in (item, *inside):
+                self._rows.setdefault(each.session_uid, []).append(row)
+                if depsgraph is not None and not each.evaluated_get(depsgraph).is_evaluated:
+                    self._unwatched.add(row)
+        self._moved, self._glowing = set(range(len(self.solid))), None
+        self._ends, self._matrices = np.empty((len(self.solid), 2, 3)), np.empty((len(self.solid), 4, 4))
+
+    def lamps(self, depsgraph: bpy.types.Depsgraph | None) -> list[Placed]:
+        """Return what casts shadows: lamps that are on, and glowing objects.
+
+        Values are those that `depsgraph` has evaluated.
+        """
+        if self._glowing is None or self._unwatched:
+            worn = [[slot.material for slot in item.material_slots] for item, _ in self.solid]
+            materials = {each for own in worn for each in own} - {None}
+            glowing = {material for material in materials if emits(_evaluated(material, depsgraph).node_tree)}
+            self._glowing = [placed for placed, own in zip(self.solid, worn, strict=True) if not glowing.isdisjoint(own)]
+        return [placed for placed in self.lights if casts(_evaluated(placed[0], depsgraph).data)] + self._glowing
+
+    def shining(self, depsgraph: bpy.types.Depsgraph | None) -> set[bpy.types.Object]:
+        """Return objects whose nodes, particles or instancing may make lights elsewhere.
+
+        The children that they instance are included.
+        """
+        found, self._reached = set(), set()
+        for item, inside in self._makers:
+            blocks = {item, *inside, *reached(item)}
+            self._reached |= {block.session_uid for block in blocks}
+            lamps = any(isinstance(block, bpy.types.Object) and block.type == "LIGHT" for block in blocks)
+            materials = (block for block in blocks if isinstance(block, bpy.types.Material))
+            if lamps or any(emits(_evaluated(material, depsgraph).node_tree) for material in materials):
+                found |= {inside[0] if inside else item, *(block for block in blocks if getattr(block, "parent", None) in blocks)}
+        return found
+
+    def within(self, collection: bpy.types.Collection | None) -> list[Placed]:
+        """Return the things whose object is in the `collection`."""
+        homes = () if collection is None else (collection, *collection.children_recursive)
+        inside = {item for home in homes for item in home.objects}
+        return [placed for placed in self.things if placed[0] in inside] if inside else []
+
+    def box(self, depsgraph: bpy.types.Depsgraph) -> np.ndarray | None:
+        """Return the bounding box (2, 3) of the solid things, world meters.
+
+        None if not `bounded`. An empty box has least at inf and most at -inf.
+        """
+        if not self.bounded:
+            return None
+        if not self.solid:
+            return np.array([np.full(3, np.inf), np.full(3, -np.inf)])
+        for row in self._unwatched | self._moved:
+            placed = self.solid[row]
+            least, *_, most, _ = placed[0].evaluated_get(depsgraph).bound_box
+            self._ends[row], self._matrices[row] = (tuple(least), tuple(most)), matrix_of(placed, depsgraph)
+        self._moved = set()
+        turn, ends = self._matrices[:, :3, :3], self._ends
+        middle = np.einsum("nij,nj->ni", turn, ends.mean(axis=1)) + self._matrices[:, :3, 3]
+        half = np.einsum("nij,nj->ni", np.abs(turn), (ends[:, 1] - ends[:, 0]) / 2)
+        return np.array([(middle - half).min(axis=0), (middle + half).max(axis=0)])
+
+    def holds(self) -> bool:
+        """Return whether objects of other view layers exist and are shown as before.
+
+        The depsgraph of this view layer does not report changes of these.
+        """
+        try:
+            return all(item.hide_render == hides for item, hides in self._elsewhere)
+        except ReferenceError:
+            return False
+
+    def notice(self, update: bpy.types.DepsgraphUpdate) -> bool:
+        """Take over one `update` of the depsgraph; return whether that was possible.
+
+        It is not if more than places and shapes changed. Then the Scenery must be made anew.
+        """
+        item = update.id
+        kind = item.id_type  # several times as quick as isinstance
+        if kind == "OBJECT":
+            uid = item.original.session_uid
+            if uid in self._hides and self._hides[uid] != item.hide_render:
+                return False
+            self._moved.update(self._rows.get(uid, ()))
+            if self._reached is None or uid in self._reached:
+                self.instanced = None
+        elif kind == "COLLECTION":
+            uid, offset, self.instanced = item.original.session_uid, tuple(item.original.instance_offset), None
+            if self._offsets.get(uid, offset) != offset:
+                return False
+        elif kind in ("MATERIAL", "NODETREE"):
+            self._glowing = self.instanced = None
+        elif kind in ("LIGHT", "PARTICLE"):
+            self.instanced = None
+        # whatever is added, taken away, or made into something else changes it, too
+        return kind != "SCENE"
+
+
+def _evaluated(block: bpy.types.ID, depsgraph: bpy.types.Depsgraph | None) -> bpy.types.ID:
+    return block if depsgraph is None else block.evaluated_get(depsgraph)
+
+
+def _shown(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None) -> Iterator[Placed]:
+    """Yield every object that a render of `scene` shows, once each.
+
+    Objects in instanced collections come once for each instance. Objects hidden by themselves are
+    included, those hidden by their collections are not.
+    """
+    found = {}
+    for layer in scene.view_layers:
+        if layer.use:
+            found |= dict.fromkeys(_in_layer(layer.layer_collection))
+    for item in found:
+        yield from _with_instances(item, (), depsgraph)
+
+
+def _in_layer(layer: bpy.types.LayerCollection) -> Iterator[bpy.types.Object]:
+    if layer.collection.hide_render:
+        return
+    if not layer.exclude:
+        yield from layer.collection.objects
+    for child in layer.children:
+        yield from _in_layer(child)
+
+
+def _with_instances(item: bpy.types.Object, inside: tuple[bpy.types.Object, ...], depsgraph) -> Iterator[Placed]:
+    yield item, inside
+    if item.instance_type != "COLLECTION" or item.instance_collection is None or item in inside:
+        return
+    if not _evaluated(item, depsgraph).hide_render:
+        for part in dict.fromkeys(_in_collection(item.instance_collection)):
+            yield from _with_instances(part, (*inside, item), depsgraph)
+
+
+def _in_collection(collection: bpy.types.Collection) -> Iterator[bpy.types.Object]:
+    """Yield what an instance of the `collection` shows.
+
+    It does not use all_objects: Blender caches those, and after an undo some are gone.
+    """
+    if not collection.hide_render:
+        yield from collection.objects
+        for child in collection.children:
+            yield from _in_collection(child)
+
+
+def matrix_of(placed: Placed, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
+    """Return the evaluated world matrix (4, 4) float64 of `placed`."""
+    item, inside = placed
+    own = np.array([tuple(row) for row in item.evaluated_get(depsgraph).matrix_world])
+    if not inside:
+        return own
+    matrix = np.eye(4)
+    for instancer in inside:
+        matrix = matrix @ np.array(instancer.evaluated_get(depsgraph).matrix_world, np.float64)
+        matrix[:3, 3] -= matrix[:3, :3] @ np.array(instancer.instance_collection.instance_offset)
+    return matrix @ own
+
+
+def _makes_instances(item: bpy.types.Object) -> bool:
+    """Return whether `item` may make instances outside its own bounding box.
+
+    Instances of a collection do not count.
+    """
+    return item.instance_type not in ("NONE", "COLLECTION") or any(m.type in ("NODES", "PARTICLE_SYSTEM") for m in item.modifiers)
+
+
+def casts(lamp: bpy.types.Light) -> bool:
+    """Return whether the lamp is on and casts shadows."""
+    return lamp.use_shadow and lamp.energy != 0 and any(lamp.color) and not _dark(used_nodes(lamp))
+
+
+def _dark(tree: bpy.types.NodeTree | None) -> bool:
+    """Return whether all emission nodes of a lamp have strength 0."""
+    emissions = [node for node in tree.nodes if node.type == "EMISSION"] if tree is not None else []
+    return bool(emissions) and not any(_set(node.inputs["Strength"]) for node in emissions)
+
+
+def emits(tree: bpy.types.NodeTree | None) -> bool:
+    """Return whether a material's nodes emit light that other surfaces receive.
+
+    What only camera rays see does not: "unlit" materials are wired so, glTF's among them.
+    """
+    ends = {"OUTPUT_MATERIAL", "GROUP_OUTPUT"}
+    sockets = [socket for node in (tree.nodes if tree is not None else ()) if node.type in ends for socket in node.inputs]
+    known: set[bpy.types.Node] = set()
+    while sockets:
+        socket = sockets.pop()
+        for link in socket.links:
+            node = link.from_node
+            if socket.type == "SHADER" and link.from_socket.type != "SHADER":
+                return True  # a color that is no shader shows as emission
+            if node not in known:
+                known.add(node)
+                if _emits_itself(node):
+                    return True
+                sockets += _seen_by_all(node)
+    return False
+
+
+def _emits_itself(node: bpy.types.Node) -> bool:
+    if node.mute:
+        return False
+    if node.type == "GROUP":
+        return emits(node.node_tree)
+    if node.type in ("EMISSION", "BACKGROUND"):
+        return _set(node.inputs["Color"]) and _set(node.inputs["Strength"]) and not _of_camera(node.inputs["Strength"])
+    if node.type in ("BSDF_PRINCIPLED", "PRINCIPLED_VOLUME"):
+        strength = node.inputs["Emission Strength"]
+        return _set(strength) and _set(node.inputs["Emission Color"]) and not _of_camera(strength)
+    return False
+
+
+def _seen_by_all(node: bpy.types.Node) -> list[bpy.types.NodeSocket]:
+    """Return the inputs of `node` that other rays than the camera's may meet."""
+    inputs = list(node.inputs)
+    return inputs[:2] if node.type == "MIX_SHADER" and not node.mute and _of_camera(inputs[0]) else inputs
+
+
+def _of_camera(socket: bpy.types.NodeSocket) -> bool:
+    """Return whether `socket` is 1 for camera rays and 0 for all others."""
+    return any(link.from_node.type == "LIGHT_PATH" and link.from_socket.name == "Is Camera Ray" for link in socket.links)
+
+
+def _set(socket: bpy.types.NodeSocket) -> bool:
+    """Return whether a strength or color may differ from 0."""
+    value = socket.default_value
+    return socket.is_linked or (any(value[:3]) if hasattr(value, "__len__") else value != 0)
+
+
+# What was last seen in each view layer that is played, by scene and name.
+_kept: dict[tuple[int, str], Scenery] = scene_cache.kept({})
+MOST_KEPT = 8
+
+
+def scenery_of(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None) -> Scenery:
+    """Return the Scenery of `scene`.
+
+    It is the one of the frame before if `depsgraph` reports all changes since, as in the viewport.
+    """
+    if depsgraph is None or depsgraph.mode != "VIEWPORT" or depsgraph.scene != scene:
+        return Scenery(scene, depsgraph)
+    if not _alone(noticed, "frame_change_post") or edited not in bpy.app.handlers.depsgraph_update_post:
+        forget()
+    noticed(scene, depsgraph)  # what was changed since its last update, too
+    key = scene.session_uid, depsgraph.view_layer_eval.name
+    if key not in _kept or not _kept[key].holds():
+        while len(_kept) >= MOST_KEPT:
+            _kept.pop(next(iter(_kept)))
+        _kept[key] = Scenery(scene, depsgraph)
+    return _kept[key]
+
+
+def _alone(own, event: str) -> bool:
+    """Return whether `own` handles the `event` and all its other handlers are ours.
+
+    What handlers of others change in such an event, Blender evaluates without reporting it.
+    """
+    handlers = getattr(bpy.app.handlers, event)
+    return own in handlers and all(map(is_ours, handlers))
+
+
+@handler
+def noticed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """Handle frame_change_post: update the cached Scenery, or drop it."""
+    key = scene.session_uid, depsgraph.view_layer_eval.name
+    known = _kept.get(key)
+    if known is not None and depsgraph.mode == "VIEWPORT" and not all(map(known.notice, depsgraph.updates)):
+        _kept.pop(key, None)
+
+
+@handler
+def edited(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """Handle depsgraph_update_post: update the cached Scenery, or drop the caches."""
+    if _alone(edited, "depsgraph_update_post"):
+        noticed(scene, depsgraph)
+    else:
+        forget()
+
+
+@handler
+def forget(*_) -> None:
+    """undo_pre, redo_pre: what is kept names objects that will be gone."""
+    _kept.clear()

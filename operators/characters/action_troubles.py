@@ -1,0 +1,65 @@
+"""What is to be said of the actions that characters play: root motion, and feet that slide."""
+
+from collections.abc import Iterator, Sequence
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.crowd.agents import Action, Group
+from ...crowd_lod.crowd.state_machine import StateMachine
+from ...crowd_lod.format import number
+from ..blender import scene_data
+from ..blender.performance import called
+from ..machine.scene_world import machine_of
+
+SLIDES = 0.01  # meters in a cycle: feet that slide less do not count
+
+
+def told_of_actions(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
+    """Yield sentences on the characters' own actions, and on those that states of the crowds name.
+
+    groups: as just measured.
+    """
+    machines = [machine_of(crowd) for crowd in (scene.crowd_lod, *scene.crowd_lod.crowds) if crowd.source == "MACHINE"]
+    for group in groups:
+        if group.variant_of:
+            continue
+        yield from _root_motion(scene, group, "own animation", group.way)
+        for action in group.actions:
+            yield from _root_motion(scene, group, f"action {_title(group, action)}", action.way)
+            yield from _slides(scene, group, action, machines)
+
+
+def _root_motion(scene: bpy.types.Scene, group: Group, what: str, way: float) -> Iterator[str]:
+    if way:
+        yield (
+            f"The {what} moves {group.name} by {number(way * scene_data.meters(scene))} m in a cycle: that is taken out, because "
+            "the crowd moves its agents."
+        )
+
+
+def _slides(scene: bpy.types.Scene, group: Group, action: Action, machines: Sequence[StateMachine]) -> Iterator[str]:
+    speeds = {
+        (machine.states[s], float(speed))
+        for machine in machines
+        for s, name in enumerate(machine.actions)
+        if name == action.name
+        for speed in np.unique(np.hypot(*machine.velocity[s].T))
+    }
+    walks = sorted((speed, state) for state, speed in speeds if speed)
+    if not walks or not action.period:
+        return
+    speed, state = walks[-1]
+    slide = abs((action.stride or speed * action.period) - action.feet)
+    meters = scene_data.meters(scene)
+    if slide * meters > SLIDES:
+        fits = f"the speed that fits is {number(action.feet * meters / action.period)} m/s"
+        says = f", its property stride says {number(action.stride * meters)} m" if action.stride else ""
+        yield (
+            f"In the state {state} at {number(speed * meters)} m/s the feet of {group.name} slide by {number(slide * meters)} m in a cycle of "
+            f"{_title(group, action)}: they walk {number(action.feet * meters)} m in it{says}; {fits}."
+        )
+
+
+def _title(group: Group, action: Action) -> str:
+    return next((name for name in called(group.name, action.name) if name in bpy.data.actions), action.name)

@@ -1,0 +1,57 @@
+"""What the characters of a scene and their LODs are, as named inputs of plans, builds and LODs."""
+
+import time as clock
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import partial
+
+import bpy
+
+from ...crowd_lod.errors import CrowdError
+from ..blender import performance, provenance, scene_cache
+from ..machine.scene_world import actions_named
+from .characters import GROUP, characters_of
+
+CHARACTER = "the character "  # begins the names of their inputs
+PAUSE = 1.0  # seconds between two looks at a scene in which Blender tells of no edit
+SHARE = 0.05  # of the time that looks may take
+_known: dict[int, tuple[float, int, dict[str, str]]] = scene_cache.kept({}, by_scene=True)
+
+
+def cast_inputs(scene: bpy.types.Scene) -> dict[str, str]:
+    """Return the digest of each character and of each LOD of it, by names such as "LOD 1 of adult".
+
+    Of a scene without usable characters they are none. A change that Blender does not tell of is
+    seen a second later; provenance.look_afresh() sees all.
+    """
+    now = clock.monotonic()
+    until, changes, inputs = _known.get(scene.session_uid, (now, -1, {}))
+    if now >= until or changes != provenance.changes:
+        inputs = dict(_looked(scene))
+        took = clock.monotonic() - now
+        scene_cache.tidy()
+        _known[scene.session_uid] = now + PAUSE * max(1.0, took / SHARE), provenance.changes, inputs
+    return inputs
+
+
+def of_characters(inputs: dict[str, str]) -> dict[str, str]:
+    """Return those of cast_inputs that are of characters themselves."""
+    return {name: digest for name, digest in inputs.items() if name.startswith(CHARACTER)}
+
+
+def _actions(scene: bpy.types.Scene, name: str, objects: list[bpy.types.Object]) -> list:
+    """Return the digest of the actions that states name for a character, to compare as text."""
+    return performance.digest(performance.performance_of(name, objects, actions_named(scene, name)).parts)
+
+
+def _looked(scene: bpy.types.Scene) -> Iterator[tuple[str, str]]:
+    with suppress(CrowdError):  # missing characters are told elsewhere
+        cast = {name: objects for name, objects, _ in characters_of(scene)}
+        for name, objects in cast.items():
+            yield CHARACTER + name, provenance.character_digest(objects, partial(_actions, scene, name, objects))
+        levels, seen = scene.crowd_lod.levels, set()
+        for k, level in enumerate(levels.children if levels is not None else ()):
+            for home in level.children:
+                if home not in seen:  # a character with few LODs shows its last in place of others
+                    seen.add(home)
+                    yield f"LOD {k} of {home.get(GROUP)}", provenance.level_digest(home, cast.get(home.get(GROUP), []))

@@ -1,0 +1,126 @@
+"""The character groups of a scene, and the variants that their props make of them."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from typing import NamedTuple
+
+import bpy
+
+from ...crowd_lod.crowd.agents import MOST_GROUPS, Group
+from ...crowd_lod.errors import CrowdError
+from ..blender import stored_values
+from ..blender.character_objects import WITHOUT_FACES, is_stage, may_have_faces, parts
+from ..blender.ownership import OWNED
+from ..blender.props import variants_of
+from ..blender.references import closure_of
+from ..machine import terrain_source
+
+GROUP = "crowd_lod_group"  # custom property of a LOD's collection of one character group: the group's name
+FINE = 1e-5  # of a chance: Blender keeps float32
+
+
+class Character(NamedTuple):
+    """A character group, or a variant of one.
+
+    objects: those with a shape.
+    origin: world meters.
+    variant_of: the group's name, "" for the variant without props.
+    chance: that an agent of the group is this variant.
+    """
+
+    name: str
+    objects: list[bpy.types.Object]
+    origin: tuple[float, float, float]
+    variant_of: str
+    chance: float
+
+
+def characters_of(scene: bpy.types.Scene) -> list[tuple[str, list[bpy.types.Object], tuple[float, float, float]]]:
+    """Return (name, objects, origin) of each of `all_characters`."""
+    return [character[:3] for character in all_characters(scene)]
+
+
+def all_characters(scene: bpy.types.Scene) -> list[Character]:
+    """Return the character groups of `scene`, sorted by name, each followed by its variants.
+
+    A group is a child collection of the characters' collection, or one of its objects with all that
+    is parented to it. What is_stage is left out. CrowdError if there is no usable group.
+    """
+    stored_values.check(scene.crowd_lod)
+    top = scene.crowd_lod.characters
+    if top is None:
+        raise CrowdError(
+            f"The scene {scene.name} has no characters: choose a collection in the Crowd panel whose children are the characters."
+        )
+    groups = sorted(groups_in(scene, top), key=lambda group: group[0].name.casefold())
+    if not groups:
+        state = "holds lamps, cameras and empties alone" if top.all_objects else "is empty"
+        raise CrowdError(f"The collection {top.name} {state}: put the characters in it, one child collection or object each.")
+    found = []
+    for owner, members, origin in groups:
+        shapes = parts(owner, members)
+        if not any(map(may_have_faces, shapes)):
+            raise CrowdError(
+                f"The character group {owner.name} in {top.name} holds no mesh with faces: give it one, or take it out."
+            )
+        for name, objects, chance in variants_of(owner.name, members, shapes):
+            found.append(Character(name, objects, origin, owner.name if name != owner.name else "", chance))
+    names = [character.name for character in found]
+    for name in names:
+        if names.count(name) > 1:
+            raise CrowdError(f"Two character groups in {top.name} are called {name}: rename one of them.")
+    if len(found) > MOST_GROUPS:
+        raise CrowdError(f"The collection {top.name} holds {len(found)} character groups; use at most {MOST_GROUPS}.")
+    return found
+
+
+def groups_in(scene: bpy.types.Scene, top: bpy.types.Collection) -> Iterator[tuple[bpy.types.ID, list[bpy.types.Object], tuple]]:
+    """Yield (owner, objects, origin) of each group in the characters' collection `top`."""
+    settings = scene.crowd_lod
+    ground = terrain_source.grounds_of([settings, *settings.crowds])
+    for child in top.children:
+        if not is_stage(child.all_objects) and not ground.issuperset(child.all_objects[:] or [top]):
+            yield child, list(child.all_objects), tuple(child.instance_offset)
+    own = set(top.objects)
+    for root in top.objects:
+        if root.parent not in own:
+            # LODs hang on the same armature
+            members = [root, *(item for item in root.children_recursive if not item.get(OWNED))]
+            if not is_stage(members) and root not in ground:
+                yield root, members, tuple(root.matrix_world.translation)
+
+
+def told_of_left_out(scene: bpy.types.Scene) -> Iterator[str]:
+    """Yield a sentence on what renders show of the characters and no crowd does, because it has no faces."""
+    members = [item for _, group, _ in groups_in(scene, scene.crowd_lod.characters) for item in group]
+    names = [f"{item.name} ({WITHOUT_FACES[item.type]})" for item in members if item.type in WITHOUT_FACES and not item.hide_render]
+    if names:
+        yield f"Left out of the crowd, which shows faces and hair: {', '.join(sorted(names))}. Convert to meshes what is needed."
+
+
+def told_of_unsaved(scene: bpy.types.Scene) -> Iterator[str]:
+    """Yield a sentence on objects that the characters are made of and that Blender drops when it saves the file."""
+    shapes = [item for _, objects, _ in characters_of(scene) for item in objects]
+    names = sorted(item.name for item in closure_of(shapes) if not item.users and item.library is None)
+    if names:
+        yield (
+            f"No collection holds {', '.join(names)}, on which the characters depend: Blender does not save such objects, so link "
+            "them to a collection."
+        )
+
+
+def check_measured(cast: Sequence[tuple], groups: Sequence[Group]) -> None:
+    """Raise CrowdError if `cast`, the scene's characters, are others than the measured groups."""
+    if [each[0] for each in cast] != [group.name for group in groups]:
+        raise CrowdError("The character groups or their props have changed: press Populate, then Make LOD Meshes.")
+
+
+def props_outdated(scene: bpy.types.Scene) -> Iterator[str]:
+    """Yield a sentence if the props are others, or have other chances, than when the scene was populated."""
+    groups = scene.crowd_lod.groups
+    with suppress(CrowdError):  # Populate tells
+        cast = all_characters(scene) if len(groups) else []
+        now = {each.name: each.chance for each in cast if each.variant_of}
+        before = {group.name: group.chance for group in groups if group.variant_of}
+        if now.keys() != before.keys() or any(abs(now[name] - before[name]) > FINE for name in now):
+            yield "The characters' props have changed: press Populate."

@@ -1,0 +1,38 @@
+"""Characters that glow: in Cycles their light reaches the picture from wherever they are."""
+
+from collections.abc import Iterator
+
+import bpy
+
+from ..blender.scenery import emits
+from .characters import characters_of
+
+LIT_BY = "visible_diffuse", "visible_glossy", "visible_transmission", "visible_volume_scatter"  # rays that meet light
+
+
+def glowing(scene: bpy.types.Scene) -> dict[str, list[bpy.types.Material]]:
+    """Return the materials that light others, of each character group that wears any."""
+    found = {}
+    for name, objects, _ in characters_of(scene):
+        worn = {slot.material for item in objects if any(getattr(item, ray) for ray in LIT_BY) for slot in item.material_slots}
+        lights = [material for material in worn - {None} if emits(material.node_tree)]
+        if lights:
+            found[name] = sorted(lights, key=lambda material: material.name_full)
+    return found
+
+
+def told_of_glow(scene: bpy.types.Scene) -> Iterator[str]:
+    """Yield a sentence on characters whose materials light others."""
+    found = glowing(scene)
+    if not found:
+        return
+    names = ", ".join(f"{name} (material {materials[0].name})" for name, materials in found.items())
+    kept = (
+        "each agent of them stays in the render"
+        if scene.crowd_lod.shadows
+        else "without Shadows and Reflections culling takes it away"
+    )
+    yield (
+        f"In Cycles these characters light what is around them: {names}; {kept}. If that is not meant, mix the emission with "
+        "Transparent by Light Path > Is Camera Ray."
+    )

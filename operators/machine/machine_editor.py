@@ -1,0 +1,97 @@
+"""The state machine that the sidebar edits: the scene's text, and nothing beside it.
+
+The editor reads the text anew each time, and each edit writes it. So what was typed into the text
+by hand, loaded or undone shows up by itself.
+"""
+
+import bpy
+
+from ...crowd_lod.crowd.json_reader import FieldPath
+from ...crowd_lod.crowd.machine_draft import Draft, draft
+from ...crowd_lod.crowd.machine_edits import Edit, edited
+from ...crowd_lod.errors import CrowdError
+from ..blender import scene_cache
+from .scene_world import machine_text
+
+# Of each scene the edit that was refused last: the text that it left, and a sentence.
+_refused: dict[int, tuple[str, str]] = scene_cache.kept({}, by_scene=True)
+
+
+def lacking(scene: bpy.types.Scene) -> str:
+    """Return a sentence if the scene has no text to edit, else ""."""
+    text = scene.crowd_lod.machine
+    if text is None:
+        return "Choose a state machine of your own first, or one of the Presets"
+    return "" if text.library is None else f"The text {text.name} is linked from another file: make it local"
+
+
+def draft_of(scene: bpy.types.Scene) -> Draft:
+    """Return what the scene's text says, or the machine that moves agents where it is empty.
+
+    An empty Draft without a text.
+    """
+    text = scene.crowd_lod.machine
+    return Draft({}) if text is None else draft(machine_text(scene.crowd_lod), text.name)
+
+
+def problem_of(scene: bpy.types.Scene) -> str:
+    """Return a sentence on the edit that was just refused, or on the text's first mistake; else ""."""
+    text = scene.crowd_lod.machine
+    if text is None:
+        return ""
+    left, sentence = _refused.get(scene.session_uid, ("", ""))
+    return sentence if sentence and left == text.as_string() else draft_of(scene).problem
+
+
+def selected(scene: bpy.types.Scene, kind: str) -> str:
+    """Return the name of the state or label that is selected in the list; "" for none.
+
+    kind: "states", "labels", or "rules": the label, or "*", whose rule is selected.
+    """
+    found, editor = draft_of(scene), scene.crowd_lod_editor
+    if kind == "rules":
+        names = found.rows(selected(scene, "states"))
+    else:
+        names = found.states if kind == "states" else found.labels
+    index = getattr(editor, f"{kind[:-1]}_index")
+    return names[min(index, len(names) - 1)] if names else ""
+
+
+def cell_of(scene: bpy.types.Scene) -> tuple[str, str]:
+    """Return the state and the label, or "*", of the selected rule."""
+    return selected(scene, "states"), selected(scene, "rules")
+
+
+def change(scene: bpy.types.Scene, edit: Edit) -> None:
+    """Make the edit in the scene's text.
+
+    CrowdError if it is refused; the text is then as it was.
+    """
+    lack = lacking(scene)
+    if lack:
+        raise CrowdError(f"{lack}.")
+    _refused.pop(scene.session_uid, None)
+    text = scene.crowd_lod.machine
+    new = edited(machine_text(scene.crowd_lod), text.name, edit)
+    if new != text.as_string():
+        text.from_string(new)
+
+
+def change_or_tell(scene: bpy.types.Scene, edit: Edit) -> None:
+    """Make the edit; if it is refused, have the sidebar say why. For fields, which cannot report."""
+    try:
+        change(scene, edit)
+    except CrowdError as error:
+        tell(scene, error)
+
+
+def tell(scene: bpy.types.Scene, error: CrowdError) -> None:
+    """Have the sidebar say why an edit was refused, until the text changes."""
+    text = scene.crowd_lod.machine
+    _refused[scene.session_uid] = text.as_string() if text is not None else "", str(error)
+
+
+def faulty(scene: bpy.types.Scene, *path: str) -> bool:
+    """Return whether the text's mistake is in the field at `path`."""
+    place: FieldPath = path
+    return draft_of(scene).faulty(*place)

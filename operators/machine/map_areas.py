@@ -1,0 +1,168 @@
+"""Walls and areas: meshes that lay labels over the label map.
+
+They are rasterized into an image of the crowd, `areas_image`: the color of a label where a mesh is,
+and transparent elsewhere. So a frame needs no mesh, and the pixels are compared as those of the
+painted map are. The image is made at Populate, by a button, and when a mesh is moved or edited.
+"""
+
+from collections.abc import Iterator
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.crowd.maps import FARTHEST
+from ...crowd_lod.crowd.rasterize import covered
+from ...crowd_lod.errors import CrowdError
+from ..blender import image_data, kept_meshes, scene_cache, scene_data
+from ..blender.guard import guarded, handler
+from .scene_world import MADE_FOR, area_of, areas_depend_on, machine_of
+
+LONGER_SIDE = 256  # cells along the ground's longer side, where no image says how many
+REST = 0.1  # seconds from a change to the new image
+# Of each scene whose meshes have changed: True. What its image depended on when last asked, and what
+# was wrong when it was last made.
+_due: dict[int, bool] = scene_cache.kept({}, by_scene=True)
+_asked: dict[int, tuple] = scene_cache.kept({}, by_scene=True)
+_trouble: dict[int, str] = scene_cache.kept({}, by_scene=True)
+
+
+def cells_of(size: tuple[float, float], longer: int) -> tuple[int, int]:
+    """Return (rows, columns) of about square cells, `longer` of them along the longer side."""
+    width, depth = size
+    cell = max(width, depth) / longer
+    return max(1, round(depth / cell)), max(1, round(width / cell))
+
+
+def meshes_in(entry) -> list[bpy.types.Object]:
+    """Return the objects of an area."""
+    inside = entry.collection.all_objects if entry.collection is not None else ()
+    return [item for item in dict.fromkeys((entry.object, *inside)) if item is not None]
+
+
+def make(crowd, depsgraph: bpy.types.Depsgraph) -> int:
+    """Rasterize the areas of the settings `crowd` into their image; return how many cells they cover.
+
+    A later area lies over an earlier one. CrowdError, before anything changes, if an area names no
+    label, or has nothing to rasterize.
+    """
+    entries = [entry for entry in crowd.areas if entry.use]
+    if not len(crowd.areas):
+        return 0
+    machine, area = machine_of(crowd), area_of(crowd)
+    if crowd.map_image is not None:
+        columns, rows = crowd.map_image.size
+    else:
+        rows, columns = cells_of(area.size, LONGER_SIDE)
+    pixels = np.zeros((rows, columns, 4), np.uint8)
+    for entry in entries:
+        if entry.label not in machine.labels:
+            raise CrowdError(
+                f"The area {entry.name} lays the label {entry.label or 'without a name'}, and the state machine has none such: "
+                f"choose one of {', '.join(machine.labels)}."
+            )
+        shapes = list(_triangles(meshes_in(entry), depsgraph))
+        if not shapes:
+            raise CrowdError(f"The area {entry.name} has no object with a surface: choose a mesh, or a collection that holds some.")
+        for shape in shapes:
+            pixels[covered(shape, area, rows, columns)] = (*machine.label_colors[machine.labels.index(entry.label)], 255)
+    _store(crowd, pixels)
+    crowd.areas_image[MADE_FOR] = areas_depend_on(crowd, machine)
+    return int((pixels[..., 3] > 0).sum())
+
+
+def trouble_of(scene: bpy.types.Scene) -> str:
+    """Return a sentence if the areas could not follow a change of their meshes, else ""."""
+    return _trouble.get(scene.session_uid, "")
+
+
+def _store(crowd, pixels: np.ndarray) -> None:
+    image = crowd.areas_image
+    if image is not None and tuple(image.size) == pixels.shape[1::-1] and image.channels == 4 and image.library is None:
+        if not np.array_equal(image_data.read_pixels(image), pixels):
+            image_data.fill_image(image, pixels)
+        return
+    old, crowd.areas_image = image, image_data.write_image("Walls and Areas", pixels)
+    if old is not None and not old.users:
+        bpy.data.images.remove(old)
+
+
+def _triangles(items: list[bpy.types.Object], depsgraph: bpy.types.Depsgraph) -> Iterator[np.ndarray]:
+    """Yield the triangles (n, 3, 2) of each shape of the objects, world x and y."""
+    farthest = FARTHEST / scene_data.meters(depsgraph.scene)
+    for _, mesh, points, triangles in kept_meshes.evaluated_triangles(items, depsgraph):
+        if not len(triangles):  # a curve or a chain of edges is a wall, too
+            edges = np.empty((len(mesh.edges), 2), np.int32)
+            mesh.edges.foreach_get("vertices", edges.ravel())
+            triangles = edges[:, [0, 1, 0]]
+        if len(triangles):
+            yield points[:, :2].clip(-farthest, farthest)[triangles]
+
+
+@handler
+def moved_or_edited(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """Handler of depsgraph_update_post: have the areas follow their objects and settings.
+
+    Not in renders and not in the background: there Populate has made them.
+    """
+    if bpy.app.background or not len(scene.crowd_lod.areas):
+        return
+    watched = {item for entry in scene.crowd_lod.areas for item in meshes_in(entry)}
+    data = {item.data for item in watched}
+    for update in depsgraph.updates:
+        block = update.id.original
+        moved = block in watched and (update.is_updated_transform or update.is_updated_geometry)
+        if moved or block in data or block == scene and _outdated(scene):
+            follow_soon(scene)
+            return
+
+
+def _outdated(scene: bpy.types.Scene) -> bool:
+    """Return whether the areas were laid over another ground, map or state machine.
+
+    Quick while none of them changes.
+    """
+    settings = scene.crowd_lod
+    asked = *settings.center, *settings.size, settings.machine and settings.machine.as_string(), settings.map_image
+    before, _asked[scene.session_uid] = _asked.get(scene.session_uid), asked
+    if before == asked:
+        return False
+    image = settings.areas_image
+    try:
+        return image is None or image.get(MADE_FOR) != areas_depend_on(settings, machine_of(settings))
+    except CrowdError:  # who uses the map says so
+        return False
+
+
+@handler
+def undone(*_) -> None:
+    """Handler of undo_post and redo_post: undo brings objects back, and may bring an old image."""
+    for scene in bpy.data.scenes:
+        if len(scene.crowd_lod.areas):
+            follow_soon(scene)
+
+
+def follow_soon(scene: bpy.types.Scene) -> None:
+    """Have the image made anew soon, in a window."""
+    if bpy.app.background:
+        return
+    _due[scene.session_uid] = True
+    if not bpy.app.timers.is_registered(_follow):
+        bpy.app.timers.register(_follow, first_interval=REST)
+
+
+@guarded
+def _follow() -> None:
+    """Timer: make the images of scenes whose areas have changed."""
+    for scene in [each for each in bpy.data.scenes if _due.pop(each.session_uid, False)]:
+        depsgraph = scene.view_layers[0].depsgraph
+        try:
+            if depsgraph is not None:
+                make(scene.crowd_lod, depsgraph)
+            _trouble.pop(scene.session_uid, None)
+        except CrowdError as error:
+            _trouble[scene.session_uid] = str(error)
+
+
+def unregister() -> None:
+    if bpy.app.timers.is_registered(_follow):
+        bpy.app.timers.unregister(_follow)

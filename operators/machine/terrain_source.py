@@ -1,0 +1,134 @@
+"""The terrain of a crowd: from a collection or an object to triangles that the file keeps."""
+
+from collections.abc import Iterator, Sequence
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.crowd.maps import FARTHEST
+from ...crowd_lod.crowd.terrain import Terrain, upward
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import number
+from ...crowd_lod.sources.trajectory import Trajectory
+from ..blender import kept_meshes, mesh_data, scene_cache, scene_data
+from ..blender.ownership import OWNED
+
+# By the session_uid of the kept mesh, the height where there is no ground, and the meters in a unit.
+_terrains: dict[tuple[int, float, float], Terrain] = scene_cache.kept({})
+MOST_TERRAINS = 4
+
+
+def objects_of(crowd) -> list[bpy.types.Object]:
+    """Return the objects of the crowd's terrain, sorted by name, without what Crowd LOD made."""
+    found = {crowd.terrain_object} if crowd.terrain_object is not None else set()
+    if crowd.terrain is not None:
+        found |= set(crowd.terrain.all_objects)
+    return sorted((item for item in found if not item.get(OWNED)), key=lambda item: item.name_full)
+
+
+def grounds_of(crowds: Sequence) -> set[bpy.types.ID]:
+    """Return all objects that one of the crowds stands on: they are no characters."""
+    return {item for crowd in crowds for item in objects_of(crowd)}
+
+
+def wanted(crowd) -> bool:
+    """Return whether the crowd is to stand on a terrain."""
+    return crowd.terrain is not None or crowd.terrain_object is not None
+
+
+def read_terrain(crowd, depsgraph: bpy.types.Depsgraph) -> None:
+    """Keep the terrain of the crowd as `depsgraph` has evaluated it, or none if there is none.
+
+    CrowdError if it has no faces to stand on, or lies too far from the world's origin.
+    """
+    if not wanted(crowd):
+        crowd.terrain_mesh = None
+        return
+    objects, points, triangles, count = objects_of(crowd), [], [], 0
+    meters = scene_data.meters(crowd.id_data)
+    for _, _, own, sides in kept_meshes.evaluated_triangles(objects, depsgraph):
+        sides = sides[upward(own[sides], meters)]
+        points.append(own)
+        triangles.append(sides + count)
+        count += len(own)
+    which = np.concatenate(triangles) if triangles else np.empty((0, 3), np.int32)
+    if not len(which):
+        raise CrowdError(
+            f"The terrain {_name(crowd)} has no face that one can stand on: choose one with faces that are not upright."
+        )
+    used, which = np.unique(which, return_inverse=True)
+    places = np.concatenate(points)[used]
+    if np.abs(places).max() * meters > FARTHEST:
+        raise CrowdError(f"The terrain {_name(crowd)} reaches beyond {FARTHEST:,.0f} m from the world's origin: move or shrink it.")
+    mesh = mesh_data.new_mesh("Crowd LOD terrain", places, which.reshape(-1, 3))
+    kept_meshes.keep(crowd, "terrain_mesh", mesh, kept_meshes.shape_marks(objects))
+
+
+def terrain_of(crowd, z: float) -> Terrain | None:
+    """Return the terrain that the file keeps of the crowd, with height `z` where there is no ground.
+
+    None without one.
+
+    CrowdError if Populate has not read it yet.
+    """
+    if not wanted(crowd):
+        return None
+    mesh = crowd.terrain_mesh
+    if mesh is None:
+        raise CrowdError(_unread(crowd))
+    meters = scene_data.meters(crowd.id_data)
+    key = mesh.session_uid, z, meters
+    if key not in _terrains:
+        points = np.empty((len(mesh.vertices), 3), np.float32)
+        mesh.vertices.foreach_get("co", points.ravel())
+        triangles = np.empty(len(mesh.loops), np.int32)
+        mesh.loops.foreach_get("vertex_index", triangles)
+        made = Terrain(points[triangles].astype(np.float64).reshape(-1, 3, 3), z, meters)
+        while len(_terrains) >= MOST_TERRAINS:
+            _terrains.pop(next(iter(_terrains)))
+        _terrains[key] = made
+    return _terrains[key]
+
+
+def terrain_outdated(crowd) -> Iterator[str]:
+    """Yield a sentence if the crowd's terrain is not what Populate read."""
+    mesh = crowd.terrain_mesh
+    if not wanted(crowd):
+        return
+    if mesh is None:
+        yield _unread(crowd)
+    elif mesh.get(kept_meshes.MADE_OF) != kept_meshes.shape_marks(objects_of(crowd)):
+        yield f"The terrain {_name(crowd)} has changed: press Populate."
+
+
+def _unread(crowd) -> str:
+    return f"The terrain {_name(crowd)} is not read yet: press Populate."
+
+
+def terrain_notes(crowd, trajectory: Trajectory) -> Iterator[str]:
+    """Yield sentences on agents that have no ground under them at the start, and on ground that may move."""
+    ground, start = trajectory.heights, trajectory.start
+    if not isinstance(ground, Terrain):
+        return
+    if not trajectory.level:
+        over = int(ground.missing(start.x, start.y).sum())
+        if over:
+            have, them, stand = ("has", "it", "stands") if over == 1 else ("have", "them", "stand")
+            yield (
+                f"{over:,} of {len(start):,} agents {have} no ground of the terrain {_name(crowd)} under {them}, and {stand} at the "
+                f"crowd's height, {number(ground.z * ground.meters)} m."
+            )
+    top = crowd.id_data.crowd_lod.characters
+    inside = sorted(item.name for item in set(objects_of(crowd)).intersection(top.all_objects if top is not None else ()))
+    if inside:
+        yield (
+            f"The terrain lies in the collection {top.name} of the characters ({', '.join(inside[:3])}), which renders leave out: "
+            "move it to another."
+        )
+    names = kept_meshes.moving(objects_of(crowd))
+    if names:
+        yield f"The terrain moves ({', '.join(names[:3])}): agents stand on it as it is now, in all frames."
+
+
+def _name(crowd) -> str:
+    return " and ".join(each.name for each in (crowd.terrain, crowd.terrain_object) if each is not None)

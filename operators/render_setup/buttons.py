@@ -1,0 +1,126 @@
+"""The operators of the render setup: Build, Bake, Remove Build."""
+
+from collections.abc import Callable, Generator, Sequence
+
+import bpy
+
+from ...crowd_lod.format import counted
+from ...crowd_lod.frame.frame_range import shot_frames
+from ...crowd_lod.frame.index_cache import approach
+from ...crowd_lod.progress import Made, share, standing
+from ..blender import cleanup, frame_stepping, scene_data
+from ..blender.operator import Reporting, Stepwise
+from ..lod_meshes.make_lods import make_levels
+from ..scene import lights
+from ..scene.scene_crowd import frame_of, groups_of, measure_groups, store_groups, trajectory_of
+from ..settings import needs
+from ..sources.crowd_sources import check_recorded
+from ..sources.record_points import shared_record
+from .bake import bake
+from .frame_update import update
+from .hidden_characters import hide_characters, told_of_characters
+from .render_setup import build, remove_build, told_of_cast
+from .staleness import note_build
+from .watched_points import watch_points
+
+
+def prepared(
+    scene: bpy.types.Scene, work: Callable[[], Generator[float, None, Made]], frames: Sequence[int] = ()
+) -> Generator[float, None, Made]:
+    """Run `work()`, a build or a bake of `scene`, after the steps that it needs.
+
+    The groups are measured and LOD meshes made, if that is not done yet. The points of crowds are
+    recorded once for all of it.
+
+    frames: those of the timeline that the work needs.
+
+    Yields the progress and returns the result of the work. Closed early, it leaves the scene as it
+    was.
+    """
+    settings, layer = scene.crowd_lod, scene.view_layers[0]
+    layer.update()
+    known, made, dropped = groups_of(settings), settings.levels is None, settings.dropped
+    groups = known or measure_groups(scene)
+    trajectory = trajectory_of(scene, groups)
+    yield from standing(approach(trajectory, scene_data.time_of(scene)), 0.0)
+    around = lights.read_surroundings(scene, layer.depsgraph, scene_data.time_of(scene))
+    # what is wrong is said before the work begins
+    frame_of(scene, layer.depsgraph, trajectory=trajectory, around=around, shutter=())
+    done = False
+    try:
+        with cleanup.all_or_nothing(), shared_record(scene, frames):
+            if made:
+                yield from share(make_levels(scene), 0.0, 0.3)
+            elif not known:
+                store_groups(settings, groups)
+            found = yield from share(work(), 0.3 if made else 0.0, 1.0)
+            hide_characters(scene)
+            watch_points(scene)
+            update(scene, layer.depsgraph)
+            note_build(scene)
+            done = True
+            return found
+    finally:
+        if not done:
+            store_groups(settings, known)
+            settings.dropped = dropped
+
+
+def check_blur(scene: bpy.types.Scene) -> None:
+    """Raise CrowdError if a live build of `scene` could not be blurred by its agents' motion."""
+    if scene.render.use_motion_blur:
+        check_recorded(scene, "Motion blur")
+
+
+class CROWDLOD_OT_build(Stepwise, bpy.types.Operator):
+    """Build the crowd for rendering: instances that follow the camera and the frame"""
+
+    bl_idname = "crowd_lod.build"
+    bl_label = "Build"
+    needs = (
+        needs.crowd,
+        needs.camera,
+    )
+
+    def steps(self, context) -> Generator[float, None, str]:
+        scene = context.scene
+        if not len(scene.crowd_lod.groups):
+            trajectory_of(scene)  # says to populate first
+        check_blur(scene)
+        cast = yield from prepared(scene, lambda: build(scene))
+        frame = frame_of(scene, context.evaluated_depsgraph_get(), shutter=())
+        seen = f"{int(frame.visible.sum()):,} of {frame.crowd.there:,} agents stand in the scene"
+        return " ".join(filter(None, (f"{seen}.", frame.unplanned, told_of_cast(scene, cast), told_of_characters(scene))))
+
+
+class CROWDLOD_OT_bake(Stepwise, bpy.types.Operator):
+    """Build all frames into the file, so that it renders without Crowd LOD installed"""
+
+    bl_idname = "crowd_lod.bake"
+    bl_label = "Bake"
+    needs = (
+        needs.characters,
+        needs.camera,
+    )
+
+    def steps(self, context) -> Generator[float, None, str]:
+        scene = context.scene
+        frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
+        cast = yield from prepared(scene, lambda: bake(scene, frames), frames)
+        baked = f"{counted(len(frames), 'frame is', 'frames are')} baked: {shot_frames(frames)}."
+        return " ".join(filter(None, (baked, told_of_cast(scene, cast), told_of_characters(scene), frame_stepping.unbaked(scene))))
+
+
+class CROWDLOD_OT_remove_build(Reporting, bpy.types.Operator):
+    """Remove the render setup; LOD meshes and settings stay"""
+
+    bl_idname = "crowd_lod.remove_build"
+    bl_label = "Remove Build"
+    needs = (needs.build,)
+
+    def run(self, context) -> str:
+        remove_build(context.scene.crowd_lod)
+        return "The build is removed."
+
+
+CLASSES = (CROWDLOD_OT_build, CROWDLOD_OT_bake, CROWDLOD_OT_remove_build)

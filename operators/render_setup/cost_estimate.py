@@ -1,0 +1,249 @@
+"""The cost of builds of a scene: full detail, LODs by ratio, LODs by tolerance."""
+
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import nullcontext, suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.animation.phase_classes import Library
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import number as figure
+from ...crowd_lod.frame.frame import Frame, plan
+from ...crowd_lod.frame.frame_range import evenly, shot_frames
+from ...crowd_lod.frame.index_cache import approach
+from ...crowd_lod.frame.shadows import surround
+from ...crowd_lod.levels.assignment import LevelPolicy, deviations
+from ...crowd_lod.levels.cost_model import NAMES, Actors, Price, Work, price, work_of
+from ...crowd_lod.progress import share
+from ...crowd_lod.sources.trajectory import Trajectory
+from ..blender import frame_stepping, scene_data
+from ..blender.operator import Stepwise
+from ..lod_meshes.selection import MOST_FRAMES, cast_of, rigs_of
+from ..machine.scene_world import bias_of
+from ..scene import lights
+from ..scene.scene_crowd import characters_of, groups_of, home_of, policy_of, trajectory_of
+from ..settings import needs
+from ..sources.record_points import on_record
+from .frame_update import members
+from .render_setup import check_levels
+from .scaled_textures import bytes_of, shown_images
+
+FULL = "Full Detail"
+CHOICES = {"BY_RATIO": "By Ratio", "BY_TOLERANCE": "By Tolerance"}
+# of the square about its bounding sphere in the picture that a character covers, roughly
+COVERS = 0.15
+
+
+@dataclass(frozen=True)
+class Choice:
+    """LODs that a scene may have.
+
+    triangles: (G, K) float64, of each group's LODs.
+    """
+
+    policy: LevelPolicy
+    triangles: np.ndarray
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The work that builds give the engine, for each choice of LODs.
+
+    works: the choice's name in the interface -> the work that its build gives the `engine` in the
+        frames `looked_at`.
+    frames: those of the shot.
+    looked_at: those of them that were planned.
+    """
+
+    works: dict[str, Work]
+    engine: str
+    frames: Sequence[int]
+    looked_at: Sequence[int]
+
+    @cached_property
+    def prices(self) -> dict[str, Price]:
+        """Return the cost of each choice."""
+        return {name: price(work, self.engine) for name, work in self.works.items()}
+
+    @property
+    def rows(self) -> list[tuple[str, str, str, str]]:
+        """Return (choice, memory, file, time) of each choice as text.
+
+        The time is a part of that at full detail.
+        """
+        whole = self.prices[FULL]
+        return [
+            (name, f"{figure(own.memory / 1e6)} MB", f"{figure(own.file / 1e6)} MB", f"{own.share(whole).seconds:.0%}")
+            for name, own in self.prices.items()
+        ]
+
+    @property
+    def as_json(self) -> dict:
+        """Return the prices as plain data: MB, and time as a part of that at full detail."""
+        whole = self.prices[FULL]
+        return {
+            name: {
+                "memory_mb": round(own.memory / 1e6, 1),
+                "file_mb": round(own.file / 1e6, 2),
+                "time_share": round(own.share(whole).seconds, 3),
+            }
+            for name, own in self.prices.items()
+        }
+
+    @property
+    def table(self) -> str:
+        """Return the rows under their heads as text: a line each, tabs between columns."""
+        head = f"{NAMES[self.engine]}, {self.frames[0]} to {self.frames[-1]}", "Memory", "File", "Time"
+        return "\n".join("\t".join(row) for row in (head, *self.rows))
+
+    @property
+    def sentence(self) -> str:
+        told = "; ".join(f"{name}: memory {memory}, file {file}, time {time}" for name, memory, file, time in self.rows)
+        return f"The crowd takes in {NAMES[self.engine]}, {shot_frames(self.frames)}: {told}."
+
+
+def choices_of(settings) -> dict[str, Choice]:
+    """Return the choices of LODs of a crowd with these settings, by their names.
+
+    They are: full detail; by ratio, from the settings; and by tolerance, with the LOD meshes that
+    there are. CrowdError if LOD meshes are not made.
+    """
+    groups = groups_of(settings)
+    made = [group.triangles for group in groups]
+    if not made or not all(made):
+        raise CrowdError(f"The LOD meshes of {settings.id_data.name} are not made: press Make LOD Meshes, then Estimate Cost.")
+    full = np.array([each[0] for each in made], np.float64)[:, None]
+    found = {FULL: Choice(LevelPolicy(()), full)}
+    for choice, name in CHOICES.items():
+        # the other's settings may be anything
+        with nullcontext() if choice == settings.choice else suppress(CrowdError):
+            policy = policy_of(settings, choice)
+            if choice == settings.choice or (choice == "BY_TOLERANCE" and deviations(groups, policy) is not None):
+                found[name] = Choice(policy, np.array([each[: policy.count] for each in made], np.float64))
+            elif choice == "BY_RATIO":
+                found[name] = Choice(policy, full * np.round(settings.ratios[: policy.count], 6))
+    return found
+
+
+@on_record(lambda scene, settings, frames=(), *_, **__: frames)
+def estimate(scene: bpy.types.Scene, settings, frames: Sequence[int] = (), known: bool = False) -> Generator[float, None, Estimate]:
+    """Estimate what builds with each choice of LODs cost the scene's engine.
+
+    settings: of the crowd.
+    frames: the frames of the shot; if empty, those that the scene renders. Up to MOST_FRAMES of
+        them are planned.
+    known: estimate a bake of these frames. Otherwise estimate builds that may show any frame, and
+        for the scene's own choice also a bake, which holds less.
+
+    Yields the progress and returns the Estimate.
+    """
+    render = scene.render
+    frames = frames or range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
+    looked_at = evenly(frames, MOST_FRAMES)
+    trajectory, choices = trajectory_of(scene), choices_of(settings)
+    check_levels(scene)
+    characters = characters_of(scene)
+    library = cast_of(characters, trajectory)
+    owner, (rigs, moved_as) = library.owner(trajectory.gaits), rigs_of(characters, trajectory, library)
+    shown = {name: [] for name in choices}
+    bias, samples = bias_of(settings), samples_of(scene)
+    rays = []
+    with frame_stepping.stepped(scene) as at:
+        for done, number in enumerate(looked_at):
+            time = scene_data.remapped(render, number)
+            yield from share(approach(trajectory, time), done / len(looked_at), (done + 0.5) / len(looked_at))
+            eyes, around, shutter = lights.read_moment(scene, time, at)
+            for name, choice in choices.items():
+                frame = plan(trajectory, eyes, choice.policy, time, shutter, bias)
+                frame = surround(frame, around)
+                shown[name].append(_shown(frame, library, trajectory, choice.policy.count))
+            rays.append(samples * covered(frame, scene))
+            yield (done + 1) / len(looked_at)
+    works, mine, pictures = {}, CHOICES[settings.choice], shown_images(scene, settings)
+    full = [(image, 0) for own in pictures.values() for image, _ in own]
+    for name, choice in choices.items():
+        # a last LOD is stored once
+        stored = float((choice.triangles[:, 1:] * (np.diff(choice.triangles, axis=1) != 0)).sum())
+        actors = Actors(
+            choice.triangles,
+            owner,
+            rigs,
+            stored,
+            finest=np.array(choice.policy.finest or [0] * len(trajectory.groups)),
+            moved_as=moved_as,
+        )
+        for baked in (known,) if known or name != mine else (False, True):
+            work = work_of(actors, np.array(shown[name]), np.array(rays), baked)
+            held = np.array(shown[name]).any(axis=0) if baked else np.arange(choice.policy.count)[:, None] >= actors.finest[owner]
+            images = bytes_of(_images(characters, settings, pictures, held, owner) if name == mine else full)
+            work = replace(work, points=work.points * len(frames) / len(looked_at), images=images)
+            works[f"{name}, Baked" if baked and not known else name] = work
+    return Estimate(works, scene_data.engine_of(scene), frames, looked_at)
+
+
+def _shown(frame: Frame, library: Library, trajectory: Trajectory, count: int) -> np.ndarray:
+    """Return how many agents of the frame show each LOD of each character, (K, N).
+
+    count: the number K of LODs.
+    """
+    size = int(library.first(trajectory.gaits)[-1])
+    found = np.zeros((count, size), np.int64)
+    for name, agents in members(frame).items():
+        if len(agents):
+            numbers = library.shown(trajectory.gaits, frame.crowd, trajectory.seconds(frame.time), agents)
+            found[int(name.rpartition(" ")[2])] += np.bincount(numbers, minlength=size)
+    return found
+
+
+def _images(
+    characters: list, settings, pictures: dict, held: np.ndarray, owner: np.ndarray
+) -> Iterator[tuple[bpy.types.Image, int]]:
+    """Yield the images of `pictures` that a build of `characters` shows.
+
+    pictures: LOD object -> its images.
+    held: (K, N) bool, the LODs of characters that the build holds.
+    owner: (N,), the characters' groups.
+    """
+    for g, (name, _, _) in enumerate(characters):
+        for k in np.flatnonzero(held[:, owner == g].any(axis=1)):
+            for item in home_of(settings.levels.children[k], g, name).objects:
+                yield from pictures[item]
+
+
+def samples_of(scene: bpy.types.Scene) -> int:
+    """Return the samples per pixel that the scene's engine takes."""
+    return scene.cycles.samples if scene.render.engine == "CYCLES" else scene.eevee.taa_render_samples
+
+
+def covered(frame: Frame, scene: bpy.types.Scene) -> float:
+    """Return roughly how many pixels of the picture the frame's agents cover."""
+    camera, crowd, agents = frame.camera, frame.crowd, frame.buckets.order
+    render = scene.render
+    pixels = render.resolution_x * render.resolution_y * (render.resolution_percentage / 100) ** 2
+    spheres = frame.trajectory.spheres
+    radius, away = spheres.radius[crowd.group[agents]], np.stack(crowd.places(spheres.radius, agents, camera.origin))
+    distance = 1.0 if camera.kind == "ORTHO" else np.maximum(np.sqrt((away**2).sum(axis=0)), radius)
+    squares = (2 * radius * camera.pixels_per_unit / distance) ** 2
+    return float(min(pixels, COVERS * squares.sum()))
+
+
+class CROWDLOD_OT_estimate(Stepwise, bpy.types.Operator):
+    """Estimate memory, file size and render time for each way to choose LODs"""
+
+    bl_idname = "crowd_lod.estimate"
+    bl_label = "Estimate Cost"
+    needs = (
+        needs.crowd,
+        needs.camera,
+    )
+
+    def steps(self, context) -> Generator[float, None, str]:
+        found = yield from estimate(context.scene, context.scene.crowd_lod)
+        context.scene.crowd_lod.estimate = found.table
+        return found.sentence
+
+
+CLASSES = (CROWDLOD_OT_estimate,)

@@ -1,0 +1,347 @@
+"""The live build: each frame's agents are written to its points."""
+
+import sys
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import partial
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.animation.phase_classes import Library
+from ...crowd_lod.crowd.agents import Crowd
+from ...crowd_lod.culling.camera import Camera
+from ...crowd_lod.culling.shutter import differs
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.frame.frame import Frame
+from ...crowd_lod.sources.trajectory import Trajectory
+from ..blender import cameras, frame_stepping, mesh_data, scene_cache, scene_data
+from ..blender.guard import clear_troubles, handler
+from ..blender.main_thread import on_main_thread
+from ..blender.operator import at_work
+from ..scene import lights
+from ..scene.scene_crowd import frame_of, trajectory_of
+from ..sources.crowd_sources import crowds_of, is_live, live
+from .appended_builds import standing_still
+from .render_setup import BAKED, LEVEL, MADE_FROM, UNSEEN_BY, buckets_of, check_levels, libraries_of, made_from, points_of
+
+
+def members(frame: Frame) -> dict[str, np.ndarray]:
+    """Return the agents (m,) intp of each bucket of the frame, by the bucket's name."""
+    kinds = zip(UNSEEN_BY, (frame.buckets, frame.shadow, frame.mirrored), strict=True)
+    nobody = np.empty(0, np.intp)
+    return {
+        f"{name} {k}": nobody if buckets is None else buckets[k]
+        for name, buckets in kinds
+        for k in range(len(frame.buckets.counts))
+    }
+
+
+@dataclass(frozen=True)
+class Held:
+    """What a frame keeps while its shutter is open: each agent's character.
+
+    crowd: the crowd at the frame.
+    time: the frame's time, in frames of the animation.
+    ends: () without motion blur; else for the opening and the closing of the shutter (frames of the
+        timeline from that frame, the crowd then).
+    """
+
+    crowd: Crowd
+    time: float
+    ends: tuple[tuple[float, Crowd], ...] = ()
+
+
+def held_by(scene: bpy.types.Scene, trajectory: Trajectory, number: float, crowd: Crowd) -> Held:
+    """Return what the frame `number` of the timeline holds; crowd: at that frame."""
+    render = scene.render
+    length, time = render.motion_blur_shutter, scene_data.remapped(render, number)
+    if not render.use_motion_blur or not length:
+        return Held(crowd, time)
+    opens = cameras.OPENS[render.motion_blur_position] * length
+    parts = -opens, length - opens
+    return Held(
+        crowd, time, tuple((part, trajectory.at(scene_data.remapped(render, number + part)) if part else crowd) for part in parts)
+    )
+
+
+def columns_of(trajectory: Trajectory, crowd: Crowd, held: Held, agents: np.ndarray, library: Library) -> dict[str, np.ndarray]:
+    """Return the point attributes of `agents` (m,) as they stand in `crowd`, by name.
+
+    See `columns_by_bucket`.
+    """
+    return columns_by_bucket(trajectory, crowd, held, [agents], library)[0]
+
+
+def columns_by_bucket(
+    trajectory: Trajectory, crowd: Crowd, held: Held, buckets: Sequence[np.ndarray], library: Library
+) -> list[dict[str, np.ndarray]]:
+    """Return the point attributes of each bucket's agents (m,), by name.
+
+    The agents stand as in `crowd`. For mesh_data.write_points.
+
+    position: meters, world space.
+    heading, of agents on slopes also pitch and roll (see maps.lean): radians.
+    phase, group: those of the agent.
+    pose: which of the `library`'s characters the agent shows, of the frame that is `held`.
+    size: of agents of other sizes, how much more than 1 their scale is.
+    looks: a number in [0, 1) per agent, by which materials may vary.
+    id: the stable index of the agent.
+
+    An agent that comes back on the other side of the map between the frame that is `held` and
+    `crowd` stays where it was: the blur would draw it across the whole picture.
+    """
+    # all are looked up together: few lookups, and not of few
+    ids = np.concatenate(buckets).astype(np.int32, copy=False)
+    agents = ids.astype(np.intp)
+
+    def of(column: np.ndarray) -> np.ndarray:
+        return column.take(agents, mode="clip")  # several times as fast as column[agents]
+
+    place = np.empty((len(agents), 3), np.float32)
+    stays = trajectory.jumped(crowd, held.crowd, agents)
+    for axis, name in enumerate("xyz"):
+        there = of(getattr(crowd, name))
+        place[:, axis] = there if stays is None else np.where(stays, of(getattr(held.crowd, name)), there)
+    heading, seconds = of(crowd.heading), trajectory.seconds(held.time)
+    columns = {"position": place, "heading": heading, "phase": trajectory.gaits.phase(held.crowd, seconds, agents)}
+    columns |= {"group": of(crowd.group).astype(np.int32), "looks": of(trajectory.looks), "id": ids}
+    columns["pose"] = library.shown(trajectory.gaits, held.crowd, seconds, agents)
+    scale = trajectory.scale(held.crowd, agents)
+    if scale is not None:
+        columns["size"] = scale - 1
+    leaning = trajectory.tilt(crowd, agents)
+    if leaning is not None:
+        columns |= dict(zip(("pitch", "roll"), leaning, strict=True))
+    found, at = [], 0
+    for bucket in buckets:
+        found.append({name: values[at : at + len(bucket)] for name, values in columns.items()})
+        at += len(bucket)
+    return found
+
+
+def write(top: bpy.types.Collection, trajectory: Trajectory, frame: Frame, held: Held, crowd: Crowd) -> None:
+    """Write the agents of the frame's buckets to the points of the build `top`.
+
+    The agents stand as in `crowd`. Buckets without a point object are skipped: an older build, or a
+    user, may have none for the unseen agents.
+    """
+    points = points_of(top)
+    shown = {name: agents for name, agents in members(frame).items() if name in points}
+    shown = {name: agents for name, agents in shown.items() if len(agents) or not _empty(points[name].data)}
+    for library, names in libraries_of(top, points, shown, trajectory):
+        made = columns_by_bucket(trajectory, crowd, held, [shown[name] for name in names], library)
+        for name, columns in zip(names, made, strict=True):
+            mesh_data.write_points(points[name].data, columns)
+
+
+def _empty(mesh: bpy.types.Mesh) -> bool:
+    """Return whether the mesh was written without points: it has the attributes only."""
+    return not len(mesh.vertices) and "id" in mesh.attributes
+
+
+def empty(top: bpy.types.Collection) -> None:
+    """Remove all points from the build `top`, even if our data in it is spoilt."""
+    for points in top.objects:
+        if LEVEL in points and points.type == "MESH":
+            points.data.clear_geometry()
+            points.data.update_tag()
+
+
+Shutter = Sequence[tuple[float, Sequence[Camera]]]  # of cameras.read_shutter
+
+
+@dataclass(frozen=True)
+class Rendering:
+    """The frame that a scene renders now.
+
+    number: its time on the timeline.
+    planned: by scene and view layer, the plan that the first time of its open shutter made; it
+        holds for all times of the shutter.
+    """
+
+    number: float
+    planned: dict[tuple[int, str], tuple[Trajectory, Frame, Held, Shutter]] = field(default_factory=dict)
+
+
+_rendering: dict[int, Rendering] = {}  # by the scene's session_uid
+# the session_uids of the scenes of whose camera this render has said that it was not foreseen
+_told: set[int] = set()
+# of each scene, why the frame shown last does not use the shot plan
+_unplanned: dict[int, str] = scene_cache.kept({}, by_scene=True)
+# The stepping.stage of a render in a file of several scenes, to be removed when it ends: Blender
+# crashes where anything is removed while it renders scenes that compositing nodes show.
+_stages: list[bpy.types.Scene] = []
+
+
+@handler
+def rendering(scene: bpy.types.Scene, *_) -> None:
+    """Note the frame that a render begins (render_pre handler).
+
+    CrowdError, for the guard to tell, if the scene has a build that nothing moves.
+    """
+    _rendering[scene.session_uid] = Rendering(scene.frame_current + scene.frame_subframe)
+    if told := standing_still(scene):
+        raise CrowdError(told)
+
+
+@handler
+def rendered(scene: bpy.types.Scene, *_) -> None:
+    """Forget the frame that was rendered (render_post and render_cancel handler)."""
+    _rendering.pop(scene.session_uid, None)
+
+
+@handler
+def ended(*_) -> None:
+    """Tidy up after a whole render (render_complete and render_cancel handler)."""
+    _told.clear()
+    if _stages:
+        with suppress(CrowdError):
+            on_main_thread(partial(bpy.data.batch_remove, _stages[:]))
+        _stages.clear()
+
+
+@handler
+def forget(*_) -> None:
+    """Forget renders and their stages when another file is loaded (load_pre handler)."""
+    _rendering.clear()
+    _stages.clear()
+    _told.clear()
+
+
+def shutter_frame(scene: bpy.types.Scene, now: Rendering | None) -> float:
+    """Return the timeline frame in whose shutter the current time falls.
+
+    Without motion blur it is the time itself. While Blender renders it is the rendered frame:
+    shutters of a frame and longer overlap, so time alone does not decide.
+    """
+    time = scene.frame_current + scene.frame_subframe
+    if not scene.render.use_motion_blur:
+        return time
+    if now is not None and abs(time - now.number) <= scene.render.motion_blur_shutter:
+        return now.number
+    return float(np.floor(time + opening(scene.render)))
+
+
+def opening(render: bpy.types.RenderSettings) -> float:
+    """Return the part of a frame by which the shutter opens before the frame.
+
+    Blender's engines ask for times rounded to float32; a margin of 1e-4 keeps a frame's own time in
+    that frame.
+    """
+    opens = cameras.OPENS[render.motion_blur_position] if render.use_motion_blur else 0.0
+    return opens + (-1e-4 if opens == 1.0 else 1e-4)
+
+
+def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """Show the scene's current time in its build.
+
+    A pure function of frame and sub-frame.
+
+    With motion blur every time within a frame's shutter shows that frame's buckets and poses, at
+    the positions of its own time. An agent that changed its object, or its instance, while the
+    shutter is open would lose its blur.
+    """
+    top = scene.crowd_lod.build
+    if BAKED in top:
+        return
+    known = _rendering.get(scene.session_uid)
+    # another scene's compositing nodes show this one, at the same frame
+    if known is None and depsgraph.mode == "RENDER":
+        known = next(iter(_rendering.values()), None)
+    number, time, own = shutter_frame(scene, known), scene_data.time_of(scene), (scene.session_uid, depsgraph.view_layer_eval.name)
+    # a viewport shows no blur
+    blurred = scene.render.use_motion_blur and depsgraph.mode == "RENDER"
+    kept = known.planned if blurred and known is not None and known.number == number else {}
+    if own not in kept:
+        kept[own] = _planned(scene, depsgraph, number, time, blurred)
+    trajectory, frame, held, shutter = kept[own]
+    _compare(scene, depsgraph, number, time, shutter)
+    write(top, trajectory, frame, held, frame.crowd if frame.time == time else trajectory.at(time))
+    clear_troubles(scene)
+
+
+def _planned(
+    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, number: float, time: float, blurred: bool
+) -> tuple[Trajectory, Frame, Held, Shutter]:
+    """Return the plan of the timeline frame `number`, and what goes with it.
+
+    depsgraph: at `time`.
+    blurred: plan all that the shutter sees.
+
+    Returns (trajectory, frame, what it holds, the cameras of its shutter).
+    """
+    check_levels(scene)
+    trajectory = trajectory_of(scene, depsgraph=depsgraph)
+    top = scene.crowd_lod.build
+    if {bucket.name for bucket in buckets_of(scene) if not bucket.unseen_by} - points_of(top).keys():
+        raise CrowdError(f"The build of {scene.name} lacks LODs that its settings ask for: press Build again.")
+    if top.get(MADE_FROM, made := made_from(scene)) != made:
+        raise CrowdError(f"The LOD meshes of {scene.name} have changed since its build was made: press Build again.")
+    whole = scene_data.remapped(scene.render, number)
+    with frame_stepping.stage(_stages if _rendering and len(bpy.data.scenes) > 1 else None) as at:
+        # a marker's camera becomes the active one only after the handlers of its frame
+        if whole == time:
+            film, own = cameras.cameras_from(scene, cameras.bound_camera(scene, whole), depsgraph), []
+        else:
+            film, own = cameras.camera_at(scene, whole, at), [whole]
+        shutter = cameras.read_shutter(scene, whole, at) if blurred else []
+        around = lights.read_surroundings(scene, depsgraph, whole, [part for part, _ in shutter] or own, at)
+    frame = frame_of(scene, depsgraph, whole, film, trajectory, around, shutter)
+    if frame.unplanned and _unplanned.get(scene.session_uid) != frame.unplanned:
+        print(f"Crowd LOD, frame {number:g}: {frame.unplanned}", file=sys.stderr)
+    _unplanned[scene.session_uid] = frame.unplanned
+    return trajectory, frame, held_by(scene, trajectory, number, frame.crowd), shutter
+
+
+def _compare(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, number: float, time: float, shutter: Shutter) -> None:
+    """Warn once per render if cameras at `time` differ from the planned `shutter`.
+
+    A render cannot step its scene, and drivers, physics or other add-ons may move the camera only
+    when it is stepped.
+    """
+    planned = next((eyes for when, eyes in shutter if abs(when - time) < 1e-4), ())
+    if not planned or scene.session_uid in _told:
+        return
+    camera = cameras.bound_camera(scene, scene_data.remapped(scene.render, number))
+    if any(map(differs, planned, cameras.cameras_from(scene, camera, depsgraph))):
+        _told.add(scene.session_uid)
+        print(
+            f"Crowd LOD, frame {number:g}: while the shutter is open, the camera {camera.name} moves as only playback of the scene "
+            "shows (drivers, physics, other add-ons), so agents at the picture's edges may be missing: bake, and render the bake.",
+            file=sys.stderr,
+        )
+
+
+@handler
+def follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """Update the build to the frame and the camera (frame_change_post handler).
+
+    The camera is the one that `depsgraph` has evaluated.
+    """
+    if scene.crowd_lod.build is None or frame_stepping.is_stepped(scene):
+        return
+    on_main_thread(lambda: _show(scene, depsgraph))
+
+
+def _show(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    try:
+        update(scene, depsgraph)
+    except Exception:
+        empty(scene.crowd_lod.build)  # the crowd of another frame would be a wrong picture
+        raise
+
+
+@handler
+def follow_points(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """Update the build to an edited object whose points are agents (depsgraph_update_post handler).
+
+    Our own points are updated, too, but are no crowd's source: that would call this again and again.
+    """
+    settings = scene.crowd_lod
+    if settings.build is None or at_work or not live(settings):
+        return
+    sources = {crowd.points for crowd in crowds_of(settings) if is_live(crowd)}
+    if any((each.is_updated_geometry or each.is_updated_transform) and each.id.original in sources for each in depsgraph.updates):
+        follow(scene, depsgraph)

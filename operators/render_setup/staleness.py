@@ -1,0 +1,89 @@
+"""What has changed in a scene since its build was made.
+
+A live build follows frame and camera by itself. What it does not follow, and all of what a bake
+shows, is compared with what it was made for.
+"""
+
+import time as clock
+
+import bpy
+
+from ...crowd_lod.errors import CrowdError
+from ..blender import provenance, scene_cache, scene_data
+from ..blender.cameras import read_cameras
+from ..blender.provenance import text_digest
+from ..machine.scene_world import bias_of
+from ..scene.lights import read_surroundings
+from ..scene.scene_crowd import policy_of, trajectory_of
+from ..scene.shot_reference import content_of, made_for
+from .change_detection import cameras_digest, lights_digest
+from .render_setup import BAKED, CAMERAS, LIGHTS
+
+MADE_FOR = "crowd_lod_made_for"  # custom property of the build
+# settings that are in no digest of the crowd
+SETTINGS = "forward", "margin_kind", "margin", "cull_to_border", "drop_lost", "shadows", "unseen_level", "tilt", "scale_textures"
+LOOK = 1.0  # seconds between two comparisons
+_known: dict[int, tuple[float, list[str]]] = scene_cache.kept({}, by_scene=True)
+
+
+def note_build(scene: bpy.types.Scene) -> None:
+    """Store in the scene's build what it was made for."""
+    provenance.look_afresh()
+    provenance.keep(scene.crowd_lod.build, MADE_FOR, _now(scene))
+    _known.pop(scene.session_uid, None)
+
+
+def changed(scene: bpy.types.Scene) -> list[str]:
+    """Return what has changed since the scene's build was made; none without one, or if it does not say.
+
+    The answer may be a second old: the sidebar asks whenever it is drawn.
+    """
+    build, now = scene.crowd_lod.build, clock.monotonic()
+    if build is None or not isinstance(build.get(MADE_FOR), str):
+        return []
+    looked, found = _known.get(scene.session_uid, (-LOOK, []))
+    if now >= looked + LOOK:
+        found = _compared(scene, build)
+        scene_cache.tidy()
+        _known[scene.session_uid] = now, found
+    return found
+
+
+def _compared(scene: bpy.types.Scene, build: bpy.types.Collection) -> list[str]:
+    try:
+        found = provenance.differences(provenance.kept_in(build, MADE_FOR), _now(scene))
+        if BAKED in build and not scene.frame_subframe:
+            found += _other_in_frame(scene, build)
+        return found
+    except (CrowdError, ValueError) as error:  # a text that is not JSON is a ValueError
+        return [str(error)]
+
+
+def _other_in_frame(scene: bpy.types.Scene, bake: bpy.types.Collection) -> list[str]:
+    """Return what of the scene's frame is other than when it was baked: the camera, the lights."""
+    frame, depsgraph = str(scene.frame_current), scene.view_layers[0].depsgraph
+    cameras, around = provenance.kept_in(bake, CAMERAS), provenance.kept_in(bake, LIGHTS)
+    found = []
+    if frame in cameras and cameras[frame] != cameras_digest(read_cameras(scene, depsgraph)):
+        found.append("the camera")
+    if frame in around and not scene.render.use_motion_blur:  # else the shutter would have to be looked through
+        now = read_surroundings(scene, depsgraph, scene_data.time_of(scene))
+        found += ["the lights"] * (around[frame] != lights_digest(now))
+    return found
+
+
+def _now(scene: bpy.types.Scene) -> dict[str, str]:
+    """Return digests of what a build depends on, by name."""
+    settings, render, trajectory = scene.crowd_lod, scene.render, trajectory_of(scene)
+    bias = bias_of(settings)
+    known = made_for(settings, trajectory, policy_of(settings), bias)
+    mirrors = settings.mirrors and settings.mirrors.name
+    known |= {
+        "the settings": text_digest(mirrors, *(getattr(settings, name) for name in SETTINGS)),
+        "the frame rate": text_digest(render.fps, render.fps_base, render.frame_map_old, render.frame_map_new),
+        "the shot plan": content_of(settings),
+    }
+    if settings.build is not None and BAKED in settings.build:
+        known["the frame range"] = text_digest(scene.frame_start, scene.frame_end, scene.frame_step)
+        known["the resolution"] = text_digest(render.resolution_x, render.resolution_y, render.resolution_percentage)
+    return known

@@ -1,0 +1,216 @@
+"""Crops of single agents at the size of the final picture: at full detail, and as they were built."""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.culling.camera import Camera, Window
+from ...crowd_lod.srgb import encoded
+from ...crowd_lod.validation import silhouette
+from ...crowd_lod.validation.judged_agents import JudgedAgent
+from ..blender import cleanup, console, image_data, mesh_data, scene_data
+from ..render_setup.appended_builds import STAGE
+from ..render_setup.nodes import trees
+
+SAMPLES = 4  # a pixel
+# pixels of a crop across the shift that is allowed, as far as its larger side then has no more than
+# LARGEST; a pixel of the final picture has one at least
+ACROSS, LARGEST = 8, 600
+MOST_FINER = 32  # pixels of a crop in one of the final picture, along each axis
+ERROR = 1.0  # pixels of a crop by which a shift between two of them errs, see silhouette.shift
+# of 1, encoded as sRGB: by how much the mean color of an agent may be off. LODs of textured and plain
+# characters are off by 0.003 (docs/notes/verify.md)
+COLOR_OFF = 0.05
+TILE = 160  # pixels of a crop's larger side in the picture of all of them
+BEHIND = 0.4  # behind the agents in that picture, sRGB
+
+
+@dataclass(frozen=True)
+class Shown:
+    """An agent on a point object of a build.
+
+    points: the object.
+    row: its attributes, one row, for mesh_data.write_points.
+    """
+
+    points: bpy.types.Object
+    row: Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class LoneCrop:
+    """Two pictures of an agent, (rows, columns, 4) float32, linear, and what they show.
+
+    told: a dict for JSON, see `told_of`.
+    """
+
+    full: np.ndarray
+    built: np.ndarray
+    told: dict[str, Any]
+
+
+class LoneStage:
+    """A scene in which one agent at a time stands alone, lit from the camera.
+
+    It has no motion blur and a box pixel filter: the deviation of LODs is of sharp silhouettes.
+
+    folder: for the pictures that are rendered and read again.
+    """
+
+    def __init__(self, scene: bpy.types.Scene, folder: Path):
+        self.stage = bpy.data.scenes.new("Crowd LOD lone agent")
+        self.path = folder / "lone_agent.exr"
+        self.stage[STAGE] = True
+        render, cycles, own = self.stage.render, self.stage.cycles, scene.render
+        for name in ("fps", "fps_base", "frame_map_old", "frame_map_new"):
+            setattr(render, name, getattr(own, name))
+        render.engine, render.film_transparent, render.resolution_percentage = "CYCLES", True, 100
+        render.image_settings.file_format = "OPEN_EXR"
+        render.image_settings.color_mode, render.image_settings.color_depth = "RGBA", "32"
+        cycles.device, cycles.samples, cycles.max_bounces = "CPU", SAMPLES, 0
+        cycles.use_adaptive_sampling = cycles.use_denoising = False
+        cycles.pixel_filter_type, cycles.seed = "BOX", 0
+        self.camera = bpy.data.objects.new("Crowd LOD lone", bpy.data.cameras.new("Crowd LOD lone"))
+        self.sun = bpy.data.objects.new("Crowd LOD lone", bpy.data.lights.new("Crowd LOD lone", "SUN"))
+        self.sun.data.energy = np.pi
+        for item in (self.camera, self.sun):
+            self.stage.collection.objects.link(item)
+        self.stage.camera = self.camera
+
+    def look(self, camera: Camera, window: Window, size: tuple[int, int]) -> None:
+        """Look through the `window` of a perspective or orthographic camera, with `size` pixels."""
+        data, wide = self.camera.data, window.right - window.left
+        data.type, data.sensor_fit = camera.kind, "HORIZONTAL"
+        data.clip_start, data.clip_end = camera.near, camera.far
+        if camera.kind == "ORTHO":
+            data.ortho_scale = wide
+        else:
+            data.lens = max(36 / wide, 1.0)
+            data.sensor_width = wide * data.lens
+        data.shift_x = (window.left + window.right) / 2 / wide
+        data.shift_y = (window.bottom + window.top) / 2 / wide
+        for item in (self.camera, self.sun):
+            scene_data.look_at(item, camera.origin, camera.X, camera.Y, camera.Z)
+        self.stage.render.resolution_x, self.stage.render.resolution_y = size
+
+    def render(self, number: int, agent: Shown | None) -> np.ndarray:
+        """Return the picture of the agent at the frame `number`, (rows, columns, 4) float32, linear.
+
+        None is nobody.
+        """
+        width, height = self.stage.render.resolution_x, self.stage.render.resolution_y
+        if agent is None:
+            return np.zeros((height, width, 4), np.float32)
+        with cleanup.scratch():
+            self.stage.collection.objects.link(_alone(agent))
+            self.stage.frame_set(number)
+            self.stage.render.filepath = str(self.path)
+            with console.quiet(), bpy.context.temp_override(scene=self.stage):
+                bpy.ops.render.render(write_still=True)
+            values = image_data.read_values(bpy.data.images.load(str(self.path)))
+        self.path.unlink()
+        return values
+
+
+def _alone(agent: Shown) -> bpy.types.Object:
+    """Return a copy of the agent's point object that has this point alone.
+
+    It instances the one character that the point shows from a collection of that alone, so that
+    Blender evaluates no rig but its own.
+    """
+    alone = agent.points.copy()
+    alone.data = bpy.data.meshes.new(alone.name)
+    row = dict(agent.row)
+    modifier = next((m for m in alone.modifiers if m.type == "NODES" and trees.is_ours(m.node_group)), None)
+    inputs = scene_data.node_inputs(modifier).values() if modifier else ()
+    shelf = next((value for value in inputs if isinstance(value, bpy.types.Collection)), None)
+    if shelf is not None and len(shelf.children) and "pose" in row:
+        characters = sorted(shelf.children, key=_natural)
+        lone = bpy.data.collections.new("Crowd LOD lone")
+        lone.children.link(characters[int(row["pose"][0]) % len(characters)])
+        scene_data.set_node_input(modifier, "Characters", lone)
+        row["pose"] = np.zeros(1, np.int32)
+    mesh_data.write_points(alone.data, row)
+    return alone
+
+
+def _natural(collection: bpy.types.Collection) -> list:
+    """Return the key by which geometry nodes order collections: numbers in names as numbers."""
+    parts = re.split(r"(\d+)", collection.name.casefold())
+    return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in parts if part]
+
+
+def lone_crops(
+    stage: LoneStage, number: int, chosen: Sequence[JudgedAgent], pairs: Sequence[tuple[Shown, Shown | None]]
+) -> Iterator[LoneCrop]:
+    """Yield a LoneCrop of each of the chosen agents at the frame `number`.
+
+    pairs: of each, at full detail and as it was built.
+    """
+    for judged, (full, built) in zip(chosen, pairs, strict=True):
+        finer, window, size = _finer(judged)
+        stage.look(judged.camera, window, size)
+        pictures = [stage.render(number, each) for each in (full, built)]
+        yield LoneCrop(*pictures, told_of(judged, *pictures, finer))
+
+
+def _finer(judged: JudgedAgent) -> tuple[float, Window, tuple[int, int]]:
+    """Return (pixels of the crop in one of the final picture, the crop's window, its size)."""
+    window, density = judged.window, judged.camera.pixels_per_unit
+    side = density * max(window.right - window.left, window.top - window.bottom)
+    finer = min(MOST_FINER, ACROSS / max(judged.allowed or 1.0, 1e-6), LARGEST / side)
+    finer = max(finer, 1.0)
+    columns, rows = (
+        max(1, int(np.ceil(extent * density * finer))) for extent in (window.right - window.left, window.top - window.bottom)
+    )
+    right, top = window.left + columns / density / finer, window.bottom + rows / density / finer
+    return finer, Window(window.left, right, window.bottom, top), (columns, rows)
+
+
+def told_of(judged: JudgedAgent, full: np.ndarray, built: np.ndarray, finer: float) -> dict[str, Any]:
+    """Return what is told of an agent, for JSON.
+
+    shift_px, error_px: by how many pixels of the final picture its silhouette lies off, and by how
+        many that may be wrong. At most the crop's diagonal.
+    color_off: by how much its mean color is off, of 1, encoded as sRGB.
+    ok: whether both are within what is allowed; None where that is not known, or it stands apart.
+
+    full, built: its pictures, `finer` times as fine as the final one.
+    """
+    most = float(np.hypot(*full.shape[:2]))
+    shift = min(silhouette.shift(full[..., 3], built[..., 3]), most) / finer
+    error = ERROR / finer
+    both = np.minimum(full[..., 3], built[..., 3]) >= silhouette.SOLID
+    colors = [encoded(each[both][:, :3].mean(axis=0).clip(0, 1)) for each in (full, built)] if both.any() else [np.zeros(3)] * 2
+    color_off = float(np.abs(colors[0] - colors[1]).max())
+    right = judged.allowed is None or shift - error <= judged.allowed
+    unknown = judged.apart != "" or (judged.allowed is None and color_off <= COLOR_OFF)
+    return {
+        "agent": judged.agent,
+        "group": judged.group,
+        "lod": judged.level,
+        "shift_px": shift,
+        "error_px": error,
+        "predicted_px": judged.predicted,
+        "allowed_px": judged.allowed,
+        "apart": judged.apart,
+        "color_off": color_off,
+        "ok": None if unknown else right and color_off <= COLOR_OFF,
+    }
+
+
+def sheet_of(crops: Sequence[LoneCrop]) -> list[np.ndarray]:
+    """Return a tile for each crop, (rows, columns, 4) uint8: at full detail, and as built."""
+    tiles = []
+    for crop in crops:
+        step = max(1, int(np.ceil(max(crop.full.shape[:2]) / TILE)))
+        pair = np.concatenate([crop.full[::step, ::step], crop.built[::step, ::step]], axis=1)
+        alpha = pair[..., 3:].clip(0, 1)
+        color = encoded(pair[..., :3].clip(0, 1)) + (1 - alpha) * BEHIND
+        tiles.append(np.concatenate([np.rint(255 * color.clip(0, 1)), np.full_like(alpha, 255)], axis=2).astype(np.uint8))
+    return tiles

@@ -1,0 +1,271 @@
+"""Batch preview: two pictures and a table row per frame, plan, contact sheet."""
+
+import contextlib
+import tempfile
+import time as clock
+from collections.abc import Generator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.format import counted
+from ...crowd_lod.frame.frame import Frame
+from ...crowd_lod.frame.frame_range import evenly
+from ...crowd_lod.frame.index_cache import approach
+from ...crowd_lod.frame.planned import noted, told_unplanned
+from ...crowd_lod.levels.assignment import deviations
+from ...crowd_lod.progress import share, standing
+from ...crowd_lod.reporting import tables
+from ...crowd_lod.reporting.frame_parts import FrameParts
+from ...crowd_lod.reporting.html_report import page
+from ...crowd_lod.reporting.shot_report import preview_page
+from ...crowd_lod.shot import plan_file
+from ..blender import cameras, cleanup, frame_stepping, image_data, scene_data
+from ..blender.operator import Stepwise
+from ..blender.output_folders import output_folder, place_of
+from ..blender.output_index import note_output
+from ..lod_meshes.deviation import measure_levels
+from ..lod_meshes.made_for import to_make_again
+from ..lod_meshes.make_lods import make_levels
+from ..overlay.playblast import Playblast, need_gpu
+from ..scene import lights
+from ..scene.scene_crowd import characters_of, frame_of, groups_of, measure_groups, policy_of, store_groups, trajectory_of
+from ..settings import needs
+from ..shot.shot_plan import Planned, Wanted, budget_of, plan_shot, shot_json, write_levels
+from ..sources.record_points import on_record
+from . import lod_table, top_view
+from .preview_plan import plan_json
+from .preview_stage import Preview, Rendered, Staged, leaves_out, shade, sized, staged
+from .shared_frames import ALONE, Sharing, made, state_of
+
+MOST_IN_SHEET = 24  # frames on the contact sheet
+BEHAVIOR = 0.9  # of a frame's time, where the way to it is long
+# of the progress: LODs made or measured, the shot planned, the LODs' pictures and table
+LEVELS, PLANNED, LODS = 0.1, 0.1, 0.05
+MOST_PLANNED = 30_000_000  # agents times frames that a preview plans first; longer shots take Plan Shot
+LEFT_OUT = "The characters themselves are left out of the pictures (see Keep in Renders)."
+THUMBNAIL = 480  # pixels wide, at least
+
+
+@on_record(lambda scene, wanted, *_: wanted.frames)
+def preview(
+    scene: bpy.types.Scene, wanted: Preview, command: list[str], sharing: Sharing = ALONE
+) -> Generator[float, None, dict[str, Any]]:
+    """Write the preview of `scene`: yield the progress, return the plan's dict.
+
+    All is made in a copy of the scene, which is removed afterwards. The folder gets its files at
+    the end, all or none.
+
+    command: the command line of the run, for plan.json.
+    sharing: which part of it is done here; of a part of the frames, only their rows are returned.
+    """
+    with sharing.opened(wanted.folder) as folder, cleanup.scratch(), contextlib.ExitStack() as opened:
+        started = clock.perf_counter()
+        # what is missing is named in the user's own scene
+        cameras.active_camera(scene), characters_of(scene)
+        drawn = wanted.engine == "OVERLAY"
+        if drawn:
+            need_gpu()
+        ready = 0.0
+        if sharing.jobs > 1:  # all processes take the LODs from the file
+            ready = yield from _with_levels(scene)
+            sharing.save(folder)
+        on = staged(scene, wanted)
+        stage = on.stage
+        ready += yield from share(_with_levels(stage), ready, ready + 1)
+        aside = folder if sharing.part is None else Path(opened.enter_context(tempfile.TemporaryDirectory()))
+        planned = yield from share(_planned_shot(stage, wanted, aside), ready, ready + PLANNED)
+        ready += PLANNED * (planned is not None)
+        stage.timeline_markers.clear()  # they would take the camera back in the picture from above
+        # nothing that these depend on changes from here on, and each look reads the whole map
+        trajectory = trajectory_of(stage)
+        shots = opened.enter_context(Playblast(stage, trajectory, on.size)) if drawn else Rendered(stage, wanted)
+        at = opened.enter_context(frame_stepping.stepped(scene))
+        run = _Run(on, folder, shots, at, top_view.drawing_in(stage))
+        parts = FrameParts(folder, state_of(stage, wanted))
+        with sharing.helped(parts, wanted.frames) as helpers:
+            told = []
+            if sharing.part is None:  # while other processes make frames
+                first = yield from standing(run.at_first(), ready)
+                told = yield from lod_table.tables(
+                    stage, trajectory.groups, first.camera, first.begins, folder, (ready, ready + LODS)
+                )
+                ready += LODS
+            found = yield from share(made(parts, wanted.frames, sharing, shots.prepare, run.shoot, helpers), ready, 0.95)
+        rows, unplanned = [each["row"] for each in found], [tuple(each["unplanned"]) for each in found]
+        if sharing.part is not None:
+            return {"frames": rows}
+        said = (
+            tables.nobody_seen(row["visible"] for row in rows),
+            told_unplanned(unplanned),
+            to_make_again(stage),
+            leaves_out(scene) and LEFT_OUT,
+            frame_stepping.unbaked(scene),
+        )
+        plan = yield from standing(plan_json(on, command, rows, told, (*shots.notes, *filter(None, said))), 0.95)
+        if planned is not None:
+            plan |= {key: value for key, value in shot_json(planned).items() if key in ("made_for", "shot")}
+        plan["seconds"] = round(clock.perf_counter() - started, 3)
+        (folder / "frames.csv").write_text(tables.to_csv(rows), encoding="utf-8")
+        (folder / "plan.json").write_text(tables.to_json(plan), encoding="utf-8")
+        (folder / "report.html").write_text(page(plan) if planned is None else preview_page(planned.told, plan), encoding="utf-8")
+        image_data.save_png(folder / "contact_sheet.png", _sheet([run.pictures(number) for number in wanted.frames]))
+        yield 1.0
+        return plan
+
+
+def _with_levels(stage: bpy.types.Scene) -> Generator[float, None, float]:
+    """Measure the characters, and make or measure LODs where they lack: yield the progress, return it.
+
+    CrowdError if something is wrong with the scene: it is said before the work begins.
+    """
+    layer, settings = stage.view_layers[0], stage.crowd_lod
+    layer.update()
+    store_groups(settings, measure_groups(stage))
+    yield from standing(approach(trajectory_of(stage), scene_data.time_of(stage)), 0.0)
+    frame_of(stage, layer.depsgraph)
+    if settings.levels is not None and deviations(groups_of(settings), policy_of(settings)) is not None:
+        return 0.0
+    yield from share((make_levels if settings.levels is None else measure_levels)(stage), 0.0, LEVELS)
+    return LEVELS
+
+
+def _planned_shot(stage: bpy.types.Scene, wanted: Preview, folder: Path) -> Generator[float, None, Planned | None]:
+    """Plan the shot of the preview's frames, unless the scene has a plan: yield the progress, return it.
+
+    The stage then shows its LODs. None if there is nothing to plan: one frame, one LOD, or too much.
+    """
+    settings = stage.crowd_lod
+    frames = range(wanted.frames[0], wanted.frames[-1] + 1)
+    most = MOST_PLANNED / max(len(trajectory_of(stage).start), 1)
+    if settings.shot_plan or policy_of(settings).count < 2 or not 1 < len(frames) <= most:
+        return None
+    planned = yield from plan_shot(stage, Wanted(frames, folder, settings.avoid_pops, budget_of(settings)))
+    write_levels(folder, planned)
+    settings.shot_plan, settings.use_shot_plan = str(folder / plan_file.NAME), True
+    return planned
+
+
+@dataclass
+class _Run:
+    """A preview while it is made.
+
+    folder: where the files lie until all are made.
+    at: steps the scene.
+    drawing: shows the crowd from above.
+    view: the camera above, once it is known.
+    """
+
+    on: Staged
+    folder: Path
+    shots: Playblast | Rendered
+    at: frame_stepping.At
+    drawing: bpy.types.Object
+    view: bpy.types.Object | None = None
+
+    def pictures(self, number: int) -> tuple[Path, Path]:
+        """Return the files of the two pictures of a frame."""
+        return self.folder / f"main_{number:04d}.png", self.folder / f"above_{number:04d}.png"
+
+    def shoot(self, number: int) -> Generator[float, None, tuple[dict[str, Any], tuple[Path, Path]]]:
+        """Write the two pictures of the timeline's frame `number`.
+
+        Yields the progress and returns (what is told of it, the pictures); see FrameParts.put.
+        """
+        stage, (main, above) = self.on.stage, self.pictures(number)
+        yield from share(self.approach(number), 0.0, BEHAVIOR)
+        frame = self.planned(number)
+        ticks = [clock.perf_counter()]
+        self.shots.place(frame)
+        ticks.append(clock.perf_counter())
+        shade(stage, "TEXTURE" if self.on.wanted.color == "MATERIAL" else "OBJECT", "STUDIO")
+        caption = stage.render.stamp_note_text = _caption(frame)
+        with sized(stage.render, self.on.size):
+            self.shots.main(main, caption)
+        ticks.append(clock.perf_counter())
+        self._shoot_above(frame, above, caption)
+        ticks.append(clock.perf_counter())
+        took = dict(zip(("points", "main", "above"), np.diff(ticks) * 1000, strict=True))
+        told = {"row": tables.row(number, frame, took), "unplanned": noted(number, frame.unplanned, self.on.wanted.strict)}
+        return told, (main, above)
+
+    def approach(self, number: int) -> Generator[float, None, None]:
+        """Let the crowd walk on to the frame: yield the progress."""
+        return approach(trajectory_of(self.on.stage), scene_data.remapped(self.on.scene.render, number))
+
+    def at_first(self) -> Generator[float, None, Frame]:
+        """Return the plan of the first frame; yield the progress of the way there."""
+        yield from self.approach(self.on.wanted.frames[0])
+        return self.planned(self.on.wanted.frames[0])
+
+    def planned(self, number: int) -> Frame:
+        """Set the stage to the frame; return its plan."""
+        scene, stage, depsgraph = self.on.scene, self.on.stage, self.on.stage.view_layers[0].depsgraph
+        time = scene_data.remapped(scene.render, number)
+        stage.camera = cameras.still(cameras.bound_camera(scene, time), self.at((), time))
+        scene.update_tag()  # what is driven by the scene follows it in the stage, too
+        self.drawing.hide_render = self.drawing.hide_viewport = True
+        stage.frame_set(number)
+        return frame_of(stage, depsgraph, around=lights.read_surroundings(stage, depsgraph, number))
+
+    def _shoot_above(self, frame: Frame, path: Path, caption: str) -> None:
+        stage, layer, camera = self.on.stage, self.on.stage.view_layers[0], self.on.stage.camera
+        self.view = stage.crowd_lod.above or self.view or top_view.straight_down(stage, frame.trajectory.area, frame.camera)
+        with sized(stage.render, self.on.size):
+            layer.update()
+            above = cameras.camera_from(self.view, stage.render, layer.depsgraph)
+            top_view.draw_crowd(self.drawing.data, frame, above, scene_data.meters(stage))
+            self.drawing.hide_render = self.drawing.hide_viewport = False
+            shade(stage, "VERTEX", "FLAT")
+            stage.camera = self.view
+            self.shots.above(path, caption)
+            stage.camera = camera
+
+
+def _caption(frame: Frame) -> str:
+    seen = int(frame.visible.sum())
+    counts = "  ".join(f"LOD{k} {n:,}" for k, n in enumerate(frame.buckets.counts))
+    return f"{frame.crowd.there:,} agents  {seen:,} visible ({seen / max(frame.crowd.there, 1):.1%})  {counts}  {frame.triangles:,} tris"
+
+
+def _sheet(pictures: list[tuple[Path, Path]]) -> np.ndarray:
+    """Return the contact sheet, two frames in a row.
+
+    Each has its main picture and the picture from above. Of a long shot it has MOST_IN_SHEET
+    frames, evenly spaced.
+    """
+    chosen = evenly(pictures, MOST_IN_SHEET)
+    shrunk = [tables.shrink(image_data.load_pixels(path), THUMBNAIL) for pair in chosen for path in pair]
+    return tables.contact_sheet(shrunk, columns=4 if len(chosen) > 1 else 2)
+
+
+class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
+    """Render pictures from the camera and from above, with a report, into a folder"""
+
+    bl_idname = "crowd_lod.preview"
+    bl_label = "Preview"
+    bl_options = {"REGISTER"}
+    needs = (
+        needs.characters,
+        needs.camera,
+    )
+
+    def steps(self, context) -> Generator[float, None, str]:
+        settings = context.scene.crowd_lod
+        wanted = Preview(
+            frames=scene_data.frames_of(context.scene, settings.step),
+            folder=output_folder(context.scene, "preview"),
+            width=settings.width,
+            engine=settings.engine,
+            color=settings.overlay_color if settings.engine == "OVERLAY" else settings.color,
+        )
+        yield from preview(context.scene, wanted, ["sidebar"])
+        note_output(context.scene, "preview")
+        said = f"{counted(len(wanted.frames), 'frame is', 'frames are')} in {place_of(wanted.folder)}."
+        return f"{said} {LEFT_OUT}" if leaves_out(context.scene) else said
+
+
+CLASSES = (CROWDLOD_OT_preview,)

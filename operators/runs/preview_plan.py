@@ -1,0 +1,66 @@
+"""plan.json of a preview: all that is needed to repeat the run, and its results."""
+
+from collections.abc import Generator, Sequence
+from typing import Any
+
+import bpy
+
+from ...crowd_lod.progress import aside
+from ...crowd_lod.validation.leave_out_timing import savings
+from ..blender import cameras
+from ..machine.scene_world import bias_of
+from ..scene import lights
+from ..scene.scene_crowd import policy_of, trajectory_of
+from ..shot.scene_json import scene_json
+from .preview_stage import ENGINES, Staged
+
+
+def plan_json(
+    staged: Staged, command: list[str], rows: list[dict], characters: list[dict], notes: Sequence[str]
+) -> Generator[float, None, dict[str, Any]]:
+    """Make plan.json's dict: all that is needed to repeat the run, and its results.
+
+    Yields between the steps and returns the dict.
+
+    command: the command line of the run.
+    rows: of frames.csv.
+    characters: of lod_table.tables.
+    notes: sentences on what the pictures show.
+    """
+    stage, wanted = staged.stage, staged.wanted
+    told = yield from scene_json(staged.scene, stage, command, wanted.frames[-1], characters)
+    return told | {
+        "preview": {
+            "frames": wanted.frames,
+            "width": wanted.width,
+            "height": staged.size[1],
+            "engine": wanted.engine,
+            "color": wanted.color,
+            "notes": list(notes),
+        },
+        "left_out": (yield from _left_out(stage, wanted.frames[-1], ENGINES[wanted.engine])),
+        "frames": rows,
+    }
+
+
+def _left_out(stage: bpy.types.Scene, number: int, engine: str) -> Generator[float, None, list[dict[str, Any]]]:
+    """List what the scene did not need: yield between the steps, return dicts.
+
+    Each has the reason and, where measured, the milliseconds saved in the frame `number`.
+
+    engine: what renders the pictures.
+    """
+    stage.render.engine = engine
+    trajectory, settings = trajectory_of(stage), stage.crowd_lod
+    stage.frame_set(number)
+    eyes = cameras.read_cameras(stage, stage.view_layers[0].depsgraph)
+    bias = bias_of(settings)
+    time = max(number, trajectory.first_frame + 2)
+    policy = policy_of(settings)
+    found = yield from aside(lambda: savings(trajectory, eyes, policy, time, (), bias))
+    measured = [
+        {"stage": item.stage, "reason": item.reason, "ms_saved": round(ms, 3), "ms_spread": round(found.spread[item], 3)}
+        for item, ms in found.items.items()
+    ]
+    unseen = lights.read_surroundings(stage, stage.view_layers[0].depsgraph, number).left_out
+    return measured + [{"stage": item.stage, "reason": item.reason, "ms_saved": None, "ms_spread": None} for item in unseen]

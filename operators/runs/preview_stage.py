@@ -1,0 +1,196 @@
+"""The stage of a preview: a copy of the scene, set to render its pictures."""
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+
+from ...crowd_lod.frame.frame import Frame
+from ..blender import cameras, image_data, scene_data
+from ..blender.shader_nodes import switch_nodes_on
+from ..render_setup import frame_update, render_setup, view_layers
+from ..render_setup.appended_builds import STAGE
+from ..render_setup.hidden_characters import shows_characters
+
+# What renders the pictures; the overlay's are drawn, and only the pictures of LODs rendered.
+ENGINES = {"WORKBENCH": "BLENDER_WORKBENCH", "CYCLES": "CYCLES", "EEVEE": scene_data.EEVEE, "OVERLAY": "BLENDER_WORKBENCH"}
+COLOR_MODES = ("LOD", "MATERIAL")  # that every engine has
+SIZE = "resolution_x", "resolution_y", "resolution_percentage"
+GRAY = (0.55, 0.58, 0.62)  # the sky of the tinted pictures, linear
+
+
+@dataclass(frozen=True)
+class Preview:
+    """What to preview.
+
+    frames: increasing.
+    width: of the pictures, pixels.
+    engine: one of ENGINES.
+    color: one of COLOR_MODES; with the engine OVERLAY, a value of the setting overlay_color.
+    strict: a frame without the LODs of the scene's shot plan is an error.
+    """
+
+    frames: list[int]
+    folder: Path
+    width: int = 960
+    engine: str = "WORKBENCH"
+    color: str = "LOD"
+    strict: bool = False
+
+
+@dataclass(frozen=True)
+class Staged:
+    """A scene and its stage.
+
+    scene: the user's own.
+    stage: the copy, which is drawn.
+    size: of the pictures, and of the scene's own renders, (width, height) pixels.
+    """
+
+    scene: bpy.types.Scene
+    stage: bpy.types.Scene
+    wanted: Preview
+    size: tuple[int, int]
+
+
+def staged(scene: bpy.types.Scene, wanted: Preview) -> Staged:
+    """Return `scene` with a stage for the wanted pictures."""
+    stage = _stage_of(scene, wanted)
+    size = cameras.image_size(stage.render)
+    for name in SIZE:  # LODs by pixels are those of the scene's own renders
+        setattr(stage.render, name, getattr(scene.render, name))
+    return Staged(scene, stage, wanted, size)
+
+
+def _stage_of(scene: bpy.types.Scene, wanted: Preview) -> bpy.types.Scene:
+    """Return a copy of `scene` set to render the wanted pictures.
+
+    It shares the objects. The user's own build is left out. So are the characters themselves,
+    unless they are kept in renders.
+    """
+    stage = scene.copy()
+    stage.name = "Crowd LOD preview"
+    scene_data.let_go(stage, "build")
+    for layer in stage.view_layers if leaves_out(stage) else ():
+        layer.update()
+        view_layers.exclude(layer.layer_collection, stage.crowd_lod.characters)
+    set_up(stage, wanted)
+    return stage
+
+
+def set_up(stage: bpy.types.Scene, wanted: Preview) -> None:
+    """Set `stage` to render the wanted pictures."""
+    stage[STAGE] = True
+    render = stage.render
+    height = max(1, round(wanted.width * render.resolution_y / render.resolution_x))
+    render.resolution_x, render.resolution_y, render.resolution_percentage = wanted.width, height, 100
+    render.use_border = render.use_multiview = render.use_compositing = render.use_sequencer = False
+    render.use_motion_blur = False
+    render.image_settings.file_format = "PNG"
+    render.image_settings.color_mode, render.image_settings.color_depth = "RGB", "8"
+    for name in dir(render):
+        if name.startswith("use_stamp_"):
+            setattr(render, name, name in ("use_stamp_frame", "use_stamp_note"))
+    render.use_stamp = render.use_stamp_labels = True
+    render.stamp_font_size = max(8, wanted.width // 60)
+    render.stamp_background = (0, 0, 0, 0.6)
+    # one pass; Workbench draws the whole scene anew for every other sample
+    stage.display.render_aa = "FXAA"
+    if wanted.engine == "OVERLAY":
+        stage.crowd_lod.overlay_color = wanted.color
+    if wanted.color != "MATERIAL":
+        stage.view_settings.view_transform, stage.view_settings.look = "Standard", "None"
+        stage.view_settings.exposure, stage.view_settings.gamma = 0, 1
+        stage.world = _world()
+    if wanted.engine == "CYCLES":
+        stage.cycles.samples = min(stage.cycles.samples, 16)
+        stage.cycles.max_bounces = min(stage.cycles.max_bounces, 1 if wanted.color == "LOD" else 4)
+
+
+def leaves_out(scene: bpy.types.Scene) -> bool:
+    """Return whether the pictures leave out characters that renders of `scene` show."""
+    return not scene.crowd_lod.keep_characters and shows_characters(scene)
+
+
+@contextlib.contextmanager
+def sized(render: bpy.types.RenderSettings, size: tuple[int, int]) -> Iterator[None]:
+    """Set the size of renders, (width, height) pixels, and restore it afterwards."""
+    before = [getattr(render, name) for name in SIZE]
+    try:
+        render.resolution_x, render.resolution_y, render.resolution_percentage = *size, 100
+        yield
+    finally:
+        for name, value in zip(SIZE, before, strict=True):
+            setattr(render, name, value)
+
+
+def shade(stage: bpy.types.Scene, color: str, light: str) -> None:
+    """Set the solid shading of `stage`: its color type and its light, by Blender's names."""
+    shading = stage.display.shading
+    shading.color_type, shading.light = color, light
+    shading.show_shadows = shading.show_cavity = shading.show_object_outline = shading.show_xray = False
+    shading.show_specular_highlight = False
+
+
+class Rendered:
+    """Pictures of the preview that Blender renders from the built crowd."""
+
+    notes = ()
+
+    def __init__(self, stage: bpy.types.Scene, wanted: Preview):
+        self.stage, self.layer, self.wanted, self.built = stage, stage.view_layers[0], wanted, None
+        self.tint = _tint_material() if wanted.color == "LOD" and wanted.engine != "WORKBENCH" else None
+
+    def prepare(self) -> Iterator[float]:
+        yield from render_setup.build(self.stage)
+        # else it would follow each change of frame, and the frame's own times be those of a cache
+        self.built, self.stage.crowd_lod.build = self.stage.crowd_lod.build, None
+
+    def place(self, frame: Frame) -> None:
+        self.stage.crowd_lod.build = self.built
+        frame_update.update(self.stage, self.layer.depsgraph)
+        self.stage.crowd_lod.build = None
+
+    def main(self, path: Path, caption: str) -> None:
+        self.layer.material_override = self.tint
+        _render(self.stage, path, ENGINES[self.wanted.engine])
+
+    def above(self, path: Path, caption: str) -> None:
+        self.layer.material_override = None  # it is a diagram
+        self.built.hide_render = True
+        _render(self.stage, path, ENGINES["WORKBENCH"])
+        self.built.hide_render = False
+
+
+def _render(stage: bpy.types.Scene, path: Path, engine: str) -> None:
+    own, stage.render.engine, stage.render.filepath = stage.render.engine, engine, str(path)
+    # by override: with the operator's own argument `scene`, Blender renders the frame of the scene
+    # in the window
+    with image_data.writing(path), bpy.context.temp_override(scene=stage):
+        bpy.ops.render.render(write_still=True)
+    stage.render.engine = own  # the plan is that of the scene's own renders
+
+
+def _world() -> bpy.types.World:
+    """Return a world with an even light gray sky, in every engine."""
+    world = bpy.data.worlds.new("Crowd LOD preview")
+    world.color = GRAY
+    nodes = switch_nodes_on(world).nodes
+    background = next(node for node in nodes if node.type == "BACKGROUND")
+    background.inputs["Color"].default_value = (*GRAY, 1.0)
+    return world
+
+
+def _tint_material() -> bpy.types.Material:
+    """Return a material that shows each object's own color."""
+    material = bpy.data.materials.new("Crowd LOD tint")
+    tree = switch_nodes_on(material)
+    tree.nodes.clear()
+    info, surface, output = (
+        tree.nodes.new(kind) for kind in ("ShaderNodeObjectInfo", "ShaderNodeBsdfDiffuse", "ShaderNodeOutputMaterial")
+    )
+    tree.links.new(info.outputs["Color"], surface.inputs["Color"])
+    tree.links.new(surface.outputs["BSDF"], output.inputs["Surface"])
+    return material

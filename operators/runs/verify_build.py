@@ -1,0 +1,137 @@
+"""The build that a proof is of: the scene's own, else one that is made for the proof."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.frame.frame import Frame
+from ...crowd_lod.frame.frame_range import frames_are, shot_frames
+from ...crowd_lod.sources.trajectory import Trajectory
+from ..blender import mesh_data
+from ..blender.provenance import kept_in, look_afresh
+from ..render_setup import bake, frame_update, render_setup, staleness
+from ..render_setup.change_detection import cameras_digest, lights_digest
+from ..render_setup.render_setup import BAKED, CAMERAS, LIGHTS, UNSEEN_BY
+from ..render_setup.view_layers import layers_of
+
+MADE, LIVE, BAKE = "made for this proof", "build", "bake"  # kinds of builds
+FRAMES = "the frame range"  # of what may change without another picture of a baked frame
+
+Columns = Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class ProvedBuild:
+    """The build that is proved.
+
+    top: its collection; None until it is made.
+    kind: MADE, LIVE or BAKE.
+    changed: names of what has changed since it was made.
+    hidden: whether renders do not show it.
+    """
+
+    top: bpy.types.Collection | None = None
+    kind: str = MADE
+    changed: tuple[str, ...] = ()
+    hidden: bool = False
+
+    def rows(self, trajectory: Trajectory, planned: Frame, held: frame_update.Held, number: int) -> dict[str, Columns]:
+        """Return the points that each bucket shows in the frame `number`, by the bucket's name.
+
+        A live build gets the points that renders of that frame give it.
+
+        planned, held: of the frame.
+        """
+        if self.kind == MADE:
+            return columns_of_members(self.top, trajectory, frame_update.members(planned), held, number)
+        if self.kind == LIVE:
+            frame_update.write(self.top, trajectory, planned, held, planned.crowd)
+        rows = {name: mesh_data.read_points(points.data) for name, points in render_setup.points_of(self.top).items()}
+        rows = {name: columns for name, columns in rows.items() if "id" in columns}
+        if self.kind == LIVE:
+            return rows
+        return {
+            name: {key: values[columns["frame"] == number] for key, values in columns.items()} for name, columns in rows.items()
+        }
+
+    def older_than(self, number: int, film: Sequence, around) -> list[str]:
+        """Return what of a bake's frame `number` was other when it was baked: the camera, the lights."""
+        if self.kind != BAKE:
+            return []
+        now = {CAMERAS: ("the camera", cameras_digest(film)), LIGHTS: ("the lights", lights_digest(around))}
+        return [name for key, (name, digest) in now.items() if kept_in(self.top, key).get(str(number), digest) != digest]
+
+
+def columns_of_members(
+    top: bpy.types.Collection,
+    trajectory: Trajectory,
+    members: Mapping[str, np.ndarray],
+    held: frame_update.Held,
+    number: int,
+) -> dict[str, Columns]:
+    """Return the attributes of each bucket's points in a build that shows `members` (m,) intp."""
+    points = render_setup.points_of(top)
+    nobody = np.empty(0, np.intp)
+    return {
+        name: bake.columns_in_time(
+            trajectory, held, number, members.get(name, nobody), render_setup.library_of(top, item, trajectory.gaits)
+        )
+        for name, item in points.items()
+    }
+
+
+def build_of(scene: bpy.types.Scene, frames: Sequence[int]) -> ProvedBuild:
+    """Return the scene's build, or that none is there yet.
+
+    CrowdError if it cannot follow the scene, or if a bake lacks some of the `frames`.
+    """
+    top = scene.crowd_lod.build
+    if top is None:
+        return ProvedBuild()
+    render_setup.check_build(scene)
+    if BAKED in top:
+        missing = sorted(set(frames).difference(baked_frames(scene) or frames))
+        if missing:
+            raise CrowdError(
+                f"The bake of {scene.name} has {shot_frames(sorted(baked_frames(scene)))}, and {frames_are(missing)} not in it: "
+                "verify frames that are, or bake again."
+            )
+    else:
+        frame_update.update(scene, scene.view_layers[0].depsgraph)
+    scene.view_layers[0].update()
+    look_afresh()
+    changed = tuple(name for name in staleness.changed(scene) if name != FRAMES)
+    places = layers_of(scene).values()
+    hidden = top.hide_render or all(place.exclude for place in places)
+    return ProvedBuild(top, BAKE if BAKED in top else LIVE, changed, hidden)
+
+
+def baked_frames(scene: bpy.types.Scene) -> set[int]:
+    """Return the frames that the scene's bake has; none without a bake, or if it does not say."""
+    top = scene.crowd_lod.build
+    noted = kept_in(top, CAMERAS) if top is not None and BAKED in top else {}
+    return {int(number) for number in noted if number.lstrip("-").isdecimal()}
+
+
+def frames_to_verify(scene: bpy.types.Scene, frames: Sequence[int]) -> list[int]:
+    """Return those of the shot's `frames` that the scene's bake has; all of its own if it has none of them."""
+    baked = baked_frames(scene)
+    return [number for number in frames if number in baked] or sorted(baked) or list(frames)
+
+
+def seen_by_kind(rows: Mapping[str, Columns], count: int) -> tuple[dict[str, np.ndarray], int]:
+    """Return (the agents of each kind of bucket, (m,) intp, increasing; how many points are no agents).
+
+    count: agents of the crowd.
+    """
+    found, strangers = {}, 0
+    for kind in UNSEEN_BY:
+        ids = [columns["id"] for name, columns in rows.items() if name.startswith(f"{kind} ")]
+        every = np.concatenate([np.empty(0, np.int32), *ids])
+        known = every[(every >= 0) & (every < count)]
+        strangers += len(every) - len(known)
+        found[kind] = np.unique(known).astype(np.intp)
+    return found, strangers

@@ -1,0 +1,62 @@
+"""The button that proves a few frames of the shot by renders."""
+
+from collections.abc import Generator
+
+import bpy
+
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.frame.frame_range import evenly
+from ...crowd_lod.validation.render_proof import verdict
+from ..blender import scene_cache, scene_data
+from ..blender.operator import Stepwise
+from ..blender.output_folders import output_folder, place_of
+from ..blender.output_index import note_output
+from ..render_setup.staleness import MADE_FOR
+from ..settings import needs
+from .verify import Verify, verify
+from .verify_build import frames_to_verify
+
+# What the last proof of each scene found, and of which build.
+_verdicts: dict[int, tuple[str, object]] = scene_cache.kept({}, by_scene=True)
+
+
+def verdict_of(scene: bpy.types.Scene) -> str:
+    """Return what the last proof of the scene found; "" if there is none, or the build is another one now."""
+    said, build = _verdicts.get(scene.session_uid, ("", None))
+    return said if build == _build_of(scene) else ""
+
+
+def _build_of(scene: bpy.types.Scene) -> object:
+    """Return what tells the scene's build from earlier ones."""
+    build = scene.crowd_lod.build
+    return build and build.get(MADE_FOR)
+
+
+class CROWDLOD_OT_verify(Stepwise, bpy.types.Operator):
+    """Render a few frames of the build beside everyone at full detail, compare them, and write a report"""
+
+    bl_idname = "crowd_lod.verify"
+    bl_label = "Verify"
+    bl_options = {"REGISTER"}
+    needs = (needs.characters, needs.camera)
+
+    def steps(self, context) -> Generator[float, None, str]:
+        settings = context.scene.crowd_lod
+        frames = frames_to_verify(context.scene, scene_data.frames_of(context.scene))
+        wanted = Verify(
+            frames=evenly(frames, settings.verify_count),
+            folder=output_folder(context.scene, "verify"),
+            width=settings.verify_width,
+            samples=settings.verify_samples,
+        )
+        result = yield from verify(context.scene, wanted, ["sidebar"])
+        note_output(context.scene, "verify")
+        said = f"{verdict(result)} The report is in {place_of(wanted.folder)}."
+        scene_cache.tidy()
+        _verdicts[context.scene.session_uid] = said, _build_of(context.scene)
+        if not result["ok"]:
+            raise CrowdError(said)  # the report stays
+        return said
+
+
+CLASSES = (CROWDLOD_OT_verify,)

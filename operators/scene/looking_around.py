@@ -1,0 +1,143 @@
+"""How a crowd's agents stand to what the scene shows: above or below its ground, within its walls."""
+
+from collections.abc import Container, Iterator
+from dataclasses import dataclass, field
+
+import bpy
+import numpy as np
+from mathutils import Matrix, Vector
+
+from ..blender.object_volumes import ALONG, ONWARD, closed
+from ..blender.ownership import OWNED
+
+HEAD = 1.0  # meters above the feet, from where the ground below is looked for
+ROOM = 2.0  # meters: who is within a closed mesh, with so much above the feet, is in a hall
+STEEP = 0.3  # of a normal's z: a surface that is steeper is no ground
+MOST_SHAPES, MOST_HITS = 20_000, 1000  # that are looked at, and surfaces along a ray
+
+
+@dataclass
+class Around:
+    """What n places have about them.
+
+    ground: (n,) world z of the ground under their feet, or over them where there is none below; NaN
+        without any.
+    names: of the objects that are the ground of each place, "" without.
+    walls: of closed objects, which places are within, (n,) bool.
+    """
+
+    ground: np.ndarray
+    names: list[str]
+    walls: dict[str, np.ndarray] = field(default_factory=dict)
+
+
+@dataclass
+class _Shape:
+    """A mesh as it stands in the world, evaluated.
+
+    matrix: to the world; box: its corners in the world, (8, 3).
+    """
+
+    item: bpy.types.Object
+    name: str
+    matrix: Matrix
+    box: np.ndarray
+    solid: bool
+
+
+def look_around(
+    depsgraph: bpy.types.Depsgraph, places: np.ndarray, height: float, meters: float, left_out: Container[bpy.types.Object]
+) -> Around:
+    """Look from `places` (n, 3), where agents have their feet, at what `depsgraph` shows.
+
+    height: of the agents' middle above their feet; meters: in a unit of the scene.
+    left_out: objects that are neither ground nor walls, such as characters.
+    """
+    below, above = np.full(len(places), -np.inf), np.full(len(places), np.inf)
+    names = [["", ""] for _ in places]
+    found = Around(np.full(len(places), np.nan), [])
+    for shape in _shapes(depsgraph, places, left_out):
+        low, high = shape.box.min(axis=0), shape.box.max(axis=0)
+        under = ((places[:, :2] >= low[:2]) & (places[:, :2] <= high[:2])).all(axis=1)
+        for index in np.flatnonzero(under):
+            x, y, z = places[index]
+            down = _ground(shape, (x, y, z + HEAD / meters), -1)
+            if down is not None and down > below[index]:
+                below[index], names[index][0] = down, shape.name
+            up = _ground(shape, (x, y, z), 1, ROOM / meters)
+            if up is not None and up < above[index]:
+                above[index], names[index][1] = up, shape.name
+        if shape.solid:
+            inside = _inside(shape, places + (0, 0, height), under)
+            if inside.any() and (len(places) == 1 or not inside.all()):  # all in one are in a hall
+                found.walls[shape.name] = inside | found.walls.get(shape.name, False)
+    is_below = np.isfinite(below)
+    found.ground = np.where(is_below, below, np.where(np.isfinite(above), above, np.nan))
+    found.names = [pair[0] or pair[1] for pair in names]
+    return found
+
+
+def _shapes(depsgraph: bpy.types.Depsgraph, places: np.ndarray, left_out: Container[bpy.types.Object]) -> Iterator[_Shape]:
+    """Yield the meshes that stand above or below one of the places; each holds until the next."""
+    least, most = places[:, :2].min(axis=0), places[:, :2].max(axis=0)
+    solids: dict[int, bool] = {}
+    count = 0
+    for each in depsgraph.object_instances:
+        item = each.object
+        owner = each.parent.original if each.is_instance else item.original
+        if item.type != "MESH" or owner.get(OWNED) or item.original.get(OWNED) or owner in left_out or item.original in left_out:
+            continue
+        count += 1
+        if count > MOST_SHAPES:
+            return
+        if owner.hide_render or item.hide_render or not len(item.data.polygons):
+            continue
+        matrix = each.matrix_world.copy()
+        box = np.array([matrix @ Vector(corner) for corner in item.bound_box])
+        if (box[:, :2].max(axis=0) < least).any() or (box[:, :2].min(axis=0) > most).any() or abs(matrix.determinant()) < 1e-12:
+            continue
+        key = item.data.as_pointer()
+        if key not in solids:
+            solids[key] = closed(item.data)
+        yield _Shape(item, item.original.name, matrix, box, solids[key])
+
+
+def _hits(shape: _Shape, start: Vector, way: Vector) -> Iterator[tuple[Vector, Vector]]:
+    """Yield (place, normal) of each surface of a mesh along a ray, all in its own space."""
+    onward = way.normalized() * (ONWARD * max(max(map(abs, corner)) for corner in shape.item.bound_box))
+    for _ in range(MOST_HITS):
+        hit, where, normal, _ = shape.item.ray_cast(start, way)
+        if not hit:
+            return
+        yield where, normal
+        start = where + onward
+
+
+def _ground(shape: _Shape, place: tuple[float, float, float], side: int, room: float = np.inf) -> float | None:
+    """Return the world z of the first ground above (`side` 1) or below (-1) a place; None without one.
+
+    A ground faces up. The first surface below may be of an open mesh that is inside out; above,
+    the underside of a slab is passed, and a roof with more `room` below it is that of a hall.
+    """
+    back = shape.matrix.inverted()
+    hits = _hits(shape, back @ Vector(place), back.to_3x3() @ Vector((0, 0, side)))
+    for passed, (where, normal) in enumerate(hits):
+        up = (back.to_3x3().transposed() @ normal).normalized().z
+        height = (shape.matrix @ where).z
+        is_within = shape.solid and up > 0 and passed == 0
+        if side > 0 and is_within and height - place[2] > room:
+            return None
+        if up > STEEP or (side < 0 and not shape.solid and up < -STEEP):
+            return height
+        if side < 0:
+            return None
+    return None
+
+
+def _inside(shape: _Shape, places: np.ndarray, under: np.ndarray) -> np.ndarray:
+    """Return which of the places (n, 3) lie within a closed mesh, (n,) bool; only those `under` are looked at."""
+    found = np.zeros(len(places), bool)
+    back = shape.matrix.inverted()
+    for index in np.flatnonzero(under):
+        found[index] = sum(1 for _ in _hits(shape, back @ Vector(places[index]), ALONG)) % 2 == 1
+    return found

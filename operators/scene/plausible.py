@@ -1,0 +1,177 @@
+"""What Populate tells of a crowd that is not as people are, each with the remedy, once.
+
+crowd_lod/validation/plausibility.py judges; the scene is read here.
+"""
+
+from collections.abc import Iterator, Sequence
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.behavior.walk import Walk
+from ...crowd_lod.crowd.agents import Group
+from ...crowd_lod.crowd.terrain import Terrain
+from ...crowd_lod.format import number
+from ...crowd_lod.sources.recorded import Recorded
+from ...crowd_lod.sources.trajectory import Trajectory
+from ...crowd_lod.validation import plausibility as judge
+from ..blender import scene_data
+from ..characters.character_extent import unknown
+from ..characters.characters import characters_of
+from ..characters.rig_needs import POSES, refusal, stands_for
+from .looking_around import look_around
+
+MARGIN = 1.5  # of the largest sphere's radius, where a sphere is not known to hold all
+MOST_LOOKED_AT = 200  # that are looked at in the scene, of a crowd
+MOST_STEPS = 1_000_000  # of tracks that are judged
+TIMES = 3  # at which agents of a file are looked at
+
+
+def told_of_plausibility(
+    scene: bpy.types.Scene, groups: Sequence[Group], crowds: Sequence, parts: Sequence[Trajectory], depsgraph: bpy.types.Depsgraph
+) -> Iterator[str]:
+    """Yield sentences on what is not as people are in the scene's `crowds`.
+
+    groups: as just measured.
+    parts: the trajectory of each crowd, as Populate has made it.
+    """
+    yield from _heights(scene, groups)
+    for crowd, part in zip(crowds, parts, strict=True):
+        if crowd.use_crowd:
+            name = f"{crowd.name}: " if len(crowds) > 1 else ""
+            sentences = [*_motion(crowd, part), *_around(crowd, part, groups, depsgraph)]
+            yield from (name + sentence for sentence in sentences)
+    yield from _poses(scene, groups)
+
+
+def told_of_feet(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
+    """Yield a sentence on groups moved to the ground, and one on groups left off it."""
+    for moved, begin in ((True, "Moved to stand on the ground"), (False, "Off the ground (see Stand on Ground)")):
+        chosen = [group for group in groups if group.lowest and group.on_ground == moved]
+        heights = [number(abs(group.lowest) * scene_data.meters(scene)) for group in chosen]
+        sides = ["below" if group.lowest < 0 else "above" for group in chosen]
+        texts = [
+            f"{group.name} (feet {height} m {side} its origin)" for group, height, side in zip(chosen, heights, sides, strict=True)
+        ]
+        if texts:
+            yield f"{begin}: {', '.join(texts)}."
+
+
+def told_of_extent(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
+    """Yield a sentence on what renders may show beyond the measured spheres."""
+    found = [f"of {name}, {what}" for name, objects, _ in characters_of(scene) for what in dict.fromkeys(unknown(objects))]
+    if found:
+        margin = number(MARGIN * max(group.radius for group in groups) * scene_data.meters(scene))
+        yield (
+            f"Renders may show more than was measured: {'; '.join(found)}. If something is missing at the picture's border, "
+            f"set Margin to Fixed, {margin} m or more."
+        )
+
+
+def _heights(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
+    heights = np.array([group.height for group in groups]) * scene_data.meters(scene)
+    found = judge.check_heights(heights)
+    if found is not None:
+        texts = [f"{groups[g].name} is {number(heights[g])} m tall" for g in found.which if not groups[g].variant_of]
+        yield f"{', '.join(texts)}: if these are people, scale them to about 1.7 m, or set Unit Scale in the scene's Units."
+
+
+def _motion(crowd, part: Trajectory) -> Iterator[str]:
+    """Yield sentences on how fast agents walk, and whether they climb."""
+    meters = scene_data.meters(crowd.id_data)
+    if isinstance(part, Recorded):
+        agents, steps, seconds = _steps(part)
+        ways = np.hypot(steps[0], steps[1]) * meters
+        speeds = judge.median_speeds(agents, ways, seconds, len(part.tracks.ids))
+        yield from _speeds(judge.check_speeds(speeds, judge.HASTE), "check Frame Rate and Unit")
+        samples = part.tracks.samples
+        if samples.z is not None:
+            climbs = judge.check_climbs(ways, steps[2] * meters, samples.y * meters, samples.z * meters)
+            if climbs is not None:
+                low, high = (number(height * meters) for height in (samples.z.min(), samples.z.max()))
+                yield f"The z of the file goes from {low} to {high} m as agents walk: if y is up in it, set Up to Y."
+    elif isinstance(part, Walk):
+        paces = part.gaits.paces.speeds * meters
+        if paces.any():  # else they are seated
+            speeds = paces[part.start.pace]
+            found = judge.check_speeds(speeds if speeds.any() else paces, judge.RUNS)
+            yield from _speeds(found, "check the speeds of the state machine, which are in m/s")
+
+
+def _speeds(found: judge.Finding | None, remedy: str) -> Iterator[str]:
+    if found is None:
+        return
+    if found.kind == "nobody moves":
+        yield f"Nobody moves: {remedy}."
+    else:
+        yield f"Agents walk at a median of {number(found.value)} m/s: {remedy}."
+
+
+def _steps(part: Recorded) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return of the steps between rows of a file the agents (k,), the ways (3, k) in units, and seconds (k,)."""
+    samples = part.tracks.samples
+    rows = np.flatnonzero(~samples.hidden & (samples.after != np.arange(len(samples.x))))
+    rows = rows[:: -(-len(rows) // MOST_STEPS) or 1]
+    after = samples.after[rows]
+    columns = samples.x, samples.y, np.zeros_like(samples.x) if samples.z is None else samples.z
+    ways = np.array([column[after] - column[rows] for column in columns])
+    return samples.agent[rows], ways, (samples.frame[after] - samples.frame[rows]) / part.tracks.rate
+
+
+def _around(crowd, part: Trajectory, groups: Sequence[Group], depsgraph: bpy.types.Depsgraph) -> Iterator[str]:
+    """Yield sentences on agents off the ground that the scene has, and within its walls."""
+    scene = crowd.id_data
+    meters = scene_data.meters(scene)
+    places = _places(part)
+    if not len(places):
+        return
+    height = float(np.median([group.height for group in groups])) / 2 or 1.0 / meters
+    left_out = {crowd.points, *scene.crowd_lod.characters.all_objects}
+    around = look_around(depsgraph, places, height, meters, left_out)
+    within = np.any([np.zeros(len(places), bool), *around.walls.values()], axis=0)
+    if not isinstance(part.heights, Terrain):
+        above = np.where(within, np.nan, places[:, 2] - around.ground)
+        for found in judge.check_ground(above * meters):
+            names = [around.names[index] for index in found.which]
+            ground = max(sorted(set(names)), key=names.count)
+            side = "above" if found.kind == "floats" else "below"
+            yield (
+                f"{found.share:.0%} of the agents stand {number(found.value)} m {side} the ground {ground}: choose it as Terrain "
+                "Object, or change the z of Center."
+            )
+    if within.any():
+        names = sorted(around.walls, key=lambda name: -np.count_nonzero(around.walls[name]))
+        remedy = (
+            "add it to Areas, with a label where nobody starts"
+            if isinstance(part, Walk)
+            else "move it, or set Center so that they fit the scene"
+        )
+        yield f"{within.mean():.1%} of the agents stand within {', '.join(names[:3])}: {remedy}."
+
+
+def _places(part: Trajectory) -> np.ndarray:
+    """Return where some of the agents have their feet, (n, 3)."""
+    times = [part.first_frame]
+    if isinstance(part, Recorded):
+        tracks = part.tracks
+        times = [part.scene_frame(frame) for frame in np.linspace(tracks.first, tracks.last, TIMES + 2)[1:-1]]
+    crowds = [part.start if time == part.first_frame else part.at(time) for time in times]
+    places = []
+    for crowd in crowds:
+        there = np.arange(len(crowd)) if crowd.present is None else np.flatnonzero(crowd.present)
+        some = there[:: -(-len(there) * len(crowds) // MOST_LOOKED_AT) or 1]
+        places.append(np.stack(crowd.places(agents=some), axis=1))
+    return np.concatenate(places)
+
+
+def _poses(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
+    """Yield sentences on groups that builds show as poses that stand long."""
+    fps = scene.render.fps / scene.render.fps_base
+    reasons = [refusal(objects) for _, objects, _ in characters_of(scene)]
+    cycles = np.array([max(group.period, *(action.period for action in group.actions), 0.0) for group in groups])
+    posed = np.array([bool(reason) for reason in reasons])
+    found = judge.check_poses(np.where(posed, cycles / POSES, 0.0))
+    for g in found.which if found is not None else ():
+        if not groups[g].variant_of:
+            stands = stands_for(cycles[g] * fps, fps)
+            yield f"{groups[g].name} is built as {POSES} still poses, {stands}: {reasons[g]}. Take that out, or shorten the action."

@@ -1,0 +1,223 @@
+"""The exceptions of a scene's settings: whom each means, and whether they have changed.
+
+A region or a painted map chooses agents once, at the first of the plan's frames for which the
+exception holds; the choice then stays the same.
+"""
+
+import hashlib
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.crowd import random_streams
+from ...crowd_lod.crowd.agents import Crowd
+from ...crowd_lod.crowd.maps import LabelMap
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.levels.assignment import LevelPolicy
+from ...crowd_lod.shot.exceptions import KINDS, Exemption, check_level, parse_agents
+from ...crowd_lod.sources.trajectory import Trajectory
+from ..blender import frame_stepping, image_data, scene_cache, scene_data, stored_values
+from ..blender.object_boxes import box_of, in_box
+from ..blender.object_volumes import in_volume, shape_of
+from ..machine.scene_world import area_of
+from ..settings.exception_settings import REGIONS
+from ..sources import hand_edits
+
+# Of painted maps: the values, and their digest.
+_painted: dict[int, tuple[np.ndarray, str]] = scene_cache.kept({})
+
+# Of each scene what was asked last, and (the exceptions that hold without a shot plan, what is wrong).
+_numbered: dict[int, tuple] = scene_cache.kept({}, by_scene=True)
+
+
+def exemptions_of(
+    scene: bpy.types.Scene, trajectory: Trajectory, policy: LevelPolicy, frames: Sequence[int]
+) -> tuple[Exemption, ...]:
+    """Return the exceptions that are switched on, in their order.
+
+    frames: of the plan, increasing. An exception outside of them has no agents.
+    CrowdError names the exception that is wrong.
+    """
+    wrong = hand_edits.troubles_of(scene)
+    if wrong:
+        raise CrowdError(wrong[0])
+    entries = [entry for entry in scene.crowd_lod.exceptions if entry.use and entry.kind not in hand_edits.EDITS]
+    asked = [(entry, _whom(entry, trajectory), _begins(entry, frames)) for entry in entries]
+    if not asked:
+        return ()
+    names, found = [group.name for group in trajectory.groups], {}
+    with frame_stepping.stepped(scene, rest=False) as at:
+        # in the order of time, in which the crowd is known soonest
+        for index in sorted(range(len(asked)), key=lambda index: asked[index][2] or 0):
+            entry, choose, begin = asked[index]
+            agents = np.empty(0, np.intp) if begin is None else choose(scene_data.remapped(scene.render, begin), at)
+            if begin is not None and not len(agents):
+                raise CrowdError(
+                    f"The exception {entry.name} chooses nobody: no agent stands in its {_place(entry)} at frame {begin}; move or "
+                    "paint it elsewhere, or switch the exception off."
+                )
+            found[index] = Exemption(entry.name, entry.kind, entry.level, agents, _told(entry), *_span(entry))
+            check_level(found[index], policy.count, policy.finest, trajectory.start.group, names)
+    return tuple(found[index] for index in range(len(asked)))
+
+
+def numbered_of(settings, trajectory: Trajectory, policy: LevelPolicy) -> tuple[tuple[Exemption, ...], list[str]]:
+    """Return (the exceptions that hold without a shot plan, a sentence for each that is wrong).
+
+    They are those that name their agents by numbers, and do not change the crowd itself. Cached
+    while they stay the same.
+    """
+    named = [entry for entry in settings.exceptions if entry.use and entry.kind in KINDS and entry.chosen_by == "NUMBERS"]
+    entries, scene = [entry for entry in named if not hand_edits.edits(entry)], settings.id_data
+    key = trajectory, policy, tuple((entry.name, entry.all_frames, _marks(entry, str)) for entry in entries)
+    known = _numbered.get(scene.session_uid)
+    if known is None or known[0] != key:
+        found, wrong = [], []
+        names = [group.name for group in trajectory.groups]
+        for entry in entries:
+            try:
+                agents = _whom(entry, trajectory)(0.0, lambda *_: None)
+                each = Exemption(entry.name, entry.kind, entry.level, agents, _told(entry), *_span(entry))
+                check_level(each, policy.count, policy.finest, trajectory.start.group, names)
+                found.append(each)
+            except CrowdError as error:
+                wrong.append(str(error))
+        known = _numbered[scene.session_uid] = key, (tuple(found), wrong)
+    return known[1]
+
+
+def find_agents(scene: bpy.types.Scene, entry, trajectory: Trajectory, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
+    """Return the agents (m,) intp that the entry's region or map chooses at the scene's frame.
+
+    It is the entry's share of them.
+
+    depsgraph: of the scene, at its frame.
+    """
+    agents = _whom(entry, trajectory)(scene_data.time_of(scene), lambda *_: depsgraph)
+    drawn = random_streams.uniform(trajectory.start.key[agents], random_streams.CHOSEN + np.uint64(entry.share_seed))
+    return agents[drawn < entry.share]
+
+
+def digest_of(settings) -> str:
+    """Return what changes when an exception that is switched on would choose or ask for anything else.
+
+    "" without any. An object that is animated counts as unchanged while it is the same object.
+    """
+    return "".join(repr(_marks(entry, _map_digest)) for entry in settings.exceptions if entry.use)
+
+
+def drawn_inputs(settings) -> tuple:
+    """Return the same as `digest_of` for the overlay, which must not read images at each drawing."""
+    return tuple(_marks(entry, lambda image: str(image.session_uid)) for entry in settings.exceptions if entry.use)
+
+
+def _span(entry) -> tuple[int | None, int | None]:
+    return (None, None) if entry.all_frames else (entry.first_frame, entry.last_frame)
+
+
+def _marks(entry, painted: Callable[[bpy.types.Image], str]) -> tuple:
+    span = () if entry.all_frames else (entry.first_frame, entry.last_frame)
+    chosen: tuple = (entry.agents.strip(),)
+    if entry.chosen_by in ("REGION", "VOLUME"):
+        chosen = () if entry.region is None else _region_marks(entry.region)
+    if entry.chosen_by == "VOLUME" and chosen and entry.region.type == "MESH":
+        chosen += (shape_of(entry.region.data),)
+    elif entry.chosen_by == "MAP":
+        chosen = () if entry.map_image is None else (painted(entry.map_image),)
+    if entry.kind in hand_edits.EDITS:
+        return hand_edits.marks_of(entry)
+    return entry.kind, 0 if entry.kind == "HIDE" else entry.level, entry.chosen_by, span, chosen
+
+
+def _region_marks(region: bpy.types.Object) -> tuple:
+    chain, above = [], region
+    while above is not None:
+        chain.append(above)
+        above = above.parent
+    if any(each.animation_data or len(each.constraints) for each in chain):
+        return (region.name_full,)
+    return tuple(np.round(np.array(region.matrix_world), 5).ravel().tolist()), box_of(region).round(5).ravel().tolist()
+
+
+def _map_digest(image: bpy.types.Image) -> str:
+    values = image_data.read_values(image)
+    known = _painted.get(image.session_uid)
+    if known is None or known[0] is not values:
+        known = _painted[image.session_uid] = values, hashlib.sha256(values.tobytes()).hexdigest()[:16]
+    return known[1]
+
+
+def _whom(entry, trajectory: Trajectory) -> Callable[[float, frame_stepping.At], np.ndarray]:
+    """Return a function (time, at) -> agents (m,) intp that the exception means.
+
+    Check what can be checked before.
+    """
+    stored_values.check(entry)
+    if not entry.all_frames and entry.first_frame > entry.last_frame:
+        raise CrowdError(
+            f"The exception {entry.name} runs backwards, from frame {entry.first_frame} to {entry.last_frame}: give the first "
+            "frame first."
+        )
+    if entry.chosen_by == "NUMBERS":
+        agents = parse_agents(entry.agents, len(trajectory.start), entry.name, trajectory.ids)
+        return lambda time, at: agents
+    if entry.chosen_by == "REGION":
+        if entry.region is None or entry.region.type not in REGIONS:
+            raise CrowdError(f"The exception {entry.name} has no region: choose a mesh or an empty about the agents it means.")
+        return partial(_inside, entry.region, entry.name, trajectory)
+    if entry.chosen_by == "VOLUME":
+        if entry.region is None or entry.region.type != "MESH":
+            raise CrowdError(f"The exception {entry.name} has no volume: choose a closed mesh about the agents it means.")
+        return partial(_in_volume, entry.region, entry.name, trajectory)
+    if entry.map_image is None:
+        raise CrowdError(f"The exception {entry.name} has no map: choose an image that is white where the agents stand it means.")
+    light = LabelMap(_light(entry.map_image), area_of(entry.id_data.crowd_lod))
+    return lambda time, at: _painted_on(light, trajectory.at(time))
+
+
+def _painted_on(light: LabelMap, crowd: Crowd) -> np.ndarray:
+    return _present(light.at(crowd.x, crowd.y) > 0, crowd)
+
+
+def _present(chosen: np.ndarray, crowd: Crowd) -> np.ndarray:
+    return np.flatnonzero(chosen if crowd.present is None else chosen & crowd.present)
+
+
+def _light(image: bpy.types.Image) -> np.ndarray:
+    """Return where the image is lighter than a half, (rows, columns) uint8."""
+    gray = image_data.read_pixels(image)[..., :3].mean(axis=2)
+    return (gray > 127.5).astype(np.uint8)
+
+
+def _inside(region: bpy.types.Object, name: str, trajectory: Trajectory, time: float, at: frame_stepping.At) -> np.ndarray:
+    """Return the agents whose feet stand in the box about `region` in its own space.
+
+    A flat box, such as a plane's, reaches up and down without end.
+    """
+    crowd, told = trajectory.at(time), f"The region {region.name} of the exception {name}"
+    places = np.stack([crowd.x, crowd.y, crowd.z], axis=1)
+    return _present(in_box(region.evaluated_get(at([region], time)), places, told), crowd)
+
+
+def _in_volume(region: bpy.types.Object, name: str, trajectory: Trajectory, time: float, at: frame_stepping.At) -> np.ndarray:
+    """Return the agents whose middle lies inside the closed mesh of `region`."""
+    crowd, told = trajectory.at(time), f"The region {region.name} of the exception {name}"
+    places = np.stack(crowd.places(trajectory.spheres.center), axis=1)
+    return _present(in_volume(region.evaluated_get(at([region], time)), places, told), crowd)
+
+
+def _begins(entry, frames: Sequence[int]) -> int | None:
+    """Return the first of the plan's frames for which the exception holds, or None."""
+    if entry.all_frames:
+        return frames[0]
+    return next((number for number in frames if entry.first_frame <= number <= entry.last_frame), None)
+
+
+def _place(entry) -> str:
+    return f"map {entry.map_image.name}" if entry.chosen_by == "MAP" else f"region {entry.region.name}"
+
+
+def _told(entry) -> str:
+    return f"agents {entry.agents.strip()}" if entry.chosen_by == "NUMBERS" else _place(entry)

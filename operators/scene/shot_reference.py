@@ -1,0 +1,210 @@
+"""The shot plan that a scene refers to, and whether it still holds."""
+
+import hashlib
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from weakref import WeakKeyDictionary
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.crowd.agents import Group
+from ...crowd_lod.culling.camera import Camera
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import printable
+from ...crowd_lod.frame.frame import Frame
+from ...crowd_lod.frame.frame_range import shot_frames
+from ...crowd_lod.frame.planned import numbers_of, same_cameras, with_row
+from ...crowd_lod.levels.assignment import Bias, LevelPolicy
+from ...crowd_lod.npz_file import read_checksums
+from ...crowd_lod.shot.exceptions import Exemption, alone
+from ...crowd_lod.shot.plan_file import AGAIN, StoredPlan, read
+from ...crowd_lod.sources.trajectory import Trajectory
+from ..blender import scene_cache, scene_data
+from ..blender.cameras import cameras_at
+from ..blender.output_folders import full_path
+from ..blender.provenance import differences, named, text_digest
+from ..characters.cast_provenance import cast_inputs
+from ..sources import hand_edits
+from .shot_exceptions import digest_of, numbered_of
+
+# Plans by path, time of change and size.
+_stored: dict[tuple, StoredPlan] = scene_cache.kept({})
+_contents: dict[tuple, str] = scene_cache.kept({})  # digests of plans, by the same
+_crowds: WeakKeyDictionary[Trajectory, dict[str, str]] = WeakKeyDictionary()
+CAMERA = "the camera"
+ABOUT = "version", "blend_file", "made_for"  # arrays of a plan's file that say nothing of its LODs
+
+
+@dataclass(frozen=True)
+class Use:
+    """How a frame uses the scene's shot plan.
+
+    row: (n,) uint8, of the plan's file, or None if it gives no LODs.
+    unplanned: sentences why the scene's plan gives none, or on exceptions that are wrong; "" without.
+    exceptions: those that hold without the plan, in the frame `number` of the timeline.
+    """
+
+    row: np.ndarray | None = None
+    unplanned: str = ""
+    exceptions: tuple[Exemption, ...] = ()
+    number: float = 0.0
+
+    def applied(self, frame: Frame) -> Frame:
+        """Return `frame` with the plan's LODs, or else those of the exceptions."""
+        frame = alone(frame, self.exceptions, self.number) if self.row is None else with_row(frame, self.row)
+        return replace(frame, unplanned=self.unplanned) if self.unplanned else frame
+
+
+def path_of(settings) -> Path | None:
+    """Return the path of the plan that the settings refer to, or None."""
+    return full_path(settings.shot_plan) if settings.shot_plan and settings.use_shot_plan else None
+
+
+def reference(settings) -> tuple:
+    """Return what changes when the settings refer to another plan, or its file changes."""
+    path = path_of(settings)
+    if path is None:
+        return ()
+    try:
+        about = path.stat()
+    except OSError:
+        return (path,)
+    return path, about.st_mtime_ns, about.st_size
+
+
+def content_of(settings) -> str:
+    """Return a digest of the plan's LODs and cameras; "" without a file.
+
+    A plan that was copied, or made again with the same result, is the same.
+    """
+    key = reference(settings)
+    if len(key) < 2:
+        return ""
+    if key not in _contents:
+        sums = read_checksums(key[0])
+        _contents.clear()
+        _contents[key] = text_digest(*sorted((name, sums[name]) for name in sums if name not in ABOUT))
+    return _contents[key]
+
+
+def stored_plan(settings) -> StoredPlan | None:
+    """Return the plan that the settings refer to; None if they refer to none.
+
+    CrowdError if it cannot be read.
+    """
+    key = reference(settings)
+    if key and key not in _stored:
+        _stored.clear()
+        _stored[key] = read(key[0])
+    return _stored[key] if key else None
+
+
+def use_of(settings, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | None, time: float, eyes: Sequence[Camera]) -> Use:
+    """Return how the frame at `time` uses the shot plan of the settings.
+
+    Where it does not, it has their exceptions.
+
+    policy, bias: those of the settings.
+    time: in frames of the animation.
+    eyes: the frame's cameras; none for a view that has no plan.
+    """
+    row, why = _row(settings, trajectory, policy, bias, time, eyes) if eyes else (None, "")
+    exceptions, wrong = numbered_of(settings, trajectory, policy)
+    wrong = [*hand_edits.troubles_of(settings.id_data), *wrong]
+    number = time / scene_data.remapped(settings.id_data.render, 1.0)
+    return Use(row, " ".join(filter(None, [why, *dict.fromkeys(wrong)])), exceptions, number)
+
+
+def _row(
+    settings, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | None, time: float, eyes: Sequence[Camera]
+) -> tuple[np.ndarray | None, str]:
+    """Return (what the plan has of the agents, "") or (None, why it gives no LODs)."""
+    try:
+        stored = stored_plan(settings)
+        if stored is None:
+            return None, ""
+        f = stored.place(time)
+        if f is None:
+            return None, f"The shot plan covers {shot_frames(stored.numbers)}: here thresholds hold."
+        changed = differences(stored.made_for, made_for(settings, trajectory, policy, bias))
+        exact = abs(stored.times[f] - time) < 1e-6
+        if not changed and exact and not same_cameras(stored.cameras[f], numbers_of(eyes)):
+            changed = [CAMERA]
+        if changed:
+            return None, _not_used(stored, changed)
+        return stored.row(f, len(trajectory.start), policy.count), ""
+    except CrowdError as error:
+        return None, str(error)
+
+
+def _for_another(stored: StoredPlan) -> str:
+    """Return for which file the plan was made, if that is not the open one."""
+    name = printable(Path(bpy.data.filepath).name)
+    return f" for the file {stored.blend_file}" if stored.blend_file and name and stored.blend_file != name else ""
+
+
+def told_of_file(settings) -> str:
+    """Return a sentence if the plan in use was made for another file; "" else, or if it cannot be read."""
+    with suppress(CrowdError):
+        stored = stored_plan(settings)
+        if stored is not None and (other := _for_another(stored)):
+            return f"The shot plan was made{other}: Plan Shot makes one for this file."
+    return ""
+
+
+def told_of_shot(scene: bpy.types.Scene, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | None) -> str:
+    """Return a sentence on what has changed since the scene's plan was made, in any of its frames; "" if nothing.
+
+    CrowdError if the plan cannot be read.
+    """
+    stored = stored_plan(scene.crowd_lod)
+    if stored is None:
+        return ""
+    changed = differences(stored.made_for, made_for(scene.crowd_lod, trajectory, policy, bias))
+    films = cameras_at(scene, stored.times.tolist())
+    if not all(same_cameras(planned, numbers_of(eyes)) for planned, eyes in zip(stored.cameras, films, strict=True)):
+        changed.append(CAMERA)
+    return _not_used(stored, changed) if changed else ""
+
+
+def _not_used(stored: StoredPlan, changed: Sequence[str]) -> str:
+    return f"The shot plan is not used, for {named(changed)} changed since it was made{_for_another(stored)}: {AGAIN}."
+
+
+def made_for(settings, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | None) -> dict[str, str]:
+    """Return digests of all that a plan depends on besides cameras, by their names.
+
+    settings: of the crowd, for their exceptions.
+    """
+    known = _crowds.get(trajectory)
+    if known is None:
+        known = _crowds[trajectory] = _of_crowd(trajectory)
+    chosen = {
+        "the choice of LODs": _digest(repr(policy)),
+        "the detail map": _digest("" if bias is None else f"{bias.area}", b"" if bias is None else bias.values.tobytes()),
+        # with the crowd's own digests these tell the edits, too
+        "the exceptions": _digest(digest_of(settings)),
+    }
+    return known | chosen | cast_inputs(settings.id_data)
+
+
+def _of_crowd(trajectory: Trajectory) -> dict[str, str]:
+    groups, parts = trajectory.groups, trajectory.digests()
+    bodies = [(g.name, g.center, g.radius, g.stride, g.period, *g.actions, *_sizes(g)) for g in groups]
+    clock = repr((bodies, trajectory.first_frame, trajectory.seconds_per_frame))
+    return {
+        **{name: _digest(clock if name == "the crowd" else "", data) for name, data in parts.items()},
+        "the LOD meshes": _digest(repr([(g.name, g.vertices, g.triangles, g.bounds) for g in groups])),
+    }
+
+
+def _sizes(group: Group) -> tuple[float, ...]:
+    """Return what an older plan knows nothing of: the scales of the group, where it has some."""
+    return () if group.scale == (1.0, 1.0) else group.scale
+
+
+def _digest(text: str, data: bytes = b"") -> str:
+    return hashlib.sha256(text.encode() + data).hexdigest()[:16]

@@ -1,0 +1,123 @@
+"""Agents that chatter or get stuck, found ahead of time, and off-color pixels of the map.
+
+The search has a bounded cost.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...crowd_lod.behavior.courant_number import courant
+from ...crowd_lod.behavior.exact_walk import Trouble, trouble
+from ...crowd_lod.behavior.walk import Walk, walks_of
+from ...crowd_lod.crowd.maps import LabelMap
+from ...crowd_lod.crowd.state_machine import StateMachine
+from ...crowd_lod.sources.trajectory import Trajectory
+
+SECONDS = 60.0  # how far ahead is looked
+MOST_AGENTS = 200_000
+# Reads of the table, and so the time, about two seconds; borders that one agent may cross.
+MOST_READS, MOST_BORDERS = 4_000_000, 4_000
+
+
+@dataclass(frozen=True)
+class OffColor:
+    """Pixels of the label map that are of no label's color: LabelMap.strays, at least one.
+
+    They have the same fields as a Trouble of agents.
+
+    label: that the pixels have for want of another.
+    x, y: (k,) float64 world meters, of their middles.
+    column, row: (k,) intp; row 0 lies at y_min.
+    counts: how many pixels there are.
+    """
+
+    label: str
+    x: np.ndarray
+    y: np.ndarray
+    column: np.ndarray
+    row: np.ndarray
+    counts: tuple[int]
+    kind: str = "off-color"
+    agents: tuple[int, ...] = ()
+
+    def __str__(self) -> str:
+        count = self.counts[0]
+        many = f"{count:,} pixels of the label map are" if count > 1 else "A pixel of the label map is"
+        return (
+            f"{many} far from every label's color and taken for {self.label}, the first at x {self.x[0]:.2f} m, "
+            f"y {self.y[0]:.2f} m (map column {self.column[0]}, row {self.row[0]} from the bottom): paint over."
+        )
+
+
+def off_color(world: LabelMap, machine: StateMachine) -> tuple[OffColor, ...]:
+    """Return the OffColor of the map, () if it has no such pixels."""
+    row, column = world.strays.T
+    return (OffColor(machine.labels[0], *world.middles(row, column), column, row, (len(row),)),) if len(row) else ()
+
+
+@dataclass(frozen=True)
+class Troubles:
+    """What was found.
+
+    found: a Trouble for each kind; first an OffColor if the map has such pixels.
+    agents: how many agents were checked, the first ones of the crowd.
+    count: all agents of the crowd.
+    seconds: how far ahead of the first frame was checked.
+    """
+
+    found: tuple[OffColor | Trouble, ...]
+    agents: int
+    count: int
+    seconds: float
+
+    @property
+    def sentence(self) -> str:
+        """Return all of it as text for the user, "" if all is well and was checked."""
+        parts = [str(each) for each in self.found]
+        if self.agents < self.count or self.seconds < SECONDS:
+            parts.append(
+                f"Only the first {self.agents:,} of {self.count:,} agents were checked for chattering or being stuck, {self.seconds:.3g} s ahead."
+            )
+        return " ".join(parts)
+
+    @property
+    def rows(self) -> list[dict]:
+        """Return a dict for plan.json per kind, with the place where most agents have it."""
+        return [
+            {
+                "kind": each.kind,
+                "agents": len(each.agents),
+                "place": [float(each.x[0]), float(each.y[0])],
+                "column": int(each.column[0]),
+                "row": int(each.row[0]),
+                "count": int(each.counts[0]),
+            }
+            for each in self.found
+        ]
+
+
+def find(trajectory: Trajectory, meters: float = 1.0) -> Troubles:
+    """Find the troubles of agents that a state machine moves, from the first frame on.
+
+    It looks a minute ahead, but not beyond MOST_BORDERS cells of the fastest agent. It checks all
+    agents, but at most MOST_AGENTS and what MOST_READS allow. Agents are placed at random, so the
+    first ones are a fair sample.
+
+    meters: in a unit of the scene. Places of what is found are in meters.
+    """
+    parts = [_of_walk(walk) for walk in walks_of(trajectory)]
+    found = tuple(replace(each, x=each.x * meters, y=each.y * meters) for part in parts for each in part.found)
+    agents, count = (sum(getattr(part, name) for part in parts) for name in ("agents", "count"))
+    return Troubles(found, agents, count, min((part.seconds for part in parts), default=SECONDS))
+
+
+def _of_walk(walk: Walk) -> Troubles:
+    crowd, machine, world = walk.start, walk.machine, walk.world
+    borders = max(float(courant(machine, world, 1.0).max()), 1 / SECONDS)
+    seconds = min(SECONDS, MOST_BORDERS / borders)
+    count = min(len(crowd), MOST_AGENTS, max(1, int(MOST_READS / (borders * seconds))))
+    if count < len(crowd):
+        crowd = replace(crowd, **{name: np.ascontiguousarray(column[:count]) for name, column in crowd.columns.items()})
+    found = *off_color(world, machine), *trouble(crowd, machine, world, seconds)
+    return Troubles(found, count, len(walk.start), seconds)

@@ -1,0 +1,286 @@
+"""Settings of the steps Crowd, Behavior and Camera."""
+
+import bpy
+
+from ...crowd_lod.crowd.agents import MOST_AGENTS
+from ...crowd_lod.levels.assignment import MOST_LEVELS
+from ..blender.labeled_properties import (
+    BoolProperty,
+    CollectionProperty,
+    EnumProperty,
+    FloatProperty,
+    FloatVectorProperty,
+    IntProperty,
+    PointerProperty,
+    StringProperty,
+)
+from .area_settings import CrowdLodArea
+from .outdated_estimate import outdate
+
+
+class CharacterSettings:
+    """Who the agents are."""
+
+    characters: PointerProperty(
+        type=bpy.types.Collection,
+        name="Characters",
+        description="Collection whose children, collections or objects, are the character groups",
+    )
+    keep_characters: BoolProperty(
+        name="Keep in Renders",
+        description="Build and Preview leave the characters themselves in the picture, where they stand, besides the crowd",
+    )
+    forward: EnumProperty(
+        name="Forward",
+        description="The way the characters face where they stand",
+        items=[("-Y", "-Y", "Blender's front"), ("Y", "+Y", "Blender's back"), ("X", "+X", "Right"), ("-X", "-X", "Left")],
+    )
+
+
+class CrowdSettings:
+    """How many agents one crowd has, who moves them, and where."""
+
+    use_crowd: BoolProperty(
+        name="Show", default=True, description="The agents of this crowd are there; they keep their numbers if not"
+    )
+    source: EnumProperty(
+        name="Source",
+        description="Who moves the agents of this crowd",
+        items=[
+            ("MACHINE", "State Machine", "Agents walk by the state machine on the label map"),
+            ("FILE", "File", "Trajectories that were recorded or simulated elsewhere"),
+            ("POINTS", "Points", "Points or instances of an object, read in each frame"),
+        ],
+    )
+    tracks_file: StringProperty(
+        name="File",
+        subtype="FILE_PATH",
+        options={"PATH_SUPPORTS_BLEND_RELATIVE"},
+        description="Trajectories: a table of text (CSV, PedPy, PeTrack, ETH and UCY), NPZ, or JuPedSim's SQLite",
+    )
+    tracks_unit: EnumProperty(
+        name="Unit",
+        description="Unit of length in the file",
+        items=[
+            ("AUTO", "From File", "The unit that the file names, or else meters"),
+            ("M", "Meters", ""),
+            ("CM", "Centimeters", ""),
+            ("MM", "Millimeters", ""),
+            ("FT", "Feet", ""),
+        ],
+    )
+    tracks_rate: FloatProperty(
+        name="Frame Rate",
+        min=0,
+        max=10_000,
+        description="Frames a second of the file's frame numbers; 0 for the rate that the file names",
+    )
+    tracks_up: EnumProperty(
+        name="Up",
+        description="Axis that is up in the file; its headings are counter-clockwise from +X as seen from above",
+        items=[
+            ("Z", "Z", "As in Blender and in programs for pedestrians: X and Y are the ground"),
+            ("Y", "Y", "Right-handed axes, as in Houdini and Maya: X and -Z are the ground"),
+            ("Y_LEFT", "Y, Left-Handed", "As in Unity: X and Z are the ground"),
+        ],
+    )
+    points: PointerProperty(
+        type=bpy.types.Object,
+        name="Object",
+        description="Object whose points or instances are the agents. Attributes: id, group, heading, phase",
+    )
+    points_count: IntProperty(options={"HIDDEN"}, description="How many points the object had at Populate; 0 if not known")
+    group_names: StringProperty(
+        name="Groups",
+        description="Character groups that this crowd's agents are drawn from, such as Robot, Woman; all if empty",
+    )
+    count: IntProperty(
+        update=outdate,
+        name="Agents",
+        default=1000,
+        min=0,
+        soft_max=1_000_000,
+        max=MOST_AGENTS,
+        description="Number of agents in the crowd",
+    )
+    start_on: EnumProperty(
+        update=outdate,
+        name="Start On",
+        description="Where the agents that the state machine moves start",
+        items=[
+            ("RECTANGLE", "Rectangle", "At random on the crowd's ground, where the label map lets them"),
+            ("SURFACE", "Surface", "At random on the faces of an object, by its density"),
+            ("GRID", "Grid", "In a grid over the crowd's ground"),
+            ("CURVES", "Curves", "In rows along the curves of an object, as in a stadium"),
+            ("POINTS", "Points", "On the instances, points or vertices of an object"),
+        ],
+    )
+    start_object: PointerProperty(
+        type=bpy.types.Object, name="Object", description="Object whose faces, curves or points the agents start on"
+    )
+    density_group: StringProperty(
+        name="Vertex Group", description="Vertex group of the object whose weights give the density of agents; even if empty"
+    )
+    density_image: PointerProperty(
+        type=bpy.types.Image, name="Image", description="Image over the object's UV map, which gives the density by its gray"
+    )
+    density_volumes: PointerProperty(
+        type=bpy.types.Collection, name="Volumes", description="Collection of objects: agents start within their boxes alone"
+    )
+    spacing: FloatProperty(
+        update=outdate,
+        name="Spacing",
+        min=0,
+        unit="LENGTH",
+        description="Distance between neighbors, which then fixes how many agents there are; 0 to place as many as Agents says",
+    )
+    jitter: FloatProperty(
+        name="Jitter", min=0, max=1, subtype="FACTOR", description="Part of the distance by which agents stand out of line"
+    )
+    rows: IntProperty(update=outdate, name="Rows", default=1, min=1, max=1000, description="Rows along each curve, outward from it")
+    row_depth: FloatProperty(
+        name="Row Depth",
+        default=0.9,
+        min=0,
+        unit="LENGTH",
+        description="Distance from one row to the next: outward from a closed curve, to the left of an open one",
+    )
+    row_rise: FloatProperty(name="Row Rise", unit="LENGTH", description="Height of each row above the one before")
+    row_turn: FloatProperty(
+        name="Turn",
+        subtype="ANGLE",
+        description="Angle added to where agents face: inward from a closed curve, to the right of an open one",
+    )
+    start_places: PointerProperty(
+        type=bpy.types.Mesh, name="Places", description="Places to start on an object, as Populate drew them"
+    )
+    seed: IntProperty(name="Seed", min=0, description="The same seed gives the same crowd")
+    center: FloatVectorProperty(name="Center", size=3, subtype="TRANSLATION", description="Center of the crowd's ground")
+    size: FloatVectorProperty(
+        name="Size",
+        size=2,
+        default=(60, 60),
+        subtype="XYZ",
+        unit="LENGTH",
+        min=0,
+        description="Width (X) and depth (Y) of the crowd's ground",
+    )
+
+
+class BehaviorSettings:
+    """What the agents do."""
+
+    map_image: PointerProperty(
+        type=bpy.types.Image,
+        name="Map",
+        description="Label map over the ground: each pixel in the color of a label. None is open ground between two edges",
+    )
+    areas: CollectionProperty(
+        type=CrowdLodArea, name="Walls and Areas", description="Meshes that lay labels over the map; of two, the lower one counts"
+    )
+    areas_image: PointerProperty(
+        type=bpy.types.Image, name="Walls and Areas Map", description="The labels of meshes, as they were last laid over the map"
+    )
+    height_image: PointerProperty(
+        type=bpy.types.Image,
+        name="Height Map",
+        description="Heights over the ground, from the first channel; agents stand on it. None is level ground",
+    )
+    height_scale: FloatProperty(
+        name="Height", default=1.0, unit="LENGTH", description="Height of the value 1 (white) above that of 0 (black)"
+    )
+    terrain: PointerProperty(
+        type=bpy.types.Collection,
+        name="Terrain",
+        description="Collection of meshes that agents stand on, with any number of floors. It takes the place of a height map",
+    )
+    terrain_object: PointerProperty(
+        type=bpy.types.Object, name="Terrain Object", description="Object that agents stand on, besides the collection or instead"
+    )
+    terrain_mesh: PointerProperty(
+        type=bpy.types.Mesh, name="Ground", description="Faces of the terrain that one can stand on, as Populate read them"
+    )
+    tilt: BoolProperty(
+        name="Align to Slope", description="Agents on a height map or a terrain stand square on its slope instead of upright"
+    )
+    machine: PointerProperty(
+        type=bpy.types.Text,
+        name="State Machine",
+        description="What agents do on each label, as JSON. None lets them walk to and fro between the edges",
+    )
+    first_frame: IntProperty(
+        name="Start Frame", default=1, subtype="TIME", description="Before it the crowd stands where it was populated"
+    )
+
+
+class SimulationSettings:
+    """What Simulate with JuPedSim makes of the label map."""
+
+    start_labels: StringProperty(
+        name="Starts", description="Labels that agents start on, such as platform, hall; where the state machine lets them if empty"
+    )
+    goal_labels: StringProperty(name="Goals", description="Labels that agents walk to, and leave at; the label exit if empty")
+    goal_choice: EnumProperty(
+        name="Choice",
+        description="Which goal an agent walks to",
+        items=[("NEAREST", "Nearest", "The one that is nearest where it starts"), ("ANY", "Any", "Drawn for each agent")],
+    )
+    wall_labels: StringProperty(
+        name="Walls", description="Labels that nobody enters, such as house, pillar; the label wall if empty"
+    )
+    obstacles: PointerProperty(
+        type=bpy.types.Collection,
+        name="Obstacles",
+        description="Collection of meshes that agents walk around, by their outlines half a meter above the ground",
+    )
+    simulated_seconds: FloatProperty(
+        name="Duration",
+        default=20,
+        min=0.1,
+        max=36_000,
+        subtype="TIME_ABSOLUTE",
+        unit="TIME_ABSOLUTE",
+        description="Seconds to simulate",
+    )
+
+
+class CrowdLodCrowd(CrowdSettings, BehaviorSettings, SimulationSettings, bpy.types.PropertyGroup):
+    """A further crowd of a scene, called `name`, beside the one of the scene's own settings."""
+
+
+class CameraSettings:
+    """What the camera culls."""
+
+    cull_to_border: BoolProperty(
+        name="Cull to Render Region", description="Leave out what lies outside the render region, where one is set"
+    )
+    drop_lost: BoolProperty(
+        name="Drop Lost Agents", description="Leave out agents at NaN or infinity, and count them, instead of stopping"
+    )
+    margin_kind: EnumProperty(
+        name="Margin",
+        description="By how much the camera's frustum is widened, for characters that reach into it from outside",
+        items=[
+            ("DERIVED", "From Bounds", "Widen the frustum just so far that no character that may touch a pixel is dropped"),
+            ("FIXED", "Fixed", "Widen the frustum by a distance of your own; may drop characters"),
+        ],
+    )
+    margin: FloatProperty(
+        name="Margin", default=1.0, min=0, unit="LENGTH", description="Distance by which the frustum's sides are moved out"
+    )
+    shadows: BoolProperty(
+        name="Shadows and Reflections",
+        default=True,
+        description="Keep characters outside the picture whose shadows fall into it, or that mirrors show; the camera itself "
+        "does not see them",
+    )
+    mirrors: PointerProperty(
+        type=bpy.types.Collection, name="Mirrors", description="Collection of flat objects that mirror the crowd"
+    )
+    unseen_level: IntProperty(
+        name="LOD If Unseen",
+        default=MOST_LEVELS - 1,
+        min=0,
+        max=MOST_LEVELS - 1,
+        description="Level of detail of characters kept for their shadow or reflection alone, or the coarsest there is",
+    )

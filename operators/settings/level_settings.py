@@ -1,0 +1,210 @@
+"""Settings of the step Levels of Detail, and what is known of each character group."""
+
+import bpy
+
+from ...crowd_lod.levels.assignment import MOST_LEVELS
+from ..blender.labeled_properties import (
+    BoolProperty,
+    CollectionProperty,
+    EnumProperty,
+    FloatProperty,
+    FloatVectorProperty,
+    IntProperty,
+    IntVectorProperty,
+    PointerProperty,
+    StringProperty,
+)
+from .outdated_estimate import outdate
+from .setting_changes import settings_changed
+from .threshold_order import push, push_all
+
+METHODS = (
+    ("AUTO", "Automatic", "Make each mesh by both methods, measure how far it is off in motion, and take the closer one"),
+    ("POSE_AWARE", "Pose-Aware", "Quadric edge collapse that heeds the poses of the action and keeps UV seams"),
+    ("DECIMATE", "Decimate Modifier", "Blender's own, which looks at the rest pose; it is quicker"),
+)
+SIZES = (200, 80, 40, 20, 10, 5, 2)
+THRESHOLDS = (0.15, 0.4, 0.6, 0.7, 0.8, 0.9, 1.0)
+
+
+class CrowdLodAction(bpy.types.PropertyGroup):
+    """Measurements of the action that states name `name`, as one character group plays it."""
+
+    stride: FloatProperty(name="Stride", unit="LENGTH", description="Length walked in a cycle; 0 plays the action by time")
+    period: FloatProperty(name="Period", unit="TIME_ABSOLUTE", description="Seconds in a cycle of the action")
+
+
+class CrowdLodGroup(bpy.types.PropertyGroup):
+    """Measurements of the character group `name`, and its own LOD thresholds."""
+
+    center: FloatProperty(name="Center", unit="LENGTH", description="Height of the bounding sphere's center")
+    radius: FloatProperty(name="Radius", unit="LENGTH", description="Radius of the bounding sphere over the whole action")
+    stride: FloatProperty(name="Stride", unit="LENGTH", description="Length walked in a cycle; 0 plays the action by time")
+    period: FloatProperty(name="Period", unit="TIME_ABSOLUTE", description="Seconds in a cycle of the action")
+    share: FloatProperty(
+        name="Share", min=0, soft_max=10, default=1, description="Share of the agents, in proportion to the other groups'"
+    )
+    scale: FloatVectorProperty(
+        name="Scale",
+        size=2,
+        min=0.01,
+        soft_max=3,
+        default=(1, 1),
+        description="Least and greatest size of its agents, drawn for each",
+    )
+    variant_of: StringProperty(name="Variant Of", description="The group that this is with some of its props; empty without")
+    chance: FloatProperty(name="Chance", default=1, min=0, max=1, description="That an agent of the group has just these props")
+    actions: CollectionProperty(type=CrowdLodAction, name="Actions", description="Those besides its own that states name")
+    lowest: FloatProperty(
+        name="Soles", unit="LENGTH", description="Height of its soles above the origin, over the whole action; 0 if near"
+    )
+    on_ground: BoolProperty(
+        name="Stand on Ground",
+        description="Its soles stand on the ground over the whole action, instead of its origin",
+        update=settings_changed("on_ground"),
+    )
+    vertices: IntVectorProperty(name="Vertices", size=MOST_LEVELS, description="Vertices of each LOD")
+    triangles: IntVectorProperty(name="Triangles", size=MOST_LEVELS, description="Triangles of each LOD")
+    deviations: FloatVectorProperty(
+        name="Deviation",
+        size=MOST_LEVELS,
+        unit="LENGTH",
+        description="Largest distance found of each LOD's surface from the character's, both ways, over its action",
+    )
+    bounds: FloatVectorProperty(
+        name="Bound", size=MOST_LEVELS, unit="LENGTH", description="Upper bound of each LOD's deviation, by which LODs are chosen"
+    )
+    rms: FloatVectorProperty(
+        name="RMS", size=MOST_LEVELS, unit="LENGTH", description="Root mean square of the distances, in the worst pose"
+    )
+    worst: FloatVectorProperty(name="Worst Frame", size=MOST_LEVELS, description="Frame at which each LOD deviates most")
+    shaded: FloatVectorProperty(
+        name="Shaded",
+        size=MOST_LEVELS,
+        default=(-1.0,) * MOST_LEVELS,
+        description="Length per pixel from which on each LOD's shaded picture matches the character's; below 0 if not known",
+    )
+    diagonal: FloatProperty(name="Diagonal", unit="LENGTH", description="Of the bounding box; 0 while no LOD was measured")
+    finest: IntProperty(
+        name="Finest LOD",
+        min=0,
+        max=MOST_LEVELS - 1,
+        description="Finer LODs of this group are not built, to fit in Memory for Characters",
+    )
+    own_thresholds: BoolProperty(name="Own Thresholds", description="This group has LOD distances of its own")
+    thresholds: FloatVectorProperty(
+        update=push("thresholds"),
+        name="Threshold",
+        precision=3,
+        size=MOST_LEVELS - 1,
+        min=0,
+        max=1,
+        default=THRESHOLDS,
+        description="Part of the camera's far distance at which this group's next LOD begins",
+    )
+    sizes: FloatVectorProperty(
+        update=push("sizes"),
+        name="Size",
+        size=MOST_LEVELS - 1,
+        min=0.01,
+        default=SIZES,
+        description="Height of this group's character in pixels below which its next LOD begins",
+    )
+
+
+class LevelSettings:
+    """How LODs are made and chosen."""
+
+    choice: EnumProperty(
+        update=outdate,
+        name="Choose LODs",
+        default="BY_TOLERANCE",
+        description="How many LODs there are, and where they begin",
+        items=[
+            ("BY_RATIO", "By Ratio", "Set how many LODs there are, what they keep and where they begin"),
+            ("BY_TOLERANCE", "By Tolerance", "Set how many pixels a LOD may deviate; all else follows, for every camera"),
+        ],
+    )
+    tolerance: FloatProperty(
+        update=outdate,
+        name="Tolerance",
+        default=1.0,
+        min=0,
+        soft_min=0.1,
+        soft_max=10,
+        subtype="PIXEL",
+        description="Pixels of the rendered picture by which a LOD's surface may lie off the character's",
+    )
+    memory: FloatProperty(
+        update=outdate,
+        name="Memory for Characters",
+        min=0,
+        soft_max=16_000,
+        precision=0,
+        description="Megabytes that the characters may take in a render: LODs are chosen to fit, where they deviate least. 0 is no limit",
+    )
+    shading_counts: BoolProperty(
+        name="Shading Counts",
+        description="By tolerance, a LOD also begins only where its shaded picture differs by 2 % of white at most",
+    )
+    hidden_surface_counts: BoolProperty(
+        name="Hidden Surface Counts",
+        description="Deviations heed surface that no direction shows in any pose, such as a body within clothes: for characters "
+        "that are cut open or looked into",
+    )
+    level_count: IntProperty(
+        update=push_all,
+        name="Levels",
+        default=3,
+        min=1,
+        max=MOST_LEVELS,
+        description="LODs of each character, itself as LOD 0 included",
+    )
+    scale_textures: BoolProperty(
+        name="Scale Textures",
+        description="Build and Bake show far LODs with images scaled down to what can be seen of them where each begins",
+    )
+    ratios: FloatVectorProperty(
+        update=outdate,
+        name="Ratio",
+        precision=3,
+        size=MOST_LEVELS,
+        min=0.001,
+        max=1,
+        default=(1.0, 0.4, 0.12, 0.05, 0.03, 0.02, 0.015, 0.01),
+        description="Part of the triangles that each LOD keeps",
+    )
+    method: EnumProperty(name="Decimation", description="How the LOD meshes are made", items=METHODS)
+    thresholds: FloatVectorProperty(
+        update=push("thresholds"),
+        name="Threshold",
+        precision=3,
+        size=MOST_LEVELS - 1,
+        min=0,
+        max=1,
+        default=THRESHOLDS,
+        description="Part of the camera's far distance at which the next LOD begins",
+    )
+    metric: EnumProperty(
+        update=outdate,
+        name="Distance",
+        description="How the distance that chooses an agent's LOD is measured",
+        items=[
+            ("AXIS", "Along the View", "Depth, which size on screen depends on"),
+            ("RADIAL", "From the Camera", "Straight distance; panoramic cameras always use it"),
+            ("PIXELS", "By Size in Pixels", "Size in the picture, so that a zoom changes the LOD"),
+        ],
+    )
+    sizes: FloatVectorProperty(
+        update=push("sizes"),
+        name="Size",
+        size=MOST_LEVELS - 1,
+        min=0.01,
+        default=SIZES,
+        description="Height of a character in pixels below which the next LOD begins",
+    )
+    bias_image: PointerProperty(
+        type=bpy.types.Image,
+        name="Detail Map",
+        description="Painted over the ground: white gives the LOD of a quarter of the distance, black of four times, gray no change",
+    )

@@ -1,0 +1,14 @@
+"""What follows when a setting changes: the rooms above say it, as the settings lie below them all."""
+
+from collections.abc import Callable
+from typing import Any
+
+import bpy
+
+# name of a change -> what is called with the changed group of settings; registration fills it
+FOLLOWERS: dict[str, Callable[[Any], None]] = {}
+
+
+def settings_changed(name: str) -> Callable[[bpy.types.PropertyGroup, bpy.types.Context], None]:
+    """Return an update callback that calls the follower of the change `name`."""
+    return lambda entry, _: FOLLOWERS[name](entry)

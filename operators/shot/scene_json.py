@@ -1,0 +1,120 @@
+"""What plan.json tells of a scene and its crowd: all that is needed to repeat a run."""
+
+import hashlib
+import json
+import platform
+from collections.abc import Generator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ...crowd_lod import __version__
+from ...crowd_lod.behavior.walk import walks_of
+from ...crowd_lod.format import printable
+from ...crowd_lod.progress import aside
+from ...crowd_lod.reporting import tables
+from ...crowd_lod.sources.trajectory import Trajectory
+from ..blender import cameras, scene_data
+from ..lod_meshes.make_lods import TINTS
+from ..machine import terrain_source
+from ..machine.scene_world import machine_of
+from ..scene.scene_crowd import policy_of, trajectory_of
+from ..scene.stuck_agents import find
+
+
+def scene_json(
+    scene: bpy.types.Scene, stage: bpy.types.Scene, command: list[str], last: int, characters: list[dict]
+) -> Generator[float, None, dict[str, Any]]:
+    """Make what plan.json tells of a scene and its crowd: yield between the steps, return the dict.
+
+    stage: the scene with the settings that count; `scene` itself, or a copy of it.
+    command: the command line of the run.
+    last: frame of the timeline.
+    characters: of lod_table.tables.
+    """
+    settings, trajectory, meters = stage.crowd_lod, trajectory_of(stage), scene_data.meters(stage)
+    troubles = yield from aside(lambda: find(trajectory, meters))
+    return {
+        "version": tables.PLAN_VERSION,
+        "command": command,
+        "made_with": {
+            "crowd_lod": __version__,
+            "blender": bpy.app.version_string,
+            "python": platform.python_version(),
+            "numpy": np.__version__,
+        },
+        "scene": _scene_of(scene),
+        "crowd": _crowd_of(settings, trajectory),
+        "map": _map_of(settings, trajectory),
+        "height": {
+            "image": settings.height_image.name if settings.height_image else None,
+            "scale": settings.height_scale * meters,
+            "tilt": settings.tilt,
+            "terrain": [item.name for item in terrain_source.objects_of(settings)],
+        },
+        "machine": json.loads(machine_of(settings).text) if walks_of(trajectory) else None,
+        "trouble": troubles.rows,
+        "trouble_says": troubles.sentence,
+        "camera": cameras.bound_camera(scene, scene_data.remapped(scene.render, last)).name,
+        "levels": _levels_of(stage, characters),
+    }
+
+
+def _map_of(settings, trajectory: Trajectory) -> dict[str, Any] | None:
+    walks = walks_of(trajectory)
+    if not walks:
+        return None
+    labels = walks[0].world.labels
+    return {
+        "image": settings.map_image.name if settings.map_image else None,
+        "cells": list(labels.shape[::-1]),
+        "sha256": hashlib.sha256(labels.tobytes()).hexdigest(),
+    }
+
+
+def _scene_of(scene: bpy.types.Scene) -> dict[str, Any]:
+    file = Path(bpy.data.filepath) if bpy.data.filepath else None
+    return {
+        "name": scene.name,
+        "file": printable(file) if file else None,
+        "sha256": hashlib.sha256(file.read_bytes()).hexdigest() if file and file.is_file() else None,
+    }
+
+
+def _crowd_of(settings, trajectory: Trajectory) -> dict[str, Any]:
+    area, meters = trajectory.area, scene_data.meters(settings.id_data)
+    return {
+        "count": len(trajectory.parts[0].start),
+        "seed": settings.seed,
+        "starts_on": settings.start_on,
+        "area": {
+            "x": [area.x_min * meters, area.x_max * meters],
+            "y": [area.y_min * meters, area.y_max * meters],
+            "z": area.z * meters,
+        },
+        "forward": settings.forward,
+        "first_frame": settings.first_frame,
+        "frames_per_second": 1 / trajectory.seconds_per_frame,
+        "groups": [asdict(group.scaled(meters)) for group in trajectory.groups],
+    }
+
+
+def _levels_of(stage: bpy.types.Scene, characters: list[dict]) -> dict[str, Any]:
+    settings, policy = stage.crowd_lod, policy_of(stage.crowd_lod)
+    return {
+        "metric": policy.metric,
+        "margin": policy.margin and policy.margin * scene_data.meters(stage),
+        "tolerance": policy.tolerance,
+        "shading_counts": policy.shading,
+        "pixels": cameras.image_size(stage.render),
+        "ratios": [round(r, 6) for r in settings.ratios[: policy.count]] if policy.tolerance is None else None,
+        "thresholds": list(policy.thresholds) if policy.tolerance is None else None,
+        "group_thresholds": [list(own) for own in policy.group_thresholds],
+        "drop_lost": policy.drop_lost,
+        "tints": TINTS[: policy.count],
+        "characters": characters,
+        "dropped": settings.dropped.splitlines(),
+    }

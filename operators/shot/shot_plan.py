@@ -1,0 +1,245 @@
+"""The shot plan: runs through the shot, decides on all its LODs, and stores them."""
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass
+from math import inf, isfinite
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import counted, number, printable
+from ...crowd_lod.frame.planned import PINNED
+from ...crowd_lod.levels.assignment import deviations
+from ...crowd_lod.progress import share, standing
+from ...crowd_lod.reporting import files, tables
+from ...crowd_lod.reporting.shot_json import shot_facts
+from ...crowd_lod.reporting.shot_report import Told, shot_page
+from ...crowd_lod.shot import plan_file
+from ...crowd_lod.shot.budget import Budget, BudgetPlan, decide_within
+from ...crowd_lod.shot.curve import curve_of
+from ...crowd_lod.shot.exceptions import Exemption, excepted, marked
+from ...crowd_lod.shot.shot_cost import Shot, meshes_of
+from ...crowd_lod.shot.switches import WORST, largest, noticed
+from ..blender import cameras, provenance, scene_data
+from ..blender.operator import Reporting, Stepwise
+from ..blender.output_folders import full_path, output_path, place_of
+from ..blender.output_index import note_output
+from ..lod_meshes.deviation import measure_levels
+from ..lod_meshes.level_objects import TINTS
+from ..lod_meshes.make_lods import make_levels
+from ..lod_meshes.selection import cast_of, rigs_of
+from ..machine.scene_world import bias_of
+from ..render_setup.render_setup import check_levels
+from ..scene import shot_reference
+from ..scene.scene_crowd import characters_of, groups_of, measuring_groups, policy_of, store_groups, trajectory_of
+from ..scene.shot_exceptions import exemptions_of
+from ..settings import needs
+from ..sources.crowd_sources import check_recorded
+from .scene_json import scene_json
+from .shot_survey import survey_of
+from .switch_crops import crops_of
+
+READY, SURVEYED, DECIDED, CURVED = 0.2, 0.6, 0.9, 0.95  # of the progress
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What to plan.
+
+    frames: increasing, of the timeline.
+    folder: where the plan goes.
+    avoid: the part by which the shot may cost more, to avoid switches in sight.
+    budget: what each frame may take.
+    blurred: whether LODs may be as many pixels coarser as their agents are blurred wide.
+    keeps: whether the survey so far is kept in the folder, for a run that is killed.
+    """
+
+    frames: Sequence[int]
+    folder: Path
+    avoid: float = 0.05
+    budget: Budget = Budget()
+    keeps: bool = False
+    blurred: bool = False
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A planned shot, what it was planned for, and what its report tells."""
+
+    shot: Shot
+    plan: BudgetPlan
+    stored: plan_file.StoredPlan
+    told: Told
+    wanted: Wanted
+    exemptions: tuple[Exemption, ...] = ()
+
+
+def plan_shot(scene: bpy.types.Scene, wanted: Wanted) -> Generator[float, None, Planned]:
+    """Plan the LODs of the shot: yield the progress, return it.
+
+    LOD meshes that are missing are made. Nothing else in the scene changes.
+    """
+    if not 0 <= wanted.avoid < 1e6:
+        raise CrowdError(f"Avoid Pops is {wanted.avoid:g}; give the part of the cost that it may add, such as 0.05.")
+    check_recorded(scene, "Plan Shot")
+    provenance.look_afresh()
+    yield from share(ready(scene), 0.0, READY)
+    trajectory, policy = trajectory_of(scene), policy_of(scene.crowd_lod)
+    exemptions = exemptions_of(scene, trajectory, policy, wanted.frames)
+    through = yield from share(
+        survey_of(scene, wanted.frames, wanted.folder if wanted.keeps else None, wanted.blurred), READY, SURVEYED
+    )
+    survey = through.survey
+    characters = characters_of(scene)
+    rigs = rigs_of(characters, trajectory, cast_of(characters, trajectory))
+    shot = Shot(excepted(survey, exemptions), meshes_of(trajectory.groups, policy.count), scene_data.engine_of(scene), *rigs)
+    found = yield from share(decide_within(shot, wanted.budget, wanted.avoid), SURVEYED, DECIDED)
+    changes = noticed(shot, found.levels, trajectory.spheres.radius)
+    told = Told(
+        title=Path(bpy.data.filepath).stem or scene.name,
+        shot=shot,
+        plan=found,
+        noticed=changes,
+        curve=(yield from share(curve_of(shot, found, policy.tolerance), DECIDED, CURVED)),
+        names=[group.name for group in trajectory.groups],
+        tints=TINTS,
+        milliseconds=through.milliseconds,
+        crops=(yield from share(crops_of(scene, through, largest(changes, WORST)), CURVED, 1.0)),
+    )
+    bias = bias_of(scene.crowd_lod)
+    stored = plan_file.StoredPlan(
+        path=wanted.folder / plan_file.NAME,
+        numbers=survey.numbers,
+        times=survey.times,
+        cameras=through.cameras,
+        made_for=shot_reference.made_for(scene.crowd_lod, trajectory, policy, bias),
+        tolerance=max(found.tolerance, policy.tolerance or 0.0) or None,
+        blend_file=printable(Path(bpy.data.filepath).name),
+    )
+    return Planned(shot, found, stored, told, wanted, exemptions)
+
+
+def ready(scene: bpy.types.Scene) -> Generator[float, None, None]:
+    """Make or measure the LOD meshes of `scene` where they are missing."""
+    cameras.active_camera(scene), characters_of(scene)
+    settings = scene.crowd_lod
+    if not len(settings.groups):
+        store_groups(settings, (yield from share(measuring_groups(scene), 0.0, 0.1)))
+    if settings.levels is None:
+        yield from share(make_levels(scene), 0.1, 1.0)
+    elif deviations(groups_of(settings), policy_of(settings)) is None:
+        yield from share(measure_levels(scene), 0.1, 1.0)
+    check_levels(scene)  # those of other settings may be fewer
+
+
+def write_plan(
+    scene: bpy.types.Scene, folder: Path, planned: Planned, command: list[str]
+) -> Generator[float, None, dict[str, Any]]:
+    """Write the plan's files into `folder`: yield the progress, return the content of plan.json.
+
+    command: the command line of the run.
+    """
+    write_levels(folder, planned)
+    told = yield from standing(scene_json(scene, scene, command, int(planned.stored.numbers[-1]), []), 1.0)
+    told |= shot_json(planned)
+    (folder / "plan.json").write_text(tables.to_json(told), encoding="utf-8")
+    (folder / "frames.csv").write_text(tables.to_csv(told["frames"]), encoding="utf-8")
+    (folder / "switches.csv").write_text(tables.switches_csv(planned.told.noticed), encoding="utf-8")
+    (folder / "report.html").write_text(shot_page(planned.told), encoding="utf-8")
+    return told
+
+
+def write_levels(folder: Path, planned: Planned) -> None:
+    """Write plan.npz into `folder`."""
+    numbers, pinned = planned.stored.numbers.tolist(), PINNED if planned.plan.tolerance or planned.shot.survey.blurred else 0
+    rows = [marked(row | pinned, number, planned.exemptions) for number, row in zip(numbers, planned.plan.levels, strict=True)]
+    plan_file.write(folder / plan_file.NAME, planned.stored, rows)
+
+
+def shot_json(planned: Planned) -> dict[str, Any]:
+    """Return what plan.json tells of the shot."""
+    budget = {name: value for name, value in vars(planned.wanted.budget).items() if value not in (None, inf)}
+    asked = {"avoid_pops": planned.wanted.avoid, "blur": planned.wanted.blurred, "budget": budget}
+    return shot_facts(planned.told, planned.stored, asked, [each.as_json for each in planned.exemptions])
+
+
+def sentence(planned: Planned) -> str:
+    """Return a sentence on the plan beside the thresholds' own."""
+    plan, frames = planned.plan, len(planned.stored.numbers)
+    found, before = plan.bill, plan.thresholds
+    bound = f"; {plan.bound:.1%} above the least possible at most" if isfinite(plan.bound) else ""
+    raised = f" To fit in the budget, LODs deviate by up to {number(found.error)} pixels." if plan.tolerance else ""
+    return (
+        f"{counted(frames, 'frame')} of {counted(len(planned.shot.survey.group), 'agent')} planned. LODs change in sight "
+        f"{int(found.switches.sum()):,} times, by distance {int(before.switches.sum()):,} times, for "
+        f"{max(found.above(before), 0.0):.1%} more cost at most{bound}.{raised}"
+    )
+
+
+def budget_of(settings) -> Budget:
+    """Return the budget that the settings give; 0 is no limit."""
+    return Budget(triangles=settings.budget_triangles or inf, memory=1e6 * settings.budget_memory or inf)
+
+
+class CROWDLOD_OT_plan_shot(Stepwise, bpy.types.Operator):
+    """Decide on all LODs of the shot at once, so that few characters change theirs in sight"""
+
+    bl_idname = "crowd_lod.plan_shot"
+    bl_label = "Plan Shot"
+    needs = (
+        needs.characters,
+        needs.camera,
+    )
+
+    def steps(self, context) -> Generator[float, None, str]:
+        scene, settings = context.scene, context.scene.crowd_lod
+        place = output_path(scene, "plan")
+        folder = full_path(place)
+        with files.staged(folder, plan_file.NAME) as part:
+            wanted = Wanted(
+                scene_data.frames_of(scene), folder, settings.avoid_pops, budget_of(settings), blurred=settings.plan_blurred
+            )
+            planned = yield from share(plan_shot(scene, wanted), 0.0, 0.99)
+            yield from standing(write_plan(scene, part, planned, ["sidebar"]), 0.99)
+        settings.shot_plan = f"{place}/{plan_file.NAME}"
+        settings.use_shot_plan = True
+        note_output(scene, "plan")
+        return f"{sentence(planned)} The plan is in {place_of(folder)}."
+
+
+class CROWDLOD_OT_remove_plan(Reporting, bpy.types.Operator):
+    """Take LODs by distance again; the plan's files stay"""
+
+    bl_idname = "crowd_lod.remove_plan"
+    bl_label = "Remove Plan"
+    needs = (needs.plan,)
+
+    def run(self, context) -> str:
+        context.scene.crowd_lod.shot_plan = ""
+        return "LODs follow from distances again."
+
+
+class CROWDLOD_OT_go_to_switch(Reporting, bpy.types.Operator):
+    """Go to the frame of the largest change by a LOD switch, and mark its agent; again, to the next largest"""
+
+    bl_idname = "crowd_lod.go_to_switch"
+    bl_label = "Go to Largest Switch"
+    needs = (needs.plan,)
+
+    def run(self, context) -> str:
+        scene, settings = context.scene, context.scene.crowd_lod
+        rows = tables.largest_switches(full_path(settings.shot_plan).with_name("switches.csv"))
+        if not rows:
+            return "No agent changes its LOD in sight."
+        places = [(int(row["frame"]), int(row["agent"])) for row in rows]
+        now = scene.frame_current, settings.agent
+        at = (places.index(now) + 1) % len(places) if now in places else 0
+        scene.frame_current, settings.agent = places[at]
+        own = rows[at]
+        lods = f"LOD {own['from']} to {own['to']}" if own["from"] else f"appears at LOD {own['to']}"
+        return f"Frame {places[at][0]}, agent {places[at][1]}: {lods}, changes up to {float(own['change_px']):.2f} pixels."
+
+
+CLASSES = (CROWDLOD_OT_plan_shot, CROWDLOD_OT_remove_plan, CROWDLOD_OT_go_to_switch)

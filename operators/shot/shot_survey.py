@@ -1,0 +1,151 @@
+"""Runs through a shot and surveys it. Where a run was killed, the next one goes on."""
+
+import hashlib
+import os
+import time as clock
+from collections import Counter
+from collections.abc import Generator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ...crowd_lod import __version__
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.frame.frame import Frame, plan
+from ...crowd_lod.frame.index_cache import approach
+from ...crowd_lod.frame.planned import numbers_of
+from ...crowd_lod.frame.shadows import surround
+from ...crowd_lod.progress import share
+from ...crowd_lod.shot.shot_cost import meshes_of
+from ...crowd_lod.shot.survey import Recorder, Survey, empty
+from ..blender import cameras, frame_stepping, scene_data
+from ..lod_meshes.selection import cast_of
+from ..machine.scene_world import bias_of
+from ..render_setup.cost_estimate import covered, samples_of
+from ..scene import lights, shot_reference
+from ..scene.scene_crowd import characters_of, policy_of, trajectory_of
+
+EVERY = 20.0  # seconds between two parts that are kept for a run that goes on
+KEPT = "kind", "coarsest", "scale", "character", "cuts", "rays"
+PARTS = ".crowd-lod-survey"  # begins the names of the parts' files
+
+
+@dataclass
+class Surveyed:
+    """A shot that was run through.
+
+    cameras: (F, E, 21) float64, of frame.planned.numbers_of.
+    milliseconds: of each stage, the mean of the frames that this run planned.
+    """
+
+    survey: Survey
+    cameras: np.ndarray
+    milliseconds: dict[str, float] = field(default_factory=dict)
+
+
+def survey_of(
+    scene: bpy.types.Scene, frames: Sequence[int], folder: Path | None = None, blurred: bool = False
+) -> Generator[float, None, Surveyed]:
+    """Run through the shot: yield the progress, return it.
+
+    blurred: let LODs be as many pixels coarser as their agents are blurred wide.
+    folder: keeps what is surveyed so far, for a run that is killed; None keeps nothing.
+    CrowdError if the crowd or its choice of LODs changes on the way.
+    """
+    settings, trajectory = scene.crowd_lod, trajectory_of(scene)
+    policy, library = policy_of(settings), cast_of(characters_of(scene), trajectory)
+    times = [scene_data.remapped(scene.render, number) for number in frames]
+    survey = empty(frames, times, trajectory.start.group, library.first(trajectory.gaits))
+    if blurred:
+        if policy.tolerance is None:
+            raise CrowdError("Coarser Where Blurred needs LODs by tolerance: set Choose LODs to By Tolerance, or switch it off.")
+        survey = replace(survey, blurred=policy.tolerance, bounds=meshes_of(trajectory.groups, policy.count).bounds)
+    parts = Parts(survey, folder, _key(scene, frames) + "b" * blurred)
+    begin, before, took, saved = parts.taken_up(), None, Counter(), clock.monotonic()
+    with frame_stepping.stepped(scene) as at, Recorder() as recorder:
+        for f in range(max(begin - 1, 0), len(frames)):
+            time = times[f]
+            yield from share(approach(trajectory, time), f / len(frames), (f + 0.5) / len(frames))
+            eyes, around, shutter = lights.read_moment(scene, time, at)
+            if trajectory_of(scene) is not trajectory or policy_of(settings) != policy:
+                raise CrowdError(
+                    f"The crowd's settings change at frame {frames[f]}: a shot needs one crowd and one choice of LODs, so remove "
+                    "their animation and drivers, or plan the frames before and after apart."
+                )
+            frame = surround(plan(trajectory, eyes, policy, time, shutter, bias_of(settings)), around)
+            if f >= begin:
+                cut = f > 0 and cameras.bound_camera(scene, time) != cameras.bound_camera(scene, times[f - 1])
+                recorder.add(survey, f, frame, library, before, samples_of(scene) * covered(frame, scene), cut)
+                parts.cameras.append(numbers_of(eyes))
+                took.update(frame.milliseconds)
+            before: Frame | None = frame
+            if clock.monotonic() > saved + EVERY:
+                recorder.finish()
+                parts.keep(f + 1)
+                saved = clock.monotonic()
+            yield (f + 1) / len(frames)
+        recorder.finish()
+    if len({each.shape for each in parts.cameras}) > 1:
+        raise CrowdError("The number of the camera's eyes changes during the shot: plan the frames of each apart.")
+    planned = max(len(frames) - begin, 1)
+    return Surveyed(survey, np.array(parts.cameras), {name: ms / planned for name, ms in took.items()})
+
+
+def _key(scene: bpy.types.Scene, frames: Sequence[int]) -> str:
+    """Return a text that tells surveys apart: of the file, the crowd, the frames."""
+    settings, trajectory = scene.crowd_lod, trajectory_of(scene)
+    file = Path(bpy.data.filepath)
+    data = file.read_bytes() if bpy.data.filepath and file.is_file() else b""
+    about = shot_reference.made_for(settings, trajectory, policy_of(settings), bias_of(settings))
+    text = repr((__version__, scene.name, list(frames), about, scene.render.engine))
+    return hashlib.sha256(text.encode() + data).hexdigest()[:16]
+
+
+class Parts:
+    """Parts of a survey that are kept in a folder until the whole is done.
+
+    cameras: those of the frames so far.
+    """
+
+    def __init__(self, survey: Survey, folder: Path | None, key: str):
+        self.survey, self.folder, self.key, self.done = survey, folder, key, 0
+        self.cameras: list[np.ndarray] = []
+
+    def taken_up(self) -> int:
+        """Read the parts that a killed run left; return the number of frames that they hold."""
+        while self.folder is not None and (found := sorted(self.folder.glob(f"{PARTS}-{self.key}-{self.done}-*.npz"))):
+            with np.load(found[-1], allow_pickle=False) as file:
+                end = self.done + len(file["cameras"])
+                for name in KEPT:
+                    getattr(self.survey, name)[self.done : end] = file[name]
+                self.cameras.extend(file["cameras"])
+                edges = np.cumsum(file["entered_counts"])[:-1]
+                self.survey.entered[self.done : end] = np.split(file["entered"], edges)
+            self.done = end
+        return self.done
+
+    def keep(self, end: int) -> None:
+        """Keep the frames up to `end`, exclusive, in a file of their own."""
+        if self.folder is None or end <= self.done:
+            return
+        rows = slice(self.done, end)
+        path, entered = self.folder / f"{PARTS}-{self.key}-{self.done}-{end}.npz", self.survey.entered[rows]
+        with suppress(OSError):  # the run itself needs none of it
+            self.folder.mkdir(parents=True, exist_ok=True)
+            with path.with_suffix(".part").open("wb") as file:
+                columns = {name: getattr(self.survey, name)[rows] for name in KEPT}
+                counts = [len(each) for each in entered]
+                np.savez(file, cameras=self.cameras[rows], entered=np.concatenate(entered), entered_counts=counts, **columns)
+                file.flush()
+                os.fsync(file.fileno())
+            path.with_suffix(".part").replace(path)
+            self.done = end
+
+
+def forget_parts(folder: Path) -> None:
+    """Remove all parts of surveys in `folder`."""
+    for path in folder.glob(f"{PARTS}-*"):
+        path.unlink(missing_ok=True)

@@ -1,0 +1,332 @@
+"""From a scene's crowds to one trajectory: who moves the agents of each, and all of them together."""
+
+import hashlib
+import time as clock
+from collections.abc import Callable, Generator, Iterator, Sequence
+from dataclasses import replace
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.behavior.walk import Walk
+from ...crowd_lod.crowd import random_streams, start_places
+from ...crowd_lod.crowd.agents import Crowd, Group, populate, varied
+from ...crowd_lod.crowd.maps import LabelMap
+from ...crowd_lod.crowd.state_machine import StateMachine
+from ...crowd_lod.crowd.terrain import Ground, Terrain
+from ...crowd_lod.crowd.variants import Draw
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import counted
+from ...crowd_lod.progress import aside
+from ...crowd_lod.sources.recorded import Recorded
+from ...crowd_lod.sources.several import Several
+from ...crowd_lod.sources.trajectory import Trajectory
+from ...crowd_lod.tracks.cast import groups_of_agents
+from ..blender import image_data, scene_cache, scene_data, stored_values
+from ..characters.characters import props_outdated
+from ..characters.take_action import action_outdated
+from ..machine import terrain_source
+from ..machine.scene_world import area_of, heights_of, machine_of, names_in, world_of
+from . import hand_edits, start_source, tracks_source
+from .points_source import points_of_crowd
+
+# Trajectories by the digest of all they depend on.
+_trajectories: dict[bytes, Trajectory] = scene_cache.kept({})
+MOST_TRAJECTORIES = 8
+# Of each crowd of a scene what was asked last: (numbers and texts, the images' values, the trajectory).
+_latest: dict[int, dict[int, tuple]] = scene_cache.kept({}, by_scene=True)
+# Of each scene the crowds that were put together last, and the trajectory of all.
+_together: dict[int, tuple[tuple, Trajectory]] = scene_cache.kept({}, by_scene=True)
+
+
+# Of each scene when `outdated` looked last, at what inputs, and what it found.
+_outdated: dict[int, tuple[float, tuple, list[str]]] = scene_cache.kept({}, by_scene=True)
+LOOK = 1.0  # seconds between two looks
+ASKED = start_source.places_outdated, terrain_source.terrain_outdated
+
+
+def crowds_of(settings) -> list[bpy.types.PropertyGroup]:
+    """Return the settings of all crowds of a scene: its own, then the further ones."""
+    return [settings, *settings.crowds]
+
+
+def inputs_of(scene: bpy.types.Scene) -> tuple:
+    """Return all that the trajectory depends on but the character groups and the pixels of images."""
+    found = [_asked(crowd) for crowd in crowds_of(scene.crowd_lod)]
+    images = [tuple(image and image.session_uid for image in _images(crowd)) for crowd in crowds_of(scene.crowd_lod)]
+    return *found, *images, scene.render.fps, scene.render.fps_base, hand_edits.asked(scene.crowd_lod)
+
+
+def together(scene: bpy.types.Scene, groups: tuple[Group, ...], depsgraph: bpy.types.Depsgraph | None = None) -> Trajectory:
+    """Return the trajectory of all crowds of `scene`, with what is edited by hand.
+
+    CrowdError if a setting of a crowd is bad.
+
+    groups: the measured groups.
+    depsgraph: where objects are evaluated whose points are agents; the view layer's own if None.
+    """
+    crowds = crowds_of(scene.crowd_lod)
+    if live(scene.crowd_lod):
+        depsgraph = depsgraph or _depsgraph(scene)
+    groups = tuple(map(varied, groups))
+    members = [_member(scene, k, crowd, groups, depsgraph) for k, crowd in enumerate(crowds)]
+    if len(members) == 1 and crowds[0].use_crowd:
+        return hand_edits.with_edits(scene, members[0])
+    key = *members, *((crowd.name, crowd.use_crowd) for crowd in crowds)
+    known = _together.get(scene.session_uid)
+    if known is None or known[0] != key:
+        several = Several(members, [crowd.name for crowd in crowds], [crowd.use_crowd for crowd in crowds])
+        known = _together[scene.session_uid] = key, several
+    return hand_edits.with_edits(scene, known[1])
+
+
+def reading(crowds: Sequence, forward: str, depsgraph: bpy.types.Depsgraph) -> Generator[float, None, None]:
+    """Read the places and the terrain of the crowds from their objects, and keep them in the file.
+
+    Yields the progress of what takes long. CrowdError if an object has none.
+    """
+    for crowd in crowds:
+        start_source.read_places(crowd, forward, depsgraph)
+        terrain_source.read_terrain(crowd, depsgraph)
+        yield 0.0
+    render = crowds[0].id_data.render
+    yield from tracks_source.reading_files(crowds, render.fps / render.fps_base)
+    for crowd in crowds:
+        terrain = terrain_source.terrain_of(crowd, area_of(crowd).z)
+        if terrain is not None:
+            yield from aside(terrain.prepare, lambda: 0.0)
+
+
+def notes(crowds: Sequence, trajectory: Trajectory) -> Iterator[str]:
+    """Yield sentences on what the crowds' places and terrain lack."""
+    for crowd, part in zip(crowds, trajectory.parts, strict=True):
+        yield from terrain_source.terrain_notes(crowd, part)
+        if isinstance(part, Walk) and crowd.start_on != "RECTANGLE":
+            places = start_source.places_of(crowd, part.world.area)
+            lost = len(places or ()) - len(part.start)
+            if lost:
+                yield (
+                    f"{lost:,} of {counted(len(places or ()), 'place')} {'is' if lost == 1 else 'are'} left out: off the label map, or "
+                    "where its labels let nobody start."
+                )
+
+
+def outdated(scene: bpy.types.Scene) -> list[str]:
+    """Return sentences on what Populate would now read otherwise: places, terrain, props, actions.
+
+    There is one for each crowd, one on props and one on actions; none before the first Populate.
+
+    The sidebar asks whenever it is drawn: while the settings stay, the answer may be a second old.
+    """
+    if not len(scene.crowd_lod.groups):
+        return []
+    now, inputs = clock.monotonic(), inputs_of(scene)
+    looked, before, found = _outdated.get(scene.session_uid, (-LOOK, (), []))
+    if now >= looked + LOOK or inputs != before:
+        found = [note for crowd in crowds_of(scene.crowd_lod) for ask in ASKED for note in ask(crowd)]
+        found += [*props_outdated(scene), *action_outdated(scene)]
+        _outdated[scene.session_uid] = now, inputs, found
+    return found
+
+
+def _images(crowd) -> tuple:
+    return crowd.map_image, crowd.height_image, crowd.areas_image if len(crowd.areas) else None
+
+
+def _asked(crowd) -> tuple:
+    """Return the numbers and texts of a crowd's settings that its trajectory depends on."""
+    numbers = (*crowd.center, *crowd.size, crowd.height_scale, crowd.count, crowd.seed, crowd.first_frame)
+    points = (crowd.source, crowd.points and crowd.points.session_uid, crowd.points_count)
+    ground = terrain_source.wanted(crowd) and (crowd.terrain_mesh and crowd.terrain_mesh.session_uid)
+    text = crowd.machine and crowd.machine.as_string()
+    place = start_source.places_asked(crowd), ground, tracks_source.file_asked(crowd) if crowd.source == "FILE" else ()
+    units = scene_data.meters(crowd.id_data)
+    return text, units, numbers, crowd.tilt, crowd.group_names, crowd.use_crowd, points, *place
+
+
+def is_live(crowd) -> bool:
+    """Return whether the agents of the settings `crowd` are where Blender has an object's points now."""
+    return crowd.source == "POINTS"
+
+
+def live(settings) -> bool:
+    """Return whether a crowd of the settings is."""
+    return any(map(is_live, crowds_of(settings)))
+
+
+def check_recorded(scene: bpy.types.Scene, what: str) -> None:
+    """Raise CrowdError if agents are an object's points, which `what` would need in other frames, too."""
+    for crowd in filter(is_live, crowds_of(scene.crowd_lod)):
+        raise CrowdError(
+            f"{what} needs to know where the points of {crowd.points.name if crowd.points else 'an object'} are at other times: "
+            "press Record Points first."
+        )
+
+
+def populated(scene: bpy.types.Scene, groups: tuple[Group, ...], depsgraph: bpy.types.Depsgraph) -> Trajectory:
+    """Return the trajectory of all crowds, and note how many points objects have.
+
+    Without ids that may not change.
+    """
+    _outdated.pop(scene.session_uid, None)
+    found = [(k, crowd) for k, crowd in enumerate(crowds_of(scene.crowd_lod)) if is_live(crowd)]
+    counts = [crowd.points_count for _, crowd in found]
+    try:
+        for _, crowd in found:
+            crowd.points_count = 0  # not known
+        trajectory = together(scene, groups, depsgraph)
+        counts = [len(trajectory.parts[k].start) for k, _ in found]
+        return trajectory
+    finally:
+        for (_, crowd), count in zip(found, counts, strict=True):
+            crowd.points_count = count
+
+
+def _depsgraph(scene: bpy.types.Scene) -> bpy.types.Depsgraph:
+    """Return that of the window's view layer, or of the scene's first."""
+    layer = bpy.context.view_layer if bpy.context.scene == scene else scene.view_layers[0]
+    if layer.depsgraph is None:  # it was never shown
+        layer.update()
+    return layer.depsgraph
+
+
+def _member(
+    scene: bpy.types.Scene, index: int, crowd, groups: tuple[Group, ...], depsgraph: bpy.types.Depsgraph | None
+) -> Trajectory:
+    """Return the trajectory of one crowd, cached while its inputs stay the same."""
+    # read at each call; all else where something has changed
+    pointers = "points", "map_image", "height_image", "areas_image", "machine", "start_places", "terrain_mesh"
+    stored_values.check(crowd, ("source", *pointers))
+    seconds = scene.render.fps_base / scene.render.fps
+    latest = _latest.setdefault(scene.session_uid, {})
+    before = latest.get(index)
+    if is_live(crowd):
+        asked = crowd.seed, crowd.group_names, groups, seconds
+        known = before[2] if before is not None and before[0] == asked else stored_values.check(crowd)
+        found = points_of_crowd(crowd, depsgraph, groups, draw_of(crowd, groups), seconds, known)
+        latest[index] = asked, (), found
+        return found
+    # the pixels are compared, not trusted; all that is made of them is made again only where they
+    # differ
+    images = [image and image_data.read_values(image) for image in _images(crowd)]
+    asked = _asked(crowd), groups, seconds
+    if before is None or before[0] != asked or not all(a is b for a, b in zip(before[1], images, strict=True)):
+        stored_values.check(crowd)
+        latest[index] = asked, images, (_recorded if crowd.source == "FILE" else _walk)(crowd, groups, seconds)
+    return latest[index][2]
+
+
+def _walk(crowd, groups: tuple[Group, ...], seconds: float) -> Trajectory:
+    """Return the trajectory of a crowd that its state machine moves."""
+    machine = machine_of(crowd)
+    world = world_of(crowd, machine)
+    draw = draw_of(crowd, groups)
+    heights = terrain_source.terrain_of(crowd, world.area.z) or heights_of(crowd, world.area)
+    numbers = (crowd.count, crowd.seed, crowd.first_frame, crowd.tilt)
+    key = (
+        machine.text,
+        machine.velocity.tobytes(),
+        world.area,
+        world.labels.shape,
+        groups,
+        draw,
+        *numbers,
+        seconds,
+        start_source.places_asked(crowd),
+    )
+    relief = b"" if heights is None else heights.digest()
+
+    def made() -> Trajectory:
+        lean = leaning(groups, heights) if crowd.tilt and heights is not None else groups
+        start, seated = _start(crowd, machine, world, draw)
+        if isinstance(heights, Terrain) and not seated:
+            start = replace(start, z=heights.start(start.x, start.y, start.z))
+        return Walk(start, machine, world, lean, seconds, crowd.first_frame, heights=heights, tilts=crowd.tilt, seated=seated)
+
+    return _kept(repr(key).encode() + world.labels.tobytes() + world.strays.tobytes() + relief, made)
+
+
+def _recorded(crowd, groups: tuple[Group, ...], seconds: float) -> Trajectory:
+    """Return the trajectory of a crowd that follows a file."""
+    tracks = tracks_source.tracks_of_crowd(crowd, 1 / seconds)
+    tracks_source.check_places(tracks, crowd)
+    area, draw = area_of(crowd), draw_of(crowd, groups)
+    heights = terrain_source.terrain_of(crowd, area.z) or heights_of(crowd, area)
+    numbers = crowd.seed, crowd.first_frame, tuple(crowd.center), crowd.tilt, seconds
+    key = tracks.digest, area, groups, draw, *numbers
+
+    def made() -> Trajectory:
+        lean = leaning(groups, heights) if crowd.tilt and heights is not None else groups
+        shown = groups_of_agents(tracks, [group.name for group in groups], draw.groups, crowd.seed)
+        shown = draw.dressed(shown, random_streams.keys_of(crowd.seed, tracks.ids))
+        place = crowd.first_frame, crowd.seed, tuple(crowd.center)
+        return Recorded(tracks, lean, shown, seconds, *place, heights=heights, tilts=crowd.tilt)
+
+    return _kept(repr(key).encode() + (b"" if heights is None else heights.digest()), made)
+
+
+def _start(crowd, machine: StateMachine, world: LabelMap, groups: Draw) -> tuple[Crowd, bool]:
+    """Return the crowd's first frame, and whether all stay at their places.
+
+    CrowdError if there is no place where agents who walk may start.
+    """
+    places = start_source.places_of(crowd, world.area)
+    if places is None:
+        return populate(crowd.count, crowd.seed, groups, machine, world), False
+    seated = start_places.stays(machine, world)
+    if not seated:
+        able = start_places.allowed(places, machine, world)
+        if not able.any():
+            raise CrowdError(
+                f"None of the {len(places):,} places of the crowd {crowd.name or 1} lies on the label map where its labels let "
+                "agents start: move Center, enlarge Size, or paint such a label there."
+            )
+        places = places.of(np.flatnonzero(able))
+    return start_places.settle(places, crowd.seed, groups, machine, world), seated
+
+
+def _kept(data: bytes, make: Callable[[], Trajectory]) -> Trajectory:
+    """Return the trajectory that `data` fixes; `make` makes it where it is not known."""
+    digest = hashlib.sha256(data).digest()
+    if digest not in _trajectories:
+        made = make()
+        while len(_trajectories) >= MOST_TRAJECTORIES:
+            _trajectories.pop(next(iter(_trajectories)))
+        _trajectories[digest] = made
+    return _trajectories[digest]
+
+
+def draw_of(crowd, groups: Sequence[Group]) -> Draw:
+    """Return how the crowd's agents are drawn from groups and their variants.
+
+    The groups are those that it names, or all.
+
+    A variant may be named, too: who is named without its group stands alone. CrowdError if there is no such group.
+    """
+    chosen = names_in(crowd)
+    for name in sorted(chosen - {group.name for group in groups}):
+        raise CrowdError(
+            f"The crowd {crowd.name or 1} asks for the character group {name}, and there is none: its Groups may name "
+            f"{', '.join(group.name for group in groups)}; with none, all are used."
+        )
+    found: dict[str, list[int]] = {}
+    for g, group in enumerate(groups):
+        of_all = not chosen or group.variant_of in chosen
+        if of_all or group.name in chosen:
+            found.setdefault(group.variant_of if of_all and group.variant_of else group.name, []).append(g)
+    shares = tuple(groups[own[0]].share for own in found.values())
+    alike = len(set(shares)) == 1 and shares[0] > 0
+    variants = tuple(tuple((g, groups[g].chance) for g in own) for own in found.values())
+    return Draw(len(shares) if alike else shares, variants)
+
+
+def leaning(groups: tuple[Group, ...], heights: Ground) -> tuple[Group, ...]:
+    """Return `groups` with spheres that hold characters leaning on slopes.
+
+    A lean of t moves a sphere's center, `center` meters above the feet, by 2 sin(t / 2) of that
+    height. The sphere is widened by as much, for the steepest slope that `heights` may have
+    anywhere.
+    """
+    # pitch and roll are float32
+    away = 2 * np.sin(np.arctan(np.hypot(*heights.steepest)) / 2) * (1 + 1e-6)
+    return tuple(replace(group, radius=float(group.radius + abs(group.center) * away)) for group in groups)

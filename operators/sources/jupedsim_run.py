@@ -1,0 +1,238 @@
+"""A crowd's trajectories, simulated by JuPedSim (https://www.jupedsim.org), where it is installed.
+
+JuPedSim brings Shapely, which does the geometry here. Both are imported when a simulation starts.
+"""
+
+import sys
+from collections.abc import Generator, Iterator
+from dataclasses import dataclass
+from importlib import import_module
+from math import ceil, sqrt
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.crowd.maps import LabelMap
+from ...crowd_lod.errors import CrowdError
+
+# What JuPedSim needs at run time: its wheel asks for Qt and VTK, 1.2 GB, for a viewer of its own.
+PACKAGES = "jupedsim shapely deprecated wrapt"
+RADIUS, TIME_GAP = 0.2, 1.0  # meters and seconds: JuPedSim's defaults for people
+SPEED = (1.34, 0.26, 0.7, 2.0)  # meters per second: mean, deviation, least and most (Weidmann 1993)
+APART, OFF_WALL = 0.45, 0.25  # meters between two agents at the start, and from an agent to a wall
+LONGEST_STEP = 0.02  # seconds
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What to simulate.
+
+    world: the label map.
+    walls, starts, goals: (L,) bool, which labels nobody enters, agents start on, and agents walk to.
+    obstacles: (k, 2, 2) float64, world meters: segments of lines that nobody crosses, such as
+        outlines of meshes. What closed ones enclose is not entered either.
+    nearest: whether agents walk to the nearest goal; else each draws one.
+    count, seed: of agents.
+    seconds: how long.
+    rate: frames a second in the file.
+    """
+
+    world: LabelMap
+    walls: np.ndarray
+    starts: np.ndarray
+    goals: np.ndarray
+    obstacles: np.ndarray
+    nearest: bool
+    count: int
+    seed: int
+    seconds: float
+    rate: float
+
+
+def simulating(wanted: Wanted, path: Path) -> Generator[float, None, int]:
+    """Simulate, and write JuPedSim's own SQLite file of trajectories to `path`, which must not exist.
+
+    Positions are in meters from the middle of the map's area.
+    Yields the progress, 0 to 1, and returns how many agents arrived at a goal, where they leave.
+    CrowdError if JuPedSim is not installed, or cannot simulate it.
+    """
+    jupedsim = _module("jupedsim")
+    ground, starts, targets = _site(wanted)
+    yield 0.01
+    draws = np.random.default_rng(wanted.seed)
+    places = _places(starts, wanted.count, draws)
+    yield 0.04
+    steps = ceil(1 / (wanted.rate * LONGEST_STEP))  # of each frame in the file
+    writer = jupedsim.SqliteTrajectoryWriter(output_file=path, every_nth_frame=steps)
+    try:
+        simulation = jupedsim.Simulation(model=jupedsim.CollisionFreeSpeedModel(), geometry=ground, dt=1 / (wanted.rate * steps))
+        numbered = _Numbered(simulation, _enter(simulation, places, targets, wanted.nearest, draws))
+        writer.begin_writing(numbered)
+        writer.write_iteration_state(numbered)
+        whole = ceil(wanted.seconds * wanted.rate) * steps
+        while simulation.agent_count() and simulation.iteration_count() < whole:
+            simulation.iterate()
+            writer.write_iteration_state(numbered)
+            yield 0.05 + 0.95 * simulation.iteration_count() / whole
+        return wanted.count - simulation.agent_count()
+    except (RuntimeError, jupedsim.TrajectoryWriter.Exception) as error:
+        said = str(error).strip().partition("\n")[0].rstrip(".")
+        raise CrowdError(f"JuPedSim cannot simulate this crowd: {said}.") from None
+    finally:
+        writer.close()
+
+
+def _module(name: str) -> Any:
+    """Return the module of that name; CrowdError with the command that installs it, if it is missing."""
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise CrowdError(
+            f"Simulating needs JuPedSim, which this Python lacks ({error}): run {_remedy()} in a terminal, then start "
+            "Blender again."
+        ) from None
+
+
+def _remedy() -> str:
+    """Return the command that installs JuPedSim where this Blender finds it."""
+    place = ""
+    if sys.prefix == sys.base_prefix:  # not in an environment of its own, such as a checkout's
+        place = f' --target "{bpy.utils.user_resource("SCRIPTS", path="modules")}"'
+    return f'"{sys.executable}" -m pip install --no-deps{place} {PACKAGES}'
+
+
+def _site(wanted: Wanted) -> tuple[Any, Any, list[Any]]:
+    """Return where agents walk (a Polygon), may start, and the convex Polygons that they walk to."""
+    shapely = _module("shapely")
+
+    def polygons(chosen: np.ndarray) -> list[Any]:
+        return _polygons(wanted.world, chosen[wanted.world.labels])
+
+    ground = shapely.union_all(polygons(~wanted.walls)).difference(_solid(wanted))
+    starts, goals = shapely.union_all(polygons(wanted.starts)), polygons(wanted.goals)
+    best = None, None, []
+    for part in shapely.get_parts(ground):
+        here = starts.intersection(part.buffer(-OFF_WALL))
+        targets = [_target(piece, part) for goal in goals for piece in shapely.get_parts(goal.intersection(part))]
+        targets = [each for each in targets if each is not None]
+        if targets and not here.is_empty and (best[0] is None or here.area > best[1].area):
+            best = part, here, targets
+    if best[0] is None:
+        raise CrowdError(
+            "No ground has both a place to start and a goal: paint a goal's label that the starts are not walled off from, or "
+            "name other labels in Goals and Starts."
+        )
+    return best
+
+
+def _polygons(world: LabelMap, cells: np.ndarray) -> list[Any]:
+    """Return the cells that are True as Polygons in meters from the middle of the map's area.
+
+    cells: (rows, columns) bool. Those that hang together by their sides are one Polygon. They come
+    in the order of their first cells.
+    """
+    shapely = _module("shapely")
+    changes = np.diff(np.pad(cells, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    row, begin = np.nonzero(changes == 1)
+    _, end = np.nonzero(changes == -1)  # of the same runs of cells
+    runs = shapely.box(begin, row, end, row + 1)
+    parts = shapely.get_parts(shapely.union_all(runs).simplify(0))
+    ordered = sorted(parts, key=lambda part: min((y, x) for x, y in part.exterior.coords))
+    middle = np.array(cells.shape[::-1]) / 2
+    return [shapely.transform(part, lambda corners: (corners - middle) * world.cell) for part in ordered]
+
+
+def _solid(wanted: Wanted) -> Any:
+    """Return the ground under the obstacles; lines that enclose nothing get a width of 2 cm."""
+    shapely, area = _module("shapely"), wanted.world.area
+    middle = (area.x_min + area.x_max) / 2, (area.y_min + area.y_max) / 2
+    lines = shapely.union_all(shapely.linestrings(wanted.obstacles - middle))  # cut where they cross
+    closed = shapely.get_parts(shapely.polygonize([lines]))
+    return shapely.union_all([*closed, lines.buffer(0.01, cap_style="square", join_style="mitre")])
+
+
+def _target(goal: Any, part: Any) -> Any:
+    """Return a convex Polygon in `goal` that agents in `part` walk to: JuPedSim takes no other.
+
+    None if there is none.
+    """
+    shapely = _module("shapely")
+    if goal.geom_type != "Polygon":  # where it only touches the part
+        return None
+    hull = goal.convex_hull
+    if not part.covers(hull):
+        within = [each for each in shapely.get_parts(shapely.delaunay_triangles(goal)) if goal.covers(each)]
+        hull = max(within, key=lambda each: each.area, default=None)
+    return hull
+
+
+def _places(starts: Any, count: int, draws: np.random.Generator) -> np.ndarray:
+    """Return (count, 2) float64 places in `starts`, APART from each other.
+
+    They are those of a grid, jittered and shuffled.
+
+    CrowdError if so many do not fit.
+    """
+    shapely = _module("shapely")
+    shapely.prepare(starts)
+    least, most = np.reshape(starts.bounds, (2, 2))
+    between = max(sqrt(starts.area / max(count, 1)), APART)
+    while True:
+        grid = np.stack(np.meshgrid(*(np.arange(a, b + between, between) for a, b in zip(least, most, strict=True))), axis=-1)
+        places = grid.reshape(-1, 2)
+        turn, far = 2 * np.pi * draws.random(len(places)), (between - APART) / 2 * np.sqrt(draws.random(len(places)))
+        places = places + np.stack([far * np.cos(turn), far * np.sin(turn)], axis=1)
+        places = places[shapely.contains_xy(starts, *places.T)]
+        if len(places) >= count:
+            return draws.permutation(places)[:count]
+        if between == APART:
+            raise CrowdError(
+                f"The crowd has {count:,} agents, and only {len(places):,} find room to start {APART} m apart: lower Agents, or "
+                "paint more ground to start on."
+            )
+        between = max(0.9 * between, APART)
+
+
+def _enter(simulation: Any, places: np.ndarray, targets: list[Any], nearest: bool, draws: np.random.Generator) -> list[int]:
+    """Add an agent at each of `places` (n, 2), on the way to one of `targets`, and return their ids."""
+    jupedsim, shapely = _module("jupedsim"), _module("shapely")
+    stages = [simulation.add_exit_stage(each) for each in targets]
+    journeys = [simulation.add_journey(jupedsim.JourneyDescription([stage])) for stage in stages]
+    chosen = draws.integers(len(targets), size=len(places))
+    if nearest:
+        chosen = np.array([shapely.distance(shapely.points(places), each) for each in targets]).argmin(axis=0)
+    mean, deviation, least, most = SPEED
+    speeds = np.clip(draws.normal(mean, deviation, len(places)), least, most)
+    return [
+        simulation.add_agent(
+            jupedsim.CollisionFreeSpeedModelAgentParameters(
+                position=tuple(place),
+                desired_speed=speed,
+                radius=RADIUS,
+                time_gap=TIME_GAP,
+                journey_id=journeys[goal],
+                stage_id=stages[goal],
+            )
+        )
+        for place, speed, goal in zip(places.tolist(), speeds.tolist(), chosen.tolist(), strict=True)
+    ]
+
+
+class _Numbered:
+    """A simulation as its writer sees it, with the agents numbered from 0.
+
+    JuPedSim counts on from run to run.
+    """
+
+    def __init__(self, simulation: Any, ids: list[int]) -> None:
+        self._simulation, self._numbers = simulation, {own: number for number, own in enumerate(ids)}
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._simulation, name)
+
+    def agents(self) -> Iterator[SimpleNamespace]:
+        for agent in self._simulation.agents():
+            yield SimpleNamespace(id=self._numbers[agent.id], position=agent.position, orientation=agent.orientation)

@@ -1,0 +1,249 @@
+"""From an object's points, frame by frame, to a file of tracks.
+
+Then their other frames are known, too.
+"""
+
+import tempfile
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import wraps
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.crowd.agents import Group
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import counted, printable
+from ...crowd_lod.progress import Made, share
+from ...crowd_lod.reporting import files
+from ...crowd_lod.sources.points import Snapshot
+from ...crowd_lod.tracks import npz
+from ...crowd_lod.tracks.rows import MOST_ROWS, Rows
+from ..blender import frame_stepping, scene_data
+from ..blender.operator import Stepwise
+from ..blender.output_folders import BLEND_NAME, full_path, saved_path
+from ..characters.characters import all_characters
+from ..settings import needs
+from .crowd_sources import crowds_of, draw_of, is_live
+from .points_source import NoPoints, check_ids, read_points
+
+SOURCE = ("source", "tracks_file", "tracks_unit", "tracks_rate", "tracks_up", "first_frame")  # settings that recording sets
+STEPPED = 0.95  # part of the progress
+
+
+@dataclass
+class _Record:
+    """A record that several works follow, one after the other.
+
+    frames: of the timeline, that they need besides those of the scene.
+    of: what was recorded: the scene's ends and the points' objects; None before.
+    settings: of each crowd, by which it follows the record, in the order of SOURCE.
+    """
+
+    folder: Path
+    frames: Sequence[int]
+    of: tuple | None = None
+    settings: tuple[tuple, ...] = ()
+
+    def holds(self, about: tuple, frames: Sequence[int]) -> bool:
+        """Return whether it is a record `about` the same that holds these frames, too."""
+        ends = (*about[:2], *self.frames)
+        return self.of == about and all(min(ends) <= frame <= max(ends) for frame in frames)
+
+
+_shared: dict[int, _Record] = {}  # by the session_uid of its scene
+
+
+@contextmanager
+def shared_record(scene: bpy.types.Scene, frames: Sequence[int] = ()) -> Iterator[None]:
+    """Let all that runs `with_record` of `scene` in here follow one record.
+
+    It is made when it is first needed.
+
+    frames: those of the timeline that any of them needs; the scene's own are always in it.
+    """
+    if scene.session_uid in _shared:
+        yield
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        _shared[scene.session_uid] = _Record(Path(folder), frames)
+        try:
+            yield
+        finally:
+            del _shared[scene.session_uid]
+
+
+def with_record(
+    scene: bpy.types.Scene, frames: Sequence[int], work: Callable[[], Generator[float, None, Made]]
+) -> Generator[float, None, Made]:
+    """Run `work()` while the crowds of `scene` that are an object's points follow a record of them.
+
+    It holds all frames of the scene, and `frames` of the timeline, and is gone at the end, or with
+    the `shared_record` around. Without such crowds nothing is recorded.
+
+    Yields the progress and returns the result of the work.
+    """
+    crowds = [crowd for crowd in crowds_of(scene.crowd_lod) if is_live(crowd)]
+    if not crowds:
+        return (yield from work())
+    own = [_followed(crowd) for crowd in crowds]
+    about = scene.frame_start, scene.frame_end, tuple((crowd.name, crowd.points and crowd.points.session_uid) for crowd in crowds)
+    with shared_record(scene, frames):
+        record = _shared[scene.session_uid]
+        try:
+            if record.holds(about, frames):
+                _follow(crowds, record.settings)
+            else:
+                paths = [record.folder / f"{k}.npz" for k in range(len(crowds))]
+                record.frames = [*record.frames, *frames]
+                yield from share(recording(scene, paths, record.frames), 0.0, 0.3)
+                record.of, record.settings = about, tuple(map(_followed, crowds))
+            return (yield from share(work(), 0.3, 1.0))
+        finally:
+            _follow(crowds, own)
+
+
+def _followed(crowd) -> tuple:
+    """Return the settings by which the crowd follows its source."""
+    return tuple(getattr(crowd, name) for name in SOURCE)
+
+
+def _follow(crowds: Sequence, settings: Sequence[tuple]) -> None:
+    for crowd, own in zip(crowds, settings, strict=True):
+        for name, value in zip(SOURCE, own, strict=True):
+            setattr(crowd, name, value)
+
+
+def on_record(frames: Callable[..., Sequence[int]]) -> Callable:
+    """Return a decorator of generator functions of a scene, which then run `with_record`.
+
+    frames: gets the function's arguments; returns the frames of the timeline that it needs.
+    """
+
+    def decorate(work: Callable[..., Generator[float, None, Made]]) -> Callable[..., Generator[float, None, Made]]:
+        @wraps(work)
+        def on(scene: bpy.types.Scene, *args, **named) -> Generator[float, None, Made]:
+            return (yield from with_record(scene, frames(scene, *args, **named), lambda: work(scene, *args, **named)))
+
+        return on
+
+    return decorate
+
+
+def recording(scene: bpy.types.Scene, paths: Sequence[Path], frames: Sequence[int] = ()) -> Generator[float, None, list[int]]:
+    """Write the points of each live crowd of `scene` in all of its frames to `paths`.
+
+    The crowds then follow these files.
+
+    frames: more frames of the timeline.
+    Yields the progress; returns how many agents each crowd has. CrowdError if points cannot be
+    used: then the crowds are as before.
+    """
+    crowds = [crowd for crowd in crowds_of(scene.crowd_lod) if is_live(crowd)]
+    cast = all_characters(scene)
+    groups = tuple(Group(each.name, 0.0, 0.0, 0.0, 0.0, variant_of=each.variant_of) for each in cast)  # nothing else counts
+    ends = scene.frame_start, scene.frame_end, *frames
+    since, until = (scene_data.remapped(scene.render, frame) for frame in (min(ends), max(ends)))
+    times = range(int(np.floor(since)), int(np.ceil(until)) + 1)
+    found: list[list[Snapshot]] = [[] for _ in crowds]
+    when: list[list[int]] = [[] for _ in crowds]
+    with frame_stepping.stepped(scene) as at:
+        for done, time in enumerate(times):
+            depsgraph = at((), time)
+            for crowd, own, known in zip(crowds, found, when, strict=True):
+                snapshot = _looked_at(crowd, depsgraph, groups)
+                if snapshot is not None:
+                    own.append(snapshot)
+                    known.append(time)
+            yield STEPPED * (done + 1) / len(times)
+    with ExitStack() as written:
+        for crowd, own, known, path in zip(crowds, found, when, paths, strict=True):
+            rows = _rows(crowd, own, known, len(times), groups)
+            npz.write(written.enter_context(files.staged_file(path)), rows)
+    for crowd, path, known in zip(crowds, paths, when, strict=True):
+        crowd.source, crowd.tracks_file, crowd.tracks_unit, crowd.tracks_rate = "FILE", str(path), "AUTO", 0
+        crowd.tracks_up = "Z"
+        crowd.first_frame = known[0]
+    yield 1.0
+    return [len(np.unique(np.concatenate([_ids(snapshot) for snapshot in own]))) for own in found]
+
+
+def _looked_at(crowd, depsgraph: bpy.types.Depsgraph, groups: tuple[Group, ...]) -> Snapshot | None:
+    """Return the points now; None if there are none."""
+    chosen = draw_of(crowd, groups).groups
+    names = tuple(groups[g].name for g in chosen)
+    try:
+        found = read_points(crowd.points, depsgraph, crowd.id_data.crowd_lod.forward, chosen, names)
+    except NoPoints:
+        return None
+    check_ids(crowd.points, found.ids)
+    return found
+
+
+def _ids(found: Snapshot) -> np.ndarray:
+    return np.arange(len(found.x)) if found.ids is None else found.ids
+
+
+def _rows(crowd, found: list[Snapshot], times: list[int], frames: int, groups: tuple[Group, ...]) -> Rows:
+    """Return the rows of a file.
+
+    found, times: the points, and when they were found.
+    frames: how many frames were looked at.
+    """
+    item, counts = crowd.points, [len(each.x) for each in found]
+    if not found:
+        raise NoPoints(f"The object {item.name} has no points in any frame of the scene: choose another, or set the frame range.")
+    if sum(counts) > MOST_ROWS:
+        raise CrowdError(f"The object {item.name} has {sum(counts):,} points in all frames: record at most {MOST_ROWS:,}.")
+    if any(each.ids is None for each in found) and (len(set(counts)) > 1 or len(found) < frames):
+        k = next((k for k, count in enumerate(counts) if count != counts[0]), 0)
+        other = (
+            f"{counts[k]:,} points at frame {times[k]}, and {counts[0]:,} at frame {times[0]}" if k else "no points in some frames"
+        )
+        raise CrowdError(
+            f"The object {item.name} has {other}: give its points an attribute id of whole numbers, so that agents are known."
+        )
+
+    def column(name: str) -> np.ndarray | None:
+        """Return a column that all frames have, or None."""
+        parts = [getattr(each, name) for each in found]
+        return None if any(part is None for part in parts) else np.concatenate(parts)
+
+    meters = scene_data.meters(crowd.id_data)
+    group, center, names = column("group"), crowd.center, np.array([each.name for each in groups])
+    return Rows(
+        id=np.concatenate([_ids(each) for each in found]),
+        frame=np.repeat(np.array(times, np.int64), counts),
+        # the setting Center is added to what a file has, in meters
+        **{name: (column(name) - center[axis]) * meters for axis, name in enumerate("xyz")},
+        heading=column("heading"),
+        phase=column("phase"),
+        group=None if group is None else names[group],
+        rate=crowd.id_data.render.fps / crowd.id_data.render.fps_base,
+    )
+
+
+class CROWDLOD_OT_record_points(Stepwise, bpy.types.Operator):
+    """Write where the points are in all frames of the scene to a file beside the .blend file, which the crowd then follows"""
+
+    bl_idname = "crowd_lod.record_points"
+    bl_label = "Record Points"
+    needs = (needs.characters, needs.points)
+
+    def steps(self, context) -> Generator[float, None, str]:
+        scene = context.scene
+        crowds = [crowd for crowd in crowds_of(scene.crowd_lod) if is_live(crowd)]
+        parts = [(crowd.name, crowd.points and crowd.points.name) for crowd in crowds]
+        names = [bpy.path.clean_name("_".join(filter(None, each))) for each in parts]
+        texts = [saved_path(f"//{BLEND_NAME}_{name}.npz") for name in names]
+        paths = [full_path(text) for text in texts]
+        counts = yield from recording(scene, paths)
+        for crowd, text in zip(crowds, texts, strict=True):
+            crowd.tracks_file = text
+        told = ", ".join(f"{counted(count, 'agent')} in {printable(path)}" for count, path in zip(counts, paths, strict=True))
+        return f"Recorded: {told}. To follow the object again, set Source to Points."
+
+
+CLASSES = (CROWDLOD_OT_record_points,)

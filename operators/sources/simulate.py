@@ -1,0 +1,136 @@
+"""The operator Simulate with JuPedSim: from a crowd's settings to a file that moves it."""
+
+from collections.abc import Generator
+from dataclasses import astuple, replace
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.crowd.agents import check_counts
+from ...crowd_lod.crowd.cross_section import section
+from ...crowd_lod.crowd.maps import Area, LabelMap
+from ...crowd_lod.crowd.state_machine import StateMachine
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import counted, number, printable
+from ...crowd_lod.reporting import files
+from ..blender import mesh_data, scene_data, stored_values
+from ..blender.labeled_properties import IntProperty
+from ..blender.operator import Stepwise
+from ..machine.scene_world import machine_of, world_of
+from ..settings.lengths import set_lengths
+from .crowd_sources import crowds_of
+from .jupedsim_run import Wanted, simulating
+
+KNEE = 0.5  # meters above the ground, where the meshes of obstacles are cut
+
+
+def simulating_crowd(scene: bpy.types.Scene, index: int, path: Path) -> Generator[float, None, str]:
+    """Simulate a crowd of `scene`, and write the trajectories to `path`, which must not exist.
+
+    Yields the progress, and returns a sentence on the result. The scene stays as it is.
+    CrowdError if it cannot be simulated.
+
+    index: 0 for the scene's own crowd, from 1 on for the further ones.
+    """
+    wanted = _wanted(scene, index)
+    arrived = yield from simulating(wanted, path)
+    return f"{counted(wanted.count, 'agent was', 'agents were')} simulated for {number(wanted.seconds)} s; {arrived:,} arrived."
+
+
+def follow(scene: bpy.types.Scene, index: int, path: str) -> None:
+    """Let the crowd `index` of `scene` follow the file of trajectories at `path`.
+
+    `simulating_crowd` writes it.
+    """
+    crowd = crowds_of(scene.crowd_lod)[index]
+    crowd.source, crowd.tracks_file, crowd.tracks_unit, crowd.tracks_rate = "FILE", path, "M", 0
+    crowd.tracks_up = "Z"
+
+
+def _wanted(scene: bpy.types.Scene, index: int) -> Wanted:
+    """Return what the settings of the crowd `index` ask for."""
+    crowds = crowds_of(scene.crowd_lod)
+    if not 0 <= index < len(crowds):
+        raise CrowdError(f"There is no crowd {index}: the scene {scene.name} has {len(crowds)}, counted from 0.")
+    crowd = crowds[index]
+    set_lengths(scene)
+    stored_values.check(crowd)
+    check_counts(crowd.count)
+    machine, meters = machine_of(crowd), scene_data.meters(scene)
+    walls = _named(machine, "Walls", crowd.wall_labels, "wall")
+    goals = _named(machine, "Goals", crowd.goal_labels, "exit")
+    if not goals.any():
+        raise CrowdError(f"Name the labels that agents walk to in Goals: the state machine has {', '.join(machine.labels)}.")
+    starts = _named(machine, "Starts", crowd.start_labels) if crowd.start_labels.strip() else machine.spawn
+    return Wanted(
+        world=_in_meters(world_of(crowd, machine), meters),
+        walls=walls & ~goals,
+        starts=starts & ~walls & ~goals,
+        goals=goals,
+        obstacles=_obstacles(crowd, meters),
+        nearest=crowd.goal_choice == "NEAREST",
+        count=crowd.count,
+        seed=crowd.seed,
+        seconds=crowd.simulated_seconds,
+        rate=scene.render.fps / scene.render.fps_base,
+    )
+
+
+def _in_meters(world: LabelMap, meters: float) -> LabelMap:
+    """Return the map, which is in units of `meters`, in meters, as JuPedSim has it."""
+    return replace(world, area=Area(*(edge * meters for edge in astuple(world.area))))
+
+
+def _named(machine: StateMachine, setting: str, text: str, usual: str = "") -> np.ndarray:
+    """Return which labels the text names, (L,) bool; if it is empty, the label `usual` if there is one.
+
+    CrowdError if the state machine has no label of a name.
+    """
+    names = {name.strip() for name in text.split(",")} - {""}
+    for name in sorted(names - set(machine.labels)):
+        raise CrowdError(f"{setting} names the label {name}, and there is none: the state machine has {', '.join(machine.labels)}.")
+    return np.array([label in (names or {usual}) for label in machine.labels])
+
+
+def _obstacles(crowd, meters: float) -> np.ndarray:
+    """Return the lines of the obstacles' meshes at knee height, as Wanted has them.
+
+    meters: in a unit of the scene.
+    """
+    if crowd.obstacles is None:
+        return np.empty((0, 2, 2))
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    cuts = [np.empty((0, 2, 2))]
+    for item in crowd.obstacles.all_objects:
+        if item.type == "MESH":
+            points, triangles = mesh_data.world_triangles(item.evaluated_get(depsgraph))
+            cuts.append(section(points, triangles, crowd.center[2] + KNEE / meters))
+    return np.concatenate(cuts) * meters
+
+
+def _saved(scene: bpy.types.Scene) -> str:
+    return "" if bpy.data.filepath else "Save the file first: the trajectories are written beside it"
+
+
+class CROWDLOD_OT_simulate(Stepwise, bpy.types.Operator):
+    """Simulate people who walk to their goals, around walls and each other, and let the crowd follow them"""
+
+    bl_idname = "crowd_lod.simulate"
+    bl_label = "Simulate with JuPedSim"
+    needs = (_saved,)
+
+    crowd: IntProperty(name="Crowd", min=0, description="0 for the scene's own crowd, 1 for the first of the further ones")
+
+    def steps(self, context) -> Generator[float, None, str]:
+        scene = context.scene
+        home = Path(bpy.data.filepath)
+        name = bpy.path.clean_name(f"{home.stem}_{scene.name}" + (f"_{self.crowd + 1}" if self.crowd else ""))
+        path = files.absolute(home.with_name(f"{name}.sqlite"))
+        with files.staged_file(path) as part:
+            said = yield from simulating_crowd(scene, self.crowd, part)
+        follow(scene, self.crowd, f"//{path.name}")
+        return f"{said} The trajectories are in {printable(path.name)}."
+
+
+CLASSES = (CROWDLOD_OT_simulate,)

@@ -1,0 +1,221 @@
+"""Where the state machine's agents start: from objects to places that the file keeps."""
+
+from collections.abc import Iterator
+from functools import partial
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.crowd import start_places
+from ...crowd_lod.crowd.maps import Area
+from ...crowd_lod.crowd.start_places import Places, Spacing
+from ...crowd_lod.errors import CrowdError
+from ..blender import image_data, kept_meshes, mesh_data, scene_cache, scene_data
+from ..blender.object_boxes import in_box
+
+# By the session_uid of the kept mesh.
+_places: dict[int, Places] = scene_cache.kept({})
+MOST_PLACES = 8
+HEADING = "heading"  # attribute of the kept mesh, and of the user's points
+LIVE = "RECTANGLE", "GRID"  # these follow from the settings alone
+
+
+def read_places(crowd, forward: str, depsgraph: bpy.types.Depsgraph) -> None:
+    """Keep the places where the crowd starts, as `depsgraph` has evaluated its object.
+
+    None where they need no object.
+
+    forward: the way the characters face, as in the settings.
+    CrowdError if there are no such places.
+    """
+    if crowd.start_on in LIVE or crowd.source != "MACHINE":
+        crowd.start_places = None
+        return
+    item = crowd.start_object
+    if item is None:
+        raise CrowdError(f"The crowd {crowd.name or 1} starts on an object, and has none: choose it below Start On.")
+    ways = {"SURFACE": _on_surface, "CURVES": _along_curves, "POINTS": partial(_on_points, forward=forward)}
+    try:
+        places = ways[crowd.start_on](crowd, item, depsgraph)
+    except CrowdError as error:
+        raise CrowdError(f"{item.name}: {error}") from None
+    mesh = bpy.data.meshes.new("Crowd LOD places")
+    columns = {"position": places.points.astype(np.float32), HEADING: places.heading}
+    mesh_data.write_points(mesh, columns)
+    kept_meshes.keep(crowd, "start_places", mesh, _made_of(crowd))
+
+
+def places_of(crowd, area: Area) -> Places | None:
+    """Return the places where the crowd starts; None for a rectangle.
+
+    CrowdError if Populate has not drawn them yet.
+    """
+    if crowd.start_on == "RECTANGLE":
+        return None
+    if crowd.start_on == "GRID":
+        return start_places.on_grid(area, crowd.count, crowd.seed, spacing_of(crowd))
+    mesh = crowd.start_places
+    if mesh is None or HEADING not in mesh.attributes:
+        raise CrowdError(_undrawn(crowd))
+    if mesh.session_uid not in _places:
+        points, heading = np.empty((len(mesh.vertices), 3), np.float32), np.empty(len(mesh.vertices), np.float32)
+        mesh.vertices.foreach_get("co", points.ravel())
+        mesh.attributes[HEADING].data.foreach_get("value", heading)
+        while len(_places) >= MOST_PLACES:
+            _places.pop(next(iter(_places)))
+        _places[mesh.session_uid] = Places(points.astype(np.float64), heading)
+    return _places[mesh.session_uid]
+
+
+def spacing_of(crowd) -> Spacing:
+    """Return how the crowd's agents stand in a grid or in rows."""
+    return Spacing(crowd.spacing, crowd.jitter, crowd.rows, crowd.row_depth, crowd.row_rise, crowd.row_turn)
+
+
+def places_asked(crowd) -> tuple:
+    """Return all that the places follow from."""
+    if crowd.start_on == "RECTANGLE":
+        return ()
+    if crowd.start_on == "GRID":
+        return "GRID", spacing_of(crowd)
+    return crowd.start_on, crowd.start_places and crowd.start_places.session_uid
+
+
+def places_outdated(crowd) -> Iterator[str]:
+    """Yield a sentence if the crowd's places are not those that Populate would draw now."""
+    mesh = crowd.start_places
+    if crowd.source != "MACHINE" or crowd.start_on in LIVE or crowd.start_object is None:
+        return
+    if mesh is None:
+        yield _undrawn(crowd)
+    elif mesh.get(kept_meshes.MADE_OF) != _made_of(crowd):
+        yield f"What the places on {crowd.start_object.name} were drawn from has changed: press Populate."
+
+
+def _undrawn(crowd) -> str:
+    return f"The places where the crowd {crowd.name or 1} starts are not drawn yet: press Populate."
+
+
+def _made_of(crowd) -> str:
+    volumes = () if crowd.density_volumes is None else crowd.density_volumes.all_objects
+    image = crowd.density_image and crowd.density_image.name_full
+    numbers = crowd.start_on, crowd.count, crowd.seed, spacing_of(crowd), crowd.density_group, image
+    return repr(numbers) + kept_meshes.shape_marks([crowd.start_object, *volumes])
+
+
+def _on_surface(crowd, item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Places:
+    corners, weights, maps = [np.empty((0, 3, 3))], [np.empty((0, 3))], [np.empty((0, 3, 2))]
+    for owner, mesh, points, triangles in kept_meshes.evaluated_triangles([item], depsgraph):
+        corners.append(points[triangles])
+        weights.append(_painted(owner, mesh, crowd.density_group)[triangles] if crowd.density_group else np.ones(triangles.shape))
+        maps.append(_uvs(mesh) if crowd.density_image is not None else np.zeros((len(triangles), 3, 2)))
+    factors = []
+    if crowd.density_image is not None:
+        gray = image_data.read_pixels(crowd.density_image)[..., :3].mean(axis=2) / 255
+        factors.append(partial(_looked_up, gray, np.concatenate(maps)))
+    if crowd.density_volumes is not None:
+        factors.append(partial(_in_any, list(crowd.density_volumes.all_objects), depsgraph))
+
+    def density(points: np.ndarray, triangle: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        return np.prod([factor(points, triangle, weight) for factor in factors], axis=0)
+
+    return start_places.on_surface(
+        np.concatenate(corners), np.concatenate(weights), crowd.count, crowd.seed, density if factors else None
+    )
+
+
+def _painted(owner: bpy.types.Object, mesh: bpy.types.Mesh, name: str) -> np.ndarray:
+    """Return the weight of each vertex in the vertex group `name`, (n,) float64.
+
+    CrowdError if there is no such group.
+    """
+    index = owner.vertex_groups.find(name)
+    if index < 0:
+        raise CrowdError(f"it has no vertex group {name}: paint one of that name, or clear Vertex Group.")
+    found = np.zeros(len(mesh.vertices))
+    for k, vertex in enumerate(mesh.vertices):
+        for entry in vertex.groups:
+            if entry.group == index:
+                found[k] = entry.weight
+    return found
+
+
+def _uvs(mesh: bpy.types.Mesh) -> np.ndarray:
+    """Return the place in the image of each triangle's corners, (m, 3, 2) float64.
+
+    CrowdError if the mesh has no UV map.
+    """
+    if mesh.uv_layers.active is None:
+        raise CrowdError("it has no UV map, by which an image gives its density: unwrap it, or clear Image.")
+    found, corners = np.empty((len(mesh.loops), 2), np.float32), np.empty((len(mesh.loop_triangles), 3), np.int32)
+    mesh.uv_layers.active.uv.foreach_get("vector", found.ravel())
+    mesh.loop_triangles.foreach_get("loops", corners.ravel())
+    return found[corners].astype(np.float64)
+
+
+def _looked_up(gray: np.ndarray, maps: np.ndarray, points: np.ndarray, triangle: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Return the image's gray, 0 to 1, at the places; it repeats beyond its borders."""
+    place = (weight[:, :, None] * maps[triangle]).sum(axis=1)
+    column, row = ((place - np.floor(place)) * gray.shape[::-1]).astype(np.intp).T
+    return gray[np.minimum(row, gray.shape[0] - 1), np.minimum(column, gray.shape[1] - 1)]
+
+
+def _in_any(volumes: list, depsgraph: bpy.types.Depsgraph, points: np.ndarray, *_) -> np.ndarray:
+    inside = np.zeros(len(points), bool)
+    for item in volumes:
+        inside |= in_box(item.evaluated_get(depsgraph), points, f"the volume {item.name}")
+    return inside.astype(float)
+
+
+def _along_curves(crowd, item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Places:
+    return start_places.in_rows(list(_curves(item, depsgraph)), crowd.count, crowd.seed, spacing_of(crowd))
+
+
+def _curves(item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Iterator[tuple[np.ndarray, bool]]:
+    """Yield (points (k, 3) world meters, whether closed) of the object's splines or chains of edges."""
+    evaluated = item.evaluated_get(depsgraph)
+    matrix = np.array(evaluated.matrix_world, np.float64)
+    bare = _without_bevel(item) if item.type == "CURVE" else None
+    shape = bare or evaluated
+    try:
+        mesh = shape.to_mesh()
+        points, edges = np.empty((len(mesh.vertices), 3), np.float32), np.empty((len(mesh.edges), 2), np.int32)
+        mesh.vertices.foreach_get("co", points.ravel())
+        mesh.edges.foreach_get("vertices", edges.ravel())
+        shape.to_mesh_clear()
+    except RuntimeError:
+        raise CrowdError("it is neither a curve nor a mesh with edges: choose one to start along.") from None
+    finally:
+        if bare is not None:
+            bpy.data.curves.remove(bare.data)
+    world = points @ matrix[:3, :3].T + matrix[:3, 3]
+    for chain, closed in start_places.chains(edges, len(points)):
+        yield world[chain], closed
+
+
+def _without_bevel(item: bpy.types.Object) -> bpy.types.Object:
+    """Return a copy of a curve without what makes it a solid; its data is to be removed."""
+    data = item.data.copy()
+    data.bevel_depth, data.extrude, data.bevel_object, data.dimensions = 0, 0, None, "3D"
+    return bpy.data.objects.new(item.name, data)
+
+
+def _on_points(crowd, item: bpy.types.Object, depsgraph: bpy.types.Depsgraph, forward: str) -> Places:
+    instances = [
+        np.array(each.matrix_world) for each in depsgraph.object_instances if each.is_instance and each.parent.original == item
+    ]
+    if instances:
+        matrices = np.array(instances, np.float64)
+        heading = np.arctan2(matrices[:, 1, 0], matrices[:, 0, 0]) - scene_data.rotation(forward)
+        return Places(matrices[:, :3, 3], heading.astype(np.float32))
+    evaluated = item.evaluated_get(depsgraph)
+    if item.type == "POINTCLOUD":
+        points = np.empty((len(evaluated.data.points), 3), np.float32)
+        evaluated.data.points.foreach_get("co", points.ravel())
+        matrix = np.array(evaluated.matrix_world, np.float64)
+        found = points @ matrix[:3, :3].T + matrix[:3, 3]
+    else:
+        found = mesh_data.world_points(evaluated)
+    if not len(found):
+        raise CrowdError("it has neither instances nor points nor vertices to start on: choose another object.")
+    return start_places.unturned(found)
