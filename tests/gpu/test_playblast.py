@@ -183,7 +183,8 @@ def test_the_pictures_show_what_renders_show_and_only_that(tmp_path):
 def test_a_preview_is_drawn_by_the_overlay(tmp_path, capfd):
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     sample_scenes.make("chapter", bpy.context.scene)
-    bpy.context.scene.crowd_lod.method = "DECIMATE"  # the quickest
+    settings = bpy.context.scene.crowd_lod
+    settings.choice, settings.method, settings.group_names = "BY_RATIO", "DECIMATE", "adult"  # the quickest
     list(make_levels(bpy.context.scene))
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "chapter.blend"))
     command = ["preview", str(tmp_path / "chapter.blend"), "--frames", "1,60", "--width", "160", "--quiet"]
