@@ -18,9 +18,10 @@ from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_data, stored_values
 from ..blender.collection_caches import note_change, note_held
 from ..blender.ownership import OWNED, remove_owned
+from ..characters.stored_groups import groups_of
 from ..lod_meshes.made_for import to_make_again
 from ..lod_meshes.make_lods import TINTS
-from ..scene.scene_crowd import groups_of, home_of, policy_of, trajectory_of
+from ..scene.scene_crowd import home_of, policy_of, trajectory_of
 from . import played_by
 from .change_detection import made_of, shown_by
 from .hidden_characters import unhide_characters

@@ -7,11 +7,13 @@ from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import image_data, mesh_data, performance, scene_data
 from crowd_lod_extension.operators.blender.render_evaluation import as_rendered
 from crowd_lod_extension.operators.blender.rig_dependencies import action_range
+from crowd_lod_extension.operators.characters.group_measuring import measure_groups
 from crowd_lod_extension.operators.characters.rig_needs import POSES
+from crowd_lod_extension.operators.characters.stored_groups import store_groups
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup import render_setup, rigs
 from crowd_lod_extension.operators.render_setup.phase_characters import make_cast
-from crowd_lod_extension.operators.scene.scene_crowd import characters_of, frame_of, measure_groups, store_groups, trajectory_of
+from crowd_lod_extension.operators.scene.scene_crowd import characters_of, frame_of, trajectory_of
 
 
 def instances(scene):

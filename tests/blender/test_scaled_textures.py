@@ -8,10 +8,11 @@ from crowd_lod_extension.crowd_lod.levels.cost_model import MEMORY, SECONDS
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.blender.ownership import remove_owned
+from crowd_lod_extension.operators.characters.group_measuring import measure_groups
+from crowd_lod_extension.operators.characters.stored_groups import store_groups
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup import bake, render_setup
 from crowd_lod_extension.operators.render_setup.cost_estimate import FULL, estimate
-from crowd_lod_extension.operators.scene.scene_crowd import measure_groups, store_groups
 
 from ..support.characters import character, new, painted, rig, skin, tube
 
