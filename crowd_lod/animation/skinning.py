@@ -109,20 +109,13 @@ def skin(mesh: SkinnedMesh, joints: np.ndarray) -> np.ndarray:
     return np.einsum("nvjk,vk->nvj", blended[..., :3], mesh.points) + blended[..., 3]
 
 
-def stance(heading: np.ndarray, pitch: np.ndarray, roll: np.ndarray, turn: float) -> np.ndarray:
-    """Return rotations (n, 3, 3) float64 from the character's space to the world.
+def axes(heading: np.ndarray, pitch: np.ndarray, roll: np.ndarray, turn: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the x axes and the y axes of agents in the world, each (n, 3) float32.
 
-    Rz(heading) Ry(-pitch) Rx(roll) Rz(turn), as the build's node group turns its instances.
+    They are those of Rz(heading) Ry(-pitch) Rx(roll) Rz(turn), as the build's node group turns its
+    instances.
     heading, pitch, roll: (n,) radians.
     turn: radians, the same for all.
-    """
-    return _about(2, heading) @ _about(1, -pitch) @ _about(0, roll) @ _about(2, np.array([turn]))
-
-
-def axes(heading: np.ndarray, pitch: np.ndarray, roll: np.ndarray, turn: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the x axes and the y axes of the rotations of `stance`.
-
-    Each is (n, 3) float32. Takes a fraction of the time of `stance`, with the same arguments.
     """
     cos, sin = np.cos(heading), np.sin(heading)
     both: np.ndarray = np.zeros((2, len(heading), 3), np.float32)
@@ -135,14 +128,3 @@ def axes(heading: np.ndarray, pitch: np.ndarray, roll: np.ndarray, turn: float) 
         left = np.cos(roll)[:, None] * left + np.sin(roll)[:, None] * up
     c, s = np.float32(np.cos(turn)), np.float32(np.sin(turn))
     return c * ahead + s * left, c * left - s * ahead
-
-
-def _about(axis: int, angle: np.ndarray) -> np.ndarray:
-    """Return rotations (n, 3, 3) float64 about a coordinate axis."""
-    cos, sin = np.cos(angle, dtype=np.float64), np.sin(angle, dtype=np.float64)
-    turned = np.zeros((len(angle), 3, 3))
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    turned[:, axis, axis] = 1
-    turned[:, i, i] = turned[:, j, j] = cos
-    turned[:, i, j], turned[:, j, i] = -sin, sin
-    return turned

@@ -1,6 +1,7 @@
 """Behavior: agents step through the state machine over the labeled map (chapter listing 1.1).
 
-In: Crowd, StateMachine, LabelMap, seconds. Out: Crowd. `trajectory` is the crowd at any frame; `exact_walk` judges its steps.
+In: Crowd, StateMachine, LabelMap, seconds. Out: Crowd. `trajectory` is the crowd at any frame; `exact_walk` finds who will be
+stuck. Its steps are judged by validation/exact_behavior.py.
 
 A step has three forms, with the same results to the bit (tests/core/test_tabulated_step.py and test_lookahead.py):
 

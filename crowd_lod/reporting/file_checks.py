@@ -3,7 +3,6 @@
 It leaves a part of the file there.
 """
 
-import errno
 import mmap
 import os
 import struct
@@ -95,20 +94,9 @@ LOOKS = {".png": _png, ".exr": _exr, ".blend": _blend}
 
 
 def sync(path: Path) -> None:
-    """Flush the file, or the list of files of a folder, to the disk.
-
-    Does nothing for folders that the system cannot flush. OSError if the disk fails.
-    """
-    folder = path.is_dir()
-    if folder and os.name == "nt":
-        return
+    """Flush the file to the disk. OSError if the disk fails."""
+    opened = os.open(path, os.O_RDWR)
     try:
-        opened = os.open(path, os.O_RDONLY if folder else os.O_RDWR)
-        try:
-            os.fsync(opened)
-        finally:
-            os.close(opened)
-    except OSError as error:
-        # not to be read; not to be synced there
-        if not folder or error.errno not in (errno.EACCES, errno.EINVAL):
-            raise
+        os.fsync(opened)
+    finally:
+        os.close(opened)

@@ -1,19 +1,17 @@
 """Output files of a run, put in place as a whole or not at all.
 
-Until then they wait in a hidden folder `.crowd-lod-*` beside the files that they replace. The
-folder also holds:
+Until then they wait in a hidden folder `.crowd-lod-*` beside the files that they replace. They are
+checked there, and then renamed, which takes milliseconds. A run that is killed meanwhile leaves
+some of its files new and the others old; each is whole. The hidden folder also holds:
 LOCK: locked by the run that owns the folder; it holds the name of the machine. The system releases
     the lock when the process dies. The next run into the same place removes the folder if it can
     lock it. On a file system without locks, hidden folders of killed runs stay.
-REPLACED: holds the old files while new ones take their places.
-PENDING: exists while files are put in place; it lists the names that had no file before. If the run
-    is killed then, the next run undoes its moves by PENDING and REPLACED.
+REPLACED: holds the old files while new ones take their places, in case a rename fails.
 KEY: which run it is. A later run with the same key takes the folder over, with its whole frames
     (frame_parts.py).
 """
 
 import errno
-import json
 import os
 import platform
 import shutil
@@ -32,8 +30,8 @@ from . import file_checks, interrupt
 from .frame_parts import RECORDS, whole_frames
 
 HIDDEN = ".crowd-lod-"
-LOCK, REPLACED, PENDING, KEY = ".lock", ".replaced", ".pending", ".key"
-OWN = LOCK, REPLACED, PENDING, KEY, RECORDS
+LOCK, REPLACED, KEY = ".lock", ".replaced", ".key"
+OWN = LOCK, REPLACED, KEY, RECORDS
 MOST_BYTES = 740  # of a folder's path: Blender cuts a file's, which is longer, at 1,023
 KINDS = {"folder": stat.S_ISDIR, "pipe": stat.S_ISFIFO, "socket": stat.S_ISSOCK, "device": stat.S_ISCHR}
 
@@ -60,8 +58,6 @@ def staged(folder: Path, *names: str, key: str = "") -> Iterator[Path]:
             made = [parent for parent in (place, *place.parents) if not os.path.lexists(parent)]
             stack.enter_context(interrupt.unfinished(partial(_remove_empty, made)))
             place.mkdir(parents=True, exist_ok=True)
-            for new in made:
-                file_checks.sync(new.parent)
             hidden = _hidden_folder(place, stack, key)
             for name in names:
                 _refuse_all_but("file", place / name)
@@ -151,7 +147,7 @@ def _hidden_folder(place: Path, stack: ExitStack, key: str) -> Path:
     All other hidden folders of killed runs are removed.
     """
     with _turn(place):
-        left = _clean(place, key=key)
+        left = _clean(place, key)
         with interrupt.held():
             hidden = left or Path(tempfile.mkdtemp(prefix=HIDDEN, dir=place))
             stack.enter_context(interrupt.unfinished(partial(_remove, hidden)))
@@ -181,8 +177,6 @@ def _put_in_place(hidden: Path, place: Path) -> None:
         file_checks.check(part)
         file_checks.sync(part)
     with _turn(place):
-        # else what a run killed meanwhile put in place would be taken back over this run's files
-        _clean(place, hidden)
         for part in parts:
             _refuse_all_but("file", place / part.name)
         with interrupt.held():
@@ -192,62 +186,44 @@ def _put_in_place(hidden: Path, place: Path) -> None:
 
 def _move(parts: list[Path], hidden: Path, place: Path) -> None:
     """Move the files `parts` into `place`; after an error none of them is there."""
-    (hidden / REPLACED).mkdir()
-    new = [part.name for part in parts if not os.path.lexists(place / part.name)]
-    (hidden / PENDING).write_text(json.dumps(new))
-    file_checks.sync(hidden / PENDING)
-    file_checks.sync(hidden)
+    replaced = hidden / REPLACED
+    replaced.mkdir()
     try:
         for part in parts:
-            if part.name not in new:
-                _keep(place / part.name, hidden / REPLACED / part.name)
-            os.replace(part, place / part.name)
-        file_checks.sync(place)
+            path = place / part.name
+            if os.path.lexists(path) and part != parts[-1]:  # after the last nothing can fail
+                _keep(path, replaced / part.name)
+            os.replace(part, path)
     except BaseException:
-        _take_back(hidden, place)
+        for part in parts:
+            old = replaced / part.name
+            if part.exists():  # it had not been moved
+                continue
+            if os.path.lexists(old):
+                old.replace(place / part.name)
+            else:
+                (place / part.name).unlink()
         raise
-    (hidden / PENDING).unlink()
 
 
-def _keep(path: Path, kept: Path) -> None:
-    """Keep the file at `kept`, too, so that it is never missing at `path`.
-
-    On disks without hard links it is missing for a moment.
-    """
+def _keep(path: Path, copy: Path) -> None:
+    """Keep the file, which stays where it is, at `copy` too."""
     try:
-        os.link(path, kept)
-    except OSError:
-        os.replace(path, kept)
+        os.link(path, copy)
+    except OSError:  # a disk without hard links
+        shutil.copy2(path, copy, follow_symlinks=False)
 
 
-def _take_back(hidden: Path, place: Path) -> None:
-    """Undo `_move`: remove the new files that it moved and restore the old ones."""
-    with suppress(ValueError):  # it was not written to its end: nothing had been moved
-        for name in json.loads((hidden / PENDING).read_text()):
-            name = os.path.basename(name)  # whoever may have written it
-            if not (hidden / name).exists():
-                (place / name).unlink(missing_ok=True)
-    for kept in (hidden / REPLACED).iterdir():
-        kept.replace(place / kept.name)
-    file_checks.sync(place)
-    (hidden / PENDING).unlink()
+def _clean(place: Path, key: str) -> Path | None:
+    """Remove hidden folders of killed runs on this machine.
 
-
-def _clean(place: Path, own: Path | None = None, key: str = "") -> Path | None:
-    """Remove hidden folders of killed runs on this machine; undo unfinished moves.
-
-    own: the hidden folder of this run, which stays.
     key: a folder with this key stays, and is returned, if there is one.
     """
     taken = None
     for hidden in _hidden_folders(place):
-        if hidden == own:
-            continue
         with suppress(OSError):  # another user's
             with (hidden / LOCK).open("a+b", buffering=0) as lock:
                 killed = _left(lock)
-                if killed and (hidden / PENDING).exists():
-                    _take_back(hidden, place)
             if killed and taken is None and _has_key(hidden, key):
                 shutil.rmtree(hidden / REPLACED, ignore_errors=True)
                 taken = hidden
@@ -272,23 +248,22 @@ def _has_key(hidden: Path, key: str) -> bool:
 
 
 def _remove(hidden: Path) -> None:
-    """Remove the hidden folder and its part files, unless `_take_back` needs them."""
-    if not (hidden / PENDING).exists():
-        # under its own name, work that goes on would fill it meanwhile
-        gone = hidden.with_name(f"{hidden.name}-gone")
+    """Remove the hidden folder and its part files."""
+    # under its own name, work that goes on would fill it meanwhile
+    gone = hidden.with_name(f"{hidden.name}-gone")
+    with suppress(OSError):
+        hidden.rename(gone)
+        # where a file is, Blender, still writing while Ctrl-C cleans up, can make no folder
+        hidden.touch()
+    # each may be a file: of two runs that remove the folder at once, one renames the other's file
+    for path in (gone, hidden):
+        shutil.rmtree(path, ignore_errors=True)
         with suppress(OSError):
-            hidden.rename(gone)
-            # where a file is, Blender, still writing while Ctrl-C cleans up, can make no folder
-            hidden.touch()
-        # each may be a file: of two runs that remove the folder at once, one renames the other's file
-        for path in (gone, hidden):
-            shutil.rmtree(path, ignore_errors=True)
-            with suppress(OSError):
-                path.unlink()
-        # Blender adds to the name while it writes
-        for part in hidden.parent.glob(f"{hidden.name}.*"):
-            with suppress(OSError):
-                part.unlink()
+            path.unlink()
+    # Blender adds to the name while it writes
+    for part in hidden.parent.glob(f"{hidden.name}.*"):
+        with suppress(OSError):
+            part.unlink()
 
 
 def _remove_empty(folders: list[Path]) -> None:

@@ -16,7 +16,7 @@ from ..errors import CrowdError
 from ..format import counted
 from ..progress import finished
 from . import settings
-from .components import areas, grown, within
+from .components import areas, grown
 from .edge_collapse import Collapsed, Poses, collapse, normals_of, quadrics_of
 from .pose_deformation import Skin
 from .surface_fit import SurfaceFit
@@ -73,8 +73,8 @@ def decimating(  # noqa: PLR0913 - what a mesh is decimated by
     effort: what part of Settings.moves it may do, as one of a character's meshes.
     weight: (n,), how much the planes at each point count when edges collapse; 1 each if None.
 
-    Returns the LodMesh. Points without a triangle are dropped, open borders at the same points become one. Loose parts are lost
-    only where there are not two triangles for each: those that lie nearest to others go first. CrowdError for bad input.
+    Returns the LodMesh. Points without a triangle are dropped, open borders at the same points become one. Loose parts become
+    cards, or go, where that shows less than what collapses elsewhere, see LooseParts. CrowdError for bad input.
     """
     _check(shape, ratio, name)
     used, triangles = np.unique(shape[1], return_inverse=True)
@@ -163,18 +163,16 @@ def _best(
         # of a flat face all points may have landed far from its corners, which must not forget it
         rows[:11] += now.bulk_planes * quadrics_of(start, some, constrained_edges(some, collapse_map[seams], len(start)), hold)
     left = yield from collapse((start, some), rows[:11], rows[11:].T, target, poses)
-    lod = left.points, left.triangles
-    new_points, new_triangles, collapse_map = within(points, part, *lod, left.collapse_map[collapse_map], target)
-    follows = np.where((new_points == points).all(axis=1), np.arange(len(points)), left.follows)
-    kept, new_triangles = np.unique(new_triangles, return_inverse=True)
-    new_points, new_triangles = new_points[kept], new_triangles.reshape(-1, 3)
+    collapse_map = left.collapse_map[collapse_map]
+    kept, new_triangles = np.unique(left.triangles, return_inverse=True)
+    new_points, new_triangles = left.points[kept], new_triangles.reshape(-1, 3)
     index = np.full(len(start), -1)
     index[kept] = np.arange(len(kept))
     collapse_map = index[collapse_map]
     yield
     inner = half_edges(triangles)[held[~border]]  # open borders may move along themselves
     inside = np.isin(edge_keys(seams.T, len(points)), edge_keys(inner.T, len(points)))
-    fit = SurfaceFit((new_points, new_triangles), shape, collapse_map, seams[inside], skin, follows[kept])
+    fit = SurfaceFit((new_points, new_triangles), shape, collapse_map, seams[inside], skin, left.follows[kept])
     yield from _fitted(fit, max(effort * now.moves, now.moves_each * len(triangles)))
     return Collapsed(_widened(points, triangles, part, fit), fit.corners.T, fit.copies.one(fit.collapse_map), fit.follows)
 

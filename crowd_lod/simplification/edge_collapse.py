@@ -13,6 +13,7 @@ import numpy as np
 
 from . import settings
 from .closest_point import BLOCK
+from .loose_parts import LooseParts
 from .pose_deformation import Skin
 from .triangle_mesh import Shape, blocks, edge_keys, edges_of, half_edges, length
 from .triangle_mesh import normals as normals_at
@@ -100,7 +101,8 @@ def collapse(
     these add to that at rest. Source: Mohr, Gleicher, "Deformation sensitive decimation", 2003.
 
     Yields between the rounds. Returns the mesh with all n points, whose indices stay; of an edge's two it moves with the nearer. No
-    collapse opens, closes, pinches or folds the surface; each part keeps a triangle, or four where it is closed.
+    collapse opens, closes, pinches or folds the surface; each part keeps a triangle, or four where it is closed. Loose parts
+    become cards, or go, where that costs less than the next collapses (see LooseParts).
     """
     points, triangles = shape
     all_points, all_landed, all_follow = points.copy(), *np.tile(np.arange(len(points)), (2, 1))
@@ -110,6 +112,7 @@ def collapse(
     corners = np.ascontiguousarray(corners.reshape(-1, 3).T)
     points, quadrics, normals, n = points.T.take(own, 1), quadrics.take(own, 1), normals.T.take(own, 1), len(own)
     poses, follows = poses and Poses(poses.skin, [each.take(own, 1) for each in poses.quadrics]), own.copy()
+    loose = LooseParts([points.copy(), *(place[own].T for place in (poses.skin.place if poses else ()))], corners, quadrics[10])
     collapse_map, refused, thorough, facing = np.arange(n), np.zeros(0, np.intp), False, settings.CURRENT.facing
     keys, known, changed = np.zeros(0, np.intp), np.zeros((5, 0)), np.zeros(n, bool)
     while corners.shape[1] > target:
@@ -120,23 +123,39 @@ def collapse(
         new = np.flatnonzero(np.isnan(known[3]))
         known[:3, new], known[3, new] = _place(points, quadrics, *edges.take(new, 1))
         found, barred = _Edges(edges, faces, known[:3]), _bridges(edges, faces, n) | np.isin(keys, refused)
+        barred |= loose.is_card[loose.part[edges[0]]]
         cost = np.where(barred, np.inf, known[3])
         most = len(cost) if thorough else min(len(cost), max(64, int(settings.CURRENT.round_part * len(cost))))
         if poses:
             errors = _PoseErrors(poses, follows, quadrics[10])
             errors.add(cost, known[4], found, most)
         order = _cheapest(cost, most)
+        excess = corners.shape[1] - target
+        dearest = cost[order[: excess // 2 + 1]].max(initial=0)
+        if loose.cheapest <= dearest:
+            corners = loose.give_up(corners, dearest, excess)
+            continue
         passes = len(order) if thorough else settings.CURRENT.round_passes
         chosen, bad = (order[each] for each in _choose(_Mesh(points, corners, normals), edges, found.take(order), passes, facing))
         refused = np.append(refused, keys[bad])
         if not len(chosen):
             if thorough and facing == settings.CURRENT.facing_last:
-                break
+                if loose.cheapest == np.inf:
+                    break
+                corners = loose.give_up(corners, np.inf, excess)
+                continue
             if thorough:
                 refused, facing = refused[:0], settings.CURRENT.facing_last
             thorough, changed = not thorough, np.zeros(n, bool)
             continue
-        chosen = chosen[: np.searchsorted(np.cumsum(faces[chosen]), corners.shape[1] - target) + 1]
+        chosen = chosen[: np.searchsorted(np.cumsum(faces[chosen]), excess) + 1]
+        if loose.cheapest < np.inf:
+            true_cost = loose.true_costs(points, corners, edges[:, chosen], known[:3, chosen], quadrics[10])
+            if true_cost.min() > loose.cheapest:
+                corners = loose.give_up(corners, true_cost.min(), excess)
+                continue
+            chosen = chosen[true_cost <= loose.cheapest]
+            loose.follow(edges[:, chosen], known[:3, chosen])
         keep, gone = ends = edges[:, chosen]
         around = _ring(corners, ends, n)
         refused, thorough = refused[~around[np.stack(np.divmod(refused, n))].any(axis=0)], False
@@ -148,6 +167,7 @@ def collapse(
             each[:, keep] += each[:, gone]
         collapse_map, corners = _merged(ends, collapse_map, corners)
         yield
+    points, collapse_map, follows = loose.restore_cards(points, collapse_map, follows, own)
     all_points[own], all_landed[own], all_follow[own] = points.T, own[collapse_map], follows
     return Collapsed(all_points, own[corners].T, all_landed, all_follow)
 

@@ -81,6 +81,11 @@ class Settings:
     looks_kept: float = 0.9  # of the worst distance: what is as far off is a sample from then on
 
     # Loose parts.
+    # of how far a collapse leaves a point of the source behind, what it counts against a part:
+    # the fit moves surfaces nearer
+    parts_fitted: float = 0.25
+    parts_larger: float = 4.0  # times as large as a part, that another must be to outlast it
+    parts_near: float = 4.0  # of a part's radius, that it may reach away from such a one
     parts_lost: float = 0.03  # of a part's area, that it may show less than the source's
     parts_flat: float = 0.01  # of a part's length: no thicker, it is flat
     parts_grown: float = 1.0  # of the worst distance, that parts may be widened by to show as much

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from ..culling.camera import Camera, referential, window
 from ..culling.radar import lost, radar, refuse_lost
 from ..errors import CrowdError
+from ..format import aligned
 from ..levels.assignment import LevelPolicy, assign, limits
 from .culling_audit import Verdict, check, standing
 from .exact_frustum import scatter
@@ -165,13 +166,9 @@ def table_text(rows: list[Row]) -> str:
     The column surplus counts agents kept for nothing, without those within roundings of a plane.
     """
     head = ("case", "agents", "visible", "kept", "missed", "surplus", "grazing", "depth error", "ms")
-    lines: list[tuple[str, ...]] = [head]
+    lines = []
     for row in rows:
         v = row.verdict
         counts = (f"{n:,}" for n in (v.pairs, v.visible, v.kept, v.missed, v.surplus - v.grazing, v.grazing))
         lines.append((row.name, *counts, f"{v.depth_error:.2f}", f"{row.milliseconds:.1f}"))
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    text = [
-        "  ".join(c.ljust(w) if i == 0 else c.rjust(w) for i, (c, w) in enumerate(zip(line, widths, strict=True))) for line in lines
-    ]
-    return "\n".join(text)
+    return "\n".join(aligned(head, lines))

@@ -258,7 +258,11 @@ def _error(reports, program: str) -> None:
 
 def _extremes(reports, program: str) -> None:
     command = _command(
-        reports, program, "extremes", "judge the culling in extreme cases", "report extremes --most 100000 --out extremes.md"
+        reports,
+        program,
+        "extremes",
+        "judge culling, LODs and behavior in extreme cases",
+        "report extremes --most 100000 --out extremes.md",
     )
     command.add_argument(
         "--most", type=int, default=MOST_AGENTS, metavar="N", help="agents of the largest case (default: 10 million)"

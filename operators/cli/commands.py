@@ -21,7 +21,6 @@ from ...crowd_lod.reporting import files, interrupt, plan_comparison, standard_s
 from ...crowd_lod.reporting.temporary_folder import own_temporary_folder
 from ...crowd_lod.shot import plan_file
 from ...crowd_lod.shot.budget import Budget
-from ...crowd_lod.validation import extreme_cases
 from ...crowd_lod.validation.render_proof import to_text
 from ..blender import console, frame_stepping, scene_data
 from ..blender.output_folders import output_file
@@ -272,8 +271,9 @@ def _report_error(args, command: list[str]) -> dict:
 def _report_extremes(args, command: list[str]) -> dict:
     most, seed = _within("number of agents", args.most, 1, MOST_AGENTS), _within("seed", args.seed, 0, 2**31 - 1)
     rows = finish(error_report.cases(most, seed, args.out and files.absolute(args.out)), "extreme cases", args.quiet)
-    found = [{"case": r.name, **vars(r.verdict), "milliseconds": r.milliseconds, "note": r.note} for r in rows]
-    return {"cases": found, "summary": extreme_cases.table_text(rows)}
+    culling = [{"case": r.name, **vars(r.verdict), "milliseconds": r.milliseconds, "note": r.note} for r in rows.culling]
+    behavior = [{"case": r.name, **{key: value for key, value in vars(r).items() if key != "name"}} for r in rows.behavior]
+    return {"cases": culling, "behavior": behavior, "summary": str(rows)}
 
 
 def _report_cull(args, command: list[str]) -> dict:

@@ -12,7 +12,6 @@ import numpy as np
 
 from ...crowd_lod.animation.skinning import SkinnedMesh, closed, merge, pose, skin, strongest
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.progress import finished
 from ..blender import cleanup, mesh_data
 from ..blender.material_colors import Looks
 from ..blender.performance import Performance, performance_of
@@ -74,11 +73,6 @@ class _Part:
     rest: bpy.types.Object
     rig: bpy.types.Object | None
     bones: tuple[str, ...]
-
-
-def bake(name: str, homes: Sequence[bpy.types.Collection]) -> Character:
-    """Bake the collections `homes` in one go and return the Character; see `baking`."""
-    return finished(baking(name, lambda: homes))
 
 
 def baking(

@@ -148,12 +148,6 @@ def account_of(scene: bpy.types.Scene) -> Account | None:
     return replace(found, depth=found.depth * scene_data.meters(scene))
 
 
-def legend_of(scene: bpy.types.Scene) -> list[hud.Line]:
-    """Return the legend of the colors that the viewport shows of `scene`, [] if it shows none."""
-    shown = shown_of(scene)
-    return hud.legend(shown.colored) if shown is not None and shown.colored is not None else []
-
-
 def steps_back(context) -> str:
     """Return a sentence if the context's viewport shows the build, and so no characters of the overlay.
 

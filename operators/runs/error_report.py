@@ -7,7 +7,7 @@ from collections.abc import Generator
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import bpy
 import numpy as np
@@ -21,7 +21,7 @@ from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.levels.assignment import LevelPolicy
 from ...crowd_lod.reporting import files as outputs
 from ...crowd_lod.reporting import tables as report
-from ...crowd_lod.validation import culling_audit, error_vs_runtime, extreme_cases
+from ...crowd_lod.validation import culling_audit, error_vs_runtime, extreme_cases, stiff_behavior
 from ..blender import cameras, scene_data
 from ..characters.group_measuring import measure_groups
 from ..characters.stored_groups import store_groups
@@ -132,31 +132,60 @@ def _processor() -> str:
         return platform.processor()
 
 
-def cases(most: int, seed: int, out: Path | None = None) -> Generator[float, None, list[extreme_cases.Row]]:
-    """Judge the extreme cases: yield the progress, return extreme_cases.Row each.
+class ExtremeRows(NamedTuple):
+    """The rows of `report extremes`."""
+
+    culling: list[extreme_cases.Row]
+    behavior: list[stiff_behavior.StiffRow]
+
+    def __str__(self) -> str:
+        return f"{extreme_cases.table_text(self.culling)}\n\n{stiff_behavior.behavior_text(self.behavior)}"
+
+
+def cases(most: int, seed: int, out: Path | None = None) -> Generator[float, None, ExtremeRows]:
+    """Judge the extreme cases: yield the progress, return the rows of culling and of behavior.
 
     most: the largest count of agents.
     out: the Markdown file to write, or None.
     """
     with nullcontext() if out is None else outputs.staged_file(out) as part:
-        rows, count = [], len(extreme_cases.cases(most)) + 1
-        for row in extreme_cases.table(most, seed):
-            rows.append(row)
-            yield len(rows) / count
+        culling: list[extreme_cases.Row] = []
+        behavior: list[stiff_behavior.StiffRow] = []
+        culling_count = len(extreme_cases.cases(most)) + 1
+        count = culling_count + len(stiff_behavior.stiff_cases(seed))
+        for culling_row in extreme_cases.table(most, seed):
+            culling.append(culling_row)
+            yield len(culling) / count
+        for behavior_row in stiff_behavior.judge_behavior(seed):
+            behavior.append(behavior_row)
+            yield (len(culling) + len(behavior)) / count
+        rows = ExtremeRows(culling, behavior)
         if out is not None:
             part.write_text(_cases_text(printable(out.name), rows), encoding="utf-8")
     return rows
 
 
-def _cases_text(name: str, rows: list[extreme_cases.Row]) -> str:
-    intro = (
+def _cases_text(name: str, rows: ExtremeRows) -> str:
+    made = f"Made with `crowd-lod report extremes --out {name}` on {machine_name()}."
+    culling = (
         "Each is judged by exact rational arithmetic: `missed` are agents that can be seen and were culled; "
         "`surplus` were kept for nothing; `grazing` likewise, but within the roundings of a plane, where a quarter of the agents "
-        "are put on purpose; `depth error` is the distance's as a part of the bound that `levels.assign` states. Made with "
-        f"`crowd-lod report extremes --out {name}` on {machine_name()}."
+        "are put on purpose; `depth error` is the distance's as a part of the bound that `levels.assign` states."
     )
-    told = textwrap.fill(intro, 100, break_long_words=False, break_on_hyphens=False)
-    return f"# Extreme cases\n\n{told}\n\n```\n{extreme_cases.table_text(rows)}\n```\n"
+    behavior = (
+        "A slow judge walks each agent cell by cell in rational arithmetic. `stand` are agents that turned too often in a step, "
+        "and stood until it ended; `chatter` are those of all agents for whom no time can pass, as their state changes for ever in "
+        "one place; on `unknown` ones the judge gave up; `broken` are at NaN, off the map, in a wall or behind it. The error is the "
+        "distance from where the judge sees the agent; `ms` is the time of the longest step."
+    )
+    parts = ["# Extreme cases", _filled(made)]
+    parts += ["## Culling and LODs", _filled(culling), f"```\n{extreme_cases.table_text(rows.culling)}\n```"]
+    parts += ["## Behavior", _filled(behavior), f"```\n{stiff_behavior.behavior_text(rows.behavior)}\n```"]
+    return "\n\n".join(parts) + "\n"
+
+
+def _filled(text: str) -> str:
+    return textwrap.fill(text, 100, break_long_words=False, break_on_hyphens=False)
 
 
 def lenses(pairs: int, seed: int) -> Generator[float, None, list[dict[str, Any]]]:

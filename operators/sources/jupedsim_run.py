@@ -16,7 +16,6 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.crowd.maps import LabelMap
-from ...crowd_lod.crowd.outlines import Outline, outlines
 from ...crowd_lod.errors import CrowdError
 
 # What JuPedSim needs at run time: its wheel asks for Qt and VTK, 1.2 GB, for a viewer of its own.
@@ -108,10 +107,9 @@ def _remedy() -> str:
 def _site(wanted: Wanted) -> tuple[Any, Any, list[Any]]:
     """Return where agents walk (a Polygon), may start, and the convex Polygons that they walk to."""
     shapely = _module("shapely")
-    labels = wanted.world.labels
 
     def polygons(chosen: np.ndarray) -> list[Any]:
-        return [_polygon(wanted.world, each) for each in outlines(chosen[labels])]
+        return _polygons(wanted.world, chosen[wanted.world.labels])
 
     ground = shapely.union_all(polygons(~wanted.walls)).difference(_solid(wanted))
     starts, goals = shapely.union_all(polygons(wanted.starts)), polygons(wanted.goals)
@@ -130,11 +128,21 @@ def _site(wanted: Wanted) -> tuple[Any, Any, list[Any]]:
     return best
 
 
-def _polygon(world: LabelMap, outline: Outline) -> Any:
-    """Return the outline of cells as a Polygon in meters from the middle of the map's area."""
-    middle = np.array(world.labels.shape[::-1]) / 2
-    outer, *holes = ((corners - middle) * world.cell for corners in (outline.outer, *outline.holes))
-    return _module("shapely").Polygon(outer, holes)
+def _polygons(world: LabelMap, cells: np.ndarray) -> list[Any]:
+    """Return the cells that are True as Polygons in meters from the middle of the map's area.
+
+    cells: (rows, columns) bool. Those that hang together by their sides are one Polygon. They come
+    in the order of their first cells.
+    """
+    shapely = _module("shapely")
+    changes = np.diff(np.pad(cells, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    row, begin = np.nonzero(changes == 1)
+    _, end = np.nonzero(changes == -1)  # of the same runs of cells
+    runs = shapely.box(begin, row, end, row + 1)
+    parts = shapely.get_parts(shapely.union_all(runs).simplify(0))
+    ordered = sorted(parts, key=lambda part: min((y, x) for x, y in part.exterior.coords))
+    middle = np.array(cells.shape[::-1]) / 2
+    return [shapely.transform(part, lambda corners: (corners - middle) * world.cell) for part in ordered]
 
 
 def _solid(wanted: Wanted) -> Any:

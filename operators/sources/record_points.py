@@ -170,22 +170,6 @@ def recording(scene: bpy.types.Scene, paths: Sequence[Path], frames: Sequence[in
     return [len(np.unique(np.concatenate([_ids(snapshot) for snapshot in own]))) for own in found]
 
 
-def take_points(scene: bpy.types.Scene, item: bpy.types.Object, path: Path) -> Generator[float, None, str]:
-    """Let the scene's own crowd follow the points of `item` as recorded in the file `path`.
-
-    Yields the progress; returns a sentence.
-    """
-    settings = scene.crowd_lod
-    before = settings.source, settings.points
-    settings.source, settings.points = "POINTS", item
-    try:
-        (count,) = yield from recording(scene, [path])
-    except BaseException:
-        settings.source, settings.points = before
-        raise
-    return f"{counted(count, 'agent follows', 'agents follow')} the points of {item.name}, recorded in {printable(path)}."
-
-
 def _looked_at(crowd, depsgraph: bpy.types.Depsgraph, groups: tuple[Group, ...]) -> Snapshot | None:
     """Return the points now; None if there are none."""
     chosen = draw_of(crowd, groups).groups

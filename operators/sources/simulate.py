@@ -8,8 +8,8 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.crowd.agents import check_counts
+from ...crowd_lod.crowd.cross_section import section
 from ...crowd_lod.crowd.maps import Area, LabelMap
-from ...crowd_lod.crowd.outlines import section
 from ...crowd_lod.crowd.state_machine import StateMachine
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, number, printable

@@ -13,7 +13,6 @@ import bpy
 
 from ...crowd_lod.errors import CrowdError
 
-NAMES = ("Gf", "Sdf", "Tf", "Usd", "UsdGeom", "UsdShade", "Vt")
 MISSING = (
     "This Blender comes without OpenUSD (the Python module pxr): install usd-core into its Python "
     f"{sys.version_info.major}.{sys.version_info.minor} with pip, or export with Blender from blender.org."
@@ -34,7 +33,7 @@ def _look_beside_data() -> None:
 
 
 def openusd() -> SimpleNamespace:
-    """Return the parts of `pxr` by name (NAMES).
+    """Return the parts of `pxr` by name.
 
     CrowdError if neither this Blender nor its Python has it.
     """

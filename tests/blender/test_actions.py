@@ -255,6 +255,7 @@ def test_bones_that_an_action_leaves_alone_stand_at_rest_in_it(waiting):
     assert np.allclose(found, np.eye(4), atol=1e-6)
 
 
+@pytest.mark.once
 def test_spheres_and_deviations_hold_in_every_action(waiting):
     idle, rig = bpy.data.actions["idle adult"], bpy.data.objects["adult rig"]
     rig.animation_data.action, walk = idle, rig.animation_data.action
@@ -327,6 +328,7 @@ def test_agents_have_sizes_of_their_own_in_build_bake_and_overlay_and_spheres_ho
             scene.frame_set(50)
 
 
+@pytest.mark.once
 def test_only_groups_of_the_crowd_that_names_an_action_need_it(waiting):
     bpy.data.actions.remove(bpy.data.actions["idle child"])
     with pytest.raises(CrowdError, match="the file has none for the character group child"):

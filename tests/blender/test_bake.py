@@ -184,6 +184,7 @@ def test_a_bake_needs_what_a_build_needs(scene):
     assert scene.crowd_lod.build is None
 
 
+@pytest.mark.once
 def test_names_and_paths_of_any_script_and_scenes_with_more_than_the_crowd(scene, tmp_path, capfd):
     """Other alphabets, blanks, a second scene, hidden collections: baked and opened, the crowd is the live one's."""
     scene.name = "Сцена 1"

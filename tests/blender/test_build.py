@@ -177,6 +177,7 @@ def test_build_before_levels_is_refused(scene):
     assert scene.crowd_lod.build is None
 
 
+@pytest.mark.once
 def test_a_build_that_lacks_a_lod_shows_nobody_and_says_what_to_press(built, capfd):
     built.crowd_lod.level_count = 4
     built.frame_set(2)
@@ -190,6 +191,7 @@ def test_a_build_that_lacks_a_lod_shows_nobody_and_says_what_to_press(built, cap
     assert sum(1 for _ in instances(built)) > 0
 
 
+@pytest.mark.once
 def test_levels_made_anew_ask_for_a_new_build(built, capfd):
     built.crowd_lod.ratios[1] = 0.2
     list(make_levels(built))

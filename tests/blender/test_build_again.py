@@ -142,6 +142,7 @@ def test_characters_are_made_anew_only_where_something_changed(levelled, change)
     assert again.notes == first.notes and again.posed.tolist() == first.posed.tolist()
 
 
+@pytest.mark.once
 def test_a_level_more_or_less_adds_or_takes_its_points_and_poses(built):
     whole = counts()
     for levels, number in ((2, 2), (4, 4), (3, 3)):

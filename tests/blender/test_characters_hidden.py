@@ -99,6 +99,7 @@ def test_of_two_builds_of_the_same_characters_the_last_shows_them_again(far):
     assert not far.crowd_lod.characters.hide_render
 
 
+@pytest.mark.once
 def test_a_preview_leaves_them_out_and_the_file_alone(far, tmp_path):
     far.camera.location = 0, -8, 1
     people, pictures = far.crowd_lod.characters, {}

@@ -37,6 +37,7 @@ def shares(path, low=1 / 255, ratio=1.6):
     ]
 
 
+@pytest.mark.once
 def test_preview_of_a_sample_leaves_pictures_table_and_plan(tmp_path, capfd):
     out = tmp_path / "a folder"
     assert run("preview", "chapter", *SHORT, "--seed", "9", "--out", out, "--json") == 0
@@ -66,6 +67,7 @@ def test_preview_of_a_sample_leaves_pictures_table_and_plan(tmp_path, capfd):
     assert min(shares(out / "above_0001.png")) > 0.0005
 
 
+@pytest.mark.once
 def test_preview_tells_who_is_stuck_in_words_and_in_the_plan(levelled, tmp_path, capfd):
     levelled.crowd_lod.machine = bpy.data.texts.new("east")
     levelled.crowd_lod.machine.from_string(

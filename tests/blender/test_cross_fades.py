@@ -27,10 +27,11 @@ NEAR = 1e-4 * 1.9  # of the adult's diagonal
 
 @pytest.fixture
 def fading(kept, request):
-    """Two characters with their LODs who fade between walk and idle."""
+    """A character with its LODs who fades between walk and idle."""
     path = kept / "fading.blend"
     if not path.exists():
         scene = request.getfixturevalue("waiting")
+        scene.crowd_lod.group_names = "adult"
         name_actions(scene, FADING)
         levelled(scene)
         bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
@@ -200,6 +201,7 @@ def test_what_cannot_be_faded_is_one_sentence(waiting):  # noqa: F811
         measure_groups(waiting)
 
 
+@pytest.mark.once
 def test_lods_made_before_the_cross_fades_are_told(fading):
     scene = fading
     scene.crowd_lod.choice, scene.crowd_lod.frames = "BY_TOLERANCE", "1:20"

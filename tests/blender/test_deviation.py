@@ -32,6 +32,7 @@ def sphere(rings, segments, radius=1.0):
     return bpy.data.objects.new("sphere", mesh)
 
 
+@pytest.mark.once
 def test_a_sphere_deviates_from_its_inscribed_octahedron_as_geometry_says():
     ball, octahedron = sphere(200, 400, radius=2.0), sphere(2, 4, radius=2.0)
     assert len(octahedron.data.polygons) == 8

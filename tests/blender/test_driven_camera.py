@@ -176,6 +176,7 @@ def test_a_bake_shows_whom_the_build_shows(built, way):
     assert built.frame_current == 2
 
 
+@pytest.mark.once
 def test_a_preview_shows_whom_the_build_shows_and_leaves_it_as_it_was(built, tmp_path):
     live, shown = played(built, by_frame, [4, 12])
     plan = finished(preview(built, Preview([12], tmp_path / "preview", 64), []))
@@ -217,6 +218,7 @@ def test_a_render_says_once_that_its_open_shutter_shows_another_camera(built, re
     assert said.count("bake, and render the bake") == (way is not None), said
 
 
+@pytest.mark.once
 def test_verify_renders_and_judges_what_the_scenes_own_frames_show(built, tmp_path):
     built.camera.animation_data_clear()
     by_property(built)

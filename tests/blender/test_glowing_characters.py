@@ -184,6 +184,7 @@ def test_populate_and_build_name_the_characters_that_glow():
     assert not glowing(scene) and not list(told_of_glow(scene))
 
 
+@pytest.mark.once
 def test_verify_proves_that_the_light_stays(tmp_path):
     glow_scene(emission())
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "glow.blend"))

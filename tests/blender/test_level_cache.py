@@ -136,6 +136,7 @@ def test_spheres_are_measured_anew_where_the_scene_may_show_more(two):
     assert run(two)[0].kept == ("one", "two") and two.crowd_lod.groups[1].radius == before[1]
 
 
+@pytest.mark.once
 def test_other_settings_make_all_anew(two):
     run(two)
     two.crowd_lod.ratios[2] = 0.2
@@ -173,6 +174,7 @@ def test_a_new_group_before_the_others_moves_the_numbers_only(two):
     assert all(again[name].data == mesh for name, mesh in meshes.items())
 
 
+@pytest.mark.once
 def test_esc_at_any_step_leaves_what_was_there(two):
     run(two)
     bpy.data.objects["body"].data.vertices[0].co.z += 0.1

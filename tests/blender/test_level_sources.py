@@ -14,6 +14,8 @@ from ..support.characters import character, new, rig, skin, tube
 def made(k=None):
     """The LODs' collection; of LOD `k` the objects by name."""
     scene = bpy.context.scene
+    if k:
+        scene.crowd_lod.level_count = k + 1
     list(make_levels(scene))
     levels = scene.crowd_lod.levels
     return levels if k is None else {item.name: item for item in levels.children[k].all_objects}
@@ -107,7 +109,7 @@ def test_faces_that_only_a_modifier_makes_count():
 
 def test_what_is_hidden_in_renders_and_the_shapes_of_bones_are_left_out():
     armature = rig()
-    widget, cage, body = new("widget", tube("widget")), new("cage", tube("cage")), new("body", tube("body"))
+    widget, cage, body = (new(name, tube(name, 12, 12)) for name in ("widget", "cage", "body"))
     armature.pose.bones["upper"].custom_shape = widget
     cage.hide_render = True
     body.hide_viewport = True  # is working comfort; its modifier counts all the same
@@ -119,11 +121,11 @@ def test_what_is_hidden_in_renders_and_the_shapes_of_bones_are_left_out():
     extras.hide_render = True
     lods = made(1)
     assert set(lods) == {"body LOD 1"}
-    assert triangles(lods["body LOD 1"]) == pytest.approx(0.4 * 4 * 2 * 24 * 24, rel=0.03)
+    assert triangles(lods["body LOD 1"]) == pytest.approx(0.4 * 4 * 2 * 12 * 12, rel=0.03)
 
 
 def test_nested_collections_shared_meshes_and_props_on_bones_follow_the_bone():
-    armature, body = rig(), new("body", tube("body"))
+    armature, body = rig(), new("body", tube("body", 12, 12))
     skin(body, armature)
     left, right = (new(name, bpy.data.meshes.get("club") or tube("club", 12, 8, 0.05, 0.5)) for name in ("left", "right"))
     group = character(armature, body)
@@ -149,7 +151,7 @@ def test_nested_collections_shared_meshes_and_props_on_bones_follow_the_bone():
 @pytest.mark.once
 @pytest.mark.parametrize("way", ["POSE_AWARE", "DECIMATE"])
 def test_shape_keys_that_move_are_kept_through_modifiers_and_driven_by_the_characters_own(way):
-    item = new("body", tube("body"))
+    item = new("body", tube("body", 16, 8))
     item.shape_key_add(name="Basis")
     for name, factor in (("fat", 2.0), ("idle", 3.0)):
         key = item.shape_key_add(name=name)
@@ -174,7 +176,7 @@ def test_shape_keys_that_move_are_kept_through_modifiers_and_driven_by_the_chara
 @pytest.mark.parametrize("mode", ["EDIT", "POSE"])
 def test_modes_selection_and_names_stay(mode):
     scene = bpy.context.scene
-    armature, body = rig(), new("body", tube("body"))
+    armature, body = rig(), new("body", tube("body", 8, 8))
     skin(body, armature)
     character(armature, body)
     active = armature if mode == "POSE" else body
@@ -197,7 +199,7 @@ def test_modes_selection_and_names_stay(mode):
 @pytest.mark.once
 @pytest.mark.parametrize("override", [False, True])
 def test_characters_linked_from_another_file(tmp_path, override):
-    armature, body = rig(), new("body", tube("body"))
+    armature, body = rig(), new("body", tube("body", 12, 12))
     skin(body, armature)
     body.modifiers.new("Subdivision", "SUBSURF").levels = 1
     character(armature, body, name="linked")

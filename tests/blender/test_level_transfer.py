@@ -189,6 +189,7 @@ def test_sharp_edges_and_flat_faces_stay(way):
     assert not any(e.use_edge_sharp for e in away)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("way", WAYS)
 def test_no_face_is_flipped_or_doubled(way):
     bpy.ops.mesh.primitive_monkey_add()
@@ -207,6 +208,7 @@ def test_no_face_is_flipped_or_doubled(way):
     assert len(set(keys)) == len(keys)
 
 
+@pytest.mark.once
 def test_the_way_and_why_are_kept_with_each_lod_and_auto_takes_one_of_both():
     body = new("body", tube("body"))
     points = {}

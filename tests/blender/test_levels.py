@@ -74,6 +74,7 @@ def test_levels_carry_materials_uvs_and_weights_and_follow_the_armature(scene):
             assert max(tree.find_nearest(p)[3] for p in coarse.tolist()) < 0.04
 
 
+@pytest.mark.once
 def test_a_second_run_replaces_the_first_and_spares_what_the_user_put_there(scene):
     levels = made(scene)
     mine = bpy.data.objects.new("Mine", None)
@@ -94,6 +95,7 @@ def test_esc_leaves_nothing(scene):
     assert set(bpy.data.user_map()) == before and scene.crowd_lod.levels is None
 
 
+@pytest.mark.once
 def test_an_error_half_way_keeps_the_levels_that_were_there(scene):
     levels = made(scene)
     before = set(bpy.data.user_map())
@@ -104,6 +106,7 @@ def test_an_error_half_way_keeps_the_levels_that_were_there(scene):
     assert set(bpy.data.user_map()) == before and scene.crowd_lod.levels == levels
 
 
+@pytest.mark.once
 def test_making_levels_measures_them_and_the_user_s_edits_are_measured_again(scene):
     blocks = set(bpy.data.user_map())
     list(make_levels(scene))

@@ -19,6 +19,7 @@ def tolerant(scene):
     return scene
 
 
+@pytest.mark.once
 def test_as_many_are_made_as_pay_and_the_build_shows_them(tolerant):
     settings, before = tolerant.crowd_lod, set(bpy.data.user_map())
     list(make_levels(tolerant))
@@ -60,6 +61,7 @@ def made(scene, pixels=1.0):
     return scene.crowd_lod
 
 
+@pytest.mark.once
 def test_at_the_switch_distance_the_bound_spans_the_tolerance_in_blender_s_own_camera(tolerant):
     settings = made(tolerant, 2.0)
     camera, render = tolerant.camera, tolerant.render
@@ -75,6 +77,7 @@ def test_at_the_switch_distance_the_bound_spans_the_tolerance_in_blender_s_own_c
                 assert (ends[1].x - ends[0].x) * width == pytest.approx(2.0, rel=1e-4)
 
 
+@pytest.mark.once
 def test_tolerance_reaches_the_frame_and_a_wrong_one_is_refused(tolerant):
     settings = made(tolerant)
     depsgraph = bpy.context.evaluated_depsgraph_get()

@@ -98,6 +98,7 @@ def test_nothing_is_read_twice_while_nothing_changes(levelled):
     assert {key: id(each) for key, each in provenance._known.items()} == {key: id(each) for key, each in known.items()}
 
 
+@pytest.mark.once
 def test_a_plan_is_not_used_after_a_lod_was_edited_and_strict_is_strict(levelled, tmp_path, capfd):
     settings = levelled.crowd_lod
     settings.frames = "1:3"

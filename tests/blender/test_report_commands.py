@@ -36,11 +36,20 @@ def test_error_report_leaves_tables_and_plots(tmp_path, capfd):
 
 
 @pytest.mark.once
-def test_extremes_and_audit_are_tables_without_a_missed_agent(capfd):
-    assert run("report", "extremes", "--most", "10000", "--quiet") == 0
-    lines = capfd.readouterr().out.strip().splitlines()
-    missed = lines[0].split().index("missed") - len(lines[0].split())
-    assert len(lines) > 20 and all(int(line.split()[-5]) == 0 for line in lines[1:]) and missed == -6
+def test_extremes_and_audit_are_tables_without_a_missed_or_a_broken_agent(tmp_path, capfd):
+    page = tmp_path / "extremes.md"
+    assert run("report", "extremes", "--most", "10000", "--quiet", "--json", "--out", page) == 0
+    found = json.loads(capfd.readouterr().out)
+    assert len(found["cases"]) > 20 and sum(row["missed"] for row in found["cases"]) == 0
+    behavior = {row["case"]: row for row in found["behavior"]}
+    assert len(behavior) > 15 and sum(row["broken"] for row in behavior.values()) == 0
+    assert behavior["chatter: to and fro over a border"]["stand"] == behavior["chatter: to and fro over a border"]["chatter"] > 0
+    assert "65536 are allowed" in behavior["1,000,000 cells a step"]["note"]
+    long_timers = behavior.pop("timers of 0.001 s, steps of 0.5 s")
+    assert long_timers["stand"] == long_timers["agents"] > 0
+    assert all(row["cells"] < 0.05 for row in behavior.values())
+    text = page.read_text(encoding="utf-8")
+    assert "## Culling and LODs" in text and "## Behavior" in text and "walls touch at a corner" in text
     assert run("report", "cull", "--pairs", "20000", "--quiet", "--json") == 0
     assert sum(row["missed"] for row in json.loads(capfd.readouterr().out)["lenses"]) == 0
 

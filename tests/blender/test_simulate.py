@@ -6,6 +6,7 @@ import sys
 import bpy
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.progress import finished
@@ -13,6 +14,7 @@ from crowd_lod_extension.crowd_lod.validation.exact_frustum import seen
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.machine.scene_world import machine_of, world_of
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
+from crowd_lod_extension.operators.sources.jupedsim_run import _polygons
 from crowd_lod_extension.operators.sources.simulate import follow, simulating_crowd
 
 from ..support.cameras import straight
@@ -181,3 +183,18 @@ def test_command_writes_a_scene_that_follows_the_trajectories_beside_it(hall, tm
     assert commands._run([*words, "--seed", "-1"], "crowd-lod") == 1
     assert (tmp_path / "walked.blend").read_bytes() == before
     assert sorted(path.name for path in tmp_path.iterdir()) == ["hall.blend", "walked.blend", "walked.sqlite"]
+
+
+def test_polygons_hold_the_cells_that_hang_together_and_nothing_else():
+    """A ring that touches itself in a corner, whose hole is closed, and three cells apart from it by a corner."""
+    shapely = pytest.importorskip("shapely")
+    cells = np.array([[1, 1, 1, 0], [1, 0, 1, 0], [1, 1, 0, 1], [0, 0, 1, 1]], bool)
+    world = LabelMap(cells.astype(np.uint8), Area(-4, -2, 4, 2))
+    ring, apart = _polygons(world, cells)
+    assert (ring.area, apart.area) == (14, 6) and len(ring.interiors) == 1 and ring.is_valid and apart.is_valid
+    y, x = np.indices(cells.shape) + 0.5
+    for part, row, column in ((ring, 0, 0), (apart, 3, 3)):
+        assert shapely.contains_xy(part, 2 * column - 3, row - 1.5)
+    inside = shapely.contains_xy(shapely.union(ring, apart), 2 * x - 4, y - 2)
+    np.testing.assert_array_equal(inside, cells)
+    assert _polygons(world, np.zeros_like(cells)) == []

@@ -12,8 +12,7 @@ from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 
 from ..support.crowds import crowd_at, walker
-from ..support.machines import TO_AND_FRO, machine_of, mirrored, random_machine, random_world, same
-from ..support.way import Agent
+from ..support.machines import TO_AND_FRO, machine_of, mirrored, random_world, same
 
 
 def test_a_step_within_a_cell_is_listing_1_1_bit_for_bit():
@@ -33,30 +32,6 @@ def test_a_step_within_a_cell_is_listing_1_1_bit_for_bit():
             assert (after.x[i], after.y[i]) == (x, y)
             stayed += 1
     assert stayed > 1500
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_steps_over_borders_are_the_listing_cut_at_each(seed):
-    """Any table, any map, up to 60 cells a step, against a plain loop in rational arithmetic.
-
-    So is the count of reads.
-    """
-    random = np.random.default_rng(seed)
-    machine, world = random_machine(random), random_world(random)
-    crowd = populate(60, seed, 1, machine, world)
-    agents = [Agent(*of, machine, world.labels, world.area) for of in zip(crowd.x, crowd.y, crowd.state, strict=True)]
-    for _ in range(4):
-        crowd, tally = advance(crowd, machine, world, 0.25)
-        before = sum(agent.reads for agent in agents)
-        for agent in agents:
-            agent.stood = False
-            agent.go(0.25)
-        assert [agent.state for agent in agents] == crowd.state.tolist()
-        assert [agent.stood for agent in agents] == tally.held.tolist()
-        assert sum(agent.reads for agent in agents) - before == tally.reads
-        np.testing.assert_allclose(crowd.x, [float(agent.x) for agent in agents], atol=1e-11)
-        np.testing.assert_allclose(crowd.y, [float(agent.y) for agent in agents], atol=1e-11)
-    assert sum(agent.reads for agent in agents) > 5 * len(crowd)  # 4 are the steps, the rest are borders
 
 
 def test_chapter_walks_right_to_the_edge_turns_and_walks_left():

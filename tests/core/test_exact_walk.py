@@ -10,25 +10,6 @@ from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 
 from ..support.crowds import crowd_at
 from ..support.machines import TO_AND_FRO, machine_of, random_machine, random_world
-from ..support.way import Agent
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_exact_walk_is_exact(seed):
-    """Any table and map against rational arithmetic, to within the rounding of float64."""
-    random = np.random.default_rng(100 + seed)
-    machine, world = random_machine(random), random_world(random)
-    crowd = populate(60, seed, 1, machine, world)
-    agents = [Agent(*of, machine, world.labels, world.area) for of in zip(crowd.x, crowd.y, crowd.state, strict=True)]
-    moved, chatters = walk(crowd, machine, world, 2.0)
-    for agent in agents:
-        agent.go(2.0, exact=True)
-    assert [agent.stood for agent in agents] == chatters.tolist()
-    settled = ~chatters
-    assert settled.sum() > 5
-    assert [a.state for a in agents if not a.stood] == moved.state[settled].tolist()
-    np.testing.assert_allclose(moved.x[settled], [float(a.x) for a in agents if not a.stood], atol=1e-11)
-    np.testing.assert_allclose(moved.y[settled], [float(a.y) for a in agents if not a.stood], atol=1e-11)
 
 
 def test_exact_walk_of_the_chapter_has_a_closed_form():

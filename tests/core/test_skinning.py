@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.animation.skinning import SkinnedMesh, axes, closed, merge, pose, skin, stance, strongest
+from crowd_lod_extension.crowd_lod.animation.skinning import SkinnedMesh, axes, closed, merge, pose, skin, strongest
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import Crowd, Group
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, HeightMap, edge_map
@@ -24,6 +24,8 @@ from crowd_lod_extension.crowd_lod.frame.reasons import (
     reasons,
 )
 from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy, assign, limits
+
+from ..support.rotations import stance
 
 RANDOM = np.random.default_rng(3)
 TETRAHEDRON = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], np.float32)

@@ -22,7 +22,8 @@ scene = bpy.context.scene
 sample_scenes.make("chapter", scene)
 for name in "child", "heavy":
     scene.crowd_lod.characters.children.unlink(bpy.data.collections[name])
-scene.crowd_lod.count, scene.crowd_lod.method, scene.crowd_lod.goal_labels = 300, "DECIMATE", "left edge, right edge"
+scene.crowd_lod.count, scene.crowd_lod.method, scene.crowd_lod.goal_labels = 20, "DECIMATE", "left edge, right edge"
+scene.crowd_lod.level_count = 2
 store_groups(scene.crowd_lod, measure_groups(scene))
 list(make_levels(scene))
 bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
@@ -31,7 +32,7 @@ bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory):
-    """A small crowd of one rough character with LODs."""
+    """A small crowd of one rough character with a LOD."""
     path = tmp_path_factory.mktemp("small") / "small.blend"
     subprocess.run([sys.executable, "-c", SMALL, path], check=True, stdout=subprocess.DEVNULL)
     return path

@@ -28,7 +28,6 @@ COMMANDS = {
     "bake": "build {small} --bake --frames 1:3 --out out/x.blend",
     "verify": "verify {small} --frames 1 --width 64 --samples 1 --out out",
     "extremes": "report extremes --most 20000 --out out/x.md",
-    "package": "package --out out",
 }
 if TRIALS > 2:
     COMMANDS |= {
@@ -38,6 +37,7 @@ if TRIALS > 2:
         "jobs": "preview {small} --frames 1,9 --width 64 --jobs 2 --out out",
         "plan": "plan {small} --frames 1:9 --out out",
         "job": "job {small} --out out",
+        "package": "package --out out",
     }
 
 FILES = 300

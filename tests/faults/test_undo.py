@@ -10,7 +10,7 @@ import pytest
 pytestmark = pytest.mark.faults
 
 SCRIPT = Path(__file__).parent / "undo_sequences.py"
-SEQUENCES, EACH = 10 * int(os.environ.get("CROWD_LOD_TRIALS", "1")), 5  # in all, and in one Blender
+SEQUENCES, EACH = 6 * int(os.environ.get("CROWD_LOD_TRIALS", "1")), 3  # in all, and in one Blender
 
 
 @pytest.mark.parametrize("first", range(0, SEQUENCES, EACH))

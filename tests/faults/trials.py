@@ -52,7 +52,7 @@ def trial(words: list[str], limit: int | None) -> dict:
 
 
 def small(file: Path) -> None:
-    """A crowd of 60 with its LODs, and little to render."""
+    """A crowd of 20 of one character with its LOD, and little to render."""
     from crowd_lod_extension import sample_scenes
     from crowd_lod_extension.operators.characters.group_measuring import measure_groups
     from crowd_lod_extension.operators.characters.stored_groups import store_groups
@@ -61,7 +61,9 @@ def small(file: Path) -> None:
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=False)
     scene = bpy.context.scene
     sample_scenes.make("chapter", scene)
-    scene.crowd_lod.count, scene.crowd_lod.method = 60, "DECIMATE"
+    for name in "child", "heavy":
+        scene.crowd_lod.characters.children.unlink(bpy.data.collections[name])
+    scene.crowd_lod.count, scene.crowd_lod.method, scene.crowd_lod.level_count = 20, "DECIMATE", 2
     scene.frame_end, scene.crowd_lod.goal_labels = 3, "left edge, right edge"
     store_groups(scene.crowd_lod, measure_groups(scene))
     list(make_levels(scene))

@@ -145,6 +145,7 @@ def saved(folder: str) -> str:
     bpy.ops.wm.read_homefile(use_empty=True)
     scene = bpy.context.scene
     sample_scenes.make("chapter", scene)
+    scene.crowd_lod.characters.children.unlink(bpy.data.collections["heavy"])
     for material in bpy.data.materials:
         material.node_tree.nodes.new("ShaderNodeTexImage").image = bpy.data.images.new(f"{material.name} image", 256, 256)
     scene.frame_end, settings = 5, scene.crowd_lod

@@ -7,18 +7,25 @@ import gpu
 import numpy as np
 import pytest
 from crowd_lod_extension import sample_scenes
-from crowd_lod_extension.crowd_lod.animation.skinning import SkinnedMesh, pose, skin, stance
+from crowd_lod_extension.crowd_lod.animation.skinning import SkinnedMesh, pose, skin
 from crowd_lod_extension.crowd_lod.crowd.agents import Group
+from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import cleanup, mesh_data
 from crowd_lod_extension.operators.overlay import gpu_draw as gpu_side
 from crowd_lod_extension.operators.overlay import shader_programs, skinned_characters
 from crowd_lod_extension.operators.overlay.draw_data import Drawing
 from crowd_lod_extension.operators.overlay.gpu_draw import Batches, Cast, paint
-from crowd_lod_extension.operators.overlay.skinned_characters import Character, bake
+from crowd_lod_extension.operators.overlay.skinned_characters import Character, baking
 from mathutils import Matrix, kdtree
+
+from ..support.rotations import stance
 
 WIDTH, HEIGHT = 640, 480
 TINTS = np.array([(1, 0.1, 0.1, 1), (0.1, 1, 0.1, 1), (0.1, 0.1, 1, 1), (1, 1, 0.1, 1), (0.1, 1, 1, 1), (1, 0.1, 1, 1)], np.float32)
+
+
+def bake(name, homes):
+    return finished(baking(name, lambda: homes))
 
 
 @pytest.fixture(scope="module")

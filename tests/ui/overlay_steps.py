@@ -143,7 +143,7 @@ def legends():
         settings().overlay_color = color
         yield 1.0
         yield from robot.picture(f"31_{color.lower()}")
-        found[color] = [line.text for line in overlay().legend_of(scene())]
+        found[color] = [line.text for line in overlay().hud.legend(shown().colored)]
     settings().agent, settings().overlay_color = -1, "LOD"
     return found | {"states": list(shown().frame.trajectory.machine.states), "groups": list(names())}
 

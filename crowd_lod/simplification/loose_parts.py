@@ -1,0 +1,234 @@
+"""Loose parts of a mesh that give their triangles up, where collapses elsewhere would cost more."""
+
+from heapq import heapify, heappop, heappush
+
+import numpy as np
+
+from ..connected_components import connected_components
+from . import settings
+from .closest_point import distances
+from .triangle_mesh import blocks, length, normals
+
+PAIRS_AT_ONCE = 4_000_000  # pairs of a part and a point that are compared at a time
+CARD = np.array([(0, 0), (1, 2), (2, 3)])  # the two triangles of a card, as corners among its four
+GOLDEN = (np.sqrt(5) - 1) / 2  # fractions of its multiples spread evenly from 0 to 1
+
+
+class LooseParts:
+    """The loose parts of a mesh, each of which but the largest may become a card of two triangles, or go.
+
+    A closed part collapses to four triangles, one with holes to more: beside many small ones the largest alone would go on
+    collapsing, until nothing is left of it. So what a part would be off as a card, or if it were gone, is compared with
+    what collapses elsewhere cost: squared distances in all copies, weighed by its area as quadrics are. Planes tell nothing
+    of how much shorter a thin end gets, so that a point of the source which each point stands for is followed, too.
+
+    part: (n,) the number of each point's part, from the largest on; is_card: (parts,) bool, which are cards by now.
+    """
+
+    def __init__(self, copies: list[np.ndarray], corners: np.ndarray, area: np.ndarray):
+        """The parts of a mesh, none given up.
+
+        copies: its points (3, n) at rest, then in each pose; corners: (3, m), of its triangles, which have all points; area:
+        (n,), that each point stands for in quadrics.
+        """
+        rest = copies[0]
+        self.part, middle, radius = _parts(rest, corners)
+        count = len(radius)
+        self.is_card = np.zeros(count, bool)
+        self._cards, thickness = _cards(rest, self.part, count)
+        gap, lost = _lost_distances(rest, self.part, self._cards, middle, radius)
+        # Seen edge on a card shows nothing: it is half a loss, unless the part is so thin that a LOD which errs as much
+        # need not show it.
+        unseen = np.minimum((gap + radius) / 2, thickness / settings.CURRENT.thin_least)
+        off = [np.maximum(unseen, _card_distances(points, corners, self.part, self._cards)) for points in copies]
+        faces = normals(*(rest.take(corner, 1) for corner in corners))
+        shown = np.bincount(self.part[corners[0]], length(faces), count) / 8
+        weight = np.bincount(self.part, area, count) ** (1 - settings.CURRENT.area_power)
+        self._costs = weight * np.stack([np.sum(np.square(off), axis=0), len(copies) * np.maximum(lost**2, shown)])
+        self._costs[:, 0] = np.inf
+        self._copies, self._rest, self._witness = len(copies), rest, rest.copy()
+
+    @property
+    def cheapest(self) -> float:
+        """The least cost of a part that may be given up, infinite if there is none."""
+        return float(self._costs.min())
+
+    def true_costs(self, points: np.ndarray, corners: np.ndarray, ends: np.ndarray, at: np.ndarray, area: np.ndarray) -> np.ndarray:
+        """What collapses cost by the points of the source that they leave behind, (k,).
+
+        points: (3, n), corners: (3, m), as they are; ends: (2, k) edges without a common face; at: (3, k), where they collapse
+        to; area: (n,), that each point stands for in quadrics.
+        """
+        edge_of = np.full(points.shape[1], -1)
+        edge_of[ends] = np.arange(ends.shape[1])
+        mine = edge_of[corners]
+        stays = (mine >= 0).sum(axis=0) == 1
+        mine, corners = mine[:, stays], corners[:, stays]
+        edge = mine.max(axis=0)
+        faces = [np.where(own >= 0, at.take(edge, 1), points.take(corner, 1)) for own, corner in zip(mine, corners, strict=True)]
+        away = np.full(ends.shape, np.inf)
+        for nearest, end in zip(away, ends, strict=True):
+            np.minimum.at(nearest, edge, distances(self._witness.take(end[edge], 1), *faces))
+        off = settings.CURRENT.parts_fitted * away.max(axis=0)
+        return self._copies * off**2 * area[ends].sum(axis=0) ** (1 - settings.CURRENT.area_power)
+
+    def follow(self, ends: np.ndarray, at: np.ndarray) -> None:
+        """Take up that edges `ends` (2, k) have collapsed to `at` (3, k), as their first ends."""
+        first, second = (self._witness.take(end, 1) for end in ends)
+        self._witness[:, ends[0]] = np.where(length(first - at) < length(second - at), second, first)
+
+    def give_up(self, corners: np.ndarray, limit: float, excess: int) -> np.ndarray:
+        """Let parts become cards, or go, that cost `limit` at most.
+
+        corners: (3, m), of the triangles there are; excess: how many of them are too many. The cheapest parts go first, and
+        no more than free as many. Returns the corners (3, k) that are left.
+        """
+        count = len(self.is_card)
+        part = self.part[corners[0]]
+        cards = self._cards[CARD]
+        sound = (cards != np.roll(cards, 1, axis=0)).all(axis=0)
+        faces = np.bincount(part, minlength=count)
+        freed = np.concatenate([(faces - sound.sum(axis=0)) * sound.any(axis=0), faces])
+        costs = self._costs.reshape(-1)
+        costs[freed <= 0] = np.inf
+        due = np.flatnonzero((costs <= limit) & (costs < np.inf))
+        if not len(due):
+            return corners
+        due = due[np.argsort(costs[due], kind="stable")]
+        due = due[: np.searchsorted(np.cumsum(freed[due]), excess) + 1]
+        gone = due[due >= count] - count
+        flat = np.setdiff1d(due[due < count], gone)
+        self.is_card[flat] = True
+        self._costs[0, flat] = self._costs[:, gone] = np.inf
+        left = corners.compress(~np.isin(part, np.append(flat, gone)), axis=1)
+        return np.concatenate([left, cards[..., flat].reshape(3, -1).compress(sound[:, flat].ravel(), axis=1)], axis=1)
+
+    def restore_cards(
+        self, points: np.ndarray, collapse_map: np.ndarray, follows: np.ndarray, own: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Put the corners of cards back to where the source has them, and let their parts collapse into them.
+
+        points: (3, n), collapse_map: (n,), follows: (n,), of the mesh as it has collapsed; own: (n,), what each point of the
+        source moves with. Returns the same, changed.
+        """
+        flat = self.is_card[self.part]
+        away = [length(self._rest - self._rest.take(corner[self.part], 1)) for corner in self._cards]
+        corners = self._cards[np.argmin(away, axis=0), self.part]
+        return np.where(flat, self._rest, points), np.where(flat, corners, collapse_map), np.where(flat, own, follows)
+
+
+def _parts(points: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The loose parts of a mesh, numbered from the largest on.
+
+    points: (3, n); corners: (3, m). Returns the number of each point's part (n,), and the middles (3, parts) and radii
+    (parts,) of their bounding boxes.
+    """
+    first, part = np.unique(connected_components(points.shape[1], corners.T), return_inverse=True)
+    low = np.full((3, len(first)), np.inf)
+    high = -low
+    for k in range(3):
+        np.minimum.at(low[k], part, points[k])
+        np.maximum.at(high[k], part, points[k])
+    radius = length(high - low) / 2
+    by_size = np.argsort(-radius, kind="stable")
+    return np.argsort(by_size)[part], (low + high)[:, by_size] / 2, radius[by_size]
+
+
+def _cards(points: np.ndarray, part: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """A card for each part, between the points that reach farthest along its two longest axes.
+
+    points: (3, n); part: (n,), numbers below `count`. Returns the corners (4, count) in the order in which they lie around
+    the card, and how far the parts reach along the third axis (count,).
+    """
+    size = np.bincount(part, minlength=count)
+    off = points - (np.stack([np.bincount(part, x, count) for x in points]) / size)[:, part]
+    spread = np.stack([np.bincount(part, x * y, count) for x in off for y in off], axis=1)
+    along = np.einsum("dn,ndk->kn", off, np.linalg.eigh(spread.reshape(-1, 3, 3))[1][part])
+    last = np.cumsum(size) - 1
+    orders = [np.lexsort((way, part)) for way in along]
+    (low, high), *ends = [(order[last - size + 1], order[last]) for order in orders]
+    return np.stack([*ends[1], *ends[0]])[[0, 2, 1, 3]], along[0, high] - along[0, low]
+
+
+def _card_distances(points: np.ndarray, corners: np.ndarray, part: np.ndarray, cards: np.ndarray) -> np.ndarray:
+    """How far each part and its card are from each other, (parts,).
+
+    points: (3, n); corners: (3, m); part: (n,); cards: (4, parts).
+    """
+    a, b, c, d = (points.take(corner, 1) for corner in cards)
+    triangles = [[corner.take(part, 1) for corner in triangle] for triangle in ((a, b, c), (a, c, d))]
+    off = np.zeros(cards.shape[1])
+    np.maximum.at(off, part, np.minimum(*(distances(points, *triangle) for triangle in triangles)))
+    owner = part[corners[0]]
+    faces = [points.take(corner, 1) for corner in corners]
+    for middle in ((a + b + c) / 3, (a + c) / 2, (a + c + d) / 3):
+        back = np.full(len(off), np.inf)
+        np.minimum.at(back, owner, distances(middle.take(owner, 1), *faces))
+        off = np.maximum(off, back)
+    return off
+
+
+def _lost_distances(
+    points: np.ndarray, part: np.ndarray, cards: np.ndarray, middle: np.ndarray, radius: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """How far each part is from larger ones, and how far what it shows is from what is left once it is gone.
+
+    points: (3, n); part: (n,), cards: (4, parts); middle: (3, parts), radius: (parts,). Returns (parts,) each, infinite for
+    the largest part.
+
+    A part counts on a larger one to be left: on one of many times its size if it is at such a one, else on the nearest.
+    Where that goes before, it counts on the one that that counted on. What went before and counts on it is as much farther
+    off. So of parts that are alike first every second goes, then every second of those left.
+    Source: Gonzalez, "Clustering to minimize the maximum intercluster distance", 1985, has the measure.
+    """
+    now, order = settings.CURRENT, np.argsort(part, kind="stable")
+    points, first = points.take(order, 1), np.searchsorted(part[order], np.arange(len(radius)))
+    place = np.argsort(order)
+    nearest, gap = _nearest_points(points, first, middle)
+    off = gap + radius
+    larger = first[np.searchsorted(-radius, -now.parts_larger * radius)]
+    near, away = _nearest_points(points, larger, middle)
+    for corner in cards:
+        away = np.maximum(away, _nearest_points(points, larger, points.take(place[corner], 1))[1])
+    at_larger = away < now.parts_near * radius
+    counts_on = part[order[np.where(at_larger, near, nearest)]]
+    return gap, _lost_in_turn(np.where(at_larger, away, off), counts_on)
+
+
+def _nearest_points(points: np.ndarray, count: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of the first `count` points the one nearest to each of those `wanted`.
+
+    points: (3, n); count: (k,), ascending; wanted: (3, k). Returns indices and distances (k,): 0 and infinite of none.
+    """
+    nearest, away = np.zeros(len(count), np.intp), np.full(len(count), np.inf)
+    square = np.einsum("dn,dn->n", points, points)
+    for block in blocks(len(count), max(1, PAIRS_AT_ONCE // len(square))):
+        most = count[block][-1]
+        if most:
+            squares = square[:most] - 2 * wanted[:, block].T @ points[:, :most]
+            squares[np.arange(most) >= count[block, None]] = np.inf
+            nearest[block] = squares.argmin(axis=1)
+            away[block] = np.where(count[block] > 0, length(wanted[:, block] - points.take(nearest[block], 1)), np.inf)
+    return nearest, away
+
+
+def _lost_in_turn(off: np.ndarray, counts_on: np.ndarray) -> np.ndarray:
+    """How far off each part is once it is gone, (parts,), if the least goes first: see _lost_distances().
+
+    off: (parts,) from the larger part that it counts on, counts_on: (parts,).
+    """
+    off, counts_on = off.copy(), counts_on.copy()
+    lost, behind = np.full(len(off), np.inf), np.zeros(len(off))
+    waiting = [(off[k], k * GOLDEN % 1, k) for k in range(1, len(off))]
+    heapify(waiting)
+    while waiting:
+        known, turn, k = heappop(waiting)
+        while lost[counts_on[k]] < np.inf:
+            off[k] += off[counts_on[k]]
+            counts_on[k] = counts_on[counts_on[k]]
+        if off[k] + behind[k] > known:
+            heappush(waiting, (off[k] + behind[k], turn, k))
+            continue
+        lost[k] = known
+        behind[counts_on[k]] = max(behind[counts_on[k]], known)
+    return lost
