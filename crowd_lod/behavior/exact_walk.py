@@ -38,8 +38,7 @@ def walk(crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float) -
         cannot go on: to and fro over a border, or in a cycle on one label. They stay there. Their
         state is any of those in the cycle. If the states of a cycle move agents, their place is not
         a limit of the steps' places. With random choices, a long enough row of changes counts as
-        for ever. Agents between walls that touch at a corner and leave nearly no room are included:
-        they go to and fro there in equal rounds, or stand (cell_borders.Rounds).
+        for ever. Agents between walls that touch at a corner and leave nearly no room are included.
     """
     moved, tally = advance(crowd, machine, world, seconds, exact=True)
     return moved, tally.held

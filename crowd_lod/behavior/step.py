@@ -11,9 +11,8 @@ both borders are reached at once, the border in x is crossed first. So the way l
 sides of cells, never through a corner, and passes no wall, not even one whose cells touch only at
 their corners. A timer that ends within a step cuts it too.
 
-The cost of a step is bounded. Cells of one label are passed at once. An agent that returns to an
-earlier state skips whole rounds. An agent that turns ever more often without getting anywhere
-stands until the step ends (cell_borders.Rounds).
+The cost of a step is bounded. Cells of one label are passed at once. An agent that turns more often
+than its way is worth is stuck, in a corner between walls, say: it stands until the step ends.
 """
 
 from dataclasses import dataclass, replace
@@ -31,13 +30,10 @@ from .cell_borders import Walkers
 from .courant_number import check_speeds
 from .tabulated_step import Tables, mended, within
 
-# An agent that crosses HOLD borders in a row without progress is sent to and fro by the table; it
-# stands until the step ends. (In a dead end random turns need several.)
-HOLD = 32
-# Times as many pieces of its way has an agent in a step, and about as many more for each cell that
-# it walks: it is caught where walls leave it next to no room, as those do that touch at a corner,
-# and if it does not go to and fro in equal rounds it stands.
-MOST_TURNS = 8
+# So many pieces may an agent take in a step, and so many more for each cell that it walks, but never
+# more than PIECES are left to it. One that has none left is stuck.
+PIECES = 64
+PIECES_A_CELL = 8
 # A crowd of fewer agents is stepped faster as a whole than in two ways.
 FEW_AGENTS = 3000
 
@@ -47,9 +43,8 @@ class Tally:
     """The cost of one `advance`.
 
     reads: table reads, summed over all agents.
-    held: (n,) bool, agents that the table sent to and fro with no progress, or nearly none. They
-        may have stood for part of the step.
-    pieces: pieces of the agent that took most, without those skipped in whole rounds.
+    held: (n,) bool, agents that were stuck and stood for the rest of the step.
+    pieces: pieces of the agent that took most.
     """
 
     reads: int
@@ -139,7 +134,7 @@ class _Way:
     agents: which of the crowd's n agents are still on their way: k indices, or at first all.
     cell: (2, k) intp, column and row of the cells they are in.
     rest: (k,) seconds they have left.
-    idle: (k,) int32, their pieces in a row without progress.
+    left: (k,) the pieces that each of them may still take.
     held, reads, pieces: see Tally.
     """
 
@@ -162,15 +157,12 @@ class _Way:
         )
         self.agents: np.ndarray | slice = slice(None)
         self.cell = np.array(world.cells(now.x, now.y))
-        self.rest, self.idle = np.full(len(crowd), float(seconds)), np.zeros(len(crowd), np.int32)
+        self.rest = np.full(len(crowd), float(seconds))
+        # in no time an agent sees at most the 4 cells round a corner in each state: if it goes on
+        # for longer, it has met one twice
+        self.patience = max(PIECES, 4 * len(machine.states) + 4) if exact else PIECES
+        self.left = np.full(len(crowd), float(self.patience))
         self.held, self.reads, self.pieces = np.zeros(len(crowd), bool), 0, 0
-        # in a zero-time run an agent sees at most the 4 cells round a corner in each state: if it
-        # goes on, it has met one twice
-        self.patience = 4 * len(machine.states) + 4 if exact else HOLD
-        # without chance, timers, and mirrors, who comes back to where it was goes on in rounds
-        self.repeats = not (exact or self.draws or self.reflects)
-        self.met: np.ndarray | None = None
-        self.rounds = cell_borders.Rounds(MOST_TURNS * self.patience, area)
         self.size = np.array(world.cell)[:, None]
         # NumPy is several times faster along rows than across pairs
         self.table = np.ascontiguousarray(machine.velocity.reshape(-1, 2).T)
@@ -185,8 +177,7 @@ class _Way:
         if len(piece.leaves):
             self._stop_at_border(piece)
         self._move(piece)
-        self._tire(piece)
-        self._go_on(self._in_rounds(piece))
+        self._go_on(piece)
 
     def who(self, some: np.ndarray) -> np.ndarray:
         """Return the crowd's indices of `some`, (j,) intp indices of those on their way."""
@@ -283,61 +274,22 @@ class _Way:
         self.rest = self.rest - piece.span
         self.pieces, self.reads = self.pieces + 1, self.reads + int(piece.reads.sum())
 
-    def _tire(self, piece: _Piece) -> None:
-        """Count the pieces without progress of those stopped, and skip whole rounds of such."""
-        stopped = piece.leaves
-        if self.exact:
-            stopped = piece.changed.copy()
-            stopped[piece.leaves] = True
-            stopped = np.flatnonzero(stopped)
-        before, self.idle = self.idle, np.zeros(len(self.idle), np.int32)
-        if not len(stopped):
-            return
-        slow = self._cells(piece.span[stopped], piece.walkers.velocity.take(stopped, 1)) <= cell_borders.PROGRESS
-        self.idle[stopped] = np.where(slow, before[stopped] + 1, 0)
-        if self.repeats and slow.any():
-            now, agents = self.now, self.agents
-            self.met = np.full((6, len(now)), np.nan) if self.met is None else self.met
-            here = np.array([now.x[agents], now.y[agents], now.state[agents], *self.cell, self.rest])[:, stopped]
-            skipped = cell_borders.rounds(here, self.met, self.who(stopped), self.idle[stopped], self.patience)
-            self.idle[stopped] += skipped
-            self.reads += int(skipped.sum())
-
-    def _in_rounds(self, piece: _Piece) -> np.ndarray | bool:
-        """Skip the rounds of who comes back to where it was with progress in between.
-
-        Returns who stands from now on, (k,) bool, or False for nobody.
-        """
-        if self.pieces < cell_borders.MANY_PIECES:
-            return False
-        now, agents = self.now, self.agents
-        columns = now.x[agents], now.y[agents], now.state[agents], now.mirror[agents], *self.cell
-        gone = np.array([self._cells(piece.span, piece.walkers.velocity), piece.reads])
-        again = self.rounds.piece(self.pieces, None if self.draws else np.array(columns), self.rest, gone)
-        self.rest = np.maximum(self.rest - again.times * again.seconds, 0)
-        self.reads += int(again.times @ again.gone[1])
-        self.held[self.who(np.flatnonzero(again.caught))] = True
-        return again.stands
-
-    def _go_on(self, stands: np.ndarray | bool) -> None:
-        """Keep those who have time left, less those who have long been getting nowhere."""
-        goes = self.rest > 0
-        gives_up = goes & ((self.idle >= self.patience) | stands)
-        if gives_up.any():
-            stand = self.who(np.flatnonzero(gives_up))
+    def _go_on(self, piece: _Piece) -> None:
+        """Keep those who have time left, less those who are stuck."""
+        on = np.flatnonzero(self.rest > 0)
+        cells = piece.span[on] * np.abs(piece.walkers.velocity.take(on, 1) / self.size).max(axis=0)
+        left = np.minimum(self.left[on] + PIECES_A_CELL * cells, self.patience) - 1
+        stuck = left <= 0
+        if stuck.any():
+            stand = self.who(on[stuck])
             self.held[stand] = True
             if self.machine.timed:
-                self.now.wait[stand] -= self.rest[gives_up]
-            goes &= ~gives_up
-        if self.pieces >= cell_borders.MANY_PIECES:
-            self.rounds.keep(goes)
-        on = np.flatnonzero(goes)
-        self.agents, self.cell = self.who(on), self.cell.take(on, 1)
-        self.rest, self.idle = self.rest[on], self.idle[on]
-
-    def _cells(self, span: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """Return the cells walked (j,) in `span` (j,) seconds at `velocity` (2, j)."""
-        return span * np.abs(velocity / self.size).max(axis=0)
+                self.now.wait[stand] -= self.rest[on[stuck]]
+            on, left = on[~stuck], left[~stuck]
+        self.agents = self.who(on)
+        self.cell = self.cell.take(on, 1)
+        self.rest = self.rest[on]
+        self.left = left
 
 
 def _put(into: np.ndarray, some: np.ndarray, values: np.ndarray) -> None:

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.behavior import cell_borders, tabulated_step
 from crowd_lod_extension.crowd_lod.behavior import step as step_
+from crowd_lod_extension.crowd_lod.behavior import tabulated_step
 from crowd_lod_extension.crowd_lod.behavior.step import advance, step
 from crowd_lod_extension.crowd_lod.crowd import leave_outs
 from crowd_lod_extension.crowd_lod.crowd.agents import populate
@@ -12,7 +12,7 @@ from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset, prese
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ..support.shots import AREA, IDLER, ground, machine, walker
+from ..support.shots import AREA, IDLER, ground, walker
 from ..support.steps import odd, same
 from ..support.strategies import grounds, seeds, tables
 
@@ -61,26 +61,3 @@ def test_most_agents_go_the_short_way_and_columns_that_stay_are_shared():
     assert len(rest) < 50
     assert moved.state is crowd.state and moved.key is crowd.key and moved.wait is crowd.wait
     assert (moved.x != crowd.x).all() and moved.x is not crowd.x
-
-
-@pytest.mark.parametrize("edge", ["clamp", "stop", "wrap"])
-def test_rounds_of_trapped_agents_are_left_out_to_the_bit(edge, monkeypatch):
-    states = {
-        "a": {"color": "#ff0000", "start": 1, "on": {"*": {"move": [3, 0.5]}, "wall": {"next": "b", "move": [-2, 0]}}},
-        "b": {"color": "#00ff00", "start": 1, "on": {"*": {"move": [-3, 0]}, "ground": {"next": "c", "move": [0, 2]}}},
-        "c": {"color": "#0000ff", "on": {"*": {"next": "a", "move": [0, -2]}}},
-    }
-    table, random = machine(states, edge), np.random.default_rng(2)
-    world = LabelMap(random.integers(2, size=(60, 50), dtype=np.uint8), AREA)
-    quick = slow = populate(1000, 1, 1, table, world)
-
-    def one_by_one(now, met, agents, idle, patience):
-        return np.zeros_like(idle)
-
-    for _ in range(4):
-        quick, tally = advance(quick, table, world, 0.8)
-        with monkeypatch.context() as patch:
-            patch.setattr(cell_borders, "rounds", one_by_one)
-            slow, told = advance(slow, table, world, 0.8)
-        assert same(quick, slow) and tally.reads == told.reads and (tally.held == told.held).all()
-        assert tally.held.sum() > 20

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behavior import step
 from crowd_lod_extension.crowd_lod.behavior.exact_walk import trouble, walk
-from crowd_lod_extension.crowd_lod.behavior.step import HOLD, MOST_TURNS, advance
+from crowd_lod_extension.crowd_lod.behavior.step import PIECES, PIECES_A_CELL, advance
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import populate
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
@@ -47,24 +47,24 @@ def to_and_fro(place, way, seconds, at):
     return [float(p + v * time) for p, v in zip(place, way, strict=True)], int(turn % 2)
 
 
-@pytest.mark.parametrize("offset", [0.0, -1.0, 300.7, -5e4 / 3])
-def test_between_walls_that_touch_at_a_corner_agents_go_to_and_fro_in_whole_rounds(offset):
+@pytest.mark.parametrize("offset", [0.0, -5e4 / 3])
+def test_between_walls_that_touch_at_a_corner_agents_go_to_and_fro_or_stand(offset):
+    """Who stands is off by no more than the room that the walls leave it."""
     random, world = np.random.default_rng(1), corner(offset, -offset)
     at = [world.area.x_min + world.cell[0], world.area.y_min + world.cell[1]]
-    for away in 10.0 ** -np.arange(2, 9):
+    for away in 10.0 ** -np.arange(1, 9):
         way = random.uniform(0.2, 2, 2)
         crowd = crowd_at(np.append(at + random.uniform(0.1, 1, (20, 2)) * (-away, away), np.zeros((20, 1)), axis=1))
-        crowd = dataclasses.replace(crowd, state=np.zeros(20, np.uint8))
         moved, tally = advance(crowd, turning(way), world, FRAME)
-        assert tally.pieces < 100
+        assert tally.pieces <= PIECES + PIECES_A_CELL
         expected = [to_and_fro(place, way, FRAME, at) for place in zip(crowd.x, crowd.y, strict=True)]
-        # float64 knows places and times to a few units in the last place: that much a turn, more where it walks aslant
-        unsure = 8 * way.max() / way.min() * (np.spacing(abs(offset) + 2) + np.spacing(FRAME)) * tally.reads / 20 + 1e-13
-        close = np.abs(np.array([place for place, _ in expected]) - np.array([moved.x, moved.y]).T).max(axis=1)
-        assert (close <= np.minimum(unsure, 2 * away * way.max() / way.min())).all(), (away, close.max(), unsure)
-        if away > 1e-4:
-            assert ([state for _, state in expected] == moved.state).all()
+        off = np.abs(np.array([place for place, _ in expected]) - np.array([moved.x, moved.y]).T).max(axis=1)
+        assert off.max() <= 2 * away * way.max() / way.min()
+        # float64 knows places to a few units in the last place: that much a turn, more where the way is aslant
+        unsure = 8 * way.max() / way.min() * (np.spacing(abs(offset) + 2) + np.spacing(FRAME)) * PIECES
+        assert off[~tally.held].max(initial=0) <= unsure
         assert tally.held.all() or away > 1e-5
+        assert not tally.held.any() or away < 5e-3
 
 
 @pytest.mark.once
@@ -73,12 +73,11 @@ def test_between_walls_that_touch_at_a_corner_agents_go_to_and_fro_in_whole_roun
     "back, more", [(None, {"after": 50, "then": "out"}), ((-1, -0.7001), {}), ((-1, -0.69), {}), ((-1, -0.71), {})]
 )
 def test_who_does_not_come_back_to_where_it_was_stands_after_so_many_turns(edge, back, more):
-    most = MOST_TURNS * HOLD
     machine, world = turning((1, 0.7), edge, back, **more), corner()
     for away in 10.0 ** -np.arange(2, 16, 3):
         crowd = dataclasses.replace(crowd_at([(1 - away, 1 + away / 3, 0)]), wait=np.full(1, 50.0 if more else np.inf))
         moved, tally = advance(crowd, machine, world, FRAME)
-        assert tally.pieces <= most and tally.reads <= 3 * most
+        assert tally.pieces <= PIECES + PIECES_A_CELL
         assert tally.held.all() or away > 1e-4
         assert np.hypot(moved.x - 1, moved.y - 1) < 10 * away + 0.05 * (not tally.held[0])
         assert not more or moved.state[0] or moved.wait[0] == pytest.approx(50 - FRAME, abs=1e-12) or tally.reads > 1
@@ -101,10 +100,10 @@ def test_all_forms_of_a_step_agree_on_agents_between_walls(edge, more, monkeypat
     make = lambda: Walk(crowd, machine, world, (walker(),), FRAME, 0, every=8)  # noqa: E731
     asked, whole = make(), make()
     alone = crowd
-    for frame in range(6):
+    for frame in range(4):
         alone, _ = advance(alone, machine, world, FRAME) if frame else (alone, None)
         assert same(asked.at(frame), alone) and same(whole.full.at(frame), alone)
-    for time in (4.5, 2, 5):
+    for time in (2.5, 1, 3):
         assert same(asked.at(time), make().at(time))
 
 
@@ -119,16 +118,16 @@ def test_agents_caught_between_walls_are_in_trouble_and_others_are_not():
 
 @pytest.mark.parametrize("way", [(1, 0), (0, -1), (1, 0.6), (-0.37, 1)])
 @pytest.mark.parametrize("edge", ["clamp", "wrap", "reflect"])
-def test_a_million_meters_a_second(edge, way):
+def test_a_hundred_thousand_meters_a_second(edge, way):
     """Between walls all around, and where there are none: where a straight line leads that is folded at the walls."""
-    random, speed = np.random.default_rng(0), 1e6
+    random, speed = np.random.default_rng(0), 1e5
     vx, vy = speed * np.array(way)
     for walls in (0, 1):
         labels = np.pad(np.zeros((62, 62), np.uint8), 1, constant_values=walls)
         world, machine = LabelMap(labels, Area(-32, 0, 32, 64)), turning((vx, vy), edge)
         x, y = random.uniform(-30, 30, 50), random.uniform(2, 62, 50)
         moved, tally = advance(crowd_at(np.array([x, y, 0 * x]).T), machine, world, FRAME)
-        assert not tally.held.any() and tally.pieces < (200 if 0 in way else 12_000)
+        assert not tally.held.any() and tally.pieces < (200 if 0 in way else 2_000)
         if walls:  # straight back from the first wall on either side
             with np.errstate(divide="ignore"):
                 times = np.array([(np.array([[-31], [31]]) - x) / vx, (np.array([[1], [63]]) - y) / vy])
