@@ -9,12 +9,13 @@ import pytest
 from crowd_lod_extension import sample_scenes
 from crowd_lod_extension.operators.blender import image_data, mesh_data
 from crowd_lod_extension.operators.blender.color_space import linear
+from crowd_lod_extension.operators.characters.stored_groups import groups_of
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.overlay import playblast
 from crowd_lod_extension.operators.overlay.draw_data import Style, drawing
 from crowd_lod_extension.operators.overlay.gpu_draw import Batches, Cast, paint
-from crowd_lod_extension.operators.scene.scene_crowd import frame_of, groups_of
+from crowd_lod_extension.operators.scene.scene_crowd import frame_of
 
 WIDTH, HEIGHT = SIZE = 320, 180
 
