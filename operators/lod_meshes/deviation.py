@@ -15,8 +15,9 @@ from ...crowd_lod.simplification import hausdorff
 from ..blender.material_colors import Looks
 from ..blender.operator import Stepwise
 from ..blender.performance import Performance, performance_of
+from ..characters.stored_groups import groups_of, store_groups
 from ..machine.scene_world import actions_named
-from ..scene.scene_crowd import characters_of, groups_of, home_of, store_groups
+from ..scene.scene_crowd import characters_of, home_of
 from ..settings import needs
 from .pose_choice import poses
 from .posed_shapes import Posed, read_shapes, surface_of
