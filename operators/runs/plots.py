@@ -15,7 +15,7 @@ MARKERS = "osD^v<>"
 
 def draw_plots(folder: Path, tables: dict[str, list[dict]], caption: str) -> None:
     """Write error_behavior.png, error_culling.png and error_levels.png to `folder`."""
-    figure = _figure("Behavior: distance from the exact walk", caption)
+    figure = _figure("Behavior: distance from the exact way", caption)
     _behavior(figure.add_subplot(1, 2, 1), tables["behavior"])
     _drift(figure.add_subplot(1, 2, 2), tables["drift"])
     _save(figure, folder / "error_behavior.png")
@@ -84,7 +84,7 @@ def _behavior(axes, rows: list[dict]) -> None:
         found = list(found)
         order = found[0]["order"]
         if name == "exact walk":
-            says = "the reference"
+            says = "in one go"
         elif found[-1]["apart"] > 0.001:
             says = f"order {order:.2f}, does not converge: {found[-1]['apart']:.1%} of agents end over a cell away"
         else:
