@@ -1,4 +1,4 @@
-"""Plots as SVG inside a web page: no scripts, no fonts, and the page's own CSS colors.
+"""Plots as SVG, inside a web page or as files of their own (`sheet`): no scripts, no fonts.
 
 Colors are CSS, such as var(--ink), so that plots follow the page into dark mode. Each mark says its
 numbers where the pointer rests on it.
@@ -7,6 +7,7 @@ numbers where the pointer rests on it.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
+from textwrap import wrap
 
 import numpy as np
 
@@ -17,7 +18,18 @@ MARKS = {
     "circle": "M-4,0a4,4 0 1,0 8,0a4,4 0 1,0 -8,0Z",
     "square": "M-5.5,-5.5H5.5V5.5H-5.5Z",
     "diamond": "M0,-6L6,0L0,6L-6,0Z",
+    "up": "M0,-6L5.5,4H-5.5Z",
+    "down": "M0,6L5.5,-4H-5.5Z",
+    "left": "M-6,0L4,-5.5V5.5Z",
+    "right": "M6,0L-4,-5.5V5.5Z",
+    "star": "M0,-10L2.4,-3.2L9.5,-3.1L3.8,1.2L5.9,8.1L0,4L-5.9,8.1L-3.8,1.2L-9.5,-3.1L-2.4,-3.2Z",
 }
+SHEET_STYLE = """
+text { font: 11px system-ui, sans-serif; fill: #444 } .title { font-size: 15px; fill: #000 }
+.grid { stroke: #e4e4e4; fill: none } .axis { stroke: #444; fill: none }
+.line { fill: none; stroke-width: 1.4 } .mark { stroke-width: 1.2 }
+"""
+LEGEND_ROW, LETTERS = 16, 190  # pixels; letters of a caption that fit into a line of a sheet
 
 
 @dataclass(frozen=True)
@@ -26,11 +38,30 @@ class Series:
 
     values: (F,), or for points and curves (m, 2) of x and y.
     color: CSS.
+    dash: of its line, as SVG's stroke-dasharray; "" for none. line: whether it has a line.
+    shape: of its marks, one of MARKS. hollow: whether they have no filling.
+    spread: (m, 2), the least and the greatest x of each point; None without.
+    labels: a text beside each point; () without.
     """
 
     name: str
     values: np.ndarray
     color: str
+    dash: str = ""
+    line: bool = True
+    shape: str = "circle"
+    hollow: bool = False
+    spread: np.ndarray | None = None
+    labels: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A plot of a sheet: its SVG, its height in pixels, and the rows that its legend names."""
+
+    plot: str
+    height: float
+    rows: Sequence[Series]
 
 
 @dataclass(frozen=True)
@@ -60,7 +91,8 @@ class Scale:
                 found = [v for decade in decades for v in np.multiply(factors, decade) if self.low <= v <= self.high * (1 + 1e-9)]
                 if len(found) <= 7:
                     break
-            return [float(v) for v in found]
+            every = -(-len(found) // 7)
+            return [float(v) for v in found[::every]]
         rough = (self.high - self.low) / 5
         unit = 10.0 ** np.floor(np.log10(rough))
         step = unit * next(each for each in STEPS if each * unit >= rough * (1 - 1e-9))
@@ -155,17 +187,75 @@ def curves(x: Scale, y: Scale, rows: Sequence[Series]) -> str:
         points = " ".join(
             f"{_text(a)},{_text(b)}" for a, b in zip(x.place(row.values[:, 0]), y.place(row.values[:, 1]), strict=True)
         )
-        parts.append(f'<polyline class="line" stroke="{row.color}" points="{points}">{_hover(row.name)}</polyline>')
+        dashes = f' stroke-dasharray="{row.dash}"' if row.dash else ""
+        line = f'class="line" stroke="{row.color}"{dashes} points="{points}"'
+        parts.append(f"<polyline {line}>{_hover(row.name)}</polyline>")
     return "\n".join(parts)
 
 
 def mark(x: Scale, y: Scale, row: Series, shape: str, says: Sequence[str]) -> str:
     """Return a mark, one of MARKS, at each point (m, 2) of the row, each of which says its text."""
     places = zip(x.place(row.values[:, 0]), y.place(row.values[:, 1]), says, strict=True)
+    paint = _paint(row)
     return "\n".join(
-        f'<path class="mark" fill="{row.color}" d="{MARKS[shape]}" transform="translate({_text(a)},{_text(b)})">{_hover(text)}</path>'
+        f'<path class="mark" {paint} d="{MARKS[shape]}" transform="translate({_text(a)},{_text(b)})">{_hover(text)}</path>'
         for a, b, text in places
     )
+
+
+def _paint(row: Series) -> str:
+    return f'fill="none" stroke="{row.color}"' if row.hollow else f'fill="{row.color}"'
+
+
+def bars(x: Scale, y: Scale, row: Series) -> str:
+    """Return a level bar over the spread of each point of the row; nothing if it has none."""
+    if row.spread is None:
+        return ""
+    ends = zip(*x.place(row.spread.T), y.place(row.values[:, 1]), strict=True)
+    path = "".join(f"M{_text(least)},{_text(at)}H{_text(most)}" for least, most, at in ends)
+    return f'<path stroke="{row.color}" stroke-width="0.8" d="{path}"/>'
+
+
+def labels(x: Scale, y: Scale, row: Series) -> str:
+    """Return the row's labels, each to the upper right of its point (m, 2)."""
+    places = zip(x.place(row.values[:, 0]), y.place(row.values[:, 1]), row.labels, strict=False)
+    return "".join(f'<text x="{_text(a + 8)}" y="{_text(b - 5)}">{escape(label)}</text>' for a, b, label in places)
+
+
+def level(x: Scale, y: Scale, value: float, says: str) -> str:
+    """Return a dotted line across the plot at a value, with a text above it."""
+    at = _text(y.place(value))
+    line = f'<path stroke="#999" stroke-dasharray="1 3" d="M{x.begin:g},{at}H{x.end:g}"/>'
+    return f'{line}<text x="{x.begin + 4:g}" y="{at}" dy="-3">{escape(says)}</text>'
+
+
+def sheet(title: str, caption: str, panels: Sequence[Panel]) -> str:
+    """Return an SVG file: the plots side by side, each with its legend below."""
+    lines = wrap(caption, LETTERS)
+    top = 40 + 14 * len(lines)
+    height = top + max(panel.height + LEGEND_ROW * (len(panel.rows) + 1) for panel in panels)
+    width = WIDTH * len(panels)
+    parts = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height:g}" width="{width}" height="{height:g}">',
+        f'<style>{SHEET_STYLE}</style><rect width="100%" height="100%" fill="#fff"/>',
+        f'<text class="title" x="{width / 2:g}" y="22" text-anchor="middle">{escape(title)}</text>',
+    ]
+    for n, line in enumerate(lines):
+        parts.append(f'<text x="{width / 2:g}" y="{40 + 14 * n}" text-anchor="middle">{escape(line)}</text>')
+    for n, panel in enumerate(panels):
+        place = f'x="{WIDTH * n}" y="{top}" width="{WIDTH}" height="{panel.height:g}"'
+        parts.append(f"<svg {place}>{panel.plot}</svg>")
+        for k, row in enumerate(panel.rows):
+            x, y = WIDTH * n + LEFT, top + panel.height + LEGEND_ROW * (k + 1)
+            parts.append(f'<g transform="translate({x},{y:g})">{_legend_entry(row)}</g>')
+    return "\n".join([*parts, "</svg>\n"])
+
+
+def _legend_entry(row: Series) -> str:
+    dashes = f' stroke-dasharray="{row.dash}"' if row.dash else ""
+    line = f'<path class="line" stroke="{row.color}"{dashes} d="M0,0H34"/>' if row.line else ""
+    mark = f'<path class="mark" {_paint(row)} d="{MARKS[row.shape]}" transform="translate(17,0)"/>'
+    return f'{line}{mark}<text x="42" dy=".33em">{escape(row.name)}</text>'
 
 
 def _stairs(places: np.ndarray, levels: np.ndarray) -> str:

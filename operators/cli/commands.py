@@ -264,7 +264,7 @@ def _report_error(args, command: list[str]) -> dict:
     result = finish(error_report.error(scene, folder, repeats), f"error report of {stem}", args.quiet)
     tables = {name: [{k: None if v != v else v for k, v in row.items()} for row in rows] for name, rows in result["tables"].items()}
     out = printable(folder)
-    summary = "\n".join(filter(None, (result["without"], ", ".join(result["files"]), out)))
+    summary = "\n".join((", ".join(result["files"]), out))
     return {**result, "tables": tables, "out": out, "summary": summary}
 
 

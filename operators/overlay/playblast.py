@@ -3,7 +3,6 @@
 The pictures look as in a viewport, show what renders show, and need no window.
 """
 
-import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -14,6 +13,7 @@ import numpy as np
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame import Frame
+from ...crowd_lod.reporting.quiet_process import quiet_process
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import console, image_data
 from ..blender.color_space import linear
@@ -234,7 +234,9 @@ def need_gpu() -> None:
     code = "import bpy, gpu; gpu.init()"
     blender = [bpy.app.binary_path, "--background", "--factory-startup", "--python-expr"]
     command = [*(blender if bpy.app.binary_path else [sys.executable, "-c"]), code]
-    if subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode:
+    with quiet_process(command) as trial:
+        failed = trial.wait()
+    if failed:
         raise CrowdError(
             "The engine overlay needs OpenGL or Vulkan, and no driver for either starts here: install one (Mesa works without "
             "a graphics card), or choose another engine."

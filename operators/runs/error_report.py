@@ -19,6 +19,7 @@ from ...crowd_lod.format import counted, printable
 from ...crowd_lod.frame.frame_range import evenly
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.levels.assignment import LevelPolicy
+from ...crowd_lod.reporting import error_plots
 from ...crowd_lod.reporting import files as outputs
 from ...crowd_lod.reporting import tables as report
 from ...crowd_lod.validation import culling_audit, error_vs_runtime, extreme_cases, stiff_behavior
@@ -36,7 +37,6 @@ def error(scene: bpy.types.Scene, folder: Path, repeats: int = 7) -> Generator[f
     machine: where the times were measured, and how.
     tables: for each name, its rows.
     files: names of the files.
-    without: why there are no plots, or "".
     """
     with outputs.staged(folder) as stage:
         cameras.active_camera(scene)
@@ -80,10 +80,10 @@ def error(scene: bpy.types.Scene, folder: Path, repeats: int = 7) -> Generator[f
         machine = f"{machine_name()}; {len(crowd):,} of {len(trajectory.start):,} agents, medians of {counted(repeats, 'run')}"
         for name, rows in tables.items():
             (stage / f"error_{name}.csv").write_text(f"# {machine}\n{report.to_csv(rows)}", encoding="utf-8")
-        without = _plots(stage, tables, machine)
+        error_plots.draw_plots(stage, tables, machine)
         files = sorted(path.name for path in stage.glob("error_*"))
     yield 1.0
-    return {"machine": machine, "tables": tables, "files": files, "without": without}
+    return {"machine": machine, "tables": tables, "files": files}
 
 
 def _policies(policy: LevelPolicy) -> list[LevelPolicy]:
@@ -103,15 +103,6 @@ def _policies(policy: LevelPolicy) -> list[LevelPolicy]:
         thresholds = sizes if metric == "PIXELS" else parts
         found.append(replace(policy, tolerance=None, metric=metric, thresholds=thresholds, group_thresholds=own))
     return found
-
-
-def _plots(folder: Path, tables: dict, caption: str) -> str:
-    try:
-        from . import plots
-    except ImportError:
-        return "matplotlib is not in this Blender, so there are tables and no plots: the command crowd-lod in the shell has it."
-    plots.draw_plots(folder, tables, caption)
-    return ""
 
 
 def machine_name() -> str:

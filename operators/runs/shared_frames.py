@@ -11,7 +11,6 @@ import time as clock
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +22,7 @@ from ...crowd_lod.frame.frame_range import frames_are
 from ...crowd_lod.progress import share
 from ...crowd_lod.reporting import files, frame_parts, interrupt
 from ...crowd_lod.reporting.frame_parts import FrameParts
+from ...crowd_lod.reporting.quiet_process import quiet_process
 from ..blender import console
 from ..scene.scene_crowd import policy_of, trajectory_of
 
@@ -94,12 +94,7 @@ class Sharing:
                 missing = [number for number in frames if parts.get(number) is None]
                 words = self.worker(parts.folder / frame_parts.RECORDS / OPENED, missing)
                 for _ in range(min(self.jobs, len(missing)) - 1):
-                    with interrupt.held():
-                        process = subprocess.Popen(
-                            words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-                        )
-                        stack.enter_context(interrupt.unfinished(partial(_end, process)))
-                    helpers.append(process)
+                    helpers.append(stack.enter_context(quiet_process(words)))
             yield helpers
 
 
@@ -168,12 +163,6 @@ def made(
 
 def _whole(parts: FrameParts, numbers: Sequence[int]) -> set[int]:
     return set(frame_parts.whole_frames(parts.folder)).intersection(numbers)
-
-
-def _end(process: subprocess.Popen) -> None:
-    with suppress(OSError):
-        process.kill()
-    process.wait()
 
 
 def allowed(jobs: int) -> int:

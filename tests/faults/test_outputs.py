@@ -165,7 +165,7 @@ def test_killed_at_any_moment_the_outputs_are_of_one_run_and_the_next_cleans(tri
 
 
 def test_a_folder_in_a_files_place_leaves_all_as_before(trials, tmp_path):
-    for name, victim in {"preview": "report.html", "verify": "verify.json", "error": "error_levels.png"}.items():
+    for name, victim in {"preview": "report.html", "verify": "verify.json", "error": "error_levels.svg"}.items():
         out = tmp_path / name
         (out / victim).mkdir(parents=True)
         (out / victim / "mine").write_text("mine")
@@ -193,7 +193,7 @@ def test_a_run_does_not_take_the_hidden_folder_of_another(trials, tmp_path):
     assert len(list(out.glob(".crowd-lod-*"))) == 1
     living.send_signal(signal.SIGCONT)
     assert living.wait(300) == 0, living.stderr.read()
-    assert (out / "verify.json").exists() and (out / "error_levels.png").exists() and not list(out.glob(".*"))
+    assert (out / "verify.json").exists() and (out / "error_levels.svg").exists() and not list(out.glob(".*"))
 
 
 @pytest.mark.parametrize("name", COMMANDS)
