@@ -52,6 +52,7 @@ def late_turn():
     return populate(500, 1, 1, machine, world), machine, world
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("method", [step, listing])
 def test_stepping_converges_with_order_one(method):
     found = against_the_judge(*late_turn(), 20.0, (32, 64, 128, 256, 512, 1024), method)
