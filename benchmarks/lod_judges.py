@@ -14,8 +14,9 @@ from PIL import Image, ImageDraw
 
 WIDTH, LENS, SENSOR = 1920, 35.0, 36.0  # the camera: pixels, millimeters
 PIXELS_PER_SLOPE = WIDTH * LENS / SENSOR
-SCATTERED, FIRST_FRAMES = 12_000, 20  # points of a surface, and frames in which all are measured
-WATCHED, CLOSER = 600, 4  # points that all frames measure; frames with the densest samples
+SCATTERED, FIRST_FRAMES = 6_000, 20  # points of a surface; frames in which all are measured
+WATCHED, ROUNDS, CLOSER = 300, (None, 60), 2  # points of frames; of how many; frames searched
+NARROW, DEEPEST, MOST_DIVIDED = 0.03, 8, 40_000  # of faces: see `divide`
 OFF = 1e-4  # of the size: where rays begin
 SIDE, FINE = 1_400, 32  # pixels of a mask's side; and a pixel's parts where masks differ most
 FARTHEST = 4  # pixels that are told at most
@@ -61,7 +62,12 @@ class Shape:
         return np.einsum("sc,scd->sd", weights, self.points[self.triangles[face]])
 
     def distances(self, points: np.ndarray) -> np.ndarray:
-        return np.array([self.tree.find_nearest(point)[3] for point in points.tolist()])
+        return self.nearest(points)[0]
+
+    def nearest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return how far points (s, 3) are from the surface, and from which face: (s,) each."""
+        hits = [self.tree.find_nearest(point)[2:] for point in points.tolist()]
+        return np.array([hit[1] for hit in hits]), np.array([hit[0] for hit in hits])
 
     def shows(self, point: np.ndarray, off: float) -> bool:
         """Return whether some direction sees a point of the surface."""
@@ -124,22 +130,6 @@ def scatter(shape: Shape, random: np.random.Generator) -> tuple[np.ndarray, np.n
     return np.concatenate([first // 3, face]), np.concatenate([np.eye(3)[first % 3], weights])
 
 
-def densely(shape: Shape, samples: tuple, about: np.ndarray, random: np.random.Generator, closer: int) -> tuple:
-    """Return points about some of `samples`, by their indices; nearer for a greater `closer`."""
-    face, weights = samples[0][about], samples[1][about]
-    if closer == 0:  # faces nearby as well
-        places, corners = shape.at(samples)[about], shape.points[shape.triangles]
-        middles = corners.mean(axis=1)
-        size = np.linalg.norm(corners - middles[:, None], axis=2).max(axis=1)
-        reach = 0.01 * np.ptp(shape.points, axis=0).max()
-        nearby = [np.flatnonzero(np.linalg.norm(middles - place, axis=1) < reach + size)[:80] for place in places]
-        face = np.repeat(np.unique(np.concatenate(nearby)), 25)
-        return face, random.dirichlet((1, 1, 1), len(face))
-    face, weights = np.repeat(face, 60), np.repeat(weights, 60, axis=0)
-    part = 0.3**closer
-    return face, (1 - part) * weights + part * random.dirichlet((1, 1, 1), len(face))
-
-
 def seen_at(shape: Shape, samples: tuple, distance: np.ndarray, above: float = 0.0) -> tuple[float, int]:
     """Return how far the farthest sample that shows is, or `above`, and its index, or -1."""
     off = OFF * np.ptp(shape.points, axis=0).max()
@@ -151,52 +141,110 @@ def seen_at(shape: Shape, samples: tuple, distance: np.ndarray, above: float = 0
     return above, -1
 
 
-def look_closer(shape: Shape, other: Shape, samples: tuple, random: np.random.Generator) -> float:
-    """Return how far what shows of a surface is from another, meters, with dense samples there."""
-    distance = other.distances(shape.at(samples))
-    most, _ = seen_at(shape, samples, distance)
-    for closer in range(4):
-        samples = densely(shape, samples, np.argsort(-distance)[:12], random, closer)
-        distance = other.distances(shape.at(samples))
-        most, _ = seen_at(shape, samples, distance, most)
-    return most
+def shown_faces(shape: Shape) -> np.ndarray:
+    """Return the faces (m,) of which a corner or the middle shows."""
+    off = OFF * np.ptp(shape.points, axis=0).max()
+    shown = np.zeros(len(shape.points), bool)
+    for corner in np.unique(shape.triangles).tolist():
+        shown[corner] = shape.shows(shape.points[corner], off)
+    faces = shown[shape.triangles].any(axis=1)
+    for face in np.flatnonzero(~faces).tolist():
+        faces[face] = shape.shows(shape.points[shape.triangles[face]].mean(axis=0), off)
+    return np.flatnonzero(faces)
+
+
+def divide(shape: Shape, other: Shape, least: float) -> tuple[float, tuple[np.ndarray, np.ndarray], np.ndarray]:
+    """Find what shows of a surface that is farthest from another, by dividing its faces.
+
+    A face is divided while it may have a point NARROW farther than the farthest, or than `least`: no point
+    is farther than a corner and the way from there; nor than the corners, where all are nearest to
+    the same face, as the distance from a convex set is convex. Returns meters, and the samples that
+    were measured with their distances.
+    """
+    face = shown_faces(shape)
+    weights = np.tile(np.eye(3), (len(face), 1, 1))
+    corners, back = np.unique(shape.triangles[face], return_inverse=True)
+    distance, to = (each[back].reshape(-1, 3) for each in other.nearest(shape.points[corners]))
+    measured = [(np.repeat(face, 3), weights.reshape(-1, 3), distance.ravel())]
+    most, _ = seen_at(shape, measured[0][:2], measured[0][2], least)
+    for _ in range(DEEPEST):
+        at = np.einsum("fwc,fcd->fwd", weights, shape.points[shape.triangles[face]])
+        longest = np.linalg.norm(at - np.roll(at, 1, axis=1), axis=2).max(axis=1)
+        upper = np.minimum(distance.min(axis=1) + longest, distance.max(axis=1) + longest / np.sqrt(3))
+        upper[(to == to[:, :1]).all(axis=1)] = 0.0
+        left = np.argsort(-upper)[:MOST_DIVIDED]
+        left = left[upper[left] > (1 + NARROW) * most]
+        if not len(left):
+            break
+        face, weights, distance, to = face[left], weights[left], distance[left], to[left]
+        middles = (weights + np.roll(weights, -1, axis=1)) / 2
+        places = np.einsum("fwc,fcd->fwd", middles, shape.points[shape.triangles[face]])
+        between, to_between = (each.reshape(-1, 3) for each in other.nearest(places.reshape(-1, 3)))
+        measured.append((np.repeat(face, 3), middles.reshape(-1, 3), between.ravel()))
+        most, _ = seen_at(shape, measured[-1][:2], between.ravel(), most)
+        weights, distance = quarters(weights, middles), quarters(distance, between)
+        face, to = np.tile(face, 4), quarters(to, to_between)
+    faces, weights, distance = (np.concatenate(each) for each in zip(*measured, strict=True))
+    return most, (faces, weights), distance
+
+
+def quarters(corners: np.ndarray, middles: np.ndarray) -> np.ndarray:
+    """Return the four parts (4 f, 3, ...) of triangles; middles: from each corner to the next."""
+    outer = [np.stack([corners[:, k], middles[:, k], middles[:, k - 1]], axis=1) for k in range(3)]
+    return np.concatenate([*outer, middles])
 
 
 def judge_bounds(stage: Stage, lods: list[Lod], frames: list[float]) -> None:
     """Find how far LODs are off in `frames`; add it to their figures."""
-    random = np.random.default_rng(5)
-    samples, most = [], []
-    for number, frame in enumerate(frames[:: max(1, len(frames) // FIRST_FRAMES)]):
-        character, *shapes = stage.at(frame)
-        for k, shape in enumerate(shapes):
-            for way, (one, other) in enumerate(((character, shape), (shape, character))):
-                if number == 0:
-                    samples.append(scatter(one, random))
-                    most.append(np.zeros(len(samples[-1][0])))
-                here = 2 * k + way
-                most[here] = np.maximum(most[here], other.distances(one.at(samples[here])))
-    watched = []
-    for here, (face, weights) in enumerate(samples):
-        one = (character, shapes[here // 2])[here % 2]
-        worst = visible_worst(one, (face, weights), most[here])
-        some = np.unique(np.concatenate([worst, random.permutation(len(face))[: WATCHED // 2]]))
-        watched.append((face[some], weights[some]))
-
+    watched = watch(stage, len(lods), frames)
     seen = np.zeros((len(lods), len(frames)))
-    for number, frame in enumerate(frames):
-        character, *shapes = stage.at(frame)
-        for k, shape in enumerate(shapes):
-            for here, one, other in ((2 * k, character, shape), (2 * k + 1, shape, character)):
+    for count in ROUNDS:
+        for number in np.argsort(-seen.max(axis=0))[:count]:
+            for here, one, other in ways(stage.at(frames[number])):
                 distance = other.distances(one.at(watched[here]))
+                k = here // 2
                 seen[k, number], _ = seen_at(one, watched[here], distance, seen[k, number])
-    for k, lod in enumerate(lods):
-        for number in np.argsort(-seen[k])[:CLOSER]:
-            character, *shapes = stage.at(frames[number])
-            shape = shapes[k]
-            for here, one, other in ((2 * k, character, shape), (2 * k + 1, shape, character)):
-                seen[k, number] = max(seen[k, number], look_closer(one, other, watched[here], random))
-        worst = int(seen[k].argmax())
-        lod.figures.update(seen=seen[k, worst], frame=frames[worst], misses=int((seen[k] > lod.bound).sum()))
+        watched = [(face[:0], weights[:0]) for face, weights in watched]
+        for k, own in enumerate(seen):
+            for number in np.argsort(-own)[:CLOSER]:
+                for here, one, other in ways(stage.at(frames[number]))[2 * k : 2 * k + 2]:
+                    most, found, distance = divide(one, other, own.max())
+                    own[number] = most if most > own.max() else own[number]
+                    watched[here] = joined(watched[here], found, visible_worst(one, found, distance))
+    for lod, own in zip(lods, seen, strict=True):
+        worst = int(own.argmax())
+        misses = int((own > lod.bound).sum())
+        lod.figures.update(seen=own[worst], frame=frames[worst], misses=misses)
+
+
+def joined(samples: tuple, more: tuple, some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return samples, and those of `more` at the indices `some`."""
+    return np.concatenate([samples[0], more[0][some]]), np.concatenate([samples[1], more[1][some]])
+
+
+def ways(shapes: list[Shape]) -> list[tuple[int, Shape, Shape]]:
+    """Return (number, from, to) of a character and its LODs, both ways of each LOD."""
+    pairs = [pair for shape in shapes[1:] for pair in ((shapes[0], shape), (shape, shapes[0]))]
+    return [(number, *pair) for number, pair in enumerate(pairs)]
+
+
+def watch(stage: Stage, count: int, frames: list[float]) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return for each way of `count` LODs the samples that are far off in some of the frames."""
+    random = np.random.default_rng(5)
+    first = frames[:: max(1, len(frames) // FIRST_FRAMES)]
+    samples: list = [None] * (2 * count)
+    most: list = [None] * (2 * count)
+    for frame in first:
+        for here, one, other in ways(stage.at(frame)):
+            if samples[here] is None:
+                samples[here] = scatter(one, random)
+                most[here] = np.zeros(len(samples[here][0]))
+            most[here] = np.maximum(most[here], other.distances(one.at(samples[here])))
+    watched = []
+    for here, one, _ in ways(stage.at(frames[0])):
+        some = visible_worst(one, samples[here], most[here])
+        watched.append((samples[here][0][some], samples[here][1][some]))
+    return watched
 
 
 def visible_worst(shape: Shape, samples: tuple, distance: np.ndarray) -> np.ndarray:

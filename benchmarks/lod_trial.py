@@ -8,10 +8,10 @@ character without any is bent at each bone by random turns. For each distance of
 people 1.8 m high, LODs are made for agents from there on, 1 pixel allowed. Two judges look at them.
 They share nothing with decimation and deviation, but for Blender's own trees.
 
-Bounds: at random sub-frames points of either surface, vertices and scattered ones, are measured
-against the whole of the other one. Places that are far off are sampled again more densely. A point
-counts if in that frame one of 100 directions sees it. *Seen* is the farthest; above the bound, it
-is a miss. What lies between the points may be some percent farther.
+Bounds: points of either surface, corners and scattered ones, are measured against the whole of the
+other one at some of many random sub-frames; those far off are at all. In the worst frames faces are
+divided until none may have a point 3 % farther than the farthest found. A point counts if in that
+frame one of 100 directions sees it. *Seen* is the farthest; above the bound, it is a miss.
 
 Outlines: masks of character and LOD, seen from 24 directions in 6 poses, as near as the LOD may
 begin. Told is by how many pixels one mask reaches out of the other.
