@@ -13,12 +13,14 @@ from pathlib import Path
 import bpy
 import fast_simplification
 import numpy as np
+from crowd_lod_extension.crowd_lod.reporting.error_plots import COLORS
 from crowd_lod_extension.crowd_lod.simplification.decimate import decimate
 from crowd_lod_extension.operators.blender.mesh_data import new_mesh, read_triangles
 from crowd_lod_extension.operators.lod_meshes.surface import Surface, deviation
-from crowd_lod_extension.operators.runs.plots import MARKERS, PLOT_COLORS
 from crowd_lod_extension.sample_scenes.characters import make_characters
 from matplotlib.figure import Figure
+
+MARKERS = "osD^v<>"  # of matplotlib
 
 RATIOS = (0.4, 0.12, 0.03)
 SAMPLES = 10_000  # points over each surface, besides its vertices
@@ -171,7 +173,7 @@ def draw(picture: Path, rows: list[tuple]) -> None:
     for axes, ratio in zip(figure.subplots(1, len(RATIOS), sharex=True, sharey=True), RATIOS, strict=True):
         for k, method in enumerate(METHODS):
             found = [(ms, max(distance, FLOOR)) for r, m, ms, distance in rows if (r, m) == (ratio, method)]
-            axes.plot(*zip(*found, strict=True), MARKERS[k], color=PLOT_COLORS[k], alpha=0.8, label=method)
+            axes.plot(*zip(*found, strict=True), MARKERS[k], color=COLORS[k], alpha=0.8, label=method)
         axes.set(xscale="log", yscale="log", title=f"{100 * ratio:g} % of the triangles", xlabel="CPU time (ms)")
         axes.grid(alpha=0.25)
     figure.axes[0].set_ylabel("Hausdorff distance (% of the diagonal)")

@@ -30,10 +30,12 @@ from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import console, mesh_data, scene_data
 from crowd_lod_extension.operators.blender.ownership import remove_owned
+from crowd_lod_extension.operators.characters.group_measuring import measure_groups
+from crowd_lod_extension.operators.characters.stored_groups import store_groups
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup import bake, cost_estimate, frame_update, render_setup
 from crowd_lod_extension.operators.render_setup.hidden_characters import hide_characters
-from crowd_lod_extension.operators.scene.scene_crowd import frame_of, measure_groups, store_groups, trajectory_of
+from crowd_lod_extension.operators.scene.scene_crowd import frame_of, trajectory_of
 
 NOBODY, EVERYONE, CAMERA_CULL, NODES, BAKED = "nobody", "everyone", "camera cull", "geometry nodes", "1 px, baked"
 CROWD_LOD = ("by ratio", "1 px")

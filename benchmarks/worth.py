@@ -23,9 +23,11 @@ import numpy as np
 from bench import table
 from crowd_lod_extension.crowd_lod.reporting import files as outputs
 from crowd_lod_extension.crowd_lod.reporting import tables
+from crowd_lod_extension.crowd_lod.reporting.error_plots import COLORS
 from crowd_lod_extension.operators.runs.error_report import machine_name
-from crowd_lod_extension.operators.runs.plots import MARKERS, PLOT_COLORS
 from ways import BAKED, EVERYONE, FRAMES, NOBODY, shown_by
+
+MARKERS = "osD^v<>"  # of matplotlib
 
 NEAR, FAR = ({"groups": 4, "meters": meters, "finer": 1} for meters in (2, 20))
 LIGHT = [{**crowd, "finer": 0} for crowd in (NEAR, FAR)]  # a GPU of software draws every instance's triangles
@@ -220,7 +222,7 @@ def draw(path: Path, rows: list[dict], machine: str) -> None:
     figure.suptitle(f"What the crowd takes, as a part of everyone at full detail. {machine}", fontsize=8, color="#444444")
     panels = figure.subplots(1, len(PARTS), sharey=True)
     for axes, part in zip(panels, PARTS.values(), strict=True):
-        for way, color, marker in zip(ways, PLOT_COLORS, MARKERS, strict=False):
+        for way, color, marker in zip(ways, COLORS, MARKERS, strict=False):
             found = {(row["engine"], row["crowd"], row["agents"]): row[part] for row in rows if row["way"] == way}
             known = [(place, found[crowd]) for place, crowd in enumerate(crowds) if found.get(crowd) is not None]
             axes.scatter(

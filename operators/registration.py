@@ -10,7 +10,7 @@ from .machine import machine_buttons, machine_settings, map_areas, map_painting,
 from .overlay import agent_picker, viewport_image, viewport_overlay
 from .render_setup import buttons, cost_estimate, frame_update
 from .runs import open_report, preview, verify_button
-from .scene import sample_menu, scene_crowd
+from .scene import populate, sample_menu, scene_crowd
 from .settings import area_settings, exception_settings, presets, properties, setting_changes
 from .shot import shot_plan
 from .sources import record_points, simulate
@@ -29,7 +29,7 @@ MODULES = (
     state_machine_menu,
     machine_buttons,
     map_painting,
-    scene_crowd,
+    populate,
     simulate,
     record_points,
     characters_from_selection,

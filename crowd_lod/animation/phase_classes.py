@@ -144,18 +144,14 @@ class Library:
     posed: (G,) intp, the number of even phases at which a group is posed, in each of its actions. 0
         for a group with rigs: it has one rig for each of its different actions and rates, and each
         class.
-    times: (G,) intp, how many sets of poses a group has, one after the other. More than 1 only in
-        builds from before there were rigs, which had poses for several paces; the first set is
-        shown.
     """
 
     posed: np.ndarray
-    times: np.ndarray | int = 1
 
     def first(self, gaits: Gaits) -> np.ndarray:
         """Return (G + 1,) intp: the index of each group's first character, and the total."""
         rigs = [gaits.classes * len(own) for own in gaits.distinct]
-        poses = self.posed * self.times * len(gaits.actions)
+        poses = self.posed * len(gaits.actions)
         return np.append(0, np.cumsum(np.where(self.posed > 0, poses, rigs)))
 
     def owner(self, gaits: Gaits) -> np.ndarray:

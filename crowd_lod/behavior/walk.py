@@ -246,7 +246,7 @@ class Walk(Trajectory):
         world, start, heights = self.world, replace(self.start, played=None, faded=None), self.heights
         own = {
             "the crowd": b"".join([*(column.tobytes() for column in start.columns.values()), b"seated" * self.seated]),
-            "the state machine": self.machine.text.encode(),
+            "the state machine": self.machine.content.encode(),
             "the map": repr((world.area, world.labels.shape)).encode() + world.labels.tobytes(),
             "the height map": b"",
         }

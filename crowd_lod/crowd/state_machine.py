@@ -88,6 +88,11 @@ class StateMachine:
         return self if meters == 1 else replace(self, velocity=self.velocity / meters)
 
     @property
+    def content(self) -> str:
+        """Its JSON, the same for every layout of the text."""
+        return json.dumps(json.loads(self.text))
+
+    @property
     def moves(self) -> bool:
         """Whether any agent can ever move."""
         return bool(self.velocity.any())

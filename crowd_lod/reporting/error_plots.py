@@ -27,7 +27,7 @@ def draw_plots(folder: Path, tables: dict[str, list[Row]], caption: str) -> None
     caption: where the times were measured.
     """
     sheets = {
-        "behavior": ("Behavior: distance from the exact walk", [_behavior(tables["behavior"]), _drift(tables["drift"])]),
+        "behavior": ("Behavior: distance from the exact way", [_behavior(tables["behavior"]), _drift(tables["drift"])]),
         "culling": (
             "Culling: agents a frame that differ from the exact six planes",
             [
@@ -97,7 +97,7 @@ def _behavior(rows: list[Row]) -> svg.Panel:
     for color, (name, group) in zip(COLORS, groupby(rows, lambda row: row["method"]), strict=False):
         method = list(group)
         if name == "exact walk":
-            drawn.append(_timed(f"{name} (the reference)", method, lambda row: row["mean_m"], floor, color))
+            drawn.append(_timed(f"{name} (in one go)", method, lambda row: row["mean_m"], floor, color))
             continue
         labels = f"{name}, mean ({_convergence(method)})", f"{name}, median", f"{name}, worst"
         for k, (what, dash) in enumerate({"mean_m": SOLID, "median_m": DASHED, "worst_m": DOTTED}.items()):

@@ -91,7 +91,7 @@ class Scale:
                 found = [v for decade in decades for v in np.multiply(factors, decade) if self.low <= v <= self.high * (1 + 1e-9)]
                 if len(found) <= 7:
                     break
-            every = -(-len(found) // 7)
+            every = max(-(-len(found) // 7), 1)
             return [float(v) for v in found[::every]]
         rough = (self.high - self.low) / 5
         unit = 10.0 ** np.floor(np.log10(rough))

@@ -8,16 +8,17 @@ upper bounds for triangle soup Pompeiu-Hausdorff distance", 2024.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from . import settings
 from .closest_point import closest_weights, walk
-from .triangle_mesh import TriangleMesh, blocks, normals
+from .triangle_mesh import TriangleMesh, blocks, edges_of, normals
 
 TOGETHER = 4_000  # points, or pieces, in all poses that fit in the processor's cache
+ALONG = (0.25, 0.5, 0.75)  # parts of an edge where Places lie
 
 
 @dataclass
@@ -64,19 +65,21 @@ class Moving:
 class Interval:
     """What is known of the distance over all poses, meters.
 
-    It is at least `measured`, as at `pose`, and at most `bound`. floor: a bound need not be lower.
+    It is at least `measured`, as at `place`, (3,) meters, in `pose`, and at most `bound`. floor: a bound need not be
+    lower.
     """
 
     floor: float
     measured: float = 0.0
     pose: int = 0
+    place: np.ndarray = field(default_factory=lambda: np.zeros(3))
     bound: float = 0.0
 
-    def see(self, distance: np.ndarray, pose: int) -> None:
-        """Distances that there are in the pose."""
+    def see(self, distance: np.ndarray, pose: int, at: np.ndarray) -> None:
+        """Note distances (n,) from points `at` (n, 3), in the pose."""
         most = float(distance.max(initial=0.0))
         if most > self.measured:
-            self.measured, self.pose = most, pose
+            self.measured, self.pose, self.place = most, pose, at[distance.argmax()]
 
     @property
     def enough(self) -> float:
@@ -142,61 +145,76 @@ def interval(one: Moving, other: Moving, least: float = 0.0) -> Interval:
 
 
 @dataclass
-class Part:
-    """A part of a surface, such as an object of a character.
+class Places:
+    """Points of a surface: corners of its triangles, and points between them.
 
-    points: (n,) those of the surface that are looked at.
-    faces: (m,) triangles whose middles are looked at as well.
+    corners: (s, 3) indices of points; weights: (s, 3), barycentric.
     """
 
-    points: np.ndarray
-    faces: np.ndarray
+    corners: np.ndarray
+    weights: np.ndarray
+
+    def at(self, points: np.ndarray) -> np.ndarray:
+        """Return where they are, (s, ..., 3) meters, of the surface's points (n, ..., 3)."""
+        weights = self.weights.reshape(*self.weights.shape, *[1] * (points.ndim - 1))
+        return sum(weights[:, c] * points[self.corners[:, c]] for c in range(3))
+
+    def of(self, some: np.ndarray) -> "Places":
+        """Return some of them."""
+        return Places(self.corners[some], self.weights[some])
 
 
-def estimate(one: Moving, other: Moving, parts: Sequence[tuple[Part, Part]], beyond: float) -> tuple[list[float], np.ndarray]:
-    """Estimate what `interval` measures, part by part, and where it is more than `beyond` meters.
+def places_on(triangles: np.ndarray, large: np.ndarray) -> Places:
+    """Return the corners of triangles, and of the large ones the middles and points on the edges.
 
-    parts: of each a Part of `one` and one of `other`, whose distances from the whole of the other
-        surface count. Those of `other` count where what is nearest of `one` counts.
+    A LOD is often farthest off where an edge of it runs across a crease.
 
-    Returns the distance of each part, and which points of `one` are farther off than `beyond`, or
-    nearest to a point of `other` that is: (n,) bool.
+    triangles, large: (m, 3) and (k, 3) indices of points.
+    """
+    points = np.unique(triangles)
+    _, ends, _ = edges_of(large.T, large.max(initial=0) + 1)
+    corners = [points[:, None].repeat(3, axis=1), large, *[ends[[0, 1, 1]].T] * len(ALONG)]
+    weights = [(1, 0, 0), (1 / 3, 1 / 3, 1 / 3), *((1 - part, part, 0) for part in ALONG)]
+    return Places(np.concatenate(corners), np.repeat(np.array(weights, np.float64), [len(each) for each in corners], axis=0))
+
+
+def estimate(one: Moving, other: Moving, parts: Sequence[tuple[Places, Places]], beyond: float) -> tuple[list[float], np.ndarray]:
+    """Estimate what `interval` measures, part by part and point by point.
+
+    parts: of each, such as an object, the Places of `one` and those of `other`, whose distances from the whole of the
+        other surface count. Those of `other` count where what is nearest of `one` counts.
+
+    Returns the distance of each part, and that of each point of `one`, (n,) meters: the largest of places nearest to
+    it, of either surface. Of a point that is no farther off than `beyond` this may be too much.
     """
     poses = slice(0, one.points.shape[1])
-    far = np.zeros(len(one.points), bool)
+    away = np.zeros(len(one.points))
     distances = []
     for mine, theirs in parts:
         found = _nothing_known(one)
 
         way = _Way(other, found, poses)
-        points = way.mapped(np.concatenate([one.points[mine.points], _middles(one, mine.faces)]))
+        points = way.mapped(mine.at(one.points))
         way.look_again(points, beyond)
-        lost = points.near.max(axis=1) > beyond
-        far[mine.points[lost[: len(mine.points)]]] = True
-        far[one.triangles[mine.faces[lost[len(mine.points) :]]]] = True
+        np.maximum.at(away, _nearest_corner(mine.corners, mine.weights), points.near.max(axis=1))
 
         way = _Way(one, found, poses)
-        points = way.mapped(np.concatenate([other.points[theirs.points], _middles(other, theirs.faces)]), one.counted)
+        points = way.mapped(theirs.at(other.points), one.counted)
         way.look_again(points, beyond)
-        lost = points.near.max(axis=1) > beyond
-        far[one.triangles[points.to[lost], points.weights[lost].argmax(axis=1)]] = True
+        np.maximum.at(away, _nearest_corner(one.triangles[points.to], points.weights), points.near.max(axis=1))
         distances.append(found.measured)
-    return distances, far
+    return distances, away
 
 
-def upper_distances(one: Moving, other: Moving, part: Part) -> np.ndarray:
-    """Return how far a Part of `one` is from `other` at most, in any pose, (k,) meters.
+def _nearest_corner(corners: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Return the one of corners (s, 3) with the largest of weights (s, 3), (s,)."""
+    return np.take_along_axis(corners, weights.argmax(axis=1)[:, None], axis=1)[:, 0]
 
-    These are its points, then the middles of its faces.
-    """
+
+def upper_distances(one: Moving, other: Moving, places: Places) -> np.ndarray:
+    """Return how far Places of `one` are from `other` at most, in any pose, (s,) meters."""
     way = _Way(other, _nothing_known(one), slice(0, one.points.shape[1]))
-    points = way.mapped(np.concatenate([one.points[part.points], _middles(one, part.faces)]))
-    return points.near.max(axis=1)
-
-
-def _middles(surface: Moving, faces: np.ndarray) -> np.ndarray:
-    """The middles of triangles in all poses, (m, poses, 3)."""
-    return surface.points[surface.triangles[faces]].mean(axis=1)
+    return way.mapped(places.at(one.points)).near.max(axis=1)
 
 
 def _nothing_known(one: Moving) -> Interval:
@@ -234,7 +252,7 @@ class _Way:
         off = np.empty(at.shape[:2])
         for some in blocks(len(at), TOGETHER):
             off[some] = _length(at[some] - self.mixed(self.other.triangles[to[some]], weights[some], self.poses))
-        self.found.see(off[:, 0], self.base)
+        self.found.see(off[:, 0], self.base, at[:, 0])
         return _Points(at, to, weights, off, off.copy())
 
     def mixed(self, corners: np.ndarray, weights: np.ndarray, poses: slice) -> np.ndarray:

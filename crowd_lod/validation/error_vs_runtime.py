@@ -10,11 +10,11 @@ from dataclasses import replace
 from decimal import Decimal, localcontext
 from fractions import Fraction as F
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
-from ..behavior.exact_walk import convergence, drift, listing, walk
+from ..behavior.exact_walk import walk
 from ..behavior.step import step
 from ..crowd.agents import Crowd
 from ..crowd.maps import LabelMap
@@ -23,6 +23,8 @@ from ..culling.camera import Camera
 from ..culling.frustum import frustum_of
 from ..culling.radar import RadarOptions, radar
 from ..levels.assignment import LevelPolicy, assign, limits
+from .convergence import convergence, drift, listing
+from .exact_behavior import follow_exactly
 from .exact_frustum import seen
 
 MARGINS = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)  # meters of fixed Delta
@@ -67,19 +69,25 @@ def behavior(
     """Yield rows of `step`, `listing` and the exact walk, each timed and judged.
 
     They run for `frames` frames of `frame` seconds. `step` and `listing` take from an eighth as
-    many steps as frames to eight times as many. The exact walk runs frame by frame and, as the
-    reference, in one go. The default takes one step per frame.
+    many steps as frames to eight times as many. The exact walk runs frame by frame and in one go,
+    whose dt_s is 0. The reference is the slow judge. The default takes one step per frame.
     ms: per second of the scene.
     """
     seconds = frames * frame
     counts = [max(1, frames * k // 8) for k in (1, 2, 4, 8, 16, 32, 64)]
+
+    def exact_walk(*arguments: Any) -> Crowd:
+        return walk(*arguments)[0]
+
     methods: tuple[tuple[str, Method, list[int]], ...] = (
         ("step", step, counts),
         ("listing", listing, counts),
-        ("exact walk, frame by frame", lambda *arguments: walk(*arguments)[0], [frames]),
+        ("exact walk, frame by frame", exact_walk, [frames]),
+        ("exact walk", exact_walk, [1]),
     )
+    limit = follow_exactly(crowd, machine, world, seconds, limit=True)
     for name, method, tried in methods:
-        found = convergence(crowd, machine, world, seconds, tried, method)
+        found = convergence(crowd, machine, world, limit, tried, method)
         for k, count in enumerate(tried):
 
             def run(method: Method = method, count: int = count) -> None:
@@ -91,14 +99,12 @@ def behavior(
             errors = {f"{key}_m": float(getattr(found, key)[k]) for key in ("median", "mean", "worst")}
             default = name == "step" and count == frames
             more = {"apart": float(found.apart[k]), "order": found.order, "agents": found.agents, "default": int(default)}
-            yield {"method": name, "dt_s": seconds / count, **spent, **errors, **more}
-    spent = {key: ms / seconds for key, ms in timed(lambda: walk(crowd, machine, world, seconds), repeats).items()}
-    zero = {"median_m": 0.0, "mean_m": 0.0, "worst_m": 0.0, "apart": 0.0, "order": float("nan")}
-    yield {"method": "exact walk", "dt_s": 0.0, **spent, **zero, "agents": found.agents, "default": 0}
+            dt = 0.0 if name == "exact walk" else seconds / count
+            yield {"method": name, "dt_s": dt, **spent, **errors, **more}
 
 
 def drifts(most: int = 1_000_000) -> Iterator[dict]:
-    """Yield rows of `drift` (behavior/exact_walk.py), at most `most` steps each.
+    """Yield rows of `drift` (convergence.py), at most `most` steps each.
 
     A row has the precision, the meters from the origin, the steps, and the mean and worst error.
     """

@@ -23,7 +23,7 @@ ARRIVED, CHATTERS, UNKNOWN = "arrived", "chatters", "unknown"  # how a step ends
 
 @dataclass(frozen=True)
 class ExactPlaces:
-    """Where n agents truly are.
+    """Where n agents truly are after so many `seconds`.
 
     x, y: (n,) float64, world meters, the exact places rounded once.
     state: (n,) uint8.
@@ -32,6 +32,7 @@ class ExactPlaces:
     unknown: (n,) bool, agents on which the judge gave up; their other values mean nothing.
     """
 
+    seconds: float
     x: np.ndarray
     y: np.ndarray
     state: np.ndarray
@@ -54,6 +55,7 @@ def follow_exactly(
             if agent.ending != UNKNOWN:
                 agent.go(seconds, limit)
     return ExactPlaces(
+        seconds=seconds * steps,
         x=np.array([float(agent.place[0]) for agent in agents]),
         y=np.array([float(agent.place[1]) for agent in agents]),
         state=np.array([agent.state for agent in agents], np.uint8),

@@ -56,7 +56,7 @@ def check(settings: bpy.types.PropertyGroup, names: Sequence[str] = ()) -> None:
     """Raise CrowdError if a setting has a value that Blender does not allow.
 
     Such a value is out of range, NaN, not a choice of the enum, or data of a wrong type. What was
-    measured of the groups is not checked here: see scene_crowd.groups_of.
+    measured of the groups is not checked here: see stored_groups.groups_of.
 
     names: the settings to check; () for all.
     """

@@ -18,7 +18,8 @@ from ...crowd_lod.sources.recorded import Recorded
 from ..blender import cameras, console, scene_data
 from ..blender.references import closure_of
 from ..render_setup.render_setup import remove_build
-from ..scene.scene_crowd import characters_of, populating, trajectory_of
+from ..scene.populate import populating
+from ..scene.scene_crowd import characters_of, trajectory_of
 from .scene_files import blend_path, finish, first_line, open_scene, save
 
 # What the new scene keeps of the settings: the characters and their LOD meshes.

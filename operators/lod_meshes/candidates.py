@@ -46,7 +46,7 @@ PLAIN = {"ARMATURE", "BEVEL", "DECIMATE", "EDGE_SPLIT", "MIRROR", "SOLIDIFY", "S
 USUALLY_LOST = 4.0
 OFTEN_LOST = 12.0  # the same in the middle
 MOST_GOALS = 100  # that measurements are kept of
-VERSION = 22  # of the code that makes LOD meshes: another one makes them anew
+VERSION = 23  # of the code that makes LOD meshes: another one makes them anew
 
 
 def _untouched(home: bpy.types.Collection) -> bool:
@@ -233,7 +233,12 @@ class Ladder:
             self.rows[goal] += (compare(self.objects, level, at, self.diagonal, self.looks) if goal else 0.0,)
 
     def look_between(self, goals: Sequence[float]) -> Iterator[float]:
-        """Look at LODs that were made anew in further frames, which may raise their bounds."""
+        """Look at LODs that were made anew in further frames, which may raise their bounds.
+
+        A search has done so.
+        """
+        if self.searched:
+            return
         new = [goal for goal in goals if goal in self.made]
         levels = [list(self.found[goal].objects) for goal in new]
         measured = yield from self.by.look_between(levels, [self.rows[goal][2:6] for goal in new])

@@ -15,20 +15,19 @@ from ...crowd_lod.simplification import hausdorff
 from ..blender.material_colors import Looks
 from ..blender.operator import Stepwise
 from ..blender.performance import Performance, performance_of
+from ..characters.stored_groups import groups_of, store_groups
 from ..machine.scene_world import actions_named
-from ..scene.scene_crowd import characters_of, groups_of, home_of, store_groups
+from ..scene.scene_crowd import characters_of, home_of
 from ..settings import needs
 from .pose_choice import poses
 from .posed_shapes import Posed, read_shapes, surface_of
-from .posed_surface import Measured, PosedSurface, compare_surfaces, parts_of
+from .posed_surface import Measured, PosedSurface, Worst, compare_surfaces, parts_of
 from .shaded_pictures import bodies_of, within
 from .surface import merge
-from .unseen_frames import NEAR_BOUND, WHOLE_LOOKS, exceeded, look_at, moments_beside, moments_between, watch
+from .unseen_frames import Looked, look_at, moments_beside, moments_between, watch
 
 SOLID = ("MESH", "CURVE", "SURFACE", "META", "FONT")  # types of objects that have faces
 BELOW = 5e-5  # of the size: no frame exceeds a bound by less
-ALIKE_WITHIN = 3.0  # frames, within which a LOD is looked at as a whole once
-ESTIMATED_IN = 4  # poses that an estimate looks at
 
 
 @dataclass(frozen=True)
@@ -37,11 +36,12 @@ class Estimate:
 
     deviations: for each of its objects meters from all of the character, and of the character's
         object from all of the LOD, of what is visible, as far as some poses and points tell.
-    spots: for each object of the character the vertices (k,) where it is more than was asked for.
+    away: for each object of the character that of each of its vertices, (k,) meters. What is no more than was asked for
+        may be less.
     """
 
     deviations: list[float]
-    spots: list[np.ndarray]
+    away: list[np.ndarray]
 
     @property
     def deviation(self) -> float:
@@ -70,7 +70,7 @@ class Measure:
         self.name, self.objects, self.character = name, objects, None
         self.hidden_counts = hidden_counts
         self._levels: dict[tuple[int, ...], PosedSurface] = {}
-        self._worst: list[int] = []  # poses that were the worst of a LOD
+        self.worst: Worst | None = None  # of the LOD that was measured last
         self.performance = performance_of(name, list(objects), actions)
 
     def read(self) -> Iterator[float]:
@@ -113,27 +113,36 @@ class Measure:
         tree.balance()
         return np.array([tree.find(point)[1] for point in points @ matrix[:3, :3].T + matrix[:3, 3]], np.intp)
 
+    def worst_vertices(self) -> tuple[float, int, np.ndarray]:
+        """Return how far the LOD measured last is off at most, and the vertices (k,) around that place.
+
+        They are the character's, of the object whose number comes before them.
+        """
+        deviation, pose, place = self.worst
+        whole, begins = self.character.surface([pose]), self.character.shapes[pose].begins
+        face = whole.moving.find(0, place[None])
+        around = np.flatnonzero(np.isin(whole.place, whole.moving.triangles[face]))
+        number = int(np.searchsorted(begins, around[0], side="right")) - 1
+        return deviation, number, around[around < begins[number + 1]] - begins[number]
+
     def estimate(self, objects: Sequence[bpy.types.Object], beyond: float = np.inf) -> Estimate:
         """Measure a LOD roughly but quickly. The character must be read.
 
         objects: the LOD's, one for each of the character's, in their order.
-        beyond: meters, of the spots to find.
+        beyond: meters, from which on vertices are told exactly.
         Deviations are infinite where the LOD has no face.
         """
         run = max(self.character.runs, key=len)
-        evenly = [run[k] for k in np.linspace(0, len(run) - 1, ESTIMATED_IN).round().astype(int)]
-        worst = [pose for pose in reversed(self._worst) if pose in run]
-        chosen = list(dict.fromkeys([run[0], *worst, *evenly]))[:ESTIMATED_IN]
-        shapes = finished(read_shapes(objects, [self.frames[k] for k in chosen], self.performance))
+        shapes = finished(read_shapes(objects, [self.frames[k] for k in run], self.performance))
         lod = merge([shape.points for shape in shapes], shapes[0].triangles)
         if lod is None:
-            return Estimate([np.inf] * len(objects), [np.empty(0, np.intp)] * len(objects))
-        character = self.character.surface(chosen)
-        first = self.character.shapes[chosen[0]]
+            return Estimate([np.inf] * len(objects), [np.full(n, np.inf) for n in np.diff(self.character.shapes[0].begins)])
+        character = self.character.surface(run)
+        first = self.character.shapes[run[0]]
         parts = list(zip(parts_of(character, first), parts_of(lod, shapes[0]), strict=True))
-        deviations, far = hausdorff.estimate(character.moving, lod.moving, parts, beyond)
-        spots = (character.place >= 0) & far[character.place]
-        return Estimate(deviations, [np.flatnonzero(each) for each in np.split(spots, first.begins[1:-1])])
+        deviations, away = hausdorff.estimate(character.moving, lod.moving, parts, beyond)
+        away = np.append(away, 0.0)[character.place]  # loose vertices are at -1
+        return Estimate(deviations, np.split(away, first.begins[1:-1]))
 
     def level(self, objects: Sequence[bpy.types.Object], k: int) -> Generator[float, None, Measured]:
         """Measure LOD k: all `objects` together against all of the character's.
@@ -144,10 +153,10 @@ class Measure:
         shapes = yield from share(read_shapes(objects, self.frames, self.performance), 0.2, 0.4)
         lod = PosedSurface(shapes, self.hidden_counts, self.character)
         self._levels[_key(objects)] = lod
-        found = compare_surfaces(self.character, lod, self.frames)
-        if found is None:
+        compared = compare_surfaces(self.character, lod, self.frames)
+        if compared is None:
             raise CrowdError(f"LOD {k} of {self.name} has no face: raise its ratio and press Make LOD Meshes.")
-        self._worst.append(self.frames.index(found[-1]))
+        found, self.worst = compared
         yield 1.0
         return found
 
@@ -171,21 +180,26 @@ class Measure:
             off = yield from share(look_at(posed, moments, pairs), 0.0, 0.8)
             beside = moments_beside(moments, off)
             closer = yield from share(look_at(posed, beside, pairs), 0.8, 0.9)
-            moments, off = [*moments, *beside], np.concatenate([off, closer], axis=1)
-            for k, lod, own, pair in zip(some, lods, off, pairs, strict=True):
-                looks = 0
-                while own.max() > found[k][1] * (NEAR_BOUND if looks < WHOLE_LOOKS else 1.0) + BELOW * self.diagonal:
-                    moment = moments[int(own.argmax())]
-                    points = posed.points(moment)
-                    posed.performance.rest()
-                    found[k] = exceeded(found[k], (self.character, lod), (points[0], points[1 + some.index(k)]), pair, moment)
-                    # what is as near in time is alike, unless it exceeds even the new bound
-                    alike = np.abs(np.subtract(moments, moment)) < ALIKE_WITHIN
-                    own[alike & (own <= found[k][1])] = 0.0
-                    own[own.argmax()] = 0.0
-                    looks += 1
+            times, off = np.array([*moments, *beside]), np.concatenate([off, closer], axis=1)
+            for number, (k, lod) in enumerate(zip(some, lods, strict=True)):
+                looked = Looked(posed, number, (self.character, lod), pairs[number], times, off[number])
+                before = found[k][1]
+                beyond = found[k][0]  # what lies between places may be farther off than any pose tells
+                while row := looked.measure(found[k], beyond):
+                    found[k] = row
+                    beyond = row[1] + BELOW * self.diagonal
                     yield 0.9
+                if found[k][1] > before:
+                    self._learn(posed, looked.measured)
         return found
+
+    def _learn(self, posed: Posed, moments: Sequence[float]) -> None:
+        """Measure LODs at further moments from now on, as one was farther off there than in any pose."""
+        for moment in moments:
+            shape = posed.shapes(moment)[0]
+            self.performance.rest()
+            if self.character.add(shape):
+                self.frames.append(moment)
 
 
 def _key(objects: Sequence[bpy.types.Object]) -> tuple[int, ...]:

@@ -20,8 +20,9 @@ from ...crowd_lod.levels.selection import Shot, View
 from ..blender import provenance, scene_cache, scene_data
 from ..blender.cameras import read_cameras
 from ..characters.cast_provenance import cast_inputs, of_characters
+from ..characters.stored_groups import count_of
 from ..machine.scene_world import actions_named
-from ..scene.scene_crowd import GROUP, count_of
+from ..scene.scene_crowd import GROUP
 from .selection import chosen
 
 # custom properties of the collection of all LODs: what they were made for, and what they were

@@ -13,8 +13,10 @@ from ..blender import scene_data
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED, remove_owned
 from ..characters.characters import GROUP
+from ..characters.group_measuring import measuring_groups, stands
+from ..characters.stored_groups import store_groups
 from ..machine.scene_world import check_maps
-from ..scene.scene_crowd import characters_of, measuring_groups, stands, store_groups, trajectory_of
+from ..scene.scene_crowd import characters_of, trajectory_of
 from ..settings import needs
 from ..sources.record_points import with_record
 from . import selection

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from ...crowd_lod.simplification import hausdorff, thin_parts
-from ...crowd_lod.simplification.hausdorff import Interval, Moving, Part
+from ...crowd_lod.simplification.hausdorff import Interval, Moving, Places, places_on
 from .pose_choice import farthest_apart
 from .posed_shapes import Shape, surface_of
 from .surface import Merged, Surface, has_area, merge, same_faces, spread
@@ -17,11 +17,13 @@ JOINTS = 500  # points of a mesh by which its poses are told apart
 BETWEEN = 0.03  # part that is added to the bound of an action, for the poses between those looked at
 LOST_IN = 3  # poses in which thin parts that a LOD has lost are looked at, about
 SAMPLES = 5_000  # points of each surface whose root mean square distance is told
-LARGE = 1 / 64  # of the size: estimates look at the middles of triangles with longer sides
+LARGE = 1 / 64  # of the size: estimates look within triangles with longer sides
 
 
 # deviation, bound, root mean square (meters), and the moment of the worst pose
 Measured = tuple[float, float, float, float]
+# how far a LOD and its character are apart at most, in which pose, and where, (3,) meters
+Worst = tuple[float, int, np.ndarray]
 
 
 class PosedSurface:
@@ -66,6 +68,17 @@ class PosedSurface:
         seen = visible_points(moving.points, moving.triangles, first.hiding[whole.shown])
         return (whole.place >= 0) & seen[whole.place]
 
+    def add(self, shape: Shape) -> bool:
+        """Add a pose, if there is one run and the faces in it are the same; return whether so."""
+        first = self.shapes[self.runs[0][0]]
+        alike = len(self.runs) == 1 and len(shape.points) == len(first.points)
+        if not (alike and same_faces(first.triangles, shape.triangles)):
+            return False
+        self.runs[0].append(len(self.shapes))
+        self.shapes.append(shape)
+        self._surfaces.clear()
+        return True
+
     def counts_nearest(self, pose: int, points: np.ndarray) -> np.ndarray:
         """Return which points (n, 3) are nearest to a triangle that counts, in a pose, (n,) bool."""
         run = next(run for run in self.runs if pose in run)
@@ -101,23 +114,23 @@ class PosedSurface:
         return self._samples[pose]
 
 
-def parts_of(surface: Merged, shape: Shape) -> list[Part]:
+def parts_of(surface: Merged, shape: Shape) -> list[Places]:
     """Return what of each object estimates look at: of what counts all corners, and large faces."""
-    moving = surface.moving
-    faces = np.arange(len(moving.triangles)) if moving.counted is None else np.flatnonzero(moving.counted)
-    owner = np.searchsorted(shape.begins, surface.source[moving.triangles[faces, 0]], side="right") - 1
-    corners = moving.points[moving.triangles[faces], 0]
+    faces, large = surface.moving.pieces, large_pieces(surface.moving)
+    owner = np.searchsorted(shape.begins, surface.source[faces[:, 0]], side="right") - 1
+    own = [owner == number for number in range(len(shape.begins) - 1)]
+    return [places_on(faces[mine], faces[mine & large]) for mine in own]
+
+
+def large_pieces(surface: Moving) -> np.ndarray:
+    """Return which of the triangles that count have long sides, (p,) bool."""
+    corners = surface.points[surface.pieces, 0]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    large = longest > LARGE * np.ptp(moving.points[:, 0], axis=0).max()
-    parts = []
-    for number in range(len(shape.begins) - 1):
-        own = owner == number
-        parts.append(Part(np.unique(moving.triangles[faces[own]]), faces[own & large]))
-    return parts
+    return longest > LARGE * np.ptp(surface.points[:, 0], axis=0).max()
 
 
-def compare_surfaces(character: PosedSurface, other: PosedSurface, frames: Sequence[float]) -> Measured | None:
-    """Return (deviation, bound, root mean square, frame of the worst pose) of a LOD, meters.
+def compare_surfaces(character: PosedSurface, other: PosedSurface, frames: Sequence[float]) -> tuple[Measured, Worst] | None:
+    """Return what is measured of a LOD, and where it is farthest off.
 
     frames: of the poses. None where no pose shows both.
     """
@@ -129,19 +142,19 @@ def compare_surfaces(character: PosedSurface, other: PosedSurface, frames: Seque
                 continue
             pair = [each.moving for each in surfaces]
             if all(np.array_equal(*each) for each in zip(*((m.points, m.triangles) for m in pair), strict=True)):
-                found.append((0.0, 0.0, frames[shared[0]]))
+                found.append((0.0, 0.0, shared[0], pair[0].points[0, 0]))
                 continue
             apart = hausdorff.interval(*pair)
             _count_shown(pair[0], surfaces[1], other.shapes[shared[0]].hiding, apart)
             pose, lost = shared[apart.pose], _lost(character, other, shared, apart.bound)
             posed = [Surface(m.points[:, apart.pose], m.triangles) for m in pair]
             rms = spread(*posed, [m.counted for m in pair], SAMPLES)
-            found.append((max(apart.measured, lost), rms, frames[pose]))
+            found.append((max(apart.measured, lost), rms, pose, apart.place))
             bound = max(bound, apart.bound, lost)
     if not found:
         return None
-    most, rms, frame = max(found)
-    return most, float(bound) * (1 + BETWEEN * (len(frames) > 1)), rms, frame
+    most, rms, pose, place = max(found, key=lambda each: each[:3])
+    return (most, float(bound) * (1 + BETWEEN * (len(frames) > 1)), rms, frames[pose]), (most, pose, place)
 
 
 def _count_shown(character: Moving, surface: Merged, hiding: np.ndarray, apart: Interval) -> None:
@@ -152,9 +165,9 @@ def _count_shown(character: Moving, surface: Merged, hiding: np.ndarray, apart: 
     """
     lod = surface.moving
     left = np.flatnonzero(~lod.counted)
-    points = np.unique(lod.triangles[left])
+    corners = places_on(lod.triangles[left], lod.triangles[:0])
     distance = np.zeros(len(lod.points))
-    distance[points] = hausdorff.upper_distances(lod, character, Part(points, left[:0]))
+    distance[corners.corners[:, 0]] = hausdorff.upper_distances(lod, character, corners)
     suspects = left[distance[lod.triangles[left]].max(axis=1) > apart.bound]
     if not len(suspects):
         return
@@ -167,7 +180,7 @@ def _count_shown(character: Moving, surface: Merged, hiding: np.ndarray, apart: 
     )
     apart.bound = max(apart.bound, more.bound)
     if more.measured > apart.measured:
-        apart.measured, apart.pose = more.measured, more.pose
+        apart.measured, apart.pose, apart.place = more.measured, more.pose, more.place
     lod.counted |= shown
 
 

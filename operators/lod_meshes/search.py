@@ -4,6 +4,7 @@ Each object of a character has a curve of its own, triangles over deviation: one
 takes few. All are tried at once, and measured together, as they are seen together.
 """
 
+from collections import Counter
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -13,7 +14,7 @@ import numpy as np
 
 from ...crowd_lod.levels.lengths import NEAR_ENOUGH, read_curve
 from ...crowd_lod.progress import share, standing
-from .deviation import Measure
+from .deviation import Estimate, Measure
 from .level_objects import discard
 from .methods import LEAST
 from .source_mesh import Source
@@ -21,17 +22,16 @@ from .source_mesh import Source
 ROUNDS = 5  # tries of a length, at most, before the whole is measured
 REFINED = 2  # times that the whole is measured, once something fits
 MOST_MEASURED = 4  # the same at most
-AIMED = 0.97  # of a length that is aimed at
+SAFE = 1.3  # times as near as is estimated to do, a LOD is tried last where none fits
 STEP = 1.08  # times the triangles, that a try must differ by from those before
 MOST_STEP = 6.0  # times the triangles, that it may differ by
 USUAL = 1.15  # times the deviation as estimated, that a bound is
-OVERLOOKED = 1.3  # times the bound that is usual, from which on it is that of a place that the estimate did not look at
 WIDE = 2.0  # times the triangles, within which a method does about as well against the other; and that a step is at most
 WORSE = 1.3  # times the triangles, from which on a method is not tried
 BETTER = 1.1  # times the triangles that Pose-Aware may take, which keeps UV seams
-# A try up to SPOTTED times as far off as it should be, at FEW_SPOTS of its vertices, is made AGAIN so often with as many
-# triangles, and these vertices count HEAVIER each time.
-SPOTTED, FEW_SPOTS, AGAIN, HEAVIER = 1.4, 0.01, 2, 4.0
+# A try that is too far off at FEW_SPOTS of its vertices alone is made AGAIN so often with as many triangles, and these
+# vertices count HEAVIER each time. Where more are, what is won at them is lost beside them.
+FEW_SPOTS, AGAIN, HEAVIER = 0.003, 2, 32.0
 METHODS = "POSE_AWARE", "DECIMATE"
 
 Figures = tuple[float, float, float, float]  # see Measure.level
@@ -43,7 +43,7 @@ class Try:
     """An object of a LOD that was made.
 
     item: it; vertices, triangles: how many it has; method, ratio: how it was made; deviation: meters, as estimated.
-    spots: (n,) bool, the source's vertices where it is farther off than it should.
+    away: (n,) meters, that of each vertex of the source; poses: in how many.
     """
 
     item: bpy.types.Object
@@ -52,7 +52,14 @@ class Try:
     method: str
     ratio: float
     deviation: float = 0.0
-    spots: np.ndarray | None = None
+    away: np.ndarray = field(default_factory=lambda: np.zeros(1))
+    poses: int = 0
+
+    @property
+    def reachable(self) -> float:
+        """Return the deviation but for a few spots, if these can be mended: with as many triangles."""
+        most = float(np.quantile(self.away, 1 - FEW_SPOTS)) if self.method == "POSE_AWARE" else np.inf
+        return min(most, self.deviation)
 
 
 @dataclass
@@ -78,7 +85,9 @@ class Curve:
 
         about: that part if nothing is known.
         """
-        known = [(max(attempt.deviation, length / MOST_STEP), attempt.ratio) for attempt in self.known[method]]
+        least = length / MOST_STEP
+        tries = [attempt for attempt in self.known[method] if attempt.deviation > least] or self.known[method]
+        known = [(max(attempt.reachable, least), attempt.ratio) for attempt in tries]
         ratio = float(read_curve([length], known, -1.0)[0]) if known else about
         return min(max(ratio, LEAST / max(self.count, 1)), 1.0)
 
@@ -89,19 +98,24 @@ class Curve:
             return min(self.tries, key=lambda attempt: attempt.deviation)
         return min(fitting, key=lambda attempt: attempt.triangles * (BETTER if attempt.method == "DECIMATE" else 1.0))
 
-    def weigh_spots(self, length: float) -> Try | None:
-        """Let the places count more where the last try is too far off, if they are few, and return that try; else None."""
-        last = self.tries[-1]
-        if last.method != "POSE_AWARE" or not length < last.deviation < SPOTTED * length or last.spots is None:
-            return None
-        if not 0 < last.spots.mean() < FEW_SPOTS or sum(attempt.ratio == last.ratio for attempt in self.tries) > AGAIN:
-            return None
+    def weigh_spots(self, length: float) -> list[tuple[str, float]]:
+        """Let the few places count more where the coarsest try that may be mended is too far off.
+
+        Returns (method, ratio) of that try, to be made again; [] if there is none.
+        """
+        mended = [attempt for attempt in self.tries if attempt.method == "POSE_AWARE" and attempt.reachable <= length]
+        again = Counter(attempt.ratio for attempt in self.tries if attempt.method == "POSE_AWARE")
+        last = {attempt.ratio: attempt for attempt in mended}
+        weight = np.ones(len(self.source.geometry[0])) if self.source.weight is None else self.source.weight
         triangles = self.source.geometry[1]
-        around = np.unique(triangles[last.spots[triangles].any(axis=1)])
-        weight = np.ones(len(last.spots)) if self.source.weight is None else self.source.weight.copy()
-        weight[around] *= HEAVIER
-        self.source.weight = weight
-        return last
+        for ratio in sorted(last):
+            spots = (last[ratio].away > length) & (weight < HEAVIER**2)
+            if spots.any() and again[ratio] <= AGAIN:
+                around = np.unique(triangles[spots[triangles].any(axis=1)])
+                self.source.weight = weight.copy()
+                self.source.weight[around] *= HEAVIER
+                return [("POSE_AWARE", ratio)]
+        return []
 
     def next_tries(self, methods: Sequence[str], length: float, about: float) -> list[tuple[str, float]]:
         """Return (method, ratio) of what to try next; [] if the best try will do."""
@@ -109,13 +123,14 @@ class Curve:
             return [] if self.tries else [(methods[0], 1.0)]
         if self.tries and NEAR_ENOUGH * length <= self.best(length).deviation <= length:
             return []
-        if self.tries and (spotted := self.weigh_spots(length)):
-            return [(spotted.method, spotted.ratio)]
         ratios = {method: self.ratio_for(method, length, about) for method in methods}
         least = min(ratios.values())
         unknown = [method for method in methods if not self._known_near(method, ratios[method])]
         promising = [method for method in unknown if ratios[method] <= WORSE * least]
-        tries = promising or [min(ratios, key=lambda method: ratios[method] * (BETTER if method == "DECIMATE" else 1.0))]
+        best = min(ratios, key=lambda method: ratios[method] * (BETTER if method == "DECIMATE" else 1.0))
+        if not promising and best == "POSE_AWARE" and (spotted := self.weigh_spots(length)):
+            return spotted
+        tries = promising or [best]
         return [(method, ratio) for method in tries if (ratio := self._apart(method, ratios[method], length))]
 
     def _known_near(self, method: str, ratio: float) -> bool:
@@ -128,7 +143,8 @@ class Curve:
         if any(ratio / STEP < other < ratio * STEP for other in tried):
             if self.best(length).deviation <= length or max(tried) == 1.0:
                 return 0.0
-            return min(1.0, max(tried) * min(max(self.best(length).deviation / length, STEP**2), WIDE))
+            nearest = min(attempt.reachable for attempt in self.tries)
+            return min(1.0, max(tried) * min(max(nearest / length, STEP**2), WIDE))
         return ratio
 
 
@@ -143,39 +159,69 @@ class Search:
         self.make, self.by = make, by
         self.methods = METHODS if method == "AUTO" else (method,)
         self.curves = [Curve(source) for source in sources]
-        self.times = USUAL  # a LOD's bound over its deviation as estimated
 
     def find(self, length: float, about: float) -> Generator[float, None, tuple[list[Try], Figures]]:
         """Find the LOD of fewest triangles whose bound is `length` meters at most; yields the progress.
 
         about: the part of the triangles that it takes, as far as is known.
-        Returns its objects and what Measure.level says of them. Where none fits, these are the nearest that were found.
+        Returns its objects and what was measured of them. Where none fits, these are the character's own.
         """
-        found: list[tuple[bool, float, list[Try], Figures]] = []
+        fitting: list[tuple[int, list[Try], Figures]] = []
+        before: list[list[Try]] = []
         for k in range(MOST_MEASURED):
-            yield from share(self._fit(AIMED * length / self.times, about), k / MOST_MEASURED, (k + 0.7) / MOST_MEASURED)
-            objects = [curve.best(AIMED * length / self.times) for curve in self.curves]
-            if any(objects == earlier for _, _, earlier, _ in found):
+            last = k + 1 == MOST_MEASURED and not fitting
+            aim = length / (USUAL * (SAFE if last else 1.0))
+            yield from share(self._fit(aim, about), k / MOST_MEASURED, (k + 0.7) / MOST_MEASURED)
+            objects = [curve.best(aim) for curve in self.curves]
+            if objects in before:
+                continue
+            before.append(objects)
+            measured = yield from share(self._measure(objects, length), (k + 0.7) / MOST_MEASURED, (k + 1) / MOST_MEASURED)
+            bound = measured[1]
+            if bound <= length:
+                fitting.append((sum(attempt.triangles for attempt in objects), objects, measured))
+            if NEAR_ENOUGH * length <= bound <= length or (k + 1 >= REFINED and fitting):
                 break
-            measured = yield from share(
-                self.by.level([attempt.item for attempt in objects], 1), (k + 0.7) / MOST_MEASURED, (k + 1) / MOST_MEASURED
-            )
-            bound, deviation = measured[1], max(attempt.deviation for attempt in objects)
-            fits = bound <= length
-            found.append((not fits, sum(attempt.triangles for attempt in objects) if fits else bound, objects, measured))
-            if 0 < bound < OVERLOOKED * self.times * deviation:
-                self.times = (self.times * bound / deviation) ** 0.5
-            # what was measured counts from now on, not what was estimated
-            worst = max(objects, key=lambda attempt: attempt.deviation)
-            worst.deviation = bound / self.times
-            if NEAR_ENOUGH * length <= bound <= length or (k + 1 >= REFINED and any(not misses for misses, *_ in found)):
-                break
-        _, _, objects, measured = min(found, key=lambda each: each[:2])
+            self._learn(objects, length / USUAL)
+        if not fitting:
+            objects = yield from self._whole()
+            measured = yield from standing(self._measure(objects, length), 1.0)
+            fitting.append((0, objects, measured))
+        _, objects, measured = min(fitting, key=lambda candidate: candidate[0])
         for curve in self.curves:
             curve.source.weight = None
             discard([attempt.item for attempt in curve.tries if attempt not in objects])
             curve.tries = []
         return objects, measured
+
+    def _measure(self, objects: list[Try], length: float) -> Generator[float, None, Figures]:
+        """Measure a LOD, in frames between the poses as well if it fits `length` in these; yields the progress."""
+        items = [attempt.item for attempt in objects]
+        measured = yield from share(self.by.level(items, 1), 0.0, 0.5)
+        if measured[1] <= length:
+            (measured,) = yield from share(self.by.look_between([items], [measured]), 0.5, 1.0)
+        return measured
+
+    def _learn(self, objects: list[Try], length: float) -> None:
+        """Note what a whole measure says of a LOD: its worst place may be one that no estimate looks at."""
+        estimate = self.by.estimate([attempt.item for attempt in objects], length)
+        deviation, number, vertices = self.by.worst_vertices()
+        estimate.deviations[number] = max(estimate.deviations[number], deviation)
+        estimate.away[number][vertices] = np.maximum(estimate.away[number][vertices], deviation)
+        self._note_all(objects, estimate)
+
+    def _note_all(self, objects: list[Try], estimate: Estimate) -> None:
+        """Note what was estimated of a LOD in more poses than before; what is coarser is no nearer."""
+        for index, (attempt, curve) in enumerate(zip(objects, self.curves, strict=True)):
+            self._note(index, attempt, estimate)
+            for other in curve.tries:
+                if other.method == attempt.method and other.ratio < attempt.ratio:
+                    other.deviation = max(other.deviation, attempt.deviation)
+
+    def _whole(self) -> Generator[float, None, list[Try]]:
+        """Make the objects of the character itself, as no LOD fits."""
+        made = yield from self._try([[(self.methods[0], 1.0)] for _ in self.curves], 1.0)
+        return [attempt for (attempt,) in made]
 
     def _fit(self, length: float, about: float) -> Generator[float, None, None]:
         """Try until each object's best try deviates by about `length`, as estimated; yields the progress."""
@@ -189,21 +235,26 @@ class Search:
                 estimate = self.by.estimate([attempt.item for attempt in objects], length)
                 for index, (own, curve) in enumerate(zip(made, self.curves, strict=True)):
                     for attempt in own:
-                        attempt.deviation = estimate.deviations[index]
-                        attempt.spots = self._on_source(index, estimate.spots[index])
+                        self._note(index, attempt, estimate)
                         curve.known[attempt.method].append(attempt)
-            if not any(wanted):
+            if any(wanted):
+                continue
+            objects = [curve.best(length) for curve in self.curves]
+            if all(attempt.poses == len(self.by.frames) for attempt in objects):
                 return
+            self._note_all(objects, self.by.estimate([attempt.item for attempt in objects], length))
 
-    def _on_source(self, number: int, spots: np.ndarray) -> np.ndarray | None:
-        """Return which vertices of the object's source are among the `spots` of the object as evaluated, (n,) bool."""
+    def _note(self, number: int, attempt: Try, estimate: Estimate) -> None:
+        """Note what was estimated of the try of an object, and of each vertex of its source."""
         curve = self.curves[number]
+        attempt.poses = len(self.by.frames)
+        attempt.deviation = estimate.deviations[number]
         if not curve.count:
-            return None
+            return
         if curve.evaluated is None:
             source = curve.source
             curve.evaluated = self.by.vertices_at(number, source.skin.place[0] if source.skin else source.geometry[0])
-        return np.isin(curve.evaluated, spots)
+        attempt.away = estimate.away[number][curve.evaluated]
 
     def _try(self, wanted: list[list[tuple[str, float]]], progress: float) -> Generator[float, None, list[list[Try]]]:
         """Make the objects `wanted`, one or none of each source; yields `progress`."""

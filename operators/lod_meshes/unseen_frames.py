@@ -5,24 +5,23 @@ the pose of a joint that no measured pose has.
 """
 
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from ...crowd_lod.simplification.closest_point import closest_weights
-from ...crowd_lod.simplification.hausdorff import Moving, Part, interval, upper_distances
+from ...crowd_lod.simplification.hausdorff import Places, interval, places_on, upper_distances
 from ..blender.performance import Performance
 from .posed_shapes import Posed
-from .posed_surface import Measured, PosedSurface
+from .posed_surface import Measured, PosedSurface, large_pieces
 from .surface import Merged, Surface
 
 MOMENTS = 200  # frames and sub-frames, evenly, that are looked at, at most
 PEAKS = 40  # further ones beside those where LODs are farthest off, about
 EACH = 4  # of a frame, at most
 CELLS = 20  # across the character, of each of which some places are watched
-# part of a bound, beyond which a watched place has the whole LOD looked at, for what lies between
-# places; and how often a LOD is, at most, where no place exceeds the bound
-NEAR_BOUND, WHOLE_LOOKS = 0.85, 5
+WHOLE_LOOKS = 5  # moments in which the whole of a LOD is measured together, at most
+ALIKE_WITHIN = 3.0  # frames, of which one is measured at a time
 LIKELY = 12  # places of a cell that are measured in all poses, those that may deviate most
 WORST = 4  # places of a cell that are watched, those that do
 
@@ -31,29 +30,40 @@ WORST = 4  # places of a cell that are watched, those that do
 class Watched:
     """Places of one surface, and what of another surface was nearest to each in some pose.
 
-    corners: (w, 3) points of the surface; weights: (w, 3), barycentric, on these.
+    places: w of them.
     place: (q,) of pairs; triangle: (q, 3) points of the other surface.
     """
 
-    corners: np.ndarray
-    weights: np.ndarray
+    places: Places
     place: np.ndarray
     triangle: np.ndarray
 
-    def at(self, points: np.ndarray) -> np.ndarray:
-        """Return where the places are, (w, 3), of the surface's points (n, 3)."""
-        return np.einsum("wc,wcd->wd", self.weights, points[self.corners])
+    def look_closer(self, points: np.ndarray, other: np.ndarray, whole: Merged, beyond: float) -> bool:
+        """Return whether a place is farther than `beyond` meters from all of the other surface.
+
+        What is nearest to places is held against them from then on.
+
+        points, other: (n, 3) of the two surfaces in some frame; whole: the other one.
+        """
+        far = np.flatnonzero(self.distances(points, other) > beyond)
+        if not len(far):
+            return False
+        surface = Surface(other[whole.source], whole.moving.triangles)
+        _, triangle, distance = surface.nearest(self.places.at(points)[far])
+        self.place = np.concatenate([self.place, far])
+        self.triangle = np.concatenate([self.triangle, whole.source[whole.moving.triangles[triangle]]])
+        return bool(distance.max() > beyond)
 
     def distances(self, points: np.ndarray, other: np.ndarray) -> np.ndarray:
         """Return how far each place is from the other surface at most, (w,) meters.
 
         points, other: (n, 3) of the two surfaces in some frame.
         """
-        at = self.at(points)[self.place]
+        at = self.places.at(points)[self.place]
         corners = other[self.triangle]
         weights = closest_weights(at.T, *corners.transpose(1, 2, 0)).T
         away = np.linalg.norm(at - np.einsum("qc,qcd->qd", weights, corners), axis=1)
-        nearest = np.full(len(self.corners), np.inf)
+        nearest = np.full(len(self.places.corners), np.inf)
         np.minimum.at(nearest, self.place, away)
         return nearest
 
@@ -61,32 +71,27 @@ class Watched:
 def watch(one: Merged, other: Merged) -> Watched:
     """Choose the places of `one` to watch: in each cell of the first pose those farthest off."""
     surface = one.moving
-    part = Part(np.unique(surface.pieces), np.flatnonzero(_counted(surface)))
-    distance = upper_distances(surface, other.moving, part)
-    some, first = np.unique(surface.triangles.ravel(), return_index=True)
-    first = first[np.searchsorted(some, part.points)]
-    face = np.concatenate([first // 3, part.faces])
-    weights = np.concatenate([np.eye(3)[first % 3], np.full((len(part.faces), 3), 1 / 3)])
-
-    at = np.einsum("wc,wcd->wd", weights, surface.points[surface.triangles[face], 0])
+    places = places_on(surface.pieces, surface.pieces[large_pieces(surface)])
+    at = places.at(surface.points[:, 0])
     size = float(np.ptp(at, axis=0).max()) or 1.0
     cell = np.floor(CELLS * (at - at.min(axis=0)) / size).astype(np.intp) @ (1, 100, 10_000)
-    likely = _worst_of(cell, distance, LIKELY)
+    likely = _worst_of(cell, upper_distances(surface, other.moving, places), LIKELY)
 
-    face, weights, cell = face[likely], weights[likely], cell[likely]
-    places = np.einsum("wc,wckd->wkd", weights, surface.points[surface.triangles[face]])
-    distance = np.zeros(len(face))
+    places, cell = places.of(likely), cell[likely]
+    at = places.at(surface.points)
+    distance = np.zeros(len(at))
     nearest = []
-    for pose in range(places.shape[1]):
-        to = other.moving.find(pose, places[:, pose])
-        on = other.moving.on(to, places[:, pose], pose)
+    for pose in range(at.shape[1]):
+        to = other.moving.find(pose, at[:, pose])
+        on = other.moving.on(to, at[:, pose], pose)
         image = np.einsum("wc,wcd->wd", on, other.moving.points[other.moving.triangles[to], pose])
-        distance = np.maximum(distance, np.linalg.norm(places[:, pose] - image, axis=1))
+        distance = np.maximum(distance, np.linalg.norm(at[:, pose] - image, axis=1))
         nearest.append(to)
     worst = _worst_of(cell, distance, WORST)
     pairs = np.unique([np.tile(np.arange(len(worst)), len(nearest)), np.stack(nearest)[:, worst].ravel()], axis=1)
-    corners = one.source[surface.triangles[face[worst]]]
-    return Watched(corners, weights[worst], pairs[0], other.source[other.moving.triangles[pairs[1]]])
+    watched = places.of(worst)
+    watched.corners = one.source[watched.corners]
+    return Watched(watched, pairs[0], other.source[other.moving.triangles[pairs[1]]])
 
 
 def _worst_of(cell: np.ndarray, distance: np.ndarray, count: int) -> np.ndarray:
@@ -98,10 +103,6 @@ def _worst_of(cell: np.ndarray, distance: np.ndarray, count: int) -> np.ndarray:
     begins = np.flatnonzero(np.diff(cell[order], prepend=-1))
     rank = np.arange(len(order)) - np.repeat(begins, np.diff(begins, append=len(order)))
     return order[rank < count]
-
-
-def _counted(surface: Moving) -> np.ndarray:
-    return np.ones(len(surface.triangles), bool) if surface.counted is None else surface.counted
 
 
 def moments_between(performance: Performance) -> list[float]:
@@ -140,38 +141,55 @@ def look_at(posed: Posed, moments: Sequence[float], pairs: Sequence[tuple[Watche
     return found
 
 
-def exceeded(
-    row: Measured,
-    surfaces: tuple[PosedSurface, PosedSurface],
-    points: tuple[np.ndarray, np.ndarray],
-    pair: tuple[Watched, Watched],
-    moment: float,
-) -> Measured:
-    """Return what is known of a LOD after a look at all of it at `moment`.
+@dataclass
+class Looked:
+    """A LOD and what is known of it in moments that no pose has.
 
-    row: what was known; surfaces: the character and the LOD; points: where theirs are at `moment`,
-    (n, 3) each; pair: see `look_at`.
+    number: the LOD's, of those that `posed` has; surfaces: the character and the LOD, in the poses.
+    watched: what is watched of either; moments, off: (k,) as `look_at` tells, 0 once it is known.
+    measured: moments in which the whole was measured.
     """
-    one, other = (surface.at([at]) for surface, at in zip(surfaces, points, strict=True))
-    if one is None or other is None:
-        return row
-    deviation, bound, rms, worst = row
-    ways = zip(pair, points, points[::-1], (other, one), strict=True)
-    if not any(_exceeds(watched, *two, surface, NEAR_BOUND * bound) for watched, *two, surface in ways):
-        return row
-    found = interval(one.moving, other.moving, bound)
-    if found.measured > deviation:
-        deviation, worst = found.measured, float(moment)
-    return deviation, max(bound, found.bound), rms, worst
 
+    posed: Posed
+    number: int
+    surfaces: tuple[PosedSurface, PosedSurface]
+    watched: tuple[Watched, Watched]
+    moments: np.ndarray
+    off: np.ndarray
+    measured: list[float] = field(default_factory=list)
 
-def _exceeds(watched: Watched, points: np.ndarray, other: np.ndarray, surface: Merged, bound: float) -> bool:
-    """Return whether a watched place is farther than `bound` from all of the other surface.
+    def measure(self, row: Measured, beyond: float) -> Measured | None:
+        """Measure the whole LOD where a watched place is farther off than `beyond` meters.
 
-    points, other: see Watched.distances; surface: the other one, in the same frame.
-    """
-    far = watched.distances(points, other) > bound
-    if not far.any():
-        return False
-    whole = Surface(surface.moving.points[:, 0], surface.moving.triangles)
-    return bool(whole.distances(watched.at(points)[far]).max() > bound)
+        row: what is known of it. Returns the same, with a greater bound if a moment exceeds that;
+        None if there is no such place.
+        """
+        some = self._exceeding(beyond)
+        if not some:
+            return None
+        self.measured += [moment for moment, _ in some]
+        one, other = (surface.at([points[k] for _, points in some]) for k, surface in enumerate(self.surfaces))
+        if one is None or other is None:
+            return row
+        deviation, bound, rms, worst = row
+        apart = interval(one.moving, other.moving, bound)
+        if apart.measured > deviation:
+            deviation, worst = apart.measured, some[apart.pose][0]
+        return deviation, max(bound, apart.bound), rms, worst
+
+    def _exceeding(self, beyond: float) -> list[tuple[float, tuple[np.ndarray, np.ndarray]]]:
+        """Return moments that are not alike, and where the points of both surfaces are in these."""
+        whole = [surface.surface(surface.runs[0]) for surface in self.surfaces]
+        found, left = [], self.off.copy()
+        while len(found) < WHOLE_LOOKS and left.max() > beyond:
+            k = int(left.argmax())
+            left[k] = self.off[k] = 0.0
+            moment = float(self.moments[k])
+            points = self.posed.points(moment)
+            self.posed.performance.rest()
+            both = points[0], points[1 + self.number]
+            ways = zip(self.watched, (both, both[::-1]), whole[::-1], strict=True)
+            if any(watched.look_closer(*pair, other, beyond) for watched, pair, other in ways):
+                found.append((moment, both))
+                left[np.abs(self.moments - moment) < ALIKE_WITHIN] = 0.0
+        return found

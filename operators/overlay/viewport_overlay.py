@@ -21,8 +21,9 @@ from ..blender import frame_stepping, image_data, scene_cache, scene_data, sideb
 from ..blender.cameras import read_cameras, read_shutter
 from ..blender.guard import guarded
 from ..blender.image_data import LOOK_AGAIN
+from ..characters.stored_groups import groups_of
 from ..machine.scene_world import bias_of
-from ..scene.scene_crowd import groups_of, policy_of, trajectory_of
+from ..scene.scene_crowd import policy_of, trajectory_of
 from ..scene.shot_exceptions import drawn_inputs
 from ..scene.shot_reference import reference, use_of
 from ..sources.crowd_sources import inputs_of, live

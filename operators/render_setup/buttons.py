@@ -10,9 +10,11 @@ from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.progress import Made, share, standing
 from ..blender import cleanup, frame_stepping, scene_data
 from ..blender.operator import Reporting, Stepwise
+from ..characters.group_measuring import measure_groups
+from ..characters.stored_groups import groups_of, store_groups
 from ..lod_meshes.make_lods import make_levels
 from ..scene import lights
-from ..scene.scene_crowd import frame_of, groups_of, measure_groups, store_groups, trajectory_of
+from ..scene.scene_crowd import frame_of, trajectory_of
 from ..settings import needs
 from ..sources.crowd_sources import check_recorded
 from ..sources.record_points import shared_record

@@ -21,10 +21,11 @@ from ...crowd_lod.progress import share
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import frame_stepping, scene_data
 from ..blender.operator import Stepwise
+from ..characters.stored_groups import groups_of
 from ..lod_meshes.selection import MOST_FRAMES, cast_of, rigs_of
 from ..machine.scene_world import bias_of
 from ..scene import lights
-from ..scene.scene_crowd import characters_of, groups_of, home_of, policy_of, trajectory_of
+from ..scene.scene_crowd import characters_of, home_of, policy_of, trajectory_of
 from ..settings import needs
 from ..sources.record_points import on_record
 from .frame_update import members

@@ -24,7 +24,7 @@ from ..scene import lights
 from ..scene.scene_crowd import frame_of, trajectory_of
 from ..sources.crowd_sources import crowds_of, is_live, live
 from .appended_builds import standing_still
-from .render_setup import BAKED, LEVEL, MADE_FROM, UNSEEN_BY, buckets_of, check_levels, libraries_of, made_from, points_of
+from .render_setup import BAKED, LEVEL, MADE_FROM, UNSEEN_BY, buckets_of, check_levels, library_of, made_from, points_of
 
 
 def members(frame: Frame) -> dict[str, np.ndarray]:
@@ -124,16 +124,18 @@ def columns_by_bucket(
 def write(top: bpy.types.Collection, trajectory: Trajectory, frame: Frame, held: Held, crowd: Crowd) -> None:
     """Write the agents of the frame's buckets to the points of the build `top`.
 
-    The agents stand as in `crowd`. Buckets without a point object are skipped: an older build, or a
-    user, may have none for the unseen agents.
+    The agents stand as in `crowd`. Buckets without a point object are skipped: a user may
+    have removed those of the unseen agents.
     """
     points = points_of(top)
     shown = {name: agents for name, agents in members(frame).items() if name in points}
     shown = {name: agents for name, agents in shown.items() if len(agents) or not _empty(points[name].data)}
-    for library, names in libraries_of(top, points, shown, trajectory):
-        made = columns_by_bucket(trajectory, crowd, held, [shown[name] for name in names], library)
-        for name, columns in zip(names, made, strict=True):
-            mesh_data.write_points(points[name].data, columns)
+    library = library_of(top, trajectory)
+    if not shown:
+        return
+    columns_of_buckets = columns_by_bucket(trajectory, crowd, held, list(shown.values()), library)
+    for name, columns in zip(shown, columns_of_buckets, strict=True):
+        mesh_data.write_points(points[name].data, columns)
 
 
 def _empty(mesh: bpy.types.Mesh) -> bool:

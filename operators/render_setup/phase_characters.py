@@ -20,8 +20,9 @@ from ..blender.performance import Performance, group_performance
 from ..blender.render_evaluation import as_rendered
 from ..characters.characters import check_measured
 from ..characters.rig_needs import POSES, leads, stands_for
+from ..characters.stored_groups import groups_of
 from ..lod_meshes.deviation import SOLID
-from ..scene.scene_crowd import characters_of, groups_of, home_of, policy_of, trajectory_of
+from ..scene.scene_crowd import characters_of, home_of, policy_of, trajectory_of
 from . import rigs
 from .scaled_textures import scale_textures
 

@@ -3,37 +3,32 @@
 Geometry nodes put the instances on the points.
 """
 
-from collections.abc import Generator, Iterable
+from collections.abc import Generator
 from contextlib import suppress
 from dataclasses import dataclass
 
 import bpy
 import numpy as np
 
-from ...crowd_lod.animation.phase_classes import Gaits, Library
+from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number as figure
-from ...crowd_lod.levels.assignment import MOST_LEVELS
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_data, stored_values
-from ..blender.collection_caches import note_change, note_held
 from ..blender.ownership import OWNED, remove_owned
+from ..characters.stored_groups import groups_of
 from ..lod_meshes.made_for import to_make_again
 from ..lod_meshes.make_lods import TINTS
-from ..scene.scene_crowd import groups_of, home_of, policy_of, trajectory_of
+from ..scene.scene_crowd import home_of, policy_of, trajectory_of
 from . import played_by
 from .change_detection import made_of, shown_by
 from .hidden_characters import unhide_characters
 from .nodes import baked, instances, trees
 from .phase_characters import Cast, Wanted, make_cast
-from .view_layers import exclude, show_where_characters_are
+from .shelves import REMEDY, fill_shelves, level_of, shelves_of
 
-# Custom properties. Of a point object: its LOD and its bucket; in builds from before there were
-# rigs its poses, and their rates.
-LEVEL, BUCKET, OLD_POSES, OLD_RATES = "crowd_lod_level", "crowd_lod_bucket", "crowd_lod_poses", "crowd_lod_rates"
-# of the collection of all characters, and of a LOD's collection in it
-LIBRARY = "crowd_lod_library"
-RIGS = "crowd_lod_rigs"  # of the collection of all rigs in that
+# Custom properties. Of a point object: its LOD and its bucket.
+LEVEL, BUCKET = "crowd_lod_level", "crowd_lod_bucket"
 MADE_FROM = "crowd_lod_made_from"  # of the build's collection: the LOD meshes that it shows
 # of the build's collection: see Library, and played_by.numbers
 POSED, PLAYED = "crowd_lod_posed", "crowd_lod_played"
@@ -44,55 +39,21 @@ MADE_OF, NOTES = "crowd_lod_made_of", "crowd_lod_notes"
 BAKED = "crowd_lod_baked"
 CAMERAS, LIGHTS = "crowd_lod_cameras", "crowd_lod_lights"  # of a bake: digests for each frame
 
-REMEDY = "press Remove Build, then Build again"  # where one of these is spoilt
-
 UNSEEN_BY = {"LOD": (), "Shadow": ("camera",), "Mirror": ("camera",)}  # kinds of buckets
 
 
-def library_of(top: bpy.types.Collection, points: bpy.types.Object, gaits: Gaits) -> Library:
-    """Return the Library of characters that a point object instances.
+def library_of(top: bpy.types.Collection, trajectory: Trajectory) -> Library:
+    """Return the Library of characters that the point objects of the build `top` instance.
 
-    top: the build.
-    points: its point object.
-    gaits: how the groups play their actions.
+    CrowdError if the build's rigs play otherwise than agents of `trajectory` do.
     """
-    groups = len(gaits.rates)
-    if POSED in top:
-        return Library(np.array(stored_values.read(top, POSED, int, REMEDY, (groups,), (0, np.inf))))
-    if OLD_POSES not in points:  # from before there were poses
-        return Library(np.ones(groups, np.intp))
-    rates = np.ones((groups, 1))
-    if OLD_RATES in points:
-        rates = np.array(stored_values.read(points, OLD_RATES, float, REMEDY, range(groups, 4 * groups + 1, groups))).reshape(
-            groups, -1
-        )
-    return Library(
-        np.array(stored_values.read(points, OLD_POSES, int, REMEDY, (groups,), (1, np.inf))), np.isfinite(rates).sum(axis=1)
-    )
-
-
-def libraries_of(
-    top: bpy.types.Collection, points: dict[str, bpy.types.Object], names: Iterable[str], trajectory: Trajectory
-) -> list[tuple[Library, list[str]]]:
-    """Group point objects by the Library of characters that they instance.
-
-    top: the build.
-    points: its point objects by name.
-    names: those to group.
-
-    Returns [(Library, names)]. CrowdError if the build's rigs play otherwise than agents of
-    `trajectory` do.
-    """
-    names, gaits = list(names), trajectory.gaits
-    if PLAYED in top and (
-        np.ravel(top[PLAYED]).tolist() != played_by.numbers(trajectory) or top.get(ACTIONS, "") != played_by.actions(trajectory)
-    ):
+    is_played = np.ravel(top.get(PLAYED, [])).tolist() == played_by.numbers(trajectory)
+    if not is_played or top.get(ACTIONS) != played_by.actions(trajectory):
         raise CrowdError(
             "The agents' speeds, their actions or the frame rate have changed since the build was made: press Build again."
         )
-    if POSED in top:
-        return [(library_of(top, points[names[0]], gaits), names)] if names else []
-    return [(library_of(top, points[name], gaits), [name]) for name in names]
+    groups = len(trajectory.gaits.rates)
+    return Library(np.array(stored_values.read(top, POSED, int, REMEDY, (groups,), (0, np.inf))))
 
 
 @dataclass(frozen=True)
@@ -209,13 +170,11 @@ def install(scene: bpy.types.Scene, cast: Cast) -> bpy.types.Collection:
     for key in (BAKED, CAMERAS, LIGHTS, MADE_OF):
         top.pop(key, None)
     if cast.collections:
-        _shelve(scene, top, cast)
+        fill_shelves(scene, top, cast)
     made = points_of(top)
     for bucket in buckets_of(scene):
         points = made.pop(bucket.name, None) or _points(top, bucket)
         points[LEVEL], points[BUCKET] = bucket.level, bucket.name
-        for key in (OLD_POSES, OLD_RATES):
-            points.pop(key, None)
     bpy.data.batch_remove([block for points in made.values() for block in (points, points.data)])
     dress_all(scene)
     return top
@@ -266,11 +225,8 @@ def _points(top: bpy.types.Collection, bucket: Bucket) -> bpy.types.Object:
 
 
 def dress_all(scene: bpy.types.Scene) -> None:
-    """Give the point objects of the scene's build our modifier, with its inputs.
-
-    A build from before there were poses shows each group's LOD itself, as it did then.
-    """
-    top, levels = scene.crowd_lod.build, scene.crowd_lod.levels
+    """Give the point objects of the scene's build our modifier, with its inputs."""
+    top = scene.crowd_lod.build
     stored_values.check(scene.crowd_lod)
     inputs = {"Turn": float(scene_data.rotation(scene.crowd_lod.forward))}
     if BAKED in top:
@@ -278,104 +234,17 @@ def dress_all(scene: bpy.types.Scene) -> None:
         tree = baked.baked()
     else:
         tree = instances.instances()
-    shelves = _shelves(top)
+    shelves = shelves_of(top)
     for points in points_of(top).values():
-        level = _level(points, LEVEL)
-        if level not in shelves and (levels is None or level >= len(levels.children)):
+        level = level_of(points, LEVEL)
+        if level not in shelves:
             continue
         modifier = next((m for m in points.modifiers if m.type == "NODES" and trees.is_ours(m.node_group)), None)
         modifier = modifier or points.modifiers.new("Crowd LOD", "NODES")
         modifier.node_group = tree
-        characters = shelves[level] if level in shelves else levels.children[level]
-        for name, value in {**inputs, "Characters": characters}.items():
+        for name, value in {**inputs, "Characters": shelves[level]}.items():
             scene_data.set_node_input(modifier, name, value)
         points.update_tag()
-
-
-def _shelve(scene: bpy.types.Scene, top: bpy.types.Collection, cast: Cast) -> None:
-    """Put the characters into the build, in place of those that it has."""
-    library = _library_of(top)
-    if library is None:
-        library = _library(top, "Crowd LOD Characters", LIBRARY, -1)
-        # else a view layer that the user adds later would show them
-        library.hide_render = library.hide_viewport = True
-        for view_layer in scene.view_layers:
-            view_layer.update()  # a scene that was never evaluated has no layer collections yet
-            exclude(view_layer.layer_collection, library)
-        show_where_characters_are(scene)
-    shelves, levels = _shelves(top), len(cast.collections)
-    gone, spare = bpy.data.collections.new("Crowd LOD"), {}
-    # what the user put into characters is to stay in this scene
-    scene.collection.children.link(gone)
-    for level, shelf in list(shelves.items()):
-        spare[level] = _emptied(shelf, gone)
-        if level >= levels:
-            gone.children.link(shelves.pop(level))
-    for level, characters in enumerate(cast.collections):
-        if level not in shelves:
-            shelves[level], spare[level] = _library(library, f"Crowd LOD {level} characters", LIBRARY, level), []
-        for home in spare[level][len(characters) :]:
-            shelves[level].children.unlink(home)
-            gone.children.link(home)
-    rigs = next((child for child in library.children if RIGS in child), None) or _library(library, "Crowd LOD Rigs", RIGS, True)
-    for rig in [item for item in rigs.objects if item.get(OWNED)]:
-        rigs.objects.unlink(rig)
-        gone.objects.link(rig)
-    remove_owned(gone)
-    for rig in cast.rigs:
-        rigs.objects.link(rig)
-    for level, characters in enumerate(cast.collections):
-        _fill(shelves[level], spare[level][: len(characters)], characters)
-    note_change(top, library, rigs, *shelves.values())
-    for block, name in cast.names.items():
-        block.name = name
-    note_held(rigs, *shelves.values(), *(home for shelf in shelves.values() for home in shelf.children))
-
-
-def _fill(shelf: bpy.types.Collection, homes: list[bpy.types.Collection], characters: list[tuple[str, list]]) -> None:
-    """Put `characters`, (name, objects) each, into `shelf`: first into its emptied `homes`."""
-    for home in homes:
-        home.name = "Crowd LOD character"  # none keeps what another is to be called
-    for number, (name, items) in enumerate(characters):
-        home = homes[number] if number < len(homes) else bpy.data.collections.new(name)
-        home.name, home[OWNED] = name, True
-        for item in items:
-            home.objects.link(item)
-        if number >= len(homes):
-            shelf.children.link(home)
-
-
-def _emptied(shelf: bpy.types.Collection, gone: bpy.types.Collection) -> list[bpy.types.Collection]:
-    """Move the characters in `shelf` to `gone`, and return their emptied collections.
-
-    The collections are reused, because Blender takes seconds to remove thousands. A collection into
-    which the user has put something goes to `gone` as it is.
-    """
-    left = []
-    for home in list(shelf.children):
-        if home.get(OWNED) and not home.children and all(item.get(OWNED) for item in home.objects):
-            for item in list(home.objects):
-                # a group's last LOD may stand in place of another, too
-                if gone.objects.get(item.name) is None:
-                    gone.objects.link(item)
-                home.objects.unlink(item)
-            left.append(home)
-        else:
-            shelf.children.unlink(home)
-            gone.children.link(home)
-    return left
-
-
-def _library(parent: bpy.types.Collection, name: str, key: str, level: int) -> bpy.types.Collection:
-    made = bpy.data.collections.new(name)
-    made[OWNED], made[key] = True, level
-    parent.children.link(made)
-    return made
-
-
-def _library_of(top: bpy.types.Collection) -> bpy.types.Collection | None:
-    """Return the collection of all characters of the build `top`."""
-    return next((child for child in top.children if LIBRARY in child), None)
 
 
 def remove_build(settings) -> None:
@@ -410,21 +279,13 @@ def upgrade(*_) -> None:
 
 
 def points_of(top: bpy.types.Collection) -> dict[str, bpy.types.Object]:
-    """Return the point objects of the build `top` by bucket name.
-
-    In a file from before there were buckets, they are named by their LOD.
-    """
-    found = {}
+    """Return the point objects of the build `top` by bucket name."""
+    points = {}
     for item in top.objects:
         if LEVEL in item and item.type == "MESH":
-            level = _level(item, LEVEL)
-            found[stored_values.read(item, BUCKET, str, REMEDY) if BUCKET in item else f"LOD {level}"] = item
-    return found
-
-
-def _level(block: bpy.types.ID, key: str) -> int:
-    """Return the LOD in the custom property `key` (LEVEL or LIBRARY) of a block."""
-    return stored_values.read(block, key, int, REMEDY, bounds=(0, MOST_LEVELS - 1))
+            level_of(item, LEVEL)  # CrowdError if it is spoilt
+            points[stored_values.read(item, BUCKET, str, REMEDY)] = item
+    return points
 
 
 def check_build(scene: bpy.types.Scene) -> None:
@@ -434,7 +295,7 @@ def check_build(scene: bpy.types.Scene) -> None:
     """
     top = scene.crowd_lod.build
     if top is not None:
-        points_of(top), _shelves(top)
+        points_of(top), shelves_of(top)
         if BAKED in top:
             baked_of(top)
 
@@ -442,9 +303,3 @@ def check_build(scene: bpy.types.Scene) -> None:
 def baked_of(top: bpy.types.Collection) -> list[float]:
     """Return Rate, Opens, first and last frame of the baked build `top`."""
     return stored_values.read(top, BAKED, float, REMEDY, (4,))
-
-
-def _shelves(top: bpy.types.Collection) -> dict[int, bpy.types.Collection]:
-    """Return the collections of characters of the build `top`, by LOD."""
-    inside = [child for child in top.children_recursive if LIBRARY in child and child != _library_of(top)]
-    return {_level(child, LIBRARY): child for child in inside}

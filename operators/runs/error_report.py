@@ -24,7 +24,9 @@ from ...crowd_lod.reporting import files as outputs
 from ...crowd_lod.reporting import tables as report
 from ...crowd_lod.validation import culling_audit, error_vs_runtime, extreme_cases, stiff_behavior
 from ..blender import cameras, scene_data
-from ..scene.scene_crowd import measure_groups, policy_of, store_groups, trajectory_of
+from ..characters.group_measuring import measure_groups
+from ..characters.stored_groups import store_groups
+from ..scene.scene_crowd import policy_of, trajectory_of
 
 MOST_AGENTS = 10_000  # of a larger crowd so many, evenly taken, are measured
 VIEWS = 5  # frames of the scene, at even distances

@@ -27,12 +27,14 @@ from ..blender import cameras, cleanup, frame_stepping, image_data, scene_data
 from ..blender.operator import Stepwise
 from ..blender.output_folders import output_folder, place_of
 from ..blender.output_index import note_output
+from ..characters.group_measuring import measure_groups
+from ..characters.stored_groups import groups_of, store_groups
 from ..lod_meshes.deviation import measure_levels
 from ..lod_meshes.made_for import to_make_again
 from ..lod_meshes.make_lods import make_levels
 from ..overlay.playblast import Playblast, need_gpu
 from ..scene import lights
-from ..scene.scene_crowd import characters_of, frame_of, groups_of, measure_groups, policy_of, store_groups, trajectory_of
+from ..scene.scene_crowd import characters_of, frame_of, policy_of, trajectory_of
 from ..settings import needs
 from ..shot.shot_plan import Planned, Wanted, budget_of, plan_shot, shot_json, write_levels
 from ..sources.record_points import on_record

@@ -24,10 +24,12 @@ from ...crowd_lod.validation.judged_agents import JudgedAgent, choose_agents
 from ...crowd_lod.validation.render_proof import agents_row, is_ok
 from ..blender import cameras, cleanup, frame_stepping, image_data, mesh_data, scene_data
 from ..characters.glow import glowing
+from ..characters.group_measuring import measure_groups
+from ..characters.stored_groups import groups_of, store_groups
 from ..lod_meshes.make_lods import make_levels
 from ..render_setup import bake, frame_update, render_setup
 from ..scene import lights
-from ..scene.scene_crowd import characters_of, frame_of, groups_of, measure_groups, policy_of, store_groups, trajectory_of
+from ..scene.scene_crowd import characters_of, frame_of, policy_of, trajectory_of
 from ..scene.shot_reference import stored_plan
 from ..sources.record_points import on_record
 from .lone_agents import LoneStage, Shown, lone_crops, sheet_of

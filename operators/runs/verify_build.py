@@ -75,12 +75,8 @@ def columns_of_members(
     """Return the attributes of each bucket's points in a build that shows `members` (m,) intp."""
     points = render_setup.points_of(top)
     nobody = np.empty(0, np.intp)
-    return {
-        name: bake.columns_in_time(
-            trajectory, held, number, members.get(name, nobody), render_setup.library_of(top, item, trajectory.gaits)
-        )
-        for name, item in points.items()
-    }
+    library = render_setup.library_of(top, trajectory)
+    return {name: bake.columns_in_time(trajectory, held, number, members.get(name, nobody), library) for name in points}
 
 
 def build_of(scene: bpy.types.Scene, frames: Sequence[int]) -> ProvedBuild:

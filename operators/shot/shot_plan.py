@@ -26,6 +26,8 @@ from ..blender import cameras, provenance, scene_data
 from ..blender.operator import Reporting, Stepwise
 from ..blender.output_folders import full_path, output_path, place_of
 from ..blender.output_index import note_output
+from ..characters.group_measuring import measuring_groups
+from ..characters.stored_groups import groups_of, store_groups
 from ..lod_meshes.deviation import measure_levels
 from ..lod_meshes.level_objects import TINTS
 from ..lod_meshes.make_lods import make_levels
@@ -33,7 +35,7 @@ from ..lod_meshes.selection import cast_of, rigs_of
 from ..machine.scene_world import bias_of
 from ..render_setup.render_setup import check_levels
 from ..scene import shot_reference
-from ..scene.scene_crowd import characters_of, groups_of, measuring_groups, policy_of, store_groups, trajectory_of
+from ..scene.scene_crowd import characters_of, policy_of, trajectory_of
 from ..scene.shot_exceptions import exemptions_of
 from ..settings import needs
 from ..sources.crowd_sources import check_recorded

@@ -6,10 +6,10 @@ from ...crowd_lod.format import number
 from ...crowd_lod.levels.assignment import MOST_LEVELS
 from ..blender import scene_data
 from ..blender.labeled_properties import CONTEXT
+from ..characters.stored_groups import count_of
 from ..characters.take_action import TAKE_ACTION
 from ..overlay import viewport_overlay
 from ..overlay.hud import STAGES, share, told
-from ..scene.scene_crowd import count_of
 from . import steps
 from .drawing import LOD_COLORS, MOST_ROWS, button, distance, label, paragraph, table
 

@@ -114,8 +114,9 @@ def _opened(path, make, request, fixture):
 
 
 def _level(scene):
+    from crowd_lod_extension.operators.characters.group_measuring import measure_groups
+    from crowd_lod_extension.operators.characters.stored_groups import store_groups
     from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-    from crowd_lod_extension.operators.scene.scene_crowd import measure_groups, store_groups
 
     store_groups(scene.crowd_lod, measure_groups(scene))
     list(make_levels(scene))

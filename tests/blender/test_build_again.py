@@ -11,13 +11,15 @@ import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import collection_caches, scene_data
+from crowd_lod_extension.operators.characters.group_measuring import measure_groups
+from crowd_lod_extension.operators.characters.stored_groups import groups_of, store_groups
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup import render_setup, view_layers
 from crowd_lod_extension.operators.render_setup.bake import bake
 from crowd_lod_extension.operators.render_setup.buttons import prepared
 from crowd_lod_extension.operators.render_setup.nodes import trees
 from crowd_lod_extension.operators.render_setup.nodes.instances import NAME
-from crowd_lod_extension.operators.scene.scene_crowd import groups_of, measure_groups, store_groups
+from crowd_lod_extension.operators.render_setup.shelves import LIBRARY, RIGS
 
 
 def visible():
@@ -56,8 +58,8 @@ def test_what_undo_loses_of_a_build_is_put_back_and_nothing_else(built):
         return {each.name: (sorted(each.children.keys()), sorted(each.objects.keys())) for each in inside}
 
     before = held()
-    shelf = next(each for each in built.crowd_lod.build.children_recursive if each.get(render_setup.LIBRARY, -1) >= 0)
-    rigs = next(each for each in built.crowd_lod.build.children_recursive if render_setup.RIGS in each)
+    shelf = next(each for each in built.crowd_lod.build.children_recursive if each.get(LIBRARY, -1) >= 0)
+    rigs = next(each for each in built.crowd_lod.build.children_recursive if RIGS in each)
     lost, home = list(shelf.children)[:2]
     shelf.children.unlink(lost)
     home.objects.unlink(home.objects[0])
@@ -156,7 +158,7 @@ def test_a_level_more_or_less_adds_or_takes_its_points_and_poses(built):
 
 
 def test_other_poses_take_over_collections_but_not_what_the_user_put_there(built):
-    shelf = next(c for c in built.crowd_lod.build.children_recursive if c.get(render_setup.LIBRARY) == 0)
+    shelf = next(c for c in built.crowd_lod.build.children_recursive if c.get(LIBRARY) == 0)
     before, mine = list(shelf.children), bpy.data.objects.new("mine", None)
     before[3].objects.link(mine)
     before[5].name = "my pose"
@@ -273,7 +275,7 @@ SPOILT = {
     "a bucket as numbers": (lambda top: render_setup.points_of(top)["Shadow 0"], render_setup.BUCKET, [1, 2]),
     "poses as a text": (lambda top: top, render_setup.POSED, "x"),
     "too few poses": (lambda top: top, render_setup.POSED, [8]),
-    "a shelf as a list": (lambda top: top.children[0].children[1], render_setup.LIBRARY, [1, 2]),
+    "a shelf as a list": (lambda top: top.children[0].children[1], LIBRARY, [1, 2]),
     "baked by three numbers": (lambda top: top, render_setup.BAKED, [1.0, 2.0, 3.0]),
 }
 

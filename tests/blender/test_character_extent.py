@@ -6,9 +6,10 @@ import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
+from crowd_lod_extension.operators.characters import group_measuring, stored_groups
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup import frame_update
-from crowd_lod_extension.operators.scene import plausible, scene_crowd
+from crowd_lod_extension.operators.scene import plausible
 from mathutils import Matrix
 
 from ..support.characters import character, new, rig, skin, tube
@@ -145,9 +146,9 @@ CASES += [in_a_hidden_collection, hair, displaced, displaced_by_a_ramp]
 def test_a_sphere_holds_all_that_a_render_shows(case, tmp_path):
     body = new("body", tube("body", 8, 8))
     character(body)
-    bare = scene_crowd.measure_groups(bpy.context.scene)[0]
+    bare = group_measuring.measure_groups(bpy.context.scene)[0]
     case(body)
-    (group,) = scene_crowd.measure_groups(bpy.context.scene)
+    (group,) = group_measuring.measure_groups(bpy.context.scene)
     shown = np.linalg.norm(lit(tmp_path, group.feet + group.center, range(1, 10, 4)), axis=1).max()
     assert bare.radius + 0.2 < shown <= group.radius + WIDTH / PIXELS
     assert group.radius < 1.6 * shown, "and not much more"
@@ -161,7 +162,7 @@ def test_the_plans_sphere_holds_lods_that_stick_out_of_the_character(tmp_path):
     level = scene.crowd_lod.levels.children[1].children[0].objects[0]
     level.data.transform(Matrix.Diagonal((3, 1, 2, 1)))  # an edited LOD
     bpy.ops.crowd_lod.measure_levels()
-    (group,) = scene_crowd.groups_of(scene.crowd_lod)
+    (group,) = stored_groups.groups_of(scene.crowd_lod)
     home.hide_render = True
     scene.collection.objects.link(level)
     shown = np.linalg.norm(lit(tmp_path, group.feet + group.center), axis=1).max()
@@ -192,21 +193,23 @@ def test_what_a_render_alone_knows_is_named_with_a_margin(case):
     character(body)
     named = case(body)
     assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
-    said = " ".join(plausible.told_of_extent(bpy.context.scene, scene_crowd.groups_of(bpy.context.scene.crowd_lod)))
+    said = " ".join(plausible.told_of_extent(bpy.context.scene, stored_groups.groups_of(bpy.context.scene.crowd_lod)))
     assert all(part in said for part in named) and "Margin to Fixed, 1.53 m or more" in said
     for made in bpy.data.materials:
         made.max_vertex_displacement = 0.5  # the user bounds it
     for made in bpy.data.node_groups:
         made.nodes.remove(made.nodes["Is Viewport"])
-    assert not list(plausible.told_of_extent(bpy.context.scene, scene_crowd.groups_of(bpy.context.scene.crowd_lod)))
-    assert scene_crowd.measure_groups(bpy.context.scene)[0].radius == pytest.approx(1.02 + 0.5 * bool(bpy.data.materials), abs=0.01)
+    assert not list(plausible.told_of_extent(bpy.context.scene, stored_groups.groups_of(bpy.context.scene.crowd_lod)))
+    assert group_measuring.measure_groups(bpy.context.scene)[0].radius == pytest.approx(
+        1.02 + 0.5 * bool(bpy.data.materials), abs=0.01
+    )
 
 
 def test_a_bump_is_no_displacement():
     body = new("body", tube("body", 8, 8))
     character(body)
     displaced_by(material(body, "BUMP"))
-    assert scene_crowd.measure_groups(bpy.context.scene)[0].radius == pytest.approx(1.02, abs=0.01)
+    assert group_measuring.measure_groups(bpy.context.scene)[0].radius == pytest.approx(1.02, abs=0.01)
 
 
 @pytest.fixture
@@ -234,7 +237,7 @@ def test_new_crowds_stand_on_their_lowest_point(sunk, tmp_path):
     bpy.ops.crowd_lod.populate()
     (entry,) = settings.groups
     assert entry.on_ground and entry.lowest == pytest.approx(-1) and entry.center == pytest.approx(1.0, abs=0.01)
-    said = " ".join(plausible.told_of_feet(sunk, scene_crowd.groups_of(settings)))
+    said = " ".join(plausible.told_of_feet(sunk, stored_groups.groups_of(settings)))
     assert said == "Moved to stand on the ground: giraffe (feet 1 m below its origin)."
     bpy.ops.crowd_lod.build()
     settings.characters.hide_render = True
@@ -242,7 +245,7 @@ def test_new_crowds_stand_on_their_lowest_point(sunk, tmp_path):
     entry.on_ground = False
     assert entry.center == pytest.approx(0.0, abs=0.01)
     assert "Off the ground (see Stand on Ground): giraffe" in " ".join(
-        plausible.told_of_feet(sunk, scene_crowd.groups_of(settings))
+        plausible.told_of_feet(sunk, stored_groups.groups_of(settings))
     )
     with pytest.raises(CrowdError, match="press Build again"):
         frame_update.update(sunk, bpy.context.evaluated_depsgraph_get())
@@ -268,7 +271,7 @@ def test_crowds_of_today_keep_their_feet(sunk, tmp_path):
 
 def test_a_step_of_two_percent_is_none(sunk):
     sunk.crowd_lod.characters.children[0].instance_offset.z = 0.03
-    assert scene_crowd.measure_groups(sunk)[0].lowest == 0
+    assert group_measuring.measure_groups(sunk)[0].lowest == 0
 
 
 def test_rounding_of_a_flat_character_lifts_nobody(sunk):

@@ -9,6 +9,7 @@ import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.operators.characters import group_measuring, stored_groups
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup import bake, render_setup
 from crowd_lod_extension.operators.render_setup.cost_estimate import FULL, estimate
@@ -54,7 +55,7 @@ def test_work_is_what_the_depsgraph_shows(levelled, known):
 
 def test_the_button_fills_the_table_and_asks_for_lod_meshes(scene):
     with pytest.raises(RuntimeError, match="LOD meshes of Scene are not made: press Make LOD Meshes"):
-        scene_crowd.store_groups(scene.crowd_lod, scene_crowd.measure_groups(scene))
+        stored_groups.store_groups(scene.crowd_lod, group_measuring.measure_groups(scene))
         bpy.ops.crowd_lod.estimate()
     list(make_levels(scene))
     assert bpy.ops.crowd_lod.estimate() == {"FINISHED"}
@@ -67,14 +68,14 @@ def test_the_button_fills_the_table_and_asks_for_lod_meshes(scene):
 def test_lods_that_fit_in_memory_are_built_and_the_others_are_not(scene, tmp_path):
     settings = scene.crowd_lod
     settings.choice, settings.tolerance, settings.frames = "BY_TOLERANCE", 0.2, "1:20"
-    scene_crowd.store_groups(settings, scene_crowd.measure_groups(scene))
+    stored_groups.store_groups(settings, group_measuring.measure_groups(scene))
     list(make_levels(scene))
     free = finished(estimate(scene, scene.crowd_lod)).prices["By Tolerance"].memory / 1e6
     settings.memory = 1.0
-    before, groups = set(bpy.data.user_map()), scene_crowd.groups_of(settings)
+    before, groups = set(bpy.data.user_map()), stored_groups.groups_of(settings)
     with pytest.raises(CrowdError, match="The characters cannot take less than .* MB") as error:
         list(make_levels(scene))
-    assert set(bpy.data.user_map()) == before and scene_crowd.groups_of(settings) == groups
+    assert set(bpy.data.user_map()) == before and stored_groups.groups_of(settings) == groups
     least = float(str(error.value).split(" MB")[0].rpartition(" ")[2])
     settings.memory = 0.5 * (free + least) + 0.5
     list(make_levels(scene))

@@ -9,18 +9,14 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import mesh_data, scene_data
 from crowd_lod_extension.operators.blender.performance import group_performance, performance_of
+from crowd_lod_extension.operators.characters.group_measuring import measure_groups
+from crowd_lod_extension.operators.characters.stored_groups import groups_of
 from crowd_lod_extension.operators.lod_meshes import deviation
 from crowd_lod_extension.operators.lod_meshes.made_for import forecast, outdated
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.overlay import skinned_characters
 from crowd_lod_extension.operators.render_setup import bake, render_setup
-from crowd_lod_extension.operators.scene.scene_crowd import (
-    characters_of,
-    frame_of,
-    groups_of,
-    measure_groups,
-    trajectory_of,
-)
+from crowd_lod_extension.operators.scene.scene_crowd import characters_of, frame_of, trajectory_of
 
 from .test_actions import STATES, levelled, name_actions, waiting  # noqa: F401
 from .test_rigs import instances

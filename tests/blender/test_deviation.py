@@ -8,8 +8,8 @@ import pytest
 from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.operators.characters import stored_groups
 from crowd_lod_extension.operators.lod_meshes import deviation, pose_choice, posed_surface, surface
-from crowd_lod_extension.operators.scene import scene_crowd
 
 pytestmark = pytest.mark.usefixtures("exact_levels")
 GROUP = Group("one", 0, 1, 0, 1)
@@ -219,10 +219,10 @@ def test_a_file_of_before_bounds_reads_its_deviations_as_bounds(scene):
     entry.name, entry.diagonal = "old", 2.0
     entry.triangles[:2], entry.deviations[:2] = (100, 50), (0.0, 0.25)
     scene.crowd_lod.level_count = 2
-    (group,) = scene_crowd.groups_of(scene.crowd_lod)
+    (group,) = stored_groups.groups_of(scene.crowd_lod)
     assert group.bounds == group.deviations == (0.0, 0.25)
-    scene_crowd.store_groups(scene.crowd_lod, (replace(group, bounds=(0.0, 0.5)),))
-    (group,) = scene_crowd.groups_of(scene.crowd_lod)
+    stored_groups.store_groups(scene.crowd_lod, (replace(group, bounds=(0.0, 0.5)),))
+    (group,) = stored_groups.groups_of(scene.crowd_lod)
     assert group.bounds == (0.0, 0.5) and group.deviations == (0.0, 0.25)
 
 

@@ -8,11 +8,13 @@ import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender.scenery import emits
 from crowd_lod_extension.operators.characters.glow import glowing, told_of_glow
+from crowd_lod_extension.operators.characters.group_measuring import measure_groups
+from crowd_lod_extension.operators.characters.stored_groups import store_groups
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup.hidden_characters import told_of_characters
 from crowd_lod_extension.operators.render_setup.render_setup import build
-from crowd_lod_extension.operators.scene.scene_crowd import measure_groups, populating, store_groups
+from crowd_lod_extension.operators.scene.populate import populating
 from crowd_lod_extension.sample_scenes.scenery import add, material, tile
 
 from ..support.characters import character, new, tube

@@ -4,10 +4,10 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.operators.characters.group_measuring import measure_groups
 from crowd_lod_extension.operators.machine import map_areas
 from crowd_lod_extension.operators.machine.map_painting import plane_of
 from crowd_lod_extension.operators.machine.scene_world import machine_of, world_of
-from crowd_lod_extension.operators.scene.scene_crowd import measure_groups
 from crowd_lod_extension.operators.sources.crowd_sources import inputs_of, together
 
 

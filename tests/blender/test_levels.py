@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender import mesh_data
+from crowd_lod_extension.operators.characters import stored_groups
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.scene import scene_crowd
 from mathutils import Matrix
 from mathutils.bvhtree import BVHTree
 
@@ -112,17 +112,17 @@ def test_making_levels_measures_them_and_the_user_s_edits_are_measured_again(sce
     list(make_levels(scene))
     kinds = {type(b).__name__ for b in set(bpy.data.user_map()) - blocks}
     assert kinds == {"Collection", "Object", "Mesh"}
-    for group in scene_crowd.groups_of(scene.crowd_lod):
+    for group in stored_groups.groups_of(scene.crowd_lod):
         assert group.deviations[0] == 0 < group.deviations[1] < group.deviations[2] < 0.1
         assert 0 < group.rms[2] < group.deviations[2] and 1 < group.diagonal < 3
-    before = [g.deviations for g in scene_crowd.groups_of(scene.crowd_lod)]
+    before = [g.deviations for g in stored_groups.groups_of(scene.crowd_lod)]
     mesh = next(o for o in scene.crowd_lod.levels.children[2].children[0].objects if o.type == "MESH").data
     mesh.transform(Matrix.Translation((0, 0, 0.5)))
     assert bpy.ops.crowd_lod.measure_levels() == {"FINISHED"}
-    after = [g.deviations for g in scene_crowd.groups_of(scene.crowd_lod)]
+    after = [g.deviations for g in stored_groups.groups_of(scene.crowd_lod)]
     assert after[1] == before[1] and after[0][:2] == before[0][:2] and after[0][2] > 0.4
     bpy.ops.crowd_lod.populate()  # keeps what is known of the LODs
-    assert [g.deviations for g in scene_crowd.groups_of(scene.crowd_lod)] == after
+    assert [g.deviations for g in stored_groups.groups_of(scene.crowd_lod)] == after
     for item in list(scene.crowd_lod.levels.children[1].children[0].objects):
         bpy.data.objects.remove(item)
     with pytest.raises(RuntimeError, match="adult has no LOD meshes in Crowd LOD 1: press Make LOD Meshes again"):

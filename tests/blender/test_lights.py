@@ -6,10 +6,12 @@ import pytest
 from crowd_lod_extension.crowd_lod.crowd import leave_outs
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
+from crowd_lod_extension.operators.characters.group_measuring import measure_groups
+from crowd_lod_extension.operators.characters.stored_groups import store_groups
 from crowd_lod_extension.operators.render_setup import render_setup
 from crowd_lod_extension.operators.render_setup.bake import bake
 from crowd_lod_extension.operators.scene.lights import read_surroundings
-from crowd_lod_extension.operators.scene.scene_crowd import frame_of, measure_groups, store_groups
+from crowd_lod_extension.operators.scene.scene_crowd import frame_of
 from crowd_lod_extension.sample_scenes.scenery import add, box, material, tile
 from mathutils import Matrix
 

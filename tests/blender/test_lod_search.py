@@ -28,3 +28,28 @@ def test_a_lod_has_about_the_fewest_triangles_whose_bound_is_the_length(exact_le
     assert 0.8 * length < bound <= length
     assert attempt.triangles < 2.5 * 4 * np.pi / (3 * np.sqrt(3) * length)
     assert [item.name for item in bpy.data.objects] == [ball.name, attempt.item.name]
+
+
+def test_where_no_lod_fits_the_search_ends_with_the_character_itself(exact_levels, ball):
+    search = Search([read_source(ball)], "POSE_AWARE", make_object, Measure("ball", [ball]))
+    (attempt,), (_, bound, *_) = finished(search.find(1e-9, 0.9))
+    assert attempt.triangles == len(ball.data.polygons)
+    assert bound <= 1e-9
+
+
+def folded(name, faces):
+    """Return a square of 1 m with two opposite corners raised, cut along one of its diagonals."""
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata([(0, 0, 0), (1, 0, 0.2), (1, 1, 0), (0, 1, 0.2)], [], faces)
+    item = bpy.data.objects.new(name, mesh)
+    bpy.context.scene.collection.objects.link(item)
+    return item
+
+
+def test_an_estimate_sees_an_edge_across_a_crease():
+    """The other diagonal's middle is farther off than any corner, and any middle of a triangle."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    character, lod = (folded(*each) for each in (("one", [(0, 1, 2), (0, 2, 3)]), ("other", [(0, 1, 3), (1, 2, 3)])))
+    measure = Measure("one", [character])
+    deviation = finished(measure.level([lod], 1))[0]
+    assert measure.estimate([lod]).deviation == pytest.approx(deviation, rel=0.01)

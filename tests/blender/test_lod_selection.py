@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from bpy_extras.object_utils import world_to_camera_view
 from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.operators.characters import group_measuring, stored_groups
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup import render_setup
 from crowd_lod_extension.operators.scene import scene_crowd
@@ -22,7 +23,7 @@ def tolerant(scene):
 def test_as_many_are_made_as_pay_and_the_build_shows_them(tolerant):
     settings, before = tolerant.crowd_lod, set(bpy.data.user_map())
     list(make_levels(tolerant))
-    groups, count = scene_crowd.groups_of(settings), scene_crowd.count_of(settings)
+    groups, count = stored_groups.groups_of(settings), stored_groups.count_of(settings)
     assert count == len(settings.levels.children) == max(len(set(g.triangles)) for g in groups) >= 2
     for g, group in enumerate(groups):
         own = len(set(group.triangles))
@@ -50,12 +51,12 @@ def test_as_many_are_made_as_pay_and_the_build_shows_them(tolerant):
     ]
     assert len(found) == len(frame.buckets.order)
     list(make_levels(tolerant))
-    assert scene_crowd.groups_of(settings) == groups
+    assert stored_groups.groups_of(settings) == groups
 
 
 def made(scene, pixels=1.0):
     scene.crowd_lod.tolerance = pixels
-    scene_crowd.store_groups(scene.crowd_lod, scene_crowd.measure_groups(scene))
+    stored_groups.store_groups(scene.crowd_lod, group_measuring.measure_groups(scene))
     list(make_levels(scene))
     return scene.crowd_lod
 
@@ -69,7 +70,7 @@ def test_at_the_switch_distance_the_bound_spans_the_tolerance_in_blender_s_own_c
         camera.data.lens, render.resolution_x, render.resolution_y = lens, width, width * 9 // 16
         bpy.context.view_layer.update()
         frame = scene_crowd.frame_of(tolerant, bpy.context.evaluated_depsgraph_get())
-        for group, begins in zip(scene_crowd.groups_of(settings), frame.begins, strict=True):
+        for group, begins in zip(stored_groups.groups_of(settings), frame.begins, strict=True):
             for meters, begin in zip(group.bounds[1:], begins, strict=True):
                 depth = -(begin - group.radius)  # of the sphere's nearest point
                 ends = [world_to_camera_view(tolerant, camera, Vector((x, 0, depth))) for x in (0, meters)]
@@ -113,6 +114,6 @@ def test_a_still_character_without_an_armature(tolerant):
     bpy.context.scene.collection.objects.unlink(rock)
     tolerant.crowd_lod.characters = top
     list(make_levels(tolerant))
-    (group,) = scene_crowd.groups_of(tolerant.crowd_lod)
+    (group,) = stored_groups.groups_of(tolerant.crowd_lod)
     assert group.triangles[0] == 20 * 4**4 and len(group.triangles) >= 2 and set(group.worst) == {1.0}
     assert (np.diff(group.deviations) > 0).all()

@@ -10,7 +10,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.levels import selection
 from crowd_lod_extension.crowd_lod.reporting.html_report import page
 from crowd_lod_extension.operators.blender import image_data
-from crowd_lod_extension.operators.characters import character_extent
+from crowd_lod_extension.operators.characters import character_extent, group_measuring, stored_groups
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.lod_meshes.surface import Surface
@@ -41,12 +41,12 @@ def test_rendered_silhouettes_stay_within_what_the_deviation_predicts(scene, tmp
     settings.characters.children.unlink(settings.characters.children["adult"])
     scene.camera.data.type, scene.camera.data.ortho_scale, scene.render.resolution_x = kind, 40.0, 1920
     settings.choice, settings.tolerance, settings.frames = choice, 8.0, "1"
-    scene_crowd.store_groups(settings, scene_crowd.measure_groups(scene))
+    stored_groups.store_groups(settings, group_measuring.measure_groups(scene))
     list(make_levels(scene))
     tables, frame = told(scene, tmp_path)
     assert [each["group"] for each in tables] == ["child"]
     checked = 0
-    for each, group, begins in zip(tables, scene_crowd.groups_of(settings), frame.begins, strict=True):
+    for each, group, begins in zip(tables, stored_groups.groups_of(settings), frame.begins, strict=True):
         assert each["levels"][0]["deviation_mm"] == 0 and len(each["levels"]) == len(set(group.triangles))
         assert each["levels"][-1]["to_lod"] == len(group.triangles) - 1
         for row, begin in zip(each["levels"][1:], begins, strict=False):
@@ -75,7 +75,7 @@ def test_a_group_of_small_agents_is_measured_at_their_size(scene, tmp_path, kind
     settings.characters.children.unlink(settings.characters.children["adult"])
     scene.camera.data.type, scene.camera.data.ortho_scale, scene.render.resolution_x = kind, 40.0, 1920
     settings.choice, settings.tolerance, settings.frames = "BY_TOLERANCE", 8.0, "1"
-    scene_crowd.store_groups(settings, scene_crowd.measure_groups(scene))
+    stored_groups.store_groups(settings, group_measuring.measure_groups(scene))
     settings.groups[0].scale = 0.4, 0.44
     list(make_levels(scene))
     (table,), _ = told(scene, tmp_path)
@@ -102,7 +102,7 @@ def test_the_way_a_lod_was_made_is_told_where_it_is_known(levelled, tmp_path):
 def test_names_make_safe_and_different_files(scene, tmp_path):
     people = scene.crowd_lod.characters
     people.children["adult"].name, people.children["child"].name = "../a <b>", "..?a ?b?"
-    scene_crowd.store_groups(scene.crowd_lod, scene_crowd.measure_groups(scene))
+    stored_groups.store_groups(scene.crowd_lod, group_measuring.measure_groups(scene))
     scene.crowd_lod.level_count = 1
     list(make_levels(scene))
     tables, _ = told(scene, tmp_path)
@@ -148,9 +148,9 @@ def test_a_preview_by_tolerance_leaves_the_report(scene, tmp_path, capfd):
     settings.characters.children.unlink(settings.characters.children["child"])
     scene.unit_settings.system, scene.unit_settings.scale_length = "METRIC", 0.01
     settings.choice, settings.tolerance = "BY_TOLERANCE", 2
-    scene_crowd.store_groups(settings, scene_crowd.measure_groups(scene))
+    stored_groups.store_groups(settings, group_measuring.measure_groups(scene))
     list(make_levels(scene))
-    begins, groups = scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get()).begins, scene_crowd.groups_of(settings)
+    begins, groups = scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get()).begins, stored_groups.groups_of(settings)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"))
     words = ["preview", tmp_path / "crowd.blend", "--frames", "1", "--width", "160", "--quiet", "--out", tmp_path / "out"]
     assert commands._run([*map(str, words), "--tolerance", "2"], "crowd-lod") == 0
@@ -178,9 +178,9 @@ def test_a_preview_by_tolerance_leaves_the_report(scene, tmp_path, capfd):
 
 
 def test_measuring_in_steps_gives_the_same_and_leaves_nothing_in_between(scene, monkeypatch):
-    whole = scene_crowd.measure_groups(scene)
+    whole = group_measuring.measure_groups(scene)
     monkeypatch.setattr(character_extent, "TICK", 0.0)  # a pose at a time
-    before, progress, steps = set(bpy.data.user_map()), [], scene_crowd.measuring_groups(scene)
+    before, progress, steps = set(bpy.data.user_map()), [], group_measuring.measuring_groups(scene)
     while True:
         try:
             progress.append(next(steps))

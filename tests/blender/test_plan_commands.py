@@ -15,6 +15,12 @@ def run(*words):
 
 
 @pytest.fixture
+def few(levelled):
+    """So few agents that renders take no time."""
+    levelled.crowd_lod.count = 8
+
+
+@pytest.fixture
 def planned(levelled, tmp_path, capfd):
     """The small crowd's file, with a plan of frames 1 to 6 in tmp_path / "plan" that hides the first visible agent."""
     levelled.frame_set(3)
@@ -106,7 +112,7 @@ def test_compare_sets_two_plans_side_by_side(planned, tmp_path, capfd):
         ("build", "--bake"),
     ],
 )
-def test_strict_makes_a_frame_without_the_plan_an_error(planned, tmp_path, capfd, words):
+def test_strict_makes_a_frame_without_the_plan_an_error(few, planned, tmp_path, capfd, words):
     name, *more = words
     out = tmp_path / ("out.blend" if name == "build" else "out")
     asked = (name, planned, *more, "--plan", tmp_path / "plan", "--out", out)

@@ -4,11 +4,11 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.operators.blender import mesh_data
+from crowd_lod_extension.operators.characters.stored_groups import groups_of
 from crowd_lod_extension.operators.lod_meshes.deviation import poses
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.lod_meshes.pose_deformation import skin_of
 from crowd_lod_extension.operators.lod_meshes.source_mesh import read_source
-from crowd_lod_extension.operators.scene.scene_crowd import groups_of
 
 from ..support.characters import character, new, rig, skin, tube
 

@@ -12,7 +12,7 @@ from crowd_lod_extension.operators.render_setup.buttons import prepared
 from crowd_lod_extension.operators.runs.error_report import error
 from crowd_lod_extension.operators.runs.preview import Preview, preview
 from crowd_lod_extension.operators.runs.verify import Verify, verify
-from crowd_lod_extension.operators.scene.scene_crowd import CROWDLOD_OT_populate
+from crowd_lod_extension.operators.scene.populate import CROWDLOD_OT_populate
 from crowd_lod_extension.operators.sources import crowd_sources
 
 FAR = 10**6

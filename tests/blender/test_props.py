@@ -10,20 +10,14 @@ from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot.shot_cost import work_in
 from crowd_lod_extension.operators.blender import scene_data
 from crowd_lod_extension.operators.blender.rig_dependencies import action_range
+from crowd_lod_extension.operators.characters.group_measuring import measure_groups
+from crowd_lod_extension.operators.characters.stored_groups import groups_of, store_groups
 from crowd_lod_extension.operators.lod_meshes import deviation
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.overlay import skinned_characters
 from crowd_lod_extension.operators.render_setup import bake, render_setup
 from crowd_lod_extension.operators.render_setup.cost_estimate import estimate
-from crowd_lod_extension.operators.scene.scene_crowd import (
-    characters_of,
-    frame_of,
-    groups_of,
-    measure_groups,
-    policy_of,
-    store_groups,
-    trajectory_of,
-)
+from crowd_lod_extension.operators.scene.scene_crowd import characters_of, frame_of, policy_of, trajectory_of
 from crowd_lod_extension.operators.shot.shot_plan import Wanted, plan_shot
 from crowd_lod_extension.operators.sources import crowd_sources
 from mathutils import Matrix

@@ -7,11 +7,14 @@ from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import image_data, mesh_data, performance, scene_data
 from crowd_lod_extension.operators.blender.render_evaluation import as_rendered
 from crowd_lod_extension.operators.blender.rig_dependencies import action_range
+from crowd_lod_extension.operators.characters.group_measuring import measure_groups
 from crowd_lod_extension.operators.characters.rig_needs import POSES
+from crowd_lod_extension.operators.characters.stored_groups import store_groups
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup import render_setup, rigs
 from crowd_lod_extension.operators.render_setup.phase_characters import make_cast
-from crowd_lod_extension.operators.scene.scene_crowd import characters_of, frame_of, measure_groups, store_groups, trajectory_of
+from crowd_lod_extension.operators.render_setup.shelves import LIBRARY, RIGS
+from crowd_lod_extension.operators.scene.scene_crowd import characters_of, frame_of, trajectory_of
 
 
 def instances(scene):
@@ -147,7 +150,7 @@ def props(scene, *objects):
     store_groups(scene.crowd_lod, measure_groups(scene))
     list(make_levels(scene))
     list(render_setup.build(scene))
-    shelf = next(c for c in scene.crowd_lod.build.children_recursive if c.get(render_setup.LIBRARY) == 0)
+    shelf = next(c for c in scene.crowd_lod.build.children_recursive if c.get(LIBRARY) == 0)
     assert not any(any(home.instance_offset) for home in shelf.children)  # geometry nodes would not heed it
     return [item for home in shelf.children for item in home.objects]
 
@@ -287,10 +290,10 @@ def test_rigs_share_the_meshes_of_the_lods(built):
 def test_a_bake_holds_what_its_frames_show_and_nothing_else(built):
     from crowd_lod_extension.operators.render_setup.bake import bake
 
-    whole = sum(len(c.children) for c in built.crowd_lod.build.children_recursive if c.get(render_setup.LIBRARY, -1) >= 0)
+    whole = sum(len(c.children) for c in built.crowd_lod.build.children_recursive if c.get(LIBRARY, -1) >= 0)
     list(bake(built, [3, 4]))
     top, used = built.crowd_lod.build, 0
-    shelves = {c[render_setup.LIBRARY]: c for c in top.children_recursive if c.get(render_setup.LIBRARY, -1) >= 0}
+    shelves = {c[LIBRARY]: c for c in top.children_recursive if c.get(LIBRARY, -1) >= 0}
     for level, shelf in shelves.items():
         shown = set()
         for points in render_setup.points_of(top).values():
@@ -311,7 +314,7 @@ def test_a_bake_of_frames_that_show_nobody_leaves_no_motion(built):
     built.camera.animation_data_clear()
     built.camera.rotation_euler = (3.14, 0, 0)  # up
     list(bake(built, [3, 4]))
-    library = [c for c in built.crowd_lod.build.children_recursive if render_setup.RIGS in c]
+    library = [c for c in built.crowd_lod.build.children_recursive if RIGS in c]
     assert not any(c.objects for c in library) and not [a for a in bpy.data.actions if a.get(render_setup.OWNED)]
 
 

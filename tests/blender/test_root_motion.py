@@ -9,7 +9,8 @@ from crowd_lod_extension.operators.blender.performance import own
 from crowd_lod_extension.operators.blender.rig_dependencies import curves_of
 from crowd_lod_extension.operators.characters.action_troubles import told_of_actions
 from crowd_lod_extension.operators.characters.character_extent import posing
-from crowd_lod_extension.operators.scene.scene_crowd import measure_groups, trajectory_of
+from crowd_lod_extension.operators.characters.group_measuring import measure_groups
+from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 
 from ..support.characters import character, new, rig, skin, tube
 

@@ -9,6 +9,7 @@ from crowd_lod_extension import sample_scenes
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.reporting import tables
 from crowd_lod_extension.operators.blender import cameras, image_data
+from crowd_lod_extension.operators.characters import group_measuring
 from crowd_lod_extension.operators.machine import scene_world
 from crowd_lod_extension.operators.scene import scene_crowd
 from crowd_lod_extension.operators.shot import scene_json
@@ -64,7 +65,7 @@ def digest(scene):
 
 def frames_of(scene):
     """The plan at each of FRAMES."""
-    trajectory = scene_crowd.trajectory_of(scene, scene_crowd.measure_groups(scene))
+    trajectory = scene_crowd.trajectory_of(scene, group_measuring.measure_groups(scene))
     policy = scene_crowd.policy_of(scene.crowd_lod)
     for frame in FRAMES:
         scene.frame_set(frame)
@@ -92,7 +93,7 @@ def test_everything_is_set(name):
     machine = scene_world.machine_of(settings)
     world = scene_world.world_of(settings, machine)  # fails on a color that is no label
     assert set(np.unique(world.labels)) == set(range(len(machine.labels)))
-    groups = scene_crowd.measure_groups(scene)
+    groups = group_measuring.measure_groups(scene)
     assert [group.stride > 0 for group in groups] == [True] * 3
     # the characters themselves do not stand in the picture
     shown = {item.name for item in scene.view_layers[0].objects}
@@ -155,7 +156,7 @@ def test_people_of_the_station_stand_on_its_floors_and_keep_out_of_what_is_in_th
     for item in floors:
         faces = [tuple(polygon.vertices) for polygon in item.data.polygons]
         trees.append(BVHTree.FromPolygons([vertex.co for vertex in item.data.vertices], faces))
-    trajectory = scene_crowd.trajectory_of(scene, scene_crowd.measure_groups(scene))
+    trajectory = scene_crowd.trajectory_of(scene, group_measuring.measure_groups(scene))
     seen = set()
     for time in (1, 82.5, 240):
         crowd = trajectory.at(time)
@@ -175,7 +176,7 @@ def test_people_of_the_station_stand_on_its_floors_and_keep_out_of_what_is_in_th
 
 def test_who_waits_in_the_station_plays_another_action_of_the_three_groups():
     scene = made("station")
-    groups = scene_crowd.measure_groups(scene)
+    groups = group_measuring.measure_groups(scene)
     assert len(groups) == 3 and all([action.name for action in group.actions] == ["idle"] for group in groups)
     trajectory = scene_crowd.trajectory_of(scene, groups)
     assert '"idle"' in tables.to_json(scene_json._crowd_of(scene.crowd_lod, trajectory))

@@ -8,10 +8,12 @@ from crowd_lod_extension.crowd_lod.levels.cost_model import MEMORY, SECONDS
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.blender.ownership import remove_owned
+from crowd_lod_extension.operators.characters.group_measuring import measure_groups
+from crowd_lod_extension.operators.characters.stored_groups import store_groups
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup import bake, render_setup
 from crowd_lod_extension.operators.render_setup.cost_estimate import FULL, estimate
-from crowd_lod_extension.operators.scene.scene_crowd import measure_groups, store_groups
+from crowd_lod_extension.operators.render_setup.shelves import LIBRARY
 
 from ..support.characters import character, new, painted, rig, skin, tube
 
@@ -68,13 +70,11 @@ def rendered(scene, path):
 
 def used(scene):
     """The images that the build's characters show, by LOD."""
-    shelves = next(child for child in scene.crowd_lod.build.children if render_setup.LIBRARY in child).children
+    shelves = next(child for child in scene.crowd_lod.build.children if LIBRARY in child).children
     found = {}
-    for shelf in (shelf for shelf in shelves if render_setup.LIBRARY in shelf):
+    for shelf in (shelf for shelf in shelves if LIBRARY in shelf):
         materials = {slot.material for item in shelf.all_objects for slot in item.material_slots}
-        found[shelf[render_setup.LIBRARY]] = {
-            node.image for m in materials for node in m.node_tree.nodes if node.type == "TEX_IMAGE"
-        }
+        found[shelf[LIBRARY]] = {node.image for m in materials for node in m.node_tree.nodes if node.type == "TEX_IMAGE"}
     return found
 
 
@@ -189,7 +189,7 @@ def test_what_cannot_be_scaled_stays_and_is_named(crowd):
     )
     assert set(stays.values()) <= used(crowd)[2]
     assert {inner.image.name for inner in group.nodes if inner.type == "TEX_IMAGE"} == set(scaling)
-    shelf = next(child for child in bpy.data.collections if child.get(render_setup.LIBRARY) == 2)
+    shelf = next(child for child in bpy.data.collections if child.get(LIBRARY) == 2)
     own = {slot.material for item in shelf.all_objects for slot in item.material_slots}
     (copied,) = {each.node_tree for m in own for each in m.node_tree.nodes if each.type == "GROUP"}
     found = {inner.image.name: inner.image for inner in copied.nodes if inner.type == "TEX_IMAGE"}

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd import state_machine as machines
 from crowd_lod_extension.operators import registration
+from crowd_lod_extension.operators.characters import group_measuring, stored_groups
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.machine import scene_world
 from crowd_lod_extension.operators.render_setup import render_setup
@@ -42,7 +43,7 @@ def turns(scene):
 def test_agents_that_tilt_stand_square_on_the_ground_and_keep_their_way(scene, forward):
     relief(scene)
     scene.crowd_lod.tilt, scene.crowd_lod.forward = True, forward
-    scene_crowd.store_groups(scene.crowd_lod, scene_crowd.measure_groups(scene))
+    stored_groups.store_groups(scene.crowd_lod, group_measuring.measure_groups(scene))
     list(make_levels(scene))
     list(render_setup.build(scene))
     scene.frame_set(7)
@@ -70,7 +71,7 @@ def test_agents_that_tilt_stand_square_on_the_ground_and_keep_their_way(scene, f
 
 def test_spheres_hold_characters_that_lean(scene):
     relief(scene)
-    groups = scene_crowd.measure_groups(scene)
+    groups = group_measuring.measure_groups(scene)
     heights = scene_world.heights_of(scene.crowd_lod, scene_crowd.trajectory_of(scene, groups).world.area)
     scene.crowd_lod.tilt = True
     wide = scene_crowd.trajectory_of(scene, groups).groups
@@ -108,7 +109,7 @@ def test_populate_tells_who_is_stuck_and_forgets_it_when_all_is_well(scene):
 
 def test_the_search_for_trouble_is_bounded_and_says_so(scene, monkeypatch):
     machine(scene, STUCK % "1.5")
-    scene_crowd.store_groups(scene.crowd_lod, scene_crowd.measure_groups(scene))
+    stored_groups.store_groups(scene.crowd_lod, group_measuring.measure_groups(scene))
     monkeypatch.setattr(stuck_agents, "MOST_AGENTS", 40)
     few = stuck_agents.find(scene_crowd.trajectory_of(scene))
     assert few.agents == 40 and few.rows[0]["agents"] == 40

@@ -24,7 +24,7 @@ def run(*words):
 
 @pytest.fixture
 def file(levelled, tmp_path):
-    levelled.crowd_lod.count, levelled.cycles.samples = 60, 2
+    levelled.crowd_lod.count, levelled.cycles.samples = 8, 2
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"))
     return tmp_path / "crowd.blend"
 

@@ -3,7 +3,7 @@
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.operators.scene.scene_crowd import groups_of
+from crowd_lod_extension.operators.characters.stored_groups import groups_of
 from crowd_lod_extension.operators.sources.crowd_sources import outdated
 
 from ..support.characters import character, new, rig, skin, tube

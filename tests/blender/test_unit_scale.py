@@ -10,10 +10,11 @@ from crowd_lod_extension.crowd_lod.crowd.state_machine import preset_text
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.frame.explanation import explained
 from crowd_lod_extension.operators.blender import scene_data
+from crowd_lod_extension.operators.characters.stored_groups import groups_of
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.overlay import hud
-from crowd_lod_extension.operators.scene.scene_crowd import frame_of, groups_of, trajectory_of
+from crowd_lod_extension.operators.scene.scene_crowd import frame_of, trajectory_of
 from crowd_lod_extension.operators.shot.scene_json import _crowd_of
 from crowd_lod_extension.operators.usd.openusd import openusd
 from crowd_lod_extension.sample_scenes.characters import make_characters

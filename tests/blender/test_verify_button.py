@@ -24,7 +24,7 @@ def small(scene):
 def test_a_few_frames_of_the_shot_are_proved_and_reported(levelled, tmp_path, capfd):
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "people.blend"))
     settings = small(levelled)
-    settings.frames = "1:30"
+    settings.frames, settings.count = "1:30", 20
     names = {each.name for each in bpy.data.user_map()}
     assert bpy.ops.crowd_lod.verify() == {"FINISHED"}
     assert {each.name for each in bpy.data.user_map()} == names and settings.build is None

@@ -31,6 +31,7 @@ def fast():
     return Walk(populate(1000, 1, 1, machine, world), machine, world, (Group("a", 0.9, 1, 1.25, 1),), 1 / 24)
 
 
+@pytest.mark.once
 def test_the_crowd_is_the_same_and_then_known():
     straight, slowly = trajectory(), trajectory()
     told = list(slowly.approach(4001))
@@ -55,6 +56,7 @@ def test_it_ends_at_any_time_and_leaves_the_crowd_as_it_was(make, frame):
     assert np.array_equal(crowds.at(1).x, first)
 
 
+@pytest.mark.once
 def test_others_have_their_turn_meanwhile_and_do_not_throw_it_back():
     crowds, told, waited = trajectory(), [], []
     steps = crowds.approach(FAR)

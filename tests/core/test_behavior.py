@@ -63,6 +63,7 @@ def test_fast_agents_do_not_jump_over_a_wall():
         assert crowd.x[0] == 50 and crowd.state[0] == 1
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("offset", [0.0, -3e4 / 7])
 @pytest.mark.parametrize("rising", [True, False])
 def test_a_diagonal_wall_of_cells_that_touch_at_corners_is_never_crossed(rising, offset):
@@ -137,6 +138,7 @@ def test_absurd_speeds_are_refused_by_name():
         step(crowd_at([(1, 1, 0)]), huge, world, 1.0)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("edge", ["clamp", "wrap", "reflect", "stop"])
 def test_edge_policies_at_any_speed(edge, seed):

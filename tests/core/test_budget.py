@@ -151,6 +151,7 @@ def test_plan_costs_no_more_than_a_greedy_and_errs_no_more(engine, part):
     assert plan.bill.error <= max(1.0, 1.002 * free.error)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("part", [0, 0.01, 0.1, 0.3, 0.6, 0.9, 1])
 def test_plan_is_within_two_percent_of_its_bound(part):
     shot = plaza(1500)
@@ -207,6 +208,7 @@ def test_exceptions_hold_within_a_budget():
         assert ((plan.levels >= always) & (plan.levels <= limit))[shot.survey.seen].all()
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("worst", [0, -5, nan, 1000, -inf])
 def test_impossible_budget_says_what_is_possible(worst):
     shot = plaza()

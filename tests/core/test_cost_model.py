@@ -102,6 +102,7 @@ def counted(group, lods, tolerance, shot):
     return price(work_of(Actors(triangles, owner, np.ones(1), stored), shown), shot.engine)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("engine", ["CYCLES", "EEVEE"])
 @pytest.mark.parametrize("seed", range(6))
 def test_no_other_choice_of_lods_costs_less(engine, seed):

@@ -124,6 +124,7 @@ def test_a_crowd_that_stands_keeps_its_plan_though_some_are_moved():
     assert STATIC in plan(edited, camera, POLICY, 7).left_out
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("edge", ["clamp", "wrap", "reflect"])
 def test_blocks_hold_for_agents_moved_far_away(edge, monkeypatch):
     monkeypatch.setattr(morton_order, "FEWEST", 1)

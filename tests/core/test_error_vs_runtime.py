@@ -79,6 +79,7 @@ def test_float32_in_the_world_loses_ids_far_out_and_float64_none(monkeypatch):
     assert sum(r["default"] for r in rows) == 1
 
 
+@pytest.mark.once
 def test_behavior_of_the_chapter_is_exact_and_the_listing_of_first_order():
     from crowd_lod_extension.crowd_lod.crowd.agents import populate
 

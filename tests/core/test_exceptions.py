@@ -86,6 +86,7 @@ def test_lods_that_an_agent_does_not_have_are_refused():
         check_level(rule("NEVER_COARSER", 0, [0, 1]), 3, (0, 1), group, names)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("engine", ["EEVEE", "CYCLES"])
 @pytest.mark.parametrize("seed", range(4))
 def test_plans_keep_to_the_exceptions_in_their_frames_and_lie_above_their_bound(seed, engine):

@@ -43,6 +43,7 @@ def test_planes_are_signed_distances_in_meters():
     assert wider["right"].outside == pytest.approx(-1 / 2**0.5) and wider["right"].passed
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("margin", [None, 1.5])
 @pytest.mark.parametrize(
     "camera", [CAMERA, replace(CAMERA, kind="ORTHO", window=Window(-9, 5, -2, 7)), replace(CAMERA, kind="PANO", cone=1.2), replace(CAMERA, kind="PANO")],

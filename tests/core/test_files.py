@@ -255,6 +255,7 @@ def test_a_working_folder_that_is_gone_is_one_sentence(tmp_path, monkeypatch):
     assert files.absolute(tmp_path / "out") == tmp_path / "out"
 
 
+@pytest.mark.once
 @posix
 def test_many_runs_at_once_leave_the_files_of_one(tmp_path):
     code = "import sys; from pathlib import Path; from crowd_lod_extension.crowd_lod.reporting.files import staged\n"

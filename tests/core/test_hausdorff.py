@@ -54,6 +54,7 @@ def ball(rings, segments):
     return points, np.concatenate([np.stack(each, -1).reshape(-1, 3) for each in ((a[:-1], b, c), (a[:-1], c, d))])
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(("seed", "tolerance"), [(0, 0.1), (0, 0.01), (1, 0.01), (2, 0.01), (3, 0.01)])
 def test_the_true_distance_over_all_poses_lies_in_the_interval(seed, tolerance, monkeypatch):
     """Bent and bumpy tubes, the coarse one with weights of its own: each is off most in another pose."""

@@ -57,6 +57,11 @@ def test_an_edit_lays_a_text_out_anew_and_one_that_changes_nothing_leaves_it():
         assert after(text, edits.set_field(("edge",), "stop")) == after(MARKET, edits.set_field(("edge",), "stop"))
 
 
+def test_a_machine_is_the_same_in_every_layout():
+    compact = parse(json.dumps(json.loads(MARKET), separators=(",", ":")), "t")
+    assert compact.content == parse(MARKET, "t").content != parse(preset_text("chapter"), "t").content
+
+
 def test_a_new_state_and_label_look_like_those_beside_them():
     text = after(MARKET, edits.add_state("rest"), edits.add_label("door"))
     lines = text.splitlines()

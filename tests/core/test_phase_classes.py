@@ -41,6 +41,7 @@ def test_a_phase_is_exact_after_hours_and_before_the_first_frame():
         )
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("classes", [1, 5, 16])
 def test_a_class_changes_with_the_pace_alone_and_by_half_a_class_at_most(classes):
     machine = machine_of(STATES, labels=LABELS)

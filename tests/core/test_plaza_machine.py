@@ -65,6 +65,7 @@ def test_beside_an_obstacle_the_plan_says_the_way_out(machine, world):
     assert (world.labels[row, column] < first).all()
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("frames_per_second", [24, 60])
 def test_the_crowd_walks_on_and_stays_out_of_the_walls(machine, world, frames_per_second):
     crowd = populate(3000, 3, 1, machine, world)

@@ -126,6 +126,7 @@ def test_who_crosses_a_gap_is_fast_until_its_end():
     assert crowd.velocity(37, 38).speed > 15 > 2 > crowd.velocity(50, 59).speed
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("fewest", [1, 10**9], ids=["blocks", "each agent"])
 @pytest.mark.parametrize("kind", ["alone", "heights", "terrain", "several"])
 def test_nobody_is_missed_and_leave_outs_change_nothing(monkeypatch, fewest, kind):

@@ -62,6 +62,7 @@ def test_agents_follow_one_another_and_numbers_stay():
         assert np.array_equal(crowds.phase(crowd, time), phases)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("edge", ["clamp", "wrap", "reflect"])
 def test_nobody_is_missed(blocks, edge):
     crowds, found = several(edge, hills()), set()

@@ -75,6 +75,7 @@ def costs(shot, weight):
     return total
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(("engine", "gap"), [("EEVEE", 0.02), ("CYCLES", 0.15)])
 @pytest.mark.parametrize("lods", [2, 3])
 def test_plan_lies_between_its_bound_and_the_best(engine, gap, lods):
@@ -106,6 +107,7 @@ def test_no_visible_switch_shows_more_than_twice_the_tolerance(engine, seed, tol
     assert bill(shot, shot.survey.coarsest).most > 2 * tolerance  # so there was something to avoid
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("seed", range(6))
 def test_unseen_agents_have_the_lod_with_which_they_are_seen_next(engine, seed):
@@ -126,6 +128,7 @@ def test_switches_at_cuts_are_free():
     assert bill(shot, levels).switches.sum() == 0
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("avoid", [0, 0.05, 0.4])
 def test_avoid_is_kept(engine, avoid):

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.reporting.shot_report import Told, shot_page
+from crowd_lod_extension.crowd_lod.reporting.svg_plots import across
 from crowd_lod_extension.crowd_lod.shot.curve import curve_of
 from crowd_lod_extension.crowd_lod.shot.shot import decide
 from crowd_lod_extension.crowd_lod.shot.survey import CULLED
@@ -201,3 +202,8 @@ def test_by_ratio_hysteresis_is_not_told():
     data = told()
     curve = finished(curve_of(data.shot, data.plan, None))
     assert "diamonds" in shot_page(data) and "ysteresis" not in shot_page(replace(data, curve=curve))
+
+
+@pytest.mark.parametrize("low, high, count", [(1.1, 1.4, 0), (1.0, 100.0, 7), (1e-17, 1e3, 7)])
+def test_an_axis_by_factors_has_seven_ticks_at_most(low, high, count):
+    assert len(across("Pixels", low, high, log=True).ticks) == count

@@ -207,6 +207,7 @@ ABSURD = {
 }
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("case", ABSURD)
 def test_absurd_values_are_one_short_line(case):
     old, new = ABSURD[case]

@@ -132,6 +132,7 @@ def test_ceilings_and_walls_carry_nobody_unless_a_mesh_is_inside_out():
     assert not upward(slab[4:]).any()
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("stairs", [False, True], ids=["ramp", "stairs"])
 def test_who_walks_up_the_ramp_is_on_the_upper_floor_and_who_walks_under_it_is_not(stairs):
     walk = shot(walking(), groups=GROUPS, count=300, heights=Terrain(two_floors(stairs)))
@@ -169,6 +170,7 @@ def test_nobody_starts_within_stairs():
     assert started == pytest.approx([0, 1, 1.6, 0]) and np.array_equal(terrain.at(x, y, started), started)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("fewest", [1, 10**9], ids=["blocks", "each agent"])
 @pytest.mark.parametrize("edge", ["clamp", "wrap"])
 def test_nobody_on_terrain_is_missed(fewest, edge, monkeypatch):

@@ -9,12 +9,13 @@ import pytest
 from crowd_lod_extension import sample_scenes
 from crowd_lod_extension.operators.blender import image_data, mesh_data
 from crowd_lod_extension.operators.blender.color_space import linear
+from crowd_lod_extension.operators.characters.stored_groups import groups_of
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.overlay import playblast
 from crowd_lod_extension.operators.overlay.draw_data import Style, drawing
 from crowd_lod_extension.operators.overlay.gpu_draw import Batches, Cast, paint
-from crowd_lod_extension.operators.scene.scene_crowd import frame_of, groups_of
+from crowd_lod_extension.operators.scene.scene_crowd import frame_of
 
 WIDTH, HEIGHT = SIZE = 320, 180
 
@@ -183,7 +184,8 @@ def test_the_pictures_show_what_renders_show_and_only_that(tmp_path):
 def test_a_preview_is_drawn_by_the_overlay(tmp_path, capfd):
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     sample_scenes.make("chapter", bpy.context.scene)
-    bpy.context.scene.crowd_lod.method = "DECIMATE"  # the quickest
+    settings = bpy.context.scene.crowd_lod
+    settings.choice, settings.method, settings.group_names = "BY_RATIO", "DECIMATE", "adult"  # the quickest
     list(make_levels(bpy.context.scene))
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "chapter.blend"))
     command = ["preview", str(tmp_path / "chapter.blend"), "--frames", "1,60", "--width", "160", "--quiet"]

@@ -40,23 +40,33 @@ def archive(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def used(archive, tmp_path_factory):
+def installed(archive, tmp_path_factory):
+    """The folder of a Blender's user who has the extension."""
+    user = tmp_path_factory.mktemp("installed")
+    install = [BLENDER, "--command", "extension", "install-file", "-r", "user_default", "--enable", archive]
+    subprocess.run(install, check=True, env=os.environ | {"BLENDER_USER_RESOURCES": str(user)})
+    return user
+
+
+@pytest.fixture(scope="session")
+def used(installed, tmp_path_factory):
     """(script, word ...) -> the results that the script wrote, what Blender printed, and its exit status.
 
     small: in a small window, which software OpenGL draws several times as fast.
     """
 
+    # A cache of shaders of this process's Blenders alone, which start one after the other: two versions of Mesa
+    # truncate each other's, under a Blender that has it mapped.
+    shaders = tmp_path_factory.mktemp("shaders")
+
     def use(script: str, *words: str, small: bool = False) -> dict:
-        user = tmp_path_factory.mktemp("user")
+        user = shutil.copytree(installed, tmp_path_factory.mktemp("user"), symlinks=True, dirs_exist_ok=True)
         folder = Path(os.environ.get("CROWD_LOD_PICTURES") or tmp_path_factory.mktemp("window")).resolve()
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "results.json").unlink(missing_ok=True)
-        # A shader cache of its own: two versions of Mesa truncate each other's, under a Blender that has it mapped.
-        # And a browser that shows nothing.
-        own = {"BLENDER_USER_RESOURCES": str(user), "MESA_SHADER_CACHE_DIR": str(user), "BROWSER": "true"}
+        # and a browser that shows nothing
+        own = {"BLENDER_USER_RESOURCES": str(user), "MESA_SHADER_CACHE_DIR": str(shaders), "BROWSER": "true"}
         environment = os.environ | own
-        install = [BLENDER, "--command", "extension", "install-file", "-r", "user_default", "--enable", archive]
-        subprocess.run(install, check=True, env=environment)
         size = ["--window-geometry", "0", "0", "800", "600"] if small else []
         command = [*in_a_window(), *size, "--enable-event-simulate", "--python", HERE / script, "--", folder, *words]
         output = subprocess.PIPE

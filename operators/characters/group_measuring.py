@@ -1,0 +1,142 @@
+"""Measure character groups: bounding spheres, strides, periods, and where their soles are."""
+
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.crowd.agents import Action, Group
+from ...crowd_lod.crowd.maps import FARTHEST
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.progress import finished, share
+from ..blender import scene_data, stored_values
+from ..blender.performance import Part, Performance, performance_of
+from ..blender.props import group_of
+from ..machine.scene_world import actions_named
+from .character_extent import SOLES, Act, bounds, frames_of, hangs, posing, sole, standing, walked
+from .characters import Character, all_characters
+from .stored_groups import OF_EACH_LEVEL, groups_of
+
+STANDS = 0.01  # of a character's size: feet that walk less in a cycle stand, and the action plays by time
+KEPT = (*OF_EACH_LEVEL, "diagonal", "shaded", "share", "scale")  # of groups that are measured again
+
+
+def measure_groups(scene: bpy.types.Scene) -> tuple[Group, ...]:
+    """Measure all groups in one go; see `measuring_groups`."""
+    return finished(measuring_groups(scene))
+
+
+def measuring_groups(
+    scene: bpy.types.Scene, reaches: Mapping[str, tuple[float, float, float]] = {}
+) -> Generator[float, None, tuple[Group, ...]]:
+    """Measure bounding sphere, stride and period of all groups.
+
+    Yields the progress, 0 to 1, and returns the groups. Measurements of LOD meshes are kept.
+
+    reaches: (lowest, center, radius) by group, for groups that are not to be measured.
+    """
+    known: dict[str, Group] = {}
+    with suppress(CrowdError):  # what is spoilt is measured anew
+        known = {group.name: group for group in groups_of(scene.crowd_lod)}
+    groups: dict[str, Group] = {}
+    cast = all_characters(scene)
+    for index, character in enumerate(cast):
+        base = groups.get(character.variant_of)
+        measuring = _measuring_group(scene, character, base, reaches.get(character.name))
+        group = yield from share(measuring, index / len(cast), (index + 1) / len(cast))
+        kept: dict[str, Any] = {}
+        if character.name in known:
+            kept = {key: getattr(known[character.name], key) for key in KEPT}
+        groups[character.name] = replace(group, chance=character.chance, **kept)
+    return tuple(groups.values())
+
+
+def _measuring_group(
+    scene: bpy.types.Scene, character: Character, base: Group | None, reach: tuple[float, float, float] | None
+) -> Generator[float, None, Group]:
+    """Measure one group; yield the progress, 0 to 1.
+
+    base: the measured group without props of which it is a variant, if it is one.
+    reach: (lowest, center, radius), if they are known.
+    """
+    name, objects, origin, *_ = character
+    performance = performance_of(name, objects, actions_named(scene, name))
+    on_ground = stands(scene.crowd_lod, name)
+    acts: list[Act] = []
+    if reach is not None and len(performance.parts) == 1:
+        low, center, radius = reach
+    else:
+        acts = yield from _acted(objects, performance)
+        # while two actions mix, feet may dip into the ground: nobody is lifted for that
+        plain = [act for part, act in zip(performance.parts, acts, strict=True) if not part.mixed]
+        low = base.lowest if base else standing(plain, origin[2])  # props are no feet
+        stand = (*origin[:2], origin[2] + low * on_ground)
+        center, radius = bounds(objects[0].name, stand, *(act.poses for act in acts))
+    first = performance.parts[0]
+    fps = scene.render.fps / scene.render.fps_base
+    group = Group(name, center, radius, 0.0, (first.last - first.first) / fps, lowest=low, on_ground=on_ground)
+    if acts:
+        group = replace(group, height=float(np.median([np.ptp(pose[:, 2]) for pose in acts[0].poses])))
+    if base:
+        return replace(group, stride=base.stride, actions=base.actions, variant_of=character.variant_of)
+    meters = scene_data.meters(scene)
+    stride = _custom(scene.crowd_lod.characters, name, "stride") / meters
+    group = replace(group, stride=stride or first.root.way, way=first.root.way)
+    return replace(group, actions=_actions(group, performance, acts, fps, meters))
+
+
+def _actions(group: Group, performance: Performance, acts: Sequence[Act], fps: float, meters: float) -> tuple[Action, ...]:
+    """Return what the group plays besides its own action, which is the performance's first part."""
+    others = performance.parts[1:]
+    actions = {part.name: _action(part, act, fps, 2 * group.radius, meters) for part, act in zip(others, acts[1:], strict=True)}
+    for part in others:
+        if part.mixed:  # a cross-fade goes at the rate of the action to come
+            coming = actions.get(part.mixed[1].name, group.action(""))
+            actions[part.name] = replace(coming, name=part.name, way=0.0)
+    return tuple(actions.values())
+
+
+def _acted(objects: list[bpy.types.Object], performance: Performance) -> Generator[float, None, list[Act]]:
+    """Measure the extent and the soles of `objects` over each action of the performance; see `posing`."""
+    acts, count = [], len(performance.spans)
+    for k, span in enumerate(performance.spans):
+        poses = yield from share(posing(objects, frames_of(*span), performance), k / count, (k + 0.8) / count)
+        soles: list[tuple[float, float]] = []
+        for number in SOLES:
+            looking = posing(objects, frames_of(*span, number), performance, sole)
+            soles = yield from share(looking, (k + 0.8) / count, (k + 1) / count)
+            if not hangs(soles):
+                break
+        acts.append(Act(poses, soles))
+    return acts
+
+
+def _action(part: Part, act: Act, fps: float, size: float, meters: float) -> Action:
+    """Return the Action that a group plays as `part`; act: of it.
+
+    size: of the group, in units of `meters`.
+    """
+    feet = walked(act)
+    stride = part.stride / meters if part.action is not None and part.action.get("stride") else part.stride
+    stride, feet = (length if length > STANDS * size else 0.0 for length in (stride or feet, feet))
+    return Action(part.name, stride, (part.last - part.first) / fps, feet, part.root.way)
+
+
+def stands(settings, name: str) -> bool:
+    """Return whether the group `name`, or that which it is a variant of, is to stand on its lowest point."""
+    entry = settings.groups.get(name) or settings.groups.get(group_of(name))
+    return entry is None or entry.on_ground
+
+
+def _custom(top: bpy.types.Collection, name: str, key: str) -> float:
+    """Return the custom property `key` of the group `name`, or 0.
+
+    CrowdError if it is not a number from 0 to FARTHEST.
+    """
+    owner = top.children.get(name) or top.objects.get(name)
+    if key not in owner:
+        return 0.0
+    return float(stored_values.read(owner, key, float, "set a number of meters, or remove it", bounds=(0, FARTHEST)))

@@ -1,0 +1,112 @@
+"""Shelves: the collections of a build that hold its characters, one for each LOD, and their rigs."""
+
+import bpy
+
+from ...crowd_lod.levels.assignment import MOST_LEVELS
+from ..blender import stored_values
+from ..blender.collection_caches import note_change, note_held
+from ..blender.ownership import OWNED, remove_owned
+from .phase_characters import Cast
+from .view_layers import exclude, show_where_characters_are
+
+# Custom properties: of the collection of all characters, and of a LOD's collection in it; of the
+# collection of all rigs in that.
+LIBRARY, RIGS = "crowd_lod_library", "crowd_lod_rigs"
+REMEDY = "press Remove Build, then Build again"  # where a custom property of a build is spoilt
+
+
+def fill_shelves(scene: bpy.types.Scene, top: bpy.types.Collection, cast: Cast) -> None:
+    """Put the characters into the build, in place of those that it has."""
+    library = library_in(top)
+    if library is None:
+        library = _library(top, "Crowd LOD Characters", LIBRARY, -1)
+        # else a view layer that the user adds later would show them
+        library.hide_render = library.hide_viewport = True
+        for view_layer in scene.view_layers:
+            view_layer.update()  # a scene that was never evaluated has no layer collections yet
+            exclude(view_layer.layer_collection, library)
+        show_where_characters_are(scene)
+    shelves, levels = shelves_of(top), len(cast.collections)
+    gone, spare = bpy.data.collections.new("Crowd LOD"), {}
+    # what the user put into characters is to stay in this scene
+    scene.collection.children.link(gone)
+    for level, shelf in list(shelves.items()):
+        spare[level] = _emptied(shelf, gone)
+        if level >= levels:
+            gone.children.link(shelves.pop(level))
+    for level, characters in enumerate(cast.collections):
+        if level not in shelves:
+            shelves[level], spare[level] = _library(library, f"Crowd LOD {level} characters", LIBRARY, level), []
+        for home in spare[level][len(characters) :]:
+            shelves[level].children.unlink(home)
+            gone.children.link(home)
+    rigs = next((child for child in library.children if RIGS in child), None) or _library(library, "Crowd LOD Rigs", RIGS, True)
+    for rig in [item for item in rigs.objects if item.get(OWNED)]:
+        rigs.objects.unlink(rig)
+        gone.objects.link(rig)
+    remove_owned(gone)
+    for rig in cast.rigs:
+        rigs.objects.link(rig)
+    for level, characters in enumerate(cast.collections):
+        _fill(shelves[level], spare[level][: len(characters)], characters)
+    note_change(top, library, rigs, *shelves.values())
+    for block, name in cast.names.items():
+        block.name = name
+    note_held(rigs, *shelves.values(), *(home for shelf in shelves.values() for home in shelf.children))
+
+
+def _fill(shelf: bpy.types.Collection, homes: list[bpy.types.Collection], characters: list[tuple[str, list]]) -> None:
+    """Put `characters`, (name, objects) each, into `shelf`: first into its emptied `homes`."""
+    for home in homes:
+        home.name = "Crowd LOD character"  # none keeps what another is to be called
+    for number, (name, items) in enumerate(characters):
+        home = homes[number] if number < len(homes) else bpy.data.collections.new(name)
+        home.name, home[OWNED] = name, True
+        for item in items:
+            home.objects.link(item)
+        if number >= len(homes):
+            shelf.children.link(home)
+
+
+def _emptied(shelf: bpy.types.Collection, gone: bpy.types.Collection) -> list[bpy.types.Collection]:
+    """Move the characters in `shelf` to `gone`, and return their emptied collections.
+
+    The collections are reused, because Blender takes seconds to remove thousands. A collection into
+    which the user has put something goes to `gone` as it is.
+    """
+    left = []
+    for home in list(shelf.children):
+        if home.get(OWNED) and not home.children and all(item.get(OWNED) for item in home.objects):
+            for item in list(home.objects):
+                # a group's last LOD may stand in place of another, too
+                if gone.objects.get(item.name) is None:
+                    gone.objects.link(item)
+                home.objects.unlink(item)
+            left.append(home)
+        else:
+            shelf.children.unlink(home)
+            gone.children.link(home)
+    return left
+
+
+def _library(parent: bpy.types.Collection, name: str, key: str, level: int) -> bpy.types.Collection:
+    made = bpy.data.collections.new(name)
+    made[OWNED], made[key] = True, level
+    parent.children.link(made)
+    return made
+
+
+def library_in(top: bpy.types.Collection) -> bpy.types.Collection | None:
+    """Return the collection of all characters of the build `top`."""
+    return next((child for child in top.children if LIBRARY in child), None)
+
+
+def shelves_of(top: bpy.types.Collection) -> dict[int, bpy.types.Collection]:
+    """Return the collections of characters of the build `top`, by LOD."""
+    inside = [child for child in top.children_recursive if LIBRARY in child and child != library_in(top)]
+    return {level_of(child, LIBRARY): child for child in inside}
+
+
+def level_of(block: bpy.types.ID, key: str) -> int:
+    """Return the LOD in the custom property `key` of a block."""
+    return stored_values.read(block, key, int, REMEDY, bounds=(0, MOST_LEVELS - 1))

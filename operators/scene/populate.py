@@ -1,0 +1,94 @@
+"""Populate: measure the characters of a scene and place its crowd."""
+
+from collections.abc import Generator, Iterator, Sequence
+
+import bpy
+
+from ...crowd_lod.crowd.agents import Group
+from ...crowd_lod.format import counted
+from ...crowd_lod.progress import aside
+from ...crowd_lod.sources.trajectory import Trajectory
+from ..blender import kept_meshes, scene_data
+from ..blender.operator import Stepwise
+from ..characters.action_troubles import told_of_actions
+from ..characters.characters import told_of_left_out, told_of_unsaved
+from ..characters.glow import told_of_glow
+from ..characters.group_measuring import measuring_groups
+from ..characters.stored_groups import store_groups
+from ..characters.take_action import told_of_gliding
+from ..machine import map_areas
+from ..machine.scene_world import check_maps
+from ..settings import needs
+from ..settings.lengths import set_lengths
+from ..sources import crowd_sources
+from .plausible import told_of_extent, told_of_feet, told_of_plausibility
+from .scene_crowd import place_levels
+from .stuck_agents import find
+
+
+def populating(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Generator[float, None, tuple[str, list[str]]]:
+    """Measure the characters of `scene` and place the crowd: yield the progress.
+
+    Returns a sentence on the result, and those that warn. CrowdError, before anything changes, if a
+    setting is bad.
+    """
+    settings = scene.crowd_lod
+    crowds = crowd_sources.crowds_of(settings)
+    set_lengths(scene)
+    for crowd in crowds:
+        map_areas.make(crowd, depsgraph)
+    check_maps(settings)
+    with kept_meshes.taken_back(crowds):
+        yield from crowd_sources.reading(crowds, settings.forward, depsgraph)
+        groups = yield from measuring_groups(scene)
+        trajectory = crowd_sources.populated(scene, groups, depsgraph)
+        troubles = yield from aside(lambda: find(trajectory, scene_data.meters(scene)), lambda: 1.0)
+        warnings = [troubles.sentence] if troubles.found else []
+        warnings += _warnings(scene, groups, crowds, trajectory, depsgraph)
+    store_groups(settings, groups)
+    place_levels(scene)
+    notes = [] if troubles.found else [troubles.sentence]
+    settings.trouble = "\n".join(filter(None, (*warnings, *notes)))
+    sentences = [_result(groups, trajectory), *(part.told for part in trajectory.parts), *warnings, *notes]
+    return " ".join(filter(None, sentences)), warnings
+
+
+def _warnings(
+    scene: bpy.types.Scene,
+    groups: Sequence[Group],
+    crowds: Sequence[bpy.types.PropertyGroup],
+    trajectory: Trajectory,
+    depsgraph: bpy.types.Depsgraph,
+) -> Iterator[str]:
+    """Yield what is not as people are, or as users mean it."""
+    yield from told_of_feet(scene, groups)
+    yield from told_of_extent(scene, groups)
+    yield from told_of_plausibility(scene, groups, crowds, trajectory.parts, depsgraph)
+    yield from crowd_sources.notes(crowds, trajectory)
+    yield from told_of_left_out(scene)
+    yield from told_of_unsaved(scene)
+    yield from told_of_actions(scene, groups)
+    yield from told_of_gliding(scene)
+    yield from told_of_glow(scene)
+
+
+def _result(groups: Sequence[Group], trajectory: Trajectory) -> str:
+    return f"{counted(len(trajectory.start), 'agent')} in {counted(len(groups), 'character group')}."
+
+
+class CROWDLOD_OT_populate(Stepwise, bpy.types.Operator):
+    """Measure the characters and place the crowd at its first frame"""
+
+    bl_idname = "crowd_lod.populate"
+    bl_label = "Populate"
+    needs = (needs.characters,)
+
+    def steps(self, context) -> Generator[float, None, str]:
+        result, warnings = yield from populating(context.scene, context.evaluated_depsgraph_get())
+        context.scene.crowd_lod.overlay = True
+        for warning in warnings:
+            self.report({"WARNING"}, warning)
+        return result
+
+
+CLASSES = (CROWDLOD_OT_populate,)
