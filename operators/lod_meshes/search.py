@@ -89,6 +89,8 @@ class Curve:
         tries = [attempt for attempt in self.known[method] if attempt.deviation > least] or self.known[method]
         known = [(max(attempt.reachable, least), attempt.ratio) for attempt in tries]
         ratio = float(read_curve([length], known, -1.0)[0]) if known else about
+        if known:  # the whole itself would tell nothing: at most half the way there
+            ratio = min(ratio, max(part for _, part in known) ** 0.5)
         return min(max(ratio, LEAST / max(self.count, 1)), 1.0)
 
     def best(self, length: float) -> Try:
