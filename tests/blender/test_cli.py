@@ -411,7 +411,7 @@ def test_ctrl_c_leaves_the_folder_as_it_was(levelled, tmp_path):
         "preview",
         file,
         "--frames",
-        "1:500",
+        "1:60",
         "--step",
         "1",
     ]
