@@ -202,14 +202,14 @@ def _dress(scene: bpy.types.Scene, way: str) -> None:
     trajectory, top = trajectory_of(scene), settings.build
     points = render_setup.points_of(top)
     rows = {name: [] for name in points}
+    library = render_setup.library_of(top, trajectory)
     for number in FRAMES:
         scene.frame_set(number)
         frame = frame_of(scene, scene.view_layers[0].depsgraph, trajectory=trajectory)
         agents, held = np.arange(len(frame.crowd)), frame_update.Held(frame.crowd, frame.time)
-        for name, item in points.items():
+        for name in points:
             shown = name == "LOD 0" if way in (EVERYONE, CAMERA_CULL) else way == NODES and name.startswith("LOD")
             if shown:
-                library = render_setup.library_of(top, item, trajectory.gaits)
                 rows[name].append(bake.columns_in_time(trajectory, held, number, agents, library))
     bake.mark(scene, FRAMES)
     render_setup.dress_all(scene)

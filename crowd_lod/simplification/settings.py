@@ -98,7 +98,7 @@ class Settings:
     doubt_rounds: int = 12  # times that such are doubted, at most, while any of them was wrong
 
     # The bound of the Hausdorff distance.
-    bound_tolerance: float = 0.10  # part of what was measured, by which the bound may lie above it
+    bound_tolerance: float = 0.03  # part of what was measured, by which the bound may lie above it
     bound_floor: float = 5e-5  # of the size: no bound need be lower
     bound_depth: int = 10  # times that pieces are divided, at most
     # of one surface in a pose; where there would be more, the bound is left as it is

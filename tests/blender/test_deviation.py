@@ -214,16 +214,13 @@ def test_a_face_without_area_is_no_surface():
     assert found.deviations == (0.0,) and found.diagonal == pytest.approx(np.linalg.norm([2, 2, 2]), rel=0.05)
 
 
-def test_a_file_of_before_bounds_reads_its_deviations_as_bounds(scene):
-    entry = scene.crowd_lod.groups.add()
-    entry.name, entry.diagonal = "old", 2.0
-    entry.triangles[:2], entry.deviations[:2] = (100, 50), (0.0, 0.25)
+def test_bounds_are_stored_beside_deviations(scene):
+    group = Group("new", 0.0, 1.0, 0.0, 1.0, vertices=(60, 30), triangles=(100, 50), diagonal=2.0)
+    group = replace(group, deviations=(0.0, 0.25), bounds=(0.0, 0.5), rms=(0.0, 0.1), worst=(0.0, 3.0))
     scene.crowd_lod.level_count = 2
-    (group,) = stored_groups.groups_of(scene.crowd_lod)
-    assert group.bounds == group.deviations == (0.0, 0.25)
-    stored_groups.store_groups(scene.crowd_lod, (replace(group, bounds=(0.0, 0.5)),))
-    (group,) = stored_groups.groups_of(scene.crowd_lod)
-    assert group.bounds == (0.0, 0.5) and group.deviations == (0.0, 0.25)
+    stored_groups.store_groups(scene.crowd_lod, (group,))
+    (stored,) = stored_groups.groups_of(scene.crowd_lod)
+    assert stored.bounds == (0.0, 0.5) and stored.deviations == (0.0, 0.25)
 
 
 def test_poses_are_those_that_are_least_alike():
