@@ -16,7 +16,8 @@ import rough
 rough.use("crowd_lod_extension")
 from crowd_lod_extension import sample_scenes
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.scene.scene_crowd import measure_groups, store_groups
+from crowd_lod_extension.operators.characters.group_measuring import measure_groups
+from crowd_lod_extension.operators.characters.stored_groups import store_groups
 bpy.ops.wm.read_homefile(use_empty=True)
 scene = bpy.context.scene
 sample_scenes.make("chapter", scene)
