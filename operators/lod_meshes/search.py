@@ -4,7 +4,6 @@ Each object of a character has a curve of its own, triangles over deviation: one
 takes few. All are tried at once, and measured together, as they are seen together.
 """
 
-from collections import Counter
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -32,6 +31,7 @@ BETTER = 1.1  # times the triangles that Pose-Aware may take, which keeps UV sea
 # A try that is too far off at FEW_SPOTS of its vertices alone is made AGAIN so often with as many triangles, and these
 # vertices count HEAVIER each time. Where more are, what is won at them is lost beside them.
 FEW_SPOTS, AGAIN, HEAVIER = 0.003, 2, 32.0
+WON = 0.95  # of the deviation before, that is left once it was made again; with more, it is not made once more
 METHODS = "POSE_AWARE", "DECIMATE"
 
 Figures = tuple[float, float, float, float]  # see Measure.level
@@ -106,13 +106,18 @@ class Curve:
         Returns (method, ratio) of that try, to be made again; [] if there is none.
         """
         mended = [attempt for attempt in self.tries if attempt.method == "POSE_AWARE" and attempt.reachable <= length]
-        again = Counter(attempt.ratio for attempt in self.tries if attempt.method == "POSE_AWARE")
+        deviations: dict[float, list[float]] = {}
+        for attempt in self.tries:
+            if attempt.method == "POSE_AWARE":
+                deviations.setdefault(attempt.ratio, []).append(attempt.deviation)
         last = {attempt.ratio: attempt for attempt in mended}
         weight = np.ones(len(self.source.geometry[0])) if self.source.weight is None else self.source.weight
         triangles = self.source.geometry[1]
         for ratio in sorted(last):
             spots = (last[ratio].away > length) & (weight < HEAVIER**2)
-            if spots.any() and again[ratio] <= AGAIN:
+            *before, now = deviations[ratio]
+            is_won = not before or now <= WON * before[-1]
+            if spots.any() and is_won and len(before) < AGAIN:
                 around = np.unique(triangles[spots[triangles].any(axis=1)])
                 self.source.weight = weight.copy()
                 self.source.weight[around] *= HEAVIER
