@@ -12,14 +12,13 @@ from collections import defaultdict
 import numpy as np
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
-from crowd_lod_extension.crowd_lod.crowd.leave_outs import ALL, NO_HEIGHTS, STATIC, STILL, LeftOut
+from crowd_lod_extension.crowd_lod.crowd.leave_outs import ALL, NO_HEIGHTS, STATIC, LeftOut
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import StateMachine, load_preset, parse
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
-from crowd_lod_extension.crowd_lod.frame.frame import Frame, plan
-from crowd_lod_extension.crowd_lod.frame.index_cache import blocks_at
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.sources.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.validation.leave_out_timing import plan_leaving
 
 STAND = '{"version": 1, "labels": {"ground": {"color": "#808080"}}, "states": {"stand": {"color": "#ff0000", "on": {"*": {}}}}}'
 WALK = STAND.replace('{"*": {}}', '{"*": {"move": [1.25, 0.5]}}').replace('"labels"', '"edge": "wrap", "labels"')
@@ -54,23 +53,17 @@ def scenes() -> dict[str, tuple[StateMachine, int, Camera, LevelPolicy]]:
     }
 
 
-def planned(trajectory: Trajectory, view: Camera, policy: LevelPolicy, leave: frozenset[LeftOut]) -> Frame:
-    """Return a frame that leaves out `leave`, of a shot that has just begun."""
-    settled = STILL in leave & trajectory.left_out  # then it follows one that was planned
-    first = TIME - 2 if settled else TIME - 1
-    shot = trajectory.leaving(leave, first)
-    blocks_at(shot, first)  # one making serves many frames
-    if settled:
-        plan(shot, view, policy, TIME - 1)
-    return plan(shot, view, policy, TIME)
-
-
 def shares(trajectory: Trajectory, view: Camera, policy: LevelPolicy, repeats: int) -> dict[LeftOut, float]:
     """Return the share of a frame that each part would cost."""
-    items = sorted(set(planned(trajectory, view, policy, ALL).left_out) - {STATIC, NO_HEIGHTS}, key=lambda item: item.reason)
+    items = sorted(
+        set(plan_leaving(ALL, trajectory, view, policy, TIME).left_out) - {STATIC, NO_HEIGHTS}, key=lambda item: item.reason
+    )
     choices = [ALL, *(ALL - {item} for item in items)]
     took = np.array(
-        [[sum(planned(trajectory, view, policy, leave).milliseconds.values()) for leave in choices] for _ in range(repeats)]
+        [
+            [sum(plan_leaving(leave, trajectory, view, policy, TIME).milliseconds.values()) for leave in choices]
+            for _ in range(repeats)
+        ]
     )
     least = took.min(axis=0)
     return {item: float(1 - least[0] / with_it) for item, with_it in zip(items, least[1:], strict=True)}

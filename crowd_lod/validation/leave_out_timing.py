@@ -10,7 +10,7 @@ import numpy as np
 from ..crowd.leave_outs import ALL, ITEMS, NO_HEIGHTS, STATIC, STILL, LeftOut
 from ..crowd.maps import HeightMap
 from ..culling.camera import Camera
-from ..frame.frame import plan
+from ..frame.frame import Frame, plan
 from ..frame.index_cache import blocks_at
 from ..levels.assignment import LevelPolicy
 from ..sources.trajectory import Trajectory
@@ -35,6 +35,28 @@ class Savings:
     spread: dict[LeftOut, float]
 
 
+def plan_leaving(
+    leave: frozenset[LeftOut],
+    trajectory: Trajectory,
+    camera: Camera | Sequence[Camera],
+    policy: LevelPolicy,
+    time: int,
+    *more: Any,
+) -> Frame:
+    """Return the frame at `time` of a shot that has just begun and leaves out `leave`.
+
+    time: in frames, two or more after the first.
+    The other arguments are those of `plan` (frame/frame.py).
+    """
+    settled = STILL in leave & trajectory.left_out  # then it follows one that was planned
+    first = time - 2 if settled else time - 1
+    shot = trajectory.leaving(leave, first)
+    blocks_at(shot, first)  # one making serves many frames
+    if settled:
+        plan(shot, camera, policy, time - 1, *more)
+    return plan(shot, camera, policy, time, *more)
+
+
 def savings(
     trajectory: Trajectory,
     camera: Camera | Sequence[Camera],
@@ -51,13 +73,7 @@ def savings(
 
     def measured(leave: frozenset[LeftOut]) -> tuple[np.ndarray, tuple[LeftOut, ...]]:
         """Return (milliseconds of behavior and of the rest, what was left out)."""
-        settled = STILL in leave & trajectory.left_out  # then it follows one that was planned
-        first = time - 2 if settled else time - 1
-        shot = trajectory.leaving(leave, first)
-        blocks_at(shot, first)  # one making serves many frames
-        if settled:
-            plan(shot, camera, policy, time - 1, *more)
-        frame = plan(shot, camera, policy, time, *more)
+        frame = plan_leaving(leave, trajectory, camera, policy, time, *more)
         behavior, *rest = frame.milliseconds.values()
         return np.array([behavior, sum(rest)]), frame.left_out
 
