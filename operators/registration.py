@@ -107,6 +107,7 @@ def unregister() -> None:
             if function in handlers:  # a script may have cleared them
                 handlers.remove(function)
     scene_cache.forget()
+    setting_changes.FOLLOWERS.clear()
     swatches.unregister()
     map_areas.unregister()
     machine_settings.unregister()
