@@ -404,19 +404,9 @@ def test_ctrl_c_leaves_the_folder_as_it_was(levelled, tmp_path):
     file, folder = tmp_path / "crowd.blend", tmp_path / "there"
     bpy.ops.wm.save_as_mainfile(filepath=str(file))
     folder.mkdir()
-    command = [
-        sys.executable,
-        "-m",
-        "crowd_lod_extension.operators.cli.commands",
-        "preview",
-        file,
-        "--frames",
-        "1:60",
-        "--step",
-        "1",
-    ]
+    command = [sys.executable, "-m", "crowd_lod_extension.operators.cli.commands", "preview", file]
     heed = partial(signal.signal, signal.SIGINT, signal.default_int_handler)  # it is ignored in a shell's background
-    command += ["--width", "64", "--out", folder / "out"]
+    command += ["--frames", "1:60", "--step", "1", "--width", "64", "--out", folder / "out"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, preexec_fn=heed) as run:
         try:
             while not list(folder.glob("out/.crowd-lod-*/main_*.png")):
