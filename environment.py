@@ -20,9 +20,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 BLENDERS = {"3.13": "5.2", "3.11": "4.5"}  # Python version: the Blender whose bpy module runs on it
-DEBIAN_LIBRARIES = (
-    "libegl1 libegl-mesa0 libgl1 libgl1-mesa-dri libice6 libsm6 libxfixes3 libxi6 libxkbcommon0 libxrender1 libxxf86vm1"
-)
+DEBIAN_LIBRARIES = "libegl1 libegl-mesa0 libgl1 libgl1-mesa-dri libice6 libsm6 libxfixes3 libxi6 libxkbcommon0 libxrender1 libxxf86vm1"
 
 # For tests. With what it depends on it would bring Qt and VTK, 1.2 GB for a viewer of its own.
 ALONE = "jupedsim==1.4.*"
@@ -50,12 +48,18 @@ def main(arguments: list) -> None:
     if command == "test":
         os.chdir(ROOT)
         # a process a core, each with a Blender of its own (about 1 GB); one file's tests stay together
-        run(PYTHON, "-m", "pytest", "-n", "auto", "--maxprocesses", "4", "--dist", "loadfile", *rest)
+        run(
+            PYTHON, "-m", "pytest", "-n", "auto", "--maxprocesses", "4", "--dist", "loadfile", *rest
+        )
     elif command == "bench":
         run(PYTHON, ROOT / "benchmarks" / "bench.py", *rest)
     else:
         hold(signal.SIG_BLOCK)  # until these heed it themselves, first thing
-        program = [PYTHON, ROOT / "package.py", *rest] if command == "package" else [SCRIPTS / "crowd-lod", *arguments]
+        program = (
+            [PYTHON, ROOT / "package.py", *rest]
+            if command == "package"
+            else [SCRIPTS / "crowd-lod", *arguments]
+        )
         run(*program)
 
 
@@ -70,7 +74,9 @@ def install() -> None:
     if not find_spec("ensurepip"):
         uv = shutil.which("uv")
         if not uv:
-            raise Failure(f"has no venv module here; on Debian: apt-get install -y python{VERSION}-venv")
+            raise Failure(
+                f"has no venv module here; on Debian: apt-get install -y python{VERSION}-venv"
+            )
         create = [uv, "venv", "--clear", "--seed", "--python", sys.executable, FOLDER]
     say(f"installing Blender {BLENDERS[VERSION]}'s Python module into {FOLDER} (1.2 GB, once) ...")
     start = time.monotonic()
@@ -80,8 +86,12 @@ def install() -> None:
         pip = [PYTHON, "-m", "pip", "install"]
         with LOG.open("wb") as log:
             for step in create, [*pip, "--editable", f"{ROOT}[test]"], [*pip, "--no-deps", ALONE]:
-                if subprocess.call(step, stdin=subprocess.DEVNULL, stdout=log, stderr=log, cwd=ROOT):
-                    raise Failure(f"could not install its packages (no network?); see the end of {LOG}")
+                if subprocess.call(
+                    step, stdin=subprocess.DEVNULL, stdout=log, stderr=log, cwd=ROOT
+                ):
+                    raise Failure(
+                        f"could not install its packages (no network?); see the end of {LOG}"
+                    )
         mark("installed")
     say(f"installed in {time.monotonic() - start:.0f} s")
 
@@ -98,7 +108,9 @@ def check() -> None:
     missing = re.search(r"(\S+\.so\S*): cannot open shared object file", trial.stderr)
     if missing:
         remedy = f"apt-get install -y {DEBIAN_LIBRARIES}"
-        raise Failure(f"Blender's Python module needs the system library {missing[1]}; on Debian: {remedy}")
+        raise Failure(
+            f"Blender's Python module needs the system library {missing[1]}; on Debian: {remedy}"
+        )
     reason = trial.stderr.strip().rpartition("\n")[2] or f"exit status {trial.returncode}"
     raise Failure(f"Blender's Python module does not start here: {reason}")
 

@@ -33,8 +33,16 @@ class Failure(Exception):
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="crowd-lod package", description="Build the extension's zip for Blender.")
-    parser.add_argument("--out", type=Path, default=ROOT / "dist", metavar="DIR", help="the zip's folder (%(default)s)")
+    parser = argparse.ArgumentParser(
+        prog="crowd-lod package", description="Build the extension's zip for Blender."
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=ROOT / "dist",
+        metavar="DIR",
+        help="the zip's folder (%(default)s)",
+    )
     out = parser.parse_args().out.resolve()
 
     manifest = tomllib.loads((ROOT / "blender_manifest.toml").read_text(encoding="utf-8"))
@@ -45,7 +53,9 @@ def main() -> None:
         extension_tool("build", "--source-dir", ROOT, "--output-filepath", archive)
         extension_tool("validate", archive)
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # what is left to do takes no time
-    os.write(1, os.fsencode(f"{out / archive.name}\n"))  # at once, and in any encoding: a full stdout is an error here, not at exit
+    os.write(
+        1, os.fsencode(f"{out / archive.name}\n")
+    )  # at once, and in any encoding: a full stdout is an error here, not at exit
 
 
 def fetch(names: list[str]) -> None:
@@ -67,13 +77,25 @@ def download(names: list[str], folder: Path) -> None:
             target += [f"--python-version={python[2]}.{python[3:]}", f"--abi={abi}"]
         run(
             f"could not fetch {name}; is the network there?",
-            *(sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--only-binary=:all:"),
+            *(
+                sys.executable,
+                "-m",
+                "pip",
+                "download",
+                "--quiet",
+                "--no-deps",
+                "--only-binary=:all:",
+            ),
             *(*target, f"--dest={folder}", f"{package}=={version}"),
         )
         if not (folder / name).exists():
-            raise Failure(f"blender_manifest.toml lists {name}, and pip fetched another file of {package} {version}")
+            raise Failure(
+                f"blender_manifest.toml lists {name}, and pip fetched another file of {package} {version}"
+            )
         if not whole(folder / name):
-            raise Failure(f"{name} is not whole, as pip fetched it; empty its cache (pip cache purge) and try again")
+            raise Failure(
+                f"{name} is not whole, as pip fetched it; empty its cache (pip cache purge) and try again"
+            )
 
 
 def whole(wheel: Path) -> bool:
@@ -84,7 +106,9 @@ def whole(wheel: Path) -> bool:
             (record,) = (name for name in names if re.fullmatch(r"[^/]+\.dist-info/RECORD", name))
             for name, digest, _ in csv.reader(archive.read(record).decode().splitlines()):
                 kind, _, value = digest.partition("=")
-                if digest and hashlib.new(kind, archive.read(name)).digest() != base64.urlsafe_b64decode(value + "=="):
+                if digest and hashlib.new(
+                    kind, archive.read(name)
+                ).digest() != base64.urlsafe_b64decode(value + "=="):
                     return False
                 names.discard(name)
             return not names
@@ -112,23 +136,36 @@ def bundled_tool() -> Path:
 def run(failure: str, *command: str) -> None:
     try:
         result = subprocess.run(
-            command, check=False, stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace", cwd=ROOT
+            command,
+            check=False,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            cwd=ROOT,
         )
     except OSError as error:
         raise Failure(f"could not start {command[0]} ({error.strerror})") from error
     if result.returncode:
-        words = (result.stderr + result.stdout).strip().splitlines() or [f"exit status {result.returncode}"]
+        words = (result.stderr + result.stdout).strip().splitlines() or [
+            f"exit status {result.returncode}"
+        ]
         raise Failure(f"{failure} {words[-1]}")
 
 
 if __name__ == "__main__":
     try:
         if os.name != "nt":
-            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})  # environment.py holds it back while Python starts
+            signal.pthread_sigmask(
+                signal.SIG_UNBLOCK, {signal.SIGINT}
+            )  # environment.py holds it back while Python starts
         with own_temporary_folder():  # of pip and Blender's tool
             main()
     except OSError as error:
-        sys.exit(f"crowd-lod package: {error.strerror}" + (f": {error.filename}" if error.filename else ""))
+        sys.exit(
+            f"crowd-lod package: {error.strerror}"
+            + (f": {error.filename}" if error.filename else "")
+        )
     except (Failure, CrowdError) as failure:
         sys.exit(f"crowd-lod package: {failure}")
     except KeyboardInterrupt:  # it ends the tool that runs, too, unlike interrupt.heed

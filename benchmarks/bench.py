@@ -42,11 +42,22 @@ from crowd_lod_extension.operators.runs.error_report import machine_name
 from crowd_lod_extension.sample_scenes import plaza_map
 from matplotlib.image import imsave
 
-SIZES = (2500, 1000, 118)  # the chapter's last number is lost; 118 is its co-author's later characters'
+SIZES = (
+    2500,
+    1000,
+    118,
+)  # the chapter's last number is lost; 118 is its co-author's later characters'
 PERSON = Group("person", 0.9, 1.0, 1.25, 1.0, SIZES, tuple(2 * n for n in SIZES))
 POLICY = LevelPolicy((0.1, 0.35))
 PEERS = ("naive", "six_planes", "geometry_nodes", "c_loop", "gpu")  # each does what the core does
-CHAPTER = {"Agents": "agents", "t": "t_ms", "LOD0": "lod0", "LOD1": "lod1", "LOD2": "lod2", "Vertices": "vertices_millions"}
+CHAPTER = {
+    "Agents": "agents",
+    "t": "t_ms",
+    "LOD0": "lod0",
+    "LOD1": "lod1",
+    "LOD2": "lod2",
+    "Vertices": "vertices_millions",
+}
 CHAPTER |= {"Visible %": "visible_percent", "Culled %": "culled_percent"}
 DRAWN = {
     "Agents": "agents",
@@ -64,7 +75,10 @@ def crowd_of(agents: int, seed: int) -> tuple[Walk, float]:
     6 agents a square meter, half of them in either state, at 24 frames a second.
     """
     side = (agents / 6) ** 0.5
-    area, machine = Area(-side / 2, -side / 2, side / 2, side / 2), replace(load_preset("chapter"), start=np.array([0.5, 0.5]))
+    area, machine = (
+        Area(-side / 2, -side / 2, side / 2, side / 2),
+        replace(load_preset("chapter"), start=np.array([0.5, 0.5])),
+    )
     world = edge_map(area, machine.labels)
     return Walk(populate(agents, seed, 1, machine, world), machine, world, (PERSON,), 1 / 24), side
 
@@ -77,7 +91,17 @@ def camera(side: float, part: float, turn: float = 0.0, half: float = 0.5) -> Ca
     c, s = np.cos(turn), np.sin(turn)
     X, Z = np.array([c, s, 0.0]), np.array([-s, c, 0.0])
     origin = np.array([0.0, side * (part - 0.5), 0.02 * side + 2])
-    return Camera("PERSP", origin, X, np.array([0, 0, 1.0]), Z, Window(-half, half, -half, half), 0.1, 1.2 * side, (900, 900))
+    return Camera(
+        "PERSP",
+        origin,
+        X,
+        np.array([0, 0, 1.0]),
+        Z,
+        Window(-half, half, -half, half),
+        0.1,
+        1.2 * side,
+        (900, 900),
+    )
 
 
 def quartiles(values: list[float]) -> list[float]:
@@ -111,7 +135,11 @@ def stages(agents: int, repeats: int, seed: int) -> dict:
         view = camera(side, 0.2 + 0.3 * repeat / repeats, 0.2 * np.sin(repeat))
         frame, same = plan(trajectory, view, POLICY, 1 + repeat), plan(still, view, POLICY, 1)
         moving = frame.milliseconds
-        once = {"behavior": moving["behavior"], "culling": moving["culling"] + moving["levels"], "sorting": moving["sorting"]}
+        once = {
+            "behavior": moving["behavior"],
+            "culling": moving["culling"] + moving["levels"],
+            "sorting": moving["sorting"],
+        }
         once["core"] = sum(moving.values()) - moving["behavior"]
         if planner:
             there = plan_of(trajectory, frame, planner)
@@ -147,7 +175,13 @@ def perspective(agents: int, which: str, repeats: int, seed: int) -> dict:
     ms = []
     for repeat in range(repeats + 1):
         view = camera(side, -0.1, half=1.5) if which == "A" else camera(side, 0.9)
-        once, frame = taken(plan, trajectory, replace(view, origin=view.origin + (0.01 * repeat, 0, 0)), POLICY, 1 + repeat)
+        once, frame = taken(
+            plan,
+            trajectory,
+            replace(view, origin=view.origin + (0.01 * repeat, 0, 0)),
+            POLICY,
+            1 + repeat,
+        )
         ms.append(once)
     middle, first, third = quartiles(ms[1:])
     seen = len(frame.buckets.order)
@@ -167,7 +201,12 @@ def pictures(agents: int, which: str, repeats: int, seed: int, path: Path) -> di
     trajectory, side = crowd_of(agents, seed)
     screen = drawn.Screen(PERSON)
     view = camera(side, -0.1, half=1.5) if which == "A" else camera(side, 0.9)
-    ways = {"": (True, True), "_no_culling": (True, False), "_no_lod": (False, True), "_neither": (False, False)}
+    ways = {
+        "": (True, True),
+        "_no_culling": (True, False),
+        "_no_lod": (False, True),
+        "_neither": (False, False),
+    }
     took, row, seen = {name: [] for name in ways}, {"perspective": which, "agents": agents}, {}
     for repeat in range(repeats + 1):
         for name, way in ways.items():
@@ -177,7 +216,10 @@ def pictures(agents: int, which: str, repeats: int, seed: int, path: Path) -> di
             seen[name] = screen(frame)
             took[name].append(1000 * (time.perf_counter() - begun))
             row[f"vertices_millions{name}"] = round(frame.vertices / 1e6, 3)
-    for one, other in (("", "_no_culling"), ("_no_lod", "_neither")):  # culling shows in no pixel but for ties in depth
+    for one, other in (
+        ("", "_no_culling"),
+        ("_no_lod", "_neither"),
+    ):  # culling shows in no pixel but for ties in depth
         assert (seen[one] != seen[other]).any(axis=2).mean() < 1e-3
     screen.free()
     for name, values in took.items():
@@ -197,18 +239,28 @@ def growth(agents: int, repeats: int, seed: int) -> dict:
     state = sum(column.nbytes for column in trajectory.start.columns.values()) / agents
     ms = {"behavior": [], "core": []}
     for repeat in range(repeats + 1):
-        found = plan(trajectory, camera(side, 0.2 + 0.3 * repeat / repeats), POLICY, 1 + repeat).milliseconds
+        found = plan(
+            trajectory, camera(side, 0.2 + 0.3 * repeat / repeats), POLICY, 1 + repeat
+        ).milliseconds
         if repeat:
             ms["behavior"].append(found["behavior"])
             ms["core"].append(sum(found.values()) - found["behavior"])
     trajectory.at(65)  # when blocks are made anew, in a new order
     peaks = []
-    for job in (partial(blocks_at, trajectory), lambda frame: plan(trajectory, camera(side, -0.1, half=1.5), POLICY, frame)):
+    for job in (
+        partial(blocks_at, trajectory),
+        lambda frame: plan(trajectory, camera(side, -0.1, half=1.5), POLICY, frame),
+    ):
         tracemalloc.start()
         job(65)
         peaks.append(round(tracemalloc.get_traced_memory()[1] / agents, 2))
         tracemalloc.stop()
-    row = {"agents": agents, "state_bytes": state, "blocks_peak_bytes": peaks[0], "results_peak_bytes": peaks[1]}
+    row = {
+        "agents": agents,
+        "state_bytes": state,
+        "blocks_peak_bytes": peaks[0],
+        "results_peak_bytes": peaks[1],
+    }
     for name, values in ms.items():
         row[f"{name}_ns_per_agent"] = round(quartiles(values)[0] * 1e6 / agents, 3)
     return row
@@ -234,8 +286,12 @@ def whole(agents: int, repeats: int, seed: int) -> dict:
             work = time.process_time()
             once[name], _ = taken(job, 2 + repeat)
             once[f"{name}_processor"] = 1000 * (time.process_time() - work)
-        assert np.abs(nodes.counts(3) - points.counts()).sum() <= 1e-3 * agents + 2  # their steps are not cut at the map's edge
-        once["ratio"], once["ratio_processor"] = (once[f"crowd_lod{k}"] / once[f"geometry_nodes{k}"] for k in ("", "_processor"))
+        assert (
+            np.abs(nodes.counts(3) - points.counts()).sum() <= 1e-3 * agents + 2
+        )  # their steps are not cut at the map's edge
+        once["ratio"], once["ratio_processor"] = (
+            once[f"crowd_lod{k}"] / once[f"geometry_nodes{k}"] for k in ("", "_processor")
+        )
         if repeat > 1:  # the first two warm up
             for name, value in once.items():
                 took.setdefault(name, []).append(value)
@@ -256,8 +312,13 @@ def busy(agents: int, frames: int, seed: int) -> dict:
     but has neither timers nor chance. Means: some frames work ahead, for others.
     """
     machine = load_preset("plaza")
-    world, groups = plaza_map.plan(machine), (PERSON, replace(PERSON, stride=1.1), replace(PERSON, stride=0.9))
-    trajectory = Walk(populate(agents, seed, len(groups), machine, world), machine, world, groups, 1 / 24)
+    world, groups = (
+        plaza_map.plan(machine),
+        (PERSON, replace(PERSON, stride=1.1), replace(PERSON, stride=0.9)),
+    )
+    trajectory = Walk(
+        populate(agents, seed, len(groups), machine, world), machine, world, groups, 1 / 24
+    )
     loop_step = loop.library() and loop.Step(trajectory.start, machine, world, 1 / 24)
     trajectory.at(16)
     took = {"behavior": [], "c_step": []}
@@ -277,9 +338,15 @@ def busy(agents: int, frames: int, seed: int) -> dict:
 
 def table(rows: list[dict], columns: dict[str, str]) -> str:
     """The rows as text, `columns` by heading."""
-    cells = [list(columns), *([_text(row.get(key, "")) for key in columns.values()] for row in rows)]
+    cells = [
+        list(columns),
+        *([_text(row.get(key, "")) for key in columns.values()] for row in rows),
+    ]
     widths = [max(len(row[k]) for row in cells) for k in range(len(columns))]
-    return "\n".join("  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in cells)
+    return "\n".join(
+        "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True))
+        for row in cells
+    )
 
 
 def gpu_name() -> str:
@@ -293,20 +360,46 @@ def _text(value: str | int | float | None) -> str:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(prog="crowd-lod bench", description="Measure the core: the chapter's tests and growth.")
-    parser.add_argument(
-        "--quick", action="store_true", help="fewer sizes and repeats, no growth: under a minute (--worth: a quarter of an hour)"
-    )
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="with --worth: so many renders at a time (default: 1)")
-    parser.add_argument("--worth", action="store_true", help="instead, what renders take with and without Crowd LOD: an hour")
-    parser.add_argument("--shots", action="store_true", help="instead, shot plans beside thresholds and hysteresis: ten minutes")
-    parser.add_argument(
-        "--costs", action="store_true", help="instead, fit what things cost engines (crowd_lod/levels/cost_model.py): about an hour"
+    parser = argparse.ArgumentParser(
+        prog="crowd-lod bench", description="Measure the core: the chapter's tests and growth."
     )
     parser.add_argument(
-        "--out", type=Path, default=Path("bench"), metavar="DIR", help="the folder for tables and figures (default: bench)"
+        "--quick",
+        action="store_true",
+        help="fewer sizes and repeats, no growth: under a minute (--worth: a quarter of an hour)",
     )
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="another crowd of the same kind")
+    parser.add_argument(
+        "--jobs",
+        type=int,
+        default=1,
+        metavar="N",
+        help="with --worth: so many renders at a time (default: 1)",
+    )
+    parser.add_argument(
+        "--worth",
+        action="store_true",
+        help="instead, what renders take with and without Crowd LOD: an hour",
+    )
+    parser.add_argument(
+        "--shots",
+        action="store_true",
+        help="instead, shot plans beside thresholds and hysteresis: ten minutes",
+    )
+    parser.add_argument(
+        "--costs",
+        action="store_true",
+        help="instead, fit what things cost engines (crowd_lod/levels/cost_model.py): about an hour",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("bench"),
+        metavar="DIR",
+        help="the folder for tables and figures (default: bench)",
+    )
+    parser.add_argument(
+        "--seed", type=int, default=1, metavar="N", help="another crowd of the same kind"
+    )
     args = parser.parse_args(arguments)
     if args.worth:
         import worth
@@ -334,48 +427,103 @@ def measure(stage: Path, args: argparse.Namespace) -> None:
     print(machine, flush=True)
     one = [
         stages(n, repeats, args.seed)
-        for n in ((1000, 32_000, 1_000_000) if args.quick else (1000, 4000, 16_000, 64_000, 256_000, 1_000_000))
+        for n in (
+            (1000, 32_000, 1_000_000)
+            if args.quick
+            else (1000, 4000, 16_000, 64_000, 256_000, 1_000_000)
+        )
     ]
-    heads = [name for name in ("agents", "behavior", "culling", "sorting", "core", *PEERS, "c_step") if name in one[0]]
-    print("\nTest 1: milliseconds a stage (culling with LOD assignment); core: culling, LOD and sorting; peers do the same")
+    heads = [
+        name
+        for name in ("agents", "behavior", "culling", "sorting", "core", *PEERS, "c_step")
+        if name in one[0]
+    ]
+    print(
+        "\nTest 1: milliseconds a stage (culling with LOD assignment); core: culling, LOD and sorting; peers do the same"
+    )
     print(table(one, {name.replace("_", " "): name for name in heads}))
     ratios = [name for name in one[0] if "/" in name and not name.endswith(("q1", "q3"))]
     print(table(one, {"agents": "agents"} | {name: name for name in ratios}), flush=True)
     if not loop.library():
-        print("Without the C loop: there is no C compiler (cc, gcc or clang, or the one that CC names), or it fails.")
+        print(
+            "Without the C loop: there is no C compiler (cc, gcc or clang, or the one that CC names), or it fails."
+        )
     two = [
         perspective(n, which, repeats, args.seed)
         for which in "AB"
-        for n in ((8192, 1_000_000) if args.quick else (1024, 4096, 8192, 16_384, 65_536, 262_144, 1_000_000))
+        for n in (
+            (8192, 1_000_000)
+            if args.quick
+            else (1024, 4096, 8192, 16_384, 65_536, 262_144, 1_000_000)
+        )
     ]
     for which in "AB":
-        print(f"\nTable 1.{1 + 'AB'.index(which)}: perspective {which}; t in ms, without drawing; vertices in millions")
+        print(
+            f"\nTable 1.{1 + 'AB'.index(which)}: perspective {which}; t in ms, without drawing; vertices in millions"
+        )
         print(table([row for row in two if row["perspective"] == which], CHAPTER), flush=True)
     runs = 16 if args.quick else 48  # rounds of the frames that work ahead
-    three = [whole(n, runs, args.seed) for n in ((10_000, 100_000) if args.quick else (10_000, 100_000, 1_000_000))]
-    print(f"\nThe whole frame, behavior to points in Blender: milliseconds, and of the processor's time; medians of {runs} runs")
-    print(table(three, {name.replace("_", " "): name for name in three[0] if not name.endswith(("q1", "q3"))}), flush=True)
-    plaza = [busy(n, 2 * runs, args.seed) for n in ((10_000, 1_000_000) if args.quick else (10_000, 100_000, 1_000_000))]
+    three = [
+        whole(n, runs, args.seed)
+        for n in ((10_000, 100_000) if args.quick else (10_000, 100_000, 1_000_000))
+    ]
+    print(
+        f"\nThe whole frame, behavior to points in Blender: milliseconds, and of the processor's time; medians of {runs} runs"
+    )
+    print(
+        table(
+            three,
+            {name.replace("_", " "): name for name in three[0] if not name.endswith(("q1", "q3"))},
+        ),
+        flush=True,
+    )
+    plaza = [
+        busy(n, 2 * runs, args.seed)
+        for n in ((10_000, 1_000_000) if args.quick else (10_000, 100_000, 1_000_000))
+    ]
     print(f"\nBehavior on the plaza's map: milliseconds, and of {2 * runs} frames the means")
-    print(table(plaza, {name.replace("_", " "): name for name in plaza[0] if not name.endswith(("q1", "q3"))}), flush=True)
-    results = {"machine": machine, "test_1": one, "test_2": two, "whole_frame": three, "plaza": plaza}
+    print(
+        table(
+            plaza,
+            {name.replace("_", " "): name for name in plaza[0] if not name.endswith(("q1", "q3"))},
+        ),
+        flush=True,
+    )
+    results = {
+        "machine": machine,
+        "test_1": one,
+        "test_2": two,
+        "whole_frame": three,
+        "plaza": plaza,
+    }
     if not args.quick:
         results["growth"] = [growth(n, 9, args.seed) for n in (100_000, 1_000_000, 10_000_000)]
-        print(f"\nGrowth\n{table(results['growth'], {name.replace('_', ' '): name for name in results['growth'][0]})}")
+        print(
+            f"\nGrowth\n{table(results['growth'], {name.replace('_', ' '): name for name in results['growth'][0]})}"
+        )
     if peers.has_gpu():
         sizes, times = ((1024,), 3) if args.quick else ((1024, 4096, 8192), 5)
         results["drawn"] = [
-            pictures(n, which, times, args.seed, stage / f"perspective_{which}.png") for n in sizes for which in "AB"
+            pictures(n, which, times, args.seed, stage / f"perspective_{which}.png")
+            for n in sizes
+            for which in "AB"
         ]
         for which in "AB":
-            print(f"\nTest 2, perspective {which}, drawn by {gpu_name()}, 900 x 900 pixels; t in ms; vertices in millions")
-            print(table([row for row in results["drawn"] if row["perspective"] == which], DRAWN), flush=True)
+            print(
+                f"\nTest 2, perspective {which}, drawn by {gpu_name()}, 900 x 900 pixels; t in ms; vertices in millions"
+            )
+            print(
+                table([row for row in results["drawn"] if row["perspective"] == which], DRAWN),
+                flush=True,
+            )
     else:
         print("\nTest 2 is not drawn: this Blender has no GPU without a window.")
     (stage / "bench.json").write_text(tables.to_json(results), encoding="utf-8")
     for name, rows in results.items():
         if name != "machine":
-            (stage / f"{name}.csv").write_text(f"# {machine}\n{tables.to_csv(rows)}", encoding="utf-8")
+            (stage / f"{name}.csv").write_text(
+                f"# {machine}\n{tables.to_csv(rows)}", encoding="utf-8"
+            )
     draw(stage / "figure_1_6.png", one, machine)
 
 
@@ -394,12 +542,29 @@ def draw(path: Path, rows: list[dict], machine: str) -> None:
     for place, (title, names) in enumerate(sets.items()):
         axes = figure.add_subplot(1, 2, place + 1)
         for name in (name for name in names if name in rows[0]):
-            x, y, low, high = np.array([[row[k] for k in ("agents", name, f"{name} q1", f"{name} q3")] for row in rows]).T
-            label = {"culling": "culling & LOD assignment", "core": "Crowd LOD"}.get(name, name.replace("_", " "))
-            axes.errorbar(
-                x, y, yerr=(y - low, high - y), marker="o", ms=4, capsize=2, lw=2.2 if name == "core" else 1.2, label=label
+            x, y, low, high = np.array(
+                [[row[k] for k in ("agents", name, f"{name} q1", f"{name} q3")] for row in rows]
+            ).T
+            label = {"culling": "culling & LOD assignment", "core": "Crowd LOD"}.get(
+                name, name.replace("_", " ")
             )
-        axes.set(xscale="log", yscale="log", xlabel="agents", ylabel="ms (median; bars: quartiles)", title=title)
+            axes.errorbar(
+                x,
+                y,
+                yerr=(y - low, high - y),
+                marker="o",
+                ms=4,
+                capsize=2,
+                lw=2.2 if name == "core" else 1.2,
+                label=label,
+            )
+        axes.set(
+            xscale="log",
+            yscale="log",
+            xlabel="agents",
+            ylabel="ms (median; bars: quartiles)",
+            title=title,
+        )
         axes.grid(alpha=0.25)
         axes.legend(frameon=False)
     figure.savefig(path)

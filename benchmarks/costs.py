@@ -21,7 +21,14 @@ from worth import LIMIT, PICTURE, job, show
 # LODs, too
 TEXTURED = (4, 0, 1024, False), (4, 0, 2048, False), (1, 0, 4096, False)
 CROWDS = {
-    "CYCLES": ((1, 0, 0, True), (1, 1, 0, True), (1, 2, 0, True), (4, 0, 0, True), (4, 1, 0, False), *TEXTURED),
+    "CYCLES": (
+        (1, 0, 0, True),
+        (1, 1, 0, True),
+        (1, 2, 0, True),
+        (4, 0, 0, True),
+        (4, 1, 0, False),
+        *TEXTURED,
+    ),
     "EEVEE": ((1, 0, 0, True), (1, 1, 0, True), (4, 0, 0, True), *TEXTURED),
 }
 AGENTS = {"CYCLES": (30, 1000, 30_000, 300_000), "EEVEE": (10, 100, 300)}
@@ -51,7 +58,9 @@ def non_negative(table: np.ndarray, values: np.ndarray) -> np.ndarray:
         used[gain.argmax()] = True
         while True:
             trial = np.zeros_like(x)
-            trial[used] = np.linalg.lstsq(table[:, used] / scale[used], values, rcond=None)[0] / scale[used]
+            trial[used] = (
+                np.linalg.lstsq(table[:, used] / scale[used], values, rcond=None)[0] / scale[used]
+            )
             if (trial[used] > 0).all():
                 break
             below = used & (trial <= 0)
@@ -67,7 +76,10 @@ def fit(rows: list[dict], counts: Sequence[str], key: str) -> tuple[dict[str, fl
 
     Errors are relative to the row's own value, or to a twentieth of the largest where that is less.
     """
-    table, values = np.array([[row[name] for name in counts] for row in rows], float), np.array([row[key] for row in rows])
+    table, values = (
+        np.array([[row[name] for name in counts] for row in rows], float),
+        np.array([row[key] for row in rows]),
+    )
     over = 0.05 * values.max()
     weight = 1 / np.maximum(values, over)
     found = non_negative(table * weight[:, None], values * weight)
@@ -79,10 +91,21 @@ def main() -> None:
         for engine in CROWDS:
             rows = []
             for groups, finer, pixels, lods in CROWDS[engine]:
-                rows += measured(engine, {"groups": groups, "meters": 5, "finer": finer, "pixels": pixels}, lods, scratch)
+                rows += measured(
+                    engine,
+                    {"groups": groups, "meters": 5, "finer": finer, "pixels": pixels},
+                    lods,
+                    scratch,
+                )
             for name, key in MEASURED.items():
                 found, off = fit(rows, (*COUNTS[name], *[RAYS[engine]] * (name == "seconds")), key)
-                print(engine, name, {k: float(f"{1e6 * v:.4g}") for k, v in found.items()}, "residuals", off.round(2).tolist())
+                print(
+                    engine,
+                    name,
+                    {k: float(f"{1e6 * v:.4g}") for k, v in found.items()},
+                    "residuals",
+                    off.round(2).tolist(),
+                )
 
 
 def measured(engine: str, crowd: dict, lods: bool, scratch: str) -> list[dict]:
@@ -90,20 +113,41 @@ def measured(engine: str, crowd: dict, lods: bool, scratch: str) -> list[dict]:
 
     Less what those of the empty ground take.
     """
-    made = job(1200, job="counts", folder=scratch, crowd=crowd, sizes=AGENTS[engine], lods=lods, **PICTURE[engine])
+    made = job(
+        1200,
+        job="counts",
+        folder=scratch,
+        crowd=crowd,
+        sizes=AGENTS[engine],
+        lods=lods,
+        **PICTURE[engine],
+    )
     if "ended" in made:
-        raise SystemExit(f"crowd-lod bench: a crowd of {crowd['groups']} characters was not made ({made['ended']}).")
+        raise SystemExit(
+            f"crowd-lod bench: a crowd of {crowd['groups']} characters was not made ({made['ended']})."
+        )
     empty, *files = made["rows"]
     rows = []
     for samples in SAMPLES[engine]:
-        asked = {"engine": engine, "frame": 30, "picture": str(Path(scratch) / "one.exr"), "width": PICTURE[engine]["width"]}
+        asked = {
+            "engine": engine,
+            "frame": 30,
+            "picture": str(Path(scratch) / "one.exr"),
+            "width": PICTURE[engine]["width"],
+        }
         nobody, *found = (
-            [job(LIMIT, job="render", file=row["file"], samples=samples, **asked) for _ in range(REPEATS[engine])]
+            [
+                job(LIMIT, job="render", file=row["file"], samples=samples, **asked)
+                for _ in range(REPEATS[engine])
+            ]
             for row in made["rows"]
         )
         for row, renders in zip(files, found, strict=True):
             if not any("ended" in each for each in (*nobody, *renders)):
-                beyond = {key: round(_median(renders, key) - _median(nobody, key), 2) for key in ("peak_mb", "cpu_s")}
+                beyond = {
+                    key: round(_median(renders, key) - _median(nobody, key), 2)
+                    for key in ("peak_mb", "cpu_s")
+                }
                 rays = row["rays"] * samples / PICTURE[engine]["samples"]
                 own = {
                     "rays": rays,

@@ -16,7 +16,9 @@ from crowd_lod_extension.sample_scenes.scenery import add, aim, camera, child, f
 ROOM = 1.5  # square meters of ground an agent
 
 
-def make(groups: int, meters: float, finer: int = 1, pixels: int = 0, split: bool = False) -> bpy.types.Scene:
+def make(
+    groups: int, meters: float, finer: int = 1, pixels: int = 0, split: bool = False
+) -> bpy.types.Scene:
     """A new file's scene of `groups` characters.
 
     Each step of `finer` has four times the faces of the samples'. They stand `meters` and more from
@@ -26,10 +28,18 @@ def make(groups: int, meters: float, finer: int = 1, pixels: int = 0, split: boo
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     scene = bpy.context.scene
     film(scene)
-    add(child(scene, "Scenery"), "Ground", [(tile(-3000, -3000, 3000, 3000, -0.02), material("Ground", (0.5, 0.5, 0.48)))])
+    add(
+        child(scene, "Scenery"),
+        "Ground",
+        [(tile(-3000, -3000, 3000, 3000, -0.02), material("Ground", (0.5, 0.5, 0.48)))],
+    )
     characters = child(scene, "Characters", hidden=True)
     builds = [
-        replace(BUILDS[g % len(BUILDS)], name=f"person {g:02d}", limb=BUILDS[g % len(BUILDS)].limb * (1 + 0.01 * g))
+        replace(
+            BUILDS[g % len(BUILDS)],
+            name=f"person {g:02d}",
+            limb=BUILDS[g % len(BUILDS)].limb * (1 + 0.01 * g),
+        )
         for g in range(groups)
     ]
     made = make_characters(characters, builds=builds, finer=finer)
@@ -62,9 +72,15 @@ def spread(scene: bpy.types.Scene, agents: int) -> None:
 
 def _paint(group: bpy.types.Collection, pixels: int, seed: int) -> None:
     """Give both materials of a character one image of its own, spots in shades of gray."""
-    spots = np.random.default_rng(seed).integers(120, 255, (pixels // 32, pixels // 32, 1), np.uint8)
-    image = image_data.write_image(f"{group.name} image", spots.repeat(32, axis=0).repeat(32, axis=1).repeat(3, axis=2))
-    for one in [each for item in group.objects if item.type == "MESH" for each in item.data.materials]:
+    spots = np.random.default_rng(seed).integers(
+        120, 255, (pixels // 32, pixels // 32, 1), np.uint8
+    )
+    image = image_data.write_image(
+        f"{group.name} image", spots.repeat(32, axis=0).repeat(32, axis=1).repeat(3, axis=2)
+    )
+    for one in [
+        each for item in group.objects if item.type == "MESH" for each in item.data.materials
+    ]:
         shader = next(node for node in one.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
         node = one.node_tree.nodes.new("ShaderNodeTexImage")
         node.image = image

@@ -11,14 +11,20 @@ from crowd_lod_extension.crowd_lod.validation.extreme_cases import table, table_
 
 
 def main(pairs: int) -> None:
-    print("kept for nothing: surplus, of those kept, by the planes; beside, of those visible, misses the body at edges or corners")
-    print(f"{'lens':16} {'pairs':>9} {'visible':>9} {'missed':>6} {'surplus %':>9} {'beside %':>9} {'seconds':>7}")
+    print(
+        "kept for nothing: surplus, of those kept, by the planes; beside, of those visible, misses the body at edges or corners"
+    )
+    print(
+        f"{'lens':16} {'pairs':>9} {'visible':>9} {'missed':>6} {'surplus %':>9} {'beside %':>9} {'seconds':>7}"
+    )
     for lens in LENSES:
         started = time.perf_counter()
         v = audit(lens, -(-pairs // len(LENSES)))
         seconds = time.perf_counter() - started
         surplus, beside = 100 * v.surplus / v.kept, 100 * v.beside / v.visible
-        print(f"{lens:16} {v.pairs:9,} {v.visible:9,} {v.missed:6} {surplus:9.4f} {beside:9.3f} {seconds:7.1f}")
+        print(
+            f"{lens:16} {v.pairs:9,} {v.visible:9,} {v.missed:6} {surplus:9.4f} {beside:9.3f} {seconds:7.1f}"
+        )
     print("\nwithin roundings of a plane, one in two: decided by fractions where float64 cannot")
     for lens in LENSES:
         v = audit(lens, max(1, pairs // 100), on_planes=0.5)

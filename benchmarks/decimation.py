@@ -33,7 +33,9 @@ def crowd_lod(points, triangles, ratio):
 
 
 def fast(points, triangles, ratio):
-    return fast_simplification.simplify(points, triangles.astype(np.int32), target_count=round(ratio * len(triangles)))
+    return fast_simplification.simplify(
+        points, triangles.astype(np.int32), target_count=round(ratio * len(triangles))
+    )
 
 
 def blender(points, triangles, ratio):
@@ -53,7 +55,9 @@ METHODS = {"fast-simplification": fast, "Crowd LOD": crowd_lod, "Blender's Decim
 def evaluated(item: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
     for modifier in [m for m in item.modifiers if m.type == "ARMATURE"]:
         item.modifiers.remove(modifier)
-    points, triangles = read_triangles(item.evaluated_get(bpy.context.evaluated_depsgraph_get()).data)[:2]
+    points, triangles = read_triangles(
+        item.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+    )[:2]
     return np.array(points, np.float64), np.array(triangles)
 
 
@@ -74,13 +78,17 @@ def terrain(n: int = 174) -> tuple[np.ndarray, np.ndarray]:
         z += 0.175 * np.sin(fx * x + fy * y + random.uniform(0, 7)) / np.hypot(fx, fy)
     i = np.arange(n * n).reshape(n, n)
     a, b, c, d = i[:-1, :-1], i[1:, :-1], i[1:, 1:], i[:-1, 1:]
-    return np.stack([x, y, z], -1).reshape(-1, 3), np.concatenate([np.stack(t, -1).reshape(-1, 3) for t in ((a, b, c), (a, c, d))])
+    return np.stack([x, y, z], -1).reshape(-1, 3), np.concatenate(
+        [np.stack(t, -1).reshape(-1, 3) for t in ((a, b, c), (a, c, d))]
+    )
 
 
 def loose(points, triangles, count: int = 200) -> tuple[np.ndarray, np.ndarray]:
     random = np.random.default_rng(0)
     copies = [points * random.uniform(0.1, 0.5, 3) + random.uniform(-6, 6, 3) for _ in range(count)]
-    return np.concatenate(copies), np.concatenate([triangles + k * len(points) for k in range(count)])
+    return np.concatenate(copies), np.concatenate(
+        [triangles + k * len(points) for k in range(count)]
+    )
 
 
 def knot(p: int, q: int, along: int, around: int) -> tuple[np.ndarray, np.ndarray]:
@@ -88,11 +96,20 @@ def knot(p: int, q: int, along: int, around: int) -> tuple[np.ndarray, np.ndarra
     u, v = (np.linspace(0, 2 * np.pi, n, endpoint=False) for n in (along, around))
 
     def path(u):
-        return np.stack([(2 + np.cos(q * u)) * np.cos(p * u), (2 + np.cos(q * u)) * np.sin(p * u), -np.sin(q * u)], -1)
+        return np.stack(
+            [
+                (2 + np.cos(q * u)) * np.cos(p * u),
+                (2 + np.cos(q * u)) * np.sin(p * u),
+                -np.sin(q * u),
+            ],
+            -1,
+        )
 
     ahead = path(u + 1e-4) - path(u - 1e-4)
     ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
-    out = np.stack([np.cos(q * u) * np.cos(p * u), np.cos(q * u) * np.sin(p * u), -np.sin(q * u)], -1)
+    out = np.stack(
+        [np.cos(q * u) * np.cos(p * u), np.cos(q * u) * np.sin(p * u), -np.sin(q * u)], -1
+    )
     out -= ahead * (out * ahead).sum(axis=1, keepdims=True)
     out /= np.linalg.norm(out, axis=1, keepdims=True)
     ring = np.cos(v)[:, None] * out[:, None] + np.sin(v)[:, None] * np.cross(ahead, out)[:, None]
@@ -120,9 +137,16 @@ def other_meshes() -> dict[str, tuple[np.ndarray, np.ndarray]]:
         found[f"{count} {name}"] = loose(*added(add), count)
     found["knot (2, 3)"], found["knot (3, 5)"] = knot(2, 3, 600, 50), knot(3, 5, 400, 30)
     found["UV sphere"] = added(mesh.primitive_uv_sphere_add)
-    found["torus, small"] = added(lambda: mesh.primitive_torus_add(major_segments=80, minor_segments=48))
-    points, triangles = found["remeshed"] = added(mesh.primitive_monkey_add, "REMESH", mode="VOXEL", voxel_size=0.017)
-    found["with noise"] = points + np.random.default_rng(0).normal(scale=0.002, size=points.shape), triangles
+    found["torus, small"] = added(
+        lambda: mesh.primitive_torus_add(major_segments=80, minor_segments=48)
+    )
+    points, triangles = found["remeshed"] = added(
+        mesh.primitive_monkey_add, "REMESH", mode="VOXEL", voxel_size=0.017
+    )
+    found["with noise"] = (
+        points + np.random.default_rng(0).normal(scale=0.002, size=points.shape),
+        triangles,
+    )
     return found
 
 
@@ -142,14 +166,19 @@ def meshes(files: list[str]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     for path in files:
         before = set(bpy.data.objects)
         bpy.ops.import_scene.gltf(filepath=path)
-        body = max((o for o in set(bpy.data.objects) - before if o.type == "MESH"), key=lambda o: len(o.data.polygons))
+        body = max(
+            (o for o in set(bpy.data.objects) - before if o.type == "MESH"),
+            key=lambda o: len(o.data.polygons),
+        )
         found[body.name] = evaluated(body)
     return found
 
 
 def main(picture: Path | None, files: list[str], other: bool) -> None:
     rows = []
-    print(f"{'mesh':14} {'ratio':>5}  {'method':20} {'triangles':>9} {'ms':>7} {'distance %':>10} {'x':>6}")
+    print(
+        f"{'mesh':14} {'ratio':>5}  {'method':20} {'triangles':>9} {'ms':>7} {'distance %':>10} {'x':>6}"
+    )
     for name, (points, triangles) in (other_meshes() if other else meshes(files)).items():
         source, diagonal = Surface(points, triangles), np.linalg.norm(np.ptp(points, axis=0))
         for ratio in RATIOS:
@@ -158,33 +187,73 @@ def main(picture: Path | None, files: list[str], other: bool) -> None:
                 begin = time.process_time()
                 new_points, new_triangles = run(points, triangles, ratio)
                 ms = 1000 * (time.process_time() - begin)
-                distance = 100 * deviation(source, Surface(new_points, new_triangles), SAMPLES)[0] / diagonal
-                base = distance if base is None else base  # the first is what the others are held against
+                distance = (
+                    100
+                    * deviation(source, Surface(new_points, new_triangles), SAMPLES)[0]
+                    / diagonal
+                )
+                base = (
+                    distance if base is None else base
+                )  # the first is what the others are held against
                 rows.append((ratio, method, ms, distance))
                 count, x = len(new_triangles), distance / base
-                print(f"{name:14} {ratio:5}  {method:20} {count:9,} {ms:7.0f} {distance:10.4f} {x:6.2f}", flush=True)
+                print(
+                    f"{name:14} {ratio:5}  {method:20} {count:9,} {ms:7.0f} {distance:10.4f} {x:6.2f}",
+                    flush=True,
+                )
     if picture:
         draw(picture, rows)
 
 
 def draw(picture: Path, rows: list[tuple]) -> None:
     figure = Figure(figsize=(12, 5.5), dpi=100, layout="constrained")
-    figure.suptitle("Decimation: distance to the source against run time, a point a mesh; nearer to the lower left is better")
-    for axes, ratio in zip(figure.subplots(1, len(RATIOS), sharex=True, sharey=True), RATIOS, strict=True):
+    figure.suptitle(
+        "Decimation: distance to the source against run time, a point a mesh; nearer to the lower left is better"
+    )
+    for axes, ratio in zip(
+        figure.subplots(1, len(RATIOS), sharex=True, sharey=True), RATIOS, strict=True
+    ):
         for k, method in enumerate(METHODS):
-            found = [(ms, max(distance, FLOOR)) for r, m, ms, distance in rows if (r, m) == (ratio, method)]
-            axes.plot(*zip(*found, strict=True), MARKERS[k], color=COLORS[k], alpha=0.8, label=method)
-        axes.set(xscale="log", yscale="log", title=f"{100 * ratio:g} % of the triangles", xlabel="CPU time (ms)")
+            found = [
+                (ms, max(distance, FLOOR))
+                for r, m, ms, distance in rows
+                if (r, m) == (ratio, method)
+            ]
+            axes.plot(
+                *zip(*found, strict=True), MARKERS[k], color=COLORS[k], alpha=0.8, label=method
+            )
+        axes.set(
+            xscale="log",
+            yscale="log",
+            title=f"{100 * ratio:g} % of the triangles",
+            xlabel="CPU time (ms)",
+        )
         axes.grid(alpha=0.25)
     figure.axes[0].set_ylabel("Hausdorff distance (% of the diagonal)")
-    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
+    figure.legend(
+        *figure.axes[0].get_legend_handles_labels(),
+        loc="outside lower center",
+        ncols=3,
+        frameon=False,
+    )
     figure.savefig(picture, pil_kwargs={"optimize": True})
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("files", nargs="*", metavar="FILE.glb", help="more meshes: the largest of each file")
-    parser.add_argument("--picture", type=Path, metavar="PICTURE.png", help="draw the distances against the run times")
-    parser.add_argument("--other", action="store_true", help="other meshes: many parts, knots, scans")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "files", nargs="*", metavar="FILE.glb", help="more meshes: the largest of each file"
+    )
+    parser.add_argument(
+        "--picture",
+        type=Path,
+        metavar="PICTURE.png",
+        help="draw the distances against the run times",
+    )
+    parser.add_argument(
+        "--other", action="store_true", help="other meshes: many parts, knots, scans"
+    )
     args = parser.parse_args()
     main(args.picture, args.files, args.other)

@@ -28,20 +28,34 @@ def figure(vertices: int, group: Group) -> SkinnedMesh:
 
     k = np.arange(vertices) + 0.5
     turn, high = k * np.pi * (3 - 5**0.5), 1 - 2 * k / vertices
-    unit = np.column_stack([np.cos(turn) * np.sqrt(1 - high**2), np.sin(turn) * np.sqrt(1 - high**2), high])
+    unit = np.column_stack(
+        [np.cos(turn) * np.sqrt(1 - high**2), np.sin(turn) * np.sqrt(1 - high**2), high]
+    )
     points = (unit * (0.25, 0.25, group.center) + (0, 0, group.center)).astype(np.float32)
     hull = bmesh.new()
     for point in points:
         hull.verts.new(point)
     bmesh.ops.convex_hull(hull, input=hull.verts)
     hull.verts.index_update()
-    triangles = np.array([[vertex.index for vertex in face.verts] for face in hull.faces], np.uint32)
+    triangles = np.array(
+        [[vertex.index for vertex in face.verts] for face in hull.faces], np.uint32
+    )
     hull.free()
-    near = np.clip((high[:, None] + 1) / 2 * JOINTS + (-1, 0, 1, 2), 0, JOINTS - 1).astype(np.uint16)
+    near = np.clip((high[:, None] + 1) / 2 * JOINTS + (-1, 0, 1, 2), 0, JOINTS - 1).astype(
+        np.uint16
+    )
     weights = np.full((vertices, 4), 0.25, np.float32)
     gray, none = np.full((vertices, 3), 0.5, np.float32), np.full(vertices, -1, np.float32)
     return SkinnedMesh(
-        points, unit.astype(np.float32), near, weights, np.zeros((vertices, 2), np.float32), gray, none, triangles, True
+        points,
+        unit.astype(np.float32),
+        near,
+        weights,
+        np.zeros((vertices, 2), np.float32),
+        gray,
+        none,
+        triangles,
+        True,
     )
 
 
@@ -54,7 +68,9 @@ class Screen:
         joints = np.tile(np.eye(3, 4, dtype=np.float32), (FRAMES, JOINTS, 1, 1))
         meshes = tuple(figure(vertices, group) for vertices in group.vertices)
         images = np.empty((0, 1, 1, 4), np.uint8)
-        self.cast = Cast((group,), (Character("person", joints, meshes, images, np.full(3, 0.5), 0.0, None),))
+        self.cast = Cast(
+            (group,), (Character("person", joints, meshes, images, np.full(3, 0.5), 0.0, None),)
+        )
         self.canvas = gpu.types.GPUOffScreen(*SIZE, format="RGBA8")
 
     def __call__(self, frame: Frame) -> np.ndarray:
@@ -65,7 +81,9 @@ class Screen:
         import gpu
 
         what = drawing(frame, Style("MESHES", culled=False))
-        batches = Batches(replace(what, lines=what.lines[:0], line_colors=what.line_colors[:0]), self.cast)
+        batches = Batches(
+            replace(what, lines=what.lines[:0], line_colors=what.line_colors[:0]), self.cast
+        )
         with self.canvas.bind():
             buffer = gpu.state.active_framebuffer_get()
             buffer.clear(color=(0, 0, 0, 1), depth=1.0)
@@ -97,7 +115,14 @@ def matrices(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     return view, projection
 
 
-def planned(trajectory: Trajectory, camera: Camera, policy: LevelPolicy, time: float, lods: bool, culling: bool) -> Frame:
+def planned(
+    trajectory: Trajectory,
+    camera: Camera,
+    policy: LevelPolicy,
+    time: float,
+    lods: bool,
+    culling: bool,
+) -> Frame:
     """The plan, or what is left of it without LODs or without culling.
 
     Without LODs all have the finest; without culling all are drawn.

@@ -11,7 +11,11 @@ EVERY = 0.5  # seconds from one step to the next
 
 def overlay() -> ModuleType:
     """Return the enabled extension's module of the overlay, whatever its repository is called."""
-    return next(module for name, module in sys.modules.items() if name.endswith(".operators.overlay.viewport_overlay"))
+    return next(
+        module
+        for name, module in sys.modules.items()
+        if name.endswith(".operators.overlay.viewport_overlay")
+    )
 
 
 def begin(session: Iterator) -> None:

@@ -21,7 +21,9 @@ from crowd_lod_extension.crowd_lod.sources.trajectory import Trajectory
 from crowd_lod_extension.crowd_lod.validation.leave_out_timing import plan_leaving
 
 STAND = '{"version": 1, "labels": {"ground": {"color": "#808080"}}, "states": {"stand": {"color": "#ff0000", "on": {"*": {}}}}}'
-WALK = STAND.replace('{"*": {}}', '{"*": {"move": [1.25, 0.5]}}').replace('"labels"', '"edge": "wrap", "labels"')
+WALK = STAND.replace('{"*": {}}', '{"*": {"move": [1.25, 0.5]}}').replace(
+    '"labels"', '"edge": "wrap", "labels"'
+)
 WALKER = Group("walker", 0.9, 1.0, 1.25, 1.0, (1000, 400, 120), (2000, 800, 240))
 TIME = 4  # frame
 
@@ -30,7 +32,9 @@ def camera(origin: tuple[float, float, float], pitch: float, half: float, far: f
     """Return a camera at `origin`, meters, that looks along +y and `pitch` radians down."""
     c, s = np.cos(pitch), np.sin(pitch)
     axes = np.array([[1, 0, 0], [0, s, c], [0, c, -s]])
-    return Camera("PERSP", np.array(origin), *axes, Window(-half, half, -half, half), 0.1, far, (1920, 1080))
+    return Camera(
+        "PERSP", np.array(origin), *axes, Window(-half, half, -half, half), 0.1, far, (1920, 1080)
+    )
 
 
 def scenes() -> dict[str, tuple[StateMachine, int, Camera, LevelPolicy]]:
@@ -53,20 +57,28 @@ def scenes() -> dict[str, tuple[StateMachine, int, Camera, LevelPolicy]]:
     }
 
 
-def shares(trajectory: Trajectory, view: Camera, policy: LevelPolicy, repeats: int) -> dict[LeftOut, float]:
+def shares(
+    trajectory: Trajectory, view: Camera, policy: LevelPolicy, repeats: int
+) -> dict[LeftOut, float]:
     """Return the share of a frame that each part would cost."""
     items = sorted(
-        set(plan_leaving(ALL, trajectory, view, policy, TIME).left_out) - {STATIC, NO_HEIGHTS}, key=lambda item: item.reason
+        set(plan_leaving(ALL, trajectory, view, policy, TIME).left_out) - {STATIC, NO_HEIGHTS},
+        key=lambda item: item.reason,
     )
     choices = [ALL, *(ALL - {item} for item in items)]
     took = np.array(
         [
-            [sum(plan_leaving(leave, trajectory, view, policy, TIME).milliseconds.values()) for leave in choices]
+            [
+                sum(plan_leaving(leave, trajectory, view, policy, TIME).milliseconds.values())
+                for leave in choices
+            ]
             for _ in range(repeats)
         ]
     )
     least = took.min(axis=0)
-    return {item: float(1 - least[0] / with_it) for item, with_it in zip(items, least[1:], strict=True)}
+    return {
+        item: float(1 - least[0] / with_it) for item, with_it in zip(items, least[1:], strict=True)
+    }
 
 
 def main(counts: list[int]) -> None:
@@ -76,7 +88,9 @@ def main(counts: list[int]) -> None:
             world = edge_map(Area(-200, -200, 200, 200), machine.labels)
             crowd = populate(count, 1, groups, machine, world)
             trajectory = Walk(crowd, machine, world, (WALKER,) * groups, 1 / 24)
-            for item, share in shares(trajectory, view, policy, 40 if count < 50_000 else 10).items():
+            for item, share in shares(
+                trajectory, view, policy, 40 if count < 50_000 else 10
+            ).items():
                 best[item][count] = max(best[item].get(count, (-1.0, "")), (share, name))
     for item, by_count in best.items():
         print(f"{item.stage}: {item.reason}")

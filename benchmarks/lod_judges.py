@@ -124,19 +124,25 @@ def scatter(shape: Shape, random: np.random.Generator) -> tuple[np.ndarray, np.n
     """Return all corners, and points spread by area: faces (s,), weights (s, 3)."""
     _, first = np.unique(shape.triangles.ravel(), return_index=True)
     corners = shape.points[shape.triangles]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    area = np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
     face = random.choice(len(area), SCATTERED, p=area / area.sum())
     weights = random.dirichlet((1, 1, 1), SCATTERED)
     return np.concatenate([first // 3, face]), np.concatenate([np.eye(3)[first % 3], weights])
 
 
-def seen_at(shape: Shape, samples: tuple, distance: np.ndarray, above: float = 0.0) -> tuple[float, int]:
+def seen_at(
+    shape: Shape, samples: tuple, distance: np.ndarray, above: float = 0.0
+) -> tuple[float, int]:
     """Return how far the farthest sample that shows is, or `above`, and its index, or -1."""
     off = OFF * np.ptp(shape.points, axis=0).max()
     for index in np.argsort(-distance)[:300]:
         if distance[index] <= above:
             break
-        if shape.shows(shape.at((samples[0][index : index + 1], samples[1][index : index + 1]))[0], off):
+        if shape.shows(
+            shape.at((samples[0][index : index + 1], samples[1][index : index + 1]))[0], off
+        ):
             return float(distance[index]), int(index)
     return above, -1
 
@@ -153,7 +159,9 @@ def shown_faces(shape: Shape) -> np.ndarray:
     return np.flatnonzero(faces)
 
 
-def divide(shape: Shape, other: Shape, least: float) -> tuple[float, tuple[np.ndarray, np.ndarray], np.ndarray]:
+def divide(
+    shape: Shape, other: Shape, least: float
+) -> tuple[float, tuple[np.ndarray, np.ndarray], np.ndarray]:
     """Find what shows of a surface that is farthest from another, by dividing its faces.
 
     A face is divided while it may have a point NARROW farther than the farthest, or than `least`: no point
@@ -170,7 +178,9 @@ def divide(shape: Shape, other: Shape, least: float) -> tuple[float, tuple[np.nd
     for _ in range(DEEPEST):
         at = np.einsum("fwc,fcd->fwd", weights, shape.points[shape.triangles[face]])
         longest = np.linalg.norm(at - np.roll(at, 1, axis=1), axis=2).max(axis=1)
-        upper = np.minimum(distance.min(axis=1) + longest, distance.max(axis=1) + longest / np.sqrt(3))
+        upper = np.minimum(
+            distance.min(axis=1) + longest, distance.max(axis=1) + longest / np.sqrt(3)
+        )
         upper[(to == to[:, :1]).all(axis=1)] = 0.0
         left = np.argsort(-upper)[:MOST_DIVIDED]
         left = left[upper[left] > (1 + NARROW) * most]
@@ -210,7 +220,9 @@ def judge_bounds(stage: Stage, lods: list[Lod], frames: list[float]) -> None:
                 for here, one, other in ways(stage.at(frames[number]))[2 * k : 2 * k + 2]:
                     most, found, distance = divide(one, other, own.max())
                     own[number] = most if most > own.max() else own[number]
-                    watched[here] = joined(watched[here], found, visible_worst(one, found, distance))
+                    watched[here] = joined(
+                        watched[here], found, visible_worst(one, found, distance)
+                    )
     for lod, own in zip(lods, seen, strict=True):
         worst = int(own.argmax())
         misses = int((own > lod.bound).sum())
@@ -251,7 +263,9 @@ def visible_worst(shape: Shape, samples: tuple, distance: np.ndarray) -> np.ndar
     """Return the farthest samples that show, spread over the surface, up to WATCHED indices."""
     off = OFF * np.ptp(shape.points, axis=0).max()
     points = shape.at(samples)
-    cell = np.floor(12 * (points - points.min(axis=0)) / np.ptp(points, axis=0).max()).astype(int) @ (1, 100, 10_000)
+    cell = np.floor(12 * (points - points.min(axis=0)) / np.ptp(points, axis=0).max()).astype(
+        int
+    ) @ (1, 100, 10_000)
     found, count = [], {}
     for index in np.argsort(-distance)[: 8 * WATCHED].tolist():
         if len(found) == WATCHED:
@@ -267,7 +281,11 @@ def project(points: np.ndarray, towards: np.ndarray, distance: float) -> np.ndar
     right = np.cross((0, 0, 1), towards)
     right /= np.linalg.norm(right)
     depth = distance - points @ towards
-    return PIXELS_PER_SLOPE * np.stack([points @ right, points @ np.cross(right, towards)], axis=1) / depth[:, None]
+    return (
+        PIXELS_PER_SLOPE
+        * np.stack([points @ right, points @ np.cross(right, towards)], axis=1)
+        / depth[:, None]
+    )
 
 
 def mask(corners: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
@@ -311,7 +329,9 @@ def shift(flat: list[np.ndarray]) -> float:
     return most
 
 
-def closer_shift(one: np.ndarray, other: np.ndarray, place: np.ndarray, far: float, about: float) -> float:
+def closer_shift(
+    one: np.ndarray, other: np.ndarray, place: np.ndarray, far: float, about: float
+) -> float:
     """Return how far a silhouette reaches out of another within `about` pixels of a place."""
     half = far + about + 1
     side = int(2 * half * FINE)
@@ -334,6 +354,9 @@ def judge_outlines(stage: Stage, lods: list[Lod], frames: list[float]) -> None:
             radius = np.linalg.norm(character.points, axis=1).max()
             distance = PIXELS_PER_SLOPE * lod.bound + radius
             for towards in VIEWS:
-                pair = [project(shape.points, towards, distance)[shape.triangles] for shape in (character, shapes[k])]
+                pair = [
+                    project(shape.points, towards, distance)[shape.triangles]
+                    for shape in (character, shapes[k])
+                ]
                 shifts.append(shift(pair))
         lod.figures.update(most=max(shifts), median=float(np.median(shifts)))

@@ -42,7 +42,9 @@ def load(path: Path, action: str) -> list[bpy.types.Object]:
     for item in [item for item in scene.objects if item.name.startswith("Icosphere")]:
         bpy.data.objects.remove(item)  # what the importer draws bones with
     for rig in [item for item in scene.objects if item.type == "ARMATURE"]:
-        named = [each for each in bpy.data.actions if action and action.lower() in each.name.lower()]
+        named = [
+            each for each in bpy.data.actions if action and action.lower() in each.name.lower()
+        ]
         if named:
             rig.animation_data_create()
             for track in list(rig.animation_data.nla_tracks):
@@ -68,7 +70,11 @@ def bend(rig: bpy.types.Object) -> None:
 def span_of(objects: list[bpy.types.Object]) -> tuple[float, float]:
     """Return the first and last frame of what moves the character."""
     moved = [rig for item in objects for rig in (item, item.parent, item.data.shape_keys) if rig]
-    playing = [each.animation_data.action for each in moved if each.animation_data and each.animation_data.action]
+    playing = [
+        each.animation_data.action
+        for each in moved
+        if each.animation_data and each.animation_data.action
+    ]
     ranges = np.array([action.frame_range for action in playing]).reshape(-1, 2)
     return (float(ranges[:, 0].min()), float(ranges[:, 1].max())) if len(ranges) else (1.0, 1.0)
 
@@ -98,11 +104,15 @@ def make(near: float, height: float) -> list[Lod]:
     for k, level in enumerate(settings.levels.children):
         objects = [item for item in level.all_objects if item.type == "MESH"]
         if k and group.bounds[k] > 0:
-            lods[group.triangles[k]] = Lod(objects, group.triangles[k], group.bounds[k], group.deviations[k])
+            lods[group.triangles[k]] = Lod(
+                objects, group.triangles[k], group.bounds[k], group.deviations[k]
+            )
     return list(lods.values())
 
 
-def try_character(path: Path, action: str, nears: list[float], count: int, judged: bool) -> list[dict]:
+def try_character(
+    path: Path, action: str, nears: list[float], count: int, judged: bool
+) -> list[dict]:
     """Make the LODs of a character and judge them; return a row for each LOD."""
     objects = load(path, action)
     first, last = span_of(objects)
@@ -143,15 +153,24 @@ def row_of(name: str, source: int, near: float, lod: Lod, height: float, seconds
 
 
 def told(row: dict) -> str:
-    values = [f"{key} {value:.3g}" if isinstance(value, float) else f"{key} {value}" for key, value in row.items()]
+    values = [
+        f"{key} {value:.3g}" if isinstance(value, float) else f"{key} {value}"
+        for key, value in row.items()
+    ]
     return ", ".join(values)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("characters", nargs="+", help="folders or files, with an action: man.glb:Walk")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "characters", nargs="+", help="folders or files, with an action: man.glb:Walk"
+    )
     parser.add_argument("--near", nargs="+", type=float, default=[20.0, 5.0], help="meters")
-    parser.add_argument("--frames", type=int, default=200, help="random sub-frames of each character")
+    parser.add_argument(
+        "--frames", type=int, default=200, help="random sub-frames of each character"
+    )
     parser.add_argument("--make-only", action="store_true", help="count triangles, judge nothing")
     parser.add_argument("--json", type=Path, help="file to which rows are added, a line each")
     options = parser.parse_args()
@@ -160,7 +179,9 @@ def main() -> None:
         path, _, action = name.partition(":")
         files = sorted(Path(path).glob("*.[gf][lb][bx]")) if Path(path).is_dir() else [Path(path)]
         for file in files:
-            for row in try_character(file, action, options.near, options.frames, not options.make_only):
+            for row in try_character(
+                file, action, options.near, options.frames, not options.make_only
+            ):
                 print(told(row), flush=True)
                 if options.json:
                     with options.json.open("a") as out:

@@ -24,12 +24,16 @@ FLAGS = ("-O3", "-march=native", "-shared", "-fPIC")
 @cache
 def library() -> ctypes.CDLL | None:
     """The loops; None where there is no C compiler that makes them."""
-    compiler = next(filter(None, map(shutil.which, (os.environ.get("CC", "cc"), "gcc", "clang"))), None)
+    compiler = next(
+        filter(None, map(shutil.which, (os.environ.get("CC", "cc"), "gcc", "clang"))), None
+    )
     if compiler is None:
         return None
     with tempfile.TemporaryDirectory() as folder:
         built = Path(folder) / "loop.so"
-        made = subprocess.run([compiler, *FLAGS, str(Path(__file__).with_name("loop.c")), "-o", str(built), "-lm"])
+        made = subprocess.run(
+            [compiler, *FLAGS, str(Path(__file__).with_name("loop.c")), "-o", str(built), "-lm"]
+        )
         return ctypes.CDLL(str(built)) if not made.returncode else None
 
 
@@ -50,7 +54,9 @@ class Cull:
     def __call__(self, camera: Camera) -> np.ndarray:
         """Agents a LOD (n,) int64; their indices are in `buckets`."""
         frustum, crowd, one = frustum_of(camera), self.crowd, ctypes.c_double
-        sides = np.column_stack([frustum.normals, frustum.offsets + frustum.normals @ camera.origin])
+        sides = np.column_stack(
+            [frustum.normals, frustum.offsets + frustum.normals @ camera.origin]
+        )
         depth = np.append(camera.Z, camera.Z @ camera.origin)
         counts = np.zeros(len(self.buckets), np.int64)
         library().cull(

@@ -111,7 +111,10 @@ def compared(count: int, visible: int, taken: dict[str, list]) -> dict:
 def ready(scene):
     """Wait until the viewport shows LOD meshes."""
     began = time.monotonic()
-    while not (overlay().shown_of(scene) and overlay().shown_of(scene).cast) and time.monotonic() - began < 60:
+    while (
+        not (overlay().shown_of(scene) and overlay().shown_of(scene).cast)
+        and time.monotonic() - began < 60
+    ):
         redraw()
         yield
 
@@ -125,7 +128,9 @@ def measure(scene, window) -> list[tuple[float, float]]:
         with bpy.context.temp_override(window=window):
             redraw()
         if number >= WARM:
-            times.append((1000 * (time.perf_counter() - start), 1000 * (time.process_time() - work)))
+            times.append(
+                (1000 * (time.perf_counter() - start), 1000 * (time.process_time() - work))
+            )
         if len(times) >= 2 and time.monotonic() - began > MOST_SECONDS:
             break
     return times

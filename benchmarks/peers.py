@@ -28,7 +28,11 @@ def naive(crowd: Crowd, group: Group, camera: Camera, limits: np.ndarray) -> lis
         across = v @ axis
         visible &= across <= high * along + group.radius * np.hypot(1, high)
         visible &= across >= low * along - group.radius * np.hypot(1, low)
-    level = sum((along >= limit).astype(np.int64) for limit in limits) if len(limits) else np.zeros(len(v), np.int64)
+    level = (
+        sum((along >= limit).astype(np.int64) for limit in limits)
+        if len(limits)
+        else np.zeros(len(v), np.int64)
+    )
     return [np.flatnonzero(visible & (level == k)) for k in range(len(limits) + 1)]
 
 
@@ -71,7 +75,9 @@ class Tree:
     def __init__(self, name: str):
         self.group = bpy.data.node_groups.new(name, "GeometryNodeTree")
         for in_out in ("INPUT", "OUTPUT"):
-            self.group.interface.new_socket("Geometry", in_out=in_out, socket_type="NodeSocketGeometry")
+            self.group.interface.new_socket(
+                "Geometry", in_out=in_out, socket_type="NodeSocketGeometry"
+            )
         self.geometry = self.group.nodes.new("NodeGroupInput").outputs[0]
 
     def node(self, kind: str, *values, **settings) -> bpy.types.Node:
@@ -94,7 +100,9 @@ class Tree:
 
     def store(self, name: str, kind: str, value: bpy.types.NodeSocket) -> None:
         """Give the geometry a point attribute."""
-        store = self.node("GeometryNodeStoreNamedAttribute", self.geometry, data_type=kind, domain="POINT")
+        store = self.node(
+            "GeometryNodeStoreNamedAttribute", self.geometry, data_type=kind, domain="POINT"
+        )
         store.inputs["Name"].default_value = name
         self.group.links.new(value, store.inputs["Value"])
         self.geometry = store.outputs[0]
@@ -119,19 +127,31 @@ class Cull:
             if len(self.planes) < 7:
                 beyond = tree.node("ShaderNodeMath", depth, operation="GREATER_THAN")
                 self.planes[-1][1] = beyond.inputs[1]
-                outside = beyond.outputs[0] if outside is None else tree.math("MAXIMUM", outside, beyond.outputs[0])
+                outside = (
+                    beyond.outputs[0]
+                    if outside is None
+                    else tree.math("MAXIMUM", outside, beyond.outputs[0])
+                )
         depth_from = tree.node("ShaderNodeMath", depth, operation="SUBTRACT")
         self.planes[6][1] = depth_from.inputs[1]
         level = tree.math("ADD", 0.0, 0.0)
         for limit in limits:
-            level = tree.math("ADD", level, tree.math("GREATER_THAN", depth_from.outputs[0], float(limit) * (1 - 1e-7)))
+            level = tree.math(
+                "ADD",
+                level,
+                tree.math("GREATER_THAN", depth_from.outputs[0], float(limit) * (1 - 1e-7)),
+            )
         tree.geometry = tree.node("GeometryNodeDeleteGeometry", tree.geometry, outside).outputs[0]
         tree.store("lod", "INT", level)
 
     def aim(self, camera: Camera, radius: float) -> None:
         frustum = frustum_of(camera)
-        offsets = np.append(frustum.offsets + frustum.normals @ camera.origin + radius, camera.Z @ camera.origin)
-        for (normal, offset), n, o in zip(self.planes, [*frustum.normals, camera.Z], offsets, strict=True):
+        offsets = np.append(
+            frustum.offsets + frustum.normals @ camera.origin + radius, camera.Z @ camera.origin
+        )
+        for (normal, offset), n, o in zip(
+            self.planes, [*frustum.normals, camera.Z], offsets, strict=True
+        ):
             normal.default_value, offset.default_value = n, o
 
 

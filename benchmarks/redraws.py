@@ -39,7 +39,10 @@ def session():
     taken = {mode: {} for mode in MODES}
     for _ in range(ROUNDS):
         for mode in MODES:
-            settings.overlay, settings.overlay_mode = mode != "OFF", settings.overlay_mode if mode == "OFF" else mode
+            settings.overlay, settings.overlay_mode = (
+                mode != "OFF",
+                settings.overlay_mode if mode == "OFF" else mode,
+            )
             yield
             for number in range(WARM + REDRAWS):
                 camera.location.x += STEP if number % 2 else -STEP
@@ -52,7 +55,9 @@ def session():
                 for name, value in parts.items() if number >= WARM else ():
                     taken[mode].setdefault(name, []).append(value)
     for mode, named in taken.items():
-        print(mode, "; ".join(f"{name} {told(values)}" for name, values in named.items()), flush=True)
+        print(
+            mode, "; ".join(f"{name} {told(values)}" for name, values in named.items()), flush=True
+        )
 
 
 def timed() -> dict[str, float]:
@@ -67,7 +72,11 @@ def timed() -> dict[str, float]:
             part(context)
             python = time.perf_counter()
             finish()
-            ends = (("Python", python - began), ("with the GPU", time.perf_counter() - began), ("CPU", time.process_time() - work))
+            ends = (
+                ("Python", python - began),
+                ("with the GPU", time.perf_counter() - began),
+                ("CPU", time.process_time() - work),
+            )
             for name, seconds in ends:
                 noted[name] = noted.get(name, 0.0) + 1000 * seconds
 

@@ -24,7 +24,13 @@ from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, window
 from crowd_lod_extension.crowd_lod.frame.frame import plan
-from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, assign, deviations, hold, limits
+from crowd_lod_extension.crowd_lod.levels.assignment import (
+    LevelPolicy,
+    assign,
+    deviations,
+    hold,
+    limits,
+)
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.reporting import files, tables
 from crowd_lod_extension.crowd_lod.shot.shot import decide
@@ -55,7 +61,9 @@ GROUPS = tuple(
 POLICY = LevelPolicy((0.0,) * 5, "PIXELS", tolerance=TOLERANCE)
 
 
-def aimed(origin: Sequence[float], target: Sequence[float], lens: float, roll: float = 0.0) -> Camera:
+def aimed(
+    origin: Sequence[float], target: Sequence[float], lens: float, roll: float = 0.0
+) -> Camera:
     """Return a camera at `origin` that looks at `target`, both in meters.
 
     Lens in millimeters, roll in radians.
@@ -66,14 +74,18 @@ def aimed(origin: Sequence[float], target: Sequence[float], lens: float, roll: f
     right /= np.linalg.norm(right)
     up = np.cross(right, Z)
     X, Y = np.cos(roll) * right + np.sin(roll) * up, np.cos(roll) * up - np.sin(roll) * right
-    return Camera("PERSP", origin, X, Y, Z, window(36 / lens, "AUTO", PIXELS), 0.2, plaza.FAR, PIXELS)
+    return Camera(
+        "PERSP", origin, X, Y, Z, window(36 / lens, "AUTO", PIXELS), 0.2, plaza.FAR, PIXELS
+    )
 
 
 def descent(t: float) -> Camera:
     """The plaza's own flight: down into the crowd, and through it."""
     frames, places, targets, lenses = zip(*plaza.FLIGHT, strict=True)
     at = 1 + t * (frames[-1] - 1)
-    place, target = ([np.interp(at, frames, axis) for axis in np.transpose(each)] for each in (places, targets))
+    place, target = (
+        [np.interp(at, frames, axis) for axis in np.transpose(each)] for each in (places, targets)
+    )
     return aimed(place, target, float(np.interp(at, frames, lenses)))
 
 
@@ -97,9 +109,14 @@ def orbit(t: float) -> Camera:
 
 def hand_held(t: float) -> Camera:
     """From a place in the crowd, never quite still."""
-    sway = [np.sin(2 * np.pi * (rate * 5 * t + shift)) for rate, shift in ((0.9, 0.1), (1.7, 0.6), (0.6, 0.3), (2.3, 0.8))]
+    sway = [
+        np.sin(2 * np.pi * (rate * 5 * t + shift))
+        for rate, shift in ((0.9, 0.1), (1.7, 0.6), (0.6, 0.3), (2.3, 0.8))
+    ]
     place = (-30 + 0.12 * sway[0], -34 + 0.1 * sway[1], 1.7 + 0.04 * sway[2])
-    return aimed(place, (5 + 1.5 * sway[2], 2 + 1.5 * sway[0], 1 + 0.8 * sway[3]), 35, 0.015 * sway[1])
+    return aimed(
+        place, (5 + 1.5 * sway[2], 2 + 1.5 * sway[0], 1 + 0.8 * sway[3]), 35, 0.015 * sway[1]
+    )
 
 
 CAMERAS: dict[str, Callable[[float], Camera]] = {
@@ -118,10 +135,17 @@ def crowd_of(agents: int) -> Walk:
     return Walk(populate(agents, 7, len(GROUPS), machine, world), machine, world, GROUPS, 1 / 24)
 
 
-def surveyed(trajectory: Walk, camera: Callable[[float], Camera], frames: int) -> tuple[Survey, list[Camera]]:
+def surveyed(
+    trajectory: Walk, camera: Callable[[float], Camera], frames: int
+) -> tuple[Survey, list[Camera]]:
     """Run through the shot: (its survey, its cameras)."""
     library = Library(np.zeros(len(GROUPS), np.intp))
-    survey = empty(range(1, frames + 1), range(1, frames + 1), trajectory.start.group, library.first(trajectory.gaits))
+    survey = empty(
+        range(1, frames + 1),
+        range(1, frames + 1),
+        trajectory.start.group,
+        library.first(trajectory.gaits),
+    )
     films, before = [camera(f / max(frames - 1, 1)) for f in range(frames)], None
     with Recorder() as recorder:
         for f, film in enumerate(films):
@@ -132,7 +156,9 @@ def surveyed(trajectory: Walk, camera: Callable[[float], Camera], frames: int) -
     return survey, films
 
 
-def held_levels(survey: Survey, films: Sequence[Camera], width: float, keeps: bool = False) -> np.ndarray:
+def held_levels(
+    survey: Survey, films: Sequence[Camera], width: float, keeps: bool = False
+) -> np.ndarray:
     """LODs (F, n) by thresholds, held by causal hysteresis of this width while an agent is in sight.
 
     keeps: let LODs begin so much farther off that none deviates by more than the tolerance; else LODs are held on both sides of
@@ -146,12 +172,27 @@ def held_levels(survey: Survey, films: Sequence[Camera], width: float, keeps: bo
         distance = film.pixels_per_unit / np.where(scale > 0, scale, np.inf) + radius[survey.group]
         levels[f] = assign(distance, begins, survey.group)
         if f:
-            own = hold(levels[f - 1], distance, begins, survey.group, None, width / (1 + width) if keeps else width)
+            own = hold(
+                levels[f - 1],
+                distance,
+                begins,
+                survey.group,
+                None,
+                width / (1 + width) if keeps else width,
+            )
             levels[f] = np.where(survey.joined(f), own, levels[f])
     return levels
 
 
-def row(camera: str, engine: str, way: str, found: Bill, thresholds: Bill, full: Bill, bound: float | None = None) -> dict:
+def row(
+    camera: str,
+    engine: str,
+    way: str,
+    found: Bill,
+    thresholds: Bill,
+    full: Bill,
+    bound: float | None = None,
+) -> dict:
     """One row of the table."""
     return {
         "camera": camera,
@@ -169,11 +210,16 @@ def row(camera: str, engine: str, way: str, found: Bill, thresholds: Bill, full:
     }
 
 
-def compared(name: str, engine: str, survey: Survey, films: Sequence[Camera], avoid: Sequence[float]) -> list[dict]:
+def compared(
+    name: str, engine: str, survey: Survey, films: Sequence[Camera], avoid: Sequence[float]
+) -> list[dict]:
     """The rows of one camera and engine."""
     shot = Shot(survey, meshes_of(GROUPS, POLICY.count), engine)
     thresholds, full = bill(shot, survey.coarsest), bill(shot, np.zeros_like(survey.coarsest))
-    rows = [row(name, engine, way, found, thresholds, full) for way, found in (("full detail", full), ("thresholds", thresholds))]
+    rows = [
+        row(name, engine, way, found, thresholds, full)
+        for way, found in (("full detail", full), ("thresholds", thresholds))
+    ]
     for width in WIDTHS:
         for keeps, what in ((False, ""), (True, " within tolerance")):
             found = bill(shot, held_levels(survey, films, width, keeps))
@@ -204,7 +250,9 @@ def growth(sizes: Sequence[tuple[int, int]]) -> list[dict]:
                 "seen": round(float((survey.kind == SEEN).mean()), 3),
                 "peak_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
                 "switches": int(made.bill.switches.sum()),
-                "of_thresholds": round(float(made.bill.switches.sum() / max(made.thresholds.switches.sum(), 1)), 3),
+                "of_thresholds": round(
+                    float(made.bill.switches.sum() / max(made.thresholds.switches.sum(), 1)), 3
+                ),
             }
         )
         print(rows[-1], flush=True)
@@ -221,11 +269,18 @@ def baked(folder: Path) -> list[dict]:
     run("sample", "plaza", "--out", scene)
     run("plan", scene, "--frames", BAKED, "--out", folder / "plan")
     for way, more in (("thresholds", ()), ("plan", ("--plan", folder / "plan", "--strict"))):
-        file, asked = folder / f"{way}.blend", {**PICTURE["CYCLES"], "engine": "CYCLES", "frame": SHOWN}
+        file, asked = (
+            folder / f"{way}.blend",
+            {**PICTURE["CYCLES"], "engine": "CYCLES", "frame": SHOWN},
+        )
         run("build", scene, "--bake", "--render-only", "--frames", BAKED, "--out", file, *more)
         took = job(LIMIT, job="render", file=str(file), picture=str(folder / "frame.exr"), **asked)
         rows.append(
-            {"way": way, "file_mb": round(file.stat().st_size / 1e6, 3), **{key: took[key] for key in ("peak_mb", "cpu_s")}}
+            {
+                "way": way,
+                "file_mb": round(file.stat().st_size / 1e6, 3),
+                **{key: took[key] for key in ("peak_mb", "cpu_s")},
+            }
         )
     parts = {key: round(rows[1][key] / rows[0][key], 3) for key in rows[0] if key != "way"}
     return [*rows, {"way": "plan / thresholds", **parts}]

@@ -25,14 +25,20 @@ class Points:
     def __init__(self, trajectory: Trajectory, policy: LevelPolicy):
         self.trajectory, self.policy = trajectory, policy
         self.scene = bpy.data.scenes.new("points")
-        self.objects = [bpy.data.objects.new(f"LOD {k}", bpy.data.meshes.new(f"LOD {k}")) for k in range(policy.count)]
+        self.objects = [
+            bpy.data.objects.new(f"LOD {k}", bpy.data.meshes.new(f"LOD {k}"))
+            for k in range(policy.count)
+        ]
         for each in self.objects:
             self.scene.collection.objects.link(each)
 
     def __call__(self, camera: Camera, frame: int) -> None:
         """The frame, from behavior to points that the dependency graph holds."""
         found = plan(self.trajectory, camera, self.policy, frame)
-        held, buckets = frame_update.Held(found.crowd, frame), [found.buckets[level] for level in range(len(self.objects))]
+        held, buckets = (
+            frame_update.Held(found.crowd, frame),
+            [found.buckets[level] for level in range(len(self.objects))],
+        )
         library = Library(np.full(len(self.trajectory.groups), POSES))
         made = frame_update.columns_by_bucket(self.trajectory, found.crowd, held, buckets, library)
         for each, columns in zip(self.objects, made, strict=True):
@@ -60,7 +66,9 @@ class Walkers(Nodes):
     def __init__(self, trajectory: Trajectory, group: Group, limits: np.ndarray):
         self.trajectory, self.person = trajectory, group
         labels = trajectory.world.labels
-        self.image = bpy.data.images.new("labels", labels.shape[1], labels.shape[0], float_buffer=True, is_data=True)
+        self.image = bpy.data.images.new(
+            "labels", labels.shape[1], labels.shape[0], float_buffer=True, is_data=True
+        )
         self.image.pixels.foreach_set(np.repeat(labels.astype(np.float32).ravel(), 4))
         super().__init__(trajectory.start, group, limits)
         crowd, mesh = trajectory.start, self.object.data
@@ -85,21 +93,32 @@ class Walkers(Nodes):
         area, machine = self.trajectory.area, self.trajectory.machine
         width, depth = area.size
         speed = float(machine.velocity[0, 0, 0])
-        entry, leave = (tree.group.nodes.new(f"GeometryNodeSimulation{end}") for end in ("Input", "Output"))
+        entry, leave = (
+            tree.group.nodes.new(f"GeometryNodeSimulation{end}") for end in ("Input", "Output")
+        )
         entry.pair_with_output(leave)
         tree.group.links.new(tree.geometry, entry.inputs["Geometry"])
         tree.geometry, seconds = entry.outputs["Geometry"], entry.outputs["Delta Time"]
 
         def attribute(name: str, kind: str) -> bpy.types.NodeSocket:
             node = tree.node("GeometryNodeInputNamedAttribute", name, data_type=kind)
-            return next(socket for socket in node.outputs if socket.enabled and socket.name == "Attribute")
+            return next(
+                socket for socket in node.outputs if socket.enabled and socket.name == "Attribute"
+            )
 
-        place = tree.node("ShaderNodeSeparateXYZ", tree.node("GeometryNodeInputPosition").outputs[0]).outputs
+        place = tree.node(
+            "ShaderNodeSeparateXYZ", tree.node("GeometryNodeInputPosition").outputs[0]
+        ).outputs
         u = tree.math("MULTIPLY", tree.math("SUBTRACT", place[0], area.x_min), 1 / width)
         v = tree.math("MULTIPLY", tree.math("SUBTRACT", place[1], area.y_min), 1 / depth)
         at = tree.node("ShaderNodeCombineXYZ", u, v).outputs[0]
-        label = tree.node("GeometryNodeImageTexture", self.image, at, interpolation="Closest", extension="EXTEND").outputs["Color"]
-        on = {name: tree.math("COMPARE", label, machine.labels.index(name), 0.5) for name in ("left edge", "right edge")}
+        label = tree.node(
+            "GeometryNodeImageTexture", self.image, at, interpolation="Closest", extension="EXTEND"
+        ).outputs["Color"]
+        on = {
+            name: tree.math("COMPARE", label, machine.labels.index(name), 0.5)
+            for name in ("left edge", "right edge")
+        }
         state = attribute("state", "INT")  # 0 walks right, 1 left
         stays = tree.math("MULTIPLY", state, tree.math("SUBTRACT", 1.0, on["left edge"]))
         state = tree.math("MAXIMUM", stays, on["right edge"])
@@ -107,7 +126,10 @@ class Walkers(Nodes):
         moves = tree.math("MULTIPLY", walked, tree.math("MULTIPLY_ADD", state, -2.0, 1.0))
         cycles = tree.math("MULTIPLY", walked, 1 / self.person.stride)
         phase = tree.math("FRACT", tree.math("ADD", attribute("phase", "FLOAT"), cycles))
-        heading, pose = tree.math("MULTIPLY", state, np.pi), tree.math("FLOOR", tree.math("MULTIPLY", phase, POSES))
+        heading, pose = (
+            tree.math("MULTIPLY", state, np.pi),
+            tree.math("FLOOR", tree.math("MULTIPLY", phase, POSES)),
+        )
         # all are read from the points as they were: what is written changes no field before the zone's end
         captured = tree.node("GeometryNodeCaptureAttribute", tree.geometry, domain="POINT")
         tree.geometry = captured.outputs[0]
@@ -123,7 +145,9 @@ class Walkers(Nodes):
             tree.group.links.new(value, captured.inputs[name])
             kept[name] = kind, captured.outputs[name]
         way = tree.node("ShaderNodeCombineXYZ", kept.pop("moves")[1]).outputs[0]
-        tree.geometry = tree.node("GeometryNodeSetPosition", tree.geometry, None, None, way).outputs[0]
+        tree.geometry = tree.node(
+            "GeometryNodeSetPosition", tree.geometry, None, None, way
+        ).outputs[0]
         for name, (kind, value) in kept.items():
             tree.store(name, kind, value)
         tree.group.links.new(tree.geometry, leave.inputs["Geometry"])

@@ -33,14 +33,30 @@ from crowd_lod_extension.operators.blender.ownership import remove_owned
 from crowd_lod_extension.operators.characters.group_measuring import measure_groups
 from crowd_lod_extension.operators.characters.stored_groups import store_groups
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.render_setup import bake, cost_estimate, frame_update, render_setup
+from crowd_lod_extension.operators.render_setup import (
+    bake,
+    cost_estimate,
+    frame_update,
+    render_setup,
+)
 from crowd_lod_extension.operators.render_setup.hidden_characters import hide_characters
 from crowd_lod_extension.operators.scene.scene_crowd import frame_of, trajectory_of
 
-NOBODY, EVERYONE, CAMERA_CULL, NODES, BAKED = "nobody", "everyone", "camera cull", "geometry nodes", "1 px, baked"
+NOBODY, EVERYONE, CAMERA_CULL, NODES, BAKED = (
+    "nobody",
+    "everyone",
+    "camera cull",
+    "geometry nodes",
+    "1 px, baked",
+)
 CROWD_LOD = ("by ratio", "1 px")
 WAYS = (NOBODY, EVERYONE, CAMERA_CULL, NODES, *CROWD_LOD, BAKED)
-BASES = {NODES: "by ratio", "by ratio": "by ratio", "1 px": "1 px", BAKED: "1 px"}  # the build whose LODs a way has, if not full's
+BASES = {
+    NODES: "by ratio",
+    "by ratio": "by ratio",
+    "1 px": "1 px",
+    BAKED: "1 px",
+}  # the build whose LODs a way has, if not full's
 FRAMES = range(30, 33)  # that a baked file holds; the middle one is rendered
 CHOSEN_FOR = 10_000  # agents of the shot for which LODs by tolerance are chosen
 
@@ -50,7 +66,9 @@ def shown_by(engine: str) -> tuple[str, ...]:
     return tuple(way for way in WAYS if engine == "CYCLES" or way != CAMERA_CULL)
 
 
-def prepare(folder: str, crowd: dict, engine: str, sizes: list[int], width: int, samples: int) -> dict:
+def prepare(
+    folder: str, crowd: dict, engine: str, sizes: list[int], width: int, samples: int
+) -> dict:
     """Write WAY_AGENTS.blend into the folder of a crowd of crowds.make.
 
     For pictures `width` pixels wide of so many `samples` by the `engine`. Returns a row for each
@@ -62,7 +80,11 @@ def prepare(folder: str, crowd: dict, engine: str, sizes: list[int], width: int,
     crowds.spread(scene, CHOSEN_FOR)
     store_groups(settings, measure_groups(scene))
     settings.thresholds[:2] = [meters / scene.camera.data.clip_end for meters in (15, 40)]
-    for way, choice, count in (("full", "BY_RATIO", 1), ("by ratio", "BY_RATIO", 3), ("1 px", "BY_TOLERANCE", 3)):
+    for way, choice, count in (
+        ("full", "BY_RATIO", 1),
+        ("by ratio", "BY_RATIO", 3),
+        ("1 px", "BY_TOLERANCE", 3),
+    ):
         settings.choice, settings.level_count = choice, count
         rows.append(_build(scene, way, Path(folder) / f"{way}.blend"))
     for agents in sizes:
@@ -71,7 +93,9 @@ def prepare(folder: str, crowd: dict, engine: str, sizes: list[int], width: int,
             scene = bpy.context.scene
             crowds.spread(scene, agents)
             if way == BAKED:
-                predicted[agents] = finished(cost_estimate.estimate(scene, scene.crowd_lod, FRAMES, known=True)).as_json
+                predicted[agents] = finished(
+                    cost_estimate.estimate(scene, scene.crowd_lod, FRAMES, known=True)
+                ).as_json
                 finished(bake.bake(scene, FRAMES))
             elif way not in (NOBODY, *CROWD_LOD):
                 _dress(scene, way)
@@ -97,7 +121,9 @@ def _save(path: Path) -> float:
     return round(path.stat().st_size / 1e6, 2)
 
 
-def counts(folder: str, crowd: dict, sizes: list[int], lods: bool, width: int, samples: int) -> dict:
+def counts(
+    folder: str, crowd: dict, sizes: list[int], lods: bool, width: int, samples: int
+) -> dict:
     """Write files of the crowd, of nobody and of each of `sizes` agents.
 
     Everyone at full detail, and, with `lods`, a bake with LODs by ratio. Returns a row of counts
@@ -115,7 +141,16 @@ def counts(folder: str, crowd: dict, sizes: list[int], lods: bool, width: int, s
     for way, agents in [(EVERYONE, 0), *((way, agents) for way in made for agents in sizes)]:
         bpy.ops.wm.open_mainfile(filepath=f"{folder}/{way}.blend")
         row, path = _counted(bpy.context.scene, way, agents), Path(folder) / f"{way}_{agents}.blend"
-        rows.append({**crowd, "way": way, "agents": agents, **row, "file": str(path), "file_mb": _save(path)})
+        rows.append(
+            {
+                **crowd,
+                "way": way,
+                "agents": agents,
+                **row,
+                "file": str(path),
+                "file_mb": _save(path),
+            }
+        )
         if not agents:
             bpy.data.batch_remove(bpy.data.images)  # those of hidden characters are loaded, too
             _save(path)
@@ -138,7 +173,12 @@ def _counted(scene: bpy.types.Scene, way: str, agents: int) -> dict:
         return {name: float(np.sum(value)) for name, value in vars(works["By Ratio"]).items()}
     top, full = scene.crowd_lod.build, works[cost_estimate.FULL]
     _dress(scene, EVERYONE)
-    return counted(top) | {"rays": float(full.rays[0]), "images": full.images, "stored": 0.0, "points": 3.0 * agents}
+    return counted(top) | {
+        "rays": float(full.rays[0]),
+        "images": full.images,
+        "stored": 0.0,
+        "points": 3.0 * agents,
+    }
 
 
 def counted(top: bpy.types.Collection) -> dict[str, int]:
@@ -147,9 +187,16 @@ def counted(top: bpy.types.Collection) -> dict[str, int]:
     See crowd_lod/levels/cost_model.py.
     """
     (points,) = render_setup.points_of(top).values()
-    shelf = next(child for child in top.children_recursive if child.get(render_setup.LIBRARY, -1) == 0)
+    shelf = next(
+        child for child in top.children_recursive if child.get(render_setup.LIBRARY, -1) == 0
+    )
     homes = sorted(shelf.children, key=lambda home: home.name)
-    triangles = np.array([sum(len(item.data.loops) - 2 * len(item.data.polygons) for item in home.objects) for home in homes])
+    triangles = np.array(
+        [
+            sum(len(item.data.loops) - 2 * len(item.data.polygons) for item in home.objects)
+            for home in homes
+        ]
+    )
     numbers = np.zeros(len(points.data.vertices), np.int32)
     points.data.attributes["pose"].data.foreach_get("value", numbers)
     at = np.zeros(len(numbers), np.int32)
@@ -187,7 +234,9 @@ def _build(scene: bpy.types.Scene, way: str, path: Path) -> dict:
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
     return {
         "lods": way,
-        "triangles": "; ".join(" ".join(f"{n:,}" for n in group.triangles if n) for group in scene.crowd_lod.groups[:1]),
+        "triangles": "; ".join(
+            " ".join(f"{n:,}" for n in group.triangles if n) for group in scene.crowd_lod.groups[:1]
+        ),
         "make_cpu_s": round(made - begun, 1),
         "build_cpu_s": round(took - made, 1),
     }
@@ -208,7 +257,11 @@ def _dress(scene: bpy.types.Scene, way: str) -> None:
         frame = frame_of(scene, scene.view_layers[0].depsgraph, trajectory=trajectory)
         agents, held = np.arange(len(frame.crowd)), frame_update.Held(frame.crowd, frame.time)
         for name in points:
-            shown = name == "LOD 0" if way in (EVERYONE, CAMERA_CULL) else way == NODES and name.startswith("LOD")
+            shown = (
+                name == "LOD 0"
+                if way in (EVERYONE, CAMERA_CULL)
+                else way == NODES and name.startswith("LOD")
+            )
             if shown:
                 rows[name].append(bake.columns_in_time(trajectory, held, number, agents, library))
     bake.mark(scene, FRAMES)
@@ -219,7 +272,10 @@ def _dress(scene: bpy.types.Scene, way: str) -> None:
             bpy.data.objects.remove(item)  # what it instances would be evaluated, picked or not
             continue
         columns = rows[name][0].keys()
-        mesh_data.write_points(item.data, {column: np.concatenate([each[column] for each in rows[name]]) for column in columns})
+        mesh_data.write_points(
+            item.data,
+            {column: np.concatenate([each[column] for each in rows[name]]) for column in columns},
+        )
         if way == NODES:
             _cull(item, trajectory.groups, frame)
     if way == CAMERA_CULL:
@@ -235,7 +291,9 @@ def _cull(points: bpy.types.Object, groups: tuple[Group, ...], frame) -> None:
     the LODs' distances are the same for them.
     """
     center = np.mean([group.center for group in groups])
-    sphere = Group("all", 0.0, max(group.radius + abs(group.center - center) for group in groups), 0.0, 1.0)
+    sphere = Group(
+        "all", 0.0, max(group.radius + abs(group.center - center) for group in groups), 0.0, 1.0
+    )
     nodes = peers.Nodes(frame.crowd, sphere, frame.begins[0])
     nodes.aim(replace(frame.camera, origin=frame.camera.origin - (0, 0, center)))
     own = bpy.data.node_groups.new("one LOD", "GeometryNodeTree")
@@ -282,7 +340,11 @@ def render(file: str, picture: str, engine: str, frame: int, width: int, samples
     settings, cycles = scene.render, scene.cycles
     settings.engine = scene_data.EEVEE if engine == "EEVEE" else engine
     height = round(width * settings.resolution_y / settings.resolution_x)
-    settings.resolution_x, settings.resolution_y, settings.resolution_percentage = width, height, 100
+    settings.resolution_x, settings.resolution_y, settings.resolution_percentage = (
+        width,
+        height,
+        100,
+    )
     settings.image_settings.file_format, settings.image_settings.color_depth = "OPEN_EXR", "32"
     settings.filepath = str(Path(picture).with_suffix("")) + "_"
     cycles.device, cycles.seed, cycles.samples = "CPU", 0, samples
@@ -291,7 +353,9 @@ def render(file: str, picture: str, engine: str, frame: int, width: int, samples
     scene.frame_set(frame - 1)  # the crowd's way to here is no part of one frame's cost
     scene.frame_start = scene.frame_end = frame
     said = []
-    bpy.app.handlers.render_stats.append(lambda text, *_: said.append((time.perf_counter(), str(text))))
+    bpy.app.handlers.render_stats.append(
+        lambda text, *_: said.append((time.perf_counter(), str(text)))
+    )
     begun, cpu = time.perf_counter(), time.process_time()
     bpy.ops.render.render(animation=True)
     ended, used = time.perf_counter(), time.process_time() - cpu

@@ -30,7 +30,9 @@ from ways import BAKED, EVERYONE, FRAMES, NOBODY, shown_by
 MARKERS = "osD^v<>"  # of matplotlib
 
 NEAR, FAR = ({"groups": 4, "meters": meters, "finer": 1} for meters in (2, 20))
-LIGHT = [{**crowd, "finer": 0} for crowd in (NEAR, FAR)]  # a GPU of software draws every instance's triangles
+LIGHT = [
+    {**crowd, "finer": 0} for crowd in (NEAR, FAR)
+]  # a GPU of software draws every instance's triangles
 TWENTY = {"groups": 20, "meters": 20, "finer": 0}
 QUICK = [("CYCLES", crowd, (1000, 10_000)) for crowd in (NEAR, FAR)]
 ROWS = [
@@ -41,7 +43,11 @@ ROWS = [
 PICTURE = {"CYCLES": {"width": 640, "samples": 4}, "EEVEE": {"width": 160, "samples": 1}}
 LIMIT = 1200.0  # seconds of a render: a GPU of software takes its time
 REPEATS, REPEATED = 3, 10_000  # renders by Cycles of up to so many agents, for medians
-PARTS = {"cpu_s": "time", "peak_mb": "memory", "file_mb": "file"}  # what is measured, and the name of its part of everyone's
+PARTS = {
+    "cpu_s": "time",
+    "peak_mb": "memory",
+    "file_mb": "file",
+}  # what is measured, and the name of its part of everyone's
 
 
 @dataclass(frozen=True)
@@ -63,7 +69,11 @@ GOALS = (
         {"memory": 0.45, "time": 0.6},
         lambda row: row["crowd"] == name_of(FAR),
     ),
-    Goal("EEVEE, 10,000 agents: time 0.1", {"time": 0.1}, lambda row: (row["engine"], row["agents"]) == ("EEVEE", 10_000)),
+    Goal(
+        "EEVEE, 10,000 agents: time 0.1",
+        {"time": 0.1},
+        lambda row: (row["engine"], row["agents"]) == ("EEVEE", 10_000),
+    ),
 )
 
 
@@ -92,16 +102,32 @@ def rendered(folder: Path, engine: str, way: str, agents: int, repeats: int) -> 
 
     If None, "ended" says why it could not be measured.
     """
-    asked = {"engine": engine, "frame": FRAMES[1], "picture": str(folder / f"{way}.exr"), **PICTURE[engine]}
+    asked = {
+        "engine": engine,
+        "frame": FRAMES[1],
+        "picture": str(folder / f"{way}.exr"),
+        **PICTURE[engine],
+    }
     found = [job(LIMIT, job="render", file=str(folder / f"{way}_{agents}.blend"), **asked)]
     while "ended" not in found[-1] and len(found) < repeats:
         found.append(job(LIMIT, job="render", file=str(folder / f"{way}_{agents}.blend"), **asked))
     if "ended" in found[-1]:
         return {**dict.fromkeys(("cpu_s", "peak_mb")), "ended": found[-1]["ended"]}
-    return {key: round(float(np.median([each[key] for each in found])), 2) for key in ("cpu_s", "peak_mb")} | {"ended": ""}
+    return {
+        key: round(float(np.median([each[key] for each in found])), 2)
+        for key in ("cpu_s", "peak_mb")
+    } | {"ended": ""}
 
 
-def costs(folder: Path, engine: str, crowd: dict, agents: int, files: dict[str, float], repeats: int, jobs: int) -> list[dict]:
+def costs(
+    folder: Path,
+    engine: str,
+    crowd: dict,
+    agents: int,
+    files: dict[str, float],
+    repeats: int,
+    jobs: int,
+) -> list[dict]:
     """A row for each way: what it takes, and its parts of what everyone takes.
 
     Both less nobody.
@@ -111,7 +137,11 @@ def costs(folder: Path, engine: str, crowd: dict, agents: int, files: dict[str, 
 
     def costs_of(way: str) -> dict:
         row = {"engine": engine, "crowd": name_of(crowd), "agents": agents, "way": way}
-        return row | rendered(folder, engine, way, agents, repeats) | {"file_mb": files[f"{way}_{agents}"]}
+        return (
+            row
+            | rendered(folder, engine, way, agents, repeats)
+            | {"file_mb": files[f"{way}_{agents}"]}
+        )
 
     with ThreadPoolExecutor(jobs) as pool:
         rows = list(pool.map(costs_of, shown_by(engine)))
@@ -119,7 +149,11 @@ def costs(folder: Path, engine: str, crowd: dict, agents: int, files: dict[str, 
     for row in rows:
         known = row["way"] != NOBODY and not (row["ended"] or nobody["ended"] or whole["ended"])
         for key, part in PARTS.items():
-            row[part] = round((row[key] - nobody[key]) / max(whole[key] - nobody[key], 1e-9), 3) if known else None
+            row[part] = (
+                round((row[key] - nobody[key]) / max(whole[key] - nobody[key], 1e-9), 3)
+                if known
+                else None
+            )
     return rows
 
 
@@ -129,15 +163,28 @@ def beside(rows: list[dict], predicted: dict, files: dict[str, float]) -> dict:
     At full detail and by tolerance, MB; time as the latter's part. Of files that all hold the
     characters.
     """
-    nobody, whole, own = (next(row for row in rows if row["way"] == way) for way in (NOBODY, EVERYONE, BAKED))
+    nobody, whole, own = (
+        next(row for row in rows if row["way"] == way) for way in (NOBODY, EVERYONE, BAKED)
+    )
     found = {key: own[key] for key in ("engine", "crowd", "agents")}
     agents, characters = own["agents"], ", with characters"
     ground = files[f"{NOBODY}{characters}_{agents}"]
-    for name, row, way in (("Full Detail", whole, EVERYONE), ("By Tolerance", own, BAKED + characters)):
-        memory = "-" if None in (row["peak_mb"], nobody["peak_mb"]) else round(row["peak_mb"] - nobody["peak_mb"], 1)
+    for name, row, way in (
+        ("Full Detail", whole, EVERYONE),
+        ("By Tolerance", own, BAKED + characters),
+    ):
+        memory = (
+            "-"
+            if None in (row["peak_mb"], nobody["peak_mb"])
+            else round(row["peak_mb"] - nobody["peak_mb"], 1)
+        )
         found[f"{name} memory_mb"] = f"{predicted[name]['memory_mb']:g} / {memory}"
-        found[f"{name} file_mb"] = f"{predicted[name]['file_mb']:g} / {files[f'{way}_{agents}'] - ground:.2f}"
-    return found | {"time": f"{predicted['By Tolerance']['time_share']:.2f} / {'-' if own['time'] is None else own['time']}"}
+        found[f"{name} file_mb"] = (
+            f"{predicted[name]['file_mb']:g} / {files[f'{way}_{agents}'] - ground:.2f}"
+        )
+    return found | {
+        "time": f"{predicted['By Tolerance']['time_share']:.2f} / {'-' if own['time'] is None else own['time']}"
+    }
 
 
 def judged(rows: list[dict]) -> list[dict]:
@@ -147,7 +194,9 @@ def judged(rows: list[dict]) -> list[dict]:
     """
     found = []
     for goal in GOALS:
-        own = [row for row in rows if row["way"] == BAKED and goal.of(row) and row["time"] is not None]
+        own = [
+            row for row in rows if row["way"] == BAKED and goal.of(row) and row["time"] is not None
+        ]
         missed = [
             f"{part} {row[part]} ({row['engine']}, {row['crowd']}, {row['agents']:,} agents)"
             for row in own
@@ -155,7 +204,13 @@ def judged(rows: list[dict]) -> list[dict]:
             if row[part] > most
         ]
         if own:
-            found.append({"goal": goal.says, "met": "not met" if missed else "met", "missed": "; ".join(missed)})
+            found.append(
+                {
+                    "goal": goal.says,
+                    "met": "not met" if missed else "met",
+                    "missed": "; ".join(missed),
+                }
+            )
     return found
 
 
@@ -174,22 +229,41 @@ def main(out: Path, quick: bool, jobs: int) -> None:
     print(f"\n{out}")
 
 
-def measure(asked: list[tuple[str, dict, tuple[int, ...]]], repeats: int, jobs: int) -> dict[str, list[dict]]:
+def measure(
+    asked: list[tuple[str, dict, tuple[int, ...]]], repeats: int, jobs: int
+) -> dict[str, list[dict]]:
     """The tables: of the LODs, the ways, the predictions and the goals."""
     results = {"builds": [], "ways": [], "predicted": [], "goals": []}
     for engine, crowd, sizes in asked:
         with tempfile.TemporaryDirectory() as scratch:
-            made = job(1800, job="prepare", folder=scratch, crowd=crowd, engine=engine, sizes=sizes, **PICTURE[engine])
+            made = job(
+                1800,
+                job="prepare",
+                folder=scratch,
+                crowd=crowd,
+                engine=engine,
+                sizes=sizes,
+                **PICTURE[engine],
+            )
             if "ended" in made:
-                raise SystemExit(f"crowd-lod bench: the files of {name_of(crowd)} were not made ({made['ended']}).")
+                raise SystemExit(
+                    f"crowd-lod bench: the files of {name_of(crowd)} were not made ({made['ended']})."
+                )
             show(f"{engine}, {name_of(crowd)}: builds", made["builds"])
-            results["builds"] += [{"engine": engine, "crowd": name_of(crowd), **row} for row in made["builds"]]
+            results["builds"] += [
+                {"engine": engine, "crowd": name_of(crowd), **row} for row in made["builds"]
+            ]
             for agents in sizes:
                 again = repeats if engine == "CYCLES" and agents <= REPEATED else 1
                 rows = costs(Path(scratch), engine, crowd, agents, made["files"], again, jobs)
-                show(f"{engine}, {name_of(crowd)}, {agents:,} agents, {PICTURE[engine]['width']} pixels wide", rows)
+                show(
+                    f"{engine}, {name_of(crowd)}, {agents:,} agents, {PICTURE[engine]['width']} pixels wide",
+                    rows,
+                )
                 results["ways"] += rows
-                results["predicted"].append(beside(rows, made["predicted"][str(agents)], made["files"]))
+                results["predicted"].append(
+                    beside(rows, made["predicted"][str(agents)], made["files"])
+                )
     show("Of the crowd alone, predicted / measured", results["predicted"])
     results["goals"] = judged(results["ways"])
     print(f"\nGoals of {BAKED}")
@@ -200,14 +274,20 @@ def measure(asked: list[tuple[str, dict, tuple[int, ...]]], repeats: int, jobs: 
 
 def write(stage: Path, results: dict, machine: str) -> None:
     """worth.json, a CSV a table, and the picture."""
-    (stage / "worth.json").write_text(tables.to_json({"machine": machine, **results}), encoding="utf-8")
+    (stage / "worth.json").write_text(
+        tables.to_json({"machine": machine, **results}), encoding="utf-8"
+    )
     for name, rows in results.items():
-        (stage / f"worth_{name}.csv").write_text(f"# {machine}\n{tables.to_csv(rows)}", encoding="utf-8")
+        (stage / f"worth_{name}.csv").write_text(
+            f"# {machine}\n{tables.to_csv(rows)}", encoding="utf-8"
+        )
     draw(stage / "worth.png", results["ways"], machine)
 
 
 def show(title: str, rows: list[dict]) -> None:
-    print(f"\n{title}\n{table(rows, {name.replace('_', ' '): name for name in rows[0]})}", flush=True)
+    print(
+        f"\n{title}\n{table(rows, {name.replace('_', ' '): name for name in rows[0]})}", flush=True
+    )
 
 
 def draw(path: Path, rows: list[dict], machine: str) -> None:
@@ -216,22 +296,49 @@ def draw(path: Path, rows: list[dict], machine: str) -> None:
     from matplotlib.figure import Figure
 
     crowds = list(dict.fromkeys((row["engine"], row["crowd"], row["agents"]) for row in rows))
-    ways = [way for way in dict.fromkeys(row["way"] for row in rows) if way not in (NOBODY, EVERYONE)]
+    ways = [
+        way for way in dict.fromkeys(row["way"] for row in rows) if way not in (NOBODY, EVERYONE)
+    ]
     figure = Figure(figsize=(12, 2 + 0.35 * len(crowds)), dpi=100, layout="constrained")
     FigureCanvasAgg(figure)
-    figure.suptitle(f"What the crowd takes, as a part of everyone at full detail. {machine}", fontsize=8, color="#444444")
+    figure.suptitle(
+        f"What the crowd takes, as a part of everyone at full detail. {machine}",
+        fontsize=8,
+        color="#444444",
+    )
     panels = figure.subplots(1, len(PARTS), sharey=True)
     for axes, part in zip(panels, PARTS.values(), strict=True):
         for way, color, marker in zip(ways, COLORS, MARKERS, strict=False):
-            found = {(row["engine"], row["crowd"], row["agents"]): row[part] for row in rows if row["way"] == way}
-            known = [(place, found[crowd]) for place, crowd in enumerate(crowds) if found.get(crowd) is not None]
+            found = {
+                (row["engine"], row["crowd"], row["agents"]): row[part]
+                for row in rows
+                if row["way"] == way
+            }
+            known = [
+                (place, found[crowd])
+                for place, crowd in enumerate(crowds)
+                if found.get(crowd) is not None
+            ]
             axes.scatter(
-                [x for _, x in known], [y for y, _ in known], 90 if way == BAKED else 40, color, marker, label=way, zorder=3
+                [x for _, x in known],
+                [y for y, _ in known],
+                90 if way == BAKED else 40,
+                color,
+                marker,
+                label=way,
+                zorder=3,
             )
         axes.axvline(1, color="#444444", lw=1)
         axes.set(title=part, xlim=(0, None), xlabel="part of everyone's")
         axes.grid(alpha=0.25)
-    panels[0].set_yticks(range(len(crowds)), [f"{engine}, {crowd}, {agents:,}" for engine, crowd, agents in crowds])
+    panels[0].set_yticks(
+        range(len(crowds)), [f"{engine}, {crowd}, {agents:,}" for engine, crowd, agents in crowds]
+    )
     panels[0].invert_yaxis()
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(ways), frameon=False)
+    figure.legend(
+        *panels[0].get_legend_handles_labels(),
+        loc="outside lower center",
+        ncols=len(ways),
+        frameon=False,
+    )
     figure.savefig(path)

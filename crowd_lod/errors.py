@@ -16,7 +16,9 @@ class CrowdError(Exception):
     def __init__(self, message: str) -> None:
         if len(message) > BEGIN + END:
             message = f"{message[:BEGIN]} ... {message[-END:]}"
-        super().__init__("".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in message))
+        super().__init__(
+            "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in message)
+        )
 
 
 # what ordinary faults of files and machines raise, anywhere

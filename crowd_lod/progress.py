@@ -30,7 +30,9 @@ def finished(steps: Generator[Any, None, Made]) -> Made:
             return end.value
 
 
-def share(steps: Generator[float, None, Made], begin: float, end: float) -> Generator[float, None, Made]:
+def share(
+    steps: Generator[float, None, Made], begin: float, end: float
+) -> Generator[float, None, Made]:
     """Yield the generator's progress as the part from `begin` to `end` of the whole.
 
     Returns the generator's result. If this one is closed early, it closes the generator at once:
@@ -48,7 +50,9 @@ def standing(steps: Generator[Any, None, Made], progress: float) -> Generator[fl
     return (yield from _told(steps, lambda _: progress))
 
 
-def _told(steps: Generator[Any, None, Made], tell: Callable[[Any], float]) -> Generator[float, None, Made]:
+def _told(
+    steps: Generator[Any, None, Made], tell: Callable[[Any], float]
+) -> Generator[float, None, Made]:
     with closing(steps):
         while True:
             try:
@@ -58,7 +62,9 @@ def _told(steps: Generator[Any, None, Made], tell: Callable[[Any], float]) -> Ge
             yield tell(progress)
 
 
-def aside(work: Callable[[], Made], progress: Callable[[], float] = lambda: 0.0) -> Generator[float, None, Made]:
+def aside(
+    work: Callable[[], Made], progress: Callable[[], float] = lambda: 0.0
+) -> Generator[float, None, Made]:
     """Run `work` in another thread, yield its progress, and return its result.
 
     It is for long work in NumPy alone that is no generator.

@@ -5,7 +5,9 @@ import numpy as np
 
 def encoded(linear: np.ndarray) -> np.ndarray:
     """Return the sRGB values of linear values, of any shape; not clipped above 1."""
-    return np.where(linear < 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0) ** (1 / 2.4) - 0.055)
+    return np.where(
+        linear < 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0) ** (1 / 2.4) - 0.055
+    )
 
 
 def linear(encoded: np.ndarray) -> np.ndarray:

@@ -32,7 +32,9 @@ def imports() -> dict[tuple[str, str], set[tuple[str, str]]]:
     """Of each (package, floor) those that it imports."""
     found = {(package, floor): set() for package, floors in FLOORS.items() for floor in floors}
     for package, floor, path in modules():
-        found[package, floor] |= {floor_of(other) for other in imported(path)} & found.keys() - {(package, floor)}
+        found[package, floor] |= {floor_of(other) for other in imported(path)} & found.keys() - {
+            (package, floor)
+        }
     return found
 
 
@@ -41,12 +43,18 @@ def arrows(package: str, all_imports: dict) -> dict[str, set[str]]:
 
     The package's own modules, "", are no floor.
     """
-    below = {floor: {name for home, name in all_imports[package, floor] if home == package and name} for floor in FLOORS[package]}
+    below = {
+        floor: {name for home, name in all_imports[package, floor] if home == package and name}
+        for floor in FLOORS[package]
+    }
     del below[""]
     reached = {}
     for floor in (name for name in FLOORS[package] if name):  # lowest first
         reached[floor] = below[floor].union(*(reached[each] for each in below[floor]))
-    return {floor: others - set().union(*(reached[each] for each in others)) for floor, others in below.items()}
+    return {
+        floor: others - set().union(*(reached[each] for each in others))
+        for floor, others in below.items()
+    }
 
 
 def rows_of(below: dict[str, set[str]]) -> dict[str, int]:
@@ -66,8 +74,12 @@ def rows_of(below: dict[str, set[str]]) -> dict[str, int]:
 def told(package: str, floor: str) -> str:
     """What the floor is, by its docstring up to the first colon or full stop; of own modules, their names."""
     if not floor:
-        return ", ".join(sorted(path.stem for path in (ROOT / package).glob("*.py") if path.stem != "__init__"))
-    says = ast.get_docstring(ast.parse((ROOT / package / floor / "__init__.py").read_text(encoding="utf-8")))
+        return ", ".join(
+            sorted(path.stem for path in (ROOT / package).glob("*.py") if path.stem != "__init__")
+        )
+    says = ast.get_docstring(
+        ast.parse((ROOT / package / floor / "__init__.py").read_text(encoding="utf-8"))
+    )
     first = " ".join(says.split("\n\n")[0].split())
     return first.partition(". ")[0].rstrip(".").partition(" (")[0].replace("`", "")
 
@@ -78,8 +90,27 @@ def box(axes: Axes, x: float, y: float, wide: float, name: str, text: str, color
     axes.add_patch(FancyBboxPatch((x - wide / 2, y - tall / 2), wide, tall, zorder=2, **style))
     lines = textwrap.wrap(text, round(LETTERS * wide / WIDTH) if name else 200)
     if name:
-        axes.text(x, y + 0.22, name, ha="center", va="center", weight="bold", size=11, color=color, zorder=3)
-    axes.text(x, y - 0.11 * bool(name), "\n".join(lines), ha="center", va="center", size=7.5, color="#333333", zorder=3)
+        axes.text(
+            x,
+            y + 0.22,
+            name,
+            ha="center",
+            va="center",
+            weight="bold",
+            size=11,
+            color=color,
+            zorder=3,
+        )
+    axes.text(
+        x,
+        y - 0.11 * bool(name),
+        "\n".join(lines),
+        ha="center",
+        va="center",
+        size=7.5,
+        color="#333333",
+        zorder=3,
+    )
 
 
 def house(axes: Axes, package: str, all_imports: dict, rows: dict[str, int], tall: int) -> None:
@@ -88,14 +119,22 @@ def house(axes: Axes, package: str, all_imports: dict, rows: dict[str, int], tal
     places, top = {}, max(rows.values())
     for row in range(top + 1):
         here = [floor for floor in FLOORS[package] if rows.get(floor) == row]
-        places |= {floor: (1.2 * (k - (len(here) - 1) / 2), float(row)) for k, floor in enumerate(here)}
+        places |= {
+            floor: (1.2 * (k - (len(here) - 1) / 2), float(row)) for k, floor in enumerate(here)
+        }
     for floor, (x, y) in places.items():
         is_alone = list(rows.values()).count(rows[floor]) == 1
         box(axes, x, y, 2 * WIDTH if is_alone else WIDTH, floor, told(package, floor), color)
         for other in below[floor]:
-            ends = (places[other][0] + 0.15 * (x - places[other][0]), places[other][1] + HEIGHT / 2), (x, y - HEIGHT / 2)
+            ends = (
+                (places[other][0] + 0.15 * (x - places[other][0]), places[other][1] + HEIGHT / 2),
+                (x, y - HEIGHT / 2),
+            )
             axes.annotate("", *ends, arrowprops={"arrowstyle": "-|>", "color": color, "lw": 1.2})
-    side = 0.6 * max(len([floor for floor in FLOORS[package] if rows.get(floor) == row]) for row in range(top + 1))
+    side = 0.6 * max(
+        len([floor for floor in FLOORS[package] if rows.get(floor) == row])
+        for row in range(top + 1)
+    )
     side = max(side, 1.8)
     lowest = any((package, "") in all_imports[package, floor] for floor in below)
     box(axes, 0, -0.75 if lowest else top + 0.75, 3.5, "", f"{told(package, '')}: {role}", color)
@@ -114,8 +153,21 @@ def main() -> None:
     figure.subplots_adjust(left=0.01, right=0.99, bottom=0.01, top=0.95, wspace=0.13)
     for axes, package in zip(panels, HOUSES, strict=True):
         house(axes, package, all_imports, rows[package], tall)
-    assert not any(home == "operators" for (own, _), found in all_imports.items() if own == "crowd_lod" for home, _ in found)
-    figure.text(0.575, 0.25, "imports\n\u27f5\narrays and\nfrozen\ndataclasses", ha="center", va="center", size=9, color="#333333")
+    assert not any(
+        home == "operators"
+        for (own, _), found in all_imports.items()
+        if own == "crowd_lod"
+        for home, _ in found
+    )
+    figure.text(
+        0.575,
+        0.25,
+        "imports\n\u27f5\narrays and\nfrozen\ndataclasses",
+        ha="center",
+        va="center",
+        size=9,
+        color="#333333",
+    )
     figure.savefig(ROOT / "docs" / "architecture.png")
 
 

@@ -20,7 +20,11 @@ from crowd_lod_extension.operators import registration
 from crowd_lod_extension.operators.cli.arguments import parser
 from crowd_lod_extension.operators.settings import presets
 from crowd_lod_extension.operators.settings.area_settings import CrowdLodArea
-from crowd_lod_extension.operators.settings.crowd_settings import BehaviorSettings, CrowdSettings, SimulationSettings
+from crowd_lod_extension.operators.settings.crowd_settings import (
+    BehaviorSettings,
+    CrowdSettings,
+    SimulationSettings,
+)
 from crowd_lod_extension.operators.settings.exception_settings import CrowdLodException
 from crowd_lod_extension.operators.settings.properties import CrowdLodGroup, CrowdLodSettings
 from crowd_lod_extension.operators.ui import panels, shot_panels
@@ -63,7 +67,11 @@ def type_of(prop: bpy.types.Property) -> str:
         name = prop.fixed_type.identifier
         return name if prop.type == "POINTER" else f"list of {name}"
     plain = prop.type.lower()
-    unit = "" if prop.unit == "NONE" or prop.type not in ("INT", "FLOAT") else f", {prop.unit.lower().replace('_absolute', '')}"
+    unit = (
+        ""
+        if prop.unit == "NONE" or prop.type not in ("INT", "FLOAT")
+        else f", {prop.unit.lower().replace('_absolute', '')}"
+    )
     return (f"{prop.array_length} {plain}s" if getattr(prop, "is_array", False) else plain) + unit
 
 
@@ -73,7 +81,11 @@ def rows(names: Iterable[str], kind: type) -> Iterator[str]:
         prop: Any = kind.bl_rna.properties[name]
         told = prop.description
         if prop.type == "ENUM":
-            told += "".join(f"<br>*{item.name}*: {item.description}" for item in prop.enum_items if item.description)
+            told += "".join(
+                f"<br>*{item.name}*: {item.description}"
+                for item in prop.enum_items
+                if item.description
+            )
         yield f"| `{name}` | {prop.name} | {type_of(prop)} | {default_of(prop)} | {range_of(prop)} | {told} |"
 
 
@@ -84,7 +96,11 @@ def section(title: str, about: str, names: Iterable[str], kind: type) -> str:
 
 def settings_page() -> str:
     """Return the page of the settings and of the operators, which must be registered."""
-    labels = {panel.step: panel.bl_label for panel in (*panels.CLASSES, *shot_panels.CLASSES) if getattr(panel, "step", "")}
+    labels = {
+        panel.step: panel.bl_label
+        for panel in (*panels.CLASSES, *shot_panels.CLASSES)
+        if getattr(panel, "step", "")
+    }
     parts = [f"# Settings and operators, for scripts\n\n{WRITTEN}\n"]
     parts += [
         "The settings are properties of `scene.crowd_lod`, in the order of the work.\n"
@@ -93,16 +109,45 @@ def settings_page() -> str:
     for step, kinds in presets.STEPS.items():
         if step != "all":
             about = " ".join((kind.__doc__ or "").strip() for kind in kinds)
-            parts.append(section(labels[step], about, [name for kind in kinds for name in kind.__annotations__], CrowdLodSettings))
-    own = [*CrowdSettings.__annotations__, *BehaviorSettings.__annotations__, *SimulationSettings.__annotations__]
+            parts.append(
+                section(
+                    labels[step],
+                    about,
+                    [name for kind in kinds for name in kind.__annotations__],
+                    CrowdLodSettings,
+                )
+            )
+    own = [
+        *CrowdSettings.__annotations__,
+        *BehaviorSettings.__annotations__,
+        *SimulationSettings.__annotations__,
+    ]
     parts += [
-        section("What the steps made", "Read these; the buttons write them.", CrowdLodSettings.__annotations__, CrowdLodSettings),
-        section("Each of groups", "What was measured of a character group.", CrowdLodGroup.__annotations__, CrowdLodGroup),
+        section(
+            "What the steps made",
+            "Read these; the buttons write them.",
+            CrowdLodSettings.__annotations__,
+            CrowdLodSettings,
+        ),
+        section(
+            "Each of groups",
+            "What was measured of a character group.",
+            CrowdLodGroup.__annotations__,
+            CrowdLodGroup,
+        ),
         f"## Each of crowds\n\nA further crowd has a `name`, and the settings above from `{own[0]}` to `{own[-1]}`.\n",
         section(
-            "Each of areas", "A mesh or a collection that lays a label over the map.", CrowdLodArea.__annotations__, CrowdLodArea
+            "Each of areas",
+            "A mesh or a collection that lays a label over the map.",
+            CrowdLodArea.__annotations__,
+            CrowdLodArea,
         ),
-        section("Each of exceptions", "An exception from the shot plan.", CrowdLodException.__annotations__, CrowdLodException),
+        section(
+            "Each of exceptions",
+            "An exception from the shot plan.",
+            CrowdLodException.__annotations__,
+            CrowdLodException,
+        ),
         operators(),
     ]
     return "\n".join(parts)
@@ -113,15 +158,22 @@ def operators() -> str:
     lines = []
     for kind in (kind for kind in own if not issubclass(kind, AddPresetBase)):
         own_type = getattr(bpy.ops.crowd_lod, kind.bl_idname.partition(".")[2]).get_rna_type()
-        options = [f"`{prop.identifier}`: {range_of(prop) or prop.description}" for prop in own_type.properties[1:]]  # but rna_type
-        lines.append(f"| `{kind.bl_idname}` | {kind.bl_label} | {(kind.__doc__ or '').strip()} | {'<br>'.join(options)} |")
+        options = [
+            f"`{prop.identifier}`: {range_of(prop) or prop.description}"
+            for prop in own_type.properties[1:]
+        ]  # but rna_type
+        lines.append(
+            f"| `{kind.bl_idname}` | {kind.bl_label} | {(kind.__doc__ or '').strip()} | {'<br>'.join(options)} |"
+        )
     adding = ", ".join(f"`{kind.bl_idname}`" for kind in own if issubclass(kind, AddPresetBase))
     head = "| operator | label | does | properties |\n| --- | --- | --- | --- |"
     about = (
         "Call them as `bpy.ops.crowd_lod.NAME()`. Where one cannot work, it raises a RuntimeError that says why. "
         f"Those of the presets take a `name`: {adding}."
     )
-    return f"## Operators\n\n{textwrap.fill(about, 100)}\n\n{head}\n" + "\n".join(sorted(lines)) + "\n"
+    return (
+        f"## Operators\n\n{textwrap.fill(about, 100)}\n\n{head}\n" + "\n".join(sorted(lines)) + "\n"
+    )
 
 
 def value_of(action: argparse.Action) -> str:
@@ -132,7 +184,9 @@ def value_of(action: argparse.Action) -> str:
 
 
 def called(action: argparse.Action) -> str:
-    return " ".join(filter(None, (action.option_strings[-1] if action.option_strings else "", value_of(action))))
+    return " ".join(
+        filter(None, (action.option_strings[-1] if action.option_strings else "", value_of(action)))
+    )
 
 
 def usage(command: argparse.ArgumentParser, actions: Sequence[argparse.Action]) -> str:
@@ -141,7 +195,9 @@ def usage(command: argparse.ArgumentParser, actions: Sequence[argparse.Action]) 
     words = [word.replace(" ", "\0") for word in (command.prog.split()[-1], *arguments)]
     if command.prog.split()[1:-1]:
         words.insert(0, command.prog.split()[1])
-    filled = textwrap.fill(" ".join(["crowd-lod", *words]), 100, subsequent_indent="    ", break_on_hyphens=False)
+    filled = textwrap.fill(
+        " ".join(["crowd-lod", *words]), 100, subsequent_indent="    ", break_on_hyphens=False
+    )
     return filled.replace("\0", " ")
 
 
@@ -166,7 +222,11 @@ def commands_of(group: argparse.ArgumentParser) -> Iterator[argparse.ArgumentPar
 
 
 def command_section(command: argparse.ArgumentParser) -> str:
-    told = [each for each in command._actions if not isinstance(each, UNTOLD) and each.help != argparse.SUPPRESS]
+    told = [
+        each
+        for each in command._actions
+        if not isinstance(each, UNTOLD) and each.help != argparse.SUPPRESS
+    ]
     actions = sorted(told, key=lambda each: bool(each.option_strings))
     title = command.prog.removeprefix("crowd-lod ")
     table = "\n".join(["| option | default | does |", "| --- | --- | --- |", *map(option, actions)])

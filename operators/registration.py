@@ -2,7 +2,14 @@
 
 import bpy
 
-from .blender import collection_caches, main_thread, output_folders, provenance, scene_cache, scenery
+from .blender import (
+    collection_caches,
+    main_thread,
+    output_folders,
+    provenance,
+    scene_cache,
+    scenery,
+)
 from .characters import characters_from_selection, prop_button, take_action
 from .cli import commands
 from .lod_meshes import deviation, make_lods
@@ -14,7 +21,18 @@ from .scene import populate, sample_menu, scene_crowd
 from .settings import area_settings, exception_settings, presets, properties, setting_changes
 from .shot import shot_plan
 from .sources import record_points, simulate
-from .ui import agent_edits, area_list, crowd_list, exception_list, machine_panels, menus, panels, popovers, shot_panels, swatches
+from .ui import (
+    agent_edits,
+    area_list,
+    crowd_list,
+    exception_list,
+    machine_panels,
+    menus,
+    panels,
+    popovers,
+    shot_panels,
+    swatches,
+)
 from .usd import export_button
 
 MODULES = (
@@ -57,7 +75,12 @@ MODULES = (
 CLASSES = tuple(c for module in MODULES for c in module.CLASSES)
 HANDLERS = {
     "frame_change_post": [provenance.note_edits_of_frame, scenery.noticed, frame_update.follow],
-    "depsgraph_update_post": [provenance.note_edits, scenery.edited, map_areas.moved_or_edited, frame_update.follow_points],
+    "depsgraph_update_post": [
+        provenance.note_edits,
+        scenery.edited,
+        map_areas.moved_or_edited,
+        frame_update.follow_points,
+    ],
     "load_pre": [scene_cache.forget, frame_update.forget],
     "load_post": [output_folders.opened],
     "save_pre": [output_folders.before_saving],
@@ -65,8 +88,18 @@ HANDLERS = {
     "save_post_fail": [output_folders.not_saved],
     "undo_pre": [scenery.forget],
     "redo_pre": [scenery.forget],
-    "undo_post": [provenance.note_undo, collection_caches.restore, collection_caches.renew, map_areas.undone],
-    "redo_post": [provenance.note_undo, collection_caches.restore, collection_caches.renew, map_areas.undone],
+    "undo_post": [
+        provenance.note_undo,
+        collection_caches.restore,
+        collection_caches.renew,
+        map_areas.undone,
+    ],
+    "redo_post": [
+        provenance.note_undo,
+        collection_caches.restore,
+        collection_caches.renew,
+        map_areas.undone,
+    ],
     "render_pre": [frame_update.rendering],
     "render_post": [frame_update.rendered],
     "render_complete": [frame_update.ended],

@@ -137,13 +137,19 @@ def make_body(build: Build, finer: int = 0) -> Body:
 
     sizes = np.array([len(face) for face in cage.faces])
     points = np.hstack([cage.points, cage.weights])
-    corners, uvs, materials = np.concatenate(cage.faces), np.concatenate(cage.uvs), np.array(cage.materials)
+    corners, uvs, materials = (
+        np.concatenate(cage.faces),
+        np.concatenate(cage.uvs),
+        np.array(cage.materials),
+    )
     for _ in range(SUBDIVISIONS + finer):
         points, corners, uvs, materials, sizes = subdivide(points, corners, uvs, materials, sizes)
     scale = build.height / points[:, 2].max()  # smoothing took a little off the top
     vertices = points[:, :3] * scale
     vertices[:, 2] = np.maximum(vertices[:, 2], 0)  # flat soles
-    joints = {name: (parent, head * scale, tail * scale) for name, (parent, head, tail) in joints.items()}
+    joints = {
+        name: (parent, head * scale, tail * scale) for name, (parent, head, tail) in joints.items()
+    }
     weights = points[:, 3:]
     # A sharp bend at the ball, so that the toes' sole stays put while the heel rises; a wide one
     # above.
@@ -151,7 +157,9 @@ def make_body(build: Build, finer: int = 0) -> Body:
         foot, toe = (list(joints).index(bone + tag) for bone in ("foot", "toe"))
         ball = joints["toe" + tag][1][0]
         up = np.clip(vertices[:, 2] / (0.4 * ball), 0, 1)
-        share = np.clip((vertices[:, 0] - (0.75 - 0.35 * up) * ball) / ((0.25 + 0.85 * up) * ball), 0, 1)
+        share = np.clip(
+            (vertices[:, 0] - (0.75 - 0.35 * up) * ball) / ((0.25 + 0.85 * up) * ball), 0, 1
+        )
         both = weights[:, foot] + weights[:, toe]
         weights[:, foot], weights[:, toe] = both * (1 - share), both * share
     weights = np.where(weights >= np.partition(weights, -4, axis=1)[:, [-4]], weights, 0)
@@ -169,12 +177,20 @@ def torso(cage: Cage, build: Build) -> list[list[int]]:
     ribs = 0.5 * (build.waist + 0.94 * build.shoulder)
     rows = [  # height above the hips as a fraction, middle's x, half-depth, half-width, weights
         (0.10, -0.010, 1.05 * build.depth, build.pelvis, {"hips": 1}),
-        (0.32, 0.000, 0.3 * build.depth + 0.6 * build.waist, build.waist, {"hips": 0.45, "spine": 0.55}),
+        (
+            0.32,
+            0.000,
+            0.3 * build.depth + 0.6 * build.waist,
+            build.waist,
+            {"hips": 0.45, "spine": 0.55},
+        ),
         (0.56, 0.004, 0.98 * build.depth, ribs, {"spine": 0.5, "chest": 0.5}),
         (0.76, 0.000, 1.04 * build.depth, 0.93 * build.shoulder, {"chest": 1}),
         (0.985, -0.012, 0.62 * build.depth, 0.86 * build.shoulder, {"chest": 1}),
     ]
-    leg_top = ring(8, (-0.01 * k, 0, build.hip - 0.06 * k), (0.98 * build.depth, 0, 0), (0, build.pelvis, 0))
+    leg_top = ring(
+        8, (-0.01 * k, 0, build.hip - 0.06 * k), (0.98 * build.depth, 0, 0), (0, build.pelvis, 0)
+    )
     leg_top[:, 2] += 0.07 * k * np.abs(np.sin(np.arange(8) * np.pi / 4)) ** 2
     left = (1 + np.sin(np.arange(8) * np.pi / 4)) / 2
 
@@ -196,7 +212,12 @@ def torso(cage: Cage, build: Build) -> list[list[int]]:
     faces = cage.tube(rings, [CLOTHES] * len(rings), TORSO, skip=holes, cap=False)
     if build.pack:
         x = np.array(cage.points)[:, 0]
-        back = [f for row in faces[top - 2 :] for f in row if x[cage.faces[f]].max() < -0.1 * build.depth]
+        back = [
+            f
+            for row in faces[top - 2 :]
+            for f in row
+            if x[cage.faces[f]].max() < -0.1 * build.depth
+        ]
         cage.extrude(back, (-0.35 * build.pack, 0, 0), 1.0, CLOTHES)
         cage.extrude(back, (-0.65 * build.pack, 0, -0.02), 0.9, CLOTHES)
     return rings
@@ -235,7 +256,9 @@ def head(cage: Cage, build: Build, collar: list[int]) -> None:
     rings, materials = [collar], []
     for low, high, front, back, width, chin, weights, material in rows:
         middle = ((front + back) / 2 * k, 0, build.neck + (low + high) / 2 * length)
-        points = ring(8, middle, ((front - back) / 2 * k, 0, (low - high) / 2 * length), (0, width * k, 0))
+        points = ring(
+            8, middle, ((front - back) / 2 * k, 0, (low - high) / 2 * length), (0, width * k, 0)
+        )
         points[0, 0] += chin * k
         rings.append(cage.add(points, weights))
         materials.append(material)
@@ -276,10 +299,14 @@ def leg(cage: Cage, build: Build, hips: list[int], crotch: int, joints: dict, si
         front = size * np.cos(a), 0, size * np.sin(a)
         rings.append(cage.add(ring(6, (x, side * y, z), (0, side * width, 0), front), weights))
     covered = [z > (1 - build.trousers) * hip[2] or row >= 6 for row, (_, z, *_) in enumerate(rows)]
-    cage.tube(rings, [CLOTHES if c else SKIN for c in covered] + [CLOTHES], LEGS[side], flip=side < 0)
+    cage.tube(
+        rings, [CLOTHES if c else SKIN for c in covered] + [CLOTHES], LEGS[side], flip=side < 0
+    )
 
 
-def arm(cage: Cage, build: Build, armpits: list[int], shoulders: list[int], joints: dict, side: int) -> None:
+def arm(
+    cage: Cage, build: Build, armpits: list[int], shoulders: list[int], joints: dict, side: int
+) -> None:
     """Add one arm at the hole between the torso's last two rings.
 
     Point 0 is on top, 1 and 2 are in front.
@@ -301,12 +328,23 @@ def arm(cage: Cage, build: Build, armpits: list[int], shoulders: list[int], join
         (reach + 0.40 * palm, 0.017 * h, 0.041 * h, {hand: 1}),
         (reach + 0.95 * palm, 0.013 * h, 0.030 * h, {hand: 1}),
     ]
-    hole = ((shoulders, 2), (shoulders, 1), (armpits, 1), (armpits, 2), (armpits, 3), (shoulders, 3))
+    hole = (
+        (shoulders, 2),
+        (shoulders, 1),
+        (armpits, 1),
+        (armpits, 2),
+        (armpits, 3),
+        (shoulders, 3),
+    )
     rings = [[border[i * side % 8] for border, i in hole]]
     for distance, thick, wide, weights in rows:
-        rings.append(cage.add(ring(6, shoulder + along * distance, top * thick, (wide, 0, 0)), weights))
+        rings.append(
+            cage.add(ring(6, shoulder + along * distance, top * thick, (wide, 0, 0)), weights)
+        )
     covered = [distance <= build.sleeve * reach + 1e-6 for distance, *_ in rows]
-    faces = cage.tube(rings, [CLOTHES if c else SKIN for c in covered] + [SKIN], ARMS[side], flip=side < 0)
+    faces = cage.tube(
+        rings, [CLOTHES if c else SKIN for c in covered] + [SKIN], ARMS[side], flip=side < 0
+    )
     # the thumb
     cage.extrude([faces[5][1]], along * 0.02 * h + np.array([0.025 * h, 0, 0]), 0.5, SKIN)
 
@@ -348,4 +386,10 @@ def subdivide(points, corners, uvs, materials, sizes):
     uv_center = np.repeat(np.add.reduceat(uvs, starts) / sizes[:, None], sizes, axis=0)
     quad_uvs = np.stack([uvs, (uvs + uvs[after]) / 2, uv_center, (uvs + uvs[before]) / 2], 1)
     new = np.concatenate([old, edge_points, face_points])
-    return new, quads.ravel(), quad_uvs.reshape(-1, 2), np.repeat(materials, sizes), np.full(len(corners), 4)
+    return (
+        new,
+        quads.ravel(),
+        quad_uvs.reshape(-1, 2),
+        np.repeat(materials, sizes),
+        np.full(len(corners), 4),
+    )

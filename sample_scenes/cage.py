@@ -49,7 +49,9 @@ class Cage:
         """
         n = len(rings[0])
         center = [np.array([self.points[i] for i in ring]) for ring in rings]
-        steps = [np.linalg.norm(b - a, axis=1).mean() for a, b in zip(center, center[1:], strict=False)]
+        steps = [
+            np.linalg.norm(b - a, axis=1).mean() for a, b in zip(center, center[1:], strict=False)
+        ]
         v = np.concatenate([[0], np.cumsum(steps)]) / np.sum(steps) * 0.88 + 0.01
         left, right = column[0] + 0.005, column[1] - 0.005
         u = np.linspace(left, right, n + 1)
@@ -61,12 +63,19 @@ class Cage:
                     continue
                 j = (i + 1) % n
                 corners = [a[i], a[j], b[j], b[i]]
-                uvs = [(u[i], v[row]), (u[i + 1], v[row]), (u[i + 1], v[row + 1]), (u[i], v[row + 1])]
+                uvs = [
+                    (u[i], v[row]),
+                    (u[i + 1], v[row]),
+                    (u[i + 1], v[row + 1]),
+                    (u[i], v[row + 1]),
+                ]
                 rows[-1].append(len(self.faces))
                 self.face(corners, uvs, materials[row], flip)
         if cap:
             angle = np.arange(n) * 2 * np.pi / n
-            disc = np.stack([(left + right) / 2 + 0.04 * np.cos(angle), 0.95 + 0.04 * np.sin(angle)], 1)
+            disc = np.stack(
+                [(left + right) / 2 + 0.04 * np.cos(angle), 0.95 + 0.04 * np.sin(angle)], 1
+            )
             self.face(rings[-1], disc, materials[-1], flip)
         return rows
 

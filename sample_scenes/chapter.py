@@ -51,8 +51,14 @@ def build_ground(scenery: bpy.types.Collection) -> None:
 
     The strips have the colors of their labels.
     """
-    tones = [material("Ground light", (0.66, 0.66, 0.63)), material("Ground dark", (0.58, 0.58, 0.56))]
-    left, right = material("Left edge", (0.70, 0.05, 0.05)), material("Right edge", (0.05, 0.05, 0.70))
+    tones = [
+        material("Ground light", (0.66, 0.66, 0.63)),
+        material("Ground dark", (0.58, 0.58, 0.56)),
+    ]
+    left, right = (
+        material("Left edge", (0.70, 0.05, 0.05)),
+        material("Right edge", (0.05, 0.05, 0.70)),
+    )
     around = material("Around", (0.42, 0.44, 0.42))
     half, pitch = SIZE // 2, 4
     parts = [(tile(-400, -400, 400, 400, -0.05), around)]

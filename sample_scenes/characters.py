@@ -32,7 +32,11 @@ BUILDS = (
 
 
 def make_characters(
-    collection: bpy.types.Collection, speed: float = 1.25, builds: Sequence[Build] = BUILDS, finer: int = 0, idle: bool = False
+    collection: bpy.types.Collection,
+    speed: float = 1.25,
+    builds: Sequence[Build] = BUILDS,
+    finer: int = 0,
+    idle: bool = False,
 ) -> list[bpy.types.Collection]:
     """Add rigged, walking characters to `collection`: a child collection for each.
 
@@ -58,7 +62,9 @@ def make_characters(
             group.objects.link(item)
         cycle = walk_cycle(body.joints, build.period, speed * build.period / FPS)
         if idle:
-            waits = make_action(f"idle {group.name}", armature, idle_cycle(body.joints, 4 * build.period))
+            waits = make_action(
+                f"idle {group.name}", armature, idle_cycle(body.joints, 4 * build.period)
+            )
             waits.use_fake_user = True
         make_action(f"walk {build.name}", armature, cycle)
         group["stride"] = cycle.stride
@@ -78,7 +84,12 @@ def make_armature(name: str, body: Body) -> bpy.types.Object:
         workshop.collection.objects.link(armature)
         layer = workshop.view_layers[0]
         layer.objects.active = armature
-        context = {"scene": workshop, "view_layer": layer, "active_object": armature, "object": armature}
+        context = {
+            "scene": workshop,
+            "view_layer": layer,
+            "active_object": armature,
+            "object": armature,
+        }
         with bpy.context.temp_override(**context):
             bpy.ops.object.mode_set(mode="EDIT")
             for bone, (parent, head, tail) in body.joints.items():
@@ -158,7 +169,9 @@ def quaternions(matrices: np.ndarray) -> np.ndarray:
     return values
 
 
-def key(action: bpy.types.Action, armature: bpy.types.Object, path: str, values: np.ndarray) -> None:
+def key(
+    action: bpy.types.Action, armature: bpy.types.Object, path: str, values: np.ndarray
+) -> None:
     """Add one F-curve for each column of `values`, linear between frames.
 
     values: (frames, columns).

@@ -68,7 +68,13 @@ def who_wait(text: str) -> str:
     for name, state in states.items():
         state["on"]["waiting area"] |= {"next": {name: 4, "wait": 1}}
     then = dict.fromkeys(states, 1)
-    states["wait"] = {"color": "#f0f0f0", "action": "idle", "after": [4, 15], "then": then, "on": {"*": {}}}
+    states["wait"] = {
+        "color": "#f0f0f0",
+        "action": "idle",
+        "after": [4, 15],
+        "then": then,
+        "on": {"*": {}},
+    }
     return json.dumps(root, indent=1)
 
 
@@ -93,10 +99,19 @@ def build_houses(obstacles: bpy.types.Collection, scenery: bpy.types.Collection)
     stucco = [
         material(f"Stucco {i}", color)
         for i, color in enumerate(
-            ((0.86, 0.72, 0.48), (0.80, 0.52, 0.36), (0.90, 0.84, 0.72), (0.74, 0.66, 0.52), (0.84, 0.62, 0.42))
+            (
+                (0.86, 0.72, 0.48),
+                (0.80, 0.52, 0.36),
+                (0.90, 0.84, 0.72),
+                (0.74, 0.66, 0.52),
+                (0.84, 0.62, 0.42),
+            )
         )
     ]
-    roof, pane = material("Roof tiles", (0.50, 0.17, 0.09)), material("Window panes", (0.05, 0.07, 0.10), 0.2)
+    roof, pane = (
+        material("Roof tiles", (0.50, 0.17, 0.09)),
+        material("Window panes", (0.05, 0.07, 0.10), 0.2),
+    )
 
     def house(x0, y0, x1, y1, height, look, inset=3.5, top=3.0):
         return [
@@ -131,7 +146,10 @@ def build_furniture(obstacles: bpy.types.Collection, scenery: bpy.types.Collecti
     stone, wood = material("Stone", (0.80, 0.76, 0.68)), material("Wood", (0.24, 0.12, 0.05))
     iron, bark = material("Iron", (0.04, 0.04, 0.05)), material("Bark", (0.14, 0.09, 0.05))
     leaves = [material("Leaves 0", (0.14, 0.34, 0.07)), material("Leaves 1", (0.22, 0.42, 0.10))]
-    canvas = [material("Canvas red", (0.60, 0.06, 0.04)), material("Canvas cream", (0.80, 0.72, 0.55))]
+    canvas = [
+        material("Canvas red", (0.60, 0.06, 0.04)),
+        material("Canvas cream", (0.80, 0.72, 0.55)),
+    ]
     shaft = ((0.75, 0.0), (0.75, 0.6), (0.5, 0.7), (0.45, 6.0), (0.75, 6.2), (0.75, 6.6))
     parts = [(lathe(x, y, shaft, 16), stone) for x, y in site.COLUMNS]
     parts += [(box(*planter, 0, 0.5), stone) for planter in site.PLANTERS]
@@ -142,7 +160,10 @@ def build_furniture(obstacles: bpy.types.Collection, scenery: bpy.types.Collecti
     parts = []
     crown = ((0.2, 2.0), (1.3, 2.5), (1.8, 3.4), (1.7, 4.4), (1.1, 5.4), (0.3, 5.9))
     for i, (x, y) in enumerate(site.TREES):
-        parts += [(lathe(x, y, ((0.16, 0.4), (0.12, 2.4)), 6), bark), (lathe(x, y, crown, 9), leaves[i % 2])]
+        parts += [
+            (lathe(x, y, ((0.16, 0.4), (0.12, 2.4)), 6), bark),
+            (lathe(x, y, crown, 9), leaves[i % 2]),
+        ]
     for i, (x0, y0, x1, y1) in enumerate(site.TABLES):
         x, y = (x0 + x1) / 2, (y0 + y1) / 2
         parts.append((lathe(x, y, ((0.04, 0.7), (0.04, 2.9)), 6), iron))
@@ -158,12 +179,19 @@ def build_furniture(obstacles: bpy.types.Collection, scenery: bpy.types.Collecti
 
 def build_fountain(obstacles: bpy.types.Collection) -> None:
     """Add the fountain: basin, water, and a column with two bowls."""
-    stone, water = material("Fountain stone", (0.84, 0.80, 0.73)), material("Water", (0.06, 0.32, 0.60), 0.1)
+    stone, water = (
+        material("Fountain stone", (0.84, 0.80, 0.73)),
+        material("Water", (0.06, 0.32, 0.60), 0.1),
+    )
     rim = site.FOUNTAIN
     basin = ((rim, 0), (rim, 0.7), (rim - 0.5, 0.7), (rim - 0.5, 0.45))
     column = ((1.4, 0.4), (0.6, 0.9), (0.5, 2.4), (2.5, 3.0), (2.6, 3.3), (2.3, 3.3), (2.2, 3.1))
     upper = ((0.4, 3.0), (0.25, 4.4), (1.1, 4.8), (1.15, 5.0), (1.0, 5.0), (0.9, 4.9))
-    parts = [(lathe(0, 0, basin, 64), stone), (lathe(0, 0, column, 24), stone), (lathe(0, 0, upper, 24), stone)]
+    parts = [
+        (lathe(0, 0, basin, 64), stone),
+        (lathe(0, 0, column, 24), stone),
+        (lathe(0, 0, upper, 24), stone),
+    ]
     for radius, z in ((rim - 0.5, 0.55), (2.25, 3.2), (0.95, 4.95)):
         parts.append((lathe(0, 0, ((radius, z - 0.1), (radius, z)), 48), water))
     parts.append((lathe(0, 0, ((0.16, 4.9), (0.1, 6.0), (0.02, 6.6)), 12), water))
@@ -172,13 +200,21 @@ def build_fountain(obstacles: bpy.types.Collection) -> None:
 
 def build_ground(scenery: bpy.types.Collection) -> None:
     """Add paving in two tones, tinted where people wait, and asphalt around it."""
-    tones = [material("Paving light", (0.76, 0.70, 0.61)), material("Paving dark", (0.68, 0.62, 0.54))]
-    waiting, asphalt = material("Waiting area", (0.80, 0.56, 0.32)), material("Asphalt", (0.36, 0.36, 0.38))
+    tones = [
+        material("Paving light", (0.76, 0.70, 0.61)),
+        material("Paving dark", (0.68, 0.62, 0.54)),
+    ]
+    waiting, asphalt = (
+        material("Waiting area", (0.80, 0.56, 0.32)),
+        material("Asphalt", (0.36, 0.36, 0.38)),
+    )
     half, pitch = int(site.SIZE / 2), 4
     parts = [(tile(-500, -500, 500, 500, -0.05), asphalt)]
     for x in range(-half, half, pitch):
         for y in range(-half, half, pitch):
             parts.append((tile(x, y, x + pitch, y + pitch), tones[(x + y) // pitch % 2]))
     parts += [(tile(*area, 0.01), waiting) for area in site.WAITING]
-    parts.append((lathe(0, 0, ((site.AROUND_FOUNTAIN, 0), (site.AROUND_FOUNTAIN, 0.01)), 64), waiting))
+    parts.append(
+        (lathe(0, 0, ((site.AROUND_FOUNTAIN, 0), (site.AROUND_FOUNTAIN, 0.01)), 64), waiting)
+    )
     add(scenery, "Ground", parts)

@@ -26,7 +26,9 @@ ENTRANCES = ((-8, 72, 4, 72), (8, -72, 18, -72), (-72, -6, -72, 6), (72, -42, 72
 TOWER = (14, 56, 22, 64, 38)  # on the town hall
 COLUMNS = tuple((-53.0, y) for y in range(-52, 60, 8) if abs(y) > 6)
 COLUMN_RADIUS = 0.75
-TREES = tuple((x, y) for y in (-40, -31) for x in range(-40, 1, 10)) + tuple((x, 42) for x in (38, 46, 54))
+TREES = tuple((x, y) for y in (-40, -31) for x in range(-40, 1, 10)) + tuple(
+    (x, 42) for x in (38, 46, 54)
+)
 PLANTERS = tuple((x - 0.5, y - 0.5, x + 0.5, y + 0.5) for x, y in TREES)
 BENCHES = tuple((x, y, x + 3, y + 0.5) for y in (-50, -46) for x in range(24, 52, 8))
 TABLES = tuple((x, y, x + 1, y + 1) for x in (-48, -42, -36, -30) for y in (40, 47))

@@ -85,7 +85,9 @@ def material(name: str, color: tuple[float, float, float], roughness=0.8) -> bpy
     return made
 
 
-def add(collection: bpy.types.Collection, name: str, parts: list[tuple[Shape, bpy.types.Material]]) -> bpy.types.Object:
+def add(
+    collection: bpy.types.Collection, name: str, parts: list[tuple[Shape, bpy.types.Material]]
+) -> bpy.types.Object:
     """Return a new object in `collection` with one mesh of all `parts`.
 
     Each part has its own material.
@@ -150,7 +152,9 @@ def film(scene: bpy.types.Scene) -> None:
     scene.world = world
 
 
-def camera(scene: bpy.types.Scene, name: str, near: float, far: float, lens=35.0) -> bpy.types.Object:
+def camera(
+    scene: bpy.types.Scene, name: str, near: float, far: float, lens=35.0
+) -> bpy.types.Object:
     """Return a new camera that sees from `near` to `far` meters.
 
     lens: focal length in millimeters.
@@ -168,7 +172,9 @@ def aim(item: bpy.types.Object, location, target) -> None:
     item.rotation_euler = (Vector(target) - Vector(location)).to_track_quat("-Z", "Y").to_euler()
 
 
-def animate(block: bpy.types.ID, frames: list[float], curves: dict[tuple[str, int], list[float]]) -> None:
+def animate(
+    block: bpy.types.ID, frames: list[float], curves: dict[tuple[str, int], list[float]]
+) -> None:
     """Add keyframes to `block`, smooth between.
 
     curves: for each (data path, index) its values at `frames`.

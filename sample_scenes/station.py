@@ -43,7 +43,13 @@ def make(scene: bpy.types.Scene) -> None:
     settings = scene.crowd_lod
     settings.characters, settings.forward = characters, "X"
     settings.source, settings.tracks_file, settings.terrain = "FILE", str(TRACKS), floors
-    settings.seed, settings.first_frame, settings.frames, settings.step, settings.width = 4, 1, "", 20, 960
+    settings.seed, settings.first_frame, settings.frames, settings.step, settings.width = (
+        4,
+        1,
+        "",
+        20,
+        960,
+    )
     settings.margin_kind, settings.color = "DERIVED", "LOD"
     waiting = settings.crowds.add()
     waiting.name, waiting.count, waiting.seed, waiting.terrain = "Waiting", 60, 2, floors
@@ -69,17 +75,30 @@ def waiting_map() -> bpy.types.Image:
 
 def build_floors(floors: bpy.types.Collection) -> None:
     """Add what people walk on: concourse, gallery, landing and stairs."""
-    tones = [material("Terrazzo light", (0.62, 0.60, 0.56)), material("Terrazzo dark", (0.52, 0.50, 0.47))]
-    concrete, waiting = material("Concrete", (0.45, 0.45, 0.46)), material("Waiting", (0.70, 0.48, 0.20))
+    tones = [
+        material("Terrazzo light", (0.62, 0.60, 0.56)),
+        material("Terrazzo dark", (0.52, 0.50, 0.47)),
+    ]
+    concrete, waiting = (
+        material("Concrete", (0.45, 0.45, 0.46)),
+        material("Waiting", (0.70, 0.48, 0.20)),
+    )
     x0, y0, x1, y1 = site.CONCOURSE
-    parts = [(tile(x, y, x + 3, y + 3), tones[(x + y) // 3 % 2]) for x in range(x0, x1, 3) for y in range(y0, y1, 3)]
+    parts = [
+        (tile(x, y, x + 3, y + 3), tones[(x + y) // 3 % 2])
+        for x in range(x0, x1, 3)
+        for y in range(y0, y1, 3)
+    ]
     parts += [(box(*area, -0.1, 0.01), waiting) for area in site.WAITING]
     add(floors, "Concourse", parts)
     slabs = [box(*area, site.HEIGHT - 0.3, site.HEIGHT) for area in (site.GALLERY, site.LANDING)]
     first, low, last, high = site.STAIRS
     edges = np.linspace(first, last, site.STEPS + 1)
     rises = site.height_on_stairs((edges[:-1] + edges[1:]) / 2)
-    steps = [box(a, low, b, high, 0, rise) for a, b, rise in zip(edges[:-1], edges[1:], rises, strict=True)]
+    steps = [
+        box(a, low, b, high, 0, rise)
+        for a, b, rise in zip(edges[:-1], edges[1:], rises, strict=True)
+    ]
     add(floors, "Gallery and stairs", [(part, concrete) for part in (*slabs, *steps)])
 
 
@@ -92,16 +111,26 @@ def build_walls(scenery: bpy.types.Collection) -> None:
     top, thick, door = 9.0, 0.4, 3.2
     parts = [(tile(-300, -300, 300, 300, -0.06), around)]
     for x in (x0 - thick, x1):
-        parts += [(box(x, a, x + thick, b, 0, top), stone) for a, b in ((y0, -8), (0, 10), (14, y1))]
+        parts += [
+            (box(x, a, x + thick, b, 0, top), stone) for a, b in ((y0, -8), (0, 10), (14, y1))
+        ]
         parts += [(box(x, -8, x + thick, 0, door, top), stone)]
-        parts += [(box(x, 10, x + thick, 14, 0, site.HEIGHT), stone), (box(x, 10, x + thick, 14, site.HEIGHT + door, top), stone)]
-    parts += [(box(a, y1, b, y1 + thick, 0, top), stone) for a, b in ((x0, -20), (-10, 12), (20, x1))]
+        parts += [
+            (box(x, 10, x + thick, 14, 0, site.HEIGHT), stone),
+            (box(x, 10, x + thick, 14, site.HEIGHT + door, top), stone),
+        ]
+    parts += [
+        (box(a, y1, b, y1 + thick, 0, top), stone) for a, b in ((x0, -20), (-10, 12), (20, x1))
+    ]
     parts += [(box(a, y1, b, y1 + thick, door, top), stone) for a, b in ((-20, -10), (12, 20))]
     parts += [(windows(x0, y1, x1, y1 + thick, site.HEIGHT, top, storey=4.2), glass)]
     parts += [(box(*column, 0, site.HEIGHT - 0.3), stone) for column in site.COLUMNS]
     parts += [(box(*site.KIOSK, 0, 2.6), wood), (box(*site.KIOSK, 2.6, 3.0, inset=-0.4), steel)]
     for a, b in ((x0, site.LANDING[0]), (site.LANDING[2], x1)):
-        parts += [(box(a, 9.0, b, 9.05, site.HEIGHT + low, site.HEIGHT + low + 0.06), steel) for low in (0.5, 1.0)]
+        parts += [
+            (box(a, 9.0, b, 9.05, site.HEIGHT + low, site.HEIGHT + low + 0.06), steel)
+            for low in (0.5, 1.0)
+        ]
     first, low, last, high = site.STAIRS
     edges = np.linspace(first, last, site.STEPS + 1)
     for y in (low - 0.05, high):

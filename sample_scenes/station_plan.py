@@ -16,7 +16,13 @@ KIOSK = (-10, -7, -6, -3)
 WAITING = ((-21, -14, -13, -11), (13, -14, 21, -11))  # where people stand about
 COLUMNS = tuple((x - 0.3, 9.0, x + 0.3, 9.6) for x in range(-20, 24, 8))
 # Where people come and go: along the walls of the concourse, and of the gallery.
-DOORS = ((-24, -8, -23, 0), (23, -8, 24, 0), (-5, -15, 5, -14), (-20, 14, -10, 15), (12, 14, 20, 15))
+DOORS = (
+    (-24, -8, -23, 0),
+    (23, -8, 24, 0),
+    (-5, -15, 5, -14),
+    (-20, 14, -10, 15),
+    (12, 14, 20, 15),
+)
 UPPER_DOORS = ((-24, 10, -23, 14), (23, 10, 24, 14))
 
 

@@ -29,16 +29,26 @@ class Floor:
     """One simulation, the places where one leaves it, and the people in it."""
 
     def __init__(self, ground: shapely.Polygon, exits: tuple) -> None:
-        self.simulation = jupedsim.Simulation(model=jupedsim.CollisionFreeSpeedModel(), geometry=ground, dt=1 / (FPS * STEPS))
+        self.simulation = jupedsim.Simulation(
+            model=jupedsim.CollisionFreeSpeedModel(), geometry=ground, dt=1 / (FPS * STEPS)
+        )
         self.ground = ground
         self.stages = [self.simulation.add_exit_stage(shapely.box(*each)) for each in exits]
-        self.journeys = [self.simulation.add_journey(jupedsim.JourneyDescription([stage])) for stage in self.stages]
-        self.people: dict[int, tuple[int, int, float]] = {}  # by JuPedSim's id: (person, where to, speed)
+        self.journeys = [
+            self.simulation.add_journey(jupedsim.JourneyDescription([stage]))
+            for stage in self.stages
+        ]
+        self.people: dict[
+            int, tuple[int, int, float]
+        ] = {}  # by JuPedSim's id: (person, where to, speed)
 
     def enter(self, place: np.ndarray, person: int, goal: int, speed: float) -> bool:
         """Let a person in; return whether there is room."""
         inside = self.ground.contains(shapely.Point(place).buffer(RADIUS + 0.05))
-        if not inside or any(np.hypot(*(np.array(other.position) - place)) < 0.5 for other in self.simulation.agents()):
+        if not inside or any(
+            np.hypot(*(np.array(other.position) - place)) < 0.5
+            for other in self.simulation.agents()
+        ):
             return False
         parameters = jupedsim.CollisionFreeSpeedModelAgentParameters(
             position=tuple(place), desired_speed=speed, radius=RADIUS, time_gap=TIME_GAP,
@@ -63,37 +73,66 @@ def simulate(seed: int = 3) -> dict[str, np.ndarray]:
     draws = np.random.default_rng(seed)
     stairs, landing = shapely.box(*site.STAIRS), shapely.box(*site.LANDING)
     blocks = [shapely.box(*each) for each in (site.KIOSK, *site.WAITING, *site.COLUMNS)]
-    lower = Floor(shapely.box(*site.CONCOURSE) - shapely.union_all([stairs, landing, *blocks]), (*site.DOORS, FOOT))
+    lower = Floor(
+        shapely.box(*site.CONCOURSE) - shapely.union_all([stairs, landing, *blocks]),
+        (*site.DOORS, FOOT),
+    )
     railing = shapely.box(APRON[0], 8.9, site.STAIRS[2], 9.1)
     upper = Floor(
-        shapely.union_all([shapely.box(*APRON), stairs, landing, shapely.box(*site.GALLERY)]) - railing, (*site.UPPER_DOORS, BOTTOM)
+        shapely.union_all([shapely.box(*APRON), stairs, landing, shapely.box(*site.GALLERY)])
+        - railing,
+        (*site.UPPER_DOORS, BOTTOM),
     )
     waiting: list[tuple[Floor, np.ndarray, int, int, float]] = []  # between the floors
     rows, count = [], 0
     for frame in range(-WARM_UP, FRAMES + 1):
         if len(lower.people) + len(upper.people) < COUNT:
-            floor, doors = (lower, site.DOORS) if draws.random() < 0.8 else (upper, site.UPPER_DOORS)
+            floor, doors = (
+                (lower, site.DOORS) if draws.random() < 0.8 else (upper, site.UPPER_DOORS)
+            )
             door, goal = draws.integers(len(doors)), draws.integers(len(doors))
             if draws.random() < TO_STAIRS:
                 goal = len(doors)
-            if goal != door and floor.enter(_in(doors[door], draws), count, goal, draws.normal(1.34, 0.2)):
+            if goal != door and floor.enter(
+                _in(doors[door], draws), count, goal, draws.normal(1.34, 0.2)
+            ):
                 count += 1
         for _ in range(STEPS):
             for floor in (lower, upper):
-                other, last = (upper, len(site.DOORS)) if floor is lower else (lower, len(site.UPPER_DOORS))
+                other, last = (
+                    (upper, len(site.DOORS)) if floor is lower else (lower, len(site.UPPER_DOORS))
+                )
                 for place, person, goal, speed in floor.step():
                     if goal == last:
-                        waiting.append((other, place, person, int(draws.integers(len(other.stages) - 1)), speed))
+                        waiting.append(
+                            (
+                                other,
+                                place,
+                                person,
+                                int(draws.integers(len(other.stages) - 1)),
+                                speed,
+                            )
+                        )
         waiting = [(floor, *each) for floor, *each in waiting if not floor.enter(*each)]
         for agent in upper.simulation.agents():
-            slow = ON_STAIRS if agent.position[0] < site.STAIRS[2] and agent.position[1] < site.STAIRS[3] else 1.0
+            slow = (
+                ON_STAIRS
+                if agent.position[0] < site.STAIRS[2] and agent.position[1] < site.STAIRS[3]
+                else 1.0
+            )
             agent.model.desired_speed = slow * upper.people[agent.id][2]
         if frame >= 0 and frame % EVERY == 0:
             for floor in (lower, upper):
                 for agent in floor.simulation.agents():
                     x, y = agent.position
-                    z = float(site.height_on_stairs(np.array(x))) if y < site.GALLERY[1] else site.HEIGHT
-                    rows.append((floor.people[agent.id][0], frame + 1, x, y, z if floor is upper else 0.0))
+                    z = (
+                        float(site.height_on_stairs(np.array(x)))
+                        if y < site.GALLERY[1]
+                        else site.HEIGHT
+                    )
+                    rows.append(
+                        (floor.people[agent.id][0], frame + 1, x, y, z if floor is upper else 0.0)
+                    )
     person, frame, *place = np.array(sorted(rows)).T
     _, number = np.unique(person, return_inverse=True)
     x, y, z = (np.rint(100 * each) for each in place)
@@ -108,4 +147,6 @@ def _in(area: tuple, draws: np.random.Generator) -> np.ndarray:
 if __name__ == "__main__":
     made = simulate()
     np.savez_compressed(FILE, fps=FPS, unit="cm", **made)
-    print(f"{FILE.name}: {made['id'].max() + 1} people, {len(made['id']):,} rows, {FILE.stat().st_size:,} bytes")
+    print(
+        f"{FILE.name}: {made['id'].max() + 1} people, {len(made['id']):,} rows, {FILE.stat().st_size:,} bytes"
+    )

@@ -45,7 +45,9 @@ def walk_cycle(joints: dict, period: int, stride: float) -> Cycle:
     turns = {
         "hips": hips,
         "spine": yaw(np.radians(-1) * swing) @ pitch(zero + np.radians(2)),
-        "chest": yaw(np.radians(6) * swing) @ pitch(zero + np.radians(4)) @ roll(np.radians(-1) * lean),
+        "chest": yaw(np.radians(6) * swing)
+        @ pitch(zero + np.radians(4))
+        @ roll(np.radians(-1) * lean),
         "neck": yaw(np.radians(2) * swing) @ pitch(zero + np.radians(3)),
         "head": pitch(np.radians(1.5) * np.cos(4 * np.pi * phase)),
     }
@@ -57,7 +59,9 @@ def walk_cycle(joints: dict, period: int, stride: float) -> Cycle:
         bend = np.radians(18) + np.radians(10) * forward
         turns["upper_arm" + tag] = shoulder @ out
         turns["forearm" + tag] = shoulder @ pitch(-bend) @ roll(zero + side * np.radians(-28))
-        turns["hand" + tag] = shoulder @ pitch(-bend - np.radians(6)) @ roll(zero + side * np.radians(-30))
+        turns["hand" + tag] = (
+            shoulder @ pitch(-bend - np.radians(6)) @ roll(zero + side * np.radians(-30))
+        )
 
     late = {".L": 0.0, ".R": 0.5}
     feet = {tag: foot_path(joints, tag, (phase + late[tag]) % 1, stride) for tag in late}
@@ -84,18 +88,27 @@ def idle_cycle(joints: dict, period: int) -> Cycle:
         "spine": roll(np.radians(-1) * sway) @ pitch(zero + np.radians(1)),
         "chest": yaw(np.radians(4) * sway) @ pitch(np.radians(2) + np.radians(0.8) * breath),
         "neck": yaw(np.radians(10) * np.sin(4 * np.pi * phase)),
-        "head": yaw(np.radians(24) * np.sin(4 * np.pi * phase)) @ pitch(np.radians(4) * np.cos(2 * np.pi * phase)),
+        "head": yaw(np.radians(24) * np.sin(4 * np.pi * phase))
+        @ pitch(np.radians(4) * np.cos(2 * np.pi * phase)),
     }
     for tag, side in ((".L", 1), (".R", -1)):
         shoulder = turns["chest"] @ pitch(np.radians(2) * breath)
         turns["upper_arm" + tag] = shoulder @ roll(zero + side * np.radians(-24))
-        turns["forearm" + tag] = shoulder @ pitch(zero - np.radians(22)) @ roll(zero + side * np.radians(-28))
-        turns["hand" + tag] = shoulder @ pitch(zero - np.radians(28)) @ roll(zero + side * np.radians(-30))
+        turns["forearm" + tag] = (
+            shoulder @ pitch(zero - np.radians(22)) @ roll(zero + side * np.radians(-28))
+        )
+        turns["hand" + tag] = (
+            shoulder @ pitch(zero - np.radians(28)) @ roll(zero + side * np.radians(-30))
+        )
     ankles = {tag: np.tile(joints["foot" + tag][1], (period + 1, 1)) for tag in (".L", ".R")}
     shift = np.stack([0.006 * k * breath, 0.03 * k * sway, zero], 1)
-    shift[:, 2] -= max(overreach(joints, tag, hips, shift, ankle) for tag, ankle in ankles.items()) + 0.01 * k
+    shift[:, 2] -= (
+        max(overreach(joints, tag, hips, shift, ankle) for tag, ankle in ankles.items()) + 0.01 * k
+    )
     for tag, ankle in ankles.items():
-        turns["thigh" + tag], turns["shin" + tag] = bend_leg(joints, tag, hip_joint(joints, tag, hips, shift), ankle)
+        turns["thigh" + tag], turns["shin" + tag] = bend_leg(
+            joints, tag, hip_joint(joints, tag, hips, shift), ankle
+        )
         turns["foot" + tag] = turns["toe" + tag] = pitch(zero)
     return Cycle(turns, shift, 0.0)
 
@@ -120,7 +133,9 @@ def foot_path(joints: dict, tag: str, phase: np.ndarray, stride: float):
 
     def turned(point, angle=foot):  # a point of the foot, from the ankle, (..., 2)
         x, z = point - ankle
-        return np.stack([x * np.cos(angle) + z * np.sin(angle), z * np.cos(angle) - x * np.sin(angle)], -1)
+        return np.stack(
+            [x * np.cos(angle) + z * np.sin(angle), z * np.cos(angle) - x * np.sin(angle)], -1
+        )
 
     # The foot's place is the ground's under its rest place: it moves at a constant speed while the
     # foot stands, and the foot rolls about its heel or its ball, which stay put on that ground.

@@ -24,7 +24,13 @@ from . import rough
 TESTS = Path(__file__).parent
 
 # Hypothesis tries the same examples each time, on each Python; others by --hypothesis-profile=search
-settings.register_profile("same", derandomize=True, database=None, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile(
+    "same",
+    derandomize=True,
+    database=None,
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow],
+)
 settings.register_profile("search", settings.get_profile("same"), derandomize=False)
 settings.load_profile("same")
 
@@ -37,7 +43,11 @@ def group(path: Path) -> str:
 def obstacle(group: str) -> str | None:
     """Why this group's tests cannot run here, if so."""
     if group == "ui":
-        return None if os.environ.get("BLENDER") else "the environment variable BLENDER names no Blender"
+        return (
+            None
+            if os.environ.get("BLENDER")
+            else "the environment variable BLENDER names no Blender"
+        )
     if group not in ("blender", "gpu", "faults"):
         return None
     try:
@@ -47,7 +57,11 @@ def obstacle(group: str) -> str | None:
     if group == "gpu":
         if bpy.app.version < (5, 1, 0):
             return f"Blender {bpy.app.version_string} has no GPU without a window"
-        trial = [sys.executable, "-c", "import bpy, gpu; gpu.init()"]  # without a driver it aborts, or worse
+        trial = [
+            sys.executable,
+            "-c",
+            "import bpy, gpu; gpu.init()",
+        ]  # without a driver it aborts, or worse
         if status := subprocess.call(trial, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL):
             return f"gpu.init() finds no OpenGL here: a trial ended with status {status}"
     return None

@@ -59,7 +59,10 @@ class Gaits:
         """
         played = np.ones(self.rates.shape, bool) if self.played is None else self.played
         paces = [np.flatnonzero(own) for own in played]
-        return tuple(tuple(sorted({self._pair(g, int(p)) for p in own} or {(0, 0.0)})) for g, own in enumerate(paces))
+        return tuple(
+            tuple(sorted({self._pair(g, int(p)) for p in own} or {(0, 0.0)}))
+            for g, own in enumerate(paces)
+        )
 
     @cached_property
     def distinct(self) -> tuple[np.ndarray, ...]:
@@ -78,14 +81,18 @@ class Gaits:
             found[g] = [number.get(self._pair(g, p), 0) for p in range(found.shape[1])]
         return found
 
-    def phase(self, crowd: Crowd, seconds: float, agents: np.ndarray | slice = slice(None)) -> np.ndarray:
+    def phase(
+        self, crowd: Crowd, seconds: float, agents: np.ndarray | slice = slice(None)
+    ) -> np.ndarray:
         """Return the phases (m,) float32 in [0, 1) of `agents` in their action's cycle.
 
         seconds: time after frame 0.
         agents: (m,) indices, or a slice.
         """
         rate = self.rates[crowd.group[agents], crowd.playing[agents]]
-        phase = ((crowd.phase_class[agents] / self.classes + rate * seconds) % 1.0).astype(np.float32)
+        phase = ((crowd.phase_class[agents] / self.classes + rate * seconds) % 1.0).astype(
+            np.float32
+        )
         phase[phase >= 1] = 0  # a float64 just below 1 may have rounded up
         return phase
 
@@ -100,13 +107,17 @@ class Gaits:
             return after
         (who,) = np.nonzero(after.playing != before.playing)
         group = after.group[who]
-        ahead = (self.rates[group, before.playing[who]] - self.rates[group, after.playing[who]]) * seconds
+        ahead = (
+            self.rates[group, before.playing[who]] - self.rates[group, after.playing[who]]
+        ) * seconds
         classes = after.phase_class.copy()
         classes[who] = np.rint(classes[who] + self.classes * (ahead % 1.0)) % self.classes
         return replace(after, phase_class=classes)
 
 
-def gaits_of(groups: Sequence[Group], paces: Paces, classes: int, shown: np.ndarray | None = None) -> Gaits:
+def gaits_of(
+    groups: Sequence[Group], paces: Paces, classes: int, shown: np.ndarray | None = None
+) -> Gaits:
     """Return the gaits of `groups` at the `paces` of a state machine.
 
     classes: the number of phases that agents share.
@@ -114,10 +125,15 @@ def gaits_of(groups: Sequence[Group], paces: Paces, classes: int, shown: np.ndar
     CrowdError if an action was not measured for a group that has agents.
     """
     needed = np.unique(np.arange(len(groups)) if shown is None else shown)
-    rates, plays = np.zeros((len(groups), len(paces.speeds))), np.ones((len(groups), len(paces.speeds)), bool)
+    rates, plays = (
+        np.zeros((len(groups), len(paces.speeds))),
+        np.ones((len(groups), len(paces.speeds)), bool),
+    )
     for p, name in enumerate(paces.actions or ("",) * len(paces.speeds)):
         able = np.array([g in needed or group.knows(name) for g, group in enumerate(groups)])
-        per_meter, per_second = cycles_of([group for group, known in zip(groups, able, strict=True) if known], name).T
+        per_meter, per_second = cycles_of(
+            [group for group, known in zip(groups, able, strict=True) if known], name
+        ).T
         rates[able, p], plays[:, p] = per_meter * paces.speeds[p] + per_second, able
     return Gaits(classes, paces, rates, None if plays.all() else plays)
 
@@ -131,7 +147,10 @@ def cycles_of(groups: Sequence[Group], action: str = "") -> np.ndarray:
     Both are 0 for one with neither stride nor period.
     """
     played = [group.action(action) for group in groups]
-    found = [(1 / a.stride, 0.0) if a.stride > 0 else (0.0, 1 / a.period if a.period > 0 else 0.0) for a in played]
+    found = [
+        (1 / a.stride, 0.0) if a.stride > 0 else (0.0, 1 / a.period if a.period > 0 else 0.0)
+        for a in played
+    ]
     return np.array(found).reshape(-1, 2)
 
 
@@ -170,7 +189,9 @@ class Library:
         for g in np.flatnonzero(self.posed == 0).tolist():
             for number in range(first[g], first[g + 1]):
                 which, phase_class = divmod(number - int(first[g]), gaits.classes)
-                found[number] = made.setdefault((leads[g], *gaits.plays[g][which], phase_class), number)
+                found[number] = made.setdefault(
+                    (leads[g], *gaits.plays[g][which], phase_class), number
+                )
         return found
 
     def shown(self, gaits: Gaits, crowd: Crowd, seconds: float, agents: np.ndarray) -> np.ndarray:
@@ -180,7 +201,9 @@ class Library:
         agents: (m,) indices.
         """
         group = crowd.group[agents]
-        number = gaits.which[group, crowd.playing[agents]] * gaits.classes + crowd.phase_class[agents]
+        number = (
+            gaits.which[group, crowd.playing[agents]] * gaits.classes + crowd.phase_class[agents]
+        )
         if self.posed.any():
             count = self.posed[group]
             nearest = np.rint(gaits.phase(crowd, seconds, agents) * count) % np.maximum(count, 1)

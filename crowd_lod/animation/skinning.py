@@ -46,7 +46,9 @@ def merge(meshes: list[SkinnedMesh]) -> SkinnedMesh:
     names = ("points", "normals", "joints", "weights", "uvs", "colors", "layers")
     columns = {name: np.concatenate([getattr(mesh, name) for mesh in meshes]) for name in names}
     shifted = [mesh.triangles + np.uint32(begin) for mesh, begin in zip(meshes, first, strict=True)]
-    return SkinnedMesh(**columns, triangles=np.concatenate(shifted), closed=all(mesh.closed for mesh in meshes))
+    return SkinnedMesh(
+        **columns, triangles=np.concatenate(shifted), closed=all(mesh.closed for mesh in meshes)
+    )
 
 
 def closed(points: np.ndarray, triangles: np.ndarray) -> bool:
@@ -60,7 +62,10 @@ def closed(points: np.ndarray, triangles: np.ndarray) -> bool:
     if not len(triangles):
         return True
     n = len(points)
-    tail, head = triangles.astype(np.int64).ravel(), np.roll(triangles, -1, axis=1).astype(np.int64).ravel()
+    tail, head = (
+        triangles.astype(np.int64).ravel(),
+        np.roll(triangles, -1, axis=1).astype(np.int64).ravel(),
+    )
     if not np.array_equal(np.sort(tail * n + head), np.sort(head * n + tail)):
         return False
     part = connected_components(n, triangles)
@@ -109,7 +114,9 @@ def skin(mesh: SkinnedMesh, joints: np.ndarray) -> np.ndarray:
     return np.einsum("nvjk,vk->nvj", blended[..., :3], mesh.points) + blended[..., 3]
 
 
-def axes(heading: np.ndarray, pitch: np.ndarray, roll: np.ndarray, turn: float) -> tuple[np.ndarray, np.ndarray]:
+def axes(
+    heading: np.ndarray, pitch: np.ndarray, roll: np.ndarray, turn: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the x axes and the y axes of agents in the world, each (n, 3) float32.
 
     They are those of Rz(heading) Ry(-pitch) Rx(roll) Rz(turn), as the build's node group turns its

@@ -71,7 +71,9 @@ def _borders(walkers: Walkers, world: LabelMap, past: np.ndarray | int = 0) -> B
     last = walkers.cell + way * past
     beyond = last + way
     out = (beyond < 0) | (beyond >= np.array(world.labels.shape[::-1])[:, None])
-    at = np.where(out, np.where(way > 0, high, low), low + (last + (way > 0)) * np.array(world.cell)[:, None])
+    at = np.where(
+        out, np.where(way > 0, high, low), low + (last + (way > 0)) * np.array(world.cell)[:, None]
+    )
     return Borders(last, way, beyond, out, at)
 
 
@@ -103,11 +105,15 @@ def past(walkers: Walkers, span: np.ndarray, world: LabelMap) -> np.ndarray:
             found[axis, some] = world.runs[axis, way[axis][some].astype(np.intp), at[some]]
     (some,) = (far & (vx != 0) & (vy != 0)).nonzero()
     if len(some):
-        found[:, some] = world.squares[way[1][some].astype(np.intp), way[0][some].astype(np.intp), at[some]] - 1
+        found[:, some] = (
+            world.squares[way[1][some].astype(np.intp), way[0][some].astype(np.intp), at[some]] - 1
+        )
     return found
 
 
-def to_border(walkers: Walkers, span: np.ndarray, past: np.ndarray, world: LabelMap, edge: str) -> Crossing:
+def to_border(
+    walkers: Walkers, span: np.ndarray, past: np.ndarray, world: LabelMap, edge: str
+) -> Crossing:
     """Move agents that leave their cell within `span` to the border of that cell.
 
     span: (c,) seconds.
@@ -118,7 +124,9 @@ def to_border(walkers: Walkers, span: np.ndarray, past: np.ndarray, world: Label
     own, cell, (low, high) = walkers.cell, walkers.cell.copy(), world.area.bounds
     last, way, beyond, out, border = _borders(walkers, world, past)
     with np.errstate(divide="ignore", invalid="ignore"):
-        time = np.where(way == 0, np.inf, np.maximum((border - walkers.place) / walkers.velocity, 0))
+        time = np.where(
+            way == 0, np.inf, np.maximum((border - walkers.place) / walkers.velocity, 0)
+        )
     if edge == "clamp":
         time[out] = np.inf
     axis = (time[1] < time[0]).astype(np.intp)  # x first where both are reached at once
@@ -130,7 +138,9 @@ def to_border(walkers: Walkers, span: np.ndarray, past: np.ndarray, world: Label
         at = (place - low) / np.array(world.cell)[:, None]
         # who is on a border has crossed it only if that is the one in x, and the way ends at one in
         # y
-        at = np.where((way > 0) == ((axis == 1) & ~ends), np.floor(at), np.ceil(at) - 1).astype(np.intp)
+        at = np.where((way > 0) == ((axis == 1) & ~ends), np.floor(at), np.ceil(at) - 1).astype(
+            np.intp
+        )
         cell = np.clip(at, np.minimum(own, last), np.maximum(own, last))
         cell[axis, one] = np.where(ends, cell, last)[axis, one]
     crossed = np.abs(cell - own).sum(axis=0)
@@ -141,7 +151,11 @@ def to_border(walkers: Walkers, span: np.ndarray, past: np.ndarray, world: Label
     place[axis, one] = np.where(ends, place, border)[axis, one]
     enters = ~ends & (~leaves_map | (edge == "wrap"))
     cell[axis, one] = np.where(enters, beyond[axis, one], cell[axis, one])
-    flips = (leaves_map << axis).astype(np.uint8) if edge == "reflect" else np.zeros(len(axis), np.uint8)
+    flips = (
+        (leaves_map << axis).astype(np.uint8)
+        if edge == "reflect"
+        else np.zeros(len(axis), np.uint8)
+    )
     return Crossing(taken, np.array(world.into(*place, *cell)), cell, flips, crossed)
 
 

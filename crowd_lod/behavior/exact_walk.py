@@ -28,7 +28,9 @@ from ..format import counted
 from .step import advance
 
 
-def walk(crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float) -> tuple[Crowd, np.ndarray]:
+def walk(
+    crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float
+) -> tuple[Crowd, np.ndarray]:
     """Return (crowd, chatters) `seconds` later, exact up to the rounding of float64.
 
     The error is a few units in the last place per border.
@@ -65,7 +67,10 @@ class Trouble:
 
     def __str__(self) -> str:
         one, many = {
-            "chatters": ("agent changes state endlessly and stays in place", "agents change state endlessly and stay in place"),
+            "chatters": (
+                "agent changes state endlessly and stays in place",
+                "agents change state endlessly and stay in place",
+            ),
             "stuck": ("agent stands for good", "agents stand for good"),
         }[self.kind]
         where = f"most of them ({self.counts[0]}) at" if len(self.counts) > 1 else "at"
@@ -75,7 +80,9 @@ class Trouble:
         )
 
 
-def trouble(crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float = 60.0) -> tuple[Trouble, ...]:
+def trouble(
+    crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float = 60.0
+) -> tuple[Trouble, ...]:
     """Return the troubles that `crowd` is in or walks into within `seconds`.
 
     Returns at most one Trouble of each kind, () if all is well.
@@ -87,12 +94,20 @@ def trouble(crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float
     later, chatters = walk(crowd, machine, world, seconds)
     again, more = walk(later, machine, world, seconds / 60)
     chatters |= more
-    still = (again.x == later.x) & (again.y == later.y) & (again.state == later.state) & (again.mirror == later.mirror)
+    still = (
+        (again.x == later.x)
+        & (again.y == later.y)
+        & (again.state == later.state)
+        & (again.mirror == later.mirror)
+    )
     own = np.arange(len(machine.states))[:, None]
     stays = (machine.next_state == own) & (machine.next_choice < 0) & ~machine.velocity.any(axis=2)
     rests = stays.all(axis=1) & ~np.isfinite(machine.after[:, 0])
     stuck = still & ~chatters & np.isinf(later.wait) & ~rests[later.state]
-    found = (_places(kind, caught, later, world) for kind, caught in (("chatters", chatters), ("stuck", stuck)))
+    found = (
+        _places(kind, caught, later, world)
+        for kind, caught in (("chatters", chatters), ("stuck", stuck))
+    )
     return tuple(each for each in found if len(each.agents))
 
 

@@ -27,7 +27,13 @@ def fading(before: Crowd, after: Crowd, machine: StateMachine, seconds: float) -
         return after
     paces, played, faded = machine.paces, after.pace.copy(), np.ones_like(before.faded)
     (who,) = goes.nonzero()
-    _show(played, faded, who, paces.first_step(before.played[who]), before.faded[who] + _part(machine.fading, after, who, seconds))
+    _show(
+        played,
+        faded,
+        who,
+        paces.first_step(before.played[who]),
+        before.faded[who] + _part(machine.fading, after, who, seconds),
+    )
     (who,) = np.nonzero(paces.action[after.pace] != paces.action[before.pace])
     played[who], faded[who] = after.pace[who], 1
     first = np.asarray(paces.fades)[before.played[who], after.pace[who]]
@@ -42,7 +48,9 @@ def _part(length: np.ndarray, crowd: Crowd, who: np.ndarray, seconds: float) -> 
         return (seconds / length[crowd.state[who]]).astype(np.float32)
 
 
-def _show(played: np.ndarray, faded: np.ndarray, who: np.ndarray, first: np.ndarray, share: np.ndarray) -> None:
+def _show(
+    played: np.ndarray, faded: np.ndarray, who: np.ndarray, first: np.ndarray, share: np.ndarray
+) -> None:
     """Write to `played` and `faded` what agents show whose cross-fades go on.
 
     who: (k,) agents.

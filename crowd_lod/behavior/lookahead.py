@@ -78,10 +78,17 @@ def look(crowd: Crowd, machine: StateMachine, world: LabelMap, tables: Tables) -
     """Return what is known of the crowd's next steps, as long as that of `tables`."""
     case, steps = np.empty(len(crowd), tables.number), np.empty(len(crowd), np.uint16)
     area, (rows, columns), (width, depth) = world.area, world.labels.shape, world.cell
-    sides = (crowd.x, tables.x, area.x_min, width, columns), (crowd.y, tables.y, area.y_min, depth, rows)
+    sides = (
+        (crowd.x, tables.x, area.x_min, width, columns),
+        (crowd.y, tables.y, area.y_min, depth, rows),
+    )
     # by less than a cell a step, agents go on through cells of the same label, in one row or in one
     # column of them
-    across, up, aside = np.abs(tables.x) < 0.99 * width, np.abs(tables.y) < 0.99 * depth, tables.x != 0
+    across, up, aside = (
+        np.abs(tables.x) < 0.99 * width,
+        np.abs(tables.y) < 0.99 * depth,
+        tables.x != 0,
+    )
     through, slanting = (across, up & ~aside), across & up & aside & (tables.y != 0)
     heading = tables.heading.view(np.int32)  # 0.0 and -0.0 are two
     slack = SLACK * np.spacing(np.abs((area.x_min, area.x_max, area.y_min, area.y_max)).max())
@@ -91,10 +98,14 @@ def look(crowd: Crowd, machine: StateMachine, world: LabelMap, tables: Tables) -
         at_cell = (cells[1] * columns + cells[0]).astype(np.intp)
         of = tables.cases(crowd, block, world.labels.ravel().take(at_cell, mode="clip"))
         least, bad, rooms = np.full(len(of), float(MOST)), np.zeros(len(of), bool), []
-        for (old, way, low, size, count), cell, runs, on in zip(sides, cells, world.runs, through, strict=True):
+        for (old, way, low, size, count), cell, runs, on in zip(
+            sides, cells, world.runs, through, strict=True
+        ):
             place, by = old[block], way.take(of)
             rooms.append(np.abs(low + (cell + (by > 0)) * size - place) - slack)
-            room = rooms[-1] + size * on.take(of) * runs.take((by > 0) * runs.shape[1] + at_cell, mode="clip")
+            room = rooms[-1] + size * on.take(of) * runs.take(
+                (by > 0) * runs.shape[1] + at_cell, mode="clip"
+            )
             np.minimum(least, room / np.abs(by), where=by != 0, out=least)
             # -0.0 + 0.0 is another
             bad |= ~((cell >= 0) & (cell < count)) | ((place == 0) & np.signbit(place))
@@ -112,7 +123,9 @@ def look(crowd: Crowd, machine: StateMachine, world: LabelMap, tables: Tables) -
     return Ahead(case, steps, tables.seconds)
 
 
-def _across(rooms: np.ndarray, ways: np.ndarray, at_cell: np.ndarray, world: LabelMap, slack: float) -> np.ndarray:
+def _across(
+    rooms: np.ndarray, ways: np.ndarray, at_cell: np.ndarray, world: LabelMap, slack: float
+) -> np.ndarray:
     """Return for how many steps agents that walk aslant stay in their label, (m,).
 
     In these steps no agent goes through a corner of cells. Both borders are crossed in one step
@@ -124,7 +137,12 @@ def _across(rooms: np.ndarray, ways: np.ndarray, at_cell: np.ndarray, world: Lab
     slack: meters by which a border counts as nearer.
     """
     (width, depth), pace = world.cell, np.abs(ways)
-    square = world.squares.reshape(-1).take((2 * (ways[1] > 0) + (ways[0] > 0)) * world.labels.size + at_cell, mode="clip") - 1.0
+    square = (
+        world.squares.reshape(-1).take(
+            (2 * (ways[1] > 0) + (ways[0] > 0)) * world.labels.size + at_cell, mode="clip"
+        )
+        - 1.0
+    )
     until = (rooms + square * np.array([[width], [depth]])) / pace
     known, (across, up) = np.minimum(until[0], until[1]), rooms / pace
     apart, beside = np.array([[width], [depth]]) / pace
@@ -139,7 +157,12 @@ def _across(rooms: np.ndarray, ways: np.ndarray, at_cell: np.ndarray, world: Lab
 
 
 def opened(
-    crowd: Crowd, ahead: Ahead, machine: StateMachine, world: LabelMap, tables: Tables, way: Callable[[Crowd], Crowd]
+    crowd: Crowd,
+    ahead: Ahead,
+    machine: StateMachine,
+    world: LabelMap,
+    tables: Tables,
+    way: Callable[[Crowd], Crowd],
 ) -> Ahead | None:
     """Return `ahead` with new `turns`, where none were left.
 
@@ -153,7 +176,13 @@ def opened(
             break
     else:
         return None
-    agents, until, made, most, rounds = np.flatnonzero(ends), ahead.steps.copy(), [], 2 * part * len(crowd), 0
+    agents, until, made, most, rounds = (
+        np.flatnonzero(ends),
+        ahead.steps.copy(),
+        [],
+        2 * part * len(crowd),
+        0,
+    )
     some, case, when = crowd.of(agents), ahead.case[agents], ahead.steps[agents].astype(int)
     at = np.zeros(len(agents), int)
     while len(agents) and rounds < ROUNDS and most >= 0:
@@ -169,21 +198,35 @@ def opened(
             turns |= straight.view(np.int64) != new.view(np.int64)
         (turns,) = turns.nonzero()  # the others do what they did, into a cell of the same label
         there = look(moved, machine, world, tables)
-        made.append((when[turns], agents[turns], some.of(turns), moved.of(turns), there.case[turns]))
+        made.append(
+            (when[turns], agents[turns], some.of(turns), moved.of(turns), there.case[turns])
+        )
         most, rounds = most - len(agents), rounds + 1
         at, when = when + 1, when + 1 + there.steps
         until[agents] = when
         again = np.flatnonzero(when < count)
-        agents, some, case, at, when = agents[again], moved.of(again), there.case[again], at[again], when[again]
+        agents, some, case, at, when = (
+            agents[again],
+            moved.of(again),
+            there.case[again],
+            at[again],
+            when[again],
+        )
     # up to the first end of what is known; those made that come later are forgotten
     if len(agents):
         count = int(when.min())
         for late, who, *_ in reversed(made):
             until[who[late >= count]] = late[late >= count]
-    return replace(ahead, steps=until - np.uint16(count), turns=_turns(made, count, tables.changing) if made else (NOBODY,) * count)
+    return replace(
+        ahead,
+        steps=until - np.uint16(count),
+        turns=_turns(made, count, tables.changing) if made else (NOBODY,) * count,
+    )
 
 
-def onward(crowd: Crowd, ahead: Ahead, tables: Tables, way: Callable[[Crowd], Crowd]) -> tuple[Crowd, Ahead | None]:
+def onward(
+    crowd: Crowd, ahead: Ahead, tables: Tables, way: Callable[[Crowd], Crowd]
+) -> tuple[Crowd, Ahead | None]:
     """Return (crowd, Ahead) one step of the `tables` later.
 
     The step is as long as those of `ahead`, or shorter; after a shorter one the Ahead is None.
@@ -225,7 +268,9 @@ def _turns(made: list[tuple], count: int, changing: list[str]) -> tuple[Turn, ..
             for turn, part in zip(after, parts, strict=True):
                 if name in changing or old[part].tobytes() != new[part].tobytes():
                     turn[name] = new[part]
-    return tuple(Turn(agents[part], turn, case[part]) for turn, part in zip(after, parts, strict=True))
+    return tuple(
+        Turn(agents[part], turn, case[part]) for turn, part in zip(after, parts, strict=True)
+    )
 
 
 def _on(crowd: Crowd, case: np.ndarray, steps: np.ndarray, tables: Tables) -> Crowd:
@@ -250,6 +295,8 @@ def _go_on(crowd: Crowd, cases: np.ndarray, tables: Tables, into: dict[str, np.n
         case = cases[block].astype(np.intp)
         for name, way in (("x", tables.x), ("y", tables.y)):
             if name in tables.changing:
-                np.add(getattr(crowd, name)[block], way.take(case, mode="clip"), out=into[name][block])
+                np.add(
+                    getattr(crowd, name)[block], way.take(case, mode="clip"), out=into[name][block]
+                )
         if "wait" in tables.changing:
             np.subtract(crowd.wait[block], tables.seconds, out=into["wait"][block])

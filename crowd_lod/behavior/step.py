@@ -76,7 +76,9 @@ def step(
     if len(crowd) < FEW_AGENTS:
         return advance(crowd, machine, world, seconds, leave=leave)[0]
     moved, rest = within(crowd, machine, world, tables or Tables(machine, seconds), leave)
-    return mended(moved, crowd, rest, lambda some: advance(some, machine, world, seconds, leave=leave)[0])
+    return mended(
+        moved, crowd, rest, lambda some: advance(some, machine, world, seconds, leave=leave)[0]
+    )
 
 
 def advance(
@@ -139,7 +141,13 @@ class _Way:
     """
 
     def __init__(
-        self, crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float, exact: bool, leave: frozenset[LeftOut]
+        self,
+        crowd: Crowd,
+        machine: StateMachine,
+        world: LabelMap,
+        seconds: float,
+        exact: bool,
+        leave: frozenset[LeftOut],
     ):
         self.machine, self.world, self.exact, self.leave = machine, world, exact, leave
         self.draws, self.reflects = machine.timed or machine.chancy, machine.edge == "reflect"
@@ -198,7 +206,9 @@ class _Way:
         """
         now, machine, agents = self.now, self.machine, self.agents
         old, (column, row) = now.state[agents], self.cell
-        label = self.world.labels[:1, 0] if ONE_LABEL in self.leave else self.world.labels[row, column]
+        label = (
+            self.world.labels[:1, 0] if ONE_LABEL in self.leave else self.world.labels[row, column]
+        )
         velocity = self.table.take(old.astype(np.intp) * len(machine.labels) + label, axis=1)
         if UNCHANGING in self.leave:
             changed = np.zeros(len(old), bool)
@@ -207,7 +217,9 @@ class _Way:
             changed = new != old
             now.state[agents] = new
         if self.reflects:
-            velocity = velocity * np.stack([1.0 - 2 * (now.mirror[agents] & 1), 1.0 - (now.mirror[agents] & 2)])
+            velocity = velocity * np.stack(
+                [1.0 - 2 * (now.mirror[agents] & 1), 1.0 - (now.mirror[agents] & 2)]
+            )
             now.mirror[agents] *= ~changed
         if self.draws:
             now.key[agents] = random_streams.moved_on(now.key[agents], changed)
@@ -221,7 +233,11 @@ class _Way:
     def _aimed(self, walkers: Walkers, label: np.ndarray, changed: np.ndarray) -> _Piece:
         """Return the piece up to the end of the step or of a timer, through any border."""
         world, edge = self.world, self.machine.edge
-        span = np.minimum(self.rest, self.now.wait[self.agents]) if self.machine.timed else self.rest.copy()
+        span = (
+            np.minimum(self.rest, self.now.wait[self.agents])
+            if self.machine.timed
+            else self.rest.copy()
+        )
         if self.exact:
             span[changed] = 0
         to = walkers.place + walkers.velocity * span
@@ -233,12 +249,24 @@ class _Way:
             # on a border and heading out: however short the move, even if rounding loses it, it
             # leaves the cell
             leaves |= cell_borders.on_border(walkers, world, edge)
-        return _Piece(walkers, label, changed, span, to, to_cell, np.flatnonzero(leaves), np.ones(len(span), np.intp))
+        return _Piece(
+            walkers,
+            label,
+            changed,
+            span,
+            to,
+            to_cell,
+            np.flatnonzero(leaves),
+            np.ones(len(span), np.intp),
+        )
 
     def _enter_alike(self, piece: _Piece) -> None:
         """Let go on who enters a cell of the same label at its side: its read is known."""
         c, world = piece.leaves, self.world
-        on = cell_borders.same_beside(self.cell.take(c, 1), piece.to_cell.take(c, 1), world) & ~piece.changed[c]
+        on = (
+            cell_borders.same_beside(self.cell.take(c, 1), piece.to_cell.take(c, 1), world)
+            & ~piece.changed[c]
+        )
         if self.machine.edge != "clamp":
             on &= ~cell_borders.outside(piece.to.take(c, 1), world.area)
         piece.leaves, on = c[~on], c[on]
@@ -268,7 +296,9 @@ class _Way:
         now.x[agents] = np.clip(piece.to[0], area.x_min, area.x_max)
         now.y[agents] = np.clip(piece.to[1], area.y_min, area.y_max)
         vx, vy = piece.walkers.velocity
-        now.heading[agents] = np.where(np.hypot(vx, vy) > 0, np.arctan2(vy, vx), now.heading[agents])
+        now.heading[agents] = np.where(
+            np.hypot(vx, vy) > 0, np.arctan2(vy, vx), now.heading[agents]
+        )
         if self.machine.timed:
             now.wait[agents] -= piece.span
         self.rest = self.rest - piece.span
@@ -298,7 +328,9 @@ def _put(into: np.ndarray, some: np.ndarray, values: np.ndarray) -> None:
         row[some] = value
 
 
-def pace_of(x: np.ndarray, y: np.ndarray, state: np.ndarray, machine: StateMachine, world: LabelMap) -> np.ndarray:
+def pace_of(
+    x: np.ndarray, y: np.ndarray, state: np.ndarray, machine: StateMachine, world: LabelMap
+) -> np.ndarray:
     """Return at which of the machine's paces agents walk on, (n,) uint8.
 
     x, y: (n,) world meters.
@@ -309,6 +341,8 @@ def pace_of(x: np.ndarray, y: np.ndarray, state: np.ndarray, machine: StateMachi
     pace = machine.paces.of[state, label]
     if machine.edge == "stop":
         # who stands
-        stand = cell_borders.leaves_map(np.array((x, y)), machine.velocity[state, label].T, world.area)
+        stand = cell_borders.leaves_map(
+            np.array((x, y)), machine.velocity[state, label].T, world.area
+        )
         pace[stand] = machine.paces.slowest[state[stand]] if len(machine.paces.slowest) else 0
     return pace

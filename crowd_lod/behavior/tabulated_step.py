@@ -54,7 +54,11 @@ class Tables:
         changing = {"x": self.x.any(), "y": self.y.any(), "wait": machine.timed}
         # columns that a step within a cell changes
         self.changing = [name for name, changes in changing.items() if changes]
-        self.labels, self.size, self.mirrors = len(machine.labels), machine.next_state.size, len(velocity) > 1
+        self.labels, self.size, self.mirrors = (
+            len(machine.labels),
+            machine.next_state.size,
+            len(velocity) > 1,
+        )
         self.number = np.min_scalar_type(len(self.x))
 
     def cases(self, crowd: Crowd, block: slice, label: np.ndarray) -> np.ndarray:
@@ -88,7 +92,10 @@ def within(
     rest = []
     for at in range(0, len(x), BLOCK):
         block = slice(at, at + BLOCK)
-        if not all(low <= old[block].min() and old[block].max() <= high for old, _, _, low, high, _, _ in sides):
+        if not all(
+            low <= old[block].min() and old[block].max() <= high
+            for old, _, _, low, high, _, _ in sides
+        ):
             rest.append(np.arange(at, min(at + BLOCK, len(x))))  # beyond the map, or at NaN
             continue
         cells = [np.floor((old[block] - low) / size) for old, _, _, low, _, size, _ in sides]
@@ -97,7 +104,11 @@ def within(
             if cell.max() >= count:
                 np.minimum(cell, count - 1, out=cell)
         one = ONE_LABEL in leave
-        label = labels[0] if one else labels.take((cells[1] * columns + cells[0]).astype(np.intp), mode="clip")
+        label = (
+            labels[0]
+            if one
+            else labels.take((cells[1] * columns + cells[0]).astype(np.intp), mode="clip")
+        )
         case = tables.cases(crowd, block, label)
         other, leaves = np.zeros((2, len(case)), bool)
         for (old, new, way, low, high, size, _), cell in zip(sides, cells, strict=True):

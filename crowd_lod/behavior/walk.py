@@ -43,7 +43,9 @@ def bounds_of_walk(machine: StateMachine, heights: Ground | None) -> VelocityBou
         low, high = np.minimum(low, -high), np.maximum(high, -low)
     climb = 0.0
     if isinstance(heights, Terrain):
-        return VelocityBounds(np.append(low, 0.0), np.append(high, 0.0), fastest, heights.span[1] - heights.span[0])
+        return VelocityBounds(
+            np.append(low, 0.0), np.append(high, 0.0), fastest, heights.span[1] - heights.span[0]
+        )
     if heights is not None:
         climb = (np.array(heights.steepest) * np.maximum(-low, high)).sum()
     return VelocityBounds(np.append(low, -climb), np.append(high, climb), fastest)
@@ -95,11 +97,19 @@ class Walk(Trajectory):
         pace = pace_of(self.start.x, self.start.y, self.start.state, self.machine, self.world)
         self.start = replace(self.start, pace=pace)
         # on several floors the height is part of each step
-        self._floors = None if self.heights is None or self.seated or not self.heights.layered else self.heights
+        self._floors = (
+            None
+            if self.heights is None or self.seated or not self.heights.layered
+            else self.heights
+        )
         if self._floors is not None:
-            self.start = replace(self.start, z=self._floors.at(self.start.x, self.start.y, self.start.z))
+            self.start = replace(
+                self.start, z=self._floors.at(self.start.x, self.start.y, self.start.z)
+            )
         found = needless_of_places(self.start, not self.level)
-        self.left_out = self.leave and self.leave & (found | needless(self.start, self.machine, self.world))
+        self.left_out = self.leave and self.leave & (
+            found | needless(self.start, self.machine, self.world)
+        )
         if not len(self.machine.paces.fades) or NO_FADES in self.left_out:
             self.start = replace(self.start, played=None, faded=None)
         elif self.start.played is None:
@@ -136,7 +146,9 @@ class Walk(Trajectory):
             self._ground = (crowd.x, z) if STILL in self.left_out else None
         return replace(crowd, z=z)
 
-    def approach(self, time: float, then: Callable[[], object] = lambda: None) -> Generator[float, None, None]:
+    def approach(
+        self, time: float, then: Callable[[], object] = lambda: None
+    ) -> Generator[float, None, None]:
         """Compute the crowd at `time`, in frames, for `at` to find; then call `then`.
 
         Yields the progress, 0 to 1, where that takes long. It may be closed at any time.
@@ -149,7 +161,9 @@ class Walk(Trajectory):
             self.at(time)
             then()
 
-        yield from aside(go, lambda: min(max(self._recent[0][0] - begun, 0) / max(target - begun, 1), 1.0))
+        yield from aside(
+            go, lambda: min(max(self._recent[0][0] - begun, 0) / max(target - begun, 1), 1.0)
+        )
 
     @cached_property
     def full(self) -> "Trajectory":
@@ -168,7 +182,9 @@ class Walk(Trajectory):
         """
         bare = self._at_whole(int(max(time - self.first_frame, 0)))
         bare = self._on_ground(bare) if self.seated else bare
-        walk = replace(self, start=bare, leave=leave, first_frame=int(time), _kept={}, _lock=threading.Lock())
+        walk = replace(
+            self, start=bare, leave=leave, first_frame=int(time), _kept={}, _lock=threading.Lock()
+        )
         walk._looks_ahead = False
         walk.left_out = leave & self.left_out  # of the whole shot, not of what is still to come
         return walk
@@ -196,13 +212,19 @@ class Walk(Trajectory):
 
     @cached_property
     def _velocity(self) -> VelocityBounds:
-        return STANDING if self.seated or STILL in self.left_out else bounds_of_walk(self.machine, self.heights)
+        return (
+            STANDING
+            if self.seated or STILL in self.left_out
+            else bounds_of_walk(self.machine, self.heights)
+        )
 
     def tilt(self, crowd: Crowd, agents: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """Return (pitch, roll) of `agents` on the ground, if they align to its slopes."""
         if not self.tilts or self.heights is None:
             return None
-        return self.heights.tilt(crowd.x[agents], crowd.y[agents], crowd.heading[agents], crowd.z[agents])
+        return self.heights.tilt(
+            crowd.x[agents], crowd.y[agents], crowd.heading[agents], crowd.z[agents]
+        )
 
     def ground(self, crowd: Crowd, agents: np.ndarray) -> np.ndarray | None:
         """Return the ground's height under `agents`; None where they keep that of their places."""
@@ -238,14 +260,22 @@ class Walk(Trajectory):
         if now is before or not self.wraps:
             return None
         width, depth = self.area.size
-        aside, along = (np.abs(getattr(now, name)[agents] - getattr(before, name)[agents]) for name in "xy")
+        aside, along = (
+            np.abs(getattr(now, name)[agents] - getattr(before, name)[agents]) for name in "xy"
+        )
         return (aside > width / 2) | (along > depth / 2)
 
     def digests(self) -> dict[str, bytes]:
         """Return the start, the state machine, the map, and the ground."""
-        world, start, heights = self.world, replace(self.start, played=None, faded=None), self.heights
+        world, start, heights = (
+            self.world,
+            replace(self.start, played=None, faded=None),
+            self.heights,
+        )
         own = {
-            "the crowd": b"".join([*(column.tobytes() for column in start.columns.values()), b"seated" * self.seated]),
+            "the crowd": b"".join(
+                [*(column.tobytes() for column in start.columns.values()), b"seated" * self.seated]
+            ),
             "the state machine": self.machine.content.encode(),
             "the map": repr((world.area, world.labels.shape)).encode() + world.labels.tobytes(),
             "the height map": b"",
@@ -267,10 +297,16 @@ class Walk(Trajectory):
             return advance(some, *about, seconds, leave=self.left_out)[0]
 
         if known is not crowd:
-            ahead = look(crowd, self.machine, self.world, tables) if frames == 1 and self._looks_ahead else None
+            ahead = (
+                look(crowd, self.machine, self.world, tables)
+                if frames == 1 and self._looks_ahead
+                else None
+            )
         if ahead is not None and not ahead.turns:
             whole = self._tables(self.seconds_per_frame)
-            ahead = opened(crowd, ahead, self.machine, self.world, whole, partial(long, seconds=whole.seconds))
+            ahead = opened(
+                crowd, ahead, self.machine, self.world, whole, partial(long, seconds=whole.seconds)
+            )
             self._ahead = crowd, ahead
         if ahead is None:
             moved = step(crowd, *about, seconds, self.left_out, tables)
@@ -291,7 +327,11 @@ class Walk(Trajectory):
         for a frame of a dropped part computes all of that part again.
         """
         self._kept[frame] = crowd
-        own = sum(column.nbytes for name, column in crowd.columns.items() if column is not getattr(self.start, name))
+        own = sum(
+            column.nbytes
+            for name, column in crowd.columns.items()
+            if column is not getattr(self.start, name)
+        )
         if len(self._kept) * own > MOST_KEPT:
             part = PART * self.every
             parts = sorted({kept // part for kept in self._kept} - {0, frame // part})
@@ -345,7 +385,11 @@ def _climbed(floors: Ground, before: Crowd, after: Crowd) -> np.ndarray:
 
 def _onto(area: Area, crowd: Crowd) -> Crowd:
     """Return the crowd with those beyond the `area` on its border."""
-    return replace(crowd, x=np.clip(crowd.x, area.x_min, area.x_max), y=np.clip(crowd.y, area.y_min, area.y_max))
+    return replace(
+        crowd,
+        x=np.clip(crowd.x, area.x_min, area.x_max),
+        y=np.clip(crowd.y, area.y_min, area.y_max),
+    )
 
 
 def walks_of(trajectory: Trajectory) -> list[Walk]:
@@ -356,5 +400,8 @@ def walks_of(trajectory: Trajectory) -> list[Walk]:
 def stray_places(trajectory: Trajectory) -> np.ndarray:
     """Return (k, 3) world meters of the middles of all cells painted in no label's color."""
     worlds = [walk.world for walk in walks_of(trajectory)]
-    found = [np.column_stack([*world.middles(*world.strays.T), np.full(len(world.strays), world.area.z)]) for world in worlds]
+    found = [
+        np.column_stack([*world.middles(*world.strays.T), np.full(len(world.strays), world.area.z)])
+        for world in worlds
+    ]
     return np.concatenate(found) if found else np.empty((0, 3))

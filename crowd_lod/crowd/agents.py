@@ -124,9 +124,16 @@ class Group:
         single = "center", "radius", "stride", "diagonal", "lowest", "way", "height"
         several = "deviations", "bounds", "rms", "shaded"
         lengths = {name: getattr(self, name) * factor for name in single}
-        lengths |= {name: tuple(length * factor for length in getattr(self, name)) for name in several}
+        lengths |= {
+            name: tuple(length * factor for length in getattr(self, name)) for name in several
+        }
         actions = tuple(
-            replace(action, stride=action.stride * factor, feet=action.feet * factor, way=action.way * factor)
+            replace(
+                action,
+                stride=action.stride * factor,
+                feet=action.feet * factor,
+                way=action.way * factor,
+            )
             for action in self.actions
         )
         return replace(self, actions=actions, **lengths)
@@ -143,8 +150,14 @@ class Group:
         own = Action("", self.stride, self.period)
         found = next((action for action in (own, *self.actions) if action.name == name), None)
         if found is None:
-            what = "has cross-fades, which were" if mixed_in(name) else f"names the action {name}, which was"
-            raise CrowdError(f"The state machine {what} not measured for the character group {self.name}: press Populate.")
+            what = (
+                "has cross-fades, which were"
+                if mixed_in(name)
+                else f"names the action {name}, which was"
+            )
+            raise CrowdError(
+                f"The state machine {what} not measured for the character group {self.name}: press Populate."
+            )
         return found
 
     def __post_init__(self) -> None:
@@ -165,10 +178,13 @@ def varied(group: Group) -> Group:
     low, high = min(ends), max(ends)
     wide = most * (1 + 1e-6)  # scales are float32
     lengths: dict[str, Any] = {
-        name: tuple(wide * each for each in getattr(group, name)) for name in ("deviations", "bounds", "rms", "shaded")
+        name: tuple(wide * each for each in getattr(group, name))
+        for name in ("deviations", "bounds", "rms", "shaded")
     }
     radius = (high - low) / 2 + 1e-6 * max(abs(low), abs(high))
-    return replace(group, center=(low + high) / 2, radius=radius, diagonal=wide * group.diagonal, **lengths)
+    return replace(
+        group, center=(low + high) / 2, radius=radius, diagonal=wide * group.diagonal, **lengths
+    )
 
 
 @dataclass(frozen=True)
@@ -185,7 +201,12 @@ class Spheres:
 
 def spheres_of(groups: Sequence[Group]) -> Spheres:
     """Return the bounding spheres of `groups`."""
-    return Spheres(*(np.array([getattr(group, each.name) for group in groups], np.float64) for each in fields(Spheres)))
+    return Spheres(
+        *(
+            np.array([getattr(group, each.name) for group in groups], np.float64)
+            for each in fields(Spheres)
+        )
+    )
 
 
 @dataclass(frozen=True)
@@ -277,7 +298,11 @@ class Crowd:
         """
         z = self.z[agents] if height is None else self.z[agents] + height[self.group[agents]]
         found = self.x[agents], self.y[agents], z
-        return found if origin is None else tuple(place - start for place, start in zip(found, origin, strict=True))
+        return (
+            found
+            if origin is None
+            else tuple(place - start for place, start in zip(found, origin, strict=True))
+        )
 
 
 def bounding_sphere(points: np.ndarray, reach: np.ndarray | float = 0.0) -> tuple[float, float]:
@@ -294,7 +319,14 @@ def bounding_sphere(points: np.ndarray, reach: np.ndarray | float = 0.0) -> tupl
     return float(center), float((away + reach).max())
 
 
-def populate(count: int, seed: int, groups: Shares, machine: StateMachine, world: LabelMap, classes: int = CLASSES) -> Crowd:
+def populate(
+    count: int,
+    seed: int,
+    groups: Shares,
+    machine: StateMachine,
+    world: LabelMap,
+    classes: int = CLASSES,
+) -> Crowd:
     """Return the crowd's first frame: `count` agents at random positions.
 
     The same arguments give the same crowd, bit for bit.
@@ -310,13 +342,17 @@ def populate(count: int, seed: int, groups: Shares, machine: StateMachine, world
     check_counts(count, groups)
     open_cells = np.flatnonzero(machine.spawn[world.labels])
     if not len(open_cells):
-        raise CrowdError("The map has no place where agents may start: paint a label whose spawn is true.")
+        raise CrowdError(
+            "The map has no place where agents may start: paint a label whose spawn is true."
+        )
     random = np.random.Generator(np.random.PCG64(seed))
     cell = open_cells[random.integers(len(open_cells), size=count)]
     row, column = np.divmod(cell, world.labels.shape[1])
     x = world.area.x_min + (column + random.random(count)) * world.cell[0]
     y = world.area.y_min + (row + random.random(count)) * world.cell[1]
-    return peopled((x, y, np.full(count, world.area.z)), None, random, (seed, groups, classes), machine, world)
+    return peopled(
+        (x, y, np.full(count, world.area.z)), None, random, (seed, groups, classes), machine, world
+    )
 
 
 def _groups(groups: Shares, count: int, random: np.random.Generator, seed: int) -> np.ndarray:
@@ -328,15 +364,21 @@ def _groups(groups: Shares, count: int, random: np.random.Generator, seed: int) 
         return np.sort(random.integers(groups, size=count, dtype=np.uint8))
     upto = np.cumsum(groups)
     if not 0 < upto[-1] < np.inf:
-        raise CrowdError("The shares of the crowd's character groups sum to nothing: give one a share above 0.")
-    return np.sort(np.searchsorted(upto[:-1] / upto[-1], random.random(count), side="right").astype(np.uint8))
+        raise CrowdError(
+            "The shares of the crowd's character groups sum to nothing: give one a share above 0."
+        )
+    return np.sort(
+        np.searchsorted(upto[:-1] / upto[-1], random.random(count), side="right").astype(np.uint8)
+    )
 
 
 def check_counts(count: int, groups: Shares = 1) -> None:
     """Raise CrowdError if a count of agents or of groups is out of range; groups: see populate."""
     groups = groups if isinstance(groups, int) else len(groups)
     if not 1 <= count <= MOST_AGENTS:
-        raise CrowdError(f"The crowd has {counted(count, 'agent')}: set Agents to a number from 1 to {MOST_AGENTS:,}.")
+        raise CrowdError(
+            f"The crowd has {counted(count, 'agent')}: set Agents to a number from 1 to {MOST_AGENTS:,}."
+        )
     if not 1 <= groups <= MOST_GROUPS:
         raise CrowdError(f"The crowd has {groups} character groups; give it 1 to {MOST_GROUPS}.")
 
@@ -357,7 +399,9 @@ def peopled(
     """
     (x, y, z), (seed, groups, classes) = points, numbers
     count = len(x)
-    state = np.searchsorted(np.cumsum(machine.start)[:-1], random.random(count), side="right").astype(np.uint8)
+    state = np.searchsorted(
+        np.cumsum(machine.start)[:-1], random.random(count), side="right"
+    ).astype(np.uint8)
     group = _groups(groups, count, random, seed)
     phase = (random.random(count, dtype=np.float32) * np.float32(classes)).astype(np.uint8)
     label = world.at(x, y)
@@ -370,6 +414,8 @@ def peopled(
     heading = drawn if heading is None else np.where(np.isnan(heading), drawn, heading)
     if count >= IN_PLACE:
         order = morton_order.order_of(x, y, group, world.area)
-        x, y, z, heading, state, group, phase, pace = (each[order] for each in (x, y, z, heading, state, group, phase, pace))
+        x, y, z, heading, state, group, phase, pace = (
+            each[order] for each in (x, y, z, heading, state, group, phase, pace)
+        )
     key = random_streams.keys(seed, count)
     return Crowd(x, y, z, heading, state, group, phase, machine.waits(state, key), key, pace=pace)

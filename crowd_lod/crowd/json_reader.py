@@ -28,35 +28,57 @@ class Reader:
             self.root = json.loads(text, parse_int=_whole)
             self._begins, twice, halves = _begins(text)
         except json.JSONDecodeError as error:
-            raise CrowdError(f"{what} is not JSON: line {error.lineno}, column {error.colno}: {error.msg}.") from None
+            raise CrowdError(
+                f"{what} is not JSON: line {error.lineno}, column {error.colno}: {error.msg}."
+            ) from None
         except RecursionError:
-            raise CrowdError(f"{what} is nested too deep to be read: it needs no more than six levels.") from None
+            raise CrowdError(
+                f"{what} is nested too deep to be read: it needs no more than six levels."
+            ) from None
         if twice:
             self.fail(twice[0], "is given twice in its object; keep one")
         if halves:
-            self.fail(halves[0], "holds half of a character, an escape from \\ud800 to \\udfff without its other half; write both")
+            self.fail(
+                halves[0],
+                "holds half of a character, an escape from \\ud800 to \\udfff without its other half; write both",
+            )
 
     def fail(self, path: FieldPath, problem: str) -> NoReturn:
         """Raise a FieldError that says what `problem` the field at `path` has.
 
         Its line is the field's, or that of the nearest parent if the field is missing.
         """
-        begin = next(self._begins[path[:n]] for n in range(len(path), -1, -1) if path[:n] in self._begins)
+        begin = next(
+            self._begins[path[:n]] for n in range(len(path), -1, -1) if path[:n] in self._begins
+        )
         line = self.text.count("\n", 0, begin) + 1
-        raise FieldError(f"{self.what}, line {line}: {'.'.join(map(str, path)) or 'the file'} {problem}.", path)
+        raise FieldError(
+            f"{self.what}, line {line}: {'.'.join(map(str, path)) or 'the file'} {problem}.", path
+        )
 
-    def table(self, value: object, path: FieldPath, allowed: set[str] | None = None, filled: bool = False) -> dict[str, Any]:
+    def table(
+        self, value: object, path: FieldPath, allowed: set[str] | None = None, filled: bool = False
+    ) -> dict[str, Any]:
         if not isinstance(value, dict):
-            self.fail(path, "must be an object, { ... }" + ("" if value is not None else "; it is missing"))
+            self.fail(
+                path,
+                "must be an object, { ... }" + ("" if value is not None else "; it is missing"),
+            )
         if filled and not 0 < len(value) <= 255:
             self.fail(path, f"must hold 1 to 255 entries, it holds {len(value)}")
         if allowed is not None and (unknown := [key for key in value if key not in allowed]):
-            self.fail((*path, unknown[0]), f"is not known here; known are {', '.join(sorted(allowed))}")
+            self.fail(
+                (*path, unknown[0]), f"is not known here; known are {', '.join(sorted(allowed))}"
+            )
         return value
 
     def number(self, value: object, path: FieldPath, least: float = -math.inf) -> float:
         try:
-            if isinstance(value, bool) or not isinstance(value, int | float) or not least <= float(value) < math.inf:
+            if (
+                isinstance(value, bool)
+                or not isinstance(value, int | float)
+                or not least <= float(value) < math.inf
+            ):
                 raise ValueError
             return float(value)
         except (ValueError, OverflowError):
@@ -75,7 +97,12 @@ class Reader:
 
     def color(self, value: object, path: FieldPath) -> Color:
         try:
-            if not (isinstance(value, str) and len(value) == 7 and value[0] == "#" and value[1:].isalnum()):
+            if not (
+                isinstance(value, str)
+                and len(value) == 7
+                and value[0] == "#"
+                and value[1:].isalnum()
+            ):
                 raise ValueError
             red, green, blue = bytes.fromhex(value[1:])
             return red, green, blue

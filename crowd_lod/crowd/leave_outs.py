@@ -23,20 +23,39 @@ class LeftOut:
 
 
 STATIC = LeftOut("plan", "Neither an agent nor the camera moves: the plan made before holds.")
-STILL = LeftOut("behavior", "No agent ever moves or changes its state: behavior ran once, and only the action plays on.")
+STILL = LeftOut(
+    "behavior",
+    "No agent ever moves or changes its state: behavior ran once, and only the action plays on.",
+)
 UNCHANGING = LeftOut("behavior", "No label on the map changes a state: no transition is looked up.")
 ONE_LABEL = LeftOut("behavior", "The map has one label: it is not looked up.")
-NO_FADES = LeftOut("behavior", "No agent ever comes from another action into a state with a fade: none cross-fades.")
+NO_FADES = LeftOut(
+    "behavior",
+    "No agent ever comes from another action into a state with a fade: none cross-fades.",
+)
 NO_HEIGHTS = LeftOut("behavior", "There is no height map: agents keep the height they start at.")
 ONE_PACE = LeftOut("behavior", "All walk at one pace: no agent ever changes its phase class.")
-BLOCKS = LeftOut("culling", "Agents are in blocks: those of a block outside the picture, or inside and in one LOD, are not tested.")
+BLOCKS = LeftOut(
+    "culling",
+    "Agents are in blocks: those of a block outside the picture, or inside and in one LOD, are not tested.",
+)
 
 # Of the agents that the camera does not see (frame/shadows.py).
-NO_SHADOWS = LeftOut("surroundings", "No light casts shadows: agents outside the picture are not searched for shadows in it.")
-NO_MIRRORS = LeftOut("surroundings", "No mirrors are chosen: agents outside the picture are not searched for reflections in it.")
-NOT_WANTED = LeftOut("surroundings", "Shadows and Reflections is off: agents that the camera does not see are left out.")
+NO_SHADOWS = LeftOut(
+    "surroundings",
+    "No light casts shadows: agents outside the picture are not searched for shadows in it.",
+)
+NO_MIRRORS = LeftOut(
+    "surroundings",
+    "No mirrors are chosen: agents outside the picture are not searched for reflections in it.",
+)
+NOT_WANTED = LeftOut(
+    "surroundings",
+    "Shadows and Reflections is off: agents that the camera does not see are left out.",
+)
 WORKBENCH = LeftOut(
-    "surroundings", "Workbench draws no shadows of lights and no reflections: agents that the camera does not see are left out."
+    "surroundings",
+    "Workbench draws no shadows of lights and no reflections: agents that the camera does not see are left out.",
 )
 
 # In the order of the pipeline.
@@ -62,7 +81,9 @@ def needless(crowd: Crowd, machine: StateMachine, world: LabelMap) -> frozenset[
     labels = np.flatnonzero(np.bincount(world.labels.ravel(), minlength=len(machine.labels)))
     states = np.flatnonzero(_reached(machine, crowd.state, labels))
     here = np.ix_(states, labels)
-    unchanging = (machine.next_state[here] == states[:, None]).all() and (machine.next_choice[here] < 0).all()
+    unchanging = (machine.next_state[here] == states[:, None]).all() and (
+        machine.next_choice[here] < 0
+    ).all()
     fading = crowd.faded is not None and bool((crowd.faded < 1).any())
     if unchanging and not machine.timed and not machine.velocity[here].any() and not fading:
         return frozenset([STILL])  # then there are no steps to make shorter
@@ -70,7 +91,9 @@ def needless(crowd: Crowd, machine: StateMachine, world: LabelMap) -> frozenset[
         UNCHANGING: unchanging,
         ONE_LABEL: len(labels) == 1,
         ONE_PACE: len(machine.paces.speeds) == 1,
-        NO_FADES: bool(machine.fades.any()) and not machine.fades[np.ix_(states, states)].any() and not fading,
+        NO_FADES: bool(machine.fades.any())
+        and not machine.fades[np.ix_(states, states)].any()
+        and not fading,
     }
     return frozenset(item for item, true in holds.items() if true)
 

@@ -58,7 +58,11 @@ class Draft:
 
     def targets(self, state: str, label: str | None) -> list[tuple[str, float]]:
         """Return the states that follow, and their weights: on a label, or where None after the timer."""
-        value = self.state(state).get("then", state) if label is None else self.rule(state, label).get("next", state)
+        value = (
+            self.state(state).get("then", state)
+            if label is None
+            else self.rule(state, label).get("next", state)
+        )
         if isinstance(value, dict):
             return [(name, _number(weight)) for name, weight in value.items()]
         return [(value if isinstance(value, str) else state, 1.0)]

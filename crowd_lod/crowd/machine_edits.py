@@ -99,7 +99,9 @@ def set_targets(state: str, label: str | None, targets: Targets) -> Edit:
     if not names:
         raise CrowdError(f"One state must follow {state}: add another before you remove this one.")
     if len(set(names)) < len(names):
-        raise CrowdError(f"{max(names, key=names.count)} follows {state} already: change its weight instead.")
+        raise CrowdError(
+            f"{max(names, key=names.count)} follows {state} already: change its weight instead."
+        )
     value = names[0] if len(names) == 1 else {name: plain(weight) for name, weight in targets}
     if label is None:
         return set_field(("states", state, "then"), value)
@@ -111,7 +113,9 @@ def set_targets(state: str, label: str | None, targets: Targets) -> Edit:
 def set_speed(state: str, label: str, speed: float, heading: float) -> Edit:
     """Set meters per second and degrees of a rule, in place of its `move` as well."""
     new = {"speed": plain(speed), "heading": plain(heading)}
-    return _with_rule(state, label, lambda rule: {k: v for k, v in rule.items() if k != "move"} | new)
+    return _with_rule(
+        state, label, lambda rule: {k: v for k, v in rule.items() if k != "move"} | new
+    )
 
 
 def own_rule(state: str, label: str) -> Edit:
@@ -322,7 +326,9 @@ def _check_new_name(name: str, taken: Iterable[str], kind: str) -> None:
     if not name.strip():
         raise CrowdError(f"A {kind} needs a name: type one.")
     if name == "*" and kind == "label":
-        raise CrowdError("'*' stands for every label that is not named: choose another name for the label.")
+        raise CrowdError(
+            "'*' stands for every label that is not named: choose another name for the label."
+        )
     if name in taken:
         raise CrowdError(f"There is a {kind} {name} already: choose another name.")
 
@@ -330,10 +336,21 @@ def _check_new_name(name: str, taken: Iterable[str], kind: str) -> None:
 def _unused_color(entries: Table) -> str:
     """Return a color "#rrggbb", far from those of these states or labels."""
     taken = [table_of(entry).get("color") for entry in entries.values()]
-    known = [bytes.fromhex(each[1:]) for each in taken if isinstance(each, str) and len(each) == 7 and _is_hex(each[1:])]
-    tones = [colorsys.hsv_to_rgb(h / 24, s, v) for v in (0.9, 0.6) for s in (0.65, 0.9) for h in range(24)]
+    known = [
+        bytes.fromhex(each[1:])
+        for each in taken
+        if isinstance(each, str) and len(each) == 7 and _is_hex(each[1:])
+    ]
+    tones = [
+        colorsys.hsv_to_rgb(h / 24, s, v)
+        for v in (0.9, 0.6)
+        for s in (0.65, 0.9)
+        for h in range(24)
+    ]
     colors = [[round(255 * c) for c in tone] for tone in tones]
-    best = max(colors, key=lambda color: min((math.dist(color, other) for other in known), default=0))
+    best = max(
+        colors, key=lambda color: min((math.dist(color, other) for other in known), default=0)
+    )
     return f"#{bytes(best).hex()}"
 
 

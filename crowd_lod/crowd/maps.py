@@ -31,8 +31,12 @@ class Area:
 
     def __post_init__(self) -> None:
         values = (self.x_min, self.y_min, self.x_max, self.y_max, self.z)
-        if not np.isfinite(values).all() or not (self.x_min < self.x_max and self.y_min < self.y_max):
-            raise CrowdError(f"The crowd's area {values} is not a rectangle: give it a finite center and a size above 0.")
+        if not np.isfinite(values).all() or not (
+            self.x_min < self.x_max and self.y_min < self.y_max
+        ):
+            raise CrowdError(
+                f"The crowd's area {values} is not a rectangle: give it a finite center and a size above 0."
+            )
 
     @cached_property
     def size(self) -> tuple[float, float]:
@@ -88,7 +92,9 @@ class LabelMap:
         coordinates; for each cell.
         """
         ways = self.labels[:, ::-1], self.labels, self.labels[::-1], self.labels
-        left, right, down, up = (_run(way.T if axis else way) for axis, way in zip((1, 1, 0, 0), ways, strict=True))
+        left, right, down, up = (
+            _run(way.T if axis else way) for axis, way in zip((1, 1, 0, 0), ways, strict=True)
+        )
         return np.array([(left.T[:, ::-1], right.T), (down[::-1], up)]).reshape(2, 2, -1)
 
     @cached_property
@@ -110,7 +116,9 @@ class LabelMap:
             alike = four & two[: len(four), : four.shape[1]]
             for up, right in np.ndindex(2, 2):
                 row, column = (1 - up) * (size - 1), (1 - right) * (size - 1)
-                found[up, right, row : row + len(alike), column : column + alike.shape[1]][alike] = size
+                found[up, right, row : row + len(alike), column : column + alike.shape[1]][
+                    alike
+                ] = size
         return found.reshape(2, 2, -1)
 
     def middles(self, row: np.ndarray, column: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -136,14 +144,18 @@ class LabelMap:
         width, depth = self.cell
         return _index(x, self.area.x_min, width, columns), _index(y, self.area.y_min, depth, rows)
 
-    def into(self, x: np.ndarray, y: np.ndarray, column: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def into(
+        self, x: np.ndarray, y: np.ndarray, column: np.ndarray, row: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return the positions nearest to x, y (n,) that lie in the given cells.
 
         column, row: (n,), the cells. `cells` puts the positions into them, whatever the rounding.
         """
         rows, columns = self.labels.shape
         width, depth = self.cell
-        return _into(x, column, self.area.x_min, width, columns), _into(y, row, self.area.y_min, depth, rows)
+        return _into(x, column, self.area.x_min, width, columns), _into(
+            y, row, self.area.y_min, depth, rows
+        )
 
 
 def _run(labels: np.ndarray) -> np.ndarray:
@@ -208,7 +220,10 @@ class HeightMap:
         """The greatest slopes of the ground along x and along y, as rises over runs."""
         rows, columns = self.heights.shape
         width, depth = self.area.size
-        along_x, along_y = (np.abs(np.diff(self.heights.astype(np.float64), axis=axis)).max(initial=0) for axis in (1, 0))
+        along_x, along_y = (
+            np.abs(np.diff(self.heights.astype(np.float64), axis=axis)).max(initial=0)
+            for axis in (1, 0)
+        )
         return float(along_x * (columns / width)), float(along_y * (rows / depth))
 
     def at(self, x: np.ndarray, y: np.ndarray, last: np.ndarray | None = None) -> np.ndarray:
@@ -220,7 +235,9 @@ class HeightMap:
         for begin in range(0, len(x), LOOK_UPS):
             block = slice(begin, begin + LOOK_UPS)
             (a, b, c, d), u, v, _ = self._corners(x[block], y[block])
-            z[block] = self.area.z + a * (1 - u) * (1 - v) + b * u * (1 - v) + c * (1 - u) * v + d * u * v
+            z[block] = (
+                self.area.z + a * (1 - u) * (1 - v) + b * u * (1 - v) + c * (1 - u) * v + d * u * v
+            )
         return z
 
     def slope(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -255,17 +272,27 @@ class HeightMap:
         """
         rows, columns = self.heights.shape
         width, depth = self.area.size
-        across, up = (x - self.area.x_min) * (columns / width) - 0.5, (y - self.area.y_min) * (rows / depth) - 0.5
+        across, up = (
+            (x - self.area.x_min) * (columns / width) - 0.5,
+            (y - self.area.y_min) * (rows / depth) - 0.5,
+        )
         inside = (across >= 0) & (across < columns - 1), (up >= 0) & (up < rows - 1)
         # at NaN anywhere
         across, up = np.fmin(np.fmax(across, 0), columns - 1), np.fmin(np.fmax(up, 0), rows - 1)
         column, row = across.astype(np.intp), up.astype(np.intp)
         right, above = np.minimum(column + 1, columns - 1), np.minimum(row + 1, rows - 1)
         places = ((row, column), (row, right), (above, column), (above, right))
-        return [self.heights[place].astype(np.float64) for place in places], across - column, up - row, inside
+        return (
+            [self.heights[place].astype(np.float64) for place in places],
+            across - column,
+            up - row,
+            inside,
+        )
 
 
-def lean(along_x: np.ndarray, along_y: np.ndarray, heading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def lean(
+    along_x: np.ndarray, along_y: np.ndarray, heading: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Return (pitch, roll) of agents that stand at right angles to ground of these slopes, each (n,).
 
     Each is (n,) float32, radians. pitch: how far the ground rises ahead. roll: how far it rises
@@ -279,7 +306,9 @@ def lean(along_x: np.ndarray, along_y: np.ndarray, heading: np.ndarray) -> tuple
     return pitch.astype(np.float32), np.arctan(left * np.cos(pitch)).astype(np.float32)
 
 
-def labels_from_colors(pixels: np.ndarray, colors: np.ndarray, names: tuple[str, ...], where: str) -> tuple[np.ndarray, np.ndarray]:
+def labels_from_colors(
+    pixels: np.ndarray, colors: np.ndarray, names: tuple[str, ...], where: str
+) -> tuple[np.ndarray, np.ndarray]:
     """Return (labels, strays) of a painted map, as LabelMap has them.
 
     A pixel has the label of its color, or of the nearest color: soft brushes, JPEG and color
@@ -309,7 +338,8 @@ def labels_from_colors(pixels: np.ndarray, colors: np.ndarray, names: tuple[str,
     if len(strays) > MOST_STRAYS * labels.size:
         found, counts = found[strange], counts[strange]
         listed = ", ".join(
-            f"#{code:06x} ({counted(int(count), 'pixel')})" for code, count in zip(found[:4], counts[:4], strict=True)
+            f"#{code:06x} ({counted(int(count), 'pixel')})"
+            for code, count in zip(found[:4], counts[:4], strict=True)
         )
         more = f" and {len(found) - 4} more" if len(found) > 4 else ""
         row, column = strays[0]
@@ -329,7 +359,9 @@ def _nearest(codes: np.ndarray, colors: np.ndarray) -> tuple[np.ndarray, np.ndar
     label, strange = np.zeros(len(codes), np.uint8), np.ones(len(codes), bool)
     painted = (codes[:, None] >> np.array([16, 8, 0], np.uint32) & 255).astype(np.int64)
     for index, color in enumerate(colors.astype(np.int64)):
-        apart = ((np.delete(colors, index, axis=0) - color) ** 2).sum(axis=1).min(initial=4 * NEAR**2)
+        apart = (
+            ((np.delete(colors, index, axis=0) - color) ** 2).sum(axis=1).min(initial=4 * NEAR**2)
+        )
         near = strange & (4 * ((painted - color) ** 2).sum(axis=1) <= apart)
         label[near], strange[near] = index, False
     return label, strange
@@ -341,7 +373,10 @@ def laid_over(pixels: np.ndarray, over: np.ndarray) -> np.ndarray:
     over: (rows, columns, 4) uint8, of this or another size; only where its last channel is not 0 is
         there a mesh.
     """
-    rows, columns = (np.arange(size) * other // size for size, other in zip(pixels.shape[:2], over.shape[:2], strict=True))
+    rows, columns = (
+        np.arange(size) * other // size
+        for size, other in zip(pixels.shape[:2], over.shape[:2], strict=True)
+    )
     over = over[rows[:, None], columns]
     return np.where(over[..., 3:] > 0, over[..., :3], pixels)
 

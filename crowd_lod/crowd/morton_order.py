@@ -44,4 +44,6 @@ def order_of(x: np.ndarray, y: np.ndarray, group: np.ndarray, area: Area) -> np.
 def _spread(bits: int) -> np.ndarray:
     """Return (2 ** bits,) uint32: each number with zeros between its bits."""
     number = np.arange(1 << bits, dtype=np.uint32)
-    return np.bitwise_or.reduce([((number >> np.uint32(b)) & np.uint32(1)) << np.uint32(2 * b) for b in range(bits)])
+    return np.bitwise_or.reduce(
+        [((number >> np.uint32(b)) & np.uint32(1)) << np.uint32(2 * b) for b in range(bits)]
+    )

@@ -69,7 +69,9 @@ def mixed_in(name: str) -> tuple[str, str, float] | None:
     return found and (found[1], found[2], int(found[3]) / (FADE_STEPS + 1))
 
 
-def paces_of(actions: Sequence[str], speed: np.ndarray, stops: bool, pairs: Collection[tuple[str, str]]) -> Paces:
+def paces_of(
+    actions: Sequence[str], speed: np.ndarray, stops: bool, pairs: Collection[tuple[str, str]]
+) -> Paces:
     """Return the paces of a table: for each action its speeds, at most MOST_PACES of them.
 
     If an action has more, the paces rise by equal ratios from its slowest speed to its fastest,
@@ -102,11 +104,19 @@ def paces_of(actions: Sequence[str], speed: np.ndarray, stops: bool, pairs: Coll
     fades = _fades(names, sorted(pairs))
     for name in names[count:]:
         _, after, _ = mixed_in(name) or ("", "", 0)
-        walks = [speed for speed, own in zip(speeds[:count], names, strict=False) if own == after and speed] or [0.0]
+        walks = [
+            speed
+            for speed, own in zip(speeds[:count], names, strict=False)
+            if own == after and speed
+        ] or [0.0]
         speeds.append(walks[len(walks) // 2])
     off = off if off > 1e-6 else 0.0
     table = np.array(speeds), of.astype(np.uint8), off
-    return Paces(*table, tuple(names), slowest.astype(np.uint8), fades) if any(names) else Paces(*table)
+    return (
+        Paces(*table, tuple(names), slowest.astype(np.uint8), fades)
+        if any(names)
+        else Paces(*table)
+    )
 
 
 def _fades(names: list[str], pairs: Sequence[tuple[str, str]]) -> np.ndarray | tuple[()]:
@@ -135,7 +145,9 @@ def _ladder(speed: np.ndarray, stops: bool) -> tuple[np.ndarray, np.ndarray]:
     if len(stands) + len(walks) > MOST_PACES:
         walks = np.geomspace(walks[0], walks[-1], MOST_PACES - len(stands))
     found = np.array([*stands, *walks])
-    return found, np.abs(np.log(np.maximum(speed, 1e-9))[..., None] - np.log(np.maximum(found, 1e-9))).argmin(axis=-1)
+    return found, np.abs(
+        np.log(np.maximum(speed, 1e-9))[..., None] - np.log(np.maximum(found, 1e-9))
+    ).argmin(axis=-1)
 
 
 def _ratio(pace: np.ndarray, speed: np.ndarray) -> np.ndarray:

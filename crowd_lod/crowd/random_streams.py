@@ -13,7 +13,11 @@ _GAMMA = np.uint64(0x9E3779B97F4A7C15)
 # the timer runs, and from an agent's first key its looks, whether it is of a share that is chosen, its
 # size, and its props.
 STATE, THEN, TIME = np.uint64(0), np.uint64(0x14057B7EF767814F), np.uint64(0x5851F42D4C957F2D)
-LOOKS, CHOSEN, SIZE = np.uint64(0x2545F4914F6CDD1D), np.uint64(0x9FB21C651E98DF25), np.uint64(0xD1342543DE82EF95)
+LOOKS, CHOSEN, SIZE = (
+    np.uint64(0x2545F4914F6CDD1D),
+    np.uint64(0x9FB21C651E98DF25),
+    np.uint64(0xD1342543DE82EF95),
+)
 PROPS = np.uint64(0xDA942042E4DD58B5)
 
 

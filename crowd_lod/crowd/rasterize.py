@@ -18,7 +18,9 @@ def covered(triangles: np.ndarray, area: Area, rows: int, columns: int) -> np.nd
     triangles: (n, 3, 2), world x and y of their corners, meters.
     """
     scale = np.array([columns, rows]) / area.size
-    corners = (np.asarray(triangles, np.float64).reshape(-1, 3, 2) - (area.x_min, area.y_min)) * scale
+    corners = (
+        np.asarray(triangles, np.float64).reshape(-1, 3, 2) - (area.x_min, area.y_min)
+    ) * scale
     corners = corners[np.isfinite(corners).all(axis=(1, 2))]
     one, other = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     longest = np.maximum((one**2).sum(axis=1), (other**2).sum(axis=1))
@@ -35,7 +37,9 @@ def covered(triangles: np.ndarray, area: Area, rows: int, columns: int) -> np.nd
     return found | lines
 
 
-def _pairs(corners: np.ndarray, rows: int, columns: int) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+def _pairs(
+    corners: np.ndarray, rows: int, columns: int
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Yield the cells that triangles overlap, some triangles at a time: (cells, touches, along_y).
 
     cells: (m, 2), columns and rows. touches: (m,) bool, whether the triangle is a line on the border
@@ -44,17 +48,24 @@ def _pairs(corners: np.ndarray, rows: int, columns: int) -> Iterator[tuple[np.nd
     """
     low, high = corners.min(axis=1), corners.max(axis=1)
     first = np.floor(low).clip(0, [columns, rows]).astype(np.intp)
-    last = np.maximum(np.ceil(high), np.floor(low) + 1).clip(0, [columns, rows]).astype(np.intp)  # after the last
+    last = (
+        np.maximum(np.ceil(high), np.floor(low) + 1).clip(0, [columns, rows]).astype(np.intp)
+    )  # after the last
     wide, deep = np.maximum(last - first, 0).T
     counts = wide * deep
     order = np.flatnonzero(counts)
     ends = np.cumsum(counts[order])
     begin = 0
     while begin < len(order):
-        end = max(begin + 1, int(np.searchsorted(ends, (ends[begin - 1] if begin else 0) + OVERLAPS, "right")))
+        end = max(
+            begin + 1,
+            int(np.searchsorted(ends, (ends[begin - 1] if begin else 0) + OVERLAPS, "right")),
+        )
         chosen = order[begin:end]
         which = np.repeat(chosen, counts[chosen])
-        place = np.arange(len(which)) - np.repeat(np.cumsum(counts[chosen]) - counts[chosen], counts[chosen])
+        place = np.arange(len(which)) - np.repeat(
+            np.cumsum(counts[chosen]) - counts[chosen], counts[chosen]
+        )
         cells = first[which] + np.stack([place % wide[which], place // wide[which]], axis=1)
         overlap, touches = _overlap(corners[which], cells)
         size = (high - low)[which]
@@ -81,7 +92,9 @@ def _overlap(corners: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.nda
         along = np.einsum("mcd,md->mc", local, normal)
         reach = 0.5 * np.abs(normal).sum(axis=1)
         least, most = along.min(axis=1), along.max(axis=1)
-        inside = (least < reach) & (most > -reach) | (reach == 0)  # an edge that is a point separates nothing
+        inside = (least < reach) & (most > -reach) | (
+            reach == 0
+        )  # an edge that is a point separates nothing
         touches = ~inside & (most - least <= 1e-9 * reach) & (least <= reach) & (most >= -reach)
         overlap &= inside | touches
         touching |= touches

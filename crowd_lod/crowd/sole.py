@@ -4,7 +4,9 @@ import numpy as np
 
 from ..connected_components import connected_components
 
-PLANTED = 1 / 3  # of the poses of an action: in as many a foot may dip below the ground, as where it pushes off
+PLANTED = (
+    1 / 3
+)  # of the poses of an action: in as many a foot may dip below the ground, as where it pushes off
 SLAB = 0.02  # of the height: soles are looked for in layers so thick
 BEARING = 0.002  # of the height squared: an area that faces down so wide carries the character
 EDGE = 0.1  # of the area that carries: a part with less of it does not stand

@@ -20,7 +20,9 @@ MOST_EDGES = 200_000  # about a second
 # Meters: points of a curve that are closer are one.
 ONE_POINT = 1e-6
 ENOUGH = 1 + 1e-6  # Blender keeps float32: 20 m have room for 25 agents at 0.8 m
-SHARPEST = 2.0  # times as far as a row's depth lies its corner from the corner of the row before, at most
+SHARPEST = (
+    2.0  # times as far as a row's depth lies its corner from the corner of the row before, at most
+)
 
 # Which share of the places at `points` (k, 3), on the triangles (k,) with the weights (k, 3) of their
 # corners, is kept: (k,) from 0 to 1.
@@ -70,7 +72,9 @@ def unturned(points: np.ndarray) -> Places:
     return Places(points, np.full(len(points), np.nan, np.float32))
 
 
-def on_surface(corners: np.ndarray, weights: np.ndarray, count: int, seed: int, density: Density | None = None) -> Places:
+def on_surface(
+    corners: np.ndarray, weights: np.ndarray, count: int, seed: int, density: Density | None = None
+) -> Places:
     """Return `count` places on triangles, drawn by area times density.
 
     corners: (m, 3, 3) float64, world meters.
@@ -83,13 +87,17 @@ def on_surface(corners: np.ndarray, weights: np.ndarray, count: int, seed: int, 
     normal = np.cross(across, along)
     area = np.sqrt(normal[:, 0] ** 2 + normal[:, 1] ** 2 + normal[:, 2] ** 2)
     if not np.isfinite(area).all() or not np.isfinite(weights).all():
-        raise CrowdError("The surface to start on has points or weights at NaN or infinity: mend its mesh or its modifiers.")
+        raise CrowdError(
+            "The surface to start on has points or weights at NaN or infinity: mend its mesh or its modifiers."
+        )
     if not area.any():
         raise CrowdError("The surface to start on has no faces: give it a mesh with faces.")
     # a linear density is the sum of three, each of one corner: first a corner is drawn, then a place
     until = np.cumsum((area[:, None] * weights).ravel())
     if not until[-1] > 0:
-        raise CrowdError("The surface to start on has density 0 everywhere: paint its vertex group above 0 somewhere.")
+        raise CrowdError(
+            "The surface to start on has density 0 everywhere: paint its vertex group above 0 somewhere."
+        )
     random, found, have, tries = np.random.Generator(np.random.PCG64(seed)), [], 0, 0
     while have < count:
         # about as many as are still missing, by what was kept so far
@@ -126,7 +134,11 @@ def _drawn(
     weight[rows, (corner + 1) % 3] = ends[2] - ends[1]
     weight[rows, (corner + 2) % 3] = 1 - ends[2]
     own = corners[triangle]
-    return weight[:, :1] * own[:, 0] + weight[:, 1:2] * own[:, 1] + weight[:, 2:] * own[:, 2], triangle, weight
+    return (
+        weight[:, :1] * own[:, 0] + weight[:, 1:2] * own[:, 1] + weight[:, 2:] * own[:, 2],
+        triangle,
+        weight,
+    )
 
 
 def on_grid(area: Area, count: int, seed: int, spacing: Spacing) -> Places:
@@ -144,17 +156,29 @@ def on_grid(area: Area, count: int, seed: int, spacing: Spacing) -> Places:
         columns = max(round(np.sqrt(count * width / depth)), 1)
         rows = -(-count // columns)
     check_counts(count)
-    across, up = (width / columns, depth / rows) if not spacing.apart else (spacing.apart, spacing.apart)
+    across, up = (
+        (width / columns, depth / rows) if not spacing.apart else (spacing.apart, spacing.apart)
+    )
     row, column = np.divmod(np.arange(count), columns)
     shift = spacing.jitter * (np.random.Generator(np.random.PCG64(seed)).random((2, count)) - 0.5)
-    left, low = (area.x_min + area.x_max - columns * across) / 2, (area.y_min + area.y_max - rows * up) / 2
+    left, low = (
+        (area.x_min + area.x_max - columns * across) / 2,
+        (area.y_min + area.y_max - rows * up) / 2,
+    )
     points = np.stack(
-        [left + (column + 0.5 + shift[0]) * across, low + (row + 0.5 + shift[1]) * up, np.full(count, area.z)], axis=1
+        [
+            left + (column + 0.5 + shift[0]) * across,
+            low + (row + 0.5 + shift[1]) * up,
+            np.full(count, area.z),
+        ],
+        axis=1,
     )
     return unturned(points)
 
 
-def in_rows(curves: Sequence[tuple[np.ndarray, bool]], count: int, seed: int, spacing: Spacing) -> Places:
+def in_rows(
+    curves: Sequence[tuple[np.ndarray, bool]], count: int, seed: int, spacing: Spacing
+) -> Places:
     """Return places in rows along curves.
 
     All face inward from a closed curve, and to the right of an open one.
@@ -165,21 +189,33 @@ def in_rows(curves: Sequence[tuple[np.ndarray, bool]], count: int, seed: int, sp
     curves: of each its points (k, 3) float64, world meters, and whether it is closed.
     CrowdError if no curve has a length, a point is at NaN, or the count is out of range.
     """
-    ways = [_row(points, closed, k, spacing) for points, closed in curves for k in range(spacing.rows)]
+    ways = [
+        _row(points, closed, k, spacing) for points, closed in curves for k in range(spacing.rows)
+    ]
     found = [(way, lengths) for way, lengths in ways if len(lengths)]
     total = sum(float(lengths.sum()) for _, lengths in found)
     if not total > 0:
-        raise CrowdError("The curves to start along have no length: give the object splines or edges that are longer than 0.")
+        raise CrowdError(
+            "The curves to start along have no length: give the object splines or edges that are longer than 0."
+        )
     if spacing.apart:
         counts = [max(int(lengths.sum() / spacing.apart * ENOUGH), 1) for _, lengths in found]
     else:
         check_counts(count)
-        until = np.rint(np.cumsum([lengths.sum() for _, lengths in found]) / total * count).astype(int)
+        until = np.rint(np.cumsum([lengths.sum() for _, lengths in found]) / total * count).astype(
+            int
+        )
         counts = np.diff(until, prepend=0).tolist()
     check_counts(sum(counts))
     random = np.random.Generator(np.random.PCG64(seed))
-    parts = [_along(way, lengths, number, random, spacing) for (way, lengths), number in zip(found, counts, strict=True)]
-    return Places(np.concatenate([each.points for each in parts]), np.concatenate([each.heading for each in parts]))
+    parts = [
+        _along(way, lengths, number, random, spacing)
+        for (way, lengths), number in zip(found, counts, strict=True)
+    ]
+    return Places(
+        np.concatenate([each.points for each in parts]),
+        np.concatenate([each.heading for each in parts]),
+    )
 
 
 def chains(edges: np.ndarray, count: int) -> list[tuple[np.ndarray, bool]]:
@@ -213,13 +249,17 @@ def chains(edges: np.ndarray, count: int) -> list[tuple[np.ndarray, bool]]:
     return found
 
 
-def _row(points: np.ndarray, closed: bool, k: int, spacing: Spacing) -> tuple[np.ndarray, np.ndarray]:
+def _row(
+    points: np.ndarray, closed: bool, k: int, spacing: Spacing
+) -> tuple[np.ndarray, np.ndarray]:
     """Return (points (p, 3), lengths (p - 1,)) of the row `k` along a curve.
 
     A closed one ends at its first point.
     """
     if not np.isfinite(points).all():
-        raise CrowdError("The curves to start along have points at NaN or infinity: mend the object or its modifiers.")
+        raise CrowdError(
+            "The curves to start along have points at NaN or infinity: mend the object or its modifiers."
+        )
     points = np.concatenate([points, points[:1]]) if closed else points
     points = points[np.append(True, _lengths(points[:, :2]) > ONE_POINT)] if len(points) else points
     if len(points) < 2:
@@ -235,8 +275,12 @@ def _row(points: np.ndarray, closed: bool, k: int, spacing: Spacing) -> tuple[np
     # where two sides meet, the corner lies on both rows
     both = before + after
     length = (both**2).sum(axis=1, keepdims=True)
-    corner = both * np.minimum(2 / np.maximum(length, 1e-12), SHARPEST / np.sqrt(np.maximum(length, 1e-12)))
-    points = points + np.concatenate([corner * (k * spacing.depth), np.full((len(points), 1), k * spacing.rise)], axis=1)
+    corner = both * np.minimum(
+        2 / np.maximum(length, 1e-12), SHARPEST / np.sqrt(np.maximum(length, 1e-12))
+    )
+    points = points + np.concatenate(
+        [corner * (k * spacing.depth), np.full((len(points), 1), k * spacing.rise)], axis=1
+    )
     return points, _lengths(points)
 
 
@@ -254,7 +298,13 @@ def _turns_left(points: np.ndarray) -> bool:
     return bool((x[:-1] * y[1:] - x[1:] * y[:-1]).sum() > 0)
 
 
-def _along(points: np.ndarray, lengths: np.ndarray, count: int, random: np.random.Generator, spacing: Spacing) -> Places:
+def _along(
+    points: np.ndarray,
+    lengths: np.ndarray,
+    count: int,
+    random: np.random.Generator,
+    spacing: Spacing,
+) -> Places:
     """Return `count` places, evenly along one row."""
     until = np.append(0.0, np.cumsum(lengths))
     apart = until[-1] / max(count, 1)
@@ -263,7 +313,10 @@ def _along(points: np.ndarray, lengths: np.ndarray, count: int, random: np.rando
     side = np.clip(np.searchsorted(until, at, side="right") - 1, 0, len(lengths) - 1)
     part = (at - until[side]) / np.maximum(lengths[side], ONE_POINT)
     way = points[side + 1] - points[side]
-    right = np.stack([way[:, 1], -way[:, 0]], axis=1) / np.maximum(_lengths(points[:, :2])[side], ONE_POINT)[:, None]
+    right = (
+        np.stack([way[:, 1], -way[:, 0]], axis=1)
+        / np.maximum(_lengths(points[:, :2])[side], ONE_POINT)[:, None]
+    )
     found = points[side] + part[:, None] * way
     found[:, :2] += right * (shift[1] * apart)[:, None]
     return Places(found, (np.arctan2(right[:, 1], right[:, 0]) + spacing.turn).astype(np.float32))
@@ -281,7 +334,14 @@ def allowed(places: Places, machine: StateMachine, world: LabelMap) -> np.ndarra
     return inside & machine.spawn[world.at(x, y)]
 
 
-def settle(places: Places, seed: int, groups: Shares, machine: StateMachine, world: LabelMap, classes: int = CLASSES) -> Crowd:
+def settle(
+    places: Places,
+    seed: int,
+    groups: Shares,
+    machine: StateMachine,
+    world: LabelMap,
+    classes: int = CLASSES,
+) -> Crowd:
     """Return the crowd's first frame: an agent at each of the places, mixed.
 
     Headings are those of the places; where they have none, as `populate` gives them. All else is as
@@ -289,8 +349,17 @@ def settle(places: Places, seed: int, groups: Shares, machine: StateMachine, wor
     CrowdError if a count is out of range, or a place is at NaN or infinity.
     """
     if not np.isfinite(places.points).all():
-        raise CrowdError("Places to start are at NaN or infinity: mend the object that they come from.")
+        raise CrowdError(
+            "Places to start are at NaN or infinity: mend the object that they come from."
+        )
     check_counts(len(places), groups)
     random = np.random.Generator(np.random.PCG64(seed))
     places = places.of(random.permutation(len(places)))
-    return peopled(tuple(places.points.T.copy()), places.heading, random, (seed, groups, classes), machine, world)
+    return peopled(
+        tuple(places.points.T.copy()),
+        places.heading,
+        random,
+        (seed, groups, classes),
+        machine,
+        world,
+    )

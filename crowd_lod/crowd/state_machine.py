@@ -100,13 +100,20 @@ class StateMachine:
     @cached_property
     def paces(self) -> Paces:
         """The actions of the table at its speeds, and the steps of cross-fades between them; see paces_of."""
-        pairs = {(self.actions[s], self.actions[t]) for s, t in zip(*np.nonzero(self.fades), strict=True)}
-        return paces_of(self.actions, np.hypot(*np.moveaxis(self.velocity, 2, 0)), self.edge == "stop", pairs)
+        pairs = {
+            (self.actions[s], self.actions[t]) for s, t in zip(*np.nonzero(self.fades), strict=True)
+        }
+        return paces_of(
+            self.actions, np.hypot(*np.moveaxis(self.velocity, 2, 0)), self.edge == "stop", pairs
+        )
 
     @cached_property
     def follows(self) -> np.ndarray:
         """(S, S) bool: which states may follow each one at once, by a label or by its timer."""
-        found, likely = np.zeros((len(self.states),) * 2, bool), np.diff(self.odds, axis=1, prepend=0) > 0
+        found, likely = (
+            np.zeros((len(self.states),) * 2, bool),
+            np.diff(self.odds, axis=1, prepend=0) > 0,
+        )
         timed = np.isfinite(self.after).any(axis=1)[:, None]
         for next_state, choice, holds in (
             (self.next_state, self.next_choice, True),
@@ -154,7 +161,13 @@ class StateMachine:
 
         state, label, key: (n,) each.
         """
-        return self._drawn(self.next_state[state, label], self.next_choice, (state, label), key, random_streams.STATE)
+        return self._drawn(
+            self.next_state[state, label],
+            self.next_choice,
+            (state, label),
+            key,
+            random_streams.STATE,
+        )
 
     def timed_out(self, state: np.ndarray, key: np.ndarray) -> np.ndarray:
         """Return the states (n,) uint8 that follow when the timers of `state` end.
@@ -176,7 +189,12 @@ class StateMachine:
         return least + spread * random_streams.uniform(key, random_streams.TIME)
 
     def _drawn(
-        self, certain: np.ndarray, choices: np.ndarray, place: tuple[np.ndarray, ...], key: np.ndarray, stream: np.uint64
+        self,
+        certain: np.ndarray,
+        choices: np.ndarray,
+        place: tuple[np.ndarray, ...],
+        key: np.ndarray,
+        stream: np.uint64,
     ) -> np.ndarray:
         if len(self.odds):
             choice = choices[place]
@@ -197,7 +215,9 @@ def preset_text(name: str) -> str:
     CrowdError if none has this name.
     """
     if name not in preset_names():
-        raise CrowdError(f"There is no state machine {name!r}; there are {', '.join(preset_names())}.")
+        raise CrowdError(
+            f"There is no state machine {name!r}; there are {', '.join(preset_names())}."
+        )
     return (PRESETS / f"{name}.json").read_text(encoding="utf-8")
 
 
@@ -215,7 +235,9 @@ def parse(text: str, where: str) -> StateMachine:
     reader = Reader(text, f"The state machine {where}")
     root = reader.table(reader.root, (), {"$schema", "version", "name", "edge", "labels", "states"})
     if isinstance(root.get("version"), bool) or root.get("version") != 1:
-        reader.fail(("version",), f"is {json.dumps(root.get('version'))}, this Crowd LOD reads version 1")
+        reader.fail(
+            ("version",), f"is {json.dumps(root.get('version'))}, this Crowd LOD reads version 1"
+        )
     edge = root.get("edge", "clamp")
     if edge not in EDGES:
         reader.fail(("edge",), f"is {edge!r}, it must be one of {', '.join(EDGES)}")
@@ -229,7 +251,10 @@ def parse(text: str, where: str) -> StateMachine:
         color = reader.color(entry.get("color"), (*path, "color"))
         if color in label_colors:
             other = labels[label_colors.index(color)]
-            reader.fail((*path, "color"), f"is the same color as that of {other!r}, a map could not tell them apart")
+            reader.fail(
+                (*path, "color"),
+                f"is the same color as that of {other!r}, a map could not tell them apart",
+            )
         label_colors.append(color)
         spawn.append(reader.boolean(entry.get("spawn", True), (*path, "spawn")))
     if not any(spawn):
@@ -240,7 +265,10 @@ def parse(text: str, where: str) -> StateMachine:
         table.read_state(s, state, entry)
     start = table.start if any(table.start) else [1.0] * len(states)
     if sum(start) == math.inf:
-        reader.fail(("states",), "have start weights that sum to more than a number can hold; make them smaller")
+        reader.fail(
+            ("states",),
+            "have start weights that sum to more than a number can hold; make them smaller",
+        )
     return StateMachine(
         name=reader.string(root.get("name", where), ("name",)),
         states=states,
@@ -270,7 +298,10 @@ class _Table:
         self.reader, self.states, self.labels = reader, states, labels
         shape = len(states), len(labels)
         self.next_state, self.velocity = np.zeros(shape, np.uint8), np.zeros((*shape, 2))
-        self.next_choice, self.then_choice = np.full(shape, -1, np.int32), np.full(shape[0], -1, np.int32)
+        self.next_choice, self.then_choice = (
+            np.full(shape, -1, np.int32),
+            np.full(shape[0], -1, np.int32),
+        )
         self.after, self.then = np.full((shape[0], 2), np.inf), np.arange(shape[0], dtype=np.uint8)
         self.colors: list[Color] = []
         self.start: list[float] = []
@@ -280,7 +311,9 @@ class _Table:
 
     def read_state(self, s: int, state: str, entry: object) -> None:
         reader, path = self.reader, ("states", state)
-        given = reader.table(entry, path, {"color", "start", "action", "animation", "fade", "after", "then", "on"})
+        given = reader.table(
+            entry, path, {"color", "start", "action", "animation", "fade", "after", "then", "on"}
+        )
         self.colors.append(reader.color(given.get("color", "#808080"), (*path, "color")))
         self.start.append(reader.number(given.get("start", 0), (*path, "start"), least=0))
         self.actions.append(reader.string(given.get("action", ""), (*path, "action")))
@@ -302,14 +335,20 @@ class _Table:
         read = {name: self._rule(rule, (*on, name), state) for name, rule in rules.items()}
         for label in rules:
             if label != "*" and label not in self.labels:
-                reader.fail((*on, label), f"names no label; the labels are {', '.join(self.labels)}")
+                reader.fail(
+                    (*on, label), f"names no label; the labels are {', '.join(self.labels)}"
+                )
         for i, label in enumerate(self.labels):
             rule = read.get(label, read.get("*"))
             if rule is None:
-                reader.fail(on, f"says nothing of the label {label!r}; add it, or '*' for every other label")
+                reader.fail(
+                    on, f"says nothing of the label {label!r}; add it, or '*' for every other label"
+                )
             (self.next_state[s, i], self.next_choice[s, i]), self.velocity[s, i] = rule
 
-    def _rule(self, rule: object, path: FieldPath, state: str) -> tuple[tuple[int, int], tuple[float, float]]:
+    def _rule(
+        self, rule: object, path: FieldPath, state: str
+    ) -> tuple[tuple[int, int], tuple[float, float]]:
         given = self.reader.table(rule, path, {"next", "move", "speed", "heading"})
         return self._target(given.get("next", state), (*path, "next")), self._velocity(given, path)
 
@@ -321,14 +360,19 @@ class _Table:
                 reader.fail(path, f"is {value!r}; {known}")
             return self.states.index(value), -1
         if not isinstance(value, dict):
-            reader.fail(path, f"is {value!r}, it must be a state, or an object of states and weights; {known}")
+            reader.fail(
+                path,
+                f"is {value!r}, it must be a state, or an object of states and weights; {known}",
+            )
         weights = np.zeros(len(self.states))
         for name, weight in reader.table(value, path, filled=True).items():
             if name not in self.states:
                 reader.fail((*path, name), f"names no state; {known}")
             weights[self.states.index(name)] = reader.number(weight, (*path, name), least=0)
         if not 0 < weights.sum() < math.inf:
-            reader.fail(path, f"has weights that sum to {weights.sum():g}; give one state a weight above 0")
+            reader.fail(
+                path, f"has weights that sum to {weights.sum():g}; give one state a weight above 0"
+            )
         cumulative = np.cumsum(weights / weights.sum())
         # what rounding leaves must not fall to a state of weight 0
         cumulative[np.flatnonzero(weights)[-1] :] = 1
@@ -339,8 +383,13 @@ class _Table:
             seconds = self.reader.number(value, path, least=SHORTEST)
             return seconds, seconds
         if len(value) != 2:
-            self.reader.fail(path, f"is {value!r}, it must be seconds, or the least and the greatest of them, [5, 20]")
-        least, most = (self.reader.number(each, (*path, i), least=SHORTEST) for i, each in enumerate(value))
+            self.reader.fail(
+                path,
+                f"is {value!r}, it must be seconds, or the least and the greatest of them, [5, 20]",
+            )
+        least, most = (
+            self.reader.number(each, (*path, i), least=SHORTEST) for i, each in enumerate(value)
+        )
         if least > most:
             self.reader.fail(path, f"is {value!r}, the first must be the lesser")
         return least, most
@@ -352,12 +401,18 @@ class _Table:
         if "move" in rule:
             move = rule["move"]
             if not isinstance(move, list) or len(move) != 2:
-                reader.fail((*path, "move"), f"is {move!r}, it must be two numbers, meters per second along x and y")
+                reader.fail(
+                    (*path, "move"),
+                    f"is {move!r}, it must be two numbers, meters per second along x and y",
+                )
             x, y = (reader.number(value, (*path, "move", i)) for i, value in enumerate(move))
             return x, y
         speed = reader.number(rule.get("speed", 0), (*path, "speed"), least=0)
         if speed and "heading" not in rule:
-            reader.fail((*path, "heading"), "is missing beside speed; give degrees, 0 = +x, counter-clockwise")
+            reader.fail(
+                (*path, "heading"),
+                "is missing beside speed; give degrees, 0 = +x, counter-clockwise",
+            )
         heading = reader.number(rule.get("heading", 0), (*path, "heading"))
         if heading % 90 == 0:  # without rounding: who walks along a wall does not drift into it
             cos, sin = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[int(heading % 360 // 90)]

@@ -43,10 +43,14 @@ class Terrain:
 
     def __post_init__(self) -> None:
         if not len(self.corners):
-            raise CrowdError("The terrain has no face that one can stand on: give it a mesh with faces that are not upright.")
+            raise CrowdError(
+                "The terrain has no face that one can stand on: give it a mesh with faces that are not upright."
+            )
         if not np.isfinite(self.corners).all():
             wrong = int((~np.isfinite(self.corners).all(axis=2)).sum())
-            raise CrowdError(f"The terrain has {wrong} corners at NaN or infinity: mend its mesh or its modifiers.")
+            raise CrowdError(
+                f"The terrain has {wrong} corners at NaN or infinity: mend its mesh or its modifiers."
+            )
 
     @cached_property
     def span(self) -> tuple[float, float]:
@@ -76,7 +80,10 @@ class Terrain:
             who, _, z = self._over(*places[at : at + LOOK_UPS].T)
             if len(who):
                 begin = _begins(who)
-                if (np.maximum.reduceat(z, begin) > _reached(z, begin, np.minimum.reduceat(z, begin), self._step)).any():
+                if (
+                    np.maximum.reduceat(z, begin)
+                    > _reached(z, begin, np.minimum.reduceat(z, begin), self._step)
+                ).any():
                     return True
         return False
 
@@ -97,7 +104,9 @@ class Terrain:
             z[agents] = height
         return z
 
-    def slope(self, x: np.ndarray, y: np.ndarray, last: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    def slope(
+        self, x: np.ndarray, y: np.ndarray, last: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return (dz/dx, dz/dy), each (n,) float64, of the ground at x, y (n,); 0 where there is none."""
         slopes = np.zeros((2, len(x)))
         for agents, _, triangles in self._stood(x, y, last):
@@ -170,7 +179,9 @@ class Terrain:
         begin, of_cell = self._cells
         columns, rows = self._grid
         place = np.stack([x, y]) - self._low[:, None]
-        inside = ((place >= -self._close) & (place <= (self._size * self._grid)[:, None] + self._close)).all(axis=0)
+        inside = (
+            (place >= -self._close) & (place <= (self._size * self._grid)[:, None] + self._close)
+        ).all(axis=0)
         column, row = (
             np.fmin(np.fmax(each / size, 0), count - 1).astype(np.intp)
             for each, size, count in zip(place, self._size, (columns, rows), strict=True)
@@ -179,7 +190,9 @@ class Terrain:
         first = begin[cell]
         count = (begin[cell + 1] - first) * inside
         who = np.repeat(np.arange(len(x)), count)
-        triangles = of_cell[np.arange(len(who)) + np.repeat(first - (np.cumsum(count) - count), count)]
+        triangles = of_cell[
+            np.arange(len(who)) + np.repeat(first - (np.cumsum(count) - count), count)
+        ]
         side, (u, v) = self._sides[triangles].T, place[:, who]
         on = side[0] * u + side[1] * v + side[2] >= -self._close
         for k in (3, 6):
@@ -237,7 +250,16 @@ class Terrain:
         rise, double = z[:, NEXT] - z, _double(along, up)
         slope_x = (rise[:, 0] * up[:, 1] - up[:, 0] * rise[:, 1]) / double
         slope_y = (along[:, 0] * rise[:, 1] - rise[:, 0] * along[:, 1]) / double
-        return np.stack([slope_x, slope_y, z[:, 0] - slope_x * x[:, 0] - slope_y * y[:, 0], z.min(axis=1), z.max(axis=1)], axis=1)
+        return np.stack(
+            [
+                slope_x,
+                slope_y,
+                z[:, 0] - slope_x * x[:, 0] - slope_y * y[:, 0],
+                z.min(axis=1),
+                z.max(axis=1),
+            ],
+            axis=1,
+        )
 
     @cached_property
     def _cells(self) -> tuple[np.ndarray, np.ndarray]:
@@ -247,7 +269,8 @@ class Terrain:
         """
         plan = self.corners[:, :, :2] - self._low
         least, most = (
-            (edge / self._size).astype(np.intp) for edge in (plan.min(axis=1) - self._close, plan.max(axis=1) + self._close)
+            (edge / self._size).astype(np.intp)
+            for edge in (plan.min(axis=1) - self._close, plan.max(axis=1) + self._close)
         )
         least, most = np.clip(least, 0, self._grid - 1), np.clip(most, 0, self._grid - 1)
         wide, high = (most - least + 1).T
@@ -266,14 +289,18 @@ class Terrain:
             middle = (np.stack([column, row]) + 0.5) * self._size[:, None]
             side, touched = self._sides[which].T, np.ones(len(which), bool)
             for k in (0, 3, 6):
-                reach = (np.abs(side[k]) * self._size[0] + np.abs(side[k + 1]) * self._size[1]) / 2 + 2 * self._close
+                reach = (
+                    np.abs(side[k]) * self._size[0] + np.abs(side[k + 1]) * self._size[1]
+                ) / 2 + 2 * self._close
                 touched &= side[k] * middle[0] + side[k + 1] * middle[1] + side[k + 2] >= -reach
             cells.append((row * self._grid[0] + column)[touched])
             triangles.append(which[touched].astype(np.int32))
             since = until
         cell = np.concatenate(cells)
         count = np.bincount(cell, minlength=int(self._grid.prod()))
-        return np.append(0, np.cumsum(count)), np.concatenate(triangles)[np.argsort(cell, kind="stable")]
+        return np.append(0, np.cumsum(count)), np.concatenate(triangles)[
+            np.argsort(cell, kind="stable")
+        ]
 
 
 def upward(corners: np.ndarray, meters: float = 1.0) -> np.ndarray:

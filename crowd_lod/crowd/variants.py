@@ -39,5 +39,7 @@ class Draw:
                 indices, chances = zip(*own, strict=True)
                 upto = np.cumsum(chances)
                 drawn = random_streams.uniform(key[who], random_streams.PROPS)
-                found[who] = np.array(indices, np.uint8)[np.searchsorted(upto[:-1] / upto[-1], drawn, side="right")]
+                found[who] = np.array(indices, np.uint8)[
+                    np.searchsorted(upto[:-1] / upto[-1], drawn, side="right")
+                ]
         return found

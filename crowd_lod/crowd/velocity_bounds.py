@@ -28,7 +28,9 @@ class VelocityBounds:
         """
         ways = np.multiply.outer((min(seconds), max(seconds)), (self.low, self.high))
         rise = np.array([0.0, 0.0, self.steps])
-        return np.minimum(ways.min(axis=(0, 1)), 0.0) - rise, np.maximum(ways.max(axis=(0, 1)), 0.0) + rise
+        return np.minimum(ways.min(axis=(0, 1)), 0.0) - rise, np.maximum(
+            ways.max(axis=(0, 1)), 0.0
+        ) + rise
 
     @property
     def climbs(self) -> bool:

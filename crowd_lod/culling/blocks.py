@@ -142,9 +142,19 @@ def blocks_of(
             high[:] = half
     sizes = np.array([count])
     if len(center) > 1:  # in parts: to be counted, they are taken for numbers of 8 bytes
-        parts = (crowd.group[at : at + morton_order.BLOCK] for at in range(0, count, morton_order.BLOCK))
+        parts = (
+            crowd.group[at : at + morton_order.BLOCK] for at in range(0, count, morton_order.BLOCK)
+        )
         sizes = np.sum([np.bincount(part, minlength=len(center)) for part in parts], axis=0)
-    return Blocks(rows, np.append(0, np.cumsum(sizes)), np.array([center, radius]), tiers, extent, bool(np.isfinite(extent)), floor)
+    return Blocks(
+        rows,
+        np.append(0, np.cumsum(sizes)),
+        np.array([center, radius]),
+        tiers,
+        extent,
+        bool(np.isfinite(extent)),
+        floor,
+    )
 
 
 def _joined(size: int, boxes: np.ndarray, group: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
@@ -161,7 +171,13 @@ def _joined(size: int, boxes: np.ndarray, group: np.ndarray) -> tuple[int, np.nd
     )
 
 
-def _stay(low: np.ndarray, high: np.ndarray, area: Area, wraps: tuple | None, span: tuple[float, float] | None) -> None:
+def _stay(
+    low: np.ndarray,
+    high: np.ndarray,
+    area: Area,
+    wraps: tuple | None,
+    span: tuple[float, float] | None,
+) -> None:
     """Grow the boxes low, high (3, b) for agents that are moved onto the area.
 
     With `wraps` the boxes also hold agents that come back at the other side of the area, where the
@@ -170,7 +186,10 @@ def _stay(low: np.ndarray, high: np.ndarray, area: Area, wraps: tuple | None, sp
     for axis, (least, most) in enumerate(((area.x_min, area.x_max), (area.y_min, area.y_max))):
         if wraps is not None:
             crosses = (low[axis] + wraps[0][axis] <= least) | (high[axis] + wraps[1][axis] >= most)
-            low[axis, crosses], high[axis, crosses] = np.minimum(low[axis, crosses], least), np.maximum(high[axis, crosses], most)
+            low[axis, crosses], high[axis, crosses] = (
+                np.minimum(low[axis, crosses], least),
+                np.maximum(high[axis, crosses], most),
+            )
             if span is not None:
                 low[2, crosses] = np.minimum(low[2, crosses], span[0])
                 high[2, crosses] = np.maximum(high[2, crosses], span[1])
@@ -207,7 +226,10 @@ def decide(
     steps = [] if limits is None else [_steps(step) for step in limits.T]
     leaves = np.full(len(blocks.rows), CULLED, np.uint8)
     opened = np.arange(blocks.tiers[0][1].shape[1])
-    tests = [[Test(look, blocks.extent, margin, radial and not t) for look in eyes] for t, eyes in enumerate(looks)]
+    tests = [
+        [Test(look, blocks.extent, margin, radial and not t) for look in eyes]
+        for t, eyes in enumerate(looks)
+    ]
     for tier, (size, boxes, group) in enumerate(blocks.tiers):
         parts = FAN if tier else 1
         undecided = [opened[:0]]
@@ -215,7 +237,9 @@ def decide(
             whole = opened[at : at + COLUMNS // parts]
             some = (whole[:, None] * parts + np.arange(parts)).ravel()
             asked = np.ones((9, len(some)))
-            boxes.reshape(8, -1, parts).take(whole, axis=1, out=asked[:8].reshape(8, -1, parts), mode="clip")
+            boxes.reshape(8, -1, parts).take(
+                whole, axis=1, out=asked[:8].reshape(8, -1, parts), mode="clip"
+            )
             outside, level = _asked(tests, steps, asked, group, some)
             shown = (level < CULLED).nonzero()[0] if limits is not None else some[:0]
             leaves.reshape(-1, size // LEAF)[some[shown]] = level[shown, None]
@@ -270,7 +294,14 @@ def near(
     return some
 
 
-def _alone(blocks: Blocks, crowd: Crowd, tests: list[Test], limits: np.ndarray, decided: Decided, count: int) -> np.ndarray:
+def _alone(
+    blocks: Blocks,
+    crowd: Crowd,
+    tests: list[Test],
+    limits: np.ndarray,
+    decided: Decided,
+    count: int,
+) -> np.ndarray:
     """Decide agents that are clearly in or out; return the places (m,) of the rest.
 
     count: how many agents of decided.own, flattened, are tested. The places are indices into the
@@ -290,8 +321,13 @@ def _alone(blocks: Blocks, crowd: Crowd, tests: list[Test], limits: np.ndarray, 
         agents = order[part].astype(np.intp)
         group = 0 if groups is None else groups[part]
         spheres = np.empty((5, len(agents)))
-        spheres[0], spheres[1] = crowd.x.take(agents, mode="clip"), crowd.y.take(agents, mode="clip")
-        spheres[2] = (crowd.z.take(agents, mode="clip") if blocks.floor is None else blocks.floor) + center.take(group)
+        spheres[0], spheres[1] = (
+            crowd.x.take(agents, mode="clip"),
+            crowd.y.take(agents, mode="clip"),
+        )
+        spheres[2] = (
+            crowd.z.take(agents, mode="clip") if blocks.floor is None else blocks.floor
+        ) + center.take(group)
         spheres[3], spheres[4] = radius.take(group), 1.0
         outside, inside, distance = tests[0].alone(spheres)
         for test in tests[1:]:
@@ -313,7 +349,9 @@ def edges(group: np.ndarray, agents: np.ndarray, groups: int) -> np.ndarray:
     group: (n,), of all agents; only a few entries are read.
     agents: ordered group by group.
     """
-    return np.array([*(bisect_left(agents, g, key=group.__getitem__) for g in range(groups)), len(agents)])
+    return np.array(
+        [*(bisect_left(agents, g, key=group.__getitem__) for g in range(groups)), len(agents)]
+    )
 
 
 def _steps(limits: np.ndarray) -> tuple:
@@ -327,7 +365,11 @@ def _steps(limits: np.ndarray) -> tuple:
 
 
 def _asked(
-    tests: list[list[Test]], steps: list[tuple], boxes: np.ndarray, group: np.ndarray, some: np.ndarray
+    tests: list[list[Test]],
+    steps: list[tuple],
+    boxes: np.ndarray,
+    group: np.ndarray,
+    some: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return (outside, level), each (b,), for the boxes (9, b).
 
@@ -345,8 +387,12 @@ def _asked(
         outside, inside = outside & out, inside | within
     finest, coarsest = np.zeros((2, boxes.shape[1]), np.uint8)
     for latest, earliest in steps:
-        finest += (nearest >= (latest[*group[:, some]] if np.ndim(latest) else latest)).view(np.uint8)
-        coarsest += (farthest >= (earliest[*group[:, some]] if np.ndim(earliest) else earliest)).view(np.uint8)
+        finest += (nearest >= (latest[*group[:, some]] if np.ndim(latest) else latest)).view(
+            np.uint8
+        )
+        coarsest += (
+            farthest >= (earliest[*group[:, some]] if np.ndim(earliest) else earliest)
+        ).view(np.uint8)
     return outside, _or_culled(finest, inside & (finest == coarsest))
 
 

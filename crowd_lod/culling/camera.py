@@ -77,7 +77,10 @@ class Camera:
     def seen(self) -> Window:
         """Return the window, widened by the reach of the pixel filter."""
         w, (width, height) = self.window, self.pixels
-        across, up = self.filtered * (w.right - w.left) / width, self.filtered * (w.top - w.bottom) / height
+        across, up = (
+            self.filtered * (w.right - w.left) / width,
+            self.filtered * (w.top - w.bottom) / height,
+        )
         return Window(w.left - across, w.right + across, w.bottom - up, w.top + up)
 
     @property
@@ -92,7 +95,9 @@ class Camera:
         return max(self.pixels[0] / (w.right - w.left), self.pixels[1] / (w.top - w.bottom))
 
 
-def referential(matrix: np.ndarray, name: str = "camera") -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def referential(
+    matrix: np.ndarray, name: str = "camera"
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return (origin, X, Y, Z), each (3,) float64, of a camera's world matrix.
 
     matrix: (4, 4); the camera looks along its own -z.
@@ -107,13 +112,19 @@ def referential(matrix: np.ndarray, name: str = "camera") -> tuple[np.ndarray, n
     """
     matrix = np.asarray(matrix, np.float64)
     if not np.isfinite(matrix).all():
-        raise CrowdError(f"The camera {name} stands at NaN or infinity: set its transform to finite values.")
+        raise CrowdError(
+            f"The camera {name} stands at NaN or infinity: set its transform to finite values."
+        )
     lengths = np.linalg.norm(matrix[:3, :3], axis=0)
     if not lengths.all():
-        raise CrowdError(f"The camera {name}, or a parent of it, is scaled to 0: set its scale to another value.")
+        raise CrowdError(
+            f"The camera {name}, or a parent of it, is scaled to 0: set its scale to another value."
+        )
     axes = matrix[:3, :3] / lengths
     if abs(np.linalg.det(axes)) < 1e-6:
-        raise CrowdError(f"The camera {name} is sheared flat by a parent: clear the parent's scale.")
+        raise CrowdError(
+            f"The camera {name} is sheared flat by a parent: clear the parent's scale."
+        )
     X, Y, back = np.linalg.inv(axes)
     return matrix[:3, 3].copy(), X, Y, -back
 
@@ -140,7 +151,12 @@ def window(
     horizontal = fit == "HORIZONTAL" or (fit == "AUTO" and width >= height)
     unit = size / (width if horizontal else height)
     half_x, half_y = width * unit / 2, height * unit / 2
-    return Window(shift[0] * size - half_x, shift[0] * size + half_x, shift[1] * size - half_y, shift[1] * size + half_y)
+    return Window(
+        shift[0] * size - half_x,
+        shift[0] * size + half_x,
+        shift[1] * size - half_y,
+        shift[1] * size + half_y,
+    )
 
 
 def crop(camera: Camera, left: float, right: float, bottom: float, top: float) -> Camera:
@@ -154,8 +170,14 @@ def crop(camera: Camera, left: float, right: float, bottom: float, top: float) -
     if camera.kind == "PANO":
         return camera
     w, (width, height) = camera.window, camera.pixels
-    x = np.floor(np.float32(left) * np.float32(width)), np.ceil(np.float32(right) * np.float32(width))
-    y = np.floor(np.float32(bottom) * np.float32(height)), np.ceil(np.float32(top) * np.float32(height))
+    x = (
+        np.floor(np.float32(left) * np.float32(width)),
+        np.ceil(np.float32(right) * np.float32(width)),
+    )
+    y = (
+        np.floor(np.float32(bottom) * np.float32(height)),
+        np.ceil(np.float32(top) * np.float32(height)),
+    )
     pixels = max(1, int(x[1] - x[0])), max(1, int(y[1] - y[0]))
     across, up = (w.right - w.left) / width, (w.top - w.bottom) / height
     start = w.left + float(x[0]) * across, w.bottom + float(y[0]) * up

@@ -39,7 +39,9 @@ def framing(places: np.ndarray, across: float, below: float, above: float) -> Vi
     distances = np.empty(WAYS)
     for k, (cos, sin) in enumerate(ways):
         ahead, aside = cos * x + sin * y, cos * y - sin * x
-        needed = np.maximum.reduce([np.abs(aside) / across, (z + BODY - EYE) / above, (EYE - BODY - z) / below])
+        needed = np.maximum.reduce(
+            [np.abs(aside) / across, (z + BODY - EYE) / above, (EYE - BODY - z) / below]
+        )
         distances[k] = np.quantile(needed - ahead, SEEN, method="higher")
     best = int(distances.argmin())
     way, away = ways[best], max(float(distances[best]), NEAREST)

@@ -75,11 +75,16 @@ def frustum_of(camera: Camera) -> Frustum:
     edges = ((X, w.right), (-X, -w.left), (Y, w.top), (-Y, -w.bottom))
     slopes = [0.0 if camera.kind == "ORTHO" else edge for _, edge in edges]
     least, most = stretch(camera) if camera.rays and camera.kind != "ORTHO" else (1.0, 1.0)
-    rows = np.array([axis - slope * Z for (axis, _), slope in zip(edges, slopes, strict=True)] + [-Z, Z])
+    rows = np.array(
+        [axis - slope * Z for (axis, _), slope in zip(edges, slopes, strict=True)] + [-Z, Z]
+    )
     offsets = [edge - slope for (_, edge), slope in zip(edges, slopes, strict=True)]
     lengths = np.sqrt((rows * rows).sum(axis=1))
     across, up, along = (math.sqrt(axis @ axis) for axis in (X, Y, Z))
-    terms = [axis + abs(slope) * along for axis, slope in zip((across, across, up, up), slopes, strict=True)]
+    terms = [
+        axis + abs(slope) * along
+        for axis, slope in zip((across, across, up, up), slopes, strict=True)
+    ]
     return Frustum(
         origin=camera.origin,
         normals=rows / lengths[:, None],
@@ -107,7 +112,9 @@ def reach_of(camera: Camera, v: tuple, away: np.ndarray, r: np.ndarray | float) 
     return reach, ROUNDING * (size + np.abs(camera.origin[2]) + reach) + TINY
 
 
-def spheres_inside(frustum: Frustum, v: tuple, depth: np.ndarray, bound: np.ndarray, margin: float | None) -> np.ndarray:
+def spheres_inside(
+    frustum: Frustum, v: tuple, depth: np.ndarray, bound: np.ndarray, margin: float | None
+) -> np.ndarray:
     """Return which spheres are inside all six planes or touch them, (b,) bool.
 
     v: the centers, relative to the camera.
@@ -128,16 +135,22 @@ def spheres_inside(frustum: Frustum, v: tuple, depth: np.ndarray, bound: np.ndar
     return inside
 
 
-def spheres_in_cone(camera: Camera, v: tuple, depth: np.ndarray, away: np.ndarray, reach: np.ndarray) -> np.ndarray:
+def spheres_in_cone(
+    camera: Camera, v: tuple, depth: np.ndarray, away: np.ndarray, reach: np.ndarray
+) -> np.ndarray:
     """Return which spheres a PANO camera's clip range and cone hold, (b,) bool.
 
     In the plane through the axis and v, the cone's side is the line at the angle `cone`, from which
     v lies |v| sin(angle - cone) = across cos(cone) - depth sin(cone) away.
     """
-    inside = (away >= camera.near * (1 - ROUNDING) - reach) & (away <= camera.far * (1 + ROUNDING) + reach)
+    inside = (away >= camera.near * (1 - ROUNDING) - reach) & (
+        away <= camera.far * (1 + ROUNDING) + reach
+    )
     if camera.cone < np.pi:
         across = np.sqrt(dot(v, camera.X) ** 2 + dot(v, camera.Y) ** 2)
-        inside &= across * np.cos(camera.cone) - depth * np.sin(camera.cone) <= reach * stretch(camera)[1]
+        inside &= (
+            across * np.cos(camera.cone) - depth * np.sin(camera.cone) <= reach * stretch(camera)[1]
+        )
     return inside
 
 
@@ -171,7 +184,10 @@ def spheres_swept_through(
     growth = growth + ROUNDING * (4 * speed + growth)
     offsets = frustum.offsets + ROUNDING * np.abs(frustum.offsets)
     if isinstance(growth, np.ndarray):  # all planes at once: (k, n)
-        at, rate = _along(frustum.normals, v) - offsets[:, None] - reach, _along(frustum.normals, way) - growth
+        at, rate = (
+            _along(frustum.normals, v) - offsets[:, None] - reach,
+            _along(frustum.normals, way) - growth,
+        )
         if ends is not None:
             at = np.concatenate([at, (ends[0] - ROUNDING * size)[None]])
             rate = np.concatenate([rate, (ends[1] - ROUNDING * speed)[None]])

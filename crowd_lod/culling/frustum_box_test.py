@@ -52,19 +52,41 @@ class Test:
         normals, offsets, rounding = np.empty((0, 3)), np.empty(0), 1.0
         if camera.kind != "PANO":
             frustum = frustum_of(camera)
-            normals, offsets, rounding = frustum.normals, frustum.limits(margin), max(1.0, frustum.rounding)
+            normals, offsets, rounding = (
+                frustum.normals,
+                frustum.limits(margin),
+                max(1.0, frustum.rounding),
+            )
         self.reach = camera.pad + (look.grown if margin is None else 0.0)
         self.radius = 1.0 if margin is None else 0.0
-        about = extent + np.abs(camera.origin).max() + np.abs(self.moved).max() + self.wider.max() + self.reach
-        self.slack = (SLACK + 6 * camera.grain) * (1 + camera.turn) * rounding * (1 + np.abs(camera.Z).sum()) * about
+        about = (
+            extent
+            + np.abs(camera.origin).max()
+            + np.abs(self.moved).max()
+            + self.wider.max()
+            + self.reach
+        )
+        self.slack = (
+            (SLACK + 6 * camera.grain)
+            * (1 + camera.turn)
+            * rounding
+            * (1 + np.abs(camera.Z).sum())
+            * about
+        )
         away = np.abs(offsets)
         # of a plane so far beyond all boxes that none comes near, as a far one may be, roundings
         # decide nothing
-        self.slack += 1e-12 * away[away < BEYOND * (1 + camera.turn) * about].max(initial=0.0) + LEAST
+        self.slack += (
+            1e-12 * away[away < BEYOND * (1 + camera.turn) * about].max(initial=0.0) + LEAST
+        )
         if not about < HUGE:
             self.slack = np.nan  # nothing is decided
         k = self.count = len(normals)
-        axes, sign, part = np.empty((2 * k + 2, 3)), np.ones((2 * k + 2, 1)), np.zeros((2 * k + 2, 2))
+        axes, sign, part = (
+            np.empty((2 * k + 2, 3)),
+            np.ones((2 * k + 2, 1)),
+            np.zeros((2 * k + 2, 2)),
+        )
         axes[:k] = axes[k:-2] = normals
         axes[-2:] = camera.Z
         sign[:k] = sign[-2] = -1.0
@@ -103,7 +125,11 @@ class Test:
             if self.radial:
                 nearest, farthest = close, away
         if camera.kind == "PANO":
-            return *self._of_range(boxes, close, away, least + turned[0], most + turned[1]), nearest, farthest
+            return (
+                *self._of_range(boxes, close, away, least + turned[0], most + turned[1]),
+                nearest,
+                farthest,
+            )
         outside = values[:k].max(axis=0) > turned[1] + self.slack
         inside = values[k : 2 * k].max(axis=0) <= turned[0] - self.slack
         return outside, inside, nearest, farthest
@@ -124,7 +150,12 @@ class Test:
         return worst > self.slack, worst <= -self.slack, distance
 
     def _of_range(
-        self, boxes: np.ndarray, close: np.ndarray, away: np.ndarray, least: np.ndarray, most: np.ndarray
+        self,
+        boxes: np.ndarray,
+        close: np.ndarray,
+        away: np.ndarray,
+        least: np.ndarray,
+        most: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return (outside, inside), each (b,), for a PANO camera's clip range and cone.
 
@@ -134,12 +165,19 @@ class Test:
         least, most: (b,) meters, bounds of the reach of the boxes' spheres.
         """
         camera = self.camera
-        outside = (close > camera.far + most + self.slack) | (away < camera.near - most - self.slack)
-        inside = (close >= camera.near - least + self.slack) & (away <= camera.far + least - self.slack)
+        outside = (close > camera.far + most + self.slack) | (
+            away < camera.near - most - self.slack
+        )
+        inside = (close >= camera.near - least + self.slack) & (
+            away <= camera.far + least - self.slack
+        )
         if camera.cone < np.pi:
             v = boxes[:3] + (self.moved - camera.origin)[:, None]
             longer = stretch(camera)[1]
-            ball = longer * np.sqrt(((boxes[3:6] + self.wider[:, None]) ** 2).sum(axis=0)) + longer * self.slack
+            ball = (
+                longer * np.sqrt(((boxes[3:6] + self.wider[:, None]) ** 2).sum(axis=0))
+                + longer * self.slack
+            )
             across, depth = np.hypot(camera.X @ v, camera.Y @ v), camera.Z @ v
             beyond = across * np.cos(camera.cone) - depth * np.sin(camera.cone)
             outside |= beyond - ball > longer * most

@@ -77,7 +77,12 @@ def radar(
 
 
 def _look(
-    camera: Camera, frustum: Frustum | None, places: tuple, r: np.ndarray | float, options: RadarOptions, found: tuple
+    camera: Camera,
+    frustum: Frustum | None,
+    places: tuple,
+    r: np.ndarray | float,
+    options: RadarOptions,
+    found: tuple,
 ) -> None:
     """Add to `found`, (visible, distance) of a block of agents, what one camera sees.
 
@@ -88,13 +93,17 @@ def _look(
     visible, distance = found
     v = tuple(place - origin for place, origin in zip(places, camera.origin, strict=True))
     depth, ranged = dot(v, camera.Z), options.radial or frustum is None
-    away = np.sqrt(dot(v, v)) if ranged or camera.turn else depth  # |v|, where something follows from it
+    away = (
+        np.sqrt(dot(v, v)) if ranged or camera.turn else depth
+    )  # |v|, where something follows from it
     if options.cull:
         reach, slack = reach_of(camera, v, away, r)
         if frustum is None:
             inside = spheres_in_cone(camera, v, depth, away, reach + slack)
         else:
-            inside = spheres_inside(frustum, v, depth, reach + frustum.rounding * slack, options.margin)
+            inside = spheres_inside(
+                frustum, v, depth, reach + frustum.rounding * slack, options.margin
+            )
         visible |= inside & np.isfinite(slack)
     if options.measure:
         np.fmin(distance, away if ranged else depth, out=distance)

@@ -19,9 +19,17 @@ def opened(samples: Sequence[Camera]) -> tuple[Camera, ...]:
     camera moves on between them without turning back. From n . (p - c) <= offset + r: a plane's
     normal that turns by dn moves by |dn| |v|, the origin by |dc|, the offset by itself.
     """
-    moves = [(0.0, 0.0), *(_change(a, b) for a, b in zip(samples[:-1], samples[1:], strict=True)), (0.0, 0.0)]
+    moves = [
+        (0.0, 0.0),
+        *(_change(a, b) for a, b in zip(samples[:-1], samples[1:], strict=True)),
+        (0.0, 0.0),
+    ]
     return tuple(
-        replace(camera, pad=camera.pad + max(before[0], after[0]), turn=camera.turn + max(before[1], after[1]))
+        replace(
+            camera,
+            pad=camera.pad + max(before[0], after[0]),
+            turn=camera.turn + max(before[1], after[1]),
+        )
         for camera, before, after in zip(samples, moves[:-1], moves[1:], strict=True)
     )
 

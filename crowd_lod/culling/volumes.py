@@ -67,7 +67,13 @@ def _sides(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
         return frustum.normals[:4], frustum.offsets[:4]
     if camera.cone >= np.pi / 2:
         return np.empty((0, 3)), np.empty(0)
-    rows = np.array([a * np.cos(camera.cone) - camera.Z * np.sin(camera.cone) for x in (camera.X, camera.Y) for a in (x, -x)])
+    rows = np.array(
+        [
+            a * np.cos(camera.cone) - camera.Z * np.sin(camera.cone)
+            for x in (camera.X, camera.Y)
+            for a in (x, -x)
+        ]
+    )
     return rows / np.linalg.norm(rows, axis=1, keepdims=True), np.zeros(4)
 
 
@@ -92,7 +98,9 @@ def mirrored(camera: Camera, mirror: Mirror) -> Frustum | None:
         return None
     reflection = np.eye(3) - 2 * np.outer(normal, normal)
     origin = camera.origin - 2 * float(normal @ (camera.origin - middle)) * normal
-    frame, frame_offsets = _framed(mirror.corners - origin, reflection @ camera.Z if camera.kind == "ORTHO" else None)
+    frame, frame_offsets = _framed(
+        mirror.corners - origin, reflection @ camera.Z if camera.kind == "ORTHO" else None
+    )
     front = -np.sign(height) * normal
     return Frustum(
         origin,
@@ -157,7 +165,10 @@ def shaded(volume: Frustum, light: Light, points: np.ndarray, radius: np.ndarray
     if light.angle < np.pi:  # of a sphere beside the cone there is no shadow
         depth = way @ light.direction
         across = np.sqrt(np.maximum(distance**2 - depth**2, 0))
-        kept &= across * np.cos(light.angle) - depth * np.sin(light.angle) <= larger + ROUNDING * distance
+        kept &= (
+            across * np.cos(light.angle) - depth * np.sin(light.angle)
+            <= larger + ROUNDING * distance
+        )
     ends = None if np.isinf(light.reach) else (distance - radius - light.reach, distance - larger)
     if not kept.all():
         points, radius, way, larger = (each[kept] for each in (points, radius, way, larger))
@@ -175,7 +186,9 @@ def left_from(volume: Frustum, about: np.ndarray, turn: float = 0.0) -> Frustum:
     about: the surfaces lie at coordinates of at most |about|, meters.
     turn: with OFFSET, the coordinates may exceed `about` by the distance from the volume's origin.
     """
-    return replace(volume, pad=volume.pad + OFFSET * float(np.abs(about).max()) + LIFT, turn=volume.turn + turn)
+    return replace(
+        volume, pad=volume.pad + OFFSET * float(np.abs(about).max()) + LIFT, turn=volume.turn + turn
+    )
 
 
 def bounded(volume: Frustum, box: np.ndarray) -> Frustum:

@@ -83,13 +83,20 @@ def nearest(
 def account(frame: Frame, agent: int) -> Account:
     """What there is to tell of the agent with this index in `frame`."""
     if not 0 <= agent < len(frame.crowd):
-        raise CrowdError(f"There is no agent {agent}: the crowd has {len(frame.crowd):,}, from 0 on.")
+        raise CrowdError(
+            f"There is no agent {agent}: the crowd has {len(frame.crowd):,}, from 0 on."
+        )
     this = slice(agent, agent + 1)
     crowd, levels = frame.crowd.of(this), frame.levels[this]
     seen = sort(frame.visible[this], levels, len(frame.buckets.counts))
     row = None if frame.plan_row is None else frame.plan_row[this]
     alone = replace(frame, crowd=crowd, buckets=seen, known_levels=levels, plan_row=row)
-    group, level, camera, depth = frame.trajectory.groups[crowd.group[0]], int(levels[0]), frame.camera, float(alone.depths[0])
+    group, level, camera, depth = (
+        frame.trajectory.groups[crowd.group[0]],
+        int(levels[0]),
+        frame.camera,
+        float(alone.depths[0]),
+    )
     pixels = error = None
     if depth > 0 or camera.kind == "ORTHO":
         pixels = float(shown(2 * group.radius, depth, camera, 0.0))

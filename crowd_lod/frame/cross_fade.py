@@ -39,7 +39,9 @@ def fade(
     for i, (begin, end) in enumerate(zip(*_bands(begins, width), strict=True)):
         low, high = begin[group], end[group]
         with np.errstate(invalid="ignore", divide="ignore"):
-            part = np.where(high > low, (distance - low) / (high - low), distance >= low).astype(np.float32)
+            part = np.where(high > low, (distance - low) / (high - low), distance >= low).astype(
+                np.float32
+            )
         finer[part >= 1] = i + 1
         within = (part > 0) & (part < 1)
         finer[within], share[within] = i, part[within]

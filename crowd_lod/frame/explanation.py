@@ -87,7 +87,9 @@ class Explanation:
     def as_json(self) -> dict[str, Any]:
         """Return it as plain data; what is infinite is None."""
         told: dict[str, Any] = _finite(asdict(self))
-        told["eyes"] = [[_finite(vars(side)) | {"passed": side.passed} for side in sides] for sides in self.eyes]
+        told["eyes"] = [
+            [_finite(vars(side)) | {"passed": side.passed} for side in sides] for sides in self.eyes
+        ]
         return told
 
     @property
@@ -97,19 +99,40 @@ class Explanation:
         x, y, z = self.place
         said = [
             f"Agent {about.agent:,} of {about.group}: {about.state}, at ({x:.2f}, {y:.2f}, {z:.2f}).",
-            f"{'Shown' if about.visible else 'Culled'}: {about.reason}." + f" {self.unseen}" * bool(self.unseen),
+            f"{'Shown' if about.visible else 'Culled'}: {about.reason}."
+            + f" {self.unseen}" * bool(self.unseen),
             f"Its sphere of {number(self.radius)} m is {number(about.depth)} m along the view, {number(self.away)} m from the camera"
             + ("." if about.pixels is None else f", {number(about.pixels)} pixels wide."),
         ]
         for eye, sides in enumerate(self.eyes):
             rows = [
-                (side.name, f"{side.outside:.3f} m", f"{side.reach:.3f} m", "inside" if side.passed else "outside")
+                (
+                    side.name,
+                    f"{side.outside:.3f} m",
+                    f"{side.reach:.3f} m",
+                    "inside" if side.passed else "outside",
+                )
                 for side in sides
             ]
-            said += ["", *aligned((f"Side, eye {eye}" if len(self.eyes) > 1 else "Side", "Beyond by", "May be", ""), rows)]
+            said += [
+                "",
+                *aligned(
+                    (
+                        f"Side, eye {eye}" if len(self.eyes) > 1 else "Side",
+                        "Beyond by",
+                        "May be",
+                        "",
+                    ),
+                    rows,
+                ),
+            ]
         detail = "" if self.factor == 1 else f" times {number(self.factor)} by the detail map"
         said += ["", f"LOD {self.by_distance} by distance: {number(self.distance)} m{detail}."]
-        said += [f"The shot plan: {about.planned}{'' if about.visible else ', when it is seen next'}."] if about.planned else []
+        said += (
+            [f"The shot plan: {about.planned}{'' if about.visible else ', when it is seen next'}."]
+            if about.planned
+            else []
+        )
         said += [
             "",
             *aligned(
@@ -117,11 +140,19 @@ class Explanation:
                 [self._row(each) for each in self.alternatives],
             ),
         ]
-        said += [f"Seconds of {NAMES[self.engine]}: for one more agent, and once a frame for the mesh. Others show the same LOD."]
+        said += [
+            f"Seconds of {NAMES[self.engine]}: for one more agent, and once a frame for the mesh. Others show the same LOD."
+        ]
         return "\n".join(said)
 
     def _row(self, each: Alternative) -> tuple[str, ...]:
-        begins = "-" if each.begins is None else f"{number(each.begins)} m" if abs(each.begins) < np.inf else "never"
+        begins = (
+            "-"
+            if each.begins is None
+            else f"{number(each.begins)} m"
+            if abs(each.begins) < np.inf
+            else "never"
+        )
         begins = "always" if each.begins == -np.inf else begins
         mark = "*" if each.level == self.account.level and self.account.visible else ""
         return (
@@ -129,7 +160,10 @@ class Explanation:
             begins,
             "-" if each.triangles is None else f"{each.triangles:,}",
             number(each.pixels),
-            *("-" if seconds is None else f"{seconds:.2e}" for seconds in (each.seconds, each.mesh_seconds)),
+            *(
+                "-" if seconds is None else f"{seconds:.2e}"
+                for seconds in (each.seconds, each.mesh_seconds)
+            ),
             f"{each.others:,}",
         )
 
@@ -147,8 +181,14 @@ def explained(frame: Frame, agent: int, engine: str, meters: float = 1.0) -> Exp
     feet = np.array([crowd.x[agent], crowd.y[agent], crowd.z[agent]], np.float64)
     center = feet + np.array([0.0, 0.0, spheres.center[g]])
     reach = float(spheres.reach[g])
-    distance, factor = frame.distances[agent : agent + 1], None if frame.factors is None else frame.factors[agent : agent + 1]
-    unseen = {"Its shadow or its light falls into the picture.": frame.shadow, "A mirror shows it.": frame.mirrored}
+    distance, factor = (
+        frame.distances[agent : agent + 1],
+        None if frame.factors is None else frame.factors[agent : agent + 1],
+    )
+    unseen = {
+        "Its shadow or its light falls into the picture.": frame.shadow,
+        "A mirror shows it.": frame.mirrored,
+    }
     return Explanation(
         account=replace(about, depth=about.depth * meters),
         place=(float(feet[0]) * meters, float(feet[1]) * meters, float(feet[2]) * meters),
@@ -157,14 +197,24 @@ def explained(frame: Frame, agent: int, engine: str, meters: float = 1.0) -> Exp
         distance=float(distance[0]) * meters,
         factor=1.0 if factor is None else float(factor[0]),
         by_distance=int(assign(distance, frame.begins, crowd.group[agent : agent + 1], factor)[0]),
-        eyes=tuple(_in_meters(sides_of(eye, center, reach if margin is None else 0.0, margin), meters) for eye in frame.eyes),
-        unseen=" ".join(told for told, each in unseen.items() if each is not None and agent in each.order),
+        eyes=tuple(
+            _in_meters(sides_of(eye, center, reach if margin is None else 0.0, margin), meters)
+            for eye in frame.eyes
+        ),
+        unseen=" ".join(
+            told for told, each in unseen.items() if each is not None and agent in each.order
+        ),
         engine=engine,
-        alternatives=tuple(_alternative(frame, about, g, level, engine, meters) for level in range(frame.policy.count)),
+        alternatives=tuple(
+            _alternative(frame, about, g, level, engine, meters)
+            for level in range(frame.policy.count)
+        ),
     )
 
 
-def sides_of(camera: Camera, center: np.ndarray, radius: float, margin: float | None) -> tuple[Side, ...]:
+def sides_of(
+    camera: Camera, center: np.ndarray, radius: float, margin: float | None
+) -> tuple[Side, ...]:
     """Return the tests by which `radar` decides whether the camera sees a sphere.
 
     center: (3,) world meters.
@@ -173,17 +223,24 @@ def sides_of(camera: Camera, center: np.ndarray, radius: float, margin: float | 
     """
     v = tuple(np.array([each]) for each in center - camera.origin)
     away = float(np.linalg.norm(center - camera.origin))
-    reach, slack = (float(each[0]) for each in reach_of(camera, v, np.array([away]), np.array([radius])))
+    reach, slack = (
+        float(each[0]) for each in reach_of(camera, v, np.array([away]), np.array([radius]))
+    )
     if camera.kind != "PANO":
         frustum = frustum_of(camera)
         outside = frustum.normals @ (center - camera.origin) - frustum.limits(margin, ROUNDING)
-        return tuple(Side(name, float(d), reach + frustum.rounding * slack) for name, d in zip(PLANES, outside, strict=True))
+        return tuple(
+            Side(name, float(d), reach + frustum.rounding * slack)
+            for name, d in zip(PLANES, outside, strict=True)
+        )
     found = [
         Side("near", camera.near * (1 - ROUNDING) - away, reach + slack),
         Side("far", away - camera.far * (1 + ROUNDING), reach + slack),
     ]
     if camera.cone < np.pi:
-        x, y, z = (float((center - camera.origin) @ axis) for axis in (camera.X, camera.Y, camera.Z))
+        x, y, z = (
+            float((center - camera.origin) @ axis) for axis in (camera.X, camera.Y, camera.Z)
+        )
         beyond = float(np.hypot(x, y) * np.cos(camera.cone) - z * np.sin(camera.cone))
         found.append(Side("cone", beyond, (reach + slack) * stretch(camera)[1]))
     return tuple(found)
@@ -193,19 +250,30 @@ def _in_meters(sides: tuple[Side, ...], meters: float) -> tuple[Side, ...]:
     return tuple(Side(side.name, side.outside * meters, side.reach * meters) for side in sides)
 
 
-def _alternative(frame: Frame, about: Account, g: int, level: int, engine: str, meters: float) -> Alternative:
+def _alternative(
+    frame: Frame, about: Account, g: int, level: int, engine: str, meters: float
+) -> Alternative:
     group, costs = frame.trajectory.groups[g], SECONDS[engine]
     triangles = group.triangles[level] if level < len(group.triangles) else None
     pixels = None
     if level < len(group.bounds) and about.pixels is not None:
-        pixels = float(shown(np.float64(group.bounds[level]), np.float64(about.depth), frame.camera, np.float64(group.radius)))
+        pixels = float(
+            shown(
+                np.float64(group.bounds[level]),
+                np.float64(about.depth),
+                frame.camera,
+                np.float64(group.radius),
+            )
+        )
     same = int((frame.crowd.group[frame.buckets[level]] == g).sum())
     return Alternative(
         level=level,
         begins=float(frame.begins[g, level - 1]) * meters if level else None,
         triangles=triangles,
         pixels=pixels,
-        seconds=None if triangles is None else costs["instances"] + costs.get("instanced", 0.0) * triangles,
+        seconds=None
+        if triangles is None
+        else costs["instances"] + costs.get("instanced", 0.0) * triangles,
         mesh_seconds=None if triangles is None else costs["unique"] * triangles,
         others=same - (about.visible and about.level == level),
     )

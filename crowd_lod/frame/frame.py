@@ -123,7 +123,9 @@ class Frame(Request, Outcome):
 
     def _measured(self, eyes: tuple[Camera, ...], radial: bool) -> np.ndarray:
         spheres = self.trajectory.spheres
-        return radar(self.crowd, eyes, spheres.center, spheres.reach, RadarOptions(None, radial, cull=False))[1]
+        return radar(
+            self.crowd, eyes, spheres.center, spheres.reach, RadarOptions(None, radial, cull=False)
+        )[1]
 
 
 def plan(
@@ -142,7 +144,9 @@ def plan(
     The other arguments are those of `Request`.
     """
     eyes = (camera,) if isinstance(camera, Camera) else tuple(camera)
-    return plan_of(trajectory, Request(time=time, eyes=eyes, policy=policy, shutter=tuple(shutter), bias=bias))
+    return plan_of(
+        trajectory, Request(time=time, eyes=eyes, policy=policy, shutter=tuple(shutter), bias=bias)
+    )
 
 
 def plan_of(trajectory: Trajectory, request: Request, sorter: Sorter | None = None) -> Frame:
@@ -162,31 +166,55 @@ def plan_of(trajectory: Trajectory, request: Request, sorter: Sorter | None = No
         ticks += [clock.perf_counter()] * 3
         outcome = replace(outcome, left_out=(STATIC, *outcome.left_out))
     else:
-        begins = limits(request.policy, request.eyes[0], trajectory.spheres.radius, deviations(trajectory.groups, request.policy))
+        begins = limits(
+            request.policy,
+            request.eyes[0],
+            trajectory.spheres.radius,
+            deviations(trajectory.groups, request.policy),
+        )
         outcome = _outcome(Task(trajectory, request, crowd, seen, begins, ticks), sorter)
         kept_of(trajectory).memo = None if known is None else (*known, outcome)
     asked = {each.name: getattr(request, each.name) for each in fields(Request)}
-    return Frame(**asked, **vars(outcome), crowd=crowd, trajectory=trajectory, milliseconds=_milliseconds(ticks))
+    return Frame(
+        **asked,
+        **vars(outcome),
+        crowd=crowd,
+        trajectory=trajectory,
+        milliseconds=_milliseconds(ticks),
+    )
 
 
-def _asked(trajectory: Trajectory, crowd: Crowd, request: Request, seen: list[Moment]) -> tuple[list[np.ndarray], tuple]:
+def _asked(
+    trajectory: Trajectory, crowd: Crowd, request: Request, seen: list[Moment]
+) -> tuple[list[np.ndarray], tuple]:
     """Return (arrays of the crowd, values), from which the outcome of a still crowd follows."""
     crowds = [crowd, *(trajectory.at(moment.time) for moment in seen[1:])]
     bias = request.bias
     painted = None if bias is None else (bias.values.shape, bias.values.tobytes(), bias.area)
     views = [(_values(moment.eyes), moment.radius.tobytes()) for moment in seen]
-    return [column for each in crowds for column in (each.x, each.y, each.z, each.group)], (views, request.policy, painted)
+    return [column for each in crowds for column in (each.x, each.y, each.z, each.group)], (
+        views,
+        request.policy,
+        painted,
+    )
 
 
 def _recalled(trajectory: Trajectory, columns: list[np.ndarray], values: tuple) -> Outcome | None:
     """Return the last frame's outcome, if the same was asked then."""
     made = kept_of(trajectory).memo
-    return made[2] if made is not None and made[1] == values and all(map(operator.is_, made[0], columns)) else None
+    return (
+        made[2]
+        if made is not None and made[1] == values and all(map(operator.is_, made[0], columns))
+        else None
+    )
 
 
 def _values(cameras: Sequence[Camera]) -> list[tuple]:
     """Return the cameras' values, for comparison."""
-    return [tuple(v.tobytes() if isinstance(v, np.ndarray) else v for v in vars(camera).values()) for camera in cameras]
+    return [
+        tuple(v.tobytes() if isinstance(v, np.ndarray) else v for v in vars(camera).values())
+        for camera in cameras
+    ]
 
 
 def _outcome(task: Task, sorter: Sorter | None) -> Outcome:
@@ -214,14 +242,19 @@ def _outcome(task: Task, sorter: Sorter | None) -> Outcome:
 
 def _milliseconds(ticks: list[float]) -> dict[str, float]:
     stages = ("behavior", "culling", "levels", "sorting")
-    return {name: 1000 * float(b - a) for name, a, b in zip(stages, ticks[:-1], ticks[1:], strict=True)}
+    return {
+        name: 1000 * float(b - a) for name, a, b in zip(stages, ticks[:-1], ticks[1:], strict=True)
+    }
 
 
 def tally(crowd: Crowd, buckets: Buckets, groups: int) -> tuple[np.ndarray, np.ndarray]:
     """Count agents in the buckets, (n, G) by LOD and group, and those of the crowd that are there, (G,)."""
     if groups == 1:
         return buckets.counts[:, None], np.array([crowd.there])
-    shown = [np.bincount(crowd.group[buckets[level]], minlength=groups) for level in range(len(buckets.counts))]
+    shown = [
+        np.bincount(crowd.group[buckets[level]], minlength=groups)
+        for level in range(len(buckets.counts))
+    ]
     there = crowd.group if crowd.present is None else crowd.group[crowd.present]
     return np.array(shown), np.bincount(there, minlength=groups)
 
@@ -235,5 +268,9 @@ def cost(counted: tuple[np.ndarray, np.ndarray], sizes: list[tuple[int, ...]]) -
     present, full = counted
     if not all(len(each) >= len(present) for each in sizes):
         return 0, 0
-    drawn = [int(present[level, g]) * size[level] for g, size in enumerate(sizes) for level in range(len(present))]
+    drawn = [
+        int(present[level, g]) * size[level]
+        for g, size in enumerate(sizes)
+        for level in range(len(present))
+    ]
     return sum(drawn), sum(int(n) * size[0] for n, size in zip(full, sizes, strict=True))

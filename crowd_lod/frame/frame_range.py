@@ -25,19 +25,27 @@ def parse_frames(text: str, step: int = 1) -> list[int]:
     if match:
         first, last = _known(int(match[1])), _known(int(match[2]))
         if first > last:
-            raise CrowdError(f"The frames {text} run backwards: give the first frame first, {last}:{first}.")
+            raise CrowdError(
+                f"The frames {text} run backwards: give the first frame first, {last}:{first}."
+            )
         if step < 1:
             raise CrowdError(f"The frame step is {step}; it must be at least 1.")
         named = range(first, last + 1, step)
         if len(named) > MOST_FRAMES:
-            raise CrowdError(f"The range {text} holds {len(named):,} frames; ask for at most {MOST_FRAMES:,}.")
+            raise CrowdError(
+                f"The range {text} holds {len(named):,} frames; ask for at most {MOST_FRAMES:,}."
+            )
         return list(named)
     if not re.fullmatch(r"\s*-?\d{1,99}\s*(,\s*-?\d{1,99}\s*)*", text):
-        raise CrowdError(f"The frames {text!r} are neither a range such as 1:120 nor a list such as 1,40,80.")
+        raise CrowdError(
+            f"The frames {text!r} are neither a range such as 1:120 nor a list such as 1,40,80."
+        )
     frames = [_known(int(number)) for number in text.split(",")]
     for before, after in zip(frames[:-1], frames[1:], strict=True):
         if after <= before:
-            raise CrowdError(f"The frames {text} are out of order: {after} follows {before}; list each once, in increasing order.")
+            raise CrowdError(
+                f"The frames {text} are out of order: {after} follows {before}; list each once, in increasing order."
+            )
     return frames
 
 
@@ -58,14 +66,20 @@ def parse_part(text: str, frames: Sequence[int]) -> list[int]:
             named = parse_frames(f"{match[1]}:{match[2]}", int(match[3] or 1))
             wanted.update(set(named).intersection(frames) or named)
     if strange := sorted(wanted.difference(frames)):
-        raise CrowdError(f"{frames_are(strange, ' of --part')} not among the run's: name frames of {told_frames(frames)}.")
+        raise CrowdError(
+            f"{frames_are(strange, ' of --part')} not among the run's: name frames of {told_frames(frames)}."
+        )
     return sorted(wanted)
 
 
 def told_frames(frames: Sequence[int]) -> str:
     """Return increasing `frames` as text: 1:3, 7."""
     begins = [frame for k, frame in enumerate(frames) if k == 0 or frame != frames[k - 1] + 1]
-    ends = [frame for k, frame in enumerate(frames) if k + 1 == len(frames) or frame + 1 != frames[k + 1]]
+    ends = [
+        frame
+        for k, frame in enumerate(frames)
+        if k + 1 == len(frames) or frame + 1 != frames[k + 1]
+    ]
     return ", ".join(str(a) if a == b else f"{a}:{b}" for a, b in zip(begins, ends, strict=True))
 
 
@@ -80,13 +94,17 @@ def frames_are(frames: Sequence[int], more: str = "") -> str:
 
 def shot_frames(frames: Sequence[int]) -> str:
     """Return the frames of a shot, first and last: "frame 5", "frames 1 to 9"."""
-    return f"frame {frames[0]}" if frames[0] == frames[-1] else f"frames {frames[0]} to {frames[-1]}"
+    return (
+        f"frame {frames[0]}" if frames[0] == frames[-1] else f"frames {frames[0]} to {frames[-1]}"
+    )
 
 
 def _known(frame: int) -> int:
     """Return the frame; CrowdError if Blender has no frame of that number."""
     if abs(frame) > LAST_FRAME:
-        raise CrowdError(f"There is no frame {frame}: Blender's frames run from {-LAST_FRAME} to {LAST_FRAME}.")
+        raise CrowdError(
+            f"There is no frame {frame}: Blender's frames run from {-LAST_FRAME} to {LAST_FRAME}."
+        )
     return frame
 
 

@@ -83,11 +83,21 @@ def _made(trajectory: Trajectory, frame: int) -> blocks.Blocks:
     if order is None or order[0] != since:
         order = kept.order = None
         crowd = trajectory.kept_at(since)
-        order = kept.order = since, blocks.filled(morton_order.order_of(crowd.x, crowd.y, crowd.group, area))
+        order = kept.order = (
+            since,
+            blocks.filled(morton_order.order_of(crowd.x, crowd.y, crowd.group, area)),
+        )
     longest = [frames * trajectory.seconds_per_frame for frames in (-SHUTTER, every + SHUTTER)]
     wraps = velocity.between(longest) if trajectory.wraps else None
     span = trajectory.heights.span if trajectory.heights is not None else (-np.inf, np.inf)
-    return blocks.blocks_of(trajectory.kept_at(frame), order[1], trajectory.spheres, area, wraps, span if velocity.climbs else None)
+    return blocks.blocks_of(
+        trajectory.kept_at(frame),
+        order[1],
+        trajectory.spheres,
+        area,
+        wraps,
+        span if velocity.climbs else None,
+    )
 
 
 def _velocity(trajectory: Trajectory, since: int) -> VelocityBounds | None:
@@ -105,7 +115,9 @@ def moved(trajectory: Trajectory, time: float, since: int) -> tuple[np.ndarray, 
         hold.
     """
     frames, velocity = max(time, trajectory.first_frame) - since, _velocity(trajectory, since)
-    beyond = STILL not in trajectory.left_out and not -SHUTTER <= frames <= trajectory.every + SHUTTER
+    beyond = (
+        STILL not in trajectory.left_out and not -SHUTTER <= frames <= trajectory.every + SHUTTER
+    )
     if beyond or velocity is None:
         return np.full(3, -np.inf), np.full(3, np.inf)
     return velocity.between([frames * trajectory.seconds_per_frame])

@@ -29,17 +29,25 @@ class Shown:
 
 def shown(frame: Frame, library: Library) -> Shown:
     """Return who `frame` shows, as characters of the `library`."""
-    kinds = [buckets for buckets in (frame.buckets, frame.shadow, frame.mirrored) if buckets is not None]
+    kinds = [
+        buckets for buckets in (frame.buckets, frame.shadow, frame.mirrored) if buckets is not None
+    ]
     agents = np.concatenate([buckets.order for buckets in kinds]).astype(np.intp)
-    levels = np.concatenate([np.repeat(np.arange(len(buckets.counts)), buckets.counts) for buckets in kinds])
+    levels = np.concatenate(
+        [np.repeat(np.arange(len(buckets.counts)), buckets.counts) for buckets in kinds]
+    )
     order = np.argsort(agents, kind="stable")
     agents, levels = agents[order], levels[order]
     gaits, seconds = frame.trajectory.gaits, frame.trajectory.seconds(frame.time)
     character = library.shown(gaits, frame.crowd, seconds, agents)
     count = library.posed[frame.crowd.group[agents]]
-    beside = np.where(count > 1, gaits.phase(frame.crowd, seconds, agents) * np.float64(1) * count, 0.0)
+    beside = np.where(
+        count > 1, gaits.phase(frame.crowd, seconds, agents) * np.float64(1) * count, 0.0
+    )
     beside = np.abs(beside - np.rint(beside)) / np.maximum(count, 1)
-    return Shown(agents, levels * int(library.first(gaits)[-1]) + character, float(beside.max(initial=0.0)))
+    return Shown(
+        agents, levels * int(library.first(gaits)[-1]) + character, float(beside.max(initial=0.0))
+    )
 
 
 @dataclass(frozen=True)
@@ -67,7 +75,9 @@ class Instances:
 
 def instances_of(frames: Sequence[Shown]) -> Instances:
     """Return the agents and prototypes that any of `frames` shows."""
-    return Instances(_any([frame.agents for frame in frames]), _any([frame.prototype for frame in frames]))
+    return Instances(
+        _any([frame.agents for frame in frames]), _any([frame.prototype for frame in frames])
+    )
 
 
 def _any(parts: Sequence[np.ndarray]) -> np.ndarray:
@@ -99,4 +109,6 @@ def _about(axis: int, angle: np.ndarray) -> np.ndarray:
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the quaternions a b, (m, 4)."""
     v, w, u, s = a[:, :3], a[:, 3:], b[:, :3], b[:, 3:]
-    return np.concatenate([w * u + s * v + np.cross(v, u), w * s - (v * u).sum(axis=1, keepdims=True)], axis=1)
+    return np.concatenate(
+        [w * u + s * v + np.cross(v, u), w * s - (v * u).sum(axis=1, keepdims=True)], axis=1
+    )

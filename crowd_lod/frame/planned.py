@@ -27,7 +27,9 @@ def with_row(frame: Frame, row: np.ndarray) -> Frame:
     it may be nearer than in them. Pinned and hidden agents are as the plan has them.
     """
     order, levels = frame.buckets.order, row[frame.buckets.order]
-    level = np.where(levels & PINNED, levels & LEVEL, np.minimum(levels & LEVEL, frame.buckets.levels))
+    level = np.where(
+        levels & PINNED, levels & LEVEL, np.minimum(levels & LEVEL, frame.buckets.levels)
+    )
     known = row & LEVEL
     known[order] = level
     hidden = row & HIDDEN != 0
@@ -36,7 +38,8 @@ def with_row(frame: Frame, row: np.ndarray) -> Frame:
     if not hidden.any():
         return shown
     shadow, mirrored = (
-        each and _without(hidden, each.order, each.levels, len(each.counts)) for each in (frame.shadow, frame.mirrored)
+        each and _without(hidden, each.order, each.levels, len(each.counts))
+        for each in (frame.shadow, frame.mirrored)
     )
     return replace(shown, shadow=shadow, mirrored=mirrored)
 
@@ -55,7 +58,9 @@ def relevelled(frame: Frame, buckets: Buckets, levels: np.ndarray) -> Frame:
     counted = tally(frame.crowd, buckets, len(groups))
     vertices, _ = cost(counted, [group.vertices for group in groups])
     triangles, _ = cost(counted, [group.triangles for group in groups])
-    return replace(frame, known_levels=levels, buckets=buckets, vertices=vertices, triangles=triangles)
+    return replace(
+        frame, known_levels=levels, buckets=buckets, vertices=vertices, triangles=triangles
+    )
 
 
 def noted(number: int, sentence: str, strict: bool) -> tuple[int, str]:
@@ -74,7 +79,9 @@ def told_unplanned(said: Sequence[tuple[int, str]]) -> str:
     for number, sentence in said:
         found.setdefault(sentence, []).append(number)
     found.pop("", None)
-    return " ".join(f"{shot_frames(numbers).capitalize()}: {sentence}" for sentence, numbers in found.items())
+    return " ".join(
+        f"{shot_frames(numbers).capitalize()}: {sentence}" for sentence, numbers in found.items()
+    )
 
 
 def numbers_of(cameras: Sequence[Camera]) -> np.ndarray:
@@ -98,7 +105,9 @@ def camera_of(numbers: np.ndarray) -> Camera:
     origin, X, Y, Z = numbers[:12].reshape(4, 3)
     film, (near, far, cone, kind, density) = Window(*numbers[12:16].tolist()), numbers[16:].tolist()
     pixels = round(density * (film.right - film.left)), round(density * (film.top - film.bottom))
-    return Camera(CAMERA_KINDS[int(kind)], origin, X, Y, Z, film, near, far, pixels, cone, density=density)
+    return Camera(
+        CAMERA_KINDS[int(kind)], origin, X, Y, Z, film, near, far, pixels, cone, density=density
+    )
 
 
 def same_cameras(planned: np.ndarray, now: np.ndarray) -> bool:
@@ -109,6 +118,11 @@ def same_cameras(planned: np.ndarray, now: np.ndarray) -> bool:
     if planned.shape != now.shape:
         return False
     least = np.ones(planned.shape)
-    least[:, LENGTHS] = np.minimum(planned, now)[:, NEAR_COLUMN, None]  # lengths have the scene's unit: near tells how fine
+    least[:, LENGTHS] = np.minimum(planned, now)[
+        :, NEAR_COLUMN, None
+    ]  # lengths have the scene's unit: near tells how fine
     limit = SAME * np.maximum(least, np.abs(planned))
-    return bool((np.abs(planned - now) <= limit)[:, :-1].all() and (now[:, -1] <= planned[:, -1] * (1 + SAME)).all())
+    return bool(
+        (np.abs(planned - now) <= limit)[:, :-1].all()
+        and (now[:, -1] <= planned[:, -1] * (1 + SAME)).all()
+    )

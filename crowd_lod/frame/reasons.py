@@ -22,7 +22,19 @@ REASONS = (
     "exception",
     "not there at this time",
 )
-NEAR_ENOUGH, DISTANCE, DETAIL_MAP, HYSTERESIS, NEAR, FAR, BESIDE, LEFT_OUT, SHOT_PLAN, EXCEPTION, ABSENT = range(len(REASONS))
+(
+    NEAR_ENOUGH,
+    DISTANCE,
+    DETAIL_MAP,
+    HYSTERESIS,
+    NEAR,
+    FAR,
+    BESIDE,
+    LEFT_OUT,
+    SHOT_PLAN,
+    EXCEPTION,
+    ABSENT,
+) = range(len(REASONS))
 
 
 def reasons(frame: Frame) -> np.ndarray:
@@ -37,10 +49,14 @@ def reasons(frame: Frame) -> np.ndarray:
     groups, spheres = frame.trajectory.groups, frame.trajectory.spheres
     begins, finest = frame.begins, 0
     if any(policy.finest):
-        begins = limits(replace(policy, finest=()), camera, spheres.radius, deviations(groups, policy))
+        begins = limits(
+            replace(policy, finest=()), camera, spheres.radius, deviations(groups, policy)
+        )
         finest = np.array(policy.finest)[crowd.group]
     plain = assign(frame.distances, begins, crowd.group)
-    painted = plain if frame.bias is None else assign(frame.distances, begins, crowd.group, frame.factors)
+    painted = (
+        plain if frame.bias is None else assign(frame.distances, begins, crowd.group, frame.factors)
+    )
     found = np.full(len(crowd), DISTANCE, np.uint8)
     found[painted != plain] = DETAIL_MAP
     found[painted < finest] = LEFT_OUT
@@ -58,5 +74,7 @@ def reasons(frame: Frame) -> np.ndarray:
     if crowd.present is not None:
         found[~crowd.present] = ABSENT
     if frame.plan_row is not None:
-        found[(frame.plan_row & HIDDEN != 0) | (frame.visible & (frame.plan_row & EXCEPTED != 0))] = EXCEPTION
+        found[
+            (frame.plan_row & HIDDEN != 0) | (frame.visible & (frame.plan_row & EXCEPTED != 0))
+        ] = EXCEPTION
     return found

@@ -49,4 +49,7 @@ def moments(trajectory: Trajectory, request: Request) -> list[Moment]:
     """Return the times at which agents may be seen; LODs are those of the first."""
     reach = trajectory.spheres.reach
     grown = reach + trajectory.most_moved([time for time, _ in request.shutter])
-    return [Moment(request.time, request.eyes, reach), *(Moment(time, eyes, grown) for time, eyes in request.shutter)]
+    return [
+        Moment(request.time, request.eyes, reach),
+        *(Moment(time, eyes, grown) for time, eyes in request.shutter),
+    ]

@@ -14,7 +14,18 @@ from ..culling.blocks import Blocks, near
 from ..culling.camera import GRAIN, Camera
 from ..culling.frustum import Frustum
 from ..culling.frustum_box_test import BEYOND
-from ..culling.volumes import OFFSET, Light, Mirror, bounded, left_from, mirrored, shaded, spread, view, within
+from ..culling.volumes import (
+    OFFSET,
+    Light,
+    Mirror,
+    bounded,
+    left_from,
+    mirrored,
+    shaded,
+    spread,
+    view,
+    within,
+)
 from ..sorting.buckets import sort
 from . import index_cache
 from .frame import Frame
@@ -54,8 +65,14 @@ def surround(frame: Frame, around: Surroundings) -> Frame:
     """
     begun = clock.perf_counter()
     trajectory, unseen = frame.trajectory, frame.culled
-    made = index_cache.blocks_at(trajectory, frame.time) if BLOCKS in trajectory.leave & trajectory.left_out else None
-    reflects, shades = (_Sought(unseen.copy(), np.ones(len(made[1].rows) if made else 0, bool)) for _ in range(2))
+    made = (
+        index_cache.blocks_at(trajectory, frame.time)
+        if BLOCKS in trajectory.leave & trajectory.left_out
+        else None
+    )
+    reflects, shades = (
+        _Sought(unseen.copy(), np.ones(len(made[1].rows) if made else 0, bool)) for _ in range(2)
+    )
     for moment in moments(trajectory, frame) if around.lights or around.mirrors else ():
         there = _there(frame, moment, made)
         mirrors, lit = _volumes(there, moment.eyes, around)
@@ -98,13 +115,17 @@ class _There:
     moved: tuple[np.ndarray, np.ndarray] = (np.zeros(3), np.zeros(3))
     larger: float = 0.0
 
-    def kept(self, agents: np.ndarray, touches: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
+    def kept(
+        self, agents: np.ndarray, touches: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    ) -> np.ndarray:
         """Return whether `touches` keeps the sphere of each of `agents` (m,), (m,) bool."""
         found = np.empty(len(agents), bool)
         for begin in range(0, len(agents), PART):
             some = slice(begin, begin + PART)
             points = np.stack(self.crowd.places(self.center, agents[some]), axis=1)
-            radius = self.radius[self.crowd.group[agents[some]]] + (self.beside + GRAIN * np.abs(points).sum(axis=1))
+            radius = self.radius[self.crowd.group[agents[some]]] + (
+                self.beside + GRAIN * np.abs(points).sum(axis=1)
+            )
             found[some] = touches(points, radius) & np.isfinite(points).all(axis=1)
         return found
 
@@ -124,7 +145,9 @@ def _there(frame: Frame, moment: Moment, made: tuple[int, Blocks] | None) -> _Th
     return replace(there, blocks=blocks, moved=moved, larger=larger)
 
 
-def _volumes(there: _There, eyes: Sequence[Camera], around: Surroundings) -> tuple[list[Frustum], list[Frustum]]:
+def _volumes(
+    there: _There, eyes: Sequence[Camera], around: Surroundings
+) -> tuple[list[Frustum], list[Frustum]]:
     """Return (what mirrors show, where shadows are seen)."""
     shown = [(mirrored(eye, mirror), mirror) for eye in eyes for mirror in around.mirrors]
     mirrors = [left_from(volume, mirror.corners) for volume, mirror in shown if volume is not None]
@@ -178,5 +201,8 @@ def _joined(box: np.ndarray, there: _There) -> np.ndarray:
     center, radius = there.center, there.radius
     columns = [np.array([np.nanmin(c), np.nanmax(c)]) for c in there.crowd.places()]
     low, high = np.array(columns).T
-    low, high = low + (0, 0, center.min()) - radius.max(), high + (0, 0, center.max()) + radius.max()
+    low, high = (
+        low + (0, 0, center.min()) - radius.max(),
+        high + (0, 0, center.max()) + radius.max(),
+    )
     return np.array([np.minimum(box[0], low), np.maximum(box[1], high)])

@@ -100,7 +100,13 @@ def sorted_by_level(task: Task, sorter: Sorter | None) -> Sorted:
     """
     trajectory, made = task.trajectory, blocks_at(task.trajectory, task.request.time)
     eyes, bias = task.request.eyes, task.request.bias
-    if sorter is not None and len(task.seen) == len(eyes) == 1 and bias is None and not eyes[0].turn and eyes[0].kind != "PANO":
+    if (
+        sorter is not None
+        and len(task.seen) == len(eyes) == 1
+        and bias is None
+        and not eyes[0].turn
+        and eyes[0].kind != "PANO"
+    ):
         return _elsewhere(task, made and made[1], sorter)
     if made is not None and BLOCKS in trajectory.leave & trajectory.left_out:
         return _by_blocks(task, *made)
@@ -120,7 +126,9 @@ def _one_by_one(task: Task, blocks: Blocks | None) -> Sorted:
     visible, distance = radar(crowd, now.eyes, center, now.radius, options)
     unmeasured = replace(options, radial=False, measure=False)
     for moment in shutter:
-        visible |= radar(trajectory.at(moment.time), moment.eyes, center, moment.radius, unmeasured)[0]
+        visible |= radar(
+            trajectory.at(moment.time), moment.eyes, center, moment.radius, unmeasured
+        )[0]
     task.ticks.append(clock.perf_counter())
     levels = assign(distance, task.begins, crowd.group, task.factors())
     task.ticks.append(clock.perf_counter())
@@ -138,24 +146,42 @@ def _by_blocks(task: Task, since: int, blocks: Blocks) -> Sorted:
 
     since: the frame when the blocks were made.
     """
-    trajectory, crowd, policy, begins = task.trajectory, task.crowd, task.request.policy, task.begins
+    trajectory, crowd, policy, begins = (
+        task.trajectory,
+        task.crowd,
+        task.request.policy,
+        task.begins,
+    )
     now, *shutter = task.seen
     radius, radial = now.radius, policy.metric == "RADIAL"
     gone = 0 if blocks.finite else task.lost()
     looks = [
-        [Look(camera, *moved(trajectory, moment.time, since), float((moment.radius - radius).max())) for camera in moment.eyes]
+        [
+            Look(
+                camera,
+                *moved(trajectory, moment.time, since),
+                float((moment.radius - radius).max()),
+            )
+            for camera in moment.eyes
+        ]
         for moment in task.seen
     ]
-    decided, places = decide(blocks, crowd, looks, begins if task.request.bias is None else None, policy.margin, radial)
+    decided, places = decide(
+        blocks, crowd, looks, begins if task.request.bias is None else None, policy.margin, radial
+    )
     agents = blocks.rows[decided.opened[places // LEAF], places % LEAF]
     center, options = trajectory.spheres.center, RadarOptions(policy.margin, radial)
     visible, distance = radar(crowd, now.eyes, center, radius, options, agents)
     unmeasured = replace(options, radial=False, measure=False)
     for moment in shutter:
-        visible |= radar(trajectory.at(moment.time), moment.eyes, center, moment.radius, unmeasured, agents)[0]
+        visible |= radar(
+            trajectory.at(moment.time), moment.eyes, center, moment.radius, unmeasured, agents
+        )[0]
     task.ticks.append(clock.perf_counter())
     seen = agents[visible]
-    decided.own.reshape(-1)[places[visible]] = assign(distance[visible], begins, crowd.group[seen], task.factors(seen))
+    decided.own.reshape(-1)[places[visible]] = assign(
+        distance[visible], begins, crowd.group[seen], task.factors(seen)
+    )
     task.ticks.append(clock.perf_counter())
     buckets, present = sort_blocks(blocks, decided, crowd.group, policy.count)
     task.ticks.append(clock.perf_counter())
@@ -167,10 +193,15 @@ def _elsewhere(task: Task, blocks: Blocks | None, sorter: Sorter) -> Sorted:
     crowd = task.crowd
     gone = 0 if blocks is not None and blocks.finite else task.lost()
     order = None if blocks is None else blocks.order
-    places, offsets = sorter(Unsorted(crowd, order, task.seen[0].eyes[0], task.request.policy, task.begins))
+    places, offsets = sorter(
+        Unsorted(crowd, order, task.seen[0].eyes[0], task.request.policy, task.begins)
+    )
     counted = None
     if blocks is not None:
-        edges = [np.searchsorted(places[a:b], blocks.groups) for a, b in zip(offsets[:-1], offsets[1:], strict=True)]
+        edges = [
+            np.searchsorted(places[a:b], blocks.groups)
+            for a, b in zip(offsets[:-1], offsets[1:], strict=True)
+        ]
         counted = np.diff(edges, axis=1), np.diff(blocks.groups)
     buckets = Buckets(places if order is None else order[places], offsets)
     task.ticks.extend([clock.perf_counter()] * 3)

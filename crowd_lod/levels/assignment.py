@@ -54,15 +54,25 @@ class LevelPolicy:
         if self.metric not in METRICS:
             raise CrowdError(f"The LOD metric is {self.metric!r}; use one of {', '.join(METRICS)}.")
         if self.margin is not None and not 0 <= self.margin < np.inf:
-            raise CrowdError(f"The fixed margin is {self.margin} m; it must be finite and at least 0.")
+            raise CrowdError(
+                f"The fixed margin is {self.margin} m; it must be finite and at least 0."
+            )
         if self.tolerance is not None and not 0 < self.tolerance < np.inf:
-            raise CrowdError(f"The LOD tolerance is {self.tolerance} pixels; it must be finite and above 0.")
+            raise CrowdError(
+                f"The LOD tolerance is {self.tolerance} pixels; it must be finite and above 0."
+            )
         if self.tolerance is not None and self.metric != "PIXELS":
-            raise CrowdError(f"A LOD tolerance in pixels needs the metric PIXELS, not {self.metric}.")
+            raise CrowdError(
+                f"A LOD tolerance in pixels needs the metric PIXELS, not {self.metric}."
+            )
         if not 0 <= self.hysteresis < 1:
-            raise CrowdError(f"The LOD hysteresis is {self.hysteresis}; it is a part of the distance, in [0, 1).")
+            raise CrowdError(
+                f"The LOD hysteresis is {self.hysteresis}; it is a part of the distance, in [0, 1)."
+            )
         if len(self.thresholds) >= MOST_LEVELS:
-            raise CrowdError(f"There are {len(self.thresholds) + 1} levels of detail; use 1 to {MOST_LEVELS}.")
+            raise CrowdError(
+                f"There are {len(self.thresholds) + 1} levels of detail; use 1 to {MOST_LEVELS}."
+            )
         self._check(self.thresholds, "")
         for number, own in enumerate(self.group_thresholds):
             if own and len(own) != len(self.thresholds):
@@ -79,7 +89,11 @@ class LevelPolicy:
         before = np.inf if size else 0.0
         for number, threshold in enumerate(thresholds):
             if not (0 < threshold < before if size else before < threshold <= 1):
-                rule = "decrease strictly, in pixels above 0" if size else "increase strictly within (0, 1]"
+                rule = (
+                    "decrease strictly, in pixels above 0"
+                    if size
+                    else "increase strictly within (0, 1]"
+                )
                 raise CrowdError(
                     f"LOD threshold {number}{whose} is {threshold:g}; thresholds must {rule}, and the one before is {before:g}."
                 )
@@ -111,7 +125,9 @@ def pushed(values: Sequence[float], kept: int, metric: str) -> np.ndarray:
     return sign * (rising.clip(low, high - steps[-1]) + steps)
 
 
-def limits(policy: LevelPolicy, camera: Camera, radius: np.ndarray, deviation: np.ndarray | None = None) -> np.ndarray:
+def limits(
+    policy: LevelPolicy, camera: Camera, radius: np.ndarray, deviation: np.ndarray | None = None
+) -> np.ndarray:
     """Return the distances at which each group's LODs 1 ... n - 1 begin.
 
     (G, n - 1) float64, meters, never decreasing along a row. With p pixels per unit slope, a length
@@ -126,7 +142,9 @@ def limits(policy: LevelPolicy, camera: Camera, radius: np.ndarray, deviation: n
     # begin anywhere, for no finer LOD is there
     always = np.arange(steps) < np.array(policy.finest or (0,))[:, None]
     own = dict(enumerate(policy.group_thresholds))
-    table = np.array([own.get(g) or policy.thresholds for g in range(groups)], np.float64).reshape(groups, steps)
+    table = np.array([own.get(g) or policy.thresholds for g in range(groups)], np.float64).reshape(
+        groups, steps
+    )
     if policy.metric != "PIXELS" or not steps:
         return np.where(always, -np.inf, camera.far * table)
     pixels: np.ndarray | float
@@ -134,11 +152,17 @@ def limits(policy: LevelPolicy, camera: Camera, radius: np.ndarray, deviation: n
     if policy.tolerance is None:
         length, pixels, nearest = 2 * radius[:, None], table, 0.0
     elif deviation is None:
-        raise CrowdError("A LOD tolerance needs the measured LOD meshes: make them, or set thresholds in pixels.")
+        raise CrowdError(
+            "A LOD tolerance needs the measured LOD meshes: make them, or set thresholds in pixels."
+        )
     else:
         length, pixels, nearest = deviation[:, 1:], policy.tolerance, radius[:, None]
     seen = camera.pixels_per_unit * length
-    begin = np.where(seen <= pixels, -np.inf, np.inf) if camera.kind == "ORTHO" else seen / pixels + nearest
+    begin = (
+        np.where(seen <= pixels, -np.inf, np.inf)
+        if camera.kind == "ORTHO"
+        else seen / pixels + nearest
+    )
     return np.maximum.accumulate(np.where(always, -np.inf, begin), axis=1)
 
 
@@ -155,7 +179,12 @@ def grain(begins: np.ndarray, camera: Camera, radius: np.ndarray) -> np.ndarray:
     return (np.minimum(begins, camera.far) - radius[:, None]).clip(0) / camera.pixels_per_unit
 
 
-def shown(deviation: np.ndarray | float, distance: np.ndarray | float, camera: Camera, radius: np.ndarray | float) -> np.ndarray:
+def shown(
+    deviation: np.ndarray | float,
+    distance: np.ndarray | float,
+    camera: Camera,
+    radius: np.ndarray | float,
+) -> np.ndarray:
     """Return the pixels that a deviation shows at most: the inverse of `limits`.
 
     Infinite if the camera is inside the bounding sphere and the deviation is not 0.
@@ -165,11 +194,16 @@ def shown(deviation: np.ndarray | float, distance: np.ndarray | float, camera: C
     if camera.kind == "ORTHO":
         return length
     nearest = np.asarray(distance - radius, np.float64)
-    return np.where(nearest > 0, length / np.where(nearest > 0, nearest, 1.0), np.where(length > 0, np.inf, 0.0))
+    return np.where(
+        nearest > 0, length / np.where(nearest > 0, nearest, 1.0), np.where(length > 0, np.inf, 0.0)
+    )
 
 
 def assign(
-    distance: np.ndarray, limits: np.ndarray, group: np.ndarray | None = None, factor: np.ndarray | None = None
+    distance: np.ndarray,
+    limits: np.ndarray,
+    group: np.ndarray | None = None,
+    factor: np.ndarray | None = None,
 ) -> np.ndarray:
     """Return the LOD ids (n,) uint8, 0 the finest.
 
@@ -230,7 +264,9 @@ class Bias:
 
     def __post_init__(self) -> None:
         if not ((self.values >= 0) & (self.values <= 1)).all():
-            raise CrowdError("The LOD bias map holds values outside 0 to 1: paint it between black and white.")
+            raise CrowdError(
+                "The LOD bias map holds values outside 0 to 1: paint it between black and white."
+            )
 
     def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Return factors (n,) float64 on the distances of agents at x, y (n,).
@@ -240,8 +276,16 @@ class Bias:
         rows, columns = self.values.shape
         width, depth = self.area.size
         with np.errstate(invalid="ignore"):  # agents at NaN, dropped elsewhere
-            column = np.nan_to_num((x - self.area.x_min) * (columns / width)).clip(0, columns - 1).astype(np.intp)
-            row = np.nan_to_num((y - self.area.y_min) * (rows / depth)).clip(0, rows - 1).astype(np.intp)
+            column = (
+                np.nan_to_num((x - self.area.x_min) * (columns / width))
+                .clip(0, columns - 1)
+                .astype(np.intp)
+            )
+            row = (
+                np.nan_to_num((y - self.area.y_min) * (rows / depth))
+                .clip(0, rows - 1)
+                .astype(np.intp)
+            )
         return 4.0 ** (1 - 2 * self.values[row, column].astype(np.float64))
 
 
@@ -265,7 +309,9 @@ def deviations(groups: Sequence[Group], policy: LevelPolicy) -> np.ndarray | Non
         raise CrowdError(
             "Shading Counts needs LODs whose pictures were compared with their characters': press Measure LOD Meshes, or Make LOD Meshes."
         )
-    return np.maximum(table, policy.tolerance * np.array([group.shaded[:count] for group in groups]))
+    return np.maximum(
+        table, policy.tolerance * np.array([group.shaded[:count] for group in groups])
+    )
 
 
 def _lods_of_its_own(group: Group, count: int) -> int:

@@ -65,8 +65,22 @@ MEMORY = {
     "EEVEE": {"posed": 335, "unique": 107, "instances": 45_000, "rigs": 1_046_000, "images": 1.4},
 }
 SECONDS = {
-    "CYCLES": {"posed": 2e-7, "unique": 6.1e-7, "instances": 1.29e-5, "rigs": 3.7e-3, "traced": 1.1e-7, "images": 1.1e-8},
-    "EEVEE": {"posed": 4.5e-7, "unique": 2e-6, "instances": 5.9e-3, "instanced": 6.8e-6, "rays": 1.55e-4, "images": 1.1e-8},
+    "CYCLES": {
+        "posed": 2e-7,
+        "unique": 6.1e-7,
+        "instances": 1.29e-5,
+        "rigs": 3.7e-3,
+        "traced": 1.1e-7,
+        "images": 1.1e-8,
+    },
+    "EEVEE": {
+        "posed": 4.5e-7,
+        "unique": 2e-6,
+        "instances": 5.9e-3,
+        "instanced": 6.8e-6,
+        "rays": 1.55e-4,
+        "images": 1.1e-8,
+    },
 }
 FILE = {"stored": 42, "rigs": 17_200, "points": 14.6}  # bytes, compressed
 
@@ -96,9 +110,14 @@ def price(work: Work, engine: str) -> Price:
     CrowdError for any other engine.
     """
     if engine not in NAMES:
-        raise CrowdError(f"There are no costs of the engine {engine}: choose one of {', '.join(NAMES)}.")
+        raise CrowdError(
+            f"There are no costs of the engine {engine}: choose one of {', '.join(NAMES)}."
+        )
     memory, file, seconds = (
-        sum(coefficient * np.asarray(getattr(work, name), np.float64) for name, coefficient in table.items())
+        sum(
+            coefficient * np.asarray(getattr(work, name), np.float64)
+            for name, coefficient in table.items()
+        )
         for table in (MEMORY[engine], FILE, SECONDS[engine])
     )
     return Price(float(np.max(memory, initial=0.0)), float(file), float(np.mean(seconds)))
@@ -124,7 +143,9 @@ class Actors:
     moved_as: np.ndarray | None = None
 
 
-def work_of(actors: Actors, shown: np.ndarray, rays: np.ndarray | float = 0.0, known: bool = False) -> Work:
+def work_of(
+    actors: Actors, shown: np.ndarray, rays: np.ndarray | float = 0.0, known: bool = False
+) -> Work:
     """Return the work of a build of `actors` in F frames.
 
     shown: (F, K, N), how many agents each frame shows with each LOD of each character.
@@ -133,12 +154,18 @@ def work_of(actors: Actors, shown: np.ndarray, rays: np.ndarray | float = 0.0, k
         that they show. Else it holds all characters and no points.
     """
     finest = np.broadcast_to(actors.finest, len(actors.triangles))[actors.group]
-    held: np.ndarray = np.array(shown.any(axis=0) if known else np.arange(shown.shape[1])[:, None] >= finest)
+    held: np.ndarray = np.array(
+        shown.any(axis=0) if known else np.arange(shown.shape[1])[:, None] >= finest
+    )
     agents = shown.sum()
     shown = shown.copy()
     # a group with fewer LODs than others shows its last in their place
     for k in range(shown.shape[1] - 1, 0, -1):
-        same = (actors.triangles[:, k] == actors.triangles[:, k - 1])[actors.group] & held[k] & held[k - 1]
+        same = (
+            (actors.triangles[:, k] == actors.triangles[:, k - 1])[actors.group]
+            & held[k]
+            & held[k - 1]
+        )
         shown[:, k - 1] += shown[:, k] * same
         shown[:, k] *= ~same
         held[k] &= ~same

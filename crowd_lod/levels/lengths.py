@@ -17,7 +17,12 @@ DIGITS = 4  # of a length, so that it is the same the next time
 
 
 def allowed_lengths(
-    views: Sequence[View], radius: float, tolerance: float, finest: float, higher: bool = False, finer: float = 1.0
+    views: Sequence[View],
+    radius: float,
+    tolerance: float,
+    finest: float,
+    higher: bool = False,
+    finer: float = 1.0,
 ) -> list[float]:
     """Return deviations that agents allow, in meters, rising: from the nearest agent's to the farthest's.
 
@@ -51,7 +56,9 @@ def _rounded_down(length: float) -> float:
     return float(f"{np.floor(length / step * (1 + 1e-12)) * step:.{DIGITS}g}")
 
 
-def read_curve(at: Sequence[float], known: Iterable[tuple[float, float]], power: float) -> np.ndarray:
+def read_curve(
+    at: Sequence[float], known: Iterable[tuple[float, float]], power: float
+) -> np.ndarray:
     """Return values (k,) at `at` of the falling or rising curve through the points `known`.
 
     It is linear between the points' logarithms. Beyond the first and the last it goes as x ** power. Where points

@@ -47,7 +47,9 @@ class View:
         return replace(self, distance=CLOSE ** (steps + 0.5), character=character, agents=agents)
 
 
-def choose(group: Group, tolerance: float, views: Sequence[View], meters: float = 1.0) -> tuple[list[int], dict[int, str]]:
+def choose(
+    group: Group, tolerance: float, views: Sequence[View], meters: float = 1.0
+) -> tuple[list[int], dict[int, str]]:
     """Return (candidates to keep, {dropped candidate: reason, a sentence}).
 
     The first is always kept: it is the character. Another one is dropped in these cases:
@@ -66,7 +68,9 @@ def choose(group: Group, tolerance: float, views: Sequence[View], meters: float 
         if lower:
             dropped[k] = f"{own:,} triangles deviate as much as {lower[0]:,} triangles, or more."
         elif own > (1 - LEAST_SAVED) * finer:
-            dropped[k] = f"{own:,} triangles save less than a fifth of the {finer:,} of the next finer LOD."
+            dropped[k] = (
+                f"{own:,} triangles save less than a fifth of the {finer:,} of the next finer LOD."
+            )
         else:
             kept.append(k)
     deviation = np.array([[group.bounds[k] for k in kept]])
@@ -75,10 +79,16 @@ def choose(group: Group, tolerance: float, views: Sequence[View], meters: float 
     for view in views:
         begin = limits(policy, view.camera, np.array([group.radius]), deviation)[0]
         edges = np.concatenate([[-np.inf], begin, [np.inf]])
-        used |= (edges[:-1] < edges[1:]) & (edges[:-1] <= view.farthest * BETWEEN) & (edges[1:] > view.nearest / BETWEEN)
+        used |= (
+            (edges[:-1] < edges[1:])
+            & (edges[:-1] <= view.farthest * BETWEEN)
+            & (edges[1:] > view.nearest / BETWEEN)
+        )
         begins.append(edges)
     for j in (np.flatnonzero(~used[1:]) + 1).tolist():
-        dropped[kept[j]] = f"{group.triangles[kept[j]]:,} triangles {_unused(j, np.array(begins), views, meters)}"
+        dropped[kept[j]] = (
+            f"{group.triangles[kept[j]]:,} triangles {_unused(j, np.array(begins), views, meters)}"
+        )
     return [k for k, needed in zip(kept, used, strict=True) if needed or k == 0], dropped
 
 
@@ -129,7 +139,9 @@ def counting(group: Group, tolerance: float, shot: Shot) -> Group:
 
     tolerance: pixels.
     """
-    policy = LevelPolicy((0.0,) * (len(group.bounds) - 1), "PIXELS", tolerance=tolerance, shading=shot.shading)
+    policy = LevelPolicy(
+        (0.0,) * (len(group.bounds) - 1), "PIXELS", tolerance=tolerance, shading=shot.shading
+    )
     table = deviations((group,), policy)
     assert table is not None  # the policy has as many LODs as the group has bounds
     return replace(group, bounds=tuple(table[0].tolist()))
@@ -146,11 +158,15 @@ def allowed(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) -> 
     found = np.zeros((len(shot.views), len(kept), shot.characters), np.intp)
     for own, view in zip(found, shot.views, strict=True):
         begin = limits(policy, view.camera, np.array([group.radius]), deviation)[0]
-        np.add.at(own, (np.searchsorted(begin, view.distance, side="right"), view.character), view.agents)
+        np.add.at(
+            own, (np.searchsorted(begin, view.distance, side="right"), view.character), view.agents
+        )
     return found
 
 
-def priced(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) -> Iterator[tuple[tuple[int, ...], Price]]:
+def priced(
+    group: Group, kept: Sequence[int], tolerance: float, shot: Shot
+) -> Iterator[tuple[tuple[int, ...], Price]]:
     """Yield (chosen candidates, price of a build with them) for each usable choice.
 
     A choice of the candidates `kept` is usable if it has one for every agent of the shot.
@@ -183,12 +199,16 @@ def cheapest(
     """
     if not any(len(view.distance) for view in shot.views):
         return list(kept), {}
-    found = {chosen: own for chosen, own in priced(group, kept, tolerance, shot) if chosen[0] == kept[0]}
+    found = {
+        chosen: own for chosen, own in priced(group, kept, tolerance, shot) if chosen[0] == kept[0]
+    }
     whole = found[(kept[0],)]
     parts = {chosen: own.share(whole) for chosen, own in found.items()}
     cost = {chosen: own.memory + own.seconds for chosen, own in parts.items()}
     good = [chosen for chosen in cost if cost[chosen] <= min(cost.values()) + WORTH]
-    best = min(good, key=lambda chosen: (len(chosen), len(set(chosen).difference(measured)), cost[chosen]))
+    best = min(
+        good, key=lambda chosen: (len(chosen), len(set(chosen).difference(measured)), cost[chosen])
+    )
     gone = [k for k in kept if k not in best]
     return list(best), {
         k: f"{group.triangles[k]:,} triangles save too little memory and time in {NAMES[shot.engine]} to be worth a LOD."
@@ -196,7 +216,9 @@ def cheapest(
     }
 
 
-def _least(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) -> tuple[tuple[int, ...], Price]:
+def _least(
+    group: Group, kept: Sequence[int], tolerance: float, shot: Shot
+) -> tuple[tuple[int, ...], Price]:
     """Return (the choice of `kept` that takes least memory, its price).
 
     It is all of `kept` if the distances of the shot's agents are not known.
@@ -220,13 +242,25 @@ def within(
     least = np.inf
     for step in range(STEPS):
         reached = tolerance * 2 ** (step / 4)
-        counted = [counting(group, reached, shot) for group, shot in zip(groups, shots, strict=True)]
-        keep = [choose(group, reached, shot.views)[0] for group, shot in zip(counted, shots, strict=True)]
-        found = [_least(*each) for each in zip(counted, keep, [reached] * len(groups), shots, strict=True)]
+        counted = [
+            counting(group, reached, shot) for group, shot in zip(groups, shots, strict=True)
+        ]
+        keep = [
+            choose(group, reached, shot.views)[0]
+            for group, shot in zip(counted, shots, strict=True)
+        ]
+        found = [
+            _least(*each)
+            for each in zip(counted, keep, [reached] * len(groups), shots, strict=True)
+        ]
         total = sum(own.memory for _, own in found)
         least = min(least, total)
         if total <= memory:
-            return reached, [sorted({0, *chosen}) for chosen, _ in found], [chosen for chosen, _ in found]
+            return (
+                reached,
+                [sorted({0, *chosen}) for chosen, _ in found],
+                [chosen for chosen, _ in found],
+            )
     raise CrowdError(
         f"The characters cannot take less than {np.ceil(least / 1e6):,.0f} MB: set Memory for Characters to that, or use fewer character groups."
     )

@@ -20,7 +20,10 @@ def texel(corners: np.ndarray, uvs: np.ndarray, size: tuple[int, int]) -> float:
     areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
     flat = ax * by - ay * bx
     with np.errstate(divide="ignore", invalid="ignore"):
-        right, up = ((edges[:, 0].T * by - edges[:, 1].T * ay) / flat, (edges[:, 1].T * ax - edges[:, 0].T * bx) / flat)
+        right, up = (
+            (edges[:, 0].T * by - edges[:, 1].T * ay) / flat,
+            (edges[:, 1].T * ax - edges[:, 0].T * bx) / flat,
+        )
         uu, vv, uv = (right * right).sum(axis=0), (up * up).sum(axis=0), (right * up).sum(axis=0)
         # the largest singular value
         longest = np.sqrt((uu + vv) / 2 + np.sqrt(((uu - vv) / 2) ** 2 + uv**2))
@@ -65,7 +68,9 @@ def scaled(values: np.ndarray, times: int, light: np.ndarray | None, straight: b
             part[..., :3] = light[np.rint(part[..., :3] * 255).astype(int).clip(0, 255)]
         if straight:
             part[..., :3] *= part[..., 3:] + DARK
-        weights = np.minimum(np.arange(low, high) + 1, end) - np.maximum(np.arange(low, high), begin)
+        weights = np.minimum(np.arange(low, high) + 1, end) - np.maximum(
+            np.arange(low, high), begin
+        )
         line = (part * (weights / (end - begin))[:, None, None]).sum(axis=0)
         at = np.arange(columns + 1) * (len(line) / columns)
         whole = at.astype(int)

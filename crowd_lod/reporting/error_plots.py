@@ -27,7 +27,10 @@ def draw_plots(folder: Path, tables: dict[str, list[Row]], caption: str) -> None
     caption: where the times were measured.
     """
     sheets = {
-        "behavior": ("Behavior: distance from the exact way", [_behavior(tables["behavior"]), _drift(tables["drift"])]),
+        "behavior": (
+            "Behavior: distance from the exact way",
+            [_behavior(tables["behavior"]), _drift(tables["drift"])],
+        ),
         "culling": (
             "Culling: agents a frame that differ from the exact six planes",
             [
@@ -41,13 +44,19 @@ def draw_plots(folder: Path, tables: dict[str, list[Row]], caption: str) -> None
         ),
     }
     for name, (title, panels) in sheets.items():
-        (folder / f"error_{name}.svg").write_text(svg.sheet(title, caption, panels), encoding="utf-8")
+        (folder / f"error_{name}.svg").write_text(
+            svg.sheet(title, caption, panels), encoding="utf-8"
+        )
 
 
-def _log_plot(x_title: str, y_title: str, rows: Sequence[svg.Series], floor: float = 0.0) -> svg.Panel:
+def _log_plot(
+    x_title: str, y_title: str, rows: Sequence[svg.Series], floor: float = 0.0
+) -> svg.Panel:
     """Return the rows over axes by factors. floor: the line at which zeros are drawn; 0 for none."""
     points = np.concatenate([row.values for row in rows])
-    across = np.concatenate([points[:, 0], *[row.spread.ravel() for row in rows if row.spread is not None]])
+    across = np.concatenate(
+        [points[:, 0], *[row.spread.ravel() for row in rows if row.spread is not None]]
+    )
     least, most = float(points[:, 1].min()), float(points[:, 1].max())
     if floor:
         least, most = floor, max(most, 1000 * floor)
@@ -63,7 +72,9 @@ def _log_plot(x_title: str, y_title: str, rows: Sequence[svg.Series], floor: flo
     return svg.Panel(svg.plot(y_title, x, y, "\n".join(marks)), HEIGHT, rows)
 
 
-def _timed(name: str, rows: Sequence[Row], value: Value, floor: float, color: str, **style: Any) -> svg.Series:
+def _timed(
+    name: str, rows: Sequence[Row], value: Value, floor: float, color: str, **style: Any
+) -> svg.Series:
     """Return value(row) against milliseconds, with their range as bars."""
     points = np.array([(row["ms"], max(value(row), floor)) for row in rows])
     spread = np.array([(row["ms_least"], row["ms_most"]) for row in rows])
@@ -97,10 +108,14 @@ def _behavior(rows: list[Row]) -> svg.Panel:
     for color, (name, group) in zip(COLORS, groupby(rows, lambda row: row["method"]), strict=False):
         method = list(group)
         if name == "exact walk":
-            drawn.append(_timed(f"{name} (in one go)", method, lambda row: row["mean_m"], floor, color))
+            drawn.append(
+                _timed(f"{name} (in one go)", method, lambda row: row["mean_m"], floor, color)
+            )
             continue
         labels = f"{name}, mean ({_convergence(method)})", f"{name}, median", f"{name}, worst"
-        for k, (what, dash) in enumerate({"mean_m": SOLID, "median_m": DASHED, "worst_m": DOTTED}.items()):
+        for k, (what, dash) in enumerate(
+            {"mean_m": SOLID, "median_m": DASHED, "worst_m": DOTTED}.items()
+        ):
             value = _column(what)
             drawn.append(_timed(labels[k], method, value, floor, color, dash=dash, shape=SHAPES[k]))
     drawn += _stars(rows, lambda row: row["mean_m"], floor)
@@ -111,7 +126,9 @@ def _behavior(rows: list[Row]) -> svg.Panel:
 
 def _drift(rows: list[Row]) -> svg.Panel:
     drawn = []
-    for k, ((precision, offset), group) in enumerate(groupby(rows, lambda row: (row["precision"], row["offset_m"]))):
+    for k, ((precision, offset), group) in enumerate(
+        groupby(rows, lambda row: (row["precision"], row["offset_m"]))
+    ):
         run = list(group)
         is_default = precision == "float64"
         label = f"{precision}, {f'{offset / 1000:g} km away' if offset else 'at the origin'}"
@@ -125,15 +142,26 @@ def _drift(rows: list[Row]) -> svg.Panel:
 
 def _culling(rows: list[Row], what: str, title: str) -> svg.Panel:
     floor, value, drawn = _least(rows, what), _column(what), []
-    kinds = _grouped(rows, lambda row: (row["method"], row["precision"] if "no bound" in row["method"] else "", row["offset_m"]))
+    kinds = _grouped(
+        rows,
+        lambda row: (
+            row["method"],
+            row["precision"] if "no bound" in row["method"] else "",
+            row["offset_m"],
+        ),
+    )
     for k, ((name, precision, offset), kind) in enumerate(kinds.items()):
-        label = ", ".join(filter(None, (name, precision, f"{offset / 1000:g} km away" if offset else "")))
+        label = ", ".join(
+            filter(None, (name, precision, f"{offset / 1000:g} km away" if offset else ""))
+        )
         is_fixed = name == "fixed Delta"
         deltas = [f"{row['delta_m']:g} m" if is_fixed and row[what] else "" for row in kind]
         style = {"shape": SHAPES[k % 7], "hollow": bool(offset), "line": is_fixed, "labels": deltas}
         drawn.append(_timed(label, kind, value, floor, COLORS[k % 7], **style))
     drawn += _stars(rows, value, floor)
-    return _log_plot(PER_FRAME, f"{title}, per frame of {rows[0]['visible']:,.0f} visible", drawn, floor)
+    return _log_plot(
+        PER_FRAME, f"{title}, per frame of {rows[0]['visible']:,.0f} visible", drawn, floor
+    )
 
 
 def _distances(rows: list[Row]) -> svg.Panel:
@@ -155,15 +183,25 @@ def _ids(rows: list[Row]) -> svg.Panel:
     kinds = _grouped(rows, lambda row: (row["metric"].lower(), row["precision"]))
     for k, (names, kind) in enumerate(kinds.items()):
         beside = 1.06**k  # kinds that agree stand side by side
-        points = [(max(row["offset_m"], LEVEL_OFFSETS[1] / 100) * beside, max(row["differ_ppm"], floor)) for row in kind]
+        points = [
+            (max(row["offset_m"], LEVEL_OFFSETS[1] / 100) * beside, max(row["differ_ppm"], floor))
+            for row in kind
+        ]
         drawn.append(svg.Series(", ".join(names), np.array(points), **_level_style(kind[0], rows)))
     x_title = "crowd's distance from the world's origin, m (left: at the origin)"
-    return _log_plot(x_title, f"LOD ids that differ, of a million ({rows[0]['of']:,} looked at)", drawn, floor)
+    return _log_plot(
+        x_title, f"LOD ids that differ, of a million ({rows[0]['of']:,} looked at)", drawn, floor
+    )
 
 
 def _level_style(row: Row, rows: Sequence[Row]) -> dict[str, Any]:
-    precisions, metrics = (list(dict.fromkeys(other[key] for other in rows)) for key in ("precision", "metric"))
-    return {"color": COLORS[precisions.index(row["precision"])], "shape": SHAPES[metrics.index(row["metric"])]}
+    precisions, metrics = (
+        list(dict.fromkeys(other[key] for other in rows)) for key in ("precision", "metric")
+    )
+    return {
+        "color": COLORS[precisions.index(row["precision"])],
+        "shape": SHAPES[metrics.index(row["metric"])],
+    }
 
 
 def _least(rows: Sequence[Row], what: str) -> float:

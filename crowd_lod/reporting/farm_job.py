@@ -55,8 +55,20 @@ def _parameters(job: FarmJob) -> list[dict[str, Any]]:
         _path("OutputDir", "DIRECTORY", "OUT", ".", "The folder for plan, frames and report"),
         {"name": "FirstFrame", "type": "INT", "default": first},
         {"name": "LastFrame", "type": "INT", "default": last},
-        {"name": "Step", "type": "INT", "default": step, "minValue": 1, "description": "Every so many of these frames"},
-        {"name": "Chunk", "type": "INT", "default": job.chunk, "minValue": 1, "description": "Frames of a task"},
+        {
+            "name": "Step",
+            "type": "INT",
+            "default": step,
+            "minValue": 1,
+            "description": "Every so many of these frames",
+        },
+        {
+            "name": "Chunk",
+            "type": "INT",
+            "default": job.chunk,
+            "minValue": 1,
+            "description": "Frames of a task",
+        },
         {
             "name": "CrowdLod",
             "type": "STRING",
@@ -66,16 +78,38 @@ def _parameters(job: FarmJob) -> list[dict[str, Any]]:
     ]
     if not job.preview:
         found += [
-            _path("BakedFile", "FILE", "OUT", "baked.blend", "The file that the frames are rendered from"),
-            {"name": "Engine", "type": "STRING", "default": "SCENE", "allowedValues": list(ENGINES)},
-            {"name": "Blender", "type": "STRING", "default": "blender", "description": "Any Blender; it needs no extension"},
+            _path(
+                "BakedFile",
+                "FILE",
+                "OUT",
+                "baked.blend",
+                "The file that the frames are rendered from",
+            ),
+            {
+                "name": "Engine",
+                "type": "STRING",
+                "default": "SCENE",
+                "allowedValues": list(ENGINES),
+            },
+            {
+                "name": "Blender",
+                "type": "STRING",
+                "default": "blender",
+                "description": "Any Blender; it needs no extension",
+            },
         ]
     return found
 
 
 def _path(name: str, kind: str, flow: str, default: str | None, about: str) -> dict[str, Any]:
     """Return a parameter that is a path; a default lies below the template's folder."""
-    found = {"name": name, "type": "PATH", "objectType": kind, "dataFlow": flow, "description": about}
+    found = {
+        "name": name,
+        "type": "PATH",
+        "objectType": kind,
+        "dataFlow": flow,
+        "description": about,
+    }
     return found if default is None else found | {"default": default}
 
 
@@ -86,16 +120,38 @@ def values(job: FarmJob) -> dict[str, Any]:
 
 def _render_steps(job: FarmJob) -> list[Step]:
     scene, folder, baked = "{{Param.Scene}}", "{{Param.OutputDir}}", "{{Param.BakedFile}}"
-    frames = "--frames={{Param.FirstFrame}}:{{Param.LastFrame}}"  # one word: it may begin with a minus
+    frames = (
+        "--frames={{Param.FirstFrame}}:{{Param.LastFrame}}"  # one word: it may begin with a minus
+    )
     stepped = (frames, "--step", "{{Param.Step}}")
-    bake = ("build", scene, "--bake", "--render-only", *stepped, "--plan", f"{folder}/plan", "--out", baked)
+    bake = (
+        "build",
+        scene,
+        "--bake",
+        "--render-only",
+        *stepped,
+        "--plan",
+        f"{folder}/plan",
+        "--out",
+        baked,
+    )
     render = _step(
         "Render",
-        ["{{Param.Blender}}", "--background", baked, "--python-exit-code", "1", "--python", "{{Task.File.Render}}"],
+        [
+            "{{Param.Blender}}",
+            "--background",
+            baked,
+            "--python-exit-code",
+            "1",
+            "--python",
+            "{{Task.File.Render}}",
+        ],
         ["--", "{{Task.Param.Frames}}", "{{Param.Engine}}", folder],
         after="Bake",
     )
-    render["script"]["embeddedFiles"] = [{"name": "Render", "type": "TEXT", "filename": "render.py", "data": job.script}]
+    render["script"]["embeddedFiles"] = [
+        {"name": "Render", "type": "TEXT", "filename": "render.py", "data": job.script}
+    ]
     return [
         _step("Plan", job.command, ("plan", scene, frames, "--out", f"{folder}/plan")),
         _step("Bake", job.command, bake, after="Plan"),
@@ -118,7 +174,10 @@ def _step(name: str, command: Sequence[str], words: Sequence[str], after: str = 
     first, *rest = command
     # of Crowd LOD's own command the first word is a parameter
     first = first if first.startswith("{{") else "{{Param.CrowdLod}}"
-    step: Step = {"name": name, "script": {"actions": {"onRun": {"command": first, "args": [*rest, *words]}}}}
+    step: Step = {
+        "name": name,
+        "script": {"actions": {"onRun": {"command": first, "args": [*rest, *words]}}},
+    }
     if after:
         step["dependencies"] = [{"dependsOn": after}]
     return step

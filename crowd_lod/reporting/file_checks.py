@@ -25,7 +25,9 @@ def check(path: Path) -> None:
     The end is checked of .png, .exr and .blend files. OSError if the file cannot be read.
     """
     if not path.exists():
-        raise CrowdError(f"Blender did not write {printable(path.name)}: see its own message above.")
+        raise CrowdError(
+            f"Blender did not write {printable(path.name)}: see its own message above."
+        )
     look, size = LOOKS.get(path.suffix, len), path.stat().st_size
     try:
         with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
@@ -86,7 +88,9 @@ def _blend(data: mmap.mmap) -> bool:
     entry = 12 if flags & 0x80 else 8  # with a check sum or without
     if magic != SEEK_TABLE:
         return False
-    sizes = [struct.unpack_from("<I", data, len(data) - 9 - entry * (count - k))[0] for k in range(count)]
+    sizes = [
+        struct.unpack_from("<I", data, len(data) - 9 - entry * (count - k))[0] for k in range(count)
+    ]
     return sum(sizes) + 8 + entry * count + 9 == len(data)
 
 

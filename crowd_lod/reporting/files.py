@@ -33,7 +33,12 @@ HIDDEN = ".crowd-lod-"
 LOCK, REPLACED, KEY = ".lock", ".replaced", ".key"
 OWN = LOCK, REPLACED, KEY, RECORDS
 MOST_BYTES = 740  # of a folder's path: Blender cuts a file's, which is longer, at 1,023
-KINDS = {"folder": stat.S_ISDIR, "pipe": stat.S_ISFIFO, "socket": stat.S_ISSOCK, "device": stat.S_ISCHR}
+KINDS = {
+    "folder": stat.S_ISDIR,
+    "pipe": stat.S_ISFIFO,
+    "socket": stat.S_ISSOCK,
+    "device": stat.S_ISCHR,
+}
 
 
 @contextmanager
@@ -123,8 +128,13 @@ def _refuse_all_but(wanted: str, path: Path) -> None:
     except (FileNotFoundError, NotADirectoryError, PermissionError):
         return
     except OSError as error:
-        raise CrowdError(f"The {wanted} {printable(path)} cannot be written ({_reason(error)}).") from None
-    found = next((kind for kind, test in KINDS.items() if test(mode)), "file" if stat.S_ISREG(mode) else "device")
+        raise CrowdError(
+            f"The {wanted} {printable(path)} cannot be written ({_reason(error)})."
+        ) from None
+    found = next(
+        (kind for kind, test in KINDS.items() if test(mode)),
+        "file" if stat.S_ISREG(mode) else "device",
+    )
     if found != wanted:
         raise CrowdError(f"The {wanted} {printable(path)} cannot be written: it is a {found}.")
 
@@ -138,7 +148,9 @@ def _try(part: Path, path: Path) -> None:
         part.open("xb").close()
         part.unlink()
     except OSError as error:
-        raise CrowdError(f"The file {printable(path)} cannot be written ({_reason(error)}): give it another name.") from None
+        raise CrowdError(
+            f"The file {printable(path)} cannot be written ({_reason(error)}): give it another name."
+        ) from None
 
 
 def _hidden_folder(place: Path, stack: ExitStack, key: str) -> Path:
@@ -166,7 +178,9 @@ def killed_runs(folder: Path, key: str) -> tuple[int, int]:
         with suppress(OSError), (hidden / LOCK).open("r+b", buffering=0) as lock:
             if _left(lock):
                 count = len(whole_frames(hidden))
-                own, others = (max(own, count), others) if _has_key(hidden, key) else (own, others + count)
+                own, others = (
+                    (max(own, count), others) if _has_key(hidden, key) else (own, others + count)
+                )
     return own, others
 
 

@@ -90,8 +90,14 @@ def parts_of(plan: dict, above: str = "contact_sheet.png") -> list[str]:
             f"<section>{state_graph.svg(parse(json.dumps(plan['machine']), 'plan.json'))}</section>",
         ]
     keys = [key for key in rows[0] if not key.endswith("_ms")]
-    head = [f"LOD {key[3:]}" if key.startswith("lod") else key.replace("_", " ").capitalize() for key in keys]
-    parts += ["<h2>Frames</h2>", table_of(head, [[f"{row[key]:,}" for key in keys] for row in rows])]
+    head = [
+        f"LOD {key[3:]}" if key.startswith("lod") else key.replace("_", " ").capitalize()
+        for key in keys
+    ]
+    parts += [
+        "<h2>Frames</h2>",
+        table_of(head, [[f"{row[key]:,}" for key in keys] for row in rows]),
+    ]
     command = escape(" ".join(plan["command"]))
     parts.append(
         f"<footer>Made in {plan['seconds']:.1f} s by <code>{command}</code>; plan.json holds all that repeats it.</footer>"
@@ -103,7 +109,9 @@ def document(title: str, style: str, parts: Sequence[str]) -> str:
     """Return a web page; `title` and `parts` are HTML."""
     return (
         f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
-        f"<title>{title}</title><style>{style}</style></head><body>\n" + "\n".join(parts) + "\n</body></html>\n"
+        f"<title>{title}</title><style>{style}</style></head><body>\n"
+        + "\n".join(parts)
+        + "\n</body></html>\n"
     )
 
 
@@ -111,7 +119,9 @@ def cards(figures: Sequence[tuple[str, str]]) -> str:
     """Return the HTML of (figure, what it counts), side by side."""
     return (
         '<div class="figures">'
-        + "".join(f"<div><b>{escape(n)}</b><span>{escape(what)}</span></div>" for n, what in figures)
+        + "".join(
+            f"<div><b>{escape(n)}</b><span>{escape(what)}</span></div>" for n, what in figures
+        )
         + "</div>"
     )
 
@@ -119,9 +129,15 @@ def cards(figures: Sequence[tuple[str, str]]) -> str:
 def _rule(levels: dict) -> str:
     """Return how LODs were chosen, in words."""
     if levels["tolerance"] is not None:
-        shading = f", and no shaded picture differs by more than {WITHIN:.0%} of white" if levels.get("shading_counts") else ""
+        shading = (
+            f", and no shaded picture differs by more than {WITHIN:.0%} of white"
+            if levels.get("shading_counts")
+            else ""
+        )
         return f"LODs are chosen so that no surface lies off its character's by more than {levels['tolerance']:g} pixels{shading}."
-    by = {"AXIS": "depth", "RADIAL": "distance from the camera", "PIXELS": "size in pixels"}[levels["metric"]]
+    by = {"AXIS": "depth", "RADIAL": "distance from the camera", "PIXELS": "size in pixels"}[
+        levels["metric"]
+    ]
     return f"LODs are set by ratio, and begin by {by}."
 
 
@@ -146,7 +162,9 @@ def _character(entry: dict, tints: Sequence[str]) -> str:
         dot = f'<span class="dot" style="background:{tints[row["lod"]]}"></span>'
         rows.append(
             [
-                f"{dot}{row['lod']}" if row["to_lod"] == row["lod"] else f"{dot}{row['lod']} to {row['to_lod']}",
+                f"{dot}{row['lod']}"
+                if row["to_lod"] == row["lod"]
+                else f"{dot}{row['lod']} to {row['to_lod']}",
                 f"{row['triangles']:,}",
                 f"{row['vertices']:,}",
                 f"{number(row['deviation_mm'])} to {number(row['deviation_bound_mm'])}",
@@ -155,14 +173,20 @@ def _character(entry: dict, tints: Sequence[str]) -> str:
                 number(row["from_m"]) if row["begins"] == "at" else row["begins"],
                 number(row["predicted_px"]),
                 " to ".join(map(number, row["measured_px_between"] or [None])),
-                number(None if row["picture_difference"] is None else 100 * row["picture_difference"]),
+                number(
+                    None if row["picture_difference"] is None else 100 * row["picture_difference"]
+                ),
                 number(row["picture_similarity"]),
                 f'<span title="{escape(row["why"] or "")}">{escape(row["method"] or "-")}</span>',
                 number(row["ms"]),
             ]
         )
     name = escape(entry["group"])
-    picture = f'<img src="{quote(entry["picture"])}" alt="The LODs of {name} side by side">' if entry["picture"] else ""
+    picture = (
+        f'<img src="{quote(entry["picture"])}" alt="The LODs of {name} side by side">'
+        if entry["picture"]
+        else ""
+    )
     return f"<section><h3>{name}</h3>{picture}{table_of(head, rows)}</section>"
 
 

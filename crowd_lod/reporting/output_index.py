@@ -40,14 +40,18 @@ def add_to_index(folder: Path, entry: Entry) -> None:
     entries = {known.part: known for known in read_index(folder)} | {entry.part: entry}
     ordered = sorted(entries.values(), key=lambda known: known.made, reverse=True)
     with files.staged(folder, NAME, ENTRIES) as hidden:
-        (hidden / ENTRIES).write_text(json.dumps([asdict(known) for known in ordered], indent=1), encoding="utf-8")
+        (hidden / ENTRIES).write_text(
+            json.dumps([asdict(known) for known in ordered], indent=1), encoding="utf-8"
+        )
         (hidden / NAME).write_text(index_page(folder, ordered), encoding="utf-8")
 
 
 def read_index(folder: Path) -> list[Entry]:
     """Return the entries of the output folder; none if it has none that can be read."""
     with suppress(OSError, ValueError, TypeError):
-        entries = [Entry(**known) for known in json.loads((folder / ENTRIES).read_text(encoding="utf-8"))]
+        entries = [
+            Entry(**known) for known in json.loads((folder / ENTRIES).read_text(encoding="utf-8"))
+        ]
         if all(isinstance(value, str) for entry in entries for value in asdict(entry).values()):
             return entries
     return []
@@ -69,14 +73,29 @@ def index_page(folder: Path, entries: Sequence[Entry]) -> str:
     ]
     title = escape(folder.name)
     style = STYLE + "th, td { text-align: left } td:last-child { white-space: normal }\n"
-    return document(title, style, [f"<h1>{title}</h1><p>What Crowd LOD has made, the newest first.</p>", table_of(head, rows)])
+    return document(
+        title,
+        style,
+        [
+            f"<h1>{title}</h1><p>What Crowd LOD has made, the newest first.</p>",
+            table_of(head, rows),
+        ],
+    )
 
 
 def _links(folder: Path, part: str) -> str:
     """Return links to a step's report, and to the other files that are no pictures of frames."""
-    names = sorted(path.name for path in (folder / part).iterdir() if path.is_file() and not path.name.startswith("."))
+    names = sorted(
+        path.name
+        for path in (folder / part).iterdir()
+        if path.is_file() and not path.name.startswith(".")
+    )
     first = [name for name in names if name == "report.html"]
-    others = [name for name in names if name not in first and (not name.endswith(".png") or name == "contact_sheet.png")]
+    others = [
+        name
+        for name in names
+        if name not in first and (not name.endswith(".png") or name == "contact_sheet.png")
+    ]
     links = [f'<a href="{quote(part)}/{quote(name)}">{escape(name)}</a>' for name in first + others]
     pictures = len(names) - len(links)
     return ", ".join([*links, *[f"{pictures} pictures"] * bool(pictures)])

@@ -16,10 +16,21 @@ from ..shot import plan_file
 IN_FRAMES = ("triangles", "visible", "switches", "switch_pixels")
 IN_TOTAL = (
     *IN_FRAMES,
-    *("memory_mb", "time_share", "largest_switch_pixels", "largest_deviation_pixels", "most_above_optimum"),
+    *(
+        "memory_mb",
+        "time_share",
+        "largest_switch_pixels",
+        "largest_deviation_pixels",
+        "most_above_optimum",
+    ),
 )
 # Of plans that do not tell what they were made for: the parts that may differ.
-PARTS = {"crowd": "the crowd", "machine": "the state machine", "camera": "the camera", "levels": "the choice of LODs"}
+PARTS = {
+    "crowd": "the crowd",
+    "machine": "the state machine",
+    "camera": "the camera",
+    "levels": "the choice of LODs",
+}
 Numbers = dict[str, float]
 MOST_FIGURE = 1e15  # no plan has a greater one; integers of JSON may be greater than any float
 
@@ -59,7 +70,9 @@ class Comparison:
             "b": printable(self.b.path),
             "made_for_differs": list(self.differs),
             "total": _pairs(self.a.total, self.b.total, IN_TOTAL),
-            "frames": [{"frame": f, **_pairs(self.a.frames[f], self.b.frames[f], IN_FRAMES)} for f in both],
+            "frames": [
+                {"frame": f, **_pairs(self.a.frames[f], self.b.frames[f], IN_FRAMES)} for f in both
+            ],
             "only_in_a": sorted(self.a.numbers - self.b.numbers),
             "only_in_b": sorted(self.b.numbers - self.a.numbers),
         }
@@ -69,23 +82,46 @@ class Comparison:
         """Return it in lines of text; of frames those that differ."""
         told = self.as_json
         said = [f"A: {told['a']}", f"B: {told['b']}"]
-        said += [f"They were made for other input: {', '.join(self.differs)}."] if self.differs else []
+        said += (
+            [f"They were made for other input: {', '.join(self.differs)}."] if self.differs else []
+        )
         for name in ("only_in_a", "only_in_b"):
             if told[name]:
-                said.append(f"Only in {name[-1].upper()}: {_listed(told[name])}. They count in its total.")
-        rows = [(name.replace("_", " "), number(a), number(b), _change(a, b)) for name, (a, b) in told["total"].items()]
+                said.append(
+                    f"Only in {name[-1].upper()}: {_listed(told[name])}. They count in its total."
+                )
+        rows = [
+            (name.replace("_", " "), number(a), number(b), _change(a, b))
+            for name, (a, b) in told["total"].items()
+        ]
         said += ["", *aligned(("Total", "A", "B", "B to A"), rows)] if rows else []
-        other = [row for row in told["frames"] if any(row[name][0] != row[name][1] for name in IN_FRAMES if name in row)]
+        other = [
+            row
+            for row in told["frames"]
+            if any(row[name][0] != row[name][1] for name in IN_FRAMES if name in row)
+        ]
         if other:
             names = [name for name in IN_FRAMES if any(name in row for row in other)]
-            head = ["Frame", *(f"{name.replace('_', ' ')} {which}" for name in names for which in "AB")]
+            head = [
+                "Frame",
+                *(f"{name.replace('_', ' ')} {which}" for name in names for which in "AB"),
+            ]
             cells = [
-                [str(row["frame"]), *(number(each) for name in names for each in row.get(name, (None, None)))] for row in other
+                [
+                    str(row["frame"]),
+                    *(number(each) for name in names for each in row.get(name, (None, None))),
+                ]
+                for row in other
             ]
             said += ["", *aligned(head, cells)]
         elif told["frames"]:
             count = len(told["frames"])
-            said += ["", f"All {count} common frames are the same." if count > 1 else "The one common frame is the same."]
+            said += [
+                "",
+                f"All {count} common frames are the same."
+                if count > 1
+                else "The one common frame is the same.",
+            ]
         return "\n".join(said)
 
 
@@ -105,9 +141,13 @@ def read_plan(path: Path) -> Plan:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise CrowdError(f"There is no plan {where}: give a folder that crowd-lod plan or preview wrote.") from None
+        raise CrowdError(
+            f"There is no plan {where}: give a folder that crowd-lod plan or preview wrote."
+        ) from None
     except (ValueError, RecursionError):
-        raise CrowdError(f"The plan {where} is not JSON: give a folder that crowd-lod plan or preview wrote.") from None
+        raise CrowdError(
+            f"The plan {where} is not JSON: give a folder that crowd-lod plan or preview wrote."
+        ) from None
     if not isinstance(content, dict):
         content = {}
     rows, shot = content.get("frames"), content.get("shot")
@@ -115,7 +155,9 @@ def read_plan(path: Path) -> Plan:
     for row in rows if isinstance(rows, list) else ():
         if isinstance(row, dict) and type(row.get("frame")) is int:
             frames[row["frame"]] = _numbers(row, IN_FRAMES)
-    total = {name: math.fsum(row.get(name, 0.0) for row in frames.values()) for name in _common(frames)}
+    total = {
+        name: math.fsum(row.get(name, 0.0) for row in frames.values()) for name in _common(frames)
+    }
     planned: list[Any] = []
     if isinstance(shot, dict):
         planned = shot["frames"] if isinstance(shot.get("frames"), list) else []
@@ -123,7 +165,9 @@ def read_plan(path: Path) -> Plan:
         if isinstance(shot.get("plan"), dict):
             total |= _numbers(shot["plan"], IN_TOTAL)
     if not total:
-        raise CrowdError(f"The plan {where} has neither frames nor a shot: give a folder that crowd-lod plan or preview wrote.")
+        raise CrowdError(
+            f"The plan {where} has neither frames nor a shot: give a folder that crowd-lod plan or preview wrote."
+        )
     numbers = frozenset(frames) or frozenset(each for each in planned if type(each) is int)
     return Plan(path, numbers, frames, total, content)
 
@@ -148,7 +192,11 @@ def _differs(a: Plan, b: Plan) -> list[str]:
     else:
         found = [told for name, told in PARTS.items() if a.content.get(name) != b.content.get(name)]
     shots = [shot if isinstance(shot := plan.content.get("shot"), dict) else {} for plan in (a, b)]
-    found += [f"the {name}" for name in ("engine", "tolerance", "budget") if shots[0].get(name) != shots[1].get(name)]
+    found += [
+        f"the {name}"
+        for name in ("engine", "tolerance", "budget")
+        if shots[0].get(name) != shots[1].get(name)
+    ]
     stored = [plan.path.with_name(plan_file.NAME) for plan in (a, b)]
     if all(path.is_file() for path in stored) and not _same_views(*map(plan_file.read, stored)):
         found.append("the camera")
@@ -158,7 +206,11 @@ def _differs(a: Plan, b: Plan) -> list[str]:
 def _same_views(a: plan_file.StoredPlan, b: plan_file.StoredPlan) -> bool:
     """Return whether all frames that both plans have are seen by the same cameras, as wide in pixels."""
     place = {number: f for f, number in enumerate(b.numbers.tolist())}
-    pairs = [(a.cameras[f], b.cameras[place[number]]) for f, number in enumerate(a.numbers.tolist()) if number in place]
+    pairs = [
+        (a.cameras[f], b.cameras[place[number]])
+        for f, number in enumerate(a.numbers.tolist())
+        if number in place
+    ]
     return all(same_cameras(one, other) and same_cameras(other, one) for one, other in pairs)
 
 
@@ -167,7 +219,11 @@ def _pairs(a: Numbers, b: Numbers, names: tuple[str, ...]) -> dict[str, list[flo
 
 
 def _listed(frames: list[int]) -> str:
-    return f"frame {frames[0]}" if len(frames) == 1 else f"{len(frames)} frames from {frames[0]} to {frames[-1]}"
+    return (
+        f"frame {frames[0]}"
+        if len(frames) == 1
+        else f"{len(frames)} frames from {frames[0]} to {frames[-1]}"
+    )
 
 
 def _change(a: float, b: float) -> str:

@@ -15,7 +15,9 @@ from ..shot.unneeded import unneeded
 from .shot_report import Told
 
 
-def shot_facts(told: Told, stored: StoredPlan, asked: Mapping[str, Any], exceptions: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def shot_facts(
+    told: Told, stored: StoredPlan, asked: Mapping[str, Any], exceptions: Sequence[dict[str, Any]]
+) -> dict[str, Any]:
     """Return the fields `preview`, `left_out`, `frames`, `made_for` and `shot` of plan.json.
 
     Without times: two runs give the same.
@@ -26,7 +28,10 @@ def shot_facts(told: Told, stored: StoredPlan, asked: Mapping[str, Any], excepti
     sentences = unneeded(shot, plan.bill.shown, told.names)
     return {
         "preview": None,
-        "left_out": [{"stage": "shot", "reason": each, "ms_saved": None, "ms_spread": None} for each in sentences],
+        "left_out": [
+            {"stage": "shot", "reason": each, "ms_saved": None, "ms_spread": None}
+            for each in sentences
+        ],
         "frames": shot_rows(told),
         "made_for": dict(stored.made_for),
         "shot": {

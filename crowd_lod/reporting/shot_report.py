@@ -86,7 +86,11 @@ class Told:
 
 def shot_page(told: Told) -> str:
     """Return the web page on a planned shot; all text is escaped."""
-    return document(f"{escape(told.title)}: shot plan", STYLE + PLOTS_STYLE + switch_figures.CROPS_STYLE, shot_parts(told))
+    return document(
+        f"{escape(told.title)}: shot plan",
+        STYLE + PLOTS_STYLE + switch_figures.CROPS_STYLE,
+        shot_parts(told),
+    )
 
 
 def preview_page(told: Told, plan: dict[str, Any]) -> str:
@@ -95,7 +99,9 @@ def preview_page(told: Told, plan: dict[str, Any]) -> str:
     plan: the content of plan.json.
     """
     return document(
-        f"{name_of(plan)}: levels of detail", STYLE + PLOTS_STYLE + switch_figures.CROPS_STYLE, [*shot_parts(told), *parts_of(plan)]
+        f"{name_of(plan)}: levels of detail",
+        STYLE + PLOTS_STYLE + switch_figures.CROPS_STYLE,
+        [*shot_parts(told), *parts_of(plan)],
     )
 
 
@@ -112,7 +118,9 @@ def shot_parts(told: Told) -> list[str]:
         *(f"<section>{one}</section>" for one in _plots(told) if one),
         "</div>",
         _worst(told),
-        list_of("What the shot does not need", unneeded(told.shot, told.plan.bill.shown, told.names)),
+        list_of(
+            "What the shot does not need", unneeded(told.shot, told.plan.bill.shown, told.names)
+        ),
         "<h2>Tables</h2>",
         _switch_table(told),
         _frame_table(told),
@@ -146,7 +154,10 @@ def _figures(told: Told) -> list[tuple[str, str]]:
         (f"{triangles:.1%}", "of full detail's triangles"),
         (f"{seconds:.0%}", f"of its time in {NAMES[told.shot.engine]}"),
         (f"{memory:.0%}", "of its memory"),
-        (f"{int(found.switches.sum()):,}", f"switches in sight, {int(before.switches.sum()):,} by thresholds"),
+        (
+            f"{int(found.switches.sum()):,}",
+            f"switches in sight, {int(before.switches.sum()):,} by thresholds",
+        ),
         (bound, "above the least possible at most"),
         (f"{number(found.error)} px", "largest deviation of a LOD"),
         (f"{number(found.most)} px", "largest change by a switch"),
@@ -157,21 +168,30 @@ def _warnings(told: Told) -> list[str]:
     """Return what the user should know before using the plan."""
     survey, plan, found = told.shot.survey, told.plan, []
     if told.raised:
-        found.append(f"LODs deviate by up to {number(told.raised)} pixels, for the budget allows no finer ones.")
+        found.append(
+            f"LODs deviate by up to {number(told.raised)} pixels, for the budget allows no finer ones."
+        )
     if survey.cuts.any():
-        found.append(f"Another camera films from {_frames(survey.numbers[survey.cuts])} on: switches there do not count.")
+        found.append(
+            f"Another camera films from {_frames(survey.numbers[survey.cuts])} on: switches there do not count."
+        )
     if entries := int(told.entries.sum()):
         found.append(
             f"{entries:,} {'agent appears' if entries == 1 else 'agents appear'} at once, by the near or far clip of the camera, "
             f"in {_frames(told.numbers[told.entries > 0])}: change the clip, or where the crowd starts."
         )
-    if plan.thresholds.switches.sum() and plan.bill.switches.sum() >= plan.thresholds.switches.sum():
+    if (
+        plan.thresholds.switches.sum()
+        and plan.bill.switches.sum() >= plan.thresholds.switches.sum()
+    ):
         found.append("The plan avoids no switch: raise Avoid Pops, or the tolerance.")
     empty = ~survey.seen.any(axis=1)
     if empty.any():
         found.append(f"No character is seen in {_frames(survey.numbers[empty])}.")
     if (np.diff(survey.numbers) > 1).any():
-        found.append("The frames are not all frames of the shot: a switch between two of them may be one in any frame between.")
+        found.append(
+            "The frames are not all frames of the shot: a switch between two of them may be one in any frame between."
+        )
     return found
 
 
@@ -183,7 +203,9 @@ def _frames(numbers: np.ndarray) -> str:
 
 
 def _legend(rows: Sequence[svg.Series]) -> str:
-    dots = "".join(f'<span><i style="background:{row.color}"></i>{escape(row.name)}</span>' for row in rows)
+    dots = "".join(
+        f'<span><i style="background:{row.color}"></i>{escape(row.name)}</span>' for row in rows
+    )
     return f'<p class="legend">{dots}</p>'
 
 
@@ -206,10 +228,11 @@ def _strip(told: Told) -> str:
         )
     column = (x.end - x.begin) / len(numbers)
     marks = f'<g style="--wide:{max(min(0.7 * column, 8), 1.5):.1f}">' + "\n".join(ticks) + "</g>"
-    said = (
-        "Each tick is a frame in which LODs change in sight, as high as the largest change. Click it to see its rows in the table."
-    )
-    colors = [svg.Series(name, at, f"var(--{key})") for name, key in (("switches", "plan"), ("an agent appears at once", "entry"))]
+    said = "Each tick is a frame in which LODs change in sight, as high as the largest change. Click it to see its rows in the table."
+    colors = [
+        svg.Series(name, at, f"var(--{key})")
+        for name, key in (("switches", "plan"), ("an agent appears at once", "entry"))
+    ]
     legend = _legend(colors if told.entries.any() else colors[:1])
     return f"<h2>Switches in sight</h2><section><p>{said}</p>{svg.plot(said, x, y, marks)}{legend}</section>"
 
@@ -220,18 +243,37 @@ def _plots(told: Told) -> list[str]:
     survey, meshes, at = shot.survey, shot.meshes, svg.edges(told.numbers)
     lods = list(enumerate(told.colors[: meshes.count]))
     each = (found.shown * meshes.triangles.T[:, survey.owner]).sum(axis=2)
-    kinds = [(survey.kind == kind).sum(axis=1) / max(len(survey.group), 1) * 100 for kind in (SEEN, SHADOW, MIRRORED, CULLED)]
+    kinds = [
+        (survey.kind == kind).sum(axis=1) / max(len(survey.group), 1) * 100
+        for kind in (SEEN, SHADOW, MIRRORED, CULLED)
+    ]
     names = ("seen", "shadow only", "mirror image only", "culled")
     shares = [
-        svg.Series(*row) for row in zip(names, kinds, ("var(--plan)", "var(--old)", "var(--entry)", "var(--faint)"), strict=True)
+        svg.Series(*row)
+        for row in zip(
+            names, kinds, ("var(--plan)", "var(--old)", "var(--entry)", "var(--faint)"), strict=True
+        )
     ]
     shown = [row for row in shares if row.values.any()]
-    switches = [svg.Series("thresholds", before.switches, "var(--old)"), svg.Series("plan", found.switches, "var(--plan)")]
+    switches = [
+        svg.Series("thresholds", before.switches, "var(--old)"),
+        svg.Series("plan", found.switches, "var(--plan)"),
+    ]
     if told.entries.any():
         switches.append(svg.Series("agents that appear at once", told.entries, "var(--entry)"))
     return [
-        _areas(at, "LODs of seen agents", "Agents", [svg.Series(f"LOD {k}", found.counts[:, k], tint) for k, tint in lods]),
-        _areas(at, "Triangles by LOD", "Triangles", [svg.Series(f"LOD {k}", each[:, k], tint) for k, tint in lods]),
+        _areas(
+            at,
+            "LODs of seen agents",
+            "Agents",
+            [svg.Series(f"LOD {k}", found.counts[:, k], tint) for k, tint in lods],
+        ),
+        _areas(
+            at,
+            "Triangles by LOD",
+            "Triangles",
+            [svg.Series(f"LOD {k}", each[:, k], tint) for k, tint in lods],
+        ),
         _areas(at, "Seen and culled", "% of agents", shown, 100.0),
         _lines(at, "Switches in sight per frame", "Agents", switches),
         _error_plot(told.curve, len(survey.group)),
@@ -240,28 +282,48 @@ def _plots(told: Told) -> list[str]:
     ]
 
 
-def _areas(at: np.ndarray, title: str, unit: str, rows: Sequence[svg.Series], most: float | None = None) -> str:
+def _areas(
+    at: np.ndarray, title: str, unit: str, rows: Sequence[svg.Series], most: float | None = None
+) -> str:
     highest = most or float(np.sum([row.values for row in rows], axis=0).max(initial=0.0))
     x, y = svg.across("Frame", at[0], at[-1]), svg.up(unit, highest)
     return f"<h3>{title}</h3>{svg.plot(title, x, y, svg.stacked(x, y, at, rows))}{_legend(rows)}"
 
 
 def _lines(at: np.ndarray, title: str, unit: str, rows: Sequence[svg.Series]) -> str:
-    x, y = svg.across("Frame", at[0], at[-1]), svg.up(unit, max(float(row.values.max(initial=0)) for row in rows))
+    x, y = (
+        svg.across("Frame", at[0], at[-1]),
+        svg.up(unit, max(float(row.values.max(initial=0)) for row in rows)),
+    )
     return f"<h3>{title}</h3>{svg.plot(title, x, y, svg.steps(x, y, at, rows))}{_legend(rows)}"
 
 
 def _error_plot(curve: Curve, agents: int) -> str:
     sweep = [point for point in curve.points if point.kind == "tolerance"]
-    shown = [point for point in reversed(curve.points) if point.kind in ("plan", "thresholds", "hysteresis")]
+    shown = [
+        point
+        for point in reversed(curve.points)
+        if point.kind in ("plan", "thresholds", "hysteresis")
+    ]
     errors = [point.error for point in (*sweep, *shown) if point.error > 0]
     if not errors:
         return ""  # a single LOD
     costs = ("triangles", "var(--plan)"), ("memory", "var(--held)"), ("seconds", "var(--dim)")
-    most = max(100.0, *(100 * getattr(point, key) for point in (*sweep, *shown) for key, _ in costs))
-    x, y = svg.across("Largest deviation, pixels", min(errors), max(errors), log=True), svg.up("% of full detail", most)
+    most = max(
+        100.0, *(100 * getattr(point, key) for point in (*sweep, *shown) for key, _ in costs)
+    )
+    x, y = (
+        svg.across("Largest deviation, pixels", min(errors), max(errors), log=True),
+        svg.up("% of full detail", most),
+    )
     rows = [
-        svg.Series(key, np.array([(point.error, 100 * getattr(point, key)) for point in sweep if point.error > 0]), color)
+        svg.Series(
+            key,
+            np.array(
+                [(point.error, 100 * getattr(point, key)) for point in sweep if point.error > 0]
+            ),
+            color,
+        )
         for key, color in costs
     ]
     marks = [svg.curves(x, y, [row for row in rows if len(row.values)])]
@@ -272,9 +334,17 @@ def _error_plot(curve: Curve, agents: int) -> str:
                 part = 100 * getattr(point, key)
                 says = f"{point.kind}: {part:.1f} % of the {key}, {number(point.error)} pixels, {point.switches:,} switches"
                 marks.append(
-                    svg.mark(x, y, svg.Series(point.kind, np.array([[point.error, part]]), color), shapes[point.kind], [says])
+                    svg.mark(
+                        x,
+                        y,
+                        svg.Series(point.kind, np.array([[point.error, part]]), color),
+                        shapes[point.kind],
+                        [says],
+                    )
                 )
-    held = f", diamonds hysteresis that holds a LOD for {HELD:.0%} of its distance" * any(p.kind == "hysteresis" for p in shown)
+    held = f", diamonds hysteresis that holds a LOD for {HELD:.0%} of its distance" * any(
+        p.kind == "hysteresis" for p in shown
+    )
     said = f"Lines: other tolerances, frame by frame. Marks: circles the plan, squares thresholds{held}."
     if curve.agents < agents:
         said += f" From {curve.agents:,} of the agents."
@@ -282,18 +352,30 @@ def _error_plot(curve: Curve, agents: int) -> str:
 
 
 def _avoid_plot(curve: Curve) -> str:
-    points = sorted((max(p.above, 0.0) * 100, p.switches) for p in curve.points if p.kind in ("avoid", "plan"))
+    points = sorted(
+        (max(p.above, 0.0) * 100, p.switches) for p in curve.points if p.kind in ("avoid", "plan")
+    )
     others = [p for p in reversed(curve.points) if p.kind in ("plan", "thresholds")]
     most = max(p.switches for p in curve.points if p.kind in ("avoid", "plan", "thresholds"))
     if not most:
         return ""
     x = svg.across("Cost above that of thresholds, %", 0.0, max(above for above, _ in points))
     y = svg.up("Switches in sight", most)
-    marks = svg.curves(x, y, [svg.Series("plans with more or less weight of pops", np.array(points), "var(--plan)")])
+    marks = svg.curves(
+        x,
+        y,
+        [svg.Series("plans with more or less weight of pops", np.array(points), "var(--plan)")],
+    )
     colors = {"plan": "var(--plan)", "thresholds": "var(--old)"}
     for p in others:
         row = svg.Series(p.kind, np.array([[max(p.above, 0.0) * 100, p.switches]]), colors[p.kind])
-        marks += svg.mark(x, y, row, "circle", [f"{p.kind}: {p.switches:,} switches, {max(p.above, 0.0):.1%} more cost"])
+        marks += svg.mark(
+            x,
+            y,
+            row,
+            "circle",
+            [f"{p.kind}: {p.switches:,} switches, {max(p.above, 0.0):.1%} more cost"],
+        )
     said = "What other values of Avoid Pops would cost. The blue mark is this plan."
     legend = _legend([svg.Series(kind, np.empty(0), color) for kind, color in colors.items()])
     return f"<h3>Switches against cost</h3><p>{said}</p>{svg.plot('Switches against cost', x, y, marks)}{legend}"
@@ -310,8 +392,12 @@ def _stage_plot(milliseconds: Mapping[str, float]) -> str:
     bars = []
     for k, (name, ms) in enumerate(milliseconds.items()):
         top, end = svg.TOP + 26 * k + 4, float(x.place(ms))
-        bars.append(f'<rect x="{x.begin:g}" y="{top}" width="{max(end - x.begin, 0.5):.1f}" height="18" fill="var(--plan)"/>')
-        bars.append(f'<text x="{x.begin - 7:g}" y="{top + 13}" text-anchor="end">{escape(name)}</text>')
+        bars.append(
+            f'<rect x="{x.begin:g}" y="{top}" width="{max(end - x.begin, 0.5):.1f}" height="18" fill="var(--plan)"/>'
+        )
+        bars.append(
+            f'<text x="{x.begin - 7:g}" y="{top + 13}" text-anchor="end">{escape(name)}</text>'
+        )
         bars.append(f'<text x="{end + 5:.1f}" y="{top + 13}">{number(ms)}</text>')
     said = "Means of the survey's frames; time to decide comes on top."
     return f"<h3>Milliseconds by stage</h3><p>{said}</p>{svg.plot('Milliseconds by stage', x, y, ''.join(bars))}"
@@ -328,7 +414,10 @@ def _cells(row: np.void) -> list[str]:
 
 def _worst(told: Told) -> str:
     rows = [_cells(row) for row in largest(told.noticed, WORST)]
-    titles = [f"Frame {frame}, agent {agent}: {before} to {after}" for frame, agent, before, after, *_ in rows]
+    titles = [
+        f"Frame {frame}, agent {agent}: {before} to {after}"
+        for frame, agent, before, after, *_ in rows
+    ]
     shown = switch_figures.figures(titles, told.crops)
     return f"<h2>The largest changes</h2>{table_of(HEAD, rows)}{shown}" if rows else ""
 
@@ -345,17 +434,32 @@ def _switch_table(told: Told) -> str:
             if not place:
                 cells[0] = f'<span id="f{row["frame"]}">{row["frame"]}</span>'
             rows.append([*cells, f"{len(frame_rows):,}" if not place else ""])
-    return _folded(f"Switches and entries: the {OF_A_FRAME} largest of each frame", table_of([*HEAD, "In the frame"], rows))
+    return _folded(
+        f"Switches and entries: the {OF_A_FRAME} largest of each frame",
+        table_of([*HEAD, "In the frame"], rows),
+    )
 
 
 def _frame_table(told: Told) -> str:
     found, before, survey = told.plan.bill, told.plan.thresholds, told.shot.survey
     head = ["Frame", "Seen", "Culled", *(f"LOD {k}" for k in range(told.shot.meshes.count))]
     head += ["Triangles", "Switches", "Change, px", "Enter at once", "Switches by thresholds"]
-    columns = [told.numbers, survey.seen.sum(axis=1), (survey.kind == CULLED).sum(axis=1), *found.counts.T]
-    columns += [found.triangles.astype(np.int64), found.switches, found.pixels, told.entries, before.switches]
+    columns = [
+        told.numbers,
+        survey.seen.sum(axis=1),
+        (survey.kind == CULLED).sum(axis=1),
+        *found.counts.T,
+    ]
+    columns += [
+        found.triangles.astype(np.int64),
+        found.switches,
+        found.pixels,
+        told.entries,
+        before.switches,
+    ]
     rows = [
-        [number(v) if isinstance(v, float) else f"{v:,}" for v in row] for row in zip(*(c.tolist() for c in columns), strict=True)
+        [number(v) if isinstance(v, float) else f"{v:,}" for v in row]
+        for row in zip(*(c.tolist() for c in columns), strict=True)
     ]
     return _folded("Frames", table_of(head, rows))
 

@@ -41,7 +41,9 @@ def put(text: str) -> None:
         _to_nowhere(sys.stdout)
     except OSError as error:
         _to_nowhere(sys.stdout)
-        raise CrowdError(f"Standard output cannot be written ({error.strerror}): finished files stay; free space there.") from None
+        raise CrowdError(
+            f"Standard output cannot be written ({error.strerror}): finished files stay; free space there."
+        ) from None
 
 
 class _Lossy:

@@ -24,12 +24,21 @@ def svg(machine: StateMachine) -> str:
     count = len(machine.states)
     radius = max(120.0, 21.0 * count)
     told = [(name, _does(machine, s)) for s, name in enumerate(machine.states)]
-    width = max(560.0, 2 * (radius + NODE + 30 + LETTER * max(len(text) for texts in told for text in texts)))
+    width = max(
+        560.0,
+        2 * (radius + NODE + 30 + LETTER * max(len(text) for texts in told for text in texts)),
+    )
     center = width / 2, radius + 70
     turns = [2 * math.pi * s / count - math.pi / 2 for s in range(count)]
-    places = [(center[0] + radius * math.cos(turn), center[1] + radius * math.sin(turn)) for turn in turns]
+    places = [
+        (center[0] + radius * math.cos(turn), center[1] + radius * math.sin(turn)) for turn in turns
+    ]
     arrows = _arrows(machine)
-    parts = [part for pair, labels in arrows.items() for part in _arrow(machine, places, center, pair, labels)]
+    parts = [
+        part
+        for pair, labels in arrows.items()
+        for part in _arrow(machine, places, center, pair, labels)
+    ]
     for s, (turn, place) in enumerate(zip(turns, places, strict=True)):
         parts += _state(machine, s, turn, place)
     used = sorted({label for labels in arrows.values() for label in labels if label is not None})
@@ -55,7 +64,9 @@ def _arrows(machine: StateMachine) -> dict[tuple[int, int], list[int | None]]:
     found: dict[tuple[int, int], list[int | None]] = {}
     for s in range(len(machine.states)):
         for label in range(len(machine.labels)):
-            for t in _targets(machine, int(machine.next_state[s, label]), int(machine.next_choice[s, label])):
+            for t in _targets(
+                machine, int(machine.next_state[s, label]), int(machine.next_choice[s, label])
+            ):
                 found.setdefault((s, t), []).append(label)
         if np.isfinite(machine.after[s, 0]):
             for t in _targets(machine, int(machine.then[s]), int(machine.then_choice[s])):
@@ -71,7 +82,11 @@ def _targets(machine: StateMachine, certain: int, choice: int) -> Iterator[int]:
 
 
 def _arrow(
-    machine: StateMachine, places: list[Point], center: Point, pair: tuple[int, int], labels: list[int | None]
+    machine: StateMachine,
+    places: list[Point],
+    center: Point,
+    pair: tuple[int, int],
+    labels: list[int | None],
 ) -> Iterator[str]:
     (ax, ay), (bx, by) = places[pair[0]], places[pair[1]]
     # bent toward the center, and to its own side, so that there and back lie apart
@@ -110,14 +125,24 @@ def _does(machine: StateMachine, s: int) -> str:
     """Return what agents do in a state, in few words: speeds and time."""
     speeds = np.hypot(*machine.velocity[s].T)
     least, most = float(speeds.min()), float(speeds.max())
-    said = "stands" if not most else f"{number(most)} m/s" if least == most else f"{number(least)} to {number(most)} m/s"
+    said = (
+        "stands"
+        if not most
+        else f"{number(most)} m/s"
+        if least == most
+        else f"{number(least)} to {number(most)} m/s"
+    )
     if not math.isfinite(machine.after[s, 0]):
         return said
     low, high = machine.after[s].tolist()
-    return f"{said}, {number(low)} s" if low == high else f"{said}, {number(low)} to {number(high)} s"
+    return (
+        f"{said}, {number(low)} s" if low == high else f"{said}, {number(low)} to {number(high)} s"
+    )
 
 
-def _legend(machine: StateMachine, used: list[int], width: float, top: float) -> tuple[list[str], float]:
+def _legend(
+    machine: StateMachine, used: list[int], width: float, top: float
+) -> tuple[list[str], float]:
     """Return the legend of the arrows' colors, and where it ends."""
     entries: list[int | None] = [*used, *([None] if np.isfinite(machine.after).any() else [])]
     names = ["after its time" if label is None else machine.labels[label] for label in entries]

@@ -77,7 +77,10 @@ class Scale:
 
     def place(self, values: np.ndarray | float) -> np.ndarray:
         """Return the pixels of the values."""
-        low, high, at = (np.log10(each) if self.log else np.asarray(each) for each in (self.low, self.high, values))
+        low, high, at = (
+            np.log10(each) if self.log else np.asarray(each)
+            for each in (self.low, self.high, values)
+        )
         return self.begin + (self.end - self.begin) * (at - low) / (high - low)
 
     @property
@@ -86,9 +89,16 @@ class Scale:
         if self.high <= self.low:
             return []
         if self.log:
-            decades = 10.0 ** np.arange(np.floor(np.log10(self.low)), np.ceil(np.log10(self.high)) + 1)
+            decades = 10.0 ** np.arange(
+                np.floor(np.log10(self.low)), np.ceil(np.log10(self.high)) + 1
+            )
             for factors in ((1, 2, 5), (1, 3), (1,)):
-                found = [v for decade in decades for v in np.multiply(factors, decade) if self.low <= v <= self.high * (1 + 1e-9)]
+                found = [
+                    v
+                    for decade in decades
+                    for v in np.multiply(factors, decade)
+                    if self.low <= v <= self.high * (1 + 1e-9)
+                ]
                 if len(found) <= 7:
                     break
             every = max(-(-len(found) // 7), 1)
@@ -96,7 +106,10 @@ class Scale:
         rough = (self.high - self.low) / 5
         unit = 10.0 ** np.floor(np.log10(rough))
         step = unit * next(each for each in STEPS if each * unit >= rough * (1 - 1e-9))
-        return [float(k * step) for k in range(int(np.ceil(self.low / step - 1e-9)), int(self.high / step + 1e-9) + 1)]
+        return [
+            float(k * step)
+            for k in range(int(np.ceil(self.low / step - 1e-9)), int(self.high / step + 1e-9) + 1)
+        ]
 
 
 def across(title: str, low: float, high: float, log: bool = False, width: float = WIDTH) -> Scale:
@@ -104,9 +117,17 @@ def across(title: str, low: float, high: float, log: bool = False, width: float 
     return Scale(title, *_apart(low, high, log), LEFT, width - RIGHT, log)
 
 
-def up(title: str, high: float, low: float = 0.0, log: bool = False, height: float = HEIGHT) -> Scale:
+def up(
+    title: str, high: float, low: float = 0.0, log: bool = False, height: float = HEIGHT
+) -> Scale:
     """Return the axis along the plot's left edge, with some room above."""
-    return Scale(title, *_apart(low, high if log else high + 0.04 * (high - low), log), height - BOTTOM, TOP, log)
+    return Scale(
+        title,
+        *_apart(low, high if log else high + 0.04 * (high - low), log),
+        height - BOTTOM,
+        TOP,
+        log,
+    )
 
 
 def _apart(low: float, high: float, log: bool) -> tuple[float, float]:
@@ -126,17 +147,25 @@ def plot(about: str, x: Scale, y: Scale, inside: str) -> str:
     for value in y.ticks:
         at = _text(y.place(value))
         lines.append(f'<path class="grid" d="M{x.begin:g},{at}H{x.end:g}"/>')
-        lines.append(f'<text x="{x.begin - 7:g}" y="{at}" dy=".33em" text-anchor="end">{short(value)}</text>')
+        lines.append(
+            f'<text x="{x.begin - 7:g}" y="{at}" dy=".33em" text-anchor="end">{short(value)}</text>'
+        )
     for value in x.ticks:
         at = _text(x.place(value))
         lines.append(f'<path class="grid" d="M{at},{y.begin:g}v4"/>')
-        lines.append(f'<text x="{at}" y="{y.begin + 16:g}" text-anchor="middle">{short(value)}</text>')
+        lines.append(
+            f'<text x="{at}" y="{y.begin + 16:g}" text-anchor="middle">{short(value)}</text>'
+        )
     lines.append(inside)
     middle = (x.begin + x.end) / 2
     lines.append(f'<path class="axis" d="M{x.begin:g},{y.begin:g}H{x.end:g}"/>')
-    lines.append(f'<text x="{middle:g}" y="{y.begin + 33:g}" text-anchor="middle">{escape(x.title)}</text>')
+    lines.append(
+        f'<text x="{middle:g}" y="{y.begin + 33:g}" text-anchor="middle">{escape(x.title)}</text>'
+    )
     if y.title:
-        turned = f'transform="rotate(-90)" x="{-(y.begin + y.end) / 2:g}" y="12" text-anchor="middle"'
+        turned = (
+            f'transform="rotate(-90)" x="{-(y.begin + y.end) / 2:g}" y="12" text-anchor="middle"'
+        )
         lines.append(f"<text {turned}>{escape(y.title)}</text>")
     return "\n".join([*lines, "</svg>"])
 
@@ -162,7 +191,10 @@ def stacked(x: Scale, y: Scale, at: np.ndarray, rows: Sequence[Series]) -> str:
     for row in rows:
         above = below + row.values
         if row.values.any():
-            there, back = _stairs(places, y.place(above)), _stairs(places[::-1], y.place(below)[::-1])
+            there, back = (
+                _stairs(places, y.place(above)),
+                _stairs(places[::-1], y.place(below)[::-1]),
+            )
             parts.append(f'<path fill="{row.color}" d="M{there}L{back}Z">{_hover(row.name)}</path>')
         below = above
     return "\n".join(parts)
@@ -185,7 +217,8 @@ def curves(x: Scale, y: Scale, rows: Sequence[Series]) -> str:
     parts = []
     for row in rows:
         points = " ".join(
-            f"{_text(a)},{_text(b)}" for a, b in zip(x.place(row.values[:, 0]), y.place(row.values[:, 1]), strict=True)
+            f"{_text(a)},{_text(b)}"
+            for a, b in zip(x.place(row.values[:, 0]), y.place(row.values[:, 1]), strict=True)
         )
         dashes = f' stroke-dasharray="{row.dash}"' if row.dash else ""
         line = f'class="line" stroke="{row.color}"{dashes} points="{points}"'
@@ -219,7 +252,10 @@ def bars(x: Scale, y: Scale, row: Series) -> str:
 def labels(x: Scale, y: Scale, row: Series) -> str:
     """Return the row's labels, each to the upper right of its point (m, 2)."""
     places = zip(x.place(row.values[:, 0]), y.place(row.values[:, 1]), row.labels, strict=False)
-    return "".join(f'<text x="{_text(a + 8)}" y="{_text(b - 5)}">{escape(label)}</text>' for a, b, label in places)
+    return "".join(
+        f'<text x="{_text(a + 8)}" y="{_text(b - 5)}">{escape(label)}</text>'
+        for a, b, label in places
+    )
 
 
 def level(x: Scale, y: Scale, value: float, says: str) -> str:
@@ -241,7 +277,9 @@ def sheet(title: str, caption: str, panels: Sequence[Panel]) -> str:
         f'<text class="title" x="{width / 2:g}" y="22" text-anchor="middle">{escape(title)}</text>',
     ]
     for n, line in enumerate(lines):
-        parts.append(f'<text x="{width / 2:g}" y="{40 + 14 * n}" text-anchor="middle">{escape(line)}</text>')
+        parts.append(
+            f'<text x="{width / 2:g}" y="{40 + 14 * n}" text-anchor="middle">{escape(line)}</text>'
+        )
     for n, panel in enumerate(panels):
         place = f'x="{WIDTH * n}" y="{top}" width="{WIDTH}" height="{panel.height:g}"'
         parts.append(f"<svg {place}>{panel.plot}</svg>")

@@ -24,7 +24,11 @@ def figures(titles: Sequence[str], crops: Sequence[tuple[np.ndarray, np.ndarray]
     """
     if not crops:
         return ""
-    drawn = [_section(title, *crop) for title, crop in zip(titles, crops, strict=True) if crop is not None]
+    drawn = [
+        _section(title, *crop)
+        for title, crop in zip(titles, crops, strict=True)
+        if crop is not None
+    ]
     said = (
         f"Each agent alone, with the LOD before and after: as large as in the picture, enlarged pixel by pixel, in light of our own "
         f"and without blur. The difference is shown {STRONGER} times as strong."
@@ -35,7 +39,11 @@ def figures(titles: Sequence[str], crops: Sequence[tuple[np.ndarray, np.ndarray]
 
 
 def _section(title: str, before: np.ndarray, after: np.ndarray) -> str:
-    named = {"before": before, "after": after, "difference": (STRONGER * np.abs(after - before)).clip(0, 1)}
+    named = {
+        "before": before,
+        "after": after,
+        "difference": (STRONGER * np.abs(after - before)).clip(0, 1),
+    }
     times = max(1, -(-SMALLEST // before.shape[0]))
     shown = "".join(
         f'<figure><img src="{data_uri(picture)}" width="{times * picture.shape[1]}" height="{times * picture.shape[0]}" '
@@ -53,8 +61,13 @@ def data_uri(picture: np.ndarray) -> str:
     rows, columns = picture.shape[:2]
     lines = np.zeros((rows, 1 + 3 * columns), np.uint8)  # each begins with its filter: none
     lines[:, 1:] = np.rint(255 * picture[::-1]).reshape(rows, -1)
-    parts = (b"IHDR", struct.pack(">IIBBBBB", columns, rows, 8, 2, 0, 0, 0)), (b"IDAT", zlib.compress(lines, 9)), (b"IEND", b"")
+    parts = (
+        (b"IHDR", struct.pack(">IIBBBBB", columns, rows, 8, 2, 0, 0, 0)),
+        (b"IDAT", zlib.compress(lines, 9)),
+        (b"IEND", b""),
+    )
     chunks = b"".join(
-        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in parts
+        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        for kind, data in parts
     )
     return "data:image/png;base64," + base64.b64encode(b"\x89PNG\r\n\x1a\n" + chunks).decode()

@@ -22,7 +22,9 @@ def nobody_seen(counts: Iterable[int]) -> str:
 
     counts: of the agents that are in sight, or in the file, in each frame.
     """
-    return "" if any(counts) else "The camera sees no agent: turn it, or move the crowd by its Center."
+    return (
+        "" if any(counts) else "The camera sees no agent: turn it, or move the crowd by its Center."
+    )
 
 
 def row(number: int, frame: Frame, more: dict[str, float]) -> dict[str, int | float]:
@@ -33,7 +35,11 @@ def row(number: int, frame: Frame, more: dict[str, float]) -> dict[str, int | fl
     """
     shown = int(frame.visible.sum())
     counts = {f"lod{k}": int(n) for k, n in enumerate(frame.buckets.counts)}
-    unseen = {name: len(b.order) for name, b in (("shadow", frame.shadow), ("mirrored", frame.mirrored)) if b is not None}
+    unseen = {
+        name: len(b.order)
+        for name, b in (("shadow", frame.shadow), ("mirrored", frame.mirrored))
+        if b is not None
+    }
     stages = {f"{name}_ms": round(ms, 3) for name, ms in (frame.milliseconds | more).items()}
     return {
         "frame": number,
@@ -66,7 +72,9 @@ def largest_switches(path: Path, most: int = 100) -> list[dict[str, str]]:
     """
     try:
         with path.open(encoding="utf-8", newline="") as file:
-            return heapq.nlargest(most, csv.DictReader(file), key=lambda row: float(row["change_px"]))
+            return heapq.nlargest(
+                most, csv.DictReader(file), key=lambda row: float(row["change_px"])
+            )
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise CrowdError(
             f"The switches {printable(path)} of the shot plan cannot be read ({error}): press Plan Shot again."

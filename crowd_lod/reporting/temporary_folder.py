@@ -24,7 +24,9 @@ def own_temporary_folder() -> Iterator[None]:
     with ExitStack() as stack:
         with suppress(OSError), interrupt.held():
             folder = tempfile.mkdtemp(prefix=PREFIX)
-            stack.enter_context(interrupt.unfinished(partial(shutil.rmtree, folder, ignore_errors=True)))
+            stack.enter_context(
+                interrupt.unfinished(partial(shutil.rmtree, folder, ignore_errors=True))
+            )
             tempfile.tempdir = folder
             os.environ.update(dict.fromkeys(VARIABLES, folder))
         try:

@@ -103,14 +103,19 @@ def _figures(rows: Sequence[dict]) -> list[tuple[str, str]]:
         (f"{max(row['agents'] for row in rows):,}", "agents"),
         (f"{max(row['visible'] for row in rows):,}", "visible at most"),
         (f"{sum(row['b_pixels'] for row in rows):,}", "pixels that culling changes"),
-        (number(max((each for each in shifts if each is not None), default=None)), "pixels that LODs shift silhouettes at most"),
+        (
+            number(max((each for each in shifts if each is not None), default=None)),
+            "pixels that LODs shift silhouettes at most",
+        ),
         (number(None if None in allowed else max(allowed)), "pixels allowed"),
     ]
 
 
 def _columns(result: dict) -> str:
     """Return what the contact sheet shows, in sentences."""
-    more = " Its second row has the light of the sky and of bounces, too." if result["bounces"] else ""
+    more = (
+        " Its second row has the light of the sky and of bounces, too." if result["bounces"] else ""
+    )
     return (
         f"Each row is a frame, from the left: {'; '.join(result['pictures'].values())}. Then how the last three differ from the "
         f"first, {result['amplified']} times as bright; black is no difference.{more}"
@@ -118,9 +123,22 @@ def _columns(result: dict) -> str:
 
 
 def _cells(row: dict) -> list[str]:
-    wrong = [what for what, ok in (("culling", row["culling_ok"]), ("LODs", row["lod_ok"])) if not ok]
+    wrong = [
+        what for what, ok in (("culling", row["culling_ok"]), ("LODs", row["lod_ok"])) if not ok
+    ]
     return [
-        *(f"{row[key]:,}" for key in ("frame", "agents", "visible", "shadow", "mirrored", "b_pixels", "bare_pixels")),
+        *(
+            f"{row[key]:,}"
+            for key in (
+                "frame",
+                "agents",
+                "visible",
+                "shadow",
+                "mirrored",
+                "b_pixels",
+                "bare_pixels",
+            )
+        ),
         f"{row['judged']:,}",
         *(number(row[key]) for key in ("silhouette_shift", "predicted_shift", "allowed_shift")),
         number(100 * row["c_share"]),

@@ -14,7 +14,12 @@ def blur_of(frame: Frame, agents: np.ndarray) -> np.ndarray:
     open, and the circle of confusion of the sphere's sharpest part (Potmesil and Chakravarty 1981).
     The least of all eyes. 0 for panoramic cameras.
     """
-    return np.minimum.reduce([np.maximum(_moved(frame, agents, e), _unfocused(frame, agents, e)) for e in range(len(frame.eyes))])
+    return np.minimum.reduce(
+        [
+            np.maximum(_moved(frame, agents, e), _unfocused(frame, agents, e))
+            for e in range(len(frame.eyes))
+        ]
+    )
 
 
 def _moved(frame: Frame, agents: np.ndarray, eye: int) -> np.ndarray:
@@ -22,7 +27,10 @@ def _moved(frame: Frame, agents: np.ndarray, eye: int) -> np.ndarray:
     if len(frame.shutter) < 2 or frame.eyes[eye].kind == "PANO":
         return np.zeros(len(agents))
     height = frame.trajectory.spheres.center
-    ends = [_pixels(eyes[eye], frame.trajectory.at(time), height, agents) for time, eyes in (frame.shutter[0], frame.shutter[-1])]
+    ends = [
+        _pixels(eyes[eye], frame.trajectory.at(time), height, agents)
+        for time, eyes in (frame.shutter[0], frame.shutter[-1])
+    ]
     return np.nan_to_num(np.hypot(*(ends[1] - ends[0])))
 
 
@@ -42,5 +50,7 @@ def _unfocused(frame: Frame, agents: np.ndarray, eye: int) -> np.ndarray:
         return np.zeros(len(agents))
     focus, radius = camera.pad / camera.turn, spheres.radius[crowd.group[agents]]
     depth = camera.Z @ np.stack(crowd.places(spheres.center, agents, camera.origin))
-    sharpest = np.clip(focus, np.maximum(depth - radius, camera.near), np.maximum(depth + radius, camera.near))
+    sharpest = np.clip(
+        focus, np.maximum(depth - radius, camera.near), np.maximum(depth + radius, camera.near)
+    )
     return 2 * camera.pixels_per_unit * camera.pad * np.abs(1 / sharpest - 1 / focus)

@@ -81,18 +81,30 @@ def _limits(shot: Shot, budget: Budget) -> _Limits:
     meshes, owner = shot.meshes, shot.survey.owner
     first = np.zeros_like(meshes.triangles)
     first[:, 0] = 1
-    every = [("triangles", meshes.triangles, budget.triangles), ("vertices", meshes.vertices, budget.vertices)]
+    every = [
+        ("triangles", meshes.triangles, budget.triangles),
+        ("vertices", meshes.vertices, budget.vertices),
+    ]
     every.append(("agents at LOD 0", first, inf if budget.finest is None else budget.finest))
     limited = [one for one in every if one[2] != inf]
-    each = np.array([table.T[:, owner] for _, table, _ in limited]).reshape(-1, meshes.count, len(owner))
-    return _Limits([name for name, *_ in limited], each, np.array([most for *_, most in limited], np.float64), budget.memory)
+    each = np.array([table.T[:, owner] for _, table, _ in limited]).reshape(
+        -1, meshes.count, len(owner)
+    )
+    return _Limits(
+        [name for name, *_ in limited],
+        each,
+        np.array([most for *_, most in limited], np.float64),
+        budget.memory,
+    )
 
 
 def _memory(shot: Shot, shown: np.ndarray) -> float:
     return price(work_in(shot, shown), shot.engine).memory
 
 
-def decide_within(shot: Shot, budget: Budget, avoid: float = 0.05) -> Generator[float, None, BudgetPlan]:
+def decide_within(
+    shot: Shot, budget: Budget, avoid: float = 0.05
+) -> Generator[float, None, BudgetPlan]:
     """Decide on all LODs of the shot within the budget: yield the progress, return the BudgetPlan.
 
     Where the policy's LODs do not fit, the tolerance rises until they do. A budget that the plan
@@ -121,7 +133,9 @@ def _check(shot: Shot, limits: _Limits) -> None:
     """Raise CrowdError if even the coarsest LODs break a limit, whatever the tolerance."""
     wide = relaxed(shot, inf)
     shown = shown_by(wide, wide.allowed)
-    everyone = "with the coarsest LODs that are made and allowed: ask for no less, or make coarser LODs."
+    everyone = (
+        "with the coarsest LODs that are made and allowed: ask for no less, or make coarser LODs."
+    )
     for name, most, loads in zip(limits.names, limits.most, limits.loads(shown).T, strict=True):
         worst = int(loads.argmax())
         if not loads[worst] <= most:
@@ -139,7 +153,9 @@ def _check(shot: Shot, limits: _Limits) -> None:
 def relaxed(shot: Shot, tolerance: float) -> Shot:
     """Return the shot with LODs that the policy allows, or that show at most `tolerance` pixels."""
     wide = at_tolerance(shot.survey, shot.meshes.bounds, tolerance)
-    return replace(shot, survey=replace(wide, coarsest=np.maximum(wide.coarsest, shot.survey.coarsest)))
+    return replace(
+        shot, survey=replace(wide, coarsest=np.maximum(wide.coarsest, shot.survey.coarsest))
+    )
 
 
 def _least_tolerance(shot: Shot, limits: _Limits) -> Generator[float, None, float]:
@@ -199,14 +215,18 @@ class _Search:
         coarsest = self.keep(shot.coarsest)
         banned = BANNED * ((coarsest.shown == 0) & (limits.memory < inf))
         fixed, least, table = floor(shot)
-        dual, prices = yield from share(self.descend(table + banned, np.zeros((len(table), len(limits.most)))), 0.0, 0.6)
+        dual, prices = yield from share(
+            self.descend(table + banned, np.zeros((len(table), len(limits.most)))), 0.0, 0.6
+        )
         self.bound = fixed + max(least, dual)
         again = shared_table(shot, plan.thresholds, self.found[1])
         if again is not None:
             yield from share(self.descend(again + banned, prices), 0.6, 1.0)
         return self.found
 
-    def descend(self, table: np.ndarray, prices: np.ndarray) -> Generator[float, None, tuple[float, np.ndarray]]:
+    def descend(
+        self, table: np.ndarray, prices: np.ndarray
+    ) -> Generator[float, None, tuple[float, np.ndarray]]:
         """Raise the multipliers (F, Q) where frames are over their limits, and keep the best plan.
 
         table: (F, K, L) seconds of an agent.
@@ -262,7 +282,11 @@ class _Search:
         """
         shot, limits = self.shot, self.limits
         agents = np.flatnonzero(shot.survey.kind[f] == SEEN)
-        character, now, columns = shot.survey.character[f, agents], levels[f, agents], np.arange(len(agents))
+        character, now, columns = (
+            shot.survey.character[f, agents],
+            levels[f, agents],
+            np.arange(len(agents)),
+        )
         each = limits.each[:, :, character]
         loads = each[:, now, columns]
         over = loads.sum(axis=1) - limits.most
@@ -273,7 +297,12 @@ class _Search:
         cost = table[f][:, character] + self.changes(levels, f, agents)
         lost = cost - cost[now, columns]
         numbers = np.arange(len(cost))[:, None]
-        free = (numbers > now) & (numbers <= shot.allowed[f, agents]) & (eased > 0) & (lost < BANNED / 2)
+        free = (
+            (numbers > now)
+            & (numbers <= shot.allowed[f, agents])
+            & (eased > 0)
+            & (lost < BANNED / 2)
+        )
         rate = np.where(free, lost / np.where(free, eased, 1.0), inf)
         to = rate.argmin(axis=0)
         order = np.argsort(rate[to, columns], kind="stable")
@@ -294,6 +323,9 @@ class _Search:
         for other, at in ((f - 1, f), (f + 1, f + 1)):
             if 0 <= other < len(levels):
                 beside = levels[other, agents]
-                pixels = survey.scale[at, agents].astype(np.float64) * (bounds + bounds[beside, columns]) + NOTICED
+                pixels = (
+                    survey.scale[at, agents].astype(np.float64) * (bounds + bounds[beside, columns])
+                    + NOTICED
+                )
                 total += pixels * (survey.joined(at)[agents] & (numbers != beside))
         return self.weight * total

@@ -62,7 +62,9 @@ def curve_of(shot: Shot, plan: ShotPlan, tolerance: float | None) -> Generator[f
     def point(kind: str, levels: np.ndarray, pixels: float | None = None) -> Point:
         found = bill(some, levels)
         parts = of_full_detail(some, found)
-        return Point(kind, pixels, found.error, *parts, found.above(thresholds), int(found.switches.sum()))
+        return Point(
+            kind, pixels, found.error, *parts, found.above(thresholds), int(found.switches.sum())
+        )
 
     points = [
         point("plan", plan.levels[:, agents]),
@@ -93,14 +95,19 @@ def of_full_detail(shot: Shot, found: Bill) -> tuple[float, float, float]:
     return part.seconds, float(found.triangles.sum()) / triangles if triangles else 1.0, part.memory
 
 
-def hysteresis(survey: Survey, bounds: np.ndarray, tolerance: float, width: float = WIDTH) -> np.ndarray:
+def hysteresis(
+    survey: Survey, bounds: np.ndarray, tolerance: float, width: float = WIDTH
+) -> np.ndarray:
     """Return the LODs (F, n) uint8 that causal hysteresis gives.
 
     An agent keeps its LOD until its distance has passed the one where a LOD begins by the part
     `width`. One that comes into sight has the LOD of its distance.
     bounds: (G, K) meters, of each group's LODs.
     """
-    levels, finest, coarsest = (at_tolerance(survey, bounds, tolerance / factor).coarsest for factor in (1, 1 + width, 1 - width))
+    levels, finest, coarsest = (
+        at_tolerance(survey, bounds, tolerance / factor).coarsest
+        for factor in (1, 1 + width, 1 - width)
+    )
     for f in range(1, len(levels)):
         held = np.clip(levels[f - 1], finest[f], coarsest[f])
         np.copyto(levels[f], held, where=survey.joined(f))

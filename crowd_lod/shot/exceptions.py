@@ -40,7 +40,9 @@ class Exemption:
 
     def holds(self, number: int) -> bool:
         """Return whether it holds in this frame of the timeline."""
-        return (self.first is None or self.first <= number) and (self.last is None or number <= self.last)
+        return (self.first is None or self.first <= number) and (
+            self.last is None or number <= self.last
+        )
 
     @property
     def as_json(self) -> dict[str, Any]:
@@ -69,7 +71,9 @@ def parse_agents(text: str, count: int, name: str, ids: np.ndarray | None = None
     or a range that runs backwards.
     """
     if not text.strip():
-        raise CrowdError(f"The exception {name} names no agents: write their numbers, such as 12, 40-50.")
+        raise CrowdError(
+            f"The exception {name} names no agents: write their numbers, such as 12, 40-50."
+        )
     chosen = np.zeros(count, bool)
     own = np.empty(0, np.int64) if ids is None or "#" not in text else ids
     order = np.argsort(own, kind="stable")
@@ -77,7 +81,9 @@ def parse_agents(text: str, count: int, name: str, ids: np.ndarray | None = None
     for part in text.split(","):
         match = re.fullmatch(r"\s*(#?)(\d{1,18})\s*(?:-\s*(\d{1,18})\s*)?", part)
         if match is None:
-            raise CrowdError(f"The exception {name} names agents by {part.strip()!r}: write numbers and ranges, such as 12, 40-50.")
+            raise CrowdError(
+                f"The exception {name} names agents by {part.strip()!r}: write numbers and ranges, such as 12, 40-50."
+            )
         mark, first, last = match[1], int(match[2]), int(match[3] or match[2])
         if first > last:
             raise CrowdError(
@@ -88,10 +94,14 @@ def parse_agents(text: str, count: int, name: str, ids: np.ndarray | None = None
             chosen[order[begin:end]] = True
             continue
         if last >= count:
-            raise CrowdError(f"The exception {name} names agent {last}: the crowd has {count:,}, numbered from 0 on.")
+            raise CrowdError(
+                f"The exception {name} names agent {last}: the crowd has {count:,}, numbered from 0 on."
+            )
         chosen[first : last + 1] = True
     if not chosen.any():
-        raise CrowdError(f"The exception {name} names {text.strip()}: no agent has that number in its file or object.")
+        raise CrowdError(
+            f"The exception {name} names {text.strip()}: no agent has that number in its file or object."
+        )
     return np.flatnonzero(chosen)
 
 
@@ -116,7 +126,9 @@ def _ranges(numbers: np.ndarray, mark: str) -> list[str]:
     return [f"{mark}{run[0]}" + f"-{run[-1]}" * (len(run) > 1) for run in runs if len(run)]
 
 
-def check_level(exemption: Exemption, count: int, finest: Sequence[int], group: np.ndarray, names: Sequence[str]) -> None:
+def check_level(
+    exemption: Exemption, count: int, finest: Sequence[int], group: np.ndarray, names: Sequence[str]
+) -> None:
     """Raise CrowdError if an agent does not have the LOD that the exception asks for.
 
     count: the number of LODs.
@@ -130,7 +142,11 @@ def check_level(exemption: Exemption, count: int, finest: Sequence[int], group: 
     if level >= count:
         has = f"LODs 0 to {count - 1}" if count > 1 else "LOD 0 alone"
         raise CrowdError(f"The exception {name} asks for LOD {level}: the crowd has {has}.")
-    lacks = [g for g in np.unique(group[exemption.agents]).tolist() if level < (finest[g] if finest else 0)]
+    lacks = [
+        g
+        for g in np.unique(group[exemption.agents]).tolist()
+        if level < (finest[g] if finest else 0)
+    ]
     if lacks:
         raise CrowdError(
             f"The exception {name} asks for LOD {level} of {names[lacks[0]]}, which Memory for Characters leaves out: ask for LOD "
@@ -157,8 +173,14 @@ def excepted(survey: Survey, exemptions: Sequence[Exemption]) -> Survey:
     pins, hides = ([each.kind == kind for each in exemptions] for kind in (ALWAYS, HIDE))
     levels = [each.level for each in exemptions]
     # the last entry is for agents without one
-    least = np.array([level * pinned for level, pinned in zip(levels, pins, strict=True)] + [0], np.uint8)
-    most = np.array([NO_LIMIT if hidden else level for level, hidden in zip(levels, hides, strict=True)] + [NO_LIMIT], np.uint8)
+    least = np.array(
+        [level * pinned for level, pinned in zip(levels, pins, strict=True)] + [0], np.uint8
+    )
+    most = np.array(
+        [NO_LIMIT if hidden else level for level, hidden in zip(levels, hides, strict=True)]
+        + [NO_LIMIT],
+        np.uint8,
+    )
     hiding = np.array([*hides, False])
     finest, limit = np.empty_like(survey.kind), np.empty_like(survey.kind)
     gone = np.zeros(len(survey.group), bool)  # hidden in the frame before, and otherwise seen
@@ -172,7 +194,9 @@ def excepted(survey: Survey, exemptions: Sequence[Exemption]) -> Survey:
         survey.kind[f, hidden] = CULLED
         for column in (survey.coarsest, survey.scale, survey.character):
             column[f, hidden] = 0
-        np.clip(survey.coarsest[f], finest[f], limit[f], out=survey.coarsest[f], where=shows & ~hidden)
+        np.clip(
+            survey.coarsest[f], finest[f], limit[f], out=survey.coarsest[f], where=shows & ~hidden
+        )
     return replace(survey, finest=finest, limit=limit)
 
 
@@ -186,8 +210,13 @@ def alone(frame: Frame, exemptions: Sequence[Exemption], number: float) -> Frame
     asked = which >= 0
     if not asked.any():
         return frame
-    most = np.array([*(NO_LIMIT if each.kind == HIDE else each.level for each in exemptions), NO_LIMIT], np.uint8)[which]
-    levels = np.minimum(frame.levels, most) | np.where(frame.levels > most, EXCEPTED, 0).astype(np.uint8)
+    most = np.array(
+        [*(NO_LIMIT if each.kind == HIDE else each.level for each in exemptions), NO_LIMIT],
+        np.uint8,
+    )[which]
+    levels = np.minimum(frame.levels, most) | np.where(frame.levels > most, EXCEPTED, 0).astype(
+        np.uint8
+    )
     return replace(with_row(frame, marked(levels, number, exemptions)), by_plan=False)
 
 
@@ -201,6 +230,11 @@ def marked(levels: np.ndarray, number: int, exemptions: Sequence[Exemption]) -> 
     which = in_force(exemptions, number, len(levels))
     if not (which >= 0).any():
         return levels
-    pinned, hidden = (np.array([*(each.kind == kind for each in exemptions), False])[which] for kind in (ALWAYS, HIDE))
+    pinned, hidden = (
+        np.array([*(each.kind == kind for each in exemptions), False])[which]
+        for kind in (ALWAYS, HIDE)
+    )
     level = np.array([*(each.level for each in exemptions), 0], np.uint8)[which]
-    return np.where(pinned, level | PINNED | EXCEPTED, levels) | np.where(hidden, HIDDEN, 0).astype(np.uint8)
+    return np.where(pinned, level | PINNED | EXCEPTED, levels) | np.where(hidden, HIDDEN, 0).astype(
+        np.uint8
+    )

@@ -69,7 +69,9 @@ class StoredPlan:
         name = f"levels_{self.numbers[f]}"
         row = _read(self.path, (name,))[name]
         if row.shape != (agents,) or row.dtype != np.uint8:
-            raise CrowdError(f"The shot plan {printable(self.path)} does not have {agents:,} agents in {name}: {AGAIN}.")
+            raise CrowdError(
+                f"The shot plan {printable(self.path)} does not have {agents:,} agents in {name}: {AGAIN}."
+            )
         coarsest = int((row & LEVEL).max(initial=0))
         if coarsest >= levels:
             raise CrowdError(
@@ -84,7 +86,9 @@ def write(path: Path, stored: StoredPlan, levels: Sequence[np.ndarray]) -> None:
     stored: its fields; the path in it does not count.
     levels: (n,) uint8 of each frame.
     """
-    arrays: dict[str, Any] = {f"levels_{number}": row for number, row in zip(stored.numbers.tolist(), levels, strict=True)}
+    arrays: dict[str, Any] = {
+        f"levels_{number}": row for number, row in zip(stored.numbers.tolist(), levels, strict=True)
+    }
     arrays |= {
         "version": np.array(VERSION),
         "blend_file": np.array(stored.blend_file),
@@ -103,10 +107,14 @@ def read(path: Path) -> StoredPlan:
     arrays = _read(path, tuple(FORM))
     version = arrays["version"]
     if version.shape != () or version.dtype.kind not in "iu" or int(version) != VERSION:
-        raise CrowdError(f"The shot plan {printable(path)} is of another version of Crowd LOD: {AGAIN}.")
+        raise CrowdError(
+            f"The shot plan {printable(path)} is of another version of Crowd LOD: {AGAIN}."
+        )
     wrong = _wrong_in(arrays)
     if wrong:
-        raise CrowdError(f"The shot plan {printable(path)} is spoilt in {', '.join(wrong)}: {AGAIN}.")
+        raise CrowdError(
+            f"The shot plan {printable(path)} is spoilt in {', '.join(wrong)}: {AGAIN}."
+        )
     tolerance = float(arrays["tolerance"])
     return StoredPlan(
         path=path,
@@ -146,9 +154,13 @@ def _wrong_in(arrays: Mapping[str, np.ndarray]) -> list[str]:
 def _read(path: Path, names: Sequence[str]) -> dict[str, np.ndarray]:
     """Return these arrays of the file; CrowdError if one cannot be read."""
     try:
-        return read_arrays(path, names, what="The shot plan", remedy=f"{AGAIN}, or press Remove Plan")
+        return read_arrays(
+            path, names, what="The shot plan", remedy=f"{AGAIN}, or press Remove Plan"
+        )
     except FileNotFoundError:
-        raise CrowdError(f"There is no shot plan {printable(path)}: {AGAIN}, or press Remove Plan.") from None
+        raise CrowdError(
+            f"There is no shot plan {printable(path)}: {AGAIN}, or press Remove Plan."
+        ) from None
     except OSError as error:
         raise CrowdError(
             f"The shot plan {printable(path)} cannot be read ({error.strerror}): {AGAIN}, or press Remove Plan."

@@ -26,7 +26,9 @@ NEARLY = 1e-3  # part of its share that a mesh costs which the frame shows anywa
 MATTERS = 0.05  # part of the instances' cost from which on that of meshes is shared with care
 
 
-def program(shot: Shot, table: np.ndarray, weight: float, agents: slice) -> tuple[np.ndarray, float]:
+def program(
+    shot: Shot, table: np.ndarray, weight: float, agents: slice
+) -> tuple[np.ndarray, float]:
     """Return (levels (F, m) uint8, their cost) of `agents`, by dynamic programming.
 
     An agent that is not seen has the LOD with which it is seen next.
@@ -42,7 +44,9 @@ def program(shot: Shot, table: np.ndarray, weight: float, agents: slice) -> tupl
     least, via = np.empty(len(group), np.float32), np.empty(len(group), np.uint8)
     for f in range(frames):
         joined = survey.joined(f, agents)
-        pixels = np.where(joined, survey.scale[f, agents], np.float16(0)).astype(np.float32) * np.float32(weight)
+        pixels = np.where(joined, survey.scale[f, agents], np.float16(0)).astype(
+            np.float32
+        ) * np.float32(weight)
         change = apart * pixels
         left = cost + change
         np.copyto(least, left[0])
@@ -81,7 +85,9 @@ def _traced(came: np.ndarray, cost: np.ndarray) -> np.ndarray:
     return levels
 
 
-def decided(shot: Shot, table: np.ndarray, weight: float) -> Generator[float, None, tuple[np.ndarray, float]]:
+def decided(
+    shot: Shot, table: np.ndarray, weight: float
+) -> Generator[float, None, tuple[np.ndarray, float]]:
     """Decide on all agents by `program`: yield the progress, return (levels (F, n), cost)."""
     agents = len(shot.survey.group)
     parts = [slice(begin, min(begin + TOGETHER, agents)) for begin in range(0, agents, TOGETHER)]
@@ -89,7 +95,9 @@ def decided(shot: Shot, table: np.ndarray, weight: float) -> Generator[float, No
     _ = shot.allowed  # found once, before threads ask for it
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         for done, (part, (own, paid)) in enumerate(
-            zip(parts, pool.map(lambda part: program(shot, table, weight, part), parts), strict=True)
+            zip(
+                parts, pool.map(lambda part: program(shot, table, weight, part), parts), strict=True
+            )
         ):
             levels[:, part] = own
             cost += paid
@@ -136,7 +144,9 @@ def decide(shot: Shot, avoid: float = 0.05) -> Generator[float, None, ShotPlan]:
         found = bill(shot, levels)
     least = yield from share(lower_bound(shot, weight, shared), 0.8, 1.0)
     paid = objective(found, weight)
-    return ShotPlan(levels, found, thresholds, weight, max(paid / least - 1, 0.0) if least > 0 else 0.0)
+    return ShotPlan(
+        levels, found, thresholds, weight, max(paid / least - 1, 0.0) if least > 0 else 0.0
+    )
 
 
 def _limit(shot: Shot, avoid: float) -> tuple[Bill, float]:
@@ -167,7 +177,9 @@ def _weight(shot: Shot, avoid: float, shared: bool) -> Generator[float, None, fl
     low, high = unit * FACTOR**-STEPS, unit * FACTOR**STEPS
     for step in range(2 * STEPS):
         middle = float(np.sqrt(low * high))
-        levels, _ = yield from share(solved(some, thresholds, middle), step / (2 * STEPS), (step + 1) / (2 * STEPS))
+        levels, _ = yield from share(
+            solved(some, thresholds, middle), step / (2 * STEPS), (step + 1) / (2 * STEPS)
+        )
         if bill(some, levels).above(thresholds) <= avoid:
             low = middle
         else:
@@ -183,7 +195,9 @@ def sampled(shot: Shot, most: int) -> tuple[Shot, slice]:
     return shot if some.step == 1 else replace(shot, survey=shot.survey.of(some)), some
 
 
-def solved(shot: Shot, thresholds: Bill, weight: float) -> Generator[float, None, tuple[np.ndarray, float | None]]:
+def solved(
+    shot: Shot, thresholds: Bill, weight: float
+) -> Generator[float, None, tuple[np.ndarray, float | None]]:
     """Return (the levels of least cost that are found for one weight of switches, a lower bound).
 
     The bound is that of agents that share meshes evenly, or None where it was not found on the way.
@@ -228,7 +242,9 @@ def _unique(shot: Shot, thresholds: Bill) -> np.ndarray:
     """
     seconds = SECONDS[shot.engine]
     work = work_in(shot, thresholds.shown)
-    rays = seconds.get("traced", 0.0) * shot.survey.rays / (np.log(2) * np.maximum(work.unique, 1.0))
+    rays = (
+        seconds.get("traced", 0.0) * shot.survey.rays / (np.log(2) * np.maximum(work.unique, 1.0))
+    )
     return (seconds["unique"] + rays)[:, None, None] * shot.meshes.triangles.T[:, shot.survey.owner]
 
 
@@ -236,7 +252,9 @@ def _table(shot: Shot, unique: np.ndarray) -> np.ndarray:
     return (shot.instance + unique).astype(np.float32)
 
 
-def lower_bound(shot: Shot, weight: float, shared: float | None = None) -> Generator[float, None, float]:
+def lower_bound(
+    shot: Shot, weight: float, shared: float | None = None
+) -> Generator[float, None, float]:
     """Return seconds that no plan of the shot can go below, switches counted by `weight`.
 
     shared: the least sum of agents that share meshes evenly, where it is known.

@@ -38,7 +38,8 @@ class Meshes:
 def meshes_of(groups: Sequence[Group], count: int) -> Meshes:
     """Return the measured LOD meshes of `groups`, the first `count` of each."""
     triangles, vertices, bounds = (
-        np.array([getattr(group, name)[:count] for group in groups], np.float64) for name in ("triangles", "vertices", "bounds")
+        np.array([getattr(group, name)[:count] for group in groups], np.float64)
+        for name in ("triangles", "vertices", "bounds")
     )
     return Meshes(triangles, vertices, np.maximum.accumulate(bounds, axis=1))
 
@@ -61,7 +62,9 @@ class Shot:
     def actors(self) -> Actors:
         """The characters that a build of the shot may hold."""
         rigs = np.ones(len(self.meshes.triangles)) if self.rigs is None else self.rigs
-        return Actors(self.meshes.triangles, self.survey.owner.astype(np.intp), rigs, moved_as=self.moved_as)
+        return Actors(
+            self.meshes.triangles, self.survey.owner.astype(np.intp), rigs, moved_as=self.moved_as
+        )
 
     @cached_property
     def instance(self) -> np.ndarray:
@@ -81,14 +84,21 @@ class Shot:
         survey, bounds = self.survey, self.meshes.bounds
         found = np.where(survey.seen, survey.coarsest, UNSEEN).astype(np.uint8)
         for f in range(1, len(found)):
-            agents = np.flatnonzero(survey.joined(f) & (survey.coarsest[f - 1] > survey.coarsest[f]))
-            group, (then, now) = survey.group[agents], survey.scale[f - 1 : f + 1, agents].astype(np.float64)
+            agents = np.flatnonzero(
+                survey.joined(f) & (survey.coarsest[f - 1] > survey.coarsest[f])
+            )
+            group, (then, now) = (
+                survey.group[agents],
+                survey.scale[f - 1 : f + 1, agents].astype(np.float64),
+            )
             before, after = found[f - 1, agents], found[f, agents]
             most = np.maximum(then * bounds[group, before], now * bounds[group, after])
             least = 0 if survey.finest is None else survey.finest[f - 1, agents]
             for k in range(self.meshes.count - 1, 0, -1):
                 before[
-                    (before == k) & (k > np.maximum(after, least)) & (now * (bounds[group, k] + bounds[group, after]) > 2 * most)
+                    (before == k)
+                    & (k > np.maximum(after, least))
+                    & (now * (bounds[group, k] + bounds[group, after]) > 2 * most)
                 ] = k - 1
             found[f - 1, agents] = before
         return found
@@ -157,9 +167,16 @@ def bill(shot: Shot, levels: np.ndarray) -> Bill:
     def one(f: int) -> tuple[int, float, float, float]:
         agents = np.flatnonzero(survey.kind[f] == SEEN)
         level = levels[f, agents]
-        error = survey.scale[f, agents].astype(np.float64) * meshes.bounds[survey.group[agents], level]
+        error = (
+            survey.scale[f, agents].astype(np.float64) * meshes.bounds[survey.group[agents], level]
+        )
         changed, change = switched(shot, levels, f)
-        return len(changed), float(change.sum()), float(change.max(initial=0.0)), float(error.max(initial=0.0))
+        return (
+            len(changed),
+            float(change.sum()),
+            float(change.max(initial=0.0)),
+            float(error.max(initial=0.0)),
+        )
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         switches, pixels, most, error = zip(*pool.map(one, range(frames)), strict=True)

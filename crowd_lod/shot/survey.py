@@ -72,11 +72,21 @@ class Survey:
 
     def of(self, agents: slice) -> "Survey":
         """Return the survey of these agents alone; nobody counts as entered."""
-        names = ("kind", "coarsest", "scale", "character", *(("finest", "limit") if self.finest is not None else ()))
+        names = (
+            "kind",
+            "coarsest",
+            "scale",
+            "character",
+            *(("finest", "limit") if self.finest is not None else ()),
+        )
         columns = {name: getattr(self, name)[:, agents] for name in names}
         part = len(self.group[agents]) / len(self.group)
         return replace(
-            self, **columns, group=self.group[agents], rays=self.rays * part, entered=[np.empty(0, np.intp)] * len(self.times)
+            self,
+            **columns,
+            group=self.group[agents],
+            rays=self.rays * part,
+            entered=[np.empty(0, np.intp)] * len(self.times),
         )
 
     def joined(self, f: int, agents: slice = slice(None)) -> np.ndarray:
@@ -89,7 +99,9 @@ class Survey:
         return (self.kind[f, agents] == SEEN) & (self.kind[f - 1, agents] == SEEN)
 
 
-def empty(numbers: Sequence[int], times: Sequence[float], group: np.ndarray, library: np.ndarray) -> Survey:
+def empty(
+    numbers: Sequence[int], times: Sequence[float], group: np.ndarray, library: np.ndarray
+) -> Survey:
     """Return a survey of these frames, to be filled by `record`.
 
     group: (n,) uint8, of each agent.
@@ -100,7 +112,9 @@ def empty(numbers: Sequence[int], times: Sequence[float], group: np.ndarray, lib
     if not frames:
         raise CrowdError("The shot has no frames: give a range such as 1:120.")
     if characters > np.iinfo(np.uint16).max:
-        raise CrowdError(f"The crowd shows {characters:,} characters in all their phases: use fewer character groups or speeds.")
+        raise CrowdError(
+            f"The crowd shows {characters:,} characters in all their phases: use fewer character groups or speeds."
+        )
     if frames * agents * 7 > MOST_BYTES:
         raise CrowdError(
             f"A plan of {agents:,} agents in {frames:,} frames takes over {MOST_BYTES / 2**30:.0f} GB of memory: plan fewer frames."
@@ -146,7 +160,13 @@ class Recorder:
 
 
 def record(  # noqa: PLR0913 - what a frame tells, and what it follows
-    survey: Survey, f: int, frame: Frame, library: Library, before: Frame | None = None, rays: float = 0.0, cut: bool = False
+    survey: Survey,
+    f: int,
+    frame: Frame,
+    library: Library,
+    before: Frame | None = None,
+    rays: float = 0.0,
+    cut: bool = False,
 ) -> None:
     """Write the planned `frame` as frame f into the survey.
 
@@ -163,11 +183,17 @@ def record(  # noqa: PLR0913 - what a frame tells, and what it follows
         )
     trajectory, seen = frame.trajectory, frame.buckets.order
     seconds = trajectory.seconds(frame.time)
-    for kind, buckets in ((SHADOW, frame.shadow), (MIRRORED, frame.mirrored), (SEEN, frame.buckets)):
+    for kind, buckets in (
+        (SHADOW, frame.shadow),
+        (MIRRORED, frame.mirrored),
+        (SEEN, frame.buckets),
+    ):
         if buckets is not None and len(buckets.order):
             agents = buckets.order
             survey.kind[f, agents], survey.coarsest[f, agents] = kind, buckets.levels
-            survey.character[f, agents] = library.shown(trajectory.gaits, frame.crowd, seconds, agents)
+            survey.character[f, agents] = library.shown(
+                trajectory.gaits, frame.crowd, seconds, agents
+            )
     survey.scale[f, seen] = scale_of(frame, seen)
     if survey.blurred:
         sharp = survey.scale[f, seen] / (1 + blur_of(frame, seen) / survey.blurred)
@@ -181,7 +207,14 @@ def record(  # noqa: PLR0913 - what a frame tells, and what it follows
 def _unclipped(before: Frame, agents: np.ndarray) -> np.ndarray:
     """Return those of `agents` (m,) that the near or far clip culled in the frame `before`."""
     camera, reach = before.camera, before.trajectory.spheres.reach[before.crowd.group[agents]]
-    _, depth = radar(before.crowd, camera, before.trajectory.spheres.center, before.trajectory.spheres.reach, EVERYONE, agents)
+    _, depth = radar(
+        before.crowd,
+        camera,
+        before.trajectory.spheres.center,
+        before.trajectory.spheres.reach,
+        EVERYONE,
+        agents,
+    )
     return agents[(depth + reach < camera.near) | (depth - reach > camera.far)]
 
 

@@ -33,13 +33,19 @@ def noticed(shot: Shot, levels: np.ndarray, radius: np.ndarray) -> np.ndarray:
     for f, number in enumerate(survey.numbers.tolist()):
         agents, change = switched(shot, levels, f)
         entered = survey.entered[f]
-        entered = entered[survey.scale[f, entered] > 0]  # seen at the frame's own time, not only at another of the shutter
+        entered = entered[
+            survey.scale[f, entered] > 0
+        ]  # seen at the frame's own time, not only at another of the shutter
         rows = np.empty(len(agents) + len(entered), ROW)
         rows["frame"] = number
         rows["agent"] = np.concatenate([agents, entered])
         rows["before"] = np.concatenate([levels[f - 1, agents], np.full(len(entered), NOTHING)])
         rows["after"] = levels[f, rows["agent"]]
-        rows["size"] = survey.scale[f, rows["agent"]].astype(np.float64) * 2 * radius[survey.group[rows["agent"]]]
+        rows["size"] = (
+            survey.scale[f, rows["agent"]].astype(np.float64)
+            * 2
+            * radius[survey.group[rows["agent"]]]
+        )
         rows["change"] = np.concatenate([change, rows["size"][len(agents) :]])
         parts.append(rows[rows["agent"].argsort()])
     return np.concatenate(parts)

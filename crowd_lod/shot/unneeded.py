@@ -19,18 +19,24 @@ def unneeded(shot: Shot, shown: np.ndarray, names: list[str]) -> list[str]:
         own = np.flatnonzero(survey.owner == group)
         each = meshes.triangles[group]
         if not needed[:, own].any():
-            found.append(f"{name}: no frame shows it, its shadow or its mirror image; {_saves(shot, len(own) * each.sum())}.")
+            found.append(
+                f"{name}: no frame shows it, its shadow or its mirror image; {_saves(shot, len(own) * each.sum())}."
+            )
             continue
         repeated = np.diff(each, prepend=-1) == 0  # the last LOD of a group that has fewer
         for k in np.flatnonzero(~needed[:, own].any(axis=1) & ~repeated):
-            found.append(f"LOD {k} of {name}: no frame shows it; {_saves(shot, len(own) * each[k])}.")
+            found.append(
+                f"LOD {k} of {name}: no frame shows it; {_saves(shot, len(own) * each[k])}."
+            )
         if idle := int((~needed[:, own].any(axis=0)).sum()):
             found.append(
                 f"{idle:,} of {name}'s {len(own):,} poses: no frame shows {'it' if idle == 1 else 'them'}; "
                 f"{_saves(shot, idle * each.sum())}."
             )
     if never := int((survey.kind == CULLED).all(axis=0).sum()):
-        found.append(f"{never:,} of {len(survey.group):,} agents: outside of all frames, with no shadow or mirror image in them.")
+        found.append(
+            f"{never:,} of {len(survey.group):,} agents: outside of all frames, with no shadow or mirror image in them."
+        )
     return found
 
 

@@ -8,7 +8,9 @@ from .triangle_mesh import TriangleMesh, blocks, length, ranges
 BLOCK = 16_000  # faces looked at together: what fits in the processor's cache
 
 
-def walk(mesh: TriangleMesh, start: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def walk(
+    mesh: TriangleMesh, start: np.ndarray, points: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """The mesh's points closest to `points`, by walks from vertex to vertex.
 
     A walk goes from its vertex to the closest face at it, to the closest vertex of that face, and on until it comes back. It may
@@ -31,7 +33,11 @@ def walk(mesh: TriangleMesh, start: np.ndarray, points: np.ndarray) -> tuple[np.
 
 
 def follow(
-    mesh: TriangleMesh, face: np.ndarray, weights: np.ndarray, points: np.ndarray, walking: bool = True
+    mesh: TriangleMesh,
+    face: np.ndarray,
+    weights: np.ndarray,
+    points: np.ndarray,
+    walking: bool = True,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The closest points again, after the mesh or the points have moved a little.
 
@@ -54,7 +60,11 @@ def follow(
 
 
 def doubt(
-    mesh: TriangleMesh, face: np.ndarray, weights: np.ndarray, points: np.ndarray, count: int | None = None
+    mesh: TriangleMesh,
+    face: np.ndarray,
+    weights: np.ndarray,
+    points: np.ndarray,
+    count: int | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Search again, on all faces near enough, for the points that are farthest off.
 
@@ -69,7 +79,9 @@ def doubt(
         far = far[distance[far] > distance[far].max() / 2]
         some, most = points.take(far, 1), distance[far] + 1e-6
         reach = most + radius.max()
-        begin, end = (np.searchsorted(middle[along], some[along] + side) for side in (-reach, reach))
+        begin, end = (
+            np.searchsorted(middle[along], some[along] + side) for side in (-reach, reach)
+        )
         which, found = np.repeat(np.arange(len(far)), end - begin), ranges(begin, end - begin)
         away = length(some.take(which, 1) - middle.take(found, 1))
         np.minimum.at(most, which, away + radius[found] + 1e-6)
@@ -89,7 +101,9 @@ def doubt(
     return face, weights
 
 
-def beyond(mesh: TriangleMesh, least: float, face: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def beyond(
+    mesh: TriangleMesh, least: float, face: np.ndarray, points: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Which points are farther from the mesh than `least`, and their closest points.
 
     face: (k,) where the walks begin; points: (3, k). Returns the indices of those points (j,), faces (j,), weights (3, j).
@@ -103,14 +117,18 @@ def beyond(mesh: TriangleMesh, least: float, face: np.ndarray, points: np.ndarra
     return far[still], face[still], weights.take(still, 1)
 
 
-def _closest_round(mesh: TriangleMesh, start: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _closest_round(
+    mesh: TriangleMesh, start: np.ndarray, points: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """As walk(), on the faces at the vertices `start` (k,) alone."""
     face, weights = np.empty(len(start), np.intp), np.empty((3, len(start)))
     for block in blocks(len(start), BLOCK // 8):
         around, count = mesh.faces_at(start[block])
         which, some = np.repeat(np.arange(len(count)), count), points[:, block]
         square = squares(some.take(which, 1), *mesh.vertices(around))
-        hit = np.flatnonzero(square == np.repeat(np.minimum.reduceat(square, np.cumsum(count) - count), count))
+        hit = np.flatnonzero(
+            square == np.repeat(np.minimum.reduceat(square, np.cumsum(count) - count), count)
+        )
         face[block] = around[hit[np.searchsorted(which[hit], np.arange(len(count)))]]
         weights[:, block] = _closest_weights(some, *mesh.vertices(face[block]))
     return face, weights
@@ -175,7 +193,9 @@ def _products(p: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> lis
     u = b - a, v = c - a, w = p - a.
     """
     u, v, w = b - a, c - a, p - a
-    return [np.einsum("dn,dn->n", *pair) for pair in ((u, u), (u, v), (v, v), (w, u), (w, v), (w, w))]
+    return [
+        np.einsum("dn,dn->n", *pair) for pair in ((u, u), (u, v), (v, v), (w, u), (w, v), (w, w))
+    ]
 
 
 def _on_plane(products: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
@@ -203,4 +223,10 @@ def _planes_and_sides(
     along = wv - wu + uu - uv
     bc_bc = uu - uv - uv + vv + 1e-300
     bc = (along / bc_bc).clip(0, 1)
-    return (ww, plane), s, t, (ab, ac, bc), (ab * (ab * uu - wu2), ac * (ac * vv - wv2), bc * (bc * bc_bc - along - along) + from_b)
+    return (
+        (ww, plane),
+        s,
+        t,
+        (ab, ac, bc),
+        (ab * (ab * uu - wu2), ac * (ac * vv - wv2), bc * (bc * bc_bc - along - along) + from_b),
+    )

@@ -12,7 +12,9 @@ _right = np.cross((0.0, 0.0, 1.0), _towards) * np.sqrt(1.5)
 DIRECTIONS = np.stack([_right, np.cross(_towards, _right)], axis=1)
 
 
-def grown(points: np.ndarray, triangles: np.ndarray, part: np.ndarray, wanted: np.ndarray, most: float) -> np.ndarray:
+def grown(
+    points: np.ndarray, triangles: np.ndarray, part: np.ndarray, wanted: np.ndarray, most: float
+) -> np.ndarray:
     """Widen parts that show too little, and return the points (n, 3).
 
     A part is widened about its middle, along each of its own axes as far as along the others.
@@ -20,7 +22,10 @@ def grown(points: np.ndarray, triangles: np.ndarray, part: np.ndarray, wanted: n
     a part may be widened.
     """
     count = len(wanted)
-    middle = np.stack([np.bincount(part, x, count) for x in points.T], axis=1) / np.bincount(part, minlength=count)[:, None]
+    middle = (
+        np.stack([np.bincount(part, x, count) for x in points.T], axis=1)
+        / np.bincount(part, minlength=count)[:, None]
+    )
     off = points - middle[part]
     spread = [np.bincount(part, off[:, i] * off[:, j], count) for i in range(3) for j in range(3)]
     axes = np.linalg.eigh(np.stack(spread, axis=1).reshape(-1, 3, 3))[1]
@@ -33,14 +38,20 @@ def grown(points: np.ndarray, triangles: np.ndarray, part: np.ndarray, wanted: n
     # + ca; of what is flat (b + d) (c + d)
     (a, b, c), flat = reach.T, reach[:, 0] < settings.CURRENT.parts_flat * reach[:, 2]
     square, line, area = np.where(
-        flat, (np.ones(count), b + c, b * c), (np.full(count, 3.0), 2 * (a + b + c), a * b + b * c + c * a)
+        flat,
+        (np.ones(count), b + c, b * c),
+        (np.full(count, 3.0), 2 * (a + b + c), a * b + b * c + c * a),
     )
     wider = (np.sqrt(line**2 + 4 * square * area * more) - line) / (2 * square)
-    scale = 1 + wider.clip(0, most)[:, None] / np.maximum(reach, settings.CURRENT.parts_flat * reach[:, 2:] + 1e-300)
+    scale = 1 + wider.clip(0, most)[:, None] / np.maximum(
+        reach, settings.CURRENT.parts_flat * reach[:, 2:] + 1e-300
+    )
     return middle[part] + np.einsum("nk,ndk->nd", along * scale[part], axes[part])
 
 
-def areas(points: np.ndarray, triangles: np.ndarray, part: np.ndarray, count: int, cell: int = CELL) -> np.ndarray:
+def areas(
+    points: np.ndarray, triangles: np.ndarray, part: np.ndarray, count: int, cell: int = CELL
+) -> np.ndarray:
     """The area (count,) of each part's silhouette, in the mean of DIRECTIONS.
 
     points: (n, 3); triangles: (m, 3); part: (m,) of each triangle, one at least of each part; cell: pixels across a part.
@@ -53,7 +64,14 @@ def areas(points: np.ndarray, triangles: np.ndarray, part: np.ndarray, count: in
         np.maximum.at(high, part, flat.max(axis=1))
         size = np.maximum(high - low, 1e-300)
         place = np.stack([np.arange(count) % across, np.arange(count) // across], axis=1)
-        at = ((flat - low[part, None]) / size[part, None] * (cell - 2) + 1) + cell * place[part, None]
-        covered = mask(at, (across * cell, across * cell)).reshape(across, cell, across, cell).sum(axis=(1, 3)).ravel()
+        at = ((flat - low[part, None]) / size[part, None] * (cell - 2) + 1) + cell * place[
+            part, None
+        ]
+        covered = (
+            mask(at, (across * cell, across * cell))
+            .reshape(across, cell, across, cell)
+            .sum(axis=(1, 3))
+            .ravel()
+        )
         total += covered[:count] * size.prod(axis=1)
     return total / (cell - 2) ** 2 / len(DIRECTIONS)

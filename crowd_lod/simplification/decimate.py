@@ -124,14 +124,23 @@ def _check(shape: Shape, ratio: float, name: str) -> None:
     if not 0 < ratio <= 1:
         raise CrowdError(f"The LOD ratio {ratio:g} of {name} is not in (0, 1].")
     if not len(triangles):
-        raise CrowdError(f"The mesh {name} has no faces: remove it from its character group or give it some.")
+        raise CrowdError(
+            f"The mesh {name} has no faces: remove it from its character group or give it some."
+        )
     if not np.isfinite(points).all():
         wrong = int((~np.isfinite(points)).any(axis=1).sum())
-        raise CrowdError(f"The mesh {name} has {counted(wrong, 'vertex', 'vertices')} at NaN or infinity.")
+        raise CrowdError(
+            f"The mesh {name} has {counted(wrong, 'vertex', 'vertices')} at NaN or infinity."
+        )
 
 
 def _best(
-    shape: Shape, seams: np.ndarray, target: int, skin: Skin | None, effort: float, weight: np.ndarray
+    shape: Shape,
+    seams: np.ndarray,
+    target: int,
+    skin: Skin | None,
+    effort: float,
+    weight: np.ndarray,
 ) -> Generator[None, None, Collapsed]:
     """Collapse edges, then fit the surface; yields between the steps.
 
@@ -147,21 +156,29 @@ def _best(
     hold = 1.0 if skin else min(1.0, target / len(triangles) / now.seams_yield) ** 3
     held, border = sides = constrained_edges(triangles, seams, len(points))
     quadrics = quadrics_of(points, triangles, sides, hold)
-    pose_quadrics = [quadrics_of(place, triangles, sides, now.seams_posed) for place in (skin.place if skin else ())]
+    pose_quadrics = [
+        quadrics_of(place, triangles, sides, now.seams_posed)
+        for place in (skin.place if skin else ())
+    ]
     for each in (quadrics, *pose_quadrics):
         each[:10] *= weight  # not the area, by which errors are divided
     spared = now.bulk_posed if skin else now.bulk_seamed if len(seams) else 0
     yield
     most = max(int(now.bulk_margin * target + now.bulk_part * len(triangles)), spared)
-    start, some, collapse_map = _bulk(points, triangles, part, most, skin.place[0] if skin else points)
+    start, some, collapse_map = _bulk(
+        points, triangles, part, most, skin.place[0] if skin else points
+    )
     yield
     rows, *pose_quadrics = (
-        np.stack([np.bincount(collapse_map, row, len(start)) for row in each]) for each in ((*quadrics, *facing.T), *pose_quadrics)
+        np.stack([np.bincount(collapse_map, row, len(start)) for row in each])
+        for each in ((*quadrics, *facing.T), *pose_quadrics)
     )
     poses = Poses(skin, pose_quadrics) if skin else None
     if len(some) < len(triangles) and not poses:
         # of a flat face all points may have landed far from its corners, which must not forget it
-        rows[:11] += now.bulk_planes * quadrics_of(start, some, constrained_edges(some, collapse_map[seams], len(start)), hold)
+        rows[:11] += now.bulk_planes * quadrics_of(
+            start, some, constrained_edges(some, collapse_map[seams], len(start)), hold
+        )
     left = yield from collapse((start, some), rows[:11], rows[11:].T, target, poses)
     collapse_map = left.collapse_map[collapse_map]
     kept, new_triangles = np.unique(left.triangles, return_inverse=True)
@@ -172,9 +189,16 @@ def _best(
     yield
     inner = half_edges(triangles)[held[~border]]  # open borders may move along themselves
     inside = np.isin(edge_keys(seams.T, len(points)), edge_keys(inner.T, len(points)))
-    fit = SurfaceFit((new_points, new_triangles), shape, collapse_map, seams[inside], skin, left.follows[kept])
+    fit = SurfaceFit(
+        (new_points, new_triangles), shape, collapse_map, seams[inside], skin, left.follows[kept]
+    )
     yield from _fitted(fit, max(effort * now.moves, now.moves_each * len(triangles)))
-    return Collapsed(_widened(points, triangles, part, fit), fit.corners.T, fit.copies.one(fit.collapse_map), fit.follows)
+    return Collapsed(
+        _widened(points, triangles, part, fit),
+        fit.corners.T,
+        fit.copies.one(fit.collapse_map),
+        fit.follows,
+    )
 
 
 def _fitted(fit: SurfaceFit, moves: float) -> Iterator[None]:
@@ -202,7 +226,9 @@ def _fitted(fit: SurfaceFit, moves: float) -> Iterator[None]:
             break
 
 
-def _widened(points: np.ndarray, triangles: np.ndarray, part: np.ndarray, fit: SurfaceFit) -> np.ndarray:
+def _widened(
+    points: np.ndarray, triangles: np.ndarray, part: np.ndarray, fit: SurfaceFit
+) -> np.ndarray:
     """The LOD's points (k, 3) at rest, its loose parts widened if there are several.
 
     Each part is as wide as it must be to show as much as the source's: points (n, 3), triangles (m, 3), part (n,).
@@ -233,8 +259,12 @@ def _bulk(
     faces = np.ascontiguousarray(triangles, np.int32)
     care = settings.CURRENT.bulk_aggression
     with _one_at_a_time:
-        _, _, collapses = fast_simplification.simplify(seen, faces, target_count=target, agg=care, return_collapses=True)
-        some_points, some, collapse_map = fast_simplification.replay_simplification(points, faces, collapses)
+        _, _, collapses = fast_simplification.simplify(
+            seen, faces, target_count=target, agg=care, return_collapses=True
+        )
+        some_points, some, collapse_map = fast_simplification.replay_simplification(
+            points, faces, collapses
+        )
     # it numbers the points anew: each takes back the number of the first that landed on it
     _, first = np.unique(collapse_map, return_index=True)
     if len(first) != len(some_points) or (collapse_map[first] != np.arange(len(first))).any():
@@ -285,7 +315,9 @@ def _join_borders(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray
     if len(at):
         _, first, same = np.unique(points[at], axis=0, return_index=True, return_inverse=True)
         joined[at] = at[first[same.ravel()]]
-        _, inverse, count = np.unique(edge_keys(joined[half].T, n), return_inverse=True, return_counts=True)
+        _, inverse, count = np.unique(
+            edge_keys(joined[half].T, n), return_inverse=True, return_counts=True
+        )
         apart = np.isin(joined, joined[half[count[inverse] > 2]])
         joined[apart] = np.flatnonzero(apart)
     return joined, joined[border]

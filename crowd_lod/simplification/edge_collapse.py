@@ -57,7 +57,12 @@ class _Edges:
         return _Edges(self.ends[:, some], self.faces[some], self.at[:, some])
 
 
-def quadrics_of(points: np.ndarray, triangles: np.ndarray, held: tuple[np.ndarray, np.ndarray], hold: float = 1.0) -> np.ndarray:
+def quadrics_of(
+    points: np.ndarray,
+    triangles: np.ndarray,
+    held: tuple[np.ndarray, np.ndarray],
+    hold: float = 1.0,
+) -> np.ndarray:
     """Each vertex's quadric (11, n): xx, xy, xz, yy, yz, zz, xd, yd, zd, dd, area.
 
     It sums the planes of the faces at the vertex, by their areas, and the planes upright on its constrained edges, by their lengths
@@ -69,7 +74,9 @@ def quadrics_of(points: np.ndarray, triangles: np.ndarray, held: tuple[np.ndarra
     total = _spread(_planes(normal, a, area / 2), triangles.T, n)
     start, end = half_edges(triangles)[side].T
     upright, length = _unit(np.cross(points[end] - points[start], normal[side // 3]))
-    total[:10] += _spread(_planes(upright, points[start], np.where(border, 1, hold) * length**2)[:10], (start, end), n)
+    total[:10] += _spread(
+        _planes(upright, points[start], np.where(border, 1, hold) * length**2)[:10], (start, end), n
+    )
     return total
 
 
@@ -110,10 +117,27 @@ def collapse(
     own, corners = np.unique(triangles, return_inverse=True)
     # (3, m): NumPy is several times faster along the long axis
     corners = np.ascontiguousarray(corners.reshape(-1, 3).T)
-    points, quadrics, normals, n = points.T.take(own, 1), quadrics.take(own, 1), normals.T.take(own, 1), len(own)
-    poses, follows = poses and Poses(poses.skin, [each.take(own, 1) for each in poses.quadrics]), own.copy()
-    loose = LooseParts([points.copy(), *(place[own].T for place in (poses.skin.place if poses else ()))], corners, quadrics[10])
-    collapse_map, refused, thorough, facing = np.arange(n), np.zeros(0, np.intp), False, settings.CURRENT.facing
+    points, quadrics, normals, n = (
+        points.T.take(own, 1),
+        quadrics.take(own, 1),
+        normals.T.take(own, 1),
+        len(own),
+    )
+    poses, follows = (
+        poses and Poses(poses.skin, [each.take(own, 1) for each in poses.quadrics]),
+        own.copy(),
+    )
+    loose = LooseParts(
+        [points.copy(), *(place[own].T for place in (poses.skin.place if poses else ()))],
+        corners,
+        quadrics[10],
+    )
+    collapse_map, refused, thorough, facing = (
+        np.arange(n),
+        np.zeros(0, np.intp),
+        False,
+        settings.CURRENT.facing,
+    )
     keys, known, changed = np.zeros(0, np.intp), np.zeros((5, 0)), np.zeros(n, bool)
     while corners.shape[1] > target:
         before, (keys, edges, faces) = keys, edges_of(corners, n)
@@ -122,10 +146,17 @@ def collapse(
         known = _taken_over(before, known, keys, changed[edges].any(axis=0))
         new = np.flatnonzero(np.isnan(known[3]))
         known[:3, new], known[3, new] = _place(points, quadrics, *edges.take(new, 1))
-        found, barred = _Edges(edges, faces, known[:3]), _bridges(edges, faces, n) | np.isin(keys, refused)
+        found, barred = (
+            _Edges(edges, faces, known[:3]),
+            _bridges(edges, faces, n) | np.isin(keys, refused),
+        )
         barred |= loose.is_card[loose.part[edges[0]]]
         cost = np.where(barred, np.inf, known[3])
-        most = len(cost) if thorough else min(len(cost), max(64, int(settings.CURRENT.round_part * len(cost))))
+        most = (
+            len(cost)
+            if thorough
+            else min(len(cost), max(64, int(settings.CURRENT.round_part * len(cost))))
+        )
         if poses:
             errors = _PoseErrors(poses, follows, quadrics[10])
             errors.add(cost, known[4], found, most)
@@ -136,7 +167,12 @@ def collapse(
             corners = loose.give_up(corners, dearest, excess)
             continue
         passes = len(order) if thorough else settings.CURRENT.round_passes
-        chosen, bad = (order[each] for each in _choose(_Mesh(points, corners, normals), edges, found.take(order), passes, facing))
+        chosen, bad = (
+            order[each]
+            for each in _choose(
+                _Mesh(points, corners, normals), edges, found.take(order), passes, facing
+            )
+        )
         refused = np.append(refused, keys[bad])
         if not len(chosen):
             if thorough and facing == settings.CURRENT.facing_last:
@@ -150,7 +186,9 @@ def collapse(
             continue
         chosen = chosen[: np.searchsorted(np.cumsum(faces[chosen]), excess) + 1]
         if loose.cheapest < np.inf:
-            true_cost = loose.true_costs(points, corners, edges[:, chosen], known[:3, chosen], quadrics[10])
+            true_cost = loose.true_costs(
+                points, corners, edges[:, chosen], known[:3, chosen], quadrics[10]
+            )
             if true_cost.min() > loose.cheapest:
                 corners = loose.give_up(corners, true_cost.min(), excess)
                 continue
@@ -160,7 +198,9 @@ def collapse(
         around = _ring(corners, ends, n)
         refused, thorough = refused[~around[np.stack(np.divmod(refused, n))].any(axis=0)], False
         points[:, keep] = found.at.take(chosen, 1)
-        follows[keep] = poses.skin.nearer(points[:, keep], *follows[ends]) if poses else follows[keep]
+        follows[keep] = (
+            poses.skin.nearer(points[:, keep], *follows[ends]) if poses else follows[keep]
+        )
         changed = np.zeros(n, bool)
         changed[keep] = True
         for each in (quadrics, normals, *(poses.quadrics if poses else ())):
@@ -181,7 +221,9 @@ def _cheapest(cost: np.ndarray, most: int) -> np.ndarray:
     return order[np.argsort(cost[order], kind="stable")]
 
 
-def _merged(ends: np.ndarray, collapse_map: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _merged(
+    ends: np.ndarray, collapse_map: np.ndarray, corners: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """(collapse_map (n,), corners (3, j)) once each edge's second end has become its first.
 
     ends: (2, k), of the edges.
@@ -194,7 +236,9 @@ def _merged(ends: np.ndarray, collapse_map: np.ndarray, corners: np.ndarray) -> 
     return move[collapse_map], corners.compress(~_flat(corners), axis=1)
 
 
-def _taken_over(before: np.ndarray, known: np.ndarray, keys: np.ndarray, changed: np.ndarray) -> np.ndarray:
+def _taken_over(
+    before: np.ndarray, known: np.ndarray, keys: np.ndarray, changed: np.ndarray
+) -> np.ndarray:
     """What is known of edges from the round before.
 
     before: (j,) keys, in order; known: (r, j), of these; keys: (k,), in order; changed: (k,) bool. Returns (r, k): NaN for edges
@@ -224,7 +268,9 @@ def _flat(corners: np.ndarray) -> np.ndarray:
     return (a == b) | (b == c) | (c == a)
 
 
-def _choose(mesh: _Mesh, edges: np.ndarray, order: _Edges, passes: int, facing: float) -> tuple[np.ndarray, np.ndarray]:
+def _choose(
+    mesh: _Mesh, edges: np.ndarray, order: _Edges, passes: int, facing: float
+) -> tuple[np.ndarray, np.ndarray]:
     """(which of `order` to collapse together, which must not collapse), as indices.
 
     edges: (2, j) all the mesh's edges; order: those that may collapse, the cheapest first; facing: see _valid().
@@ -232,7 +278,9 @@ def _choose(mesh: _Mesh, edges: np.ndarray, order: _Edges, passes: int, facing: 
     n = mesh.points.shape[1]
     near = np.zeros(n, bool)
     near[order.ends] = True
-    corners, edges = (each.compress(near[each].any(axis=0), axis=1) for each in (mesh.corners, edges))
+    corners, edges = (
+        each.compress(near[each].any(axis=0), axis=1) for each in (mesh.corners, edges)
+    )
     mesh = _Mesh(mesh.points, corners, mesh.normals)
     free, chosen, bad = np.ones(len(order.faces), bool), np.zeros(0, np.intp), np.zeros(0, np.intp)
     for _ in range(passes):
@@ -258,7 +306,12 @@ def _planes(normal: np.ndarray, on: np.ndarray, weight: np.ndarray) -> np.ndarra
     normal: (k, 3); on: (k, 3), a point on each; weight: (k,).
     """
     (x, y, z), d = normal.T, -np.einsum("nd,nd->n", normal, on)
-    return np.stack([x * x, x * y, x * z, y * y, y * z, z * z, x * d, y * d, z * d, d * d, np.ones(len(d))]) * weight
+    return (
+        np.stack(
+            [x * x, x * y, x * z, y * y, y * z, z * z, x * d, y * d, z * d, d * d, np.ones(len(d))]
+        )
+        * weight
+    )
 
 
 def _spread(rows: np.ndarray, corners: Iterable[np.ndarray], n: int) -> np.ndarray:
@@ -266,7 +319,9 @@ def _spread(rows: np.ndarray, corners: Iterable[np.ndarray], n: int) -> np.ndarr
     return np.stack([sum(np.bincount(corner, row, n) for corner in corners) for row in rows])
 
 
-def _place(points: np.ndarray, quadrics: np.ndarray, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _place(
+    points: np.ndarray, quadrics: np.ndarray, a: np.ndarray, b: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Where edges from a to b collapse to (3, k), and at what cost (k,)."""
     at, cost = np.empty((3, len(a))), np.empty(len(a))
     for block in blocks(len(a), BLOCK):
@@ -274,23 +329,38 @@ def _place(points: np.ndarray, quadrics: np.ndarray, a: np.ndarray, b: np.ndarra
     return at, cost
 
 
-def _place_block(points: np.ndarray, quadrics: np.ndarray, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _place_block(
+    points: np.ndarray, quadrics: np.ndarray, a: np.ndarray, b: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """As _place(), all at once."""
     p, q = points.take(a, 1), points.take(b, 1)
     xx, xy, xz, yy, yz, zz, xd, yd, zd, dd, area = quadrics.take(a, 1) + quadrics.take(b, 1)
     x, y, z = middle = (p + q) / 2
-    gx, gy, gz = xx * x + xy * y + xz * z + xd, xy * x + yy * y + yz * z + yd, xz * x + yz * y + zz * z + zd
+    gx, gy, gz = (
+        xx * x + xy * y + xz * z + xd,
+        xy * x + yy * y + yz * z + yd,
+        xz * x + yz * y + zz * z + zd,
+    )
     cost = (gx + xd) * x + (gy + yd) * y + (gz + zd) * z + dd
     hold = settings.CURRENT.midpoint * area + 1e-300
     xx, yy, zz = xx + hold, yy + hold, zz + hold
     cxx, cxy, cxz = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
     cyy, cyz, czz = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
-    adjugate = np.stack([cxx * gx + cxy * gy + cxz * gz, cxy * gx + cyy * gy + cyz * gz, cxz * gx + cyz * gy + czz * gz])
+    adjugate = np.stack(
+        [
+            cxx * gx + cxy * gy + cxz * gz,
+            cxy * gx + cyy * gy + cyz * gz,
+            cxz * gx + cyz * gy + czz * gz,
+        ]
+    )
     step = -adjugate / np.maximum(xx * cxx + xy * cxy + xz * cxz, 1e-300)
     edge = np.einsum("dn,dn->n", p - q, p - q)
     # planes that hardly differ meet anywhere
     step *= np.einsum("dn,dn->n", step, step) <= 4 * edge
-    cost = np.maximum(cost + gx * step[0] + gy * step[1] + gz * step[2], 0) + settings.CURRENT.midpoint * edge * area
+    cost = (
+        np.maximum(cost + gx * step[0] + gy * step[1] + gz * step[2], 0)
+        + settings.CURRENT.midpoint * edge * area
+    )
     return middle + step, cost / (area + 1e-300) ** settings.CURRENT.area_power
 
 
@@ -330,9 +400,15 @@ class _PoseErrors:
         for block in blocks(len(follow), BLOCK):
             a, b = ends[:, block]
             for j, quadrics in enumerate(self.poses.quadrics):
-                xx, xy, xz, yy, yz, zz, xd, yd, zd, dd, _ = quadrics.take(a, 1) + quadrics.take(b, 1)
+                xx, xy, xz, yy, yz, zz, xd, yd, zd, dd, _ = quadrics.take(a, 1) + quadrics.take(
+                    b, 1
+                )
                 x, y, z = skin.at(j, at[:, block], follow[block])
-                gx, gy, gz = xx * x + xy * y + xz * z + xd, xy * x + yy * y + yz * z + yd, xz * x + yz * y + zz * z + zd
+                gx, gy, gz = (
+                    xx * x + xy * y + xz * z + xd,
+                    xy * x + yy * y + yz * z + yd,
+                    xz * x + yz * y + zz * z + zd,
+                )
                 error[block] += np.maximum((gx + xd) * x + (gy + yd) * y + (gz + zd) * z + dd, 0)
         return error
 
@@ -389,15 +465,26 @@ def _valid(mesh: _Mesh, edges: np.ndarray, chosen: _Edges, facing: float) -> np.
     across = edge_keys(np.stack([across.sum(axis=0) + 1 - high, high]), n)
     good[_twice(edge * n * n + across) // n // n] = False
     old = [points.take(corner, 1) for corner in rest]
-    new = [np.where(moved >= 0, at.take(edge, 1), corner) for moved, corner in zip(mine, old, strict=True)]
+    new = [
+        np.where(moved >= 0, at.take(edge, 1), corner)
+        for moved, corner in zip(mine, old, strict=True)
+    ]
     was, now = normals_at(*old), normals_at(*new)
     was_size, size = length(was), length(now)
-    was_long, long = (sum(np.einsum("dn,dn->n", side, side) for side in (a - b, b - c, c - a)) for a, b, c in (old, new))
+    was_long, long = (
+        sum(np.einsum("dn,dn->n", side, side) for side in (a - b, b - c, c - a))
+        for a, b, c in (old, new)
+    )
     thin = (size < settings.CURRENT.thinnest * long) & (size * was_long <= was_size * long)
     merged = normals[:, ends].sum(axis=1)
-    outward = [np.where(m >= 0, merged.take(edge, 1), normals.take(c, 1)) for m, c in zip(mine, rest, strict=True)]
+    outward = [
+        np.where(m >= 0, merged.take(edge, 1), normals.take(c, 1))
+        for m, c in zip(mine, rest, strict=True)
+    ]
     stands_for = sum(each / (length(each) + 1e-300) for each in outward)
-    turned = (np.einsum("dn,dn->n", was, now) / (was_size * size + 1e-300) < facing) & (was_size > 0)
+    turned = (np.einsum("dn,dn->n", was, now) / (was_size * size + 1e-300) < facing) & (
+        was_size > 0
+    )
     turned |= np.einsum("dn,dn->n", stands_for, now) / (length(stands_for) * size + 1e-300) < facing
     good[edge[thin | turned]] = False
     return good

@@ -101,7 +101,12 @@ class _Points:
     near: np.ndarray
 
     def joined(self, more: "_Points") -> "_Points":
-        return _Points(*(np.concatenate(pair) for pair in zip(vars(self).values(), vars(more).values(), strict=True)))
+        return _Points(
+            *(
+                np.concatenate(pair)
+                for pair in zip(vars(self).values(), vars(more).values(), strict=True)
+            )
+        )
 
 
 @dataclass
@@ -120,7 +125,12 @@ class _Pairs:
     def of(self, pieces: np.ndarray) -> "_Pairs":
         """Those of the pieces (p,) bool alone, which are numbered anew."""
         some = np.flatnonzero(pieces[self.piece])
-        return _Pairs((np.cumsum(pieces) - 1)[self.piece[some]], self.weights[some], self.to[some], self.to_weights[some])
+        return _Pairs(
+            (np.cumsum(pieces) - 1)[self.piece[some]],
+            self.weights[some],
+            self.to[some],
+            self.to_weights[some],
+        )
 
 
 def interval(one: Moving, other: Moving, least: float = 0.0) -> Interval:
@@ -133,7 +143,10 @@ def interval(one: Moving, other: Moving, least: float = 0.0) -> Interval:
     found.floor = max(found.floor, least)
     ways = [_Way(b, found, slice(0, b.points.shape[1])) for b in (other, one)]
     used = [np.unique(a.pieces, return_inverse=True) for a in (one, other)]
-    mapped = [way.mapped(a.points[some]) for way, a, (some, _) in zip(ways, (one, other), used, strict=True)]
+    mapped = [
+        way.mapped(a.points[some])
+        for way, a, (some, _) in zip(ways, (one, other), used, strict=True)
+    ]
     for way, points in zip(ways, mapped, strict=True):
         way.look_again(points)
     for way, points, a, (_, pieces) in zip(ways, mapped, (one, other), used, strict=True):
@@ -175,10 +188,15 @@ def places_on(triangles: np.ndarray, large: np.ndarray) -> Places:
     _, ends, _ = edges_of(large.T, large.max(initial=0) + 1)
     corners = [points[:, None].repeat(3, axis=1), large, *[ends[[0, 1, 1]].T] * len(ALONG)]
     weights = [(1, 0, 0), (1 / 3, 1 / 3, 1 / 3), *((1 - part, part, 0) for part in ALONG)]
-    return Places(np.concatenate(corners), np.repeat(np.array(weights, np.float64), [len(each) for each in corners], axis=0))
+    return Places(
+        np.concatenate(corners),
+        np.repeat(np.array(weights, np.float64), [len(each) for each in corners], axis=0),
+    )
 
 
-def estimate(one: Moving, other: Moving, parts: Sequence[tuple[Places, Places]], beyond: float) -> tuple[list[float], np.ndarray]:
+def estimate(
+    one: Moving, other: Moving, parts: Sequence[tuple[Places, Places]], beyond: float
+) -> tuple[list[float], np.ndarray]:
     """Estimate what `interval` measures, part by part and point by point.
 
     parts: of each, such as an object, the Places of `one` and those of `other`, whose distances from the whole of the
@@ -201,7 +219,9 @@ def estimate(one: Moving, other: Moving, parts: Sequence[tuple[Places, Places]],
         way = _Way(one, found, poses)
         points = way.mapped(theirs.at(other.points), one.counted)
         way.look_again(points, beyond)
-        np.maximum.at(away, _nearest_corner(one.triangles[points.to], points.weights), points.near.max(axis=1))
+        np.maximum.at(
+            away, _nearest_corner(one.triangles[points.to], points.weights), points.near.max(axis=1)
+        )
         distances.append(found.measured)
     return distances, away
 
@@ -251,13 +271,17 @@ class _Way:
         weights = self.other.on(to, at[:, 0], self.base)
         off = np.empty(at.shape[:2])
         for some in blocks(len(at), TOGETHER):
-            off[some] = _length(at[some] - self.mixed(self.other.triangles[to[some]], weights[some], self.poses))
+            off[some] = _length(
+                at[some] - self.mixed(self.other.triangles[to[some]], weights[some], self.poses)
+            )
         self.found.see(off[:, 0], self.base, at[:, 0])
         return _Points(at, to, weights, off, off.copy())
 
     def mixed(self, corners: np.ndarray, weights: np.ndarray, poses: slice) -> np.ndarray:
         """The points (j, poses, 3) at weights (j, 3) of points (j, 3) of `other`."""
-        return sum(self.other.points[corners[:, c], poses] * weights[:, c, None, None] for c in range(3))
+        return sum(
+            self.other.points[corners[:, c], poses] * weights[:, c, None, None] for c in range(3)
+        )
 
     def look_again(self, points: _Points, beyond: float = np.inf) -> None:
         """Measure points in the poses where they may be farther off than any, or than `beyond`."""
@@ -285,7 +309,10 @@ class _Way:
             most = np.minimum(most[some], self.mapped_pieces(points, pieces[some]))
             wrong = most > self.found.enough
             split = wrong[:, 0]
-            if depth == settings.CURRENT.bound_depth or 4 * split.sum() > settings.CURRENT.bound_pieces:
+            if (
+                depth == settings.CURRENT.bound_depth
+                or 4 * split.sum() > settings.CURRENT.bound_pieces
+            ):
                 self.found.bound = max(self.found.bound, float(most[split, 0].max(initial=0)))
                 split = np.zeros_like(split)
             rest = np.flatnonzero(wrong.any(axis=1) & ~split)
@@ -301,7 +328,9 @@ class _Way:
             if len(some):
                 used, corners = np.unique(some, return_inverse=True)
                 way = self.alone(k)
-                way.cover(way.mapped(points.at[used, k, None]), corners.reshape(-1, 3), sides[:, None])
+                way.cover(
+                    way.mapped(points.at[used, k, None]), corners.reshape(-1, 3), sides[:, None]
+                )
 
     def divided(self, points: _Points, pieces: np.ndarray) -> tuple[_Points, np.ndarray]:
         """Divide pieces into four: the points with those between, and (4 p, 3) pieces."""
@@ -311,7 +340,12 @@ class _Way:
         points = points.joined(self.mapped((points.at[keys // n] + points.at[keys % n]) / 2))
         a, b, c = pieces.T
         ab, bc, ca = n + middle.reshape(-1, 3).T
-        return points, np.concatenate([np.stack(each, axis=1) for each in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
+        return points, np.concatenate(
+            [
+                np.stack(each, axis=1)
+                for each in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
+            ]
+        )
 
     def mapped_pieces(self, points: _Points, pieces: np.ndarray) -> np.ndarray:
         """The meters (p, poses) that pieces are off at most, mapped to faces.
@@ -319,7 +353,9 @@ class _Way:
         To one triangle, or to neighbors; infinite where that is too much in the first pose already.
         """
         to = points.to[pieces]
-        most = np.where((to == to[:, :1]).all(axis=1)[:, None], points.off[pieces].max(axis=1), np.inf)
+        most = np.where(
+            (to == to[:, :1]).all(axis=1)[:, None], points.off[pieces].max(axis=1), np.inf
+        )
         every = np.flatnonzero((most > self.found.enough).any(axis=1))
         for block in blocks(len(every), TOGETHER):
             some = every[block]
@@ -344,27 +380,46 @@ class _Way:
         at = sum(corners[pairs.piece, c] * pairs.weights[:, c, None, None] for c in range(3))
         off = _length(at - self.mixed(pairs.to, pairs.to_weights, poses))
         order = np.argsort(pairs.piece, kind="stable")
-        most = np.maximum.reduceat(off[order], np.searchsorted(pairs.piece[order], np.arange(len(corners))))
+        most = np.maximum.reduceat(
+            off[order], np.searchsorted(pairs.piece[order], np.arange(len(corners)))
+        )
         return np.where(np.isnan(most), np.inf, most)
 
     def beneath(self, points: _Points, pieces: np.ndarray) -> np.ndarray:
         """The triangles (p, 3) of `other` beneath the pieces, near each corner."""
         corner = points.at[pieces, 0]
-        inside = corner + settings.CURRENT.bound_inside * (corner.mean(axis=1, keepdims=True) - corner)
+        inside = corner + settings.CURRENT.bound_inside * (
+            corner.mean(axis=1, keepdims=True) - corner
+        )
         start = self.mesh.corner(points.to[pieces.ravel()], points.weights[pieces.ravel()].T)
-        return walk(self.mesh, start, np.ascontiguousarray(inside.reshape(-1, 3).T))[0].reshape(-1, 3)
+        return walk(self.mesh, start, np.ascontiguousarray(inside.reshape(-1, 3).T))[0].reshape(
+            -1, 3
+        )
 
     def to_one(self, at: np.ndarray, beneath: np.ndarray) -> _Pairs:
         """Map pieces, with corners (p, 3, 3), to one triangle each.
 
         Of the triangles (p, 3) beneath its corners, that to which it is nearest.
         """
-        on = np.array([[self.other.on(each, at[:, c], self.base) for c in range(3)] for each in beneath.T])
+        on = np.array(
+            [[self.other.on(each, at[:, c], self.base) for c in range(3)] for each in beneath.T]
+        )
         to, first = self.other.triangles[beneath], slice(self.base, self.base + 1)
-        off = [[_length(at[:, c] - self.mixed(to[:, t], on[t, c], first)[:, 0]) for c in range(3)] for t in range(3)]
+        off = [
+            [_length(at[:, c] - self.mixed(to[:, t], on[t, c], first)[:, 0]) for c in range(3)]
+            for t in range(3)
+        ]
         best, every = np.max(off, axis=1).argmin(axis=0), np.arange(len(at))
         return _joined(
-            [_Pairs(every, np.broadcast_to(np.eye(3)[c], at.shape[:2]), to[every, best], on[best, c, every]) for c in range(3)]
+            [
+                _Pairs(
+                    every,
+                    np.broadcast_to(np.eye(3)[c], at.shape[:2]),
+                    to[every, best],
+                    on[best, c, every],
+                )
+                for c in range(3)
+            ]
         )
 
     def to_neighbors(self, at: np.ndarray, beneath: np.ndarray) -> _Pairs:
@@ -379,7 +434,9 @@ class _Way:
         pairs, turned = [], np.zeros(len(at), np.intp)
         for c in range(3):
             weights = np.broadcast_to(np.eye(3)[c], at.shape[:2])
-            pairs.append(_Pairs(every, weights, to[:, c], self.other.on(beneath[:, c], at[:, c], self.base)))
+            pairs.append(
+                _Pairs(every, weights, to[:, c], self.other.on(beneath[:, c], at[:, c], self.base))
+            )
         pairs[0].to_weights[~common.any(axis=1)] = np.nan
         for i, j in ((0, 1), (1, 2), (2, 0)):
             some = np.flatnonzero((beneath[:, i] != beneath[:, j]) & common.any(axis=1))
@@ -387,18 +444,36 @@ class _Way:
                 pairs.append(crossing)
                 turned[crossing.piece] += steps
         some = np.flatnonzero(turned)
-        weights = closest_weights(self.other.points[hub[some], self.base].T, *at[some].transpose(1, 2, 0)).T
-        return _joined([*pairs, _Pairs(some, weights, hub[some, None].repeat(3, axis=1), np.eye(3)[np.zeros_like(some)])])
+        weights = closest_weights(
+            self.other.points[hub[some], self.base].T, *at[some].transpose(1, 2, 0)
+        ).T
+        return _joined(
+            [
+                *pairs,
+                _Pairs(
+                    some, weights, hub[some, None].repeat(3, axis=1), np.eye(3)[np.zeros_like(some)]
+                ),
+            ]
+        )
 
     def crossings(
-        self, at: np.ndarray, beneath: np.ndarray, hub: np.ndarray, side: tuple[int, int], some: np.ndarray
+        self,
+        at: np.ndarray,
+        beneath: np.ndarray,
+        hub: np.ndarray,
+        side: tuple[int, int],
+        some: np.ndarray,
     ) -> Iterator[tuple[_Pairs, np.ndarray]]:
         """The spokes that an edge of the pieces `some` crosses, one after another.
 
         side: the edge's two corners. Yields _Pairs where it crosses, and 1 or -1 for each: the way round the hub.
         """
         i, j = side
-        face, last, middle = beneath[some, i], beneath[some, j], self.other.points[hub[some], self.base]
+        face, last, middle = (
+            beneath[some, i],
+            beneath[some, j],
+            self.other.points[hub[some], self.base],
+        )
         one, other = at[some, i], at[some, j]
         up = np.add(*(normals(*self.other.corners(each, self.base)) for each in (face, last))).T
         left = np.einsum("pd,pd->p", np.cross(one - middle, other - middle), up) > 0
@@ -416,7 +491,10 @@ class _Way:
             face = self.other.rest.neighbors[face, np.where(left, (place + 2) % 3, place)]
             going = (face != last) & (face >= 0)
             to_weights[(face < 0) | going & (more == 0)] = np.nan
-            yield _Pairs(some, weights, np.stack([hub[some], rim, rim], axis=1), to_weights), np.where(left, 1, -1)
+            yield (
+                _Pairs(some, weights, np.stack([hub[some], rim, rim], axis=1), to_weights),
+                np.where(left, 1, -1),
+            )
             if not going.any():
                 return
             some, face, last, middle, one, other, up, left = (
@@ -425,7 +503,9 @@ class _Way:
 
 
 def _joined(pairs: list[_Pairs]) -> _Pairs:
-    return _Pairs(*(np.concatenate(each) for each in zip(*(vars(one).values() for one in pairs), strict=True)))
+    return _Pairs(
+        *(np.concatenate(each) for each in zip(*(vars(one).values() for one in pairs), strict=True))
+    )
 
 
 def _part(points: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
@@ -434,7 +514,10 @@ def _part(points: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
     points, begin, end: (p, 3).
     """
     side = end - begin
-    return (np.einsum("pd,pd->p", points - begin, side) / np.maximum(np.einsum("pd,pd->p", side, side), 1e-300)).clip(0, 1)
+    return (
+        np.einsum("pd,pd->p", points - begin, side)
+        / np.maximum(np.einsum("pd,pd->p", side, side), 1e-300)
+    ).clip(0, 1)
 
 
 def _between(begin: np.ndarray, end: np.ndarray, part: np.ndarray) -> np.ndarray:

@@ -40,11 +40,16 @@ class LooseParts:
         # Seen edge on a card shows nothing: it is half a loss, unless the part is so thin that a LOD which errs as much
         # need not show it.
         unseen = np.minimum((gap + radius) / 2, thickness / settings.CURRENT.thin_least)
-        off = [np.maximum(unseen, _card_distances(points, corners, self.part, self._cards)) for points in copies]
+        off = [
+            np.maximum(unseen, _card_distances(points, corners, self.part, self._cards))
+            for points in copies
+        ]
         faces = normals(*(rest.take(corner, 1) for corner in corners))
         shown = np.bincount(self.part[corners[0]], length(faces), count) / 8
         weight = np.bincount(self.part, area, count) ** (1 - settings.CURRENT.area_power)
-        self._costs = weight * np.stack([np.sum(np.square(off), axis=0), len(copies) * np.maximum(lost**2, shown)])
+        self._costs = weight * np.stack(
+            [np.sum(np.square(off), axis=0), len(copies) * np.maximum(lost**2, shown)]
+        )
         self._costs[:, 0] = np.inf
         self._copies, self._rest, self._witness = len(copies), rest, rest.copy()
 
@@ -53,7 +58,14 @@ class LooseParts:
         """The least cost of a part that may be given up, infinite if there is none."""
         return float(self._costs.min())
 
-    def true_costs(self, points: np.ndarray, corners: np.ndarray, ends: np.ndarray, at: np.ndarray, area: np.ndarray) -> np.ndarray:
+    def true_costs(
+        self,
+        points: np.ndarray,
+        corners: np.ndarray,
+        ends: np.ndarray,
+        at: np.ndarray,
+        area: np.ndarray,
+    ) -> np.ndarray:
         """What collapses cost by the points of the source that they leave behind, (k,).
 
         points: (3, n), corners: (3, m), as they are; ends: (2, k) edges without a common face; at: (3, k), where they collapse
@@ -65,7 +77,10 @@ class LooseParts:
         stays = (mine >= 0).sum(axis=0) == 1
         mine, corners = mine[:, stays], corners[:, stays]
         edge = mine.max(axis=0)
-        faces = [np.where(own >= 0, at.take(edge, 1), points.take(corner, 1)) for own, corner in zip(mine, corners, strict=True)]
+        faces = [
+            np.where(own >= 0, at.take(edge, 1), points.take(corner, 1))
+            for own, corner in zip(mine, corners, strict=True)
+        ]
         away = np.full(ends.shape, np.inf)
         for nearest, end in zip(away, ends, strict=True):
             np.minimum.at(nearest, edge, distances(self._witness.take(end[edge], 1), *faces))
@@ -75,7 +90,9 @@ class LooseParts:
     def follow(self, ends: np.ndarray, at: np.ndarray) -> None:
         """Take up that edges `ends` (2, k) have collapsed to `at` (3, k), as their first ends."""
         first, second = (self._witness.take(end, 1) for end in ends)
-        self._witness[:, ends[0]] = np.where(length(first - at) < length(second - at), second, first)
+        self._witness[:, ends[0]] = np.where(
+            length(first - at) < length(second - at), second, first
+        )
 
     def give_up(self, corners: np.ndarray, limit: float, excess: int) -> np.ndarray:
         """Let parts become cards, or go, that cost `limit` at most.
@@ -101,7 +118,9 @@ class LooseParts:
         self.is_card[flat] = True
         self._costs[0, flat] = self._costs[:, gone] = np.inf
         left = corners.compress(~np.isin(part, np.append(flat, gone)), axis=1)
-        return np.concatenate([left, cards[..., flat].reshape(3, -1).compress(sound[:, flat].ravel(), axis=1)], axis=1)
+        return np.concatenate(
+            [left, cards[..., flat].reshape(3, -1).compress(sound[:, flat].ravel(), axis=1)], axis=1
+        )
 
     def restore_cards(
         self, points: np.ndarray, collapse_map: np.ndarray, follows: np.ndarray, own: np.ndarray
@@ -112,9 +131,15 @@ class LooseParts:
         source moves with. Returns the same, changed.
         """
         flat = self.is_card[self.part]
-        away = [length(self._rest - self._rest.take(corner[self.part], 1)) for corner in self._cards]
+        away = [
+            length(self._rest - self._rest.take(corner[self.part], 1)) for corner in self._cards
+        ]
         corners = self._cards[np.argmin(away, axis=0), self.part]
-        return np.where(flat, self._rest, points), np.where(flat, corners, collapse_map), np.where(flat, own, follows)
+        return (
+            np.where(flat, self._rest, points),
+            np.where(flat, corners, collapse_map),
+            np.where(flat, own, follows),
+        )
 
 
 def _parts(points: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -150,13 +175,17 @@ def _cards(points: np.ndarray, part: np.ndarray, count: int) -> tuple[np.ndarray
     return np.stack([*ends[1], *ends[0]])[[0, 2, 1, 3]], along[0, high] - along[0, low]
 
 
-def _card_distances(points: np.ndarray, corners: np.ndarray, part: np.ndarray, cards: np.ndarray) -> np.ndarray:
+def _card_distances(
+    points: np.ndarray, corners: np.ndarray, part: np.ndarray, cards: np.ndarray
+) -> np.ndarray:
     """How far each part and its card are from each other, (parts,).
 
     points: (3, n); corners: (3, m); part: (n,); cards: (4, parts).
     """
     a, b, c, d = (points.take(corner, 1) for corner in cards)
-    triangles = [[corner.take(part, 1) for corner in triangle] for triangle in ((a, b, c), (a, c, d))]
+    triangles = [
+        [corner.take(part, 1) for corner in triangle] for triangle in ((a, b, c), (a, c, d))
+    ]
     off = np.zeros(cards.shape[1])
     np.maximum.at(off, part, np.minimum(*(distances(points, *triangle) for triangle in triangles)))
     owner = part[corners[0]]
@@ -195,7 +224,9 @@ def _lost_distances(
     return gap, _lost_in_turn(np.where(at_larger, away, off), counts_on)
 
 
-def _nearest_points(points: np.ndarray, count: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _nearest_points(
+    points: np.ndarray, count: np.ndarray, wanted: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Of the first `count` points the one nearest to each of those `wanted`.
 
     points: (3, n); count: (k,), ascending; wanted: (3, k). Returns indices and distances (k,): 0 and infinite of none.
@@ -208,7 +239,9 @@ def _nearest_points(points: np.ndarray, count: np.ndarray, wanted: np.ndarray) -
             squares = square[:most] - 2 * wanted[:, block].T @ points[:, :most]
             squares[np.arange(most) >= count[block, None]] = np.inf
             nearest[block] = squares.argmin(axis=1)
-            away[block] = np.where(count[block] > 0, length(wanted[:, block] - points.take(nearest[block], 1)), np.inf)
+            away[block] = np.where(
+                count[block] > 0, length(wanted[:, block] - points.take(nearest[block], 1)), np.inf
+            )
     return nearest, away
 
 

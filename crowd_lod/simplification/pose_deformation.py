@@ -45,7 +45,9 @@ class Skin:
         """
         x, y, z = ways
         xx, yx, zx, xy, yy, zy, xz, yz, zz = self._rows[pose, 6:].take(follows, 1)
-        return np.stack([xx * x + yx * y + zx * z, xy * x + yy * y + zy * z, xz * x + yz * y + zz * z])
+        return np.stack(
+            [xx * x + yx * y + zx * z, xy * x + yy * y + zy * z, xz * x + yz * y + zz * z]
+        )
 
     @cached_property
     def stretch(self) -> np.ndarray:
@@ -140,7 +142,11 @@ class Copies:
         self.rest = settings.CURRENT.rest_scale if self.count > 1 else 1.0
         if skin is not None:
             low, high = skin.place.min(axis=1), skin.place.max(axis=1)
-            gap = settings.CURRENT.pose_gap * self.rest * max(np.ptp(skin.rest, axis=0).max(), (high - low).max())
+            gap = (
+                settings.CURRENT.pose_gap
+                * self.rest
+                * max(np.ptp(skin.rest, axis=0).max(), (high - low).max())
+            )
             self.shift = gap * np.arange(1, self.count) - low[:, 0]
 
     def every(self, one: np.ndarray) -> np.ndarray:
@@ -169,7 +175,9 @@ class Copies:
                 every[0, :, j] += self.shift[j - 1]
         return every.reshape(3, -1)
 
-    def joined(self, weight: np.ndarray, ways: np.ndarray, follows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def joined(
+        self, weight: np.ndarray, ways: np.ndarray, follows: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """The offsets at rest that come nearest to those wanted in all copies.
 
         weight: (k * count,); ways: (3, k * count), weighed. Returns the weight (k,) and weighed offsets (3, k) of the larger copy at

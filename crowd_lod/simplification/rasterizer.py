@@ -10,7 +10,9 @@ MOST_PAIRS = 50_000  # of triangle and pixel, at a time: what fits in the proces
 EDGE = 1e-9  # pixels by which a center may miss an edge that it lies on, by rounding
 
 
-def cover(corners: np.ndarray, shape: tuple[int, int]) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+def cover(
+    corners: np.ndarray, shape: tuple[int, int]
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """The pixels whose centers each triangle covers, some triangles at a time.
 
     corners: (m, 3, 2) float64, in pixels: x from the left edge, y from the edge of row 0. shape: rows and columns.
@@ -36,7 +38,11 @@ def cover(corners: np.ndarray, shape: tuple[int, int]) -> Iterator[tuple[np.ndar
         c = (y * u[triangle, 0] - x * u[triangle, 1]) / area[triangle]
         inside = (b >= 0) & (c >= 0) & (b + c <= 1)
         b, c = b[inside], c[inside]
-        yield row[inside] * columns + column[inside], triangle[inside], np.stack([1 - b - c, b, c], axis=1)
+        yield (
+            row[inside] * columns + column[inside],
+            triangle[inside],
+            np.stack([1 - b - c, b, c], axis=1),
+        )
 
 
 def mask(corners: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
@@ -47,7 +53,10 @@ def mask(corners: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     rows, columns = shape
     u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     x, y = corners[u[:, 0] * v[:, 1] != u[:, 1] * v[:, 0]].transpose(2, 1, 0)
-    low, high = np.ceil(y.min(axis=0) - 0.5).clip(0, rows), (np.floor(y.max(axis=0) - 0.5) + 1).clip(0, rows)
+    low, high = (
+        np.ceil(y.min(axis=0) - 0.5).clip(0, rows),
+        (np.floor(y.max(axis=0) - 0.5) + 1).clip(0, rows),
+    )
     count = (high - low).clip(0).astype(np.intp)
     # each triangle in each of its rows
     triangle, row = np.repeat(np.arange(len(count)), count), ranges(low.astype(np.intp), count)
@@ -62,7 +71,10 @@ def mask(corners: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     last = (np.floor(end - 0.5 + EDGE) + 1).clip(0, columns).astype(np.intp)
     spans = np.flatnonzero(first < last)
     # how many begin less how many have ended
-    begun, ended = (np.bincount(row[spans] * (columns + 1) + ends[spans], minlength=rows * (columns + 1)) for ends in (first, last))
+    begun, ended = (
+        np.bincount(row[spans] * (columns + 1) + ends[spans], minlength=rows * (columns + 1))
+        for ends in (first, last)
+    )
     return np.cumsum((begun - ended).reshape(rows, columns + 1), axis=1, dtype=np.int32)[:, :-1] > 0
 
 
@@ -85,7 +97,9 @@ def edges(corners: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.n
     return row, column
 
 
-def nearest(corners: np.ndarray, depth: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def nearest(
+    corners: np.ndarray, depth: np.ndarray, shape: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The triangle of the least depth at each covered pixel.
 
     corners, shape: see `cover`; depth: (m, 3), of the corners. Returns pixels (k,), triangles (k,), barycentric weights (k, 3).

@@ -82,7 +82,9 @@ class SurfaceFit:
         self.follows = np.zeros(len(points), np.intp) if follows is None else follows
         place = copies.at(copies.rest * source_points.T, np.arange(len(source_points)))
         self.source = TriangleMesh(place, copies.every(source_triangles.T))
-        mesh = TriangleMesh(copies.at(copies.rest * points.T, self.follows), copies.every(triangles.T))
+        mesh = TriangleMesh(
+            copies.at(copies.rest * points.T, self.follows), copies.every(triangles.T)
+        )
         ends, collapse_map = collapse_map[seams].T, copies.every(collapse_map)
         self.seams = copies.every(ends[:, (ends >= 0).all(axis=0) & (ends[0] != ends[1])])
         self.outward = normals_of(source_points, source_triangles).T
@@ -96,19 +98,29 @@ class SurfaceFit:
         face, weights = walk(mesh, collapse_map[self.mine], there)
         # a grid on each of the LOD's triangles, then the LOD's points
         n, m = mesh.points.shape[1], mesh.corners.shape[1]
-        self.fine = int(np.clip(np.round(np.sqrt(2 * settings.CURRENT.samples / m)), 1, settings.CURRENT.samples_finest))
+        self.fine = int(
+            np.clip(
+                np.round(np.sqrt(2 * settings.CURRENT.samples / m)),
+                1,
+                settings.CURRENT.samples_finest,
+            )
+        )
         self.grid = lattice(self.fine)
         on = self._spread(mesh)
         near = np.empty(n, np.intp)
         near[collapse_map[collapse_map >= 0]] = np.flatnonzero(collapse_map >= 0)
         # from a source's point on the same triangle, where there is one
         start = near[mesh.corners[self.grid.argmax(axis=0)]]
-        cell = np.stack([((weights - at[:, None]) ** 2).sum(axis=0) for at in self.grid.T]).argmin(axis=0)
+        cell = np.stack([((weights - at[:, None]) ** 2).sum(axis=0) for at in self.grid.T]).argmin(
+            axis=0
+        )
         start[cell, face] = self.mine
         here = mesh.at(*on)
         hit = doubt(self.source, *walk(self.source, np.append(start, near), here), here)
         face, weights = doubt(mesh, face, weights, there)
-        self.state = FitState(mesh, there, face, weights, np.zeros(len(face)), *on, *hit, np.zeros(len(hit[0])))
+        self.state = FitState(
+            mesh, there, face, weights, np.zeros(len(face)), *on, *hit, np.zeros(len(hit[0]))
+        )
         self.measure()
 
     @property
@@ -137,7 +149,9 @@ class SurfaceFit:
         m, n = lod.corners.shape[1], lod.points.shape[1]
         one = lod.vertex_faces[lod.first[:-1]]
         face = np.concatenate([np.tile(np.arange(m), self.grid.shape[1]), one])
-        return face, np.concatenate([np.repeat(self.grid, m, axis=1), lod.corners[:, one] == np.arange(n)], axis=1)
+        return face, np.concatenate(
+            [np.repeat(self.grid, m, axis=1), lod.corners[:, one] == np.arange(n)], axis=1
+        )
 
     def measure(self, walking: bool = True) -> None:
         """Bring the closest points, the distances and the best state up to date.
@@ -150,14 +164,23 @@ class SurfaceFit:
         face, weights, hit, hit_weights = state.face, state.weights, state.hit, state.hit_weights
         for again in (False, True):
             face, weights, off, distance = follow(lod, face, weights, state.there, walking)
-            hit, hit_weights, own_off, own_distance = follow(self.source, hit, hit_weights, here, walking)
+            hit, hit_weights, own_off, own_distance = follow(
+                self.source, hit, hit_weights, here, walking
+            )
             worst = max(distance.max(initial=0), own_distance.max())
             if again or not walking or worst < self.least:
                 break
             face, weights = doubt(lod, face, weights, state.there, 4)
             hit, hit_weights = doubt(self.source, hit, hit_weights, here, 4)
         found = replace(state, face=face, weights=weights, hit=hit, hit_weights=hit_weights)
-        self.state = replace(found, off=off, distance=distance, own_off=-own_off, own_distance=own_distance, worst=worst)
+        self.state = replace(
+            found,
+            off=off,
+            distance=distance,
+            own_off=-own_off,
+            own_distance=own_distance,
+            worst=worst,
+        )
         if worst < self.least:
             turned = len(self.turned())
             self.rough = turned > 0 if self.best is None else self.rough
@@ -190,7 +213,10 @@ class SurfaceFit:
         away = every[self.lean(every) < 0]
         if len(away):
             hit, weights = self.state.hit.copy(), self.state.hit_weights.copy()
-            start, (a, b, c) = self.source.corner(hit[away], weights.take(away, 1)), self.lod.vertices(away)
+            start, (a, b, c) = (
+                self.source.corner(hit[away], weights.take(away, 1)),
+                self.lod.vertices(away),
+            )
             hit[away], weights[:, away] = walk(self.source, start, (a + b + c) / 3)
             self.state = replace(self.state, hit=hit, hit_weights=weights)
         return away[self.lean(away) < 0]
@@ -221,7 +247,12 @@ class SurfaceFit:
         some = some[(a != b) | (b != c)]  # near a single face nothing is farther than the corners
         face, grid = between(self.source.corners, some, MIDDLES)
         there = self.source.at(face, grid)
-        far, face, weights = beyond(state.lod, now.looks_kept * state.worst, state.face[near[grid.argmax(axis=0), face]], there)
+        far, face, weights = beyond(
+            state.lod,
+            now.looks_kept * state.worst,
+            state.face[near[grid.argmax(axis=0), face]],
+            there,
+        )
         if len(far):
             self._add(there=there.take(far, 1), face=face, weights=weights, pull=np.zeros(len(far)))
         return len(far) > 0
@@ -235,18 +266,29 @@ class SurfaceFit:
         if self.fine == now.samples_finest:
             return False
         steep = self.lean(np.arange(state.lod.corners.shape[1])) < now.looks_steep
-        some = (state.errors() > now.looks_from * state.worst) | steep | (self.fine <= now.looks_few)
+        some = (
+            (state.errors() > now.looks_from * state.worst) | steep | (self.fine <= now.looks_few)
+        )
         finer = lattice(min(2 * self.fine, now.samples_finest), whole=True)[:, 1:]
         face, grid = between(state.lod.corners, np.flatnonzero(some), finer)
-        far, hit, weights = beyond(self.source, now.looks_kept * state.worst, state.hit[face], state.lod.at(face, grid))
+        far, hit, weights = beyond(
+            self.source, now.looks_kept * state.worst, state.hit[face], state.lod.at(face, grid)
+        )
         if len(far):
-            own = {"own_face": face[far], "own_weights": grid.take(far, 1), "own_pull": np.zeros(len(far))}
+            own = {
+                "own_face": face[far],
+                "own_weights": grid.take(far, 1),
+                "own_pull": np.zeros(len(far)),
+            }
             self._add(**own, hit=hit, hit_weights=weights)
         return len(far) > 0
 
     def _add(self, **samples: np.ndarray) -> None:
         """Add samples, and measure: the best so far has those, too."""
-        both: dict[str, Any] = {name: np.append(getattr(self.state, name), each, axis=-1) for name, each in samples.items()}
+        both: dict[str, Any] = {
+            name: np.append(getattr(self.state, name), each, axis=-1)
+            for name, each in samples.items()
+        }
         if self.best and self.worst <= self.least:
             self.least = np.inf
         self.state = replace(self.state, **both)
@@ -280,9 +322,17 @@ class SurfaceFit:
         now, state, copies, corners = settings.CURRENT, self.state, self.copies, self.corners
         n = state.lod.points.shape[1]
         # at rest there may be none
-        worst = self.around(state.errors()) ** now.weight_local * state.worst ** (1 - now.weight_local) + 1e-300
-        pull = now.weight_kept * state.pull + (state.distance / worst[state.face]) ** now.weight_power
-        own_pull = now.weight_kept * state.own_pull + (state.own_distance / worst[state.own_face]) ** now.weight_power
+        worst = (
+            self.around(state.errors()) ** now.weight_local * state.worst ** (1 - now.weight_local)
+            + 1e-300
+        )
+        pull = (
+            now.weight_kept * state.pull + (state.distance / worst[state.face]) ** now.weight_power
+        )
+        own_pull = (
+            now.weight_kept * state.own_pull
+            + (state.own_distance / worst[state.own_face]) ** now.weight_power
+        )
         total, move = np.zeros(n), np.zeros((3, n))
         for face, weights, each, off in (
             (state.face, state.weights, pull, state.off),
@@ -290,13 +340,22 @@ class SurfaceFit:
         ):
             some = np.flatnonzero(each > 1e-3)
             off = off.take(some, 1)
-            for corner, part in zip(state.lod.corners.take(face[some], 1), weights.take(some, 1) * each[some], strict=True):
+            for corner, part in zip(
+                state.lod.corners.take(face[some], 1),
+                weights.take(some, 1) * each[some],
+                strict=True,
+            ):
                 total += np.bincount(corner, part, n)
                 move += [np.bincount(corner, part * along, n) for along in off]
         total, move = copies.joined(total, move, self.follows)
         move *= now.stride / (total + now.damping * total.mean())
         points = _unfolded(self.points, self._along(corners, move), corners, facing)
-        self.state = replace(state, lod=state.lod.moved(copies.at(points, self.follows)), pull=pull, own_pull=own_pull)
+        self.state = replace(
+            state,
+            lod=state.lod.moved(copies.at(points, self.follows)),
+            pull=pull,
+            own_pull=own_pull,
+        )
 
     def _along(self, corners: np.ndarray, move: np.ndarray) -> np.ndarray:
         """Where the vertices at rest get to by `move` (3, n).
@@ -308,13 +367,17 @@ class SurfaceFit:
         held, ends = np.unique(seams, return_inverse=True)
         if len(held):
             flat = normals(*(points.take(c, 1) for c in corners))
-            normal = np.stack([sum(np.bincount(c, x, points.shape[1]) for c in corners) for x in flat]).take(held, 1)
+            normal = np.stack(
+                [sum(np.bincount(c, x, points.shape[1]) for c in corners) for x in flat]
+            ).take(held, 1)
             normal /= length(normal) + 1e-300
             side = points.take(b, 1) - points.take(a, 1)
             side = np.tile(side / (length(side) + 1e-300), 2)
             slide = np.einsum("dn,dn->n", side, move.take(np.append(a, b), 1))
             ends = ends.ravel()
-            slid = np.stack([np.bincount(ends, along * slide) for along in side]) / np.bincount(ends)
+            slid = np.stack([np.bincount(ends, along * slide) for along in side]) / np.bincount(
+                ends
+            )
             move[:, held] = normal * np.einsum("dn,dn->n", normal, move.take(held, 1)) + slid
         return points + move
 
@@ -335,7 +398,9 @@ class SurfaceFit:
         a, b, c = (corners[(one // m + k) % 3, one % m] for k in (1, 2, 0))
         d, one, two = corners[two // m, two % m], one % m, two % m
         was = np.maximum(errors[one], errors[two])
-        fine = (was > settings.CURRENT.flip_from * self.worst) & ~np.isin(edge_keys(np.stack([c, d]), n), keys)
+        fine = (was > settings.CURRENT.flip_from * self.worst) & ~np.isin(
+            edge_keys(np.stack([c, d]), n), keys
+        )
         fine &= ~np.isin(edge_keys(np.stack([a, b]), n), edge_keys(seams, n))
         pa, pb, pc, pd = (points.take(each, 1) for each in (a, b, c, d))
         mean = normals(pc, pa, pb) + normals(pd, pb, pa)
@@ -344,7 +409,11 @@ class SurfaceFit:
             fine &= (along > 0.5 * length(now) * length(mean)) & (length(now) > 0.05 * length(mean))
         a, b, c, d, one, two, was = (each[fine] for each in (a, b, c, d, one, two, was))
         most = np.repeat(settings.CURRENT.flip_gain * was, copies.count)
-        now = copies.worst(self._flipped(copies.every(np.stack((a, b, c, d))), copies.every(np.stack((one, two))), most))
+        now = copies.worst(
+            self._flipped(
+                copies.every(np.stack((a, b, c, d))), copies.every(np.stack((one, two))), most
+            )
+        )
         good = np.flatnonzero(now < settings.CURRENT.flip_gain * was)
         taken, made, chosen = np.zeros(m, bool), set(), []
         for g in good[np.argsort((now - was)[good], kind="stable")].tolist():
@@ -359,11 +428,19 @@ class SurfaceFit:
         corners, taken = before.lod.corners.copy(), np.repeat(taken, copies.count)
         corners[:, one], corners[:, two] = (c, a, d), (d, b, c)
         lod = TriangleMesh(before.lod.points, corners)
-        face, weights, new = before.face.copy(), before.weights.copy(), np.flatnonzero(taken[before.face])
+        face, weights, new = (
+            before.face.copy(),
+            before.weights.copy(),
+            np.flatnonzero(taken[before.face]),
+        )
         start = before.lod.corner(face[new], weights.take(new, 1))
         face[new], weights[:, new] = walk(lod, start, before.there.take(new, 1))
         own_face, own_weights = self._spread(lod)
-        hit, hit_weights, new = before.hit.copy(), before.hit_weights.copy(), np.flatnonzero(taken[own_face])
+        hit, hit_weights, new = (
+            before.hit.copy(),
+            before.hit_weights.copy(),
+            np.flatnonzero(taken[own_face]),
+        )
         start = self.source.corner(hit[new], hit_weights.take(new, 1))
         here = lod.at(own_face[new], own_weights.take(new, 1))
         hit[new], hit_weights[:, new] = walk(self.source, start, here)
@@ -388,18 +465,29 @@ class SurfaceFit:
             count = first[face + 1] - first[face]
             which = np.repeat(every, count)
             there = state.there.take(order[ranges(first[face], count)], 1)
-            now = (distances(there, *(points.take(each[which], 1) for each in t)) for t in ((c, a, d), (d, b, c)))
+            now = (
+                distances(there, *(points.take(each[which], 1) for each in t))
+                for t in ((c, a, d), (d, b, c))
+            )
             np.maximum.at(worst, which, np.minimum(*now))
         pa, pb, pc, pd = (points.take(each, 1) for each in (a, b, c, d))
-        for face, middle in ((one, (pc + pd) / 2), (one, (pc + pa + pd) / 3), (two, (pc + pb + pd) / 3)):
+        for face, middle in (
+            (one, (pc + pd) / 2),
+            (one, (pc + pa + pd) / 3),
+            (two, (pc + pb + pd) / 3),
+        ):
             some = np.flatnonzero(worst < most)
             middle, hit = middle.take(some, 1), state.hit[face[some]]
             start = self.source.corner(hit, state.hit_weights.take(face[some], 1))
-            worst[some] = np.maximum(worst[some], length(middle - self.source.at(*walk(self.source, start, middle))))
+            worst[some] = np.maximum(
+                worst[some], length(middle - self.source.at(*walk(self.source, start, middle)))
+            )
         return worst
 
 
-def _unfolded(old: np.ndarray, new: np.ndarray, corners: np.ndarray, facing: np.ndarray) -> np.ndarray:
+def _unfolded(
+    old: np.ndarray, new: np.ndarray, corners: np.ndarray, facing: np.ndarray
+) -> np.ndarray:
     """The vertices `new`, moved back where a face would turn or become a sliver.
 
     old, new: (3, n); corners: (3, m); facing: (3, m), where faces that look that way must go on to. Vertices of such faces go half
@@ -417,5 +505,7 @@ def _unfolded(old: np.ndarray, new: np.ndarray, corners: np.ndarray, facing: np.
         stay = stay[(new[:, stay] != old[:, stay]).any(axis=0)]
         if not len(stay):
             return new
-        new[:, stay] = (new[:, stay] + old[:, stay]) / 2 if k < settings.CURRENT.halvings else old[:, stay]
+        new[:, stay] = (
+            (new[:, stay] + old[:, stay]) / 2 if k < settings.CURRENT.halvings else old[:, stay]
+        )
     return old

@@ -56,9 +56,17 @@ def samples(points: np.ndarray, triangles: np.ndarray, through: Through) -> Samp
     a, b, c = (corners[np.arange(len(corners)), order[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     area, length = np.linalg.norm(normals, axis=1), sides.max(axis=1)
-    along, up = (np.ceil(each / spacing).astype(np.intp).clip(1) for each in (length, area / length))
-    face, number = np.repeat(np.arange(len(corners)), along * up), ranges(np.zeros(len(corners), np.intp), along * up)
-    x, y = ((number % along[face] + 0.5) / along[face])[:, None], ((number // along[face] + 0.5) / up[face])[:, None]
+    along, up = (
+        np.ceil(each / spacing).astype(np.intp).clip(1) for each in (length, area / length)
+    )
+    face, number = (
+        np.repeat(np.arange(len(corners)), along * up),
+        ranges(np.zeros(len(corners), np.intp), along * up),
+    )
+    x, y = (
+        ((number % along[face] + 0.5) / along[face])[:, None],
+        ((number // along[face] + 0.5) / up[face])[:, None],
+    )
     foot = np.einsum("md,md->m", c - a, b - a)[face, None] / length[face, None] ** 2
     rising, falling = x / np.maximum(foot, x), (1 - x) / (1 - np.minimum(foot, x))
     top = np.where(x < foot, a[face] + rising * (c - a)[face], b[face] + falling * (c - b)[face])
@@ -93,12 +101,21 @@ class _Comparison:
         """Compare the samples `some` (k,) with the other surface, both along that one's normal."""
         thin, now = self.thin, settings.CURRENT
         normals = self.nearest(thin.at[some])[1]
-        middle = thin.at[some] + np.minimum(thin.thickness[some], self.most)[:, None] / 2 * thin.inwards[some]
+        middle = (
+            thin.at[some]
+            + np.minimum(thin.thickness[some], self.most)[:, None] / 2 * thin.inwards[some]
+        )
         with np.errstate(invalid="ignore"):  # where the way inwards never ends
-            ends = [middle + side * thin.through(middle, side * normals)[:, None] * normals for side in (1, -1)]
+            ends = [
+                middle + side * thin.through(middle, side * normals)[:, None] * normals
+                for side in (1, -1)
+            ]
         known = np.isfinite(ends).all(axis=(0, 2))
         some, normals, ends = some[known], normals[known], [end[known] for end in ends]
-        width, left = (np.einsum("kd,kd->k", a - b, normals) for a, b in (ends, [self.nearest(end)[0] for end in ends]))
+        width, left = (
+            np.einsum("kd,kd->k", a - b, normals)
+            for a, b in (ends, [self.nearest(end)[0] for end in ends])
+        )
         narrow = (width < self.most) & (width > now.thin_least * self.deviation)
         self.normals[some[narrow]] = normals[narrow]
         self.lost[some[narrow & (left < now.thin_shown * width)]] = True
@@ -107,7 +124,9 @@ class _Comparison:
         """Which of the samples `some` (k,) are no farther from a lost one than `most`: (j,)."""
         near, lost = np.full(len(some), np.inf), np.flatnonzero(self.lost)
         for block in blocks(len(lost), max(1, PAIRED // max(len(some), 1))):
-            near = np.minimum(near, _squares(self.thin.at[lost[block]], self.thin.at[some]).min(axis=0))
+            near = np.minimum(
+                near, _squares(self.thin.at[lost[block]], self.thin.at[some]).min(axis=0)
+            )
         return some[near <= self.most**2]
 
     def farthest(self, meets: Meets) -> float:
@@ -119,12 +138,19 @@ class _Comparison:
         lost = np.flatnonzero(self.lost)
         some = lost[np.linspace(0, len(lost) - 1, min(MEASURED, len(lost))).round().astype(int)]
         at, normals = self.thin.at[some], self.normals[some]
-        at = at + np.minimum(self.thin.thickness[some], self.most)[:, None] / 2 * self.thin.inwards[some]
+        at = (
+            at
+            + np.minimum(self.thin.thickness[some], self.most)[:, None]
+            / 2
+            * self.thin.inwards[some]
+        )
         side = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
         side /= np.linalg.norm(side, axis=1, keepdims=True)
         up = np.cross(normals, side)
         turns = np.pi * np.arange(VIEWS) / VIEWS
-        views = (np.cos(turns)[:, None, None] * side + np.sin(turns)[:, None, None] * up).reshape(-1, 3)
+        views = (np.cos(turns)[:, None, None] * side + np.sin(turns)[:, None, None] * up).reshape(
+            -1, 3
+        )
         at, normals = np.tile(at, (VIEWS, 1)), np.tile(normals, (VIEWS, 1))
         across = np.cross(views, normals)
         size = float(np.linalg.norm(np.ptp(self.thin.at, axis=0)))
@@ -150,11 +176,15 @@ def unseen(thin: Samples, nearest: Nearest, meets: Meets, deviation: float) -> f
     and so shows in all views. Where it is thinner and shows, it does so in views along the same normal.
     """
     found = _Comparison(thin, nearest, deviation)
-    thick = (thin.thickness > found.most) | (thin.thickness < settings.CURRENT.thin_least * deviation)
+    thick = (thin.thickness > found.most) | (
+        thin.thickness < settings.CURRENT.thin_least * deviation
+    )
     found.look(np.flatnonzero(~thick))
     if not found.lost.any():
         return 0.0
-    found.look(found.beside(np.flatnonzero(thick)))  # the end of a rod is as thick as the rod is long
+    found.look(
+        found.beside(np.flatnonzero(thick))
+    )  # the end of a rod is as thick as the rod is long
     far = found.farthest(meets)
     return far if far > deviation else 0.0
 

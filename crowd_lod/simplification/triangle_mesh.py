@@ -21,7 +21,9 @@ class TriangleMesh:
     def __init__(self, points: np.ndarray, corners: np.ndarray):
         self.points, self.corners = points, corners
         self.vertex_faces = np.argsort(corners.ravel(), kind="stable") % corners.shape[1]
-        self.first = np.concatenate([[0], np.cumsum(np.bincount(corners.ravel(), minlength=points.shape[1]))])
+        self.first = np.concatenate(
+            [[0], np.cumsum(np.bincount(corners.ravel(), minlength=points.shape[1]))]
+        )
 
     def moved(self, points: np.ndarray) -> "TriangleMesh":
         """The same mesh with its vertices at `points` (3, n)."""
@@ -32,7 +34,10 @@ class TriangleMesh:
 
     def at(self, face: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """The points (3, k) at barycentric weights (3, k) of the faces (k,)."""
-        return sum(self.points.take(c, 1) * w for c, w in zip(self.corners.take(face, 1), weights, strict=True))
+        return sum(
+            self.points.take(c, 1) * w
+            for c, w in zip(self.corners.take(face, 1), weights, strict=True)
+        )
 
     def vertices(self, face: np.ndarray) -> list[np.ndarray]:
         """Where the three vertices of each of the faces (k,) lie, three times (3, k)."""
@@ -87,7 +92,9 @@ def half_edges(triangles: np.ndarray) -> np.ndarray:
     return triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
 
 
-def constrained_edges(triangles: np.ndarray, seams: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
+def constrained_edges(
+    triangles: np.ndarray, seams: np.ndarray, n: int
+) -> tuple[np.ndarray, np.ndarray]:
     """The half edges that are open borders or seams.
 
     triangles: (m, 3), of n vertices; seams: (k, 2). Returns their indices in half_edges() (h,), and which of them are borders
@@ -122,7 +129,9 @@ def sides_of_two(corners: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, n
     Side i m + t is that of triangle t opposite its corner i. corners: (3, m), of n vertices. Returns the sides (k,) of the one
     triangle, those of the other (k,), and the keys of all sides (3 m,).
     """
-    keys = edge_keys(np.stack([np.roll(corners, -1, axis=0).ravel(), np.roll(corners, -2, axis=0).ravel()]), n)
+    keys = edge_keys(
+        np.stack([np.roll(corners, -1, axis=0).ravel(), np.roll(corners, -2, axis=0).ravel()]), n
+    )
     order = np.argsort(keys, kind="stable")
     _, first, count = np.unique(keys[order], return_index=True, return_counts=True)
     double = first[count == 2]

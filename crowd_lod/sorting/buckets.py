@@ -64,7 +64,9 @@ def sort_in_order(levels: np.ndarray, order: np.ndarray, count: int) -> Buckets:
     return Buckets(np.concatenate(buckets), np.cumsum([0, *map(len, buckets)]))
 
 
-def sort_blocks(blocks: Blocks, decided: Decided, group: np.ndarray, count: int) -> tuple[Buckets, np.ndarray]:
+def sort_blocks(
+    blocks: Blocks, decided: Decided, group: np.ndarray, count: int
+) -> tuple[Buckets, np.ndarray]:
     """Return (buckets of the agents in blocks, their counts (count, G)).
 
     The counts are by LOD and group. A block whose agents all have one LOD is taken whole.
@@ -77,5 +79,7 @@ def sort_blocks(blocks: Blocks, decided: Decided, group: np.ndarray, count: int)
         shown = np.ones((len(leaves), LEAF), bool)
         shown[differ.take(leaves).nonzero()[0]] = decided.own == level
         buckets.append(blocks.rows.take(leaves, axis=0)[shown])
-    present = [np.diff(edges(group, agents, groups)) if groups > 1 else [len(agents)] for agents in buckets]
+    present = [
+        np.diff(edges(group, agents, groups)) if groups > 1 else [len(agents)] for agents in buckets
+    ]
     return Buckets(np.concatenate(buckets), np.cumsum([0, *map(len, buckets)])), np.array(present)

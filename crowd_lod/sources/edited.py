@@ -55,17 +55,30 @@ class Edited(Trajectory):
         self._turned, self._turn = _summed(edits, lambda edit: (edit.turn,))
         aside = self._move[:, :2].any(axis=1)
         self._aside = self._moved[aside], self._move[aside, 2]
-        self.groups, self.gaits, self.heights, self.ids = own.groups, own.gaits, own.heights, own.ids
-        self.seconds_per_frame, self.every, self.first_frame = own.seconds_per_frame, own.every, own.first_frame
+        self.groups, self.gaits, self.heights, self.ids = (
+            own.groups,
+            own.gaits,
+            own.heights,
+            own.ids,
+        )
+        self.seconds_per_frame, self.every, self.first_frame = (
+            own.seconds_per_frame,
+            own.every,
+            own.first_frame,
+        )
         # of each column, what it was made of, and itself: of a crowd that stands still it stays the same
         self._made: dict[str, tuple[list[Any], np.ndarray]] = {}
         self.start = self._of(own.start)
         self.leave = own.leave
         places = needless_of_places(self.start, not self.level)
         behavior = {item for item in own.left_out if item.stage == "behavior"}
-        self.left_out = self.leave & (behavior | {item for item in places if item.stage != "behavior"})
+        self.left_out = self.leave & (
+            behavior | {item for item in places if item.stage != "behavior"}
+        )
         # blocks count on agents that are taken onto the area, or to its other side, where they cross its border
-        self._leaves_area = bool(len(self._moved)) and (own.wraps or not _within(own.start, self._moved, own.area))
+        self._leaves_area = bool(len(self._moved)) and (
+            own.wraps or not _within(own.start, self._moved, own.area)
+        )
 
     @property
     def area(self) -> Area:
@@ -107,7 +120,9 @@ class Edited(Trajectory):
         """Return the crowd at a whole `frame`, counted from the first."""
         return self._of(self.own.kept_at(frame))
 
-    def approach(self, time: float, then: Callable[[], object] = lambda: None) -> Generator[float, None, None]:
+    def approach(
+        self, time: float, then: Callable[[], object] = lambda: None
+    ) -> Generator[float, None, None]:
         """Do what `at` needs."""
         yield from self.own.approach(time, then)
 
@@ -139,7 +154,10 @@ class Edited(Trajectory):
 
     def digests(self) -> dict[str, bytes]:
         """Return the trajectory's, and the edits."""
-        told = [repr((each.move, each.turn, each.group, each.hide)).encode() + each.agents.tobytes() for each in self.edits]
+        told = [
+            repr((each.move, each.turn, each.group, each.hide)).encode() + each.agents.tobytes()
+            for each in self.edits
+        ]
         return self.own.digests() | {"the exceptions": b"\0".join(told)}
 
     def _of(self, crowd: Crowd) -> Crowd:
@@ -147,14 +165,20 @@ class Edited(Trajectory):
         changed = {}
         if len(self._moved):
             for axis, name in enumerate("xy"):
-                changed[name] = self._column(name, [getattr(crowd, name)], lambda column, k=axis: self._shifted(column, k))
+                changed[name] = self._column(
+                    name, [getattr(crowd, name)], lambda column, k=axis: self._shifted(column, k)
+                )
             aside = replace(crowd, **changed)
-            changed["z"] = self._column("z", [crowd.x, crowd.y, crowd.z], lambda *_: self._raised(aside))
+            changed["z"] = self._column(
+                "z", [crowd.x, crowd.y, crowd.z], lambda *_: self._raised(aside)
+            )
         if len(self._turned):
             changed["heading"] = self._column("heading", [crowd.heading], self._headed)
         if self._shown is not None:
             shown = self._shown
-            changed["present"] = self._column("present", [crowd.present], lambda there: shown if there is None else there & shown)
+            changed["present"] = self._column(
+                "present", [crowd.present], lambda there: shown if there is None else there & shown
+            )
         return replace(crowd, **changed) if changed else crowd
 
     def _column(self, name: str, parts: list[Any], make: Callable[..., np.ndarray]) -> np.ndarray:
@@ -182,7 +206,9 @@ class Edited(Trajectory):
         return heading
 
 
-def _summed(edits: Sequence[Edit], of: Callable[[Edit], tuple[float, ...]]) -> tuple[np.ndarray, np.ndarray]:
+def _summed(
+    edits: Sequence[Edit], of: Callable[[Edit], tuple[float, ...]]
+) -> tuple[np.ndarray, np.ndarray]:
     """Return (agents (k,) intp, sums (k, w)) of those for whom an edit has more than zeros.
 
     The agents are increasing.
@@ -200,4 +226,6 @@ def _summed(edits: Sequence[Edit], of: Callable[[Edit], tuple[float, ...]]) -> t
 def _within(crowd: Crowd, agents: np.ndarray, area: Area) -> bool:
     """Return whether all `agents` stand on the area."""
     x, y = crowd.x[agents], crowd.y[agents]
-    return bool(((x >= area.x_min) & (x <= area.x_max) & (y >= area.y_min) & (y <= area.y_max)).all())
+    return bool(
+        ((x >= area.x_min) & (x <= area.x_max) & (y >= area.y_min) & (y <= area.y_max)).all()
+    )

@@ -41,7 +41,9 @@ class Snapshot:
 
     def same(self, other: "Snapshot") -> bool:
         """Return whether both hold the same."""
-        return all(_same(getattr(self, each.name), getattr(other, each.name)) for each in fields(self))
+        return all(
+            _same(getattr(self, each.name), getattr(other, each.name)) for each in fields(self)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +84,11 @@ def dressed(found: Snapshot, seed: int, draw: Draw) -> Snapshot:
 
 
 def _keys(found: Snapshot, seed: int) -> np.ndarray:
-    return random_streams.keys(seed, len(found.x)) if found.ids is None else random_streams.keys_of(seed, found.ids)
+    return (
+        random_streams.keys(seed, len(found.x))
+        if found.ids is None
+        else random_streams.keys_of(seed, found.ids)
+    )
 
 
 class Points(Trajectory):
@@ -101,12 +107,29 @@ class Points(Trajectory):
     heights = None
     every = 16
 
-    def __init__(self, found: Snapshot, drawn: Drawn, time: float, groups: Sequence[Group], seconds: float, name: str):
+    def __init__(
+        self,
+        found: Snapshot,
+        drawn: Drawn,
+        time: float,
+        groups: Sequence[Group],
+        seconds: float,
+        name: str,
+    ):
         self.found, self.drawn, self.time, self.name = found, drawn, time, name
-        self.groups, self.seconds_per_frame, self.first_frame, self.ids = tuple(groups), seconds, int(time), found.ids
+        self.groups, self.seconds_per_frame, self.first_frame, self.ids = (
+            tuple(groups),
+            seconds,
+            int(time),
+            found.ids,
+        )
         phased = found.phase is not None
-        per_second = [1 / group.period if group.period > 0 and not phased else 0.0 for group in groups]
-        self.gaits = Gaits(CLASSES, Paces(np.zeros(1), np.zeros((1, 1), np.uint8)), np.array(per_second)[:, None])
+        per_second = [
+            1 / group.period if group.period > 0 and not phased else 0.0 for group in groups
+        ]
+        self.gaits = Gaits(
+            CLASSES, Paces(np.zeros(1), np.zeros((1, 1), np.uint8)), np.array(per_second)[:, None]
+        )
         self.start = Crowd(
             found.x,
             found.y,
@@ -125,7 +148,12 @@ class Points(Trajectory):
         """The rectangle about the agents, and the largest sphere's radius more."""
         x, y, z = self.found.x, self.found.y, self.found.z
         around = max(group.radius for group in self.groups) or 1.0
-        edges = float(x.min()) - around, float(y.min()) - around, float(x.max()) + around, float(y.max()) + around
+        edges = (
+            float(x.min()) - around,
+            float(y.min()) - around,
+            float(x.max()) + around,
+            float(y.max()) + around,
+        )
         return Area(*edges, float(z.min()))
 
     @property
@@ -153,13 +181,19 @@ class Points(Trajectory):
 
     def leaving(self, leave: frozenset[LeftOut], time: float) -> "Points":
         """Return the same crowd with only `leave` left out."""
-        other = Points(self.found, self.drawn, self.time, self.groups, self.seconds_per_frame, self.name)
+        other = Points(
+            self.found, self.drawn, self.time, self.groups, self.seconds_per_frame, self.name
+        )
         other.leave, other.left_out = leave, leave & self.left_out
         return other
 
     def digests(self) -> dict[str, bytes]:
         """Return which points they are, not where: they follow the object, and no shot plan is made for them."""
-        return {"the points": repr((self.name, self.drawn.seed, tuple(self.drawn.draw.groups.tolist()))).encode()}
+        return {
+            "the points": repr(
+                (self.name, self.drawn.seed, tuple(self.drawn.draw.groups.tolist()))
+            ).encode()
+        }
 
 
 def _classes(phase: np.ndarray) -> np.ndarray:

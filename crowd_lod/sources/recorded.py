@@ -60,11 +60,19 @@ class Recorded(Trajectory):
         self._per_meter = cycles_of(self.groups)[self.group, 0]
         self._begun = random_streams.uniform(key, random_streams.STATE)  # cycles
         ratio = Fraction(self.seconds_per_frame * tracks.rate).limit_denominator(FINEST)
-        self._ratio = (float(ratio.numerator), float(ratio.denominator)) if ratio else (self.seconds_per_frame * tracks.rate, 1.0)
+        self._ratio = (
+            (float(ratio.numerator), float(ratio.denominator))
+            if ratio
+            else (self.seconds_per_frame * tracks.rate, 1.0)
+        )
         self._ends = samples.frame[tracks.ends]
         # of each column, the values at which agents enter, and at which they leave
         names = ("x", "y", "z", "heading", "way")
-        self._at_ends = {name: getattr(samples, name)[tracks.ends] for name in names if getattr(samples, name) is not None}
+        self._at_ends = {
+            name: getattr(samples, name)[tracks.ends]
+            for name in names
+            if getattr(samples, name) is not None
+        }
         self._fixed = {
             "group": self.group.astype(np.uint8),
             "key": key,
@@ -99,7 +107,9 @@ class Recorded(Trajectory):
 
     def digests(self) -> dict[str, bytes]:
         """Return all samples, who the agents are and where, and the ground."""
-        own = repr((self.first_frame, self.seconds_per_frame, self.seed, self.offset, self.tilts)).encode()
+        own = repr(
+            (self.first_frame, self.seconds_per_frame, self.seed, self.offset, self.tilts)
+        ).encode()
         found = {"the tracks": self.tracks.digest, "the crowd": own + self.group.tobytes()}
         if self.heights is None:
             return found
@@ -135,7 +145,9 @@ class Recorded(Trajectory):
     @property
     def told(self) -> str:
         """What the file has, and which frames of the scene play it."""
-        since, until = (f"{self.scene_frame(frame):.6g}" for frame in (self.tracks.first, self.tracks.last))
+        since, until = (
+            f"{self.scene_frame(frame):.6g}" for frame in (self.tracks.first, self.tracks.last)
+        )
         return f"{self.tracks.told} It plays from frame {since} to {until} of the scene."
 
     def velocity(self, since: float, until: float) -> VelocityBounds:
@@ -147,24 +159,36 @@ class Recorded(Trajectory):
         if self.heights is None:
             return found
         climb = (np.array(self.heights.steepest) * np.maximum(-found.low, found.high)[:2]).sum()
-        return VelocityBounds(np.append(found.low[:2], -climb), np.append(found.high[:2], climb), found.fastest)
+        return VelocityBounds(
+            np.append(found.low[:2], -climb), np.append(found.high[:2], climb), found.fastest
+        )
 
     def tilt(self, crowd: Crowd, agents: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """Return (pitch, roll) of `agents` on the ground, if they align to its slopes."""
         if not self.tilts or self.heights is None:
             return None
-        return self.heights.tilt(crowd.x[agents], crowd.y[agents], crowd.heading[agents], crowd.z[agents])
+        return self.heights.tilt(
+            crowd.x[agents], crowd.y[agents], crowd.heading[agents], crowd.z[agents]
+        )
 
     def ground(self, crowd: Crowd, agents: np.ndarray) -> np.ndarray | None:
         """Return the height of the ground under `agents`."""
-        return None if self.heights is None else self.heights.at(crowd.x[agents], crowd.y[agents], crowd.z[agents])
+        return (
+            None
+            if self.heights is None
+            else self.heights.at(crowd.x[agents], crowd.y[agents], crowd.z[agents])
+        )
 
     def _made(self, time: float) -> Crowd:
         tracks, samples, count = self.tracks, self.tracks.samples, len(self.tracks.ids)
         asked = self.file_frame(time)
         frame = min(max(asked, tracks.first), tracks.last)
         rows = tracks.holding(frame)
-        agent, after, since = in_a_row(samples.agent[rows]), in_a_row(samples.after[rows]), samples.frame[rows]
+        agent, after, since = (
+            in_a_row(samples.agent[rows]),
+            in_a_row(samples.after[rows]),
+            samples.frame[rows],
+        )
         passed = samples.frame[after] - since
         part = np.divide(frame - since, passed, out=np.zeros(len(since)), where=passed > 0)
         left = self._ends[1] < frame if len(since) < count else None
@@ -224,7 +248,9 @@ class Recorded(Trajectory):
         found, rows, last = np.empty(len(samples.x)), self.tracks.ends[0], self._at_level
         while len(rows):
             breath()
-            found[rows] = ground.at(samples.x[rows] + self.offset[0], samples.y[rows] + self.offset[1], last)
+            found[rows] = ground.at(
+                samples.x[rows] + self.offset[0], samples.y[rows] + self.offset[1], last
+            )
             goes = samples.after[rows] != rows
             last, rows = found[rows[goes]], samples.after[rows[goes]].astype(np.intp)
         return found

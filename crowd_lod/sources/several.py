@@ -34,18 +34,28 @@ class Several(Trajectory):
     def __init__(self, members: Sequence[Trajectory], names: Sequence[str], shown: Sequence[bool]):
         self.members, self.names, self.shown = tuple(members), tuple(names), tuple(shown)
         first = members[0]
-        radius = np.max([[group.radius for group in each.groups] for each in members], axis=0).tolist()
+        radius = np.max(
+            [[group.radius for group in each.groups] for each in members], axis=0
+        ).tolist()
         self.groups: tuple[Group, ...] = tuple(map(_of_radius, first.groups, radius))
-        self.seconds_per_frame, self.every, self.leave = first.seconds_per_frame, first.every, first.leave
+        self.seconds_per_frame, self.every, self.leave = (
+            first.seconds_per_frame,
+            first.every,
+            first.leave,
+        )
         self.first_frame = min(each.first_frame for each in members)
         counts = [len(each.start) for each in members]
         self._begins = np.append(0, np.cumsum(counts)).tolist()
         states, paces = ([len(own(each)) for each in members] for own in (_states, _speeds))
         for what, sizes in (("states", states), ("paces", paces)):
             if sum(sizes) > MOST:
-                raise CrowdError(f"The crowds have {sum(sizes)} {what} together: use at most {MOST}, or fewer crowds.")
+                raise CrowdError(
+                    f"The crowds have {sum(sizes)} {what} together: use at most {MOST}, or fewer crowds."
+                )
         counts_of = (("state", states), ("pace", paces), ("played", paces))
-        self._moved_up = {name: np.append(0, np.cumsum(sizes))[:-1].tolist() for name, sizes in counts_of}
+        self._moved_up = {
+            name: np.append(0, np.cumsum(sizes))[:-1].tolist() for name, sizes in counts_of
+        }
         self.gaits = self._gaits()
         # of each column, what it was made of, and itself: most do not change from frame to frame
         self._joined: dict[str, tuple[list[Any], np.ndarray]] = {}
@@ -54,7 +64,9 @@ class Several(Trajectory):
         self._unfaded = [np.ones(count, np.float32) for count in counts]
         self.start = self._together([each.start for each in members])
         if any(each.ids is not None for each in members):
-            self.ids = np.concatenate([np.full(len(each.start), -1) if each.ids is None else each.ids for each in members])
+            self.ids = np.concatenate(
+                [np.full(len(each.start), -1) if each.ids is None else each.ids for each in members]
+            )
         self.left_out = self.leave & self._needless()
 
     @property
@@ -69,7 +81,10 @@ class Several(Trajectory):
     def states(self) -> States:
         """Those of the first crowd, then of each other with its name."""
         own = [_states(each) for each in self.members]
-        named = [[f"{name}: {state}" for state in states] for name, states in zip(self.names[1:], own[1:], strict=True)]
+        named = [
+            [f"{name}: {state}" for state in states]
+            for name, states in zip(self.names[1:], own[1:], strict=True)
+        ]
         colors = np.concatenate([each.states.colors for each in self.members])
         return States((*own[0], *(state for states in named for state in states)), colors)
 
@@ -100,14 +115,21 @@ class Several(Trajectory):
     def at(self, time: float) -> Crowd:
         """Return the crowd at `time`, in frames. Crowds that are not shown stand as at their start."""
         return self._together(
-            [each.at(time) if shown else each.start for each, shown in zip(self.members, self.shown, strict=True)]
+            [
+                each.at(time) if shown else each.start
+                for each, shown in zip(self.members, self.shown, strict=True)
+            ]
         )
 
-    def approach(self, time: float, then: Callable[[], object] = lambda: None) -> Generator[float, None, None]:
+    def approach(
+        self, time: float, then: Callable[[], object] = lambda: None
+    ) -> Generator[float, None, None]:
         """Do what `at` needs, crowd by crowd."""
         for k, each in enumerate(self.members):
             if self.shown[k]:
-                yield from share(each.approach(time), k / len(self.members), (k + 1) / len(self.members))
+                yield from share(
+                    each.approach(time), k / len(self.members), (k + 1) / len(self.members)
+                )
         then()
 
     def most_moved(self, times: Sequence[float]) -> float:
@@ -116,7 +138,9 @@ class Several(Trajectory):
 
     def jumped(self, now: Crowd, before: Crowd, agents: np.ndarray) -> np.ndarray | None:
         """Return which of `agents` came back at the other side of their own crowd's area."""
-        return self._by_member(agents, lambda each, own, some: each.jumped(now.of(own), before.of(own), some), bool)
+        return self._by_member(
+            agents, lambda each, own, some: each.jumped(now.of(own), before.of(own), some), bool
+        )
 
     def tilt(self, crowd: Crowd, agents: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """Return (pitch, roll) of `agents`, each on its own crowd's ground."""
@@ -143,17 +167,25 @@ class Several(Trajectory):
     def regrouped(self, group: np.ndarray) -> "Several":
         """Return the same crowds, each with its agents in other groups."""
         parts = np.split(group, self._begins[1:-1])
-        return Several([each.regrouped(own) for each, own in zip(self.members, parts, strict=True)], self.names, self.shown)
+        return Several(
+            [each.regrouped(own) for each, own in zip(self.members, parts, strict=True)],
+            self.names,
+            self.shown,
+        )
 
     def leaving(self, leave: frozenset[LeftOut], time: float) -> "Several":
         """Return the same crowds with only `leave` left out."""
-        several = Several([each.leaving(leave, time) for each in self.members], self.names, self.shown)
+        several = Several(
+            [each.leaving(leave, time) for each in self.members], self.names, self.shown
+        )
         several.left_out = leave & self.left_out
         return several
 
     def digests(self) -> dict[str, bytes]:
         """Return those of the first crowd, and all of the others' together."""
-        others = [f"{name} {shown}".encode() for name, shown in zip(self.names, self.shown, strict=True)]
+        others = [
+            f"{name} {shown}".encode() for name, shown in zip(self.names, self.shown, strict=True)
+        ]
         others += [data for each in self.members[1:] for data in each.digests().values()]
         return self.members[0].digests() | {"a further crowd": b"\0".join(others)}
 
@@ -177,17 +209,25 @@ class Several(Trajectory):
         return places | {item for item in alike if item.stage == "behavior"}
 
     def _together(self, crowds: list[Crowd]) -> Crowd:
-        if any(crowd.played is not None for crowd in crowds):  # who never cross-fades shows its pace
+        if any(
+            crowd.played is not None for crowd in crowds
+        ):  # who never cross-fades shows its pace
             crowds = [
                 replace(crowd, played=crowd.pace, faded=unfaded) if crowd.played is None else crowd
                 for crowd, unfaded in zip(crowds, self._unfaded, strict=True)
             ]
         names = crowds[0].columns.keys() - {"present"}
-        columns = {name: self._column(name, [getattr(crowd, name) for crowd in crowds]) for name in names}
+        columns = {
+            name: self._column(name, [getattr(crowd, name) for crowd in crowds]) for name in names
+        }
         if all(self.shown) and all(crowd.present is None for crowd in crowds):
             return Crowd(**columns)
         there = [
-            self._absent[k] if not self.shown[k] else self._all_there[k] if crowd.present is None else crowd.present
+            self._absent[k]
+            if not self.shown[k]
+            else self._all_there[k]
+            if crowd.present is None
+            else crowd.present
             for k, crowd in enumerate(crowds)
         ]
         return Crowd(**columns, present=self._column("present", there))
@@ -201,7 +241,9 @@ class Several(Trajectory):
         self._joined[name] = parts, column
         return column
 
-    def _by_member(self, agents: np.ndarray, ask: Callable, kind: type, width: int = 0) -> np.ndarray | None:
+    def _by_member(
+        self, agents: np.ndarray, ask: Callable, kind: type, width: int = 0
+    ) -> np.ndarray | None:
         """Return what `ask` (member, its slice of all agents, its own agents) finds, for each of `agents`.
 
         0 for members where it finds None; None if all do.
@@ -211,7 +253,11 @@ class Several(Trajectory):
         any_found = False
         for k, each in enumerate(self.members):
             own = np.flatnonzero(which == k)
-            told = ask(each, slice(*self._begins[k : k + 2]), agents[own] - self._begins[k]) if len(own) else None
+            told = (
+                ask(each, slice(*self._begins[k : k + 2]), agents[own] - self._begins[k])
+                if len(own)
+                else None
+            )
             if told is not None:
                 found[own], any_found = told, True
         return found if any_found else None

@@ -97,7 +97,9 @@ class Trajectory(ABC):
         """Return the crowd at a whole `frame`, counted from the first."""
         return self.at(self.first_frame + frame)
 
-    def approach(self, time: float, then: Callable[[], object] = lambda: None) -> Generator[float, None, None]:
+    def approach(
+        self, time: float, then: Callable[[], object] = lambda: None
+    ) -> Generator[float, None, None]:
         """Do what `at` needs at `time`, in frames, as far as it takes long; then call `then`.
 
         Yields the progress, 0 to 1. It may be closed at any time.
@@ -118,7 +120,10 @@ class Trajectory(ABC):
         if velocity is not None:
             return velocity.speed * max(np.diff(times)) * self.seconds_per_frame
         crowds = [self.at(time) for time in times]
-        steps = (np.hypot(b.x - a.x, b.y - a.y).max(initial=0.0) for a, b in zip(crowds[:-1], crowds[1:], strict=True))
+        steps = (
+            np.hypot(b.x - a.x, b.y - a.y).max(initial=0.0)
+            for a, b in zip(crowds[:-1], crowds[1:], strict=True)
+        )
         return float(max(steps))
 
     def tilt(self, crowd: Crowd, agents: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
@@ -169,7 +174,9 @@ class Trajectory(ABC):
         """
         return None
 
-    def phase(self, crowd: Crowd, time: float, agents: np.ndarray | slice = slice(None)) -> np.ndarray:
+    def phase(
+        self, crowd: Crowd, time: float, agents: np.ndarray | slice = slice(None)
+    ) -> np.ndarray:
         """Return the phases of `agents` in their action's cycle, (m,) float32 in [0, 1).
 
         crowd: the crowd that holds the agents.

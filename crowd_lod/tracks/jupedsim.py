@@ -72,25 +72,35 @@ def _check_tables(database: sqlite3.Connection, where: str) -> None:
 
     A view may have no end, and SQLite itself reads other pages as if they were the table's.
     """
-    views = database.execute("SELECT name FROM sqlite_master WHERE type = 'view' AND name IN ('metadata', 'trajectory_data')")
+    views = database.execute(
+        "SELECT name FROM sqlite_master WHERE type = 'view' AND name IN ('metadata', 'trajectory_data')"
+    )
     view = views.fetchone()
     if view is not None:
-        raise CrowdError(f"In the database {where} {view[0]} is a view: write its rows to a table of that name.")
+        raise CrowdError(
+            f"In the database {where} {view[0]} is a view: write its rows to a table of that name."
+        )
     (state,) = database.execute("PRAGMA quick_check(trajectory_data)").fetchone()
     if state != "ok":
         raise sqlite3.DatabaseError(state.replace("\n", " "))
 
 
-def _read_rows(database: sqlite3.Connection, where: str, tell: Callable[[float], None]) -> Iterator[np.ndarray]:
+def _read_rows(
+    database: sqlite3.Connection, where: str, tell: Callable[[float], None]
+) -> Iterator[np.ndarray]:
     """Yield the rows of the database, a part at a time."""
     (count,) = database.execute("SELECT count(*) FROM trajectory_data").fetchone()
     if count > MOST_ROWS:
-        raise CrowdError(f"The database {where} has {count:,} rows: use at most {MOST_ROWS:,}, of fewer agents or frames.")
+        raise CrowdError(
+            f"The database {where} has {count:,} rows: use at most {MOST_ROWS:,}, of fewer agents or frames."
+        )
     fraction = database.execute(
         "SELECT id FROM trajectory_data WHERE typeof(id) = 'real' AND (id <> CAST(id AS INTEGER) OR abs(id) >= 9007199254740992)"
     ).fetchone()
     if fraction is not None:
-        raise CrowdError(f"The database {where} has the id {fraction[0]!r}: give agents whole numbers.")
+        raise CrowdError(
+            f"The database {where} has the id {fraction[0]!r}: give agents whole numbers."
+        )
     rows = database.execute(f"SELECT {', '.join(NAMES)} FROM trajectory_data ORDER BY rowid")
     rows.arraysize = ROWS_AT_ONCE
     for at in range(0, count, ROWS_AT_ONCE):

@@ -49,7 +49,9 @@ class Table:
 
 def long_line(where: str) -> CrowdError:
     """Return the error of a file with a line longer than LONGEST_LINE."""
-    return CrowdError(f"The file {where} has a line of more than {LONGEST_LINE:,} bytes: give each row a line of its own.")
+    return CrowdError(
+        f"The file {where} has a line of more than {LONGEST_LINE:,} bytes: give each row a line of its own."
+    )
 
 
 def _lines(data: bytearray, where: str) -> Iterator[bytearray]:
@@ -60,7 +62,9 @@ def _lines(data: bytearray, where: str) -> Iterator[bytearray]:
             raise long_line(where)
         end = end or len(data)
         if b"\0" in data[at:end]:
-            raise CrowdError(f"The file {where} is neither text nor NPZ nor a database: choose a file of trajectories.")
+            raise CrowdError(
+                f"The file {where} is neither text nor NPZ nor a database: choose a file of trajectories."
+            )
         yield data[at:end]
         at = end
 
@@ -77,14 +81,21 @@ def layout_of(data: bytearray, where: str) -> Table:
         elif not text or text.startswith(COMMENTS):
             words = _split_titles(re.sub(r"^[#%/*\s]+", "", text))
             comments.append(text)
-            if {"id", "x", "y"} <= (known := columns_of(words)).keys() and ("frame" in known or "time" in known):
+            if {"id", "x", "y"} <= (known := columns_of(words)).keys() and (
+                "frame" in known or "time" in known
+            ):
                 titles = words
         elif not titles and not _numeric(text):
             titles = _split_titles(text)
             if not {"x", "y"} <= columns_of(titles).keys():
                 break
-        elif not _numeric(text) and not _numeric_places(text, titles):  # a row of units below the titles
-            titles = [f"{title}/{unit}" for title, unit in zip(titles, [*_split(text), *[""] * len(titles)], strict=False)]
+        elif not _numeric(text) and not _numeric_places(
+            text, titles
+        ):  # a row of units below the titles
+            titles = [
+                f"{title}/{unit}"
+                for title, unit in zip(titles, [*_split(text), *[""] * len(titles)], strict=False)
+            ]
         else:
             row = text
             break
@@ -93,7 +104,11 @@ def layout_of(data: bytearray, where: str) -> Table:
     values = _split(row) if row else []
     _check_titles(titles, columns, values, where)
     if not titles:
-        columns = OBSMAT if len(values) == 8 else {name: place for name, place in PLAIN.items() if place < len(values)}
+        columns = (
+            OBSMAT
+            if len(values) == 8
+            else {name: place for name, place in PLAIN.items() if place < len(values)}
+        )
     if values:
         columns = {name: place for name, place in columns.items() if place < len(values)}
     bare = [re.sub(r"[^a-z]", "", title.split("-")[0].lower()) for title in titles]
@@ -105,9 +120,13 @@ def layout_of(data: bytearray, where: str) -> Table:
             factors[name] = units[unit]
     rates = [match[1] for text in comments if (match := RATE.search(text))]
     lengths = [_unit(titles, columns, where)] if titles else []
-    lengths += [LENGTHS.get(match[1].lower(), "") for text in comments for match in IN.finditer(text)]
+    lengths += [
+        LENGTHS.get(match[1].lower(), "") for text in comments for match in IN.finditer(text)
+    ]
     texts = tuple(
-        name for name in TEXTS if name in columns and (name == "group" or values and not _is_number(values[columns[name]]))
+        name
+        for name in TEXTS
+        if name in columns and (name == "group" or values and not _is_number(values[columns[name]]))
     )
     return Table(
         begins=at,
@@ -123,9 +142,15 @@ def layout_of(data: bytearray, where: str) -> Table:
     )
 
 
-def _check_titles(titles: list[str], columns: dict[str, int], values: list[str], where: str) -> None:
+def _check_titles(
+    titles: list[str], columns: dict[str, int], values: list[str], where: str
+) -> None:
     """Raise CrowdError if a table with such titles and such a first row cannot be read."""
-    lacks = [name for name in ("id", "frame", "x", "y") if name not in columns and not (name == "frame" and "time" in columns)]
+    lacks = [
+        name
+        for name in ("id", "frame", "x", "y")
+        if name not in columns and not (name == "frame" and "time" in columns)
+    ]
     if titles and lacks:
         told = told_of_places(titles) if "x" in lacks or "y" in lacks else ""
         wanted = f"These are {told}; give it" if told else "give it"
@@ -144,14 +169,18 @@ def _check_titles(titles: list[str], columns: dict[str, int], values: list[str],
             f"The table {where} has {len(values)} columns without titles, as those of boxes in pictures: give it columns id, frame, "
             "x and y, in places on the ground, and titles."
         )
-    if titles and max(columns[name] for name in columns.keys() & {"id", "frame", "time", "x", "y"}) >= len(values):
+    if titles and max(
+        columns[name] for name in columns.keys() & {"id", "frame", "time", "x", "y"}
+    ) >= len(values):
         raise CrowdError(
             f"The table {where} has {len(titles)} titles ({', '.join(titles[:12])}) and {len(values)} values in its first row: "
             "give each column one title."
         )
     for name, units in (("time", SECONDS), ("heading", RADIANS)):
         if titles and name in columns and unit_of(titles[columns[name]], units) is None:
-            raise CrowdError(f"The table {where} has the column {titles[columns[name]]}: give {name} in one of {', '.join(units)}.")
+            raise CrowdError(
+                f"The table {where} has the column {titles[columns[name]]}: give {name} in one of {', '.join(units)}."
+            )
 
 
 def _unit(titles: list[str], columns: dict[str, int], where: str) -> str:

@@ -42,7 +42,15 @@ def tracks_of(rows: Rows, where: str) -> Tracks:
     hidden = seconds > max(HIDES, 1.5 * step / rows.rate)
     crossed = int(np.count_nonzero(passed > 1.5 * step)) - int(hidden.sum())
     breath()
-    move = partial(_moving, columns | {"time": frame / rows.rate}, enters, seconds, hidden, ids, step / rows.rate)
+    move = partial(
+        _moving,
+        columns | {"time": frame / rows.rate},
+        enters,
+        seconds,
+        hidden,
+        ids,
+        step / rows.rate,
+    )
     check = partial(_check_speeds, ids, columns, seconds, rows, where)
     _, (made, paces) = at_once(_call, ((check,), (move,)))
     breath()
@@ -72,7 +80,9 @@ def tracks_of(rows: Rows, where: str) -> Tracks:
 
 def _by_agent(rows: Rows, agent: np.ndarray) -> dict[str, np.ndarray]:
     """Return the columns of `rows` in the order of agents, and of each agent in the order of frames."""
-    columns = {name: column for name, column in rows.columns.items() if name != "id"} | {"agent": agent}
+    columns = {name: column for name, column in rows.columns.items() if name != "id"} | {
+        "agent": agent
+    }
     frame, ahead = rows.frame, np.diff(agent)
     if len(agent) > 1 and not ((ahead > 0) | ((ahead == 0) & (np.diff(frame) >= 0))).all():
         order = order_by(agent, order_by(frame))
@@ -81,14 +91,22 @@ def _by_agent(rows: Rows, agent: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _taken(columns: dict[str, np.ndarray], order: np.ndarray) -> dict[str, np.ndarray]:
-    return dict(zip(columns, at_once(lambda column: column[order], ((column,) for column in columns.values())), strict=True))
+    return dict(
+        zip(
+            columns,
+            at_once(lambda column: column[order], ((column,) for column in columns.values())),
+            strict=True,
+        )
+    )
 
 
 def _call(work: Callable[[], Any]) -> Any:
     return work()
 
 
-def _check_once(ids: np.ndarray, agent: np.ndarray, frame: np.ndarray, passed: np.ndarray, where: str) -> None:
+def _check_once(
+    ids: np.ndarray, agent: np.ndarray, frame: np.ndarray, passed: np.ndarray, where: str
+) -> None:
     twice = (passed[:-1] <= TOGETHER) & (agent[1:] == agent[:-1])
     if twice.any():
         row = int(twice.argmax())
@@ -98,11 +116,18 @@ def _check_once(ids: np.ndarray, agent: np.ndarray, frame: np.ndarray, passed: n
         )
 
 
-def _check_speeds(ids: np.ndarray, columns: dict[str, np.ndarray], seconds: np.ndarray, rows: Rows, where: str) -> None:
+def _check_speeds(
+    ids: np.ndarray, columns: dict[str, np.ndarray], seconds: np.ndarray, rows: Rows, where: str
+) -> None:
     agent, frame = columns["agent"], columns["frame"]
     first = np.flatnonzero(np.diff(agent, prepend=-1))
-    ways = np.hypot(np.diff(columns["x"], append=columns["x"][-1:]), np.diff(columns["y"], append=columns["y"][-1:]))
-    way, time = (np.add.reduceat(np.where(seconds > 0, each, 0.0), first) for each in (ways, seconds))
+    ways = np.hypot(
+        np.diff(columns["x"], append=columns["x"][-1:]),
+        np.diff(columns["y"], append=columns["y"][-1:]),
+    )
+    way, time = (
+        np.add.reduceat(np.where(seconds > 0, each, 0.0), first) for each in (ways, seconds)
+    )
     speed = np.divide(way, time, out=np.zeros(len(first)), where=time > 0)
     if speed.max() <= FASTEST:
         return
@@ -114,7 +139,11 @@ def _check_speeds(ids: np.ndarray, columns: dict[str, np.ndarray], seconds: np.n
         for unit, own in ((unit, UNITS[unit]) for unit in ASKED)
         if WALKS[0] <= speed[worst] * by / times * own[0] / own[1] <= WALKS[1]
     ]
-    better = f"set Unit to {' or '.join(fits)}" if fits else "set Frame Rate to frames a second, or Unit to the file's"
+    better = (
+        f"set Unit to {' or '.join(fits)}"
+        if fits
+        else "set Frame Rate to frames a second, or Unit to the file's"
+    )
     raise CrowdError(
         f"The agent {ids[worst]} of {where} moves at {speed[worst]:,.0f} m/s from frame {frame[since]:g} to {frame[until]:g}, "
         f"taken in {rows.unit or 'm'} at {rows.rate:g} frames a second: {better}."
@@ -122,7 +151,12 @@ def _check_speeds(ids: np.ndarray, columns: dict[str, np.ndarray], seconds: np.n
 
 
 def _moving(
-    columns: dict[str, np.ndarray], enters: np.ndarray, seconds: np.ndarray, hidden: np.ndarray, ids: np.ndarray, step: float
+    columns: dict[str, np.ndarray],
+    enters: np.ndarray,
+    seconds: np.ndarray,
+    hidden: np.ndarray,
+    ids: np.ndarray,
+    step: float,
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Return the columns of Samples that follow from the motion, by agents, and the paces.
 
@@ -133,7 +167,11 @@ def _moving(
     speed = np.hypot(vx, vy)
     walks = (speed >= motion.STANDS) & ~hidden
     heading = columns.get("heading")
-    heading = motion.headings(vx, vy, walks, columns["agent"], ids) if heading is None else heading.astype(np.float32)
+    heading = (
+        motion.headings(vx, vy, walks, columns["agent"], ids)
+        if heading is None
+        else heading.astype(np.float32)
+    )
     leaves = np.append(enters[1:], True)
     turn = motion.turns(heading, 2 * np.pi).astype(np.float32)
     phase = columns.get("phase")
@@ -147,11 +185,19 @@ def _moving(
     paces = motion.ladder(speed[walks])
     pace = motion.paces_of(speed, enters, paces)
     pace[~walks] = 0
-    made = {"heading": heading, "turn": turn, "way": way.astype(np.float32), "walks": walks, "pace": pace}
+    made = {
+        "heading": heading,
+        "turn": turn,
+        "way": way.astype(np.float32),
+        "walks": walks,
+        "pace": pace,
+    }
     return made, paces
 
 
-def _in_classes(frame: np.ndarray, passed: np.ndarray, step: float) -> tuple[np.ndarray, tuple[tuple[int, int, float], ...]]:
+def _in_classes(
+    frame: np.ndarray, passed: np.ndarray, step: float
+) -> tuple[np.ndarray, tuple[tuple[int, int, float], ...]]:
     """Return (order, classes): the rows' order by class and frame, and Tracks.classes."""
     with np.errstate(divide="ignore"):
         classes = np.clip(np.ceil(np.log2(passed / step) - 1e-6), 0, 60).astype(np.uint8)
@@ -166,11 +212,19 @@ def _in_classes(frame: np.ndarray, passed: np.ndarray, step: float) -> tuple[np.
     return np.concatenate(orders), tuple(found)
 
 
-def _told(rows: Rows, agents: int, frames: tuple[float, float], crossed: int, hidden: np.ndarray) -> str:
+def _told(
+    rows: Rows, agents: int, frames: tuple[float, float], crossed: int, hidden: np.ndarray
+) -> str:
     long = int(hidden.sum())
-    gaps = [f"{crossed:,} gap{'s are' if crossed > 1 else ' is'} crossed in a straight line"] if crossed else []
+    gaps = (
+        [f"{crossed:,} gap{'s are' if crossed > 1 else ' is'} crossed in a straight line"]
+        if crossed
+        else []
+    )
     gaps += (
-        [f"{long:,} gap{'s' if long > 1 else ''} of more than {HIDES:g} seconds hide{'' if long > 1 else 's'} the agent"]
+        [
+            f"{long:,} gap{'s' if long > 1 else ''} of more than {HIDES:g} seconds hide{'' if long > 1 else 's'} the agent"
+        ]
         if long
         else []
     )

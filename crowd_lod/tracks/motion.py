@@ -30,7 +30,9 @@ def first_of(begins: np.ndarray) -> np.ndarray:
     return np.repeat(first, np.diff(np.append(first, len(begins))))
 
 
-def velocities(x: np.ndarray, y: np.ndarray, seconds: np.ndarray, begins: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
+def velocities(
+    x: np.ndarray, y: np.ndarray, seconds: np.ndarray, begins: np.ndarray, step: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the smoothed velocities, m/s along x and along y, each (k,) float32.
 
     A row's is that of the straight way between the rows a quarter of a second before and after it,
@@ -48,7 +50,9 @@ def velocities(x: np.ndarray, y: np.ndarray, seconds: np.ndarray, begins: np.nda
 
     def change(values: np.ndarray) -> np.ndarray:
         found = np.empty(len(values))
-        found[near : len(values) - near] = values[2 * near :] - values[: -2 * near]  # all but those at the edges of runs
+        found[near : len(values) - near] = (
+            values[2 * near :] - values[: -2 * near]
+        )  # all but those at the edges of runs
         found[edge] = values[after] - values[before]
         return found
 
@@ -58,7 +62,9 @@ def velocities(x: np.ndarray, y: np.ndarray, seconds: np.ndarray, begins: np.nda
     return vx, vy
 
 
-def headings(vx: np.ndarray, vy: np.ndarray, moving: np.ndarray, agent: np.ndarray, ids: np.ndarray) -> np.ndarray:
+def headings(
+    vx: np.ndarray, vy: np.ndarray, moving: np.ndarray, agent: np.ndarray, ids: np.ndarray
+) -> np.ndarray:
     """Return where agents face, (k,) float32 radians: along their motion.
 
     Who stands, as when it walked last.
@@ -76,7 +82,12 @@ def headings(vx: np.ndarray, vy: np.ndarray, moving: np.ndarray, agent: np.ndarr
         told = np.where(own, told, first[agent])
     found = np.arctan2(vy, vx)
     still = np.flatnonzero(np.add.reduceat(moving, first, dtype=np.intp) == 0)
-    found[first[still]] = random_streams.uniform(random_streams.keys_of(0, ids[still]), random_streams.LOOKS) * 2 * np.pi - np.pi
+    found[first[still]] = (
+        random_streams.uniform(random_streams.keys_of(0, ids[still]), random_streams.LOOKS)
+        * 2
+        * np.pi
+        - np.pi
+    )
     return found[told]
 
 

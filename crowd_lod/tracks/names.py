@@ -23,22 +23,89 @@ KNOWN = {
     ),
     "frame": ("frame", "fr", "frameid", "framenumber", "frameno", "framenr"),
     "time": ("time", "t", "seconds", "sec", "simtime", "simsec", "timestamp", "timesteptime"),
-    "x": ("x", "posx", "px", "xpos", "centerx", "xcenter", "personx", "coordcentx", "positionx", "startx", "xcoord", "xest"),
-    "y": ("y", "posy", "py", "ypos", "centery", "ycenter", "persony", "coordcenty", "positiony", "starty", "ycoord", "yest"),
-    "z": ("z", "posz", "pz", "zpos", "centerz", "zcenter", "personz", "coordcentz", "positionz", "zcoord"),
+    "x": (
+        "x",
+        "posx",
+        "px",
+        "xpos",
+        "centerx",
+        "xcenter",
+        "personx",
+        "coordcentx",
+        "positionx",
+        "startx",
+        "xcoord",
+        "xest",
+    ),
+    "y": (
+        "y",
+        "posy",
+        "py",
+        "ypos",
+        "centery",
+        "ycenter",
+        "persony",
+        "coordcenty",
+        "positiony",
+        "starty",
+        "ycoord",
+        "yest",
+    ),
+    "z": (
+        "z",
+        "posz",
+        "pz",
+        "zpos",
+        "centerz",
+        "zcenter",
+        "personz",
+        "coordcentz",
+        "positionz",
+        "zcoord",
+    ),
     "heading": ("heading", "yaw"),
     "phase": ("phase",),
     "group": ("group", "type", "agenttype", "charactergroup", "class"),
 }
 LENGTHS = {"m": "m", "meter": "m", "meters": "m", "metre": "m", "metres": "m"}
-LENGTHS |= {"cm": "cm", "centimeter": "cm", "centimeters": "cm", "mm": "mm", "millimeter": "mm", "millimeters": "mm"}
-LENGTHS |= {"dm": "dm", "decimeter": "dm", "decimeters": "dm", "km": "km", "kilometer": "km", "kilometers": "km"}
+LENGTHS |= {
+    "cm": "cm",
+    "centimeter": "cm",
+    "centimeters": "cm",
+    "mm": "mm",
+    "millimeter": "mm",
+    "millimeters": "mm",
+}
+LENGTHS |= {
+    "dm": "dm",
+    "decimeter": "dm",
+    "decimeters": "dm",
+    "km": "km",
+    "kilometer": "km",
+    "kilometers": "km",
+}
 LENGTHS |= {"ft": "ft", "feet": "ft", "foot": "ft", "yd": "yd", "yard": "yd", "yards": "yd"}
 LENGTHS |= {"in": "in", "inch": "in", "inches": "in"}
 # what one is in seconds, and in radians
-SECONDS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "min": 60.0, "minutes": 60.0, "h": 3600.0, "hours": 3600.0}
+SECONDS = {
+    "s": 1.0,
+    "sec": 1.0,
+    "second": 1.0,
+    "seconds": 1.0,
+    "min": 60.0,
+    "minutes": 60.0,
+    "h": 3600.0,
+    "hours": 3600.0,
+}
 SECONDS |= {"ms": 1e-3, "millisecond": 1e-3, "milliseconds": 1e-3, "us": 1e-6, "ns": 1e-9}
-RADIANS = {"rad": 1.0, "radian": 1.0, "radians": 1.0, "deg": math.pi / 180, "degree": math.pi / 180, "degrees": math.pi / 180}
+RADIANS = {
+    "rad": 1.0,
+    "radian": 1.0,
+    "radians": 1.0,
+    "deg": math.pi / 180,
+    "degree": math.pi / 180,
+    "degrees": math.pi / 180,
+}
 RADIANS |= {"\N{DEGREE SIGN}": math.pi / 180}
 # titles of places that are none on the ground in meters, and what to do about them
 OTHER_PLACES = {
@@ -56,7 +123,10 @@ def columns_of(titles: list[str]) -> dict[str, int]:
     """
     bare = [_letters(re.split(r"[/\[({]|-PID", title)[0]) for title in titles]
     whole = [_letters(title) for title in titles]
-    without_word = [_letters(re.sub(r"(\s+in)?[\s_][A-Za-z]+$", "", title)) if _word_is_unit(title) else "" for title in titles]
+    without_word = [
+        _letters(re.sub(r"(\s+in)?[\s_][A-Za-z]+$", "", title)) if _word_is_unit(title) else ""
+        for title in titles
+    ]
     columns: dict[str, int] = {}
     for name, known in KNOWN.items():
         for names in (bare, whole, without_word):

@@ -23,7 +23,11 @@ def order_by(keys: np.ndarray, among: np.ndarray | None = None) -> np.ndarray:
         return order
     low = int(own.min())
     bits = (int(own.max()) - low).bit_length()
-    own = (own - low).view(np.uint64) if own.dtype == np.int64 else (own.astype(np.int64) - low).view(np.uint64)
+    own = (
+        (own - low).view(np.uint64)
+        if own.dtype == np.int64
+        else (own.astype(np.int64) - low).view(np.uint64)
+    )
     if bits > 3 * DIGIT:
         return order[np.argsort(own, kind="stable")]
     for shift in range(0, bits, DIGIT):

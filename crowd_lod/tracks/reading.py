@@ -22,13 +22,18 @@ UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 UTF_8 = b"\xef\xbb\xbf"
 # how files begin that are known and not read: what they are, and what to do
 OTHERS = {
-    b"\x89HDF\r\n\x1a\n": ("HDF5", "write its table as CSV, by pandas.read_hdf(file).to_csv(other), say"),
+    b"\x89HDF\r\n\x1a\n": (
+        "HDF5",
+        "write its table as CSV, by pandas.read_hdf(file).to_csv(other), say",
+    ),
     b"<": ("XML", "write it as CSV with columns id, time, x and y, as SUMO's xml2csv.py does"),
     b"{": ("JSON", "write it as CSV with columns id, frame, x and y, by pandas, say"),
     b"[": ("JSON", "write it as CSV with columns id, frame, x and y, by pandas, say"),
 }
 LOOK = 2**16  # bytes in which a zero tells that it is no text
-CHUNK = 2**22  # bytes that are read between two looks at whether anybody still waits; more than layout.LONGEST_LINE
+CHUNK = (
+    2**22
+)  # bytes that are read between two looks at whether anybody still waits; more than layout.LONGEST_LINE
 HEADS = 1.0, 2.3  # meters, where the heads of people are
 
 
@@ -52,7 +57,9 @@ def read_rows(path: Path, tell: Callable[[float], None] = lambda _: None) -> Row
             rows = text.read_text(_text_of(path, head.startswith(GZIP)), where, tell)
     except OSError as error:
         reason = error.strerror or error
-        raise CrowdError(f"The file of trajectories {where} cannot be read ({reason}): choose another.") from None
+        raise CrowdError(
+            f"The file of trajectories {where} cannot be read ({reason}): choose another."
+        ) from None
     return check_rows(rows, path)
 
 
@@ -94,7 +101,9 @@ def _text_of(path: Path, is_packed: bool) -> bytearray:
         try:
             return bytearray(data.decode("utf-16").encode())
         except UnicodeError as error:
-            raise CrowdError(f"The file {where} is not the UTF-16 that its head tells ({error}): save it as UTF-8.") from None
+            raise CrowdError(
+                f"The file {where} is not the UTF-16 that its head tells ({error}): save it as UTF-8."
+            ) from None
     if data.startswith(UTF_8):
         del data[: len(UTF_8)]
     return data
@@ -107,7 +116,9 @@ def _check_kind(data: bytes, where: str) -> None:
         if head.startswith(magic):
             raise CrowdError(f"The file {where} is {kind}, which is not read: {remedy}.")
     if not data.startswith(UTF_16) and b"\0" in data[:LOOK]:
-        raise CrowdError(f"The file {where} is neither text nor NPZ nor a database: choose a file of trajectories.")
+        raise CrowdError(
+            f"The file {where} is neither text nor NPZ nor a database: choose a file of trajectories."
+        )
 
 
 def read_tracks(
@@ -129,12 +140,16 @@ def read_tracks(
     """
     rows = read_rows(path, lambda part: tell(0.6 * part)).in_meters(unit)
     if up != "Z" and rows.z is None:
-        raise CrowdError(f"The file {printable(path)} has no z, and y is up: set Up to Z, or give it columns x, y and z.")
+        raise CrowdError(
+            f"The file {printable(path)} has no z, and y is up: set Up to Z, or give it columns x, y and z."
+        )
     rows = rows.with_z_up(up)
     notes = rows.notes
     if not rate and not rows.rate:
         if not usual:
-            raise CrowdError(f"The file {printable(path)} tells no frame rate: set Frame Rate to its frames a second.")
+            raise CrowdError(
+                f"The file {printable(path)} tells no frame rate: set Frame Rate to its frames a second."
+            )
         notes += ("It tells no frame rate: each of its frames is one of the scene's.",)
     rows = replace(rows, rate=rate or rows.rate or usual, notes=notes)
     tell(0.6)

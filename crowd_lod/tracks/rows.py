@@ -93,7 +93,9 @@ def check_rows(rows: Rows, path: Path) -> Rows:
     if not count:
         raise CrowdError(f"The file {where} has no rows: choose a file of trajectories.")
     if count > MOST_ROWS:
-        raise CrowdError(f"The file {where} has {count:,} rows: use at most {MOST_ROWS:,}, of fewer agents or frames.")
+        raise CrowdError(
+            f"The file {where} has {count:,} rows: use at most {MOST_ROWS:,}, of fewer agents or frames."
+        )
     found: dict[str, Any] = {}
     for name, column in rows.columns.items():
         if column.shape != (count,):
@@ -103,7 +105,9 @@ def check_rows(rows: Rows, path: Path) -> Rows:
         found[name] = _checked(name, column, where)
     agents = 1 + int(np.count_nonzero(np.diff(np.sort(found["id"])))) if count > MOST_AGENTS else 0
     if agents > MOST_AGENTS:
-        raise CrowdError(f"The file {where} has {agents:,} agents: a crowd has at most {MOST_AGENTS:,}.")
+        raise CrowdError(
+            f"The file {where} has {agents:,} agents: a crowd has at most {MOST_AGENTS:,}."
+        )
     check_rate(rows.rate, where)
     return replace(rows, **found)
 
@@ -111,7 +115,9 @@ def check_rows(rows: Rows, path: Path) -> Rows:
 def check_rate(rate: float, where: str) -> None:
     """Raise CrowdError unless the file `where` may have the `rate`, in frames a second; 0 for none."""
     if rate and not RATES[0] <= rate <= RATES[1]:
-        raise CrowdError(f"The file {where} tells the frame rate {rate}: correct it to frames a second.")
+        raise CrowdError(
+            f"The file {where} tells the frame rate {rate}: correct it to frames a second."
+        )
 
 
 def check_range(name: str, column: np.ndarray, where: str) -> None:
@@ -129,10 +135,14 @@ def check_range(name: str, column: np.ndarray, where: str) -> None:
 def _checked(name: str, column: np.ndarray, where: str) -> np.ndarray:
     if name == "group":
         if column.dtype.kind not in "iuUS":
-            raise CrowdError(f"The groups in {where} are of the kind {column.dtype}: give whole numbers or names.")
+            raise CrowdError(
+                f"The groups in {where} are of the kind {column.dtype}: give whole numbers or names."
+            )
         return column.astype(str) if column.dtype.kind == "S" else column
     if column.dtype.kind not in "iufb":
-        raise CrowdError(f"The column {name} of {where} is of the kind {column.dtype}: give numbers.")
+        raise CrowdError(
+            f"The column {name} of {where} is of the kind {column.dtype}: give numbers."
+        )
     if name != "id":
         check_range(name, column, where)
         return column.astype(np.float64, copy=False)
@@ -140,5 +150,7 @@ def _checked(name: str, column: np.ndarray, where: str) -> np.ndarray:
         broken = ~((column == np.rint(column)) & (np.abs(column) < 2.0**53))
         if broken.any():
             row = int(broken.argmax())
-            raise CrowdError(f"Row {row + 1:,} of {where} has the id {column[row]}: give agents whole numbers.")
+            raise CrowdError(
+                f"Row {row + 1:,} of {where} has the id {column[row]}: give agents whole numbers."
+            )
     return column.astype(np.int64, copy=False)

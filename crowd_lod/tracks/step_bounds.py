@@ -19,7 +19,13 @@ class StepBounds:
     frames: the first and the last of the file.
     """
 
-    def __init__(self, samples: Samples, classes: tuple[tuple[int, int, float], ...], frames: tuple[float, float], rate: float):
+    def __init__(
+        self,
+        samples: Samples,
+        classes: tuple[tuple[int, int, float], ...],
+        frames: tuple[float, float],
+        rate: float,
+    ):
         self.samples, self.first, self.rate = samples, frames[0], rate
         whole = frames[1] - frames[0]
         self.width = max(SPAN * rate, whole / MOST)
@@ -34,7 +40,10 @@ class StepBounds:
     def between(self, since: float, until: float) -> VelocityBounds:
         """Return the bounds of all velocities, m/s, from frame `since` to `until` of the file."""
         last = self.spans.shape[1] - 1
-        begin, end = ((min(max(frame, self.first), self.first + 1e18) - self.first) / self.width for frame in (since, until))
+        begin, end = (
+            (min(max(frame, self.first), self.first + 1e18) - self.first) / self.width
+            for frame in (since, until)
+        )
         own = self.spans[:, min(int(begin), last) : min(int(end), last) + 1].max(axis=1)
         if not own.any():
             return STANDING

@@ -42,7 +42,9 @@ def read_text(data: bytearray, where: str, tell: Callable[[float], None] = lambd
         done += len(part)
         tell(done / len(data))
         breath()
-    columns: dict[str, Any] = {name: np.concatenate(values) if values else np.empty(0) for name, values in parts.items()}
+    columns: dict[str, Any] = {
+        name: np.concatenate(values) if values else np.empty(0) for name, values in parts.items()
+    }
     notes: list[str] = []
     if commas == {True}:
         notes.append("Its commas are taken for decimal points, so 1,500 is 1.5.")
@@ -51,7 +53,11 @@ def read_text(data: bytearray, where: str, tell: Callable[[float], None] = lambd
     check_rate(table.rate, where)
     for name, factor in table.factors.items():
         columns[name] = columns[name] * factor
-    if "heading" in columns and "heading" not in table.factors and np.abs(columns["heading"]).max(initial=0) > TURN + 1e-3:
+    if (
+        "heading" in columns
+        and "heading" not in table.factors
+        and np.abs(columns["heading"]).max(initial=0) > TURN + 1e-3
+    ):
         columns["heading"] = np.radians(columns["heading"])
         notes.append("Its headings go beyond 2 pi and are taken for degrees.")
     rate = table.rate
@@ -81,7 +87,9 @@ def _number_texts(columns: dict[str, Any], table: Table, notes: list[str]) -> No
         except ValueError:
             if name == "id":
                 names, columns["id"] = np.unique(columns["id"], return_inverse=True)
-                notes.append(f'Its ids are texts, and agents are numbered in their order: "{names[0][:40]}" is 0.')
+                notes.append(
+                    f'Its ids are texts, and agents are numbered in their order: "{names[0][:40]}" is 0.'
+                )
 
 
 def _with_ends(columns: dict[str, Any]) -> dict[str, Any]:
@@ -124,7 +132,9 @@ def _parts(data: bytearray, at: int, where: str) -> Iterator[tuple[bytearray, in
         at = end
 
 
-def _values(part: bytearray, table: Table, where: str, line: int, commas: set[bool]) -> dict[str, np.ndarray]:
+def _values(
+    part: bytearray, table: Table, where: str, line: int, commas: set[bool]
+) -> dict[str, np.ndarray]:
     """Return the columns of the rows in `part`, which ends with a row.
 
     line: lines before it in the file.
@@ -133,7 +143,9 @@ def _values(part: bytearray, table: Table, where: str, line: int, commas: set[bo
     if table.split != "," and b"," in part:
         if re.search(rb"\d,\d", part):
             if re.search(rb"\d\.\d", part):
-                raise CrowdError(f"The table {where} has both commas and dots in its numbers: remove those that part thousands.")
+                raise CrowdError(
+                    f"The table {where} has both commas and dots in its numbers: remove those that part thousands."
+                )
             commas.add(re.search(rb"\d,(?:\d{0,2}|\d{4,})(?!\d)", part) is None)
         part = part.replace(b",", b".")
     lines = part.decode("utf-8", "replace").split("\n")
@@ -149,7 +161,9 @@ def _values(part: bytearray, table: Table, where: str, line: int, commas: set[bo
         for name in table.texts:
             columns[name] = _load(lines, table, str, [table.columns[name]])[:, 0]
     except ValueError as error:
-        raise CrowdError(f"The table {where} cannot be read after line {line:,} ({error}): give each row its numbers.") from None
+        raise CrowdError(
+            f"The table {where} cannot be read after line {line:,} ({error}): give each row its numbers."
+        ) from None
     return columns
 
 
@@ -179,7 +193,14 @@ def _load(lines: list[str], table: Table, type: type, columns: Sequence[int] | N
     """Return the values (rows, columns) of `lines`."""
     if not any(line.strip() and not line.lstrip().startswith("#") for line in lines):
         return np.empty((0, len(columns) if columns is not None else table.width), type)
-    return np.loadtxt(lines, type, delimiter=table.split, usecols=columns, ndmin=2, quotechar='"' if table.split else None)
+    return np.loadtxt(
+        lines,
+        type,
+        delimiter=table.split,
+        usecols=columns,
+        ndmin=2,
+        quotechar='"' if table.split else None,
+    )
 
 
 def _check_rows(lines: list[str], table: Table, where: str, line: int) -> None:
@@ -199,31 +220,54 @@ def _check_rows(lines: list[str], table: Table, where: str, line: int) -> None:
                     float(values[place])
             except ValueError:
                 text = values[place].strip()[:40]
-                raise CrowdError(f'Line {number:,} of {where} has {name} "{text}": give a number, or remove the row.') from None
+                raise CrowdError(
+                    f'Line {number:,} of {where} has {name} "{text}": give a number, or remove the row.'
+                ) from None
 
 
-def _untitled(columns: dict[str, Any], table: Table) -> tuple[dict[str, Any], float, tuple[str, ...]]:
+def _untitled(
+    columns: dict[str, Any], table: Table
+) -> tuple[dict[str, Any], float, tuple[str, ...]]:
     """Return (columns, rate, notes) of a table without titles."""
     seconds = next((name for name in ("id", "frame") if _has_fractions(columns[name])), "")
     if seconds and table.width != 8:
-        columns = columns | {"id": columns["frame" if seconds == "id" else "id"], "time": columns[seconds]}
+        columns = columns | {
+            "id": columns["frame" if seconds == "id" else "id"],
+            "time": columns[seconds],
+        }
         del columns["frame"]
-        return columns, table.rate, ("Its columns have no titles, and the one with fractions is taken for seconds.",)
+        return (
+            columns,
+            table.rate,
+            ("Its columns have no titles, and the one with fractions is taken for seconds.",),
+        )
     if table.width == 4:
         other = columns | {"id": columns["frame"], "frame": columns["id"]}
         if _step(other) <= _step(columns):
             columns = other
         else:
-            return columns, table.rate, ("Its four columns have no titles and are taken for id, frame, x and y.",)
+            return (
+                columns,
+                table.rate,
+                ("Its four columns have no titles and are taken for id, frame, x and y.",),
+            )
     if table.width not in (4, 8):
-        return columns, table.rate, ("Its columns have no titles and are taken for id, frame, x, y and z.",)
+        return (
+            columns,
+            table.rate,
+            ("Its columns have no titles and are taken for id, frame, x, y and z.",),
+        )
     frames = np.unique(columns["frame"])
     rate = table.rate or (float(np.diff(frames).min()) / ANNOTATED if len(frames) > 1 else 0.0)
     note = f"Its columns have no titles and are taken for those of {'ETH and UCY' if table.width == 4 else 'an obsmat'}"
     return (
         columns,
         rate,
-        (f"{note}, with rows each {ANNOTATED:g} seconds where no Frame Rate is set." if not table.rate else f"{note}.",),
+        (
+            f"{note}, with rows each {ANNOTATED:g} seconds where no Frame Rate is set."
+            if not table.rate
+            else f"{note}.",
+        ),
     )
 
 

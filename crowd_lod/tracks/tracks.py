@@ -73,7 +73,11 @@ class Tracks:
     @cached_property
     def spread(self) -> np.ndarray:
         """(2, 3) float64 meters, the least and the greatest x, y and z; z is 0 if the file has none."""
-        places = [self.samples.x, self.samples.y, np.zeros(1) if self.samples.z is None else self.samples.z]
+        places = [
+            self.samples.x,
+            self.samples.y,
+            np.zeros(1) if self.samples.z is None else self.samples.z,
+        ]
         return np.array([[place.min() for place in places], [place.max() for place in places]])
 
     @cached_property
@@ -93,7 +97,9 @@ class Tracks:
         found: list[slice | np.ndarray] = []
         for begin, end, longest in self.classes:
             frames = self.samples.frame[begin:end]
-            since, until = (np.searchsorted(frames, [frame - longest, frame], side="right") + begin).tolist()
+            since, until = (
+                np.searchsorted(frames, [frame - longest, frame], side="right") + begin
+            ).tolist()
             after = self.samples.after[since:until]
             holds = self.samples.frame[after] > frame
             if holds.all():
@@ -104,11 +110,20 @@ class Tracks:
                 found.append(own[holds])
         if len(found) == 1:
             return found[0]
-        return np.concatenate([np.empty(0, np.intp), *(np.r_[each] if isinstance(each, slice) else each for each in found)])
+        return np.concatenate(
+            [
+                np.empty(0, np.intp),
+                *(np.r_[each] if isinstance(each, slice) else each for each in found),
+            ]
+        )
 
 
 def in_a_row(places: np.ndarray) -> Places:
     """Return the `places` (m,) as a slice, if each is the one after that before it."""
-    if len(places) and places[-1] - places[0] == len(places) - 1 and (places[1:] - places[:-1] == 1).all():
+    if (
+        len(places)
+        and places[-1] - places[0] == len(places) - 1
+        and (places[1:] - places[:-1] == 1).all()
+    ):
         return slice(int(places[0]), int(places[-1]) + 1)
     return places.astype(np.intp)

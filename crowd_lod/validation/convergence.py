@@ -49,7 +49,11 @@ class Convergence:
         Least squares over the mean errors above rounding; NaN with fewer than two of them.
         """
         real = self.mean > 1e-9
-        return float(np.polyfit(np.log(self.dt[real]), np.log(self.mean[real]), 1)[0]) if real.sum() > 1 else np.nan
+        return (
+            float(np.polyfit(np.log(self.dt[real]), np.log(self.mean[real]), 1)[0])
+            if real.sum() > 1
+            else np.nan
+        )
 
 
 def convergence(
@@ -80,7 +84,9 @@ def convergence(
         if machine.edge == "wrap":
             off = np.minimum(off, np.array(world.area.size)[:, None] - off)
         error = np.hypot(*off) if off.size else np.zeros(1)
-        rows.append((np.median(error), error.mean(), error.max(), (error > np.hypot(*world.cell)).mean()))
+        rows.append(
+            (np.median(error), error.mean(), error.max(), (error > np.hypot(*world.cell)).mean())
+        )
     median, mean, worst, apart = np.array(rows).T
     return Convergence(seconds / np.array(steps), median, mean, worst, apart, int(compared.sum()))
 
@@ -113,9 +119,18 @@ def drift(
     while steps > 0:
         count = min(steps, 1000)
         steps -= count
-        way = np.where(np.abs(x - offset) > 25, np.sign(offset - x), random.choice((-1.0, 1.0), agents))
+        way = np.where(
+            np.abs(x - offset) > 25, np.sign(offset - x), random.choice((-1.0, 1.0), agents)
+        )
         stride = (way * random.uniform(0.5, 2.0, agents) * seconds).astype(dtype)
-        x = np.add.accumulate(np.concatenate([x[None], np.broadcast_to(stride, (count, agents))]), axis=0, dtype=dtype)[-1]
-        exact = [place + count * Fraction(each) for place, each in zip(exact, stride.tolist(), strict=True)]
-    error = np.array([abs(float(Fraction(end) - place)) for end, place in zip(x.tolist(), exact, strict=True)])
+        x = np.add.accumulate(
+            np.concatenate([x[None], np.broadcast_to(stride, (count, agents))]), axis=0, dtype=dtype
+        )[-1]
+        exact = [
+            place + count * Fraction(each)
+            for place, each in zip(exact, stride.tolist(), strict=True)
+        ]
+    error = np.array(
+        [abs(float(Fraction(end) - place)) for end, place in zip(x.tolist(), exact, strict=True)]
+    )
     return float(error.mean()), float(error.max())

@@ -56,7 +56,9 @@ class Verdict:
     depth_error: float = 0.0
 
     def __add__(self, other: "Verdict") -> "Verdict":
-        sums = {name: getattr(self, name) + getattr(other, name) for name in self.__dataclass_fields__}
+        sums = {
+            name: getattr(self, name) + getattr(other, name) for name in self.__dataclass_fields__
+        }
         return Verdict(**sums | {"depth_error": max(self.depth_error, other.depth_error)})
 
 
@@ -86,7 +88,11 @@ def check(camera: Camera, points: np.ndarray, radius: np.ndarray, group: np.ndar
     errors = [0.0]
     if camera.kind != "PANO":
         for i in range(0, len(points), max(1, len(points) // EXACT_DEPTHS)):
-            bound = ROUNDING * (np.abs(points[i] - camera.origin).sum() + abs(camera.origin[2])) * np.linalg.norm(camera.Z)
+            bound = (
+                ROUNDING
+                * (np.abs(points[i] - camera.origin).sum() + abs(camera.origin[2]))
+                * np.linalg.norm(camera.Z)
+            )
             errors.append(depth_error(camera, points[i], distance[i]) / (bound or np.inf))
     return Verdict(
         pairs=len(points),
@@ -119,7 +125,13 @@ def random_camera(random: np.random.Generator, lens: str) -> Camera:
     shape = window(10.0 ** random.uniform(low, high), fit, pixels, aspect, shifts)
     near = 10.0 ** random.uniform(-2, 0)
     camera = Camera(
-        kind, *referential(matrix), shape, near, near + 10.0 ** random.uniform(0.5, 3), pixels, rays=lens.endswith("Cycles")
+        kind,
+        *referential(matrix),
+        shape,
+        near,
+        near + 10.0 ** random.uniform(0.5, 3),
+        pixels,
+        rays=lens.endswith("Cycles"),
     )
     if random.random() < 0.2:
         left, bottom = random.uniform(0, 0.8, 2)
@@ -127,7 +139,9 @@ def random_camera(random: np.random.Generator, lens: str) -> Camera:
     return camera
 
 
-def audit(lens: str, pairs: int, seed: int = 0, on_planes: float = 0.0, agents: int = 1000) -> Verdict:
+def audit(
+    lens: str, pairs: int, seed: int = 0, on_planes: float = 0.0, agents: int = 1000
+) -> Verdict:
     """Return the verdict on `pairs` random pairs of camera and agent.
 
     lens: one of LENSES.
@@ -137,7 +151,9 @@ def audit(lens: str, pairs: int, seed: int = 0, on_planes: float = 0.0, agents: 
     return sum(_audits(lens, pairs, np.random.default_rng(seed), on_planes, agents), Verdict())
 
 
-def _audits(lens: str, pairs: int, random: np.random.Generator, on_planes: float, agents: int) -> Iterator[Verdict]:
+def _audits(
+    lens: str, pairs: int, random: np.random.Generator, on_planes: float, agents: int
+) -> Iterator[Verdict]:
     while pairs > 0:
         camera, count = random_camera(random, lens), min(pairs, agents)
         radius = 10.0 ** random.uniform(-3, 1.5, 8)

@@ -64,7 +64,12 @@ def some(crowd: Crowd, most: int) -> Crowd:
 
 
 def behavior(
-    crowd: Crowd, machine: StateMachine, world: LabelMap, frame: float, frames: int = 48, repeats: int = 7
+    crowd: Crowd,
+    machine: StateMachine,
+    world: LabelMap,
+    frame: float,
+    frames: int = 48,
+    repeats: int = 7,
 ) -> Iterator[dict]:
     """Yield rows of `step`, `listing` and the exact walk, each timed and judged.
 
@@ -96,9 +101,16 @@ def behavior(
                     moved = method(moved, machine, world, seconds / count)
 
             spent = {key: ms / seconds for key, ms in timed(run, repeats).items()}
-            errors = {f"{key}_m": float(getattr(found, key)[k]) for key in ("median", "mean", "worst")}
+            errors = {
+                f"{key}_m": float(getattr(found, key)[k]) for key in ("median", "mean", "worst")
+            }
             default = name == "step" and count == frames
-            more = {"apart": float(found.apart[k]), "order": found.order, "agents": found.agents, "default": int(default)}
+            more = {
+                "apart": float(found.apart[k]),
+                "order": found.order,
+                "agents": found.agents,
+                "default": int(default),
+            }
             dt = 0.0 if name == "exact walk" else seconds / count
             yield {"method": name, "dt_s": dt, **spent, **errors, **more}
 
@@ -112,7 +124,13 @@ def drifts(most: int = 1_000_000) -> Iterator[dict]:
         for dtype in (np.float32, np.float64):
             for steps in (n for n in (10_000, 100_000, 1_000_000) if n <= most):
                 mean, worst = drift(dtype, steps, offset=offset)
-                yield {"precision": dtype.__name__, "offset_m": offset, "steps": steps, "mean_m": mean, "worst_m": worst}
+                yield {
+                    "precision": dtype.__name__,
+                    "offset_m": offset,
+                    "steps": steps,
+                    "mean_m": mean,
+                    "worst_m": worst,
+                }
 
 
 def pinhole(camera: Camera) -> Camera:
@@ -127,7 +145,9 @@ def moved(view: View, offset: float) -> View:
     """Return the view with crowd and cameras moved `offset` meters along x and y."""
     crowd, cameras = view
     shift = np.array([offset, offset, 0.0])
-    return replace(crowd, x=crowd.x + offset, y=crowd.y + offset), tuple(replace(c, origin=c.origin + shift) for c in cameras)
+    return replace(crowd, x=crowd.x + offset, y=crowd.y + offset), tuple(
+        replace(c, origin=c.origin + shift) for c in cameras
+    )
 
 
 def relative(crowd: Crowd, camera: Camera, center: np.ndarray, way: str) -> tuple[np.ndarray, ...]:
@@ -138,7 +158,10 @@ def relative(crowd: Crowd, camera: Camera, center: np.ndarray, way: str) -> tupl
         before it.
     """
     if way == "float32 world":
-        return tuple(p.astype(np.float32) - np.float32(c) for p, c in zip(crowd.places(center), camera.origin, strict=True))
+        return tuple(
+            p.astype(np.float32) - np.float32(c)
+            for p, c in zip(crowd.places(center), camera.origin, strict=True)
+        )
     v = crowd.places(center, origin=camera.origin)
     return tuple(p.astype(np.float32) for p in v) if way == "float32 relative" else v
 
@@ -157,14 +180,20 @@ def plain(view: View, center: np.ndarray, radius: np.ndarray, way: str) -> np.nd
         v = relative(crowd, camera, center, way)
         kind, r = v[0].dtype, radius.astype(v[0].dtype)[crowd.group]
         frustum, ok = frustum_of(camera), np.ones(len(crowd), bool)
-        for normal, offset in zip(frustum.normals.astype(kind), frustum.offsets.astype(kind), strict=True):
+        for normal, offset in zip(
+            frustum.normals.astype(kind), frustum.offsets.astype(kind), strict=True
+        ):
             ok &= v[0] * normal[0] + v[1] * normal[1] + v[2] * normal[2] <= offset + r
         mask |= ok
     return mask
 
 
 def culling(
-    views: Sequence[View], center: np.ndarray, radius: np.ndarray, margin: float | None = None, repeats: int = 7
+    views: Sequence[View],
+    center: np.ndarray,
+    radius: np.ndarray,
+    margin: float | None = None,
+    repeats: int = 7,
 ) -> Iterator[dict]:
     """Yield rows of the culling of all `views`, each timed and judged.
 
@@ -179,7 +208,9 @@ def culling(
     def exactly(view: View) -> np.ndarray:
         crowd, cameras = view
         points = np.stack(crowd.places(center), axis=1)
-        return np.logical_or.reduce([seen(camera, points, radius[crowd.group])[0] for camera in cameras])
+        return np.logical_or.reduce(
+            [seen(camera, points, radius[crowd.group])[0] for camera in cameras]
+        )
 
     def derived(view: View, delta: float | None = None) -> np.ndarray:
         return radar(*view, center, radius, RadarOptions(delta))[0]
@@ -189,12 +220,20 @@ def culling(
     for offset in OFFSETS:
         there = [moved(view, offset) for view in views] if offset else views
         truth = each(there, exactly)
-        methods: list[tuple[str, str, float | None, Callable[[View], np.ndarray]]] = [("derived Delta", "float64", None, derived)]
+        methods: list[tuple[str, str, float | None, Callable[[View], np.ndarray]]] = [
+            ("derived Delta", "float64", None, derived)
+        ]
         if flat:
             about = partial(plain, center=center, radius=radius)
-            methods += [("six planes, no bound", way, None, partial(about, way=way)) for way in WAYS]
+            methods += [
+                ("six planes, no bound", way, None, partial(about, way=way)) for way in WAYS
+            ]
         if not offset:
-            methods += [("fixed Delta", "float64", d, partial(derived, delta=d)) for d in fixed] if flat else []
+            methods += (
+                [("fixed Delta", "float64", d, partial(derived, delta=d)) for d in fixed]
+                if flat
+                else []
+            )
             methods += [("exact planes", "rational", None, exactly)]
         for name, precision, delta, method in methods:
             masks = each(there, method)
@@ -202,10 +241,23 @@ def culling(
             surplus = sum(int((got & ~want).sum()) for want, got in zip(truth, masks, strict=True))
             spent = timed(partial(each, there, method), repeats)
             spent = {key: ms / len(there) for key, ms in spent.items()}
-            default = not offset and (name == "derived Delta" if margin is None else delta == margin)
+            default = not offset and (
+                name == "derived Delta" if margin is None else delta == margin
+            )
             counts = {"missed": missed / len(there), "surplus": surplus / len(there)}
-            where = {"method": name, "precision": precision, "delta_m": "" if delta is None else delta, "offset_m": offset}
-            yield {**where, **spent, **counts, "visible": sum(int(t.sum()) for t in truth) / len(there), "default": int(default)}
+            where = {
+                "method": name,
+                "precision": precision,
+                "delta_m": "" if delta is None else delta,
+                "offset_m": offset,
+            }
+            yield {
+                **where,
+                **spent,
+                **counts,
+                "visible": sum(int(t.sum()) for t in truth) / len(there),
+                "default": int(default),
+            }
 
 
 def exact_limits(policy: LevelPolicy, camera: Camera, radius: np.ndarray) -> list[list[F]]:
@@ -224,7 +276,9 @@ def exact_limits(policy: LevelPolicy, camera: Camera, radius: np.ndarray) -> lis
     return rows
 
 
-def exact_levels(crowd: Crowd, camera: Camera, center: np.ndarray, steps: list[list[F]], radial: bool) -> np.ndarray:
+def exact_levels(
+    crowd: Crowd, camera: Camera, center: np.ndarray, steps: list[list[F]], radial: bool
+) -> np.ndarray:
     """Return (n,) uint8: LOD ids, by rational arithmetic where float64 cannot decide.
 
     Float64 decides where its bound on rounding allows.
@@ -233,7 +287,9 @@ def exact_levels(crowd: Crowd, camera: Camera, center: np.ndarray, steps: list[l
     """
     v = relative(crowd, camera, center, "float64")
     distance = (
-        np.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2) if radial else v[0] * camera.Z[0] + v[1] * camera.Z[1] + v[2] * camera.Z[2]
+        np.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2)
+        if radial
+        else v[0] * camera.Z[0] + v[1] * camera.Z[1] + v[2] * camera.Z[2]
     )
     near = np.array([[float(s) for s in row] for row in steps])[crowd.group]
     size = sum(map(np.abs, v)) + np.abs(camera.origin).sum()
@@ -250,7 +306,10 @@ def exact_levels(crowd: Crowd, camera: Camera, center: np.ndarray, steps: list[l
 def _vector(crowd: Crowd, camera: Camera, center: np.ndarray, i: int) -> list[F]:
     """Return v of agent i, exact but for its center's height, added in float64."""
     z = float(crowd.z[i] + center[crowd.group[i]])
-    return [F(float(p)) - F(float(c)) for p, c in zip((crowd.x[i], crowd.y[i], z), camera.origin, strict=True)]
+    return [
+        F(float(p)) - F(float(c))
+        for p, c in zip((crowd.x[i], crowd.y[i], z), camera.origin, strict=True)
+    ]
 
 
 def exact_distance(crowd: Crowd, camera: Camera, center: np.ndarray, i: int, radial: bool) -> F:
@@ -265,7 +324,12 @@ def exact_distance(crowd: Crowd, camera: Camera, center: np.ndarray, i: int, rad
 
 
 def levels(
-    views: Sequence[View], center: np.ndarray, radius: np.ndarray, policies: Sequence[LevelPolicy], metric: str, repeats: int = 7
+    views: Sequence[View],
+    center: np.ndarray,
+    radius: np.ndarray,
+    policies: Sequence[LevelPolicy],
+    metric: str,
+    repeats: int = 7,
 ) -> Iterator[dict]:
     """Yield rows of the distances and LODs of all agents, each timed and judged.
 
@@ -287,20 +351,38 @@ def levels(
                 wrong, worst = 0, 0.0
                 for (crowd, (camera,)), (distance, ids) in zip(there, found, strict=True):
                     radial = policy.metric == "RADIAL" or camera.kind == "PANO"
-                    truth = exact_levels(crowd, camera, center, exact_limits(policy, camera, radius), radial)
+                    truth = exact_levels(
+                        crowd, camera, center, exact_limits(policy, camera, radius), radial
+                    )
                     wrong += int((ids != truth).sum())
                     for i in range(0, len(crowd), max(1, len(crowd) // SAMPLES)):
-                        off = F(float(distance[i])) - exact_distance(crowd, camera, center, i, radial)
+                        off = F(float(distance[i])) - exact_distance(
+                            crowd, camera, center, i, radial
+                        )
                         worst = max(worst, abs(float(off)))
                 spent = timed(partial(each, there, method), repeats)
                 spent = {key: ms / len(there) for key, ms in spent.items()}
                 agents = sum(len(crowd) for crowd, _ in there)
                 default = int(policy.metric == metric and way == "float64" and not offset)
-                errors = {"differ": wrong, "of": agents, "differ_ppm": 1e6 * wrong / max(agents, 1), "worst_m": worst}
-                yield {"metric": policy.metric, "precision": way, "offset_m": offset, **spent, **errors, "default": default}
+                errors = {
+                    "differ": wrong,
+                    "of": agents,
+                    "differ_ppm": 1e6 * wrong / max(agents, 1),
+                    "worst_m": worst,
+                }
+                yield {
+                    "metric": policy.metric,
+                    "precision": way,
+                    "offset_m": offset,
+                    **spent,
+                    **errors,
+                    "default": default,
+                }
 
 
-def _levels(view: View, center: np.ndarray, radius: np.ndarray, policy: LevelPolicy, way: str) -> tuple[np.ndarray, np.ndarray]:
+def _levels(
+    view: View, center: np.ndarray, radius: np.ndarray, policy: LevelPolicy, way: str
+) -> tuple[np.ndarray, np.ndarray]:
     crowd, (camera,) = view
     x, y, z = relative(crowd, camera, center, way)
     Z, bounds = camera.Z.astype(x.dtype), limits(policy, camera, radius).astype(x.dtype)

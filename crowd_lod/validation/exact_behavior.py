@@ -41,7 +41,12 @@ class ExactPlaces:
 
 
 def follow_exactly(
-    crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float, steps: int = 1, limit: bool = False
+    crowd: Crowd,
+    machine: StateMachine,
+    world: LabelMap,
+    seconds: float,
+    steps: int = 1,
+    limit: bool = False,
 ) -> ExactPlaces:
     """Return where the agents of `crowd` are after `steps` steps of `seconds` each.
 
@@ -78,16 +83,23 @@ class Rules:
         self.world = world
         self.edge = machine.edge
         self.labels = world.labels.tolist()
-        self.velocity = [[tuple(map(Fraction, rule)) for rule in rules] for rules in machine.velocity.tolist()]
+        self.velocity = [
+            [tuple(map(Fraction, rule)) for rule in rules] for rules in machine.velocity.tolist()
+        ]
         self.low = Fraction(float(world.area.x_min)), Fraction(float(world.area.y_min))
         self.high = Fraction(float(world.area.x_max)), Fraction(float(world.area.y_max))
         self.count = world.labels.shape[::-1]
-        self.size = tuple((high - low) / count for low, high, count in zip(self.low, self.high, self.count, strict=True))
+        self.size = tuple(
+            (high - low) / count
+            for low, high, count in zip(self.low, self.high, self.count, strict=True)
+        )
 
     def border(self, axis: int, cell: int, way: int) -> Fraction:
         """Return the coordinate, meters, of a cell's border in the direction `way`, -1 or 1."""
         line = cell + (way > 0)
-        return self.high[axis] if line == self.count[axis] else self.low[axis] + line * self.size[axis]
+        return (
+            self.high[axis] if line == self.count[axis] else self.low[axis] + line * self.size[axis]
+        )
 
     def draw(self, certain: int, choice: int, key: np.ndarray, stream: np.uint64) -> int:
         """Return the next state: `certain`, or by the odds in row `choice` if that is not -1."""
@@ -146,7 +158,14 @@ class ExactAgent:
                 return
             if self.wait is not None and self.wait <= 0:
                 self._end_timer()
-            condition = (*self.place, *self.cell, self.state, self.mirror, self.wait, int(self.key[0]))
+            condition = (
+                *self.place,
+                *self.cell,
+                self.state,
+                self.mirror,
+                self.wait,
+                int(self.key[0]),
+            )
             if condition in rest_before:
                 # all that its way depends on is as it was: the same follows again and again
                 round_trip = rest_before[condition] - rest
@@ -169,7 +188,9 @@ class ExactAgent:
         if limit and changed:
             span = Fraction(0)
         border = self._next_border(velocity)
-        if border is not None and (border.seconds == 0 if limit and changed else border.seconds < span):
+        if border is not None and (
+            border.seconds == 0 if limit and changed else border.seconds < span
+        ):
             self._walk(velocity, border.seconds)
             self._cross(border, label)
             return border.seconds
@@ -177,7 +198,11 @@ class ExactAgent:
         return span
 
     def _walk(self, velocity: tuple[Fraction, ...], seconds: Fraction) -> None:
-        self.place = self._onto_map(tuple(place + speed * seconds for place, speed in zip(self.place, velocity, strict=True)))
+        self.place = self._onto_map(
+            tuple(
+                place + speed * seconds for place, speed in zip(self.place, velocity, strict=True)
+            )
+        )
         if self.wait is not None:
             self.wait -= seconds
 
@@ -192,7 +217,9 @@ class ExactAgent:
             speed = -speed if self.mirror >> axis & 1 else speed
             velocity.append(speed)
         if rules.edge == "stop":
-            for place, low, high, speed in zip(self.place, rules.low, rules.high, velocity, strict=True):
+            for place, low, high, speed in zip(
+                self.place, rules.low, rules.high, velocity, strict=True
+            ):
                 if (place <= low and speed < 0) or (place >= high and speed > 0):
                     return Fraction(0), Fraction(0)
         return tuple(velocity)
@@ -201,7 +228,9 @@ class ExactAgent:
         """Take the next state for the label; return whether it is another one."""
         machine = self.rules.machine
         choice = int(machine.next_choice[self.state, label])
-        following = self.rules.draw(int(machine.next_state[self.state, label]), choice, self.key, random_streams.STATE)
+        following = self.rules.draw(
+            int(machine.next_state[self.state, label]), choice, self.key, random_streams.STATE
+        )
         changed = following != self.state
         self.state = following
         if changed:
@@ -213,7 +242,9 @@ class ExactAgent:
     def _end_timer(self) -> None:
         machine = self.rules.machine
         choice = int(machine.then_choice[self.state])
-        self.state = self.rules.draw(int(machine.then[self.state]), choice, self.key, random_streams.THEN)
+        self.state = self.rules.draw(
+            int(machine.then[self.state]), choice, self.key, random_streams.THEN
+        )
         self._next_event()
         self._start_timer()
 
@@ -266,4 +297,7 @@ class ExactAgent:
             self._next_event()
 
     def _onto_map(self, place: tuple[Fraction, ...]) -> tuple[Fraction, ...]:
-        return tuple(min(max(p, low), high) for p, low, high in zip(place, self.rules.low, self.rules.high, strict=True))
+        return tuple(
+            min(max(p, low), high)
+            for p, low, high in zip(place, self.rules.low, self.rules.high, strict=True)
+        )

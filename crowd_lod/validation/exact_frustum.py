@@ -61,20 +61,34 @@ def seen(camera: Camera, centers: np.ndarray, radius: np.ndarray) -> tuple[np.nd
     radius: (n,) meters.
     """
     v = centers - camera.origin
-    size, loose = np.abs(v).sum(axis=1) + np.abs(camera.origin).sum(), 256 * np.finfo(np.float64).eps
+    size, loose = (
+        np.abs(v).sum(axis=1) + np.abs(camera.origin).sum(),
+        256 * np.finfo(np.float64).eps,
+    )
     no, maybe = np.zeros(len(v), bool), np.zeros(len(v), bool)
     # outside by, the scale and the offset that round
     tests: list[tuple[np.ndarray, float, float]] = []
     with np.errstate(over="ignore", under="ignore"):
         if camera.kind == "PANO":
             range_ = np.linalg.norm(v, axis=1)
-            tests += [(camera.near - range_ - radius, 1.0, camera.near), (range_ - camera.far - radius, 1.0, camera.far)]
+            tests += [
+                (camera.near - range_ - radius, 1.0, camera.near),
+                (range_ - camera.far - radius, 1.0, camera.far),
+            ]
         else:
             axes = np.abs([camera.X, camera.Y, camera.Z]).sum()
             for normal, offset in _planes(camera, float):
                 w = camera.window
-                scale = axes * (1 + max(map(abs, (w.left, w.right, w.bottom, w.top))) * (camera.kind != "ORTHO"))
-                tests.append((v @ np.array(normal) - offset - radius * np.linalg.norm(normal), scale, abs(offset)))
+                scale = axes * (
+                    1 + max(map(abs, (w.left, w.right, w.bottom, w.top))) * (camera.kind != "ORTHO")
+                )
+                tests.append(
+                    (
+                        v @ np.array(normal) - offset - radius * np.linalg.norm(normal),
+                        scale,
+                        abs(offset),
+                    )
+                )
         for out, scale, offset in tests:
             bound = loose * (scale * (size + radius) + offset) + 1e-150
             no |= out > bound
@@ -91,7 +105,9 @@ def depth_error(camera: Camera, center: Sequence[float] | np.ndarray, distance: 
     center: (3,), the center of the sphere.
     """
     v = (F(float(p)) - F(float(c)) for p, c in zip(center, camera.origin, strict=True))
-    return float(abs(F(float(distance)) - sum(p * F(float(q)) for p, q in zip(v, camera.Z, strict=True))))
+    return float(
+        abs(F(float(distance)) - sum(p * F(float(q)) for p, q in zip(v, camera.Z, strict=True)))
+    )
 
 
 def gap(camera: Camera, centers: np.ndarray) -> np.ndarray:
@@ -132,7 +148,9 @@ def gap(camera: Camera, centers: np.ndarray) -> np.ndarray:
     return np.where(inside, 0.0, least)
 
 
-def scatter(camera: Camera, radius: np.ndarray, random: np.random.Generator, on_planes: float = 0.25) -> np.ndarray:
+def scatter(
+    camera: Camera, radius: np.ndarray, random: np.random.Generator, on_planes: float = 0.25
+) -> np.ndarray:
     """Return random world points (n, 3) for spheres in, around and beside the view.
 
     radius: (n,) meters.
@@ -160,5 +178,7 @@ def scatter(camera: Camera, radius: np.ndarray, random: np.random.Generator, on_
         normal, mine = np.array(wall), pick == k
         length = np.linalg.norm(normal)
         step = radius[mine] - (v[mine] @ normal - offset) / length
-        v[mine] += (step * (1 + random.normal(size=mine.sum()) * 1e-16))[:, None] * (normal / length)
+        v[mine] += (step * (1 + random.normal(size=mine.sum()) * 1e-16))[:, None] * (
+            normal / length
+        )
     return camera.origin + v

@@ -63,7 +63,9 @@ def camera_of(
     matrix[:3, 0], matrix[:3, 1], matrix[:3, 2] = side, np.cross(back, side), back
     matrix[:3, 3] = offset, -offset, offset
     size = 2 * np.tan(np.radians(fov) / 2) if kind == "PERSP" else fov
-    return Camera(kind, *referential(matrix), window(size, "AUTO", (1920, 1080)), near, far, (1920, 1080))
+    return Camera(
+        kind, *referential(matrix), window(size, "AUTO", (1920, 1080)), near, far, (1920, 1080)
+    )
 
 
 def _spread(camera: Camera, radii: Sequence[float] = (0.4, 1.0, 2.5), count: int = 4000) -> Maker:
@@ -86,7 +88,10 @@ def _at(camera: Camera, points: npt.ArrayLike, radius: float = 1.0) -> Maker:
 def _plain(count: int) -> Maker:
     def make(random: np.random.Generator) -> Spheres:
         points = np.zeros((count, 3))
-        points[:, 0], points[:, 1] = random.uniform(-500, 500, count), random.uniform(-500, 500, count)
+        points[:, 0], points[:, 1] = (
+            random.uniform(-500, 500, count),
+            random.uniform(-500, 500, count),
+        )
         return camera_of(far=300.0), points, np.array([1.0]), np.zeros(count, np.uint8)
 
     return make
@@ -95,7 +100,9 @@ def _plain(count: int) -> Maker:
 def _axes(far: float) -> Camera:
     """Return a 90-degree square camera at the origin along +y, with exact numbers."""
     matrix = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
-    return Camera("PERSP", *referential(matrix), window(2.0, "AUTO", (1000, 1000)), 1.0, far, (1000, 1000))
+    return Camera(
+        "PERSP", *referential(matrix), window(2.0, "AUTO", (1000, 1000)), 1.0, far, (1000, 1000)
+    )
 
 
 def cases(most: int = 10_000_000) -> tuple[Case, ...]:
@@ -103,22 +110,45 @@ def cases(most: int = 10_000_000) -> tuple[Case, ...]:
 
     most: agents of the largest.
     """
-    steps = [(x, y, z) for y in (1.0, 10.0, 15.0, 40.0, 100.0) for x in (-y, y, 0.0) for z in (-y, y, 0.0)]
+    steps = [
+        (x, y, z)
+        for y in (1.0, 10.0, 15.0, 40.0, 100.0)
+        for x in (-y, y, 0.0)
+        for z in (-y, y, 0.0)
+    ]
     on = [(0, 0, 0), (0, 101, 0), *((x, y, 0) for y in (10.0, 50.0) for x in (-y, y))]
     found = [(f"world offset {o:.0e} m", _spread(camera_of(offset=o))) for o in (1e4, 1e6, 1e8)]
     found += [("clip 1e-6 to 1e9 m", _spread(camera_of(near=1e-6, far=1e9)))]
-    found += [(f"field of view {fov:g} degrees", _spread(camera_of(fov=fov))) for fov in (0.01, 179.9)]
+    found += [
+        (f"field of view {fov:g} degrees", _spread(camera_of(fov=fov))) for fov in (0.01, 179.9)
+    ]
     found += [("characters of 1 mm", _spread(camera_of(near=1e-4, far=1.0), radii=(5e-4,)))]
     found += [("characters of 1 km", _spread(camera_of(far=20_000.0), radii=(500.0,)))]
-    found += [("camera inside an agent", _at(camera_of(), [(0, 0, 0), (0.5, 0, 0), (0, -0.99, 0), (0, -1.2, 0)]))]
-    found += [("straight down", _spread(camera_of(direction=(0, 0, -1)))), ("straight up", _spread(camera_of(direction=(0, 0, 1))))]
-    found += [("exactly on planes", _at(_axes(100.0), on)), ("exactly on thresholds", _at(_axes(100.0), steps))]
+    found += [
+        (
+            "camera inside an agent",
+            _at(camera_of(), [(0, 0, 0), (0.5, 0, 0), (0, -0.99, 0), (0, -1.2, 0)]),
+        )
+    ]
+    found += [
+        ("straight down", _spread(camera_of(direction=(0, 0, -1)))),
+        ("straight up", _spread(camera_of(direction=(0, 0, 1)))),
+    ]
+    found += [
+        ("exactly on planes", _at(_axes(100.0), on)),
+        ("exactly on thresholds", _at(_axes(100.0), steps)),
+    ]
     tiny = 5e-324 * np.array([[1, 1, 1], [3, 2, 0], [0, 7, 1], [-1, 1e10, 2]])
     found += [("denormals", _at(replace(camera_of(), near=0.0), tiny, 5e-324))]
     found += [("spheres of 1e9 m (huge Delta)", _spread(camera_of(), radii=(1e9,)))]
     found += [("no agents", _at(camera_of(), [])), ("one agent", _at(camera_of(), [(3, 9, -2)]))]
-    found += [("all agents in one point", _at(camera_of(), np.tile([[9.0, 27.0, -6.0]], (5000, 1))))]
-    found += [("orthographic", _spread(camera_of(40.0, kind="ORTHO"))), ("panoramic", _spread(camera_of(kind="PANO")))]
+    found += [
+        ("all agents in one point", _at(camera_of(), np.tile([[9.0, 27.0, -6.0]], (5000, 1))))
+    ]
+    found += [
+        ("orthographic", _spread(camera_of(40.0, kind="ORTHO"))),
+        ("panoramic", _spread(camera_of(kind="PANO"))),
+    ]
     found += [(f"{most:,} agents", _plain(most))]
     return tuple(Case(name, make) for name, make in found)
 
@@ -137,7 +167,9 @@ def table(most: int = 10_000_000, seed: int = 0) -> Iterator[Row]:
         ids = assign(distance, limits(policy, camera, radius), group)
         spent = 1000 * (clock.perf_counter() - started)
         parts = (slice(begin, begin + PART) for begin in range(0, len(points), PART))
-        verdict = sum((check(camera, points[part], radius, group[part]) for part in parts), Verdict())
+        verdict = sum(
+            (check(camera, points[part], radius, group[part]) for part in parts), Verdict()
+        )
         levels = np.bincount(ids[visible], minlength=policy.count)
         yield Row(case.name, verdict, spent, "visible by LOD " + " ".join(f"{n:,}" for n in levels))
     yield _lost(seed)
@@ -165,10 +197,23 @@ def table_text(rows: list[Row]) -> str:
 
     The column surplus counts agents kept for nothing, without those within roundings of a plane.
     """
-    head = ("case", "agents", "visible", "kept", "missed", "surplus", "grazing", "depth error", "ms")
+    head = (
+        "case",
+        "agents",
+        "visible",
+        "kept",
+        "missed",
+        "surplus",
+        "grazing",
+        "depth error",
+        "ms",
+    )
     lines = []
     for row in rows:
         v = row.verdict
-        counts = (f"{n:,}" for n in (v.pairs, v.visible, v.kept, v.missed, v.surplus - v.grazing, v.grazing))
+        counts = (
+            f"{n:,}"
+            for n in (v.pairs, v.visible, v.kept, v.missed, v.surplus - v.grazing, v.grazing)
+        )
         lines.append((row.name, *counts, f"{v.depth_error:.2f}", f"{row.milliseconds:.1f}"))
     return "\n".join(aligned(head, lines))

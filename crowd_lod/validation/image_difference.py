@@ -44,4 +44,11 @@ def between(a: np.ndarray, b: np.ndarray) -> Difference:
     with np.errstate(invalid="ignore"):
         large = np.fmax(np.fmax(np.abs(a), np.abs(b)), 1.0)
         differs = (off > NOISE * large).any(axis=2) | np.isinf(most)
-    return Difference(int(differs.sum()), visible, visible / most.size, float(finite.max()), float(mean), float(rms))
+    return Difference(
+        int(differs.sum()),
+        visible,
+        visible / most.size,
+        float(finite.max()),
+        float(mean),
+        float(rms),
+    )

@@ -13,7 +13,11 @@ JUDGED = 10  # agents of a frame that are predicted worst, and as many others dr
 SEED = 36
 BEYOND = 1.01  # times what is allowed, from which on a pinned agent stands apart
 OVERSCAN = 0.5  # parts of the picture by which a crop may reach beyond each of its edges
-PINNED_APART, BLURRED_APART, FADING_APART = "pinned", "blurred", "in a cross-fade"  # why agents stand apart
+PINNED_APART, BLURRED_APART, FADING_APART = (
+    "pinned",
+    "blurred",
+    "in a cross-fade",
+)  # why agents stand apart
 
 
 @dataclass(frozen=True)
@@ -62,7 +66,12 @@ class _Candidates:
 
 
 def choose_agents(
-    frame: Frame, agents: np.ndarray, levels: np.ndarray, tolerance: float | None, number: int, count: int = JUDGED
+    frame: Frame,
+    agents: np.ndarray,
+    levels: np.ndarray,
+    tolerance: float | None,
+    number: int,
+    count: int = JUDGED,
 ) -> list[JudgedAgent]:
     """Return the agents to be judged: the worst, some by chance, and the worst of those apart.
 
@@ -88,10 +97,14 @@ def choose_agents(
     return [_judged(frame, known, k, apart[k]) for k in chosen]
 
 
-def _candidates(frame: Frame, agents: np.ndarray, levels: np.ndarray, tolerance: float | None) -> _Candidates:
+def _candidates(
+    frame: Frame, agents: np.ndarray, levels: np.ndarray, tolerance: float | None
+) -> _Candidates:
     crowd, spheres, groups = frame.crowd, frame.trajectory.spheres, frame.trajectory.groups
     group = crowd.group[agents].astype(np.intp)
-    center = np.stack([crowd.x[agents], crowd.y[agents], crowd.z[agents] + spheres.center[group]], axis=1)
+    center = np.stack(
+        [crowd.x[agents], crowd.y[agents], crowd.z[agents] + spheres.center[group]], axis=1
+    )
     depths = np.stack([(center - eye.origin) @ eye.Z for eye in frame.eyes])
     eye = np.where(depths > 0, depths, np.inf).argmin(axis=0)
     depth = depths[eye, np.arange(len(agents))]
@@ -120,7 +133,9 @@ def _apart(frame: Frame, known: _Candidates) -> list[str]:
     fading = np.zeros(len(known.agent), bool)
     if frame.crowd.faded is not None:
         fading = frame.crowd.faded[known.agent] < 1
-    return np.select([asked, pinned, fading], [PINNED_APART, BLURRED_APART, FADING_APART], "").tolist()
+    return np.select(
+        [asked, pinned, fading], [PINNED_APART, BLURRED_APART, FADING_APART], ""
+    ).tolist()
 
 
 def _of_all_kinds(group: np.ndarray, level: np.ndarray) -> np.ndarray:
@@ -139,7 +154,9 @@ def _judged(frame: Frame, known: _Candidates, k: int, apart: str) -> JudgedAgent
     window = window_around(camera, known.center[k], radius + np.nan_to_num(off))
     stretch = _stretch(camera, window)
     # the LOD's surface may be nearer to the camera than the character's
-    predicted = float(shown(off, known.depth[k], camera, radius + off)) * stretch if off >= 0 else np.nan
+    predicted = (
+        float(shown(off, known.depth[k], camera, radius + off)) * stretch if off >= 0 else np.nan
+    )
     allowed = float(known.allowed[k]) * stretch
     if predicted > 0 and known.pixels[k] > 0:
         allowed *= predicted / stretch / float(known.pixels[k])
@@ -165,7 +182,13 @@ def _stretch(camera: Camera, window: Window) -> float:
     """
     if camera.kind == "ORTHO":
         return 1.0
-    return float(np.sqrt(1 + max(abs(window.left), abs(window.right)) ** 2 + max(abs(window.bottom), abs(window.top)) ** 2))
+    return float(
+        np.sqrt(
+            1
+            + max(abs(window.left), abs(window.right)) ** 2
+            + max(abs(window.bottom), abs(window.top)) ** 2
+        )
+    )
 
 
 def window_around(camera: Camera, center: np.ndarray, radius: float) -> Window:

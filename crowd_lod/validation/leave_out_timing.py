@@ -78,7 +78,9 @@ def savings(
         return np.array([behavior, sum(rest)]), frame.left_out
 
     found = set(measured(ALL)[1])
-    order = [item for item in ITEMS if item in found and item not in (STATIC, NO_HEIGHTS)] + [STATIC] * (STATIC in found)
+    order = [item for item in ITEMS if item in found and item not in (STATIC, NO_HEIGHTS)] + [
+        STATIC
+    ] * (STATIC in found)
     choices = [frozenset(order[:k]) for k in range(len(order) + 1)]
     took = np.array([[measured(leave)[0] for leave in choices] for _ in range(repeats)])
     # each where it can save anything: the other part is the clock's noise

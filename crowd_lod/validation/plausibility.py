@@ -14,7 +14,10 @@ SLOW = 0.1  # m/s; nobody walks so slowly
 RUNS = 4.0  # m/s; a crowd that was told to walk faster is none of people
 HASTE = 2.2  # m/s; a recorded crowd whose median is faster has another frame rate or unit
 CLIMBS = 0.8  # meters for each meter of the way; a crowd that climbs more has another axis up
-FLAT = 0.05, 1.0  # meters: a line on which a crowd stays, and the heights between which it then moves
+FLAT = (
+    0.05,
+    1.0,
+)  # meters: a line on which a crowd stays, and the heights between which it then moves
 OFF = 0.1  # meters above or below the ground from which people float or sink
 FEW = 0.05  # of the agents: so many may be off the ground, on a step or a curb
 POSE = 0.1  # seconds for which a pose may stand
@@ -49,7 +52,9 @@ def check_heights(heights: np.ndarray) -> Finding | None:
     heights: (G,); 0 for one that was not measured.
     """
     low, high = HEIGHTS
-    return _finding("height", (heights > 0) & ((heights < low) | (heights > high)), heights, len(heights))
+    return _finding(
+        "height", (heights > 0) & ((heights < low) | (heights > high)), heights, len(heights)
+    )
 
 
 def check_speeds(speeds: np.ndarray, most: float) -> Finding | None:
@@ -67,7 +72,9 @@ def check_speeds(speeds: np.ndarray, most: float) -> Finding | None:
     return _finding("fast" if median > most else "slow", walks, speeds, len(speeds))
 
 
-def check_climbs(ways: np.ndarray, rises: np.ndarray, sides: np.ndarray, heights: np.ndarray) -> Finding | None:
+def check_climbs(
+    ways: np.ndarray, rises: np.ndarray, sides: np.ndarray, heights: np.ndarray
+) -> Finding | None:
     """Find that z rises as the ground's second axis would: another axis is up.
 
     ways, rises: (k,) of each step, in the plane and along z.
@@ -89,7 +96,11 @@ def check_ground(above: np.ndarray) -> list[Finding]:
     off = above[known]
     kinds = {"floats": off > OFF, "sinks": off < -OFF}
     found = [_finding(kind, chosen, np.abs(off), len(known)) for kind, chosen in kinds.items()]
-    return [Finding(one.kind, known[one.which], one.value, one.share) for one in found if one is not None and one.share > FEW]
+    return [
+        Finding(one.kind, known[one.which], one.value, one.share)
+        for one in found
+        if one is not None and one.share > FEW
+    ]
 
 
 def check_poses(seconds: np.ndarray) -> Finding | None:
@@ -100,7 +111,9 @@ def check_poses(seconds: np.ndarray) -> Finding | None:
     return _finding("pose", seconds > POSE, seconds, len(seconds))
 
 
-def median_speeds(agents: np.ndarray, ways: np.ndarray, seconds: np.ndarray, count: int) -> np.ndarray:
+def median_speeds(
+    agents: np.ndarray, ways: np.ndarray, seconds: np.ndarray, count: int
+) -> np.ndarray:
     """Return how fast each of `count` agents walks while it does, (count,) m/s; 0 for one that never does.
 
     agents, ways, seconds: (k,), of each step the agent, its meters in the plane, and its time.

@@ -5,7 +5,10 @@ from typing import Any
 
 from ..format import counted
 
-BUILDS = {"bake": "the bake", "build": "the build"}  # kinds of builds that were there before the proof
+BUILDS = {
+    "bake": "the bake",
+    "build": "the build",
+}  # kinds of builds that were there before the proof
 REMEDIES = {"bake": "bake again", "build": "press Build again"}
 
 
@@ -41,20 +44,32 @@ def to_text(result: dict) -> str:
     """Return lines from the dict of verify.json: the build's, culling, LODs, not proved."""
     rows = result["frames"]
     about = [f"{said[0].upper()}{said[1:]}." for said in _build(result["build"])]
-    return "\n".join((*about, _culling(rows, result["bounces"]), _levels(result), _left_open(result)))
+    return "\n".join(
+        (*about, _culling(rows, result["bounces"]), _levels(result), _left_open(result))
+    )
 
 
 def verdict(result: dict) -> str:
     """Return in one sentence whether the proof of verify.json holds: culling, then silhouettes."""
     rows, build = result["frames"], result["build"]
-    differ, wrong = sum(row["b_pixels"] for row in rows), [row["frame"] for row in rows if not row["culling_ok"]]
-    culling = f"culling changes {differ:,} {'pixel' if differ == 1 else 'pixels'}" if differ else "culling changes no pixel"
+    differ, wrong = (
+        sum(row["b_pixels"] for row in rows),
+        [row["frame"] for row in rows if not row["culling_ok"]],
+    )
+    culling = (
+        f"culling changes {differ:,} {'pixel' if differ == 1 else 'pixels'}"
+        if differ
+        else "culling changes no pixel"
+    )
     where = _frames(wrong or rows) if wrong or not differ else f"{_frames(rows)}, by rounding alone"
     strangers = sum(row["strangers"] for row in rows)
     found = [
         *_build(build),
         f"{culling} in {where}",
-        *[f"{counted(strangers, 'point')} of it {'is no agent' if strangers == 1 else 'are no agents'}"] * (strangers > 0),
+        *[
+            f"{counted(strangers, 'point')} of it {'is no agent' if strangers == 1 else 'are no agents'}"
+        ]
+        * (strangers > 0),
         *_shifts(result),
     ]
     of = f" for {BUILDS[build['kind']]}" if build["kind"] in BUILDS else ""
@@ -66,7 +81,9 @@ def _build(build: dict) -> list[str]:
     name = BUILDS.get(build["kind"], "")
     found = [f"{name} is hidden from renders"] * build["hidden"]
     if build["older_than"]:
-        found.append(f"{name} is older than {' and '.join(build['older_than'])}: {REMEDIES[build['kind']]}")
+        found.append(
+            f"{name} is older than {' and '.join(build['older_than'])}: {REMEDIES[build['kind']]}"
+        )
     return found
 
 
@@ -79,14 +96,24 @@ def _shifts(result: dict) -> list[str]:
         return ["silhouettes were not judged"]
     allowed = [row["allowed_shift"] for row in rows if row["allowed_shift"] is not None]
     predicted = [row["predicted_shift"] for row in rows if row["predicted_shift"] is not None]
-    bound = f"{max(allowed):.2f} allowed" if allowed else f"{max(predicted):.2f} predicted" if predicted else "no more is known"
-    found = [f"LODs shift silhouettes at most {max(shifts):.2f} px, {bound}, {counted(judged, 'agent')}"]
+    bound = (
+        f"{max(allowed):.2f} allowed"
+        if allowed
+        else f"{max(predicted):.2f} predicted"
+        if predicted
+        else "no more is known"
+    )
+    found = [
+        f"LODs shift silhouettes at most {max(shifts):.2f} px, {bound}, {counted(judged, 'agent')}"
+    ]
     wrong = [agent for agent in result["agents"] if agent["ok"] is False]
     if wrong:
         found.append(_wrong(max(wrong, key=lambda agent: agent["shift_px"])))
     apart = sum(row["apart"] for row in rows)
     if apart:
-        names = " or ".join(sorted({agent["apart"] for agent in result["agents"] if agent["apart"]}, reverse=True))
+        names = " or ".join(
+            sorted({agent["apart"] for agent in result["agents"] if agent["apart"]}, reverse=True)
+        )
         most = max(row["apart_shift"] for row in rows if row["apart"])
         found.append(f"{counted(apart, 'agent')} apart ({names}) at most {most:.2f} px")
     return found
@@ -95,7 +122,10 @@ def _shifts(result: dict) -> list[str]:
 def _wrong(agent: dict) -> str:
     """Return what is wrong with an agent."""
     who = f"agent {agent['agent']} at LOD {agent['lod']} in frame {agent['frame']}"
-    if agent["allowed_px"] is not None and agent["shift_px"] - agent["error_px"] > agent["allowed_px"]:
+    if (
+        agent["allowed_px"] is not None
+        and agent["shift_px"] - agent["error_px"] > agent["allowed_px"]
+    ):
         return f"{who} shifts {agent['shift_px']:.2f} px, {agent['allowed_px']:.2f} allowed there"
     return f"{who} has another color than the character, {agent['color_off']:.0%} off on average"
 
@@ -115,8 +145,14 @@ def _culling(rows: list[dict], bounces: int) -> str:
         said = f"Culling: {counted(differ, 'pixel differs', 'pixels differ')} in {_frames(rows)}, by {most:.1g} at most"
     else:
         said = f"Culling: no pixel differs in {_frames(rows)}"
-    said += f", {counted(strangers, 'point is no agent', 'points are no agents')}" if strangers else ""
-    said += f" ({bare:,} would differ without the agents kept for shadows and mirrors)." if bare > differ else "."
+    said += (
+        f", {counted(strangers, 'point is no agent', 'points are no agents')}" if strangers else ""
+    )
+    said += (
+        f" ({bare:,} would differ without the agents kept for shadows and mirrors)."
+        if bare > differ
+        else "."
+    )
     if bounces:
         row = max(rows, key=lambda row: row["b_bounces_share"])
         said += f" With the sky and {counted(bounces, 'bounce')} up to {row['b_bounces_share']:.2%} differ visibly "

@@ -46,7 +46,9 @@ class Body:
     image: np.ndarray
 
 
-def pictures(bodies: Sequence[Body], images: np.ndarray, flat: Sequence[np.ndarray], axes: np.ndarray) -> list[np.ndarray]:
+def pictures(
+    bodies: Sequence[Body], images: np.ndarray, flat: Sequence[np.ndarray], axes: np.ndarray
+) -> list[np.ndarray]:
     """Return pictures (rows, columns, 3) float64 of the bodies, sRGB from 0 to 1.
 
     The arguments are those of `lit`, which gives the linear values.
@@ -54,7 +56,9 @@ def pictures(bodies: Sequence[Body], images: np.ndarray, flat: Sequence[np.ndarr
     return [srgb.encoded(each).clip(0, 1) for each in lit(bodies, images, flat, axes)]
 
 
-def lit(bodies: Sequence[Body], images: np.ndarray, flat: Sequence[np.ndarray], axes: np.ndarray) -> list[np.ndarray]:
+def lit(
+    bodies: Sequence[Body], images: np.ndarray, flat: Sequence[np.ndarray], axes: np.ndarray
+) -> list[np.ndarray]:
     """Return linear pictures (rows, columns, 3) float64 of the bodies.
 
     All have the same window, which holds all bodies.
@@ -63,7 +67,9 @@ def lit(bodies: Sequence[Body], images: np.ndarray, flat: Sequence[np.ndarray], 
     axes: (3, 3), the directions right, up and toward the camera.
     """
     low = np.min([at[:, :2].min(axis=0) for at in flat], axis=0) - MARGIN
-    columns, rows = np.ceil(np.max([at[:, :2].max(axis=0) for at in flat], axis=0) + MARGIN - low).astype(int)
+    columns, rows = np.ceil(
+        np.max([at[:, :2].max(axis=0) for at in flat], axis=0) + MARGIN - low
+    ).astype(int)
     found = []
     for body, at in zip(bodies, flat, strict=True):
         corners = ((at[:, :2] - low) * SUPERSAMPLING)[body.triangles]
@@ -71,7 +77,9 @@ def lit(bodies: Sequence[Body], images: np.ndarray, flat: Sequence[np.ndarray], 
             corners, at[:, 2][body.triangles], (rows * SUPERSAMPLING, columns * SUPERSAMPLING)
         )
         normal = np.einsum("nk,nkd->nd", weights, body.normals[triangle])
-        light = np.clip(normal @ (LIGHT @ axes) / np.maximum(np.linalg.norm(normal, axis=1), 1e-12), 0, 1)
+        light = np.clip(
+            normal @ (LIGHT @ axes) / np.maximum(np.linalg.norm(normal, axis=1), 1e-12), 0, 1
+        )
         fine = np.full((rows * SUPERSAMPLING * columns * SUPERSAMPLING, 3), PAPER)
         fine[pixel] = _colors(body, images, triangle, weights) * (SKY + (1 - SKY) * light)[:, None]
         found.append(fine.reshape(rows, SUPERSAMPLING, columns, SUPERSAMPLING, 3).mean(axis=(1, 3)))
@@ -90,11 +98,15 @@ def from_afar(one: np.ndarray, other: np.ndarray) -> list[float]:
     one, other = (np.pad(each, [*sides, (0, 0)], constant_values=PAPER) for each in (one, other))
     for _ in range(HALVINGS + 1):
         found.append(likeness(*(srgb.encoded(each).clip(0, 1) for each in (one, other)))[0])
-        one, other = (each.reshape(len(each) // 2, 2, -1, 2, 3).mean(axis=(1, 3)) for each in (one, other))
+        one, other = (
+            each.reshape(len(each) // 2, 2, -1, 2, 3).mean(axis=(1, 3)) for each in (one, other)
+        )
     return found
 
 
-def _colors(body: Body, images: np.ndarray, triangle: np.ndarray, weights: np.ndarray) -> np.ndarray:
+def _colors(
+    body: Body, images: np.ndarray, triangle: np.ndarray, weights: np.ndarray
+) -> np.ndarray:
     """Return linear colors (k, 3) at barycentric `weights` (k, 3) of triangles (k,)."""
     colors, image = body.colors[triangle], body.image[triangle]
     some = np.flatnonzero(image >= 0)
@@ -115,7 +127,9 @@ def likeness(one: np.ndarray, other: np.ndarray) -> tuple[float, float]:
     Source: Wang, Bovik, Sheikh, Simoncelli, "Image quality assessment: from error visibility to
         structural similarity", 2004.
     """
-    shown = (np.abs(one - one[0, 0]) > 1e-9).any(axis=2) | (np.abs(other - other[0, 0]) > 1e-9).any(axis=2)
+    shown = (np.abs(one - one[0, 0]) > 1e-9).any(axis=2) | (np.abs(other - other[0, 0]) > 1e-9).any(
+        axis=2
+    )
     if not shown.any():
         return 0.0, 1.0
     a, b = (each @ (0.2126, 0.7152, 0.0722) for each in (one, other))

@@ -27,11 +27,23 @@ def directions() -> np.ndarray:
     """Return (AROUND + ABOVE, 3) unit vectors from the character to the camera."""
     level = 2 * np.pi * np.arange(AROUND) / AROUND
     raised = 2 * np.pi * (np.arange(ABOVE) + 0.5) / ABOVE
-    azimuth, elevation = np.append(level, raised), np.radians([0.0] * AROUND + [ABOVE_DEGREES] * ABOVE)
-    return np.stack([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)], axis=1)
+    azimuth, elevation = (
+        np.append(level, raised),
+        np.radians([0.0] * AROUND + [ABOVE_DEGREES] * ABOVE),
+    )
+    return np.stack(
+        [
+            np.cos(azimuth) * np.cos(elevation),
+            np.sin(azimuth) * np.cos(elevation),
+            np.sin(elevation),
+        ],
+        axis=1,
+    )
 
 
-def project(points: np.ndarray, center: np.ndarray, towards: np.ndarray, distance: float, camera: Camera) -> np.ndarray:
+def project(
+    points: np.ndarray, center: np.ndarray, towards: np.ndarray, distance: float, camera: Camera
+) -> np.ndarray:
     """Return points as a camera sees them: (n, 3), pixels right and up, and depth.
 
     Pixels count from the picture's middle; depth is in meters. The camera has the lens of `camera`
@@ -98,7 +110,12 @@ def _along_rows(area: np.ndarray) -> np.ndarray:
 
 
 def error(
-    one: tuple, other: tuple, center: np.ndarray, distance: float, camera: Camera, expected: float = 1.0
+    one: tuple,
+    other: tuple,
+    center: np.ndarray,
+    distance: float,
+    camera: Camera,
+    expected: float = 1.0,
 ) -> tuple[float, float]:
     """Return (least, most), in pixels, between which the silhouette error lies.
 
@@ -115,7 +132,10 @@ def error(
     least = most = 0.0
     wanted = MASK_PIXELS / min(max(expected, 1e-6), 1.0) / max(np.sqrt(expected) / 2, 1.0)
     for towards in directions():
-        flat = [project(points, center, towards, distance, camera)[:, :2][triangles] for points, triangles in (one, other)]
+        flat = [
+            project(points, center, towards, distance, camera)[:, :2][triangles]
+            for points, triangles in (one, other)
+        ]
         low = np.minimum(*(each.min(axis=(0, 1)) for each in flat))
         extent = np.maximum(*(each.max(axis=(0, 1)) for each in flat)) - low
         finer = min(wanted, MOST_PIXELS / max(extent.max(), 1.0))
@@ -124,11 +144,16 @@ def error(
         masks = [_mask(each, (rows, columns)) for each in flat]
         for k in range(2):
             found = _interval(flat[k], flat[1 - k], masks[k], masks[1 - k], least * finer)
-            least, most = (max(pair) for pair in zip((least, most), (each / finer for each in found), strict=True))
+            least, most = (
+                max(pair)
+                for pair in zip((least, most), (each / finer for each in found), strict=True)
+            )
     return least, most
 
 
-def _interval(one: np.ndarray, other: np.ndarray, mask: np.ndarray, other_mask: np.ndarray, least: float) -> tuple[float, float]:
+def _interval(
+    one: np.ndarray, other: np.ndarray, mask: np.ndarray, other_mask: np.ndarray, least: float
+) -> tuple[float, float]:
     """Return (least, most) pixels by which the area `one` reaches out of `other`.
 
     one, other: (m, 3, 2), corners of triangles, with their masks. If the area may reach out by more
@@ -154,7 +179,9 @@ def _interval(one: np.ndarray, other: np.ndarray, mask: np.ndarray, other_mask: 
             windows.append(_mask(each[inside] * closer, (size * closer, size * closer)))
         # only the places that are farthest, and what lies about them
         near = np.zeros((size, size), bool)
-        x, y = (far[of_tile.ravel() == k] - tile + margin + around).reshape(-1, 2).T.clip(0, size - 1)
+        x, y = (
+            (far[of_tile.ravel() == k] - tile + margin + around).reshape(-1, 2).T.clip(0, size - 1)
+        )
         near[y, x] = True
         windows[0] &= near.repeat(closer, axis=0).repeat(closer, axis=1)
         closest = max(closest, _off(*windows)[2].max(initial=0.0) / closer)

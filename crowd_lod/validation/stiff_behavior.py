@@ -68,7 +68,10 @@ class StiffRow:
 
 
 def turning_machine(
-    way: tuple[float, float], back: tuple[float, float] | None = None, edge: str = "clamp", chance: bool = False
+    way: tuple[float, float],
+    back: tuple[float, float] | None = None,
+    edge: str = "clamp",
+    chance: bool = False,
 ) -> StateMachine:
     """Return a table by which agents go `way`, m/s, and turn back at walls.
 
@@ -81,8 +84,19 @@ def turning_machine(
     turn_out = {"out": 1, "back": 1} if chance else "out"
     return _machine(
         {
-            "out": {"start": 1, "on": {"ground": {"move": [x, y]}, "wall": {"next": turn_back, "move": [back_x, back_y]}}},
-            "back": {"on": {"ground": {"move": [back_x, back_y]}, "wall": {"next": turn_out, "move": [x, y]}}},
+            "out": {
+                "start": 1,
+                "on": {
+                    "ground": {"move": [x, y]},
+                    "wall": {"next": turn_back, "move": [back_x, back_y]},
+                },
+            },
+            "back": {
+                "on": {
+                    "ground": {"move": [back_x, back_y]},
+                    "wall": {"next": turn_out, "move": [x, y]},
+                }
+            },
         },
         edge,
     )
@@ -91,7 +105,9 @@ def turning_machine(
 def _machine(states: dict, edge: str = "clamp", other: str = "wall") -> StateMachine:
     """Return a table of the labels "ground" and `other`."""
     labels = {"ground": {"color": "#808080"}, other: {"color": "#202020"}}
-    return parse(json.dumps({"version": 1, "edge": edge, "labels": labels, "states": states}), "stiff case")
+    return parse(
+        json.dumps({"version": 1, "edge": edge, "labels": labels, "states": states}), "stiff case"
+    )
 
 
 def room(size: int = 64, cell: float = 1.0, offset: float = 0.0) -> LabelMap:
@@ -131,7 +147,13 @@ def stiff_cases(seed: int = 0) -> list[StiffCase]:
     stripes = LabelMap(np.tile(np.array([[0, 1]], np.uint8), (8, 32)), Area(0, 0, 64, 8))
     fro = {"to": {"on": {"ground": {"move": [1, 0]}, "wall": {"move": [-1, 0]}}}}
     by_turns = {
-        "a": {"start": 1, "on": {"ground": {"next": "b", "move": [24, 1]}, "stripe": {"next": "b", "move": [24, -1]}}},
+        "a": {
+            "start": 1,
+            "on": {
+                "ground": {"next": "b", "move": [24, 1]},
+                "stripe": {"next": "b", "move": [24, -1]},
+            },
+        },
         "b": {"on": {"*": {"next": "a", "move": [24, 0]}}},
     }
     ticks = {
@@ -152,13 +174,43 @@ def stiff_cases(seed: int = 0) -> list[StiffCase]:
     lost.x[:3] = np.nan
     return [
         StiffCase("chatter: to and fro over a border", crowd_in(pair, random), _machine(fro), pair),
-        StiffCase("chatter: another state at each step", crowd_in(stripes, random), _machine(by_turns, "wrap", "stripe"), stripes),
+        StiffCase(
+            "chatter: another state at each step",
+            crowd_in(stripes, random),
+            _machine(by_turns, "wrap", "stripe"),
+            stripes,
+        ),
         StiffCase("walls touch at a corner", corners, turning_machine(aslant), near, steps=8),
-        StiffCase("the same, 100 cells a step", corners, turning_machine((2400.0, 1800.0)), near, steps=4),
-        StiffCase("the same, back another way", few_corners, turning_machine(aslant, (-1.0, -0.7578125)), near, steps=4),
-        StiffCase("the same, turns by chance", few_corners, turning_machine(aslant, chance=True), near, steps=4),
-        StiffCase("60,000 cells a step", crowd_in(hall, random, FEW), turning_machine((60_000 / FRAME, 0.0)), hall, steps=2),
-        StiffCase("1,000,000 cells a step", crowd_in(hall, random, FEW), turning_machine((1e6 / FRAME, 0.0)), hall),
+        StiffCase(
+            "the same, 100 cells a step", corners, turning_machine((2400.0, 1800.0)), near, steps=4
+        ),
+        StiffCase(
+            "the same, back another way",
+            few_corners,
+            turning_machine(aslant, (-1.0, -0.7578125)),
+            near,
+            steps=4,
+        ),
+        StiffCase(
+            "the same, turns by chance",
+            few_corners,
+            turning_machine(aslant, chance=True),
+            near,
+            steps=4,
+        ),
+        StiffCase(
+            "60,000 cells a step",
+            crowd_in(hall, random, FEW),
+            turning_machine((60_000 / FRAME, 0.0)),
+            hall,
+            steps=2,
+        ),
+        StiffCase(
+            "1,000,000 cells a step",
+            crowd_in(hall, random, FEW),
+            turning_machine((1e6 / FRAME, 0.0)),
+            hall,
+        ),
         StiffCase(
             "60 cells a step, reflected",
             crowd_in(plain, random, FEW),
@@ -167,10 +219,33 @@ def stiff_cases(seed: int = 0) -> list[StiffCase]:
             steps=4,
         ),
         StiffCase("1e8 m from the origin", crowd_in(far, random), turning_machine(aslant), far),
-        StiffCase("1e8 m from the origin, steps of 1e-9 s", crowd_in(far, random, FEW), turning_machine(aslant), far, 1e-9, 100),
-        StiffCase("steps of 1e-9 s", crowd_in(hall, random, FEW), turning_machine(aslant), hall, 1e-9, 100),
-        StiffCase("a step of an hour", crowd_in(hall, random, FEW), turning_machine(aslant), hall, 3600.0, 1),
-        StiffCase("cells of 1e-6 m", crowd_in(tiny, random, FEW), turning_machine(aslant), tiny, FRAME / 8, 4),
+        StiffCase(
+            "1e8 m from the origin, steps of 1e-9 s",
+            crowd_in(far, random, FEW),
+            turning_machine(aslant),
+            far,
+            1e-9,
+            100,
+        ),
+        StiffCase(
+            "steps of 1e-9 s", crowd_in(hall, random, FEW), turning_machine(aslant), hall, 1e-9, 100
+        ),
+        StiffCase(
+            "a step of an hour",
+            crowd_in(hall, random, FEW),
+            turning_machine(aslant),
+            hall,
+            3600.0,
+            1,
+        ),
+        StiffCase(
+            "cells of 1e-6 m",
+            crowd_in(tiny, random, FEW),
+            turning_machine(aslant),
+            tiny,
+            FRAME / 8,
+            4,
+        ),
         StiffCase("timers of 0.001 s", ticking, _machine(ticks), plain, steps=4),
         StiffCase("timers of 0.001 s, steps of 0.5 s", ticking, _machine(ticks), plain, 0.5, 2),
         StiffCase("three agents at NaN", lost, turning_machine(aslant), hall),
@@ -198,8 +273,12 @@ def _judge_case(case: StiffCase) -> StiffRow:
         longest = max(longest, clock.perf_counter() - started)
         stand |= tally.held
     placed = np.flatnonzero(np.isfinite(case.crowd.x))
-    truth = follow_exactly(case.crowd.of(placed), case.machine, case.world, case.seconds, case.steps)
-    away = np.abs(np.stack([crowd.x[placed] - truth.x, crowd.y[placed] - truth.y]))[:, ~truth.unknown]
+    truth = follow_exactly(
+        case.crowd.of(placed), case.machine, case.world, case.seconds, case.steps
+    )
+    away = np.abs(np.stack([crowd.x[placed] - truth.x, crowd.y[placed] - truth.y]))[
+        :, ~truth.unknown
+    ]
     if case.machine.edge == "wrap":
         away = np.minimum(away, np.array(case.world.area.size)[:, None] - away)
     meters = np.hypot(*away)
@@ -234,7 +313,12 @@ def _is_broken(case: StiffCase, crowd: Crowd, start: Crowd) -> np.ndarray:
             column, row = world.cells(crowd.x + aside * width, crowd.y + along * depth)
             within |= regions[row, column] == home
     area = world.area
-    on_map = (crowd.x >= area.x_min) & (crowd.x <= area.x_max) & (crowd.y >= area.y_min) & (crowd.y <= area.y_max)
+    on_map = (
+        (crowd.x >= area.x_min)
+        & (crowd.x <= area.x_max)
+        & (crowd.y >= area.y_min)
+        & (crowd.y <= area.y_max)
+    )
     return ~(within & on_map)
 
 
@@ -255,11 +339,30 @@ def _regions(world: LabelMap, machine: StateMachine) -> np.ndarray:
 
 def behavior_text(rows: list[StiffRow]) -> str:
     """Return the table as lines of text."""
-    head = ("case", "agents", "steps", "stand", "chatter", "unknown", "broken", "median m", "worst m", "in cells", "ms")
+    head = (
+        "case",
+        "agents",
+        "steps",
+        "stand",
+        "chatter",
+        "unknown",
+        "broken",
+        "median m",
+        "worst m",
+        "in cells",
+        "ms",
+    )
     lines = []
     for row in rows:
         counts = (row.agents, row.steps, row.stand, row.chatter, row.unknown, row.broken)
         errors = (row.median, row.worst, row.cells)
-        lines.append((row.name, *(f"{n:,}" for n in counts), *(f"{e:.1e}" for e in errors), f"{row.milliseconds:.1f}"))
+        lines.append(
+            (
+                row.name,
+                *(f"{n:,}" for n in counts),
+                *(f"{e:.1e}" for e in errors),
+                f"{row.milliseconds:.1f}",
+            )
+        )
     notes = [f"{row.name}: {row.note}" for row in rows if row.note]
     return "\n".join([*aligned(head, lines), *notes])

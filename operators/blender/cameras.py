@@ -24,15 +24,21 @@ CYLINDER = "central_cylindrical_range"
 def image_size(render: bpy.types.RenderSettings) -> tuple[int, int]:
     """Return width and height of the rendered image in pixels."""
     percent = render.resolution_percentage
-    return max(1, render.resolution_x * percent // 100), max(1, render.resolution_y * percent // 100)
+    return max(1, render.resolution_x * percent // 100), max(
+        1, render.resolution_y * percent // 100
+    )
 
 
 def active_camera(scene: bpy.types.Scene) -> bpy.types.Object:
     """Return the scene's active camera; CrowdError if it has none or it is no camera."""
     if scene.camera is None:
-        raise CrowdError(f"The scene {scene.name} has no active camera: add one, or set one in the scene's properties.")
+        raise CrowdError(
+            f"The scene {scene.name} has no active camera: add one, or set one in the scene's properties."
+        )
     if scene.camera.type != "CAMERA":
-        raise CrowdError(f"{scene.camera.name}, the active camera of {scene.name}, is not a camera: choose a camera object.")
+        raise CrowdError(
+            f"{scene.camera.name}, the active camera of {scene.name}, is not a camera: choose a camera object."
+        )
     return scene.camera
 
 
@@ -43,11 +49,15 @@ def bound_camera(scene: bpy.types.Scene, time: float) -> bpy.types.Object:
     markers the active camera. Markers whose camera is hidden in renders do not count. Blender makes
     it the active camera when it comes to the frame (BKE_scene_camera_switch_find).
     """
-    markers = [m for m in scene.timeline_markers if m.camera is not None and not m.camera.hide_render]
+    markers = [
+        m for m in scene.timeline_markers if m.camera is not None and not m.camera.hide_render
+    ]
     if not markers:
         return active_camera(scene)
     past = [m for m in markers if m.frame <= int(time)]
-    return (max(past, key=lambda m: m.frame) if past else min(markers, key=lambda m: m.frame)).camera
+    return (
+        max(past, key=lambda m: m.frame) if past else min(markers, key=lambda m: m.frame)
+    ).camera
 
 
 def read_cameras(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> tuple[Camera, ...]:
@@ -59,7 +69,9 @@ def read_cameras(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> tupl
     return cameras_from(scene, active_camera(scene), depsgraph)
 
 
-def cameras_from(scene: bpy.types.Scene, camera: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[Camera, ...]:
+def cameras_from(
+    scene: bpy.types.Scene, camera: bpy.types.Object, depsgraph: bpy.types.Depsgraph
+) -> tuple[Camera, ...]:
     """Return the cameras of `scene` when `camera` films it.
 
     One camera, or the eyes of a stereo or multi-view picture.
@@ -74,7 +86,11 @@ def cameras_from(scene: bpy.types.Scene, camera: bpy.types.Object, depsgraph: bp
         eyes = dict.fromkeys(_view_camera(scene, camera, view.camera_suffix) for view in views)
         found = [camera_from(eye, render, depsgraph) for eye in eyes]
     else:
-        found = [camera_from(camera, render, depsgraph, view.name) for view in views if view.name in stereo.EYES]
+        found = [
+            camera_from(camera, render, depsgraph, view.name)
+            for view in views
+            if view.name in stereo.EYES
+        ]
     if scene.crowd_lod.cull_to_border and render.use_border:
         border = render.border_min_x, render.border_max_x, render.border_min_y, render.border_max_y
         found = [crop(each, *border) for each in found]
@@ -86,12 +102,21 @@ def _view_camera(scene: bpy.types.Scene, camera: bpy.types.Object, suffix: str) 
 
     Its name is that of `camera` with the suffix replaced; `camera` itself if there is none.
     """
-    own = max((v.camera_suffix for v in scene.render.views if camera.name.endswith(v.camera_suffix)), key=len, default=None)
-    return camera if own is None else scene.objects.get(camera.name.removesuffix(own) + suffix, camera)
+    own = max(
+        (v.camera_suffix for v in scene.render.views if camera.name.endswith(v.camera_suffix)),
+        key=len,
+        default=None,
+    )
+    return (
+        camera if own is None else scene.objects.get(camera.name.removesuffix(own) + suffix, camera)
+    )
 
 
 def camera_from(
-    camera: bpy.types.Object, render: bpy.types.RenderSettings, depsgraph: bpy.types.Depsgraph, side: str | None = None
+    camera: bpy.types.Object,
+    render: bpy.types.RenderSettings,
+    depsgraph: bpy.types.Depsgraph,
+    side: str | None = None,
 ) -> Camera:
     """Return `camera`, as `depsgraph` evaluated it, as a Camera.
 
@@ -123,7 +148,11 @@ def camera_from(
     origin, X, Y, Z = referential(matrix, camera.name)
     sensor = data.sensor_height if data.sensor_fit == "VERTICAL" else data.sensor_width
     aspect = render.pixel_aspect_x, render.pixel_aspect_y
-    cone, density = _panorama(data, pixels, window(sensor, data.sensor_fit, pixels, aspect)) if kind == "PANO" else (np.pi, None)
+    cone, density = (
+        _panorama(data, pixels, window(sensor, data.sensor_fit, pixels, aspect))
+        if kind == "PANO"
+        else (np.pi, None)
+    )
     film = Camera(
         kind=kind,
         origin=origin,
@@ -177,19 +206,31 @@ def _panorama(data: bpy.types.Camera, pixels: tuple[int, int], film: Window) -> 
     width, height = pixels
     half = min(np.pi, data.fisheye_fov / 2)
     per_millimeter = max(width / (film.right - film.left), height / (film.top - film.bottom))
-    across, up = (abs(getattr(data, f"{name}_max") - getattr(data, f"{name}_min")) for name in ("longitude", "latitude"))
-    round_, tall = (abs(getattr(data, f"{CYLINDER}_{a}_max") - getattr(data, f"{CYLINDER}_{a}_min")) for a in "uv")
+    across, up = (
+        abs(getattr(data, f"{name}_max") - getattr(data, f"{name}_min"))
+        for name in ("longitude", "latitude")
+    )
+    round_, tall = (
+        abs(getattr(data, f"{CYLINDER}_{a}_max") - getattr(data, f"{CYLINDER}_{a}_min"))
+        for a in "uv"
+    )
     types = {
         # an ellipse that fills the picture
         "FISHEYE_EQUIDISTANT": (half, max(pixels) / data.fisheye_fov),
         "FISHEYE_EQUISOLID": (half, per_millimeter * data.fisheye_lens),
-        "FISHEYE_LENS_POLYNOMIAL": (half, per_millimeter / max(abs(data.fisheye_polynomial_k1), 1e-6)),
+        "FISHEYE_LENS_POLYNOMIAL": (
+            half,
+            per_millimeter / max(abs(data.fisheye_polynomial_k1), 1e-6),
+        ),
         "EQUIRECTANGULAR": (np.pi, max(width / max(across, 1e-6), height / max(up, 1e-6))),
         "EQUIANGULAR_CUBEMAP_FACE": (np.pi, max(pixels) / (np.pi / 2)),
         "MIRRORBALL": (np.pi, max(pixels) / 4),
         "CENTRAL_CYLINDRICAL": (
             np.pi,
-            max(width / max(round_, 1e-6), height * data.central_cylindrical_radius / max(tall, 1e-6)),
+            max(
+                width / max(round_, 1e-6),
+                height * data.central_cylindrical_radius / max(tall, 1e-6),
+            ),
         ),
     }
     flat = (np.pi, per_millimeter * data.lens)
@@ -202,18 +243,27 @@ def _focused(film: Camera, data: bpy.types.Camera, depsgraph: bpy.types.Depsgrap
     Source: Cycles, blender_camera_from_object.
     """
     dof = data.dof
-    aperture = (1.0 if film.kind == "ORTHO" else data.lens * 1e-3) / (2 * max(dof.aperture_fstop, 1e-5))
+    aperture = (1.0 if film.kind == "ORTHO" else data.lens * 1e-3) / (
+        2 * max(dof.aperture_fstop, 1e-5)
+    )
     focus = focus_distance(data, depsgraph, film.origin, film.Z)
     return lens_blur(film, aperture * max(1.0, 1 / max(dof.aperture_ratio, 1e-5)), max(focus, 1e-5))
 
 
-def focus_distance(data: bpy.types.Camera, depsgraph: bpy.types.Depsgraph, origin: np.ndarray, ahead: np.ndarray) -> float:
+def focus_distance(
+    data: bpy.types.Camera, depsgraph: bpy.types.Depsgraph, origin: np.ndarray, ahead: np.ndarray
+) -> float:
     """Return meters from `origin` (3,) along `ahead` (3,) to what the camera focuses on."""
     dof = data.dof
     return dof.focus_distance if dof.focus_object is None else _focus(dof, depsgraph, origin, ahead)
 
 
-def _focus(dof: bpy.types.CameraDOFSettings, depsgraph: bpy.types.Depsgraph, origin: np.ndarray, ahead: np.ndarray) -> float:
+def _focus(
+    dof: bpy.types.CameraDOFSettings,
+    depsgraph: bpy.types.Depsgraph,
+    origin: np.ndarray,
+    ahead: np.ndarray,
+) -> float:
     """Return meters from `origin` (3,) along `ahead` (3,) to the object in focus."""
     target = dof.focus_object.evaluated_get(depsgraph)
     place = target.matrix_world
@@ -234,18 +284,28 @@ def camera_at(scene: bpy.types.Scene, time: float, at: At | None = None) -> tupl
 
 
 def cameras_at(
-    scene: bpy.types.Scene, times: Sequence[float], camera: bpy.types.Object | None = None, at: At | None = None
+    scene: bpy.types.Scene,
+    times: Sequence[float],
+    camera: bpy.types.Object | None = None,
+    at: At | None = None,
 ) -> list[tuple[Camera, ...]]:
     """Return `camera_at` for several times.
 
     camera: films all times; None for the camera bound to each time.
     """
     films = [camera or bound_camera(scene, time) for time in times]
-    eyes = {_view_camera(scene, film, view.camera_suffix) for film in films for view in scene.render.views}
+    eyes = {
+        _view_camera(scene, film, view.camera_suffix)
+        for film in films
+        for view in scene.render.views
+    }
     if at is None:
         with stage() if all(map(_stands, {*films, *eyes})) else stepped(scene, rest=False) as at:
             return cameras_at(scene, times, camera, at)
-    return [cameras_from(scene, film, at({*films, *eyes}, time)) for time, film in zip(times, films, strict=True)]
+    return [
+        cameras_from(scene, film, at({*films, *eyes}, time))
+        for time, film in zip(times, films, strict=True)
+    ]
 
 
 def _stands(camera: bpy.types.Object) -> bool:
@@ -254,8 +314,16 @@ def _stands(camera: bpy.types.Object) -> bool:
     The scene need not be stepped to find such a camera.
     """
     data, handlers = camera.data, bpy.app.handlers
-    scripts = [f for f in (*handlers.frame_change_pre, *handlers.frame_change_post) if not is_ours(f)]
-    moved = camera.animation_data or data.animation_data or camera.parent or camera.constraints or camera.rigid_body
+    scripts = [
+        f for f in (*handlers.frame_change_pre, *handlers.frame_change_post) if not is_ours(f)
+    ]
+    moved = (
+        camera.animation_data
+        or data.animation_data
+        or camera.parent
+        or camera.constraints
+        or camera.rigid_body
+    )
     return not (moved or data.dof.focus_object or scripts)
 
 
@@ -269,7 +337,10 @@ def still(camera: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bpy.types
     data.animation_data_clear()
     if data.dof.focus_object is not None:
         origin, *_, ahead = referential(np.array(evaluated.matrix_world, np.float64), camera.name)
-        data.dof.focus_distance, data.dof.focus_object = _focus(data.dof, depsgraph, origin, ahead), None
+        data.dof.focus_distance, data.dof.focus_object = (
+            _focus(data.dof, depsgraph, origin, ahead),
+            None,
+        )
     found = bpy.data.objects.new(f"Crowd LOD {camera.name}", data)
     # a camera's own transform has no shear; what a parent's inverse holds comes through as it is
     found.parent = bpy.data.objects.new("Crowd LOD still", None)
@@ -290,7 +361,9 @@ def shutter_times(scene: bpy.types.Scene, time: float) -> list[float]:
     return [time + length * (part - opens) for part in (0.0, 0.5, 1.0)]
 
 
-def read_shutter(scene: bpy.types.Scene, time: float, at: At | None = None) -> list[tuple[float, tuple[Camera, ...]]]:
+def read_shutter(
+    scene: bpy.types.Scene, time: float, at: At | None = None
+) -> list[tuple[float, tuple[Camera, ...]]]:
     """Return (time, cameras) at the start, middle and end of the open shutter.
 
     The samples are those of Cycles. The cameras are those of crowd_lod.culling.camera.opened. Empty
@@ -303,5 +376,8 @@ def read_shutter(scene: bpy.types.Scene, time: float, at: At | None = None) -> l
     times = shutter_times(scene, time)
     if not times:
         return []
-    eyes = [opened(each) for each in zip(*cameras_at(scene, times, bound_camera(scene, time), at), strict=True)]
+    eyes = [
+        opened(each)
+        for each in zip(*cameras_at(scene, times, bound_camera(scene, time), at), strict=True)
+    ]
     return list(zip(times, zip(*eyes, strict=True), strict=True))

@@ -26,11 +26,14 @@ def is_stage(objects: Sequence[bpy.types.Object]) -> bool:
     Instances of collections and missing objects may be characters.
     """
     return bool(objects) and not any(
-        item.type not in STAGE or item.is_missing or item.instance_collection is not None for item in objects
+        item.type not in STAGE or item.is_missing or item.instance_collection is not None
+        for item in objects
     )
 
 
-def parts(owner: bpy.types.Collection | bpy.types.Object, objects: list[bpy.types.Object]) -> list[bpy.types.Object]:
+def parts(
+    owner: bpy.types.Collection | bpy.types.Object, objects: list[bpy.types.Object]
+) -> list[bpy.types.Object]:
     """Return the objects of the character group `owner` that have a shape.
 
     Left out: objects hidden in renders, unless all are hidden; and objects that are custom shapes
@@ -40,7 +43,9 @@ def parts(owner: bpy.types.Collection | bpy.types.Object, objects: list[bpy.type
     for block in (owner, *objects, *(item.data for item in objects if item.data is not None)):
         if block.is_missing:
             path = block.library.filepath if block.library else "its library"
-            raise CrowdError(f"{block.name}, of the character group {owner.name}, is missing: restore {path}, or link it again.")
+            raise CrowdError(
+                f"{block.name}, of the character group {owner.name}, is missing: restore {path}, or link it again."
+            )
     for item in objects:
         if item.type == "META":
             raise CrowdError(
@@ -55,7 +60,9 @@ def parts(owner: bpy.types.Collection | bpy.types.Object, objects: list[bpy.type
     shapes = {bone.custom_shape for bone in bones}
     found = [item for item in objects if item.type in GEOMETRY and item not in shapes]
     inside = [] if isinstance(owner, bpy.types.Object) else owner.children_recursive
-    hidden = {item for collection in inside if collection.hide_render for item in collection.all_objects}
+    hidden = {
+        item for collection in inside if collection.hide_render for item in collection.all_objects
+    }
     return [item for item in found if not item.hide_render and item not in hidden] or found
 
 
@@ -66,4 +73,6 @@ def may_have_faces(item: bpy.types.Object) -> bool:
 
 def is_scenery(item: bpy.types.Object) -> bool:
     """Return whether an object may be a wall, and is none of Crowd LOD's own."""
-    return (item.type in SURFACES or item.is_instancer) and not any(key.startswith("crowd_lod") for key in item.keys())
+    return (item.type in SURFACES or item.is_instancer) and not any(
+        key.startswith("crowd_lod") for key in item.keys()
+    )

@@ -28,7 +28,9 @@ def all_or_nothing() -> Iterator[None]:
     try:
         yield
     except BaseException:
-        bpy.data.batch_remove([block for block in bpy.data.user_map() if block.session_uid not in before])
+        bpy.data.batch_remove(
+            [block for block in bpy.data.user_map() if block.session_uid not in before]
+        )
         renew()
         raise
 
@@ -41,7 +43,11 @@ def lent(*owners: bpy.types.bpy_struct) -> Iterator[None]:
     """
     with quiet():  # asked for its device, Cycles looks for all that there are, and says so
         own = ((owner, prop) for owner in owners for prop in owner.bl_rna.properties)
-        names = [(owner, prop.identifier) for owner, prop in own if not prop.is_readonly and prop.type != "COLLECTION"]
+        names = [
+            (owner, prop.identifier)
+            for owner, prop in own
+            if not prop.is_readonly and prop.type != "COLLECTION"
+        ]
         before = [(owner, name, _plain(getattr(owner, name))) for owner, name in names]
     try:
         yield
@@ -54,4 +60,8 @@ def lent(*owners: bpy.types.bpy_struct) -> Iterator[None]:
 
 
 def _plain(value) -> Any:
-    return tuple(value) if hasattr(value, "__len__") and not isinstance(value, str | set | bpy.types.bpy_struct) else value
+    return (
+        tuple(value)
+        if hasattr(value, "__len__") and not isinstance(value, str | set | bpy.types.bpy_struct)
+        else value
+    )

@@ -19,7 +19,10 @@ CHANGES = "crowd_lod_changes"  # of a collection of the build: how often somethi
 MOST = 2**30  # it begins anew there
 # a collection's children and objects, where the file has such, and the custom property of a collection of the build that has
 # their names, a line each
-HELD = ("children", "collections", "crowd_lod_children"), ("objects", "objects", "crowd_lod_objects")
+HELD = (
+    ("children", "collections", "crowd_lod_children"),
+    ("objects", "objects", "crowd_lod_objects"),
+)
 
 
 @handler
@@ -47,7 +50,9 @@ def restore(*_) -> None:
     for collection in bpy.data.collections:
         for inside, blocks, key in HELD if collection.library is None else ():
             names, there = collection.get(key), getattr(collection, inside)
-            for name in sorted(set(names.split("\n")) - {*there.keys()}) if isinstance(names, str) else ():
+            for name in (
+                sorted(set(names.split("\n")) - {*there.keys()}) if isinstance(names, str) else ()
+            ):
                 block = getattr(bpy.data, blocks).get((name, None))
                 if block is not None:
                     there.link(block)

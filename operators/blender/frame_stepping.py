@@ -57,7 +57,9 @@ def _at_rest(scene: bpy.types.Scene) -> Iterator[None]:
         yield
         return
     layers, items = scene.view_layers, build.all_objects
-    selected = [(layer, item) for layer in layers for item in items if item.select_get(view_layer=layer)]  # Blender lets go of it
+    selected = [
+        (layer, item) for layer in layers for item in items if item.select_get(view_layer=layer)
+    ]  # Blender lets go of it
     build.hide_viewport = True
     try:
         yield

@@ -37,7 +37,10 @@ def guarded(function: Callable | None = None, failed: Any = None) -> Callable:
     def call(*arguments) -> Any:
         scene = getattr(arguments[0], "id_data", None) if arguments else None
         scene = scene if isinstance(scene, bpy.types.Scene) else None
-        key = scene.session_uid if scene is not None else 0, f"{function.__module__}.{function.__qualname__}"
+        key = (
+            scene.session_uid if scene is not None else 0,
+            f"{function.__module__}.{function.__qualname__}",
+        )
         try:
             result = function(*arguments)
         except Exception as error:
@@ -51,7 +54,11 @@ def guarded(function: Callable | None = None, failed: Any = None) -> Callable:
 
 def troubles_of(scene: bpy.types.Scene) -> list[str]:
     """Return sentences on what failed when it was last called, for this scene or for all."""
-    return list(dict.fromkeys(told for (owner, _), told in troubles.items() if owner in (0, scene.session_uid)))
+    return list(
+        dict.fromkeys(
+            told for (owner, _), told in troubles.items() if owner in (0, scene.session_uid)
+        )
+    )
 
 
 def clear_troubles(scene: bpy.types.Scene) -> None:

@@ -31,7 +31,9 @@ def read_values(image: bpy.types.Image) -> np.ndarray:
     render).
     """
     if image.source not in ("FILE", "GENERATED"):
-        kind = {"TILED": "made of UDIM tiles", "MOVIE": "a movie", "SEQUENCE": "a sequence"}.get(image.source, "a render")
+        kind = {"TILED": "made of UDIM tiles", "MOVIE": "a movie", "SEQUENCE": "a sequence"}.get(
+            image.source, "a render"
+        )
         raise CrowdError(
             f"The image {image.name} is {kind}, not a still image: set its Source to Single Image, or choose another image."
         )

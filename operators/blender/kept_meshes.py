@@ -20,7 +20,12 @@ from .scene_data import node_inputs
 MADE_OF = "crowd_lod_made_of"  # custom property of such a mesh: what it was made of, as text
 NAMES = "start_places", "terrain_mesh"  # the settings that refer to one
 SETTINGS = {"BOOLEAN", "INT", "FLOAT", "ENUM"}
-PASSING = {"execution_time", "show_expanded", "is_active", "show_in_editmode"}  # of a modifier: these change nothing
+PASSING = {
+    "execution_time",
+    "show_expanded",
+    "is_active",
+    "show_in_editmode",
+}  # of a modifier: these change nothing
 SAMPLED = 500  # vertices of a mesh that are looked at to tell whether it changed, about
 
 
@@ -61,17 +66,38 @@ def _marks(item: bpy.types.Object) -> tuple:
         some = np.array(mesh_data.some_vertices(data, SAMPLED), np.float32)
         shape = *shape, len(data.vertices), len(data.polygons), some.tobytes()
     elif item.type == "CURVE":
-        shape = *shape, [[tuple(p.co) for p in (*spline.points, *spline.bezier_points)] for spline in data.splines]
-    return item.name_full, np.array(item.matrix_world).round(5).tolist(), shape, [_modifier(m) for m in item.modifiers]
+        shape = (
+            *shape,
+            [
+                [tuple(p.co) for p in (*spline.points, *spline.bezier_points)]
+                for spline in data.splines
+            ],
+        )
+    return (
+        item.name_full,
+        np.array(item.matrix_world).round(5).tolist(),
+        shape,
+        [_modifier(m) for m in item.modifiers],
+    )
 
 
 def _modifier(modifier: bpy.types.Modifier) -> tuple:
     """Return the settings of a modifier that are numbers or choices, and the inputs of its nodes."""
     names = [
-        each.identifier for each in modifier.bl_rna.properties if each.type in SETTINGS and not getattr(each, "is_array", False)
+        each.identifier
+        for each in modifier.bl_rna.properties
+        if each.type in SETTINGS and not getattr(each, "is_array", False)
     ]
-    inputs = sorted((path, repr(value)) for path, value in node_inputs(modifier).items()) if modifier.type == "NODES" else []
-    return modifier.name, [(name, getattr(modifier, name)) for name in names if name not in PASSING], inputs
+    inputs = (
+        sorted((path, repr(value)) for path, value in node_inputs(modifier).items())
+        if modifier.type == "NODES"
+        else []
+    )
+    return (
+        modifier.name,
+        [(name, getattr(modifier, name)) for name in names if name not in PASSING],
+        inputs,
+    )
 
 
 def moving(objects: Sequence[bpy.types.Object]) -> list[str]:
@@ -127,6 +153,11 @@ def _shape(item: bpy.types.Object, matrix: np.ndarray) -> Iterator[tuple]:
                 "modifiers, then press Populate."
             )
         flipped = np.linalg.det(matrix[:3, :3]) < 0
-        yield item.original, mesh, points @ matrix[:3, :3].T + matrix[:3, 3], triangles[:, ::-1] if flipped else triangles
+        yield (
+            item.original,
+            mesh,
+            points @ matrix[:3, :3].T + matrix[:3, 3],
+            triangles[:, ::-1] if flipped else triangles,
+        )
     finally:
         item.to_mesh_clear()

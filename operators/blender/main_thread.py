@@ -34,7 +34,9 @@ def on_main_thread(work: Callable[[], Made]) -> Made:
         return task.result(PATIENCE)
     except TimeoutError:
         if task.cancel():
-            raise CrowdError("Blender was too busy to follow the render: render again, with Lock Interface on.") from None
+            raise CrowdError(
+                "Blender was too busy to follow the render: render again, with Lock Interface on."
+            ) from None
         return task.result()
 
 

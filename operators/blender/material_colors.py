@@ -49,7 +49,9 @@ class Looks:
             # not yet saved
             rows, columns = ((np.arange(size) + 0.5) * n // size for n in values.shape[:2])
             values = values[rows.astype(int)[:, None], columns.astype(int)]
-            picture[..., :3] = np.rint(255 * (encoded(values) if _is_linear(image) else values).clip(0, 1))
+            picture[..., :3] = np.rint(
+                255 * (encoded(values) if _is_linear(image) else values).clip(0, 1)
+            )
         self._pictures = pictures
         return pictures
 

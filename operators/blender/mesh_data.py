@@ -82,7 +82,11 @@ ATTRIBUTES = {
     "INT32_2D": ("value", 2, np.int32),
     "FLOAT4X4": ("value", 16, np.float32),
 }
-KINDS = {(np.dtype(np.float32), 1): "FLOAT", (np.dtype(np.int32), 1): "INT", (np.dtype(np.float32), 2): "FLOAT_VECTOR"}
+KINDS = {
+    (np.dtype(np.float32), 1): "FLOAT",
+    (np.dtype(np.int32), 1): "INT",
+    (np.dtype(np.float32), 2): "FLOAT_VECTOR",
+}
 
 
 def write_points(mesh: bpy.types.Mesh, columns: dict[str, np.ndarray]) -> None:
@@ -94,7 +98,9 @@ def write_points(mesh: bpy.types.Mesh, columns: dict[str, np.ndarray]) -> None:
     CrowdError if the mesh is in Edit Mode, where Blender adds no vertices.
     """
     if mesh.is_editmode:
-        raise CrowdError(f"The points {mesh.name} are in Edit Mode: leave it, and the crowd follows the frame again.")
+        raise CrowdError(
+            f"The points {mesh.name} are in Edit Mode: leave it, and the crowd follows the frame again."
+        )
     mesh.clear_geometry()
     mesh.vertices.add(len(columns["position"]))
     for name, values in columns.items():
@@ -172,7 +178,9 @@ def some_vertices(mesh: bpy.types.Mesh, about: int) -> list[tuple[float, float, 
     return [tuple(mesh.vertices[k].co) for k in range(0, count, max(1, count // about))]
 
 
-def world_polygons(evaluated: bpy.types.Object, matrix: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+def world_polygons(
+    evaluated: bpy.types.Object, matrix: np.ndarray
+) -> tuple[np.ndarray, list[np.ndarray]]:
     """Return (points, faces) of an evaluated object's mesh, placed by `matrix`.
 
     points: (n, 3) float64, in world space.
@@ -195,7 +203,9 @@ def key_reaches(item: bpy.types.Object) -> np.ndarray:
     Of a mesh's keys but the first.
     """
     found = []
-    for key in item.data.shape_keys.key_blocks[1:] if item.type == "MESH" and item.data.shape_keys else ():
+    for key in (
+        item.data.shape_keys.key_blocks[1:] if item.type == "MESH" and item.data.shape_keys else ()
+    ):
         at = np.empty((2, len(key.data), 3), np.float32)
         for each, points in zip((key, key.relative_key), at, strict=True):
             each.data.foreach_get("co", points.ravel())

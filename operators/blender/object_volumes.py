@@ -30,10 +30,14 @@ def in_volume(item: bpy.types.Object, points: np.ndarray, told: str) -> np.ndarr
     """
     matrix = np.array(item.matrix_world, np.float64)
     if not closed(item.data) or not np.linalg.cond(matrix) < 1e9:
-        raise CrowdError(f"{told} is no closed mesh: fill its holes, give it a scale above 0, or set Agents By to Region.")
+        raise CrowdError(
+            f"{told} is no closed mesh: fill its holes, give it a scale above 0, or set Agents By to Region."
+        )
     corners = _corners(item.data)
     low, high = corners.min(axis=0)[:, None], corners.max(axis=0)[:, None]
-    tree = BVHTree.FromPolygons(corners.tolist(), [tuple(face.vertices) for face in item.data.polygons])
+    tree = BVHTree.FromPolygons(
+        corners.tolist(), [tuple(face.vertices) for face in item.data.polygons]
+    )
     with np.errstate(invalid="ignore"):  # a point at NaN is in no mesh
         own = np.linalg.solve(matrix[:3, :3], points.T - matrix[:3, 3:])
         found = ((own >= low) & (own <= high)).all(axis=0)

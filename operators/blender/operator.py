@@ -23,7 +23,11 @@ def left_words(progress: float, seconds: float) -> str:
     if seconds < 2 or not progress > 0:
         return ""
     left = seconds * (1 - progress) / progress
-    unit, words = next(each for each in ((3600, "h"), (60, "min"), (1, "s")) if left >= 1.5 * each[0] or each[0] == 1)
+    unit, words = next(
+        each
+        for each in ((3600, "h"), (60, "min"), (1, "s"))
+        if left >= 1.5 * each[0] or each[0] == 1
+    )
     return f", about {left / unit:,.0f} {words} left"
 
 
@@ -121,7 +125,9 @@ class Stepwise(Reporting):
         sidebars.redraw()
         context.window_manager.progress_update(100 * progress)
         left = left_words(progress, clock.monotonic() - self._started)
-        context.workspace.status_text_set(f"{self.bl_label}: {100 * progress:.0f} %{left}, Esc to cancel")
+        context.workspace.status_text_set(
+            f"{self.bl_label}: {100 * progress:.0f} %{left}, Esc to cancel"
+        )
         return {"RUNNING_MODAL"}
 
     def cancel(self, context) -> None:

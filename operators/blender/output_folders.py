@@ -57,7 +57,11 @@ def full_path(text: str, library: bpy.types.Library | None = None) -> Path:
 def _temporary(text: str) -> Path:
     """Return where the path `text` of an unsaved file is for now."""
     parts = PurePosixPath(_named(text, UNTITLED)[2:].replace("\\", "/")).parts
-    return Path(bpy.app.tempdir, f"crowd_lod_{_file.number}", *("__" if part == ".." else part for part in parts))
+    return Path(
+        bpy.app.tempdir,
+        f"crowd_lod_{_file.number}",
+        *("__" if part == ".." else part for part in parts),
+    )
 
 
 def output_path(scene: bpy.types.Scene, part: str = "") -> str:
@@ -70,8 +74,12 @@ def output_path(scene: bpy.types.Scene, part: str = "") -> str:
     """
     text = scene.crowd_lod.output_folder
     if not text.strip():
-        raise CrowdError(f"Output Folder is empty: give a folder, such as //{BLEND_NAME}_crowd_lod.")
-    others = [other.crowd_lod for other in bpy.data.scenes if other != scene and other.library is None]
+        raise CrowdError(
+            f"Output Folder is empty: give a folder, such as //{BLEND_NAME}_crowd_lod."
+        )
+    others = [
+        other.crowd_lod for other in bpy.data.scenes if other != scene and other.library is None
+    ]
     shared = any(other.characters is not None and other.output_folder == text for other in others)
     names = [bpy.path.clean_name(scene.name)] * shared + [part] * bool(part)
     top = text if text.endswith(("/", "\\")) else f"{text}/"
@@ -109,7 +117,9 @@ def output_file(path: Path, *endings: str) -> Path:
     path = files.absolute(with_ending(path, *endings))
     parent = os.path.dirname(os.path.realpath(path))
     if not os.path.isdir(parent):
-        raise CrowdError(f"The file {printable(path)} cannot be written: there is no folder {printable(parent)}.")
+        raise CrowdError(
+            f"The file {printable(path)} cannot be written: there is no folder {printable(parent)}."
+        )
     return path
 
 

@@ -19,12 +19,24 @@ from ...crowd_lod.crowd.paces import mixed_in
 from ...crowd_lod.errors import CrowdError
 from .pose_mixing import AT_REST, Mixture
 from .props import group_of
-from .rig_dependencies import action_range, armatures_of, curves_of, players_of, read_columns, span_of
+from .rig_dependencies import (
+    action_range,
+    armatures_of,
+    curves_of,
+    players_of,
+    read_columns,
+    span_of,
+)
 from .root_motion import RootMotion, TakenOut, of_action, of_character
 
 BONE = re.compile(r'pose\.bones\["(.*)"\]')
 # how an action is played, and how a bone stands
-AS_IT_IS = {"use_nla": False, "action_blend_type": "REPLACE", "action_influence": 1.0, "action_extrapolation": "HOLD"}
+AS_IT_IS = {
+    "use_nla": False,
+    "action_blend_type": "REPLACE",
+    "action_influence": 1.0,
+    "action_extrapolation": "HOLD",
+}
 
 
 @dataclass(frozen=True)
@@ -85,7 +97,10 @@ class Performance:
     @property
     def spans(self) -> list[tuple[float, float]]:
         """The first and the last moment of each part."""
-        return [(begin, begin + part.last - part.first) for begin, part in zip(self.begins, self.parts, strict=True)]
+        return [
+            (begin, begin + part.last - part.first)
+            for begin, part in zip(self.begins, self.parts, strict=True)
+        ]
 
     @property
     def still(self) -> bool:
@@ -98,17 +113,31 @@ class Performance:
         A step of a cross-fade has those of both its actions: their keys bend its curves.
         """
         part, (first, last) = self.parts[0], self.spans[0]
-        lengths = {max(own.last - own.first, 1.0) for own in (part.mixed[:2] if part.mixed else (part,))}
-        return np.unique(np.concatenate([np.linspace(first, last, int(np.ceil(each * length)) + 1) for length in lengths]).round(6))
+        lengths = {
+            max(own.last - own.first, 1.0) for own in (part.mixed[:2] if part.mixed else (part,))
+        }
+        return np.unique(
+            np.concatenate(
+                [np.linspace(first, last, int(np.ceil(each * length)) + 1) for length in lengths]
+            ).round(6)
+        )
 
     def curves_on(self, item: bpy.types.Object) -> list[bpy.types.FCurve]:
         """Return the curves that move the object `item` in any of the parts, or its own animation."""
-        named = [_curves(part.action, part.handle) for part in self.parts if part.player is item and part.action is not None]
-        return [curve for curves in (*map(curves_of, players_of([item])), *named) for curve in curves]
+        named = [
+            _curves(part.action, part.handle)
+            for part in self.parts
+            if part.player is item and part.action is not None
+        ]
+        return [
+            curve for curves in (*map(curves_of, players_of([item])), *named) for curve in curves
+        ]
 
     def only(self, name: str) -> "Performance":
         """Return the performance of one action alone; of the character's own if it plays none of that `name`."""
-        return Performance([next((part for part in self.parts if part.name == name), self.parts[0])])
+        return Performance(
+            [next((part for part in self.parts if part.name == name), self.parts[0])]
+        )
 
     def find(self, moment: float) -> tuple[Part, float]:
         """Return the part that plays at `moment`, and its frame."""
@@ -132,17 +161,25 @@ class Performance:
         if part.player is not None:
             self._put_on(part)
         parts = part.mixed[:2] if part.mixed else (part,)
-        self._root = TakenOut(dict.fromkeys(travel for each in parts for travel in each.root.travels))
+        self._root = TakenOut(
+            dict.fromkeys(travel for each in parts for travel in each.root.travels)
+        )
 
     def _put_on(self, part: Part) -> None:
         player = part.player
         new = player.animation_data is None
         data = player.animation_data_create()
         before = {name: getattr(data, name) for name in AS_IT_IS}
-        self._before = [(player, new, data.action, data.action_slot_handle, before), *_unkeyed(player, part)]
+        self._before = [
+            (player, new, data.action, data.action_slot_handle, before),
+            *_unkeyed(player, part),
+        ]
         if part.mixed:
             self._mixture = Mixture(
-                player, [_curves(own.action, own.handle) for own in part.mixed[:2]], part.mixed[2], _paths_moved(player)
+                player,
+                [_curves(own.action, own.handle) for own in part.mixed[:2]],
+                part.mixed[2],
+                _paths_moved(player),
             )
         for name, value in AS_IT_IS.items():
             setattr(data, name, value)
@@ -188,10 +225,20 @@ def _unkeyed(player: bpy.types.Object, part: Part) -> list[tuple[bpy.types.PoseB
         return []
     parts = part.mixed[:2] if part.mixed else (part,)
     put = {curve.data_path for each in parts for curve in _curves(each.action, each.handle)}
-    found = ((BONE.match(path), path.rpartition(".")[2]) for path in sorted(_paths_moved(player) - put))
-    named = [(bpy.utils.unescape_identifier(bone[1]), name) for bone, name in found if bone and name in AT_REST]
+    found = (
+        (BONE.match(path), path.rpartition(".")[2]) for path in sorted(_paths_moved(player) - put)
+    )
+    named = [
+        (bpy.utils.unescape_identifier(bone[1]), name)
+        for bone, name in found
+        if bone and name in AT_REST
+    ]
     bones = player.pose.bones
-    return [(bones[bone], name, tuple(getattr(bones[bone], name))) for bone, name in named if bone in bones]
+    return [
+        (bones[bone], name, tuple(getattr(bones[bone], name)))
+        for bone, name in named
+        if bone in bones
+    ]
 
 
 def _paths_moved(player: bpy.types.Object) -> set[str]:
@@ -212,7 +259,9 @@ def _own_part(objects: list[bpy.types.Object]) -> Part:
     return Part("", *action_range(objects), root=root, stride=root.way)
 
 
-def performance_of(group: str, objects: list[bpy.types.Object], names: Iterable[str] = ()) -> Performance:
+def performance_of(
+    group: str, objects: list[bpy.types.Object], names: Iterable[str] = ()
+) -> Performance:
     """Return the performance of the character group's own action and of those that states name.
 
     group: its name.
@@ -224,10 +273,19 @@ def performance_of(group: str, objects: list[bpy.types.Object], names: Iterable[
     names = list(names)
     steps = {name: mixed for name in names if (mixed := mixed_in(name))}
     needed = dict.fromkeys(
-        [*(name for name in names if name not in steps), *(each for mixed in steps.values() for each in mixed[:2])]
+        [
+            *(name for name in names if name not in steps),
+            *(each for mixed in steps.values() for each in mixed[:2]),
+        ]
     )
-    known = {name: _named(group, objects, name) if name else _own_action(group, objects) for name in needed}
-    known |= {name: _mixed(group, name, (known[before], known[after], share)) for name, (before, after, share) in steps.items()}
+    known = {
+        name: _named(group, objects, name) if name else _own_action(group, objects)
+        for name in needed
+    }
+    known |= {
+        name: _mixed(group, name, (known[before], known[after], share))
+        for name, (before, after, share) in steps.items()
+    }
     return Performance([*own(objects).parts, *(known[name] for name in names)])
 
 
@@ -264,9 +322,17 @@ def _own_action(group: str, objects: list[bpy.types.Object]) -> Part:
     """Return the action that the character plays of itself, if it is one action of one object."""
     for player in (*armatures_of(objects), *objects):
         data = player.animation_data
-        plain = data is not None and (data.action_blend_type, data.action_influence) == ("REPLACE", 1)
+        plain = data is not None and (data.action_blend_type, data.action_influence) == (
+            "REPLACE",
+            1,
+        )
         if plain and data.action is not None and players_of([player]) == [data]:
-            return replace(_own_part(objects), action=data.action, handle=data.action_slot_handle, player=player)
+            return replace(
+                _own_part(objects),
+                action=data.action,
+                handle=data.action_slot_handle,
+                player=player,
+            )
     raise CrowdError(
         f"A state fades from or to the own action of the character group {group}, whose animation is not one action of one object: "
         "name an action for each of these states, or set their fade to 0."
@@ -274,7 +340,9 @@ def _own_action(group: str, objects: list[bpy.types.Object]) -> Part:
 
 
 def _named(group: str, objects: list[bpy.types.Object], name: str) -> Part:
-    action = next((bpy.data.actions[each] for each in called(group, name) if each in bpy.data.actions), None)
+    action = next(
+        (bpy.data.actions[each] for each in called(group, name) if each in bpy.data.actions), None
+    )
     if action is None:
         raise CrowdError(
             f"The state machine names the action {name}, and the file has none for the character group {group}: call one "
@@ -296,14 +364,20 @@ def _named(group: str, objects: list[bpy.types.Object], name: str) -> Part:
     return Part(name, first, last, action, handle, player, root, _stride(action) or root.way)
 
 
-def _player(objects: list[bpy.types.Object], action: bpy.types.Action) -> tuple[bpy.types.Object, int] | None:
+def _player(
+    objects: list[bpy.types.Object], action: bpy.types.Action
+) -> tuple[bpy.types.Object, int] | None:
     """Return the object that most curves of a slot of `action` move, and the slot's handle.
 
     Of several objects of the character it is the first.
     """
     for player in (*armatures_of(objects), *objects):
         for slot in sorted(action.slots, key=lambda slot: slot.identifier != f"OB{player.name}"):
-            curves = _curves(action, slot.handle) if slot.target_id_type in ("OBJECT", "UNSPECIFIED") else []
+            curves = (
+                _curves(action, slot.handle)
+                if slot.target_id_type in ("OBJECT", "UNSPECIFIED")
+                else []
+            )
             if 2 * sum(_moves(player, curve) for curve in curves) > len(curves):
                 return player, slot.handle
     return None
@@ -320,7 +394,9 @@ def _stride(action: bpy.types.Action) -> float:
     """Return the custom property `stride` of the action, meters; 0 without one."""
     value = action.get("stride", 0)
     if not isinstance(value, int | float) or not 0 <= value < np.inf:
-        raise CrowdError(f"The property stride of the action {action.name} is {value!r}: set a number of meters, or remove it.")
+        raise CrowdError(
+            f"The property stride of the action {action.name} is {value!r}: set a number of meters, or remove it."
+        )
     return float(value)
 
 
@@ -329,7 +405,12 @@ def digest(parts: Sequence[Part]) -> list:
 
     Of steps of cross-fades these are the names: their actions are among the others.
     """
-    columns = (("co", 2, "f4"), ("handle_left", 2, "f4"), ("handle_right", 2, "f4"), ("interpolation", 1, "i4"))
+    columns = (
+        ("co", 2, "f4"),
+        ("handle_left", 2, "f4"),
+        ("handle_right", 2, "f4"),
+        ("interpolation", 1, "i4"),
+    )
     return [
         (
             (part.name, part.first, part.last, part.stride),

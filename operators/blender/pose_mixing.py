@@ -40,7 +40,13 @@ class Mixture:
         and all else as it stands.
     """
 
-    def __init__(self, player: bpy.types.Object, actions: Sequence[list[bpy.types.FCurve]], share: float, moved: Container[str]):
+    def __init__(
+        self,
+        player: bpy.types.Object,
+        actions: Sequence[list[bpy.types.FCurve]],
+        share: float,
+        moved: Container[str],
+    ):
         self.player, self.share = player, share
         self.channels: dict[str, _Channel] = {}
         for side, curves in enumerate(actions):
@@ -92,7 +98,13 @@ def _channel(player: bpy.types.Object, path: str, moved: bool) -> _Channel | Non
         return None
     before = tuple(value) if hasattr(value, "__len__") else value
     rest = AT_REST.get(name) if moved and isinstance(holder, bpy.types.PoseBone) else None
-    return _Channel(holder, name, before, np.array(before if rest is None else rest, float).reshape(-1), ({}, {}))
+    return _Channel(
+        holder,
+        name,
+        before,
+        np.array(before if rest is None else rest, float).reshape(-1),
+        ({}, {}),
+    )
 
 
 def _between(channel: _Channel, one: np.ndarray, other: np.ndarray, share: float) -> np.ndarray:
@@ -100,7 +112,10 @@ def _between(channel: _Channel, one: np.ndarray, other: np.ndarray, share: float
     if channel.name == "rotation_quaternion" and one.any() and other.any():
         turns = [Quaternion(values).normalized() for values in (one, other)]
         return np.array(turns[0].slerp(turns[1], share))
-    if channel.name == "rotation_euler" and channel.holder.rotation_mode not in ("QUATERNION", "AXIS_ANGLE"):
+    if channel.name == "rotation_euler" and channel.holder.rotation_mode not in (
+        "QUATERNION",
+        "AXIS_ANGLE",
+    ):
         order = channel.holder.rotation_mode
         turns = [Euler(values, order).to_quaternion() for values in (one, other)]
         return np.array(turns[0].slerp(turns[1], share).to_euler(order, Euler(one, order)))

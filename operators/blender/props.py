@@ -34,7 +34,9 @@ def group_of(name: str) -> str:
     return name.partition(JOINT)[0]
 
 
-def variants_of(name: str, members: Sequence[bpy.types.Object], shapes: Sequence[bpy.types.Object]) -> Iterator[Variant]:
+def variants_of(
+    name: str, members: Sequence[bpy.types.Object], shapes: Sequence[bpy.types.Object]
+) -> Iterator[Variant]:
     """Yield the variants of the character group `name`, the one without props first.
 
     members: all of its objects.
@@ -45,24 +47,39 @@ def variants_of(name: str, members: Sequence[bpy.types.Object], shapes: Sequence
     of = {item: _prop_of(item) for item in shapes}
     chances = {item: _chance(item) for item in members if PROP in item and not item.hide_render}
     for item in chances:
-        if _prop_of(item) is item and not any(may_have_faces(each) for each, prop in of.items() if prop is item):
+        if _prop_of(item) is item and not any(
+            may_have_faces(each) for each, prop in of.items() if prop is item
+        ):
             raise CrowdError(
                 f"The prop {item.name} of the character group {name} has no mesh with faces: give it one, or remove its custom "
                 f'property "{PROP}".'
             )
-    drawn = sorted({prop for prop in of.values() if prop is not None and 0 < chances.get(prop, 1) < 1}, key=_called)
+    drawn = sorted(
+        {prop for prop in of.values() if prop is not None and 0 < chances.get(prop, 1) < 1},
+        key=_called,
+    )
     if len(drawn) > MOST_PROPS:
         raise CrowdError(
             f"The character group {name} has {len(drawn)} props ({', '.join(map(_called, drawn))}), and {2 ** len(drawn)} variants "
             f"of it: use at most {MOST_PROPS}, or make it several groups."
         )
     for worn in product((False, True), repeat=len(drawn)):
-        left = {prop for prop, has in zip(drawn, worn, strict=True) if not has} | {prop for prop in chances if not chances[prop]}
+        left = {prop for prop, has in zip(drawn, worn, strict=True) if not has} | {
+            prop for prop in chances if not chances[prop]
+        }
         objects = [item for item in shapes if of[item] not in left]
         if not any(map(may_have_faces, objects)) and any(map(may_have_faces, shapes)):
-            raise CrowdError(f"All meshes of the character group {name} are props: leave it one that all its agents have.")
-        with_props = JOINT.join([name, *(_called(prop) for prop, has in zip(drawn, worn, strict=True) if has)])
-        yield Variant(with_props, objects, prod(chances[p] if has else 1 - chances[p] for p, has in zip(drawn, worn, strict=True)))
+            raise CrowdError(
+                f"All meshes of the character group {name} are props: leave it one that all its agents have."
+            )
+        with_props = JOINT.join(
+            [name, *(_called(prop) for prop, has in zip(drawn, worn, strict=True) if has)]
+        )
+        yield Variant(
+            with_props,
+            objects,
+            prod(chances[p] if has else 1 - chances[p] for p, has in zip(drawn, worn, strict=True)),
+        )
 
 
 def _called(prop: bpy.types.Object) -> str:

@@ -19,7 +19,15 @@ from . import mesh_data, scene_cache, scene_data
 from .guard import handler
 from .props import PROP
 from .references import blocks_of
-from .rig_dependencies import curves_of, places, players_of, read_columns, settings_of, shape_of, stance
+from .rig_dependencies import (
+    curves_of,
+    places,
+    players_of,
+    read_columns,
+    settings_of,
+    shape_of,
+    stance,
+)
 
 MOST_WEIGHED = 20_000  # vertices of a mesh whose weights are read, evenly
 NAMED = 3  # inputs that a sentence names; of more it tells the number
@@ -47,7 +55,9 @@ def differences(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
 
 def named(names: Sequence[str]) -> str:
     """Return the names of inputs in words, such as "the camera and LOD 1 of adult"."""
-    shown = list(names) if len(names) <= NAMED + 1 else [*names[:NAMED], f"{len(names) - NAMED} more"]
+    shown = (
+        list(names) if len(names) <= NAMED + 1 else [*names[:NAMED], f"{len(names) - NAMED} more"]
+    )
     return " and ".join(filter(None, [", ".join(shown[:-1]), shown[-1]])) if shown else ""
 
 
@@ -63,7 +73,9 @@ def kept_in(holder: bpy.types.ID, key: str) -> dict[str, str]:
     return {}
 
 
-def character_digest(objects: Sequence[bpy.types.Object], actions: Callable[[], list] = list) -> str:
+def character_digest(
+    objects: Sequence[bpy.types.Object], actions: Callable[[], list] = list
+) -> str:
     """Return the digest of a character: shapes, weights, which materials are where, rig, and what it plays.
 
     It is the same in all frames.
@@ -73,11 +85,18 @@ def character_digest(objects: Sequence[bpy.types.Object], actions: Callable[[], 
 
     def read() -> list:
         items = sorted(objects, key=_own)
-        movers = [block for block in blocks_of(items, look=False) if isinstance(block, bpy.types.Object)]
+        movers = [
+            block for block in blocks_of(items, look=False) if isinstance(block, bpy.types.Object)
+        ]
         order = {mover: f"object {k:04}" for k, mover in enumerate(sorted(movers, key=_own))}
         palette = palette_of(items)
         looks = [[palette[slot.material] for slot in item.material_slots] for item in items]
-        return [*map(_own, items), looks, stance(*items, called=lambda block: _called(block, order)), actions()]
+        return [
+            *map(_own, items),
+            looks,
+            stance(*items, called=lambda block: _called(block, order)),
+            actions(),
+        ]
 
     return _digest_of(objects, read, partial(blocks_of, look=False))
 
@@ -95,11 +114,15 @@ def level_digest(home: bpy.types.Collection, characters: Sequence[bpy.types.Obje
         told = []
         for item in home.objects:
             materials = [slot.material for slot in item.material_slots]
-            looks = [palette.get(material, material and material.name_full) for material in materials]
+            looks = [
+                palette.get(material, material and material.name_full) for material in materials
+            ]
             told.append((_own(item, shared), looks))
         return sorted(told, key=repr)
 
-    return text_digest(_digest_of([*home.objects], read, list, *map(_uid, palette)), tuple(home.instance_offset))
+    return text_digest(
+        _digest_of([*home.objects], read, list, *map(_uid, palette)), tuple(home.instance_offset)
+    )
 
 
 def text_digest(*values) -> str:
@@ -124,7 +147,9 @@ def _called(block: bpy.types.ID | None, order: Mapping[bpy.types.ID, str]) -> st
     return order.get(block, "another") if isinstance(block, bpy.types.Object) else block.name_full
 
 
-def _digest_of(items: Sequence[bpy.types.Object], read: Callable[[], list], follow: Callable, *more) -> str:
+def _digest_of(
+    items: Sequence[bpy.types.Object], read: Callable[[], list], follow: Callable, *more
+) -> str:
     """Return the digest of what `read` returns of the objects, from before where nothing has changed.
 
     follow: items -> all data-blocks that are read.
@@ -140,14 +165,22 @@ def _digest_of(items: Sequence[bpy.types.Object], read: Callable[[], list], foll
 def _uids(blocks: Sequence[bpy.types.ID]) -> Iterator[int]:
     """Yield the session_uids of data-blocks, and of what is in those of them that are objects."""
     items = [block for block in blocks if isinstance(block, bpy.types.Object)]
-    inside = [block for item in items for block in (item.data, getattr(item.data, "shape_keys", None))]
-    yield from {block.session_uid for block in (*blocks, *inside, *(player.action for player in players_of(items))) if block}
+    inside = [
+        block for item in items for block in (item.data, getattr(item.data, "shape_keys", None))
+    ]
+    yield from {
+        block.session_uid
+        for block in (*blocks, *inside, *(player.action for player in players_of(items)))
+        if block
+    }
 
 
 def _print(item: bpy.types.Object) -> tuple:
     """Return what tells, at once, most changes of an object of which Blender does not tell."""
     slots = [_uid(slot.material) for slot in item.material_slots]
-    modifiers = [(modifier.type, modifier.show_render, modifier.show_viewport) for modifier in item.modifiers]
+    modifiers = [
+        (modifier.type, modifier.show_render, modifier.show_viewport) for modifier in item.modifiers
+    ]
     return _place(item), _uid(item.data), modifiers, _inputs(item), slots, _points(item.data)
 
 
@@ -162,7 +195,11 @@ def _points(data: bpy.types.ID | None) -> tuple:
 def _curves(item: bpy.types.Object) -> list[bpy.types.FCurve]:
     """Return the drivers and F-curves that animate the object itself."""
     data = item.animation_data
-    return [*data.drivers, *(curve for player in players_of([item]) for curve in curves_of(player))] if data is not None else []
+    return (
+        [*data.drivers, *(curve for player in players_of([item]) for curve in curves_of(player))]
+        if data is not None
+        else []
+    )
 
 
 def _place(item: bpy.types.Object) -> list[float]:
@@ -177,15 +214,31 @@ def _own(item: bpy.types.Object, shared: Container[bpy.types.ID] = ()) -> str:
     data = "" if item.data in shared else _data(item)
     modifiers = [(m.type, m.show_render, m.show_viewport) for m in item.modifiers]
     groups = [group.name for group in getattr(item, "vertex_groups", ())]
-    return text_digest(item.type, _place(item), item.parent_bone, repr(item.get(PROP)), modifiers, _inputs(item), groups, data)
+    return text_digest(
+        item.type,
+        _place(item),
+        item.parent_bone,
+        repr(item.get(PROP)),
+        modifiers,
+        _inputs(item),
+        groups,
+        data,
+    )
 
 
 def _inputs(item: bpy.types.Object) -> list[tuple[str, str]]:
     """Return (RNA path, value as text) of each input of Nodes modifiers that nothing animates."""
     modifiers = [modifier for modifier in item.modifiers if modifier.type == "NODES"]
-    values = {m.path_from_id() + path: value for m in modifiers for path, value in scene_data.node_inputs(m).items()}
+    values = {
+        m.path_from_id() + path: value
+        for m in modifiers
+        for path, value in scene_data.node_inputs(m).items()
+    }
     moved = {curve.data_path for curve in _curves(item)} if values else set()
-    told = {path: _called(value, {}) if isinstance(value, bpy.types.ID) else repr(value) for path, value in values.items()}
+    told = {
+        path: _called(value, {}) if isinstance(value, bpy.types.ID) else repr(value)
+        for path, value in values.items()
+    }
     return sorted((path, text) for path, text in told.items() if path not in moved)
 
 
@@ -207,7 +260,9 @@ def _read_data(data: bpy.types.ID, weighted: bool) -> str:
     """Return the digest of data: attributes, faces, shape keys, weights; of others than meshes settings and points."""
     hashed = hashlib.sha256()
     for attribute in getattr(data, "attributes", ()):
-        if attribute.data_type in mesh_data.ATTRIBUTES and (attribute.name[0] != "." or attribute.name == ".corner_vert"):
+        if attribute.data_type in mesh_data.ATTRIBUTES and (
+            attribute.name[0] != "." or attribute.name == ".corner_vert"
+        ):
             name, width, kind = mesh_data.ATTRIBUTES[attribute.data_type]
             hashed.update(f"{attribute.name} {attribute.domain}".encode())
             hashed.update(read_columns(attribute.data, [(name, width, kind)])[0])
@@ -215,11 +270,17 @@ def _read_data(data: bpy.types.ID, weighted: bool) -> str:
         hashed.update(read_columns(data.polygons, [("loop_start", 1, "i4")])[0])
         hashed.update(_weights(data) if weighted else b"")
     else:
-        hashed.update(repr([settings_of(data, called=lambda block: _called(block, {})), *shape_of(data)]).encode())
+        hashed.update(
+            repr(
+                [settings_of(data, called=lambda block: _called(block, {})), *shape_of(data)]
+            ).encode()
+        )
     keys = getattr(data, "shape_keys", None)
     for key in keys.key_blocks if keys is not None else ():
         placed = isinstance(data, bpy.types.Mesh | bpy.types.Lattice)
-        hashed.update(repr((key.name, placed and read_columns(key.data, [("co", 3, "f4")]))).encode())
+        hashed.update(
+            repr((key.name, placed and read_columns(key.data, [("co", 3, "f4")]))).encode()
+        )
     return hashed.hexdigest()
 
 
@@ -227,7 +288,12 @@ def _weights(mesh: bpy.types.Mesh) -> bytes:
     """Return the weights of vertices, of MOST_WEIGHED at most: Python reads 10 microseconds a vertex."""
     vertices, count = mesh.vertices, len(mesh.vertices)
     chosen = range(0, count, -(-count // MOST_WEIGHED) or 1)
-    table = [number for k in chosen for entry in vertices[k].groups for number in (k, entry.group, entry.weight)]
+    table = [
+        number
+        for k in chosen
+        for entry in vertices[k].groups
+        for number in (k, entry.group, entry.weight)
+    ]
     return np.array(table, np.float64).tobytes()
 
 
@@ -253,7 +319,13 @@ def note_edits_of_frame(_, depsgraph: bpy.types.Depsgraph) -> None:
 
     Objects and actions are named at each change of the frame.
     """
-    _drop({update.id.original.session_uid for update in depsgraph.updates if isinstance(update.id, bpy.types.Mesh)})
+    _drop(
+        {
+            update.id.original.session_uid
+            for update in depsgraph.updates
+            if isinstance(update.id, bpy.types.Mesh)
+        }
+    )
 
 
 @handler

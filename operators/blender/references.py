@@ -44,7 +44,9 @@ def blocks_of(objects: Iterable[bpy.types.Object], look: bool = True) -> list[bp
                 closure[other] = None
                 left.append(other)
     blocks = list(closure)
-    return blocks[:count] + sorted(blocks[count:], key=lambda block: (block.id_type, block.name_full))
+    return blocks[:count] + sorted(
+        blocks[count:], key=lambda block: (block.id_type, block.name_full)
+    )
 
 
 def closure_of(objects: Iterable[bpy.types.Object], look: bool = True) -> list[bpy.types.Object]:
@@ -59,7 +61,9 @@ def _beside(block: bpy.types.ID) -> set[bpy.types.ID | None]:
     """
     override = block.override_library
     linking = getattr(block, "light_linking", None)
-    collections = {linking.receiver_collection, linking.blocker_collection} if linking is not None else set()
+    collections = (
+        {linking.receiver_collection, linking.blocker_collection} if linking is not None else set()
+    )
     return collections | ({override.reference} if override is not None else set())
 
 
@@ -73,13 +77,22 @@ def _named(block: bpy.types.ID) -> Iterator[bpy.types.ID]:
         for modifier in block.modifiers:
             if modifier.type == "NODES" and modifier.node_group is not None:
                 yield modifier.node_group
-                yield from (value for value in node_inputs(modifier).values() if isinstance(value, bpy.types.ID))
+                yield from (
+                    value
+                    for value in node_inputs(modifier).values()
+                    if isinstance(value, bpy.types.ID)
+                )
         for system in block.particle_systems:
-            yield from filter(None, (system.settings.instance_object, system.settings.instance_collection))
+            yield from filter(
+                None, (system.settings.instance_object, system.settings.instance_collection)
+            )
     elif isinstance(block, bpy.types.Collection):
         yield from block.all_objects
     elif isinstance(block, bpy.types.GeometryNodeTree):
         for node in block.nodes:
-            values = [getattr(node, name, None) for name in ("node_tree", "material", "object", "collection")]
+            values = [
+                getattr(node, name, None)
+                for name in ("node_tree", "material", "object", "collection")
+            ]
             values += [getattr(each, "default_value", None) for each in node.inputs]
             yield from (value for value in values if isinstance(value, bpy.types.ID))

@@ -11,7 +11,12 @@ import bpy
 from .rig_dependencies import curves_of, players_of
 
 # Settings of modifiers: of the viewport, of renders.
-PAIRS = {"show_viewport": "show_render", "levels": "render_levels", "viewport_resolution": "resolution", "steps": "render_steps"}
+PAIRS = {
+    "show_viewport": "show_render",
+    "levels": "render_levels",
+    "viewport_resolution": "resolution",
+    "steps": "render_steps",
+}
 OF_RENDERS = {render: viewport for viewport, render in PAIRS.items()}
 
 
@@ -36,7 +41,11 @@ def as_rendered(
 
 
 def _pairs(modifier: bpy.types.Modifier) -> list[tuple[str, str]]:
-    return [(viewport, render) for viewport, render in PAIRS.items() if hasattr(modifier, viewport) and hasattr(modifier, render)]
+    return [
+        (viewport, render)
+        for viewport, render in PAIRS.items()
+        if hasattr(modifier, viewport) and hasattr(modifier, render)
+    ]
 
 
 def _curves(item: bpy.types.Object, player) -> list[bpy.types.FCurve]:
@@ -51,13 +60,21 @@ def _curves(item: bpy.types.Object, player) -> list[bpy.types.FCurve]:
 
 def _players(item: bpy.types.Object) -> list:
     """Return what plays actions on the object itself, and None for its drivers."""
-    return [None, *(each for each in players_of([item]) if each.id_data == item)] if item.animation_data else []
+    return (
+        [None, *(each for each in players_of([item]) if each.id_data == item)]
+        if item.animation_data
+        else []
+    )
 
 
 def _alike(item: bpy.types.Object) -> bool:
     if item.hide_viewport or any(_curves(item, player) for player in _players(item)):
         return False
-    values = [(getattr(m, viewport), getattr(m, render)) for m in item.modifiers for viewport, render in _pairs(m)]
+    values = [
+        (getattr(m, viewport), getattr(m, render))
+        for m in item.modifiers
+        for viewport, render in _pairs(m)
+    ]
     return all(viewport == render for viewport, render in values)
 
 

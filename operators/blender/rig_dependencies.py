@@ -13,10 +13,27 @@ from .scene_data import plain
 # Settings that change nothing of a shape, and what the names of such begin with.
 OF_THE_WINDOW = {"name", "active", "is_active", "on_cage", "use_pin_to_last", "execution_time", "persistent_uid", "tag",
                  "use_fake_user", "use_extra_user"}  # fmt: skip
-PASSING = "show_", "open_", "select", "is_", "texspace", "use_auto_texspace", "asset", "last_", "action_slot"
+PASSING = (
+    "show_",
+    "open_",
+    "select",
+    "is_",
+    "texspace",
+    "use_auto_texspace",
+    "asset",
+    "last_",
+    "action_slot",
+)
 PATHS = "FILE_PATH", "DIR_PATH"
 # What moves an object and a bone, and shapes a bone.
-PLACE = "location", "rotation_mode", "rotation_euler", "rotation_quaternion", "rotation_axis_angle", "scale"
+PLACE = (
+    "location",
+    "rotation_mode",
+    "rotation_euler",
+    "rotation_quaternion",
+    "rotation_axis_angle",
+    "scale",
+)
 DELTAS = "delta_location", "delta_rotation_euler", "delta_rotation_quaternion", "delta_scale"
 POSING = *PLACE, "bbone_", "ik_", "lock_ik", "use_ik"
 RESTING = "bbone_", "envelope", "head_r", "tail_r", "inherit", "use_"
@@ -25,11 +42,24 @@ RESTING = "bbone_", "envelope", "head_r", "tail_r", "inherit", "use_"
 PLAYED = "action_blend_type", "action_extrapolation", "action_influence", "use_nla"
 SHAPED = "name", "value", "mute", "vertex_group", "interpolation"
 KEYS = (("co", 2, "f4"), ("handle_left", 2, "f4"), ("handle_right", 2, "f4"))
-KEYED = (*KEYS, ("interpolation", 1, "i4"), ("easing", 1, "i4"), ("back", 1, "f4"), ("amplitude", 1, "f4"), ("period", 1, "f4"))
+KEYED = (
+    *KEYS,
+    ("interpolation", 1, "i4"),
+    ("easing", 1, "i4"),
+    ("back", 1, "f4"),
+    ("amplitude", 1, "f4"),
+    ("period", 1, "f4"),
+)
 # The same of the points that shape what others follow: meshes, lattices, curves.
 POINTS = (("co", 3, "f4"),)
 SPLINES = (("co", 4, "f4"), ("tilt", 1, "f4"), ("radius", 1, "f4"))
-BEZIERS = (("co", 3, "f4"), ("handle_left", 3, "f4"), ("handle_right", 3, "f4"), ("tilt", 1, "f4"), ("radius", 1, "f4"))
+BEZIERS = (
+    ("co", 3, "f4"),
+    ("handle_left", 3, "f4"),
+    ("handle_right", 3, "f4"),
+    ("tilt", 1, "f4"),
+    ("radius", 1, "f4"),
+)
 
 
 def armatures_of(objects: list[bpy.types.Object]) -> list[bpy.types.Object]:
@@ -54,14 +84,20 @@ def action_range(objects: list[bpy.types.Object]) -> tuple[float, float]:
     none, it spans those of everything else that they are made of, but for their materials. (1, 1)
     if there is no animation at all.
     """
-    spans = list(_spans([*objects, *armatures_of(objects)])) or list(_spans(closure_of(objects, look=False)))
-    return (min(first for first, _ in spans), max(last for _, last in spans)) if spans else (1.0, 1.0)
+    spans = list(_spans([*objects, *armatures_of(objects)])) or list(
+        _spans(closure_of(objects, look=False))
+    )
+    return (
+        (min(first for first, _ in spans), max(last for _, last in spans)) if spans else (1.0, 1.0)
+    )
 
 
 def tracks_of(data: bpy.types.AnimData) -> list[bpy.types.NlaTrack]:
     """Return the NLA tracks that play: the solo one, or all that are not muted."""
     tracks = list(data.nla_tracks) if data.use_nla else []
-    return [track for track in tracks if track.is_solo] or [track for track in tracks if not track.mute]
+    return [track for track in tracks if track.is_solo] or [
+        track for track in tracks if not track.mute
+    ]
 
 
 def _strips(strips: Iterable[bpy.types.NlaStrip]) -> Iterator[bpy.types.NlaStrip]:
@@ -73,8 +109,17 @@ def _strips(strips: Iterable[bpy.types.NlaStrip]) -> Iterator[bpy.types.NlaStrip
 
 def _animated(items: Iterable[bpy.types.Object]) -> list[bpy.types.AnimData]:
     """Return the animation data of `items`, of their data and of their shape keys."""
-    blocks = dict.fromkeys(b for item in items for b in (item, item.data, getattr(item.data, "shape_keys", None)) if b is not None)
-    return [block.animation_data for block in blocks if getattr(block, "animation_data", None) is not None]
+    blocks = dict.fromkeys(
+        b
+        for item in items
+        for b in (item, item.data, getattr(item.data, "shape_keys", None))
+        if b is not None
+    )
+    return [
+        block.animation_data
+        for block in blocks
+        if getattr(block, "animation_data", None) is not None
+    ]
 
 
 def _spans(items: Iterable[bpy.types.Object]) -> Iterator[tuple[float, float]]:
@@ -84,7 +129,9 @@ def _spans(items: Iterable[bpy.types.Object]) -> Iterator[tuple[float, float]]:
         if (data.action is not None and data.action.use_frame_range) or any(map(_keyed, curves)):
             yield span_of(data.action, curves)
         for track in tracks_of(data):
-            yield from ((strip.frame_start, strip.frame_end) for strip in track.strips if not strip.mute)
+            yield from (
+                (strip.frame_start, strip.frame_end) for strip in track.strips if not strip.mute
+            )
 
 
 def span_of(action: bpy.types.Action | None, curves: list[bpy.types.FCurve]) -> tuple[float, float]:
@@ -116,7 +163,12 @@ def curves_of(player: bpy.types.AnimData | bpy.types.NlaStrip) -> list[bpy.types
     """Return the F-curves of the action's slot that `player` plays, from all layers."""
     layers = player.action.layers if player.action is not None else ()
     strips = (strip for layer in layers for strip in layer.strips if strip.type == "KEYFRAME")
-    bags = (bag for strip in strips for bag in strip.channelbags if bag.slot_handle == player.action_slot_handle)
+    bags = (
+        bag
+        for strip in strips
+        for bag in strip.channelbags
+        if bag.slot_handle == player.action_slot_handle
+    )
     return [curve for bag in bags for curve in bag.fcurves]
 
 
@@ -129,11 +181,16 @@ def _run(curve: bpy.types.FCurve) -> tuple:
         curve.mute or bool(curve.group and curve.group.mute),
         read_columns(curve.keyframe_points, KEYED),
         read_columns(curve.sampled_points, KEYS[:1]),
-        [(settings_of(m), [settings_of(point) for point in getattr(m, "control_points", ())]) for m in curve.modifiers],
+        [
+            (settings_of(m), [settings_of(point) for point in getattr(m, "control_points", ())])
+            for m in curve.modifiers
+        ],
     )
 
 
-def read_columns(points: bpy.types.bpy_prop_collection, columns: Iterable[tuple[str, int, str]]) -> list[bytes]:
+def read_columns(
+    points: bpy.types.bpy_prop_collection, columns: Iterable[tuple[str, int, str]]
+) -> list[bytes]:
     """Return the bytes of each of the `columns` of `points`.
 
     columns: (property, numbers per point, NumPy type).
@@ -157,7 +214,8 @@ def full_name(block: bpy.types.ID | None) -> str:
 def _driver(curve: bpy.types.FCurve, called: Called) -> tuple:
     """Return the driver's type, expression, variables and curve."""
     variables = [
-        (variable.name, variable.type, [_read(t, called) for t in variable.targets]) for variable in curve.driver.variables
+        (variable.name, variable.type, [_read(t, called) for t in variable.targets])
+        for variable in curve.driver.variables
     ]
     return curve.driver.type, curve.driver.expression, variables, _run(curve)
 
@@ -170,7 +228,11 @@ def _read(target: bpy.types.DriverTarget, called: Called) -> tuple:
     block, path, value = target.id, target.data_path.replace("'", '"'), None
     if block is not None and path.endswith('"]'):
         data = block.animation_data
-        curves = [*data.drivers, *(curve for player in _players(data) for curve in curves_of(player))] if data is not None else ()
+        curves = (
+            [*data.drivers, *(curve for player in _players(data) for curve in curves_of(player))]
+            if data is not None
+            else ()
+        )
         if path not in {curve.data_path for curve in curves}:
             with suppress(ValueError):  # it is not there
                 value = repr(block.path_resolve(target.data_path))
@@ -187,8 +249,17 @@ def stance(*items: bpy.types.Object, called: Called = full_name) -> list:
     called: what the list has for the name of a data-block, which may be None; it is sorted by that.
     """
     blocks = blocks_of(items, look=False)
-    found = sorted((read_tree(tree, called) for tree in blocks if isinstance(tree, bpy.types.GeometryNodeTree)), key=repr)
-    for mover in sorted((block for block in blocks if isinstance(block, bpy.types.Object)), key=called):
+    found = sorted(
+        (
+            read_tree(tree, called)
+            for tree in blocks
+            if isinstance(tree, bpy.types.GeometryNodeTree)
+        ),
+        key=repr,
+    )
+    for mover in sorted(
+        (block for block in blocks if isinstance(block, bpy.types.Object)), key=called
+    ):
         data = _animated([mover])
         curves = [curve for player in players_of([mover]) for curve in curves_of(player)]
         drivers = [driver for each in data for driver in each.drivers]
@@ -198,20 +269,40 @@ def stance(*items: bpy.types.Object, called: Called = full_name) -> list:
             (called(mover), mover.type, called(mover.parent), mover.parent_type, mover.parent_bone),
             [tuple(row) for row in mover.matrix_parent_inverse],
             settings_of(mover, moved, (*PLACE, *DELTAS), called),
-            [settings_of(struct, moved, (), called) for struct in (*mover.modifiers, *mover.constraints)],
-            [(settings_of(key, moved, SHAPED), key.relative_key.name) for key in keys.key_blocks] if keys else [],
+            [
+                settings_of(struct, moved, (), called)
+                for struct in (*mover.modifiers, *mover.constraints)
+            ],
+            [(settings_of(key, moved, SHAPED), key.relative_key.name) for key in keys.key_blocks]
+            if keys
+            else [],
             [_run(curve) for curve in curves],
             [_driver(driver, called) for driver in drivers],
             list(_spans([mover])),
             [settings_of(each, moved, PLAYED) for each in data],
-            [_strip(strip, called) for each in data for track in tracks_of(each) for strip in _strips(track.strips)],
+            [
+                _strip(strip, called)
+                for each in data
+                for track in tracks_of(each)
+                for strip in _strips(track.strips)
+            ],
         ]
         if mover in items:  # LODs copy these; of others' all that counts is what drivers read
-            still = [each for each in custom(mover) if (f'["{bpy.utils.escape_identifier(each[0])}"]', 0) not in moved]
+            still = [
+                each
+                for each in custom(mover)
+                if (f'["{bpy.utils.escape_identifier(each[0])}"]', 0) not in moved
+            ]
             found += [still] if still else []
         if mover.type == "ARMATURE":
-            found += [_bone(bone, mover.data.bones[bone.name], moved, called) for bone in mover.pose.bones]
-            found += [mover.data.pose_position, mover.pose.ik_solver, mover.pose.ik_param and settings_of(mover.pose.ik_param)]
+            found += [
+                _bone(bone, mover.data.bones[bone.name], moved, called) for bone in mover.pose.bones
+            ]
+            found += [
+                mover.data.pose_position,
+                mover.pose.ik_solver,
+                mover.pose.ik_param and settings_of(mover.pose.ik_param),
+            ]
         elif mover not in items and mover.data is not None:
             found += [settings_of(mover.data, moved, (), called), *shape_of(mover.data)]
     return found
@@ -248,13 +339,35 @@ def read_tree(tree: bpy.types.NodeTree, called: Called = full_name) -> list:
     paths = {path for path, _ in moved}
     rows: list = []
     for node in tree.nodes:
-        settings = tuple(set(node.bl_rna.properties.keys()).difference(bpy.types.Node.bl_rna.properties.keys()))
-        places = [(socket, f"{node.path_from_id()}.inputs[{k}].default_value") for k, socket in enumerate(node.inputs)]
-        values = [getattr(socket, "default_value", None) for socket, path in places if path not in paths]
-        told = [called(value) if isinstance(value, bpy.types.ID) else plain(value) for value in values]
-        rows.append((node.name, node.mute, settings_of(node, moved, settings, called) if settings else (), told))
+        settings = tuple(
+            set(node.bl_rna.properties.keys()).difference(bpy.types.Node.bl_rna.properties.keys())
+        )
+        places = [
+            (socket, f"{node.path_from_id()}.inputs[{k}].default_value")
+            for k, socket in enumerate(node.inputs)
+        ]
+        values = [
+            getattr(socket, "default_value", None) for socket, path in places if path not in paths
+        ]
+        told = [
+            called(value) if isinstance(value, bpy.types.ID) else plain(value) for value in values
+        ]
+        rows.append(
+            (
+                node.name,
+                node.mute,
+                settings_of(node, moved, settings, called) if settings else (),
+                told,
+            )
+        )
     links = [
-        (link.from_node.name, link.from_socket.identifier, link.to_node.name, link.to_socket.identifier) for link in tree.links
+        (
+            link.from_node.name,
+            link.from_socket.identifier,
+            link.to_node.name,
+            link.to_socket.identifier,
+        )
+        for link in tree.links
     ]
     return [*rows, sorted(links)]
 
@@ -273,10 +386,16 @@ def shape_of(data: bpy.types.ID) -> Iterator[list[bytes]]:
 
 def _strip(strip: bpy.types.NlaStrip, called: Called) -> tuple:
     moved = {(curve.data_path, curve.array_index) for curve in strip.fcurves}
-    return called(strip.action), settings_of(strip, moved, (), called), [_run(curve) for curve in strip.fcurves]
+    return (
+        called(strip.action),
+        settings_of(strip, moved, (), called),
+        [_run(curve) for curve in strip.fcurves],
+    )
 
 
-def _bone(bone: bpy.types.PoseBone, rest: bpy.types.Bone, moved: set[tuple[str, int]], called: Called) -> tuple:
+def _bone(
+    bone: bpy.types.PoseBone, rest: bpy.types.Bone, moved: set[tuple[str, int]], called: Called
+) -> tuple:
     return (
         bone.name,
         rest.parent and rest.parent.name,
@@ -287,7 +406,12 @@ def _bone(bone: bpy.types.PoseBone, rest: bpy.types.Bone, moved: set[tuple[str, 
     )
 
 
-def settings_of(struct, moved: set[tuple[str, int]] = frozenset(), some: tuple[str, ...] = (), called: Called = full_name) -> tuple:
+def settings_of(
+    struct,
+    moved: set[tuple[str, int]] = frozenset(),
+    some: tuple[str, ...] = (),
+    called: Called = full_name,
+) -> tuple:
     """Return the settings of a struct, such as a modifier or a constraint.
 
     moved: (path, index) of animated values; None stands for each of these.
@@ -299,8 +423,16 @@ def settings_of(struct, moved: set[tuple[str, int]] = frozenset(), some: tuple[s
         path = struct.path_from_id() if moved else ""
     found = [getattr(struct, "type", None)]
     for name, kind in struct.bl_rna.properties.items():
-        passing = name in OF_THE_WINDOW or name.startswith(PASSING) or (kind.type == "STRING" and kind.subtype in PATHS)
-        if kind.type == "COLLECTION" or kind.is_readonly or (not name.startswith(some) if some else passing):
+        passing = (
+            name in OF_THE_WINDOW
+            or name.startswith(PASSING)
+            or (kind.type == "STRING" and kind.subtype in PATHS)
+        )
+        if (
+            kind.type == "COLLECTION"
+            or kind.is_readonly
+            or (not name.startswith(some) if some else passing)
+        ):
             continue
         value, place = getattr(struct, name), f"{path}.{name}" if path else name
         if isinstance(value, bpy.types.ID):
@@ -309,6 +441,10 @@ def settings_of(struct, moved: set[tuple[str, int]] = frozenset(), some: tuple[s
             found.append((name, sorted(value)))
         elif kind.type != "POINTER":
             values = np.ravel(value).tolist() if getattr(kind, "is_array", False) else [value]
-            found.append((name, [None if (place, k) in moved else each for k, each in enumerate(values)]))
-    found += [(called(target.target), target.subtarget) for target in getattr(struct, "targets", ())]
+            found.append(
+                (name, [None if (place, k) in moved else each for k, each in enumerate(values)])
+            )
+    found += [
+        (called(target.target), target.subtarget) for target in getattr(struct, "targets", ())
+    ]
     return tuple(found)

@@ -74,7 +74,11 @@ class _Playing:
 
 
 def of_action(
-    owner: bpy.types.Object, objects: Sequence[bpy.types.Object], action: bpy.types.Action, handle: int, span: tuple[float, float]
+    owner: bpy.types.Object,
+    objects: Sequence[bpy.types.Object],
+    action: bpy.types.Action,
+    handle: int,
+    span: tuple[float, float],
 ) -> RootMotion:
     """Return the root motion of an `action` that `owner` plays, one of a character's `objects` or their rig.
 
@@ -93,13 +97,19 @@ def of_character(objects: Sequence[bpy.types.Object]) -> RootMotion:
     cycle = action_range(list(objects))
     travels: dict[tuple, Travel] = {}
     longest = Vector((0, 0, 0))
-    for root in armatures_of(list(objects)) or [item for item in objects if item.parent not in objects]:
+    for root in armatures_of(list(objects)) or [
+        item for item in objects if item.parent not in objects
+    ]:
         way = Vector((0, 0, 0))
         for owner in _with_parents(root):
             steps = [Vector((0, 0, 0))]
             for in_a_row in _playing(owner, cycle):
                 motions = [_motion(owner, playing) for playing in in_a_row]
-                travels |= {(t.action, t.handle, t.path, t.index): t for curves, _ in motions for t in curves}
+                travels |= {
+                    (t.action, t.handle, t.path, t.index): t
+                    for curves, _ in motions
+                    for t in curves
+                }
                 steps.append(sum((step for _, step in motions), Vector((0, 0, 0))))
             way += _longest(steps)
         longest = _longest([longest, way])
@@ -145,13 +155,19 @@ def _write(curve: bpy.types.FCurve, name: str, values: np.ndarray) -> None:
     if curve.id_data.library is None:
         curve.keyframe_points.foreach_set(name, values.ravel())
         return
-    for key, value in zip(curve.keyframe_points, values.tolist(), strict=True):  # foreach_set leaves linked data as it is
+    for key, value in zip(
+        curve.keyframe_points, values.tolist(), strict=True
+    ):  # foreach_set leaves linked data as it is
         setattr(key, name, value)
 
 
 def _curve(travel: Travel) -> bpy.types.FCurve:
     curves = curves_of(_Playing(travel.action, travel.handle, (0, 0)))
-    return next(curve for curve in curves if (curve.data_path, curve.array_index) == (travel.path, travel.index))
+    return next(
+        curve
+        for curve in curves
+        if (curve.data_path, curve.array_index) == (travel.path, travel.index)
+    )
 
 
 def _with_parents(item: bpy.types.Object | None) -> Iterator[bpy.types.Object]:
@@ -194,17 +210,29 @@ def _motion(owner: bpy.types.Object, playing: _Playing) -> tuple[tuple[Travel, .
     """Return the curves by which an object moves as a whole, and its way in world space."""
     by_path: dict[str, list[bpy.types.FCurve]] = {}
     for curve in curves_of(playing):
-        if curve.data_path.endswith("location") and len(curve.keyframe_points) > 1 and not curve.mute:
+        if (
+            curve.data_path.endswith("location")
+            and len(curve.keyframe_points) > 1
+            and not curve.mute
+        ):
             by_path.setdefault(curve.data_path, []).append(curve)
     above = owner.parent.matrix_world @ owner.matrix_parent_inverse if owner.parent else None
     steps = {
-        path: above.to_3x3() @ _step(by_path[path], playing) if above else _step(by_path[path], playing)
+        path: above.to_3x3() @ _step(by_path[path], playing)
+        if above
+        else _step(by_path[path], playing)
         for path in OF_OBJECTS
         if path in by_path
     }
     if owner.pose is not None:
         steps |= _bones(owner, by_path, playing)
-    travels = tuple(chain.from_iterable(_travels(owner, by_path[path], playing) for path, step in steps.items() if step.length > 0))
+    travels = tuple(
+        chain.from_iterable(
+            _travels(owner, by_path[path], playing)
+            for path, step in steps.items()
+            if step.length > 0
+        )
+    )
     bones = [step for path, step in steps.items() if path not in OF_OBJECTS]
     way = sum((step for path, step in steps.items() if path in OF_OBJECTS), Vector((0, 0, 0)))
     return travels, way + _longest([Vector((0, 0, 0)), *bones])
@@ -216,7 +244,10 @@ def _bones(rig: bpy.types.Object, by_path: dict, playing: _Playing) -> dict[str,
     The main bone carries most others. Where no curve moves it, as a root that only holds the
     pelvis, the main one of its children takes its place.
     """
-    paths = {bone.name: f'pose.bones["{bpy.utils.escape_identifier(bone.name)}"].location' for bone in rig.data.bones}
+    paths = {
+        bone.name: f'pose.bones["{bpy.utils.escape_identifier(bone.name)}"].location'
+        for bone in rig.data.bones
+    }
     level = [bone for bone in rig.data.bones if bone.parent is None]
     while level:
         main = max(level, key=lambda bone: len(bone.children_recursive))
@@ -224,12 +255,16 @@ def _bones(rig: bpy.types.Object, by_path: dict, playing: _Playing) -> dict[str,
             break
         level = list(main.children)
     ways = {
-        paths[bone.name]: rig.matrix_world.to_3x3() @ bone.matrix_local.to_3x3() @ _step(by_path[paths[bone.name]], playing)
+        paths[bone.name]: rig.matrix_world.to_3x3()
+        @ bone.matrix_local.to_3x3()
+        @ _step(by_path[paths[bone.name]], playing)
         for bone in level
         if paths[bone.name] in by_path
     }
     leading = ways[paths[main.name]] if level else Vector((0, 0, 0))
-    return {path: way for path, way in ways.items() if (way - leading).length <= ALIKE * leading.length}
+    return {
+        path: way for path, way in ways.items() if (way - leading).length <= ALIKE * leading.length
+    }
 
 
 def _varies(curve: bpy.types.FCurve) -> bool:
@@ -240,20 +275,34 @@ def _step(curves: Iterable[bpy.types.FCurve], playing: _Playing) -> Vector:
     """Return how far the curves of a location go while they are played, in their own space."""
     step = Vector((0, 0, 0))
     for curve in curves:
-        step[curve.array_index] = playing.times * (curve.evaluate(playing.span[1]) - curve.evaluate(playing.span[0]))
+        step[curve.array_index] = playing.times * (
+            curve.evaluate(playing.span[1]) - curve.evaluate(playing.span[0])
+        )
     return step
 
 
-def _travels(owner: bpy.types.Object, curves: Iterable[bpy.types.FCurve], playing: _Playing) -> Iterator[Travel]:
+def _travels(
+    owner: bpy.types.Object, curves: Iterable[bpy.types.FCurve], playing: _Playing
+) -> Iterator[Travel]:
     for curve in curves:
         keys = curve.range()
         first, last = max(playing.span[0], keys[0]), min(playing.span[1], keys[1])
         if last > first:
             slope = (curve.evaluate(last) - curve.evaluate(first)) / (last - first)
-            yield Travel(owner, playing.action, playing.handle, curve.data_path, curve.array_index, first, slope)
+            yield Travel(
+                owner,
+                playing.action,
+                playing.handle,
+                curve.data_path,
+                curve.array_index,
+                first,
+                slope,
+            )
 
 
-def _checked(objects: Sequence[bpy.types.Object], travels: tuple[Travel, ...], way: Vector) -> RootMotion:
+def _checked(
+    objects: Sequence[bpy.types.Object], travels: tuple[Travel, ...], way: Vector
+) -> RootMotion:
     """Return the root motion, none where the way is short or steeper than a slope of one.
 
     Who sits down or falls is not meant to be moved.

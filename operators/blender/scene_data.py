@@ -42,7 +42,9 @@ def frames_of(scene: bpy.types.Scene, step: int = 1) -> list[int]:
     own = scene.crowd_lod
     if own.frames:
         return parse_frames(own.frames, step)
-    first, last = (own.frame_start, own.frame_end) if own.own_frames else (scene.frame_start, scene.frame_end)
+    first, last = (
+        (own.frame_start, own.frame_end) if own.own_frames else (scene.frame_start, scene.frame_end)
+    )
     return parse_frames(f"{first}:{last}", step)
 
 
@@ -54,7 +56,11 @@ def meters(scene: bpy.types.Scene) -> float:
 
 def set_node_input(modifier: bpy.types.NodesModifier, name: str, value) -> None:
     """Set the input `name` of the modifier's node group, in any Blender version."""
-    socket = next(s for s in modifier.node_group.interface.items_tree if s.item_type == "SOCKET" and s.name == name)
+    socket = next(
+        s
+        for s in modifier.node_group.interface.items_tree
+        if s.item_type == "SOCKET" and s.name == name
+    )
     if bpy.app.version >= (5, 2, 0):
         getattr(modifier.properties.inputs, socket.identifier).value = value
     else:
@@ -68,7 +74,10 @@ def node_inputs(modifier: bpy.types.NodesModifier) -> dict[str, Any]:
     """
     if bpy.app.version < (5, 2, 0):
         # a boolean of a file that was opened again is an integer
-        values = ((f'["{key}"]', int(value) if isinstance(value, bool) else value) for key, value in modifier.items())
+        values = (
+            (f'["{key}"]', int(value) if isinstance(value, bool) else value)
+            for key, value in modifier.items()
+        )
     else:
         values = _node_properties(modifier.properties.inputs) if modifier.properties else ()
     return {path: plain(value) for path, value in values}
@@ -125,7 +134,9 @@ def shared(scene: bpy.types.Scene, name: str) -> bool:
 
 
 def _of_others(scene: bpy.types.Scene, name: str, top: bpy.types.Collection) -> bool:
-    return any(other != scene and getattr(other.crowd_lod, name) == top for other in bpy.data.scenes)
+    return any(
+        other != scene and getattr(other.crowd_lod, name) == top for other in bpy.data.scenes
+    )
 
 
 def let_go(scene: bpy.types.Scene, name: str) -> None:

@@ -16,7 +16,17 @@ from .ownership import OWNED, is_ours
 from .references import reached
 from .shader_nodes import used_nodes
 
-SOLID = {"MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "POINTCLOUD", "VOLUME", "GREASEPENCIL"}
+SOLID = {
+    "MESH",
+    "CURVE",
+    "SURFACE",
+    "META",
+    "FONT",
+    "CURVES",
+    "POINTCLOUD",
+    "VOLUME",
+    "GREASEPENCIL",
+}
 
 # A thing in a render: the object, and the collection instances it is in, outermost first.
 Placed = tuple[bpy.types.Object, tuple[bpy.types.Object, ...]]
@@ -37,8 +47,15 @@ class Scenery:
 
     def __init__(self, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None):
         shown = list(_shown(scene, depsgraph))
-        self._hides = {item.session_uid: _evaluated(item, depsgraph).hide_render for item in {item for item, _ in shown}}
-        self.things = [placed for placed in shown if not self._hides[placed[0].session_uid] and not placed[0].get(OWNED)]
+        self._hides = {
+            item.session_uid: _evaluated(item, depsgraph).hide_render
+            for item in {item for item, _ in shown}
+        }
+        self.things = [
+            placed
+            for placed in shown
+            if not self._hides[placed[0].session_uid] and not placed[0].get(OWNED)
+        ]
         self.lights = [placed for placed in self.things if placed[0].type == "LIGHT"]
         self.solid = [placed for placed in self.things if placed[0].type in SOLID]
         self._makers = [placed for placed in self.things if _makes_instances(placed[0])]
@@ -48,7 +65,11 @@ class Scenery:
         self._reached: set[int] | None = None  # the objects, by session_uid, that those depend on
         # what `depsgraph` does not hold has the values of the file's own data, which other scenes
         # and layers may change
-        own = {item for item, _ in shown if depsgraph is not None and not item.evaluated_get(depsgraph).is_evaluated}
+        own = {
+            item
+            for item, _ in shown
+            if depsgraph is not None and not item.evaluated_get(depsgraph).is_evaluated
+        }
         self._elsewhere = [(item, item.hide_render) for item in own]
         homes = {each.instance_collection for _, inside in self.things for each in inside}
         self._offsets = {home.session_uid: tuple(home.instance_offset) for home in homes}
@@ -62,7 +83,10 @@ class Scenery:
                 if depsgraph is not None and not each.evaluated_get(depsgraph).is_evaluated:
                     self._unwatched.add(row)
         self._moved, self._glowing = set(range(len(self.solid))), None
-        self._ends, self._matrices = np.empty((len(self.solid), 2, 3)), np.empty((len(self.solid), 4, 4))
+        self._ends, self._matrices = (
+            np.empty((len(self.solid), 2, 3)),
+            np.empty((len(self.solid), 4, 4)),
+        )
 
     def lamps(self, depsgraph: bpy.types.Depsgraph | None) -> list[Placed]:
         """Return what casts shadows: lamps that are on, and glowing objects.
@@ -72,9 +96,19 @@ class Scenery:
         if self._glowing is None or self._unwatched:
             worn = [[slot.material for slot in item.material_slots] for item, _ in self.solid]
             materials = {each for own in worn for each in own} - {None}
-            glowing = {material for material in materials if emits(_evaluated(material, depsgraph).node_tree)}
-            self._glowing = [placed for placed, own in zip(self.solid, worn, strict=True) if not glowing.isdisjoint(own)]
-        return [placed for placed in self.lights if casts(_evaluated(placed[0], depsgraph).data)] + self._glowing
+            glowing = {
+                material
+                for material in materials
+                if emits(_evaluated(material, depsgraph).node_tree)
+            }
+            self._glowing = [
+                placed
+                for placed, own in zip(self.solid, worn, strict=True)
+                if not glowing.isdisjoint(own)
+            ]
+        return [
+            placed for placed in self.lights if casts(_evaluated(placed[0], depsgraph).data)
+        ] + self._glowing
 
     def shining(self, depsgraph: bpy.types.Depsgraph | None) -> set[bpy.types.Object]:
         """Return objects whose nodes, particles or instancing may make lights elsewhere.
@@ -85,10 +119,17 @@ class Scenery:
         for item, inside in self._makers:
             blocks = {item, *inside, *reached(item)}
             self._reached |= {block.session_uid for block in blocks}
-            lamps = any(isinstance(block, bpy.types.Object) and block.type == "LIGHT" for block in blocks)
+            lamps = any(
+                isinstance(block, bpy.types.Object) and block.type == "LIGHT" for block in blocks
+            )
             materials = (block for block in blocks if isinstance(block, bpy.types.Material))
-            if lamps or any(emits(_evaluated(material, depsgraph).node_tree) for material in materials):
-                found |= {inside[0] if inside else item, *(block for block in blocks if getattr(block, "parent", None) in blocks)}
+            if lamps or any(
+                emits(_evaluated(material, depsgraph).node_tree) for material in materials
+            ):
+                found |= {
+                    inside[0] if inside else item,
+                    *(block for block in blocks if getattr(block, "parent", None) in blocks),
+                }
         return found
 
     def within(self, collection: bpy.types.Collection | None) -> list[Placed]:
@@ -109,7 +150,10 @@ class Scenery:
         for row in self._unwatched | self._moved:
             placed = self.solid[row]
             least, *_, most, _ = placed[0].evaluated_get(depsgraph).bound_box
-            self._ends[row], self._matrices[row] = (tuple(least), tuple(most)), matrix_of(placed, depsgraph)
+            self._ends[row], self._matrices[row] = (
+                (tuple(least), tuple(most)),
+                matrix_of(placed, depsgraph),
+            )
         self._moved = set()
         turn, ends = self._matrices[:, :3, :3], self._ends
         middle = np.einsum("nij,nj->ni", turn, ends.mean(axis=1)) + self._matrices[:, :3, 3]
@@ -141,7 +185,11 @@ class Scenery:
             if self._reached is None or uid in self._reached:
                 self.instanced = None
         elif kind == "COLLECTION":
-            uid, offset, self.instanced = item.original.session_uid, tuple(item.original.instance_offset), None
+            uid, offset, self.instanced = (
+                item.original.session_uid,
+                tuple(item.original.instance_offset),
+                None,
+            )
             if self._offsets.get(uid, offset) != offset:
                 return False
         elif kind in ("MATERIAL", "NODETREE"):
@@ -179,7 +227,9 @@ def _in_layer(layer: bpy.types.LayerCollection) -> Iterator[bpy.types.Object]:
         yield from _in_layer(child)
 
 
-def _with_instances(item: bpy.types.Object, inside: tuple[bpy.types.Object, ...], depsgraph) -> Iterator[Placed]:
+def _with_instances(
+    item: bpy.types.Object, inside: tuple[bpy.types.Object, ...], depsgraph
+) -> Iterator[Placed]:
     yield item, inside
     if item.instance_type != "COLLECTION" or item.instance_collection is None or item in inside:
         return
@@ -217,7 +267,9 @@ def _makes_instances(item: bpy.types.Object) -> bool:
 
     Instances of a collection do not count.
     """
-    return item.instance_type not in ("NONE", "COLLECTION") or any(m.type in ("NODES", "PARTICLE_SYSTEM") for m in item.modifiers)
+    return item.instance_type not in ("NONE", "COLLECTION") or any(
+        m.type in ("NODES", "PARTICLE_SYSTEM") for m in item.modifiers
+    )
 
 
 def casts(lamp: bpy.types.Light) -> bool:
@@ -237,7 +289,12 @@ def emits(tree: bpy.types.NodeTree | None) -> bool:
     What only camera rays see does not: "unlit" materials are wired so, glTF's among them.
     """
     ends = {"OUTPUT_MATERIAL", "GROUP_OUTPUT"}
-    sockets = [socket for node in (tree.nodes if tree is not None else ()) if node.type in ends for socket in node.inputs]
+    sockets = [
+        socket
+        for node in (tree.nodes if tree is not None else ())
+        if node.type in ends
+        for socket in node.inputs
+    ]
     known: set[bpy.types.Node] = set()
     while sockets:
         socket = sockets.pop()
@@ -259,7 +316,11 @@ def _emits_itself(node: bpy.types.Node) -> bool:
     if node.type == "GROUP":
         return emits(node.node_tree)
     if node.type in ("EMISSION", "BACKGROUND"):
-        return _set(node.inputs["Color"]) and _set(node.inputs["Strength"]) and not _of_camera(node.inputs["Strength"])
+        return (
+            _set(node.inputs["Color"])
+            and _set(node.inputs["Strength"])
+            and not _of_camera(node.inputs["Strength"])
+        )
     if node.type in ("BSDF_PRINCIPLED", "PRINCIPLED_VOLUME"):
         strength = node.inputs["Emission Strength"]
         return _set(strength) and _set(node.inputs["Emission Color"]) and not _of_camera(strength)
@@ -269,12 +330,19 @@ def _emits_itself(node: bpy.types.Node) -> bool:
 def _seen_by_all(node: bpy.types.Node) -> list[bpy.types.NodeSocket]:
     """Return the inputs of `node` that other rays than the camera's may meet."""
     inputs = list(node.inputs)
-    return inputs[:2] if node.type == "MIX_SHADER" and not node.mute and _of_camera(inputs[0]) else inputs
+    return (
+        inputs[:2]
+        if node.type == "MIX_SHADER" and not node.mute and _of_camera(inputs[0])
+        else inputs
+    )
 
 
 def _of_camera(socket: bpy.types.NodeSocket) -> bool:
     """Return whether `socket` is 1 for camera rays and 0 for all others."""
-    return any(link.from_node.type == "LIGHT_PATH" and link.from_socket.name == "Is Camera Ray" for link in socket.links)
+    return any(
+        link.from_node.type == "LIGHT_PATH" and link.from_socket.name == "Is Camera Ray"
+        for link in socket.links
+    )
 
 
 def _set(socket: bpy.types.NodeSocket) -> bool:
@@ -295,7 +363,10 @@ def scenery_of(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None) ->
     """
     if depsgraph is None or depsgraph.mode != "VIEWPORT" or depsgraph.scene != scene:
         return Scenery(scene, depsgraph)
-    if not _alone(noticed, "frame_change_post") or edited not in bpy.app.handlers.depsgraph_update_post:
+    if (
+        not _alone(noticed, "frame_change_post")
+        or edited not in bpy.app.handlers.depsgraph_update_post
+    ):
         forget()
     noticed(scene, depsgraph)  # what was changed since its last update, too
     key = scene.session_uid, depsgraph.view_layer_eval.name
@@ -320,7 +391,11 @@ def noticed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Handle frame_change_post: update the cached Scenery, or drop it."""
     key = scene.session_uid, depsgraph.view_layer_eval.name
     known = _kept.get(key)
-    if known is not None and depsgraph.mode == "VIEWPORT" and not all(map(known.notice, depsgraph.updates)):
+    if (
+        known is not None
+        and depsgraph.mode == "VIEWPORT"
+        and not all(map(known.notice, depsgraph.updates))
+    ):
         _kept.pop(key, None)
 
 

@@ -16,7 +16,12 @@ INF = float("inf")
 
 
 def read(
-    block: bpy.types.ID | IDPropertyGroup, key: str, kind: type, remedy: str, counts: Sequence[int] = (), bounds=(-INF, INF)
+    block: bpy.types.ID | IDPropertyGroup,
+    key: str,
+    kind: type,
+    remedy: str,
+    counts: Sequence[int] = (),
+    bounds=(-INF, INF),
 ) -> Any:
     """Return the custom property `key` of `block`.
 
@@ -31,7 +36,12 @@ def read(
     values = value.to_list() if isinstance(value, IDPropertyArray) else value
     if not counts and _is(values, kind, bounds):
         return values
-    if counts and isinstance(values, list) and len(values) in counts and all(_is(each, kind, bounds) for each in values):
+    if (
+        counts
+        and isinstance(values, list)
+        and len(values) in counts
+        and all(_is(each, kind, bounds) for each in values)
+    ):
         return values
     asked = {str: "a text", int: "whole numbers", float: "numbers", bool: "true or false"}[kind]
     many = f", {' or '.join(map(str, counts))} of them" if counts else ""
@@ -49,7 +59,13 @@ def _is(value, kind: type, bounds: tuple[float, float]) -> bool:
 
 
 def _range(least: float, most: float) -> str:
-    return f" from {least:g} to {most:g}" if most < 1e30 else f" of at least {least:g}" if least > -1e30 else ""
+    return (
+        f" from {least:g} to {most:g}"
+        if most < 1e30
+        else f" of at least {least:g}"
+        if least > -1e30
+        else ""
+    )
 
 
 def check(settings: bpy.types.PropertyGroup, names: Sequence[str] = ()) -> None:
@@ -68,11 +84,19 @@ def check(settings: bpy.types.PropertyGroup, names: Sequence[str] = ()) -> None:
         except UnicodeDecodeError:
             raise CrowdError(f"{where} holds bytes that are not text: set it again.") from None
         if setting.type == "ENUM" and value not in setting.enum_items:
-            raise CrowdError(f"{where} has no known value: choose one of {', '.join(item.name for item in setting.enum_items)}.")
+            raise CrowdError(
+                f"{where} has no known value: choose one of {', '.join(item.name for item in setting.enum_items)}."
+            )
         elif setting.type in NUMBERS:
             bounds = setting.hard_min, setting.hard_max
             for number in value if setting.is_array else (value,):
                 if not bounds[0] <= number <= bounds[1]:
-                    raise CrowdError(f"{where} is {number:g}: set it to {NUMBERS[setting.type]}{_range(*bounds)}.")
-        elif setting.type == "POINTER" and not isinstance(value, (type(None), getattr(bpy.types, setting.fixed_type.identifier))):
-            raise CrowdError(f"{where} is {value!r}: choose one of the kind {setting.fixed_type.name}.")
+                    raise CrowdError(
+                        f"{where} is {number:g}: set it to {NUMBERS[setting.type]}{_range(*bounds)}."
+                    )
+        elif setting.type == "POINTER" and not isinstance(
+            value, (type(None), getattr(bpy.types, setting.fixed_type.identifier))
+        ):
+            raise CrowdError(
+                f"{where} is {value!r}: choose one of the kind {setting.fixed_type.name}."
+            )

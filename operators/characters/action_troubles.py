@@ -20,7 +20,11 @@ def told_of_actions(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator
 
     groups: as just measured.
     """
-    machines = [machine_of(crowd) for crowd in (scene.crowd_lod, *scene.crowd_lod.crowds) if crowd.source == "MACHINE"]
+    machines = [
+        machine_of(crowd)
+        for crowd in (scene.crowd_lod, *scene.crowd_lod.crowds)
+        if crowd.source == "MACHINE"
+    ]
     for group in groups:
         if group.variant_of:
             continue
@@ -38,7 +42,9 @@ def _root_motion(scene: bpy.types.Scene, group: Group, what: str, way: float) ->
         )
 
 
-def _slides(scene: bpy.types.Scene, group: Group, action: Action, machines: Sequence[StateMachine]) -> Iterator[str]:
+def _slides(
+    scene: bpy.types.Scene, group: Group, action: Action, machines: Sequence[StateMachine]
+) -> Iterator[str]:
     speeds = {
         (machine.states[s], float(speed))
         for machine in machines
@@ -54,7 +60,11 @@ def _slides(scene: bpy.types.Scene, group: Group, action: Action, machines: Sequ
     meters = scene_data.meters(scene)
     if slide * meters > SLIDES:
         fits = f"the speed that fits is {number(action.feet * meters / action.period)} m/s"
-        says = f", its property stride says {number(action.stride * meters)} m" if action.stride else ""
+        says = (
+            f", its property stride says {number(action.stride * meters)} m"
+            if action.stride
+            else ""
+        )
         yield (
             f"In the state {state} at {number(speed * meters)} m/s the feet of {group.name} slide by {number(slide * meters)} m in a cycle of "
             f"{_title(group, action)}: they walk {number(action.feet * meters)} m in it{says}; {fits}."
@@ -62,4 +72,6 @@ def _slides(scene: bpy.types.Scene, group: Group, action: Action, machines: Sequ
 
 
 def _title(group: Group, action: Action) -> str:
-    return next((name for name in called(group.name, action.name) if name in bpy.data.actions), action.name)
+    return next(
+        (name for name in called(group.name, action.name) if name in bpy.data.actions), action.name
+    )

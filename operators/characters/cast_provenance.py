@@ -41,17 +41,25 @@ def of_characters(inputs: dict[str, str]) -> dict[str, str]:
 
 def _actions(scene: bpy.types.Scene, name: str, objects: list[bpy.types.Object]) -> list:
     """Return the digest of the actions that states name for a character, to compare as text."""
-    return performance.digest(performance.performance_of(name, objects, actions_named(scene, name)).parts)
+    return performance.digest(
+        performance.performance_of(name, objects, actions_named(scene, name)).parts
+    )
 
 
 def _looked(scene: bpy.types.Scene) -> Iterator[tuple[str, str]]:
     with suppress(CrowdError):  # missing characters are told elsewhere
         cast = {name: objects for name, objects, _ in characters_of(scene)}
         for name, objects in cast.items():
-            yield CHARACTER + name, provenance.character_digest(objects, partial(_actions, scene, name, objects))
+            yield (
+                CHARACTER + name,
+                provenance.character_digest(objects, partial(_actions, scene, name, objects)),
+            )
         levels, seen = scene.crowd_lod.levels, set()
         for k, level in enumerate(levels.children if levels is not None else ()):
             for home in level.children:
                 if home not in seen:  # a character with few LODs shows its last in place of others
                     seen.add(home)
-                    yield f"LOD {k} of {home.get(GROUP)}", provenance.level_digest(home, cast.get(home.get(GROUP), []))
+                    yield (
+                        f"LOD {k} of {home.get(GROUP)}",
+                        provenance.level_digest(home, cast.get(home.get(GROUP), [])),
+                    )

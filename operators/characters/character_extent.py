@@ -57,7 +57,9 @@ def extents(actors: Actors, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
 
     CrowdError if an object has points at NaN or infinity.
     """
-    return np.concatenate([_finite(item, extent(actor, depsgraph)) for item, actor in actors.items()])
+    return np.concatenate(
+        [_finite(item, extent(actor, depsgraph)) for item, actor in actors.items()]
+    )
 
 
 def _finite(item: bpy.types.Object, points: np.ndarray) -> np.ndarray:
@@ -172,12 +174,20 @@ def bounds(name: str, origin, *acts: list[np.ndarray]) -> tuple[float, float]:
     origin: (3,) meters.
     acts: the poses of each action, evenly over it, each (n, 4); see `extent`.
     """
-    points, reach = np.split(np.concatenate([pose for poses in acts for pose in poses]), [3], axis=1)
+    points, reach = np.split(
+        np.concatenate([pose for poses in acts for pose in poses]), [3], axis=1
+    )
     if not len(points):
-        raise CrowdError(f"The character {name} has no vertices, modifiers applied: give it a mesh, or take it out.")
+        raise CrowdError(
+            f"The character {name} has no vertices, modifiers applied: give it a mesh, or take it out."
+        )
     center, radius = bounding_sphere(points - origin, reach[:, 0])
     threes = [three for poses in acts for three in zip(poses, poses[1:], poses[2:], strict=False)]
-    bends = (np.linalg.norm((a - 2 * b + c)[:, :3], axis=1).max() for a, b, c in threes if a.shape == b.shape == c.shape)
+    bends = (
+        np.linalg.norm((a - 2 * b + c)[:, :3], axis=1).max()
+        for a, b, c in threes
+        if a.shape == b.shape == c.shape
+    )
     return center, radius + float(max(bends, default=0.0)) / 4
 
 
@@ -223,7 +233,11 @@ def _shape(item: bpy.types.Object, matrix: np.ndarray) -> np.ndarray:
         # handles
         along = np.zeros_like(points)
         along[1:-1] = (points[2:] - points[:-2]) / 6
-        ends = [_values(data.attributes[n], "vector", 3) for n in ("handle_left", "handle_right") if n in data.attributes]
+        ends = [
+            _values(data.attributes[n], "vector", 3)
+            for n in ("handle_left", "handle_right")
+            if n in data.attributes
+        ]
         points = np.concatenate([points, points + along, points - along, *ends])
         reach = np.tile(reach, 3 + len(ends))
     return _with(points @ matrix[:3, :3].T + matrix[:3, 3], reach)
@@ -243,7 +257,9 @@ def displaced(evaluated: bpy.types.Object) -> float:
     data = getattr(evaluated.data, "materials", None) or ()
     materials = {*data, *(slot.material for slot in evaluated.material_slots)} - {None}
     stretch = float(np.linalg.norm(np.array(evaluated.matrix_world)[:3, :3], 2))
-    return max((max(1.0, stretch) * (displacement(material) or 0.0) for material in materials), default=0.0)
+    return max(
+        (max(1.0, stretch) * (displacement(material) or 0.0) for material in materials), default=0.0
+    )
 
 
 def displacement(material: bpy.types.Material) -> float | None:
@@ -253,7 +269,11 @@ def displacement(material: bpy.types.Material) -> float | None:
     """
     if material.displacement_method == "BUMP" or material.node_tree is None:
         return 0.0
-    ends = [node.inputs["Displacement"] for node in material.node_tree.nodes if node.type == "OUTPUT_MATERIAL"]
+    ends = [
+        node.inputs["Displacement"]
+        for node in material.node_tree.nodes
+        if node.type == "OUTPUT_MATERIAL"
+    ]
     found = [_shift(end) for end in ends if end.is_linked]
     if None in found:
         return material.max_vertex_displacement or None
@@ -266,7 +286,9 @@ def _shift(socket: bpy.types.NodeSocket) -> float | None:
     if node is None or node.mute or node.type not in ("DISPLACEMENT", "VECTOR_DISPLACEMENT"):
         return None
     whole = node.type == "VECTOR_DISPLACEMENT"
-    ranges = [_range(node.inputs[name]) for name in ("Vector" if whole else "Height", "Midlevel", "Scale")]
+    ranges = [
+        _range(node.inputs[name]) for name in ("Vector" if whole else "Height", "Midlevel", "Scale")
+    ]
     if None in ranges:
         return None
     height, middle, scale = ranges
@@ -274,7 +296,9 @@ def _shift(socket: bpy.types.NodeSocket) -> float | None:
     return (3**0.5 if whole else 1.0) * off * max(map(abs, scale))
 
 
-def _source(socket: bpy.types.NodeSocket) -> tuple[bpy.types.Node | None, bpy.types.NodeSocket | None]:
+def _source(
+    socket: bpy.types.NodeSocket,
+) -> tuple[bpy.types.Node | None, bpy.types.NodeSocket | None]:
     """Return the (node, output) that feed the socket, or (None, None)."""
     while socket.is_linked:
         link = socket.links[0]
@@ -298,10 +322,14 @@ def _range(socket: bpy.types.NodeSocket) -> tuple[float, float] | None:
     if node.type == "VALTORGB" and node.color_ramp.interpolation != "CARDINAL":
         own = slice(3, 4) if output.name == "Alpha" else slice(3)
         return 0.0, max(max(element.color[own]) for element in node.color_ramp.elements)
-    if node.type == "CLAMP" or (node.type == "MAP_RANGE" and node.clamp and node.data_type == "FLOAT"):
+    if node.type == "CLAMP" or (
+        node.type == "MAP_RANGE" and node.clamp and node.data_type == "FLOAT"
+    ):
         names = ("Min", "Max") if node.type == "CLAMP" else ("To Min", "To Max")
         ends = [_range(node.inputs[name]) for name in names]
-        return None if None in ends else (min(min(end) for end in ends), max(max(end) for end in ends))
+        return (
+            None if None in ends else (min(min(end) for end in ends), max(max(end) for end in ends))
+        )
     if node.type == "MATH" and node.use_clamp:
         return 0.0, 1.0
     return None
@@ -317,7 +345,11 @@ def unknown(objects: list[bpy.types.Object]) -> Iterator[str]:
     for item in objects:
         found = sorted(reached(item), key=lambda block: block.name)
         trees = [block for block in found if isinstance(block, bpy.types.GeometryNodeTree)]
-        if any(node.bl_idname == "GeometryNodeIsViewport" and not node.mute for tree in trees for node in tree.nodes):
+        if any(
+            node.bl_idname == "GeometryNodeIsViewport" and not node.mute
+            for tree in trees
+            for node in tree.nodes
+        ):
             yield f"the nodes of {item.name} use the node Is Viewport"
         for material in found:
             if isinstance(material, bpy.types.Material) and displacement(material) is None:

@@ -35,7 +35,9 @@ class Character(NamedTuple):
     chance: float
 
 
-def characters_of(scene: bpy.types.Scene) -> list[tuple[str, list[bpy.types.Object], tuple[float, float, float]]]:
+def characters_of(
+    scene: bpy.types.Scene,
+) -> list[tuple[str, list[bpy.types.Object], tuple[float, float, float]]]:
     """Return (name, objects, origin) of each of `all_characters`."""
     return [character[:3] for character in all_characters(scene)]
 
@@ -55,7 +57,9 @@ def all_characters(scene: bpy.types.Scene) -> list[Character]:
     groups = sorted(groups_in(scene, top), key=lambda group: group[0].name.casefold())
     if not groups:
         state = "holds lamps, cameras and empties alone" if top.all_objects else "is empty"
-        raise CrowdError(f"The collection {top.name} {state}: put the characters in it, one child collection or object each.")
+        raise CrowdError(
+            f"The collection {top.name} {state}: put the characters in it, one child collection or object each."
+        )
     found = []
     for owner, members, origin in groups:
         shapes = parts(owner, members)
@@ -64,17 +68,25 @@ def all_characters(scene: bpy.types.Scene) -> list[Character]:
                 f"The character group {owner.name} in {top.name} holds no mesh with faces: give it one, or take it out."
             )
         for name, objects, chance in variants_of(owner.name, members, shapes):
-            found.append(Character(name, objects, origin, owner.name if name != owner.name else "", chance))
+            found.append(
+                Character(name, objects, origin, owner.name if name != owner.name else "", chance)
+            )
     names = [character.name for character in found]
     for name in names:
         if names.count(name) > 1:
-            raise CrowdError(f"Two character groups in {top.name} are called {name}: rename one of them.")
+            raise CrowdError(
+                f"Two character groups in {top.name} are called {name}: rename one of them."
+            )
     if len(found) > MOST_GROUPS:
-        raise CrowdError(f"The collection {top.name} holds {len(found)} character groups; use at most {MOST_GROUPS}.")
+        raise CrowdError(
+            f"The collection {top.name} holds {len(found)} character groups; use at most {MOST_GROUPS}."
+        )
     return found
 
 
-def groups_in(scene: bpy.types.Scene, top: bpy.types.Collection) -> Iterator[tuple[bpy.types.ID, list[bpy.types.Object], tuple]]:
+def groups_in(
+    scene: bpy.types.Scene, top: bpy.types.Collection
+) -> Iterator[tuple[bpy.types.ID, list[bpy.types.Object], tuple]]:
     """Yield (owner, objects, origin) of each group in the characters' collection `top`."""
     settings = scene.crowd_lod
     ground = terrain_source.grounds_of([settings, *settings.crowds])
@@ -92,8 +104,14 @@ def groups_in(scene: bpy.types.Scene, top: bpy.types.Collection) -> Iterator[tup
 
 def told_of_left_out(scene: bpy.types.Scene) -> Iterator[str]:
     """Yield a sentence on what renders show of the characters and no crowd does, because it has no faces."""
-    members = [item for _, group, _ in groups_in(scene, scene.crowd_lod.characters) for item in group]
-    names = [f"{item.name} ({WITHOUT_FACES[item.type]})" for item in members if item.type in WITHOUT_FACES and not item.hide_render]
+    members = [
+        item for _, group, _ in groups_in(scene, scene.crowd_lod.characters) for item in group
+    ]
+    names = [
+        f"{item.name} ({WITHOUT_FACES[item.type]})"
+        for item in members
+        if item.type in WITHOUT_FACES and not item.hide_render
+    ]
     if names:
         yield f"Left out of the crowd, which shows faces and hair: {', '.join(sorted(names))}. Convert to meshes what is needed."
 
@@ -101,7 +119,9 @@ def told_of_left_out(scene: bpy.types.Scene) -> Iterator[str]:
 def told_of_unsaved(scene: bpy.types.Scene) -> Iterator[str]:
     """Yield a sentence on objects that the characters are made of and that Blender drops when it saves the file."""
     shapes = [item for _, objects, _ in characters_of(scene) for item in objects]
-    names = sorted(item.name for item in closure_of(shapes) if not item.users and item.library is None)
+    names = sorted(
+        item.name for item in closure_of(shapes) if not item.users and item.library is None
+    )
     if names:
         yield (
             f"No collection holds {', '.join(names)}, on which the characters depend: Blender does not save such objects, so link "
@@ -112,7 +132,9 @@ def told_of_unsaved(scene: bpy.types.Scene) -> Iterator[str]:
 def check_measured(cast: Sequence[tuple], groups: Sequence[Group]) -> None:
     """Raise CrowdError if `cast`, the scene's characters, are others than the measured groups."""
     if [each[0] for each in cast] != [group.name for group in groups]:
-        raise CrowdError("The character groups or their props have changed: press Populate, then Make LOD Meshes.")
+        raise CrowdError(
+            "The character groups or their props have changed: press Populate, then Make LOD Meshes."
+        )
 
 
 def props_outdated(scene: bpy.types.Scene) -> Iterator[str]:

@@ -12,31 +12,49 @@ from ..blender.ownership import OWNED
 MOST_NAMES = 6  # in a message
 
 
-def characters_in(scene: bpy.types.Scene, selected: Sequence[bpy.types.Object]) -> dict[bpy.types.Object, list[bpy.types.Object]]:
+def characters_in(
+    scene: bpy.types.Scene, selected: Sequence[bpy.types.Object]
+) -> dict[bpy.types.Object, list[bpy.types.Object]]:
     """Return the characters that `selected` belong to: root -> the root and all its shapes.
 
     A root is a rig. Its shapes are what it deforms and what is parented to it. Shapes that no rig
     moves have as root the topmost shape, or selected empty, that they are parented to. Empties
     above all these, with no shape of others below them, come last.
     """
-    shapes = {bone.custom_shape for item in scene.objects if item.type == "ARMATURE" for bone in item.pose.bones}
+    shapes = {
+        bone.custom_shape
+        for item in scene.objects
+        if item.type == "ARMATURE"
+        for bone in item.pose.bones
+    }
     usable = [item for item in scene.objects if item not in shapes and _is_shape(item)]
-    empties = {item for item in selected if item.type == "EMPTY" and item.instance_collection is None}
+    empties = {
+        item for item in selected if item.type == "EMPTY" and item.instance_collection is None
+    }
     root = {item: _root(item, empties) for item in usable}
     chosen = {item if item.type in ("ARMATURE", "EMPTY") else root.get(item) for item in selected}
     # a selected empty brings what is below it
-    chosen |= {root[item] for item in usable if empties.intersection(_parents(item) + _parents(root[item]))}
+    chosen |= {
+        root[item] for item in usable if empties.intersection(_parents(item) + _parents(root[item]))
+    }
     members: dict[bpy.types.Object, list[bpy.types.Object]] = {}
     for item in usable:
         if root[item] in chosen:
             members.setdefault(root[item], [root[item]]).append(item)
-    return {top: list(dict.fromkeys([*found, *_empties_above(found, usable)])) for top, found in members.items()}
+    return {
+        top: list(dict.fromkeys([*found, *_empties_above(found, usable)]))
+        for top, found in members.items()
+    }
 
 
-def _empties_above(items: Sequence[bpy.types.Object], shapes: Iterable[bpy.types.Object]) -> list[bpy.types.Object]:
+def _empties_above(
+    items: Sequence[bpy.types.Object], shapes: Iterable[bpy.types.Object]
+) -> list[bpy.types.Object]:
     """Return the empties that `items` alone of all `shapes` are parented to, such as importers make."""
     others = set(shapes).difference(items)
-    above = dict.fromkeys(parent for item in items for parent in _parents(item) if parent.type == "EMPTY")
+    above = dict.fromkeys(
+        parent for item in items for parent in _parents(item) if parent.type == "EMPTY"
+    )
     own = (empty for empty in above if empty.instance_collection is None and not _fixed(empty))
     return [empty for empty in own if others.isdisjoint(empty.children_recursive)]
 
@@ -76,7 +94,9 @@ def _move(item: bpy.types.Object, home: bpy.types.Collection, scene: bpy.types.S
     if item in home.all_objects[:]:
         return
     home.objects.link(item)
-    for other in {scene.collection, *scene.collection.children_recursive}.intersection(item.users_collection) - {home}:
+    for other in {scene.collection, *scene.collection.children_recursive}.intersection(
+        item.users_collection
+    ) - {home}:
         other.objects.unlink(item)
 
 
@@ -98,9 +118,18 @@ def _notes(selected: Sequence[bpy.types.Object], characters: dict, moved: dict) 
     """
     used = {item for items in characters.values() for item in items}
     # an empty above characters is none of them, and not left out
-    left = {item for item in selected if item not in used and not used.intersection(item.children_recursive)}
+    left = {
+        item
+        for item in selected
+        if item not in used and not used.intersection(item.children_recursive)
+    }
     faceless = {"META", *WITHOUT_FACES}
-    left |= {item for root in moved for item in root.children_recursive if item.type in faceless or item.instance_collection}
+    left |= {
+        item
+        for root in moved
+        for item in root.children_recursive
+        if item.type in faceless or item.instance_collection
+    }
     instances = {item for item in left if item.instance_collection is not None}
     if left - instances:
         yield f"Left where they are: {_listed(left - instances)}."
@@ -119,7 +148,9 @@ class CROWDLOD_OT_characters_from_selection(Reporting, bpy.types.Operator):
     @classmethod
     def poll(cls, context) -> bool:
         cls.poll_message_set("Select the characters first: their rigs or meshes")
-        return any(item.type in ("ARMATURE", "EMPTY", *GEOMETRY) for item in context.selected_objects)
+        return any(
+            item.type in ("ARMATURE", "EMPTY", *GEOMETRY) for item in context.selected_objects
+        )
 
     def run(self, context) -> str:
         scene, selected = context.scene, context.selected_objects
@@ -133,7 +164,9 @@ class CROWDLOD_OT_characters_from_selection(Reporting, bpy.types.Operator):
         moved = {root: items for root, items in characters.items() if not any(map(_fixed, items))}
         notes = list(_notes(selected, characters, moved))
         if not moved:
-            raise CrowdError(" ".join(["Nothing selected is a rig with meshes, or a mesh with faces.", *notes]))
+            raise CrowdError(
+                " ".join(["Nothing selected is a rig with meshes, or a mesh with faces.", *notes])
+            )
         if top is None:
             top = scene.crowd_lod.characters = bpy.data.collections.new("Characters")
         if top not in scene.collection.children_recursive:

@@ -7,14 +7,24 @@ import bpy
 from ..blender.scenery import emits
 from .characters import characters_of
 
-LIT_BY = "visible_diffuse", "visible_glossy", "visible_transmission", "visible_volume_scatter"  # rays that meet light
+LIT_BY = (
+    "visible_diffuse",
+    "visible_glossy",
+    "visible_transmission",
+    "visible_volume_scatter",
+)  # rays that meet light
 
 
 def glowing(scene: bpy.types.Scene) -> dict[str, list[bpy.types.Material]]:
     """Return the materials that light others, of each character group that wears any."""
     found = {}
     for name, objects, _ in characters_of(scene):
-        worn = {slot.material for item in objects if any(getattr(item, ray) for ray in LIT_BY) for slot in item.material_slots}
+        worn = {
+            slot.material
+            for item in objects
+            if any(getattr(item, ray) for ray in LIT_BY)
+            for slot in item.material_slots
+        }
         lights = [material for material in worn - {None} if emits(material.node_tree)]
         if lights:
             found[name] = sorted(lights, key=lambda material: material.name_full)

@@ -55,7 +55,10 @@ def measuring_groups(
 
 
 def _measuring_group(
-    scene: bpy.types.Scene, character: Character, base: Group | None, reach: tuple[float, float, float] | None
+    scene: bpy.types.Scene,
+    character: Character,
+    base: Group | None,
+    reach: tuple[float, float, float] | None,
 ) -> Generator[float, None, Group]:
     """Measure one group; yield the progress, 0 to 1.
 
@@ -77,21 +80,32 @@ def _measuring_group(
         center, radius = bounds(objects[0].name, stand, *(act.poses for act in acts))
     first = performance.parts[0]
     fps = scene.render.fps / scene.render.fps_base
-    group = Group(name, center, radius, 0.0, (first.last - first.first) / fps, lowest=low, on_ground=on_ground)
+    group = Group(
+        name, center, radius, 0.0, (first.last - first.first) / fps, lowest=low, on_ground=on_ground
+    )
     if acts:
-        group = replace(group, height=float(np.median([np.ptp(pose[:, 2]) for pose in acts[0].poses])))
+        group = replace(
+            group, height=float(np.median([np.ptp(pose[:, 2]) for pose in acts[0].poses]))
+        )
     if base:
-        return replace(group, stride=base.stride, actions=base.actions, variant_of=character.variant_of)
+        return replace(
+            group, stride=base.stride, actions=base.actions, variant_of=character.variant_of
+        )
     meters = scene_data.meters(scene)
     stride = _custom(scene.crowd_lod.characters, name, "stride") / meters
     group = replace(group, stride=stride or first.root.way, way=first.root.way)
     return replace(group, actions=_actions(group, performance, acts, fps, meters))
 
 
-def _actions(group: Group, performance: Performance, acts: Sequence[Act], fps: float, meters: float) -> tuple[Action, ...]:
+def _actions(
+    group: Group, performance: Performance, acts: Sequence[Act], fps: float, meters: float
+) -> tuple[Action, ...]:
     """Return what the group plays besides its own action, which is the performance's first part."""
     others = performance.parts[1:]
-    actions = {part.name: _action(part, act, fps, 2 * group.radius, meters) for part, act in zip(others, acts[1:], strict=True)}
+    actions = {
+        part.name: _action(part, act, fps, 2 * group.radius, meters)
+        for part, act in zip(others, acts[1:], strict=True)
+    }
     for part in others:
         if part.mixed:  # a cross-fade goes at the rate of the action to come
             coming = actions.get(part.mixed[1].name, group.action(""))
@@ -99,11 +113,15 @@ def _actions(group: Group, performance: Performance, acts: Sequence[Act], fps: f
     return tuple(actions.values())
 
 
-def _acted(objects: list[bpy.types.Object], performance: Performance) -> Generator[float, None, list[Act]]:
+def _acted(
+    objects: list[bpy.types.Object], performance: Performance
+) -> Generator[float, None, list[Act]]:
     """Measure the extent and the soles of `objects` over each action of the performance; see `posing`."""
     acts, count = [], len(performance.spans)
     for k, span in enumerate(performance.spans):
-        poses = yield from share(posing(objects, frames_of(*span), performance), k / count, (k + 0.8) / count)
+        poses = yield from share(
+            posing(objects, frames_of(*span), performance), k / count, (k + 0.8) / count
+        )
         soles: list[tuple[float, float]] = []
         for number in SOLES:
             looking = posing(objects, frames_of(*span, number), performance, sole)
@@ -120,7 +138,11 @@ def _action(part: Part, act: Act, fps: float, size: float, meters: float) -> Act
     size: of the group, in units of `meters`.
     """
     feet = walked(act)
-    stride = part.stride / meters if part.action is not None and part.action.get("stride") else part.stride
+    stride = (
+        part.stride / meters
+        if part.action is not None and part.action.get("stride")
+        else part.stride
+    )
     stride, feet = (length if length > STANDS * size else 0.0 for length in (stride or feet, feet))
     return Action(part.name, stride, (part.last - part.first) / fps, feet, part.root.way)
 
@@ -139,4 +161,8 @@ def _custom(top: bpy.types.Collection, name: str, key: str) -> float:
     owner = top.children.get(name) or top.objects.get(name)
     if key not in owner:
         return 0.0
-    return float(stored_values.read(owner, key, float, "set a number of meters, or remove it", bounds=(0, FARTHEST)))
+    return float(
+        stored_values.read(
+            owner, key, float, "set a number of meters, or remove it", bounds=(0, FARTHEST)
+        )
+    )

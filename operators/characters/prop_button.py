@@ -15,7 +15,11 @@ from .characters import all_characters, groups_in
 def props_in(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """Return the props of all character groups of `scene`, sorted by name."""
     top = scene.crowd_lod.characters
-    members = {item for _, own, _ in groups_in(scene, top) for item in own if PROP in item} if top is not None else set()
+    members = (
+        {item for _, own, _ in groups_in(scene, top) for item in own if PROP in item}
+        if top is not None
+        else set()
+    )
     return sorted(members, key=lambda item: item.name.casefold())
 
 
@@ -28,7 +32,9 @@ def mark(scene: bpy.types.Scene, objects: Sequence[bpy.types.Object], chance: fl
     try:
         for item in objects:
             item[PROP] = chance
-            item.id_properties_ui(PROP).update(min=0.0, max=1.0, description="Chance that an agent has this prop")
+            item.id_properties_ui(PROP).update(
+                min=0.0, max=1.0, description="Chance that an agent has this prop"
+            )
         all_characters(scene)
     except CrowdError:
         for item, value in before.items():
@@ -47,15 +53,26 @@ class CROWDLOD_OT_mark_as_prop(Reporting, bpy.types.Operator):
     needs = (needs.characters,)
 
     chance: FloatProperty(
-        name="Chance", default=0.5, min=0, max=1, subtype="FACTOR", description="That an agent has the prop; with 1 all have it"
+        name="Chance",
+        default=0.5,
+        min=0,
+        max=1,
+        subtype="FACTOR",
+        description="That an agent has the prop; with 1 all have it",
     )
 
     def run(self, context) -> str:
         scene = context.scene
-        members = {item for _, own, _ in groups_in(scene, scene.crowd_lod.characters) for item in own}
-        chosen = [item for item in context.selected_objects if item in members and item.library is None]
+        members = {
+            item for _, own, _ in groups_in(scene, scene.crowd_lod.characters) for item in own
+        }
+        chosen = [
+            item for item in context.selected_objects if item in members and item.library is None
+        ]
         if not chosen:
-            raise CrowdError("Select an object of a character group first: one that only some of its agents are to have.")
+            raise CrowdError(
+                "Select an object of a character group first: one that only some of its agents are to have."
+            )
         mark(scene, chosen, round(self.chance, 6))
         names = ", ".join(sorted(item.name for item in chosen))
         return f"{self.chance:.0%} of the agents will have {names}: press Populate."

@@ -10,7 +10,16 @@ from ...crowd_lod.format import number
 from ..blender.performance import Performance, group_performance
 from ..blender.rig_dependencies import armatures_of, places
 
-SIMULATED = {"CLOTH", "SOFT_BODY", "FLUID", "DYNAMIC_PAINT", "OCEAN", "PARTICLE_SYSTEM", "COLLISION", "EXPLODE"}
+SIMULATED = {
+    "CLOTH",
+    "SOFT_BODY",
+    "FLUID",
+    "DYNAMIC_PAINT",
+    "OCEAN",
+    "PARTICLE_SYSTEM",
+    "COLLISION",
+    "EXPLODE",
+}
 POSES = 32  # of a group that no rig can show, in a cycle of its action
 Characters = Sequence[tuple[str, list[bpy.types.Object], tuple]]  # see characters_of
 
@@ -24,7 +33,12 @@ def refusal(objects: Sequence[bpy.types.Object]) -> str:
         for modifier in item.modifiers:
             if modifier.type in SIMULATED:
                 return f"{item.name} is simulated by {modifier.name}"
-    if any(bone.bbone_segments > 1 for rig in armatures_of(objects) for bone in rig.data.bones if bone.use_deform):
+    if any(
+        bone.bbone_segments > 1
+        for rig in armatures_of(objects)
+        for bone in rig.data.bones
+        if bone.use_deform
+    ):
         return "its armature has bendy bones"
     return ""
 
@@ -40,8 +54,16 @@ def deforming(rig: bpy.types.Object, objects: Sequence[bpy.types.Object]) -> lis
     With envelopes, all bones that deform.
     """
     groups = {group.name for item in objects if item.type == "MESH" for group in item.vertex_groups}
-    envelopes = any(m.type == "ARMATURE" and m.object == rig and m.use_bone_envelopes for item in objects for m in item.modifiers)
-    return [bone.name for bone in rig.data.bones if bone.use_deform and (envelopes or bone.name in groups)]
+    envelopes = any(
+        m.type == "ARMATURE" and m.object == rig and m.use_bone_envelopes
+        for item in objects
+        for m in item.modifiers
+    )
+    return [
+        bone.name
+        for bone in rig.data.bones
+        if bone.use_deform and (envelopes or bone.name in groups)
+    ]
 
 
 def leads(characters: Characters, groups: Sequence[Group]) -> list[int]:
@@ -53,7 +75,11 @@ def leads(characters: Characters, groups: Sequence[Group]) -> list[int]:
     names, found = {group.name: g for g, group in enumerate(groups)}, []
     for g, group in enumerate(groups):
         lead = names.get(group.variant_of, g)
-        found.append(lead if lead != g and _alike(characters, groups, lead, g) and not refusal(characters[g][1]) else g)
+        found.append(
+            lead
+            if lead != g and _alike(characters, groups, lead, g) and not refusal(characters[g][1])
+            else g
+        )
     return found
 
 
@@ -92,11 +118,20 @@ def _placed(item: bpy.types.Object, act: Performance) -> bool:
     data = item.animation_data
     if data is not None and any(map(places, data.drivers)):
         return True
-    steady = {(travel.path, travel.index) for part in act.parts for travel in part.root.travels if travel.owner is item}
+    steady = {
+        (travel.path, travel.index)
+        for part in act.parts
+        for travel in part.root.travels
+        if travel.owner is item
+    }
     placing = filter(places, act.curves_on(item))
-    return any((curve.data_path, curve.array_index) not in steady and _varies(curve) for curve in placing)
+    return any(
+        (curve.data_path, curve.array_index) not in steady and _varies(curve) for curve in placing
+    )
 
 
 def _varies(curve: bpy.types.FCurve) -> bool:
-    heights = {point.co[1] for points in (curve.keyframe_points, curve.sampled_points) for point in points}
+    heights = {
+        point.co[1] for points in (curve.keyframe_points, curve.sampled_points) for point in points
+    }
     return len(heights) > 1

@@ -59,7 +59,9 @@ def _group(entry, lead, count: int) -> Group:
         scale=(round(min(lead.scale), 6), round(max(lead.scale), 6)),
         variant_of=entry.variant_of,
         chance=round(entry.chance, 6),
-        actions=tuple(Action(action.name, action.stride, action.period) for action in entry.actions),
+        actions=tuple(
+            Action(action.name, action.stride, action.period) for action in entry.actions
+        ),
     )
     sizes = (
         group.share,
@@ -75,8 +77,13 @@ def _group(entry, lead, count: int) -> Group:
         *group.rms,
         *group.vertices,
     )
-    if not all(0 <= size < np.inf for size in sizes) or not np.isfinite([group.center, group.lowest, *group.worst]).all():
-        raise CrowdError(f"The measurements of the character group {group.name} are damaged: press Populate, then Make LOD Meshes.")
+    if (
+        not all(0 <= size < np.inf for size in sizes)
+        or not np.isfinite([group.center, group.lowest, *group.worst]).all()
+    ):
+        raise CrowdError(
+            f"The measurements of the character group {group.name} are damaged: press Populate, then Make LOD Meshes."
+        )
     return group
 
 
@@ -97,7 +104,9 @@ def store_groups(settings, groups: tuple[Group, ...]) -> None:
 
     Groups of the same name keep their own thresholds, finest LOD, share and scale.
     """
-    by_hand = {entry.name: [_value(entry, name) for name in SET_BY_HAND] for entry in settings.groups}
+    by_hand = {
+        entry.name: [_value(entry, name) for name in SET_BY_HAND] for entry in settings.groups
+    }
     settings.groups.clear()
     for group in groups:
         entry = settings.groups.add()

@@ -93,7 +93,11 @@ def told_of_gliding(scene: bpy.types.Scene) -> Iterator[str]:
 def action_outdated(scene: bpy.types.Scene) -> list[str]:
     """Return a sentence if characters that Populate found without an action have one now."""
     told_before = TAKE_ACTION in scene.crowd_lod.trouble
-    return ["The characters have an action now: press Populate."] if told_before and not gliding(scene) else []
+    return (
+        ["The characters have an action now: press Populate."]
+        if told_before and not gliding(scene)
+        else []
+    )
 
 
 def best(rig: bpy.types.Object, turned: list[str]) -> Fit | None:
@@ -104,7 +108,11 @@ def best(rig: bpy.types.Object, turned: list[str]) -> Fit | None:
     fits = [fit for action in bpy.data.actions if (fit := fit_of(rig, action, turned)) is not None]
     most = max((len(fit.bones) for fit in fits), default=0)
     good = [fit for fit in fits if len(fit.bones) >= NEARLY * most]
-    return min(good, key=lambda fit: (not WALKS.search(fit.action.name), fit.action.name.casefold()), default=None)
+    return min(
+        good,
+        key=lambda fit: (not WALKS.search(fit.action.name), fit.action.name.casefold()),
+        default=None,
+    )
 
 
 def fit_of(rig: bpy.types.Object, action: bpy.types.Action, turned: list[str]) -> Fit | None:
@@ -116,15 +124,24 @@ def fit_of(rig: bpy.types.Object, action: bpy.types.Action, turned: list[str]) -
     by_plain = {PREFIX.sub("", name): name for name in own_bones}
     fits = []
     for slot in action.slots:
-        curves = curves_of(Fit(action, slot.handle, {})) if slot.target_id_type in ("OBJECT", "UNSPECIFIED") else []
+        curves = (
+            curves_of(Fit(action, slot.handle, {}))
+            if slot.target_id_type in ("OBJECT", "UNSPECIFIED")
+            else []
+        )
         names = {name for curve in curves if (name := _bone_of(curve))}
-        bones = {name: name if name in own_bones else by_plain.get(PREFIX.sub("", name), "") for name in names}
+        bones = {
+            name: name if name in own_bones else by_plain.get(PREFIX.sub("", name), "")
+            for name in names
+        }
         bones = {name: bone for name, bone in bones.items() if bone}
         first, last = span_of(action, curves)
         if bones and last > first and len(bones) >= LEAST * len(names):
             fits.append(Fit(action, slot.handle, bones))
     fit = max(fits, key=lambda each: len(each.bones), default=None)
-    if fit is not None and any(_turned(rig, source, fit.bones) > TURNED for source in _sources(rig, action)):
+    if fit is not None and any(
+        _turned(rig, source, fit.bones) > TURNED for source in _sources(rig, action)
+    ):
         turned.append(action.name)
         return None
     return fit
@@ -139,13 +156,21 @@ def _bone_of(curve: bpy.types.FCurve) -> str:
 def _sources(rig: bpy.types.Object, action: bpy.types.Action) -> Iterator[bpy.types.Object]:
     """Yield the other rigs that play the action."""
     for item in bpy.data.objects:
-        if item.type == "ARMATURE" and item != rig and any(player.action == action for player in players_of([item])):
+        if (
+            item.type == "ARMATURE"
+            and item != rig
+            and any(player.action == action for player in players_of([item]))
+        ):
             yield item
 
 
 def _turned(rig: bpy.types.Object, source: bpy.types.Object, bones: dict[str, str]) -> float:
     """Return by how many radians one of the bones rests otherwise in `rig` than in `source`, at most."""
-    pairs = [(source.data.bones[name], rig.data.bones[bone]) for name, bone in bones.items() if name in source.data.bones]
+    pairs = [
+        (source.data.bones[name], rig.data.bones[bone])
+        for name, bone in bones.items()
+        if name in source.data.bones
+    ]
     turns = [_rest(one).rotation_difference(_rest(other)).angle for one, other in pairs]
     return max((min(turn, 2 * np.pi - turn) for turn in turns), default=0.0)
 
@@ -194,7 +219,9 @@ def _adapt(action: bpy.types.Action, fit: Fit, renamed: dict[str, str]) -> None:
 def _chosen(rig: bpy.types.Object, group: str, name: str) -> Fit:
     """Return the action `name`, or the best one; CrowdError if it does not fit."""
     if name and name not in bpy.data.actions:
-        raise CrowdError(f"The file has no action {name}: name one of it, or leave Action empty for the one that fits best.")
+        raise CrowdError(
+            f"The file has no action {name}: name one of it, or leave Action empty for the one that fits best."
+        )
     turned: list[str] = []
     fit = fit_of(rig, bpy.data.actions[name], turned) if name else best(rig, turned)
     if fit is not None:
@@ -206,7 +233,9 @@ def _chosen(rig: bpy.types.Object, group: str, name: str) -> Fit:
         )
     bones = _some(rig.data.bones.keys())
     if name:
-        raise CrowdError(f"The action {name} moves other bones than {group} has ({bones}): retarget it to this rig.")
+        raise CrowdError(
+            f"The action {name} moves other bones than {group} has ({bones}): retarget it to this rig."
+        )
     raise CrowdError(
         f"No action of the file moves the bones of {group} ({bones}): import the file of the pack that holds its motion, or "
         "retarget an action to its rig."
@@ -224,14 +253,20 @@ class CROWDLOD_OT_take_action(Reporting, bpy.types.Operator):
     bl_label = TAKE_ACTION
     needs = (needs.characters,)
 
-    group: StringProperty(name="Group", description="The character group; empty for all whose rig plays nothing")
-    action: StringProperty(name="Action", description="The action; empty for the one that fits best")
+    group: StringProperty(
+        name="Group", description="The character group; empty for all whose rig plays nothing"
+    )
+    action: StringProperty(
+        name="Action", description="The action; empty for the one that fits best"
+    )
 
     def run(self, context) -> str:
         scene = context.scene
         rigs = motionless(scene)
         if self.group and self.group not in rigs:
-            raise CrowdError(f"The character group {self.group} has an action, or no rig: there is nothing to give it.")
+            raise CrowdError(
+                f"The character group {self.group} has an action, or no rig: there is nothing to give it."
+            )
         chosen = {self.group: rigs[self.group]} if self.group else rigs
         if not chosen:
             raise CrowdError("All characters with a rig have an action.")

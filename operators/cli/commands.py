@@ -54,7 +54,10 @@ def from_blender(argv: list[str]) -> int:
     """
     interrupt.heed()
     # Blender, which removes its session's folder at its end, has made it before
-    with own_temporary_folder(), interrupt.unfinished(partial(shutil.rmtree, bpy.app.tempdir, ignore_errors=True)):
+    with (
+        own_temporary_folder(),
+        interrupt.unfinished(partial(shutil.rmtree, bpy.app.tempdir, ignore_errors=True)),
+    ):
         status = _run(argv, "blender -b [FILE] --command crowd_lod")
     if "--json" in argv:  # what Blender still has to say would come after it
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
@@ -93,7 +96,9 @@ def _tell(argv: list[str], program: str) -> int:
         with interrupt.work():
             result = COMMANDS[args.does](args, [program, *map(printable, argv)])
         console.flush()  # what Blender holds back would come after the JSON
-        standard_streams.put(json.dumps(result, allow_nan=False) if args.json else result["summary"])
+        standard_streams.put(
+            json.dumps(result, allow_nan=False) if args.json else result["summary"]
+        )
     except FAULTS as fault:
         print(f"crowd-lod: {sentence(fault)}", file=sys.stderr)
         return 1
@@ -103,7 +108,11 @@ def _tell(argv: list[str], program: str) -> int:
 def _frames(args, scene: bpy.types.Scene) -> list[int]:
     """Return the frames given in the command, or else those of the scene's shot."""
     step = scene.crowd_lod.step if args.step is None else args.step
-    return scene_data.frames_of(scene, step) if args.frames is None else parse_frames(args.frames, step)
+    return (
+        scene_data.frames_of(scene, step)
+        if args.frames is None
+        else parse_frames(args.frames, step)
+    )
 
 
 def _preview(args, command: list[str]) -> dict:
@@ -116,7 +125,9 @@ def _preview(args, command: list[str]) -> dict:
     stem = stem_of(args)
     folder = files.absolute(args.out or Path(f"{stem}_preview"))
     engine = (args.engine or settings.engine).upper()
-    color = (args.color or (settings.overlay_color if engine == "OVERLAY" else settings.color)).upper()
+    color = (
+        args.color or (settings.overlay_color if engine == "OVERLAY" else settings.color)
+    ).upper()
     if engine != "OVERLAY" and color not in COLOR_MODES:
         raise CrowdError(
             f"The engine {engine.lower()} has no color {color.lower()}: take --engine overlay, or --color lod or material."
@@ -134,7 +145,9 @@ def _preview(args, command: list[str]) -> dict:
     rows = plan["frames"]
     if sharing.part is not None:
         return shared_runs.told_of_part(sharing, rows)
-    told = "".join(f"{each}\n" for each in (plan["trouble_says"], *plan["preview"]["notes"]) if each)
+    told = "".join(
+        f"{each}\n" for each in (plan["trouble_says"], *plan["preview"]["notes"]) if each
+    )
     least, most = (pick(rows, key=lambda row: row["visible"]) for pick in (min, max))
     return {
         "out": printable(folder),
@@ -167,14 +180,23 @@ def _plan(args, command: list[str]) -> dict:
 
         def work() -> Generator[float, None, tuple[shot_plan.Planned, dict]]:
             planned = yield from share(shot_plan.plan_shot(scene, wanted), 0.0, 0.99)
-            return planned, (yield from share(shot_plan.write_plan(scene, part, planned, command), 0.99, 1.0))
+            return planned, (
+                yield from share(shot_plan.write_plan(scene, part, planned, command), 0.99, 1.0)
+            )
 
-        planned, told = finish(with_record(scene, wanted.frames, work), f"plan of {stem}", args.quiet)
+        planned, told = finish(
+            with_record(scene, wanted.frames, work), f"plan of {stem}", args.quiet
+        )
     forget_parts(folder)
     if args.scene is None:  # the open file goes on with it
         settings.shot_plan, settings.use_shot_plan = str(folder / plan_file.NAME), True
     out = printable(folder)
-    return {"out": out, **told["shot"], "frames": told["frames"], "summary": f"{shot_plan.sentence(planned)}\n{out}"}
+    return {
+        "out": out,
+        **told["shot"],
+        "frames": told["frames"],
+        "summary": f"{shot_plan.sentence(planned)}\n{out}",
+    }
 
 
 def _budget(args, settings) -> Budget:
@@ -188,7 +210,9 @@ def _budget(args, settings) -> Budget:
 def _explain(args, command: list[str]) -> dict:
     scene = open_scene(args.scene)
     _follow_plan(scene.crowd_lod, args)
-    found, unplanned = finish(explain(scene, args.agent, args.frame), f"agent {args.agent}", args.quiet)
+    found, unplanned = finish(
+        explain(scene, args.agent, args.frame), f"agent {args.agent}", args.quiet
+    )
     told = "\n".join(filter(None, (found.text, unplanned)))
     return {"frame": args.frame, **found.as_json, "unplanned": unplanned, "summary": told}
 
@@ -204,14 +228,18 @@ def _set(settings, args) -> None:
         settings.seed = _within("seed", args.seed, 0, 2**31 - 1)
     if getattr(args, "tolerance", None) is not None:
         if not 0 < args.tolerance < float("inf"):
-            raise CrowdError(f"The tolerance is {args.tolerance:g} pixels; give a number above 0, such as 1.")
+            raise CrowdError(
+                f"The tolerance is {args.tolerance:g} pixels; give a number above 0, such as 1."
+            )
         settings.choice, settings.tolerance = "BY_TOLERANCE", args.tolerance
 
 
 def _follow_plan(settings, args) -> None:
     """Use the shot plan in the folder that the command gives, if any."""
     if args.plan is not None:
-        path = files.absolute(args.plan if args.plan.name == plan_file.NAME else args.plan / plan_file.NAME)
+        path = files.absolute(
+            args.plan if args.plan.name == plan_file.NAME else args.plan / plan_file.NAME
+        )
         plan_file.read(path)  # says what is wrong with it
         settings.shot_plan, settings.use_shot_plan = str(path), True
 
@@ -240,7 +268,9 @@ def _verify(args, command: list[str]) -> dict:
 
 def _assemble(args, command: list[str]) -> dict:
     if args.frames is not None:
-        return farm.assemble_frames(files.absolute(args.folder), parse_frames(args.frames, args.step), command)
+        return farm.assemble_frames(
+            files.absolute(args.folder), parse_frames(args.frames, args.step), command
+        )
     again, words = shared_runs.assembled(args, parser)
     result = COMMANDS[again.does](again, words)
     shared_runs.remove_parts(args.folder)
@@ -261,23 +291,44 @@ def _report_error(args, command: list[str]) -> dict:
         scene.crowd_lod.seed = _within("seed", args.seed, 0, 2**31 - 1)
     stem = stem_of(args)
     folder = files.absolute(args.out or Path(f"{stem}_error"))
-    result = finish(error_report.error(scene, folder, repeats), f"error report of {stem}", args.quiet)
-    tables = {name: [{k: None if v != v else v for k, v in row.items()} for row in rows] for name, rows in result["tables"].items()}
+    result = finish(
+        error_report.error(scene, folder, repeats), f"error report of {stem}", args.quiet
+    )
+    tables = {
+        name: [{k: None if v != v else v for k, v in row.items()} for row in rows]
+        for name, rows in result["tables"].items()
+    }
     out = printable(folder)
     summary = "\n".join((", ".join(result["files"]), out))
     return {**result, "tables": tables, "out": out, "summary": summary}
 
 
 def _report_extremes(args, command: list[str]) -> dict:
-    most, seed = _within("number of agents", args.most, 1, MOST_AGENTS), _within("seed", args.seed, 0, 2**31 - 1)
-    rows = finish(error_report.cases(most, seed, args.out and files.absolute(args.out)), "extreme cases", args.quiet)
-    culling = [{"case": r.name, **vars(r.verdict), "milliseconds": r.milliseconds, "note": r.note} for r in rows.culling]
-    behavior = [{"case": r.name, **{key: value for key, value in vars(r).items() if key != "name"}} for r in rows.behavior]
+    most, seed = (
+        _within("number of agents", args.most, 1, MOST_AGENTS),
+        _within("seed", args.seed, 0, 2**31 - 1),
+    )
+    rows = finish(
+        error_report.cases(most, seed, args.out and files.absolute(args.out)),
+        "extreme cases",
+        args.quiet,
+    )
+    culling = [
+        {"case": r.name, **vars(r.verdict), "milliseconds": r.milliseconds, "note": r.note}
+        for r in rows.culling
+    ]
+    behavior = [
+        {"case": r.name, **{key: value for key, value in vars(r).items() if key != "name"}}
+        for r in rows.behavior
+    ]
     return {"cases": culling, "behavior": behavior, "summary": str(rows)}
 
 
 def _report_cull(args, command: list[str]) -> dict:
-    pairs, seed = _within("number of pairs", args.pairs, 1, 10**9), _within("seed", args.seed, 0, 2**31 - 1)
+    pairs, seed = (
+        _within("number of pairs", args.pairs, 1, 10**9),
+        _within("seed", args.seed, 0, 2**31 - 1),
+    )
     rows = finish(error_report.lenses(pairs, seed), "culling's audit", args.quiet)
     return {"lenses": rows, "summary": error_report.lenses_text(rows)}
 
@@ -286,10 +337,18 @@ def _build(args, command: list[str]) -> dict:
     stem = stem_of(args)
     path = blend_path(args.out or Path(f"{stem}_built.blend"))
     if (args.frames, args.step) != (None, None) and not args.bake:
-        raise CrowdError("Without --bake all frames are built: leave out --frames and --step, or add --bake.")
+        raise CrowdError(
+            "Without --bake all frames are built: leave out --frames and --step, or add --bake."
+        )
     if args.render_only and not args.bake:
-        raise CrowdError("Without --bake a render needs all characters: leave out --render-only, or add --bake.")
-    frames = None if args.frames is None else parse_frames(args.frames, 1 if args.step is None else args.step)
+        raise CrowdError(
+            "Without --bake a render needs all characters: leave out --render-only, or add --bake."
+        )
+    frames = (
+        None
+        if args.frames is None
+        else parse_frames(args.frames, 1 if args.step is None else args.step)
+    )
     with files.staged_file(path) as part:
         scene = open_scene(args.scene)
         _set(scene.crowd_lod, args)
@@ -304,18 +363,35 @@ def _build(args, command: list[str]) -> dict:
         predicted = []
 
         def work() -> Generator[float, None, Cast]:
-            predicted.append((yield from share(estimate(scene, scene.crowd_lod, frames or (), args.bake), 0.0, 0.3)))
+            predicted.append(
+                (
+                    yield from share(
+                        estimate(scene, scene.crowd_lod, frames or (), args.bake), 0.0, 0.3
+                    )
+                )
+            )
             if not args.quiet:
                 print(predicted[0].sentence, file=sys.stderr)
-            cast = yield from share(bake.bake(scene, frames, args.strict) if args.bake else render_setup.build(scene), 0.3, 1.0)
+            cast = yield from share(
+                bake.bake(scene, frames, args.strict) if args.bake else render_setup.build(scene),
+                0.3,
+                1.0,
+            )
             if not args.bake:  # a live build looks the plan up when its frames are shown
                 unplanned.append(_told_of_plan(scene, args.strict))
             return cast
 
-        cast = finish(prepared(scene, work, frames or ()), f"{'bake' if args.bake else 'build'} of {stem}", args.quiet)
+        cast = finish(
+            prepared(scene, work, frames or ()),
+            f"{'bake' if args.bake else 'build'} of {stem}",
+            args.quiet,
+        )
         if args.view_layer:
             view_layers.show_in(scene, args.view_layer)
-        points = {name: len(item.data.vertices) for name, item in render_setup.points_of(scene.crowd_lod.build).items()}
+        points = {
+            name: len(item.data.vertices)
+            for name, item in render_setup.points_of(scene.crowd_lod.build).items()
+        }
         told = (
             *unplanned,
             render_setup.told_of_cast(scene, cast),
@@ -344,7 +420,16 @@ def _build(args, command: list[str]) -> dict:
         "predicted": predicted[0].as_json,
         "load_seconds": round(seconds, 3),
         "image_bytes": cast.images,
-        "summary": "\n".join(filter(None, (f"{what}; {size / 1e6:,.1f} MB, opened in {seconds:.2f} s.", *told, printable(path)))),
+        "summary": "\n".join(
+            filter(
+                None,
+                (
+                    f"{what}; {size / 1e6:,.1f} MB, opened in {seconds:.2f} s.",
+                    *told,
+                    printable(path),
+                ),
+            )
+        ),
     }
 
 
@@ -353,7 +438,9 @@ def _told_of_plan(scene: bpy.types.Scene, strict: bool) -> str:
 
     CrowdError in its place if that is `strict`.
     """
-    told = told_of_shot(scene, trajectory_of(scene), policy_of(scene.crowd_lod), bias_of(scene.crowd_lod))
+    told = told_of_shot(
+        scene, trajectory_of(scene), policy_of(scene.crowd_lod), bias_of(scene.crowd_lod)
+    )
     if told and strict:
         raise CrowdError(told)
     return told
@@ -369,7 +456,12 @@ def _export(args, command: list[str]) -> dict:
     wanted = usd.UsdExport(frames, path, args.animated, args.strict)
     found = finish(usd.export_usd(scene, wanted), f"export of {stem}", args.quiet)
     size, out = path.stat().st_size, printable(path)
-    told = {"agents": found.agents, "prototypes": found.prototypes, "phase_off": found.off, "bytes": size}
+    told = {
+        "agents": found.agents,
+        "prototypes": found.prototypes,
+        "phase_off": found.off,
+        "bytes": size,
+    }
     said = f"{counted(len(frames), 'frame')}, {size / 1e6:,.1f} MB: {found.sentence}"
     return {"out": out, "frames": frames, **told, "notes": found.notes, "summary": f"{said}\n{out}"}
 

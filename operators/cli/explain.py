@@ -16,7 +16,9 @@ from ..sources.record_points import on_record
 
 
 @on_record(lambda scene, agent, number: parse_frames(str(number)))  # says what is wrong with it
-def explain(scene: bpy.types.Scene, agent: int, number: int) -> Generator[float, None, tuple[Explanation, str]]:
+def explain(
+    scene: bpy.types.Scene, agent: int, number: int
+) -> Generator[float, None, tuple[Explanation, str]]:
     """Explain an agent in the frame `number` of the timeline.
 
     Yields the progress, returns (Explanation, why the scene's shot plan was not used, or "").
@@ -29,4 +31,6 @@ def explain(scene: bpy.types.Scene, agent: int, number: int) -> Generator[float,
         eyes, around, shutter = lights.read_moment(scene, time, at)
         frame = frame_of(scene, at((), time), time, eyes, trajectory, around, shutter)
     yield 1.0
-    return explained(frame, agent, scene_data.engine_of(scene), scene_data.meters(scene)), frame.unplanned
+    return explained(
+        frame, agent, scene_data.engine_of(scene), scene_data.meters(scene)
+    ), frame.unplanned

@@ -28,7 +28,9 @@ from .scene_files import open_scene
 FLAMENCO = Path(__file__).with_name("flamenco_job.js")
 MOST_SHOWN = 24  # frames on the contact sheet
 WIDTH = 480  # pixels of one of them, at least
-UNFIT = re.compile(r"[\x00-\x1f\x7f-\x9f\ud800-\udfff]")  # in paths: controls, and bytes that are no text
+UNFIT = re.compile(
+    r"[\x00-\x1f\x7f-\x9f\ud800-\udfff]"
+)  # in paths: controls, and bytes that are no text
 PICTURES = (".png", ".exr", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp")
 COLUMNS = ("frame", "agents", "visible", "culled", "triangles", "full_triangles")
 
@@ -62,10 +64,14 @@ def write_job(args, command: Sequence[str]) -> dict[str, Any]:
         raise CrowdError(f"A task has {args.chunk} frames: give --chunk a whole number from 1 on.")
     scene = open_scene(args.scene)
     if scene.crowd_lod.characters is None:
-        raise CrowdError(f"The scene {scene.name} has no crowd: choose its characters in the Crowd panel, and save it.")
+        raise CrowdError(
+            f"The scene {scene.name} has no crowd: choose its characters in the Crowd panel, and save it."
+        )
     path = Path(bpy.data.filepath)
     if not path.is_file():
-        raise CrowdError("A farm opens the scene as a file: save it, or write the sample with the command sample.")
+        raise CrowdError(
+            "A farm opens the scene as a file: save it, or write the sample with the command sample."
+        )
     starts = _command()
     for place in (str(path), starts[0]):
         if UNFIT.search(place):
@@ -78,18 +84,38 @@ def write_job(args, command: Sequence[str]) -> dict[str, Any]:
     frames = parse_frames(args.frames or f"{scene.frame_start}:{scene.frame_end}", step)
     gaps = {after - before for before, after in pairwise(frames)} or {1}
     if len(gaps) > 1:
-        raise CrowdError(f"A job takes a range of frames: give --frames as A:B, and --step, not {args.frames}.")
+        raise CrowdError(
+            f"A job takes a range of frames: give --frames as A:B, and --step, not {args.frames}."
+        )
     folder = files.absolute(args.out or Path(f"{path.stem}_job"))
     name = f"{path.stem}: {'preview' if args.preview else 'render'} of a crowd"
-    job = FarmJob(name, printable(path), (frames[0], frames[-1], *gaps), args.chunk, args.preview, RENDER, starts)
+    job = FarmJob(
+        name,
+        printable(path),
+        (frames[0], frames[-1], *gaps),
+        args.chunk,
+        args.preview,
+        RENDER,
+        starts,
+    )
     with files.staged(folder, "template.json", "parameter_values.json", "crowd_lod.js") as part:
-        (part / "template.json").write_text(json.dumps(template(job), indent=2) + "\n", encoding="utf-8")
-        (part / "parameter_values.json").write_text(json.dumps(values(job), indent=2) + "\n", encoding="utf-8")
+        (part / "template.json").write_text(
+            json.dumps(template(job), indent=2) + "\n", encoding="utf-8"
+        )
+        (part / "parameter_values.json").write_text(
+            json.dumps(values(job), indent=2) + "\n", encoding="utf-8"
+        )
         shutil.copyfile(FLAMENCO, part / "crowd_lod.js")
     out, tasks = printable(folder), -(-len(frames) // args.chunk)
     steps = f" in steps of {step}" if (step := job.frames[2]) > 1 else ""
     said = f"{shot_frames(frames).capitalize()}{steps}: {counted(tasks, 'task')} of up to {counted(args.chunk, 'frame')}."
-    return {"out": out, "frames": [frames[0], frames[-1]], "step": step, "tasks": tasks, "summary": f"{said}\n{out}"}
+    return {
+        "out": out,
+        "frames": [frames[0], frames[-1]],
+        "step": step,
+        "tasks": tasks,
+        "summary": f"{said}\n{out}",
+    }
 
 
 def _command() -> tuple[str, ...]:
@@ -104,7 +130,11 @@ def assemble_frames(folder: Path, frames: Sequence[int], command: Sequence[str])
 
     CrowdError if one is missing or was not written to its end.
     """
-    found = {number: path for path in sorted(folder.glob("frames/*")) if (number := _number(path)) is not None}
+    found = {
+        number: path
+        for path in sorted(folder.glob("frames/*"))
+        if (number := _number(path)) is not None
+    }
     missing = [number for number in frames if number not in found]
     if missing:
         raise CrowdError(
@@ -114,13 +144,25 @@ def assemble_frames(folder: Path, frames: Sequence[int], command: Sequence[str])
         file_checks.check(found[number])
     rows = _planned_rows(folder / "plan" / "plan.json", frames)
     with files.staged(folder) as part:
-        shrunk = [tables.shrink(image_data.load_pixels(found[number]), WIDTH) for number in evenly(list(frames), MOST_SHOWN)]
-        image_data.save_png(part / "contact_sheet.png", tables.contact_sheet(shrunk, columns=4 if len(shrunk) > 3 else len(shrunk)))
+        shrunk = [
+            tables.shrink(image_data.load_pixels(found[number]), WIDTH)
+            for number in evenly(list(frames), MOST_SHOWN)
+        ]
+        image_data.save_png(
+            part / "contact_sheet.png",
+            tables.contact_sheet(shrunk, columns=4 if len(shrunk) > 3 else len(shrunk)),
+        )
         if rows:
             (part / "frames.csv").write_text(tables.to_csv(rows), encoding="utf-8")
-        (part / "report.html").write_text(_page(folder.name, frames, rows, command), encoding="utf-8")
+        (part / "report.html").write_text(
+            _page(folder.name, frames, rows, command), encoding="utf-8"
+        )
     out = printable(folder)
-    return {"out": out, "frames": list(frames), "summary": f"{counted(len(frames), 'frame is', 'frames are')} assembled.\n{out}"}
+    return {
+        "out": out,
+        "frames": list(frames),
+        "summary": f"{counted(len(frames), 'frame is', 'frames are')} assembled.\n{out}",
+    }
 
 
 def _planned_rows(plan: Path, frames: Sequence[int]) -> list[dict[str, Any]]:
@@ -131,7 +173,9 @@ def _planned_rows(plan: Path, frames: Sequence[int]) -> list[dict[str, Any]]:
     if not plan.is_file():
         return []
     try:
-        planned = {row["frame"]: row for row in json.loads(plan.read_text(encoding="utf-8"))["frames"]}
+        planned = {
+            row["frame"]: row for row in json.loads(plan.read_text(encoding="utf-8"))["frames"]
+        }
         rows = [planned[number] for number in frames if number in planned]
         figures = [row[column] for row in rows for column in COLUMNS]
         sound = all(type(figure) is int and abs(figure) <= MOST_FIGURE for figure in figures)
@@ -153,7 +197,9 @@ def _page(name: str, frames: Sequence[int], rows: Sequence[dict], command: Seque
     parts = []
     if rows:
         figures.append((f"{max(row['visible'] for row in rows):,}", "agents visible at most"))
-        share = sum(row["triangles"] for row in rows) / max(sum(row["full_triangles"] for row in rows), 1)
+        share = sum(row["triangles"] for row in rows) / max(
+            sum(row["full_triangles"] for row in rows), 1
+        )
         figures.append((f"{share:.0%}", "of all triangles"))
         head = [column.replace("_", " ").capitalize() for column in COLUMNS]
         parts = [
@@ -162,4 +208,8 @@ def _page(name: str, frames: Sequence[int], rows: Sequence[dict], command: Seque
         ]
     sheet = '<section><a href="contact_sheet.png"><img src="contact_sheet.png" alt="The rendered frames"></a></section>'
     footer = f"<footer>By <code>{escape(' '.join(command))}</code>.</footer>"
-    return document(f"{escape(name)}: frames", STYLE, [f"<h1>{escape(name)}: frames</h1>", cards(figures), sheet, *parts, footer])
+    return document(
+        f"{escape(name)}: frames",
+        STYLE,
+        [f"<h1>{escape(name)}: frames</h1>", cards(figures), sheet, *parts, footer],
+    )

@@ -24,7 +24,17 @@ from .scene_files import blend_path, finish, first_line, open_scene, save
 
 # What the new scene keeps of the settings: the characters and their LOD meshes.
 KEPT = {
-    *("characters", "keep_characters", "forward", "groups", "levels", "choice", "tolerance", "memory", "shading_counts"),
+    *(
+        "characters",
+        "keep_characters",
+        "forward",
+        "groups",
+        "levels",
+        "choice",
+        "tolerance",
+        "memory",
+        "shading_counts",
+    ),
     "hidden_surface_counts",
     *(
         "level_count",
@@ -44,17 +54,26 @@ DOWN = 0.2  # part of the picture's height by which the horizon is above the mid
 BORDER = 0.95  # part of the picture that the crowd is framed in
 MOST_FRAME = 1_048_574  # that Blender's timeline holds
 MOST_RATE = 10_000  # frames a second, as the setting Frame Rate has it
-LOOKS, MOST_PLACES = 40, 400_000  # frames, and places of agents in them, that the camera is placed by
+LOOKS, MOST_PLACES = (
+    40,
+    400_000,
+)  # frames, and places of agents in them, that the camera is placed by
 
 
 def made(args, command: list[str]) -> dict:
     """Write a scene of the trajectories, or of the points of an object, and return what the command tells."""
     if (args.tracks is None) == (args.source is None):
-        raise CrowdError("Give either a file of trajectories, TRACKS, or --source with the name of an object.")
+        raise CrowdError(
+            "Give either a file of trajectories, TRACKS, or --source with the name of an object."
+        )
     if args.fps is not None and not 0 < args.fps <= MOST_RATE:
-        raise CrowdError(f"The frame rate is {args.fps:g}; give a number above 0, at most {MOST_RATE:,}.")
+        raise CrowdError(
+            f"The frame rate is {args.fps:g}; give a number above 0, at most {MOST_RATE:,}."
+        )
     path = blend_path(args.out or Path(f"{args.source or args.tracks.stem}.blend"))
-    tracks, characters, ground = (_existing(each) for each in (args.tracks, args.characters, args.ground))
+    tracks, characters, ground = (
+        _existing(each) for each in (args.tracks, args.characters, args.ground)
+    )
     with files.staged_file(path) as part:
         scene = open_scene(str(characters))
         characters_of(scene)  # says what is wrong with them
@@ -65,7 +84,11 @@ def made(args, command: list[str]) -> dict:
         if ground is not None:
             settings.terrain = left if own else _add_ground(scene, ground)
         if source is None:
-            settings.source, settings.tracks_file, settings.tracks_unit = "FILE", str(tracks), (args.unit or "auto").upper()
+            settings.source, settings.tracks_file, settings.tracks_unit = (
+                "FILE",
+                str(tracks),
+                (args.unit or "auto").upper(),
+            )
             settings.tracks_rate = args.fps or 0
             settings.tracks_up = args.up.upper().replace("-", "_")
         else:
@@ -73,7 +96,9 @@ def made(args, command: list[str]) -> dict:
         said = finish(_filled(scene), f"scene of {path.stem}", args.quiet)
         if source is None:
             with suppress(ValueError):  # on another drive
-                settings.tracks_file = bpy.path.relpath(str(tracks))  # saving makes it relative to the new file
+                settings.tracks_file = bpy.path.relpath(
+                    str(tracks)
+                )  # saving makes it relative to the new file
         save(part, path)
     count = scene.frame_end - scene.frame_start + 1
     return {
@@ -96,11 +121,15 @@ def _existing(path: Path | None) -> Path | None:
 def _object(name: str | None, path: Path) -> bpy.types.Object | None:
     """Return the object of that name in the open file; CrowdError if there is none."""
     if name is not None and name not in bpy.data.objects:
-        raise CrowdError(f"There is no object {name} in {printable(path)}: give the name of one whose points are the agents.")
+        raise CrowdError(
+            f"There is no object {name} in {printable(path)}: give the name of one whose points are the agents."
+        )
     return None if name is None else bpy.data.objects[name]
 
 
-def _empty(scene: bpy.types.Scene, source: bpy.types.Object | None, keeps: bool) -> bpy.types.Collection | None:
+def _empty(
+    scene: bpy.types.Scene, source: bpy.types.Object | None, keeps: bool
+) -> bpy.types.Collection | None:
     """Remove all from the open file but the object `source` and `scene`.
 
     Of the scene stay its characters, LOD meshes, world and how it renders.
@@ -122,7 +151,10 @@ def _empty(scene: bpy.types.Scene, source: bpy.types.Object | None, keeps: bool)
     for other in [other for other in bpy.data.scenes if other != scene]:
         bpy.data.scenes.remove(other)
     top, home = scene.collection, bpy.data.collections.new("Ground")
-    own = {settings.characters, *([settings.levels] if settings.levels in top.children_recursive else [])}
+    own = {
+        settings.characters,
+        *([settings.levels] if settings.levels in top.children_recursive else []),
+    }
     own |= _homes_of_needed(own, source)
     for parent in (top, *bpy.data.collections):
         for child in own & set(parent.children):
@@ -148,7 +180,9 @@ def _empty(scene: bpy.types.Scene, source: bpy.types.Object | None, keeps: bool)
     return home if keeps else None
 
 
-def _homes_of_needed(own: Iterable[bpy.types.Collection], source: bpy.types.Object | None) -> set[bpy.types.Collection]:
+def _homes_of_needed(
+    own: Iterable[bpy.types.Collection], source: bpy.types.Object | None
+) -> set[bpy.types.Collection]:
     """Return a new hidden collection of what the objects of `own` need from outside, if anything.
 
     Blender would purge parents and targets that no collection holds, and characters change their
@@ -179,9 +213,13 @@ def _add_ground(scene: bpy.types.Scene, path: Path) -> bpy.types.Collection:
         raise CrowdError(f"Blender cannot read {printable(path)}: {first_line(error)}") from None
     home = bpy.data.collections.new("Ground")
     scene.collection.children.link(home)
-    found = next((each for each in wanted.scenes if any(item.type == "MESH" for item in each.objects)), None)
+    found = next(
+        (each for each in wanted.scenes if any(item.type == "MESH" for item in each.objects)), None
+    )
     if found is None:
-        raise CrowdError(f"No scene of {printable(path)} shows a mesh: give a file with the ground, or leave out --ground.")
+        raise CrowdError(
+            f"No scene of {printable(path)} shows a mesh: give a file with the ground, or leave out --ground."
+        )
     own, meters = scene_data.meters(found), scene_data.meters(scene)
     if abs(own / meters - 1) > 1e-5:
         raise CrowdError(
@@ -213,7 +251,11 @@ def _filled(scene: bpy.types.Scene) -> Generator[float, None, str]:
         scene.frame_start, scene.frame_end = trajectory.first_frame, last
     _film(scene, (yield from share(_places(scene), 0.5, 1.0)))
     if not any(item.type == "LIGHT" for item in scene.objects):
-        _add(scene, "Sun", bpy.data.lights.new("Sun", "SUN")).rotation_euler = (radians(50), 0, radians(30))
+        _add(scene, "Sun", bpy.data.lights.new("Sun", "SUN")).rotation_euler = (
+            radians(50),
+            0,
+            radians(30),
+        )
     if scene.world is None:
         scene.world = bpy.data.worlds.new("World")
     scene.frame_set(scene.frame_start)
@@ -234,7 +276,9 @@ def _places(scene: bpy.types.Scene) -> Generator[float, None, np.ndarray]:
         trajectory = trajectory_of(scene)
         yield from share(trajectory.approach(frame), k / len(frames), (k + 1) / len(frames))
         crowd = trajectory.at(frame)
-        there = np.stack([crowd.x, crowd.y, crowd.z], axis=1)[slice(None) if crowd.present is None else crowd.present]
+        there = np.stack([crowd.x, crowd.y, crowd.z], axis=1)[
+            slice(None) if crowd.present is None else crowd.present
+        ]
         found.append(there[:: max(1, len(there) * len(frames) // MOST_PLACES)])
     return np.concatenate(found)
 
@@ -247,7 +291,9 @@ def _film(scene: bpy.types.Scene, places: np.ndarray) -> None:
     scene.camera = camera
     window = cameras.camera_from(camera, scene.render, bpy.context.evaluated_depsgraph_get()).window
     meters = scene_data.meters(scene)
-    view = framing(places * meters, BORDER * window.right, -BORDER * window.bottom, BORDER * window.top)
+    view = framing(
+        places * meters, BORDER * window.right, -BORDER * window.bottom, BORDER * window.top
+    )
     x, y = view.ahead
     scene_data.look_at(camera, view.eye / meters, (y, -x, 0), (0, 0, 1), (x, y, 0))
     camera.data.clip_start, camera.data.clip_end = 0.1 / meters, view.far / meters

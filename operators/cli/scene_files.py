@@ -66,7 +66,9 @@ def save(part: Path, path: Path, compress: bool = False) -> None:
         with console.quiet():
             bpy.ops.wm.save_as_mainfile(filepath=str(part), copy=True, compress=compress)
     except RuntimeError as error:
-        raise CrowdError(f"The file {printable(path)} cannot be written: {first_line(error)}.") from None
+        raise CrowdError(
+            f"The file {printable(path)} cannot be written: {first_line(error)}."
+        ) from None
 
 
 def finish(steps: Generator[float, None, Made], what: str, quiet: bool) -> Made:

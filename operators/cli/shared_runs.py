@@ -34,7 +34,9 @@ ASIDE = {**OF_PART, "--out": 1, "--jobs": 1, "--quiet": 0, "--json": 0}
 MOST_JOBS = 256
 
 
-def sharing_of(args, command: Sequence[str], scene: bpy.types.Scene, folder: Path, frames: Sequence[int]) -> Sharing:
+def sharing_of(
+    args, command: Sequence[str], scene: bpy.types.Scene, folder: Path, frames: Sequence[int]
+) -> Sharing:
     """Return which part of the run this process does.
 
     CrowdError if the options do not fit each other, or `folder` has parts of another run.
@@ -44,7 +46,9 @@ def sharing_of(args, command: Sequence[str], scene: bpy.types.Scene, folder: Pat
     frames: of the whole run.
     """
     if not 1 <= args.jobs <= MOST_JOBS:
-        raise CrowdError(f"The number of jobs is {args.jobs}; give a whole number from 1 to {MOST_JOBS}.")
+        raise CrowdError(
+            f"The number of jobs is {args.jobs}; give a whole number from 1 to {MOST_JOBS}."
+        )
     if args.threads is not None:
         scene.render.threads_mode, scene.render.threads = "FIXED", args.threads
     if args.into is not None and args.part is None:
@@ -61,7 +65,10 @@ def sharing_of(args, command: Sequence[str], scene: bpy.types.Scene, folder: Pat
         _say(args, f"Memory is free for {jobs} process{'es' * (jobs > 1)}, not for {args.jobs}.")
     own, others = files.killed_runs(folder, key)
     if own:
-        _say(args, f"Going on with {own} of {counted(len(frames), 'frame')} from a run that was ended.")
+        _say(
+            args,
+            f"Going on with {own} of {counted(len(frames), 'frame')} from a run that was ended.",
+        )
     if others:
         _say(
             args,
@@ -80,10 +87,19 @@ def key_of(args, command: Sequence[str]) -> str:
     """
     if args.scene is None:
         return ""
-    found = hashlib.sha256(repr((without(command, ASIDE), __version__, bpy.app.version_string)).encode())
+    found = hashlib.sha256(
+        repr((without(command, ASIDE), __version__, bpy.app.version_string)).encode()
+    )
     plan = [args.plan, args.plan / plan_file.NAME] if args.plan is not None else []
-    linked = [*bpy.data.libraries, *(image for image in bpy.data.images if image.filepath and not image.packed_file)]
-    for path in (Path(args.scene), *plan, *(Path(bpy.path.abspath(each.filepath)) for each in linked)):
+    linked = [
+        *bpy.data.libraries,
+        *(image for image in bpy.data.images if image.filepath and not image.packed_file),
+    ]
+    for path in (
+        Path(args.scene),
+        *plan,
+        *(Path(bpy.path.abspath(each.filepath)) for each in linked),
+    ):
         if path.is_file():
             found.update(path.read_bytes())
     return found.hexdigest()
@@ -106,14 +122,23 @@ def without(command: Sequence[str], options: Mapping[str, int]) -> list[str]:
     return kept
 
 
-def worker_of(args, command: Sequence[str], jobs: int) -> Callable[[Path, Sequence[int]], list[str]]:
+def worker_of(
+    args, command: Sequence[str], jobs: int
+) -> Callable[[Path, Sequence[int]], list[str]]:
     """Return the function that gives the command of a process of --jobs; see Sharing.worker."""
     words = without(command, ASIDE)[1:]
     words = [word for k, word in enumerate(words) if k != _place(words, args)]
 
     def worker(file: Path, frames: Sequence[int]) -> list[str]:
         into = file.parent.parent
-        own = [words[0], str(file), *words[1:], f"--part={','.join(map(str, frames))}", "--into", str(into)]
+        own = [
+            words[0],
+            str(file),
+            *words[1:],
+            f"--part={','.join(map(str, frames))}",
+            "--into",
+            str(into),
+        ]
         if args.plan is None and (into / plan_file.NAME).exists():
             own += "--plan", str(into)
         return [*launcher(), *own, "--threads", str(_threads(jobs)), "--quiet"]
@@ -136,14 +161,24 @@ def launcher() -> list[str]:
     if bpy.app.binary_path:
         return [bpy.app.binary_path, "--background", "--command", "crowd_lod"]
     package = __package__.partition(".")[0]
-    return [sys.executable, "-c", f"import sys; from {package}.operators.cli.start import start; sys.exit(start())"]
+    return [
+        sys.executable,
+        "-c",
+        f"import sys; from {package}.operators.cli.start import start; sys.exit(start())",
+    ]
 
 
 def _parts(folder: Path, args, command: Sequence[str], key: str) -> Path:
     """Return the folder of the run's parts, marked with the run."""
     if not key:
-        raise CrowdError("Parts are made of a file by its path, not of the one that is open: give SCENE.")
-    run = {"key": key, "command": without(command, OF_PART), "scene": printable(Path(args.scene).absolute())}
+        raise CrowdError(
+            "Parts are made of a file by its path, not of the one that is open: give SCENE."
+        )
+    run = {
+        "key": key,
+        "command": without(command, OF_PART),
+        "scene": printable(Path(args.scene).absolute()),
+    }
     path = folder / PARTS / RUN
     if path.exists():
         _refuse_others(folder, key)
@@ -182,10 +217,14 @@ def read_run(folder: Path) -> dict[str, Any]:
 
 def _damaged(folder: Path) -> CrowdError:
     parts = folder / PARTS
-    return CrowdError(f"The file {printable(parts / RUN)} is damaged: remove {printable(parts)} and make the parts again.")
+    return CrowdError(
+        f"The file {printable(parts / RUN)} is damaged: remove {printable(parts)} and make the parts again."
+    )
 
 
-def assembled(args, parser: Callable[[str], argparse.ArgumentParser]) -> tuple[argparse.Namespace, list[str]]:
+def assembled(
+    args, parser: Callable[[str], argparse.ArgumentParser]
+) -> tuple[argparse.Namespace, list[str]]:
     """Return (arguments, words) of the command whose parts `args` names, to finish it with these.
 
     CrowdError if there are none, or the scene is another one now.
@@ -199,7 +238,9 @@ def assembled(args, parser: Callable[[str], argparse.ArgumentParser]) -> tuple[a
         raise _damaged(args.folder) from None
     again.part = None
     again.out, again.into = args.folder, args.folder / PARTS
-    again.scene = args.scene or (again.scene if again.scene in sample_scenes.NAMES else run["scene"])
+    again.scene = args.scene or (
+        again.scene if again.scene in sample_scenes.NAMES else run["scene"]
+    )
     again.quiet, again.json = args.quiet, args.json
     return again, run["command"]
 

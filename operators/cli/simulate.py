@@ -16,7 +16,11 @@ def simulated(args, command: list[str]) -> dict:
     tracks = path.with_suffix(".sqlite")
     with files.staged(path.parent, path.name, tracks.name) as hidden:
         settings = open_scene(args.scene).crowd_lod
-        for option, name, least in (("agents", "count", 1), ("seed", "seed", 0), ("seconds", "simulated_seconds", 0.1)):
+        for option, name, least in (
+            ("agents", "count", 1),
+            ("seed", "seed", 0),
+            ("seconds", "simulated_seconds", 0.1),
+        ):
             value = getattr(args, option)
             if value is not None:
                 if not least <= value < 2**31:

@@ -62,17 +62,23 @@ def charts_of(source: Source) -> Charts:
         for layer in source.mesh.uv_layers:
             uvs = np.empty((len(source.mesh.loops), 2), np.float32)
             layer.uv.foreach_get("vector", uvs.ravel())
-            columns.append(np.rint(uvs[corners].reshape(-1, 2).astype(np.float64) * 1e5).astype(np.int64))
+            columns.append(
+                np.rint(uvs[corners].reshape(-1, 2).astype(np.float64) * 1e5).astype(np.int64)
+            )
         ids = unique_rows(np.concatenate(columns, axis=1)).reshape(-1, 3)
         looks = np.empty((2, len(source.mesh.polygons)), np.int32)
         source.mesh.polygons.foreach_get("material_index", looks[0])
         source.mesh.polygons.foreach_get("use_smooth", looks[1])
         looks = np.column_stack([ids.ravel(), *looks[:, faces].repeat(3, axis=1)])
-        _, label = np.unique(connected_components(ids.max() + 1, ids)[ids[:, 0]], return_inverse=True)
+        _, label = np.unique(
+            connected_components(ids.max() + 1, ids)[ids[:, 0]], return_inverse=True
+        )
         order = np.argsort(label, kind="stable")
         members = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
         pairs = np.unique(np.stack([triangles.ravel(), label.repeat(3)], axis=1), axis=0)
-        source.charts = Charts(label, members, {}, *pairs.T, _seams(triangles, unique_rows(looks).reshape(-1, 3)))
+        source.charts = Charts(
+            label, members, {}, *pairs.T, _seams(triangles, unique_rows(looks).reshape(-1, 3))
+        )
     return source.charts
 
 
@@ -81,7 +87,10 @@ def _seams(triangles: np.ndarray, ids: np.ndarray) -> np.ndarray:
 
     triangles: (m, 3); ids: (m, 3), the corners numbered with their UVs and looks.
     """
-    ends, own = (np.sort(np.stack([t, np.roll(t, -1, axis=1)], axis=2).reshape(-1, 2), axis=1) for t in (triangles, ids))
+    ends, own = (
+        np.sort(np.stack([t, np.roll(t, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+        for t in (triangles, ids)
+    )
     edge, uv_edge = unique_rows(ends), unique_rows(own)
     _, first = np.unique(uv_edge, return_index=True)
     split = np.bincount(edge[first], minlength=edge.max() + 1) > 1
@@ -114,7 +123,9 @@ class Place:
         return Place(self.triangle[index], self.weights[index], self.outside[index])
 
 
-def locate(source: Source, chart: np.ndarray, points: np.ndarray, beyond: np.ndarray | None = None) -> tuple[Place, np.ndarray]:
+def locate(
+    source: Source, chart: np.ndarray, points: np.ndarray, beyond: np.ndarray | None = None
+) -> tuple[Place, np.ndarray]:
     """The places of points in their charts.
 
     chart: (n,); points: (n, 3); `outside` is of the points `beyond`, if given. Returns the Place and distances (n,).
@@ -178,37 +189,61 @@ def dress(name: str, result: LodMesh, source: Source) -> Generator[None, None, b
     at = result.points[result.triangles]
     middle = at.mean(axis=1, keepdims=True)
     every = chart.repeat(3)
-    inner, _ = locate(source, every, ((1 - INWARD) * at + INWARD * middle).reshape(-1, 3), at.reshape(-1, 3))
+    inner, _ = locate(
+        source, every, ((1 - INWARD) * at + INWARD * middle).reshape(-1, 3), at.reshape(-1, 3)
+    )
     yield
     # a vertex is looked up once a chart
-    _, first, back = np.unique(np.stack([result.triangles.ravel(), every], axis=1), axis=0, return_index=True, return_inverse=True)
+    _, first, back = np.unique(
+        np.stack([result.triangles.ravel(), every], axis=1),
+        axis=0,
+        return_index=True,
+        return_inverse=True,
+    )
     edge, off = locate(source, every[first], at.reshape(-1, 3)[first])
     # of each point the place in the chart nearest to it
     nearest = np.lexsort((off, result.triangles.ravel()[first]))
-    nearest = edge[nearest[np.searchsorted(result.triangles.ravel()[first][nearest], np.arange(len(result.points)))]]
+    nearest = edge[
+        nearest[
+            np.searchsorted(result.triangles.ravel()[first][nearest], np.arange(len(result.points)))
+        ]
+    ]
     edge = edge[back.ravel()]
     yield
     attributes = read_attributes(source.mesh)
     for key, (domain, kind, values) in attributes.items():
         if key.startswith(KEY):
-            carried = np.einsum("nk,nkd->nd", nearest.weights, values[source.geometry[1][nearest.triangle]])
+            carried = np.einsum(
+                "nk,nkd->nd", nearest.weights, values[source.geometry[1][nearest.triangle]]
+            )
         elif domain == "POINT":
             carried = values[result.source]
         elif domain == "FACE":
             carried = values[faces[center.triangle]]
         elif domain == "CORNER" and kind == "FLOAT2":
             uvs = values[corners]
-            carried = _same_side(*(np.einsum("nk,nkd->nd", place.outside, uvs[place.triangle]) for place in (edge, inner, center)))
+            carried = _same_side(
+                *(
+                    np.einsum("nk,nkd->nd", place.outside, uvs[place.triangle])
+                    for place in (edge, inner, center)
+                )
+            )
             # never beyond the chart's own range: it may end at the picture's edge
             low, high = (
-                np.array([limit(uvs[members], axis=(0, 1)) for members in charts_of(source).members]) for limit in (np.min, np.max)
+                np.array(
+                    [limit(uvs[members], axis=(0, 1)) for members in charts_of(source).members]
+                )
+                for limit in (np.min, np.max)
             )
             carried = carried.clip(low[every], high[every])
         elif key == NORMALS and len(result.triangles) <= FEW:
             carried = _shading(source, result, chart, values)
         elif key == NORMALS:
             # one a vertex, but on the two sides of a sharp edge
-            one, side = (np.einsum("nk,nkd->nd", place.weights, values[corners[place.triangle]]) for place in (edge, inner))
+            one, side = (
+                np.einsum("nk,nkd->nd", place.weights, values[corners[place.triangle]])
+                for place in (edge, inner)
+            )
             carried = np.where(np.linalg.norm(one - side, axis=1, keepdims=True) > SHARP, side, one)
         elif domain == "CORNER" and values.dtype == np.float32:
             carried = np.einsum("nk,nkd->nd", inner.weights, values[corners[inner.triangle]])
@@ -230,7 +265,9 @@ def _shading(source: Source, result: LodMesh, chart: np.ndarray, normals: np.nda
     _, triangles, corners, _ = source.geometry
     at = np.einsum("sk,mkd->msd", SPREAD, result.points[result.triangles])
     place, _ = locate(source, chart.repeat(len(SPREAD)), at.reshape(-1, 3))
-    there = np.einsum("nk,nkd->nd", place.weights, normals[corners[place.triangle]]).reshape(at.shape)
+    there = np.einsum("nk,nkd->nd", place.weights, normals[corners[place.triangle]]).reshape(
+        at.shape
+    )
     own = unit(np.einsum("ks,msd->mkd", np.linalg.pinv(SPREAD), there).reshape(-1, 3))
     vertex = result.triangles.ravel()
     one = unit(np.stack([np.bincount(vertex, x) for x in own.T], axis=1))[vertex]
@@ -250,7 +287,9 @@ def shade(mesh: bpy.types.Mesh, source: Source) -> None:
         result = LodMesh(points, triangles, nearest_vertices(source, points))
         chart, _ = charts_chosen(source, result)
         values = np.empty((len(mesh.loops), 3), np.float32)
-        values[corners.ravel()] = _shading(source, result, chart, read_attributes(source.mesh)[NORMALS][2])
+        values[corners.ravel()] = _shading(
+            source, result, chart, read_attributes(source.mesh)[NORMALS][2]
+        )
         write_attribute(mesh, NORMALS, "CORNER", "FLOAT_VECTOR", values)
     elif not source.custom_normals:
         mesh.attributes.remove(mesh.attributes[NORMALS])
@@ -263,7 +302,10 @@ def nearest_vertices(source: Source, points: np.ndarray) -> np.ndarray:
     """
     _, hit, _ = source.surface.nearest(points)
     corner = source.geometry[1][hit]
-    return corner[np.arange(len(hit)), np.linalg.norm(source.geometry[0][corner] - points[:, None], axis=2).argmin(axis=1)]
+    return corner[
+        np.arange(len(hit)),
+        np.linalg.norm(source.geometry[0][corner] - points[:, None], axis=2).argmin(axis=1),
+    ]
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:
@@ -276,11 +318,15 @@ def _same_side(nearest: np.ndarray, inwards: np.ndarray, centers: np.ndarray) ->
 
     Across a seam within the chart they are far from those continued from a little `inwards`, which are taken then.
     """
-    jump = np.linalg.norm(nearest - inwards, axis=1) > JUMP * np.linalg.norm(inwards - centers.repeat(3, axis=0), axis=1)
+    jump = np.linalg.norm(nearest - inwards, axis=1) > JUMP * np.linalg.norm(
+        inwards - centers.repeat(3, axis=0), axis=1
+    )
     return np.where(jump[:, None], inwards, nearest)
 
 
-def write_attribute(mesh: bpy.types.Mesh, name: str, domain: str, kind: str, values: np.ndarray) -> None:
+def write_attribute(
+    mesh: bpy.types.Mesh, name: str, domain: str, kind: str, values: np.ndarray
+) -> None:
     """Write `values` (n, width) to the attribute `name`, made if it is missing."""
     attribute = mesh.attributes.get(name) or mesh.attributes.new(name, kind, domain)
     attribute.data.foreach_set(mesh_data.ATTRIBUTES[kind][0], np.ascontiguousarray(values).ravel())
@@ -324,7 +370,11 @@ def set_keys(item: bpy.types.Object, source: Source) -> None:
         original = source.item.data.shape_keys.key_blocks[name]
         key = item.shape_key_add(name=name, from_mix=False)
         key.data.foreach_set("co", (points + offset).ravel())
-        key.slider_min, key.slider_max, key.value = original.slider_min, original.slider_max, original.value
+        key.slider_min, key.slider_max, key.value = (
+            original.slider_min,
+            original.slider_max,
+            original.value,
+        )
         driver = key.driver_add("value").driver
         driver.type = "SUM"
         variable = driver.variables.new()
@@ -356,7 +406,9 @@ def set_weights(item: bpy.types.Object, names: list[str], rigs: list[set[str]], 
     item.vertex_groups.clear()
     for name in names:
         item.vertex_groups.new(name=name)
-    rig_of = [next((r for r, bones in enumerate(rigs) if name in bones), len(rigs)) for name in names]
+    rig_of = [
+        next((r for r, bones in enumerate(rigs) if name in bones), len(rigs)) for name in names
+    ]
     rig = np.array(rig_of, np.intp)[group]
     order = np.lexsort((-weight, vertex, rig))
     order = order[(weight > 0)[order] | (rig == len(rigs))[order]]
@@ -364,11 +416,23 @@ def set_weights(item: bpy.types.Object, names: list[str], rigs: list[set[str]], 
     place = rig * len(item.data.vertices) + vertex  # a vertex of a rig
     first = np.searchsorted(place, place)
     keep = (np.arange(len(place)) - first < MOST_INFLUENCES) | (rig == len(rigs))
-    vertex, group, weight, rig, place = vertex[keep], group[keep], weight[keep], rig[keep], place[keep]
+    vertex, group, weight, rig, place = (
+        vertex[keep],
+        group[keep],
+        weight[keep],
+        rig[keep],
+        place[keep],
+    )
     of_bone = rig < len(rigs)
     weight[of_bone] /= np.bincount(place, weight)[place[of_bone]]
-    same = unique_rows(np.stack([group, np.rint(weight * 1e7).astype(np.int64)], axis=1)) if len(group) else group
+    same = (
+        unique_rows(np.stack([group, np.rint(weight * 1e7).astype(np.int64)], axis=1))
+        if len(group)
+        else group
+    )
     order = np.argsort(same, kind="stable")
     for entries in np.split(order, np.flatnonzero(np.diff(same[order])) + 1):
         if len(entries):
-            item.vertex_groups[int(group[entries[0]])].add(vertex[entries].tolist(), float(weight[entries[0]]), "REPLACE")
+            item.vertex_groups[int(group[entries[0]])].add(
+                vertex[entries].tolist(), float(weight[entries[0]]), "REPLACE"
+            )

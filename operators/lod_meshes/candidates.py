@@ -33,15 +33,38 @@ from .search import Search
 # Custom properties of a LOD's collection of one character group: the hash of what it was made from,
 # which candidate it is, and how many objects it has; of the finest, what was measured of those that
 # were made.
-DIGEST, CANDIDATE, SIZE, MEASURED = "crowd_lod_digest", "crowd_lod_candidate", "crowd_lod_size", "crowd_lod_measured"
+DIGEST, CANDIDATE, SIZE, MEASURED = (
+    "crowd_lod_digest",
+    "crowd_lod_candidate",
+    "crowd_lod_size",
+    "crowd_lod_measured",
+)
 # Of Group, a value a LOD
-COLUMNS = {"vertices": int, "triangles": int, "deviations": float, "bounds": float, "rms": float, "worst": float}
+COLUMNS = {
+    "vertices": int,
+    "triangles": int,
+    "deviations": float,
+    "bounds": float,
+    "rms": float,
+    "worst": float,
+}
 # of what was measured: where the group stands, by how much materials displace it, its lowest point,
 # center, radius
 REACH = "reach"
 # Modifiers whose settings say all that they do; of others, such as physics, groups are measured
 # again.
-PLAIN = {"ARMATURE", "BEVEL", "DECIMATE", "EDGE_SPLIT", "MIRROR", "SOLIDIFY", "SUBSURF", "TRIANGULATE", "WEIGHTED_NORMAL", "WELD"}
+PLAIN = {
+    "ARMATURE",
+    "BEVEL",
+    "DECIMATE",
+    "EDGE_SPLIT",
+    "MIRROR",
+    "SOLIDIFY",
+    "SUBSURF",
+    "TRIANGULATE",
+    "WEIGHTED_NORMAL",
+    "WELD",
+}
 # see Ladder.lost: less than most LODs do, for what is guessed to deviate too much is never tried
 USUALLY_LOST = 4.0
 OFTEN_LOST = 12.0  # the same in the middle
@@ -52,7 +75,9 @@ VERSION = 23  # of the code that makes LOD meshes: another one makes them anew
 def _untouched(home: bpy.types.Collection) -> bool:
     """Return whether `home` still has all objects that were made in it, unedited."""
     objects = [item for item in home.objects if item.get(OWNED)]
-    return len(objects) == home[SIZE] and all(item.get(AS_MADE) == hash_made(item) for item in objects)
+    return len(objects) == home[SIZE] and all(
+        item.get(AS_MADE) == hash_made(item) for item in objects
+    )
 
 
 class Ladder:
@@ -80,7 +105,14 @@ class Ladder:
     found: collections by goal; made: those of them that are new.
     """
 
-    def __init__(self, name: str, objects: list[bpy.types.Object], ratios: list[float], settings, place: Sequence[float]):
+    def __init__(
+        self,
+        name: str,
+        objects: list[bpy.types.Object],
+        ratios: list[float],
+        settings,
+        place: Sequence[float],
+    ):
         actions = actions_named(settings.id_data, name)
         self.name, self.objects, self.method = name, objects, settings.method
         self.searched = settings.choice == "BY_TOLERANCE"
@@ -93,7 +125,10 @@ class Ladder:
         self.rows: dict[float, tuple] = {}
         self.found: dict[float, bpy.types.Collection] = {}
         self.made: dict[float, bpy.types.Collection] = {}
-        self.by, self.diagonal = Measure(name, objects, actions, settings.hidden_surface_counts), 0.0
+        self.by, self.diagonal = (
+            Measure(name, objects, actions, settings.hidden_surface_counts),
+            0.0,
+        )
         self.search: Search | None = None
 
     def read(self) -> Iterator[float]:
@@ -104,10 +139,18 @@ class Ladder:
             digests.append(_object_digest(item, source))
             yield (number + 1) / len(self.objects)
         if not any(source.mesh for source in self.sources):
-            raise CrowdError(f"The character group {self.name} has no faces, modifiers applied: give it a mesh, or take it out.")
+            raise CrowdError(
+                f"The character group {self.name} has no faces, modifiers applied: give it a mesh, or take it out."
+            )
         named = digest_of(self.by.performance.parts)
         self.digest = text_digest(
-            digests, self.goals, self.method, VERSION, *["shading"] * bool(self.looks), *named, self.by.hidden_counts
+            digests,
+            self.goals,
+            self.method,
+            VERSION,
+            *["shading"] * bool(self.looks),
+            *named,
+            self.by.hidden_counts,
         )
         shown = [source for source in self.sources if source.mesh]
         triangles = [len(source.mesh.loops) - 2 * len(source.mesh.polygons) for source in shown]
@@ -128,13 +171,28 @@ class Ladder:
         """
         size = group.scale[1]
         finest = self.diagonal / self._value(0.0, "triangles")
-        lengths = allowed_lengths(views, varied(group).radius, tolerance / size, finest, higher, DARKER if self.looks else 1.0)
+        lengths = allowed_lengths(
+            views,
+            varied(group).radius,
+            tolerance / size,
+            finest,
+            higher,
+            DARKER if self.looks else 1.0,
+        )
         self.goals = [0.0, *(self._known_goal(length) for length in lengths)]
 
     def _known_goal(self, length: float) -> float:
         """Return the goal of a measured LOD that deviates by about `length`, but no more; `length` if there is none."""
-        near = [goal for goal in self.rows if NEAR_ENOUGH * length <= self._value(goal, "bounds") <= length]
-        return length if length in self.rows or not near else min(near, key=lambda goal: self._value(goal, "triangles"))
+        near = [
+            goal
+            for goal in self.rows
+            if NEAR_ENOUGH * length <= self._value(goal, "bounds") <= length
+        ]
+        return (
+            length
+            if length in self.rows or not near
+            else min(near, key=lambda goal: self._value(goal, "triangles"))
+        )
 
     def _value(self, goal: float, kind: str) -> float:
         return self.rows[goal][list(self.kinds).index(kind)]
@@ -152,15 +210,26 @@ class Ladder:
 
     def _homes(self, earlier: bpy.types.Collection | None) -> list[bpy.types.Collection]:
         levels = earlier.children if earlier is not None else ()
-        return [home for level in levels for home in level.children if home.get(DIGEST) == self.digest]
+        return [
+            home for level in levels for home in level.children if home.get(DIGEST) == self.digest
+        ]
 
     def _remember(self, found: IDPropertyGroup) -> None:
         goals = stored_values.read(found, CANDIDATE, float, "", range(1, MOST_GOALS + 1))
-        columns = [stored_values.read(found, *column, "", (len(goals),)) for column in self.kinds.items()]
+        columns = [
+            stored_values.read(found, *column, "", (len(goals),)) for column in self.kinds.items()
+        ]
         self.diagonal = stored_values.read(found, "diagonal", float, "")
-        self.rows = dict(zip(goals, zip(*columns, strict=True), strict=True)) if self.goals[0] in goals else {}
+        self.rows = (
+            dict(zip(goals, zip(*columns, strict=True), strict=True))
+            if self.goals[0] in goals
+            else {}
+        )
         reach = stored_values.read(found, REACH, float, "", (len(self.place) + 3,))
-        plain = all(item.type == "MESH" and PLAIN.issuperset(m.type for m in item.modifiers) for item in self.objects)
+        plain = all(
+            item.type == "MESH" and PLAIN.issuperset(m.type for m in item.modifiers)
+            for item in self.objects
+        )
         self.reach = tuple(reach[-3:]) if plain and reach[:-3] == self.place else None
 
     def make(self, goal: float) -> Iterator[float]:
@@ -188,7 +257,14 @@ class Ladder:
             if whole and source.item.type == "MESH":
                 made.append(share_object(source))
             else:
-                made.append((yield from standing(make_object(source, goal or 1.0, self.method), number / len(self.sources))))
+                made.append(
+                    (
+                        yield from standing(
+                            make_object(source, goal or 1.0, self.method),
+                            number / len(self.sources),
+                        )
+                    )
+                )
         self._keep(goal, [item for item, _, _ in made])
         return sum(each[1] for each in made), sum(each[2] for each in made)
 
@@ -203,14 +279,23 @@ class Ladder:
             yield from self._read_skins()
             self.search = Search(self.sources, self.method, make_object, self.by)
         whole = self._value(0.0, "triangles")
-        tries, measured = yield from self.search.find(length, self._guess_triangles([length], OFTEN_LOST)[0] / whole)
+        tries, measured = yield from self.search.find(
+            length, self._guess_triangles([length], OFTEN_LOST)[0] / whole
+        )
         for attempt, source in zip(tries, self.sources, strict=True):
             if WHY in attempt.item and attempt.ratio < 1.0:
                 name = "Pose-Aware" if attempt.method == "POSE_AWARE" else "Decimate Modifier"
                 reason = f"{name}: the fewest triangles of those tried that deviate no more than agents allow."
                 attempt.item[WHY] = " ".join([reason, *source.notes])
         self._keep(length, [attempt.item for attempt in tries])
-        self._note(length, (sum(attempt.vertices for attempt in tries), sum(attempt.triangles for attempt in tries)), measured)
+        self._note(
+            length,
+            (
+                sum(attempt.vertices for attempt in tries),
+                sum(attempt.triangles for attempt in tries),
+            ),
+            measured,
+        )
 
     def _keep(self, goal: float, items: Sequence[bpy.types.Object]) -> None:
         """Put a LOD's objects into a collection of their own."""
@@ -224,13 +309,17 @@ class Ladder:
         home[DIGEST], home[CANDIDATE], home[SIZE] = self.digest, goal, len(items)
         self.found[goal] = self.made[goal] = home
 
-    def _note(self, goal: float, counts: tuple[int, int], measured: tuple[float, float, float, float]) -> None:
+    def _note(
+        self, goal: float, counts: tuple[int, int], measured: tuple[float, float, float, float]
+    ) -> None:
         """Note what was measured of the LOD for `goal`."""
         self.diagonal = self.by.diagonal
         self.rows[goal] = *counts, *measured
         if self.looks:
             at, level = (self.by.performance, measured[-1]), list(self.found[goal].objects)
-            self.rows[goal] += (compare(self.objects, level, at, self.diagonal, self.looks) if goal else 0.0,)
+            self.rows[goal] += (
+                compare(self.objects, level, at, self.diagonal, self.looks) if goal else 0.0,
+            )
 
     def look_between(self, goals: Sequence[float]) -> Iterator[float]:
         """Look at LODs that were made anew in further frames, which may raise their bounds.
@@ -247,16 +336,18 @@ class Ladder:
 
     def columns(self, goals: Sequence[float]) -> dict:
         """Return the values of a Group for the candidates of `goals`, by name of the field."""
-        return dict(zip(self.kinds, zip(*(self.rows[goal] for goal in goals), strict=True), strict=True)) | {
-            "diagonal": self.diagonal
-        }
+        return dict(
+            zip(self.kinds, zip(*(self.rows[goal] for goal in goals), strict=True), strict=True)
+        ) | {"diagonal": self.diagonal}
 
     def lost(self) -> list[float]:
         """Return triangles x bound / diagonal of measured candidates but the first.
 
         Candidates without deviation are left out.
         """
-        pairs = [(self._value(goal, "triangles"), self._value(goal, "bounds")) for goal in self.rows]
+        pairs = [
+            (self._value(goal, "triangles"), self._value(goal, "bounds")) for goal in self.rows
+        ]
         return [triangles * bound / self.diagonal for triangles, bound in pairs if bound > 0]
 
     def guess(self, group: Group, usual: Sequence[float]) -> Group:
@@ -267,35 +358,61 @@ class Ladder:
         rows = [self.rows.get(goal, (0,) * len(self.kinds)) for goal in self.goals]
         values = dict(zip(self.kinds, map(list, zip(*rows, strict=True)), strict=True))
         # by ratio all are made, whatever they deviate by
-        missing = [k for k, goal in enumerate(self.goals) if goal not in self.rows and self.searched]
+        missing = [
+            k for k, goal in enumerate(self.goals) if goal not in self.rows and self.searched
+        ]
         lengths = [self.goals[k] for k in missing]
-        guessed = {"bounds": lengths, "triangles": missing and self._guess_triangles(lengths, min(usual, default=USUALLY_LOST))}
+        guessed = {
+            "bounds": lengths,
+            "triangles": missing
+            and self._guess_triangles(lengths, min(usual, default=USUALLY_LOST)),
+        }
         if self.looks:
-            known = [(self._value(goal, "bounds"), self._value(goal, "shaded")) for goal in self.rows]
-            known = [(bound, shaded) for bound, shaded in known if 0 < shaded < np.inf and bound > 0]
-            guessed["shaded"] = read_curve(lengths, known, 1.0).tolist() if known else [0.0] * len(lengths)
+            known = [
+                (self._value(goal, "bounds"), self._value(goal, "shaded")) for goal in self.rows
+            ]
+            known = [
+                (bound, shaded) for bound, shaded in known if 0 < shaded < np.inf and bound > 0
+            ]
+            guessed["shaded"] = (
+                read_curve(lengths, known, 1.0).tolist() if known else [0.0] * len(lengths)
+            )
         for name, own in guessed.items():
             for k, value in zip(missing, own, strict=True):
                 values[name][k] = value
-        return replace(group, diagonal=self.diagonal, **{name: tuple(column) for name, column in values.items()})
+        return replace(
+            group,
+            diagonal=self.diagonal,
+            **{name: tuple(column) for name, column in values.items()},
+        )
 
     def _guess_triangles(self, lengths: Sequence[float], usual: float) -> list[int]:
         """Return about how many triangles a LOD has that deviates by each of `lengths`."""
         whole = int(self._value(0.0, "triangles"))
-        known = [(self._value(goal, "bounds"), self._value(goal, "triangles")) for goal in self.rows]
+        known = [
+            (self._value(goal, "bounds"), self._value(goal, "triangles")) for goal in self.rows
+        ]
         known = [pair for pair in known if pair[0] > 0] or [(usual * self.diagonal / whole, whole)]
         return read_curve(lengths, known, -1.0).round().astype(int).clip(1, whole).tolist()
 
     def settle(self, chosen: list[bpy.types.Collection]) -> None:
         goals = (
-            list(self.rows)[-MOST_GOALS:] if len(self.rows) <= MOST_GOALS else [self.goals[0], *list(self.rows)[1 - MOST_GOALS :]]
+            list(self.rows)[-MOST_GOALS:]
+            if len(self.rows) <= MOST_GOALS
+            else [self.goals[0], *list(self.rows)[1 - MOST_GOALS :]]
         )
-        chosen[0][MEASURED] = {CANDIDATE: goals, REACH: [*self.place, *self.reach], **self.columns(goals)}
+        chosen[0][MEASURED] = {
+            CANDIDATE: goals,
+            REACH: [*self.place, *self.reach],
+            **self.columns(goals),
+        }
         bpy.data.batch_remove([source.mesh for source in self.sources if source.mesh])
         doomed = [home for home in self.made.values() if home not in chosen]
         discard([item for home in doomed for item in home.objects])
         bpy.data.batch_remove(doomed)
-        for item in (item for home in self.made.values() if home in chosen for item in home.objects):
+        for item in (
+            item for home in self.made.values() if home in chosen for item in home.objects
+        ):
             item[AS_MADE] = hash_made(item)
 
 
@@ -303,11 +420,18 @@ def _object_digest(item: bpy.types.Object, source: sources.Source) -> str:
     """Return a hash of everything that LODs take from the object."""
     blocks = source.keys and item.data.shape_keys.key_blocks
     looks = (
-        [getattr(item, name) for name in mesh_data.SHOWN if name not in ("hide_render", "hide_viewport", "color")],
+        [
+            getattr(item, name)
+            for name in mesh_data.SHOWN
+            if name not in ("hide_render", "hide_viewport", "color")
+        ],
         [slot.material and slot.material.name_full for slot in item.material_slots],
         [(name, blocks[name].slider_min, blocks[name].slider_max) for name in source.keys],
     )
     if source.mesh is None:
         return text_digest(stance(item), looks)
-    active = [layer.active_render for layer in source.mesh.uv_layers], source.mesh.attributes.default_color_name
+    active = (
+        [layer.active_render for layer in source.mesh.uv_layers],
+        source.mesh.attributes.default_color_name,
+    )
     return sources.digest(source.mesh, stance(item), looks, active, source.groups)

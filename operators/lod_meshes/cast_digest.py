@@ -8,7 +8,15 @@ import numpy as np
 from ..blender import mesh_data, scene_data
 from ..blender.provenance import text_digest
 from ..blender.references import blocks_of
-from ..blender.rig_dependencies import curves_of, moved_values, places, players_of, read_tree, settings_of, shape_of
+from ..blender.rig_dependencies import (
+    curves_of,
+    moved_values,
+    places,
+    players_of,
+    read_tree,
+    settings_of,
+    shape_of,
+)
 
 SAMPLED = 200  # vertices of a mesh, roughly
 
@@ -21,8 +29,16 @@ def cast_digest(items: Iterable[bpy.types.Object]) -> str:
     blocks = blocks_of(list(items))
     parts = [block for block in blocks if isinstance(block, bpy.types.Object)]
     trees = [read_tree(block) for block in blocks if isinstance(block, bpy.types.GeometryNodeTree)]
-    played = [(player.action.name_full, *player.action.frame_range) for player in players_of(parts) if player.action is not None]
-    return text_digest([(holds(item, still=not _moves(item)), slots(item), *_made_of(item)) for item in parts], played, trees)
+    played = [
+        (player.action.name_full, *player.action.frame_range)
+        for player in players_of(parts)
+        if player.action is not None
+    ]
+    return text_digest(
+        [(holds(item, still=not _moves(item)), slots(item), *_made_of(item)) for item in parts],
+        played,
+        trees,
+    )
 
 
 def _moves(item: bpy.types.Object) -> bool:
@@ -33,13 +49,21 @@ def _moves(item: bpy.types.Object) -> bool:
 def _curves(item: bpy.types.Object) -> list[bpy.types.FCurve]:
     """Return the drivers and F-curves that animate the object itself."""
     data = item.animation_data
-    return [*data.drivers, *(curve for player in players_of([item]) for curve in curves_of(player))] if data is not None else []
+    return (
+        [*data.drivers, *(curve for player in players_of([item]) for curve in curves_of(player))]
+        if data is not None
+        else []
+    )
 
 
 def _node_inputs(item: bpy.types.Object) -> list[tuple[str, str]]:
     """Return (RNA path, value as text) of each input of Nodes modifiers that nothing animates."""
     modifiers = [modifier for modifier in item.modifiers if modifier.type == "NODES"]
-    inputs = {m.path_from_id() + path: value for m in modifiers for path, value in scene_data.node_inputs(m).items()}
+    inputs = {
+        m.path_from_id() + path: value
+        for m in modifiers
+        for path, value in scene_data.node_inputs(m).items()
+    }
     animated = {curve.data_path for curve in _curves(item)}
     return sorted((path, repr(value)) for path, value in inputs.items() if path not in animated)
 
@@ -48,7 +72,10 @@ def _made_of(item: bpy.types.Object) -> Iterator[list]:
     """Yield what else shapes and moves the object: modifiers, constraints, and its data, or some of a mesh's vertices."""
     moved = moved_values(item)
     bones = item.pose.bones if item.pose is not None else ()
-    constraints = [*item.constraints, *(constraint for bone in bones for constraint in bone.constraints)]
+    constraints = [
+        *item.constraints,
+        *(constraint for bone in bones for constraint in bone.constraints),
+    ]
     yield [settings_of(struct, moved) for struct in (*item.modifiers, *constraints)]
     if item.type == "MESH":
         yield mesh_data.some_vertices(item.data, SAMPLED)
@@ -60,7 +87,10 @@ def _made_of(item: bpy.types.Object) -> Iterator[list]:
 
 def holds(item: bpy.types.Object, still: bool = True) -> tuple:
     """Return the object's data, what moves it, and, if it stands `still`, where."""
-    modifiers = [(m.name, m.type, m.show_render, m.show_viewport, getattr(m, "object", None)) for m in item.modifiers]
+    modifiers = [
+        (m.name, m.type, m.show_render, m.show_viewport, getattr(m, "object", None))
+        for m in item.modifiers
+    ]
     named = [(*each, other and other.name) for *each, other in modifiers]
     sizes = (len(item.data.vertices), len(item.data.loops)) if item.type == "MESH" else ()
     places = np.array([*item.matrix_basis, *item.matrix_parent_inverse]).tolist() if still else []

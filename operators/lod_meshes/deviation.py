@@ -84,7 +84,9 @@ class Measure:
         shapes = yield from read_shapes(self.objects, self.frames, self.performance)
         shown = [each.points for each in map(surface_of, shapes) if each]
         if not shown:
-            raise CrowdError(f"The character {self.name} shows no face in any pose of its action: check its modifiers.")
+            raise CrowdError(
+                f"The character {self.name} shows no face in any pose of its action: check its modifiers."
+            )
         self.diagonal = max(float(np.linalg.norm(np.ptp(points, axis=0))) for points in shown)
         self.character = PosedSurface(shapes, self.hidden_counts)
 
@@ -111,7 +113,9 @@ class Measure:
         for index, point in enumerate(shape.points[begin:end]):
             tree.insert(point, index)
         tree.balance()
-        return np.array([tree.find(point)[1] for point in points @ matrix[:3, :3].T + matrix[:3, 3]], np.intp)
+        return np.array(
+            [tree.find(point)[1] for point in points @ matrix[:3, :3].T + matrix[:3, 3]], np.intp
+        )
 
     def worst_vertices(self) -> tuple[float, int, np.ndarray]:
         """Return how far the LOD measured last is off at most, and the vertices (k,) around that place.
@@ -136,7 +140,10 @@ class Measure:
         shapes = finished(read_shapes(objects, [self.frames[k] for k in run], self.performance))
         lod = merge([shape.points for shape in shapes], shapes[0].triangles)
         if lod is None:
-            return Estimate([np.inf] * len(objects), [np.full(n, np.inf) for n in np.diff(self.character.shapes[0].begins)])
+            return Estimate(
+                [np.inf] * len(objects),
+                [np.full(n, np.inf) for n in np.diff(self.character.shapes[0].begins)],
+            )
         character = self.character.surface(run)
         first = self.character.shapes[run[0]]
         parts = list(zip(parts_of(character, first), parts_of(lod, shapes[0]), strict=True))
@@ -144,7 +151,9 @@ class Measure:
         away = np.append(away, 0.0)[character.place]  # loose vertices are at -1
         return Estimate(deviations, np.split(away, first.begins[1:-1]))
 
-    def level(self, objects: Sequence[bpy.types.Object], k: int) -> Generator[float, None, Measured]:
+    def level(
+        self, objects: Sequence[bpy.types.Object], k: int
+    ) -> Generator[float, None, Measured]:
         """Measure LOD k: all `objects` together against all of the character's.
 
         Returns (deviation, bound, root mean square, moment of the worst pose), meters. CrowdError if either has no face in any pose.
@@ -155,7 +164,9 @@ class Measure:
         self._levels[_key(objects)] = lod
         compared = compare_surfaces(self.character, lod, self.frames)
         if compared is None:
-            raise CrowdError(f"LOD {k} of {self.name} has no face: raise its ratio and press Make LOD Meshes.")
+            raise CrowdError(
+                f"LOD {k} of {self.name} has no face: raise its ratio and press Make LOD Meshes."
+            )
         found, self.worst = compared
         yield 1.0
         return found
@@ -172,7 +183,11 @@ class Measure:
         found, moments = list(found), moments_between(self.performance)
         some = [k for k, row in enumerate(found) if row[0] > 0 and _key(levels[k]) in self._levels]
         lods = [self._levels[_key(levels[k])] for k in some]
-        if not (some and moments) or len(self.character.runs) > 1 or any(len(lod.runs) > 1 for lod in lods):
+        if (
+            not (some and moments)
+            or len(self.character.runs) > 1
+            or any(len(lod.runs) > 1 for lod in lods)
+        ):
             return found
         character, *surfaces = (each.surface(each.runs[0]) for each in (self.character, *lods))
         pairs = [(watch(character, surface), watch(surface, character)) for surface in surfaces]
@@ -182,9 +197,13 @@ class Measure:
             closer = yield from share(look_at(posed, beside, pairs), 0.8, 0.9)
             times, off = np.array([*moments, *beside]), np.concatenate([off, closer], axis=1)
             for number, (k, lod) in enumerate(zip(some, lods, strict=True)):
-                looked = Looked(posed, number, (self.character, lod), pairs[number], times, off[number])
+                looked = Looked(
+                    posed, number, (self.character, lod), pairs[number], times, off[number]
+                )
                 before = found[k][1]
-                beyond = found[k][0]  # what lies between places may be farther off than any pose tells
+                beyond = found[k][
+                    0
+                ]  # what lies between places may be farther off than any pose tells
                 while row := looked.measure(found[k], beyond):
                     found[k] = row
                     beyond = row[1] + BELOW * self.diagonal
@@ -220,10 +239,24 @@ def measure(
     """
     by, found = Measure(group.name, objects, actions, hidden_counts), []
     for k, level in enumerate(levels):
-        found.append((yield from share(by.level(level, k), 0.8 * k / len(levels), 0.8 * (k + 1) / len(levels))))
+        found.append(
+            (
+                yield from share(
+                    by.level(level, k), 0.8 * k / len(levels), 0.8 * (k + 1) / len(levels)
+                )
+            )
+        )
     found = yield from share(by.look_between(levels, found), 0.8, 1.0)
     deviations, bounds, rms, worst = zip(*found, strict=True)
-    return replace(group, deviations=deviations, bounds=bounds, rms=rms, worst=worst, diagonal=by.diagonal, shaded=())
+    return replace(
+        group,
+        deviations=deviations,
+        bounds=bounds,
+        rms=rms,
+        worst=worst,
+        diagonal=by.diagonal,
+        shaded=(),
+    )
 
 
 def compare(
@@ -250,7 +283,10 @@ def meshes_of(levels: bpy.types.Collection, g: int, name: str) -> list[list[bpy.
 
     levels: the collection that Make LOD Meshes has made.
     """
-    return [[o for o in home_of(level, g, name).all_objects if o.type in SOLID] for level in levels.children]
+    return [
+        [o for o in home_of(level, g, name).all_objects if o.type in SOLID]
+        for level in levels.children
+    ]
 
 
 def measure_levels(scene: bpy.types.Scene) -> Iterator[float]:
@@ -261,7 +297,9 @@ def measure_levels(scene: bpy.types.Scene) -> Iterator[float]:
     settings = scene.crowd_lod
     characters = characters_of(scene)
     if settings.levels is None:
-        raise CrowdError(f"The scene {scene.name} has no LOD meshes to measure: press Make LOD Meshes.")
+        raise CrowdError(
+            f"The scene {scene.name} has no LOD meshes to measure: press Make LOD Meshes."
+        )
     known = {group.name: group for group in groups_of(settings)}
     measured = []
     for g, (name, objects, _) in enumerate(characters):
@@ -275,7 +313,10 @@ def measure_levels(scene: bpy.types.Scene) -> Iterator[float]:
         if settings.shading_counts:
             looks, others = Looks(), zip(meshes[1:], found.worst[1:], strict=True)
             performance = performance_of(name, objects, actions)
-            shaded = (compare(objects, mesh, (performance, worst), found.diagonal, looks) for mesh, worst in others)
+            shaded = (
+                compare(objects, mesh, (performance, worst), found.diagonal, looks)
+                for mesh, worst in others
+            )
             found = replace(found, shaded=(0.0, *shaded))
         measured.append(found)
     store_groups(settings, tuple(measured))

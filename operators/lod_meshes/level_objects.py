@@ -23,7 +23,12 @@ TINTS = (
     (0.85, 0.85, 0.85),
 )
 # Custom properties of objects: the hash of what was made; how, why so, and the milliseconds it took.
-AS_MADE, WAY, WHY, MILLISECONDS = "crowd_lod_as_made", "crowd_lod_method", "crowd_lod_why", "crowd_lod_ms"
+AS_MADE, WAY, WHY, MILLISECONDS = (
+    "crowd_lod_as_made",
+    "crowd_lod_method",
+    "crowd_lod_why",
+    "crowd_lod_ms",
+)
 
 
 def hash_made(item: bpy.types.Object) -> str:
@@ -31,14 +36,19 @@ def hash_made(item: bpy.types.Object) -> str:
 
     The mesh is included only if it was made for this object.
     """
-    looks = [modifier.type for modifier in item.modifiers], item.data.name_full if WAY not in item else ""
+    looks = (
+        [modifier.type for modifier in item.modifiers],
+        item.data.name_full if WAY not in item else "",
+    )
     if WAY not in item:
         return repr(looks)
     item.update_from_editmode()
     return sources.digest(item.data, looks, item.vertex_groups.keys())
 
 
-def make_object(source: sources.Source, ratio: float, method: str) -> Generator[None, None, tuple[bpy.types.Object, int, int]]:
+def make_object(
+    source: sources.Source, ratio: float, method: str
+) -> Generator[None, None, tuple[bpy.types.Object, int, int]]:
     """Make the object of a LOD with about `ratio` of its triangles; return it and its (vertices, triangles).
 
     method: AUTO, POSE_AWARE or DECIMATE. Yields between its steps. The object is in no collection. One without faces is
@@ -59,7 +69,11 @@ def make_object(source: sources.Source, ratio: float, method: str) -> Generator[
     attribute_transfer.set_normals(made.mesh)
     attribute_transfer.set_keys(copy, source)
     attribute_transfer.mark_active(made.mesh, source.mesh)
-    copy[WAY], copy[WHY], copy[MILLISECONDS] = made.method, " ".join([made.why, *source.notes]), made.milliseconds
+    copy[WAY], copy[WHY], copy[MILLISECONDS] = (
+        made.method,
+        " ".join([made.why, *source.notes]),
+        made.milliseconds,
+    )
     return copy, len(made.mesh.vertices), _triangles(made.mesh)
 
 

@@ -50,16 +50,30 @@ class Forecast:
         """Return the change in a line of the sidebar: how many groups would have coarser LODs, finer ones or none."""
         without = sum(len(then) == 1 for _, _, then in self.rows)
         coarser = sum(_mean(then) < _mean(now) for _, now, then in self.rows)
-        counts = {"coarser": coarser, "finer": len(self.rows) - coarser - without, "without LODs": without}
-        told = [f"{count} {'group' if count == 1 else 'groups'} {which}" for which, count in counts.items() if count]
+        counts = {
+            "coarser": coarser,
+            "finer": len(self.rows) - coarser - without,
+            "without LODs": without,
+        }
+        told = [
+            f"{count} {'group' if count == 1 else 'groups'} {which}"
+            for which, count in counts.items()
+            if count
+        ]
         return f"About: {', '.join(told)}" if told else "About the same LODs would do"
 
     @property
     def sentence(self) -> str:
         """Return the change in full."""
         told = [f"{name} from {_parts(now)} to {_parts(then)}" for name, now, then in self.rows]
-        where = "where they did" if abs(self.farther - 1) < 0.005 else f"at {number(self.farther)} times the distance"
-        change = f"would change, about: {'; '.join(told)}" if told else "would keep about the same LODs"
+        where = (
+            "where they did"
+            if abs(self.farther - 1) < 0.005
+            else f"at {number(self.farther)} times the distance"
+        )
+        change = (
+            f"would change, about: {'; '.join(told)}" if told else "would keep about the same LODs"
+        )
         return f"LODs begin {where} when they were made. Make LOD Meshes {change}."
 
 
@@ -70,10 +84,19 @@ def _mean(ratios: Sequence[float]) -> float:
 
 def _parts(ratios: Sequence[float]) -> str:
     """Return the parts of the triangles that a group's LODs have, in words."""
-    return f"{', '.join(f'{100 * ratio:g}' for ratio in ratios)} % of the triangles" if len(ratios) > 1 else "no LODs"
+    return (
+        f"{', '.join(f'{100 * ratio:g}' for ratio in ratios)} % of the triangles"
+        if len(ratios) > 1
+        else "no LODs"
+    )
 
 
-def note_shot(scene: bpy.types.Scene, groups: Sequence[Group], shots: Sequence[Shot | None], keep: Sequence[Sequence[int]]) -> None:
+def note_shot(
+    scene: bpy.types.Scene,
+    groups: Sequence[Group],
+    shots: Sequence[Shot | None],
+    keep: Sequence[Sequence[int]],
+) -> None:
     """Store in the scene's LODs what they were made for, and what they were chosen from.
 
     groups: with values of all their candidates.
@@ -107,15 +130,32 @@ def note_shot(scene: bpy.types.Scene, groups: Sequence[Group], shots: Sequence[S
 
 
 def _packed(view: View) -> list:
-    about = np.array([np.round(1000 * np.log(view.distance)), view.character, np.broadcast_to(view.agents, view.character.shape)])
+    about = np.array(
+        [
+            np.round(1000 * np.log(view.distance)),
+            view.character,
+            np.broadcast_to(view.agents, view.character.shape),
+        ]
+    )
     text = base64.b64encode(zlib.compress(about.astype(np.int32).tobytes())).decode()
     return [view.camera.pixels_per_unit, view.nearest, view.farthest, text]
 
 
 def _unpacked(stored: list, camera: Camera, farther: float) -> View:
     density, nearest, farthest, text = stored
-    about = np.frombuffer(zlib.decompress(base64.b64decode(text)), np.int32).reshape(3, -1).astype(np.intp)
-    return View(replace(camera, density=density * farther), nearest, farthest, np.exp(about[0] / 1000), about[1], about[2])
+    about = (
+        np.frombuffer(zlib.decompress(base64.b64decode(text)), np.int32)
+        .reshape(3, -1)
+        .astype(np.intp)
+    )
+    return View(
+        replace(camera, density=density * farther),
+        nearest,
+        farthest,
+        np.exp(about[0] / 1000),
+        about[1],
+        about[2],
+    )
 
 
 def changed(scene: bpy.types.Scene) -> dict[str, tuple[str, str]]:
@@ -128,7 +168,11 @@ def changed(scene: bpy.types.Scene) -> dict[str, tuple[str, str]]:
     if settings.levels is None:
         return {}
     before, now = provenance.kept_in(settings.levels, MADE_FOR), _facts(scene)
-    return _lacks(settings) | {name: (before[name], now[name]) for name in now if name in before and before[name] != now[name]}
+    return _lacks(settings) | {
+        name: (before[name], now[name])
+        for name in now
+        if name in before and before[name] != now[name]
+    }
 
 
 def edited(scene: bpy.types.Scene) -> list[str]:
@@ -144,12 +188,21 @@ def _lacks(settings) -> dict[str, tuple[str, str]]:
     """Return how many LODs and groups there are, if the settings ask for others; as `changed`."""
     levels, asked = settings.levels.children, count_of(settings)
     found = {"levels": (str(len(levels)), str(asked))} if len(levels) < asked else {}
-    names, homes = [group.name for group in settings.groups], [*levels[0].children] if levels else []
+    names, homes = (
+        [group.name for group in settings.groups],
+        [*levels[0].children] if levels else [],
+    )
     if names and len(homes) != len(names):
         return found | {"character groups": (str(len(homes)), str(len(names)))}
-    renamed = [(home[GROUP], name) for home, name in zip(homes, names, strict=False) if home.get(GROUP, name) != name]
+    renamed = [
+        (home[GROUP], name)
+        for home, name in zip(homes, names, strict=False)
+        if home.get(GROUP, name) != name
+    ]
     if renamed:
-        found["character groups"] = tuple(", ".join(column) for column in zip(*renamed, strict=True))
+        found["character groups"] = tuple(
+            ", ".join(column) for column in zip(*renamed, strict=True)
+        )
     return found
 
 
@@ -192,7 +245,14 @@ def forecast(scene: bpy.types.Scene) -> Forecast | None:
         scene_cache.tidy()
         try:
             found = _forecast(scene, json.loads(stored))
-        except (CrowdError, ValueError, KeyError, TypeError, IndexError, zlib.error):  # a script may have put anything there
+        except (
+            CrowdError,
+            ValueError,
+            KeyError,
+            TypeError,
+            IndexError,
+            zlib.error,
+        ):  # a script may have put anything there
             found = None
         known = _known[scene.session_uid] = key, found
     return known[1]
@@ -207,11 +267,21 @@ def _forecast(scene: bpy.types.Scene, stored: dict) -> Forecast | None:
     closer = now[1] / before[1]
     engine, shading = scene_data.engine_of(scene), settings.shading_counts
     shots = [
-        Shot([_unpacked(view, camera, closer) for view in own["views"]], own["characters"], engine, shading, own.get("rigs"))
+        Shot(
+            [_unpacked(view, camera, closer) for view in own["views"]],
+            own["characters"],
+            engine,
+            shading,
+            own.get("rigs"),
+        )
         for own in stored["groups"]
     ]
-    groups = [_foreseen(settings, own, shot) for own, shot in zip(stored["groups"], shots, strict=True)]
-    keep = chosen(settings, groups, shots, 1.0, [range(len(group.triangles)) for group in groups]).keep
+    groups = [
+        _foreseen(settings, own, shot) for own, shot in zip(stored["groups"], shots, strict=True)
+    ]
+    keep = chosen(
+        settings, groups, shots, 1.0, [range(len(group.triangles)) for group in groups]
+    ).keep
     rows = []
     for own, group, then in zip(stored["groups"], groups, keep, strict=True):
         before, after = _ratios(own["triangles"], own["keep"]), _ratios(group.triangles, then)
@@ -226,16 +296,25 @@ def _foreseen(settings, stored: dict, shot: Shot) -> Group:
 
     stored: those that it had.
     """
-    bounds, triangles, shaded = (np.array(stored[name]) for name in ("bounds", "triangles", "shaded"))
+    bounds, triangles, shaded = (
+        np.array(stored[name]) for name in ("bounds", "triangles", "shaded")
+    )
     tolerance, finest = round(settings.tolerance, 6), stored["diagonal"] / triangles[0]
-    lengths = allowed_lengths(shot.views, stored["radius"], tolerance, finest, finer=DARKER if len(shaded) else 1.0)
+    lengths = allowed_lengths(
+        shot.views, stored["radius"], tolerance, finest, finer=DARKER if len(shaded) else 1.0
+    )
     made = bounds[stored["keep"]]
     near = [made[(made >= NEAR_ENOUGH * length) & (made <= length)] for length in lengths]
-    lengths = [float(fitting.max(initial=0)) or length for fitting, length in zip(near, lengths, strict=True)]
+    lengths = [
+        float(fitting.max(initial=0)) or length
+        for fitting, length in zip(near, lengths, strict=True)
+    ]
     known = bounds > 0
     columns = {"triangles": -1.0, "shaded": 1.0} if len(shaded) else {"triangles": -1.0}
     values = {
-        name: read_curve(lengths, list(zip(bounds[known], np.array(stored[name])[known], strict=True)), power)
+        name: read_curve(
+            lengths, list(zip(bounds[known], np.array(stored[name])[known], strict=True)), power
+        )
         for name, power in columns.items()
     }
     return Group(
@@ -244,7 +323,10 @@ def _foreseen(settings, stored: dict, shot: Shot) -> Group:
         stored["radius"],
         0.0,
         1.0,
-        triangles=(int(triangles[0]), *values["triangles"].round().astype(int).clip(1, triangles[0]).tolist()),
+        triangles=(
+            int(triangles[0]),
+            *values["triangles"].round().astype(int).clip(1, triangles[0]).tolist(),
+        ),
         deviations=(0.0, *lengths),  # a group has bounds only if it was measured
         shaded=(0.0, *values["shaded"].tolist()) if len(shaded) else (),
         diagonal=stored["diagonal"],
@@ -280,7 +362,11 @@ def _facts(scene: bpy.types.Scene) -> dict[str, str]:
     method = settings.bl_rna.properties["method"].enum_items.get(settings.method)
     facts = {"decimation": method.name if method else "unknown"}
     if settings.choice == "BY_RATIO":
-        return facts | {"ratios": ", ".join(f"{ratio:.3g}" for ratio in settings.ratios[1 : settings.level_count])}
+        return facts | {
+            "ratios": ", ".join(
+                f"{ratio:.3g}" for ratio in settings.ratios[1 : settings.level_count]
+            )
+        }
     part = render.resolution_percentage / 100
     facts |= {
         "tolerance": f"{settings.tolerance:g} px",
@@ -292,7 +378,9 @@ def _facts(scene: bpy.types.Scene) -> dict[str, str]:
     if camera is not None and camera.type == "CAMERA" and camera.data.animation_data is None:
         data = camera.data
         facts["lens"] = (
-            f"{data.ortho_scale * scene_data.meters(scene):.4g} m wide" if data.type == "ORTHO" else f"{data.lens:.4g} mm"
+            f"{data.ortho_scale * scene_data.meters(scene):.4g} m wide"
+            if data.type == "ORTHO"
+            else f"{data.lens:.4g} mm"
         )
     return facts
 

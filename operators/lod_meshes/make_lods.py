@@ -41,9 +41,13 @@ class Outcome:
     def sentence(self) -> str:
         parts = [f"LOD meshes made: {', '.join(self.made) or 'none'}."]
         if self.kept:
-            parts.append(f"Kept, because nothing that they depend on changed: {', '.join(self.kept)}.")
+            parts.append(
+                f"Kept, because nothing that they depend on changed: {', '.join(self.kept)}."
+            )
         if self.edited:
-            parts.append(f"Made again, because they were edited or deleted by hand: {', '.join(self.edited)}.")
+            parts.append(
+                f"Made again, because they were edited or deleted by hand: {', '.join(self.edited)}."
+            )
         return " ".join(parts)
 
 
@@ -73,14 +77,21 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
         homes, edited = yield from _made(ladders, chosen.keep, earlier)
         done = True
     except ReferenceError as error:  # by a script or another add-on, between two steps
-        raise CrowdError("Something that LODs are made from was deleted meanwhile: press Make LOD Meshes again.") from error
+        raise CrowdError(
+            "Something that LODs are made from was deleted meanwhile: press Make LOD Meshes again."
+        ) from error
     finally:
         if not done:
             bpy.data.batch_remove([block for block in bpy.data.user_map() if block not in before])
     for ladder, own in zip(ladders, homes, strict=True):
         ladder.settle(own)
-    made, kept = ([ladder.name for ladder in ladders if bool(ladder.made) == new] for new in (True, False))
-    feet = [(*origin[:2], origin[2] + group.feet) for (_, _, origin), group in zip(characters, groups, strict=True)]
+    made, kept = (
+        [ladder.name for ladder in ladders if bool(ladder.made) == new] for new in (True, False)
+    )
+    feet = [
+        (*origin[:2], origin[2] + group.feet)
+        for (_, _, origin), group in zip(characters, groups, strict=True)
+    ]
     top, levels = _linked(homes, feet, earlier, before)
     _named([name for name, _, _ in characters], homes, before)
     if copied:
@@ -92,16 +103,31 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
         view_layer.layer_collection.children[top.name].exclude = True
     settings.levels, settings.dropped = top, "\n".join(_told(ladders, chosen.dropped))
     note_shot(scene, guesses, shots, chosen.keep)
-    settings.memory_tolerance, settings.memory_made, settings.estimate = chosen.tolerance, settings.memory, ""
-    columns = [ladder.columns([home[CANDIDATE] for home in own]) for ladder, own in zip(ladders, homes, strict=True)]
-    store_groups(settings, tuple(replace(group, **_padded(own, len(levels))) for group, own in zip(groups, columns, strict=True)))
+    settings.memory_tolerance, settings.memory_made, settings.estimate = (
+        chosen.tolerance,
+        settings.memory,
+        "",
+    )
+    columns = [
+        ladder.columns([home[CANDIDATE] for home in own])
+        for ladder, own in zip(ladders, homes, strict=True)
+    ]
+    store_groups(
+        settings,
+        tuple(
+            replace(group, **_padded(own, len(levels)))
+            for group, own in zip(groups, columns, strict=True)
+        ),
+    )
     for entry, finest in zip(settings.groups, chosen.finest, strict=True):
         entry.finest = finest
     yield 1.0
     return Outcome(tuple(made), tuple(kept), tuple(edited))
 
 
-def _read(scene: bpy.types.Scene, characters: list, earlier: bpy.types.Collection | None) -> Iterator[float]:
+def _read(
+    scene: bpy.types.Scene, characters: list, earlier: bpy.types.Collection | None
+) -> Iterator[float]:
     """Read and measure the characters; yields the progress.
 
     Returns a Ladder each, a Group each, and by tolerance what the camera sees of each, else None each.
@@ -119,7 +145,9 @@ def _read(scene: bpy.types.Scene, characters: list, earlier: bpy.types.Collectio
     shots = [None] * len(groups)
     if settings.choice == "BY_TOLERANCE":
         frames = scene_data.frames_of(scene)
-        looking = with_record(scene, frames, lambda: selection.views(scene, settings, trajectory_of(scene, groups)))
+        looking = with_record(
+            scene, frames, lambda: selection.views(scene, settings, trajectory_of(scene, groups))
+        )
         shots = yield from standing(looking, 0.1)
     for ladder, group, shot in zip(ladders, groups, shots, strict=True):
         ladder.reach = group.lowest, group.center, group.radius
@@ -130,7 +158,9 @@ def _read(scene: bpy.types.Scene, characters: list, earlier: bpy.types.Collectio
     return ladders, groups, shots
 
 
-def _chosen(scene: bpy.types.Scene, ladders: list[Ladder], groups: Sequence[Group], shots: list) -> Iterator[float]:
+def _chosen(
+    scene: bpy.types.Scene, ladders: list[Ladder], groups: Sequence[Group], shots: list
+) -> Iterator[float]:
     """Choose LODs, some by what is guessed of them; yields the progress.
 
     One that was chosen by a guess is measured, and all are chosen again, until all that are chosen are measured. Returns the
@@ -139,11 +169,21 @@ def _chosen(scene: bpy.types.Scene, ladders: list[Ladder], groups: Sequence[Grou
     chosen, guesses, missing, total = None, [], True, sum(len(ladder.goals) for ladder in ladders)
     while missing:
         usual = [lost for ladder in ladders for lost in ladder.lost()]
-        guesses = [varied(ladder.guess(group, usual)) for ladder, group in zip(ladders, groups, strict=True)]
-        measured = [[k for k, goal in enumerate(ladder.goals) if goal in ladder.rows] for ladder in ladders]
-        chosen = selection.chosen(scene.crowd_lod, guesses, shots, scene_data.meters(scene), measured)
+        guesses = [
+            varied(ladder.guess(group, usual))
+            for ladder, group in zip(ladders, groups, strict=True)
+        ]
+        measured = [
+            [k for k, goal in enumerate(ladder.goals) if goal in ladder.rows] for ladder in ladders
+        ]
+        chosen = selection.chosen(
+            scene.crowd_lod, guesses, shots, scene_data.meters(scene), measured
+        )
         missing = [
-            (ladder, k) for ladder, keep, known in zip(ladders, chosen.keep, measured, strict=True) for k in keep if k not in known
+            (ladder, k)
+            for ladder, keep, known in zip(ladders, chosen.keep, measured, strict=True)
+            for k in keep
+            if k not in known
         ]
         for ladder, k in missing[:1]:  # it says more of the others
             tried = sum(len(known) for known in measured)
@@ -152,7 +192,9 @@ def _chosen(scene: bpy.types.Scene, ladders: list[Ladder], groups: Sequence[Grou
     return chosen, guesses
 
 
-def _made(ladders: list[Ladder], keep: Sequence[Sequence[int]], earlier: bpy.types.Collection | None) -> Iterator[float]:
+def _made(
+    ladders: list[Ladder], keep: Sequence[Sequence[int]], earlier: bpy.types.Collection | None
+) -> Iterator[float]:
     """Find the candidates to `keep` of each ladder, or make them.
 
     Yields the progress. Returns their collections by ladder, and the names of groups whose LODs were edited.
@@ -162,7 +204,9 @@ def _made(ladders: list[Ladder], keep: Sequence[Sequence[int]], earlier: bpy.typ
         ladder.find(earlier, taken)
         goals = [ladder.goals[k] for k in kept]
         missing = [goal for goal in goals if goal not in ladder.found]
-        if ladder.held(earlier, missing) and ladder.digest not in [each.digest for each in ladders[:g]]:
+        if ladder.held(earlier, missing) and ladder.digest not in [
+            each.digest for each in ladders[:g]
+        ]:
             edited.append(ladder.name)
         for goal in missing:
             yield from standing(ladder.make(goal), 0.9 + 0.09 * g / len(ladders))
@@ -172,7 +216,9 @@ def _made(ladders: list[Ladder], keep: Sequence[Sequence[int]], earlier: bpy.typ
     return homes, edited
 
 
-def _linked(homes: list, feet: list, earlier: bpy.types.Collection | None, before: set) -> tuple[bpy.types.Collection, list]:
+def _linked(
+    homes: list, feet: list, earlier: bpy.types.Collection | None, before: set
+) -> tuple[bpy.types.Collection, list]:
     """Link the groups' collections into those of the LODs; remove the earlier ones.
 
     homes: by group, then LOD; feet: where each group stands; before: the data-blocks that there were. Returns the collection of
@@ -220,13 +266,19 @@ def _told(ladders: list[Ladder], dropped: list[dict[int, str]]) -> list[str]:
     """Return a line for each dropped candidate; "About" marks guessed values."""
     found = []
     for ladder, reasons in zip(ladders, dropped, strict=True):
-        found += [f"{ladder.name}: {'' if ladder.goals[k] in ladder.rows else 'About '}{reasons[k]}" for k in sorted(reasons)]
+        found += [
+            f"{ladder.name}: {'' if ladder.goals[k] in ladder.rows else 'About '}{reasons[k]}"
+            for k in sorted(reasons)
+        ]
     return found
 
 
 def _padded(columns: dict, count: int) -> dict:
     """Repeat the last value of each of a Group's columns up to `count` values."""
-    return {name: value if name == "diagonal" else value + value[-1:] * (count - len(value)) for name, value in columns.items()}
+    return {
+        name: value if name == "diagonal" else value + value[-1:] * (count - len(value))
+        for name, value in columns.items()
+    }
 
 
 class CROWDLOD_OT_make_levels(Stepwise, bpy.types.Operator):

@@ -28,7 +28,9 @@ def mend(mesh: bpy.types.Mesh, split_sharp: bool) -> None:
         if split_sharp:
             for edge in body.edges:
                 edge.smooth = edge.smooth and not edge.is_boundary
-        bmesh.ops.weld_verts(body, targetmap={body.verts[int(v)]: body.verts[int(target[v])] for v in joined})
+        bmesh.ops.weld_verts(
+            body, targetmap={body.verts[int(v)]: body.verts[int(target[v])] for v in joined}
+        )
         _delete_loose(body)
 
 
@@ -44,7 +46,9 @@ def drop_flat_parts(mesh: bpy.types.Mesh) -> None:
         return
     with _edited(mesh) as body:
         body.faces.ensure_lookup_table()
-        bmesh.ops.delete(body, geom=[body.faces[i] for i in np.unique(faces[~shown])], context="FACES")
+        bmesh.ops.delete(
+            body, geom=[body.faces[i] for i in np.unique(faces[~shown])], context="FACES"
+        )
         _delete_loose(body)
 
 
@@ -82,7 +86,11 @@ def _sewn(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     lie on each other, as those of a card's two sides do.
     """
     count = len(points)
-    half = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2).astype(np.int64)
+    half = (
+        np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2)
+        .reshape(-1, 2)
+        .astype(np.int64)
+    )
     low, high = half.min(axis=1), half.max(axis=1)
     _, first, times = np.unique(low * count + high, return_index=True, return_counts=True)
     border = first[times == 1]

@@ -16,7 +16,10 @@ from .shaded_pictures import similarity
 from .source_mesh import Source, evaluated_mesh, read_weights, staged
 from .surface import Surface, roughly, scattered
 
-COMPARED, IN_MOTION = 4_000, 1_000  # points of each surface that the two ways are compared at, at rest and in each pose
+COMPARED, IN_MOTION = (
+    4_000,
+    1_000,
+)  # points of each surface that the two ways are compared at, at rest and in each pose
 UV_OFF = 0.05  # distance in UV space from which on a point counts as off
 MOST_OFF = 0.02  # part of the surface that may be off without the precise way being asked
 KEPT = 0.05  # part of the area that a LOD's silhouette may gain or lose
@@ -56,10 +59,16 @@ def make(source: Source, ratio: float, method: str, name: str) -> Generator[None
     if round(ratio * len(triangles)) >= len(triangles):
         mesh = source.mesh.copy()
         mesh.name = name
-        return Made(mesh, source.weights, "WHOLE", f"It keeps all of its {len(triangles):,} triangles.", 0.0)
+        return Made(
+            mesh, source.weights, "WHOLE", f"It keeps all of its {len(triangles):,} triangles.", 0.0
+        )
     if method == "DECIMATE":
         precise = _precise(source, ratio, name, "The method Decimate Modifier was chosen.")
-        return precise if precise.mesh.polygons else (yield from _fast(source, ratio, name, _without(precise)))
+        return (
+            precise
+            if precise.mesh.polygons
+            else (yield from _fast(source, ratio, name, _without(precise)))
+        )
     fast = yield from _fast(source, ratio, name, "The method Pose-Aware was chosen.")
     if method == "POSE_AWARE":
         return fast
@@ -76,7 +85,8 @@ def make(source: Source, ratio: float, method: str, name: str) -> Generator[None
     two = yield from errors(source, precise.mesh)
     if one.as_near_as(two):  # else pictures, which take a while, decide nothing
         one, two = (
-            replace(each, similar=similarity(source, made.mesh)) for each, made in zip((one, two), (fast, precise), strict=True)
+            replace(each, similar=similarity(source, made.mesh))
+            for each, made in zip((one, two), (fast, precise), strict=True)
         )
     better, reason = chosen_method(one, two)
     best, other = (fast, precise) if better else (precise, fast)
@@ -89,9 +99,7 @@ def make(source: Source, ratio: float, method: str, name: str) -> Generator[None
     bpy.data.meshes.remove(other.mesh)
     wanted = round(ratio * len(triangles))
     if len(best.mesh.polygons) > MISSED * wanted:
-        best.why += (
-            f" It has {len(best.mesh.polygons):,} triangles, not {wanted:,}: with fewer, loose parts of the mesh would be lost."
-        )
+        best.why += f" It has {len(best.mesh.polygons):,} triangles, not {wanted:,}: with fewer, loose parts of the mesh would be lost."
     return best
 
 
@@ -146,7 +154,12 @@ def chosen_method(fast: Errors, precise: Errors) -> tuple[bool, str]:
         return better, "it is no worse" if better else "it is closer"
     # where neither keeps the UVs, a far closer shape is worth UVs a little farther off
     better = precise.off > MOST_OFF and fast.rest * fast.off < precise.rest * precise.off
-    return better, "its surface is much closer, which outweighs its less exact UVs" if better else "its UVs are closer"
+    return (
+        better,
+        "its surface is much closer, which outweighs its less exact UVs"
+        if better
+        else "its UVs are closer",
+    )
 
 
 def _fast(source: Source, ratio: float, name: str, why: str) -> Generator[None, None, Made]:
@@ -206,7 +219,12 @@ def errors(source: Source, mesh: bpy.types.Mesh) -> Generator[None, None, Errors
     follows = nearest_vertices(source, points) if source.posed else None
     for pose, surface in enumerate(source.posed):
         yield
-        motion = max(motion, roughly(surface, Surface(source.skin.at(pose, points.T, follows).T, triangles), IN_MOTION))
+        motion = max(
+            motion,
+            roughly(
+                surface, Surface(source.skin.at(pose, points.T, follows).T, triangles), IN_MOTION
+            ),
+        )
     yield
     off = uv_error(source, mesh, made, corners)
     yield
@@ -223,11 +241,15 @@ def uv_error(source: Source, mesh: bpy.types.Mesh, surface: Surface, corners: np
     face, mine = scattered(surface.area, COMPARED)
     at, hit, _ = source.surface.nearest(surface.at(face, mine))
     there, there_corners = source.geometry[1][hit], source.geometry[2][hit]
-    theirs = barycentric(at.T, *(source.geometry[0][there[:, i]].astype(np.float64).T for i in range(3))).T.clip(0, 1)
+    theirs = barycentric(
+        at.T, *(source.geometry[0][there[:, i]].astype(np.float64).T for i in range(3))
+    ).T.clip(0, 1)
     worst = 0.0
     for layer in mesh.uv_layers:
         one, other = (_uvs(m.uv_layers[layer.name]) for m in (mesh, source.mesh))
-        gap = np.einsum("nk,nkd->nd", mine, one[corners[face]]) - np.einsum("nk,nkd->nd", theirs, other[there_corners])
+        gap = np.einsum("nk,nkd->nd", mine, one[corners[face]]) - np.einsum(
+            "nk,nkd->nd", theirs, other[there_corners]
+        )
         worst = max(worst, float((np.linalg.norm(gap, axis=1) > UV_OFF).mean()))
     return worst
 

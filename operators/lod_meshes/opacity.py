@@ -32,11 +32,15 @@ def is_opaque(material: bpy.types.Material | None) -> bool:
 
 def _lets_light_pass(nodes: bpy.types.NodeTree) -> bool:
     for node in nodes.nodes:
-        if node.type in CLEAR or (node.type == "GROUP" and node.node_tree and _lets_light_pass(node.node_tree)):
+        if node.type in CLEAR or (
+            node.type == "GROUP" and node.node_tree and _lets_light_pass(node.node_tree)
+        ):
             return True
         for name, value in OPAQUE_AT.items():
             socket = node.inputs.get(name) if node.type.startswith("BSDF") else None
-            if socket is not None and (socket.is_linked or abs(socket.default_value - value) > 1e-3):
+            if socket is not None and (
+                socket.is_linked or abs(socket.default_value - value) > 1e-3
+            ):
                 return True
     return False
 

@@ -18,7 +18,9 @@ LOOKED_AT = 3_000  # frames of an action at which its joints are looked at, at m
 CARRIED = 0.1  # weight from which on a bone carries a vertex
 
 
-def poses(objects: Sequence[bpy.types.Object], performance: Performance | None = None) -> list[float]:
+def poses(
+    objects: Sequence[bpy.types.Object], performance: Performance | None = None
+) -> list[float]:
     """Return the moments of the performance at which LODs of a character are measured.
 
     performance: what it plays; its own action if None.
@@ -48,16 +50,26 @@ def _frames(first: float, last: float) -> np.ndarray:
 
 
 def _least_alike(
-    motions: Sequence[np.ndarray], span: tuple[int, int], before: list[int], chosen: list[int], most: int
+    motions: Sequence[np.ndarray],
+    span: tuple[int, int],
+    before: list[int],
+    chosen: list[int],
+    most: int,
 ) -> list[int]:
     """Return `chosen`, and further frames of the span, `most` in all, as far as any is new."""
     frames = slice(*span)
-    unlike = [np.min([farthest_apart(m[frames], m[j]) for j in (*before, *chosen)], axis=0) for m in motions]
+    unlike = [
+        np.min([farthest_apart(m[frames], m[j]) for j in (*before, *chosen)], axis=0)
+        for m in motions
+    ]
     while len(chosen) < most and any(each.max() > 0 for each in unlike):
         turn = len(chosen) % len(motions)
         new = unlike[turn] if unlike[turn].max() > 0 else unlike[1 - turn]
         chosen = [*chosen, span[0] + int(new.argmax())]
-        unlike = [np.minimum(each, farthest_apart(m[frames], m[chosen[-1]])) for each, m in zip(unlike, motions, strict=True)]
+        unlike = [
+            np.minimum(each, farthest_apart(m[frames], m[chosen[-1]]))
+            for each, m in zip(unlike, motions, strict=True)
+        ]
     return chosen
 
 
@@ -69,7 +81,9 @@ def farthest_apart(joints: np.ndarray, one: np.ndarray) -> np.ndarray:
     return np.linalg.norm(joints - one, axis=2).max(axis=1, initial=0)
 
 
-def _motions(objects: Sequence[bpy.types.Object], times: np.ndarray, performance: Performance) -> tuple[np.ndarray, np.ndarray]:
+def _motions(
+    objects: Sequence[bpy.types.Object], times: np.ndarray, performance: Performance
+) -> tuple[np.ndarray, np.ndarray]:
     """Return where a character's joints are at `times`, and how they are bent, (times, n, 3) each.
 
     times: moments of the performance.
@@ -99,7 +113,9 @@ def _motions(objects: Sequence[bpy.types.Object], times: np.ndarray, performance
                 bent.append(each.bends)
             joints = np.array(joints)[:, :3].transpose(0, 2, 1).reshape(-1, 3)
             moved = [
-                item.evaluated_get(depsgraph).data.shape_keys for item, reach in zip(items, reaches, strict=True) if len(reach)
+                item.evaluated_get(depsgraph).data.shape_keys
+                for item, reach in zip(items, reaches, strict=True)
+                if len(reach)
             ]
             values = np.array([key.value for keys in moved for key in keys.key_blocks[1:]])
             keyed = np.outer(values * np.concatenate([[], *reaches]), (1.0, 0.0, 0.0))
@@ -118,7 +134,9 @@ class _Bones:
     def __init__(self, rig: bpy.types.Object, items: Sequence[bpy.types.Object]):
         self.rig = rig
         names = {bone.name: number for number, bone in enumerate(rig.data.bones)}
-        self.parent = np.array([names[bone.parent.name] if bone.parent else -1 for bone in rig.data.bones], np.intp)
+        self.parent = np.array(
+            [names[bone.parent.name] if bone.parent else -1 for bone in rig.data.bones], np.intp
+        )
         heads = np.array([bone.head_local for bone in rig.data.bones], np.float64).reshape(-1, 3)
         reach = np.zeros(len(names))
         for item in items:
@@ -146,7 +164,9 @@ class _Bones:
         relative[self.parent < 0] = np.eye(3)  # it turns the character as a whole
         scale = np.cbrt(abs(np.linalg.det(placed[:3, :3])))
         self.bends = (scale * self.reach * relative).transpose(0, 2, 1).reshape(-1, 3)
-        lengths = np.concatenate([np.repeat(self.reach, 3, axis=1), np.ones_like(self.reach)], axis=1)
+        lengths = np.concatenate(
+            [np.repeat(self.reach, 3, axis=1), np.ones_like(self.reach)], axis=1
+        )
         tips = AXES * [[1], [1], [1], [0]] * lengths + AXES * [[0], [0], [0], [1]]
         return list(placed @ matrices @ tips)
 

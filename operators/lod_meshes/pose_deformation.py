@@ -27,7 +27,11 @@ def skin_of(source: Source, frames: Sequence[float]) -> Iterator[None]:
     item, mesh = source.item, source.mesh
     if mesh is None or item.type != "MESH":
         return
-    if not (source.keys or item.parent_type in FOLLOWED or any(m.type in FOLLOWED for m in item.modifiers)):
+    if not (
+        source.keys
+        or item.parent_type in FOLLOWED
+        or any(m.type in FOLLOWED for m in item.modifiers)
+    ):
         return
     rest = source.geometry[0].astype(np.float64)
     step = APART * (float(np.ptp(rest, axis=0).max()) or 1.0)
@@ -62,9 +66,13 @@ def _unmoved(source: Source, values: np.ndarray) -> np.ndarray:
     """
     blocks = source.item.data.shape_keys.key_blocks
     offsets = [
-        (abs(blocks[name].slider_max) or 1.0) * source.offset(k) for k, name in enumerate(source.keys) if not values[:, k].any()
+        (abs(blocks[name].slider_max) or 1.0) * source.offset(k)
+        for k, name in enumerate(source.keys)
+        if not values[:, k].any()
     ]
-    strongest = sorted(offsets, key=lambda offset: -float((offset**2).sum()))[: settings.CURRENT.poses]
+    strongest = sorted(offsets, key=lambda offset: -float((offset**2).sum()))[
+        : settings.CURRENT.poses
+    ]
     return np.array(strongest).reshape(-1, *source.geometry[0].shape)
 
 

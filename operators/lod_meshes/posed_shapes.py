@@ -46,7 +46,9 @@ class Posed:
         self.performance = performance or own(list(objects))
         self._staged = as_rendered([item for each in (objects, *levels) for item in each])
         self.stage, actors = self._staged.__enter__()
-        self.character, *self.levels = [[actors[item] for item in each] for each in (objects, *levels)]
+        self.character, *self.levels = [
+            [actors[item] for item in each] for each in (objects, *levels)
+        ]
 
     def at(self, frame: float) -> tuple[Surface | None, list[Surface | None]]:
         """The surfaces of the character and of each LOD at `frame`, a moment of the performance, world space.
@@ -67,7 +69,9 @@ class Posed:
         self.performance.go_to(self.stage, frame)
         depsgraph = self.stage.view_layers[0].depsgraph
         return [
-            np.concatenate([mesh_data.world_points(item.evaluated_get(depsgraph)) for item in objects])
+            np.concatenate(
+                [mesh_data.world_points(item.evaluated_get(depsgraph)) for item in objects]
+            )
             for objects in (self.character, *self.levels)
         ]
 
@@ -80,7 +84,11 @@ class Posed:
 
 
 def _shape(objects: list[bpy.types.Object], depsgraph: bpy.types.Depsgraph) -> Shape:
-    points, triangles, hiding = [np.empty((0, 3))], [np.empty((0, 3), np.int32)], [np.empty(0, bool)]
+    points, triangles, hiding = (
+        [np.empty((0, 3))],
+        [np.empty((0, 3), np.int32)],
+        [np.empty(0, bool)],
+    )
     begins, matrices = [0], []
     for item in objects:
         evaluated = item.evaluated_get(depsgraph)

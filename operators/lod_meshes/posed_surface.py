@@ -14,7 +14,9 @@ from .surface import Merged, Surface, has_area, merge, same_faces, spread
 from .visible_surface import visible_faces, visible_points
 
 JOINTS = 500  # points of a mesh by which its poses are told apart
-BETWEEN = 0.03  # part that is added to the bound of an action, for the poses between those looked at
+BETWEEN = (
+    0.03  # part that is added to the bound of an action, for the poses between those looked at
+)
 LOST_IN = 3  # poses in which thin parts that a LOD has lost are looked at, about
 SAMPLES = 5_000  # points of each surface whose root mean square distance is told
 LARGE = 1 / 64  # of the size: estimates look within triangles with longer sides
@@ -34,22 +36,30 @@ class PosedSurface:
     source: the character, if this is a LOD.
     """
 
-    def __init__(self, shapes: Sequence[Shape], hidden_counts: bool, source: "PosedSurface | None" = None):
+    def __init__(
+        self, shapes: Sequence[Shape], hidden_counts: bool, source: "PosedSurface | None" = None
+    ):
         self.shapes, self.runs, self.hidden_counts, self.source = shapes, [], hidden_counts, source
         self._surfaces: dict[tuple[int, ...], Merged | None] = {}
         self._samples: dict[int, thin_parts.Samples] = {}
         for k, shape in enumerate(shapes):
             for run in self.runs:
                 first = shapes[run[0]]
-                if len(shape.points) == len(first.points) and same_faces(first.triangles, shape.triangles):
+                if len(shape.points) == len(first.points) and same_faces(
+                    first.triangles, shape.triangles
+                ):
                     run.append(k)
                     break
             else:
                 self.runs.append([k])
         for run in self.runs:
-            some = np.array([shapes[k].points[:: max(1, len(shapes[k].points) // JOINTS)] for k in run])
+            some = np.array(
+                [shapes[k].points[:: max(1, len(shapes[k].points) // JOINTS)] for k in run]
+            )
             some -= some.sum(axis=1, keepdims=True) / max(some.shape[1], 1)
-            run.insert(0, run.pop(int(np.argmin([farthest_apart(some, one).max() for one in some]))))
+            run.insert(
+                0, run.pop(int(np.argmin([farthest_apart(some, one).max() for one in some])))
+            )
 
     @cached_property
     def visible(self) -> list[np.ndarray]:
@@ -129,7 +139,9 @@ def large_pieces(surface: Moving) -> np.ndarray:
     return longest > LARGE * np.ptp(surface.points[:, 0], axis=0).max()
 
 
-def compare_surfaces(character: PosedSurface, other: PosedSurface, frames: Sequence[float]) -> tuple[Measured, Worst] | None:
+def compare_surfaces(
+    character: PosedSurface, other: PosedSurface, frames: Sequence[float]
+) -> tuple[Measured, Worst] | None:
     """Return what is measured of a LOD, and where it is farthest off.
 
     frames: of the poses. None where no pose shows both.
@@ -141,7 +153,10 @@ def compare_surfaces(character: PosedSurface, other: PosedSurface, frames: Seque
             if None in surfaces:
                 continue
             pair = [each.moving for each in surfaces]
-            if all(np.array_equal(*each) for each in zip(*((m.points, m.triangles) for m in pair), strict=True)):
+            if all(
+                np.array_equal(*each)
+                for each in zip(*((m.points, m.triangles) for m in pair), strict=True)
+            ):
                 found.append((0.0, 0.0, shared[0], pair[0].points[0, 0]))
                 continue
             apart = hausdorff.interval(*pair)
@@ -154,7 +169,11 @@ def compare_surfaces(character: PosedSurface, other: PosedSurface, frames: Seque
     if not found:
         return None
     most, rms, pose, place = max(found, key=lambda each: each[:3])
-    return (most, float(bound) * (1 + BETWEEN * (len(frames) > 1)), rms, frames[pose]), (most, pose, place)
+    return (most, float(bound) * (1 + BETWEEN * (len(frames) > 1)), rms, frames[pose]), (
+        most,
+        pose,
+        place,
+    )
 
 
 def _count_shown(character: Moving, surface: Merged, hiding: np.ndarray, apart: Interval) -> None:
@@ -176,7 +195,9 @@ def _count_shown(character: Moving, surface: Merged, hiding: np.ndarray, apart: 
         return
     shown = np.isin(np.arange(len(lod.triangles)), suspects)
     more = hausdorff.interval(
-        replace(character, counted=np.zeros(len(character.triangles), bool)), replace(lod, counted=shown), apart.bound
+        replace(character, counted=np.zeros(len(character.triangles), bool)),
+        replace(lod, counted=shown),
+        apart.bound,
     )
     apart.bound = max(apart.bound, more.bound)
     if more.measured > apart.measured:
@@ -193,7 +214,10 @@ def _lost(character: PosedSurface, other: PosedSurface, poses: list[int], bound:
     for pose in poses[:: max(1, len(poses) // LOST_IN)]:
         surface = surface_of(other.shapes[pose])
         if surface is not None:
-            found = max(found, thin_parts.unseen(character.samples(pose), surface.facing, surface.meets, bound))
+            found = max(
+                found,
+                thin_parts.unseen(character.samples(pose), surface.facing, surface.meets, bound),
+            )
         if found < 2 * bound:
             break
     return found

@@ -58,7 +58,9 @@ class Try:
     @property
     def reachable(self) -> float:
         """Return the deviation but for a few spots, if these can be mended: with as many triangles."""
-        most = float(np.quantile(self.away, 1 - FEW_SPOTS)) if self.method == "POSE_AWARE" else np.inf
+        most = (
+            float(np.quantile(self.away, 1 - FEW_SPOTS)) if self.method == "POSE_AWARE" else np.inf
+        )
         return min(most, self.deviation)
 
 
@@ -86,7 +88,9 @@ class Curve:
         about: that part if nothing is known.
         """
         least = length / MOST_STEP
-        tries = [attempt for attempt in self.known[method] if attempt.deviation > least] or self.known[method]
+        tries = [
+            attempt for attempt in self.known[method] if attempt.deviation > least
+        ] or self.known[method]
         known = [(max(attempt.reachable, least), attempt.ratio) for attempt in tries]
         ratio = float(read_curve([length], known, -1.0)[0]) if known else about
         if known:  # the whole itself would tell nothing: at most half the way there
@@ -98,20 +102,33 @@ class Curve:
         fitting = [attempt for attempt in self.tries if attempt.deviation <= length]
         if not fitting:
             return min(self.tries, key=lambda attempt: attempt.deviation)
-        return min(fitting, key=lambda attempt: attempt.triangles * (BETTER if attempt.method == "DECIMATE" else 1.0))
+        return min(
+            fitting,
+            key=lambda attempt: (
+                attempt.triangles * (BETTER if attempt.method == "DECIMATE" else 1.0)
+            ),
+        )
 
     def weigh_spots(self, length: float) -> list[tuple[str, float]]:
         """Let the few places count more where the coarsest try that may be mended is too far off.
 
         Returns (method, ratio) of that try, to be made again; [] if there is none.
         """
-        mended = [attempt for attempt in self.tries if attempt.method == "POSE_AWARE" and attempt.reachable <= length]
+        mended = [
+            attempt
+            for attempt in self.tries
+            if attempt.method == "POSE_AWARE" and attempt.reachable <= length
+        ]
         deviations: dict[float, list[float]] = {}
         for attempt in self.tries:
             if attempt.method == "POSE_AWARE":
                 deviations.setdefault(attempt.ratio, []).append(attempt.deviation)
         last = {attempt.ratio: attempt for attempt in mended}
-        weight = np.ones(len(self.source.geometry[0])) if self.source.weight is None else self.source.weight
+        weight = (
+            np.ones(len(self.source.geometry[0]))
+            if self.source.weight is None
+            else self.source.weight
+        )
         triangles = self.source.geometry[1]
         for ratio in sorted(last):
             spots = (last[ratio].away > length) & (weight < HEAVIER**2)
@@ -124,7 +141,9 @@ class Curve:
                 return [("POSE_AWARE", ratio)]
         return []
 
-    def next_tries(self, methods: Sequence[str], length: float, about: float) -> list[tuple[str, float]]:
+    def next_tries(
+        self, methods: Sequence[str], length: float, about: float
+    ) -> list[tuple[str, float]]:
         """Return (method, ratio) of what to try next; [] if the best try will do."""
         if not self.count:
             return [] if self.tries else [(methods[0], 1.0)]
@@ -134,11 +153,17 @@ class Curve:
         least = min(ratios.values())
         unknown = [method for method in methods if not self._known_near(method, ratios[method])]
         promising = [method for method in unknown if ratios[method] <= WORSE * least]
-        best = min(ratios, key=lambda method: ratios[method] * (BETTER if method == "DECIMATE" else 1.0))
+        best = min(
+            ratios, key=lambda method: ratios[method] * (BETTER if method == "DECIMATE" else 1.0)
+        )
         if not promising and best == "POSE_AWARE" and (spotted := self.weigh_spots(length)):
             return spotted
         tries = promising or [best]
-        return [(method, ratio) for method in tries if (ratio := self._apart(method, ratios[method], length))]
+        return [
+            (method, ratio)
+            for method in tries
+            if (ratio := self._apart(method, ratios[method], length))
+        ]
 
     def _known_near(self, method: str, ratio: float) -> bool:
         """Return whether a try of the method with about the ratio is known."""
@@ -167,7 +192,9 @@ class Search:
         self.methods = METHODS if method == "AUTO" else (method,)
         self.curves = [Curve(source) for source in sources]
 
-    def find(self, length: float, about: float) -> Generator[float, None, tuple[list[Try], Figures]]:
+    def find(
+        self, length: float, about: float
+    ) -> Generator[float, None, tuple[list[Try], Figures]]:
         """Find the LOD of fewest triangles whose bound is `length` meters at most; yields the progress.
 
         about: the part of the triangles that it takes, as far as is known.
@@ -183,7 +210,9 @@ class Search:
             if objects in before:
                 continue
             before.append(objects)
-            measured = yield from share(self._measure(objects, length), (k + 0.7) / MOST_MEASURED, (k + 1) / MOST_MEASURED)
+            measured = yield from share(
+                self._measure(objects, length), (k + 0.7) / MOST_MEASURED, (k + 1) / MOST_MEASURED
+            )
             bound = measured[1]
             if bound <= length:
                 fitting.append((sum(attempt.triangles for attempt in objects), objects, measured))
@@ -236,8 +265,13 @@ class Search:
             wanted = [curve.next_tries(self.methods, length, about) for curve in self.curves]
             # each object by one method at a time
             for number in range(max(map(len, wanted))):
-                made = yield from self._try([tries[number : number + 1] for tries in wanted], k / ROUNDS)
-                objects = [own[0] if own else curve.best(length) for own, curve in zip(made, self.curves, strict=True)]
+                made = yield from self._try(
+                    [tries[number : number + 1] for tries in wanted], k / ROUNDS
+                )
+                objects = [
+                    own[0] if own else curve.best(length)
+                    for own, curve in zip(made, self.curves, strict=True)
+                ]
                 yield from standing(self.by.read(), k / ROUNDS)
                 estimate = self.by.estimate([attempt.item for attempt in objects], length)
                 for index, (own, curve) in enumerate(zip(made, self.curves, strict=True)):
@@ -260,10 +294,14 @@ class Search:
             return
         if curve.evaluated is None:
             source = curve.source
-            curve.evaluated = self.by.vertices_at(number, source.skin.place[0] if source.skin else source.geometry[0])
+            curve.evaluated = self.by.vertices_at(
+                number, source.skin.place[0] if source.skin else source.geometry[0]
+            )
         attempt.away = estimate.away[number][curve.evaluated]
 
-    def _try(self, wanted: list[list[tuple[str, float]]], progress: float) -> Generator[float, None, list[list[Try]]]:
+    def _try(
+        self, wanted: list[list[tuple[str, float]]], progress: float
+    ) -> Generator[float, None, list[list[Try]]]:
         """Make the objects `wanted`, one or none of each source; yields `progress`."""
         made = []
         for tries, curve in zip(wanted, self.curves, strict=True):

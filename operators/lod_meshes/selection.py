@@ -36,11 +36,15 @@ def ratios_of(settings) -> list[float]:
     ratios = [round(r, 6) for r in settings.ratios[: settings.level_count]]
     for k in range(1, len(ratios)):
         if ratios[k] >= ratios[k - 1]:
-            raise CrowdError(f"The ratio of LOD {k}, {ratios[k]:g}, is not below that of LOD {k - 1}, {ratios[k - 1]:g}: lower it.")
+            raise CrowdError(
+                f"The ratio of LOD {k}, {ratios[k]:g}, is not below that of LOD {k - 1}, {ratios[k - 1]:g}: lower it."
+            )
     return ratios
 
 
-def views(scene: bpy.types.Scene, settings, trajectory: Trajectory) -> Generator[float, None, list[Shot]]:
+def views(
+    scene: bpy.types.Scene, settings, trajectory: Trajectory
+) -> Generator[float, None, list[Shot]]:
     """Find where the shot of `scene` has agents: yield the progress, return the Shots.
 
     settings: of the crowd that `trajectory` is. There is one Shot for each group, from up to MOST_FRAMES of the shot's frames. A group that no
@@ -49,11 +53,16 @@ def views(scene: bpy.types.Scene, settings, trajectory: Trajectory) -> Generator
     frames = scene_data.frames_of(scene, settings.step)
     chosen = evenly(frames, MOST_FRAMES)
     bias, cameras = bias_of(settings), cameras_at(scene, chosen)
-    center, radius = (np.array([getattr(group, name) for group in trajectory.groups]) for name in ("center", "radius"))
+    center, radius = (
+        np.array([getattr(group, name) for group in trajectory.groups])
+        for name in ("center", "radius")
+    )
     characters, gaits = characters_of(scene), trajectory.gaits
     library = cast_of(characters, trajectory)
     (rigs, moved_as), owner = rigs_of(characters, trajectory, library), library.owner(gaits)
-    made = rigs * np.bincount(owner[np.unique(moved_as)], minlength=len(rigs))  # those of variants count where they are made
+    made = rigs * np.bincount(
+        owner[np.unique(moved_as)], minlength=len(rigs)
+    )  # those of variants count where they are made
     first, found = library.first(gaits), [[] for _ in trajectory.groups]
     for done, (frame, eyes) in enumerate(zip(chosen, cameras, strict=True), start=1):
         crowd = trajectory.at(frame)
@@ -63,12 +72,21 @@ def views(scene: bpy.types.Scene, settings, trajectory: Trajectory) -> Generator
         for g, each in enumerate(found):
             agents = np.flatnonzero(visible & (crowd.group == g))
             if len(agents):
-                own, shown = distance[agents], library.shown(gaits, crowd, trajectory.seconds(frame), agents) - first[g]
+                own, shown = (
+                    distance[agents],
+                    library.shown(gaits, crowd, trajectory.seconds(frame), agents) - first[g],
+                )
                 each.append(View(eyes[0], float(own.min()), float(own.max()), own, shown))
         yield done / len(chosen)
     anywhere = [View(eyes[0], eyes[0].near, eyes[0].far) for eyes in cameras]
     return [
-        Shot(each or anywhere, int(own), scene_data.engine_of(scene), settings.shading_counts, int(count))
+        Shot(
+            each or anywhere,
+            int(own),
+            scene_data.engine_of(scene),
+            settings.shading_counts,
+            int(count),
+        )
         for each, own, count in zip(found, np.diff(first), made, strict=True)
     ]
 
@@ -80,11 +98,15 @@ def cast_of(characters: Characters, trajectory: Trajectory) -> Library:
     are assumed to be able to show its motion. CrowdError if they are others than the trajectory's.
     """
     check_measured(characters, trajectory.groups)
-    still = [own(objects).still and not any(trajectory.gaits.actions) for _, objects, _ in characters]
+    still = [
+        own(objects).still and not any(trajectory.gaits.actions) for _, objects, _ in characters
+    ]
     return Library(np.array(still, np.intp))
 
 
-def rigs_of(characters: Characters, trajectory: Trajectory, library: Library) -> tuple[np.ndarray, np.ndarray]:
+def rigs_of(
+    characters: Characters, trajectory: Trajectory, library: Library
+) -> tuple[np.ndarray, np.ndarray]:
     """Return how many armatures move a character of each group, and whose move each character.
 
     The first is (G,) intp, the second (N,) intp: numbers of characters.
@@ -92,7 +114,9 @@ def rigs_of(characters: Characters, trajectory: Trajectory, library: Library) ->
     characters, library: see cast_of.
     """
     lead = leads(characters, trajectory.groups)
-    return armatures(characters, trajectory.groups, lead) * (library.posed == 0), library.moved_as(trajectory.gaits, lead)
+    return armatures(characters, trajectory.groups, lead) * (library.posed == 0), library.moved_as(
+        trajectory.gaits, lead
+    )
 
 
 @dataclass(frozen=True)
@@ -112,7 +136,11 @@ class Chosen:
 
 
 def chosen(
-    settings, groups: Sequence[Group], shots: Sequence[Shot | None], meters: float, measured: Sequence[Collection[int]]
+    settings,
+    groups: Sequence[Group],
+    shots: Sequence[Shot | None],
+    meters: float,
+    measured: Sequence[Collection[int]],
 ) -> Chosen:
     """Choose the candidates to keep.
 

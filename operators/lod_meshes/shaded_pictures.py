@@ -6,7 +6,16 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.culling.camera import Camera
-from ...crowd_lod.validation.shaded_pictures import HALVINGS, LARGEST, WITHIN, Body, from_afar, likeness, lit, pictures
+from ...crowd_lod.validation.shaded_pictures import (
+    HALVINGS,
+    LARGEST,
+    WITHIN,
+    Body,
+    from_afar,
+    likeness,
+    lit,
+    pictures,
+)
 from ...crowd_lod.validation.silhouette import project
 from ..blender import mesh_data
 from ..blender.material_colors import Looks
@@ -25,7 +34,10 @@ def body_of(mesh: bpy.types.Mesh, materials: Sequence, matrix: np.ndarray, looks
     looks: collects the images of the materials.
     """
     points, triangles, corners, faces = mesh_data.read_triangles(mesh)
-    normals, slots = np.empty((len(mesh.loops), 3), np.float32), np.empty(len(mesh.polygons), np.int32)
+    normals, slots = (
+        np.empty((len(mesh.loops), 3), np.float32),
+        np.empty(len(mesh.polygons), np.int32),
+    )
     if NORMALS in mesh.attributes:
         mesh.attributes[NORMALS].data.foreach_get("vector", normals.ravel())
     else:
@@ -40,10 +52,19 @@ def body_of(mesh: bpy.types.Mesh, materials: Sequence, matrix: np.ndarray, looks
     normals = normals[corners].astype(np.float64) @ np.linalg.pinv(matrix[:3, :3])
     normals /= np.linalg.norm(normals, axis=2, keepdims=True).clip(1e-12)
     placed = points @ matrix[:3, :3].T + matrix[:3, 3]
-    return Body(placed, triangles, normals, uvs[corners].astype(np.float64), colors[:, :3], colors[:, 3].astype(np.intp))
+    return Body(
+        placed,
+        triangles,
+        normals,
+        uvs[corners].astype(np.float64),
+        colors[:, :3],
+        colors[:, 3].astype(np.intp),
+    )
 
 
-def bodies_of(objects: Sequence[bpy.types.Object], depsgraph: bpy.types.Depsgraph, looks: Looks) -> Body | None:
+def bodies_of(
+    objects: Sequence[bpy.types.Object], depsgraph: bpy.types.Depsgraph, looks: Looks
+) -> Body | None:
     """Return one Body of all `objects` as `depsgraph` has evaluated them, or None.
 
     It is in world space. None if no object has a face.
@@ -58,7 +79,9 @@ def bodies_of(objects: Sequence[bpy.types.Object], depsgraph: bpy.types.Depsgrap
         try:
             if mesh is not None and mesh.polygons:
                 materials = [slot.material for slot in evaluated.material_slots]
-                found.append(body_of(mesh, materials, np.array(evaluated.matrix_world, np.float64), looks))
+                found.append(
+                    body_of(mesh, materials, np.array(evaluated.matrix_world, np.float64), looks)
+                )
         finally:
             evaluated.to_mesh_clear()
     if not found:
@@ -66,7 +89,12 @@ def bodies_of(objects: Sequence[bpy.types.Object], depsgraph: bpy.types.Depsgrap
     shift = np.cumsum([0, *(len(body.points) for body in found[:-1])])
     names = ("points", "normals", "uvs", "colors", "image")
     every = {name: np.concatenate([getattr(body, name) for body in found]) for name in names}
-    return Body(triangles=np.concatenate([body.triangles + k for body, k in zip(found, shift, strict=True)]), **every)
+    return Body(
+        triangles=np.concatenate(
+            [body.triangles + k for body, k in zip(found, shift, strict=True)]
+        ),
+        **every,
+    )
 
 
 def side(azimuth: float) -> np.ndarray:
@@ -98,7 +126,9 @@ def within(one: Body, other: Body, images: np.ndarray, diagonal: float) -> float
     return np.inf if wrong[-1] == HALVINGS else float(2 ** (wrong[-1] + 1) / scale)
 
 
-def alike(one: Body, other: Body, images: np.ndarray, center: np.ndarray, distance: float, camera: Camera) -> tuple[float, float]:
+def alike(
+    one: Body, other: Body, images: np.ndarray, center: np.ndarray, distance: float, camera: Camera
+) -> tuple[float, float]:
     """Return (mean difference, structural similarity) of two bodies' pictures.
 
     Both are means over all sides. The difference is of sRGB values from 0 to 1. Each picture is
@@ -114,7 +144,11 @@ def alike(one: Body, other: Body, images: np.ndarray, center: np.ndarray, distan
         axes = side(azimuth)
         flat = [project(body.points, center, axes[2], distance, camera) for body in (one, other)]
         smaller = min(1.0, MOST_TALL / max(np.ptp(flat[0][:, :2], axis=0).max(), 1e-9))
-        found.append(likeness(*pictures((one, other), images, [at * (smaller, smaller, 1) for at in flat], axes)))
+        found.append(
+            likeness(
+                *pictures((one, other), images, [at * (smaller, smaller, 1) for at in flat], axes)
+            )
+        )
     difference, similarity = np.mean(found, axis=0)
     return float(difference), float(similarity)
 

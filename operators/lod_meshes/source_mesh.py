@@ -20,7 +20,16 @@ from .surface import Surface
 
 # modifiers that deform a LOD as they do its source, and so are left to it
 FOLLOWED = {"ARMATURE", "LATTICE"}
-DEFORMERS = {"CLOTH", "HOOK", "MESH_CACHE", "MESH_DEFORM", "MESH_SEQUENCE_CACHE", "SOFT_BODY", "SURFACE_DEFORM", "WAVE"}
+DEFORMERS = {
+    "CLOTH",
+    "HOOK",
+    "MESH_CACHE",
+    "MESH_DEFORM",
+    "MESH_SEQUENCE_CACHE",
+    "SOFT_BODY",
+    "SURFACE_DEFORM",
+    "WAVE",
+}
 # What a LOD takes from its source beyond Blender's own layers travels as attributes of these names,
 # gone when it is done.
 NORMALS, KEY = "crowd_lod_normals", "crowd_lod_key_"
@@ -125,7 +134,9 @@ def evaluated_mesh(item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bp
     Return None if the object has no mesh, as with hair.
     """
     try:
-        return bpy.data.meshes.new_from_object(item.evaluated_get(depsgraph), preserve_all_data_layers=True, depsgraph=depsgraph)
+        return bpy.data.meshes.new_from_object(
+            item.evaluated_get(depsgraph), preserve_all_data_layers=True, depsgraph=depsgraph
+        )
     except RuntimeError:
         return None
 
@@ -168,9 +179,15 @@ def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
             key.slider_min, key.slider_max, key.value = 0, 1, 0
     with _at_rest(item), staged(twin) as depsgraph:
         mesh = evaluated_mesh(twin, depsgraph)
-        offsets = {name: _offset(twin, depsgraph, name, mesh) for name in values} if mesh is not None else {}
+        offsets = (
+            {name: _offset(twin, depsgraph, name, mesh) for name in values}
+            if mesh is not None
+            else {}
+        )
         if any(offset is None for offset in offsets.values()):
-            notes.append("Its shape keys are baked at their current values: with them, a modifier changes the number of vertices.")
+            notes.append(
+                "Its shape keys are baked at their current values: with them, a modifier changes the number of vertices."
+            )
             bpy.data.meshes.remove(mesh)
             for name, value in values.items():
                 key = twin.data.shape_keys.key_blocks[name]
@@ -188,7 +205,9 @@ def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
         if material is not None:
             mesh.materials[index] = material
     for index, offset in enumerate(offsets.values()):
-        mesh.attributes.new(f"{KEY}{index}", "FLOAT_VECTOR", "POINT").data.foreach_set("vector", offset.ravel())
+        mesh.attributes.new(f"{KEY}{index}", "FLOAT_VECTOR", "POINT").data.foreach_set(
+            "vector", offset.ravel()
+        )
     custom = _store_normals(mesh)
     mend(mesh, split_sharp=NORMALS not in mesh.attributes)
     points = positions(mesh)
@@ -209,14 +228,18 @@ def _store_normals(mesh: bpy.types.Mesh) -> bool:
 
     Return whether they are custom, or of sharp edges.
     """
-    custom = mesh.has_custom_normals or any(read_attributes(mesh).get("sharp_edge", ((), (), ()))[2])
+    custom = mesh.has_custom_normals or any(
+        read_attributes(mesh).get("sharp_edge", ((), (), ()))[2]
+    )
     if mesh.normals_domain != "FACE":  # flat faces need none
         normals = np.empty((len(mesh.loops), 3), np.float32)
         mesh.corner_normals.foreach_get("vector", normals.ravel())
         if mesh.has_custom_normals:
             # it is relative to this very mesh
             mesh.attributes.remove(mesh.attributes["custom_normal"])
-        mesh.attributes.new(NORMALS, "FLOAT_VECTOR", "CORNER").data.foreach_set("vector", normals.ravel())
+        mesh.attributes.new(NORMALS, "FLOAT_VECTOR", "CORNER").data.foreach_set(
+            "vector", normals.ravel()
+        )
     return custom
 
 
@@ -254,7 +277,9 @@ def _offset(twin, depsgraph, name: str, rest: bpy.types.Mesh) -> np.ndarray | No
     evaluated = twin.evaluated_get(depsgraph)
     try:
         mesh = evaluated.to_mesh()
-        return positions(mesh) - positions(rest) if len(mesh.vertices) == len(rest.vertices) else None
+        return (
+            positions(mesh) - positions(rest) if len(mesh.vertices) == len(rest.vertices) else None
+        )
     finally:
         evaluated.to_mesh_clear()
         key.value = 0
@@ -276,13 +301,21 @@ def _moving_keys(item: bpy.types.Object) -> list[str]:
     return [
         key.name
         for key in keys.key_blocks[1:]
-        if not key.mute and (key.value != 0 or any(f'"{bpy.utils.escape_identifier(key.name)}"' in path for path in paths))
+        if not key.mute
+        and (
+            key.value != 0
+            or any(f'"{bpy.utils.escape_identifier(key.name)}"' in path for path in paths)
+        )
     ]
 
 
 def _notes(item: bpy.types.Object) -> list[str]:
     notes = []
-    baked = [modifier.name for modifier in item.modifiers if modifier.type in DEFORMERS and modifier.show_render]
+    baked = [
+        modifier.name
+        for modifier in item.modifiers
+        if modifier.type in DEFORMERS and modifier.show_render
+    ]
     if baked:
         notes.append(f"The result of its modifiers {', '.join(baked)} at frame 1 is baked.")
     if any(modifier.type == "PARTICLE_SYSTEM" for modifier in item.modifiers):
@@ -302,7 +335,11 @@ def read_attributes(mesh: bpy.types.Mesh) -> dict[str, tuple[str, str, np.ndarra
     """
     found = {}
     for attribute in mesh.attributes:
-        if attribute.data_type in mesh_data.ATTRIBUTES and not attribute.name.startswith(".") and attribute.name != "position":
+        if (
+            attribute.data_type in mesh_data.ATTRIBUTES
+            and not attribute.name.startswith(".")
+            and attribute.name != "position"
+        ):
             value, width, kind = mesh_data.ATTRIBUTES[attribute.data_type]
             values = np.empty((len(attribute.data), width), kind)
             attribute.data.foreach_get(value, values.ravel())
@@ -317,7 +354,11 @@ def read_weights(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarr
     group: (k,) intp, index of the vertex group.
     weight: (k,) float64.
     """
-    table = [(vertex.index, entry.group, entry.weight) for vertex in mesh.vertices for entry in vertex.groups]
+    table = [
+        (vertex.index, entry.group, entry.weight)
+        for vertex in mesh.vertices
+        for entry in vertex.groups
+    ]
     vertex, group, weight = np.array(table, np.float64).reshape(-1, 3).T
     return vertex.astype(np.intp), group.astype(np.intp), weight
 
@@ -331,7 +372,15 @@ def digest(mesh: bpy.types.Mesh, *others) -> str:
     weights = read_weights(mesh)
     attributes = read_attributes(mesh)
     names = [material and material.name_full for material in mesh.materials]
-    hashed = hashlib.sha256(repr((names, others, [(n, *a[:2]) for n, a in attributes.items()])).encode())
-    for array in (points, triangles, faces, *weights, *(values for _, _, values in attributes.values())):
+    hashed = hashlib.sha256(
+        repr((names, others, [(n, *a[:2]) for n, a in attributes.items()])).encode()
+    )
+    for array in (
+        points,
+        triangles,
+        faces,
+        *weights,
+        *(values for _, _, values in attributes.values()),
+    ):
         hashed.update(np.ascontiguousarray(array))
     return hashed.hexdigest()

@@ -71,7 +71,9 @@ class Surface:
         ends = self.lines[0].reshape(-1, 3)
         a, b = np.arange(len(ends)).reshape(-1, 2).T + len(self.points)
         triangles = np.concatenate([self.triangles, np.stack([a, b, b], axis=1)])
-        return BVHTree.FromPolygons((np.concatenate([self.points, ends]) - self.middle).tolist(), triangles.tolist())
+        return BVHTree.FromPolygons(
+            (np.concatenate([self.points, ends]) - self.middle).tolist(), triangles.tolist()
+        )
 
     def nearest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the surface's nearest points to `points`, (k, 3).
@@ -82,7 +84,9 @@ class Surface:
         """
         hits = list(self._hits(points))
         at = np.array([hit[0] for hit in hits], np.float64).reshape(-1, 3) + self.middle
-        triangle = np.concatenate([np.arange(len(self.triangles)), self.lines[1]])[[hit[2] for hit in hits]]
+        triangle = np.concatenate([np.arange(len(self.triangles)), self.lines[1]])[
+            [hit[2] for hit in hits]
+        ]
         return at, triangle, np.array([hit[3] for hit in hits], np.float64)
 
     def distances(self, points: np.ndarray) -> np.ndarray:
@@ -99,7 +103,10 @@ class Surface:
         rounding. This limits the search.
         """
         points, find = points - self.middle, self.tree.find_nearest
-        ways = np.linalg.norm(np.diff(points, axis=0, prepend=points[:1]), axis=1) + ROUNDED * np.ptp(self.points, axis=0).max()
+        ways = (
+            np.linalg.norm(np.diff(points, axis=0, prepend=points[:1]), axis=1)
+            + ROUNDED * np.ptp(self.points, axis=0).max()
+        )
         most = ANYWHERE
         for point, way in zip(points.tolist(), ways.tolist(), strict=True):
             hit = find(point, most + way)
@@ -113,7 +120,11 @@ class Surface:
         ways: (k, 3), of unit length. They end at the first triangle seen from its back; infinite where there is none. Triangles
         seen from their front lie inside, as a body does in its clothes.
         """
-        found, step, cast = np.full(len(points), np.inf), ROUNDED * float(np.ptp(self.points, axis=0).max()), self.tree.ray_cast
+        found, step, cast = (
+            np.full(len(points), np.inf),
+            ROUNDED * float(np.ptp(self.points, axis=0).max()),
+            self.tree.ray_cast,
+        )
         for k, (start, way) in enumerate(zip(points - self.middle, ways, strict=True)):
             at, way, far = Vector(start), Vector(way), 0.0
             for _ in range(LAYERS):
@@ -134,7 +145,13 @@ class Surface:
         """
         size, cast = float(np.linalg.norm(np.ptp(self.points, axis=0))), self.tree.ray_cast
         begins = points - self.middle - size * ways
-        return np.array([cast(*line)[0] is not None for line in zip(begins.tolist(), ways.tolist(), strict=True)], bool)
+        return np.array(
+            [
+                cast(*line)[0] is not None
+                for line in zip(begins.tolist(), ways.tolist(), strict=True)
+            ],
+            bool,
+        )
 
     def facing(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the surface's nearest points to `points`, and its normals there.
@@ -154,7 +171,11 @@ class Surface:
     @cached_property
     def shown(self) -> float:
         """Return the area of the silhouette, square meters, a mean over some directions."""
-        return float(areas(self.points, self.triangles, np.zeros(len(self.triangles), np.intp), 1, SILHOUETTE)[0])
+        return float(
+            areas(
+                self.points, self.triangles, np.zeros(len(self.triangles), np.intp), 1, SILHOUETTE
+            )[0]
+        )
 
     @property
     def corners(self) -> np.ndarray:
@@ -170,7 +191,11 @@ class Surface:
 
         Only the corners if the surface has no area.
         """
-        return np.concatenate([self.corners, self.at(*scattered(self.area, count))]) if self.area.any() else self.corners
+        return (
+            np.concatenate([self.corners, self.at(*scattered(self.area, count))])
+            if self.area.any()
+            else self.corners
+        )
 
 
 def scattered(area: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -181,7 +206,9 @@ def scattered(area: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     area: (m,) of the triangles, not all 0.
     """
     random = np.random.default_rng(0)
-    face = np.searchsorted(np.cumsum(area) / area.sum(), (np.arange(count) + random.random(count)) / count)
+    face = np.searchsorted(
+        np.cumsum(area) / area.sum(), (np.arange(count) + random.random(count)) / count
+    )
     root, v = np.sqrt(random.random(count)), random.random(count)
     return face.clip(0, len(area) - 1), np.stack([1 - root, root * (1 - v), root * v], axis=1)
 
@@ -234,8 +261,12 @@ def merge(points: Sequence[np.ndarray], triangles: np.ndarray) -> Merged | None:
     if not shown.any():
         return None
     used, triangles = np.unique(triangles[shown], return_inverse=True)
-    every = np.ascontiguousarray(np.stack([each[used] for each in points], axis=1).reshape(len(used), -1))
-    _, first, one = np.unique(every.view(f"V{every.shape[1] * 8}").ravel(), return_index=True, return_inverse=True)
+    every = np.ascontiguousarray(
+        np.stack([each[used] for each in points], axis=1).reshape(len(used), -1)
+    )
+    _, first, one = np.unique(
+        every.view(f"V{every.shape[1] * 8}").ravel(), return_index=True, return_inverse=True
+    )
     # neighbors beside each other: a tree then finds what is nearest to points in half the time
     order = spatial_order(points[0][used[first]])
     first, rank = first[order], np.argsort(order)
@@ -248,7 +279,9 @@ def merge(points: Sequence[np.ndarray], triangles: np.ndarray) -> Merged | None:
             surfaces[pose] = Surface(every[:, pose], triangles)
         surface = surfaces[pose]
         hits = map(surface.tree.find_nearest, (at - surface.middle).tolist())
-        return np.concatenate([np.arange(len(triangles)), surface.lines[1]])[[hit[2] for hit in hits]]
+        return np.concatenate([np.arange(len(triangles)), surface.lines[1]])[
+            [hit[2] for hit in hits]
+        ]
 
     place = np.full(len(points[0]), -1)
     place[used] = one
@@ -266,7 +299,10 @@ def same_faces(one: np.ndarray, other: np.ndarray) -> bool:
     if changed.sum() % 2:
         return False
     quads = [np.sort(each[changed].reshape(-1, 6), axis=1) for each in (one, other)]
-    each = [quad[np.pad(quad[:, 1:] != quad[:, :-1], ((0, 0), (1, 0)), constant_values=True)] for quad in quads]
+    each = [
+        quad[np.pad(quad[:, 1:] != quad[:, :-1], ((0, 0), (1, 0)), constant_values=True)]
+        for quad in quads
+    ]
     return all(len(corners) == 4 * len(quads[0]) for corners in each) and np.array_equal(*each)
 
 
@@ -314,11 +350,16 @@ def roughly(one: Surface, other: Surface, count: int) -> float:
 def _roughly(one: Surface, other: Surface, count: int) -> float:
     """Estimate the largest distance from `one` to `other` at about `count` triangles."""
     some = np.arange(0, len(one.triangles), max(1, len(one.triangles) // count))
-    face, weights = np.concatenate([some, some]), np.repeat([(1.0, 0, 0), (1 / 3, 1 / 3, 1 / 3)], len(some), axis=0)
+    face, weights = (
+        np.concatenate([some, some]),
+        np.repeat([(1.0, 0, 0), (1 / 3, 1 / 3, 1 / 3)], len(some), axis=0),
+    )
     off = other.distances(one.at(face, weights))
     far = one.points[one.triangles[np.unique(face[np.argsort(-off, kind="stable")[:FARTHEST]])]]
     middles = (far + np.roll(far, -1, axis=1)) / 2
-    return float(max(off.max(), other.distances(np.concatenate([far, middles]).reshape(-1, 3)).max()))
+    return float(
+        max(off.max(), other.distances(np.concatenate([far, middles]).reshape(-1, 3)).max())
+    )
 
 
 def _away(one: Surface, other: Surface, count: int) -> tuple[float, float]:
@@ -339,7 +380,9 @@ def _away(one: Surface, other: Surface, count: int) -> tuple[float, float]:
         middles = (at + np.roll(at, -1, axis=1)) / 2
         between = other.distances(middles.reshape(-1, 3)).reshape(-1, 3)
         most = max(most, between.max())
-        at, off = (np.concatenate([_quarters(*each), each[1]]) for each in ((at, middles), (off, between)))
+        at, off = (
+            np.concatenate([_quarters(*each), each[1]]) for each in ((at, middles), (off, between))
+        )
         worst = off.max(axis=1)
         # what is as far off as can be lies between the corners
         longest = np.linalg.norm(at - np.roll(at, 1, axis=1), axis=2).max(axis=1)
@@ -356,4 +399,6 @@ def _quarters(corners: np.ndarray, middles: np.ndarray) -> np.ndarray:
     corners: (m, 3, ...) values at the corners.
     middles: (m, 3, ...) values in the middle of the side from each corner to the next.
     """
-    return np.concatenate([np.stack([corners[:, i], middles[:, i], middles[:, i - 1]], axis=1) for i in range(3)])
+    return np.concatenate(
+        [np.stack([corners[:, i], middles[:, i], middles[:, i - 1]], axis=1) for i in range(3)]
+    )

@@ -38,7 +38,9 @@ class Watched:
     place: np.ndarray
     triangle: np.ndarray
 
-    def look_closer(self, points: np.ndarray, other: np.ndarray, whole: Merged, beyond: float) -> bool:
+    def look_closer(
+        self, points: np.ndarray, other: np.ndarray, whole: Merged, beyond: float
+    ) -> bool:
         """Return whether a place is farther than `beyond` meters from all of the other surface.
 
         What is nearest to places is held against them from then on.
@@ -51,7 +53,9 @@ class Watched:
         surface = Surface(other[whole.source], whole.moving.triangles)
         _, triangle, distance = surface.nearest(self.places.at(points)[far])
         self.place = np.concatenate([self.place, far])
-        self.triangle = np.concatenate([self.triangle, whole.source[whole.moving.triangles[triangle]]])
+        self.triangle = np.concatenate(
+            [self.triangle, whole.source[whole.moving.triangles[triangle]]]
+        )
         return bool(distance.max() > beyond)
 
     def distances(self, points: np.ndarray, other: np.ndarray) -> np.ndarray:
@@ -88,7 +92,9 @@ def watch(one: Merged, other: Merged) -> Watched:
         distance = np.maximum(distance, np.linalg.norm(at[:, pose] - image, axis=1))
         nearest.append(to)
     worst = _worst_of(cell, distance, WORST)
-    pairs = np.unique([np.tile(np.arange(len(worst)), len(nearest)), np.stack(nearest)[:, worst].ravel()], axis=1)
+    pairs = np.unique(
+        [np.tile(np.arange(len(worst)), len(nearest)), np.stack(nearest)[:, worst].ravel()], axis=1
+    )
     watched = places.of(worst)
     watched.corners = one.source[watched.corners]
     return Watched(watched, pairs[0], other.source[other.moving.triangles[pairs[1]]])
@@ -108,7 +114,9 @@ def _worst_of(cell: np.ndarray, distance: np.ndarray, count: int) -> np.ndarray:
 def moments_between(performance: Performance) -> list[float]:
     """Return moments of all actions, evenly, up to EACH a frame and MOMENTS in all."""
     lengths = np.array([end - begin for begin, end in performance.spans])
-    counts = np.minimum(EACH * lengths, MOMENTS * lengths / max(lengths.sum(), 1e-9)).round().astype(int)
+    counts = (
+        np.minimum(EACH * lengths, MOMENTS * lengths / max(lengths.sum(), 1e-9)).round().astype(int)
+    )
     spans = zip(performance.spans, counts, strict=True)
     return [begin + (end - begin) * (k + 0.5) / n for (begin, end), n in spans for k in range(n)]
 
@@ -120,11 +128,18 @@ def moments_beside(moments: Sequence[float], off: np.ndarray) -> list[float]:
     """
     several = max(1, PEAKS // (4 * len(off)))
     worst = np.unique(np.argsort(-off, axis=1)[:, :several])
-    beside = [(moments[k], moments[k + step]) for k in worst for step in (-1, 1) if 0 <= k + step < len(moments)]
+    beside = [
+        (moments[k], moments[k + step])
+        for k in worst
+        for step in (-1, 1)
+        if 0 <= k + step < len(moments)
+    ]
     return [one + part * (other - one) for one, other in beside for part in (0.25, 0.5)]
 
 
-def look_at(posed: Posed, moments: Sequence[float], pairs: Sequence[tuple[Watched, Watched]]) -> Generator[float, None, np.ndarray]:
+def look_at(
+    posed: Posed, moments: Sequence[float], pairs: Sequence[tuple[Watched, Watched]]
+) -> Generator[float, None, np.ndarray]:
     """Return how far each LOD is off in each of `moments` at most, (LODs, moments) meters.
 
     posed: the character and its LODs; pairs: for each LOD what is watched of the character, and of
@@ -168,7 +183,9 @@ class Looked:
         if not some:
             return None
         self.measured += [moment for moment, _ in some]
-        one, other = (surface.at([points[k] for _, points in some]) for k, surface in enumerate(self.surfaces))
+        one, other = (
+            surface.at([points[k] for _, points in some]) for k, surface in enumerate(self.surfaces)
+        )
         if one is None or other is None:
             return row
         deviation, bound, rms, worst = row

@@ -52,7 +52,9 @@ def visible_points(points: np.ndarray, triangles: np.ndarray, hiding: np.ndarray
         seen[corner[some]] = rays.leave(face[some], weights[some])
 
 
-def visible_faces(points: np.ndarray, triangles: np.ndarray, hiding: np.ndarray, some: np.ndarray) -> np.ndarray:
+def visible_faces(
+    points: np.ndarray, triangles: np.ndarray, hiding: np.ndarray, some: np.ndarray
+) -> np.ndarray:
     """Return which of the triangles `some` (k,) someone may see, (k,) bool.
 
     points, triangles, hiding: see visible_points.
@@ -118,7 +120,9 @@ class _Rays:
         return [*range(OTHERS), *range(OTHERS + number - 1, DIRECTIONS // 2, len(self.at) - 1)]
 
 
-def _samples(points: np.ndarray, triangles: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
+def _samples(
+    points: np.ndarray, triangles: np.ndarray, spacing: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Return points of a surface, as (face (s,), barycentric weights (s, 3)).
 
     These are all corners, each on one of its triangles, and a grid within triangles whose sides
@@ -146,7 +150,10 @@ def _sphere(count: int) -> np.ndarray:
     """Return (count, 3) directions spread evenly, on a spiral."""
     z = 1 - (2 * np.arange(count) + 1) / count
     turn = np.pi * (1 + 5**0.5) * (np.arange(count) + 0.5)
-    return np.stack([np.cos(turn), np.sin(turn), 0 * z], axis=1) * np.sqrt(1 - z**2)[:, None] + [0, 0, 1] * z[:, None]
+    return (
+        np.stack([np.cos(turn), np.sin(turn), 0 * z], axis=1) * np.sqrt(1 - z**2)[:, None]
+        + [0, 0, 1] * z[:, None]
+    )
 
 
 SPHERE = _sphere(DIRECTIONS)

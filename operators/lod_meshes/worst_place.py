@@ -36,7 +36,10 @@ def look_in_pose(whole: PosedSurface, character: Shape, level: Shape) -> InPose 
     surfaces = [Surface(each.moving.points[:, 0], each.moving.triangles) for each in (one, other)]
     counted = one.moving.counted
     near = counted[one.moving.find(0, surfaces[1].points)]
-    places = [_places(surfaces[0], counted), _places(surfaces[1], near[other.moving.triangles].any(axis=1))]
+    places = [
+        _places(surfaces[0], counted),
+        _places(surfaces[1], near[other.moving.triangles].any(axis=1)),
+    ]
     away = np.concatenate([surfaces[1].distances(places[0]), surfaces[0].distances(places[1])])
     return InPose(*surfaces, ~counted, np.concatenate(places)[away.argmax()])
 
@@ -44,4 +47,6 @@ def look_in_pose(whole: PosedSurface, character: Shape, level: Shape) -> InPose 
 def _places(surface: Surface, faces: np.ndarray) -> np.ndarray:
     """Return corners and middles of the triangles `faces` (m,) bool, (k, 3) meters."""
     triangles = surface.triangles[faces]
-    return np.concatenate([surface.points[np.unique(triangles)], surface.points[triangles].mean(axis=1)])
+    return np.concatenate(
+        [surface.points[np.unique(triangles)], surface.points[triangles].mean(axis=1)]
+    )

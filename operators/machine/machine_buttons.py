@@ -93,7 +93,9 @@ class _Following(_Editing):
     """An edit of the states that follow the selected one."""
 
     state: StringProperty(name="State", description="The state that follows")
-    timer: BoolProperty(name="After Timer", description="The state follows when the time is over, not on the label")
+    timer: BoolProperty(
+        name="After Timer", description="The state follows when the time is over, not on the label"
+    )
 
     def targets(self, scene) -> tuple[str, str | None, list[tuple[str, float]]]:
         state, label = cell_of(scene)
@@ -123,15 +125,22 @@ class CROWDLOD_OT_machine_unfollow(_Following, bpy.types.Operator):
         state, label, targets = self.targets(context.scene)
         known = [name for name, _ in targets]
         if self.state not in known:
-            raise CrowdError(f"{self.state or 'No state'} does not follow {state}: set State to one of {', '.join(known)}.")
-        change(context.scene, edits.set_targets(state, label, [each for each in targets if each[0] != self.state]))
+            raise CrowdError(
+                f"{self.state or 'No state'} does not follow {state}: set State to one of {', '.join(known)}."
+            )
+        change(
+            context.scene,
+            edits.set_targets(state, label, [each for each in targets if each[0] != self.state]),
+        )
         return f"{self.state} does not follow {state}."
 
 
 class _File:
     """A JSON file that the user chooses."""
 
-    filepath: StringProperty(name="File", subtype="FILE_PATH", description="JSON file of a state machine")
+    filepath: StringProperty(
+        name="File", subtype="FILE_PATH", description="JSON file of a state machine"
+    )
     filter_glob: StringProperty(name="Filter", default="*.json", options={"HIDDEN"})
 
     def invoke(self, context, event) -> set[str]:
@@ -156,7 +165,9 @@ class CROWDLOD_OT_machine_import(_File, Reporting, bpy.types.Operator):
         try:
             content = path.read_text(encoding="utf-8")
         except UnicodeDecodeError:
-            raise CrowdError(f"The file {path} is not text in UTF-8: save it as such, or choose another.") from None
+            raise CrowdError(
+                f"The file {path} is not text in UTF-8: save it as such, or choose another."
+            ) from None
         machine = parse(content, path.name)
         text = bpy.data.texts.new(path.name)
         text.from_string(content)

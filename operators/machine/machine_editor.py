@@ -22,7 +22,11 @@ def lacking(scene: bpy.types.Scene) -> str:
     text = scene.crowd_lod.machine
     if text is None:
         return "Choose a state machine of your own first, or one of the Presets"
-    return "" if text.library is None else f"The text {text.name} is linked from another file: make it local"
+    return (
+        ""
+        if text.library is None
+        else f"The text {text.name} is linked from another file: make it local"
+    )
 
 
 def draft_of(scene: bpy.types.Scene) -> Draft:

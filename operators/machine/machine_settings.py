@@ -72,7 +72,10 @@ def _field(kind: str, name: str, empty=None) -> tuple[Callable, Callable]:
 
 def _color_field(kind: str) -> Accessors:
     get, put = _field(kind, "color")
-    return {"get": lambda self: color_of(get(self) or edits.FALLBACK), "set": lambda self, value: put(self, _hex(value))}
+    return {
+        "get": lambda self: color_of(get(self) or edits.FALLBACK),
+        "set": lambda self, value: put(self, _hex(value)),
+    }
 
 
 def _text_field(kind: str, name: str) -> Accessors:
@@ -137,7 +140,10 @@ def _weights(timer: bool) -> Accessors:
 
 def _single(timer: bool) -> Accessors:
     read, write = _targets(timer)
-    return {"get": lambda self: read(self)[2][0][0], "set": lambda self, value: write(self, [(value, 1.0)])}
+    return {
+        "get": lambda self: read(self)[2][0][0],
+        "set": lambda self, value: write(self, [(value, 1.0)]),
+    }
 
 
 def _timer_at(self) -> tuple[float, float]:
@@ -158,11 +164,15 @@ def _set_most(self, value: float) -> None:
 
 def _use_timer(self, value: bool) -> None:
     state = selected(self.id_data, "states")
-    change_or_tell(self.id_data, edits.set_timer(state, 5, 20) if value else edits.drop_timer(state))
+    change_or_tell(
+        self.id_data, edits.set_timer(state, 5, 20) if value else edits.drop_timer(state)
+    )
 
 
 def _own(self, value: bool) -> None:
-    change_or_tell(self.id_data, (edits.own_rule if value else edits.drop_rule)(*cell_of(self.id_data)))
+    change_or_tell(
+        self.id_data, (edits.own_rule if value else edits.drop_rule)(*cell_of(self.id_data))
+    )
 
 
 def _speed_at(self) -> tuple[float, float]:
@@ -176,7 +186,9 @@ def _set_speed(self, value: float) -> None:
 
 def _set_heading(self, value: float) -> None:
     degrees = round(math.degrees(value), 3)  # a float32 of radians holds no more
-    change_or_tell(self.id_data, edits.set_speed(*cell_of(self.id_data), _speed_at(self)[0], degrees))
+    change_or_tell(
+        self.id_data, edits.set_speed(*cell_of(self.id_data), _speed_at(self)[0], degrees)
+    )
 
 
 def _show_map(self, value: bool) -> None:
@@ -197,10 +209,18 @@ def _edge(self) -> int:
 class CrowdLodMachineEditor(bpy.types.PropertyGroup):
     """A view of the scene's state machine: what is selected, and fields that read and write its text."""
 
-    state_index: IntProperty(name="State", min=0, description="The state that is selected in the list")
-    rule_index: IntProperty(name="Rule", min=0, description="The label whose rule is selected in the list")
-    label_index: IntProperty(name="Label", min=0, description="The label that is selected in the list")
-    area_index: IntProperty(name="Area", min=0, description="The wall or area that is selected in the list")
+    state_index: IntProperty(
+        name="State", min=0, description="The state that is selected in the list"
+    )
+    rule_index: IntProperty(
+        name="Rule", min=0, description="The label whose rule is selected in the list"
+    )
+    label_index: IntProperty(
+        name="Label", min=0, description="The label that is selected in the list"
+    )
+    area_index: IntProperty(
+        name="Area", min=0, description="The wall or area that is selected in the list"
+    )
     show_map: BoolProperty(
         name="Show on Ground",
         description="Show the label map on a plane over the crowd's ground, which renders leave out",
@@ -212,11 +232,20 @@ class CrowdLodMachineEditor(bpy.types.PropertyGroup):
         description="What agents do at the map's edge",
         items=[(name, name.capitalize(), EDGE_TELLS[name]) for name in EDGES],
         get=_edge,
-        set=lambda self, value: change_or_tell(self.id_data, edits.set_field(("edge",), EDGES[value])),
+        set=lambda self, value: change_or_tell(
+            self.id_data, edits.set_field(("edge",), EDGES[value])
+        ),
     )
-    state_name: StringProperty(name="Name", description="Name of the state", **_name_field("states"))
+    state_name: StringProperty(
+        name="Name", description="Name of the state", **_name_field("states")
+    )
     state_color: FloatVectorProperty(
-        name="Color", description="Color of agents in this state", subtype="COLOR_GAMMA", min=0, max=1, **_color_field("states")
+        name="Color",
+        description="Color of agents in this state",
+        subtype="COLOR_GAMMA",
+        min=0,
+        max=1,
+        **_color_field("states"),
     )
     start: FloatProperty(
         name="Start Weight",
@@ -263,9 +292,16 @@ class CrowdLodMachineEditor(bpy.types.PropertyGroup):
         get=lambda self: _timer_at(self)[1],
         set=_set_most,
     )
-    then_state: StringProperty(name="Then", description="The state that follows when the time is over", **_single(True))
+    then_state: StringProperty(
+        name="Then", description="The state that follows when the time is over", **_single(True)
+    )
     then_weights: FloatVectorProperty(
-        name="Weight", description="How likely this state follows", size=MOST_TARGETS, min=0, step=50, **_weights(True)
+        name="Weight",
+        description="How likely this state follows",
+        size=MOST_TARGETS,
+        min=0,
+        step=50,
+        **_weights(True),
     )
     own_rule: BoolProperty(
         name="Own Rule",
@@ -290,11 +326,20 @@ class CrowdLodMachineEditor(bpy.types.PropertyGroup):
         get=lambda self: math.radians(_speed_at(self)[1]),
         set=_set_heading,
     )
-    next_state: StringProperty(name="Next", description="The state that follows on this label", **_single(False))
-    next_weights: FloatVectorProperty(
-        name="Weight", description="How likely this state follows", size=MOST_TARGETS, min=0, step=50, **_weights(False)
+    next_state: StringProperty(
+        name="Next", description="The state that follows on this label", **_single(False)
     )
-    label_name: StringProperty(name="Name", description="Name of the label", **_name_field("labels"))
+    next_weights: FloatVectorProperty(
+        name="Weight",
+        description="How likely this state follows",
+        size=MOST_TARGETS,
+        min=0,
+        step=50,
+        **_weights(False),
+    )
+    label_name: StringProperty(
+        name="Name", description="Name of the label", **_name_field("labels")
+    )
     label_color: FloatVectorProperty(
         name="Color",
         description="Color of the label in the map's image",
@@ -306,7 +351,9 @@ class CrowdLodMachineEditor(bpy.types.PropertyGroup):
     spawn: BoolProperty(
         name="Agents Start Here",
         description="Agents may start on this label",
-        get=lambda self: draft_of(self.id_data).label(selected(self.id_data, "labels")).get("spawn") is not False,
+        get=lambda self: (
+            draft_of(self.id_data).label(selected(self.id_data, "labels")).get("spawn") is not False
+        ),
         set=lambda self, value: _field("labels", "spawn", True)[1](self, value),
     )
 
@@ -318,9 +365,15 @@ class CrowdLodRow(bpy.types.PropertyGroup):
 class CrowdLodRows(bpy.types.PropertyGroup):
     """The rows of the lists, of the window manager: they are set whenever the lists are drawn."""
 
-    states: CollectionProperty(type=CrowdLodRow, name="States", description="Rows of the list of states")
-    rules: CollectionProperty(type=CrowdLodRow, name="Rules", description="Rows of the list of rules")
-    labels: CollectionProperty(type=CrowdLodRow, name="Labels", description="Rows of the list of labels")
+    states: CollectionProperty(
+        type=CrowdLodRow, name="States", description="Rows of the list of states"
+    )
+    rules: CollectionProperty(
+        type=CrowdLodRow, name="Rules", description="Rows of the list of rules"
+    )
+    labels: CollectionProperty(
+        type=CrowdLodRow, name="Labels", description="Rows of the list of labels"
+    )
 
 
 def rows_of(context, kind: str, names: list[str]) -> CrowdLodRows:

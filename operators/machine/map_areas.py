@@ -62,9 +62,14 @@ def make(crowd, depsgraph: bpy.types.Depsgraph) -> int:
             )
         shapes = list(_triangles(meshes_in(entry), depsgraph))
         if not shapes:
-            raise CrowdError(f"The area {entry.name} has no object with a surface: choose a mesh, or a collection that holds some.")
+            raise CrowdError(
+                f"The area {entry.name} has no object with a surface: choose a mesh, or a collection that holds some."
+            )
         for shape in shapes:
-            pixels[covered(shape, area, rows, columns)] = (*machine.label_colors[machine.labels.index(entry.label)], 255)
+            pixels[covered(shape, area, rows, columns)] = (
+                *machine.label_colors[machine.labels.index(entry.label)],
+                255,
+            )
     _store(crowd, pixels)
     crowd.areas_image[MADE_FOR] = areas_depend_on(crowd, machine)
     return int((pixels[..., 3] > 0).sum())
@@ -77,7 +82,12 @@ def trouble_of(scene: bpy.types.Scene) -> str:
 
 def _store(crowd, pixels: np.ndarray) -> None:
     image = crowd.areas_image
-    if image is not None and tuple(image.size) == pixels.shape[1::-1] and image.channels == 4 and image.library is None:
+    if (
+        image is not None
+        and tuple(image.size) == pixels.shape[1::-1]
+        and image.channels == 4
+        and image.library is None
+    ):
         if not np.array_equal(image_data.read_pixels(image), pixels):
             image_data.fill_image(image, pixels)
         return
@@ -86,7 +96,9 @@ def _store(crowd, pixels: np.ndarray) -> None:
         bpy.data.images.remove(old)
 
 
-def _triangles(items: list[bpy.types.Object], depsgraph: bpy.types.Depsgraph) -> Iterator[np.ndarray]:
+def _triangles(
+    items: list[bpy.types.Object], depsgraph: bpy.types.Depsgraph
+) -> Iterator[np.ndarray]:
     """Yield the triangles (n, 3, 2) of each shape of the objects, world x and y."""
     farthest = FARTHEST / scene_data.meters(depsgraph.scene)
     for _, mesh, points, triangles in kept_meshes.evaluated_triangles(items, depsgraph):
@@ -122,13 +134,20 @@ def _outdated(scene: bpy.types.Scene) -> bool:
     Quick while none of them changes.
     """
     settings = scene.crowd_lod
-    asked = *settings.center, *settings.size, settings.machine and settings.machine.as_string(), settings.map_image
+    asked = (
+        *settings.center,
+        *settings.size,
+        settings.machine and settings.machine.as_string(),
+        settings.map_image,
+    )
     before, _asked[scene.session_uid] = _asked.get(scene.session_uid), asked
     if before == asked:
         return False
     image = settings.areas_image
     try:
-        return image is None or image.get(MADE_FOR) != areas_depend_on(settings, machine_of(settings))
+        return image is None or image.get(MADE_FOR) != areas_depend_on(
+            settings, machine_of(settings)
+        )
     except CrowdError:  # who uses the map says so
         return False
 

@@ -49,7 +49,11 @@ def show(scene: bpy.types.Scene) -> bpy.types.Object:
     plane.hide_render, plane.hide_viewport = True, False
     plane.parent = None
     plane.rotation_euler = plane.delta_rotation_euler = (0, 0, 0)
-    plane.location = ((area.x_min + area.x_max) / 2, (area.y_min + area.y_max) / 2, area.z + ABOVE / scene_data.meters(scene))
+    plane.location = (
+        (area.x_min + area.x_max) / 2,
+        (area.y_min + area.y_max) / 2,
+        area.z + ABOVE / scene_data.meters(scene),
+    )
     plane.scale = (1, 1, 1)
     _stretch(plane.data, area.size)
     material = plane.data.materials[0] if plane.data.materials else None
@@ -86,7 +90,11 @@ def _square() -> bpy.types.Mesh:
 def _stretch(mesh: bpy.types.Mesh, size: tuple[float, float]) -> None:
     """Give the square another width and depth. A scale of the object would do, but brushes warn of it."""
     for vertex in mesh.vertices:
-        vertex.co = (math.copysign(size[0] / 2, vertex.co.x), math.copysign(size[1] / 2, vertex.co.y), 0)
+        vertex.co = (
+            math.copysign(size[0] / 2, vertex.co.x),
+            math.copysign(size[1] / 2, vertex.co.y),
+            0,
+        )
     mesh.update()
 
 
@@ -96,7 +104,10 @@ def _show_image(material: bpy.types.Material, image: bpy.types.Image) -> None:
     texture = next((node for node in tree.nodes if node.type == "TEX_IMAGE"), None)
     if texture is None:
         tree.nodes.clear()
-        texture, glow, output = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("TexImage", "Emission", "OutputMaterial"))
+        texture, glow, output = (
+            tree.nodes.new(f"ShaderNode{kind}")
+            for kind in ("TexImage", "Emission", "OutputMaterial")
+        )
         tree.links.new(texture.outputs["Color"], glow.inputs["Color"])
         tree.links.new(glow.outputs["Emission"], output.inputs["Surface"])
         texture.location.x, output.location.x = -300, 200
@@ -137,7 +148,11 @@ class CROWDLOD_OT_new_map(Reporting, bpy.types.Operator):
     bl_label = "New Map"
 
     pixels: IntProperty(
-        name="Pixels", default=map_areas.LONGER_SIDE, min=2, max=8192, description="Pixels along the longer side of the ground"
+        name="Pixels",
+        default=map_areas.LONGER_SIDE,
+        min=2,
+        max=8192,
+        description="Pixels along the longer side of the ground",
     )
 
     def run(self, context) -> str:
@@ -153,7 +168,9 @@ class CROWDLOD_OT_new_map(Reporting, bpy.types.Operator):
 
 
 def _unmapped(scene: bpy.types.Scene) -> str:
-    return "" if scene.crowd_lod.map_image is not None else "The scene has no label map: press New Map"
+    return (
+        "" if scene.crowd_lod.map_image is not None else "The scene has no label map: press New Map"
+    )
 
 
 class CROWDLOD_OT_paint_label(Reporting, bpy.types.Operator):
@@ -169,11 +186,19 @@ class CROWDLOD_OT_paint_label(Reporting, bpy.types.Operator):
         scene = context.scene
         machine = machine_of(scene.crowd_lod)
         if self.label not in machine.labels:
-            raise CrowdError(f"The state machine has no label {self.label}: choose one of {', '.join(machine.labels)}.")
+            raise CrowdError(
+                f"The state machine has no label {self.label}: choose one of {', '.join(machine.labels)}."
+            )
         plane = show(scene)
         if context.view_layer.objects.get(plane.name) is None or not plane.visible_get():
-            raise CrowdError(f"The plane {plane.name} is hidden: show it in the Outliner, then paint.")
-        if context.object is not None and context.object != plane and context.object.mode != "OBJECT":
+            raise CrowdError(
+                f"The plane {plane.name} is hidden: show it in the Outliner, then paint."
+            )
+        if (
+            context.object is not None
+            and context.object != plane
+            and context.object.mode != "OBJECT"
+        ):
             bpy.ops.object.mode_set(mode="OBJECT")
         for item in context.selected_objects:
             item.select_set(False)
@@ -182,7 +207,9 @@ class CROWDLOD_OT_paint_label(Reporting, bpy.types.Operator):
         if plane.mode != "TEXTURE_PAINT":
             bpy.ops.object.mode_set(mode="TEXTURE_PAINT")
         _set_brush(context, machine.label_colors[machine.labels.index(self.label)] / 255)
-        return f"Paint {self.label} on the map; Ctrl-Tab or the mode menu leads out of Texture Paint."
+        return (
+            f"Paint {self.label} on the map; Ctrl-Tab or the mode menu leads out of Texture Paint."
+        )
 
 
 def _set_brush(context, color: np.ndarray) -> None:
@@ -192,14 +219,18 @@ def _set_brush(context, color: np.ndarray) -> None:
     paint.mode, paint.dither, paint.seam_bleed = "MATERIAL", 0, 0
     paint.use_normal_falloff = paint.use_stencil_layer = paint.use_cavity = False
     paint.use_symmetry_x = paint.use_symmetry_y = paint.use_symmetry_z = False
-    brush = next((each for each in bpy.data.brushes if each.name == BRUSH and each.use_paint_image), None)
+    brush = next(
+        (each for each in bpy.data.brushes if each.name == BRUSH and each.use_paint_image), None
+    )
     if brush is None:
         brush = bpy.data.brushes.new(BRUSH, mode="TEXTURE_PAINT")
         brush.size = 40
     if brush.asset_data is None:
         brush.asset_mark()
     if paint.brush != brush:
-        bpy.ops.brush.asset_activate(asset_library_type="LOCAL", relative_asset_identifier=f"Brush/{brush.name}")
+        bpy.ops.brush.asset_activate(
+            asset_library_type="LOCAL", relative_asset_identifier=f"Brush/{brush.name}"
+        )
     if paint.brush is None:
         raise CrowdError("Blender did not choose the brush: choose one, and press the label again.")
     _harden(paint.brush)
@@ -215,7 +246,11 @@ def _harden(brush: bpy.types.Brush) -> None:
     brush.blend, brush.strength, brush.hardness = "MIX", 1.0, 1.0
     brush.use_paint_antialiasing = brush.use_pressure_strength = brush.use_color_jitter = False
     brush.stroke_method, brush.color_type = "SPACE", "COLOR"
-    falloff = "curve_distance_falloff_preset" if hasattr(brush, "curve_distance_falloff_preset") else "curve_preset"
+    falloff = (
+        "curve_distance_falloff_preset"
+        if hasattr(brush, "curve_distance_falloff_preset")
+        else "curve_preset"
+    )
     setattr(brush, falloff, "CONSTANT")
     brush.use_accumulate = False
     brush.texture_slot.texture = brush.mask_texture_slot.texture = None

@@ -6,7 +6,15 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.crowd import state_machine as machines
-from ...crowd_lod.crowd.maps import FARTHEST, Area, HeightMap, LabelMap, edge_map, labels_from_colors, laid_over
+from ...crowd_lod.crowd.maps import (
+    FARTHEST,
+    Area,
+    HeightMap,
+    LabelMap,
+    edge_map,
+    labels_from_colors,
+    laid_over,
+)
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.levels.assignment import Bias
 from ..blender import image_data, scene_data, stored_values
@@ -29,7 +37,9 @@ def machine_of(settings) -> machines.StateMachine:
 
     Its velocities are in the scene's units a second.
     """
-    machine = machines.parse(machine_text(settings), settings.machine.name if settings.machine else "chapter")
+    machine = machines.parse(
+        machine_text(settings), settings.machine.name if settings.machine else "chapter"
+    )
     return machine.in_units(scene_data.meters(settings.id_data))
 
 
@@ -40,9 +50,18 @@ def actions_named(scene: bpy.types.Scene, group: str) -> tuple[str, ...]:
 
     They are those of the crowds that have agents of the `group`. CrowdError if a state machine is bad.
     """
-    crowds = [crowd for crowd in (scene.crowd_lod, *scene.crowd_lod.crowds) if crowd.machine and crowd.source == "MACHINE"]
+    crowds = [
+        crowd
+        for crowd in (scene.crowd_lod, *scene.crowd_lod.crowds)
+        if crowd.machine and crowd.source == "MACHINE"
+    ]
     using = [crowd for crowd in crowds if {group, group_of(group)} & (names_in(crowd) or {group})]
-    return tuple(sorted({name for crowd in using for name in _actions(machine_text(crowd), crowd.machine.name)} - {""}))
+    return tuple(
+        sorted(
+            {name for crowd in using for name in _actions(machine_text(crowd), crowd.machine.name)}
+            - {""}
+        )
+    )
 
 
 def names_in(crowd) -> set[str]:
@@ -95,7 +114,10 @@ def world_of(settings, machine: machines.StateMachine) -> LabelMap:
 def areas_depend_on(settings, machine: machines.StateMachine) -> str:
     """Return what a map of walls and areas depends on beside its meshes, as text."""
     size = settings.map_image and tuple(settings.map_image.size)
-    labels = [f"{name} {bytes(color).hex()}" for name, color in zip(machine.labels, machine.label_colors, strict=True)]
+    labels = [
+        f"{name} {bytes(color).hex()}"
+        for name, color in zip(machine.labels, machine.label_colors, strict=True)
+    ]
     return f"{area_of(settings)} {size} {labels}"
 
 

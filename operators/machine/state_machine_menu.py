@@ -29,7 +29,9 @@ class CROWDLOD_MT_machine_presets(bpy.types.Menu):
 
     def draw(self, context) -> None:
         for name in preset_names():
-            self.layout.operator("crowd_lod.machine_preset", text=name.capitalize(), translate=False).name = name
+            self.layout.operator(
+                "crowd_lod.machine_preset", text=name.capitalize(), translate=False
+            ).name = name
         self.layout.separator()
         self.layout.operator("crowd_lod.machine_import", icon="IMPORT")
         self.layout.operator("crowd_lod.machine_export", icon="EXPORT")

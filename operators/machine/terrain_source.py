@@ -59,7 +59,9 @@ def read_terrain(crowd, depsgraph: bpy.types.Depsgraph) -> None:
     used, which = np.unique(which, return_inverse=True)
     places = np.concatenate(points)[used]
     if np.abs(places).max() * meters > FARTHEST:
-        raise CrowdError(f"The terrain {_name(crowd)} reaches beyond {FARTHEST:,.0f} m from the world's origin: move or shrink it.")
+        raise CrowdError(
+            f"The terrain {_name(crowd)} reaches beyond {FARTHEST:,.0f} m from the world's origin: move or shrink it."
+        )
     mesh = mesh_data.new_mesh("Crowd LOD terrain", places, which.reshape(-1, 3))
     kept_meshes.keep(crowd, "terrain_mesh", mesh, kept_meshes.shape_marks(objects))
 
@@ -119,7 +121,10 @@ def terrain_notes(crowd, trajectory: Trajectory) -> Iterator[str]:
                 f"crowd's height, {number(ground.z * ground.meters)} m."
             )
     top = crowd.id_data.crowd_lod.characters
-    inside = sorted(item.name for item in set(objects_of(crowd)).intersection(top.all_objects if top is not None else ()))
+    inside = sorted(
+        item.name
+        for item in set(objects_of(crowd)).intersection(top.all_objects if top is not None else ())
+    )
     if inside:
         yield (
             f"The terrain lies in the collection {top.name} of the characters ({', '.join(inside[:3])}), which renders leave out: "
@@ -131,4 +136,6 @@ def terrain_notes(crowd, trajectory: Trajectory) -> Iterator[str]:
 
 
 def _name(crowd) -> str:
-    return " and ".join(each.name for each in (crowd.terrain, crowd.terrain_object) if each is not None)
+    return " and ".join(
+        each.name for each in (crowd.terrain, crowd.terrain_object) if each is not None
+    )

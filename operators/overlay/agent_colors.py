@@ -47,7 +47,12 @@ def by_level(frame: Frame) -> Colors:
     """Color agents by LOD."""
     index = np.zeros(len(frame.crowd), np.uint8)  # frame.levels would be measured for all agents
     index[frame.buckets.order] = frame.buckets.levels
-    return Colors(index, _opaque(TINTS), names=tuple(f"LOD {k}" for k in range(len(frame.buckets.counts))), by_lod=True)
+    return Colors(
+        index,
+        _opaque(TINTS),
+        names=tuple(f"LOD {k}" for k in range(len(frame.buckets.counts))),
+        by_lod=True,
+    )
 
 
 def by_state(frame: Frame) -> Colors:

@@ -57,7 +57,9 @@ class CROWDLOD_OT_inspect(Needing, bpy.types.Operator):
             (region.width, region.height),
             (event.mouse_x - region.x, event.mouse_y - region.y),
             WITHIN * context.preferences.system.ui_scale,
-            shown.frame.visible | shown.frame.culled if settings.overlay_culled else shown.frame.visible,
+            shown.frame.visible | shown.frame.culled
+            if settings.overlay_culled
+            else shown.frame.visible,
         )
         agent = -1 if found is None else found
         if settings.agent != agent:

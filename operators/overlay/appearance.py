@@ -32,10 +32,20 @@ def style_of(scene, levels: int) -> tuple[Style, tuple[Character, ...], tuple[st
     points = replace(style, mode="POINTS") if style.mode == "MESHES" else style
     casting = character_cache.casting_of(scene)
     if casting is None:
-        return points, (), ("Press Make LOD Meshes in the Levels of Detail panel to see the characters.",)
+        return (
+            points,
+            (),
+            ("Press Make LOD Meshes in the Levels of Detail panel to see the characters.",),
+        )
     if not casting.ready:
-        return points, (), (f"The characters are being read for the overlay: {casting.progress:.0%}.",)
-    fits = [character.name for character in casting.characters] == [group.name for group in settings.groups]
+        return (
+            points,
+            (),
+            (f"The characters are being read for the overlay: {casting.progress:.0%}.",),
+        )
+    fits = [character.name for character in casting.characters] == [
+        group.name for group in settings.groups
+    ]
     if fits and all(len(character.meshes) >= levels for character in casting.characters):
         return style, casting.characters, casting.told
     misfit = "The LOD meshes do not fit the settings: press Make LOD Meshes to see the characters."
@@ -45,11 +55,17 @@ def style_of(scene, levels: int) -> tuple[Style, tuple[Character, ...], tuple[st
 def missing_groups(settings) -> tuple[str, ...]:
     """Return a sentence on populated groups that are no longer among the characters; () if all are."""
     top = settings.characters
-    here = {*top.objects.keys(), *(child.name for child in top.children if child.all_objects)} if top is not None else set()
+    here = (
+        {*top.objects.keys(), *(child.name for child in top.children if child.all_objects)}
+        if top is not None
+        else set()
+    )
     gone = [group.name for group in settings.groups if (group.variant_of or group.name) not in here]
     if not gone:
         return ()
-    return (f"No longer among the characters: {', '.join(gone)}. Press Populate in the Crowd panel.",)
+    return (
+        f"No longer among the characters: {', '.join(gone)}. Press Populate in the Crowd panel.",
+    )
 
 
 def cast_of(groups, style: Style, characters: tuple[Character, ...]) -> Cast | None:
@@ -72,7 +88,9 @@ def colors_of(chosen: str, frame: Frame, characters: tuple[Character, ...]) -> a
     return agent_colors.by_level(frame)
 
 
-def drawing_of(settings, frame: Frame, style: Style, colored: agent_colors.Colors, framed: bool = True) -> Drawing:
+def drawing_of(
+    settings, frame: Frame, style: Style, colored: agent_colors.Colors, framed: bool = True
+) -> Drawing:
     """Return the frame's Drawing by the settings.
 
     framed: whether to draw the lines of the camera's frustum and LOD ranges.

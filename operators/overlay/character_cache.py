@@ -110,7 +110,9 @@ def bake_some() -> float | None:
             try:
                 for group in scene.crowd_lod.groups:
                     actions_named(scene, group.name)
-            except CrowdError:  # the state machine is being mended: the overlay says so, and then asks again
+            except (
+                CrowdError
+            ):  # the state machine is being mended: the overlay says so, and then asks again
                 continue
             _bake_on(scene, casting)
             redraw.viewports()
@@ -137,11 +139,15 @@ def _bake_on(scene: bpy.types.Scene, casting: Casting) -> None:
         casting.characters += (end.value,)
         casting.told += (end.value.told,) if end.value.told else ()
         casting.baking, casting.progress, casting.ready = None, (number + 1) / of, number + 1 == of
-    except CrowdError as error:  # what the user can mend, such as a state that names no action of the file
+    except (
+        CrowdError
+    ) as error:  # what the user can mend, such as a state that names no action of the file
         casting.give_up(str(error))
     except Exception as error:
         traceback.print_exc()
-        casting.give_up(f"The overlay cannot draw the LOD meshes of {name} ({error}): see the console for details.")
+        casting.give_up(
+            f"The overlay cannot draw the LOD meshes of {name} ({error}): see the console for details."
+        )
 
 
 def _homes(scene: int, number: int) -> list[bpy.types.Collection]:
@@ -165,12 +171,25 @@ def _key(scene: bpy.types.Scene) -> tuple[bytes, Looks]:
     digest.update(cast_digest(item for home in homes for item in home.all_objects).encode())
     for home in homes:
         items = [item for item in home.all_objects if item.type == "MESH"]
-        digest.update(repr((home.session_uid, home.get(GROUP), tuple(home.instance_offset))).encode())
+        digest.update(
+            repr((home.session_uid, home.get(GROUP), tuple(home.instance_offset))).encode()
+        )
         for item in items:
             materials = [looks.of(slot.material) for slot in item.material_slots]
             modifiers = [(m.type, m.show_viewport) for m in item.modifiers]
             sizes = len(item.data.vertices), len(item.data.polygons)
-            digest.update(repr((item.session_uid, item.data.session_uid, item.mode, sizes, materials, modifiers)).encode())
+            digest.update(
+                repr(
+                    (
+                        item.session_uid,
+                        item.data.session_uid,
+                        item.mode,
+                        sizes,
+                        materials,
+                        modifiers,
+                    )
+                ).encode()
+            )
             points = np.empty(3 * sizes[0], np.float32)
             item.data.vertices.foreach_get("co", points)
             digest.update(points)
@@ -178,7 +197,9 @@ def _key(scene: bpy.types.Scene) -> tuple[bytes, Looks]:
             action = player.action, player.action_slot_handle
             if action not in told:
                 told.add(action)
-                digest.update(repr((action[0].session_uid, action[1], tuple(action[0].frame_range))).encode())
+                digest.update(
+                    repr((action[0].session_uid, action[1], tuple(action[0].frame_range))).encode()
+                )
                 for curve in curves_of(player):
                     digest.update(b"".join(read_columns(curve.keyframe_points, KEYS)))
         group = home.get(GROUP, home.name)

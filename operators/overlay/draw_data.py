@@ -104,9 +104,13 @@ def drawing(
     culled = culled[frame.culled[culled]] if len(culled) else culled
     order = np.concatenate([frame.buckets.order[:seen], culled])
     group = crowd.group[order]
-    agents, draws, plays = (np.empty((0, 8), np.float32), (), ()) if points else _instances(frame, colors, fades)
+    agents, draws, plays = (
+        (np.empty((0, 8), np.float32), (), ()) if points else _instances(frame, colors, fades)
+    )
 
-    positions = np.stack(crowd.places(center, order, origin), axis=1, dtype=np.float32, casting="same_kind")
+    positions = np.stack(
+        crowd.places(center, order, origin), axis=1, dtype=np.float32, casting="same_kind"
+    )
     tints = np.empty((len(order), 4), np.float32)
     tints[:seen] = colors.palette[colors.index[order[:seen]]]
     tints[seen:] = CULLED
@@ -136,7 +140,9 @@ def drawing(
     )
 
 
-def _instances(frame: Frame, colors: Colors, fades: tuple[np.ndarray, np.ndarray] | None) -> tuple[np.ndarray, tuple, tuple]:
+def _instances(
+    frame: Frame, colors: Colors, fades: tuple[np.ndarray, np.ndarray] | None
+) -> tuple[np.ndarray, tuple, tuple]:
     """Return (agents, draws, plays) of a Drawing; cross-fading agents are in both LODs."""
     crowd, order = frame.crowd, frame.buckets.order
     levels, shares = frame.buckets.levels, np.zeros(len(order), np.float32)
@@ -148,10 +154,15 @@ def _instances(frame: Frame, colors: Colors, fades: tuple[np.ndarray, np.ndarray
         levels = np.concatenate([finer, finer[both] + np.uint8(1)])
         shares = np.concatenate([-share, share[both]])
         order = np.concatenate([order, order[both]])
-    draw, gaits = levels.astype(np.uint16) * np.uint16(256) + crowd.group[order], frame.trajectory.gaits
+    draw, gaits = (
+        levels.astype(np.uint16) * np.uint16(256) + crowd.group[order],
+        frame.trajectory.gaits,
+    )
     actions = len(gaits.actions)
     if actions > 1:
-        draw = draw.astype(np.uint32) * np.uint32(actions) + gaits.action[crowd.playing[order]].astype(np.uint32)
+        draw = draw.astype(np.uint32) * np.uint32(actions) + gaits.action[
+            crowd.playing[order]
+        ].astype(np.uint32)
     by_draw = np.argsort(draw, kind="stable")
     order, shares = order[by_draw], shares[by_draw]
     kinds, first, count = np.unique(draw[by_draw], return_index=True, return_counts=True)

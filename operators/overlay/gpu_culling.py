@@ -45,7 +45,11 @@ TRIES, WORTH = 4, 1.0
 PLAN = "struct CrowdPlan { vec4 planes[6]; vec4 axis; vec4 origin; vec4 slack; };"
 # Of each pass, in their order: what it reads, what it writes, and the numbers that it is told.
 PASSES = {
-    "levels": (("agents", "spheres", "feet_x", "feet_y", "feet_z"), ("kinds", "counts"), ("runs", "count")),
+    "levels": (
+        ("agents", "spheres", "feet_x", "feet_y", "feet_z"),
+        ("kinds", "counts"),
+        ("runs", "count"),
+    ),
     "sums": (("counts",), ("sums",), ("total",)),
     "offsets": (("counts", "sums"), ("offsets",), ("total",)),
     "sorting": (("kinds", "offsets"), ("places",), ("runs", "count")),
@@ -64,7 +68,14 @@ def program(name: str, levels: int, radial: bool) -> "GPUShader":
     from gpu.types import GPUShaderCreateInfo
 
     info = GPUShaderCreateInfo()
-    numbers = {"TEXELS": TEXELS, "RUN": RUN, "PART": PART, "OPEN": levels, "CULLED": levels + 1, "RADIAL": int(radial)}
+    numbers = {
+        "TEXELS": TEXELS,
+        "RUN": RUN,
+        "PART": PART,
+        "OPEN": levels,
+        "CULLED": levels + 1,
+        "RADIAL": int(radial),
+    }
     for key, value in numbers.items():
         info.define(key, str(value))
     reads, writes, told = PASSES[name]
@@ -90,7 +101,9 @@ class Planner:
 
     def __init__(self, trajectory: Trajectory):
         area = trajectory.area
-        self.middle = np.array([(area.x_min + area.x_max) / 2, (area.y_min + area.y_max) / 2, area.z])
+        self.middle = np.array(
+            [(area.x_min + area.x_max) / 2, (area.y_min + area.y_max) / 2, area.z]
+        )
         self.spheres = trajectory.spheres.center, trajectory.spheres.reach
         self._agents, self._asked = None, (None, None)
         self._places, self._columns = {}, (None,) * 3
@@ -107,11 +120,23 @@ class Planner:
         view, spheres = _inputs(self.middle, self.spheres, asked)
         runs = -(-count // RUN)
         total = (levels + 1) * runs + 1  # counts, and where all end
-        sizes = {"kinds": count, "counts": total, "sums": -(-total // PART), "offsets": total, "places": count}
+        sizes = {
+            "kinds": count,
+            "counts": total,
+            "sums": -(-total // PART),
+            "offsets": total,
+            "places": count,
+        }
         textures = {name: _texture(size) for name, size in sizes.items()}
-        textures |= self._places | {"agents": self._agents, "spheres": _texture(spheres.size // 4, "RGBA32F", spheres)}
+        textures |= self._places | {
+            "agents": self._agents,
+            "spheres": _texture(spheres.size // 4, "RGBA32F", spheres),
+        }
         view = GPUUniformBuf(Buffer("FLOAT", view.size, view))
-        numbers, radial = {"runs": runs, "count": count, "total": total}, asked.policy.metric == "RADIAL"
+        numbers, radial = (
+            {"runs": runs, "count": count, "total": total},
+            asked.policy.metric == "RADIAL",
+        )
         for name in PASSES:
             threads = runs if "runs" in PASSES[name][2] else sizes["sums"]
             _dispatch(program(name, levels, radial), name, threads, textures, view, numbers)
@@ -148,18 +173,29 @@ def _inputs(middle, spheres: tuple, asked: Unsorted) -> tuple[np.ndarray, np.nda
     normals, origin = np.vstack([frustum.normals, camera.Z]), camera.origin - middle
     offsets = np.append(frustum.limits(policy.margin), 0.0) + normals @ origin
     begin = np.clip(asked.begins, -HUGE, HUGE)
-    largest = np.abs(offsets).max() + np.abs(origin).sum() + np.abs(begin[np.abs(begin) < HUGE]).max(initial=0.0)
+    largest = (
+        np.abs(offsets).max()
+        + np.abs(origin).sum()
+        + np.abs(begin[np.abs(begin) < HUGE]).max(initial=0.0)
+    )
     slack = SLACK * max(1.0, frustum.rounding) * (1 + np.abs(camera.Z).sum())
     most = slack * largest + camera.grain * (np.abs(middle).sum() + 2 * np.abs(camera.origin).sum())
     view = np.zeros((9, 4), np.float32)
-    view[:7, :3], view[:7, 3], view[7, :3], view[8, :2] = normals, offsets, origin, (slack + camera.grain, most + TINY)
+    view[:7, :3], view[:7, 3], view[7, :3], view[8, :2] = (
+        normals,
+        offsets,
+        origin,
+        (slack + camera.grain, most + TINY),
+    )
     rows = np.zeros((len(radius), policy.count, 4), np.float32)
     rows[:, 0, :3] = np.column_stack([center, reach, np.abs(center) + reach])
     rows[:, 1:, 0] = begin
     return view.ravel(), rows.reshape(-1, 4)
 
 
-def _texture(count: int, form: str = "R32UI", values: np.ndarray | None = None, middle: float = 0.0) -> "GPUTexture":
+def _texture(
+    count: int, form: str = "R32UI", values: np.ndarray | None = None, middle: float = 0.0
+) -> "GPUTexture":
     """Return a texture of `count` texels, TEXELS to a row.
 
     values: (count,) or (count, k), stored in float32 less `middle`; None leaves the texture unset.
@@ -174,7 +210,9 @@ def _texture(count: int, form: str = "R32UI", values: np.ndarray | None = None, 
     return GPUTexture(size, format=form, data=Buffer("FLOAT", texels.size, texels))
 
 
-def _dispatch(shader, name: str, threads: int, textures: dict, view, numbers: dict[str, int]) -> None:
+def _dispatch(
+    shader, name: str, threads: int, textures: dict, view, numbers: dict[str, int]
+) -> None:
     from gpu.compute import dispatch
 
     reads, writes, told = PASSES[name]
@@ -212,7 +250,9 @@ def _settled(places, ends, spheres: tuple, asked: Unsorted) -> tuple[np.ndarray,
     buckets = []
     for level, (first, last) in enumerate(zip(offsets[:-1], offsets[1:], strict=True)):
         more = open_[visible & (levels == level)]
-        buckets.append(np.insert(places[first:last], np.searchsorted(places[first:last], more), more))
+        buckets.append(
+            np.insert(places[first:last], np.searchsorted(places[first:last], more), more)
+        )
     return np.concatenate(buckets), np.cumsum([0, *map(len, buckets)])
 
 
@@ -249,7 +289,10 @@ class Faster:
         except Exception as error:  # whatever a driver makes of compute shaders, NumPy plans on
             if isinstance(error, CrowdError) or not on_gpu:
                 raise
-            print(f"Crowd LOD plans frames on the CPU from now on, because the GPU failed: {error}", file=sys.stderr)
+            print(
+                f"Crowd LOD plans frames on the CPU from now on, because the GPU failed: {error}",
+                file=sys.stderr,
+            )
             self.usable = on_gpu = False
             frame = plan_of(trajectory, request)
         took = self._took[on_gpu]

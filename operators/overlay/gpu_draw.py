@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 
 POINT_PIXELS = 4.0, 14.0  # least and greatest width of a visible agent's point
 LINE_PIXELS = 1.5
-BEHIND_ALL = 1e-6  # part of the depth's range, behind all else, that lines beyond the clip end lie in
+BEHIND_ALL = (
+    1e-6  # part of the depth's range, behind all else, that lines beyond the clip end lie in
+)
 NEAREST_LINE = 0.005  # of the viewport's clip start, from which on they are drawn
 TEXEL = 16  # bytes
 WIDEST = 16384  # texels, of a texture on every GPU
@@ -40,8 +42,15 @@ class Cast:
     """
 
     def __init__(self, groups: tuple[Group, ...], characters: tuple[Character, ...]):
-        arrays = [each for character in characters for mesh in character.meshes for each in vars(mesh).values()]
-        arrays += [each for character in characters for each in (character.frames, character.images)]
+        arrays = [
+            each
+            for character in characters
+            for mesh in character.meshes
+            for each in vars(mesh).values()
+        ]
+        arrays += [
+            each for character in characters for each in (character.frames, character.images)
+        ]
         self.characters = characters
         self.boxes = [_batch(*_box(group)) for group in groups] if not characters else []
         self.joints = [_joint_texture(character.frames) for character in characters]
@@ -51,10 +60,15 @@ class Cast:
             for character, joints in zip(characters, self.joints, strict=True)
         ]
         self.meshes = [
-            [_mesh_batch(mesh, frames is None) for mesh, frames in zip(character.meshes, skinned, strict=True)]
+            [
+                _mesh_batch(mesh, frames is None)
+                for mesh, frames in zip(character.meshes, skinned, strict=True)
+            ]
             for character, skinned in zip(characters, self.skinned, strict=True)
         ]
-        skinned = sum(TEXEL * each.width * each.height for levels in self.skinned for each in levels if each)
+        skinned = sum(
+            TEXEL * each.width * each.height for levels in self.skinned for each in levels if each
+        )
         self.nbytes = skinned + sum(each.nbytes for each in arrays if isinstance(each, np.ndarray))
 
     def kind(self, level: int, group: int) -> str:
@@ -98,13 +112,19 @@ class Batches:
         self.fading, self.nbytes = what.fading, what.nbytes
         self._made: dict[str, tuple] = {}
         if self.draws:
-            self.agents = self._make("agents", before, _agent_texture, what.agents, np.array(what.turn))
+            self.agents = self._make(
+                "agents", before, _agent_texture, what.agents, np.array(what.turn)
+            )
             self.palette = self._make("palette", before, _palette_texture, what.palette)
             self.view = GPUUniformBuf(Buffer("FLOAT", 20))
-        self.points = self._make("points", before, _point_batch, what.positions, what.colors, what.sizes)
+        self.points = self._make(
+            "points", before, _point_batch, what.positions, what.colors, what.sizes
+        )
         self.lines = self._make("lines", before, _line_batch, what.lines, what.line_colors)
 
-    def _make(self, name: str, before: "Batches | None", make: Callable, *arrays: np.ndarray) -> Any:
+    def _make(
+        self, name: str, before: "Batches | None", make: Callable, *arrays: np.ndarray
+    ) -> Any:
         """Return make(*arrays), or the result of `before` if its arrays are equal."""
         known, made = before._made.get(name, ((), None)) if before is not None else ((), None)
         if len(known) != len(arrays) or not all(map(np.array_equal, known, arrays)):
@@ -113,7 +133,13 @@ class Batches:
         return made
 
 
-def paint(batches: Batches, view: np.ndarray, projection: np.ndarray, size: tuple[int, int], ui_scale: float) -> None:
+def paint(
+    batches: Batches,
+    view: np.ndarray,
+    projection: np.ndarray,
+    size: tuple[int, int],
+    ui_scale: float,
+) -> None:
     """Draw into the active framebuffer.
 
     view: (4, 4) float64, world to viewer's space.
@@ -145,7 +171,13 @@ def paint(batches: Batches, view: np.ndarray, projection: np.ndarray, size: tupl
                 _paint_lines(batches, view, lens, size, ui_scale)
 
 
-def _paint_lines(batches: Batches, view: np.ndarray, projection: np.ndarray, size: tuple[int, int], ui_scale: float) -> None:
+def _paint_lines(
+    batches: Batches,
+    view: np.ndarray,
+    projection: np.ndarray,
+    size: tuple[int, int],
+    ui_scale: float,
+) -> None:
     import gpu
     from mathutils import Matrix
 
@@ -239,7 +271,11 @@ def _gpu_state() -> Iterator[None]:
     """Enable depth test, alpha blending and point sizes; restore at the end."""
     import gpu
 
-    depth_test, depth_mask, blend = gpu.state.depth_test_get(), gpu.state.depth_mask_get(), gpu.state.blend_get()
+    depth_test, depth_mask, blend = (
+        gpu.state.depth_test_get(),
+        gpu.state.depth_mask_get(),
+        gpu.state.blend_get(),
+    )
     try:
         gpu.state.depth_test_set("LESS_EQUAL")
         gpu.state.depth_mask_set(True)
@@ -331,7 +367,9 @@ def _skinned_frames(mesh: SkinnedMesh, frames: int, joints) -> "GPUTexture | Non
         shader.bind()
         shader.uniform_sampler("joint_frames", joints)
         shader.uniform_float("size", size)
-        _batch(_jointed(mesh), None, "POINTS").draw_instanced(shader, instance_start=0, instance_count=frames)
+        _batch(_jointed(mesh), None, "POINTS").draw_instanced(
+            shader, instance_start=0, instance_count=frames
+        )
     return texture
 
 
@@ -346,7 +384,9 @@ def _images(pictures: np.ndarray) -> "GPUTexture":
         pictures = np.full((1, 1, 1, 4), 255, np.uint8)
     values = np.ascontiguousarray(pictures, np.float32).ravel() / np.float32(255)
     layers, height, width, _ = pictures.shape
-    texture = GPUTexture((width, height), layers=layers, format="RGBA8", data=Buffer("FLOAT", values.size, values))
+    texture = GPUTexture(
+        (width, height), layers=layers, format="RGBA8", data=Buffer("FLOAT", values.size, values)
+    )
     texture.filter_mode(True)
     texture.extend_mode("REPEAT")
     return texture
@@ -358,16 +398,25 @@ def _mesh_batch(mesh: SkinnedMesh, joints: bool) -> "GPUBatch | None":
     joints: whether the draw skins the mesh, so that the batch needs positions, normals, joints and
         weights.
     """
-    columns = {"uv": mesh.uvs, "base_color": mesh.colors, "layer": mesh.layers} | (_jointed(mesh) if joints else {})
+    columns = {"uv": mesh.uvs, "base_color": mesh.colors, "layer": mesh.layers} | (
+        _jointed(mesh) if joints else {}
+    )
     return _batch(columns, mesh.triangles) if len(mesh.triangles) else None
 
 
 def _jointed(mesh: SkinnedMesh) -> dict[str, np.ndarray]:
     """Return the vertex attributes of kind JOINTS (shader_programs.mesh_interface)."""
-    return {"position": mesh.points, "normal": mesh.normals, "joints": mesh.joints, "weights": mesh.weights}
+    return {
+        "position": mesh.points,
+        "normal": mesh.normals,
+        "joints": mesh.joints,
+        "weights": mesh.weights,
+    }
 
 
-def _batch(columns: dict[str, np.ndarray], triangles: np.ndarray | None = None, kind: str = "TRIS") -> "GPUBatch":
+def _batch(
+    columns: dict[str, np.ndarray], triangles: np.ndarray | None = None, kind: str = "TRIS"
+) -> "GPUBatch":
     """Return a batch with one vertex attribute per column.
 
     columns: name to values (n,) or (n, k), float32 or uint16.
@@ -379,13 +428,22 @@ def _batch(columns: dict[str, np.ndarray], triangles: np.ndarray | None = None, 
     form = GPUVertFormat()
     for name, values in columns.items():
         whole = values.dtype == np.uint16
-        form.attr_add(id=name, comp_type="U16" if whole else "F32", len=values[0].size, fetch_mode="INT" if whole else "FLOAT")
+        form.attr_add(
+            id=name,
+            comp_type="U16" if whole else "F32",
+            len=values[0].size,
+            fetch_mode="INT" if whole else "FLOAT",
+        )
     buffer = GPUVertBuf(format=form, len=len(next(iter(columns.values()))))
     for name, values in columns.items():
         buffer.attr_fill(name, np.ascontiguousarray(values))
     if triangles is None:
         return GPUBatch(type=kind, buf=buffer)
-    return GPUBatch(type=kind, buf=buffer, elem=GPUIndexBuf(type=kind, seq=np.ascontiguousarray(triangles, np.uint32)))
+    return GPUBatch(
+        type=kind,
+        buf=buffer,
+        elem=GPUIndexBuf(type=kind, seq=np.ascontiguousarray(triangles, np.uint32)),
+    )
 
 
 def _box(group: Group) -> tuple[dict[str, np.ndarray], np.ndarray]:
@@ -397,9 +455,23 @@ def _box(group: Group) -> tuple[dict[str, np.ndarray], np.ndarray]:
     half = np.sqrt(max(group.radius**2 - group.center**2, (0.2 * group.radius) ** 2) / 2)
     corners = np.array([(x, y, z) for z in (0, 1) for y in (-1, 1) for x in (-1, 1)], np.float32)
     normals = corners * (1, 1, 2) - (0, 0, 0.5)
-    triangles = [(0, 1, 5), (0, 5, 4), (1, 3, 7), (1, 7, 5), (3, 2, 6), (3, 6, 7), (2, 0, 4), (2, 4, 6), (4, 5, 7), (4, 7, 6)]
+    triangles = [
+        (0, 1, 5),
+        (0, 5, 4),
+        (1, 3, 7),
+        (1, 7, 5),
+        (3, 2, 6),
+        (3, 6, 7),
+        (2, 0, 4),
+        (2, 4, 6),
+        (4, 5, 7),
+        (4, 7, 6),
+    ]
     normals = (normals / np.linalg.norm(normals, axis=1, keepdims=True)).astype(np.float32)
     points = (corners * (half, half, 2 * group.center)).astype(np.float32)
     run = shader_programs.BOXES
     runs = (np.arange(run)[:, None, None] * len(corners) + triangles).reshape(-1, 3)
-    return {"position": np.tile(points, (run, 1)), "normal": np.tile(normals, (run, 1))}, runs.astype(np.uint32)
+    return {
+        "position": np.tile(points, (run, 1)),
+        "normal": np.tile(normals, (run, 1)),
+    }, runs.astype(np.uint32)

@@ -15,7 +15,13 @@ from . import shader_programs
 from .agent_colors import Colors
 from .gpu_draw import LINE_PIXELS
 
-STAGES = {"behavior": "Behavior", "culling": "Culling", "levels": "Levels", "sorting": "Sorting", "drawing": "Drawing"}
+STAGES = {
+    "behavior": "Behavior",
+    "culling": "Culling",
+    "levels": "Levels",
+    "sorting": "Sorting",
+    "drawing": "Drawing",
+}
 WHITE, RING, BEHIND = (0.9, 0.9, 0.9, 1.0), (1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.5)  # sRGB
 SAMPLE = "Agents 0123456789, visible"  # of the figures' letters, for their mean width
 # nominal pixels; LINE is that of Blender's own text, the viewport's name and so on
@@ -57,7 +63,10 @@ def figures(
     culled = (agents - visible) / agents if agents else 0.0
     said = [Line(f"{counted(agents, 'agent')}, {visible:,} visible, {culled:.1%} culled")]
     counts = enumerate(frame.buckets.counts)
-    said += [Line(f"LOD {k}  {count:,}", colors.of_name(k) if colors.by_lod else None) for k, count in counts]
+    said += [
+        Line(f"LOD {k}  {count:,}", colors.of_name(k) if colors.by_lod else None)
+        for k, count in counts
+    ]
     said += [] if colors.by_lod else legend(colors)
     said += map(Line, notes)
     if frame.full_triangles:
@@ -69,10 +78,17 @@ def figures(
     said.append(Line(f"{size(state)} of agents' state, {size(gpu_bytes)} on the GPU"))
     if account is not None:
         said.append(
-            Line(", ".join(f"{name} {value}" for name, value in told(account)), colors.of_agent(account.agent, account.visible))
+            Line(
+                ", ".join(f"{name} {value}" for name, value in told(account)),
+                colors.of_agent(account.agent, account.visible),
+            )
         )
     if frame.dropped:
-        said.append(Line(f"{counted(frame.dropped, 'agent')} at NaN or infinity {'is' if frame.dropped == 1 else 'are'} left out."))
+        said.append(
+            Line(
+                f"{counted(frame.dropped, 'agent')} at NaN or infinity {'is' if frame.dropped == 1 else 'are'} left out."
+            )
+        )
     return tuple(said)
 
 
@@ -113,7 +129,13 @@ def short(number: int) -> str:
 
 def size(count: int) -> str:
     """Return a count of bytes as text, in decimal units."""
-    return f"{count} bytes" if count < 1000 else f"{short(count)}B" if count >= 1e4 else f"{count / 1000:.3g} kB"
+    return (
+        f"{count} bytes"
+        if count < 1000
+        else f"{short(count)}B"
+        if count >= 1e4
+        else f"{count / 1000:.3g} kB"
+    )
 
 
 def broken(said: Sequence[Line], letters: int, rows: int) -> list[Line]:
@@ -128,7 +150,9 @@ def broken(said: Sequence[Line], letters: int, rows: int) -> list[Line]:
     return found if len(found) <= rows else [*found[: max(0, rows - 1)], Line("...")][:rows]
 
 
-def write(said: Sequence[Line], box: tuple[float, float, float, float], ui_scale: float) -> tuple[float, float]:
+def write(
+    said: Sequence[Line], box: tuple[float, float, float, float], ui_scale: float
+) -> tuple[float, float]:
     """Write lines of text from the top down into a box of the region being drawn.
 
     Returns (right, bottom) of the text, or (left, top) if the box is too small for any text.
@@ -164,7 +188,9 @@ def _fill(left: float, bottom: float, right: float, top: float, color) -> None:
     from gpu_extras.batch import batch_for_shader
 
     shader = gpu.shader.from_builtin("UNIFORM_COLOR")
-    batch = batch_for_shader(shader, "TRI_STRIP", {"pos": [(left, bottom), (right, bottom), (left, top), (right, top)]})
+    batch = batch_for_shader(
+        shader, "TRI_STRIP", {"pos": [(left, bottom), (right, bottom), (left, top), (right, top)]}
+    )
     with blended():
         shader.uniform_float("color", [float(value) for value in color])
         batch.draw(shader)
@@ -204,7 +230,12 @@ def free_box(area, region, overlay, ui_scale: float) -> tuple[float, float, floa
             else:
                 bottom = max(bottom, other.y + other.height)
     own = 3 * overlay.show_text + 6 * overlay.show_stats
-    return left - region.x, bottom - region.y, right - region.x, top - region.y - (own * LINE + MARGIN) * ui_scale
+    return (
+        left - region.x,
+        bottom - region.y,
+        right - region.x,
+        top - region.y - (own * LINE + MARGIN) * ui_scale,
+    )
 
 
 def ring(frame: Frame, agent: int, region, ui_scale: float) -> None:
@@ -214,7 +245,10 @@ def ring(frame: Frame, agent: int, region, ui_scale: float) -> None:
     """
     from gpu_extras.batch import batch_for_shader
 
-    matrix, group = np.array(region.data.perspective_matrix, np.float64), frame.trajectory.groups[frame.crowd.group[agent]]
+    matrix, group = (
+        np.array(region.data.perspective_matrix, np.float64),
+        frame.trajectory.groups[frame.crowd.group[agent]],
+    )
     x, y, _, w = matrix @ (*frame.crowd.places(frame.trajectory.spheres.center, agent), 1.0)
     if w <= 0:
         return
@@ -225,7 +259,9 @@ def ring(frame: Frame, agent: int, region, ui_scale: float) -> None:
     points = np.zeros((CORNERS + 1, 3), np.float32)
     points[:, :2] = (np.array([x, y]) / w + 1) * half + circle
     shader = shader_programs.lines()
-    batch = batch_for_shader(shader, "LINE_STRIP", {"pos": points, "color": np.tile(np.float32(RING), (len(points), 1))})
+    batch = batch_for_shader(
+        shader, "LINE_STRIP", {"pos": points, "color": np.tile(np.float32(RING), (len(points), 1))}
+    )
     shader.bind()
     shader.uniform_float("viewportSize", (region.width, region.height))
     shader.uniform_float("lineWidth", LINE_PIXELS * ui_scale)

@@ -69,7 +69,9 @@ def nbytes(texture) -> int:
     return 4 * texture.width * texture.height if texture else 0
 
 
-def picture(batches: Batches, view: np.ndarray, projection: np.ndarray, ui_scale: float) -> "GPUTexture":
+def picture(
+    batches: Batches, view: np.ndarray, projection: np.ndarray, ui_scale: float
+) -> "GPUTexture":
     """Return the inset painted to a texture of `pixels(ui_scale)`.
 
     The texture is sRGB. So both our linear colors and the colors that Blender's shaders encode look
@@ -78,7 +80,10 @@ def picture(batches: Batches, view: np.ndarray, projection: np.ndarray, ui_scale
     from gpu.types import GPUFrameBuffer, GPUTexture
 
     size = pixels(ui_scale)
-    color, depth = GPUTexture(size, format="SRGB8_A8"), GPUTexture(size, format="DEPTH_COMPONENT32F")
+    color, depth = (
+        GPUTexture(size, format="SRGB8_A8"),
+        GPUTexture(size, format="DEPTH_COMPONENT32F"),
+    )
     canvas = GPUFrameBuffer(color_slots=color, depth_slot=depth)
     with canvas.bind():
         canvas.clear(color=BACKGROUND, depth=1.0)
@@ -86,7 +91,9 @@ def picture(batches: Batches, view: np.ndarray, projection: np.ndarray, ui_scale
     return color
 
 
-def show(texture, box: tuple[float, float, float, float], taken: tuple[float, float], ui_scale: float) -> None:
+def show(
+    texture, box: tuple[float, float, float, float], taken: tuple[float, float], ui_scale: float
+) -> None:
     """Draw the texture in the box's bottom right corner, beside or below the text.
 
     Draws nothing where it would be smaller than SMALLEST of its size.
@@ -103,4 +110,6 @@ def show(texture, box: tuple[float, float, float, float], taken: tuple[float, fl
     scale = min(ui_scale, free, MOST * (right - left) / width, MOST * (top - bottom) / height)
     if scale >= SMALLEST * ui_scale:
         at = right - margin - scale * width, bottom + margin
-        draw_texture_2d(texture, at, scale * width, scale * height, is_scene_linear_with_rec709_srgb_target=True)
+        draw_texture_2d(
+            texture, at, scale * width, scale * height, is_scene_linear_with_rec709_srgb_target=True
+        )

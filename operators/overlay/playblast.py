@@ -41,7 +41,10 @@ class Canvas:
 
         self.size, self._solid = size, GPUOffScreen(*size)
         # as a viewport has them for its overlays; a framebuffer does not keep its textures
-        self._textures = GPUTexture(size, format="SRGB8_A8"), GPUTexture(size, format="DEPTH_COMPONENT32F")
+        self._textures = (
+            GPUTexture(size, format="SRGB8_A8"),
+            GPUTexture(size, format="DEPTH_COMPONENT32F"),
+        )
         self._overlay = GPUFrameBuffer(color_slots=self._textures[0], depth_slot=self._textures[1])
 
     def free(self) -> None:
@@ -49,7 +52,13 @@ class Canvas:
         self._overlay = self._textures = None
 
     def picture(
-        self, scene, layer, viewport: tuple, matrices: tuple[np.ndarray, np.ndarray], batches: Batches | None, caption: str = ""
+        self,
+        scene,
+        layer,
+        viewport: tuple,
+        matrices: tuple[np.ndarray, np.ndarray],
+        batches: Batches | None,
+        caption: str = "",
     ) -> np.ndarray:
         """Return the picture of the scene with the overlay and a caption.
 
@@ -64,7 +73,13 @@ class Canvas:
         from mathutils import Matrix
 
         width, height = self.size
-        self._solid.draw_view3d(scene, layer, *viewport, *(Matrix(each.tolist()) for each in matrices), do_color_management=True)
+        self._solid.draw_view3d(
+            scene,
+            layer,
+            *viewport,
+            *(Matrix(each.tolist()) for each in matrices),
+            do_color_management=True,
+        )
         with self._solid.bind():
             buffer = gpu.state.active_framebuffer_get()
             picture, depth = self._read(buffer), buffer.read_depth(0, 0, width, height)
@@ -83,7 +98,9 @@ class Canvas:
     def _read(self, buffer) -> np.ndarray:
         """Return the framebuffer's colors, (height, width, 4) uint8."""
         width, height = self.size
-        return np.array(memoryview(buffer.read_color(0, 0, width, height, 4, 0, "UBYTE"))).reshape(height, width, 4)
+        return np.array(memoryview(buffer.read_color(0, 0, width, height, 4, 0, "UBYTE"))).reshape(
+            height, width, 4
+        )
 
     def _write(self, caption: str) -> None:
         import gpu
@@ -118,7 +135,11 @@ def solid_viewport(scene: bpy.types.Scene) -> Iterator[tuple]:
     scene's Workbench renders, on the world's color.
     """
     areas = (area for screen in bpy.data.screens for area in screen.areas if area.type == "VIEW_3D")
-    whole = (area for area in areas if area.spaces[0].local_view is None and not area.spaces[0].use_local_collections)
+    whole = (
+        area
+        for area in areas
+        if area.spaces[0].local_view is None and not area.spaces[0].use_local_collections
+    )
     area = next((area for area in whole if not area.spaces[0].region_3d.use_clip_planes), None)
     if area is None:
         raise CrowdError(
@@ -126,8 +147,15 @@ def solid_viewport(scene: bpy.types.Scene) -> Iterator[tuple]:
             "without local view, local collections and clipping region, or choose another engine."
         )
     space, own = area.spaces[0], scene.display.shading
-    lent = {name: getattr(own, name) for name in SHADING} | {"type": "SOLID", "background_type": "WORLD", "use_dof": False}
-    before, overlays = {name: getattr(space.shading, name) for name in lent}, space.overlay.show_overlays
+    lent = {name: getattr(own, name) for name in SHADING} | {
+        "type": "SOLID",
+        "background_type": "WORLD",
+        "use_dof": False,
+    }
+    before, overlays = (
+        {name: getattr(space.shading, name) for name in lent},
+        space.overlay.show_overlays,
+    )
     try:
         space.overlay.show_overlays = False
         _set(space.shading, lent)
@@ -175,7 +203,9 @@ class Playblast:
         CrowdError if the characters cannot be drawn as the scene's settings ask.
         """
         yield from character_cache.read(self.stage)
-        self.style, self.characters, self.notes = style_of(self.stage, policy_of(self.stage.crowd_lod).count)
+        self.style, self.characters, self.notes = style_of(
+            self.stage, policy_of(self.stage.crowd_lod).count
+        )
         if self.style.mode != self.stage.crowd_lod.overlay_mode:
             raise CrowdError(" ".join(self.notes))
         self.cast = cast_of(self.trajectory.groups, self.style, self.characters)
@@ -202,11 +232,16 @@ class Playblast:
         matrices = camera_matrices(stage.camera, layer.depsgraph, stage.render, self.canvas.size)
         with solid_viewport(stage) as viewport:
             caption = f"Frame {stage.frame_current}  {caption}"
-            image_data.save_png(path, self.canvas.picture(stage, layer, viewport, matrices, batches, caption))
+            image_data.save_png(
+                path, self.canvas.picture(stage, layer, viewport, matrices, batches, caption)
+            )
 
 
 def camera_matrices(
-    camera: bpy.types.Object, depsgraph: bpy.types.Depsgraph, render: bpy.types.RenderSettings, size: tuple[int, int]
+    camera: bpy.types.Object,
+    depsgraph: bpy.types.Depsgraph,
+    render: bpy.types.RenderSettings,
+    size: tuple[int, int],
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return (view, projection) of the camera's picture of `size` pixels.
 
@@ -214,7 +249,9 @@ def camera_matrices(
     """
     view = np.linalg.inv(np.array(camera.evaluated_get(depsgraph).matrix_world, np.float64))
     (x, y), (scale_x, scale_y) = size, (render.pixel_aspect_x, render.pixel_aspect_y)
-    return view, np.array(camera.calc_matrix_camera(depsgraph, x=x, y=y, scale_x=scale_x, scale_y=scale_y), np.float64)
+    return view, np.array(
+        camera.calc_matrix_camera(depsgraph, x=x, y=y, scale_x=scale_x, scale_y=scale_y), np.float64
+    )
 
 
 def need_gpu() -> None:

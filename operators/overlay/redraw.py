@@ -34,7 +34,9 @@ def changed(scene: bpy.types.Scene) -> bool:
 
 def _contents(settings: bpy.types.PropertyGroup) -> tuple:
     """Return the values of all properties, those of collections too, and the lines of texts."""
-    kinds = ((name, kind) for name, kind in settings.bl_rna.properties.items() if name != "rna_type")
+    kinds = (
+        (name, kind) for name, kind in settings.bl_rna.properties.items() if name != "rna_type"
+    )
     return tuple(_value(kind, getattr(settings, name)) for name, kind in kinds)
 
 
@@ -42,5 +44,7 @@ def _value(kind: bpy.types.Property, value: Any) -> Any:
     if kind.type == "COLLECTION":
         return tuple(map(_contents, value))
     if kind.type == "POINTER":
-        return value.as_string() if isinstance(value, bpy.types.Text) else value and value.session_uid
+        return (
+            value.as_string() if isinstance(value, bpy.types.Text) else value and value.session_uid
+        )
     return tuple(value) if getattr(kind, "is_array", False) else value

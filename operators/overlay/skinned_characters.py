@@ -96,7 +96,10 @@ def baking(
         flat = [item for level in objects for item in level]
         performance = performance_of(name, flat, actions)
         most = min(MOST_FRAMES, MOST_ROWS // len(performance.spans))
-        each = [np.linspace(*span, min(int(np.ceil(span[1] - span[0])) + 1, most)) for span in performance.spans]
+        each = [
+            np.linspace(*span, min(int(np.ceil(span[1] - span[0])) + 1, most))
+            for span in performance.spans
+        ]
         times = np.concatenate(each)
         recorder = recorder or _Recorder(np.array(homes[0].instance_offset, np.float64))
         with cleanup.scratch(), performance:
@@ -117,11 +120,15 @@ def baking(
                 if done == len(times) or clock.monotonic() >= until:
                     break
             if done == len(times):
-                levels = np.split(np.arange(len(flat)), np.cumsum([len(level) for level in objects])[:-1])
+                levels = np.split(
+                    np.arange(len(flat)), np.cumsum([len(level) for level in objects])[:-1]
+                )
                 pieces = [[(parts[i], read[i]) for i in level] for level in levels]
                 made = _character(name, (stage, performance, times), pieces, recorder, looks)
                 begins = np.cumsum([0, *map(len, each)]).tolist()
-                named = dict(zip(performance.names, zip(begins, map(len, each), strict=False), strict=True))
+                named = dict(
+                    zip(performance.names, zip(begins, map(len, each), strict=False), strict=True)
+                )
                 return replace(made, rows=named if len(named) > 1 else {})
         yield done / len(times)
 
@@ -130,7 +137,9 @@ def baking(
 Played = tuple[bpy.types.Scene, Performance, np.ndarray]
 
 
-def _character(name: str, played: Played, levels: list[list[tuple]], recorder, looks: Looks) -> Character:
+def _character(
+    name: str, played: Played, levels: list[list[tuple]], recorder, looks: Looks
+) -> Character:
     """Return the Character of the recorded matrices.
 
     levels: of each LOD, (part, what was read of it at rest).
@@ -143,7 +152,9 @@ def _character(name: str, played: Played, levels: list[list[tuple]], recorder, l
         meshes.append(merge([mesh for _, mesh in pieces]))
     frames = joints.frames()
     if frames.shape[1] > MOST_JOINTS:
-        raise CrowdError(f"it has {frames.shape[1]:,} joints, counting the bones of all its objects; use at most {MOST_JOINTS:,}")
+        raise CrowdError(
+            f"it has {frames.shape[1]:,} joints, counting the bones of all its objects; use at most {MOST_JOINTS:,}"
+        )
     off = _compare(played, [part for part, _ in levels[0]], sources[0], frames, recorder.origin)
     points = skin(meshes[0], frames[:1])[0]
     diagonal = float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else 0.0
@@ -158,7 +169,10 @@ def _character(name: str, played: Played, levels: list[list[tuple]], recorder, l
 
 
 def _part(number: int, item: bpy.types.Object, stage: bpy.types.Scene) -> _Part:
-    rig = next((m.object for m in item.modifiers if m.type == "ARMATURE" and m.object and m.show_viewport), None)
+    rig = next(
+        (m.object for m in item.modifiers if m.type == "ARMATURE" and m.object and m.show_viewport),
+        None,
+    )
     rest = item.copy()
     for modifier in list(rest.modifiers):
         if modifier.type == "ARMATURE":
@@ -169,7 +183,11 @@ def _part(number: int, item: bpy.types.Object, stage: bpy.types.Scene) -> _Part:
     rest.hide_viewport = False
     stage.collection.objects.link(rest)
     groups = {group.name for group in item.vertex_groups}
-    bones = tuple(bone.name for bone in rig.data.bones if bone.use_deform and bone.name in groups) if rig else ()
+    bones = (
+        tuple(bone.name for bone in rig.data.bones if bone.use_deform and bone.name in groups)
+        if rig
+        else ()
+    )
     return _Part(number, item, rest, rig, bones)
 
 
@@ -196,7 +214,9 @@ class _Recorder:
             from_rig = self._placed(rig, depsgraph)
             for bone in sorted(bones):
                 there = evaluated.pose.bones[bone]
-                moved = np.array(there.matrix, np.float64) @ np.linalg.inv(np.array(there.bone.matrix_local, np.float64))
+                moved = np.array(there.matrix, np.float64) @ np.linalg.inv(
+                    np.array(there.bone.matrix_local, np.float64)
+                )
                 self.bones.setdefault((rig.name, bone), []).append(from_rig @ moved @ to_rig)
 
     def _placed(self, item, depsgraph) -> np.ndarray:
@@ -246,7 +266,11 @@ def _read(part: _Part, depsgraph: bpy.types.Depsgraph, looks: Looks) -> tuple:
         if evaluated.matrix_world.is_negative:  # mirrored: keep the front in front
             triangles, corners = triangles[:, ::-1], corners[:, ::-1]
         weights = np.zeros((len(points), len(part.bones)), np.float32)
-        columns = {group.index: part.bones.index(group.name) for group in evaluated.vertex_groups if group.name in part.bones}
+        columns = {
+            group.index: part.bones.index(group.name)
+            for group in evaluated.vertex_groups
+            if group.name in part.bones
+        }
         for vertex in mesh.vertices if columns else ():
             for entry in vertex.groups:
                 if entry.group in columns:
@@ -265,10 +289,23 @@ def _read(part: _Part, depsgraph: bpy.types.Depsgraph, looks: Looks) -> tuple:
         loop = corners.ravel()
         # only an image needs them, and they split vertices
         uvs = np.where(look[:, 3:] < 0, np.float32(0), uvs[loop])
-        rows = np.concatenate([triangles.reshape(-1, 1), normals[loop].round(4), uvs, look], axis=1, dtype=np.float32)
-        _, kept, number = np.unique(rows.view(f"V{rows.shape[1] * 4}").ravel(), return_index=True, return_inverse=True)
+        rows = np.concatenate(
+            [triangles.reshape(-1, 1), normals[loop].round(4), uvs, look], axis=1, dtype=np.float32
+        )
+        _, kept, number = np.unique(
+            rows.view(f"V{rows.shape[1] * 4}").ravel(), return_index=True, return_inverse=True
+        )
         vertices = triangles.ravel()[kept]
-        return points, weights, vertices, normals[loop][kept], uvs[kept], look[kept], number.reshape(-1, 3), solid
+        return (
+            points,
+            weights,
+            vertices,
+            normals[loop][kept],
+            uvs[kept],
+            look[kept],
+            number.reshape(-1, 3),
+            solid,
+        )
     finally:
         evaluated.to_mesh_clear()
 
@@ -285,7 +322,9 @@ def _piece(part: _Part, joints: _Joints, read: tuple) -> tuple[SkinnedMesh, Skin
     numbers = np.zeros(len(part.bones) + 1, np.uint16)
     columns[free, 0] = len(part.bones)
     for column in np.unique(columns[kept > 0]):
-        numbers[column] = joints.index(part, part.bones[column] if column < len(part.bones) else None)
+        numbers[column] = joints.index(
+            part, part.bones[column] if column < len(part.bones) else None
+        )
     followed = np.where(kept > 0, numbers[columns], 0).astype(np.uint16)
     nothing = np.empty((0, 3), np.float32)
     source = SkinnedMesh(points, nothing, followed, kept, nothing, nothing, nothing, nothing)
@@ -303,7 +342,9 @@ def _piece(part: _Part, joints: _Joints, read: tuple) -> tuple[SkinnedMesh, Skin
     return source, corners
 
 
-def _compare(played: Played, parts: list[_Part], sources: list[SkinnedMesh], frames, origin) -> float:
+def _compare(
+    played: Played, parts: list[_Part], sources: list[SkinnedMesh], frames, origin
+) -> float:
     """Return the greatest distance of the skinned `sources` from Blender's vertices.
 
     In meters, over POSES of the moments; inf if vertex counts differ.
@@ -322,6 +363,8 @@ def _compare(played: Played, parts: list[_Part], sources: list[SkinnedMesh], fra
             seen = mesh_data.world_points(part.item.evaluated_get(depsgraph)) - origin
             if seen.shape != source.points.shape:
                 return np.inf
-            mine = skin(source, pose(frames, np.array([index / max(len(times) - 1, 1)], np.float32)))[0]
+            mine = skin(
+                source, pose(frames, np.array([index / max(len(times) - 1, 1)], np.float32))
+            )[0]
             worst = max(worst, float(np.linalg.norm(mine - seen, axis=1).max(initial=0)))
     return worst

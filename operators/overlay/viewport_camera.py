@@ -19,7 +19,9 @@ def viewpoint(context) -> Camera:
     )
 
 
-def camera_of(view: np.ndarray, projection: np.ndarray, pixels: tuple[int, int], clip: tuple[float, float]) -> Camera:
+def camera_of(
+    view: np.ndarray, projection: np.ndarray, pixels: tuple[int, int], clip: tuple[float, float]
+) -> Camera:
     """Return the Camera that has these matrices.
 
     view: (4, 4) float64, world to viewer's space.
@@ -33,9 +35,13 @@ def camera_of(view: np.ndarray, projection: np.ndarray, pixels: tuple[int, int],
     edges = np.array([-1.0, 1.0])
     if projection[3, 3] == 0:
         kind, (near, far) = "PERSP", clip
-        (left, right), (bottom, top) = ((edges + projection[axis, 2]) / projection[axis, axis] for axis in (0, 1))
+        (left, right), (bottom, top) = (
+            (edges + projection[axis, 2]) / projection[axis, axis] for axis in (0, 1)
+        )
     else:
         kind, (near, far) = "ORTHO", (projection[2, 3] - edges) / projection[2, 2]
-        (left, right), (bottom, top) = ((edges - projection[axis, 3]) / projection[axis, axis] for axis in (0, 1))
+        (left, right), (bottom, top) = (
+            (edges - projection[axis, 3]) / projection[axis, axis] for axis in (0, 1)
+        )
     window = Window(float(left), float(right), float(bottom), float(top))
     return Camera(kind, origin, X, Y, Z, window, float(near), float(far), pixels)

@@ -40,11 +40,15 @@ class CROWDLOD_OT_render_viewport(Stepwise, bpy.types.Operator):
         region = next(region for region in context.area.regions if region.type == "WINDOW")
         view, projection, size = _seen(context, space, region)
         settings, canvas = context.scene.crowd_lod, Canvas(size)
-        crowd = visibility.shows_crowd(settings, space) and not visibility.shows_build(settings, context.view_layer, space)
+        crowd = visibility.shows_crowd(settings, space) and not visibility.shows_build(
+            settings, context.view_layer, space
+        )
         try:
             with _waiting(context.window):
                 batches = shown.batches if crowd else None
-                pixels = canvas.picture(context.scene, context.view_layer, (space, region), (view, projection), batches)
+                pixels = canvas.picture(
+                    context.scene, context.view_layer, (space, region), (view, projection), batches
+                )
         finally:
             canvas.free()
         yield 0.9
@@ -74,7 +78,9 @@ def _seen(context, space, region) -> tuple[np.ndarray, np.ndarray, tuple[int, in
         depsgraph, render = context.evaluated_depsgraph_get(), context.scene.render
         size = cameras.image_size(render)
         return *camera_matrices(camera, depsgraph, render, size), size
-    view, projection = (np.array(matrix, np.float64) for matrix in (seen.view_matrix, seen.window_matrix))
+    view, projection = (
+        np.array(matrix, np.float64) for matrix in (seen.view_matrix, seen.window_matrix)
+    )
     return view, projection, (region.width, region.height)
 
 

@@ -27,7 +27,16 @@ from ..scene.scene_crowd import policy_of, trajectory_of
 from ..scene.shot_exceptions import drawn_inputs
 from ..scene.shot_reference import reference, use_of
 from ..sources.crowd_sources import inputs_of, live
-from . import agent_colors, character_cache, gpu_culling, hud, inset, redraw, shader_programs, visibility
+from . import (
+    agent_colors,
+    character_cache,
+    gpu_culling,
+    hud,
+    inset,
+    redraw,
+    shader_programs,
+    visibility,
+)
 from .appearance import cast_of, colors_of, drawing_of, missing_groups, style_of
 from .draw_data import Style, drawing
 from .gpu_draw import Batches, Cast, paint
@@ -195,8 +204,16 @@ def _draw_crowd(context) -> None:
 def _draw_figures(context) -> None:
     """POST_PIXEL handler: draw text, ring and inset over the crowd just drawn."""
     scene, region = context.scene, context.region
-    shown, settings, ui_scale = _shown.get(scene.session_uid), scene.crowd_lod, context.preferences.system.ui_scale
-    if shown is None or shown.frame is None or not (settings.hud or settings.inset or settings.agent >= 0):
+    shown, settings, ui_scale = (
+        _shown.get(scene.session_uid),
+        scene.crowd_lod,
+        context.preferences.system.ui_scale,
+    )
+    if (
+        shown is None
+        or shown.frame is None
+        or not (settings.hud or settings.inset or settings.agent >= 0)
+    ):
         return
     box = hud.free_box(context.area, region, context.space_data.overlay, ui_scale)
     # of a quad view only the one that turns freely
@@ -207,9 +224,13 @@ def _draw_figures(context) -> None:
         hud.ring(shown.frame, told.agent, region, ui_scale)
     taken = box[0], box[3]
     if settings.hud and main:
-        gpu_bytes = sum(each.nbytes for each in (shown.batches, shown.cast) if each) + inset.nbytes(shown.above)
+        gpu_bytes = sum(each.nbytes for each in (shown.batches, shown.cast) if each) + inset.nbytes(
+            shown.above
+        )
         notes = (*shown.notes, *filter(None, [steps_back(context)]))
-        lines = hud.figures(shown.frame, shown.colored, shown.prepared + shown.painted, gpu_bytes, told, notes)
+        lines = hud.figures(
+            shown.frame, shown.colored, shown.prepared + shown.painted, gpu_bytes, told, notes
+        )
         taken = hud.write(lines, box, ui_scale)
     if above is not None:
         inset.show(above, box, taken, ui_scale)
@@ -219,7 +240,9 @@ def _picture_from_above(shown: Shown, ui_scale: float) -> "GPUTexture":
     """Return the texture of the frame from above, painted once per frame."""
     if shown.above is None or (shown.above.width, shown.above.height) != inset.pixels(ui_scale):
         trajectory = shown.frame.trajectory
-        what = inset.with_strays(drawing(shown.frame, Style("POINTS"), shown.colored), stray_places(trajectory))
+        what = inset.with_strays(
+            drawing(shown.frame, Style("POINTS"), shown.colored), stray_places(trajectory)
+        )
         places = np.concatenate([what.positions, what.lines.reshape(-1, 3), np.zeros((1, 3))])
         view, projection = inset.from_above(trajectory.area, what.origin, places)
         shown.above = inset.picture(Batches(what), view, projection, ui_scale)
@@ -247,11 +270,19 @@ def _shown_now(context, before: Shown | None) -> Shown:
         eyes = (viewpoint(context),) if own is not None else read_cameras(scene, depsgraph)
         policy = replace(policy_of(settings), hysteresis=round(settings.hysteresis, 6))
         time = scene_data.time_of(scene)
-        key, shutter = ((), ()) if own is not None or live(settings) else _open_shutter(scene, time, eyes)
+        key, shutter = (
+            ((), ()) if own is not None or live(settings) else _open_shutter(scene, time, eyes)
+        )
         frame_inputs = own, time, policy, *map(_values, eyes), key if shutter else ()
         style, characters, notes = style_of(scene, policy.count)
         notes = missing_groups(settings) or notes  # LODs are made for the names that Populate gives
-        frame_inputs += style, notes, settings.overlay_color, round(settings.overlay_fade, 6), reference(settings)
+        frame_inputs += (
+            style,
+            notes,
+            settings.overlay_color,
+            round(settings.overlay_fade, 6),
+            reference(settings),
+        )
         frame_inputs += drawn_inputs(settings)
         known = before.frame if before is not None and before.crowd_inputs == crowd_inputs else None
         if known is not None and looked < before.looked + LOOK_AGAIN and not live(settings):
@@ -268,7 +299,9 @@ def _shown_now(context, before: Shown | None) -> Shown:
             before.looked = looked
             return before
         use = use_of(settings, trajectory, policy, bias, time, eyes if own is None else ())
-        asked = Request(time=time, eyes=tuple(eyes), policy=policy, shutter=tuple(shutter), bias=bias)
+        asked = Request(
+            time=time, eyes=tuple(eyes), policy=policy, shutter=tuple(shutter), bias=bias
+        )
         frame = use.applied(_faster.plan_of(trajectory, asked))
         same_view = before is not None and before.frame_inputs[:1] == (own,)
         if policy.hysteresis and same_view and same_crowd and frame.plan_row is None:

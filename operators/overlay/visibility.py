@@ -26,7 +26,10 @@ def shows_build(settings, layer: bpy.types.ViewLayer, space: bpy.types.SpaceView
     local view or local collections.
     """
     points = settings.build.objects if settings.build is not None else ()
-    return any(item.visible_get(view_layer=layer, viewport=space) and item.visible_in_viewport_get(space) for item in points)
+    return any(
+        item.visible_get(view_layer=layer, viewport=space) and item.visible_in_viewport_get(space)
+        for item in points
+    )
 
 
 @contextmanager
@@ -37,7 +40,11 @@ def revealed(scene: bpy.types.Scene) -> Iterator[None]:
 
     Those are collections and objects disabled in viewports.
     """
-    hidden = [each for each in (*scene.collection.children_recursive, *scene.objects) if each.hide_viewport]
+    hidden = [
+        each
+        for each in (*scene.collection.children_recursive, *scene.objects)
+        if each.hide_viewport
+    ]
     try:
         for each in hidden:
             each.hide_viewport = False

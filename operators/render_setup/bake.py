@@ -25,7 +25,17 @@ from .change_detection import cameras_digest, lights_digest
 from .frame_update import Held, columns_of, held_by, members, opening
 from .hidden_characters import HIDDEN, shows_characters
 from .phase_characters import Cast, make_cast, read_library
-from .render_setup import BAKED, CAMERAS, LIGHTS, buckets_of, check_build, check_levels, dress_all, install, points_of
+from .render_setup import (
+    BAKED,
+    CAMERAS,
+    LIGHTS,
+    buckets_of,
+    check_build,
+    check_levels,
+    dress_all,
+    install,
+    points_of,
+)
 
 # frames: shutters of this length and longer overlap, and baked points show one frame at a time
 LONGEST = 1.0
@@ -34,7 +44,9 @@ MOST_POINTS = 200_000_000
 
 
 @on_record(lambda scene, frames, *strict: frames)
-def bake(scene: bpy.types.Scene, frames: Sequence[int], strict: bool = False) -> Generator[float, None, Cast]:
+def bake(
+    scene: bpy.types.Scene, frames: Sequence[int], strict: bool = False
+) -> Generator[float, None, Cast]:
     """Build `scene` with the points of all `frames` in the file.
 
     frames: increasing frames of the timeline. At other frames the build shows no agents. It renders
@@ -58,7 +70,9 @@ def bake(scene: bpy.types.Scene, frames: Sequence[int], strict: bool = False) ->
     unplanned: list[tuple[int, str]] = []
     noted_of: dict[str, dict[int, str]] = {CAMERAS: {}, LIGHTS: {}}
     try:
-        rows = yield from share(_rows(scene, Library(read[0]), frames, (unplanned, noted_of), strict), 0.2, 0.8)
+        rows = yield from share(
+            _rows(scene, Library(read[0]), frames, (unplanned, noted_of), strict), 0.2, 0.8
+        )
     finally:
         if rows is None:
             bpy.data.batch_remove(list(read[-1]))
@@ -70,7 +84,10 @@ def bake(scene: bpy.types.Scene, frames: Sequence[int], strict: bool = False) ->
         top[key] = json.dumps(digests)
     for name, item in points_of(top).items():
         columns = rows[name][0].keys()
-        mesh_data.write_points(item.data, {column: np.concatenate([each[column] for each in rows[name]]) for column in columns})
+        mesh_data.write_points(
+            item.data,
+            {column: np.concatenate([each[column] for each in rows[name]]) for column in columns},
+        )
         rows[name].clear()
     dress_all(scene)
     yield 1.0
@@ -154,7 +171,9 @@ def _rows(
     with frame_stepping.stepped(scene) as at:
         for done, number in enumerate(frames):
             time = scene_data.remapped(render, number)
-            yield from share(approach(trajectory, time), done / len(frames), (done + 0.9) / len(frames))
+            yield from share(
+                approach(trajectory, time), done / len(frames), (done + 0.9) / len(frames)
+            )
             film, around, shutter = lights.read_moment(scene, time, at)
             frame = frame_of(scene, None, time, film, trajectory, around, shutter)
             told[0].append(noted(number, frame.unplanned, strict))
@@ -173,7 +192,9 @@ def _rows(
     return rows
 
 
-def columns_in_time(trajectory: Trajectory, held: Held, number: int, agents: np.ndarray, library: Library) -> dict[str, np.ndarray]:
+def columns_in_time(
+    trajectory: Trajectory, held: Held, number: int, agents: np.ndarray, library: Library
+) -> dict[str, np.ndarray]:
     """Return the point attributes of `agents` (m,) for the group of nodes/baked.py.
 
     They are those of frame_update.columns_of, the frame's `number` and, from what the frame holds,

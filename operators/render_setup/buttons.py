@@ -27,7 +27,9 @@ from .watched_points import watch_points
 
 
 def prepared(
-    scene: bpy.types.Scene, work: Callable[[], Generator[float, None, Made]], frames: Sequence[int] = ()
+    scene: bpy.types.Scene,
+    work: Callable[[], Generator[float, None, Made]],
+    frames: Sequence[int] = (),
 ) -> Generator[float, None, Made]:
     """Run `work()`, a build or a bake of `scene`, after the steps that it needs.
 
@@ -92,7 +94,12 @@ class CROWDLOD_OT_build(Stepwise, bpy.types.Operator):
         cast = yield from prepared(scene, lambda: build(scene))
         frame = frame_of(scene, context.evaluated_depsgraph_get(), shutter=())
         seen = f"{int(frame.visible.sum()):,} of {frame.crowd.there:,} agents stand in the scene"
-        return " ".join(filter(None, (f"{seen}.", frame.unplanned, told_of_cast(scene, cast), told_of_characters(scene))))
+        return " ".join(
+            filter(
+                None,
+                (f"{seen}.", frame.unplanned, told_of_cast(scene, cast), told_of_characters(scene)),
+            )
+        )
 
 
 class CROWDLOD_OT_bake(Stepwise, bpy.types.Operator):
@@ -110,7 +117,17 @@ class CROWDLOD_OT_bake(Stepwise, bpy.types.Operator):
         frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
         cast = yield from prepared(scene, lambda: bake(scene, frames), frames)
         baked = f"{counted(len(frames), 'frame is', 'frames are')} baked: {shot_frames(frames)}."
-        return " ".join(filter(None, (baked, told_of_cast(scene, cast), told_of_characters(scene), frame_stepping.unbaked(scene))))
+        return " ".join(
+            filter(
+                None,
+                (
+                    baked,
+                    told_of_cast(scene, cast),
+                    told_of_characters(scene),
+                    frame_stepping.unbaked(scene),
+                ),
+            )
+        )
 
 
 class CROWDLOD_OT_remove_build(Reporting, bpy.types.Operator):

@@ -22,31 +22,56 @@ def made_of(homes: Iterable[bpy.types.Collection], played: list) -> str:
     homes: the collections of the LODs. The mesh data is left out: LODs and build share it.
     """
     items = {item: None for home in homes for item in home.objects}
-    looks = [[*map(repr, (getattr(item, name) for name in mesh_data.SHOWN)), slots(item), _properties(item)] for item in items]
-    places = [(home.name, tuple(home.instance_offset), [item.name for item in home.objects]) for home in homes]
+    looks = [
+        [
+            *map(repr, (getattr(item, name) for name in mesh_data.SHOWN)),
+            slots(item),
+            _properties(item),
+        ]
+        for item in items
+    ]
+    places = [
+        (home.name, tuple(home.instance_offset), [item.name for item in home.objects])
+        for home in homes
+    ]
     return text_digest(places, played, looks, [holds(item) for item in items], stance(*items))
 
 
 def shown_by(top: bpy.types.Collection) -> str:
     """Return a hash of the build `top`: collections, objects, and what its rigs play."""
-    inside = [(child.name, [item.name for item in child.objects]) for child in top.children_recursive]
+    inside = [
+        (child.name, [item.name for item in child.objects]) for child in top.children_recursive
+    ]
     items = {item: None for child in top.children_recursive for item in child.objects}
     actions = {player.action: player for player in players_of(items) if player.action is not None}
     keys = [
         (
             action.name,
-            [(curve.data_path, curve.array_index, read_columns(curve.keyframe_points, CORNERS)) for curve in curves_of(player)],
+            [
+                (curve.data_path, curve.array_index, read_columns(curve.keyframe_points, CORNERS))
+                for curve in curves_of(player)
+            ],
         )
         for action, player in actions.items()
     ]
     strips = [[strip.action and strip.action.name for track in item.animation_data.nla_tracks for strip in track.strips]
               for item in items if item.animation_data]  # fmt: skip
-    looks = [[*map(repr, (getattr(item, name) for name in mesh_data.SHOWN)), slots(item), _properties(item)] for item in items]
+    looks = [
+        [
+            *map(repr, (getattr(item, name) for name in mesh_data.SHOWN)),
+            slots(item),
+            _properties(item),
+        ]
+        for item in items
+    ]
     return text_digest(inside, keys, strips, looks, [holds(item) for item in items])
 
 
 def _properties(item: bpy.types.Object) -> list:
-    linked = [home and home.name_full for home in (item.light_linking.receiver_collection, item.light_linking.blocker_collection)]
+    linked = [
+        home and home.name_full
+        for home in (item.light_linking.receiver_collection, item.light_linking.blocker_collection)
+    ]
     return [*custom(item), item.lightgroup, linked]
 
 
@@ -61,7 +86,15 @@ def lights_digest(around: Surroundings) -> str:
     How far an engine lets a light reach is left out: a proof in Cycles is of builds for all engines.
     """
     lamps = [
-        (*(light.direction), light.size, light.angle, *(() if light.origin is None else light.origin)) for light in around.lights
+        (
+            *(light.direction),
+            light.size,
+            light.angle,
+            *(() if light.origin is None else light.origin),
+        )
+        for light in around.lights
     ]
     panes = [(*mirror.normal, *mirror.corners.ravel()) for mirror in around.mirrors]
-    return text_digest(*(sorted(np.round(each, 4).tolist() for each in kind) for kind in (lamps, panes)))[:8]
+    return text_digest(
+        *(sorted(np.round(each, 4).tolist() for each in kind) for kind in (lamps, panes))
+    )[:8]

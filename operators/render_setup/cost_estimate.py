@@ -77,7 +77,12 @@ class Estimate:
         """
         whole = self.prices[FULL]
         return [
-            (name, f"{figure(own.memory / 1e6)} MB", f"{figure(own.file / 1e6)} MB", f"{own.share(whole).seconds:.0%}")
+            (
+                name,
+                f"{figure(own.memory / 1e6)} MB",
+                f"{figure(own.file / 1e6)} MB",
+                f"{own.share(whole).seconds:.0%}",
+            )
             for name, own in self.prices.items()
         ]
 
@@ -97,12 +102,20 @@ class Estimate:
     @property
     def table(self) -> str:
         """Return the rows under their heads as text: a line each, tabs between columns."""
-        head = f"{NAMES[self.engine]}, {self.frames[0]} to {self.frames[-1]}", "Memory", "File", "Time"
+        head = (
+            f"{NAMES[self.engine]}, {self.frames[0]} to {self.frames[-1]}",
+            "Memory",
+            "File",
+            "Time",
+        )
         return "\n".join("\t".join(row) for row in (head, *self.rows))
 
     @property
     def sentence(self) -> str:
-        told = "; ".join(f"{name}: memory {memory}, file {file}, time {time}" for name, memory, file, time in self.rows)
+        told = "; ".join(
+            f"{name}: memory {memory}, file {file}, time {time}"
+            for name, memory, file, time in self.rows
+        )
         return f"The crowd takes in {NAMES[self.engine]}, {shot_frames(self.frames)}: {told}."
 
 
@@ -115,22 +128,30 @@ def choices_of(settings) -> dict[str, Choice]:
     groups = groups_of(settings)
     made = [group.triangles for group in groups]
     if not made or not all(made):
-        raise CrowdError(f"The LOD meshes of {settings.id_data.name} are not made: press Make LOD Meshes, then Estimate Cost.")
+        raise CrowdError(
+            f"The LOD meshes of {settings.id_data.name} are not made: press Make LOD Meshes, then Estimate Cost."
+        )
     full = np.array([each[0] for each in made], np.float64)[:, None]
     found = {FULL: Choice(LevelPolicy(()), full)}
     for choice, name in CHOICES.items():
         # the other's settings may be anything
         with nullcontext() if choice == settings.choice else suppress(CrowdError):
             policy = policy_of(settings, choice)
-            if choice == settings.choice or (choice == "BY_TOLERANCE" and deviations(groups, policy) is not None):
-                found[name] = Choice(policy, np.array([each[: policy.count] for each in made], np.float64))
+            if choice == settings.choice or (
+                choice == "BY_TOLERANCE" and deviations(groups, policy) is not None
+            ):
+                found[name] = Choice(
+                    policy, np.array([each[: policy.count] for each in made], np.float64)
+                )
             elif choice == "BY_RATIO":
                 found[name] = Choice(policy, full * np.round(settings.ratios[: policy.count], 6))
     return found
 
 
 @on_record(lambda scene, settings, frames=(), *_, **__: frames)
-def estimate(scene: bpy.types.Scene, settings, frames: Sequence[int] = (), known: bool = False) -> Generator[float, None, Estimate]:
+def estimate(
+    scene: bpy.types.Scene, settings, frames: Sequence[int] = (), known: bool = False
+) -> Generator[float, None, Estimate]:
     """Estimate what builds with each choice of LODs cost the scene's engine.
 
     settings: of the crowd.
@@ -148,14 +169,19 @@ def estimate(scene: bpy.types.Scene, settings, frames: Sequence[int] = (), known
     check_levels(scene)
     characters = characters_of(scene)
     library = cast_of(characters, trajectory)
-    owner, (rigs, moved_as) = library.owner(trajectory.gaits), rigs_of(characters, trajectory, library)
+    owner, (rigs, moved_as) = (
+        library.owner(trajectory.gaits),
+        rigs_of(characters, trajectory, library),
+    )
     shown = {name: [] for name in choices}
     bias, samples = bias_of(settings), samples_of(scene)
     rays = []
     with frame_stepping.stepped(scene) as at:
         for done, number in enumerate(looked_at):
             time = scene_data.remapped(render, number)
-            yield from share(approach(trajectory, time), done / len(looked_at), (done + 0.5) / len(looked_at))
+            yield from share(
+                approach(trajectory, time), done / len(looked_at), (done + 0.5) / len(looked_at)
+            )
             eyes, around, shutter = lights.read_moment(scene, time, at)
             for name, choice in choices.items():
                 frame = plan(trajectory, eyes, choice.policy, time, shutter, bias)
@@ -178,8 +204,14 @@ def estimate(scene: bpy.types.Scene, settings, frames: Sequence[int] = (), known
         )
         for baked in (known,) if known or name != mine else (False, True):
             work = work_of(actors, np.array(shown[name]), np.array(rays), baked)
-            held = np.array(shown[name]).any(axis=0) if baked else np.arange(choice.policy.count)[:, None] >= actors.finest[owner]
-            images = bytes_of(_images(characters, settings, pictures, held, owner) if name == mine else full)
+            held = (
+                np.array(shown[name]).any(axis=0)
+                if baked
+                else np.arange(choice.policy.count)[:, None] >= actors.finest[owner]
+            )
+            images = bytes_of(
+                _images(characters, settings, pictures, held, owner) if name == mine else full
+            )
             work = replace(work, points=work.points * len(frames) / len(looked_at), images=images)
             works[f"{name}, Baked" if baked and not known else name] = work
     return Estimate(works, scene_data.engine_of(scene), frames, looked_at)
@@ -194,7 +226,9 @@ def _shown(frame: Frame, library: Library, trajectory: Trajectory, count: int) -
     found = np.zeros((count, size), np.int64)
     for name, agents in members(frame).items():
         if len(agents):
-            numbers = library.shown(trajectory.gaits, frame.crowd, trajectory.seconds(frame.time), agents)
+            numbers = library.shown(
+                trajectory.gaits, frame.crowd, trajectory.seconds(frame.time), agents
+            )
             found[int(name.rpartition(" ")[2])] += np.bincount(numbers, minlength=size)
     return found
 
@@ -216,7 +250,9 @@ def _images(
 
 def samples_of(scene: bpy.types.Scene) -> int:
     """Return the samples per pixel that the scene's engine takes."""
-    return scene.cycles.samples if scene.render.engine == "CYCLES" else scene.eevee.taa_render_samples
+    return (
+        scene.cycles.samples if scene.render.engine == "CYCLES" else scene.eevee.taa_render_samples
+    )
 
 
 def covered(frame: Frame, scene: bpy.types.Scene) -> float:
@@ -225,7 +261,10 @@ def covered(frame: Frame, scene: bpy.types.Scene) -> float:
     render = scene.render
     pixels = render.resolution_x * render.resolution_y * (render.resolution_percentage / 100) ** 2
     spheres = frame.trajectory.spheres
-    radius, away = spheres.radius[crowd.group[agents]], np.stack(crowd.places(spheres.radius, agents, camera.origin))
+    radius, away = (
+        spheres.radius[crowd.group[agents]],
+        np.stack(crowd.places(spheres.radius, agents, camera.origin)),
+    )
     distance = 1.0 if camera.kind == "ORTHO" else np.maximum(np.sqrt((away**2).sum(axis=0)), radius)
     squares = (2 * radius * camera.pixels_per_unit / distance) ** 2
     return float(min(pixels, COVERS * squares.sum()))

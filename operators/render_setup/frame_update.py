@@ -24,7 +24,17 @@ from ..scene import lights
 from ..scene.scene_crowd import frame_of, trajectory_of
 from ..sources.crowd_sources import crowds_of, is_live, live
 from .appended_builds import standing_still
-from .render_setup import BAKED, LEVEL, MADE_FROM, UNSEEN_BY, buckets_of, check_levels, library_of, made_from, points_of
+from .render_setup import (
+    BAKED,
+    LEVEL,
+    MADE_FROM,
+    UNSEEN_BY,
+    buckets_of,
+    check_levels,
+    library_of,
+    made_from,
+    points_of,
+)
 
 
 def members(frame: Frame) -> dict[str, np.ndarray]:
@@ -62,11 +72,18 @@ def held_by(scene: bpy.types.Scene, trajectory: Trajectory, number: float, crowd
     opens = cameras.OPENS[render.motion_blur_position] * length
     parts = -opens, length - opens
     return Held(
-        crowd, time, tuple((part, trajectory.at(scene_data.remapped(render, number + part)) if part else crowd) for part in parts)
+        crowd,
+        time,
+        tuple(
+            (part, trajectory.at(scene_data.remapped(render, number + part)) if part else crowd)
+            for part in parts
+        ),
     )
 
 
-def columns_of(trajectory: Trajectory, crowd: Crowd, held: Held, agents: np.ndarray, library: Library) -> dict[str, np.ndarray]:
+def columns_of(
+    trajectory: Trajectory, crowd: Crowd, held: Held, agents: np.ndarray, library: Library
+) -> dict[str, np.ndarray]:
     """Return the point attributes of `agents` (m,) as they stand in `crowd`, by name.
 
     See `columns_by_bucket`.
@@ -75,7 +92,11 @@ def columns_of(trajectory: Trajectory, crowd: Crowd, held: Held, agents: np.ndar
 
 
 def columns_by_bucket(
-    trajectory: Trajectory, crowd: Crowd, held: Held, buckets: Sequence[np.ndarray], library: Library
+    trajectory: Trajectory,
+    crowd: Crowd,
+    held: Held,
+    buckets: Sequence[np.ndarray],
+    library: Library,
 ) -> list[dict[str, np.ndarray]]:
     """Return the point attributes of each bucket's agents (m,), by name.
 
@@ -103,9 +124,15 @@ def columns_by_bucket(
     stays = trajectory.jumped(crowd, held.crowd, agents)
     for axis, name in enumerate("xyz"):
         there = of(getattr(crowd, name))
-        place[:, axis] = there if stays is None else np.where(stays, of(getattr(held.crowd, name)), there)
+        place[:, axis] = (
+            there if stays is None else np.where(stays, of(getattr(held.crowd, name)), there)
+        )
     heading, seconds = of(crowd.heading), trajectory.seconds(held.time)
-    columns = {"position": place, "heading": heading, "phase": trajectory.gaits.phase(held.crowd, seconds, agents)}
+    columns = {
+        "position": place,
+        "heading": heading,
+        "phase": trajectory.gaits.phase(held.crowd, seconds, agents),
+    }
     columns |= {"group": of(crowd.group).astype(np.int32), "looks": of(trajectory.looks), "id": ids}
     columns["pose"] = library.shown(trajectory.gaits, held.crowd, seconds, agents)
     scale = trajectory.scale(held.crowd, agents)
@@ -121,7 +148,9 @@ def columns_by_bucket(
     return found
 
 
-def write(top: bpy.types.Collection, trajectory: Trajectory, frame: Frame, held: Held, crowd: Crowd) -> None:
+def write(
+    top: bpy.types.Collection, trajectory: Trajectory, frame: Frame, held: Held, crowd: Crowd
+) -> None:
     """Write the agents of the frame's buckets to the points of the build `top`.
 
     The agents stand as in `crowd`. Buckets without a point object are skipped: a user may
@@ -129,7 +158,11 @@ def write(top: bpy.types.Collection, trajectory: Trajectory, frame: Frame, held:
     """
     points = points_of(top)
     shown = {name: agents for name, agents in members(frame).items() if name in points}
-    shown = {name: agents for name, agents in shown.items() if len(agents) or not _empty(points[name].data)}
+    shown = {
+        name: agents
+        for name, agents in shown.items()
+        if len(agents) or not _empty(points[name].data)
+    }
     library = library_of(top, trajectory)
     if not shown:
         return
@@ -164,7 +197,9 @@ class Rendering:
     """
 
     number: float
-    planned: dict[tuple[int, str], tuple[Trajectory, Frame, Held, Shutter]] = field(default_factory=dict)
+    planned: dict[tuple[int, str], tuple[Trajectory, Frame, Held, Shutter]] = field(
+        default_factory=dict
+    )
 
 
 _rendering: dict[int, Rendering] = {}  # by the scene's session_uid
@@ -252,7 +287,11 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     # another scene's compositing nodes show this one, at the same frame
     if known is None and depsgraph.mode == "RENDER":
         known = next(iter(_rendering.values()), None)
-    number, time, own = shutter_frame(scene, known), scene_data.time_of(scene), (scene.session_uid, depsgraph.view_layer_eval.name)
+    number, time, own = (
+        shutter_frame(scene, known),
+        scene_data.time_of(scene),
+        (scene.session_uid, depsgraph.view_layer_eval.name),
+    )
     # a viewport shows no blur
     blurred = scene.render.use_motion_blur and depsgraph.mode == "RENDER"
     kept = known.planned if blurred and known is not None and known.number == number else {}
@@ -265,7 +304,11 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
 
 
 def _planned(
-    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, number: float, time: float, blurred: bool
+    scene: bpy.types.Scene,
+    depsgraph: bpy.types.Depsgraph,
+    number: float,
+    time: float,
+    blurred: bool,
 ) -> tuple[Trajectory, Frame, Held, Shutter]:
     """Return the plan of the timeline frame `number`, and what goes with it.
 
@@ -277,19 +320,30 @@ def _planned(
     check_levels(scene)
     trajectory = trajectory_of(scene, depsgraph=depsgraph)
     top = scene.crowd_lod.build
-    if {bucket.name for bucket in buckets_of(scene) if not bucket.unseen_by} - points_of(top).keys():
-        raise CrowdError(f"The build of {scene.name} lacks LODs that its settings ask for: press Build again.")
+    if {bucket.name for bucket in buckets_of(scene) if not bucket.unseen_by} - points_of(
+        top
+    ).keys():
+        raise CrowdError(
+            f"The build of {scene.name} lacks LODs that its settings ask for: press Build again."
+        )
     if top.get(MADE_FROM, made := made_from(scene)) != made:
-        raise CrowdError(f"The LOD meshes of {scene.name} have changed since its build was made: press Build again.")
+        raise CrowdError(
+            f"The LOD meshes of {scene.name} have changed since its build was made: press Build again."
+        )
     whole = scene_data.remapped(scene.render, number)
     with frame_stepping.stage(_stages if _rendering and len(bpy.data.scenes) > 1 else None) as at:
         # a marker's camera becomes the active one only after the handlers of its frame
         if whole == time:
-            film, own = cameras.cameras_from(scene, cameras.bound_camera(scene, whole), depsgraph), []
+            film, own = (
+                cameras.cameras_from(scene, cameras.bound_camera(scene, whole), depsgraph),
+                [],
+            )
         else:
             film, own = cameras.camera_at(scene, whole, at), [whole]
         shutter = cameras.read_shutter(scene, whole, at) if blurred else []
-        around = lights.read_surroundings(scene, depsgraph, whole, [part for part, _ in shutter] or own, at)
+        around = lights.read_surroundings(
+            scene, depsgraph, whole, [part for part, _ in shutter] or own, at
+        )
     frame = frame_of(scene, depsgraph, whole, film, trajectory, around, shutter)
     if frame.unplanned and _unplanned.get(scene.session_uid) != frame.unplanned:
         print(f"Crowd LOD, frame {number:g}: {frame.unplanned}", file=sys.stderr)
@@ -297,7 +351,13 @@ def _planned(
     return trajectory, frame, held_by(scene, trajectory, number, frame.crowd), shutter
 
 
-def _compare(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, number: float, time: float, shutter: Shutter) -> None:
+def _compare(
+    scene: bpy.types.Scene,
+    depsgraph: bpy.types.Depsgraph,
+    number: float,
+    time: float,
+    shutter: Shutter,
+) -> None:
     """Warn once per render if cameras at `time` differ from the planned `shutter`.
 
     A render cannot step its scene, and drivers, physics or other add-ons may move the camera only
@@ -345,5 +405,8 @@ def follow_points(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Non
     if settings.build is None or at_work or not live(settings):
         return
     sources = {crowd.points for crowd in crowds_of(settings) if is_live(crowd)}
-    if any((each.is_updated_geometry or each.is_updated_transform) and each.id.original in sources for each in depsgraph.updates):
+    if any(
+        (each.is_updated_geometry or each.is_updated_transform) and each.id.original in sources
+        for each in depsgraph.updates
+    ):
         follow(scene, depsgraph)

@@ -84,29 +84,48 @@ LibraryRead = tuple[np.ndarray, list[list[rigs.Model]], list[str], dict[bpy.type
 def read_library(scene: bpy.types.Scene, settings) -> Generator[float, None, LibraryRead]:
     """Find out which groups of `scene` rigs can show; yields the progress and returns what it found.
     Closed early, it leaves nothing behind."""
-    characters, levels, played = characters_of(scene), settings.levels.children, trajectory_of(scene).gaits.actions
+    characters, levels, played = (
+        characters_of(scene),
+        settings.levels.children,
+        trajectory_of(scene).gaits.actions,
+    )
     count, measured = policy_of(settings).count, groups_of(settings)
     check_measured(characters, measured)
     posed, models, notes, made, done = np.zeros(len(characters), np.intp), [], [], {}, False
-    performances = [group_performance(group, own) for group, (_, own, _) in zip(measured, characters, strict=True)]
+    performances = [
+        group_performance(group, own)
+        for group, (_, own, _) in zip(measured, characters, strict=True)
+    ]
     lead = leads(characters, measured)
     try:
         for g, (name, _, _) in enumerate(characters):
             performance, family = performances[g], [v for v, own in enumerate(lead) if own == g]
-            homes, own, reason = [home_of(level, v, characters[v][0]) for v in family for level in levels[:count]], [], ""
+            homes, own, reason = (
+                [home_of(level, v, characters[v][0]) for v in family for level in levels[:count]],
+                [],
+                "",
+            )
             if lead[g] != g:
                 posed[g], own = posed[lead[g]], models[lead[g]]
             elif all(performance.only(action).still for action in played):
                 posed[g] = 1
             else:
                 with as_rendered(item for home in homes for item in home.objects) as staged:
-                    who = rigs.Acting(name, homes, *staged, measured[g].diagonal or 2 * measured[g].radius)
+                    who = rigs.Acting(
+                        name, homes, *staged, measured[g].diagonal or 2 * measured[g].radius
+                    )
                     making = _models(who, [performance.only(action) for action in played], made)
-                    own, reasons = yield from share(making, g / len(characters), (g + 1) / len(characters))
+                    own, reasons = yield from share(
+                        making, g / len(characters), (g + 1) / len(characters)
+                    )
                 reason = " ".join(reasons)
                 if len(own) < len(played):
                     posed[g], own = POSES, []
-                    frames = max(last - first for action in played for first, last in performance.only(action).spans)
+                    frames = max(
+                        last - first
+                        for action in played
+                        for first, last in performance.only(action).spans
+                    )
                     stands = stands_for(frames, scene.render.fps / scene.render.fps_base)
                     reason = f"{name} is shown as {POSES} still poses, {stands}, so its limbs have no motion blur: {reasons[-1]}."
             if reason:
@@ -120,18 +139,24 @@ def read_library(scene: bpy.types.Scene, settings) -> Generator[float, None, Lib
     return posed, models, notes, made
 
 
-def _models(who: rigs.Acting, acts: list[Performance], made: dict) -> Generator[float, None, tuple[list[rigs.Model], list[str]]]:
+def _models(
+    who: rigs.Acting, acts: list[Performance], made: dict
+) -> Generator[float, None, tuple[list[rigs.Model], list[str]]]:
     """Make a model of each of `acts`, until rigs cannot show one; yields the progress.
 
     Returns (models, sentences on how far they are off, or at the end why one cannot be shown).
     """
     models, told, before = [], [], set(made)
     for k, act in enumerate(acts):
-        alike = [model for model, known in zip(models, acts, strict=False) if known.parts == act.parts]
+        alike = [
+            model for model, known in zip(models, acts, strict=False) if known.parts == act.parts
+        ]
         if alike:  # its own action, for one that another group plays
             models.append(alike[0])
             continue
-        model, reason = yield from share(rigs.modeled(who, act, made), k / len(acts), (k + 1) / len(acts))
+        model, reason = yield from share(
+            rigs.modeled(who, act, made), k / len(acts), (k + 1) / len(acts)
+        )
         told += [reason] * bool(reason)
         if model is None:
             blocks = [block for block in made if block not in before]
@@ -158,7 +183,10 @@ def make_cast(
     posed, models, notes, made = read
     characters, levels = characters_of(scene), settings.levels.children
     count, trajectory = policy_of(settings).count, trajectory_of(scene)
-    first, finest = Library(posed).first(trajectory.gaits), policy_of(settings).finest or [0] * len(characters)
+    first, finest = (
+        Library(posed).first(trajectory.gaits),
+        policy_of(settings).finest or [0] * len(characters),
+    )
     cast, done = Cast(posed, [[] for _ in range(count)], notes=notes, wanted=wanted), False
     cast.names.update(made)
     performed: dict = {}
@@ -169,7 +197,11 @@ def make_cast(
                 performance = group_performance(trajectory.groups[g], objects)
                 group = _Actors(g, name, homes, stage, actors, performance, models[g], performed)
                 for number in range(first[g], first[g + 1]):
-                    of_levels = [k for k in range(count) if (k >= finest[g] if wanted is None else number in wanted[k])]
+                    of_levels = [
+                        k
+                        for k in range(count)
+                        if (k >= finest[g] if wanted is None else number in wanted[k])
+                    ]
                     if wanted is None:  # without them the others would not be found by their number
                         for left_out in cast.collections[: finest[g]]:
                             left_out.append((f"{number:05d} {name} left out", []))
@@ -198,7 +230,9 @@ def make_cast(
     return cast
 
 
-def _rig(cast: Cast, group: _Actors, number: int, own: int, of_levels: list[int], trajectory: Trajectory) -> None:
+def _rig(
+    cast: Cast, group: _Actors, number: int, own: int, of_levels: list[int], trajectory: Trajectory
+) -> None:
     """Put a character moved by a rig into the collections of LODs of `cast`.
 
     number: its number among all characters.
@@ -211,7 +245,9 @@ def _rig(cast: Cast, group: _Actors, number: int, own: int, of_levels: list[int]
     title = f"{group.name} {number:05d}"
     key = id(model), rate, phase_class
     if key not in group.made:
-        made = rigs.perform(model, title, rate * trajectory.seconds_per_frame, phase_class / gaits.classes, span)
+        made = rigs.perform(
+            model, title, rate * trajectory.seconds_per_frame, phase_class / gaits.classes, span
+        )
         group.made[key] = made
         cast.rigs.extend(made.values())
         cast.names.update((rig, f"{title} {armature}") for armature, rig in made.items())
@@ -220,13 +256,21 @@ def _rig(cast: Cast, group: _Actors, number: int, own: int, of_levels: list[int]
     for k in of_levels:
         # a group with fewer LODs than others shows its last in their place
         if group.homes[k] != shown:
-            copies, shown = [rigs.dress(item, model, made) for item in group.homes[k].objects], group.homes[k]
+            copies, shown = (
+                [rigs.dress(item, model, made) for item in group.homes[k].objects],
+                group.homes[k],
+            )
             cast.stands_for.update(zip(copies, shown.objects, strict=True))
-            cast.names.update((copy, f"{item.name} {number:05d}") for copy, item in zip(copies, shown.objects, strict=True))
+            cast.names.update(
+                (copy, f"{item.name} {number:05d}")
+                for copy, item in zip(copies, shown.objects, strict=True)
+            )
         cast.collections[k].append((f"{number:05d} {group.name} LOD {k}", copies))
 
 
-def _pose(cast: Cast, group: _Actors, number: int, shown: tuple[Performance, float], of_levels: list[int]) -> None:
+def _pose(
+    cast: Cast, group: _Actors, number: int, shown: tuple[Performance, float], of_levels: list[int]
+) -> None:
     """Put character `number` into the LODs of `cast`: the group in an action at a phase, `shown`."""
     act, phase = shown
     ((first, last),) = act.spans
@@ -237,13 +281,23 @@ def _pose(cast: Cast, group: _Actors, number: int, shown: tuple[Performance, flo
         if group.homes[k] != home:
             home = group.homes[k]
             stills = [
-                _still(cast, item, home, group.actors[item].evaluated_get(depsgraph), depsgraph, number) for item in home.objects
+                _still(
+                    cast, item, home, group.actors[item].evaluated_get(depsgraph), depsgraph, number
+                )
+                for item in home.objects
             ]
         cast.collections[k].append((f"{number:05d} {group.name} LOD {k}", stills))
     act.rest()
 
 
-def _still(cast: Cast, item: bpy.types.Object, home: bpy.types.Collection, evaluated, depsgraph, number: int) -> bpy.types.Object:
+def _still(
+    cast: Cast,
+    item: bpy.types.Object,
+    home: bpy.types.Collection,
+    evaluated,
+    depsgraph,
+    number: int,
+) -> bpy.types.Object:
     """Return a still copy of the LOD object `item`, as `evaluated`.
 
     It keeps slots, visibility and custom properties. Objects without faces, and hair, move with
@@ -252,7 +306,9 @@ def _still(cast: Cast, item: bpy.types.Object, home: bpy.types.Collection, evalu
     """
     mesh = None
     if item.type in SOLID:
-        mesh = bpy.data.meshes.new_from_object(evaluated, preserve_all_data_layers=True, depsgraph=depsgraph)
+        mesh = bpy.data.meshes.new_from_object(
+            evaluated, preserve_all_data_layers=True, depsgraph=depsgraph
+        )
     matrix = Matrix.Translation(-home.instance_offset) @ evaluated.matrix_world
     still = item.copy() if mesh is None or item.type == "MESH" else mesh_data.mesh_like(item, mesh)
     cast.names[still], cast.stands_for[still] = f"{item.name} {number:05d}", item

@@ -23,7 +23,11 @@ def actions(trajectory: Trajectory) -> str:
     "" if all play their own alone.
     """
     names = trajectory.gaits.actions
-    return "\n".join(", ".join(names[k] for k, _ in own) for own in trajectory.gaits.plays) if any(names) else ""
+    return (
+        "\n".join(", ".join(names[k] for k, _ in own) for own in trajectory.gaits.plays)
+        if any(names)
+        else ""
+    )
 
 
 def inputs(homes: Sequence[bpy.types.Collection], trajectory: Trajectory) -> list:
@@ -35,5 +39,11 @@ def inputs(homes: Sequence[bpy.types.Collection], trajectory: Trajectory) -> lis
         return numbers(trajectory)
     groups = {group.name: group for group in trajectory.groups}
     named = ((home.get(GROUP, home.name), list(home.objects)) for home in homes)
-    acts = [performance.group_performance(groups[name], own) for name, own in named if name in groups]
-    return [*numbers(trajectory), actions(trajectory), *(performance.digest(act.parts) for act in acts)]
+    acts = [
+        performance.group_performance(groups[name], own) for name, own in named if name in groups
+    ]
+    return [
+        *numbers(trajectory),
+        actions(trajectory),
+        *(performance.digest(act.parts) for act in acts),
+    ]

@@ -79,14 +79,18 @@ def buckets_of(scene: bpy.types.Scene) -> list[Bucket]:
     Cycles also counts what a surface scatters toward a lamp as the lamp's light.
     """
     count = policy_of(scene.crowd_lod).count
-    return [Bucket(f"{name} {k}", k, hidden) for name, hidden in UNSEEN_BY.items() for k in range(count)]
+    return [
+        Bucket(f"{name} {k}", k, hidden) for name, hidden in UNSEEN_BY.items() for k in range(count)
+    ]
 
 
 def check_levels(scene: bpy.types.Scene) -> int:
     """Return the number of LODs; CrowdError if LOD meshes do not fit the settings."""
     settings = scene.crowd_lod
     if settings.levels is None:
-        raise CrowdError(f"The scene {scene.name} has no LOD meshes: press Make LOD Meshes in the Levels of Detail panel.")
+        raise CrowdError(
+            f"The scene {scene.name} has no LOD meshes: press Make LOD Meshes in the Levels of Detail panel."
+        )
     levels, count = settings.levels.children, policy_of(settings).count
     made = len(levels[0].children) if levels else 0
     if len(levels) < count or made != len(settings.groups):
@@ -102,9 +106,20 @@ def check_levels(scene: bpy.types.Scene) -> int:
 
 def made_from(scene: bpy.types.Scene) -> str:
     """Return a text that tells the scene's LOD meshes from others: sizes and feet."""
-    objects = (item for level in scene.crowd_lod.levels.children for home in level.children for item in home.objects)
-    sizes = [f"{len(item.data.vertices)}/{len(item.data.loops)}" for item in objects if item.type == "MESH"]
-    return " ".join([*sizes, *(f"{group.feet:.6g}" for group in groups_of(scene.crowd_lod) if group.feet)])
+    objects = (
+        item
+        for level in scene.crowd_lod.levels.children
+        for home in level.children
+        for item in home.objects
+    )
+    sizes = [
+        f"{len(item.data.vertices)}/{len(item.data.loops)}"
+        for item in objects
+        if item.type == "MESH"
+    ]
+    return " ".join(
+        [*sizes, *(f"{group.feet:.6g}" for group in groups_of(scene.crowd_lod) if group.feet)]
+    )
 
 
 def build(scene: bpy.types.Scene, wanted: Wanted | None = None) -> Generator[float, None, Cast]:
@@ -132,7 +147,9 @@ def build(scene: bpy.types.Scene, wanted: Wanted | None = None) -> Generator[flo
 def _made_of(scene: bpy.types.Scene, top: bpy.types.Collection) -> str:
     """Return hashes that change when the build's characters must be made anew."""
     levels = scene.crowd_lod.levels.children
-    homes = [home for level in levels[: policy_of(scene.crowd_lod).count] for home in level.children]
+    homes = [
+        home for level in levels[: policy_of(scene.crowd_lod).count] for home in level.children
+    ]
     played = played_by.inputs(homes, trajectory_of(scene))
     return f"{made_of(homes, played)} {policy_of(scene.crowd_lod).finest} {scene.crowd_lod.scale_textures} {shown_by(top)}"
 
@@ -165,7 +182,11 @@ def install(scene: bpy.types.Scene, cast: Cast) -> bpy.types.Collection:
         top = settings.build = bpy.data.collections.new("Crowd LOD Build")
         top[OWNED] = True
         scene.collection.children.link(top)
-    top[MADE_FROM], top[POSED], top[PLAYED] = made_from(scene), cast.posed.tolist(), played_by.numbers(trajectory_of(scene))
+    top[MADE_FROM], top[POSED], top[PLAYED] = (
+        made_from(scene),
+        cast.posed.tolist(),
+        played_by.numbers(trajectory_of(scene)),
+    )
     top[ACTIONS] = played_by.actions(trajectory_of(scene))
     for key in (BAKED, CAMERAS, LIGHTS, MADE_OF):
         top.pop(key, None)
@@ -188,11 +209,19 @@ def told_of_cast(scene: bpy.types.Scene, cast: Cast) -> str:
     found = [*filter(None, [to_make_again(scene)]), *cast.notes]
     settings, slides = scene.crowd_lod, trajectory_of(scene).gaits.paces.off
     limited = [group.name for group in settings.groups if group.finest]
-    if settings.choice == "BY_TOLERANCE" and settings.memory == settings.memory_made and settings.memory_tolerance:
+    if (
+        settings.choice == "BY_TOLERANCE"
+        and settings.memory == settings.memory_made
+        and settings.memory_tolerance
+    ):
         pixels = figure(settings.memory_tolerance)
-        found.append(f"To fit in {settings.memory:g} MB, LODs deviate by up to {pixels} pixels in the frames that were looked at.")
+        found.append(
+            f"To fit in {settings.memory:g} MB, LODs deviate by up to {pixels} pixels in the frames that were looked at."
+        )
         if limited:
-            found.append(f"Nearer to the camera these look coarser, for their finest LODs are not built: {', '.join(limited)}.")
+            found.append(
+                f"Nearer to the camera these look coarser, for their finest LODs are not built: {', '.join(limited)}."
+            )
     if slides:
         found.append(
             f"The state machine has more speeds than characters have walk cycles: feet slide by up to {slides:.0%} of the way."
@@ -239,7 +268,9 @@ def dress_all(scene: bpy.types.Scene) -> None:
         level = level_of(points, LEVEL)
         if level not in shelves:
             continue
-        modifier = next((m for m in points.modifiers if m.type == "NODES" and trees.is_ours(m.node_group)), None)
+        modifier = next(
+            (m for m in points.modifiers if m.type == "NODES" and trees.is_ours(m.node_group)), None
+        )
         modifier = modifier or points.modifiers.new("Crowd LOD", "NODES")
         modifier.node_group = tree
         for name, value in {**inputs, "Characters": shelves[level]}.items():

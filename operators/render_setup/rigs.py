@@ -142,7 +142,14 @@ def _plain(matrix: np.ndarray) -> tuple[np.ndarray, float]:
     return plain, float(scales.mean())
 
 
-def model_of(name: str, bones: dict[str, Bones], places: dict, origin: np.ndarray, times: np.ndarray, made: dict) -> Model:
+def model_of(
+    name: str,
+    bones: dict[str, Bones],
+    places: dict,
+    origin: np.ndarray,
+    times: np.ndarray,
+    made: dict,
+) -> Model:
     """Return the model of the character `name` from its recorded motion.
 
     bones, places: from `record`, at `times`.
@@ -174,12 +181,21 @@ def model_of(name: str, bones: dict[str, Bones], places: dict, origin: np.ndarra
         action = bpy.data.actions.new(f"{name} {armature}")
         made |= {data: f"{name} {armature}", action: f"{name} {armature}"}
         for bone, moves in zip(rest, np.moveaxis(own.moves, 1, 0), strict=True):
-            _bake(action, bone, np.linalg.inv(rest[bone]) @ (shift @ moves @ back) @ rest[bone], times)
+            _bake(
+                action, bone, np.linalg.inv(rest[bone]) @ (shift @ moves @ back) @ rest[bone], times
+            )
         rigs[armature] = data, action
-    return Model(rigs, carried, {item: shift @ matrices[0] for item, matrices in places.items()}, times[-1] - times[0])
+    return Model(
+        rigs,
+        carried,
+        {item: shift @ matrices[0] for item, matrices in places.items()},
+        times[-1] - times[0],
+    )
 
 
-def _armature(name: str, rest: dict[str, np.ndarray], lengths: dict[str, float]) -> bpy.types.Armature:
+def _armature(
+    name: str, rest: dict[str, np.ndarray], lengths: dict[str, float]
+) -> bpy.types.Armature:
     """Return armature data with bones at `rest`, matrices (4, 4), none with a parent."""
     data = bpy.data.armatures.new(name)
     holder, stage = bpy.data.objects.new(name, data), bpy.data.scenes.new("Crowd LOD rig")
@@ -187,7 +203,9 @@ def _armature(name: str, rest: dict[str, np.ndarray], lengths: dict[str, float])
         stage.collection.objects.link(holder)
         layer = stage.view_layers[0]
         layer.objects.active = holder
-        with bpy.context.temp_override(scene=stage, view_layer=layer, object=holder, active_object=holder):
+        with bpy.context.temp_override(
+            scene=stage, view_layer=layer, object=holder, active_object=holder
+        ):
             bpy.ops.object.mode_set(mode="EDIT")
             for bone, matrix in rest.items():
                 made = data.edit_bones.new(bone)
@@ -212,15 +230,23 @@ def _bake(action: bpy.types.Action, bone: str, basis: np.ndarray, times: np.ndar
     turns = np.array([turn for _, turn, _ in parts])
     signs = np.cumprod(np.sign(np.append(1.0, (turns[1:] * turns[:-1]).sum(axis=1))) + 0.0)
     turns *= np.where(signs == 0, 1.0, signs)[:, None]  # the short way round
-    columns = {"location": [place for place, _, _ in parts], "rotation_quaternion": turns, "scale": [size for _, _, size in parts]}
+    columns = {
+        "location": [place for place, _, _ in parts],
+        "rotation_quaternion": turns,
+        "scale": [size for _, _, size in parts],
+    }
     for path, values in columns.items():
         for index, column in enumerate(np.array(values, np.float64).T):
             still = np.ptp(column) < ROUNDING
-            at_rest = 1.0 if path == "scale" or (path == "rotation_quaternion" and index == 0) else 0.0
+            at_rest = (
+                1.0 if path == "scale" or (path == "rotation_quaternion" and index == 0) else 0.0
+            )
             if still and path != "rotation_quaternion" and abs(column[0] - at_rest) < ROUNDING:
                 continue  # each curve costs time in each rig at each frame
             keys = np.stack([times[:1], column[:1]] if still else [times, column], axis=1)
-            curve = curves.new(f'pose.bones["{bpy.utils.escape_identifier(bone)}"].{path}', index=index)
+            curve = curves.new(
+                f'pose.bones["{bpy.utils.escape_identifier(bone)}"].{path}', index=index
+            )
             _fill(curve, keys)
 
 
@@ -233,7 +259,9 @@ def _fill(curve: bpy.types.FCurve, keys: np.ndarray) -> None:
     curve.update()
 
 
-def perform(model: Model, title: str, rate: float, phase: float, span: tuple[float, float]) -> dict[str, bpy.types.Object]:
+def perform(
+    model: Model, title: str, rate: float, phase: float, span: tuple[float, float]
+) -> dict[str, bpy.types.Object]:
     """Make a rig for each armature of `model`; return them by the armature's name.
 
     A rig stands about the origin and plays its action from `span`, frames. It is at `phase` in
@@ -259,7 +287,9 @@ def perform(model: Model, title: str, rate: float, phase: float, span: tuple[flo
     return made
 
 
-def dress(item: bpy.types.Object, model: Model, rigs: dict[str, bpy.types.Object], actor=None) -> bpy.types.Object:
+def dress(
+    item: bpy.types.Object, model: Model, rigs: dict[str, bpy.types.Object], actor=None
+) -> bpy.types.Object:
     """Return a copy of the LOD object `item` that a class's `rigs` move and deform.
 
     It shares the object's mesh. actor: copy this object instead, if given.
@@ -273,7 +303,9 @@ def dress(item: bpy.types.Object, model: Model, rigs: dict[str, bpy.types.Object
         rig, bone = rigs[TRACKS], model.carried[item]
         copy.parent, copy.parent_type, copy.parent_bone = rig, "BONE", bone
         rest = rig.data.bones[bone]
-        copy.matrix_parent_inverse = (rest.matrix_local @ Matrix.Translation((0.0, rest.length, 0.0))).inverted()
+        copy.matrix_parent_inverse = (
+            rest.matrix_local @ Matrix.Translation((0.0, rest.length, 0.0))
+        ).inverted()
     copy.matrix_basis = Matrix(model.stands[item].tolist())
     if bent_by is not None:  # as such a parent does, before all modifiers
         copy.modifiers.new(bent_by.name, "ARMATURE").object = bent_by
@@ -294,7 +326,9 @@ def shown_off(copies: dict, actors: dict, stage: bpy.types.Scene, origin: np.nda
     """
     depsgraph, worst = stage.view_layers[0].depsgraph, 0.0
     for item, copy in copies.items():
-        mine, own = (mesh_data.world_points(each.evaluated_get(depsgraph)) for each in (copy, actors[item]))
+        mine, own = (
+            mesh_data.world_points(each.evaluated_get(depsgraph)) for each in (copy, actors[item])
+        )
         if mine.shape != own.shape:
             return np.inf
         worst = max(worst, float(np.linalg.norm(mine + origin - own, axis=1).max(initial=0.0)))
@@ -318,7 +352,9 @@ class Acting:
     diagonal: float
 
 
-def modeled(who: Acting, performance: Performance, made: dict) -> Generator[float, None, tuple[Model | None, str]]:
+def modeled(
+    who: Acting, performance: Performance, made: dict
+) -> Generator[float, None, tuple[Model | None, str]]:
     """Make the model of one action of a character, with as many keys as it needs.
 
     The rigs should show it within NEAR of its diagonal; more keys are tried as long as they help.
@@ -329,7 +365,11 @@ def modeled(who: Acting, performance: Performance, made: dict) -> Generator[floa
     Yields the progress. Returns (Model, a sentence on how far off it is if that is more than NEAR),
     or (None, the reason why no rigs can show it).
     """
-    actors, origin, diagonal = who.actors, np.array(who.homes[0].instance_offset, np.float64), who.diagonal
+    actors, origin, diagonal = (
+        who.actors,
+        np.array(who.homes[0].instance_offset, np.float64),
+        who.diagonal,
+    )
     (span,), (played,) = performance.spans, performance.names
     name = f"{who.name} {played}".rstrip()
     reason = refusal(list(actors))
@@ -353,9 +393,17 @@ def modeled(who: Acting, performance: Performance, made: dict) -> Generator[floa
     if nearest <= NEAR:
         return best, ""
     if nearest <= ACCEPTED:
-        return best, f"Between keyframes the rigs of {name} are off by up to {nearest:.2%} of its size."
+        return (
+            best,
+            f"Between keyframes the rigs of {name} are off by up to {nearest:.2%} of its size.",
+        )
     _drop(best, made)
-    return None, f"rigs would be off by {nearest:.2%} of its size" if best else "its number of vertices changes during the action"
+    return (
+        None,
+        f"rigs would be off by {nearest:.2%} of its size"
+        if best
+        else "its number of vertices changes during the action",
+    )
 
 
 def _drop(model: Model | None, made: dict[bpy.types.ID, str]) -> None:
@@ -382,8 +430,12 @@ def _looks(times: np.ndarray, bones: dict[str, Bones]) -> np.ndarray:
             )
             way = np.einsum("kbij,bpj->kbpi", np.array(own.moves), ends)
             bend = np.linalg.norm(np.diff(way, 2, axis=0), axis=-1).max(axis=(1, 2))
-            bends = np.maximum(bends, np.maximum(np.append(bend[0], bend), np.append(bend, bend[-1])))
-    chosen = np.union1d(np.argsort(bends)[-4:], np.linspace(0, len(bends) - 1, 5).round().astype(int))
+            bends = np.maximum(
+                bends, np.maximum(np.append(bend[0], bend), np.append(bend, bend[-1]))
+            )
+    chosen = np.union1d(
+        np.argsort(bends)[-4:], np.linspace(0, len(bends) - 1, 5).round().astype(int)
+    )
     return np.append((times[:-1] + times[1:])[chosen] / 2, times[len(times) // 2])
 
 

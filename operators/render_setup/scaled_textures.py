@@ -18,7 +18,12 @@ from ..scene.scene_crowd import characters_of, home_of, policy_of, trajectory_of
 # custom property of a scaled image: a hash of what it was made from, and how often that was halved
 SCALED = "crowd_lod_scaled"
 LOOKED_AT = 9  # frames, evenly, whose cameras are asked how large they show LODs
-UNSTILL = {"TILED": "UDIM tiles", "SEQUENCE": "a sequence", "MOVIE": "a movie", "VIEWER": "a render"}
+UNSTILL = {
+    "TILED": "UDIM tiles",
+    "SEQUENCE": "a sequence",
+    "MOVIE": "a movie",
+    "VIEWER": "a render",
+}
 
 Levels = frozenset[tuple[bpy.types.Image, int]]  # images, and how often each is to be halved
 
@@ -40,7 +45,9 @@ def bytes_of(levels: Iterable[tuple[bpy.types.Image, int]]) -> int:
     found = 0
     for image, times in set(levels):
         sizes = [tile.size for tile in image.tiles] if image.source == "TILED" else [image.size]
-        found += sum(-(-w // 2**times) * -(-h // 2**times) for w, h in sizes) * (16 if image.is_float else 4)
+        found += sum(-(-w // 2**times) * -(-h // 2**times) for w, h in sizes) * (
+            16 if image.is_float else 4
+        )
     return found
 
 
@@ -61,7 +68,12 @@ def shown_images(scene: bpy.types.Scene, settings) -> dict[bpy.types.Object, Lev
 
 def _images(materials: Iterable[bpy.types.Material | None]) -> set[bpy.types.Image]:
     """Return the images in the nodes of `materials`."""
-    return {node.image for material in materials if material for node, _ in _textures(material.node_tree)}
+    return {
+        node.image
+        for material in materials
+        if material
+        for node, _ in _textures(material.node_tree)
+    }
 
 
 def scale_textures(
@@ -80,7 +92,9 @@ def scale_textures(
     yield 1.0
     for copy, item in shown.items():
         if copy.type == "MESH" and pixels[item] > 0 and item not in levels:
-            levels[item] = [_levels(copy, slot, pixels[item], left) for slot in range(len(copy.material_slots))]
+            levels[item] = [
+                _levels(copy, slot, pixels[item], left) for slot in range(len(copy.material_slots))
+            ]
     every = {each for slots in levels.values() for own in slots for each in own}
     for image, times in sorted(every, key=lambda pair: (pair[0].name_full, pair[1])):
         wanted[image, times] = _scaled(image, times, names)
@@ -90,8 +104,19 @@ def scale_textures(
         if any(levels.get(item, ())):
             _dress(copy, item, levels[item], wanted, made, names)
     after = image_bytes({slot.material for copy in shown for slot in copy.material_slots})
-    said = [f"Images in full: {', '.join(f'{image.name} ({why})' for image, why in left.items())}."] if left else []
-    return before, after, [f"Images of the characters take {after / 1e6:,.1f} MB, unscaled {before / 1e6:,.1f} MB.", *said]
+    said = (
+        [f"Images in full: {', '.join(f'{image.name} ({why})' for image, why in left.items())}."]
+        if left
+        else []
+    )
+    return (
+        before,
+        after,
+        [
+            f"Images of the characters take {after / 1e6:,.1f} MB, unscaled {before / 1e6:,.1f} MB.",
+            *said,
+        ],
+    )
 
 
 def _pixels(scene: bpy.types.Scene, settings) -> dict[bpy.types.Object, float]:
@@ -103,9 +128,14 @@ def _pixels(scene: bpy.types.Scene, settings) -> dict[bpy.types.Object, float]:
     bias = bias_of(settings)
     farther = 1.0 if bias is None else 4.0 ** (1 - 2 * float(bias.values.min()))
     radius = trajectory.spheres.radius
-    frames = {*np.linspace(scene.frame_start, scene.frame_end, LOOKED_AT).round().tolist(), scene.frame_current}
+    frames = {
+        *np.linspace(scene.frame_start, scene.frame_end, LOOKED_AT).round().tolist(),
+        scene.frame_current,
+    }
     grains = []
-    for eyes in cameras.cameras_at(scene, [scene_data.remapped(scene.render, frame) for frame in sorted(frames)]):
+    for eyes in cameras.cameras_at(
+        scene, [scene_data.remapped(scene.render, frame) for frame in sorted(frames)]
+    ):
         for camera in eyes:
             begin = limits(policy, camera, radius, deviations(trajectory.groups, policy))
             grains.append(grain(begin / farther, camera, radius))
@@ -118,7 +148,9 @@ def _pixels(scene: bpy.types.Scene, settings) -> dict[bpy.types.Object, float]:
     return found
 
 
-def _textures(tree: bpy.types.NodeTree | None, path: tuple = ()) -> Iterator[tuple[bpy.types.Node, tuple]]:
+def _textures(
+    tree: bpy.types.NodeTree | None, path: tuple = ()
+) -> Iterator[tuple[bpy.types.Node, tuple]]:
     """Yield a material's image texture nodes, each with its path of group nodes.
 
     The path begins with the outermost group.
@@ -146,15 +178,26 @@ def _coordinates(socket: bpy.types.NodeSocket, path: tuple) -> tuple[str, float]
     if node.type == "REROUTE":
         return _coordinates(node.inputs[0], path)
     if node.type == "GROUP_INPUT" and path:
-        outer = next(each for each in path[-1].inputs if each.identifier == link.from_socket.identifier)
+        outer = next(
+            each for each in path[-1].inputs if each.identifier == link.from_socket.identifier
+        )
         return _coordinates(outer, path[:-1])
-    if node.type == "MAPPING" and node.vector_type in ("POINT", "VECTOR") and not node.inputs["Scale"].links:
+    if (
+        node.type == "MAPPING"
+        and node.vector_type in ("POINT", "VECTOR")
+        and not node.inputs["Scale"].links
+    ):
         found = _coordinates(node.inputs["Vector"], path)
-        return found and (found[0], found[1] * min(abs(each) for each in node.inputs["Scale"].default_value[:2]))
+        return found and (
+            found[0],
+            found[1] * min(abs(each) for each in node.inputs["Scale"].default_value[:2]),
+        )
     return None
 
 
-def _levels(copy: bpy.types.Object, slot: int, pixel: float, left: dict[bpy.types.Image, str]) -> Levels:
+def _levels(
+    copy: bpy.types.Object, slot: int, pixel: float, left: dict[bpy.types.Image, str]
+) -> Levels:
     """Return how often the images of the object's material in `slot` may be halved.
 
     left: gets the images that cannot be halved, and why.
@@ -170,7 +213,9 @@ def _levels(copy: bpy.types.Object, slot: int, pixel: float, left: dict[bpy.type
             left[image] = "not placed by a UV map alone"
         else:
             corners, uvs = _surface(copy, slot, at[0])
-            times = halvings(texel(corners, uvs * at[1], tuple(image.size)), pixel, tuple(image.size))
+            times = halvings(
+                texel(corners, uvs * at[1], tuple(image.size)), pixel, tuple(image.size)
+            )
         found[image] = min(times, found.get(image, times))
     return frozenset((image, times) for image, times in found.items() if times)
 
@@ -185,7 +230,11 @@ def _surface(copy: bpy.types.Object, slot: int, name: str) -> tuple[np.ndarray, 
     slots = np.empty(len(mesh.polygons), np.int32)
     mesh.polygons.foreach_get("material_index", slots)
     uvs = np.zeros((len(mesh.loops), 2), np.float32)
-    layer = mesh.uv_layers.get(name) if name else next((layer for layer in mesh.uv_layers if layer.active_render), None)
+    layer = (
+        mesh.uv_layers.get(name)
+        if name
+        else next((layer for layer in mesh.uv_layers if layer.active_render), None)
+    )
     if layer is not None:
         layer.uv.foreach_get("vector", uvs.ravel())
     own = slots.clip(0, len(copy.material_slots) - 1)[faces] == slot
@@ -218,12 +267,16 @@ def _scaled(image: bpy.types.Image, times: int, names: dict) -> bpy.types.Image:
     if encoded:
         pixels = color_space.encoded(pixels)
     title = f"{image.name} / {2**times}"
-    made = bpy.data.images.new(title, *pixels.shape[1::-1], alpha=True, float_buffer=image.is_float, is_data=space.is_data)
+    made = bpy.data.images.new(
+        title, *pixels.shape[1::-1], alpha=True, float_buffer=image.is_float, is_data=space.is_data
+    )
     names[made], made[SCALED] = title, mark
     if not image.is_float:
         # floats are linear as they are held, and colors multiplied by alpha
         made.colorspace_settings.name = space.name
-    made.alpha_mode = "PREMUL" if image.is_float and image.alpha_mode == "STRAIGHT" else image.alpha_mode
+    made.alpha_mode = (
+        "PREMUL" if image.is_float and image.alpha_mode == "STRAIGHT" else image.alpha_mode
+    )
     made.pixels.foreach_set(pixels.ravel())
     made.update()
     made.pack()
@@ -236,7 +289,10 @@ def _dress(copy, item, levels: list[Levels], wanted: dict, made: dict, names: di
     levels: one entry per slot.
     made: the copies that exist already.
     """
-    materials = [_material(slot.material, own, wanted, made, names) for slot, own in zip(copy.material_slots, levels, strict=True)]
+    materials = [
+        _material(slot.material, own, wanted, made, names)
+        for slot, own in zip(copy.material_slots, levels, strict=True)
+    ]
     # which stays: images of the materials of a mesh are loaded, whatever its object has in their
     # place
     if copy.data == item.data:
@@ -264,13 +320,25 @@ def _material(
     return made[material, levels]
 
 
-def _exchange(tree: bpy.types.NodeTree, levels: dict[bpy.types.Image, int], wanted: dict, made: dict, names: dict) -> None:
+def _exchange(
+    tree: bpy.types.NodeTree,
+    levels: dict[bpy.types.Image, int],
+    wanted: dict,
+    made: dict,
+    names: dict,
+) -> None:
     """Put the images at these `levels` into the nodes of `tree`, and copy its groups."""
     for node in tree.nodes:
         if node.type == "TEX_IMAGE" and node.image in levels:
             node.image = wanted[node.image, levels[node.image]]
-        elif node.type == "GROUP" and any(inner.image in levels for inner, _ in _textures(node.node_tree)):
-            own = frozenset((inner.image, levels[inner.image]) for inner, _ in _textures(node.node_tree) if inner.image in levels)
+        elif node.type == "GROUP" and any(
+            inner.image in levels for inner, _ in _textures(node.node_tree)
+        ):
+            own = frozenset(
+                (inner.image, levels[inner.image])
+                for inner, _ in _textures(node.node_tree)
+                if inner.image in levels
+            )
             group = node.node_tree
             if (group, own) not in made:
                 made[group, own] = group.copy()

@@ -36,11 +36,16 @@ def fill_shelves(scene: bpy.types.Scene, top: bpy.types.Collection, cast: Cast) 
             gone.children.link(shelves.pop(level))
     for level, characters in enumerate(cast.collections):
         if level not in shelves:
-            shelves[level], spare[level] = _library(library, f"Crowd LOD {level} characters", LIBRARY, level), []
+            shelves[level], spare[level] = (
+                _library(library, f"Crowd LOD {level} characters", LIBRARY, level),
+                [],
+            )
         for home in spare[level][len(characters) :]:
             shelves[level].children.unlink(home)
             gone.children.link(home)
-    rigs = next((child for child in library.children if RIGS in child), None) or _library(library, "Crowd LOD Rigs", RIGS, True)
+    rigs = next((child for child in library.children if RIGS in child), None) or _library(
+        library, "Crowd LOD Rigs", RIGS, True
+    )
     for rig in [item for item in rigs.objects if item.get(OWNED)]:
         rigs.objects.unlink(rig)
         gone.objects.link(rig)
@@ -52,10 +57,16 @@ def fill_shelves(scene: bpy.types.Scene, top: bpy.types.Collection, cast: Cast) 
     note_change(top, library, rigs, *shelves.values())
     for block, name in cast.names.items():
         block.name = name
-    note_held(rigs, *shelves.values(), *(home for shelf in shelves.values() for home in shelf.children))
+    note_held(
+        rigs, *shelves.values(), *(home for shelf in shelves.values() for home in shelf.children)
+    )
 
 
-def _fill(shelf: bpy.types.Collection, homes: list[bpy.types.Collection], characters: list[tuple[str, list]]) -> None:
+def _fill(
+    shelf: bpy.types.Collection,
+    homes: list[bpy.types.Collection],
+    characters: list[tuple[str, list]],
+) -> None:
     """Put `characters`, (name, objects) each, into `shelf`: first into its emptied `homes`."""
     for home in homes:
         home.name = "Crowd LOD character"  # none keeps what another is to be called
@@ -103,7 +114,9 @@ def library_in(top: bpy.types.Collection) -> bpy.types.Collection | None:
 
 def shelves_of(top: bpy.types.Collection) -> dict[int, bpy.types.Collection]:
     """Return the collections of characters of the build `top`, by LOD."""
-    inside = [child for child in top.children_recursive if LIBRARY in child and child != library_in(top)]
+    inside = [
+        child for child in top.children_recursive if LIBRARY in child and child != library_in(top)
+    ]
     return {level_of(child, LIBRARY): child for child in inside}
 
 

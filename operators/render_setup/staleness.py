@@ -21,7 +21,17 @@ from .render_setup import BAKED, CAMERAS, LIGHTS
 
 MADE_FOR = "crowd_lod_made_for"  # custom property of the build
 # settings that are in no digest of the crowd
-SETTINGS = "forward", "margin_kind", "margin", "cull_to_border", "drop_lost", "shadows", "unseen_level", "tilt", "scale_textures"
+SETTINGS = (
+    "forward",
+    "margin_kind",
+    "margin",
+    "cull_to_border",
+    "drop_lost",
+    "shadows",
+    "unseen_level",
+    "tilt",
+    "scale_textures",
+)
 LOOK = 1.0  # seconds between two comparisons
 _known: dict[int, tuple[float, list[str]]] = scene_cache.kept({}, by_scene=True)
 
@@ -66,7 +76,9 @@ def _other_in_frame(scene: bpy.types.Scene, bake: bpy.types.Collection) -> list[
     found = []
     if frame in cameras and cameras[frame] != cameras_digest(read_cameras(scene, depsgraph)):
         found.append("the camera")
-    if frame in around and not scene.render.use_motion_blur:  # else the shutter would have to be looked through
+    if (
+        frame in around and not scene.render.use_motion_blur
+    ):  # else the shutter would have to be looked through
         now = read_surroundings(scene, depsgraph, scene_data.time_of(scene))
         found += ["the lights"] * (around[frame] != lights_digest(now))
     return found
@@ -80,10 +92,14 @@ def _now(scene: bpy.types.Scene) -> dict[str, str]:
     mirrors = settings.mirrors and settings.mirrors.name
     known |= {
         "the settings": text_digest(mirrors, *(getattr(settings, name) for name in SETTINGS)),
-        "the frame rate": text_digest(render.fps, render.fps_base, render.frame_map_old, render.frame_map_new),
+        "the frame rate": text_digest(
+            render.fps, render.fps_base, render.frame_map_old, render.frame_map_new
+        ),
         "the shot plan": content_of(settings),
     }
     if settings.build is not None and BAKED in settings.build:
         known["the frame range"] = text_digest(scene.frame_start, scene.frame_end, scene.frame_step)
-        known["the resolution"] = text_digest(render.resolution_x, render.resolution_y, render.resolution_percentage)
+        known["the resolution"] = text_digest(
+            render.resolution_x, render.resolution_y, render.resolution_percentage
+        )
     return known

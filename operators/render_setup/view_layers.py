@@ -46,7 +46,10 @@ def show_where_characters_are(scene: bpy.types.Scene) -> None:
     of indirect rays alone, treats the build alike. Characters that no layer shows are hidden for
     being the build's source: it is then shown in all layers.
     """
-    characters = {layer.name: _ways_to(layer.layer_collection, scene.crowd_lod.characters) for layer in scene.view_layers}
+    characters = {
+        layer.name: _ways_to(layer.layer_collection, scene.crowd_lod.characters)
+        for layer in scene.view_layers
+    }
     builds = layers_of(scene)
     showing = [name for name, ways in characters.items() if any(map(_shows, ways))]
     for name in showing:
@@ -58,7 +61,9 @@ def show_where_characters_are(scene: bpy.types.Scene) -> None:
         show_in(scene, showing)
 
 
-def _ways_to(place: bpy.types.LayerCollection, collection: bpy.types.Collection) -> list[tuple[bpy.types.LayerCollection, ...]]:
+def _ways_to(
+    place: bpy.types.LayerCollection, collection: bpy.types.Collection
+) -> list[tuple[bpy.types.LayerCollection, ...]]:
     """Return the ways down the layer from `place` to each place of the `collection`."""
     if place.collection == collection:
         return [(place,)]
@@ -77,4 +82,6 @@ def check_layers(scene: bpy.types.Scene, names: Sequence[str]) -> None:
     for name in names:
         if name not in scene.view_layers:
             known = ", ".join(layer.name for layer in scene.view_layers)
-            raise CrowdError(f"The scene {scene.name} has no view layer {name}: give one of {known}.")
+            raise CrowdError(
+                f"The scene {scene.name} has no view layer {name}: give one of {known}."
+            )

@@ -20,7 +20,11 @@ def watch_points(scene: bpy.types.Scene) -> None:
     """
     points = points_of(scene.crowd_lod.build)
     for each in points.values():
-        for modifier in [m for m in each.modifiers if m.type == "NODES" and m.node_group is not None and WATCHED in m.node_group]:
+        for modifier in [
+            m
+            for m in each.modifiers
+            if m.type == "NODES" and m.node_group is not None and WATCHED in m.node_group
+        ]:
             each.modifiers.remove(modifier)
     if not points or BAKED in scene.crowd_lod.build:
         return
@@ -41,5 +45,7 @@ def _nodes() -> bpy.types.NodeTree:
     for way in ("INPUT", "OUTPUT"):
         tree.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
     tree.interface.new_socket(INPUT, in_out="INPUT", socket_type="NodeSocketObject")
-    tree.links.new(tree.nodes.new("NodeGroupInput").outputs[0], tree.nodes.new("NodeGroupOutput").inputs[0])
+    tree.links.new(
+        tree.nodes.new("NodeGroupInput").outputs[0], tree.nodes.new("NodeGroupOutput").inputs[0]
+    )
     return tree

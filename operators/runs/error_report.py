@@ -32,7 +32,9 @@ MOST_AGENTS = 10_000  # of a larger crowd so many, evenly taken, are measured
 VIEWS = 5  # frames of the scene, at even distances
 
 
-def error(scene: bpy.types.Scene, folder: Path, repeats: int = 7) -> Generator[float, None, dict[str, Any]]:
+def error(
+    scene: bpy.types.Scene, folder: Path, repeats: int = 7
+) -> Generator[float, None, dict[str, Any]]:
     """Write tables and plots of error against run time of `scene` into `folder`.
 
     Yields the progress, 0 to 1. The folder gets all files or none. Returns a dict:
@@ -52,7 +54,10 @@ def error(scene: bpy.types.Scene, folder: Path, repeats: int = 7) -> Generator[f
             for part in approach(trajectory, frame):
                 begun = 0.5 * (k + part) / len(chosen)
                 yield begun
-        views = [(error_vs_runtime.some(trajectory.at(f), MOST_AGENTS), c) for f, c in zip(chosen, seen, strict=True)]
+        views = [
+            (error_vs_runtime.some(trajectory.at(f), MOST_AGENTS), c)
+            for f, c in zip(chosen, seen, strict=True)
+        ]
         center, radius = trajectory.spheres.center, trajectory.spheres.radius
         walks = walks_of(trajectory)
         if not walks:
@@ -64,13 +69,25 @@ def error(scene: bpy.types.Scene, folder: Path, repeats: int = 7) -> Generator[f
         crowd = error_vs_runtime.some(walk.start, MOST_AGENTS)
         parts = {  # name: (rows to come, of about how many, share of the time)
             "behavior": (
-                error_vs_runtime.behavior(crowd, walk.machine, walk.world, walk.seconds_per_frame, repeats=repeats),
+                error_vs_runtime.behavior(
+                    crowd, walk.machine, walk.world, walk.seconds_per_frame, repeats=repeats
+                ),
                 15,
                 0.6,
             ),
             "drift": (error_vs_runtime.drifts(), 12, 0.1),
-            "culling": (error_vs_runtime.culling(views, center, radius, policy.margin, repeats), 17, 0.15),
-            "levels": (error_vs_runtime.levels(views, center, radius, _policies(policy), policy.metric, repeats), 36, 0.15),
+            "culling": (
+                error_vs_runtime.culling(views, center, radius, policy.margin, repeats),
+                17,
+                0.15,
+            ),
+            "levels": (
+                error_vs_runtime.levels(
+                    views, center, radius, _policies(policy), policy.metric, repeats
+                ),
+                36,
+                0.15,
+            ),
         }
         tables, done = {}, 0.0
         for name, (rows, about, share) in parts.items():
@@ -81,7 +98,9 @@ def error(scene: bpy.types.Scene, folder: Path, repeats: int = 7) -> Generator[f
             done += share
         machine = f"{machine_name()}; {len(crowd):,} of {len(trajectory.start):,} agents, medians of {counted(repeats, 'run')}"
         for name, rows in tables.items():
-            (stage / f"error_{name}.csv").write_text(f"# {machine}\n{report.to_csv(rows)}", encoding="utf-8")
+            (stage / f"error_{name}.csv").write_text(
+                f"# {machine}\n{report.to_csv(rows)}", encoding="utf-8"
+            )
         error_plots.draw_plots(stage, tables, machine)
         files = sorted(path.name for path in stage.glob("error_*"))
     yield 1.0
@@ -93,7 +112,11 @@ def _policies(policy: LevelPolicy) -> list[LevelPolicy]:
 
     Where its own thresholds do not fit a metric, example thresholds are used, equal for all groups.
     """
-    parts = policy.thresholds if policy.metric != "PIXELS" else tuple((k + 1) / policy.count for k in range(policy.count - 1))
+    parts = (
+        policy.thresholds
+        if policy.metric != "PIXELS"
+        else tuple((k + 1) / policy.count for k in range(policy.count - 1))
+    )
     sizes = (
         policy.thresholds
         if policy.metric == "PIXELS" and policy.tolerance is None
@@ -101,24 +124,33 @@ def _policies(policy: LevelPolicy) -> list[LevelPolicy]:
     )
     found = []
     for metric in ("AXIS", "RADIAL", "PIXELS"):
-        own = policy.group_thresholds if (metric == "PIXELS") == (policy.metric == "PIXELS") and policy.tolerance is None else ()
+        own = (
+            policy.group_thresholds
+            if (metric == "PIXELS") == (policy.metric == "PIXELS") and policy.tolerance is None
+            else ()
+        )
         thresholds = sizes if metric == "PIXELS" else parts
-        found.append(replace(policy, tolerance=None, metric=metric, thresholds=thresholds, group_thresholds=own))
+        found.append(
+            replace(
+                policy, tolerance=None, metric=metric, thresholds=thresholds, group_thresholds=own
+            )
+        )
     return found
 
 
 def machine_name() -> str:
     """Return the machine and the versions that times are measured with, as one line."""
-    versions = (
-        f"Python {platform.python_version()}, NumPy {np.__version__}, Blender {bpy.app.version_string}, Crowd LOD {__version__}"
-    )
+    versions = f"Python {platform.python_version()}, NumPy {np.__version__}, Blender {bpy.app.version_string}, Crowd LOD {__version__}"
     return f"{platform.system()} {platform.machine()} {_processor()}, {os.cpu_count()} CPUs; {versions}"
 
 
 def _processor() -> str:
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-        return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), platform.processor())
+        return next(
+            (line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")),
+            platform.processor(),
+        )
     except OSError:
         return platform.processor()
 
@@ -170,8 +202,16 @@ def _cases_text(name: str, rows: ExtremeRows) -> str:
         "distance from where the judge sees the agent; `ms` is the time of the longest step."
     )
     parts = ["# Extreme cases", _filled(made)]
-    parts += ["## Culling and LODs", _filled(culling), f"```\n{extreme_cases.table_text(rows.culling)}\n```"]
-    parts += ["## Behavior", _filled(behavior), f"```\n{stiff_behavior.behavior_text(rows.behavior)}\n```"]
+    parts += [
+        "## Culling and LODs",
+        _filled(culling),
+        f"```\n{extreme_cases.table_text(rows.culling)}\n```",
+    ]
+    parts += [
+        "## Behavior",
+        _filled(behavior),
+        f"```\n{stiff_behavior.behavior_text(rows.behavior)}\n```",
+    ]
     return "\n\n".join(parts) + "\n"
 
 
@@ -190,14 +230,23 @@ def lenses(pairs: int, seed: int) -> Generator[float, None, list[dict[str, Any]]
         v = culling_audit.audit(lens, -(-pairs // len(culling_audit.LENSES)), seed)
         surplus, beside = 100 * v.surplus / max(v.kept, 1), 100 * v.beside / max(v.visible, 1)
         counts = {"pairs": v.pairs, "visible": v.visible, "missed": v.missed}
-        rows.append({"lens": lens, **counts, "surplus_percent": round(surplus, 4), "beside_percent": round(beside, 3)})
+        rows.append(
+            {
+                "lens": lens,
+                **counts,
+                "surplus_percent": round(surplus, 4),
+                "beside_percent": round(beside, 3),
+            }
+        )
         yield len(rows) / len(culling_audit.LENSES)
     return rows
 
 
 def lenses_text(rows: list[dict]) -> str:
     """Return the rows of `lenses` as lines of text."""
-    head = f"{'lens':16} {'pairs':>11} {'visible':>11} {'missed':>6} {'surplus %':>9} {'beside %':>9}"
+    head = (
+        f"{'lens':16} {'pairs':>11} {'visible':>11} {'missed':>6} {'surplus %':>9} {'beside %':>9}"
+    )
     lines = [
         f"{r['lens']:16} {r['pairs']:11,} {r['visible']:11,} {r['missed']:6} {r['surplus_percent']:9.4f} {r['beside_percent']:9.3f}"
         for r in rows

@@ -20,7 +20,10 @@ GAP = 22  # pixels
 LETTER = 15  # pixels high
 PAPER, INK = (0.94, 0.945, 0.955), (0.13, 0.14, 0.17)
 CLAY, EDGE = (0.66, 0.71, 0.79), (0.10, 0.16, 0.30)
-HIDDEN, MARK = (0.62, 0.62, 0.62), (0.85, 0.10, 0.10)  # surface that nobody sees; a LOD's worst place
+HIDDEN, MARK = (
+    (0.62, 0.62, 0.62),
+    (0.85, 0.10, 0.10),
+)  # surface that nobody sees; a LOD's worst place
 RING = 9.0  # pixels, of the ring about that
 # of distances that the colors tell apart, by their logarithm: a fine LOD's show beside a coarse
 # one's
@@ -32,11 +35,17 @@ RAMP = np.array([(68, 1, 84), (72, 40, 120), (59, 82, 139), (44, 114, 142), (33,
 
 def ramp(part: np.ndarray) -> np.ndarray:
     """Return colors (n, 3) for values (n,) from 0 to 1."""
-    return np.stack([np.interp(part, np.linspace(0, 1, len(RAMP)), channel) for channel in RAMP.T], axis=1)
+    return np.stack(
+        [np.interp(part, np.linspace(0, 1, len(RAMP)), channel) for channel in RAMP.T], axis=1
+    )
 
 
 def draw_lods(
-    views: Sequence[InPose], captions: Sequence[str], notes: Sequence[str], azimuth: float, meters: float = 1.0
+    views: Sequence[InPose],
+    captions: Sequence[str],
+    notes: Sequence[str],
+    azimuth: float,
+    meters: float = 1.0,
 ) -> tuple[np.ndarray, float]:
     """Draw all LODs of a character; return (picture, meters of the brightest color).
 
@@ -60,33 +69,53 @@ def draw_lods(
     width, height = int(size[0] * scale) + 2, int(size[1] * scale) + 2
     fine = height * SUPERSAMPLING, width * SUPERSAMPLING
     looks = [
-        _look((at - corner) * scale * SUPERSAMPLING, view.level, fine) for at, corner, view in zip(seen, low, views, strict=True)
+        _look((at - corner) * scale * SUPERSAMPLING, view.level, fine)
+        for at, corner, view in zip(seen, low, views, strict=True)
     ]
-    away = [_distances(view.character, view.level, *look[:3]) for view, look in zip(views, looks, strict=True)]
+    away = [
+        _distances(view.character, view.level, *look[:3])
+        for view, look in zip(views, looks, strict=True)
+    ]
     most = meters * max((float(d.max(initial=0)) for d in away), default=0.0)
 
     cell = max(width, 10 * LETTER) + GAP
     head, canvas_width = 4 * LETTER, GAP + cell * len(views) + 9 * LETTER
     sheet = np.empty((2 * height + head + 4 * GAP, canvas_width, 3))
     sheet[:] = PAPER
-    for k, (view, (pixel, _, _, shade, edge), off) in enumerate(zip(views, looks, away, strict=True)):
+    for k, (view, (pixel, _, _, shade, edge), off) in enumerate(
+        zip(views, looks, away, strict=True)
+    ):
         left = GAP + k * cell + (cell - GAP - width) // 2
-        clay = (np.array(CLAY) * shade[:, None]) * (1 - edge[:, None]) + np.array(EDGE) * edge[:, None]
-        tinted = ramp(1 + np.log10(np.maximum(meters * off / (most or 1.0), 1e-9)) / DECADES) * (0.75 + 0.25 * shade[:, None])
+        clay = (np.array(CLAY) * shade[:, None]) * (1 - edge[:, None]) + np.array(EDGE) * edge[
+            :, None
+        ]
+        tinted = ramp(1 + np.log10(np.maximum(meters * off / (most or 1.0), 1e-9)) / DECADES) * (
+            0.75 + 0.25 * shade[:, None]
+        )
         for row, colors in ((height + 2 * GAP, clay), (GAP, tinted)):
             _paste(sheet, row, left, pixel, colors, (height, width))
         if off.any():
-            _ring(sheet, GAP + (view.worst @ axes[1] - low[k][1]) * scale, left + (view.worst @ axes[0] - low[k][0]) * scale)
+            _ring(
+                sheet,
+                GAP + (view.worst @ axes[1] - low[k][1]) * scale,
+                left + (view.worst @ axes[0] - low[k][0]) * scale,
+            )
         elif view.hidden.any():
             inner = Surface(view.character.points, view.character.triangles[view.hidden])
-            pixel, _, _, shade, _ = _look((inner.points @ axes.T - low[k]) * scale * SUPERSAMPLING, inner, fine)
+            pixel, _, _, shade, _ = _look(
+                (inner.points @ axes.T - low[k]) * scale * SUPERSAMPLING, inner, fine
+            )
             _paste(sheet, GAP, left, pixel, np.array(HIDDEN) * shade[:, None], (height, width))
         middle = GAP + k * cell + (cell - GAP) / 2
-        write(sheet, f"LOD {k}", middle, 2 * height + 3 * GAP + 2.1 * LETTER, 1.25 * LETTER, "CENTER")
+        write(
+            sheet, f"LOD {k}", middle, 2 * height + 3 * GAP + 2.1 * LETTER, 1.25 * LETTER, "CENTER"
+        )
         write(sheet, captions[k], middle, 2 * height + 3 * GAP + 0.5 * LETTER, LETTER, "CENTER")
         write(sheet, notes[k], middle, GAP - 1.2 * LETTER, LETTER, "CENTER")
     bar = int(GAP + cell * len(views)), int(GAP + height * 0.1), int(height * 0.8)
-    sheet[bar[1] : bar[1] + bar[2], bar[0] : bar[0] + LETTER] = ramp(np.linspace(0, 1, bar[2]))[:, None]
+    sheet[bar[1] : bar[1] + bar[2], bar[0] : bar[0] + LETTER] = ramp(np.linspace(0, 1, bar[2]))[
+        :, None
+    ]
     for decade in range(DECADES + 1):
         words, part = f"{number(1000 * most / 10**decade)} mm", 1 - decade / DECADES
         words = f"< {words}" if decade == DECADES and most else words
@@ -134,13 +163,22 @@ def _distances(character: Surface, surface: Surface, pixel, triangle, weights) -
 
     It is in the surfaces' unit of length.
     """
-    same = np.array_equal(character.points, surface.points) and np.array_equal(character.triangles, surface.triangles)
+    same = np.array_equal(character.points, surface.points) and np.array_equal(
+        character.triangles, surface.triangles
+    )
     if same or not len(pixel):
         return np.zeros(len(pixel))
     return character.distances(surface.at(triangle, weights))
 
 
-def _paste(sheet: np.ndarray, row: int, left: int, pixel: np.ndarray, colors: np.ndarray, shape: tuple[int, int]) -> None:
+def _paste(
+    sheet: np.ndarray,
+    row: int,
+    left: int,
+    pixel: np.ndarray,
+    colors: np.ndarray,
+    shape: tuple[int, int],
+) -> None:
     """Paste drawn pixels over the sheet, reduced by SUPERSAMPLING.
 
     row, left: the lower left corner in the sheet.
@@ -148,13 +186,19 @@ def _paste(sheet: np.ndarray, row: int, left: int, pixel: np.ndarray, colors: np
     colors: (k, 3).
     shape: (rows, columns) in the sheet.
     """
-    fine = np.repeat(np.repeat(sheet[row : row + shape[0], left : left + shape[1]], SUPERSAMPLING, axis=0), SUPERSAMPLING, axis=1)
+    fine = np.repeat(
+        np.repeat(sheet[row : row + shape[0], left : left + shape[1]], SUPERSAMPLING, axis=0),
+        SUPERSAMPLING,
+        axis=1,
+    )
     fine.reshape(-1, 3)[pixel] = colors
     blocks = fine.reshape(shape[0], SUPERSAMPLING, shape[1], SUPERSAMPLING, 3)
     sheet[row : row + shape[0], left : left + shape[1]] = blocks.mean(axis=(1, 3))
 
 
-def write(sheet: np.ndarray, words: str, x: float, y: float, tall: float, align: str = "LEFT") -> None:
+def write(
+    sheet: np.ndarray, words: str, x: float, y: float, tall: float, align: str = "LEFT"
+) -> None:
     """Write `words` over the sheet (rows, columns, 3) in Blender's own font.
 
     x, y: pixels: the left end, or the middle by `align`, and the base line.
@@ -173,4 +217,6 @@ def write(sheet: np.ndarray, words: str, x: float, y: float, tall: float, align:
     part = sheet[low : int(at[:, 1].max()) + 2, left : int(at[:, 0].max()) + 2]
     rows, columns = part.shape[:2]
     ink = rasterizer.mask(((at - (left, low)) * finer)[triangles], (rows * finer, columns * finer))
-    part += ink.reshape(rows, finer, columns, finer).mean(axis=(1, 3))[..., None] * (np.array(INK) - part)
+    part += ink.reshape(rows, finer, columns, finer).mean(axis=(1, 3))[..., None] * (
+        np.array(INK) - part
+    )

@@ -29,7 +29,12 @@ AZIMUTH = np.radians(35)  # of the picture's eye, from where the character faces
 
 
 def tables(
-    scene: bpy.types.Scene, groups: Sequence[Group], camera: Camera, begins: np.ndarray, folder: Path, progress=(0.0, 1.0)
+    scene: bpy.types.Scene,
+    groups: Sequence[Group],
+    camera: Camera,
+    begins: np.ndarray,
+    folder: Path,
+    progress=(0.0, 1.0),
 ) -> Generator[float, None, list[dict[str, Any]]]:
     """Describe the LODs of all groups: yield the progress, return a dict per group.
 
@@ -48,7 +53,10 @@ def tables(
         # the last may be repeated
         meshes = [each for k, each in enumerate(every) if k == 0 or each != every[k - 1]]
         performance = group_performance(group, objects)
-        rows = [_row(group, k, each, camera, begins[g], meters) | _worst(group, k, performance) for k, each in enumerate(meshes)]
+        rows = [
+            _row(group, k, each, camera, begins[g], meters) | _worst(group, k, performance)
+            for k, each in enumerate(meshes)
+        ]
         rows[-1]["to_lod"] = len(every) - 1
         entry = {
             "group": group.name,
@@ -76,9 +84,17 @@ def tables(
                 distance = _distance(camera, begins[g][k - 1], group.radius)
                 character, levels = posed.at(group.worst[k])
                 if distance is not None and character is not None and levels[k] is not None:
-                    pair = ((at_size(each.points, feet, largest), each.triangles) for each in (character, levels[k]))
-                    least, most = silhouette.error(*pair, center, distance, camera, rows[k]["predicted_px"] or 1.0)
-                    rows[k] |= {"measured_px": _known((least + most) / 2), "measured_px_between": [_known(least), _known(most)]}
+                    pair = (
+                        (at_size(each.points, feet, largest), each.triangles)
+                        for each in (character, levels[k])
+                    )
+                    least, most = silhouette.error(
+                        *pair, center, distance, camera, rows[k]["predicted_px"] or 1.0
+                    )
+                    rows[k] |= {
+                        "measured_px": _known((least + most) / 2),
+                        "measured_px_between": [_known(least), _known(most)],
+                    }
                     rows[k] |= _seen(posed, k, looks, (feet, largest), (center, distance, camera))
                 performance.rest()
                 yield start + span * (g + 0.7 * k / len(rows))
@@ -94,10 +110,20 @@ def tables(
     return found
 
 
-def _row(group: Group, k: int, meshes: list[bpy.types.Object], camera: Camera, begins: np.ndarray, meters: float) -> dict:
+def _row(
+    group: Group,
+    k: int,
+    meshes: list[bpy.types.Object],
+    camera: Camera,
+    begins: np.ndarray,
+    meters: float,
+) -> dict:
     begin = begins[k - 1] if k else 0.0
     deviation = group.deviations[k]
-    told = {key: [item[f"crowd_lod_{key}"] for item in meshes if f"crowd_lod_{key}" in item] for key in ("method", "why", "ms")}
+    told = {
+        key: [item[f"crowd_lod_{key}"] for item in meshes if f"crowd_lod_{key}" in item]
+        for key in ("method", "why", "ms")
+    }
     return {
         "lod": k,
         "to_lod": k,
@@ -109,15 +135,21 @@ def _row(group: Group, k: int, meshes: list[bpy.types.Object], camera: Camera, b
         "percent": 100 * deviation / group.diagonal,
         "from_m": meters * float(begin) if np.isfinite(begin) else None,
         "begins": "never" if begin == np.inf else "anywhere" if begin == -np.inf else "at",
-        "predicted_px": _known(shown(group.bounds[k], begin, camera, group.radius)) if k and begin < np.inf else None,
+        "predicted_px": _known(shown(group.bounds[k], begin, camera, group.radius))
+        if k and begin < np.inf
+        else None,
         "measured_px": None,
         "measured_px_between": None,
-        "shading_within_px": _known(group.diagonal / group.shaded[k]) if group.shaded and group.shaded[k] else None,
+        "shading_within_px": _known(group.diagonal / group.shaded[k])
+        if group.shaded and group.shaded[k]
+        else None,
         "picture_difference": None,
         "picture_similarity": None,
         "method": ", ".join(dict.fromkeys(map(str, told["method"]))) or None,
         "why": " ".join(dict.fromkeys(map(str, told["why"]))) or None,
-        "ms": _known(sum(told["ms"])) if told["ms"] and all(isinstance(each, float) for each in told["ms"]) else None,
+        "ms": _known(sum(told["ms"]))
+        if told["ms"] and all(isinstance(each, float) for each in told["ms"])
+        else None,
     }
 
 
@@ -148,7 +180,9 @@ def _seen(
     view: the point (3,) that the camera looks at, from how many meters, and the camera.
     """
     depsgraph = posed.stage.view_layers[0].depsgraph
-    bodies = [bodies_of(objects, depsgraph, looks) for objects in (posed.character, posed.levels[k])]
+    bodies = [
+        bodies_of(objects, depsgraph, looks) for objects in (posed.character, posed.levels[k])
+    ]
     if None in bodies:
         return {}
     bodies = [replace(body, points=at_size(body.points, *size)) for body in bodies]

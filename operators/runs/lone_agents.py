@@ -76,7 +76,9 @@ class LoneStage:
         cycles.use_adaptive_sampling = cycles.use_denoising = False
         cycles.pixel_filter_type, cycles.seed = "BOX", 0
         self.camera = bpy.data.objects.new("Crowd LOD lone", bpy.data.cameras.new("Crowd LOD lone"))
-        self.sun = bpy.data.objects.new("Crowd LOD lone", bpy.data.lights.new("Crowd LOD lone", "SUN"))
+        self.sun = bpy.data.objects.new(
+            "Crowd LOD lone", bpy.data.lights.new("Crowd LOD lone", "SUN")
+        )
         self.sun.data.energy = np.pi
         for item in (self.camera, self.sun):
             self.stage.collection.objects.link(item)
@@ -126,7 +128,9 @@ def _alone(agent: Shown) -> bpy.types.Object:
     alone = agent.points.copy()
     alone.data = bpy.data.meshes.new(alone.name)
     row = dict(agent.row)
-    modifier = next((m for m in alone.modifiers if m.type == "NODES" and trees.is_ours(m.node_group)), None)
+    modifier = next(
+        (m for m in alone.modifiers if m.type == "NODES" and trees.is_ours(m.node_group)), None
+    )
     inputs = scene_data.node_inputs(modifier).values() if modifier else ()
     shelf = next((value for value in inputs if isinstance(value, bpy.types.Collection)), None)
     if shelf is not None and len(shelf.children) and "pose" in row:
@@ -146,7 +150,10 @@ def _natural(collection: bpy.types.Collection) -> list:
 
 
 def lone_crops(
-    stage: LoneStage, number: int, chosen: Sequence[JudgedAgent], pairs: Sequence[tuple[Shown, Shown | None]]
+    stage: LoneStage,
+    number: int,
+    chosen: Sequence[JudgedAgent],
+    pairs: Sequence[tuple[Shown, Shown | None]],
 ) -> Iterator[LoneCrop]:
     """Yield a LoneCrop of each of the chosen agents at the frame `number`.
 
@@ -166,13 +173,16 @@ def _finer(judged: JudgedAgent) -> tuple[float, Window, tuple[int, int]]:
     finer = min(MOST_FINER, ACROSS / max(judged.allowed or 1.0, 1e-6), LARGEST / side)
     finer = max(finer, 1.0)
     columns, rows = (
-        max(1, int(np.ceil(extent * density * finer))) for extent in (window.right - window.left, window.top - window.bottom)
+        max(1, int(np.ceil(extent * density * finer)))
+        for extent in (window.right - window.left, window.top - window.bottom)
     )
     right, top = window.left + columns / density / finer, window.bottom + rows / density / finer
     return finer, Window(window.left, right, window.bottom, top), (columns, rows)
 
 
-def told_of(judged: JudgedAgent, full: np.ndarray, built: np.ndarray, finer: float) -> dict[str, Any]:
+def told_of(
+    judged: JudgedAgent, full: np.ndarray, built: np.ndarray, finer: float
+) -> dict[str, Any]:
     """Return what is told of an agent, for JSON.
 
     shift_px, error_px: by how many pixels of the final picture its silhouette lies off, and by how
@@ -186,7 +196,11 @@ def told_of(judged: JudgedAgent, full: np.ndarray, built: np.ndarray, finer: flo
     shift = min(silhouette.shift(full[..., 3], built[..., 3]), most) / finer
     error = ERROR / finer
     both = np.minimum(full[..., 3], built[..., 3]) >= silhouette.SOLID
-    colors = [encoded(each[both][:, :3].mean(axis=0).clip(0, 1)) for each in (full, built)] if both.any() else [np.zeros(3)] * 2
+    colors = (
+        [encoded(each[both][:, :3].mean(axis=0).clip(0, 1)) for each in (full, built)]
+        if both.any()
+        else [np.zeros(3)] * 2
+    )
     color_off = float(np.abs(colors[0] - colors[1]).max())
     right = judged.allowed is None or shift - error <= judged.allowed
     unknown = judged.apart != "" or (judged.allowed is None and color_off <= COLOR_OFF)
@@ -212,5 +226,9 @@ def sheet_of(crops: Sequence[LoneCrop]) -> list[np.ndarray]:
         pair = np.concatenate([crop.full[::step, ::step], crop.built[::step, ::step]], axis=1)
         alpha = pair[..., 3:].clip(0, 1)
         color = encoded(pair[..., :3].clip(0, 1)) + (1 - alpha) * BEHIND
-        tiles.append(np.concatenate([np.rint(255 * color.clip(0, 1)), np.full_like(alpha, 255)], axis=2).astype(np.uint8))
+        tiles.append(
+            np.concatenate(
+                [np.rint(255 * color.clip(0, 1)), np.full_like(alpha, 255)], axis=2
+            ).astype(np.uint8)
+        )
     return tiles

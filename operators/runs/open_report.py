@@ -37,7 +37,11 @@ class CROWDLOD_OT_open_report(Reporting, bpy.types.Operator):
     which: EnumProperty(
         name="Report",
         items=[
-            (key, TITLES.get(part, "All"), f"The report of {TITLES[part]}" if part else "What lies in the output folder")
+            (
+                key,
+                TITLES.get(part, "All"),
+                f"The report of {TITLES[part]}" if part else "What lies in the output folder",
+            )
             for key, part in REPORTS.items()
         ],
     )
@@ -45,7 +49,9 @@ class CROWDLOD_OT_open_report(Reporting, bpy.types.Operator):
     def run(self, context) -> str:
         path = report_path(context.scene, self.which)
         if not path.is_file():
-            raise CrowdError(f"There is no report {printable(path)} yet: press {TITLES.get(REPORTS[self.which], 'Plan Shot')}.")
+            raise CrowdError(
+                f"There is no report {printable(path)} yet: press {TITLES.get(REPORTS[self.which], 'Plan Shot')}."
+            )
         bpy.ops.wm.url_open(url=path.as_uri())
         return f"The web browser shows {printable(path)}."
 

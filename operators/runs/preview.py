@@ -47,7 +47,9 @@ MOST_IN_SHEET = 24  # frames on the contact sheet
 BEHAVIOR = 0.9  # of a frame's time, where the way to it is long
 # of the progress: LODs made or measured, the shot planned, the LODs' pictures and table
 LEVELS, PLANNED, LODS = 0.1, 0.1, 0.05
-MOST_PLANNED = 30_000_000  # agents times frames that a preview plans first; longer shots take Plan Shot
+MOST_PLANNED = (
+    30_000_000  # agents times frames that a preview plans first; longer shots take Plan Shot
+)
 LEFT_OUT = "The characters themselves are left out of the pictures (see Keep in Renders)."
 THUMBNAIL = 480  # pixels wide, at least
 
@@ -64,7 +66,11 @@ def preview(
     command: the command line of the run, for plan.json.
     sharing: which part of it is done here; of a part of the frames, only their rows are returned.
     """
-    with sharing.opened(wanted.folder) as folder, cleanup.scratch(), contextlib.ExitStack() as opened:
+    with (
+        sharing.opened(wanted.folder) as folder,
+        cleanup.scratch(),
+        contextlib.ExitStack() as opened,
+    ):
         started = clock.perf_counter()
         # what is missing is named in the user's own scene
         cameras.active_camera(scene), characters_of(scene)
@@ -78,13 +84,21 @@ def preview(
         on = staged(scene, wanted)
         stage = on.stage
         ready += yield from share(_with_levels(stage), ready, ready + 1)
-        aside = folder if sharing.part is None else Path(opened.enter_context(tempfile.TemporaryDirectory()))
+        aside = (
+            folder
+            if sharing.part is None
+            else Path(opened.enter_context(tempfile.TemporaryDirectory()))
+        )
         planned = yield from share(_planned_shot(stage, wanted, aside), ready, ready + PLANNED)
         ready += PLANNED * (planned is not None)
         stage.timeline_markers.clear()  # they would take the camera back in the picture from above
         # nothing that these depend on changes from here on, and each look reads the whole map
         trajectory = trajectory_of(stage)
-        shots = opened.enter_context(Playblast(stage, trajectory, on.size)) if drawn else Rendered(stage, wanted)
+        shots = (
+            opened.enter_context(Playblast(stage, trajectory, on.size))
+            if drawn
+            else Rendered(stage, wanted)
+        )
         at = opened.enter_context(frame_stepping.stepped(scene))
         run = _Run(on, folder, shots, at, top_view.drawing_in(stage))
         parts = FrameParts(folder, state_of(stage, wanted))
@@ -93,11 +107,21 @@ def preview(
             if sharing.part is None:  # while other processes make frames
                 first = yield from standing(run.at_first(), ready)
                 told = yield from lod_table.tables(
-                    stage, trajectory.groups, first.camera, first.begins, folder, (ready, ready + LODS)
+                    stage,
+                    trajectory.groups,
+                    first.camera,
+                    first.begins,
+                    folder,
+                    (ready, ready + LODS),
                 )
                 ready += LODS
-            found = yield from share(made(parts, wanted.frames, sharing, shots.prepare, run.shoot, helpers), ready, 0.95)
-        rows, unplanned = [each["row"] for each in found], [tuple(each["unplanned"]) for each in found]
+            found = yield from share(
+                made(parts, wanted.frames, sharing, shots.prepare, run.shoot, helpers), ready, 0.95
+            )
+        rows, unplanned = (
+            [each["row"] for each in found],
+            [tuple(each["unplanned"]) for each in found],
+        )
         if sharing.part is not None:
             return {"frames": rows}
         said = (
@@ -107,14 +131,24 @@ def preview(
             leaves_out(scene) and LEFT_OUT,
             frame_stepping.unbaked(scene),
         )
-        plan = yield from standing(plan_json(on, command, rows, told, (*shots.notes, *filter(None, said))), 0.95)
+        plan = yield from standing(
+            plan_json(on, command, rows, told, (*shots.notes, *filter(None, said))), 0.95
+        )
         if planned is not None:
-            plan |= {key: value for key, value in shot_json(planned).items() if key in ("made_for", "shot")}
+            plan |= {
+                key: value
+                for key, value in shot_json(planned).items()
+                if key in ("made_for", "shot")
+            }
         plan["seconds"] = round(clock.perf_counter() - started, 3)
         (folder / "frames.csv").write_text(tables.to_csv(rows), encoding="utf-8")
         (folder / "plan.json").write_text(tables.to_json(plan), encoding="utf-8")
-        (folder / "report.html").write_text(page(plan) if planned is None else preview_page(planned.told, plan), encoding="utf-8")
-        image_data.save_png(folder / "contact_sheet.png", _sheet([run.pictures(number) for number in wanted.frames]))
+        (folder / "report.html").write_text(
+            page(plan) if planned is None else preview_page(planned.told, plan), encoding="utf-8"
+        )
+        image_data.save_png(
+            folder / "contact_sheet.png", _sheet([run.pictures(number) for number in wanted.frames])
+        )
         yield 1.0
         return plan
 
@@ -129,13 +163,20 @@ def _with_levels(stage: bpy.types.Scene) -> Generator[float, None, float]:
     store_groups(settings, measure_groups(stage))
     yield from standing(approach(trajectory_of(stage), scene_data.time_of(stage)), 0.0)
     frame_of(stage, layer.depsgraph)
-    if settings.levels is not None and deviations(groups_of(settings), policy_of(settings)) is not None:
+    if (
+        settings.levels is not None
+        and deviations(groups_of(settings), policy_of(settings)) is not None
+    ):
         return 0.0
-    yield from share((make_levels if settings.levels is None else measure_levels)(stage), 0.0, LEVELS)
+    yield from share(
+        (make_levels if settings.levels is None else measure_levels)(stage), 0.0, LEVELS
+    )
     return LEVELS
 
 
-def _planned_shot(stage: bpy.types.Scene, wanted: Preview, folder: Path) -> Generator[float, None, Planned | None]:
+def _planned_shot(
+    stage: bpy.types.Scene, wanted: Preview, folder: Path
+) -> Generator[float, None, Planned | None]:
     """Plan the shot of the preview's frames, unless the scene has a plan: yield the progress, return it.
 
     The stage then shows its LODs. None if there is nothing to plan: one frame, one LOD, or too much.
@@ -145,7 +186,9 @@ def _planned_shot(stage: bpy.types.Scene, wanted: Preview, folder: Path) -> Gene
     most = MOST_PLANNED / max(len(trajectory_of(stage).start), 1)
     if settings.shot_plan or policy_of(settings).count < 2 or not 1 < len(frames) <= most:
         return None
-    planned = yield from plan_shot(stage, Wanted(frames, folder, settings.avoid_pops, budget_of(settings)))
+    planned = yield from plan_shot(
+        stage, Wanted(frames, folder, settings.avoid_pops, budget_of(settings))
+    )
     write_levels(folder, planned)
     settings.shot_plan, settings.use_shot_plan = str(folder / plan_file.NAME), True
     return planned
@@ -172,7 +215,9 @@ class _Run:
         """Return the files of the two pictures of a frame."""
         return self.folder / f"main_{number:04d}.png", self.folder / f"above_{number:04d}.png"
 
-    def shoot(self, number: int) -> Generator[float, None, tuple[dict[str, Any], tuple[Path, Path]]]:
+    def shoot(
+        self, number: int
+    ) -> Generator[float, None, tuple[dict[str, Any], tuple[Path, Path]]]:
         """Write the two pictures of the timeline's frame `number`.
 
         Yields the progress and returns (what is told of it, the pictures); see FrameParts.put.
@@ -191,12 +236,17 @@ class _Run:
         self._shoot_above(frame, above, caption)
         ticks.append(clock.perf_counter())
         took = dict(zip(("points", "main", "above"), np.diff(ticks) * 1000, strict=True))
-        told = {"row": tables.row(number, frame, took), "unplanned": noted(number, frame.unplanned, self.on.wanted.strict)}
+        told = {
+            "row": tables.row(number, frame, took),
+            "unplanned": noted(number, frame.unplanned, self.on.wanted.strict),
+        }
         return told, (main, above)
 
     def approach(self, number: int) -> Generator[float, None, None]:
         """Let the crowd walk on to the frame: yield the progress."""
-        return approach(trajectory_of(self.on.stage), scene_data.remapped(self.on.scene.render, number))
+        return approach(
+            trajectory_of(self.on.stage), scene_data.remapped(self.on.scene.render, number)
+        )
 
     def at_first(self) -> Generator[float, None, Frame]:
         """Return the plan of the first frame; yield the progress of the way there."""
@@ -205,7 +255,11 @@ class _Run:
 
     def planned(self, number: int) -> Frame:
         """Set the stage to the frame; return its plan."""
-        scene, stage, depsgraph = self.on.scene, self.on.stage, self.on.stage.view_layers[0].depsgraph
+        scene, stage, depsgraph = (
+            self.on.scene,
+            self.on.stage,
+            self.on.stage.view_layers[0].depsgraph,
+        )
         time = scene_data.remapped(scene.render, number)
         stage.camera = cameras.still(cameras.bound_camera(scene, time), self.at((), time))
         scene.update_tag()  # what is driven by the scene follows it in the stage, too
@@ -215,7 +269,11 @@ class _Run:
 
     def _shoot_above(self, frame: Frame, path: Path, caption: str) -> None:
         stage, layer, camera = self.on.stage, self.on.stage.view_layers[0], self.on.stage.camera
-        self.view = stage.crowd_lod.above or self.view or top_view.straight_down(stage, frame.trajectory.area, frame.camera)
+        self.view = (
+            stage.crowd_lod.above
+            or self.view
+            or top_view.straight_down(stage, frame.trajectory.area, frame.camera)
+        )
         with sized(stage.render, self.on.size):
             layer.update()
             above = cameras.camera_from(self.view, stage.render, layer.depsgraph)
@@ -240,7 +298,9 @@ def _sheet(pictures: list[tuple[Path, Path]]) -> np.ndarray:
     frames, evenly spaced.
     """
     chosen = evenly(pictures, MOST_IN_SHEET)
-    shrunk = [tables.shrink(image_data.load_pixels(path), THUMBNAIL) for pair in chosen for path in pair]
+    shrunk = [
+        tables.shrink(image_data.load_pixels(path), THUMBNAIL) for pair in chosen for path in pair
+    ]
     return tables.contact_sheet(shrunk, columns=4 if len(chosen) > 1 else 2)
 
 
@@ -266,7 +326,9 @@ class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
         )
         yield from preview(context.scene, wanted, ["sidebar"])
         note_output(context.scene, "preview")
-        said = f"{counted(len(wanted.frames), 'frame is', 'frames are')} in {place_of(wanted.folder)}."
+        said = (
+            f"{counted(len(wanted.frames), 'frame is', 'frames are')} in {place_of(wanted.folder)}."
+        )
         return f"{said} {LEFT_OUT}" if leaves_out(context.scene) else said
 
 

@@ -16,7 +16,11 @@ from .preview_stage import ENGINES, Staged
 
 
 def plan_json(
-    staged: Staged, command: list[str], rows: list[dict], characters: list[dict], notes: Sequence[str]
+    staged: Staged,
+    command: list[str],
+    rows: list[dict],
+    characters: list[dict],
+    notes: Sequence[str],
 ) -> Generator[float, None, dict[str, Any]]:
     """Make plan.json's dict: all that is needed to repeat the run, and its results.
 
@@ -43,7 +47,9 @@ def plan_json(
     }
 
 
-def _left_out(stage: bpy.types.Scene, number: int, engine: str) -> Generator[float, None, list[dict[str, Any]]]:
+def _left_out(
+    stage: bpy.types.Scene, number: int, engine: str
+) -> Generator[float, None, list[dict[str, Any]]]:
     """List what the scene did not need: yield between the steps, return dicts.
 
     Each has the reason and, where measured, the milliseconds saved in the frame `number`.
@@ -59,8 +65,16 @@ def _left_out(stage: bpy.types.Scene, number: int, engine: str) -> Generator[flo
     policy = policy_of(settings)
     found = yield from aside(lambda: savings(trajectory, eyes, policy, time, (), bias))
     measured = [
-        {"stage": item.stage, "reason": item.reason, "ms_saved": round(ms, 3), "ms_spread": round(found.spread[item], 3)}
+        {
+            "stage": item.stage,
+            "reason": item.reason,
+            "ms_saved": round(ms, 3),
+            "ms_spread": round(found.spread[item], 3),
+        }
         for item, ms in found.items.items()
     ]
     unseen = lights.read_surroundings(stage, stage.view_layers[0].depsgraph, number).left_out
-    return measured + [{"stage": item.stage, "reason": item.reason, "ms_saved": None, "ms_spread": None} for item in unseen]
+    return measured + [
+        {"stage": item.stage, "reason": item.reason, "ms_saved": None, "ms_spread": None}
+        for item in unseen
+    ]

@@ -15,7 +15,12 @@ from ..render_setup.appended_builds import STAGE
 from ..render_setup.hidden_characters import shows_characters
 
 # What renders the pictures; the overlay's are drawn, and only the pictures of LODs rendered.
-ENGINES = {"WORKBENCH": "BLENDER_WORKBENCH", "CYCLES": "CYCLES", "EEVEE": scene_data.EEVEE, "OVERLAY": "BLENDER_WORKBENCH"}
+ENGINES = {
+    "WORKBENCH": "BLENDER_WORKBENCH",
+    "CYCLES": "CYCLES",
+    "EEVEE": scene_data.EEVEE,
+    "OVERLAY": "BLENDER_WORKBENCH",
+}
 COLOR_MODES = ("LOD", "MATERIAL")  # that every engine has
 SIZE = "resolution_x", "resolution_y", "resolution_percentage"
 GRAY = (0.55, 0.58, 0.62)  # the sky of the tinted pictures, linear
@@ -85,7 +90,11 @@ def set_up(stage: bpy.types.Scene, wanted: Preview) -> None:
     stage[STAGE] = True
     render = stage.render
     height = max(1, round(wanted.width * render.resolution_y / render.resolution_x))
-    render.resolution_x, render.resolution_y, render.resolution_percentage = wanted.width, height, 100
+    render.resolution_x, render.resolution_y, render.resolution_percentage = (
+        wanted.width,
+        height,
+        100,
+    )
     render.use_border = render.use_multiview = render.use_compositing = render.use_sequencer = False
     render.use_motion_blur = False
     render.image_settings.file_format = "PNG"
@@ -130,7 +139,9 @@ def shade(stage: bpy.types.Scene, color: str, light: str) -> None:
     """Set the solid shading of `stage`: its color type and its light, by Blender's names."""
     shading = stage.display.shading
     shading.color_type, shading.light = color, light
-    shading.show_shadows = shading.show_cavity = shading.show_object_outline = shading.show_xray = False
+    shading.show_shadows = shading.show_cavity = shading.show_object_outline = shading.show_xray = (
+        False
+    )
     shading.show_specular_highlight = False
 
 
@@ -141,7 +152,9 @@ class Rendered:
 
     def __init__(self, stage: bpy.types.Scene, wanted: Preview):
         self.stage, self.layer, self.wanted, self.built = stage, stage.view_layers[0], wanted, None
-        self.tint = _tint_material() if wanted.color == "LOD" and wanted.engine != "WORKBENCH" else None
+        self.tint = (
+            _tint_material() if wanted.color == "LOD" and wanted.engine != "WORKBENCH" else None
+        )
 
     def prepare(self) -> Iterator[float]:
         yield from render_setup.build(self.stage)
@@ -189,7 +202,8 @@ def _tint_material() -> bpy.types.Material:
     tree = switch_nodes_on(material)
     tree.nodes.clear()
     info, surface, output = (
-        tree.nodes.new(kind) for kind in ("ShaderNodeObjectInfo", "ShaderNodeBsdfDiffuse", "ShaderNodeOutputMaterial")
+        tree.nodes.new(kind)
+        for kind in ("ShaderNodeObjectInfo", "ShaderNodeBsdfDiffuse", "ShaderNodeOutputMaterial")
     )
     tree.links.new(info.outputs["Color"], surface.inputs["Color"])
     tree.links.new(surface.outputs["BSDF"], output.inputs["Surface"])

@@ -78,7 +78,9 @@ class Sharing:
         if self.jobs > 1:
             (folder / frame_parts.RECORDS).mkdir(exist_ok=True)
             with console.quiet():
-                bpy.ops.wm.save_as_mainfile(filepath=str(folder / frame_parts.RECORDS / OPENED), copy=True)
+                bpy.ops.wm.save_as_mainfile(
+                    filepath=str(folder / frame_parts.RECORDS / OPENED), copy=True
+                )
 
     @contextmanager
     def helped(self, parts: FrameParts, frames: Sequence[int]) -> Iterator[list[subprocess.Popen]]:
@@ -106,7 +108,9 @@ def state_of(scene: bpy.types.Scene, wanted: object) -> str:
 
     wanted: Preview or Verify; its folder and frames do not count.
     """
-    asked = {name: value for name, value in vars(wanted).items() if name not in ("folder", "frames")}
+    asked = {
+        name: value for name, value in vars(wanted).items() if name not in ("folder", "frames")
+    }
     found = hashlib.sha256(repr((policy_of(scene.crowd_lod), sorted(asked.items()))).encode())
     for name, data in sorted(trajectory_of(scene).digests().items()):
         found.update(f"{name} {len(data)}\0".encode() + data)
@@ -152,9 +156,13 @@ def made(
             told[number] = parts.put(number, found, pictures)
         if sharing.parent:  # the rest is made by others
             break
-        while len(_whole(parts, missing)) < len(missing) and any(helper.poll() is None for helper in helpers):
+        while len(_whole(parts, missing)) < len(missing) and any(
+            helper.poll() is None for helper in helpers
+        ):
             clock.sleep(LOOK)
-            yield PREPARED + (1 - PREPARED) * (1 - (len(missing) - len(_whole(parts, missing))) / len(wanted))
+            yield PREPARED + (1 - PREPARED) * (
+                1 - (len(missing) - len(_whole(parts, missing))) / len(wanted)
+            )
         told |= {number: parts.get(number) for number in missing if told[number] is None}
         missing = [number for number in missing if told[number] is None]
         parts.release()

@@ -37,7 +37,13 @@ def straight_down(stage: bpy.types.Scene, area: Area, camera: Camera) -> bpy.typ
     data.clip_start, data.clip_end = 1.0, 10_000.0 + top - area.z
     item = bpy.data.objects.new(data.name, data)
     stage.collection.objects.link(item)
-    scene_data.look_at(item, ((x.min() + x.max()) / 2, (y.min() + y.max()) / 2, top), (1, 0, 0), (0, 1, 0), (0, 0, -1))
+    scene_data.look_at(
+        item,
+        ((x.min() + x.max()) / 2, (y.min() + y.max()) / 2, top),
+        (1, 0, 0),
+        (0, 1, 0),
+        (0, 0, -1),
+    )
     return item
 
 
@@ -49,17 +55,27 @@ def draw_crowd(mesh: bpy.types.Mesh, frame: Frame, view: Camera, meters: float) 
 
     meters: in a unit of the scene.
     """
-    arrows, tints = map(np.concatenate, zip(_arrows(frame, view, meters), _strays(frame, view), strict=True))
+    arrows, tints = map(
+        np.concatenate, zip(_arrows(frame, view, meters), _strays(frame, view), strict=True)
+    )
     lines, line_tints = _frustum(frame, view)
     points = np.concatenate([arrows.reshape(-1, 3), lines.reshape(-1, 3)])
     count = len(arrows)
     corners = np.arange(4 * len(lines), dtype=np.int32).reshape(-1, 4) + 3 * count
-    triangles = np.concatenate([np.arange(3 * count, dtype=np.int32).reshape(-1, 3), corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]])
+    triangles = np.concatenate(
+        [
+            np.arange(3 * count, dtype=np.int32).reshape(-1, 3),
+            corners[:, [0, 1, 2]],
+            corners[:, [0, 2, 3]],
+        ]
+    )
     colors = np.concatenate([tints, line_tints, line_tints])
     mesh_data.fill_mesh(mesh, points, triangles)
     values = np.ones((len(triangles), 3, 4), np.float32)
     values[..., :3] = colors[:, None]
-    mesh.color_attributes.new("color", "FLOAT_COLOR", "CORNER").data.foreach_set("color", values.ravel())
+    mesh.color_attributes.new("color", "FLOAT_COLOR", "CORNER").data.foreach_set(
+        "color", values.ravel()
+    )
     mesh.color_attributes.active_color_index = 0
     mesh.color_attributes.render_color_index = 0
 
@@ -114,5 +130,8 @@ def _frustum(frame: Frame, view: Camera) -> tuple[np.ndarray, np.ndarray]:
     keep = length[:, 0] > 1e-9 * np.linalg.norm(along, axis=1)  # a segment seen end on is a point
     ends, aside = ends[keep], aside[keep] / length[keep]
     half = [aside * (LINE_PIXELS / 2 * _pixel(view, ends[:, i]))[:, None] for i in range(2)]
-    ribbons = np.stack([ends[:, 0] - half[0], ends[:, 1] - half[1], ends[:, 1] + half[1], ends[:, 0] + half[0]], axis=1)
+    ribbons = np.stack(
+        [ends[:, 0] - half[0], ends[:, 1] - half[1], ends[:, 1] + half[1], ends[:, 0] + half[0]],
+        axis=1,
+    )
     return ribbons, colors[keep, 0, :3]

@@ -34,9 +34,27 @@ from ..scene.shot_reference import stored_plan
 from ..sources.record_points import on_record
 from .lone_agents import LoneStage, Shown, lone_crops, sheet_of
 from .shared_frames import ALONE, Sharing, made, state_of
-from .verify_build import BAKE, LIVE, MADE, Columns, ProvedBuild, build_of, columns_of_members, seen_by_kind
+from .verify_build import (
+    BAKE,
+    LIVE,
+    MADE,
+    Columns,
+    ProvedBuild,
+    build_of,
+    columns_of_members,
+    seen_by_kind,
+)
 from .verify_pictures import AMPLIFIED, COMPARED, PICTURES, amplified, render_picture, small
-from .verify_stage import LONGEST_SHUTTER, PAIRS, Verify, add_twins, dark_world, light_by, set_up_cycles, without_shadows
+from .verify_stage import (
+    LONGEST_SHUTTER,
+    PAIRS,
+    Verify,
+    add_twins,
+    dark_world,
+    light_by,
+    set_up_cycles,
+    without_shadows,
+)
 
 # of linear light: how far off Cycles' rounding may be that displaces a mesh where one of its
 # instances stands
@@ -60,15 +78,27 @@ def verify(
     sharing: which part of it is done here; of a part of the frames, only their rows are returned.
     """
     if not hasattr(scene, "cycles"):
-        raise CrowdError("The frames are rendered with Cycles: enable the add-on Cycles Render Engine in the preferences.")
+        raise CrowdError(
+            "The frames are rendered with Cycles: enable the add-on Cycles Render Engine in the preferences."
+        )
     own, groups = scene.crowd_lod, groups_of(scene.crowd_lod)
     with ExitStack() as opened:
         folder = opened.enter_context(sharing.opened(wanted.folder))
         layer = scene.view_layers[0]
-        opened.callback(lambda: frame_update.follow(scene, layer.depsgraph))  # a live build was shown other frames
+        opened.callback(
+            lambda: frame_update.follow(scene, layer.depsgraph)
+        )  # a live build was shown other frames
         opened.callback(store_groups, own, groups)
         opened.enter_context(cleanup.scratch())
-        lent = scene.render, scene.render.image_settings, scene.cycles, scene.display, scene.view_settings, own, *scene.view_layers
+        lent = (
+            scene.render,
+            scene.render.image_settings,
+            scene.cycles,
+            scene.display,
+            scene.view_settings,
+            own,
+            *scene.view_layers,
+        )
         opened.enter_context(cleanup.lent(*lent, *filter(None, (own.build, own.characters))))
         opened.callback(setattr, scene, "world", scene.world)
         # what is missing is named before anything is set
@@ -94,12 +124,18 @@ def verify(
         run = _Run(scene, wanted, folder, at, size, proved, LoneStage(scene, folder))
         parts = FrameParts(folder, state_of(scene, wanted))
         with sharing.helped(parts, wanted.frames) as helpers:
-            found = yield from share(made(parts, wanted.frames, sharing, run.prepare, run.prove, helpers), LODS_MADE, 0.95)
+            found = yield from share(
+                made(parts, wanted.frames, sharing, run.prepare, run.prove, helpers),
+                LODS_MADE,
+                0.95,
+            )
         rows = [each["row"] for each in found]
         unplanned = [tuple(each["unplanned"]) for each in found]
         if sharing.part is not None:
             return {"frames": rows, "ok": True}
-        told = _left_out(scene, rows, wanted) + [told_unplanned(unplanned)] * any(why for _, why in unplanned)
+        told = _left_out(scene, rows, wanted) + [told_unplanned(unplanned)] * any(
+            why for _, why in unplanned
+        )
         result = _result(found, wanted, command) | {
             "build": told_of_build(proved, rows),
             "left_out": left_out + told,
@@ -117,7 +153,9 @@ def _unaimed(scene: bpy.types.Scene, opened: ExitStack) -> None:
     Where fewer agents glow, aimed rays would meet others: the noise would differ.
     """
     for material in {material for worn in glowing(scene).values() for material in worn}:
-        opened.callback(setattr, material.cycles, "emission_sampling", material.cycles.emission_sampling)
+        opened.callback(
+            setattr, material.cycles, "emission_sampling", material.cycles.emission_sampling
+        )
         material.cycles.emission_sampling = "NONE"
 
 
@@ -129,7 +167,9 @@ def _write(folder: Path, scene: bpy.types.Scene, run: "_Run", result: dict[str, 
     (folder / "report.html").write_text(verify_page(title, result), encoding="utf-8")
     proved = evenly(run.wanted.frames, MOST_PROVED_IN_SHEET)
     tiles = [image_data.load_pixels(path) for number in proved for path in run.pictures(number)]
-    image_data.save_png(folder / "contact_sheet.png", tables.contact_sheet(tiles, columns=len(PICTURES) + 3))
+    image_data.save_png(
+        folder / "contact_sheet.png", tables.contact_sheet(tiles, columns=len(PICTURES) + 3)
+    )
 
 
 @dataclass
@@ -159,10 +199,15 @@ class _Run:
         scene, own = self.scene, self.scene.crowd_lod
         every, count = range(2**31), policy_of(own).count
         # also of LODs that are left out to save memory: they are what is proved
-        yield from render_setup.build(scene, [every, *([every if self.proved.kind == MADE else ()] * (count - 1))])
+        yield from render_setup.build(
+            scene, [every, *([every if self.proved.kind == MADE else ()] * (count - 1))]
+        )
         bake.mark(scene, self.wanted.frames)  # with motion blur its points move by themselves
         render_setup.dress_all(scene)
-        self.full, own.build = own.build, None  # it holds what is written here, not what the frame asks
+        self.full, own.build = (
+            own.build,
+            None,
+        )  # it holds what is written here, not what the frame asks
         add_twins(scene, self.full)
         if self.proved.kind == MADE:
             self.proved = ProvedBuild(self.full)
@@ -171,7 +216,11 @@ class _Run:
         """Return the files of a frame's whole pictures, in the order of the contact sheet."""
         endings = ("", "_bounces") if self.wanted.bounces else ("",)
         names = [*PICTURES, *(f"a_{name}" for name in COMPARED)]
-        return [self.folder / f"frame_{number:04d}_{name}{ending}.png" for ending in endings for name in names]
+        return [
+            self.folder / f"frame_{number:04d}_{name}{ending}.png"
+            for ending in endings
+            for name in names
+        ]
 
     def prove(self, number: int) -> Generator[float, None, tuple[dict[str, Any], list[Path]]]:
         """Verify one frame: yield the progress, return (what is told of it, its pictures); see FrameParts.put."""
@@ -191,7 +240,9 @@ class _Run:
             "mirrored": len(seen["Mirror"]),
             "strangers": strangers,
         }
-        differences = yield from share(self._compare(number, planned, held, rows, seen), 0.1, 1 - CROPS)
+        differences = yield from share(
+            self._compare(number, planned, held, rows, seen), 0.1, 1 - CROPS
+        )
         row |= differences
         chosen, pairs = self._chosen(number, planned, held, rows)
         crops = []
@@ -207,11 +258,20 @@ class _Run:
         if crops:
             pictures.append(self.folder / f"frame_{number:04d}_agents.png")
             image_data.save_png(pictures[-1], tables.contact_sheet(sheet_of(crops), columns=5))
-        told = {"row": row, "agents": agents, "unplanned": noted(number, planned.unplanned, self.wanted.strict)}
+        told = {
+            "row": row,
+            "agents": agents,
+            "unplanned": noted(number, planned.unplanned, self.wanted.strict),
+        }
         return told, pictures
 
     def _compare(
-        self, number: int, planned: Frame, held: frame_update.Held, rows: dict[str, Columns], seen: dict[str, np.ndarray]
+        self,
+        number: int,
+        planned: Frame,
+        held: frame_update.Held,
+        rows: dict[str, Columns],
+        seen: dict[str, np.ndarray],
     ) -> Generator[float, None, dict[str, Any]]:
         """Render the whole pictures of a frame: yield the progress, return how they differ from the first.
 
@@ -230,20 +290,28 @@ class _Run:
             ending, shot = "_bounces" if count else "", {}
             for done, name in enumerate(PICTURES):
                 if name in members:
-                    self._write(columns_of_members(self.full, planned.trajectory, members[name], held, number))
+                    self._write(
+                        columns_of_members(
+                            self.full, planned.trajectory, members[name], held, number
+                        )
+                    )
                 elif self.proved.kind == MADE:
                     self._write(rows)
                 shown = self.full if name in members else self.proved.top
                 for top in {self.full, self.proved.top}:
                     top.hide_render = top != shown or (name == "c" and self.proved.hidden)
                 with small(scene, self.size):
-                    shot[name] = render_picture(scene, self.folder / f"frame_{number:04d}_{name}{ending}.png")
+                    shot[name] = render_picture(
+                        scene, self.folder / f"frame_{number:04d}_{name}{ending}.png"
+                    )
                 yield (times + (done + 1) / len(PICTURES)) / (1 + (bounces > 0))
             for name in COMPARED:
                 found = image_difference.between(shot["a"], shot[name])
                 row |= {f"{name}{ending}_{key}": value for key, value in vars(found).items()}
                 picture = amplified(shot["a"], shot[name])
-                image_data.save_png(self.folder / f"frame_{number:04d}_a_{name}{ending}.png", picture)
+                image_data.save_png(
+                    self.folder / f"frame_{number:04d}_a_{name}{ending}.png", picture
+                )
         scene.world = worlds[0]
         return row
 
@@ -257,19 +325,38 @@ class _Run:
     ) -> tuple[list[JudgedAgent], list[tuple[Shown, Shown]]]:
         """Return the agents that are judged alone, and each at full detail and as built."""
         trajectory = planned.trajectory
-        seen = {name: columns for name, columns in rows.items() if name.startswith("LOD ") and len(columns["id"])}
-        agents = np.concatenate([np.empty(0, np.intp), *(columns["id"] for columns in seen.values())])
-        levels = [np.full(len(columns["id"]), int(name.removeprefix("LOD "))) for name, columns in seen.items()]
+        seen = {
+            name: columns
+            for name, columns in rows.items()
+            if name.startswith("LOD ") and len(columns["id"])
+        }
+        agents = np.concatenate(
+            [np.empty(0, np.intp), *(columns["id"] for columns in seen.values())]
+        )
+        levels = [
+            np.full(len(columns["id"]), int(name.removeprefix("LOD ")))
+            for name, columns in seen.items()
+        ]
         levels = np.concatenate([np.empty(0, np.intp), *levels])
         known = (agents >= 0) & (agents < len(planned.crowd))
         tolerance = _tolerance(self.scene, planned)
-        chosen = choose_agents(planned, agents[known], levels[known], tolerance, number, self.wanted.agents)
-        built, full = render_setup.points_of(self.proved.top), render_setup.points_of(self.full)["LOD 0"]
+        chosen = choose_agents(
+            planned, agents[known], levels[known], tolerance, number, self.wanted.agents
+        )
+        built, full = (
+            render_setup.points_of(self.proved.top),
+            render_setup.points_of(self.full)["LOD 0"],
+        )
         pairs = []
         for judged in chosen:
-            alone = columns_of_members(self.full, trajectory, {"LOD 0": np.array([judged.agent])}, held, number)["LOD 0"]
+            alone = columns_of_members(
+                self.full, trajectory, {"LOD 0": np.array([judged.agent])}, held, number
+            )["LOD 0"]
             name = f"LOD {judged.level}"
-            row = {key: values[rows[name]["id"] == judged.agent][:1] for key, values in rows[name].items()}
+            row = {
+                key: values[rows[name]["id"] == judged.agent][:1]
+                for key, values in rows[name].items()
+            }
             pairs.append((Shown(full, alone), Shown(built[name], row)))
         return chosen, pairs
 
@@ -299,9 +386,13 @@ def _never_shown(scene: bpy.types.Scene) -> list[str]:
     """Return sentences on what the pictures cannot show as renders of `scene` do."""
     render, said = scene.render, []
     if render.use_motion_blur and render.motion_blur_shutter > LONGEST_SHUTTER:
-        said.append(f"The shutter was open for {LONGEST_SHUTTER:g} frames, not {render.motion_blur_shutter:g}.")
+        said.append(
+            f"The shutter was open for {LONGEST_SHUTTER:g} frames, not {render.motion_blur_shutter:g}."
+        )
     if render.use_multiview and not PAIRS:
-        said.append("Only one eye was rendered: this Blender version cannot read stereo pictures back.")
+        said.append(
+            "Only one eye was rendered: this Blender version cannot read stereo pictures back."
+        )
     return said + list(filter(None, [frame_stepping.unbaked(scene)]))
 
 
@@ -311,7 +402,9 @@ def _unlike_renders(scene: bpy.types.Scene, proved: ProvedBuild) -> list[str]:
     if proved.kind == LIVE and scene.render.use_motion_blur:
         said.append("The live build was pictured without the blur of its agents' way.")
     if proved.kind == BAKE and scene.render.engine == "BLENDER_WORKBENCH":
-        said.append("Shadows were left out: Workbench, for which the bake was made, needs nobody for them.")
+        said.append(
+            "Shadows were left out: Workbench, for which the bake was made, needs nobody for them."
+        )
     return said
 
 
@@ -329,7 +422,9 @@ def _not_proved(scene: bpy.types.Scene, wanted: Verify) -> list[str]:
     if width != wanted.width:
         found.append(f"pictures of {width} x {height} pixels")
     if render.engine != "CYCLES":
-        found.append(f"shading, pixel filter and displacement in {render.engine.removeprefix('BLENDER_')}")
+        found.append(
+            f"shading, pixel filter and displacement in {render.engine.removeprefix('BLENDER_')}"
+        )
     if render.use_compositing or render.use_sequencer:
         found.append("compositing and sequencer")
     return found + ["denoising"] * (render.engine == "CYCLES" and scene.cycles.use_denoising)
@@ -337,13 +432,26 @@ def _not_proved(scene: bpy.types.Scene, wanted: Verify) -> list[str]:
 
 def _displaced(scene: bpy.types.Scene) -> list[str]:
     """Return names of materials that displace meshes in Cycles, not only as bumps."""
-    slots = (slot for item in scene.crowd_lod.characters.all_objects for slot in item.material_slots)
-    worn = {slot.material for slot in slots if slot.material is not None and slot.material.node_tree is not None}
-    return sorted(each.name for each in worn if each.displacement_method != "BUMP" and _has_displacement(each.node_tree))
+    slots = (
+        slot for item in scene.crowd_lod.characters.all_objects for slot in item.material_slots
+    )
+    worn = {
+        slot.material
+        for slot in slots
+        if slot.material is not None and slot.material.node_tree is not None
+    }
+    return sorted(
+        each.name
+        for each in worn
+        if each.displacement_method != "BUMP" and _has_displacement(each.node_tree)
+    )
 
 
 def _has_displacement(tree: bpy.types.NodeTree) -> bool:
-    return any(node.type == "OUTPUT_MATERIAL" and node.inputs["Displacement"].is_linked for node in tree.nodes)
+    return any(
+        node.type == "OUTPUT_MATERIAL" and node.inputs["Displacement"].is_linked
+        for node in tree.nodes
+    )
 
 
 def _left_out(scene: bpy.types.Scene, rows: list[dict], wanted: Verify) -> list[str]:
@@ -359,9 +467,13 @@ def _left_out(scene: bpy.types.Scene, rows: list[dict], wanted: Verify) -> list[
             f"Meshes of {', '.join(displaced[:3])} are displaced by Cycles where one of their instances stands, another one with "
             f"culling, so differences of up to {DISPLACED:g} were not counted."
         )
-    mirrors = lights.read_surroundings(scene, scene.view_layers[0].depsgraph, scene_data.time_of(scene)).mirrors
+    mirrors = lights.read_surroundings(
+        scene, scene.view_layers[0].depsgraph, scene_data.time_of(scene)
+    ).mirrors
     if wanted.bounces > 1 and len(mirrors) > 1:
-        said.append("Reflections of one mirror in another are not checked: pixels may differ there.")
+        said.append(
+            "Reflections of one mirror in another are not checked: pixels may differ there."
+        )
     return said
 
 
@@ -376,5 +488,7 @@ def _result(found: list[dict], wanted: Verify, command: list[str]) -> dict[str, 
         "pictures": PICTURES,
         "amplified": AMPLIFIED,
         "frames": [each["row"] for each in found],
-        "agents": [{"frame": each["row"]["frame"], **agent} for each in found for agent in each["agents"]],
+        "agents": [
+            {"frame": each["row"]["frame"], **agent} for each in found for agent in each["agents"]
+        ],
     }

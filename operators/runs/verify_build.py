@@ -38,7 +38,9 @@ class ProvedBuild:
     changed: tuple[str, ...] = ()
     hidden: bool = False
 
-    def rows(self, trajectory: Trajectory, planned: Frame, held: frame_update.Held, number: int) -> dict[str, Columns]:
+    def rows(
+        self, trajectory: Trajectory, planned: Frame, held: frame_update.Held, number: int
+    ) -> dict[str, Columns]:
         """Return the points that each bucket shows in the frame `number`, by the bucket's name.
 
         A live build gets the points that renders of that frame give it.
@@ -46,23 +48,36 @@ class ProvedBuild:
         planned, held: of the frame.
         """
         if self.kind == MADE:
-            return columns_of_members(self.top, trajectory, frame_update.members(planned), held, number)
+            return columns_of_members(
+                self.top, trajectory, frame_update.members(planned), held, number
+            )
         if self.kind == LIVE:
             frame_update.write(self.top, trajectory, planned, held, planned.crowd)
-        rows = {name: mesh_data.read_points(points.data) for name, points in render_setup.points_of(self.top).items()}
+        rows = {
+            name: mesh_data.read_points(points.data)
+            for name, points in render_setup.points_of(self.top).items()
+        }
         rows = {name: columns for name, columns in rows.items() if "id" in columns}
         if self.kind == LIVE:
             return rows
         return {
-            name: {key: values[columns["frame"] == number] for key, values in columns.items()} for name, columns in rows.items()
+            name: {key: values[columns["frame"] == number] for key, values in columns.items()}
+            for name, columns in rows.items()
         }
 
     def older_than(self, number: int, film: Sequence, around) -> list[str]:
         """Return what of a bake's frame `number` was other when it was baked: the camera, the lights."""
         if self.kind != BAKE:
             return []
-        now = {CAMERAS: ("the camera", cameras_digest(film)), LIGHTS: ("the lights", lights_digest(around))}
-        return [name for key, (name, digest) in now.items() if kept_in(self.top, key).get(str(number), digest) != digest]
+        now = {
+            CAMERAS: ("the camera", cameras_digest(film)),
+            LIGHTS: ("the lights", lights_digest(around)),
+        }
+        return [
+            name
+            for key, (name, digest) in now.items()
+            if kept_in(self.top, key).get(str(number), digest) != digest
+        ]
 
 
 def columns_of_members(
@@ -76,7 +91,10 @@ def columns_of_members(
     points = render_setup.points_of(top)
     nobody = np.empty(0, np.intp)
     library = render_setup.library_of(top, trajectory)
-    return {name: bake.columns_in_time(trajectory, held, number, members.get(name, nobody), library) for name in points}
+    return {
+        name: bake.columns_in_time(trajectory, held, number, members.get(name, nobody), library)
+        for name in points
+    }
 
 
 def build_of(scene: bpy.types.Scene, frames: Sequence[int]) -> ProvedBuild:

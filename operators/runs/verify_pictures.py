@@ -39,7 +39,9 @@ def small(scene: bpy.types.Scene, size: tuple[int, int]) -> Iterator[None]:
         render.pixel_aspect_x *= max(1 / taller, 1.0)
         render.pixel_aspect_y *= max(taller, 1.0)
         for axis, count in (("x", width), ("y", height)):
-            first, last = (getattr(render, f"border_{end}_{axis}") * count for end in ("min", "max"))
+            first, last = (
+                getattr(render, f"border_{end}_{axis}") * count for end in ("min", "max")
+            )
             # a little inside, for Blender takes every pixel that the border touches
             setattr(render, f"border_min_{axis}", (np.ceil(first - 1e-3) + 1e-3) / count)
             setattr(render, f"border_max_{axis}", (np.floor(last + 1e-3) - 1e-3) / count)
@@ -54,7 +56,11 @@ def render_picture(stage: bpy.types.Scene, path: Path) -> np.ndarray:
     render, settings = stage.render, stage.render.image_settings
     stem = path.with_suffix("")
     with console.quiet(), bpy.context.temp_override(scene=stage):
-        settings.file_format, settings.color_depth, render.filepath = "OPEN_EXR", "32", f"{stem}.exr"
+        settings.file_format, settings.color_depth, render.filepath = (
+            "OPEN_EXR",
+            "32",
+            f"{stem}.exr",
+        )
         bpy.ops.render.render(write_still=True)
     settings.file_format, settings.color_depth = "PNG", "8"
     values, shown = [], []
@@ -80,7 +86,9 @@ def _views(render: bpy.types.RenderSettings) -> list[str]:
     if not render.use_multiview:
         return [""]
     stereo = render.views_format == "STEREO_3D"
-    return [view.file_suffix for view in render.views if view.use and (view.name in EYES or not stereo)]
+    return [
+        view.file_suffix for view in render.views if view.use and (view.name in EYES or not stereo)
+    ]
 
 
 def amplified(a: np.ndarray, b: np.ndarray) -> np.ndarray:

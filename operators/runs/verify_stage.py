@@ -56,7 +56,11 @@ def set_up_cycles(scene: bpy.types.Scene, wanted: Verify) -> tuple[int, int]:
     if scene.crowd_lod.build is not None:
         scene.crowd_lod.build.hide_render, scene.crowd_lod.build = True, None
     render, cycles = scene.render, scene.cycles
-    filmed = render.use_motion_blur, render.use_multiview and PAIRS, render.use_border and scene.crowd_lod.cull_to_border
+    filmed = (
+        render.use_motion_blur,
+        render.use_multiview and PAIRS,
+        render.use_border and scene.crowd_lod.cull_to_border,
+    )
     own = [getattr(render, name) for name in SIZE]
     set_up(scene, Preview(wanted.frames, wanted.folder, wanted.width, "CYCLES", "MATERIAL"))
     size = render.resolution_x, render.resolution_y
@@ -68,7 +72,9 @@ def set_up_cycles(scene: bpy.types.Scene, wanted: Verify) -> tuple[int, int]:
     render.engine, cycles.device = "CYCLES", "CPU"
     render.use_stamp = render.use_persistent_data = render.use_simplify = False
     cycles.samples, cycles.seed, cycles.use_animated_seed = wanted.samples, 0, False
-    cycles.use_adaptive_sampling = cycles.use_denoising = cycles.use_light_tree = cycles.use_guiding = False
+    cycles.use_adaptive_sampling = cycles.use_denoising = cycles.use_light_tree = (
+        cycles.use_guiding
+    ) = False
     cycles.use_fast_gi, cycles.time_limit = False, 0
     render.image_settings.color_mode = "RGBA"
     for layer in scene.view_layers:

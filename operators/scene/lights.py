@@ -44,13 +44,20 @@ def read_surroundings(
         return Surroundings(left_out=(WORKBENCH,))
     times = shutter_times(scene, time) if times is None else times
     shown = scenery_of(scene, depsgraph)
-    lamps, panes = shown.lamps(depsgraph), [placed for placed in shown.within(settings.mirrors) if placed[0].type == "MESH"]
+    lamps, panes = (
+        shown.lamps(depsgraph),
+        [placed for placed in shown.within(settings.mirrors) if placed[0].type == "MESH"],
+    )
     if times or depsgraph is None:
-        lights, mirrors = _through(lamps, panes, shown.shining(depsgraph), times or [time], engine, at)
+        lights, mirrors = _through(
+            lamps, panes, shown.shining(depsgraph), times or [time], engine, at
+        )
         box = None
     else:
         if shown.instanced is None:
-            shown.instanced = _few(list(_instanced(shown.shining(depsgraph), depsgraph, engine).values()))
+            shown.instanced = _few(
+                list(_instanced(shown.shining(depsgraph), depsgraph, engine).values())
+            )
         lights, mirrors = _read(lamps, panes, depsgraph, engine)
         lights += shown.instanced
         box = None if _foggy(scene.world) else shown.box(depsgraph)
@@ -76,9 +83,14 @@ def read_moment(scene: bpy.types.Scene, time: float, at: frame_stepping.At) -> t
     return film, read_surroundings(scene, at((), time), time, at=at), read_shutter(scene, time, at)
 
 
-def _read(lamps: list[Placed], panes: list[Placed], depsgraph, engine: str) -> tuple[list[Light], list[Mirror]]:
+def _read(
+    lamps: list[Placed], panes: list[Placed], depsgraph, engine: str
+) -> tuple[list[Light], list[Mirror]]:
     """Return the lights and mirrors as `depsgraph` has evaluated them."""
-    lights = [_light(placed[0].evaluated_get(depsgraph), matrix_of(placed, depsgraph), engine) for placed in lamps]
+    lights = [
+        _light(placed[0].evaluated_get(depsgraph), matrix_of(placed, depsgraph), engine)
+        for placed in lamps
+    ]
     return lights, [mirror for placed in panes for mirror in _mirrors(placed, depsgraph)]
 
 
@@ -92,7 +104,9 @@ def _instanced(makers: set[bpy.types.Object], depsgraph, engine: str) -> dict[tu
         item, maker = instance.object, (instance.parent or instance.object).original
         if maker not in makers or (item.type == "LIGHT" and not instance.is_instance):
             continue
-        glows = item.type in SOLID and any(m and emits(m.node_tree) for m in getattr(item.data, "materials", None) or ())
+        glows = item.type in SOLID and any(
+            m and emits(m.node_tree) for m in getattr(item.data, "materials", None) or ()
+        )
         if glows or (item.type == "LIGHT" and casts(item.data)):
             key = (maker.session_uid, item.name, *instance.persistent_id)
             found[key] = _light(item, np.array(instance.matrix_world, np.float64), engine)
@@ -106,11 +120,16 @@ def _few(lights: list[Light]) -> list[Light]:
     """
     if len(lights) <= MOST_INSTANCES:
         return lights
-    suns, others = ([light for light in lights if (light.origin is None) == sun] for sun in (True, False))
+    suns, others = (
+        [light for light in lights if (light.origin is None) == sun] for sun in (True, False)
+    )
     merged = [_widened(tuple(suns))] if suns else []
     if others:
         middle = np.mean([light.origin for light in others], axis=0)
-        size, reach = (max(getattr(o, n) + np.linalg.norm(o.origin - middle) for o in others) for n in ("size", "reach"))
+        size, reach = (
+            max(getattr(o, n) + np.linalg.norm(o.origin - middle) for o in others)
+            for n in ("size", "reach")
+        )
         merged.append(Light(middle, others[0].direction, float(size), reach=float(reach)))
     return merged
 
@@ -130,15 +149,23 @@ def _light(item: bpy.types.Object, matrix: np.ndarray, engine: str) -> Light:
     if lamp.type == "SUN":
         return Light(None, axis, angle=min(lamp.angle / 2, np.pi / 2))
     # Cycles' lights have no end; EEVEE's may be given one
-    reach = float(lamp.cutoff_distance) if engine == scene_data.EEVEE and lamp.use_custom_distance else np.inf
+    reach = (
+        float(lamp.cutoff_distance)
+        if engine == scene_data.EEVEE and lamp.use_custom_distance
+        else np.inf
+    )
     if lamp.type == "AREA":
-        sides = np.array([lamp.size, lamp.size_y if lamp.shape in ("RECTANGLE", "ELLIPSE") else lamp.size])
+        sides = np.array(
+            [lamp.size, lamp.size_y if lamp.shape in ("RECTANGLE", "ELLIPSE") else lamp.size]
+        )
         return Light(origin, axis, float(np.linalg.norm(sides * scale[:2]) / 2), np.pi / 2, reach)
     size = lamp.shadow_soft_size * max(1.0, float(scale.max()))
     if lamp.type == "POINT":
         return Light(origin, axis, size, reach=reach)
     # a cone stretched sideways by its object's scale is held by the round one of its wider side
-    slope = np.tan(min(lamp.spot_size / 2, np.pi / 2 - 1e-6)) * max(1.0, float(scale[:2].max() / max(scale[2], 1e-12)))
+    slope = np.tan(min(lamp.spot_size / 2, np.pi / 2 - 1e-6)) * max(
+        1.0, float(scale[:2].max() / max(scale[2], 1e-12))
+    )
     slope *= np.sqrt(2) if lamp.use_square else 1.0
     return Light(origin, axis, size, float(np.arctan(slope)), reach)
 
@@ -148,15 +175,21 @@ def _mirrors(placed: Placed, depsgraph) -> list[Mirror]:
 
     CrowdError if there are more than MOST_SIDES, as with a curved one.
     """
-    points, polygons = mesh_data.world_polygons(placed[0].evaluated_get(depsgraph), matrix_of(placed, depsgraph))
+    points, polygons = mesh_data.world_polygons(
+        placed[0].evaluated_get(depsgraph), matrix_of(placed, depsgraph)
+    )
     sides: dict[tuple, list[np.ndarray]] = {}
     for polygon in polygons:
         corners = points[polygon]
-        normal = np.cross(corners - corners[0], np.roll(corners, -1, axis=0) - corners[0]).sum(axis=0)
+        normal = np.cross(corners - corners[0], np.roll(corners, -1, axis=0) - corners[0]).sum(
+            axis=0
+        )
         if normal.any():
             normal /= np.linalg.norm(normal)
             normal *= 1 if tuple(normal.round(4)) > (0, 0, 0) else -1
-            sides.setdefault((*normal.round(4), round(float(normal @ corners[0]), 3)), []).append(corners)
+            sides.setdefault((*normal.round(4), round(float(normal @ corners[0]), 3)), []).append(
+                corners
+            )
     if len(sides) > MOST_SIDES:
         raise CrowdError(
             f"The mirror {placed[0].name} has {len(sides)} sides that are not in one plane: take it out of the mirrors, or "
@@ -176,15 +209,27 @@ def _mirror(normal: np.ndarray, faces: list[np.ndarray]) -> Mirror:
     length = np.linalg.norm(edges, axis=1)
     found = []
     for along in np.unique((edges[length > 0] / length[length > 0, None]).round(3), axis=0):
-        axes = np.array([along / np.linalg.norm(along), np.cross(normal, along / np.linalg.norm(along))])
+        axes = np.array(
+            [along / np.linalg.norm(along), np.cross(normal, along / np.linalg.norm(along))]
+        )
         flat = (points - points[0]) @ axes.T
         (x0, y0), (x1, y1) = flat.min(axis=0), flat.max(axis=0)
-        found.append(((x1 - x0) * (y1 - y0), points[0] + np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)]) @ axes))
+        found.append(
+            (
+                (x1 - x0) * (y1 - y0),
+                points[0] + np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)]) @ axes,
+            )
+        )
     return Mirror(normal, min(found, key=lambda pair: pair[0])[1])
 
 
 def _through(
-    lamps, panes, makers: set[bpy.types.Object], times: Sequence[float], engine: str, at: frame_stepping.At | None
+    lamps,
+    panes,
+    makers: set[bpy.types.Object],
+    times: Sequence[float],
+    engine: str,
+    at: frame_stepping.At | None,
 ) -> tuple[list[Light], list[Mirror]]:
     """Return lights and mirrors over all of `times`.
 
@@ -203,14 +248,18 @@ def _through(
         for key, light in _instanced(makers, depsgraph, engine).items():
             made.setdefault(key, []).append(light)
     lights, mirrors = zip(*found, strict=True)
-    lights = [_widened(each) for each in zip(*lights, strict=True)] + _few([_widened(tuple(each)) for each in made.values()])
+    lights = [_widened(each) for each in zip(*lights, strict=True)] + _few(
+        [_widened(tuple(each)) for each in made.values()]
+    )
     return lights, [mirror for each in mirrors for mirror in each]
 
 
 def _widened(each: tuple[Light, ...]) -> Light:
     """Return one light that holds `each`: one light at several times, or many suns."""
     first = each[0]
-    turn = max(float(np.arccos(np.clip(light.direction @ first.direction, -1, 1))) for light in each)
+    turn = max(
+        float(np.arccos(np.clip(light.direction @ first.direction, -1, 1))) for light in each
+    )
     angle = max(light.angle for light in each) + turn
     if first.origin is None:
         return Light(None, first.direction, angle=min(angle, np.pi / 2))

@@ -46,7 +46,11 @@ class _Shape:
 
 
 def look_around(
-    depsgraph: bpy.types.Depsgraph, places: np.ndarray, height: float, meters: float, left_out: Container[bpy.types.Object]
+    depsgraph: bpy.types.Depsgraph,
+    places: np.ndarray,
+    height: float,
+    meters: float,
+    left_out: Container[bpy.types.Object],
 ) -> Around:
     """Look from `places` (n, 3), where agents have their feet, at what `depsgraph` shows.
 
@@ -77,7 +81,9 @@ def look_around(
     return found
 
 
-def _shapes(depsgraph: bpy.types.Depsgraph, places: np.ndarray, left_out: Container[bpy.types.Object]) -> Iterator[_Shape]:
+def _shapes(
+    depsgraph: bpy.types.Depsgraph, places: np.ndarray, left_out: Container[bpy.types.Object]
+) -> Iterator[_Shape]:
     """Yield the meshes that stand above or below one of the places; each holds until the next."""
     least, most = places[:, :2].min(axis=0), places[:, :2].max(axis=0)
     solids: dict[int, bool] = {}
@@ -85,7 +91,13 @@ def _shapes(depsgraph: bpy.types.Depsgraph, places: np.ndarray, left_out: Contai
     for each in depsgraph.object_instances:
         item = each.object
         owner = each.parent.original if each.is_instance else item.original
-        if item.type != "MESH" or owner.get(OWNED) or item.original.get(OWNED) or owner in left_out or item.original in left_out:
+        if (
+            item.type != "MESH"
+            or owner.get(OWNED)
+            or item.original.get(OWNED)
+            or owner in left_out
+            or item.original in left_out
+        ):
             continue
         count += 1
         if count > MOST_SHAPES:
@@ -94,7 +106,11 @@ def _shapes(depsgraph: bpy.types.Depsgraph, places: np.ndarray, left_out: Contai
             continue
         matrix = each.matrix_world.copy()
         box = np.array([matrix @ Vector(corner) for corner in item.bound_box])
-        if (box[:, :2].max(axis=0) < least).any() or (box[:, :2].min(axis=0) > most).any() or abs(matrix.determinant()) < 1e-12:
+        if (
+            (box[:, :2].max(axis=0) < least).any()
+            or (box[:, :2].min(axis=0) > most).any()
+            or abs(matrix.determinant()) < 1e-12
+        ):
             continue
         key = item.data.as_pointer()
         if key not in solids:
@@ -104,7 +120,9 @@ def _shapes(depsgraph: bpy.types.Depsgraph, places: np.ndarray, left_out: Contai
 
 def _hits(shape: _Shape, start: Vector, way: Vector) -> Iterator[tuple[Vector, Vector]]:
     """Yield (place, normal) of each surface of a mesh along a ray, all in its own space."""
-    onward = way.normalized() * (ONWARD * max(max(map(abs, corner)) for corner in shape.item.bound_box))
+    onward = way.normalized() * (
+        ONWARD * max(max(map(abs, corner)) for corner in shape.item.bound_box)
+    )
     for _ in range(MOST_HITS):
         hit, where, normal, _ = shape.item.ray_cast(start, way)
         if not hit:
@@ -113,7 +131,9 @@ def _hits(shape: _Shape, start: Vector, way: Vector) -> Iterator[tuple[Vector, V
         start = where + onward
 
 
-def _ground(shape: _Shape, place: tuple[float, float, float], side: int, room: float = np.inf) -> float | None:
+def _ground(
+    shape: _Shape, place: tuple[float, float, float], side: int, room: float = np.inf
+) -> float | None:
     """Return the world z of the first ground above (`side` 1) or below (-1) a place; None without one.
 
     A ground faces up. The first surface below may be of an open mesh that is inside out; above,

@@ -28,7 +28,11 @@ TIMES = 3  # at which agents of a file are looked at
 
 
 def told_of_plausibility(
-    scene: bpy.types.Scene, groups: Sequence[Group], crowds: Sequence, parts: Sequence[Trajectory], depsgraph: bpy.types.Depsgraph
+    scene: bpy.types.Scene,
+    groups: Sequence[Group],
+    crowds: Sequence,
+    parts: Sequence[Trajectory],
+    depsgraph: bpy.types.Depsgraph,
 ) -> Iterator[str]:
     """Yield sentences on what is not as people are in the scene's `crowds`.
 
@@ -46,12 +50,16 @@ def told_of_plausibility(
 
 def told_of_feet(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
     """Yield a sentence on groups moved to the ground, and one on groups left off it."""
-    for moved, begin in ((True, "Moved to stand on the ground"), (False, "Off the ground (see Stand on Ground)")):
+    for moved, begin in (
+        (True, "Moved to stand on the ground"),
+        (False, "Off the ground (see Stand on Ground)"),
+    ):
         chosen = [group for group in groups if group.lowest and group.on_ground == moved]
         heights = [number(abs(group.lowest) * scene_data.meters(scene)) for group in chosen]
         sides = ["below" if group.lowest < 0 else "above" for group in chosen]
         texts = [
-            f"{group.name} (feet {height} m {side} its origin)" for group, height, side in zip(chosen, heights, sides, strict=True)
+            f"{group.name} (feet {height} m {side} its origin)"
+            for group, height, side in zip(chosen, heights, sides, strict=True)
         ]
         if texts:
             yield f"{begin}: {', '.join(texts)}."
@@ -59,7 +67,11 @@ def told_of_feet(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[st
 
 def told_of_extent(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
     """Yield a sentence on what renders may show beyond the measured spheres."""
-    found = [f"of {name}, {what}" for name, objects, _ in characters_of(scene) for what in dict.fromkeys(unknown(objects))]
+    found = [
+        f"of {name}, {what}"
+        for name, objects, _ in characters_of(scene)
+        for what in dict.fromkeys(unknown(objects))
+    ]
     if found:
         margin = number(MARGIN * max(group.radius for group in groups) * scene_data.meters(scene))
         yield (
@@ -72,7 +84,11 @@ def _heights(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
     heights = np.array([group.height for group in groups]) * scene_data.meters(scene)
     found = judge.check_heights(heights)
     if found is not None:
-        texts = [f"{groups[g].name} is {number(heights[g])} m tall" for g in found.which if not groups[g].variant_of]
+        texts = [
+            f"{groups[g].name} is {number(heights[g])} m tall"
+            for g in found.which
+            if not groups[g].variant_of
+        ]
         yield f"{', '.join(texts)}: if these are people, scale them to about 1.7 m, or set Unit Scale in the scene's Units."
 
 
@@ -86,9 +102,13 @@ def _motion(crowd, part: Trajectory) -> Iterator[str]:
         yield from _speeds(judge.check_speeds(speeds, judge.HASTE), "check Frame Rate and Unit")
         samples = part.tracks.samples
         if samples.z is not None:
-            climbs = judge.check_climbs(ways, steps[2] * meters, samples.y * meters, samples.z * meters)
+            climbs = judge.check_climbs(
+                ways, steps[2] * meters, samples.y * meters, samples.z * meters
+            )
             if climbs is not None:
-                low, high = (number(height * meters) for height in (samples.z.min(), samples.z.max()))
+                low, high = (
+                    number(height * meters) for height in (samples.z.min(), samples.z.max())
+                )
                 yield f"The z of the file goes from {low} to {high} m as agents walk: if y is up in it, set Up to Y."
     elif isinstance(part, Walk):
         paces = part.gaits.paces.speeds * meters
@@ -115,10 +135,16 @@ def _steps(part: Recorded) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     after = samples.after[rows]
     columns = samples.x, samples.y, np.zeros_like(samples.x) if samples.z is None else samples.z
     ways = np.array([column[after] - column[rows] for column in columns])
-    return samples.agent[rows], ways, (samples.frame[after] - samples.frame[rows]) / part.tracks.rate
+    return (
+        samples.agent[rows],
+        ways,
+        (samples.frame[after] - samples.frame[rows]) / part.tracks.rate,
+    )
 
 
-def _around(crowd, part: Trajectory, groups: Sequence[Group], depsgraph: bpy.types.Depsgraph) -> Iterator[str]:
+def _around(
+    crowd, part: Trajectory, groups: Sequence[Group], depsgraph: bpy.types.Depsgraph
+) -> Iterator[str]:
     """Yield sentences on agents off the ground that the scene has, and within its walls."""
     scene = crowd.id_data
     meters = scene_data.meters(scene)
@@ -154,7 +180,10 @@ def _places(part: Trajectory) -> np.ndarray:
     times = [part.first_frame]
     if isinstance(part, Recorded):
         tracks = part.tracks
-        times = [part.scene_frame(frame) for frame in np.linspace(tracks.first, tracks.last, TIMES + 2)[1:-1]]
+        times = [
+            part.scene_frame(frame)
+            for frame in np.linspace(tracks.first, tracks.last, TIMES + 2)[1:-1]
+        ]
     crowds = [part.start if time == part.first_frame else part.at(time) for time in times]
     places = []
     for crowd in crowds:
@@ -168,7 +197,9 @@ def _poses(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
     """Yield sentences on groups that builds show as poses that stand long."""
     fps = scene.render.fps / scene.render.fps_base
     reasons = [refusal(objects) for _, objects, _ in characters_of(scene)]
-    cycles = np.array([max(group.period, *(action.period for action in group.actions), 0.0) for group in groups])
+    cycles = np.array(
+        [max(group.period, *(action.period for action in group.actions), 0.0) for group in groups]
+    )
     posed = np.array([bool(reason) for reason in reasons])
     found = judge.check_poses(np.where(posed, cycles / POSES, 0.0))
     for g in found.which if found is not None else ():

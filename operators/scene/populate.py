@@ -26,7 +26,9 @@ from .scene_crowd import place_levels
 from .stuck_agents import find
 
 
-def populating(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Generator[float, None, tuple[str, list[str]]]:
+def populating(
+    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph
+) -> Generator[float, None, tuple[str, list[str]]]:
     """Measure the characters of `scene` and place the crowd: yield the progress.
 
     Returns a sentence on the result, and those that warn. CrowdError, before anything changes, if a
@@ -49,7 +51,12 @@ def populating(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Genera
     place_levels(scene)
     notes = [] if troubles.found else [troubles.sentence]
     settings.trouble = "\n".join(filter(None, (*warnings, *notes)))
-    sentences = [_result(groups, trajectory), *(part.told for part in trajectory.parts), *warnings, *notes]
+    sentences = [
+        _result(groups, trajectory),
+        *(part.told for part in trajectory.parts),
+        *warnings,
+        *notes,
+    ]
     return " ".join(filter(None, sentences)), warnings
 
 
@@ -73,7 +80,9 @@ def _warnings(
 
 
 def _result(groups: Sequence[Group], trajectory: Trajectory) -> str:
-    return f"{counted(len(trajectory.start), 'agent')} in {counted(len(groups), 'character group')}."
+    return (
+        f"{counted(len(trajectory.start), 'agent')} in {counted(len(groups), 'character group')}."
+    )
 
 
 class CROWDLOD_OT_populate(Stepwise, bpy.types.Operator):

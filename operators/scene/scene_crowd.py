@@ -35,7 +35,11 @@ def set_down(entry: bpy.types.PropertyGroup) -> None:
 def place_levels(scene: bpy.types.Scene) -> None:
     """Place the LODs of each group of `scene` at its feet."""
     settings = scene.crowd_lod
-    levels = settings.levels.children if settings.levels is not None and not scene_data.shared(scene, "levels") else ()
+    levels = (
+        settings.levels.children
+        if settings.levels is not None and not scene_data.shared(scene, "levels")
+        else ()
+    )
     origins = {name: origin for name, _, origin in characters_of(scene)} if levels else {}
     feet = {group.name: group.feet for group in groups_of(settings)}
     for home in (home for level in levels for home in level.children):
@@ -53,7 +57,9 @@ def home_of(level: bpy.types.Collection, g: int, name: str) -> bpy.types.Collect
     """
     home = level.children[g] if g < len(level.children) else None
     if home is None or not home.objects or home.get(GROUP, name) != name:
-        raise CrowdError(f"The character group {name} has no LOD meshes in {level.name}: press Make LOD Meshes again.")
+        raise CrowdError(
+            f"The character group {name} has no LOD meshes in {level.name}: press Make LOD Meshes again."
+        )
     return home
 
 
@@ -66,13 +72,22 @@ def policy_of(settings, choice: str = "") -> LevelPolicy:
     """
     tolerant = (choice or settings.choice) == "BY_TOLERANCE"
     leads = [lead_of(group) for group in settings.groups]
-    own = [_thresholds(group, settings) if group.own_thresholds and not tolerant else () for group in leads]
+    own = [
+        _thresholds(group, settings) if group.own_thresholds and not tolerant else ()
+        for group in leads
+    ]
     return LevelPolicy(
-        thresholds=(0.0,) * (count_of(settings, choice) - 1) if tolerant else _thresholds(settings, settings),
+        thresholds=(0.0,) * (count_of(settings, choice) - 1)
+        if tolerant
+        else _thresholds(settings, settings),
         group_thresholds=tuple(own) if any(own) else (),
         metric="PIXELS" if tolerant else settings.metric,
-        tolerance=round(max(settings.tolerance, settings.memory_tolerance), 6) if tolerant else None,
-        finest=tuple(group.finest for group in settings.groups) if tolerant and settings.memory_tolerance else (),
+        tolerance=round(max(settings.tolerance, settings.memory_tolerance), 6)
+        if tolerant
+        else None,
+        finest=tuple(group.finest for group in settings.groups)
+        if tolerant and settings.memory_tolerance
+        else (),
         margin=settings.margin if settings.margin_kind == "FIXED" else None,
         drop_lost=settings.drop_lost,
         shading=tolerant and settings.shading_counts,
@@ -86,7 +101,9 @@ def _thresholds(owner, settings) -> tuple[float, ...]:
 
 
 def trajectory_of(
-    scene: bpy.types.Scene, groups: tuple[Group, ...] | None = None, depsgraph: bpy.types.Depsgraph | None = None
+    scene: bpy.types.Scene,
+    groups: tuple[Group, ...] | None = None,
+    depsgraph: bpy.types.Depsgraph | None = None,
 ) -> Trajectory:
     """Return the scene's crowd over time, cached while its inputs stay the same.
 
@@ -97,7 +114,9 @@ def trajectory_of(
     """
     groups = groups or groups_of(scene.crowd_lod)
     if not groups:
-        raise CrowdError(f"The crowd of the scene {scene.name} is not populated: press Populate in the Crowd panel.")
+        raise CrowdError(
+            f"The crowd of the scene {scene.name} is not populated: press Populate in the Crowd panel."
+        )
     return crowd_sources.together(scene, groups, depsgraph)
 
 
@@ -124,6 +143,15 @@ def frame_of(  # noqa: PLR0913 - most are at hand, and read if not
     eyes = camera or read_cameras(scene, depsgraph)
     shutter = read_shutter(scene, time) if shutter is None else shutter
     bias = bias_of(settings)
-    use = use_of(settings, trajectory, policy_of(settings), bias, time, (eyes,) if isinstance(eyes, Camera) else eyes)
+    use = use_of(
+        settings,
+        trajectory,
+        policy_of(settings),
+        bias,
+        time,
+        (eyes,) if isinstance(eyes, Camera) else eyes,
+    )
     frame = plan(trajectory, eyes, policy_of(settings), time, shutter, bias)
-    return use.applied(frame if around is None else surround(frame, around))  # who is hidden casts no shadow
+    return use.applied(
+        frame if around is None else surround(frame, around)
+    )  # who is hidden casts no shadow

@@ -43,7 +43,11 @@ def exemptions_of(
     wrong = hand_edits.troubles_of(scene)
     if wrong:
         raise CrowdError(wrong[0])
-    entries = [entry for entry in scene.crowd_lod.exceptions if entry.use and entry.kind not in hand_edits.EDITS]
+    entries = [
+        entry
+        for entry in scene.crowd_lod.exceptions
+        if entry.use and entry.kind not in hand_edits.EDITS
+    ]
     asked = [(entry, _whom(entry, trajectory), _begins(entry, frames)) for entry in entries]
     if not asked:
         return ()
@@ -52,26 +56,42 @@ def exemptions_of(
         # in the order of time, in which the crowd is known soonest
         for index in sorted(range(len(asked)), key=lambda index: asked[index][2] or 0):
             entry, choose, begin = asked[index]
-            agents = np.empty(0, np.intp) if begin is None else choose(scene_data.remapped(scene.render, begin), at)
+            agents = (
+                np.empty(0, np.intp)
+                if begin is None
+                else choose(scene_data.remapped(scene.render, begin), at)
+            )
             if begin is not None and not len(agents):
                 raise CrowdError(
                     f"The exception {entry.name} chooses nobody: no agent stands in its {_place(entry)} at frame {begin}; move or "
                     "paint it elsewhere, or switch the exception off."
                 )
-            found[index] = Exemption(entry.name, entry.kind, entry.level, agents, _told(entry), *_span(entry))
+            found[index] = Exemption(
+                entry.name, entry.kind, entry.level, agents, _told(entry), *_span(entry)
+            )
             check_level(found[index], policy.count, policy.finest, trajectory.start.group, names)
     return tuple(found[index] for index in range(len(asked)))
 
 
-def numbered_of(settings, trajectory: Trajectory, policy: LevelPolicy) -> tuple[tuple[Exemption, ...], list[str]]:
+def numbered_of(
+    settings, trajectory: Trajectory, policy: LevelPolicy
+) -> tuple[tuple[Exemption, ...], list[str]]:
     """Return (the exceptions that hold without a shot plan, a sentence for each that is wrong).
 
     They are those that name their agents by numbers, and do not change the crowd itself. Cached
     while they stay the same.
     """
-    named = [entry for entry in settings.exceptions if entry.use and entry.kind in KINDS and entry.chosen_by == "NUMBERS"]
+    named = [
+        entry
+        for entry in settings.exceptions
+        if entry.use and entry.kind in KINDS and entry.chosen_by == "NUMBERS"
+    ]
     entries, scene = [entry for entry in named if not hand_edits.edits(entry)], settings.id_data
-    key = trajectory, policy, tuple((entry.name, entry.all_frames, _marks(entry, str)) for entry in entries)
+    key = (
+        trajectory,
+        policy,
+        tuple((entry.name, entry.all_frames, _marks(entry, str)) for entry in entries),
+    )
     known = _numbered.get(scene.session_uid)
     if known is None or known[0] != key:
         found, wrong = [], []
@@ -79,7 +99,9 @@ def numbered_of(settings, trajectory: Trajectory, policy: LevelPolicy) -> tuple[
         for entry in entries:
             try:
                 agents = _whom(entry, trajectory)(0.0, lambda *_: None)
-                each = Exemption(entry.name, entry.kind, entry.level, agents, _told(entry), *_span(entry))
+                each = Exemption(
+                    entry.name, entry.kind, entry.level, agents, _told(entry), *_span(entry)
+                )
                 check_level(each, policy.count, policy.finest, trajectory.start.group, names)
                 found.append(each)
             except CrowdError as error:
@@ -88,7 +110,9 @@ def numbered_of(settings, trajectory: Trajectory, policy: LevelPolicy) -> tuple[
     return known[1]
 
 
-def find_agents(scene: bpy.types.Scene, entry, trajectory: Trajectory, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
+def find_agents(
+    scene: bpy.types.Scene, entry, trajectory: Trajectory, depsgraph: bpy.types.Depsgraph
+) -> np.ndarray:
     """Return the agents (m,) intp that the entry's region or map chooses at the scene's frame.
 
     It is the entry's share of them.
@@ -96,7 +120,9 @@ def find_agents(scene: bpy.types.Scene, entry, trajectory: Trajectory, depsgraph
     depsgraph: of the scene, at its frame.
     """
     agents = _whom(entry, trajectory)(scene_data.time_of(scene), lambda *_: depsgraph)
-    drawn = random_streams.uniform(trajectory.start.key[agents], random_streams.CHOSEN + np.uint64(entry.share_seed))
+    drawn = random_streams.uniform(
+        trajectory.start.key[agents], random_streams.CHOSEN + np.uint64(entry.share_seed)
+    )
     return agents[drawn < entry.share]
 
 
@@ -110,7 +136,11 @@ def digest_of(settings) -> str:
 
 def drawn_inputs(settings) -> tuple:
     """Return the same as `digest_of` for the overlay, which must not read images at each drawing."""
-    return tuple(_marks(entry, lambda image: str(image.session_uid)) for entry in settings.exceptions if entry.use)
+    return tuple(
+        _marks(entry, lambda image: str(image.session_uid))
+        for entry in settings.exceptions
+        if entry.use
+    )
 
 
 def _span(entry) -> tuple[int | None, int | None]:
@@ -138,14 +168,19 @@ def _region_marks(region: bpy.types.Object) -> tuple:
         above = above.parent
     if any(each.animation_data or len(each.constraints) for each in chain):
         return (region.name_full,)
-    return tuple(np.round(np.array(region.matrix_world), 5).ravel().tolist()), box_of(region).round(5).ravel().tolist()
+    return tuple(np.round(np.array(region.matrix_world), 5).ravel().tolist()), box_of(region).round(
+        5
+    ).ravel().tolist()
 
 
 def _map_digest(image: bpy.types.Image) -> str:
     values = image_data.read_values(image)
     known = _painted.get(image.session_uid)
     if known is None or known[0] is not values:
-        known = _painted[image.session_uid] = values, hashlib.sha256(values.tobytes()).hexdigest()[:16]
+        known = _painted[image.session_uid] = (
+            values,
+            hashlib.sha256(values.tobytes()).hexdigest()[:16],
+        )
     return known[1]
 
 
@@ -165,14 +200,20 @@ def _whom(entry, trajectory: Trajectory) -> Callable[[float, frame_stepping.At],
         return lambda time, at: agents
     if entry.chosen_by == "REGION":
         if entry.region is None or entry.region.type not in REGIONS:
-            raise CrowdError(f"The exception {entry.name} has no region: choose a mesh or an empty about the agents it means.")
+            raise CrowdError(
+                f"The exception {entry.name} has no region: choose a mesh or an empty about the agents it means."
+            )
         return partial(_inside, entry.region, entry.name, trajectory)
     if entry.chosen_by == "VOLUME":
         if entry.region is None or entry.region.type != "MESH":
-            raise CrowdError(f"The exception {entry.name} has no volume: choose a closed mesh about the agents it means.")
+            raise CrowdError(
+                f"The exception {entry.name} has no volume: choose a closed mesh about the agents it means."
+            )
         return partial(_in_volume, entry.region, entry.name, trajectory)
     if entry.map_image is None:
-        raise CrowdError(f"The exception {entry.name} has no map: choose an image that is white where the agents stand it means.")
+        raise CrowdError(
+            f"The exception {entry.name} has no map: choose an image that is white where the agents stand it means."
+        )
     light = LabelMap(_light(entry.map_image), area_of(entry.id_data.crowd_lod))
     return lambda time, at: _painted_on(light, trajectory.at(time))
 
@@ -191,7 +232,9 @@ def _light(image: bpy.types.Image) -> np.ndarray:
     return (gray > 127.5).astype(np.uint8)
 
 
-def _inside(region: bpy.types.Object, name: str, trajectory: Trajectory, time: float, at: frame_stepping.At) -> np.ndarray:
+def _inside(
+    region: bpy.types.Object, name: str, trajectory: Trajectory, time: float, at: frame_stepping.At
+) -> np.ndarray:
     """Return the agents whose feet stand in the box about `region` in its own space.
 
     A flat box, such as a plane's, reaches up and down without end.
@@ -201,7 +244,9 @@ def _inside(region: bpy.types.Object, name: str, trajectory: Trajectory, time: f
     return _present(in_box(region.evaluated_get(at([region], time)), places, told), crowd)
 
 
-def _in_volume(region: bpy.types.Object, name: str, trajectory: Trajectory, time: float, at: frame_stepping.At) -> np.ndarray:
+def _in_volume(
+    region: bpy.types.Object, name: str, trajectory: Trajectory, time: float, at: frame_stepping.At
+) -> np.ndarray:
     """Return the agents whose middle lies inside the closed mesh of `region`."""
     crowd, told = trajectory.at(time), f"The region {region.name} of the exception {name}"
     places = np.stack(crowd.places(trajectory.spheres.center), axis=1)
@@ -212,11 +257,15 @@ def _begins(entry, frames: Sequence[int]) -> int | None:
     """Return the first of the plan's frames for which the exception holds, or None."""
     if entry.all_frames:
         return frames[0]
-    return next((number for number in frames if entry.first_frame <= number <= entry.last_frame), None)
+    return next(
+        (number for number in frames if entry.first_frame <= number <= entry.last_frame), None
+    )
 
 
 def _place(entry) -> str:
-    return f"map {entry.map_image.name}" if entry.chosen_by == "MAP" else f"region {entry.region.name}"
+    return (
+        f"map {entry.map_image.name}" if entry.chosen_by == "MAP" else f"region {entry.region.name}"
+    )
 
 
 def _told(entry) -> str:

@@ -54,7 +54,11 @@ class Use:
 
     def applied(self, frame: Frame) -> Frame:
         """Return `frame` with the plan's LODs, or else those of the exceptions."""
-        frame = alone(frame, self.exceptions, self.number) if self.row is None else with_row(frame, self.row)
+        frame = (
+            alone(frame, self.exceptions, self.number)
+            if self.row is None
+            else with_row(frame, self.row)
+        )
         return replace(frame, unplanned=self.unplanned) if self.unplanned else frame
 
 
@@ -86,7 +90,9 @@ def content_of(settings) -> str:
     if key not in _contents:
         sums = read_checksums(key[0])
         _contents.clear()
-        _contents[key] = text_digest(*sorted((name, sums[name]) for name in sums if name not in ABOUT))
+        _contents[key] = text_digest(
+            *sorted((name, sums[name]) for name in sums if name not in ABOUT)
+        )
     return _contents[key]
 
 
@@ -102,7 +108,14 @@ def stored_plan(settings) -> StoredPlan | None:
     return _stored[key] if key else None
 
 
-def use_of(settings, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | None, time: float, eyes: Sequence[Camera]) -> Use:
+def use_of(
+    settings,
+    trajectory: Trajectory,
+    policy: LevelPolicy,
+    bias: Bias | None,
+    time: float,
+    eyes: Sequence[Camera],
+) -> Use:
     """Return how the frame at `time` uses the shot plan of the settings.
 
     Where it does not, it has their exceptions.
@@ -119,7 +132,12 @@ def use_of(settings, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | N
 
 
 def _row(
-    settings, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | None, time: float, eyes: Sequence[Camera]
+    settings,
+    trajectory: Trajectory,
+    policy: LevelPolicy,
+    bias: Bias | None,
+    time: float,
+    eyes: Sequence[Camera],
 ) -> tuple[np.ndarray | None, str]:
     """Return (what the plan has of the agents, "") or (None, why it gives no LODs)."""
     try:
@@ -128,7 +146,10 @@ def _row(
             return None, ""
         f = stored.place(time)
         if f is None:
-            return None, f"The shot plan covers {shot_frames(stored.numbers)}: here thresholds hold."
+            return (
+                None,
+                f"The shot plan covers {shot_frames(stored.numbers)}: here thresholds hold.",
+            )
         changed = differences(stored.made_for, made_for(settings, trajectory, policy, bias))
         exact = abs(stored.times[f] - time) < 1e-6
         if not changed and exact and not same_cameras(stored.cameras[f], numbers_of(eyes)):
@@ -143,7 +164,11 @@ def _row(
 def _for_another(stored: StoredPlan) -> str:
     """Return for which file the plan was made, if that is not the open one."""
     name = printable(Path(bpy.data.filepath).name)
-    return f" for the file {stored.blend_file}" if stored.blend_file and name and stored.blend_file != name else ""
+    return (
+        f" for the file {stored.blend_file}"
+        if stored.blend_file and name and stored.blend_file != name
+        else ""
+    )
 
 
 def told_of_file(settings) -> str:
@@ -155,7 +180,9 @@ def told_of_file(settings) -> str:
     return ""
 
 
-def told_of_shot(scene: bpy.types.Scene, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | None) -> str:
+def told_of_shot(
+    scene: bpy.types.Scene, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | None
+) -> str:
     """Return a sentence on what has changed since the scene's plan was made, in any of its frames; "" if nothing.
 
     CrowdError if the plan cannot be read.
@@ -165,7 +192,10 @@ def told_of_shot(scene: bpy.types.Scene, trajectory: Trajectory, policy: LevelPo
         return ""
     changed = differences(stored.made_for, made_for(scene.crowd_lod, trajectory, policy, bias))
     films = cameras_at(scene, stored.times.tolist())
-    if not all(same_cameras(planned, numbers_of(eyes)) for planned, eyes in zip(stored.cameras, films, strict=True)):
+    if not all(
+        same_cameras(planned, numbers_of(eyes))
+        for planned, eyes in zip(stored.cameras, films, strict=True)
+    ):
         changed.append(CAMERA)
     return _not_used(stored, changed) if changed else ""
 
@@ -174,7 +204,9 @@ def _not_used(stored: StoredPlan, changed: Sequence[str]) -> str:
     return f"The shot plan is not used, for {named(changed)} changed since it was made{_for_another(stored)}: {AGAIN}."
 
 
-def made_for(settings, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | None) -> dict[str, str]:
+def made_for(
+    settings, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | None
+) -> dict[str, str]:
     """Return digests of all that a plan depends on besides cameras, by their names.
 
     settings: of the crowd, for their exceptions.
@@ -184,7 +216,9 @@ def made_for(settings, trajectory: Trajectory, policy: LevelPolicy, bias: Bias |
         known = _crowds[trajectory] = _of_crowd(trajectory)
     chosen = {
         "the choice of LODs": _digest(repr(policy)),
-        "the detail map": _digest("" if bias is None else f"{bias.area}", b"" if bias is None else bias.values.tobytes()),
+        "the detail map": _digest(
+            "" if bias is None else f"{bias.area}", b"" if bias is None else bias.values.tobytes()
+        ),
         # with the crowd's own digests these tell the edits, too
         "the exceptions": _digest(digest_of(settings)),
     }
@@ -193,11 +227,18 @@ def made_for(settings, trajectory: Trajectory, policy: LevelPolicy, bias: Bias |
 
 def _of_crowd(trajectory: Trajectory) -> dict[str, str]:
     groups, parts = trajectory.groups, trajectory.digests()
-    bodies = [(g.name, g.center, g.radius, g.stride, g.period, *g.actions, *_sizes(g)) for g in groups]
+    bodies = [
+        (g.name, g.center, g.radius, g.stride, g.period, *g.actions, *_sizes(g)) for g in groups
+    ]
     clock = repr((bodies, trajectory.first_frame, trajectory.seconds_per_frame))
     return {
-        **{name: _digest(clock if name == "the crowd" else "", data) for name, data in parts.items()},
-        "the LOD meshes": _digest(repr([(g.name, g.vertices, g.triangles, g.bounds) for g in groups])),
+        **{
+            name: _digest(clock if name == "the crowd" else "", data)
+            for name, data in parts.items()
+        },
+        "the LOD meshes": _digest(
+            repr([(g.name, g.vertices, g.triangles, g.bounds) for g in groups])
+        ),
     }
 
 

@@ -43,7 +43,9 @@ class OffColor:
 
     def __str__(self) -> str:
         count = self.counts[0]
-        many = f"{count:,} pixels of the label map are" if count > 1 else "A pixel of the label map is"
+        many = (
+            f"{count:,} pixels of the label map are" if count > 1 else "A pixel of the label map is"
+        )
         return (
             f"{many} far from every label's color and taken for {self.label}, the first at x {self.x[0]:.2f} m, "
             f"y {self.y[0]:.2f} m (map column {self.column[0]}, row {self.row[0]} from the bottom): paint over."
@@ -53,7 +55,11 @@ class OffColor:
 def off_color(world: LabelMap, machine: StateMachine) -> tuple[OffColor, ...]:
     """Return the OffColor of the map, () if it has no such pixels."""
     row, column = world.strays.T
-    return (OffColor(machine.labels[0], *world.middles(row, column), column, row, (len(row),)),) if len(row) else ()
+    return (
+        (OffColor(machine.labels[0], *world.middles(row, column), column, row, (len(row),)),)
+        if len(row)
+        else ()
+    )
 
 
 @dataclass(frozen=True)
@@ -107,7 +113,9 @@ def find(trajectory: Trajectory, meters: float = 1.0) -> Troubles:
     meters: in a unit of the scene. Places of what is found are in meters.
     """
     parts = [_of_walk(walk) for walk in walks_of(trajectory)]
-    found = tuple(replace(each, x=each.x * meters, y=each.y * meters) for part in parts for each in part.found)
+    found = tuple(
+        replace(each, x=each.x * meters, y=each.y * meters) for part in parts for each in part.found
+    )
     agents, count = (sum(getattr(part, name) for part in parts) for name in ("agents", "count"))
     return Troubles(found, agents, count, min((part.seconds for part in parts), default=SECONDS))
 
@@ -118,6 +126,11 @@ def _of_walk(walk: Walk) -> Troubles:
     seconds = min(SECONDS, MOST_BORDERS / borders)
     count = min(len(crowd), MOST_AGENTS, max(1, int(MOST_READS / (borders * seconds))))
     if count < len(crowd):
-        crowd = replace(crowd, **{name: np.ascontiguousarray(column[:count]) for name, column in crowd.columns.items()})
+        crowd = replace(
+            crowd,
+            **{
+                name: np.ascontiguousarray(column[:count]) for name, column in crowd.columns.items()
+            },
+        )
     found = *off_color(world, machine), *trouble(crowd, machine, world, seconds)
     return Troubles(found, count, len(walk.start), seconds)

@@ -10,7 +10,12 @@ from .setting_changes import settings_changed
 class CrowdLodArea(bpy.types.PropertyGroup):
     """Meshes that lay a label over the label map, called `name`."""
 
-    use: BoolProperty(update=settings_changed("areas"), name="Use", default=True, description="The label lies over the map")
+    use: BoolProperty(
+        update=settings_changed("areas"),
+        name="Use",
+        default=True,
+        description="The label lies over the map",
+    )
     object: PointerProperty(
         update=settings_changed("areas"),
         type=bpy.types.Object,
@@ -24,7 +29,9 @@ class CrowdLodArea(bpy.types.PropertyGroup):
         name="Collection",
         description="The label lies where these objects are, seen from above",
     )
-    label: StringProperty(update=settings_changed("areas"), name="Label", description="Label that lies over the map")
+    label: StringProperty(
+        update=settings_changed("areas"), name="Label", description="Label that lies over the map"
+    )
 
 
 CLASSES = (CrowdLodArea,)

@@ -33,7 +33,12 @@ class CharacterSettings:
     forward: EnumProperty(
         name="Forward",
         description="The way the characters face where they stand",
-        items=[("-Y", "-Y", "Blender's front"), ("Y", "+Y", "Blender's back"), ("X", "+X", "Right"), ("-X", "-X", "Left")],
+        items=[
+            ("-Y", "-Y", "Blender's front"),
+            ("Y", "+Y", "Blender's back"),
+            ("X", "+X", "Right"),
+            ("-X", "-X", "Left"),
+        ],
     )
 
 
@@ -41,7 +46,9 @@ class CrowdSettings:
     """How many agents one crowd has, who moves them, and where."""
 
     use_crowd: BoolProperty(
-        name="Show", default=True, description="The agents of this crowd are there; they keep their numbers if not"
+        name="Show",
+        default=True,
+        description="The agents of this crowd are there; they keep their numbers if not",
     )
     source: EnumProperty(
         name="Source",
@@ -89,7 +96,9 @@ class CrowdSettings:
         name="Object",
         description="Object whose points or instances are the agents. Attributes: id, group, heading, phase",
     )
-    points_count: IntProperty(options={"HIDDEN"}, description="How many points the object had at Populate; 0 if not known")
+    points_count: IntProperty(
+        options={"HIDDEN"}, description="How many points the object had at Populate; 0 if not known"
+    )
     group_names: StringProperty(
         name="Groups",
         description="Character groups that this crowd's agents are drawn from, such as Robot, Woman; all if empty",
@@ -108,7 +117,11 @@ class CrowdSettings:
         name="Start On",
         description="Where the agents that the state machine moves start",
         items=[
-            ("RECTANGLE", "Rectangle", "At random on the crowd's ground, where the label map lets them"),
+            (
+                "RECTANGLE",
+                "Rectangle",
+                "At random on the crowd's ground, where the label map lets them",
+            ),
             ("SURFACE", "Surface", "At random on the faces of an object, by its density"),
             ("GRID", "Grid", "In a grid over the crowd's ground"),
             ("CURVES", "Curves", "In rows along the curves of an object, as in a stadium"),
@@ -116,16 +129,23 @@ class CrowdSettings:
         ],
     )
     start_object: PointerProperty(
-        type=bpy.types.Object, name="Object", description="Object whose faces, curves or points the agents start on"
+        type=bpy.types.Object,
+        name="Object",
+        description="Object whose faces, curves or points the agents start on",
     )
     density_group: StringProperty(
-        name="Vertex Group", description="Vertex group of the object whose weights give the density of agents; even if empty"
+        name="Vertex Group",
+        description="Vertex group of the object whose weights give the density of agents; even if empty",
     )
     density_image: PointerProperty(
-        type=bpy.types.Image, name="Image", description="Image over the object's UV map, which gives the density by its gray"
+        type=bpy.types.Image,
+        name="Image",
+        description="Image over the object's UV map, which gives the density by its gray",
     )
     density_volumes: PointerProperty(
-        type=bpy.types.Collection, name="Volumes", description="Collection of objects: agents start within their boxes alone"
+        type=bpy.types.Collection,
+        name="Volumes",
+        description="Collection of objects: agents start within their boxes alone",
     )
     spacing: FloatProperty(
         update=outdate,
@@ -135,9 +155,20 @@ class CrowdSettings:
         description="Distance between neighbors, which then fixes how many agents there are; 0 to place as many as Agents says",
     )
     jitter: FloatProperty(
-        name="Jitter", min=0, max=1, subtype="FACTOR", description="Part of the distance by which agents stand out of line"
+        name="Jitter",
+        min=0,
+        max=1,
+        subtype="FACTOR",
+        description="Part of the distance by which agents stand out of line",
     )
-    rows: IntProperty(update=outdate, name="Rows", default=1, min=1, max=1000, description="Rows along each curve, outward from it")
+    rows: IntProperty(
+        update=outdate,
+        name="Rows",
+        default=1,
+        min=1,
+        max=1000,
+        description="Rows along each curve, outward from it",
+    )
     row_depth: FloatProperty(
         name="Row Depth",
         default=0.9,
@@ -145,17 +176,23 @@ class CrowdSettings:
         unit="LENGTH",
         description="Distance from one row to the next: outward from a closed curve, to the left of an open one",
     )
-    row_rise: FloatProperty(name="Row Rise", unit="LENGTH", description="Height of each row above the one before")
+    row_rise: FloatProperty(
+        name="Row Rise", unit="LENGTH", description="Height of each row above the one before"
+    )
     row_turn: FloatProperty(
         name="Turn",
         subtype="ANGLE",
         description="Angle added to where agents face: inward from a closed curve, to the right of an open one",
     )
     start_places: PointerProperty(
-        type=bpy.types.Mesh, name="Places", description="Places to start on an object, as Populate drew them"
+        type=bpy.types.Mesh,
+        name="Places",
+        description="Places to start on an object, as Populate drew them",
     )
     seed: IntProperty(name="Seed", min=0, description="The same seed gives the same crowd")
-    center: FloatVectorProperty(name="Center", size=3, subtype="TRANSLATION", description="Center of the crowd's ground")
+    center: FloatVectorProperty(
+        name="Center", size=3, subtype="TRANSLATION", description="Center of the crowd's ground"
+    )
     size: FloatVectorProperty(
         name="Size",
         size=2,
@@ -176,10 +213,14 @@ class BehaviorSettings:
         description="Label map over the ground: each pixel in the color of a label. None is open ground between two edges",
     )
     areas: CollectionProperty(
-        type=CrowdLodArea, name="Walls and Areas", description="Meshes that lay labels over the map; of two, the lower one counts"
+        type=CrowdLodArea,
+        name="Walls and Areas",
+        description="Meshes that lay labels over the map; of two, the lower one counts",
     )
     areas_image: PointerProperty(
-        type=bpy.types.Image, name="Walls and Areas Map", description="The labels of meshes, as they were last laid over the map"
+        type=bpy.types.Image,
+        name="Walls and Areas Map",
+        description="The labels of meshes, as they were last laid over the map",
     )
     height_image: PointerProperty(
         type=bpy.types.Image,
@@ -187,7 +228,10 @@ class BehaviorSettings:
         description="Heights over the ground, from the first channel; agents stand on it. None is level ground",
     )
     height_scale: FloatProperty(
-        name="Height", default=1.0, unit="LENGTH", description="Height of the value 1 (white) above that of 0 (black)"
+        name="Height",
+        default=1.0,
+        unit="LENGTH",
+        description="Height of the value 1 (white) above that of 0 (black)",
     )
     terrain: PointerProperty(
         type=bpy.types.Collection,
@@ -195,13 +239,18 @@ class BehaviorSettings:
         description="Collection of meshes that agents stand on, with any number of floors. It takes the place of a height map",
     )
     terrain_object: PointerProperty(
-        type=bpy.types.Object, name="Terrain Object", description="Object that agents stand on, besides the collection or instead"
+        type=bpy.types.Object,
+        name="Terrain Object",
+        description="Object that agents stand on, besides the collection or instead",
     )
     terrain_mesh: PointerProperty(
-        type=bpy.types.Mesh, name="Ground", description="Faces of the terrain that one can stand on, as Populate read them"
+        type=bpy.types.Mesh,
+        name="Ground",
+        description="Faces of the terrain that one can stand on, as Populate read them",
     )
     tilt: BoolProperty(
-        name="Align to Slope", description="Agents on a height map or a terrain stand square on its slope instead of upright"
+        name="Align to Slope",
+        description="Agents on a height map or a terrain stand square on its slope instead of upright",
     )
     machine: PointerProperty(
         type=bpy.types.Text,
@@ -209,7 +258,10 @@ class BehaviorSettings:
         description="What agents do on each label, as JSON. None lets them walk to and fro between the edges",
     )
     first_frame: IntProperty(
-        name="Start Frame", default=1, subtype="TIME", description="Before it the crowd stands where it was populated"
+        name="Start Frame",
+        default=1,
+        subtype="TIME",
+        description="Before it the crowd stands where it was populated",
     )
 
 
@@ -217,16 +269,24 @@ class SimulationSettings:
     """What Simulate with JuPedSim makes of the label map."""
 
     start_labels: StringProperty(
-        name="Starts", description="Labels that agents start on, such as platform, hall; where the state machine lets them if empty"
+        name="Starts",
+        description="Labels that agents start on, such as platform, hall; where the state machine lets them if empty",
     )
-    goal_labels: StringProperty(name="Goals", description="Labels that agents walk to, and leave at; the label exit if empty")
+    goal_labels: StringProperty(
+        name="Goals",
+        description="Labels that agents walk to, and leave at; the label exit if empty",
+    )
     goal_choice: EnumProperty(
         name="Choice",
         description="Which goal an agent walks to",
-        items=[("NEAREST", "Nearest", "The one that is nearest where it starts"), ("ANY", "Any", "Drawn for each agent")],
+        items=[
+            ("NEAREST", "Nearest", "The one that is nearest where it starts"),
+            ("ANY", "Any", "Drawn for each agent"),
+        ],
     )
     wall_labels: StringProperty(
-        name="Walls", description="Labels that nobody enters, such as house, pillar; the label wall if empty"
+        name="Walls",
+        description="Labels that nobody enters, such as house, pillar; the label wall if empty",
     )
     obstacles: PointerProperty(
         type=bpy.types.Collection,
@@ -252,21 +312,31 @@ class CameraSettings:
     """What the camera culls."""
 
     cull_to_border: BoolProperty(
-        name="Cull to Render Region", description="Leave out what lies outside the render region, where one is set"
+        name="Cull to Render Region",
+        description="Leave out what lies outside the render region, where one is set",
     )
     drop_lost: BoolProperty(
-        name="Drop Lost Agents", description="Leave out agents at NaN or infinity, and count them, instead of stopping"
+        name="Drop Lost Agents",
+        description="Leave out agents at NaN or infinity, and count them, instead of stopping",
     )
     margin_kind: EnumProperty(
         name="Margin",
         description="By how much the camera's frustum is widened, for characters that reach into it from outside",
         items=[
-            ("DERIVED", "From Bounds", "Widen the frustum just so far that no character that may touch a pixel is dropped"),
+            (
+                "DERIVED",
+                "From Bounds",
+                "Widen the frustum just so far that no character that may touch a pixel is dropped",
+            ),
             ("FIXED", "Fixed", "Widen the frustum by a distance of your own; may drop characters"),
         ],
     )
     margin: FloatProperty(
-        name="Margin", default=1.0, min=0, unit="LENGTH", description="Distance by which the frustum's sides are moved out"
+        name="Margin",
+        default=1.0,
+        min=0,
+        unit="LENGTH",
+        description="Distance by which the frustum's sides are moved out",
     )
     shadows: BoolProperty(
         name="Shadows and Reflections",
@@ -275,7 +345,9 @@ class CameraSettings:
         "does not see them",
     )
     mirrors: PointerProperty(
-        type=bpy.types.Collection, name="Mirrors", description="Collection of flat objects that mirror the crowd"
+        type=bpy.types.Collection,
+        name="Mirrors",
+        description="Collection of flat objects that mirror the crowd",
     )
     unseen_level: IntProperty(
         name="LOD If Unseen",

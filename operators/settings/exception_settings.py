@@ -24,7 +24,11 @@ class CrowdLodException(bpy.types.PropertyGroup):
         name="Asks For",
         description="What is asked for these agents",
         items=[
-            ("NEVER_COARSER", "Never Coarser Than", "They never have a LOD with fewer triangles than this one"),
+            (
+                "NEVER_COARSER",
+                "Never Coarser Than",
+                "They never have a LOD with fewer triangles than this one",
+            ),
             ("ALWAYS", "Always", "They always have this LOD"),
             ("HIDE", "Hide", "They are not there, nor are their shadows and reflections"),
             ("NUDGE", "Nudge", "They stand and walk beside their own way"),
@@ -32,7 +36,9 @@ class CrowdLodException(bpy.types.PropertyGroup):
             ("GROUP", "Swap Group", "They are of this character group"),
         ],
     )
-    level: IntProperty(name="LOD", min=0, max=MOST_LEVELS - 1, description="The LOD that the exception speaks of")
+    level: IntProperty(
+        name="LOD", min=0, max=MOST_LEVELS - 1, description="The LOD that the exception speaks of"
+    )
     move: FloatVectorProperty(
         name="Nudge",
         size=3,
@@ -43,7 +49,9 @@ class CrowdLodException(bpy.types.PropertyGroup):
         description="By which way they stand beside their own, along the world's axes",
     )
     turn: FloatProperty(
-        name="Turn", subtype="ANGLE", description="By which angle they face beside their own heading, counter-clockwise from above"
+        name="Turn",
+        subtype="ANGLE",
+        description="By which angle they face beside their own heading, counter-clockwise from above",
     )
     group_name: StringProperty(name="Group", description="The character group that they are of")
     share: FloatProperty(
@@ -54,15 +62,29 @@ class CrowdLodException(bpy.types.PropertyGroup):
         subtype="FACTOR",
         description="Part of those in the region or on the map that Find Agents takes",
     )
-    share_seed: IntProperty(name="Seed", min=0, description="Another seed takes another part of them")
+    share_seed: IntProperty(
+        name="Seed", min=0, description="Another seed takes another part of them"
+    )
     chosen_by: EnumProperty(
         name="Agents By",
         description="Which agents the exception is for",
         items=[
             ("NUMBERS", "Numbers", "Agents with these numbers; the eyedropper tells an agent's"),
-            ("REGION", "Region", "Agents whose feet stand in the box about an object, when the exception begins"),
-            ("MAP", "Painted Map", "Agents that stand on pixels lighter than a half, when the exception begins"),
-            ("VOLUME", "Volume", "Agents whose middle is inside a closed mesh, when the exception begins"),
+            (
+                "REGION",
+                "Region",
+                "Agents whose feet stand in the box about an object, when the exception begins",
+            ),
+            (
+                "MAP",
+                "Painted Map",
+                "Agents that stand on pixels lighter than a half, when the exception begins",
+            ),
+            (
+                "VOLUME",
+                "Volume",
+                "Agents whose middle is inside a closed mesh, when the exception begins",
+            ),
         ],
     )
     agents: StringProperty(
@@ -76,11 +98,25 @@ class CrowdLodException(bpy.types.PropertyGroup):
         description="A mesh or an empty. Its box in its own space chooses agents, a flat one at every height; or its volume",
     )
     map_image: PointerProperty(
-        type=bpy.types.Image, name="Map", description="Painted over the ground: white chooses, black does not"
+        type=bpy.types.Image,
+        name="Map",
+        description="Painted over the ground: white chooses, black does not",
     )
-    all_frames: BoolProperty(name="All Frames", default=True, description="The exception holds in the whole shot")
-    first_frame: IntProperty(name="First Frame", default=1, subtype="TIME", description="From which on the exception holds")
-    last_frame: IntProperty(name="Last Frame", default=120, subtype="TIME", description="Up to which the exception holds")
+    all_frames: BoolProperty(
+        name="All Frames", default=True, description="The exception holds in the whole shot"
+    )
+    first_frame: IntProperty(
+        name="First Frame",
+        default=1,
+        subtype="TIME",
+        description="From which on the exception holds",
+    )
+    last_frame: IntProperty(
+        name="Last Frame",
+        default=120,
+        subtype="TIME",
+        description="Up to which the exception holds",
+    )
 
 
 CLASSES = (CrowdLodException,)

@@ -20,6 +20,8 @@ def set_lengths(scene: bpy.types.Scene) -> None:
         kinds = crowd.bl_rna.properties
         for name in LENGTHS:
             if name in kinds and not crowd.is_property_set(name):
-                default = kinds[name].default_array if kinds[name].is_array else [kinds[name].default]
+                default = (
+                    kinds[name].default_array if kinds[name].is_array else [kinds[name].default]
+                )
                 lengths = [length / meters for length in default]
                 setattr(crowd, name, lengths if kinds[name].is_array else lengths[0])

@@ -19,8 +19,16 @@ from .setting_changes import settings_changed
 from .threshold_order import push, push_all
 
 METHODS = (
-    ("AUTO", "Automatic", "Make each mesh by both methods, measure how far it is off in motion, and take the closer one"),
-    ("POSE_AWARE", "Pose-Aware", "Quadric edge collapse that heeds the poses of the action and keeps UV seams"),
+    (
+        "AUTO",
+        "Automatic",
+        "Make each mesh by both methods, measure how far it is off in motion, and take the closer one",
+    ),
+    (
+        "POSE_AWARE",
+        "Pose-Aware",
+        "Quadric edge collapse that heeds the poses of the action and keeps UV seams",
+    ),
     ("DECIMATE", "Decimate Modifier", "Blender's own, which looks at the rest pose; it is quicker"),
 )
 SIZES = (200, 80, 40, 20, 10, 5, 2)
@@ -30,19 +38,41 @@ THRESHOLDS = (0.15, 0.4, 0.6, 0.7, 0.8, 0.9, 1.0)
 class CrowdLodAction(bpy.types.PropertyGroup):
     """Measurements of the action that states name `name`, as one character group plays it."""
 
-    stride: FloatProperty(name="Stride", unit="LENGTH", description="Length walked in a cycle; 0 plays the action by time")
-    period: FloatProperty(name="Period", unit="TIME_ABSOLUTE", description="Seconds in a cycle of the action")
+    stride: FloatProperty(
+        name="Stride",
+        unit="LENGTH",
+        description="Length walked in a cycle; 0 plays the action by time",
+    )
+    period: FloatProperty(
+        name="Period", unit="TIME_ABSOLUTE", description="Seconds in a cycle of the action"
+    )
 
 
 class CrowdLodGroup(bpy.types.PropertyGroup):
     """Measurements of the character group `name`, and its own LOD thresholds."""
 
-    center: FloatProperty(name="Center", unit="LENGTH", description="Height of the bounding sphere's center")
-    radius: FloatProperty(name="Radius", unit="LENGTH", description="Radius of the bounding sphere over the whole action")
-    stride: FloatProperty(name="Stride", unit="LENGTH", description="Length walked in a cycle; 0 plays the action by time")
-    period: FloatProperty(name="Period", unit="TIME_ABSOLUTE", description="Seconds in a cycle of the action")
+    center: FloatProperty(
+        name="Center", unit="LENGTH", description="Height of the bounding sphere's center"
+    )
+    radius: FloatProperty(
+        name="Radius",
+        unit="LENGTH",
+        description="Radius of the bounding sphere over the whole action",
+    )
+    stride: FloatProperty(
+        name="Stride",
+        unit="LENGTH",
+        description="Length walked in a cycle; 0 plays the action by time",
+    )
+    period: FloatProperty(
+        name="Period", unit="TIME_ABSOLUTE", description="Seconds in a cycle of the action"
+    )
     share: FloatProperty(
-        name="Share", min=0, soft_max=10, default=1, description="Share of the agents, in proportion to the other groups'"
+        name="Share",
+        min=0,
+        soft_max=10,
+        default=1,
+        description="Share of the agents, in proportion to the other groups'",
     )
     scale: FloatVectorProperty(
         name="Scale",
@@ -52,19 +82,36 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
         default=(1, 1),
         description="Least and greatest size of its agents, drawn for each",
     )
-    variant_of: StringProperty(name="Variant Of", description="The group that this is with some of its props; empty without")
-    chance: FloatProperty(name="Chance", default=1, min=0, max=1, description="That an agent of the group has just these props")
-    actions: CollectionProperty(type=CrowdLodAction, name="Actions", description="Those besides its own that states name")
+    variant_of: StringProperty(
+        name="Variant Of",
+        description="The group that this is with some of its props; empty without",
+    )
+    chance: FloatProperty(
+        name="Chance",
+        default=1,
+        min=0,
+        max=1,
+        description="That an agent of the group has just these props",
+    )
+    actions: CollectionProperty(
+        type=CrowdLodAction, name="Actions", description="Those besides its own that states name"
+    )
     lowest: FloatProperty(
-        name="Soles", unit="LENGTH", description="Height of its soles above the origin, over the whole action; 0 if near"
+        name="Soles",
+        unit="LENGTH",
+        description="Height of its soles above the origin, over the whole action; 0 if near",
     )
     on_ground: BoolProperty(
         name="Stand on Ground",
         description="Its soles stand on the ground over the whole action, instead of its origin",
         update=settings_changed("on_ground"),
     )
-    vertices: IntVectorProperty(name="Vertices", size=MOST_LEVELS, description="Vertices of each LOD")
-    triangles: IntVectorProperty(name="Triangles", size=MOST_LEVELS, description="Triangles of each LOD")
+    vertices: IntVectorProperty(
+        name="Vertices", size=MOST_LEVELS, description="Vertices of each LOD"
+    )
+    triangles: IntVectorProperty(
+        name="Triangles", size=MOST_LEVELS, description="Triangles of each LOD"
+    )
     deviations: FloatVectorProperty(
         name="Deviation",
         size=MOST_LEVELS,
@@ -72,26 +119,40 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
         description="Largest distance found of each LOD's surface from the character's, both ways, over its action",
     )
     bounds: FloatVectorProperty(
-        name="Bound", size=MOST_LEVELS, unit="LENGTH", description="Upper bound of each LOD's deviation, by which LODs are chosen"
+        name="Bound",
+        size=MOST_LEVELS,
+        unit="LENGTH",
+        description="Upper bound of each LOD's deviation, by which LODs are chosen",
     )
     rms: FloatVectorProperty(
-        name="RMS", size=MOST_LEVELS, unit="LENGTH", description="Root mean square of the distances, in the worst pose"
+        name="RMS",
+        size=MOST_LEVELS,
+        unit="LENGTH",
+        description="Root mean square of the distances, in the worst pose",
     )
-    worst: FloatVectorProperty(name="Worst Frame", size=MOST_LEVELS, description="Frame at which each LOD deviates most")
+    worst: FloatVectorProperty(
+        name="Worst Frame", size=MOST_LEVELS, description="Frame at which each LOD deviates most"
+    )
     shaded: FloatVectorProperty(
         name="Shaded",
         size=MOST_LEVELS,
         default=(-1.0,) * MOST_LEVELS,
         description="Length per pixel from which on each LOD's shaded picture matches the character's; below 0 if not known",
     )
-    diagonal: FloatProperty(name="Diagonal", unit="LENGTH", description="Of the bounding box; 0 while no LOD was measured")
+    diagonal: FloatProperty(
+        name="Diagonal",
+        unit="LENGTH",
+        description="Of the bounding box; 0 while no LOD was measured",
+    )
     finest: IntProperty(
         name="Finest LOD",
         min=0,
         max=MOST_LEVELS - 1,
         description="Finer LODs of this group are not built, to fit in Memory for Characters",
     )
-    own_thresholds: BoolProperty(name="Own Thresholds", description="This group has LOD distances of its own")
+    own_thresholds: BoolProperty(
+        name="Own Thresholds", description="This group has LOD distances of its own"
+    )
     thresholds: FloatVectorProperty(
         update=push("thresholds"),
         name="Threshold",
@@ -121,8 +182,16 @@ class LevelSettings:
         default="BY_TOLERANCE",
         description="How many LODs there are, and where they begin",
         items=[
-            ("BY_RATIO", "By Ratio", "Set how many LODs there are, what they keep and where they begin"),
-            ("BY_TOLERANCE", "By Tolerance", "Set how many pixels a LOD may deviate; all else follows, for every camera"),
+            (
+                "BY_RATIO",
+                "By Ratio",
+                "Set how many LODs there are, what they keep and where they begin",
+            ),
+            (
+                "BY_TOLERANCE",
+                "By Tolerance",
+                "Set how many pixels a LOD may deviate; all else follows, for every camera",
+            ),
         ],
     )
     tolerance: FloatProperty(
@@ -174,7 +243,9 @@ class LevelSettings:
         default=(1.0, 0.4, 0.12, 0.05, 0.03, 0.02, 0.015, 0.01),
         description="Part of the triangles that each LOD keeps",
     )
-    method: EnumProperty(name="Decimation", description="How the LOD meshes are made", items=METHODS)
+    method: EnumProperty(
+        name="Decimation", description="How the LOD meshes are made", items=METHODS
+    )
     thresholds: FloatVectorProperty(
         update=push("thresholds"),
         name="Threshold",

@@ -7,7 +7,11 @@ import bpy
 
 
 def characters(scene: bpy.types.Scene) -> str:
-    return "" if scene.crowd_lod.characters is not None else "Choose the collection of characters, or make it from a selection"
+    return (
+        ""
+        if scene.crowd_lod.characters is not None
+        else "Choose the collection of characters, or make it from a selection"
+    )
 
 
 def crowd(scene: bpy.types.Scene) -> str:
@@ -15,7 +19,11 @@ def crowd(scene: bpy.types.Scene) -> str:
 
 
 def camera(scene: bpy.types.Scene) -> str:
-    return "" if scene.camera is not None and scene.camera.type == "CAMERA" else "The scene needs an active camera"
+    return (
+        ""
+        if scene.camera is not None and scene.camera.type == "CAMERA"
+        else "The scene needs an active camera"
+    )
 
 
 def lods(scene: bpy.types.Scene) -> str:
@@ -27,7 +35,11 @@ def overlay(scene: bpy.types.Scene) -> str:
 
 
 def picked(scene: bpy.types.Scene) -> str:
-    return "" if scene.crowd_lod.agent >= 0 else "Pick an agent in the viewport first, with the eyedropper beside Agent"
+    return (
+        ""
+        if scene.crowd_lod.agent >= 0
+        else "Pick an agent in the viewport first, with the eyedropper beside Agent"
+    )
 
 
 def plan(scene: bpy.types.Scene) -> str:
@@ -57,4 +69,8 @@ def place(scene: bpy.types.Scene) -> str:
     if not 0 <= settings.exception_index < len(settings.exceptions):
         return "Select an exception in the list"
     by = settings.exceptions[settings.exception_index].chosen_by
-    return "" if by != "NUMBERS" else "Agents are found by a region, a volume or a painted map: set Agents By"
+    return (
+        ""
+        if by != "NUMBERS"
+        else "Agents are found by a region, a volume or a painted map: set Agents By"
+    )

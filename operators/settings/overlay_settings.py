@@ -20,12 +20,20 @@ class OverlaySettings:
         name="Display As",
         description="How the overlay draws the agents",
         items=[
-            ("MESHES", "LOD Meshes", "Every character at its LOD, each in its own step of the action"),
+            (
+                "MESHES",
+                "LOD Meshes",
+                "Every character at its LOD, each in its own step of the action",
+            ),
             ("BOXES", "Boxes", "As high and wide as the characters; for very many"),
             ("POINTS", "Points", "As wide as the characters; for very many"),
         ],
     )
-    overlay_color: EnumProperty(name="Overlay Color", description="Colors of the agents in the overlay", items=OVERLAY_COLORS)
+    overlay_color: EnumProperty(
+        name="Overlay Color",
+        description="Colors of the agents in the overlay",
+        items=OVERLAY_COLORS,
+    )
     overlay_camera: EnumProperty(
         name="Seen From",
         description="View that culls agents and chooses LODs in the overlay",
@@ -34,11 +42,21 @@ class OverlaySettings:
             ("VIEWPORT", "Viewport", "Culling and LODs are those of each viewport's own view"),
         ],
     )
-    hud: BoolProperty(name="Statistics", default=True, description="Write counts, times and memory over the viewport")
-    inset: BoolProperty(
-        name="Inset From Above", description="Show the crowd, the camera's frustum and the LOD ranges from above in a corner"
+    hud: BoolProperty(
+        name="Statistics",
+        default=True,
+        description="Write counts, times and memory over the viewport",
     )
-    agent: IntProperty(name="Agent", default=-1, min=-1, description="The agent that the overlay marks and describes; -1 is none")
+    inset: BoolProperty(
+        name="Inset From Above",
+        description="Show the crowd, the camera's frustum and the LOD ranges from above in a corner",
+    )
+    agent: IntProperty(
+        name="Agent",
+        default=-1,
+        min=-1,
+        description="The agent that the overlay marks and describes; -1 is none",
+    )
     overlay_culled: BoolProperty(
         name="Culled Agents",
         default=True,

@@ -12,12 +12,24 @@ from bl_ui.utils import PresetPanel
 from ...crowd_lod.format import counted
 from ..blender.labeled_properties import CONTEXT, EnumProperty
 from ..blender.operator import Reporting
-from .crowd_settings import BehaviorSettings, CameraSettings, CharacterSettings, CrowdSettings, SimulationSettings
+from .crowd_settings import (
+    BehaviorSettings,
+    CameraSettings,
+    CharacterSettings,
+    CrowdSettings,
+    SimulationSettings,
+)
 from .level_settings import LevelSettings
 from .outdated_estimate import outdate
 from .overlay_settings import OverlaySettings
 from .properties import CrowdLodSettings
-from .shot_settings import ExportSettings, FrameSettings, PlanSettings, PreviewSettings, VerifySettings
+from .shot_settings import (
+    ExportSettings,
+    FrameSettings,
+    PlanSettings,
+    PreviewSettings,
+    VerifySettings,
+)
 from .threshold_order import note_thresholds
 
 STEPS: dict[str, tuple[type, ...]] = {
@@ -40,7 +52,11 @@ def names_of(step: str) -> list[str]:
     """Return the names of the settings that a preset of the step holds."""
     kinds: Any = CrowdLodSettings.bl_rna.properties
     own = (name for part in STEPS[step] for name in part.__annotations__)
-    return [name for name in own if name not in PASSING and kinds[name].type in ("BOOLEAN", "INT", "FLOAT", "ENUM")]
+    return [
+        name
+        for name in own
+        if name not in PASSING and kinds[name].type in ("BOOLEAN", "INT", "FLOAT", "ENUM")
+    ]
 
 
 class CROWDLOD_OT_reset(Reporting, bpy.types.Operator):
@@ -49,7 +65,9 @@ class CROWDLOD_OT_reset(Reporting, bpy.types.Operator):
     bl_idname = "crowd_lod.reset"
     bl_label = "Reset to Defaults"
 
-    step: EnumProperty(name="Step", items=[(step, step.capitalize(), "") for step in STEPS], default="all")
+    step: EnumProperty(
+        name="Step", items=[(step, step.capitalize(), "") for step in STEPS], default="all"
+    )
 
     def run(self, context) -> str:
         names, settings = names_of(self.step), context.scene.crowd_lod
@@ -58,7 +76,9 @@ class CROWDLOD_OT_reset(Reporting, bpy.types.Operator):
         # no setting's update callback is called
         note_thresholds(settings)
         outdate(settings, context)
-        return f"{counted(len(names), 'setting is at its default', 'settings are at their defaults')}."
+        return (
+            f"{counted(len(names), 'setting is at its default', 'settings are at their defaults')}."
+        )
 
 
 class _Adding(AddPresetBase):
@@ -95,7 +115,12 @@ def _classes(step: str) -> tuple[type, type]:
         type(
             f"CROWDLOD_OT_{step}_preset_add",
             (_Adding, bpy.types.Operator),
-            {**shared, "bl_idname": adding, "bl_label": f"Add {step.capitalize()} Preset", "preset_menu": panel},
+            {
+                **shared,
+                "bl_idname": adding,
+                "bl_label": f"Add {step.capitalize()} Preset",
+                "preset_menu": panel,
+            },
         ),
     )
 

@@ -2,11 +2,30 @@
 
 import bpy
 
-from ..blender.labeled_properties import CollectionProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
-from .crowd_settings import BehaviorSettings, CameraSettings, CharacterSettings, CrowdLodCrowd, CrowdSettings, SimulationSettings
+from ..blender.labeled_properties import (
+    CollectionProperty,
+    FloatProperty,
+    IntProperty,
+    PointerProperty,
+    StringProperty,
+)
+from .crowd_settings import (
+    BehaviorSettings,
+    CameraSettings,
+    CharacterSettings,
+    CrowdLodCrowd,
+    CrowdSettings,
+    SimulationSettings,
+)
 from .level_settings import CrowdLodAction, CrowdLodGroup, LevelSettings
 from .overlay_settings import OverlaySettings
-from .shot_settings import ExportSettings, FrameSettings, PlanSettings, PreviewSettings, VerifySettings
+from .shot_settings import (
+    ExportSettings,
+    FrameSettings,
+    PlanSettings,
+    PreviewSettings,
+    VerifySettings,
+)
 
 
 class CrowdLodSettings(
@@ -29,21 +48,43 @@ class CrowdLodSettings(
     Everything else that a plan depends on is in the scene itself.
     """
 
-    crowds: CollectionProperty(type=CrowdLodCrowd, name="Further Crowds", description="Crowds beside that of these settings")
-    crowd_index: IntProperty(name="Active Crowd", min=0, description="Which of the further crowds the sidebar shows")
-    groups: CollectionProperty(type=CrowdLodGroup, name="Character Groups", description="What was measured of each")
-    trouble: StringProperty(name="Trouble", description="What Populate found that may be wrong, a line each")
+    crowds: CollectionProperty(
+        type=CrowdLodCrowd,
+        name="Further Crowds",
+        description="Crowds beside that of these settings",
+    )
+    crowd_index: IntProperty(
+        name="Active Crowd", min=0, description="Which of the further crowds the sidebar shows"
+    )
+    groups: CollectionProperty(
+        type=CrowdLodGroup, name="Character Groups", description="What was measured of each"
+    )
+    trouble: StringProperty(
+        name="Trouble", description="What Populate found that may be wrong, a line each"
+    )
     memory_tolerance: FloatProperty(
         name="Tolerance for Memory",
         min=0,
         subtype="PIXEL",
         description="Pixels that LODs deviate so that they fit in Memory for Characters, as Make LOD Meshes found; 0 without a limit",
     )
-    memory_made: FloatProperty(name="Memory Limit of LODs", description="Memory for Characters when LOD meshes were last made")
-    dropped: StringProperty(name="Not Made", description="LODs that were not made by tolerance, and why, a line each")
-    estimate: StringProperty(name="Estimate", description="What the crowd costs to render, as Estimate Cost found: a table")
-    levels: PointerProperty(type=bpy.types.Collection, name="LOD Meshes", description="Made by Make LOD Meshes")
-    build: PointerProperty(type=bpy.types.Collection, name="Build", description="Made by Build or Bake")
+    memory_made: FloatProperty(
+        name="Memory Limit of LODs",
+        description="Memory for Characters when LOD meshes were last made",
+    )
+    dropped: StringProperty(
+        name="Not Made", description="LODs that were not made by tolerance, and why, a line each"
+    )
+    estimate: StringProperty(
+        name="Estimate",
+        description="What the crowd costs to render, as Estimate Cost found: a table",
+    )
+    levels: PointerProperty(
+        type=bpy.types.Collection, name="LOD Meshes", description="Made by Make LOD Meshes"
+    )
+    build: PointerProperty(
+        type=bpy.types.Collection, name="Build", description="Made by Build or Bake"
+    )
 
 
 CLASSES = (CrowdLodCrowd, CrowdLodAction, CrowdLodGroup, CrowdLodSettings)

@@ -32,9 +32,16 @@ class FrameSettings:
         f"{BLEND_NAME} is the name of the .blend file",
     )
 
-    own_frames: BoolProperty(name="Own Frame Range", description="Plan, preview and verify other frames than the scene's own range")
-    frame_start: IntProperty(name="Start", default=1, subtype="TIME", description="First frame of the shot")
-    frame_end: IntProperty(name="End", default=250, subtype="TIME", description="Last frame of the shot")
+    own_frames: BoolProperty(
+        name="Own Frame Range",
+        description="Plan, preview and verify other frames than the scene's own range",
+    )
+    frame_start: IntProperty(
+        name="Start", default=1, subtype="TIME", description="First frame of the shot"
+    )
+    frame_end: IntProperty(
+        name="End", default=250, subtype="TIME", description="Last frame of the shot"
+    )
     frames: StringProperty(
         name="Frame List",
         description="Frames as text, a range 1:120 or a list 1,40,80, in place of the range above; empty takes the range",
@@ -75,20 +82,26 @@ class PlanSettings:
         description="File with the LODs of every character in every frame, as Plan Shot made it; none takes LODs by distance",
     )
     use_shot_plan: BoolProperty(
-        name="Use Shot Plan", default=True, description="Overlay, Preview, Build and Bake show the LODs of the shot plan"
+        name="Use Shot Plan",
+        default=True,
+        description="Overlay, Preview, Build and Bake show the LODs of the shot plan",
     )
     exceptions: CollectionProperty(
         type=CrowdLodException,
         name="Exceptions",
         description="From the crowd and its LODs as they follow from the settings; of two for the same agent, the lower one holds",
     )
-    exception_index: IntProperty(name="Exception", min=0, description="The exception that is selected in the list")
+    exception_index: IntProperty(
+        name="Exception", min=0, description="The exception that is selected in the list"
+    )
 
 
 class PreviewSettings:
     """The pictures of a preview."""
 
-    color: EnumProperty(name="Color", description="Colors of the characters in the previewed pictures", items=COLORS)
+    color: EnumProperty(
+        name="Color", description="Colors of the characters in the previewed pictures", items=COLORS
+    )
     engine: EnumProperty(
         name="Engine",
         description="What draws the previewed pictures",
@@ -96,7 +109,11 @@ class PreviewSettings:
             ("WORKBENCH", "Workbench", "Plain and quick, as a solid viewport"),
             ("CYCLES", "Cycles", "Path tracing, with the scene's lights"),
             ("EEVEE", "EEVEE", "Rasterized, with the scene's lights"),
-            ("OVERLAY", "Overlay", "A playblast: the picture of the viewport's overlay, in its color; by far the fastest"),
+            (
+                "OVERLAY",
+                "Overlay",
+                "A playblast: the picture of the viewport's overlay, in its color; by far the fastest",
+            ),
         ],
     )
     above: PointerProperty(
@@ -105,18 +122,40 @@ class PreviewSettings:
         poll=lambda _, candidate: candidate.type == "CAMERA",
         description="Camera of the second picture; none looks straight down on crowd and frustum",
     )
-    step: IntProperty(name="Step", default=10, min=1, description="Preview every so many frames of a range")
-    width: IntProperty(name="Width", default=960, min=16, max=8192, subtype="PIXEL", description="Width of the pictures")
+    step: IntProperty(
+        name="Step", default=10, min=1, description="Preview every so many frames of a range"
+    )
+    width: IntProperty(
+        name="Width",
+        default=960,
+        min=16,
+        max=8192,
+        subtype="PIXEL",
+        description="Width of the pictures",
+    )
 
 
 class VerifySettings:
     """The renders of a proof."""
 
-    verify_count: IntProperty(name="Frames", default=3, min=1, description="Frames that are rendered, evenly chosen")
-    verify_width: IntProperty(
-        name="Width", default=320, min=16, max=8192, subtype="PIXEL", description="Width of the pictures that are compared"
+    verify_count: IntProperty(
+        name="Frames", default=3, min=1, description="Frames that are rendered, evenly chosen"
     )
-    verify_samples: IntProperty(name="Samples", default=4, min=1, max=4096, description="Samples of each pixel that are rendered")
+    verify_width: IntProperty(
+        name="Width",
+        default=320,
+        min=16,
+        max=8192,
+        subtype="PIXEL",
+        description="Width of the pictures that are compared",
+    )
+    verify_samples: IntProperty(
+        name="Samples",
+        default=4,
+        min=1,
+        max=4096,
+        description="Samples of each pixel that are rendered",
+    )
 
 
 class ExportSettings:

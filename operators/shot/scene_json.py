@@ -26,7 +26,11 @@ from ..scene.stuck_agents import find
 
 
 def scene_json(
-    scene: bpy.types.Scene, stage: bpy.types.Scene, command: list[str], last: int, characters: list[dict]
+    scene: bpy.types.Scene,
+    stage: bpy.types.Scene,
+    command: list[str],
+    last: int,
+    characters: list[dict],
 ) -> Generator[float, None, dict[str, Any]]:
     """Make what plan.json tells of a scene and its crowd: yield between the steps, return the dict.
 
@@ -80,7 +84,9 @@ def _scene_of(scene: bpy.types.Scene) -> dict[str, Any]:
     return {
         "name": scene.name,
         "file": printable(file) if file else None,
-        "sha256": hashlib.sha256(file.read_bytes()).hexdigest() if file and file.is_file() else None,
+        "sha256": hashlib.sha256(file.read_bytes()).hexdigest()
+        if file and file.is_file()
+        else None,
     }
 
 
@@ -110,7 +116,9 @@ def _levels_of(stage: bpy.types.Scene, characters: list[dict]) -> dict[str, Any]
         "tolerance": policy.tolerance,
         "shading_counts": policy.shading,
         "pixels": cameras.image_size(stage.render),
-        "ratios": [round(r, 6) for r in settings.ratios[: policy.count]] if policy.tolerance is None else None,
+        "ratios": [round(r, 6) for r in settings.ratios[: policy.count]]
+        if policy.tolerance is None
+        else None,
         "thresholds": list(policy.thresholds) if policy.tolerance is None else None,
         "group_thresholds": [list(own) for own in policy.group_thresholds],
         "drop_lost": policy.drop_lost,

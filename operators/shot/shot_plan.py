@@ -84,19 +84,28 @@ def plan_shot(scene: bpy.types.Scene, wanted: Wanted) -> Generator[float, None, 
     LOD meshes that are missing are made. Nothing else in the scene changes.
     """
     if not 0 <= wanted.avoid < 1e6:
-        raise CrowdError(f"Avoid Pops is {wanted.avoid:g}; give the part of the cost that it may add, such as 0.05.")
+        raise CrowdError(
+            f"Avoid Pops is {wanted.avoid:g}; give the part of the cost that it may add, such as 0.05."
+        )
     check_recorded(scene, "Plan Shot")
     provenance.look_afresh()
     yield from share(ready(scene), 0.0, READY)
     trajectory, policy = trajectory_of(scene), policy_of(scene.crowd_lod)
     exemptions = exemptions_of(scene, trajectory, policy, wanted.frames)
     through = yield from share(
-        survey_of(scene, wanted.frames, wanted.folder if wanted.keeps else None, wanted.blurred), READY, SURVEYED
+        survey_of(scene, wanted.frames, wanted.folder if wanted.keeps else None, wanted.blurred),
+        READY,
+        SURVEYED,
     )
     survey = through.survey
     characters = characters_of(scene)
     rigs = rigs_of(characters, trajectory, cast_of(characters, trajectory))
-    shot = Shot(excepted(survey, exemptions), meshes_of(trajectory.groups, policy.count), scene_data.engine_of(scene), *rigs)
+    shot = Shot(
+        excepted(survey, exemptions),
+        meshes_of(trajectory.groups, policy.count),
+        scene_data.engine_of(scene),
+        *rigs,
+    )
     found = yield from share(decide_within(shot, wanted.budget, wanted.avoid), SURVEYED, DECIDED)
     changes = noticed(shot, found.levels, trajectory.spheres.radius)
     told = Told(
@@ -144,27 +153,43 @@ def write_plan(
     command: the command line of the run.
     """
     write_levels(folder, planned)
-    told = yield from standing(scene_json(scene, scene, command, int(planned.stored.numbers[-1]), []), 1.0)
+    told = yield from standing(
+        scene_json(scene, scene, command, int(planned.stored.numbers[-1]), []), 1.0
+    )
     told |= shot_json(planned)
     (folder / "plan.json").write_text(tables.to_json(told), encoding="utf-8")
     (folder / "frames.csv").write_text(tables.to_csv(told["frames"]), encoding="utf-8")
-    (folder / "switches.csv").write_text(tables.switches_csv(planned.told.noticed), encoding="utf-8")
+    (folder / "switches.csv").write_text(
+        tables.switches_csv(planned.told.noticed), encoding="utf-8"
+    )
     (folder / "report.html").write_text(shot_page(planned.told), encoding="utf-8")
     return told
 
 
 def write_levels(folder: Path, planned: Planned) -> None:
     """Write plan.npz into `folder`."""
-    numbers, pinned = planned.stored.numbers.tolist(), PINNED if planned.plan.tolerance or planned.shot.survey.blurred else 0
-    rows = [marked(row | pinned, number, planned.exemptions) for number, row in zip(numbers, planned.plan.levels, strict=True)]
+    numbers, pinned = (
+        planned.stored.numbers.tolist(),
+        PINNED if planned.plan.tolerance or planned.shot.survey.blurred else 0,
+    )
+    rows = [
+        marked(row | pinned, number, planned.exemptions)
+        for number, row in zip(numbers, planned.plan.levels, strict=True)
+    ]
     plan_file.write(folder / plan_file.NAME, planned.stored, rows)
 
 
 def shot_json(planned: Planned) -> dict[str, Any]:
     """Return what plan.json tells of the shot."""
-    budget = {name: value for name, value in vars(planned.wanted.budget).items() if value not in (None, inf)}
+    budget = {
+        name: value
+        for name, value in vars(planned.wanted.budget).items()
+        if value not in (None, inf)
+    }
     asked = {"avoid_pops": planned.wanted.avoid, "blur": planned.wanted.blurred, "budget": budget}
-    return shot_facts(planned.told, planned.stored, asked, [each.as_json for each in planned.exemptions])
+    return shot_facts(
+        planned.told, planned.stored, asked, [each.as_json for each in planned.exemptions]
+    )
 
 
 def sentence(planned: Planned) -> str:
@@ -172,7 +197,11 @@ def sentence(planned: Planned) -> str:
     plan, frames = planned.plan, len(planned.stored.numbers)
     found, before = plan.bill, plan.thresholds
     bound = f"; {plan.bound:.1%} above the least possible at most" if isfinite(plan.bound) else ""
-    raised = f" To fit in the budget, LODs deviate by up to {number(found.error)} pixels." if plan.tolerance else ""
+    raised = (
+        f" To fit in the budget, LODs deviate by up to {number(found.error)} pixels."
+        if plan.tolerance
+        else ""
+    )
     return (
         f"{counted(frames, 'frame')} of {counted(len(planned.shot.survey.group), 'agent')} planned. LODs change in sight "
         f"{int(found.switches.sum()):,} times, by distance {int(before.switches.sum()):,} times, for "
@@ -182,7 +211,9 @@ def sentence(planned: Planned) -> str:
 
 def budget_of(settings) -> Budget:
     """Return the budget that the settings give; 0 is no limit."""
-    return Budget(triangles=settings.budget_triangles or inf, memory=1e6 * settings.budget_memory or inf)
+    return Budget(
+        triangles=settings.budget_triangles or inf, memory=1e6 * settings.budget_memory or inf
+    )
 
 
 class CROWDLOD_OT_plan_shot(Stepwise, bpy.types.Operator):
@@ -201,7 +232,11 @@ class CROWDLOD_OT_plan_shot(Stepwise, bpy.types.Operator):
         folder = full_path(place)
         with files.staged(folder, plan_file.NAME) as part:
             wanted = Wanted(
-                scene_data.frames_of(scene), folder, settings.avoid_pops, budget_of(settings), blurred=settings.plan_blurred
+                scene_data.frames_of(scene),
+                folder,
+                settings.avoid_pops,
+                budget_of(settings),
+                blurred=settings.plan_blurred,
             )
             planned = yield from share(plan_shot(scene, wanted), 0.0, 0.99)
             yield from standing(write_plan(scene, part, planned, ["sidebar"]), 0.99)

@@ -61,8 +61,14 @@ def survey_of(
     survey = empty(frames, times, trajectory.start.group, library.first(trajectory.gaits))
     if blurred:
         if policy.tolerance is None:
-            raise CrowdError("Coarser Where Blurred needs LODs by tolerance: set Choose LODs to By Tolerance, or switch it off.")
-        survey = replace(survey, blurred=policy.tolerance, bounds=meshes_of(trajectory.groups, policy.count).bounds)
+            raise CrowdError(
+                "Coarser Where Blurred needs LODs by tolerance: set Choose LODs to By Tolerance, or switch it off."
+            )
+        survey = replace(
+            survey,
+            blurred=policy.tolerance,
+            bounds=meshes_of(trajectory.groups, policy.count).bounds,
+        )
     parts = Parts(survey, folder, _key(scene, frames) + "b" * blurred)
     begin, before, took, saved = parts.taken_up(), None, Counter(), clock.monotonic()
     with frame_stepping.stepped(scene) as at, Recorder() as recorder:
@@ -75,10 +81,22 @@ def survey_of(
                     f"The crowd's settings change at frame {frames[f]}: a shot needs one crowd and one choice of LODs, so remove "
                     "their animation and drivers, or plan the frames before and after apart."
                 )
-            frame = surround(plan(trajectory, eyes, policy, time, shutter, bias_of(settings)), around)
+            frame = surround(
+                plan(trajectory, eyes, policy, time, shutter, bias_of(settings)), around
+            )
             if f >= begin:
-                cut = f > 0 and cameras.bound_camera(scene, time) != cameras.bound_camera(scene, times[f - 1])
-                recorder.add(survey, f, frame, library, before, samples_of(scene) * covered(frame, scene), cut)
+                cut = f > 0 and cameras.bound_camera(scene, time) != cameras.bound_camera(
+                    scene, times[f - 1]
+                )
+                recorder.add(
+                    survey,
+                    f,
+                    frame,
+                    library,
+                    before,
+                    samples_of(scene) * covered(frame, scene),
+                    cut,
+                )
                 parts.cameras.append(numbers_of(eyes))
                 took.update(frame.milliseconds)
             before: Frame | None = frame
@@ -89,9 +107,13 @@ def survey_of(
             yield (f + 1) / len(frames)
         recorder.finish()
     if len({each.shape for each in parts.cameras}) > 1:
-        raise CrowdError("The number of the camera's eyes changes during the shot: plan the frames of each apart.")
+        raise CrowdError(
+            "The number of the camera's eyes changes during the shot: plan the frames of each apart."
+        )
     planned = max(len(frames) - begin, 1)
-    return Surveyed(survey, np.array(parts.cameras), {name: ms / planned for name, ms in took.items()})
+    return Surveyed(
+        survey, np.array(parts.cameras), {name: ms / planned for name, ms in took.items()}
+    )
 
 
 def _key(scene: bpy.types.Scene, frames: Sequence[int]) -> str:
@@ -116,7 +138,9 @@ class Parts:
 
     def taken_up(self) -> int:
         """Read the parts that a killed run left; return the number of frames that they hold."""
-        while self.folder is not None and (found := sorted(self.folder.glob(f"{PARTS}-{self.key}-{self.done}-*.npz"))):
+        while self.folder is not None and (
+            found := sorted(self.folder.glob(f"{PARTS}-{self.key}-{self.done}-*.npz"))
+        ):
             with np.load(found[-1], allow_pickle=False) as file:
                 end = self.done + len(file["cameras"])
                 for name in KEPT:
@@ -132,13 +156,22 @@ class Parts:
         if self.folder is None or end <= self.done:
             return
         rows = slice(self.done, end)
-        path, entered = self.folder / f"{PARTS}-{self.key}-{self.done}-{end}.npz", self.survey.entered[rows]
+        path, entered = (
+            self.folder / f"{PARTS}-{self.key}-{self.done}-{end}.npz",
+            self.survey.entered[rows],
+        )
         with suppress(OSError):  # the run itself needs none of it
             self.folder.mkdir(parents=True, exist_ok=True)
             with path.with_suffix(".part").open("wb") as file:
                 columns = {name: getattr(self.survey, name)[rows] for name in KEPT}
                 counts = [len(each) for each in entered]
-                np.savez(file, cameras=self.cameras[rows], entered=np.concatenate(entered), entered_counts=counts, **columns)
+                np.savez(
+                    file,
+                    cameras=self.cameras[rows],
+                    entered=np.concatenate(entered),
+                    entered_counts=counts,
+                    **columns,
+                )
                 file.flush()
                 os.fsync(file.fileno())
             path.with_suffix(".part").replace(path)

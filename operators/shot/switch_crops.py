@@ -30,7 +30,9 @@ MOST = 320  # pixels of a crop's side; larger agents are drawn smaller
 Crop = tuple[np.ndarray, np.ndarray]  # before and after, (rows, columns, 3) float64, sRGB
 
 
-def crops_of(scene: bpy.types.Scene, through: Surveyed, rows: np.ndarray) -> Generator[float, None, list[Crop | None]]:
+def crops_of(
+    scene: bpy.types.Scene, through: Surveyed, rows: np.ndarray
+) -> Generator[float, None, list[Crop | None]]:
     """Draw the agents of `rows`: yield the progress, return a crop for each.
 
     Both pictures are of the same pose, camera and window, at the size of renders. Before an entry
@@ -48,16 +50,22 @@ def crops_of(scene: bpy.types.Scene, through: Surveyed, rows: np.ndarray) -> Gen
     return found
 
 
-def _posed(scene: bpy.types.Scene, agent: int, time: float, levels: Sequence[int]) -> tuple[list[Body | None], Looks]:
+def _posed(
+    scene: bpy.types.Scene, agent: int, time: float, levels: Sequence[int]
+) -> tuple[list[Body | None], Looks]:
     """Return the agent at `time` with each of `levels`, in world space, and the images of its materials."""
     settings, trajectory, characters = scene.crowd_lod, trajectory_of(scene), characters_of(scene)
     crowd, looks = trajectory.at(time), Looks()
     g = int(crowd.group[agent])
     name, objects, _ = characters[g]
     homes = [home_of(settings.levels.children[max(k, 0)], g, name) for k in levels]
-    columns = columns_of(trajectory, crowd, Held(crowd, time), np.array([agent]), cast_of(characters, trajectory))
+    columns = columns_of(
+        trajectory, crowd, Held(crowd, time), np.array([agent]), cast_of(characters, trajectory)
+    )
     own = {key: values[0].tolist() for key, values in columns.items()}
-    stance = Euler((own.get("roll", 0.0), -own.get("pitch", 0.0), own["heading"])).to_matrix().to_4x4()
+    stance = (
+        Euler((own.get("roll", 0.0), -own.get("pitch", 0.0), own["heading"])).to_matrix().to_4x4()
+    )
     turn = Matrix.Rotation(scene_data.rotation(settings.forward), 4, "Z")
     gaits, bodies = trajectory.gaits, []
     action = gaits.actions[gaits.action[crowd.playing[agent]]]
@@ -66,12 +74,20 @@ def _posed(scene: bpy.types.Scene, agent: int, time: float, levels: Sequence[int
     with as_rendered(item for home in homes for item in home.objects) as (stage, actors), act:
         act.go_to(stage, first + (last - first) * own["phase"])
         for k, home in zip(levels, homes, strict=True):
-            body = bodies_of([actors[item] for item in home.objects], stage.view_layers[0].depsgraph, looks)
+            body = bodies_of(
+                [actors[item] for item in home.objects], stage.view_layers[0].depsgraph, looks
+            )
             size = Matrix.Scale(1 + own.get("size", 0.0), 4)
             placed = np.array(
-                Matrix.Translation(own["position"]) @ stance @ turn @ size @ Matrix.Translation(-home.instance_offset)
+                Matrix.Translation(own["position"])
+                @ stance
+                @ turn
+                @ size
+                @ Matrix.Translation(-home.instance_offset)
             )
-            bodies.append(body and _only(_moved(body, placed), np.full(len(body.triangles), k != NOTHING)))
+            bodies.append(
+                body and _only(_moved(body, placed), np.full(len(body.triangles), k != NOTHING))
+            )
     return bodies, looks
 
 
@@ -105,5 +121,7 @@ def _crop(posed: tuple[list[Body | None], Looks], numbers: np.ndarray) -> Crop |
         flat.append(at)
         shown.append(_only(body, ahead[body.triangles].all(axis=1)))
     smaller = min(1.0, MOST / max(float(np.ptp(np.concatenate(flat)[:, :2], axis=0).max()), 1e-9))
-    before, after = pictures(shown, looks.images(), [at * (smaller, smaller, 1) for at in flat], axes * [[1], [1], [-1]])
+    before, after = pictures(
+        shown, looks.images(), [at * (smaller, smaller, 1) for at in flat], axes * [[1], [1], [-1]]
+    )
     return before, after

@@ -53,11 +53,22 @@ def crowds_of(settings) -> list[bpy.types.PropertyGroup]:
 def inputs_of(scene: bpy.types.Scene) -> tuple:
     """Return all that the trajectory depends on but the character groups and the pixels of images."""
     found = [_asked(crowd) for crowd in crowds_of(scene.crowd_lod)]
-    images = [tuple(image and image.session_uid for image in _images(crowd)) for crowd in crowds_of(scene.crowd_lod)]
-    return *found, *images, scene.render.fps, scene.render.fps_base, hand_edits.asked(scene.crowd_lod)
+    images = [
+        tuple(image and image.session_uid for image in _images(crowd))
+        for crowd in crowds_of(scene.crowd_lod)
+    ]
+    return (
+        *found,
+        *images,
+        scene.render.fps,
+        scene.render.fps_base,
+        hand_edits.asked(scene.crowd_lod),
+    )
 
 
-def together(scene: bpy.types.Scene, groups: tuple[Group, ...], depsgraph: bpy.types.Depsgraph | None = None) -> Trajectory:
+def together(
+    scene: bpy.types.Scene, groups: tuple[Group, ...], depsgraph: bpy.types.Depsgraph | None = None
+) -> Trajectory:
     """Return the trajectory of all crowds of `scene`, with what is edited by hand.
 
     CrowdError if a setting of a crowd is bad.
@@ -75,12 +86,16 @@ def together(scene: bpy.types.Scene, groups: tuple[Group, ...], depsgraph: bpy.t
     key = *members, *((crowd.name, crowd.use_crowd) for crowd in crowds)
     known = _together.get(scene.session_uid)
     if known is None or known[0] != key:
-        several = Several(members, [crowd.name for crowd in crowds], [crowd.use_crowd for crowd in crowds])
+        several = Several(
+            members, [crowd.name for crowd in crowds], [crowd.use_crowd for crowd in crowds]
+        )
         known = _together[scene.session_uid] = key, several
     return hand_edits.with_edits(scene, known[1])
 
 
-def reading(crowds: Sequence, forward: str, depsgraph: bpy.types.Depsgraph) -> Generator[float, None, None]:
+def reading(
+    crowds: Sequence, forward: str, depsgraph: bpy.types.Depsgraph
+) -> Generator[float, None, None]:
     """Read the places and the terrain of the crowds from their objects, and keep them in the file.
 
     Yields the progress of what takes long. CrowdError if an object has none.
@@ -123,7 +138,9 @@ def outdated(scene: bpy.types.Scene) -> list[str]:
     now, inputs = clock.monotonic(), inputs_of(scene)
     looked, before, found = _outdated.get(scene.session_uid, (-LOOK, (), []))
     if now >= looked + LOOK or inputs != before:
-        found = [note for crowd in crowds_of(scene.crowd_lod) for ask in ASKED for note in ask(crowd)]
+        found = [
+            note for crowd in crowds_of(scene.crowd_lod) for ask in ASKED for note in ask(crowd)
+        ]
         found += [*props_outdated(scene), *action_outdated(scene)]
         _outdated[scene.session_uid] = now, inputs, found
     return found
@@ -135,11 +152,24 @@ def _images(crowd) -> tuple:
 
 def _asked(crowd) -> tuple:
     """Return the numbers and texts of a crowd's settings that its trajectory depends on."""
-    numbers = (*crowd.center, *crowd.size, crowd.height_scale, crowd.count, crowd.seed, crowd.first_frame)
+    numbers = (
+        *crowd.center,
+        *crowd.size,
+        crowd.height_scale,
+        crowd.count,
+        crowd.seed,
+        crowd.first_frame,
+    )
     points = (crowd.source, crowd.points and crowd.points.session_uid, crowd.points_count)
-    ground = terrain_source.wanted(crowd) and (crowd.terrain_mesh and crowd.terrain_mesh.session_uid)
+    ground = terrain_source.wanted(crowd) and (
+        crowd.terrain_mesh and crowd.terrain_mesh.session_uid
+    )
     text = crowd.machine and crowd.machine.as_string()
-    place = start_source.places_asked(crowd), ground, tracks_source.file_asked(crowd) if crowd.source == "FILE" else ()
+    place = (
+        start_source.places_asked(crowd),
+        ground,
+        tracks_source.file_asked(crowd) if crowd.source == "FILE" else (),
+    )
     units = scene_data.meters(crowd.id_data)
     return text, units, numbers, crowd.tilt, crowd.group_names, crowd.use_crowd, points, *place
 
@@ -163,7 +193,9 @@ def check_recorded(scene: bpy.types.Scene, what: str) -> None:
         )
 
 
-def populated(scene: bpy.types.Scene, groups: tuple[Group, ...], depsgraph: bpy.types.Depsgraph) -> Trajectory:
+def populated(
+    scene: bpy.types.Scene, groups: tuple[Group, ...], depsgraph: bpy.types.Depsgraph
+) -> Trajectory:
     """Return the trajectory of all crowds, and note how many points objects have.
 
     Without ids that may not change.
@@ -191,18 +223,32 @@ def _depsgraph(scene: bpy.types.Scene) -> bpy.types.Depsgraph:
 
 
 def _member(
-    scene: bpy.types.Scene, index: int, crowd, groups: tuple[Group, ...], depsgraph: bpy.types.Depsgraph | None
+    scene: bpy.types.Scene,
+    index: int,
+    crowd,
+    groups: tuple[Group, ...],
+    depsgraph: bpy.types.Depsgraph | None,
 ) -> Trajectory:
     """Return the trajectory of one crowd, cached while its inputs stay the same."""
     # read at each call; all else where something has changed
-    pointers = "points", "map_image", "height_image", "areas_image", "machine", "start_places", "terrain_mesh"
+    pointers = (
+        "points",
+        "map_image",
+        "height_image",
+        "areas_image",
+        "machine",
+        "start_places",
+        "terrain_mesh",
+    )
     stored_values.check(crowd, ("source", *pointers))
     seconds = scene.render.fps_base / scene.render.fps
     latest = _latest.setdefault(scene.session_uid, {})
     before = latest.get(index)
     if is_live(crowd):
         asked = crowd.seed, crowd.group_names, groups, seconds
-        known = before[2] if before is not None and before[0] == asked else stored_values.check(crowd)
+        known = (
+            before[2] if before is not None and before[0] == asked else stored_values.check(crowd)
+        )
         found = points_of_crowd(crowd, depsgraph, groups, draw_of(crowd, groups), seconds, known)
         latest[index] = asked, (), found
         return found
@@ -210,9 +256,17 @@ def _member(
     # differ
     images = [image and image_data.read_values(image) for image in _images(crowd)]
     asked = _asked(crowd), groups, seconds
-    if before is None or before[0] != asked or not all(a is b for a, b in zip(before[1], images, strict=True)):
+    if (
+        before is None
+        or before[0] != asked
+        or not all(a is b for a, b in zip(before[1], images, strict=True))
+    ):
         stored_values.check(crowd)
-        latest[index] = asked, images, (_recorded if crowd.source == "FILE" else _walk)(crowd, groups, seconds)
+        latest[index] = (
+            asked,
+            images,
+            (_recorded if crowd.source == "FILE" else _walk)(crowd, groups, seconds),
+        )
     return latest[index][2]
 
 
@@ -241,9 +295,21 @@ def _walk(crowd, groups: tuple[Group, ...], seconds: float) -> Trajectory:
         start, seated = _start(crowd, machine, world, draw)
         if isinstance(heights, Terrain) and not seated:
             start = replace(start, z=heights.start(start.x, start.y, start.z))
-        return Walk(start, machine, world, lean, seconds, crowd.first_frame, heights=heights, tilts=crowd.tilt, seated=seated)
+        return Walk(
+            start,
+            machine,
+            world,
+            lean,
+            seconds,
+            crowd.first_frame,
+            heights=heights,
+            tilts=crowd.tilt,
+            seated=seated,
+        )
 
-    return _kept(repr(key).encode() + world.labels.tobytes() + world.strays.tobytes() + relief, made)
+    return _kept(
+        repr(key).encode() + world.labels.tobytes() + world.strays.tobytes() + relief, made
+    )
 
 
 def _recorded(crowd, groups: tuple[Group, ...], seconds: float) -> Trajectory:
@@ -313,7 +379,9 @@ def draw_of(crowd, groups: Sequence[Group]) -> Draw:
     for g, group in enumerate(groups):
         of_all = not chosen or group.variant_of in chosen
         if of_all or group.name in chosen:
-            found.setdefault(group.variant_of if of_all and group.variant_of else group.name, []).append(g)
+            found.setdefault(
+                group.variant_of if of_all and group.variant_of else group.name, []
+            ).append(g)
     shares = tuple(groups[own[0]].share for own in found.values())
     alike = len(set(shares)) == 1 and shares[0] > 0
     variants = tuple(tuple((g, groups[g].chance) for g in own) for own in found.values())
@@ -329,4 +397,6 @@ def leaning(groups: tuple[Group, ...], heights: Ground) -> tuple[Group, ...]:
     """
     # pitch and roll are float32
     away = 2 * np.sin(np.arctan(np.hypot(*heights.steepest)) / 2) * (1 + 1e-6)
-    return tuple(replace(group, radius=float(group.radius + abs(group.center) * away)) for group in groups)
+    return tuple(
+        replace(group, radius=float(group.radius + abs(group.center) * away)) for group in groups
+    )

@@ -17,12 +17,18 @@ _edited: dict[int, tuple] = scene_cache.kept({}, by_scene=True)
 
 def asked(settings) -> tuple:
     """Return what the edits of the settings follow from; () without any."""
-    return tuple((entry.name, *marks_of(entry)) for entry in settings.exceptions if entry.use and edits(entry))
+    return tuple(
+        (entry.name, *marks_of(entry))
+        for entry in settings.exceptions
+        if entry.use and edits(entry)
+    )
 
 
 def marks_of(entry) -> tuple:
     """Return what changes when the entry would edit anything else."""
-    value = {"NUDGE": tuple(entry.move), "TURN": entry.turn, "GROUP": entry.group_name}.get(entry.kind)
+    value = {"NUDGE": tuple(entry.move), "TURN": entry.turn, "GROUP": entry.group_name}.get(
+        entry.kind
+    )
     return entry.kind, value, entry.chosen_by, entry.agents.strip()
 
 
@@ -51,7 +57,9 @@ def unedited(trajectory: Trajectory) -> Trajectory:
 
 def edits(entry) -> bool:
     """Return whether the entry changes the crowd itself."""
-    return entry.kind in EDITS or (entry.kind == HIDE and entry.all_frames and entry.chosen_by == "NUMBERS")
+    return entry.kind in EDITS or (
+        entry.kind == HIDE and entry.all_frames and entry.chosen_by == "NUMBERS"
+    )
 
 
 def _made(scene: bpy.types.Scene, trajectory: Trajectory) -> tuple[Trajectory, list[str]]:
@@ -66,13 +74,18 @@ def _made(scene: bpy.types.Scene, trajectory: Trajectory) -> tuple[Trajectory, l
     try:
         return (Edited(trajectory, found) if found else trajectory), wrong
     except CrowdError as error:  # of sources that decide on groups
-        return Edited(trajectory, [replace(edit, group=None) for edit in found]), [*wrong, str(error)]
+        return Edited(trajectory, [replace(edit, group=None) for edit in found]), [
+            *wrong,
+            str(error),
+        ]
 
 
 def _edit(entry, trajectory: Trajectory) -> Edit:
     stored_values.check(entry)
     if entry.chosen_by != "NUMBERS":
-        raise CrowdError(f"The exception {entry.name} does not know its agents yet: press Find Agents.")
+        raise CrowdError(
+            f"The exception {entry.name} does not know its agents yet: press Find Agents."
+        )
     agents = parse_agents(entry.agents, len(trajectory.start), entry.name, trajectory.ids)
     names = [group.name for group in trajectory.groups]
     if entry.kind == "GROUP" and entry.group_name not in names:

@@ -68,7 +68,9 @@ def simulating(wanted: Wanted, path: Path) -> Generator[float, None, int]:
     steps = ceil(1 / (wanted.rate * LONGEST_STEP))  # of each frame in the file
     writer = jupedsim.SqliteTrajectoryWriter(output_file=path, every_nth_frame=steps)
     try:
-        simulation = jupedsim.Simulation(model=jupedsim.CollisionFreeSpeedModel(), geometry=ground, dt=1 / (wanted.rate * steps))
+        simulation = jupedsim.Simulation(
+            model=jupedsim.CollisionFreeSpeedModel(), geometry=ground, dt=1 / (wanted.rate * steps)
+        )
         numbered = _Numbered(simulation, _enter(simulation, places, targets, wanted.nearest, draws))
         writer.begin_writing(numbered)
         writer.write_iteration_state(numbered)
@@ -116,7 +118,11 @@ def _site(wanted: Wanted) -> tuple[Any, Any, list[Any]]:
     best = None, None, []
     for part in shapely.get_parts(ground):
         here = starts.intersection(part.buffer(-OFF_WALL))
-        targets = [_target(piece, part) for goal in goals for piece in shapely.get_parts(goal.intersection(part))]
+        targets = [
+            _target(piece, part)
+            for goal in goals
+            for piece in shapely.get_parts(goal.intersection(part))
+        ]
         targets = [each for each in targets if each is not None]
         if targets and not here.is_empty and (best[0] is None or here.area > best[1].area):
             best = part, here, targets
@@ -142,14 +148,18 @@ def _polygons(world: LabelMap, cells: np.ndarray) -> list[Any]:
     parts = shapely.get_parts(shapely.union_all(runs).simplify(0))
     ordered = sorted(parts, key=lambda part: min((y, x) for x, y in part.exterior.coords))
     middle = np.array(cells.shape[::-1]) / 2
-    return [shapely.transform(part, lambda corners: (corners - middle) * world.cell) for part in ordered]
+    return [
+        shapely.transform(part, lambda corners: (corners - middle) * world.cell) for part in ordered
+    ]
 
 
 def _solid(wanted: Wanted) -> Any:
     """Return the ground under the obstacles; lines that enclose nothing get a width of 2 cm."""
     shapely, area = _module("shapely"), wanted.world.area
     middle = (area.x_min + area.x_max) / 2, (area.y_min + area.y_max) / 2
-    lines = shapely.union_all(shapely.linestrings(wanted.obstacles - middle))  # cut where they cross
+    lines = shapely.union_all(
+        shapely.linestrings(wanted.obstacles - middle)
+    )  # cut where they cross
     closed = shapely.get_parts(shapely.polygonize([lines]))
     return shapely.union_all([*closed, lines.buffer(0.01, cap_style="square", join_style="mitre")])
 
@@ -164,7 +174,11 @@ def _target(goal: Any, part: Any) -> Any:
         return None
     hull = goal.convex_hull
     if not part.covers(hull):
-        within = [each for each in shapely.get_parts(shapely.delaunay_triangles(goal)) if goal.covers(each)]
+        within = [
+            each
+            for each in shapely.get_parts(shapely.delaunay_triangles(goal))
+            if goal.covers(each)
+        ]
         hull = max(within, key=lambda each: each.area, default=None)
     return hull
 
@@ -181,9 +195,17 @@ def _places(starts: Any, count: int, draws: np.random.Generator) -> np.ndarray:
     least, most = np.reshape(starts.bounds, (2, 2))
     between = max(sqrt(starts.area / max(count, 1)), APART)
     while True:
-        grid = np.stack(np.meshgrid(*(np.arange(a, b + between, between) for a, b in zip(least, most, strict=True))), axis=-1)
+        grid = np.stack(
+            np.meshgrid(
+                *(np.arange(a, b + between, between) for a, b in zip(least, most, strict=True))
+            ),
+            axis=-1,
+        )
         places = grid.reshape(-1, 2)
-        turn, far = 2 * np.pi * draws.random(len(places)), (between - APART) / 2 * np.sqrt(draws.random(len(places)))
+        turn, far = (
+            2 * np.pi * draws.random(len(places)),
+            (between - APART) / 2 * np.sqrt(draws.random(len(places))),
+        )
         places = places + np.stack([far * np.cos(turn), far * np.sin(turn)], axis=1)
         places = places[shapely.contains_xy(starts, *places.T)]
         if len(places) >= count:
@@ -196,14 +218,22 @@ def _places(starts: Any, count: int, draws: np.random.Generator) -> np.ndarray:
         between = max(0.9 * between, APART)
 
 
-def _enter(simulation: Any, places: np.ndarray, targets: list[Any], nearest: bool, draws: np.random.Generator) -> list[int]:
+def _enter(
+    simulation: Any,
+    places: np.ndarray,
+    targets: list[Any],
+    nearest: bool,
+    draws: np.random.Generator,
+) -> list[int]:
     """Add an agent at each of `places` (n, 2), on the way to one of `targets`, and return their ids."""
     jupedsim, shapely = _module("jupedsim"), _module("shapely")
     stages = [simulation.add_exit_stage(each) for each in targets]
     journeys = [simulation.add_journey(jupedsim.JourneyDescription([stage])) for stage in stages]
     chosen = draws.integers(len(targets), size=len(places))
     if nearest:
-        chosen = np.array([shapely.distance(shapely.points(places), each) for each in targets]).argmin(axis=0)
+        chosen = np.array(
+            [shapely.distance(shapely.points(places), each) for each in targets]
+        ).argmin(axis=0)
     mean, deviation, least, most = SPEED
     speeds = np.clip(draws.normal(mean, deviation, len(places)), least, most)
     return [
@@ -217,7 +247,9 @@ def _enter(simulation: Any, places: np.ndarray, targets: list[Any], nearest: boo
                 stage_id=stages[goal],
             )
         )
-        for place, speed, goal in zip(places.tolist(), speeds.tolist(), chosen.tolist(), strict=True)
+        for place, speed, goal in zip(
+            places.tolist(), speeds.tolist(), chosen.tolist(), strict=True
+        )
     ]
 
 
@@ -228,11 +260,16 @@ class _Numbered:
     """
 
     def __init__(self, simulation: Any, ids: list[int]) -> None:
-        self._simulation, self._numbers = simulation, {own: number for number, own in enumerate(ids)}
+        self._simulation, self._numbers = (
+            simulation,
+            {own: number for number, own in enumerate(ids)},
+        )
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._simulation, name)
 
     def agents(self) -> Iterator[SimpleNamespace]:
         for agent in self._simulation.agents():
-            yield SimpleNamespace(id=self._numbers[agent.id], position=agent.position, orientation=agent.orientation)
+            yield SimpleNamespace(
+                id=self._numbers[agent.id], position=agent.position, orientation=agent.orientation
+            )

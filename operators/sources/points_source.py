@@ -13,7 +13,16 @@ from ..blender import scene_data
 
 WHOLE = "INT", "INT8"  # types of attributes
 WIDTHS = {"FLOAT_VECTOR": 3, "FLOAT4X4": 16}
-KINDS = "MESH", "POINTCLOUD", "CURVE", "CURVES", "SURFACE", "FONT", "META", "VOLUME"  # of objects that have a geometry
+KINDS = (
+    "MESH",
+    "POINTCLOUD",
+    "CURVE",
+    "CURVES",
+    "SURFACE",
+    "FONT",
+    "META",
+    "VOLUME",
+)  # of objects that have a geometry
 ALIVE = 3  # Particle.alive_state
 
 
@@ -22,7 +31,12 @@ class NoPoints(CrowdError):
 
 
 def points_of_crowd(  # noqa: PLR0913 - what a crowd of points depends on
-    crowd, depsgraph: bpy.types.Depsgraph, groups: tuple[Group, ...], draw: Draw, seconds: float, before: Points | None
+    crowd,
+    depsgraph: bpy.types.Depsgraph,
+    groups: tuple[Group, ...],
+    draw: Draw,
+    seconds: float,
+    before: Points | None,
 ) -> Points:
     """Return the crowd of the settings `crowd` as `depsgraph` has evaluated its object.
 
@@ -33,7 +47,9 @@ def points_of_crowd(  # noqa: PLR0913 - what a crowd of points depends on
     """
     scene, seed, chosen = crowd.id_data, crowd.seed, draw.groups
     names = tuple(groups[g].name for g in chosen)
-    found = dressed(read_points(crowd.points, depsgraph, scene.crowd_lod.forward, chosen, names), seed, draw)
+    found = dressed(
+        read_points(crowd.points, depsgraph, scene.crowd_lod.forward, chosen, names), seed, draw
+    )
     if found.ids is None and crowd.points_count not in (0, len(found.x)):
         raise CrowdError(
             f"The object {crowd.points.name} has {counted(len(found.x), 'point')}, and had {crowd.points_count:,} at Populate: give its "
@@ -41,7 +57,11 @@ def points_of_crowd(  # noqa: PLR0913 - what a crowd of points depends on
         )
     time = scene_data.time_of(depsgraph.scene_eval)
     same = before is not None and before.found.same(found)
-    if same and before.drawn.holds(found, seed, draw) and (before.time, before.name) == (time, crowd.points.name):
+    if (
+        same
+        and before.drawn.holds(found, seed, draw)
+        and (before.time, before.name) == (time, crowd.points.name)
+    ):
         return before
     drawn = before.drawn if before is not None else None
     if drawn is None or not drawn.holds(found, seed, draw):
@@ -51,7 +71,11 @@ def points_of_crowd(  # noqa: PLR0913 - what a crowd of points depends on
 
 
 def read_points(
-    item: bpy.types.Object | None, depsgraph: bpy.types.Depsgraph, forward: str, chosen: np.ndarray, names: tuple[str, ...]
+    item: bpy.types.Object | None,
+    depsgraph: bpy.types.Depsgraph,
+    forward: str,
+    chosen: np.ndarray,
+    names: tuple[str, ...],
 ) -> Snapshot:
     """Return the points of `item` as `depsgraph` has evaluated it.
 
@@ -66,7 +90,9 @@ def read_points(
     CrowdError if there are no points, or a value cannot be used.
     """
     if item is None:
-        raise CrowdError("The crowd takes its agents from the points of an object, and has none: choose one in the Crowd panel.")
+        raise CrowdError(
+            "The crowd takes its agents from the points of an object, and has none: choose one in the Crowd panel."
+        )
     evaluated = item.evaluated_get(depsgraph)
     shapes = _shapes(item, evaluated, depsgraph)  # its parts live as long as it does
     matrix = np.array(evaluated.matrix_world, np.float64)
@@ -88,10 +114,14 @@ def read_points(
     return Snapshot(**found)
 
 
-def _shapes(item: bpy.types.Object, evaluated: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bpy.types.GeometrySet:
+def _shapes(
+    item: bpy.types.Object, evaluated: bpy.types.Object, depsgraph: bpy.types.Depsgraph
+) -> bpy.types.GeometrySet:
     """Return the geometry of `item`; CrowdError if it is of a kind without, or is not evaluated."""
     if item.type not in KINDS:
-        raise CrowdError(f"The object {item.name} is of a kind that has no points: choose a mesh, a point cloud or a curve.")
+        raise CrowdError(
+            f"The object {item.name} is of a kind that has no points: choose a mesh, a point cloud or a curve."
+        )
     try:
         return evaluated.evaluated_geometry()
     except TypeError:  # says Blender of objects that it does not evaluate
@@ -103,10 +133,16 @@ def _shapes(item: bpy.types.Object, evaluated: bpy.types.Object, depsgraph: bpy.
 
 
 def _count(shape) -> int:
-    return len(shape.attributes["position"].data) if shape is not None and "position" in shape.attributes else 0
+    return (
+        len(shape.attributes["position"].data)
+        if shape is not None and "position" in shape.attributes
+        else 0
+    )
 
 
-def _attributes(item: bpy.types.Object, shape, matrix: np.ndarray, facing: float) -> dict[str, np.ndarray]:
+def _attributes(
+    item: bpy.types.Object, shape, matrix: np.ndarray, facing: float
+) -> dict[str, np.ndarray]:
     """Return columns of a Snapshot.
 
     shape: point cloud or mesh.
@@ -146,15 +182,21 @@ def _values(item: bpy.types.Object, shape, name: str) -> np.ndarray | None:
         return None
     whole, width = attribute.data_type in WHOLE, WIDTHS.get(attribute.data_type, 1)
     expected = {"position": 3, "velocity": 3, "instance_transform": 16}.get(name, 1)
-    if width != expected or (not whole and (name == "id" or attribute.data_type not in ("FLOAT", *WIDTHS))):
+    if width != expected or (
+        not whole and (name == "id" or attribute.data_type not in ("FLOAT", *WIDTHS))
+    ):
         asked = "a whole number" if name == "id" else "a vector" if expected == 3 else "a number"
-        raise CrowdError(f"The attribute {name} of the points of {item.name} is not {asked}: store it as such.")
+        raise CrowdError(
+            f"The attribute {name} of the points of {item.name} is not {asked}: store it as such."
+        )
     values = np.empty(len(attribute.data) * width, np.int32 if whole else np.float32)
     attribute.data.foreach_get("vector" if width == 3 else "value", values)
     return values.reshape(-1, width) if width > 1 else values
 
 
-def _groups(item: bpy.types.Object, attribute, chosen: np.ndarray, names: tuple[str, ...]) -> dict[str, np.ndarray]:
+def _groups(
+    item: bpy.types.Object, attribute, chosen: np.ndarray, names: tuple[str, ...]
+) -> dict[str, np.ndarray]:
     """Return the column of groups, if the points name them."""
     if attribute is None or attribute.domain != "POINT":
         return {}
@@ -168,7 +210,9 @@ def _groups(item: bpy.types.Object, attribute, chosen: np.ndarray, names: tuple[
         return {"group": chosen[[names.index(name) for name in kinds]][which]}
     values = np.empty(len(attribute.data), np.int32 if attribute.data_type in WHOLE else np.float32)
     if attribute.data_type not in (*WHOLE, "FLOAT"):
-        raise CrowdError(f"The attribute group of the points of {item.name} is not a number or a name: store it as such.")
+        raise CrowdError(
+            f"The attribute group of the points of {item.name} is not a number or a name: store it as such."
+        )
     attribute.data.foreach_get("value", values)
     wrong = np.flatnonzero(~((values >= 0) & (values < len(names)) & (values == np.floor(values))))
     if len(wrong):
@@ -189,19 +233,29 @@ def _particles(system: bpy.types.ParticleSystem) -> dict[str, np.ndarray]:
     (alive,) = np.nonzero(state == ALIVE)
     x, y, z = np.ascontiguousarray(place.reshape(-1, 3)[alive].T, np.float64)
     along = velocity.reshape(-1, 3)[alive]
-    return {"x": x, "y": y, "z": z, "heading": np.arctan2(along[:, 1], along[:, 0]), "ids": alive.astype(np.int64)}
+    return {
+        "x": x,
+        "y": y,
+        "z": z,
+        "heading": np.arctan2(along[:, 1], along[:, 0]),
+        "ids": alive.astype(np.int64),
+    }
 
 
 def _check(item: bpy.types.Object, found: dict[str, np.ndarray], meters: float) -> None:
     count = len(found["x"])
     if count > MOST_AGENTS:
-        raise CrowdError(f"The object {item.name} has {count:,} points: a crowd has at most {MOST_AGENTS:,} agents.")
+        raise CrowdError(
+            f"The object {item.name} has {count:,} points: a crowd has at most {MOST_AGENTS:,} agents."
+        )
     for name in ("x", "y", "z", "heading", "phase"):
         values = found.get(name, np.zeros(1))
         reach = max(values.max(), -values.min())
         if not np.isfinite(reach):
             wrong = np.flatnonzero(~np.isfinite(values))[0]
-            raise CrowdError(f"Point {wrong} of the object {item.name} has {name} {values[wrong]}: give it a finite value.")
+            raise CrowdError(
+                f"Point {wrong} of the object {item.name} has {name} {values[wrong]}: give it a finite value."
+            )
         if name in "xyz" and reach * meters > FARTHEST:
             raise CrowdError(
                 f"Points of {item.name} lie up to {reach * meters:.3g} m from the world's origin: move them to within {FARTHEST:,.0f} m."
@@ -214,4 +268,6 @@ def check_ids(item: bpy.types.Object, ids: np.ndarray | None) -> None:
     twice = np.flatnonzero(ordered[1:] == ordered[:-1])
     if len(twice):
         number = ordered[twice[0]].astype(np.int32)  # as the attribute has it
-        raise CrowdError(f"Points of {item.name} share the id {number}: give each point an id of its own.")
+        raise CrowdError(
+            f"Points of {item.name} share the id {number}: give each point an id of its own."
+        )

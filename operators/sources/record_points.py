@@ -29,7 +29,14 @@ from ..settings import needs
 from .crowd_sources import crowds_of, draw_of, is_live
 from .points_source import NoPoints, check_ids, read_points
 
-SOURCE = ("source", "tracks_file", "tracks_unit", "tracks_rate", "tracks_up", "first_frame")  # settings that recording sets
+SOURCE = (
+    "source",
+    "tracks_file",
+    "tracks_unit",
+    "tracks_rate",
+    "tracks_up",
+    "first_frame",
+)  # settings that recording sets
 STEPPED = 0.95  # part of the progress
 
 
@@ -89,7 +96,11 @@ def with_record(
     if not crowds:
         return (yield from work())
     own = [_followed(crowd) for crowd in crowds]
-    about = scene.frame_start, scene.frame_end, tuple((crowd.name, crowd.points and crowd.points.session_uid) for crowd in crowds)
+    about = (
+        scene.frame_start,
+        scene.frame_end,
+        tuple((crowd.name, crowd.points and crowd.points.session_uid) for crowd in crowds),
+    )
     with shared_record(scene, frames):
         record = _shared[scene.session_uid]
         try:
@@ -122,17 +133,25 @@ def on_record(frames: Callable[..., Sequence[int]]) -> Callable:
     frames: gets the function's arguments; returns the frames of the timeline that it needs.
     """
 
-    def decorate(work: Callable[..., Generator[float, None, Made]]) -> Callable[..., Generator[float, None, Made]]:
+    def decorate(
+        work: Callable[..., Generator[float, None, Made]],
+    ) -> Callable[..., Generator[float, None, Made]]:
         @wraps(work)
         def on(scene: bpy.types.Scene, *args, **named) -> Generator[float, None, Made]:
-            return (yield from with_record(scene, frames(scene, *args, **named), lambda: work(scene, *args, **named)))
+            return (
+                yield from with_record(
+                    scene, frames(scene, *args, **named), lambda: work(scene, *args, **named)
+                )
+            )
 
         return on
 
     return decorate
 
 
-def recording(scene: bpy.types.Scene, paths: Sequence[Path], frames: Sequence[int] = ()) -> Generator[float, None, list[int]]:
+def recording(
+    scene: bpy.types.Scene, paths: Sequence[Path], frames: Sequence[int] = ()
+) -> Generator[float, None, list[int]]:
     """Write the points of each live crowd of `scene` in all of its frames to `paths`.
 
     The crowds then follow these files.
@@ -143,7 +162,9 @@ def recording(scene: bpy.types.Scene, paths: Sequence[Path], frames: Sequence[in
     """
     crowds = [crowd for crowd in crowds_of(scene.crowd_lod) if is_live(crowd)]
     cast = all_characters(scene)
-    groups = tuple(Group(each.name, 0.0, 0.0, 0.0, 0.0, variant_of=each.variant_of) for each in cast)  # nothing else counts
+    groups = tuple(
+        Group(each.name, 0.0, 0.0, 0.0, 0.0, variant_of=each.variant_of) for each in cast
+    )  # nothing else counts
     ends = scene.frame_start, scene.frame_end, *frames
     since, until = (scene_data.remapped(scene.render, frame) for frame in (min(ends), max(ends)))
     times = range(int(np.floor(since)), int(np.ceil(until)) + 1)
@@ -163,7 +184,12 @@ def recording(scene: bpy.types.Scene, paths: Sequence[Path], frames: Sequence[in
             rows = _rows(crowd, own, known, len(times), groups)
             npz.write(written.enter_context(files.staged_file(path)), rows)
     for crowd, path, known in zip(crowds, paths, when, strict=True):
-        crowd.source, crowd.tracks_file, crowd.tracks_unit, crowd.tracks_rate = "FILE", str(path), "AUTO", 0
+        crowd.source, crowd.tracks_file, crowd.tracks_unit, crowd.tracks_rate = (
+            "FILE",
+            str(path),
+            "AUTO",
+            0,
+        )
         crowd.tracks_up = "Z"
         crowd.first_frame = known[0]
     yield 1.0
@@ -186,7 +212,9 @@ def _ids(found: Snapshot) -> np.ndarray:
     return np.arange(len(found.x)) if found.ids is None else found.ids
 
 
-def _rows(crowd, found: list[Snapshot], times: list[int], frames: int, groups: tuple[Group, ...]) -> Rows:
+def _rows(
+    crowd, found: list[Snapshot], times: list[int], frames: int, groups: tuple[Group, ...]
+) -> Rows:
     """Return the rows of a file.
 
     found, times: the points, and when they were found.
@@ -194,13 +222,19 @@ def _rows(crowd, found: list[Snapshot], times: list[int], frames: int, groups: t
     """
     item, counts = crowd.points, [len(each.x) for each in found]
     if not found:
-        raise NoPoints(f"The object {item.name} has no points in any frame of the scene: choose another, or set the frame range.")
+        raise NoPoints(
+            f"The object {item.name} has no points in any frame of the scene: choose another, or set the frame range."
+        )
     if sum(counts) > MOST_ROWS:
-        raise CrowdError(f"The object {item.name} has {sum(counts):,} points in all frames: record at most {MOST_ROWS:,}.")
+        raise CrowdError(
+            f"The object {item.name} has {sum(counts):,} points in all frames: record at most {MOST_ROWS:,}."
+        )
     if any(each.ids is None for each in found) and (len(set(counts)) > 1 or len(found) < frames):
         k = next((k for k, count in enumerate(counts) if count != counts[0]), 0)
         other = (
-            f"{counts[k]:,} points at frame {times[k]}, and {counts[0]:,} at frame {times[0]}" if k else "no points in some frames"
+            f"{counts[k]:,} points at frame {times[k]}, and {counts[0]:,} at frame {times[0]}"
+            if k
+            else "no points in some frames"
         )
         raise CrowdError(
             f"The object {item.name} has {other}: give its points an attribute id of whole numbers, so that agents are known."
@@ -242,7 +276,10 @@ class CROWDLOD_OT_record_points(Stepwise, bpy.types.Operator):
         counts = yield from recording(scene, paths)
         for crowd, text in zip(crowds, texts, strict=True):
             crowd.tracks_file = text
-        told = ", ".join(f"{counted(count, 'agent')} in {printable(path)}" for count, path in zip(counts, paths, strict=True))
+        told = ", ".join(
+            f"{counted(count, 'agent')} in {printable(path)}"
+            for count, path in zip(counts, paths, strict=True)
+        )
         return f"Recorded: {told}. To follow the object again, set Source to Points."
 
 

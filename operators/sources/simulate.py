@@ -52,7 +52,9 @@ def _wanted(scene: bpy.types.Scene, index: int) -> Wanted:
     """Return what the settings of the crowd `index` ask for."""
     crowds = crowds_of(scene.crowd_lod)
     if not 0 <= index < len(crowds):
-        raise CrowdError(f"There is no crowd {index}: the scene {scene.name} has {len(crowds)}, counted from 0.")
+        raise CrowdError(
+            f"There is no crowd {index}: the scene {scene.name} has {len(crowds)}, counted from 0."
+        )
     crowd = crowds[index]
     set_lengths(scene)
     stored_values.check(crowd)
@@ -61,8 +63,14 @@ def _wanted(scene: bpy.types.Scene, index: int) -> Wanted:
     walls = _named(machine, "Walls", crowd.wall_labels, "wall")
     goals = _named(machine, "Goals", crowd.goal_labels, "exit")
     if not goals.any():
-        raise CrowdError(f"Name the labels that agents walk to in Goals: the state machine has {', '.join(machine.labels)}.")
-    starts = _named(machine, "Starts", crowd.start_labels) if crowd.start_labels.strip() else machine.spawn
+        raise CrowdError(
+            f"Name the labels that agents walk to in Goals: the state machine has {', '.join(machine.labels)}."
+        )
+    starts = (
+        _named(machine, "Starts", crowd.start_labels)
+        if crowd.start_labels.strip()
+        else machine.spawn
+    )
     return Wanted(
         world=_in_meters(world_of(crowd, machine), meters),
         walls=walls & ~goals,
@@ -89,7 +97,9 @@ def _named(machine: StateMachine, setting: str, text: str, usual: str = "") -> n
     """
     names = {name.strip() for name in text.split(",")} - {""}
     for name in sorted(names - set(machine.labels)):
-        raise CrowdError(f"{setting} names the label {name}, and there is none: the state machine has {', '.join(machine.labels)}.")
+        raise CrowdError(
+            f"{setting} names the label {name}, and there is none: the state machine has {', '.join(machine.labels)}."
+        )
     return np.array([label in (names or {usual}) for label in machine.labels])
 
 
@@ -110,7 +120,9 @@ def _obstacles(crowd, meters: float) -> np.ndarray:
 
 
 def _saved(scene: bpy.types.Scene) -> str:
-    return "" if bpy.data.filepath else "Save the file first: the trajectories are written beside it"
+    return (
+        "" if bpy.data.filepath else "Save the file first: the trajectories are written beside it"
+    )
 
 
 class CROWDLOD_OT_simulate(Stepwise, bpy.types.Operator):
@@ -120,12 +132,18 @@ class CROWDLOD_OT_simulate(Stepwise, bpy.types.Operator):
     bl_label = "Simulate with JuPedSim"
     needs = (_saved,)
 
-    crowd: IntProperty(name="Crowd", min=0, description="0 for the scene's own crowd, 1 for the first of the further ones")
+    crowd: IntProperty(
+        name="Crowd",
+        min=0,
+        description="0 for the scene's own crowd, 1 for the first of the further ones",
+    )
 
     def steps(self, context) -> Generator[float, None, str]:
         scene = context.scene
         home = Path(bpy.data.filepath)
-        name = bpy.path.clean_name(f"{home.stem}_{scene.name}" + (f"_{self.crowd + 1}" if self.crowd else ""))
+        name = bpy.path.clean_name(
+            f"{home.stem}_{scene.name}" + (f"_{self.crowd + 1}" if self.crowd else "")
+        )
         path = files.absolute(home.with_name(f"{name}.sqlite"))
         with files.staged_file(path) as part:
             said = yield from simulating_crowd(scene, self.crowd, part)

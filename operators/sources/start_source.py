@@ -33,8 +33,14 @@ def read_places(crowd, forward: str, depsgraph: bpy.types.Depsgraph) -> None:
         return
     item = crowd.start_object
     if item is None:
-        raise CrowdError(f"The crowd {crowd.name or 1} starts on an object, and has none: choose it below Start On.")
-    ways = {"SURFACE": _on_surface, "CURVES": _along_curves, "POINTS": partial(_on_points, forward=forward)}
+        raise CrowdError(
+            f"The crowd {crowd.name or 1} starts on an object, and has none: choose it below Start On."
+        )
+    ways = {
+        "SURFACE": _on_surface,
+        "CURVES": _along_curves,
+        "POINTS": partial(_on_points, forward=forward),
+    }
     try:
         places = ways[crowd.start_on](crowd, item, depsgraph)
     except CrowdError as error:
@@ -58,7 +64,10 @@ def places_of(crowd, area: Area) -> Places | None:
     if mesh is None or HEADING not in mesh.attributes:
         raise CrowdError(_undrawn(crowd))
     if mesh.session_uid not in _places:
-        points, heading = np.empty((len(mesh.vertices), 3), np.float32), np.empty(len(mesh.vertices), np.float32)
+        points, heading = (
+            np.empty((len(mesh.vertices), 3), np.float32),
+            np.empty(len(mesh.vertices), np.float32),
+        )
         mesh.vertices.foreach_get("co", points.ravel())
         mesh.attributes[HEADING].data.foreach_get("value", heading)
         while len(_places) >= MOST_PLACES:
@@ -69,7 +78,9 @@ def places_of(crowd, area: Area) -> Places | None:
 
 def spacing_of(crowd) -> Spacing:
     """Return how the crowd's agents stand in a grid or in rows."""
-    return Spacing(crowd.spacing, crowd.jitter, crowd.rows, crowd.row_depth, crowd.row_rise, crowd.row_turn)
+    return Spacing(
+        crowd.spacing, crowd.jitter, crowd.rows, crowd.row_depth, crowd.row_rise, crowd.row_turn
+    )
 
 
 def places_asked(crowd) -> tuple:
@@ -107,8 +118,14 @@ def _on_surface(crowd, item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -
     corners, weights, maps = [np.empty((0, 3, 3))], [np.empty((0, 3))], [np.empty((0, 3, 2))]
     for owner, mesh, points, triangles in kept_meshes.evaluated_triangles([item], depsgraph):
         corners.append(points[triangles])
-        weights.append(_painted(owner, mesh, crowd.density_group)[triangles] if crowd.density_group else np.ones(triangles.shape))
-        maps.append(_uvs(mesh) if crowd.density_image is not None else np.zeros((len(triangles), 3, 2)))
+        weights.append(
+            _painted(owner, mesh, crowd.density_group)[triangles]
+            if crowd.density_group
+            else np.ones(triangles.shape)
+        )
+        maps.append(
+            _uvs(mesh) if crowd.density_image is not None else np.zeros((len(triangles), 3, 2))
+        )
     factors = []
     if crowd.density_image is not None:
         gray = image_data.read_pixels(crowd.density_image)[..., :3].mean(axis=2) / 255
@@ -120,7 +137,11 @@ def _on_surface(crowd, item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -
         return np.prod([factor(points, triangle, weight) for factor in factors], axis=0)
 
     return start_places.on_surface(
-        np.concatenate(corners), np.concatenate(weights), crowd.count, crowd.seed, density if factors else None
+        np.concatenate(corners),
+        np.concatenate(weights),
+        crowd.count,
+        crowd.seed,
+        density if factors else None,
     )
 
 
@@ -131,7 +152,9 @@ def _painted(owner: bpy.types.Object, mesh: bpy.types.Mesh, name: str) -> np.nda
     """
     index = owner.vertex_groups.find(name)
     if index < 0:
-        raise CrowdError(f"it has no vertex group {name}: paint one of that name, or clear Vertex Group.")
+        raise CrowdError(
+            f"it has no vertex group {name}: paint one of that name, or clear Vertex Group."
+        )
     found = np.zeros(len(mesh.vertices))
     for k, vertex in enumerate(mesh.vertices):
         for entry in vertex.groups:
@@ -146,14 +169,21 @@ def _uvs(mesh: bpy.types.Mesh) -> np.ndarray:
     CrowdError if the mesh has no UV map.
     """
     if mesh.uv_layers.active is None:
-        raise CrowdError("it has no UV map, by which an image gives its density: unwrap it, or clear Image.")
-    found, corners = np.empty((len(mesh.loops), 2), np.float32), np.empty((len(mesh.loop_triangles), 3), np.int32)
+        raise CrowdError(
+            "it has no UV map, by which an image gives its density: unwrap it, or clear Image."
+        )
+    found, corners = (
+        np.empty((len(mesh.loops), 2), np.float32),
+        np.empty((len(mesh.loop_triangles), 3), np.int32),
+    )
     mesh.uv_layers.active.uv.foreach_get("vector", found.ravel())
     mesh.loop_triangles.foreach_get("loops", corners.ravel())
     return found[corners].astype(np.float64)
 
 
-def _looked_up(gray: np.ndarray, maps: np.ndarray, points: np.ndarray, triangle: np.ndarray, weight: np.ndarray) -> np.ndarray:
+def _looked_up(
+    gray: np.ndarray, maps: np.ndarray, points: np.ndarray, triangle: np.ndarray, weight: np.ndarray
+) -> np.ndarray:
     """Return the image's gray, 0 to 1, at the places; it repeats beyond its borders."""
     place = (weight[:, :, None] * maps[triangle]).sum(axis=1)
     column, row = ((place - np.floor(place)) * gray.shape[::-1]).astype(np.intp).T
@@ -168,10 +198,14 @@ def _in_any(volumes: list, depsgraph: bpy.types.Depsgraph, points: np.ndarray, *
 
 
 def _along_curves(crowd, item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Places:
-    return start_places.in_rows(list(_curves(item, depsgraph)), crowd.count, crowd.seed, spacing_of(crowd))
+    return start_places.in_rows(
+        list(_curves(item, depsgraph)), crowd.count, crowd.seed, spacing_of(crowd)
+    )
 
 
-def _curves(item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Iterator[tuple[np.ndarray, bool]]:
+def _curves(
+    item: bpy.types.Object, depsgraph: bpy.types.Depsgraph
+) -> Iterator[tuple[np.ndarray, bool]]:
     """Yield (points (k, 3) world meters, whether closed) of the object's splines or chains of edges."""
     evaluated = item.evaluated_get(depsgraph)
     matrix = np.array(evaluated.matrix_world, np.float64)
@@ -179,12 +213,17 @@ def _curves(item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Iterator[
     shape = bare or evaluated
     try:
         mesh = shape.to_mesh()
-        points, edges = np.empty((len(mesh.vertices), 3), np.float32), np.empty((len(mesh.edges), 2), np.int32)
+        points, edges = (
+            np.empty((len(mesh.vertices), 3), np.float32),
+            np.empty((len(mesh.edges), 2), np.int32),
+        )
         mesh.vertices.foreach_get("co", points.ravel())
         mesh.edges.foreach_get("vertices", edges.ravel())
         shape.to_mesh_clear()
     except RuntimeError:
-        raise CrowdError("it is neither a curve nor a mesh with edges: choose one to start along.") from None
+        raise CrowdError(
+            "it is neither a curve nor a mesh with edges: choose one to start along."
+        ) from None
     finally:
         if bare is not None:
             bpy.data.curves.remove(bare.data)
@@ -200,9 +239,13 @@ def _without_bevel(item: bpy.types.Object) -> bpy.types.Object:
     return bpy.data.objects.new(item.name, data)
 
 
-def _on_points(crowd, item: bpy.types.Object, depsgraph: bpy.types.Depsgraph, forward: str) -> Places:
+def _on_points(
+    crowd, item: bpy.types.Object, depsgraph: bpy.types.Depsgraph, forward: str
+) -> Places:
     instances = [
-        np.array(each.matrix_world) for each in depsgraph.object_instances if each.is_instance and each.parent.original == item
+        np.array(each.matrix_world)
+        for each in depsgraph.object_instances
+        if each.is_instance and each.parent.original == item
     ]
     if instances:
         matrices = np.array(instances, np.float64)
@@ -217,5 +260,7 @@ def _on_points(crowd, item: bpy.types.Object, depsgraph: bpy.types.Depsgraph, fo
     else:
         found = mesh_data.world_points(evaluated)
     if not len(found):
-        raise CrowdError("it has neither instances nor points nor vertices to start on: choose another object.")
+        raise CrowdError(
+            "it has neither instances nor points nor vertices to start on: choose another object."
+        )
     return start_places.unturned(found)

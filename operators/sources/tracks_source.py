@@ -24,7 +24,9 @@ _files: dict[tuple, Tracks] = scene_cache.kept({})
 def tracks_path(crowd) -> Path:
     """Return the path of the crowd's file. CrowdError if none is chosen."""
     if not crowd.tracks_file.strip():
-        raise CrowdError(f"The crowd {crowd.name or 1} follows a file, and none is chosen: choose a File in the Crowd panel.")
+        raise CrowdError(
+            f"The crowd {crowd.name or 1} follows a file, and none is chosen: choose a File in the Crowd panel."
+        )
     return full_path(crowd.tracks_file, crowd.id_data.library)
 
 
@@ -39,7 +41,9 @@ def stamp_of(crowd) -> tuple:
     try:
         found = os.stat(path)
     except OSError as error:
-        raise CrowdError(f"The file of trajectories {printable(path)} cannot be read ({error.strerror}): choose another.") from None
+        raise CrowdError(
+            f"The file of trajectories {printable(path)} cannot be read ({error.strerror}): choose another."
+        ) from None
     return str(path), found.st_mtime_ns, found.st_size
 
 
@@ -82,7 +86,9 @@ def reading_files(crowds: list, usual: float) -> Generator[float, None, None]:
 
     Yield the progress, 0 to 1.
     """
-    wanted = dict.fromkeys((stamp_of(crowd), _told(crowd, usual)) for crowd in crowds if crowd.source == "FILE")
+    wanted = dict.fromkeys(
+        (stamp_of(crowd), _told(crowd, usual)) for crowd in crowds if crowd.source == "FILE"
+    )
     for k, (stamp, told) in enumerate(wanted):
         if _kept(stamp, told) is None:
             progress = [0.0]
@@ -90,13 +96,23 @@ def reading_files(crowds: list, usual: float) -> Generator[float, None, None]:
             def read(stamp: tuple = stamp, told: tuple = told, progress: list = progress) -> Tracks:
                 return _read(stamp, told, progress)
 
-            yield from share(aside(read, lambda progress=progress: progress[0]), k / len(wanted), (k + 1) / len(wanted))
+            yield from share(
+                aside(read, lambda progress=progress: progress[0]),
+                k / len(wanted),
+                (k + 1) / len(wanted),
+            )
 
 
 def _told(crowd, usual: float) -> tuple[str, float, float, str, float]:
     """Return how the crowd's file is read: unit, rate, the rate if it tells none, what is up, the scene's meters."""
     rate = round(float(crowd.tracks_rate), 6)
-    return UNITS[crowd.tracks_unit], rate, 0.0 if rate else usual, crowd.tracks_up, scene_data.meters(crowd.id_data)
+    return (
+        UNITS[crowd.tracks_unit],
+        rate,
+        0.0 if rate else usual,
+        crowd.tracks_up,
+        scene_data.meters(crowd.id_data),
+    )
 
 
 def _kept(stamp: tuple, told: tuple) -> Tracks | None:
@@ -109,7 +125,9 @@ def _read(stamp: tuple, told: tuple, progress: list[float]) -> Tracks:
     try:
         content = content_of(path)
     except OSError as error:
-        raise CrowdError(f"The file of trajectories {printable(path)} cannot be read ({error.strerror}): choose another.") from None
+        raise CrowdError(
+            f"The file of trajectories {printable(path)} cannot be read ({error.strerror}): choose another."
+        ) from None
     _contents[stamp] = content
     key = content, *told
     if key not in _files:

@@ -44,7 +44,11 @@ class CROWDLOD_OT_edit_agent(Reporting, bpy.types.Operator):
             ("NUDGE", "Nudge", "Half a meter along x; press again for as much more"),
             ("TURN", "Turn", "By 90 degrees; press again for as much more"),
             ("HIDE", "Hide", "It is not there, nor is its shadow"),
-            ("GROUP", "Swap Group", "To the next character group; press again for the one after it"),
+            (
+                "GROUP",
+                "Swap Group",
+                "To the next character group; press again for the one after it",
+            ),
             ("ALWAYS", "Pin LOD", "It keeps the LOD that it has now"),
         ],
     )
@@ -57,8 +61,15 @@ class CROWDLOD_OT_edit_agent(Reporting, bpy.types.Operator):
         scene, settings = context.scene, context.scene.crowd_lod
         trajectory, agent = trajectory_of(scene), settings.agent
         if agent >= len(trajectory.start):
-            raise CrowdError(f"There is no agent {agent}: the crowd has {len(trajectory.start):,}, numbered from 0 on.")
-        entry = _entry(settings, self.kind, f"{BUTTONS[self.kind][0]} {agent}", named(np.array([agent]), trajectory.ids))
+            raise CrowdError(
+                f"There is no agent {agent}: the crowd has {len(trajectory.start):,}, numbered from 0 on."
+            )
+        entry = _entry(
+            settings,
+            self.kind,
+            f"{BUTTONS[self.kind][0]} {agent}",
+            named(np.array([agent]), trajectory.ids),
+        )
         if self.kind == "NUDGE":
             entry.move[0] += NUDGE / scene_data.meters(scene)
         elif self.kind == "TURN":
@@ -67,7 +78,9 @@ class CROWDLOD_OT_edit_agent(Reporting, bpy.types.Operator):
             entry.group_name = _next_group(trajectory, agent)
         elif self.kind == "ALWAYS":
             frame = viewport_overlay.latest(scene)
-            entry.level = int(frame.levels[agent]) if frame is not None and agent < len(frame.crowd) else 0
+            entry.level = (
+                int(frame.levels[agent]) if frame is not None and agent < len(frame.crowd) else 0
+            )
         return f"{entry.name}: its values and its switch are in the list of exceptions."
 
 
@@ -77,7 +90,10 @@ def _entry(settings, kind: str, name: str, agents: str) -> bpy.types.PropertyGro
     It is selected and on.
     """
     asked = kind, "NUMBERS", agents, True
-    known = [(entry.kind, entry.chosen_by, entry.agents.strip(), entry.all_frames) for entry in settings.exceptions]
+    known = [
+        (entry.kind, entry.chosen_by, entry.agents.strip(), entry.all_frames)
+        for entry in settings.exceptions
+    ]
     if asked not in known:
         added = settings.exceptions.add()
         added.kind, added.name, added.agents = kind, name, agents
@@ -90,7 +106,9 @@ def _entry(settings, kind: str, name: str, agents: str) -> bpy.types.PropertyGro
 def _next_group(trajectory: Trajectory, agent: int) -> str:
     groups = trajectory.groups
     if len(groups) < 2:
-        raise CrowdError("There is one character group: add another to the collection of characters, and press Populate.")
+        raise CrowdError(
+            "There is one character group: add another to the collection of characters, and press Populate."
+        )
     return groups[(int(trajectory.start.group[agent]) + 1) % len(groups)].name
 
 
@@ -127,7 +145,9 @@ class CROWDLOD_OT_erase(Reporting, bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
     needs = (needs.crowd,)
 
-    share: FloatProperty(name="Share", default=1, min=0, max=1, subtype="FACTOR", description="Part of them to hide")
+    share: FloatProperty(
+        name="Share", default=1, min=0, max=1, subtype="FACTOR", description="Part of them to hide"
+    )
 
     def run(self, context) -> str:
         region, settings = context.object, context.scene.crowd_lod
@@ -135,9 +155,18 @@ class CROWDLOD_OT_erase(Reporting, bpy.types.Operator):
             raise CrowdError("No mesh or empty is active: select one about the agents to erase.")
         entry = settings.exceptions.add()
         try:
-            shape = region.evaluated_get(context.evaluated_depsgraph_get()).data if region.type == "MESH" else None
+            shape = (
+                region.evaluated_get(context.evaluated_depsgraph_get()).data
+                if region.type == "MESH"
+                else None
+            )
             entry.chosen_by = "VOLUME" if shape is not None and closed(shape) else "REGION"
-            entry.name, entry.kind, entry.region, entry.share = f"Erase {region.name}", "HIDE", region, self.share
+            entry.name, entry.kind, entry.region, entry.share = (
+                f"Erase {region.name}",
+                "HIDE",
+                region,
+                self.share,
+            )
             said = _found(context, entry)
         except CrowdError:
             settings.exceptions.remove(len(settings.exceptions) - 1)

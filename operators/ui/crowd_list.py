@@ -21,7 +21,13 @@ class CROWDLOD_UL_crowds(bpy.types.UIList):
     ) -> None:
         row = layout.row(align=True)
         row.prop(item, "name", text="", emboss=False)
-        row.prop(item, "use_crowd", text="", icon="HIDE_OFF" if item.use_crowd else "HIDE_ON", emboss=False)
+        row.prop(
+            item,
+            "use_crowd",
+            text="",
+            icon="HIDE_OFF" if item.use_crowd else "HIDE_ON",
+            emboss=False,
+        )
 
 
 class CROWDLOD_OT_add_crowd(Reporting, bpy.types.Operator):
@@ -171,7 +177,14 @@ def draw_behavior(layout, crowd) -> None:
 
 def draw_simulation(layout, crowd, index: int) -> None:
     """Draw what Simulate with JuPedSim makes of the label map of the crowd `index`, and its button."""
-    for name in ("start_labels", "goal_labels", "goal_choice", "wall_labels", "obstacles", "simulated_seconds"):
+    for name in (
+        "start_labels",
+        "goal_labels",
+        "goal_choice",
+        "wall_labels",
+        "obstacles",
+        "simulated_seconds",
+    ):
         layout.prop(crowd, name)
     made = button(layout, "crowd_lod.simulate", icon="MOD_PHYSICS")
     if made is not None:

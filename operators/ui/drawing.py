@@ -30,7 +30,9 @@ def label(layout, text: str, icon: str = "NONE") -> None:
     layout.label(text=text, icon=icon, translate=False)
 
 
-def button(layout, name: str, text: str = "", icon: str = "NONE", following: str = "") -> bpy.types.OperatorProperties | None:
+def button(
+    layout, name: str, text: str = "", icon: str = "NONE", following: str = ""
+) -> bpy.types.OperatorProperties | None:
     """Draw the button of the operator `name`, or its progress while it is at work.
 
     following: the operator that comes next in the work; its button is drawn as the default one.
@@ -62,7 +64,10 @@ def wide(layout, settings, name: str) -> None:
 
 def length(context, units: float) -> str:
     return bpy.utils.units.to_string(
-        context.scene.unit_settings.system, "LENGTH", units * scene_data.meters(context.scene), precision=3
+        context.scene.unit_settings.system,
+        "LENGTH",
+        units * scene_data.meters(context.scene),
+        precision=3,
     )
 
 
@@ -70,7 +75,9 @@ def distance(context, units: float | None) -> str:
     """Return a distance of `limits`, where a LOD begins, as text; "-" for None."""
     if units is None:
         return "-"
-    return length(context, units) if abs(units) < float("inf") else "never" if units > 0 else "always"
+    return (
+        length(context, units) if abs(units) < float("inf") else "never" if units > 0 else "always"
+    )
 
 
 def table(layout, head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
@@ -84,7 +91,9 @@ def table(layout, head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
 
 def cells(layout, texts: Sequence[str], icon: str = "NONE", columns: int = 0) -> bpy.types.UILayout:
     """Draw a row of equal columns, the first of them with these texts, and return it."""
-    grid = layout.grid_flow(row_major=True, columns=columns or len(texts), even_columns=True, align=True)
+    grid = layout.grid_flow(
+        row_major=True, columns=columns or len(texts), even_columns=True, align=True
+    )
     for index, text in enumerate(texts):
         label(grid, text, icon if index == 0 else "NONE")
     return grid

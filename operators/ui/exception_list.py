@@ -17,7 +17,11 @@ class CROWDLOD_UL_exceptions(SwitchedRow, bpy.types.UIList):
 
 def asks(item) -> str:
     """Return what an exception asks for, in few words."""
-    known = {"NEVER_COARSER": f"LOD {item.level} or finer", "ALWAYS": f"LOD {item.level}", "HIDE": "hidden"}
+    known = {
+        "NEVER_COARSER": f"LOD {item.level} or finer",
+        "ALWAYS": f"LOD {item.level}",
+        "HIDE": "hidden",
+    }
     known |= {"NUDGE": "nudged", "TURN": "turned", "GROUP": item.group_name}
     return known.get(item.kind, "unknown")  # of another version's file
 

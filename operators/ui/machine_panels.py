@@ -56,7 +56,11 @@ class CROWDLOD_UL_states(_List, bpy.types.UIList):
         found = draft_of(context.scene)
         row.alert = found.faulty("states", name)
         counts = counts_of(context.scene, found.states)
-        row.label(text=name, icon_value=swatch(color_of(found.state(name).get("color", "#808080"))), translate=False)
+        row.label(
+            text=name,
+            icon_value=swatch(color_of(found.state(name).get("color", "#808080"))),
+            translate=False,
+        )
         count = row.row()
         count.alignment = "RIGHT"
         label(count, f"{counts[index]:,}" if index < len(counts) else "-")
@@ -88,7 +92,9 @@ class CROWDLOD_UL_labels(_List, bpy.types.UIList):
         entry = draft_of(context.scene).label(name)
         row.alert = faulty(context.scene, "labels", name)
         row.operator("crowd_lod.paint_label", text="", icon="BRUSH_DATA", emboss=False).label = name
-        row.label(text=name, icon_value=swatch(color_of(entry.get("color", "#808080"))), translate=False)
+        row.label(
+            text=name, icon_value=swatch(color_of(entry.get("color", "#808080"))), translate=False
+        )
 
 
 def _following(targets: list, state: str) -> str:
@@ -102,7 +108,12 @@ def _problem(context, layout) -> None:
     """Draw the mistake of the text, or a line that it has none."""
     sentence = problem_of(context.scene) or lacking(context.scene)
     if sentence:
-        paragraph(layout, textwrap.shorten(sentence, MOST_LETTERS, placeholder=" ..."), "ERROR", letters_of(context))
+        paragraph(
+            layout,
+            textwrap.shorten(sentence, MOST_LETTERS, placeholder=" ..."),
+            "ERROR",
+            letters_of(context),
+        )
 
 
 def _list(context, layout, kind: str, names: list[str], rows: int) -> None:
@@ -110,7 +121,15 @@ def _list(context, layout, kind: str, names: list[str], rows: int) -> None:
     row = layout.row()
     row.use_property_split = False
     editor = context.scene.crowd_lod_editor
-    row.template_list(f"CROWDLOD_UL_{kind}", "", rows_of(context, kind, names), kind, editor, f"{kind[:-1]}_index", rows=rows)
+    row.template_list(
+        f"CROWDLOD_UL_{kind}",
+        "",
+        rows_of(context, kind, names),
+        kind,
+        editor,
+        f"{kind[:-1]}_index",
+        rows=rows,
+    )
     if kind == "rules":
         return
     column = row.column(align=True)
@@ -137,7 +156,12 @@ class _Editor(Step):
             _problem(context, layout)
             return
         rows_of(context, "states", found.states)
-        self.editor(context, grayed(layout, settings.source == "MACHINE"), context.scene.crowd_lod_editor, found)
+        self.editor(
+            context,
+            grayed(layout, settings.source == "MACHINE"),
+            context.scene.crowd_lod_editor,
+            found,
+        )
         _problem(context, layout)
         _mover(layout, settings)
 
@@ -181,7 +205,10 @@ class CROWDLOD_PT_rules(_Editor, bpy.types.Panel):
         column = layout.column(align=True)
         grayed(column, row != "*").prop(editor, "own_rule")
         walk = grayed(column, found.has_rule(state, row))
-        walk.alert = any(found.faulty("states", state, "on", row, field) for field in ("move", "speed", "heading"))
+        walk.alert = any(
+            found.faulty("states", state, "on", row, field)
+            for field in ("move", "speed", "heading")
+        )
         walk.prop(editor, "speed")
         walk.prop(editor, "heading")
         following = grayed(column, found.has_rule(state, row))
@@ -216,7 +243,9 @@ class _Adding:
         known = {name for name, _ in found.targets(state, None if self.timer else row)}
         for name in found.states:
             if name not in known:
-                button = self.layout.operator("crowd_lod.machine_follow", text=name, translate=False)
+                button = self.layout.operator(
+                    "crowd_lod.machine_follow", text=name, translate=False
+                )
                 button.state, button.timer = name, self.timer
 
 

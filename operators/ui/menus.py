@@ -51,7 +51,9 @@ class CROWDLOD_MT_work(bpy.types.Menu):
         for name in WORK:
             self.layout.operator(f"crowd_lod.{name}")
         for kind, (text, icon) in BUTTONS.items():
-            self.layout.operator("crowd_lod.edit_agent", text=f"{text} Picked Agent", icon=icon, translate=False).kind = kind
+            self.layout.operator(
+                "crowd_lod.edit_agent", text=f"{text} Picked Agent", icon=icon, translate=False
+            ).kind = kind
 
 
 class CROWDLOD_MT_samples(bpy.types.Menu):
@@ -62,7 +64,9 @@ class CROWDLOD_MT_samples(bpy.types.Menu):
 
     def draw(self, context) -> None:
         for name in sample_scenes.NAMES:
-            self.layout.operator("crowd_lod.sample", text=f"{name.capitalize()} (New Scene)", translate=False).name = name
+            self.layout.operator(
+                "crowd_lod.sample", text=f"{name.capitalize()} (New Scene)", translate=False
+            ).name = name
 
 
 def _in_object_menu(menu, context) -> None:

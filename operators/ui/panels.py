@@ -20,7 +20,18 @@ from ..overlay import viewport_overlay
 from . import steps
 from .agent_edits import draw_edits
 from .crowd_list import MOVERS, draw_behavior, draw_ground, draw_simulation, draw_source
-from .drawing import LOD_COLORS, MOST_ROWS, button, cells, grayed, label, length, letters_of, table, wide
+from .drawing import (
+    LOD_COLORS,
+    MOST_ROWS,
+    button,
+    cells,
+    grayed,
+    label,
+    length,
+    letters_of,
+    table,
+    wide,
+)
 from .step_panel import Sidebar, Step, presets_button
 
 
@@ -39,7 +50,9 @@ class CROWDLOD_PT_main(Sidebar, bpy.types.Panel):
         warnings = sum(other == "ERROR" for _, other in others)
         # A sentence in red needs the room. Blender would cut its middle; the popover has all of it.
         more = f" ({counted(warnings, 'warning')})" if warnings and icon != "ERROR" else ""
-        sentence = shorten(sentence, max(20, letters_of(context) - len(more)), placeholder="...") + more
+        sentence = (
+            shorten(sentence, max(20, letters_of(context) - len(more)), placeholder="...") + more
+        )
         row = column.row(align=True)
         row.alert = icon == "ERROR"
         row.popover("CROWDLOD_PT_messages", text=sentence, icon=icon, translate=False)
@@ -51,7 +64,11 @@ def _line(scene: bpy.types.Scene) -> str:
     if frame is None:
         return "Statistics: overlay off" if not scene.crowd_lod.overlay else "Statistics"
     seen = f"{len(frame.buckets.order):,} of {frame.crowd.there:,} visible"
-    return f"{seen}, {frame.triangles / frame.full_triangles:.0%} triangles" if frame.full_triangles else seen
+    return (
+        f"{seen}, {frame.triangles / frame.full_triangles:.0%} triangles"
+        if frame.full_triangles
+        else seen
+    )
 
 
 class CROWDLOD_PT_crowd(Step, bpy.types.Panel):
@@ -62,14 +79,24 @@ class CROWDLOD_PT_crowd(Step, bpy.types.Panel):
     def draw_header_preset(self, context) -> None:
         following = steps.following(context.scene)
         if context.scene.crowd_lod.characters is None:
-            button(self.layout, "crowd_lod.characters_from_selection", "From Selection", following=following)
+            button(
+                self.layout,
+                "crowd_lod.characters_from_selection",
+                "From Selection",
+                following=following,
+            )
         else:
             button(self.layout, "crowd_lod.populate", "Populate", following=following)
 
     def body(self, context, layout, settings) -> None:
         following = steps.following(context.scene)
         layout.prop(settings, "characters")
-        button(layout, "crowd_lod.characters_from_selection", icon="RESTRICT_SELECT_OFF", following=following)
+        button(
+            layout,
+            "crowd_lod.characters_from_selection",
+            icon="RESTRICT_SELECT_OFF",
+            following=following,
+        )
         layout.prop(settings, "forward")
         draw_source(layout, settings)
         button(layout, "crowd_lod.populate", icon="OUTLINER_OB_POINTCLOUD", following=following)
@@ -80,7 +107,9 @@ class CROWDLOD_PT_groups(Step, bpy.types.Panel):
     bl_parent_id = "CROWDLOD_PT_crowd"
 
     def body(self, context, layout, settings) -> None:
-        rows = [(g.name, length(context, g.radius), length(context, g.stride)) for g in settings.groups]
+        rows = [
+            (g.name, length(context, g.radius), length(context, g.stride)) for g in settings.groups
+        ]
         table(layout, ("Group", "Radius", "Stride"), rows or [("Press Populate", "", "")])
         groups = [group for group in settings.groups if not group.variant_of]
         for group in groups[:MOST_ROWS] if len(groups) > 1 else ():
@@ -116,7 +145,9 @@ class CROWDLOD_PT_behavior(Step, bpy.types.Panel):
         draw_behavior(layout, settings)
         layout.menu("CROWDLOD_MT_machine_presets", icon="PRESET")
         frame = viewport_overlay.latest(context.scene)
-        machine = next((walk.machine for walk in walks_of(frame.trajectory)), None) if frame else None
+        machine = (
+            next((walk.machine for walk in walks_of(frame.trajectory)), None) if frame else None
+        )
         told = (
             f"{counted(len(machine.states), 'state')}, {counted(len(machine.labels), 'label')}; edge: {machine.edge}"
             if machine
@@ -157,7 +188,9 @@ class CROWDLOD_PT_culling(Step, bpy.types.Panel):
 
     def body(self, context, layout, settings) -> None:
         layout.prop(settings, "margin_kind")
-        grayed(layout, settings.margin_kind == "FIXED").prop(settings, "margin", text="Distance", translate=False)
+        grayed(layout, settings.margin_kind == "FIXED").prop(
+            settings, "margin", text="Distance", translate=False
+        )
         wide(grayed(layout, context.scene.render.use_border), settings, "cull_to_border")
         wide(layout, settings, "drop_lost")
         grayed(layout, settings.shadows).prop(settings, "unseen_level")
@@ -178,19 +211,30 @@ class CROWDLOD_PT_levels(Step, bpy.types.Panel):
             layout.prop(settings, "level_count")
             layout.prop(settings, "metric")
             self.ratios(context, layout, settings)
-        button(layout, "crowd_lod.make_levels", icon="MOD_DECIM", following=steps.following(context.scene))
+        button(
+            layout,
+            "crowd_lod.make_levels",
+            icon="MOD_DECIM",
+            following=steps.following(context.scene),
+        )
         self.made(context, layout, settings)
 
     def made(self, context, layout, settings) -> None:
         """Draw two lines: what has changed since LODs were made, and about what others would be."""
         change, line = forecast(context.scene), letters_of(context)
-        since = [f"{name} (was {then})" for name, (then, _) in changed(context.scene).items()] + edited(context.scene)
+        since = [
+            f"{name} (was {then})" for name, (then, _) in changed(context.scene).items()
+        ] + edited(context.scene)
         said = "Press Make LOD Meshes" if settings.levels is None else "LOD meshes are made"
         if since:
             said = f"Changed: {', '.join(since)}"
         label(layout, shorten(said, line, placeholder="..."), "FILE_REFRESH" if since else "INFO")
         label(layout, shorten(change.short if change else "", line, placeholder="..."), "BLANK1")
-        without = f"no LOD pays in {NAMES[engine_of(context.scene)]}" if settings.choice == "BY_TOLERANCE" else "no LODs"
+        without = (
+            f"no LOD pays in {NAMES[engine_of(context.scene)]}"
+            if settings.choice == "BY_TOLERANCE"
+            else "no LODs"
+        )
         for group in settings.groups[: MOST_ROWS if settings.levels is not None else 0]:
             label(layout, shorten(_lods_of(group, without), line, placeholder="..."), "MESH_DATA")
 
@@ -230,7 +274,9 @@ class CROWDLOD_PT_own_thresholds(Step, bpy.types.Panel):
     @classmethod
     def poll(cls, context) -> bool:
         settings = context.scene.crowd_lod
-        return settings.choice == "BY_RATIO" and settings.level_count > 1 and len(settings.groups) > 0
+        return (
+            settings.choice == "BY_RATIO" and settings.level_count > 1 and len(settings.groups) > 0
+        )
 
     def body(self, context, layout, settings) -> None:
         layout.use_property_split = False
@@ -239,7 +285,12 @@ class CROWDLOD_PT_own_thresholds(Step, bpy.types.Panel):
             row = layout.row(align=True)
             row.active = group.own_thresholds
             for level in range(settings.level_count - 1):
-                row.prop(group, "sizes" if settings.metric == "PIXELS" else "thresholds", index=level, text="")
+                row.prop(
+                    group,
+                    "sizes" if settings.metric == "PIXELS" else "thresholds",
+                    index=level,
+                    text="",
+                )
 
 
 class CROWDLOD_PT_decimation(Step, bpy.types.Panel):

@@ -39,16 +39,29 @@ class CROWDLOD_PT_statistics(_Popover, bpy.types.Panel):
             ("Frame", f"{frame.time:g}", "BLANK1"),
             ("Agents", f"{agents:,}", "BLANK1"),
             ("Visible", f"{visible:,}", "HIDE_OFF"),
-            ("Culled", f"{agents - visible:,}  ({(agents - visible) / max(agents, 1):.1%})", "HIDE_ON"),
+            (
+                "Culled",
+                f"{agents - visible:,}  ({(agents - visible) / max(agents, 1):.1%})",
+                "HIDE_ON",
+            ),
         ]
         by_lod = context.scene.crowd_lod.overlay_color == "LOD"
         for level, count in enumerate(frame.buckets.counts):
             name, icon = LOD_COLORS[level]
-            rows.append((f"LOD {level}, {name}" if by_lod else f"LOD {level}", f"{count:,}", icon if by_lod else "BLANK1"))
+            rows.append(
+                (
+                    f"LOD {level}, {name}" if by_lod else f"LOD {level}",
+                    f"{count:,}",
+                    icon if by_lod else "BLANK1",
+                )
+            )
         if frame.full_triangles:
             rows += [("Vertices", share(frame.vertices, frame.full_vertices), "VERTEXSEL")]
             rows += [("Triangles", share(frame.triangles, frame.full_triangles), "MESH_DATA")]
-        rows += [(STAGES[stage], f"{milliseconds:.2f} ms", "TIME") for stage, milliseconds in frame.milliseconds.items()]
+        rows += [
+            (STAGES[stage], f"{milliseconds:.2f} ms", "TIME")
+            for stage, milliseconds in frame.milliseconds.items()
+        ]
         column = self.layout.column(align=True)
         for name, value, icon in rows:
             split = column.split(factor=0.5)
@@ -58,21 +71,35 @@ class CROWDLOD_PT_statistics(_Popover, bpy.types.Panel):
         if frame.left_out:
             label(self.layout, "What this scene does not need")
             for item in frame.left_out:
-                paragraph(self.layout, f"{STAGES.get(item.stage, 'Plan')}: {item.reason}", "DOT", LETTERS)
+                paragraph(
+                    self.layout, f"{STAGES.get(item.stage, 'Plan')}: {item.reason}", "DOT", LETTERS
+                )
 
     def levels(self, context, settings, frame) -> None:
         """Draw what is known of each group's LODs, and where each begins."""
         if settings.levels is None:
             return
         # an undo may have brought other groups since the frame was drawn
-        current = [group.name for group in frame.trajectory.groups] == [group.name for group in settings.groups]
-        count = min(max(count_of(settings), 1), MOST_LEVELS)  # the user may have put collections in, or taken them out
+        current = [group.name for group in frame.trajectory.groups] == [
+            group.name for group in settings.groups
+        ]
+        count = min(
+            max(count_of(settings), 1), MOST_LEVELS
+        )  # the user may have put collections in, or taken them out
         for g, group in enumerate(settings.groups[: max(1, 2 * MOST_ROWS // count)]):
             rows = []
             for k in (k for k in range(count) if group.triangles[k]):
-                begin = frame.begins[g, k - 1] if current and k and frame.begins.shape[1] >= k else None
-                deviates = f"{number(1000 * scene_data.meters(context.scene) * group.deviations[k])} mm" if group.diagonal else "-"
-                rows.append((f"LOD {k}", f"{group.triangles[k]:,}", deviates, distance(context, begin)))
+                begin = (
+                    frame.begins[g, k - 1] if current and k and frame.begins.shape[1] >= k else None
+                )
+                deviates = (
+                    f"{number(1000 * scene_data.meters(context.scene) * group.deviations[k])} mm"
+                    if group.diagonal
+                    else "-"
+                )
+                rows.append(
+                    (f"LOD {k}", f"{group.triangles[k]:,}", deviates, distance(context, begin))
+                )
             table(self.layout, (group.name, "Triangles", "Deviates", "From"), rows)
         lines = settings.dropped.splitlines()
         if settings.choice == "BY_TOLERANCE" and lines:

@@ -79,7 +79,9 @@ def draw_list(layout, settings, kind: str, holder: bpy.types.PropertyGroup, show
     """
     row = layout.row()
     row.use_property_split = False
-    row.template_list(f"CROWDLOD_UL_{kind}s", "", settings, f"{kind}s", holder, f"{kind}_index", rows=shown)
+    row.template_list(
+        f"CROWDLOD_UL_{kind}s", "", settings, f"{kind}s", holder, f"{kind}_index", rows=shown
+    )
     column = row.column(align=True)
     for work, icon in (("add", "ADD"), ("remove", "REMOVE")):
         column.operator(f"crowd_lod.{work}_{kind}", text="", icon=icon)

@@ -48,10 +48,19 @@ def _held(scene: bpy.types.Scene) -> tuple[str, str]:
         return "No plan: LODs by distance", "INFO"
     frame = viewport_overlay.latest(scene) if scene.crowd_lod.use_shot_plan else None
     if frame is None:
-        return "Switched off" if not scene.crowd_lod.use_shot_plan else "The overlay tells if it holds", "INFO"
+        return (
+            "Switched off"
+            if not scene.crowd_lod.use_shot_plan
+            else "The overlay tells if it holds",
+            "INFO",
+        )
     if frame.planned:
         return f"Frame {frame.time:g} is as planned", "CHECKMARK"
-    return ("Does not hold: see above", "ERROR") if frame.unplanned else ("The viewport's view has no plan", "INFO")
+    return (
+        ("Does not hold: see above", "ERROR")
+        if frame.unplanned
+        else ("The viewport's view has no plan", "INFO")
+    )
 
 
 class CROWDLOD_PT_budget(Step, bpy.types.Panel):
@@ -86,7 +95,12 @@ class CROWDLOD_PT_exceptions(Step, bpy.types.Panel):
         else:
             grayed(column, entry.kind != "HIDE").prop(entry, "level")
         column.prop(entry, "chosen_by")
-        column.prop(entry, {"MAP": "map_image", "REGION": "region", "VOLUME": "region"}.get(entry.chosen_by, "agents"))
+        column.prop(
+            entry,
+            {"MAP": "map_image", "REGION": "region", "VOLUME": "region"}.get(
+                entry.chosen_by, "agents"
+            ),
+        )
         by_place = grayed(column, entry.chosen_by != "NUMBERS")
         by_place.prop(entry, "share")
         by_place.prop(entry, "share_seed")
@@ -128,7 +142,9 @@ class CROWDLOD_PT_build(Step, bpy.types.Panel):
 
     def draw_header_preset(self, context) -> None:
         text = "Update" if staleness.changed(context.scene) else "Build"
-        button(self.layout, _build_of(context.scene), text, following=steps.following(context.scene))
+        button(
+            self.layout, _build_of(context.scene), text, following=steps.following(context.scene)
+        )
 
     def body(self, context, layout, settings) -> None:
         changed, own = staleness.changed(context.scene), _build_of(context.scene)
@@ -139,7 +155,9 @@ class CROWDLOD_PT_build(Step, bpy.types.Panel):
             button(row, operator, text, icon, steps.following(context.scene))
         row.operator("crowd_lod.remove_build", text="", icon="TRASH")
         label(
-            layout, f"Changed: {', '.join(changed)}" if changed else _built(settings.build), "FILE_REFRESH" if changed else "INFO"
+            layout,
+            f"Changed: {', '.join(changed)}" if changed else _built(settings.build),
+            "FILE_REFRESH" if changed else "INFO",
         )
         layout.prop(settings, "keep_characters")
 
@@ -155,7 +173,11 @@ def _built(build: bpy.types.Collection | None) -> str:
     if build is None:
         return "Not built"
     try:
-        return "Baked: frames {2:g} to {3:g}".format(*baked_of(build)) if BAKED in build else "Follows frame and camera"
+        return (
+            "Baked: frames {2:g} to {3:g}".format(*baked_of(build))
+            if BAKED in build
+            else "Follows frame and camera"
+        )
     except CrowdError as error:
         return str(error)
 
@@ -166,7 +188,11 @@ class CROWDLOD_PT_cost(Step, bpy.types.Panel):
 
     def body(self, context, layout, settings) -> None:
         button(layout, "crowd_lod.estimate", icon="MEMORY")
-        head, *rows = (line.split("\t") for line in settings.estimate.splitlines()) if settings.estimate else (("Not estimated",),)
+        head, *rows = (
+            (line.split("\t") for line in settings.estimate.splitlines())
+            if settings.estimate
+            else (("Not estimated",),)
+        )
         table(layout, head, rows)
 
 
@@ -201,7 +227,9 @@ class CROWDLOD_PT_verify(Step, bpy.types.Panel):
     def body(self, context, layout, settings) -> None:
         for name in ("verify_count", "verify_width", "verify_samples"):
             layout.prop(settings, name)
-        _with_report(layout, "crowd_lod.verify", "CHECKMARK", "VERIFY", steps.following(context.scene))
+        _with_report(
+            layout, "crowd_lod.verify", "CHECKMARK", "VERIFY", steps.following(context.scene)
+        )
 
 
 CLASSES = (

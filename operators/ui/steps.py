@@ -31,7 +31,9 @@ def following(scene: bpy.types.Scene) -> str:
     settings, frame = scene.crowd_lod, viewport_overlay.latest(scene)
     done = {
         "crowd_lod.characters_from_selection": settings.characters is not None,
-        "crowd_lod.populate": len(settings.groups) > 0 and not missing_groups(settings) and not crowd_sources.outdated(scene),
+        "crowd_lod.populate": len(settings.groups) > 0
+        and not missing_groups(settings)
+        and not crowd_sources.outdated(scene),
         "crowd_lod.make_levels": settings.levels is not None and not outdated(scene),
         "crowd_lod.plan_shot": bool(settings.shot_plan) and not (frame and frame.unplanned),
         _built_by(settings): settings.build is not None and not staleness.changed(scene),
@@ -42,13 +44,22 @@ def following(scene: bpy.types.Scene) -> str:
 
 def _built_by(settings) -> str:
     """Return the operator that made the build, or that makes one."""
-    return "crowd_lod.bake" if settings.build is not None and BAKED in settings.build else "crowd_lod.build"
+    return (
+        "crowd_lod.bake"
+        if settings.build is not None and BAKED in settings.build
+        else "crowd_lod.build"
+    )
 
 
 def messages(scene: bpy.types.Scene) -> list[tuple[str, str]]:
     """Return (sentence, icon) of all that the user should know, the most urgent first."""
     settings, shown = scene.crowd_lod, viewport_overlay.shown_of(scene)
-    errors = [viewport_overlay.problem(scene), missing_library(), standing_still(scene), *troubles_of(scene)]
+    errors = [
+        viewport_overlay.problem(scene),
+        missing_library(),
+        standing_still(scene),
+        *troubles_of(scene),
+    ]
     if settings.characters is not None:
         errors.append(needs.camera(scene))
     found = [(sentence, "ERROR") for sentence in dict.fromkeys(errors) if sentence]
@@ -56,7 +67,9 @@ def messages(scene: bpy.types.Scene) -> list[tuple[str, str]]:
         found.append((f"Next: {LABELS[following(scene)]}", "FORWARD"))
     if changed := staleness.changed(scene):
         found.append((f"Changed since Build: {', '.join(changed)}", "FILE_REFRESH"))
-    found += [(note, "FILE_REFRESH") for note in crowd_sources.outdated(scene) if note not in errors]
+    found += [
+        (note, "FILE_REFRESH") for note in crowd_sources.outdated(scene) if note not in errors
+    ]
     if lods := outdated(scene):
         change = forecast(scene)
         found.append((f"{lods}. {change.sentence}" if change else lods, "FILE_REFRESH"))

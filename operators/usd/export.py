@@ -61,7 +61,12 @@ class Exported:
     @property
     def sentence(self) -> str:
         """The result in words."""
-        return " ".join((f"{counted(self.agents, 'agent')} and {counted(self.prototypes, 'prototype')} are written.", *self.notes))
+        return " ".join(
+            (
+                f"{counted(self.agents, 'agent')} and {counted(self.prototypes, 'prototype')} are written.",
+                *self.notes,
+            )
+        )
 
 
 @on_record(lambda scene, wanted: wanted.frames)
@@ -72,16 +77,25 @@ def export_usd(scene: bpy.types.Scene, wanted: UsdExport) -> Generator[float, No
     """
     usd, path = openusd(), files.followed(wanted.path)
     if printable(path) != str(path):
-        raise CrowdError(f"OpenUSD cannot write to {printable(path)}, which is no text in UTF-8: choose another place.")
+        raise CrowdError(
+            f"OpenUSD cannot write to {printable(path)}, which is no text in UTF-8: choose another place."
+        )
     with files.staged(path.parent, path.name) as hidden:
         yield from share(ready(scene), 0.0, READY)
         trajectory = trajectory_of(scene)
         library = library_of_poses(scene, trajectory, POSES, wanted.animated)
         plans, films, unplanned = yield from share(_plans(scene, wanted, library), READY, PLANNED)
         cast = instances_of([*plans.values()])
-        with CrowdFile(usd, scene, path, hidden, (cast, names_of(trajectory, library, cast.prototypes))) as file:
-            seconds = [trajectory.seconds(scene_data.remapped(scene.render, frame)) for frame in wanted.frames]
-            posing = write_prototypes(scene, (trajectory, library, cast.prototypes), wanted.frames, seconds, file.mesh)
+        with CrowdFile(
+            usd, scene, path, hidden, (cast, names_of(trajectory, library, cast.prototypes))
+        ) as file:
+            seconds = [
+                trajectory.seconds(scene_data.remapped(scene.render, frame))
+                for frame in wanted.frames
+            ]
+            posing = write_prototypes(
+                scene, (trajectory, library, cast.prototypes), wanted.frames, seconds, file.mesh
+            )
             yield from share(posing, PLANNED, POSED)
             yield from share(_instances(scene, (library, cast), plans, file), POSED, 0.95)
             if films:
@@ -89,10 +103,19 @@ def export_usd(scene: bpy.types.Scene, wanted: UsdExport) -> Generator[float, No
             file.save((wanted.frames[0], wanted.frames[-1]))
         yield 0.99
     off = max(plan.off for plan in plans.values())
-    notes = [f"Agents show one of {POSES} poses, up to {figure(off)} of a cycle beside their phase."] if off else []
+    notes = (
+        [f"Agents show one of {POSES} poses, up to {figure(off)} of a cycle beside their phase."]
+        if off
+        else []
+    )
     if len(films) < len(wanted.frames):
         notes.append("USD has no panoramic cameras: the file has none for them.")
-    return Exported(len(cast.agents), len(cast.prototypes), off, tuple(filter(None, (*notes, told_unplanned(unplanned)))))
+    return Exported(
+        len(cast.agents),
+        len(cast.prototypes),
+        off,
+        tuple(filter(None, (*notes, told_unplanned(unplanned)))),
+    )
 
 
 def _plans(
@@ -106,7 +129,9 @@ def _plans(
     with frame_stepping.stepped(scene) as at:
         for done, number in enumerate(frames):
             time = scene_data.remapped(scene.render, number)
-            yield from share(approach(trajectory, time), done / len(frames), (done + 0.9) / len(frames))
+            yield from share(
+                approach(trajectory, time), done / len(frames), (done + 0.9) / len(frames)
+            )
             film, around, shutter = lights.read_moment(scene, time, at)
             frame = frame_of(scene, None, time, film, trajectory, around, shutter)
             unplanned.append(noted(number, frame.unplanned, wanted.strict))
@@ -114,16 +139,24 @@ def _plans(
             films[number] = filmed(scene, time, at((), time))
             yield (done + 1) / len(frames)
     if not any(len(plan.agents) for plan in plans.values()):
-        raise CrowdError(f"The camera sees no agent in {shot_frames(frames)}: there is nothing to export.")
+        raise CrowdError(
+            f"The camera sees no agent in {shot_frames(frames)}: there is nothing to export."
+        )
     return plans, {number: film for number, film in films.items() if film is not None}, unplanned
 
 
 def _instances(
-    scene: bpy.types.Scene, cast: tuple[Library, Instances], plans: dict[int, Shown], file: CrowdFile
+    scene: bpy.types.Scene,
+    cast: tuple[Library, Instances],
+    plans: dict[int, Shown],
+    file: CrowdFile,
 ) -> Generator[float, None, None]:
     """Write where the agents of `cast` are in each frame."""
     trajectory, (library, instances), agents = trajectory_of(scene), cast, cast[1].agents
-    turn, speed = float(scene_data.rotation(scene.crowd_lod.forward)), scene.render.fps / scene.render.fps_base
+    turn, speed = (
+        float(scene_data.rotation(scene.crowd_lod.forward)),
+        scene.render.fps / scene.render.fps_base,
+    )
     for done, (number, plan) in enumerate(plans.items()):
         time = scene_data.remapped(scene.render, number)
         yield from share(approach(trajectory, time), done / len(plans), (done + 0.9) / len(plans))

@@ -31,7 +31,9 @@ class CROWDLOD_OT_export_usd(Stepwise, bpy.types.Operator):
                 f"USD File is {printable(name)}: give a name alone, such as crowd.usdc; Output Folder says where it goes."
             )
         path = with_ending(output_folder(scene, "usd") / name, *ENDINGS)
-        found = yield from export_usd(scene, UsdExport(scene_data.frames_of(scene), path, settings.usd_animated))
+        found = yield from export_usd(
+            scene, UsdExport(scene_data.frames_of(scene), path, settings.usd_animated)
+        )
         note_output(scene, "usd")
         return f"{found.sentence} The file is {place_of(path)}."
 

@@ -16,7 +16,13 @@ from ..blender import scene_data
 from .materials import Materials
 from .prototypes import Form
 
-BUFFERS = {"points": "Vec3fArray", "normals": "Vec3fArray", "sizes": "IntArray", "corners": "IntArray", "uv": "Vec2fArray"}
+BUFFERS = {
+    "points": "Vec3fArray",
+    "normals": "Vec3fArray",
+    "sizes": "IntArray",
+    "corners": "IntArray",
+    "uv": "Vec2fArray",
+}
 PER = {"POINT": "vertex", "FACE": "uniform", "CORNER": "faceVarying"}  # Blender's domains
 
 
@@ -31,7 +37,14 @@ class CrowdFile:
     AGENTS, CAMERA, MATERIALS = f"{ROOT}/Agents", f"{ROOT}/Camera", f"{ROOT}/Materials"
     PROTOTYPES = f"{AGENTS}/Prototypes"
 
-    def __init__(self, usd, scene: bpy.types.Scene, path: Path, hidden: Path, cast: tuple[Instances, Sequence[str]]):
+    def __init__(
+        self,
+        usd,
+        scene: bpy.types.Scene,
+        path: Path,
+        hidden: Path,
+        cast: tuple[Instances, Sequence[str]],
+    ):
         self.usd, self.scene, self.path = usd, scene, path
         instances, names = cast
         self._homes = {
@@ -91,13 +104,17 @@ class CrowdFile:
             mesh.CreateOrientationAttr(geometry.Tokens.leftHanded)
         if form.uv is not None:
             types = self.usd.Sdf.ValueTypeNames
-            st = geometry.PrimvarsAPI(mesh).CreatePrimvar("st", types.TexCoord2fArray, geometry.Tokens.faceVarying)
+            st = geometry.PrimvarsAPI(mesh).CreatePrimvar(
+                "st", types.TexCoord2fArray, geometry.Tokens.faceVarying
+            )
             st.Set(self._array("uv", form))
         self._dress(mesh, form)
         return mesh
 
     def _array(self, field: str, form: Form) -> Any:
-        return getattr(self.usd.Vt, BUFFERS[field]).FromNumpy(np.ascontiguousarray(getattr(form, field)))
+        return getattr(self.usd.Vt, BUFFERS[field]).FromNumpy(
+            np.ascontiguousarray(getattr(form, field))
+        )
 
     def _dress(self, mesh, form: Form) -> None:
         """Bind the materials of the mesh: to it, or to its faces where they have several."""
@@ -107,7 +124,8 @@ class CrowdFile:
             api, token = shade.MaterialBindingAPI.Apply(mesh.GetPrim()), self.usd.Vt.IntArray
             parts = [
                 api.CreateMaterialBindSubset(
-                    f"slot_{slot}", token.FromNumpy(np.flatnonzero(form.slots == slot).astype(np.int32))
+                    f"slot_{slot}",
+                    token.FromNumpy(np.flatnonzero(form.slots == slot).astype(np.int32)),
                 ).GetPrim()
                 for slot in used
             ]
@@ -132,11 +150,15 @@ class CrowdFile:
             sizes = np.repeat(columns["scales"].astype(np.float32)[:, None], 3, axis=1)
             instancer.GetScalesAttr().Set(vt.Vec3fArray.FromNumpy(sizes), number)
         if columns["velocities"] is not None:
-            instancer.GetVelocitiesAttr().Set(vt.Vec3fArray.FromNumpy(columns["velocities"]), number)
+            instancer.GetVelocitiesAttr().Set(
+                vt.Vec3fArray.FromNumpy(columns["velocities"]), number
+            )
         reach = self._reach * (1.0 if columns["scales"] is None else float(columns["scales"].max()))
         extent = np.array([place.min(axis=0) - reach, place.max(axis=0) + reach], np.float32)
         instancer.CreateExtentAttr().Set(vt.Vec3fArray.FromNumpy(extent), number)
-        looks = self.usd.UsdGeom.PrimvarsAPI(instancer).CreatePrimvar("looks", self.usd.Sdf.ValueTypeNames.FloatArray, "vertex")
+        looks = self.usd.UsdGeom.PrimvarsAPI(instancer).CreatePrimvar(
+            "looks", self.usd.Sdf.ValueTypeNames.FloatArray, "vertex"
+        )
         looks.Set(vt.FloatArray.FromNumpy(columns["looks"]))
 
     def save(self, frames: tuple[int, int]) -> None:
@@ -155,7 +177,9 @@ class CrowdFile:
         try:
             yield
         except self.usd.Tf.ErrorException as error:
-            reason = (re.findall(r" : '(.*?)'", str(error)) or ["it does not say why"])[0].rpartition(": ")[2]
+            reason = (re.findall(r" : '(.*?)'", str(error)) or ["it does not say why"])[
+                0
+            ].rpartition(": ")[2]
             raise CrowdError(
                 f"OpenUSD could not write {printable(self.path)} ({reason}): free space there, or choose another folder."
             ) from None

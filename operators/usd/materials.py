@@ -42,7 +42,9 @@ class Materials:
         base = surface.CreateInput("diffuseColor", types.Color3f)
         file = self._file(self._looks.found[int(layer)]) if layer >= 0 else ""
         if file:
-            reader, image = (shade.Shader.Define(self.stage, f"{path}/{each}") for each in ("UV", "Image"))
+            reader, image = (
+                shade.Shader.Define(self.stage, f"{path}/{each}") for each in ("UV", "Image")
+            )
             reader.CreateIdAttr("UsdPrimvarReader_float2")
             reader.CreateInput("varname", types.String).Set("st")
             image.CreateIdAttr("UsdUVTexture")
@@ -70,8 +72,17 @@ class Materials:
         """Return the path of the image's file as the USD file names it; write one if it has none."""
         if image not in self._files:
             own = Path(bpy.path.abspath(image.filepath, library=image.library))
-            kept = image.source == "FILE" and not image.packed_file and not image.is_dirty and own.is_file()
-            self._files[image] = self._named(own) if kept and own.suffix.lower() in READ_BY_ALL else self._saved(image)
+            kept = (
+                image.source == "FILE"
+                and not image.packed_file
+                and not image.is_dirty
+                and own.is_file()
+            )
+            self._files[image] = (
+                self._named(own)
+                if kept and own.suffix.lower() in READ_BY_ALL
+                else self._saved(image)
+            )
         return self._files[image]
 
     def _named(self, file: Path) -> str:
@@ -81,7 +92,9 @@ class Materials:
             return file.as_posix()
 
     def _saved(self, image: bpy.types.Image) -> str:
-        name = f"{self.place.stem}_{bpy.path.clean_name(Path(image.name).stem)}_{len(self._files)}.png"
+        name = (
+            f"{self.place.stem}_{bpy.path.clean_name(Path(image.name).stem)}_{len(self._files)}.png"
+        )
         image_data.save_png(self.hidden / name, image_data.read_pixels(image))
         return f"./{name}"
 
@@ -93,5 +106,13 @@ def _shine(material: bpy.types.Material | None) -> dict[str, float]:
         output = material.node_tree.get_output_node("ALL")
         links = output.inputs["Surface"].links if output else ()
         node = links[0].from_node if links else None
-    sockets = {name.lower(): node.inputs.get(name) for name in ("Roughness", "Metallic")} if node is not None else {}
-    return {name: float(each.default_value) for name, each in sockets.items() if each is not None and not each.is_linked}
+    sockets = (
+        {name.lower(): node.inputs.get(name) for name in ("Roughness", "Metallic")}
+        if node is not None
+        else {}
+    )
+    return {
+        name: float(each.default_value)
+        for name, each in sockets.items()
+        if each is not None and not each.is_linked
+    }

@@ -28,7 +28,9 @@ def missing_openusd(_: bpy.types.Scene) -> str:
 @cache
 def _look_beside_data() -> None:
     """Have Python look where the module bpy keeps `pxr`: beside its own data."""
-    for path in Path(bpy.utils.resource_path("LOCAL")).glob("python/lib/**/site-packages/pxr/__init__.py"):
+    for path in Path(bpy.utils.resource_path("LOCAL")).glob(
+        "python/lib/**/site-packages/pxr/__init__.py"
+    ):
         sys.path.append(str(path.parents[1]))
 
 
@@ -43,4 +45,6 @@ def openusd() -> SimpleNamespace:
         from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade, Vt
     except ImportError:
         raise CrowdError(MISSING) from None
-    return SimpleNamespace(Gf=Gf, Sdf=Sdf, Tf=Tf, Usd=Usd, UsdGeom=UsdGeom, UsdShade=UsdShade, Vt=Vt)
+    return SimpleNamespace(
+        Gf=Gf, Sdf=Sdf, Tf=Tf, Usd=Usd, UsdGeom=UsdGeom, UsdShade=UsdShade, Vt=Vt
+    )

@@ -40,7 +40,9 @@ class Form:
     mirrored: bool
 
 
-def library_of_poses(scene: bpy.types.Scene, trajectory: Trajectory, poses: int, animated: bool) -> Library:
+def library_of_poses(
+    scene: bpy.types.Scene, trajectory: Trajectory, poses: int, animated: bool
+) -> Library:
     """Return the Library of the prototypes of `scene`.
 
     poses: even phases of each action in which a group is posed, unless it does not move.
@@ -60,7 +62,10 @@ def names_of(trajectory: Trajectory, library: Library, prototypes: np.ndarray) -
     first = library.first(trajectory.gaits)
     levels, numbers = np.divmod(prototypes, int(first[-1]))
     groups = [trajectory.groups[g].name for g in np.searchsorted(first, numbers, side="right") - 1]
-    return [f"{group} {number:05d} LOD {level}" for group, level, number in zip(groups, levels, numbers, strict=True)]
+    return [
+        f"{group} {number:05d} LOD {level}"
+        for group, level, number in zip(groups, levels, numbers, strict=True)
+    ]
 
 
 # (the prototype, the place of the mesh in it and its name, the mesh, the frame or None) is written.
@@ -80,7 +85,10 @@ def write_prototypes(
     frames, seconds: of the timeline, and after frame 0, at which moving prototypes are posed.
     """
     trajectory, library, wanted = cast
-    gaits, levels = trajectory.gaits, scene.crowd_lod.levels.children[: policy_of(scene.crowd_lod).count]
+    gaits, levels = (
+        trajectory.gaits,
+        scene.crowd_lod.levels.children[: policy_of(scene.crowd_lod).count],
+    )
     first = library.first(gaits)
     for g, (name, objects, _) in enumerate(characters_of(scene)):
         mine = wanted[(wanted % first[-1] >= first[g]) & (wanted % first[-1] < first[g + 1])]
@@ -92,7 +100,9 @@ def write_prototypes(
             numbers = np.unique(mine % first[-1])
             for done, number in enumerate(numbers.tolist()):
                 prototypes = mine[mine % first[-1] == number].tolist()
-                act, moments = _moments(performance, trajectory, library, (g, number - int(first[g])), (frames, seconds))
+                act, moments = _moments(
+                    performance, trajectory, library, (g, number - int(first[g])), (frames, seconds)
+                )
                 for frame, moment in moments:
                     with act:
                         act.go_to(stage, moment)
@@ -100,7 +110,11 @@ def write_prototypes(
                         for prototype in prototypes:
                             home = homes[prototype // int(first[-1])]
                             for item in home.objects:
-                                form = form_of(actors[item].evaluated_get(depsgraph), home.instance_offset, depsgraph)
+                                form = form_of(
+                                    actors[item].evaluated_get(depsgraph),
+                                    home.instance_offset,
+                                    depsgraph,
+                                )
                                 if form is not None:
                                     write(prototype, item.name, form, frame)
                     yield (g + (done + 1) / len(numbers)) / len(first)
@@ -108,7 +122,11 @@ def write_prototypes(
 
 
 def _moments(
-    performance: Performance, trajectory: Trajectory, library: Library, whose: tuple[int, int], times: tuple
+    performance: Performance,
+    trajectory: Trajectory,
+    library: Library,
+    whose: tuple[int, int],
+    times: tuple,
 ) -> tuple[Performance, list[tuple[float | None, float]]]:
     """Return the action of a character, and (frame or None, moment of the action) of all its poses.
 
@@ -121,13 +139,18 @@ def _moments(
     else:
         which, phase_class = divmod(own, gaits.classes)
         action, rate = gaits.plays[g][which]
-        phases = [(frame, (phase_class / gaits.classes + rate * s) % 1.0) for frame, s in zip(*times, strict=True)]
+        phases = [
+            (frame, (phase_class / gaits.classes + rate * s) % 1.0)
+            for frame, s in zip(*times, strict=True)
+        ]
     act = performance.only(gaits.actions[action])
     ((begin, end),) = act.spans
     return act, [(frame, begin + (end - begin) * phase) for frame, phase in phases]
 
 
-def form_of(evaluated: bpy.types.Object, origin: Sequence[float], depsgraph: bpy.types.Depsgraph) -> Form | None:
+def form_of(
+    evaluated: bpy.types.Object, origin: Sequence[float], depsgraph: bpy.types.Depsgraph
+) -> Form | None:
     """Return the mesh of an evaluated LOD object about `origin`.
 
     None without faces, or if renders do not show it.
@@ -139,7 +162,11 @@ def form_of(evaluated: bpy.types.Object, origin: Sequence[float], depsgraph: bpy
     except RuntimeError:
         return None
     try:
-        return _form(mesh, np.array(Matrix.Translation(origin).inverted() @ evaluated.matrix_world, np.float64), evaluated)
+        return _form(
+            mesh,
+            np.array(Matrix.Translation(origin).inverted() @ evaluated.matrix_world, np.float64),
+            evaluated,
+        )
     finally:
         evaluated.to_mesh_clear()
 
@@ -167,16 +194,24 @@ def _form(mesh: bpy.types.Mesh, matrix: np.ndarray, evaluated: bpy.types.Object)
         mirrored=bool(turn),
     )
     if not np.isfinite(form.points).all():
-        raise CrowdError(f"The LOD mesh {evaluated.name} has a point that is not finite: check its modifiers, and make LODs again.")
+        raise CrowdError(
+            f"The LOD mesh {evaluated.name} has a point that is not finite: check its modifiers, and make LODs again."
+        )
     return form
 
 
 def _normals(mesh: bpy.types.Mesh) -> tuple[np.ndarray, str]:
-    source = {"POINT": mesh.vertex_normals, "FACE": mesh.polygon_normals, "CORNER": mesh.corner_normals}[mesh.normals_domain]
+    source = {
+        "POINT": mesh.vertex_normals,
+        "FACE": mesh.polygon_normals,
+        "CORNER": mesh.corner_normals,
+    }[mesh.normals_domain]
     return _read(source, "vector", 3), mesh.normals_domain
 
 
-def _read(items: bpy.types.bpy_prop_collection, name: str, width: int, kind: type = np.float32) -> np.ndarray:
+def _read(
+    items: bpy.types.bpy_prop_collection, name: str, width: int, kind: type = np.float32
+) -> np.ndarray:
     """Return the values `name` of all items, (n, width), or (n,) for a width of 1."""
     values = np.empty((len(items), width), kind)
     items.foreach_get(name, values.ravel())

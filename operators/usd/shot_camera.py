@@ -49,7 +49,9 @@ def filmed(scene: bpy.types.Scene, time: float, depsgraph: bpy.types.Depsgraph) 
     )
 
 
-def write_camera(usd, stage, path: str, scene: bpy.types.Scene, frames: dict[float, Filmed]) -> None:
+def write_camera(
+    usd, stage, path: str, scene: bpy.types.Scene, frames: dict[float, Filmed]
+) -> None:
     """Write the camera of `frames` to `path` of the open stage; usd: of openusd.openusd.
 
     Lengths of a lens are in tenths of the scene's unit.

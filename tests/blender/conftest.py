@@ -73,7 +73,11 @@ def rendered():
                 assert found.setdefault(time, look(scene)) == look(scene), time
 
         scene.frame_set(number)
-        scene.render.engine, scene.cycles.samples, scene.render.resolution_percentage = "CYCLES", 1, 10
+        scene.render.engine, scene.cycles.samples, scene.render.resolution_percentage = (
+            "CYCLES",
+            1,
+            10,
+        )
         bpy.app.handlers.frame_change_post.append(looked)
         try:
             bpy.ops.render.render()

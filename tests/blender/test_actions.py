@@ -32,7 +32,9 @@ STATES = {
 
 def name_actions(scene, states=STATES):
     text = bpy.data.texts.new("states.json")
-    text.from_string(json.dumps({"version": 1, "labels": {"ground": {"color": "#808080"}}, "states": states}))
+    text.from_string(
+        json.dumps({"version": 1, "labels": {"ground": {"color": "#808080"}}, "states": states})
+    )
     scene.crowd_lod.machine = text
 
 
@@ -41,7 +43,9 @@ def waiting(scene):
     """Two of the sample characters, who walk and wait."""
     people = scene.crowd_lod.characters
     groups = [bpy.data.collections[name] for name in ("adult", "heavy", "child")]
-    bpy.data.batch_remove([*(item for group in groups for item in group.objects), *groups, *bpy.data.actions])
+    bpy.data.batch_remove(
+        [*(item for group in groups for item in group.objects), *groups, *bpy.data.actions]
+    )
     make_characters(people, idle=True)
     people.children.unlink(people.children["heavy"])
     name_actions(scene)
@@ -77,7 +81,11 @@ def itself(scene, group, action, phase):
     frame = first + phase * (last - first)
     stage.frame_set(int(frame // 1), subframe=frame % 1)
     depsgraph = stage.view_layers[0].depsgraph
-    points = [mesh_data.world_points(item.evaluated_get(depsgraph)) for item in objects if item.type == "MESH"]
+    points = [
+        mesh_data.world_points(item.evaluated_get(depsgraph))
+        for item in objects
+        if item.type == "MESH"
+    ]
     rig.animation_data.action = before
     bpy.data.scenes.remove(stage)
     return np.concatenate(points) - origin
@@ -94,19 +102,30 @@ def agents_of(scene, number):
         action = bpy.data.actions[f"{'idle' if state else 'walk'} {name}"]
         first, last = action.frame_range
         cycles = 24 / (last - first) if state else 1.25 / groups_of(scene.crowd_lod)[group].stride
-        yield agent, action, (crowd.phase_class[agent] / trajectory.gaits.classes + cycles * number / 24) % 1.0
+        yield (
+            agent,
+            action,
+            (crowd.phase_class[agent] / trajectory.gaits.classes + cycles * number / 24) % 1.0,
+        )
 
 
 def worst(scene, number):
     """Meters by which what the build shows of some agents is off the characters themselves, and how many actions they play."""
-    crowd, shown = trajectory_of(scene).at(number), [points for level, points in instances(scene) if level == 0]
+    crowd, shown = (
+        trajectory_of(scene).at(number),
+        [points for level, points in instances(scene) if level == 0],
+    )
     off, actions = 0.0, set()
     for agent, action, phase in agents_of(scene, number):
         angle = crowd.heading[agent] + scene_data.rotation(scene.crowd_lod.forward)
         c, s = np.cos(angle), np.sin(angle)
-        points = itself(scene, crowd.group[agent], action, phase) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+        points = itself(scene, crowd.group[agent], action, phase) @ np.array(
+            [[c, s, 0], [-s, c, 0], [0, 0, 1]]
+        )
         points += [crowd.x[agent], crowd.y[agent], crowd.z[agent]]
-        off = max(off, min(abs(other - points).max() for other in shown if other.shape == points.shape))
+        off = max(
+            off, min(abs(other - points).max() for other in shown if other.shape == points.shape)
+        )
         actions.add(action)
     return off, len(actions)
 
@@ -136,7 +155,9 @@ def test_the_overlay_has_the_frames_of_each_action(ready):
             first, count = character.rows_of("idle" if title == "idle" else "")
             frames = character.frames[first : first + count]
             assert count == action.frame_range[1]
-            for phase in np.array([0, 7, count // 2]) / (count - 1):  # between frames it mixes matrices
+            for phase in np.array([0, 7, count // 2]) / (
+                count - 1
+            ):  # between frames it mixes matrices
                 mine = skin(character.meshes[0], pose(frames, np.array([phase], np.float32)))[0]
                 own = itself(scene, group, action, phase)
                 nearest = np.linalg.norm(mine[:, None] - own[None, ::7], axis=2).min(axis=0)
@@ -156,7 +177,9 @@ def going(action, speed=1.25):
 def test_a_stride_is_measured_by_the_feet_and_an_idle_plays_by_time(waiting):
     group = group_of(waiting, walk=going("walk"), wait=going("idle", 0))
     walk, idle = group.action("walk"), group.action("idle")
-    solved = waiting.crowd_lod.characters.children["adult"]["stride"]  # by which the feet of the walk were placed
+    solved = waiting.crowd_lod.characters.children["adult"][
+        "stride"
+    ]  # by which the feet of the walk were placed
     assert walk.stride == pytest.approx(solved, rel=1e-3) and walk.period == pytest.approx(26 / 24)
     assert idle.stride == 0 and idle.period == pytest.approx(104 / 24)
     assert bpy.data.objects["adult rig"].animation_data.action.name == "walk adult"
@@ -172,7 +195,9 @@ def traveling(scene, way=1.3541666):
     for index in range(3):
         curve = action.fcurve_ensure_for_datablock(rig, 'pose.bones["hips"].location', index=index)
         for key in curve.keyframe_points:
-            key.co.y += (bone.transposed() @ mathutils.Vector((way * (key.co.x - 1) / 26, 0, 0)))[index]
+            key.co.y += (bone.transposed() @ mathutils.Vector((way * (key.co.x - 1) / 26, 0, 0)))[
+                index
+            ]
         curve.update()
     rig.animation_data.action = before
     return action
@@ -184,7 +209,10 @@ def test_root_motion_is_taken_out_and_is_the_stride(waiting):
     group = group_of(waiting, go=going("stroll"))
     assert group.action("stroll").stride == pytest.approx(1.3541666, rel=1e-4)
     told = list(told_of_actions(waiting, [group]))
-    assert len(told) == 1 and "stroll adult moves adult by 1.35 m in a cycle: that is taken out" in told[0]
+    assert (
+        len(told) == 1
+        and "stroll adult moves adult by 1.35 m in a cycle: that is taken out" in told[0]
+    )
     (_, objects, _), actions = characters_of(waiting)[0], len(bpy.data.actions)
     stage = bpy.data.scenes.new("stage")
     for item in (*objects, objects[0].parent):
@@ -195,26 +223,45 @@ def test_root_motion_is_taken_out_and_is_the_stride(waiting):
         depsgraph = stage.view_layers[0].depsgraph
         mine = mesh_data.world_points(objects[0].evaluated_get(depsgraph))
         act.rest()
-        assert np.abs(mine - itself(waiting, 0, bpy.data.actions["walk adult"], (frame - 1) / 26)).max() < 1e-5
-    assert len(bpy.data.actions) == actions and bpy.data.objects["adult rig"].animation_data.action.name == "walk adult"
+        assert (
+            np.abs(
+                mine - itself(waiting, 0, bpy.data.actions["walk adult"], (frame - 1) / 26)
+            ).max()
+            < 1e-5
+        )
+    assert (
+        len(bpy.data.actions) == actions
+        and bpy.data.objects["adult rig"].animation_data.action.name == "walk adult"
+    )
 
 
 def test_feet_that_slide_are_told_with_the_speed_that_fits(waiting):
     bpy.data.actions["walk adult"]["stride"] = 1.5
     (told,) = told_of_actions(waiting, [group_of(waiting, walk=going("walk"))])
-    assert "slide by 0.146 m in a cycle of walk adult" in told and "the speed that fits is 1.25 m/s" in told
+    assert (
+        "slide by 0.146 m in a cycle of walk adult" in told
+        and "the speed that fits is 1.25 m/s" in told
+    )
     (told,) = told_of_actions(waiting, [group_of(waiting, wait=going("idle", 0.5))])
-    assert "feet of adult slide by 2.17 m in a cycle of idle adult" in told and "fits is 0 m/s" in told
+    assert (
+        "feet of adult slide by 2.17 m in a cycle of idle adult" in told and "fits is 0 m/s" in told
+    )
     del bpy.data.actions["walk adult"]["stride"]
-    assert not list(told_of_actions(waiting, [group_of(waiting, walk=going("walk"), wait=going("idle", 0))]))
+    assert not list(
+        told_of_actions(waiting, [group_of(waiting, walk=going("walk"), wait=going("idle", 0))])
+    )
 
 
 def test_actions_that_cannot_be_played_are_told_in_a_sentence(waiting):
-    with pytest.raises(CrowdError, match="names the action dance, and the file has none for the character group adult: call one"):
+    with pytest.raises(
+        CrowdError,
+        match="names the action dance, and the file has none for the character group adult: call one",
+    ):
         group_of(waiting, dance=going("dance"))
     bpy.data.actions["idle child"].name = "idle adult 2"
     with pytest.raises(
-        CrowdError, match="the file has none for the character group child: call one child idle or idle child or idle"
+        CrowdError,
+        match="the file has none for the character group child: call one child idle or idle child or idle",
     ):
         group_of(waiting, wait=going("idle", 0))
     of_another = bpy.data.objects.new("other", bpy.data.armatures.new("other"))
@@ -227,7 +274,12 @@ def test_actions_that_cannot_be_played_are_told_in_a_sentence(waiting):
     with pytest.raises(CrowdError, match="The action jump is of another rig"):
         group_of(waiting, jump=going("jump"))
     pose_of_one = bpy.data.actions["walk adult"].copy()
-    pose_of_one.name, pose_of_one.use_frame_range, pose_of_one.frame_start, pose_of_one.frame_end = "salute", True, 4, 4
+    (
+        pose_of_one.name,
+        pose_of_one.use_frame_range,
+        pose_of_one.frame_start,
+        pose_of_one.frame_end,
+    ) = "salute", True, 4, 4
     with pytest.raises(CrowdError, match="The action salute has one frame"):
         group_of(waiting, salute=going("salute", 0))
     bpy.data.actions["walk adult"]["stride"] = "long"
@@ -250,7 +302,13 @@ def test_bones_that_an_action_leaves_alone_stand_at_rest_in_it(waiting):
         rig.pose.bones["forearm.L"].rotation_quaternion = (np.cos(turn), np.sin(turn), 0, 0)
         with act:
             act.go_to(stage, 30)
-            found.append(np.array(rig.evaluated_get(stage.view_layers[0].depsgraph).pose.bones["forearm.L"].matrix_basis))
+            found.append(
+                np.array(
+                    rig.evaluated_get(stage.view_layers[0].depsgraph)
+                    .pose.bones["forearm.L"]
+                    .matrix_basis
+                )
+            )
         assert rig.pose.bones["forearm.L"].rotation_quaternion[1] == pytest.approx(np.sin(turn))
     assert np.allclose(found, np.eye(4), atol=1e-6)
 
@@ -262,7 +320,9 @@ def test_spheres_and_deviations_hold_in_every_action(waiting):
     for index in range(3):  # it leaps while it waits
         curve = idle.fcurve_ensure_for_datablock(rig, 'pose.bones["hips"].location', index=index)
         for key in curve.keyframe_points:
-            up = rig.data.bones["hips"].matrix_local.to_3x3().transposed() @ mathutils.Vector((0, 0, 1))
+            up = rig.data.bones["hips"].matrix_local.to_3x3().transposed() @ mathutils.Vector(
+                (0, 0, 1)
+            )
             key.co.y += up[index] * 2 * np.sin(np.pi * (key.co.x - 1) / 104)
         curve.update()
     rig.animation_data.action = walk
@@ -270,10 +330,18 @@ def test_spheres_and_deviations_hold_in_every_action(waiting):
     name_actions(waiting)
     scene = levelled(waiting)
     (group, *_) = groups_of(scene.crowd_lod)
-    assert without.center + without.radius < 2 and group.center + group.radius > 3.5 and [a.name for a in group.actions] == ["idle"]
+    assert (
+        without.center + without.radius < 2
+        and group.center + group.radius > 3.5
+        and [a.name for a in group.actions] == ["idle"]
+    )
     _, objects, _ = characters_of(scene)[0]
-    plain = finished(deviation.measure(group, objects, deviation.meshes_of(scene.crowd_lod.levels, 0, "adult")))
-    assert all(mine >= 0.99 * own for mine, own in zip(group.deviations, plain.deviations, strict=True))
+    plain = finished(
+        deviation.measure(group, objects, deviation.meshes_of(scene.crowd_lod.levels, 0, "adult"))
+    )
+    assert all(
+        mine >= 0.99 * own for mine, own in zip(group.deviations, plain.deviations, strict=True)
+    )
     act = performance_of("adult", objects, ["idle"])
     meshes = deviation.meshes_of(scene.crowd_lod.levels, 0, "adult")
     for moment in np.linspace(*act.spans[1], 7):  # none of them deviates more than its bound
@@ -315,13 +383,26 @@ def test_agents_have_sizes_of_their_own_in_build_bake_and_overlay_and_spheres_ho
             size = trajectory.scale(crowd, np.array([agent]))[0]
             angle = crowd.heading[agent] + scene_data.rotation(scene.crowd_lod.forward)
             c, s = np.cos(angle), np.sin(angle)
-            points = size * itself(scene, crowd.group[agent], action, phase) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+            points = (
+                size
+                * itself(scene, crowd.group[agent], action, phase)
+                @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+            )
             place = np.array([crowd.x[agent], crowd.y[agent], crowd.z[agent]])
-            assert min(abs(other - points - place).max() for other in shown if other.shape == points.shape) < 2.4e-4
+            assert (
+                min(
+                    abs(other - points - place).max()
+                    for other in shown
+                    if other.shape == points.shape
+                )
+                < 2.4e-4
+            )
             assert placed[tuple((place - plan.camera.origin).astype(np.float32).round(4))] == size
         for points in shown:  # each is within the sphere of one agent
             middle = crowd.places(center, agents)
-            away = [np.linalg.norm(points - each, axis=1).max() for each in np.stack(middle, axis=1)]
+            away = [
+                np.linalg.norm(points - each, axis=1).max() for each in np.stack(middle, axis=1)
+            ]
             assert (np.array(away) <= radius[crowd.group[agents]]).any()
         if not baked:
             finished(bake.bake(scene, [50]))
@@ -338,13 +419,20 @@ def test_only_groups_of_the_crowd_that_names_an_action_need_it(waiting):
     other = scene.crowd_lod.crowds.add()
     other.name, other.count, other.size, other.group_names = "others", 30, (40, 40), "child"
     trajectory = trajectory_of(scene)
-    assert [sorted({trajectory.gaits.actions[k] for k, _ in own}) for own in trajectory.gaits.plays] == [["", "idle"], [""]]
+    assert [
+        sorted({trajectory.gaits.actions[k] for k, _ in own}) for own in trajectory.gaits.plays
+    ] == [["", "idle"], [""]]
     list(render_setup.build(scene))
     scene.frame_set(50)
-    assert len(instances(scene)) == len(frame_of(scene, bpy.context.evaluated_depsgraph_get()).buckets.order)
+    assert len(instances(scene)) == len(
+        frame_of(scene, bpy.context.evaluated_depsgraph_get()).buckets.order
+    )
 
 
 def test_a_scale_of_one_leaves_no_trace(waiting):
     store_groups(waiting.crowd_lod, measure_groups(waiting))
     trajectory = trajectory_of(waiting)
-    assert trajectory.groups == groups_of(waiting.crowd_lod) and trajectory.scale(trajectory.start, np.arange(3)) is None
+    assert (
+        trajectory.groups == groups_of(waiting.crowd_lod)
+        and trajectory.scale(trajectory.start, np.arange(3)) is None
+    )

@@ -11,7 +11,11 @@ from crowd_lod_extension.operators.ui import steps
 def saved(scene, path):
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
     build = scene.crowd_lod.build
-    names = {"Scene": [scene.name], "Collection": [build.name], "Object": [item.name for item in build.objects]}
+    names = {
+        "Scene": [scene.name],
+        "Collection": [build.name],
+        "Object": [item.name for item in build.objects],
+    }
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     return names
 
@@ -30,7 +34,9 @@ def test_an_appended_scene_follows_the_frame(built, tmp_path):
     counts = []
     for frame in (1, 40):
         scene.frame_set(frame)
-        counts.append([len(item.data.vertices) for item in points_of(scene.crowd_lod.build).values()])
+        counts.append(
+            [len(item.data.vertices) for item in points_of(scene.crowd_lod.build).values()]
+        )
     assert counts[0] != counts[1] and not any(map(standing_still, bpy.data.scenes))
 
 
@@ -43,7 +49,11 @@ def test_without_its_scene_it_says_that_it_stands_still_by_name(built, tmp_path,
     assert steps.messages(scene)[0][0].startswith(told) and steps.messages(scene)[0][1] == "ERROR"
     scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
     scene.collection.objects.link(scene.camera)
-    scene.render.engine, scene.render.resolution_percentage, scene.render.filepath = "BLENDER_WORKBENCH", 1, str(tmp_path / "x")
+    scene.render.engine, scene.render.resolution_percentage, scene.render.filepath = (
+        "BLENDER_WORKBENCH",
+        1,
+        str(tmp_path / "x"),
+    )
     scene.frame_end = 2
     capfd.readouterr()
     bpy.ops.render.render(animation=True)

@@ -35,7 +35,9 @@ def farm(file, folder):
 
 
 def pictures(folder, name):
-    return [image_data.load_pixels(folder / f"{name}_{number}.png").astype(int) for number in FRAMES]
+    return [
+        image_data.load_pixels(folder / f"{name}_{number}.png").astype(int) for number in FRAMES
+    ]
 
 
 @pytest.mark.parametrize(
@@ -73,7 +75,9 @@ def test_a_farm_renders_the_pictures_of_the_live_build(built, tmp_path, engine, 
 
 
 def test_other_frames_show_nobody_and_a_new_build_is_live_again(built):
-    shown = lambda: sum(each.is_instance for each in bpy.context.evaluated_depsgraph_get().object_instances)  # noqa: E731
+    shown = lambda: sum(
+        each.is_instance for each in bpy.context.evaluated_depsgraph_get().object_instances
+    )  # noqa: E731
     built.frame_set(12)
     live = shown()
     before = [len(item.data.vertices) for item in built.crowd_lod.build.objects]
@@ -85,7 +89,9 @@ def test_other_frames_show_nobody_and_a_new_build_is_live_again(built):
     built.frame_set(13)
     assert shown() > 0
     built.frame_set(12)
-    assert [len(item.data.vertices) for item in built.crowd_lod.build.objects] == before and shown() == live
+    assert [
+        len(item.data.vertices) for item in built.crowd_lod.build.objects
+    ] == before and shown() == live
 
 
 def test_a_bake_that_is_stopped_leaves_the_live_build(built):
@@ -95,7 +101,9 @@ def test_a_bake_that_is_stopped_leaves_the_live_build(built):
         baking = bake(built, range(1, 20))
         assert next(progress for progress in baking if progress >= part) < 1.0
         baking.close()
-        assert set(bpy.data.user_map()) == before and render_setup.BAKED not in built.crowd_lod.build
+        assert (
+            set(bpy.data.user_map()) == before and render_setup.BAKED not in built.crowd_lod.build
+        )
 
 
 def test_remove_takes_a_bake_away(levelled):
@@ -114,12 +122,21 @@ def test_the_command_bakes_a_file_and_says_its_size(levelled, tmp_path, capfd):
     capfd.readouterr()
     assert commands._run([*words, "--bake", "--frames", "9:11"], "crowd-lod") == 0
     result = json.loads(capfd.readouterr().out)
-    assert result["predicted"]["Full Detail"]["time_share"] == 1 and result["predicted"]["By Ratio"]["memory_mb"] > 0
-    assert result["frames"] == [9, 10, 11] and result["bytes"] == out.stat().st_size and result["load_seconds"] > 0
+    assert (
+        result["predicted"]["Full Detail"]["time_share"] == 1
+        and result["predicted"]["By Ratio"]["memory_mb"] > 0
+    )
+    assert (
+        result["frames"] == [9, 10, 11]
+        and result["bytes"] == out.stat().st_size
+        and result["load_seconds"] > 0
+    )
     bpy.ops.wm.open_mainfile(filepath=str(out))
     top = bpy.context.scene.crowd_lod.build
     assert list(top[render_setup.BAKED])[2:] == [9, 11]
-    assert result["points"] == {name: len(item.data.vertices) for name, item in render_setup.points_of(top).items()}
+    assert result["points"] == {
+        name: len(item.data.vertices) for name, item in render_setup.points_of(top).items()
+    }
     assert commands._run(words, "crowd-lod") == 0
     assert json.loads(capfd.readouterr().out.splitlines()[-1])["frames"] is None
     bpy.ops.wm.open_mainfile(filepath=str(out))
@@ -131,13 +148,23 @@ def test_the_command_bakes_a_file_and_says_its_size(levelled, tmp_path, capfd):
 
 
 @pytest.mark.once
-def test_a_file_for_renders_alone_shows_the_same_without_characters_and_lods(built, tmp_path, capfd):
+def test_a_file_for_renders_alone_shows_the_same_without_characters_and_lods(
+    built, tmp_path, capfd
+):
     characters = built.crowd_lod.characters
     characters.hide_render = False  # the command hides them, and a file without them shows the same
     built.crowd_lod.thresholds[0] = 0.01  # no frame shows LOD 0
     bpy.context.scene.render.engine = "BLENDER_WORKBENCH"
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"))
-    words = ["build", str(tmp_path / "crowd.blend"), "--quiet", "--json", "--bake", "--frames", "12,20,27"]
+    words = [
+        "build",
+        str(tmp_path / "crowd.blend"),
+        "--quiet",
+        "--json",
+        "--bake",
+        "--frames",
+        "12,20,27",
+    ]
     sizes, meshes, hidden = [], [], []
     for name, more in (("whole", ()), ("slim", ("--render-only",))):
         out = tmp_path / f"{name}.blend"
@@ -153,13 +180,21 @@ def test_a_file_for_renders_alone_shows_the_same_without_characters_and_lods(bui
         hidden.append(HIDDEN in bpy.context.scene.crowd_lod.build)
         meshes.append({mesh.name for mesh in bpy.data.meshes})
     for whole, slim in zip(pictures(tmp_path, "whole"), pictures(tmp_path, "slim"), strict=True):
-        assert whole.any() and (whole != slim).mean() < 0.0002  # a pixel where two characters are equally near
+        assert (
+            whole.any() and (whole != slim).mean() < 0.0002
+        )  # a pixel where two characters are equally near
     assert sizes[1] < sizes[0] and meshes[1] < meshes[0] and hidden == [True, False]
     scene = bpy.context.scene
-    assert scene.crowd_lod.characters is None and scene.crowd_lod.levels is None and "People" not in bpy.data.collections
+    assert (
+        scene.crowd_lod.characters is None
+        and scene.crowd_lod.levels is None
+        and "People" not in bpy.data.collections
+    )
     with pytest.raises(CrowdError, match="no LOD meshes"):
         list(render_setup.build(scene))
-    assert commands._run(["build", str(tmp_path / "crowd.blend"), "--render-only"], "crowd-lod") == 1
+    assert (
+        commands._run(["build", str(tmp_path / "crowd.blend"), "--render-only"], "crowd-lod") == 1
+    )
     assert "add --bake" in capfd.readouterr().err
 
 
@@ -200,7 +235,14 @@ def test_names_and_paths_of_any_script_and_scenes_with_more_than_the_crowd(scene
     folder = tmp_path / "mon dossier é"
     folder.mkdir()
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "la foule.blend"))
-    words = ["build", str(folder / "la foule.blend"), "--out", str(folder / "bâti 1.blend"), "--quiet", "--json"]
+    words = [
+        "build",
+        str(folder / "la foule.blend"),
+        "--out",
+        str(folder / "bâti 1.blend"),
+        "--quiet",
+        "--json",
+    ]
     shown = []
     for more in ((), ("--bake", "--frames", "12")):
         capfd.readouterr()
@@ -214,6 +256,8 @@ def test_names_and_paths_of_any_script_and_scenes_with_more_than_the_crowd(scene
         ]
         shown.append(sorted(place for place, _ in found))
         assert {name for _, name in found} == {"adult", "child"}
-        assert {"Сцена 1", "другая"} == set(bpy.data.scenes.keys()) and not bpy.data.scenes["другая"].objects
+        assert {"Сцена 1", "другая"} == set(bpy.data.scenes.keys()) and not bpy.data.scenes[
+            "другая"
+        ].objects
     np.testing.assert_allclose(shown[0], shown[1], atol=1e-5)
     assert len(shown[0]) > 20

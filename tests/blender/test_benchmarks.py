@@ -28,7 +28,13 @@ def bench(monkeypatch):
 def test_peers_find_what_the_core_finds_and_leave_the_file_as_it_was(bench, agents):
     before = set(bpy.data.user_map())
     row = bench.stages(agents, 2, 1)
-    assert row["agents"] == agents and {"behavior", "core", "naive", "six_planes", "geometry_nodes"} <= set(row)
+    assert row["agents"] == agents and {
+        "behavior",
+        "core",
+        "naive",
+        "six_planes",
+        "geometry_nodes",
+    } <= set(row)
     assert ("c_loop" in row) == (bench.loop.library() is not None)
     assert set(bpy.data.user_map()) == before
 
@@ -56,7 +62,9 @@ def test_a_peer_that_is_wrong_is_noticed(bench, monkeypatch):
 def test_perspectives_see_nearly_all_and_nearly_none(bench):
     for which, least, most in (("A", 90, 100), ("B", 0, 10)):
         row = bench.perspective(8192, which, 1, 1)
-        assert least <= row["visible_percent"] <= most and row["visible_percent"] + row["culled_percent"] == pytest.approx(100)
+        assert least <= row["visible_percent"] <= most and row["visible_percent"] + row[
+            "culled_percent"
+        ] == pytest.approx(100)
         drawn = np.dot([row[f"lod{k}"] for k in range(3)], bench.SIZES)
         assert row["vertices_millions"] == pytest.approx(drawn / 1e6, abs=1e-3)
     assert all(row[f"lod{k}"] >= 0 for k in range(3))
@@ -77,9 +85,15 @@ def test_the_c_loop_steps_as_the_core_within_cells(bench):
     x, y, heading, state = stepper.columns
     cells = [np.stack(trajectory.world.cells(c.x, c.y)) for c in (trajectory.start, after)]
     stay = (cells[0] == cells[1]).all(axis=0)  # the core cuts the others' steps at the border
-    edge = np.isin(trajectory.world.at(*[0.1 * np.sign(v) + v for v in (after.x, after.y)]), 0, invert=True)  # some turn back there
+    edge = np.isin(
+        trajectory.world.at(*[0.1 * np.sign(v) + v for v in (after.x, after.y)]), 0, invert=True
+    )  # some turn back there
     assert (stay & ~edge).mean() > 0.8
-    for mine, theirs, off in ((x, after.x, 1e-12), (y, after.y, 1e-12), (heading, after.heading, 0)):
+    for mine, theirs, off in (
+        (x, after.x, 1e-12),
+        (y, after.y, 1e-12),
+        (heading, after.heading, 0),
+    ):
         assert np.allclose(mine[stay & ~edge], theirs[stay & ~edge], rtol=0, atol=off)
     assert (state == after.state)[stay & ~edge].all()
 
@@ -107,15 +121,28 @@ def test_a_way_to_render_shows_whom_it_says_and_its_cost_is_measured(bench, buil
     built.frame_set(number)
     found = shown(built)
     if way == "geometry nodes":
-        assert len(set(np.flatnonzero(frame.visible)) - set.union(*found)) <= 2  # whom the plan's margin keeps, and nodes do not
+        assert (
+            len(set(np.flatnonzero(frame.visible)) - set.union(*found)) <= 2
+        )  # whom the plan's margin keeps, and nodes do not
         assert sum(map(len, found)) <= frame.visible.sum() + 12
         for level in range(3):
-            assert len(found[level] & set(frame.buckets[level].tolist())) >= 0.95 * frame.buckets.counts[level] > 0
+            assert (
+                len(found[level] & set(frame.buckets[level].tolist()))
+                >= 0.95 * frame.buckets.counts[level]
+                > 0
+            )
     else:
         assert list(map(len, found)) == [len(frame.crowd), 0, 0]
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "way.blend"))
     picture = tmp_path / "way.exr"
-    asked = {"job": "render", "picture": str(picture), "engine": "CYCLES", "frame": number, "width": 32, "samples": 1}
+    asked = {
+        "job": "render",
+        "picture": str(picture),
+        "engine": "CYCLES",
+        "frame": number,
+        "width": 32,
+        "samples": 1,
+    }
     row = worth.job(120, file=str(tmp_path / "way.blend"), **asked)
     assert 0 < row["export_s"] <= row["render_s"] and row["cpu_s"] > 0 and row["peak_mb"] > 100
     assert picture.exists()
@@ -126,9 +153,16 @@ def test_a_render_that_fails_or_takes_too_long_says_so(bench, tmp_path):
 
     assert (
         "exit status 1"
-        in worth.job(60, job="render", file=str(tmp_path / "no.blend"), picture="", engine="CYCLES", frame=1, width=8, samples=1)[
-            "ended"
-        ]
+        in worth.job(
+            60,
+            job="render",
+            file=str(tmp_path / "no.blend"),
+            picture="",
+            engine="CYCLES",
+            frame=1,
+            width=8,
+            samples=1,
+        )["ended"]
     )
     assert worth.job(0.01, job="render")["ended"] == "not done in 0.01 s"
 
@@ -136,7 +170,12 @@ def test_a_render_that_fails_or_takes_too_long_says_so(bench, tmp_path):
 def test_goals_name_the_rows_that_miss_them(bench):
     import worth
 
-    row = {"engine": "CYCLES", "crowd": worth.name_of(worth.FAR), "agents": 1000, "way": worth.BAKED}
+    row = {
+        "engine": "CYCLES",
+        "crowd": worth.name_of(worth.FAR),
+        "agents": 1000,
+        "way": worth.BAKED,
+    }
     good = {**row, "time": 0.5, "memory": 0.3, "file": 1.0}
     assert [goal["met"] for goal in worth.judged([good])] == ["met", "met"]
     assert [goal["missed"] for goal in worth.judged([good, {**good, "file": 1.1}])] == [

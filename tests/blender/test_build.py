@@ -17,10 +17,16 @@ def points(scene):
     for item in (item for item in scene.crowd_lod.build.objects if item.visible_camera):
         mesh = item.data
         columns = {}
-        for name, kind, width in (("position", np.float32, 3), ("heading", np.float32, 1), ("id", np.int32, 1)):
+        for name, kind, width in (
+            ("position", np.float32, 3),
+            ("heading", np.float32, 1),
+            ("id", np.int32, 1),
+        ):
             values = np.empty((len(mesh.vertices), width), kind)
             if name in mesh.attributes:
-                mesh.attributes[name].data.foreach_get("vector" if width == 3 else "value", values.ravel())
+                mesh.attributes[name].data.foreach_get(
+                    "vector" if width == 3 else "value", values.ravel()
+                )
             columns[name] = values.tobytes()
         found[item[render_setup.LEVEL]] = columns
     return found
@@ -30,7 +36,11 @@ def instances(scene):
     """(LOD, position, heading) of every instance that the depsgraph holds."""
     depsgraph = bpy.context.evaluated_depsgraph_get()
     for each in depsgraph.object_instances:
-        if each.is_instance and render_setup.LEVEL in each.parent.original and each.object.type == "MESH":
+        if (
+            each.is_instance
+            and render_setup.LEVEL in each.parent.original
+            and each.object.type == "MESH"
+        ):
             matrix = np.array(each.matrix_world)
             yield each.parent.original[render_setup.LEVEL], each.object.original, matrix
 
@@ -49,7 +59,10 @@ def test_instances_stand_where_the_plan_says_as_the_mesh_it_says(built):
         c = frame.crowd
         for level in range(3):
             b = frame.buckets[level]
-            planned = np.stack([c.x[b], c.y[b], c.z[b], np.cos(c.heading[b]), np.sin(c.heading[b]), c.group[b]], axis=1)
+            planned = np.stack(
+                [c.x[b], c.y[b], c.z[b], np.cos(c.heading[b]), np.sin(c.heading[b]), c.group[b]],
+                axis=1,
+            )
             found = np.array(shown[level]).reshape(-1, 6)
             found, planned = (each[np.lexsort(each[:, :3].round(3).T)] for each in (found, planned))
             np.testing.assert_allclose(found[:, :5], planned[:, :5], atol=1e-5)
@@ -88,14 +101,19 @@ def test_an_agents_looks_are_its_own_at_every_time_in_every_lod(built):
     for time in (1, 30, 12):
         built.frame_set(time)
         for item in built.crowd_lod.build.objects:
-            ids, values = np.empty(len(item.data.vertices), np.int32), np.empty(len(item.data.vertices), np.float32)
+            ids, values = (
+                np.empty(len(item.data.vertices), np.int32),
+                np.empty(len(item.data.vertices), np.float32),
+            )
             item.data.attributes["id"].data.foreach_get("value", ids)
             item.data.attributes["looks"].data.foreach_get("value", values)
             for agent, value in zip(ids.tolist(), values.tolist(), strict=True):
                 assert looks.setdefault(agent, value) == value and 0 <= value < 1
                 levels.setdefault(agent, set()).add(item[render_setup.LEVEL])
     assert max(map(len, levels.values())) > 1  # some changed their LOD
-    assert len(set(looks.values())) > 0.99 * len(looks) and 0.4 < np.mean(list(looks.values())) < 0.6
+    assert (
+        len(set(looks.values())) > 0.99 * len(looks) and 0.4 < np.mean(list(looks.values())) < 0.6
+    )
 
 
 def colored_by_looks(material, colors):
@@ -105,11 +123,16 @@ def colored_by_looks(material, colors):
     tree = switch_nodes_on(material)
     tree.nodes.clear()
     looks, place, texture, glow, end = (
-        tree.nodes.new(f"ShaderNode{kind}") for kind in ("Attribute", "CombineXYZ", "TexImage", "Emission", "OutputMaterial")
+        tree.nodes.new(f"ShaderNode{kind}")
+        for kind in ("Attribute", "CombineXYZ", "TexImage", "Emission", "OutputMaterial")
     )
     looks.attribute_type, looks.attribute_name = "INSTANCER", "looks"
     texture.image, texture.interpolation, texture.extension = image, "Closest", "EXTEND"
-    ends = (looks.outputs["Fac"], place.inputs["X"]), (place.outputs[0], texture.inputs[0]), (texture.outputs[0], glow.inputs[0])
+    ends = (
+        (looks.outputs["Fac"], place.inputs["X"]),
+        (place.outputs[0], texture.inputs[0]),
+        (texture.outputs[0], glow.inputs[0]),
+    )
     for pair in (*ends, (glow.outputs[0], end.inputs[0])):
         tree.links.new(*pair)
 
@@ -118,20 +141,41 @@ def test_a_material_picks_from_an_image_by_the_agents_looks(built, tmp_path):
     colors = np.array([(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0)])
     for material in bpy.data.materials:
         colored_by_looks(material, colors)
-    built.render.engine, built.cycles.samples, built.view_settings.view_transform = "CYCLES", 1, "Raw"
-    built.cycles.use_denoising, built.render.dither_intensity, built.render.filepath = False, 0, str(tmp_path / "looks.png")
+    built.render.engine, built.cycles.samples, built.view_settings.view_transform = (
+        "CYCLES",
+        1,
+        "Raw",
+    )
+    built.cycles.use_denoising, built.render.dither_intensity, built.render.filepath = (
+        False,
+        0,
+        str(tmp_path / "looks.png"),
+    )
     built.frame_set(12)
     plan = frame_of(built, bpy.context.evaluated_depsgraph_get())
     bpy.ops.render.render(write_still=True)
-    pixels = np.array(bpy.data.images.load(built.render.filepath).pixels).reshape(90, 160, 4)[..., :3].round(2)
+    pixels = (
+        np.array(bpy.data.images.load(built.render.filepath).pixels)
+        .reshape(90, 160, 4)[..., :3]
+        .round(2)
+    )
     shown = pixels[pixels.any(axis=2)]
-    assert (shown[:, None] == colors).all(axis=2).any(axis=1).all() and len(np.unique(shown, axis=0)) == 4
+    assert (shown[:, None] == colors).all(axis=2).any(axis=1).all() and len(
+        np.unique(shown, axis=0)
+    ) == 4
     agents = plan.buckets.order
     x, y, z = plan.crowd.places(plan.trajectory.spheres.center, agents)
-    seen = [world_to_camera_view(built, built.camera, Vector(place)) for place in zip(x, y, z, strict=True)]
-    k = min((each.z, k) for k, each in enumerate(seen) if 0.1 < each.x < 0.9 and 0.1 < each.y < 0.9)[1]
+    seen = [
+        world_to_camera_view(built, built.camera, Vector(place))
+        for place in zip(x, y, z, strict=True)
+    ]
+    k = min(
+        (each.z, k) for k, each in enumerate(seen) if 0.1 < each.x < 0.9 and 0.1 < each.y < 0.9
+    )[1]
     looks = float(plan.trajectory.looks[agents[k]])
-    assert (pixels[int(90 * seen[k].y), int(160 * seen[k].x)] == colors[int(4 * looks)]).all()  # the nearest, whom none hides
+    assert (
+        pixels[int(90 * seen[k].y), int(160 * seen[k].x)] == colors[int(4 * looks)]
+    ).all()  # the nearest, whom none hides
 
 
 @pytest.mark.parametrize("blur", [False, True])
@@ -200,7 +244,13 @@ def test_levels_made_anew_ask_for_a_new_build(built, capfd):
     assert "have changed since its build was made: press Build again" in capfd.readouterr().err
     list(render_setup.build(built))
     built.frame_set(3)
-    middle = {item.data.name: len(item.data.polygons) for level, item, _ in instances(built) if level == 1}
-    whole = {item.name: len(item.data.polygons) for home in built.crowd_lod.levels.children[0].children for item in home.objects}
+    middle = {
+        item.data.name: len(item.data.polygons) for level, item, _ in instances(built) if level == 1
+    }
+    whole = {
+        item.name: len(item.data.polygons)
+        for home in built.crowd_lod.levels.children[0].children
+        for item in home.objects
+    }
     for name, count in middle.items():
         assert count == pytest.approx(0.2 * 2 * whole[name.split(" LOD")[0] + " LOD 0"], rel=0.05)

@@ -25,19 +25,25 @@ from crowd_lod_extension.operators.render_setup.shelves import LIBRARY, RIGS
 def visible():
     """World positions of all instances, sorted."""
     found = [
-        tuple(each.matrix_world.translation) for each in bpy.context.evaluated_depsgraph_get().object_instances if each.is_instance
+        tuple(each.matrix_world.translation)
+        for each in bpy.context.evaluated_depsgraph_get().object_instances
+        if each.is_instance
     ]
     return np.array(sorted(found))
 
 
 def counts():
     return {
-        name: len(getattr(bpy.data, name)) for name in ("objects", "meshes", "collections", "node_groups", "materials", "scenes")
+        name: len(getattr(bpy.data, name))
+        for name in ("objects", "meshes", "collections", "node_groups", "materials", "scenes")
     }
 
 
 def points(top):
-    return {name: [vertex.co[:] for vertex in item.data.vertices] for name, item in render_setup.points_of(top).items()}
+    return {
+        name: [vertex.co[:] for vertex in item.data.vertices]
+        for name, item in render_setup.points_of(top).items()
+    }
 
 
 def test_remove_brings_the_file_back(levelled):
@@ -55,10 +61,15 @@ def test_what_undo_loses_of_a_build_is_put_back_and_nothing_else(built):
 
     def held():
         inside = [built.crowd_lod.build, *built.crowd_lod.build.children_recursive]
-        return {each.name: (sorted(each.children.keys()), sorted(each.objects.keys())) for each in inside}
+        return {
+            each.name: (sorted(each.children.keys()), sorted(each.objects.keys()))
+            for each in inside
+        }
 
     before = held()
-    shelf = next(each for each in built.crowd_lod.build.children_recursive if each.get(LIBRARY, -1) >= 0)
+    shelf = next(
+        each for each in built.crowd_lod.build.children_recursive if each.get(LIBRARY, -1) >= 0
+    )
     rigs = next(each for each in built.crowd_lod.build.children_recursive if RIGS in each)
     lost, home = list(shelf.children)[:2]
     shelf.children.unlink(lost)
@@ -98,7 +109,10 @@ def test_a_second_build_keeps_names_pointers_and_the_users_own_edits(built):
     assert built.crowd_lod.build == top and render_setup.points_of(top) == items
     assert names == {block.name for kind in kinds for block in getattr(bpy.data, kind)}
     assert points(top) == shown and counts() == before
-    assert [modifier.name for modifier in first.modifiers] == ["Crowd LOD", "mine"] and first.modifiers[0].name == ours.name
+    assert [modifier.name for modifier in first.modifiers] == [
+        "Crowd LOD",
+        "mine",
+    ] and first.modifiers[0].name == ours.name
     assert later.node_group.name == "my tree" and first.data.materials[0].name == "my material"
     assert set(first.users_collection) == {top, elsewhere} and lamp.users_collection == (top,)
     assert first.name == "my points" and tuple(first.color)[:3] == pytest.approx((0.1, 0.2, 0.3))
@@ -115,31 +129,49 @@ def change_nothing(scene):
 
 def move_a_key(scene):
     item = next(item for item in scene.crowd_lod.characters.all_objects if item.type == "ARMATURE")
-    item.animation_data.action.layers[0].strips[0].channelbags[0].fcurves[0].keyframe_points[0].co.y += 0.1
+    item.animation_data.action.layers[0].strips[0].channelbags[0].fcurves[0].keyframe_points[
+        0
+    ].co.y += 0.1
 
 
 def paint_a_lod(scene):
-    item = next(item for item in scene.crowd_lod.levels.children[1].all_objects if item.type == "MESH")
+    item = next(
+        item for item in scene.crowd_lod.levels.children[1].all_objects if item.type == "MESH"
+    )
     item.pass_index = 7
 
 
 def lose_a_rig(scene):
-    bpy.data.objects.remove(next(item for item in scene.crowd_lod.build.all_objects if item.type == "ARMATURE"))
+    bpy.data.objects.remove(
+        next(item for item in scene.crowd_lod.build.all_objects if item.type == "ARMATURE")
+    )
 
 
 def turn_a_character(scene):
-    next(item for item in scene.crowd_lod.build.children_recursive[0].all_objects if item.type == "MESH").location.x += 1
+    next(
+        item
+        for item in scene.crowd_lod.build.children_recursive[0].all_objects
+        if item.type == "MESH"
+    ).location.x += 1
 
 
-@pytest.mark.parametrize("change", [change_nothing, move_a_key, paint_a_lod, lose_a_rig, turn_a_character])
+@pytest.mark.parametrize(
+    "change", [change_nothing, move_a_key, paint_a_lod, lose_a_rig, turn_a_character]
+)
 def test_characters_are_made_anew_only_where_something_changed(levelled, change):
     first = finished(render_setup.build(levelled))
-    rigs = {item.session_uid for item in levelled.crowd_lod.build.all_objects if item.type == "ARMATURE"}
+    rigs = {
+        item.session_uid for item in levelled.crowd_lod.build.all_objects if item.type == "ARMATURE"
+    }
     assert first.collections and rigs
     change(levelled)
     again = finished(render_setup.build(levelled))
-    now = {item.session_uid for item in levelled.crowd_lod.build.all_objects if item.type == "ARMATURE"}
-    assert len(now) == len(rigs) and (now == rigs) == (not again.collections) == (change is change_nothing)
+    now = {
+        item.session_uid for item in levelled.crowd_lod.build.all_objects if item.type == "ARMATURE"
+    }
+    assert len(now) == len(rigs) and (now == rigs) == (not again.collections) == (
+        change is change_nothing
+    )
     assert again.notes == first.notes and again.posed.tolist() == first.posed.tolist()
 
 
@@ -169,10 +201,16 @@ def test_other_poses_take_over_collections_but_not_what_the_user_put_there(built
         rig.animation_data.action = given
         list(render_setup.build(built))
         names = sorted(child.name for child in shelf.children)
-        assert [name.split(" ")[0] for name in names] == [f"{number:05d}" for number in range(len(names))]
-        assert list(built.crowd_lod.build[render_setup.POSED]) == ([1, 0] if given is None else [0, 0])
+        assert [name.split(" ")[0] for name in names] == [
+            f"{number:05d}" for number in range(len(names))
+        ]
+        assert list(built.crowd_lod.build[render_setup.POSED]) == (
+            [1, 0] if given is None else [0, 0]
+        )
         assert all(
-            len(child.objects) == 1 and child.objects[0].name.split(" ")[0] == child.name.split(" ")[1] for child in shelf.children
+            len(child.objects) == 1
+            and child.objects[0].name.split(" ")[0] == child.name.split(" ")[1]
+            for child in shelf.children
         )
         poses.append(len(names))
         assert mine.users_collection == (built.collection,)
@@ -207,7 +245,10 @@ def test_two_scenes_have_builds_of_their_own(built):
 def test_a_linked_copy_of_a_scene_gets_a_build_of_its_own_and_leaves_the_others(built):
     own, known = built.crowd_lod.build, points(built.crowd_lod.build)
     bpy.context.window.scene = built
-    for press in (lambda other: list(render_setup.build(other)), lambda other: render_setup.remove_build(other.crowd_lod)):
+    for press in (
+        lambda other: list(render_setup.build(other)),
+        lambda other: render_setup.remove_build(other.crowd_lod),
+    ):
         bpy.ops.scene.new(type="LINK_COPY")
         other = bpy.context.scene
         assert other != built and other.crowd_lod.build == own
@@ -220,14 +261,20 @@ def test_a_linked_copy_of_a_scene_gets_a_build_of_its_own_and_leaves_the_others(
 def shown_in(layer):
     """How many instances the view layer shows, and how many characters by themselves."""
     layer.update()
-    found = [each.is_instance for each in layer.depsgraph.object_instances if re.search(r" \d{5}$", each.object.name)]
+    found = [
+        each.is_instance
+        for each in layer.depsgraph.object_instances
+        if re.search(r" \d{5}$", each.object.name)
+    ]
     return sum(found), len(found) - sum(found)
 
 
 def test_the_crowd_shows_in_the_view_layers_that_are_chosen_and_stays_so(built):
     first, later = built.view_layers[0], built.view_layers.new("later")
     there = shown_in(first)
-    assert there[0] > 0 and there[1] == 0 and shown_in(later) == there  # not the characters themselves
+    assert (
+        there[0] > 0 and there[1] == 0 and shown_in(later) == there
+    )  # not the characters themselves
     levels = [item for home in built.crowd_lod.levels.children_recursive for item in home.objects]
     assert built.crowd_lod.levels.hide_render and levels
     view_layers.check_layers(built, ["later"])
@@ -236,7 +283,11 @@ def test_the_crowd_shows_in_the_view_layers_that_are_chosen_and_stays_so(built):
     view_layers.layers_of(built)["later"].holdout = True
     list(render_setup.build(built))
     built.frame_set(1)
-    assert shown_in(first) == (0, 0) and shown_in(later) == there and view_layers.layers_of(built)["later"].holdout
+    assert (
+        shown_in(first) == (0, 0)
+        and shown_in(later) == there
+        and view_layers.layers_of(built)["later"].holdout
+    )
     view_layers.show_in(built, ["later", first.name])
     assert shown_in(first) == shown_in(later) == there
     with pytest.raises(CrowdError, match="no view layer sky: give one of"):
@@ -249,7 +300,9 @@ def test_a_button_that_is_stopped_leaves_the_file_as_it_was(scene, name, part):
     scene.frame_end = 20
     store_groups(scene.crowd_lod, measure_groups(scene))
     before, groups = set(bpy.data.user_map()), groups_of(scene.crowd_lod)
-    work = prepared(scene, lambda: render_setup.build(scene) if name == "build" else bake(scene, range(1, 21)))
+    work = prepared(
+        scene, lambda: render_setup.build(scene) if name == "build" else bake(scene, range(1, 21))
+    )
     while next(work) < part:
         pass
     work.close()
@@ -270,9 +323,21 @@ def test_what_is_missing_is_said_before_anything_is_made(scene):
 
 
 SPOILT = {
-    "a LOD as a text": (lambda top: render_setup.points_of(top)["LOD 1"], render_setup.LEVEL, "one"),
-    "a LOD that there is not": (lambda top: render_setup.points_of(top)["LOD 1"], render_setup.LEVEL, 10**9),
-    "a bucket as numbers": (lambda top: render_setup.points_of(top)["Shadow 0"], render_setup.BUCKET, [1, 2]),
+    "a LOD as a text": (
+        lambda top: render_setup.points_of(top)["LOD 1"],
+        render_setup.LEVEL,
+        "one",
+    ),
+    "a LOD that there is not": (
+        lambda top: render_setup.points_of(top)["LOD 1"],
+        render_setup.LEVEL,
+        10**9,
+    ),
+    "a bucket as numbers": (
+        lambda top: render_setup.points_of(top)["Shadow 0"],
+        render_setup.BUCKET,
+        [1, 2],
+    ),
     "poses as a text": (lambda top: top, render_setup.POSED, "x"),
     "too few poses": (lambda top: top, render_setup.POSED, [8]),
     "a shelf as a list": (lambda top: top.children[0].children[1], LIBRARY, [1, 2]),
@@ -293,10 +358,14 @@ def test_what_is_spoilt_in_a_build_is_named_and_nothing_is_left_behind(built, ca
     for work in (bpy.ops.crowd_lod.build, bpy.ops.crowd_lod.bake):
         if key == render_setup.POSED:  # these are written anew
             assert f'"{key}" of {block.name} is ' in told and told.count("\n") == 1
-            assert len(render_setup.points_of(built.crowd_lod.build)["LOD 1"].data.vertices) == 0  # not another frame's
+            assert (
+                len(render_setup.points_of(built.crowd_lod.build)["LOD 1"].data.vertices) == 0
+            )  # not another frame's
             break
         built.frame_end = 2
-        with pytest.raises(RuntimeError, match=f'"{key}" of {block.name} is .*Remove Build') as error:
+        with pytest.raises(
+            RuntimeError, match=f'"{key}" of {block.name} is .*Remove Build'
+        ) as error:
             work()
         assert "Traceback" not in str(error.value) and set(bpy.data.user_map()) == before
     assert bpy.ops.crowd_lod.remove_build() == {"FINISHED"}
@@ -330,4 +399,8 @@ def test_a_linked_build_stays_its_file_s_and_another_is_made(built, tmp_path):
     (linked,) = target.collections
     built.crowd_lod.build = linked
     assert bpy.ops.crowd_lod.build() == {"FINISHED"}
-    assert built.crowd_lod.build != linked and built.crowd_lod.build.library is None and len(render_setup.points_of(linked)) == 9
+    assert (
+        built.crowd_lod.build != linked
+        and built.crowd_lod.build.library is None
+        and len(render_setup.points_of(linked)) == 9
+    )

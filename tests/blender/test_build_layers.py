@@ -67,7 +67,9 @@ def test_where_the_characters_are_held_out_so_is_a_first_build(layered, setting,
     first, sky = layered.view_layers
     setattr(place_of(sky, *names), setting, True)
     list(render_setup.build(layered))
-    assert getattr(build_in(layered, "sky"), setting) and not getattr(build_in(layered, first.name), setting)
+    assert getattr(build_in(layered, "sky"), setting) and not getattr(
+        build_in(layered, first.name), setting
+    )
     assert not build_in(layered, "sky").exclude
 
 

@@ -22,7 +22,9 @@ def columns(scene, *names):
         for name in names or ("position", "id", "pose", "heading"):
             attribute = item.data.attributes[name]
             width = 3 if name == "position" else 1
-            values = np.empty(width * len(item.data.vertices), np.int32 if name in ("id", "pose") else np.float32)
+            values = np.empty(
+                width * len(item.data.vertices), np.int32 if name in ("id", "pose") else np.float32
+            )
             attribute.data.foreach_get("vector" if width == 3 else "value", values)
             found[bucket, name] = values.tobytes()
     return found
@@ -92,14 +94,24 @@ def test_a_preview_of_a_cut_has_each_frames_own_camera_and_its_view_from_above(c
     seen = []
     for number in (10, 11):
         cut.frame_set(number)
-        seen.append(sum(len(item.data.vertices) for item in render_setup.points_of(cut.crowd_lod.build).values()))
+        seen.append(
+            sum(
+                len(item.data.vertices)
+                for item in render_setup.points_of(cut.crowd_lod.build).values()
+            )
+        )
     assert [row["visible"] for row in plan["frames"]] == seen and seen[0] != seen[1]
     main, above = (
-        [image_data.load_pixels(tmp_path / "cut" / f"{view}_{n:04d}.png").astype(int) for n in (10, 11)]
+        [
+            image_data.load_pixels(tmp_path / "cut" / f"{view}_{n:04d}.png").astype(int)
+            for n in (10, 11)
+        ]
         for view in ("main", "above")
     )
     assert (np.abs(above[0] - main[0]).max(axis=2) > 30).mean() > 0.3
-    assert np.median(np.abs(above[0] - above[1])) <= 2  # the ground stays where it is, seen from above
+    assert (
+        np.median(np.abs(above[0] - above[1])) <= 2
+    )  # the ground stays where it is, seen from above
 
 
 def test_time_stretching_slows_crowd_and_camera_alike(built):
@@ -124,7 +136,9 @@ def test_a_stretched_shutter_opens_for_as_long_as_cycles_has_it_open(built, stre
         assert time == pytest.approx(scene_data.time_of(built), abs=1e-6)
 
 
-def test_an_open_shutter_is_read_once_a_rendered_frame_and_not_for_a_viewport(built, rendered, tmp_path):
+def test_an_open_shutter_is_read_once_a_rendered_frame_and_not_for_a_viewport(
+    built, rendered, tmp_path
+):
     """It takes a scene, after which Blender works out anew what depends on what in all the file."""
     lamp = bpy.data.objects.new("lamp", bpy.data.lights.new("lamp", "POINT"))
     built.collection.objects.link(lamp)
@@ -171,12 +185,18 @@ def test_who_comes_back_on_the_other_side_is_not_drawn_across_the_picture(built,
         built.frame_set(int((12 + part) // 1), subframe=part % 1)
         for each in bpy.context.evaluated_depsgraph_get().object_instances:
             if each.is_instance and each.object.type == "MESH":
-                where.setdefault((each.parent.name, each.persistent_id[1]), []).append(each.matrix_world.translation.x)
+                where.setdefault((each.parent.name, each.persistent_id[1]), []).append(
+                    each.matrix_world.translation.x
+                )
     ways = np.array(list(where.values()))
     assert ways.shape == (300, 3) and jumps > 3
     steps = np.diff(ways, axis=1)
     still = (steps == 0).any(axis=1)
-    assert (np.abs(steps) < 0.41).all() and still.sum() == jumps and steps[~still] == pytest.approx(0.4, abs=0.01)
+    assert (
+        (np.abs(steps) < 0.41).all()
+        and still.sum() == jumps
+        and steps[~still] == pytest.approx(0.4, abs=0.01)
+    )
 
 
 @pytest.mark.parametrize("position", ["START", "CENTER", "END"])
@@ -199,7 +219,9 @@ def test_cycles_blurs_an_agent_over_the_way_it_walks(built, tmp_path, position):
         built.frame_set(20)
         built.render.filepath = str(tmp_path / f"{blur}.png")
         bpy.ops.render.render(write_still=True)
-        columns_seen = np.nonzero((image_data.load_pixels(tmp_path / f"{blur}.png")[..., 3] > 8).any(axis=0))[0]
+        columns_seen = np.nonzero(
+            (image_data.load_pixels(tmp_path / f"{blur}.png")[..., 3] > 8).any(axis=0)
+        )[0]
         wide[blur] = columns_seen.min(), columns_seen.max()
     pixels = 4 / 24 * 1.25 * 320 / 8
     before = {"START": 0, "CENTER": 0.5, "END": 1}[position] * pixels
@@ -217,7 +239,11 @@ def test_frames_asked_for_from_another_thread_are_done_in_the_main_one(built, mo
     wanted = columns(built)
     where = []
     real = frame_update.update
-    monkeypatch.setattr(frame_update, "update", lambda *inputs: (where.append(threading.current_thread()), real(*inputs)))
+    monkeypatch.setattr(
+        frame_update,
+        "update",
+        lambda *inputs: (where.append(threading.current_thread()), real(*inputs)),
+    )
     frame_update.empty(built.crowd_lod.build)
     render = threading.Thread(target=frame_update.follow, args=(built, depsgraph))
     render.start()
@@ -226,7 +252,9 @@ def test_frames_asked_for_from_another_thread_are_done_in_the_main_one(built, mo
     assert where == [threading.main_thread()] and columns(built) == wanted
 
 
-def test_errors_come_back_to_the_thread_that_asked_and_a_busy_main_thread_ends_its_patience(monkeypatch):
+def test_errors_come_back_to_the_thread_that_asked_and_a_busy_main_thread_ends_its_patience(
+    monkeypatch,
+):
     said = []
 
     def ask(work):
@@ -250,7 +278,9 @@ def test_errors_come_back_to_the_thread_that_asked_and_a_busy_main_thread_ends_i
     assert said[0] == "no crowd here" and "too busy" in said[1] and len(said) == 2
 
 
-def test_a_repainted_map_or_an_edited_number_is_never_missed_and_nothing_is_kept_of_another_file(built):
+def test_a_repainted_map_or_an_edited_number_is_never_missed_and_nothing_is_kept_of_another_file(
+    built,
+):
     settings = built.crowd_lod
     pixels = np.full((8, 8, 3), 128, np.uint8)
     settings.map_image = image_data.write_image("ground", pixels)
@@ -265,7 +295,11 @@ def test_a_repainted_map_or_an_edited_number_is_never_missed_and_nothing_is_kept
     values[..., :3] = pixels / np.float32(255)
     settings.map_image.pixels.foreach_set(values.ravel())  # without a word to Blender
     walled = trajectory_of(built)
-    assert walled is not first and (walled.start.x > settings.center[0] - 1e-6).all() and first.start.x.min() < -5
+    assert (
+        walled is not first
+        and (walled.start.x > settings.center[0] - 1e-6).all()
+        and first.start.x.min() < -5
+    )
     settings.machine.from_string(table.replace("1.5", "2.5"))
     assert trajectory_of(built).machine.velocity.max() == 2.5
     settings.seed += 1

@@ -31,7 +31,10 @@ class Asked(bpy.types.RenderEngine):
         for view in depsgraph.scene.render.views:
             self.active_view_set(view.name)
             camera = self.camera_override
-            self.answers[view.name] = np.array(self.camera_model_matrix(camera)), self.camera_shift_x(camera)
+            self.answers[view.name] = (
+                np.array(self.camera_model_matrix(camera)),
+                self.camera_shift_x(camera),
+            )
 
 
 @pytest.fixture
@@ -68,7 +71,11 @@ def shuffle(scene, random, kind):
     parent = bpy.data.objects.new("Parent", None)
     scene.collection.objects.link(parent)
     turn = Euler(random.uniform(-3, 3, 3)).to_matrix().to_4x4()
-    scale = Matrix.Diagonal((*random.uniform(0.3, 3, 3), 1)) if kind == "sheared" else Matrix.Scale(random.uniform(0.3, 3), 4)
+    scale = (
+        Matrix.Diagonal((*random.uniform(0.3, 3, 3), 1))
+        if kind == "sheared"
+        else Matrix.Scale(random.uniform(0.3, 3), 4)
+    )
     mirror = Matrix.Diagonal((random.choice([-1, 1]), 1, 1, 1))
     parent.matrix_world = Matrix.Translation(random.normal(size=3) * 100) @ scale @ mirror @ turn
     camera.parent = parent
@@ -115,11 +122,19 @@ def test_no_agent_that_blender_shows_is_missed(scene, kind):
             stereo.convergence_mode = str(random.choice(["OFFAXIS", "PARALLEL", "TOE"]))
             stereo.pivot = str(random.choice(["LEFT", "RIGHT", "CENTER"]))
             stereo.interocular_distance, stereo.convergence_distance = random.uniform(0.1, 5, 2)
-            size = scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage
+            size = (
+                scene.render.resolution_x,
+                scene.render.resolution_y,
+                scene.render.resolution_percentage,
+            )
             scene.render.resolution_x = scene.render.resolution_y = 16
             scene.render.resolution_percentage = 100
             bpy.ops.render.render(scene=scene.name)
-            scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = size
+            (
+                scene.render.resolution_x,
+                scene.render.resolution_y,
+                scene.render.resolution_percentage,
+            ) = size
             depsgraph, sides = depsgraph_of(scene), ["left", "right"]
         eyes = cameras.read_cameras(scene, depsgraph)
         assert len(eyes) == len(sides)
@@ -131,21 +146,29 @@ def test_no_agent_that_blender_shows_is_missed(scene, kind):
         points = low + w[:, :1] * (across - low) + w[:, 1:] * (up - low)
         radius = 10.0 ** random.uniform(-2, 1)
         way = random.normal(size=(AGENTS, 6, 3))
-        surface = (points[:, None] + radius * way / np.linalg.norm(way, axis=2, keepdims=True)).reshape(-1, 3)
+        surface = (
+            points[:, None] + radius * way / np.linalg.norm(way, axis=2, keepdims=True)
+        ).reshape(-1, 3)
         visible, _ = radar(standing(points), eyes, np.zeros(1), np.array([radius]))
         seen = np.zeros(AGENTS, bool)
         for side in sides:
             view, clip = matrices(scene, depsgraph, side)
-            seen |= shows(points, view, clip) | shows(surface, view, clip).reshape(-1, 6).any(axis=1)
+            seen |= shows(points, view, clip) | shows(surface, view, clip).reshape(-1, 6).any(
+                axis=1
+            )
         assert not (seen & ~visible).any()
         total, shown, kept = total + AGENTS, shown + int(seen.sum()), kept + int(visible.sum())
         if kind == "PERSP":
-            scene.render.resolution_percentage = 100  # world_to_camera_view knows no percentage, so no rounding to pixels
+            scene.render.resolution_percentage = (
+                100  # world_to_camera_view knows no percentage, so no rounding to pixels
+            )
             eye = cameras.read_cameras(scene, depsgraph_of(scene))[0]
             for point in points[:50]:
                 x, y, depth = world_to_camera_view(scene, scene.camera, Vector(point))
                 if 1e-4 < min(x, y) and max(x, y) < 1 - 1e-4 and eye.near < depth < eye.far:
-                    assert radar(standing(point[None]), eye, np.zeros(1), np.full(1, 1e-4 * eye.far))[0][0]
+                    assert radar(
+                        standing(point[None]), eye, np.zeros(1), np.full(1, 1e-4 * eye.far)
+                    )[0][0]
     assert 0.1 * total < shown <= kept < 0.95 * total
 
 
@@ -156,9 +179,14 @@ def test_the_window_is_blenders(scene, kind):
         depsgraph = shuffle(scene, random, kind)
         camera = cameras.read_cameras(scene, depsgraph)[0]
         view, clip = matrices(scene, depsgraph)
-        corners = np.concatenate([frustum_corners(camera, camera.far), np.ones((4, 1))], axis=1) @ (clip @ view).T
+        corners = (
+            np.concatenate([frustum_corners(camera, camera.far), np.ones((4, 1))], axis=1)
+            @ (clip @ view).T
+        )
         corners = corners[:, :3] / corners[:, 3:]
-        np.testing.assert_allclose(corners, [(-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1)], atol=2e-3)
+        np.testing.assert_allclose(
+            corners, [(-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1)], atol=2e-3
+        )
 
 
 @pytest.mark.parametrize("mode", ["OFFAXIS", "PARALLEL", "TOE"])
@@ -177,7 +205,9 @@ def test_eyes_are_blenders(scene, mode, pivot):
     for eye, side in zip(eyes, ("left", "right"), strict=True):
         matrix, shift = Asked.answers[side]
         np.testing.assert_allclose(eye.origin, matrix[:3, 3], atol=1e-6)
-        np.testing.assert_allclose(np.stack([eye.X, eye.Y, -eye.Z], axis=1), matrix[:3, :3], atol=1e-6)
+        np.testing.assert_allclose(
+            np.stack([eye.X, eye.Y, -eye.Z], axis=1), matrix[:3, :3], atol=1e-6
+        )
         moved = (eye.window.left - plain.window.left) * camera.data.lens / camera.data.sensor_width
         assert moved == pytest.approx(shift, abs=1e-6)
     assert np.linalg.norm(eyes[0].origin - eyes[1].origin) == pytest.approx(0.5, abs=1e-6)
@@ -191,7 +221,10 @@ def test_views_with_cameras_of_their_own(scene):
         scene.collection.objects.link(item)
     scene.camera = scene.objects["Shot_L"]
     render.use_multiview, render.views_format = True, "MULTIVIEW"
-    assert [camera.origin[0] for camera in cameras.read_cameras(scene, depsgraph_of(scene))] == [1, 2]
+    assert [camera.origin[0] for camera in cameras.read_cameras(scene, depsgraph_of(scene))] == [
+        1,
+        2,
+    ]
     render.views["right"].use = False
     assert [camera.origin[0] for camera in cameras.read_cameras(scene, depsgraph_of(scene))] == [1]
 
@@ -206,7 +239,9 @@ def lit(scene, point, folder, engine, size=(96, 64)):
     material = bpy.data.materials.new("glow")
     nodes = switch_nodes_on(material)
     glow = nodes.nodes.new("ShaderNodeEmission")
-    nodes.links.new(glow.outputs[0], next(n for n in nodes.nodes if n.type == "OUTPUT_MATERIAL").inputs[0])
+    nodes.links.new(
+        glow.outputs[0], next(n for n in nodes.nodes if n.type == "OUTPUT_MATERIAL").inputs[0]
+    )
     mesh.materials.append(material)
     scene.collection.objects.link(ball)
     render = scene.render
@@ -219,7 +254,9 @@ def lit(scene, point, folder, engine, size=(96, 64)):
     bpy.ops.render.render(scene=scene.name, write_still=True)
     red, _, _, alpha = np.moveaxis(image_data.load_pixels(render.filepath), 2, 0)
     scene.collection.objects.unlink(ball)
-    rows, columns = np.nonzero((red > 50) & (alpha > 100))  # beyond a fisheye's circle Cycles is black and opaque
+    rows, columns = np.nonzero(
+        (red > 50) & (alpha > 100)
+    )  # beyond a fisheye's circle Cycles is black and opaque
     if not len(rows):
         return None
     return (columns.mean() + 0.5) / size[0], (rows.mean() + 0.5) / size[1]
@@ -237,7 +274,11 @@ def test_a_sheared_mirrored_camera_renders_where_its_coordinates_say(scene, engi
     scene.camera.parent = parent
     scene.camera.rotation_euler = 0.7, 0.4, 0.9
     scene.camera.data.lens = 20
-    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 96, 64, 100
+    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = (
+        96,
+        64,
+        100,
+    )
     camera = cameras.read_cameras(scene, depsgraph_of(scene))[0]
     assert abs(camera.X @ camera.Z) > 0.1  # sheared indeed
     point = camera.origin + np.linalg.inv([camera.X, camera.Y, camera.Z]) @ (3.0, -1.5, 8.0)
@@ -282,12 +323,19 @@ def test_every_panoramic_type_has_the_density_that_cycles_renders(scene, tmp_pat
 def test_render_border_is_an_option(scene):
     render = scene.render
     render.use_border = True
-    render.border_min_x, render.border_max_x, render.border_min_y, render.border_max_y = 0.25, 0.5, 0.1, 0.4
+    render.border_min_x, render.border_max_x, render.border_min_y, render.border_max_y = (
+        0.25,
+        0.5,
+        0.1,
+        0.4,
+    )
     whole = cameras.read_cameras(scene, depsgraph_of(scene))[0]
     scene.crowd_lod.cull_to_border = True
     part = cameras.read_cameras(scene, depsgraph_of(scene))[0]
     assert part.window != whole.window
-    for corner, (x, y) in zip(frustum_corners(part, 10.0), ((0.25, 0.1), (0.5, 0.1), (0.5, 0.4), (0.25, 0.4)), strict=True):
+    for corner, (x, y) in zip(
+        frustum_corners(part, 10.0), ((0.25, 0.1), (0.5, 0.1), (0.5, 0.4), (0.25, 0.4)), strict=True
+    ):
         at = world_to_camera_view(scene, scene.camera, Vector(corner))
         assert (at.x, at.y) == pytest.approx((x, y), abs=1e-4)
 
@@ -330,7 +378,9 @@ def test_motion_blur_keeps_what_any_time_of_the_shutter_shows(scene):
     alone = radar(crowd, cameras.camera_at(scene, 5.0), np.zeros(1), radius)[0]
     assert kept.sum() > alone.sum() > 100
     for time in np.linspace(4.6, 5.4, 9):
-        assert not (radar(crowd, cameras.camera_at(scene, float(time)), np.zeros(1), radius)[0] & ~kept).any()
+        assert not (
+            radar(crowd, cameras.camera_at(scene, float(time)), np.zeros(1), radius)[0] & ~kept
+        ).any()
 
 
 def test_depth_of_field_widens_the_view(scene):

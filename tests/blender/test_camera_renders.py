@@ -14,7 +14,10 @@ from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
 from mathutils import Matrix
 
 SPHERES = 80
-BALL = np.array([(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z], np.float64)
+BALL = np.array(
+    [(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z],
+    np.float64,
+)
 BALL /= np.linalg.norm(BALL, axis=1, keepdims=True)
 
 
@@ -27,7 +30,12 @@ def scene():
     scene.collection.objects.link(scene.camera)
     scene.camera.location, scene.camera.rotation_euler = (3, -2, 5), (1.1, 0.2, 0.7)
     render = scene.render
-    render.engine, render.resolution_x, render.resolution_y, render.resolution_percentage = "CYCLES", 36, 22, 100
+    render.engine, render.resolution_x, render.resolution_y, render.resolution_percentage = (
+        "CYCLES",
+        36,
+        22,
+        100,
+    )
     render.image_settings.file_format, render.image_settings.color_mode = "PNG", "RGB"
     scene.view_settings.view_transform, scene.world, render.dither_intensity = "Raw", None, 0
     cycles = scene.cycles
@@ -43,13 +51,19 @@ def lit(scene, tmp_path):
     nodes = switch_nodes_on(glow).nodes
     light = nodes.new("ShaderNodeEmission")
     light.inputs["Strength"].default_value = 1e5
-    glow.node_tree.links.new(light.outputs[0], next(n for n in nodes if n.type == "OUTPUT_MATERIAL").inputs[0])
+    glow.node_tree.links.new(
+        light.outputs[0], next(n for n in nodes if n.type == "OUTPUT_MATERIAL").inputs[0]
+    )
     faces = [tuple(np.argsort(np.linalg.norm(BALL - corner, axis=1))[:3]) for corner in BALL]
 
     def count(points, radius):
         mesh = bpy.data.meshes.new("balls")
         corners = (points[:, None] + radius[:, None, None] * BALL).reshape(-1, 3)
-        every = [tuple(int(k) + len(BALL) * n for k in face) for n in range(len(points)) for face in faces]
+        every = [
+            tuple(int(k) + len(BALL) * n for k in face)
+            for n in range(len(points))
+            for face in faces
+        ]
         mesh.from_pydata(corners.tolist(), [], every)
         mesh.materials.append(glow)
         item = bpy.data.objects.new("balls", mesh)
@@ -61,28 +75,43 @@ def lit(scene, tmp_path):
         bpy.data.meshes.remove(mesh)
         pictures = list(tmp_path.glob("*.png"))
         assert len(pictures) == (2 if scene.render.use_multiview else 1)
-        return sum(int((image_data.load_pixels(path)[..., :3] > 0).any(axis=2).sum()) for path in pictures)
+        return sum(
+            int((image_data.load_pixels(path)[..., :3] > 0).any(axis=2).sum()) for path in pictures
+        )
 
     return count
 
 
 def scattered(eye, random):
     """(points (n, 3), radius (n,)): spheres about the edges of what the camera `eye` sees, of its near and far end, too."""
-    depth = 10.0 ** random.uniform(np.log10(max(eye.near / 2, 1e-2)), np.log10(min(eye.far * 1.3, 1e5)), SPHERES)
+    depth = 10.0 ** random.uniform(
+        np.log10(max(eye.near / 2, 1e-2)), np.log10(min(eye.far * 1.3, 1e5)), SPHERES
+    )
     if eye.kind == "PANO":
         way = random.normal(size=(SPHERES, 3))
         way /= np.linalg.norm(way, axis=1, keepdims=True)
         ends = np.where(
-            random.random(SPHERES) < 0.5, eye.near * random.uniform(0.6, 1.1), eye.far * random.uniform(0.9, 1.4, SPHERES)
+            random.random(SPHERES) < 0.5,
+            eye.near * random.uniform(0.6, 1.1),
+            eye.far * random.uniform(0.9, 1.4, SPHERES),
         )
         depth = np.where(random.random(SPHERES) < 0.5, ends, depth)
-        return eye.origin + depth[:, None] * way, depth * 10.0 ** random.uniform(-1.5, -0.5, SPHERES)
+        return eye.origin + depth[:, None] * way, depth * 10.0 ** random.uniform(
+            -1.5, -0.5, SPHERES
+        )
     w, across = eye.window, 1.0 if eye.kind == "ORTHO" else depth
     x, y = random.uniform(-0.4, 1.4, (2, SPHERES))
     edge = random.random(SPHERES)  # half of them within a few pixels of an edge
     x = np.where(edge < 0.25, np.where(x < 0.5, 0, 1) + random.uniform(-0.1, 0.1, SPHERES), x)
     y = np.where(edge > 0.75, np.where(y < 0.5, 0, 1) + random.uniform(-0.1, 0.1, SPHERES), y)
-    at = np.stack([(w.left + x * (w.right - w.left)) * across, (w.bottom + y * (w.top - w.bottom)) * across, depth], axis=1)
+    at = np.stack(
+        [
+            (w.left + x * (w.right - w.left)) * across,
+            (w.bottom + y * (w.top - w.bottom)) * across,
+            depth,
+        ],
+        axis=1,
+    )
     points = eye.origin + at @ np.linalg.inv(np.array([eye.X, eye.Y, eye.Z])).T
     return points, (w.right - w.left) * across * 10.0 ** random.uniform(-2.5, -0.7, SPHERES)
 
@@ -92,7 +121,11 @@ def plain(scene):
 
 
 def orthographic(scene):
-    scene.camera.data.type, scene.camera.data.ortho_scale, scene.camera.data.shift_y = "ORTHO", 9, 0.3
+    scene.camera.data.type, scene.camera.data.ortho_scale, scene.camera.data.shift_y = (
+        "ORTHO",
+        9,
+        0.3,
+    )
 
 
 def shifted(scene):
@@ -148,7 +181,12 @@ def two_eyes(mode, pivot):
     def set_up(scene):
         scene.render.use_multiview, scene.render.image_settings.views_format = True, "INDIVIDUAL"
         eyes = scene.camera.data.stereo
-        eyes.convergence_mode, eyes.pivot, eyes.interocular_distance, eyes.convergence_distance = mode, pivot, 2.0, 4.0
+        eyes.convergence_mode, eyes.pivot, eyes.interocular_distance, eyes.convergence_distance = (
+            mode,
+            pivot,
+            2.0,
+            4.0,
+        )
 
     return set_up
 
@@ -172,7 +210,13 @@ def two_cameras(scene):
 def panorama(kind):
     def set_up(scene):
         data = scene.camera.data
-        data.type, data.panorama_type, data.fisheye_fov, data.clip_start, data.clip_end = "PANO", kind, 2.4, 0.5, 40
+        data.type, data.panorama_type, data.fisheye_fov, data.clip_start, data.clip_end = (
+            "PANO",
+            kind,
+            2.4,
+            0.5,
+            40,
+        )
         data.fisheye_polynomial_k1, scene.render.resolution_y = -0.06, 36
 
     return set_up
@@ -189,7 +233,12 @@ def bordered(scene):
     """Its edges lie within pixels, which are rendered whole."""
     render = scene.render
     render.use_border = scene.crowd_lod.cull_to_border = True
-    render.border_min_x, render.border_max_x, render.border_min_y, render.border_max_y = 0.27, 0.74, 0.22, 0.68
+    render.border_min_x, render.border_max_x, render.border_min_y, render.border_max_y = (
+        0.27,
+        0.74,
+        0.22,
+        0.68,
+    )
     scene.cycles.pixel_filter_type = "BOX"
 
 
@@ -200,7 +249,11 @@ def open_lens(scene):
 
 def filtered(kind, width):
     def set_up(scene):
-        scene.cycles.pixel_filter_type, scene.cycles.filter_width, scene.cycles.samples = kind, width, 200
+        scene.cycles.pixel_filter_type, scene.cycles.filter_width, scene.cycles.samples = (
+            kind,
+            width,
+            200,
+        )
 
     return set_up
 
@@ -218,7 +271,11 @@ WAYS = {
     "sheared": below(Matrix.Diagonal((2, 0.6, 1.2, 1)) @ Matrix.Rotation(0.5, 4, "X")),
     "linked": linked,
     "constrained": constrained,
-    **{f"stereo {m} {p}": two_eyes(m, p) for m in ("OFFAXIS", "PARALLEL", "TOE") for p in ("LEFT", "RIGHT", "CENTER")},
+    **{
+        f"stereo {m} {p}": two_eyes(m, p)
+        for m in ("OFFAXIS", "PARALLEL", "TOE")
+        for p in ("LEFT", "RIGHT", "CENTER")
+    },
     "spherical stereo": spherical,
     "two cameras": two_cameras,
     "near": clipped(1e-6, 1.0),
@@ -243,14 +300,22 @@ def judged(scene, lit, seed):
     eyes = cameras.read_cameras(scene, scene.view_layers[0].depsgraph)
     random = np.random.default_rng(seed)
     spheres = [scattered(eye, random) for eye in eyes]
-    points, radius = np.concatenate([p for p, _ in spheres]), np.concatenate([r for _, r in spheres])
+    points, radius = (
+        np.concatenate([p for p, _ in spheres]),
+        np.concatenate([r for _, r in spheres]),
+    )
     points = points.astype(np.float32).astype(np.float64)
     crowd = standing(points, np.arange(len(points)))
     seen, _ = radar(crowd, eyes, np.zeros(len(points)), radius)
     pinholes = [replace(eye, pad=0.0, turn=0.0) for eye in eyes]
     center_seen, _ = radar(crowd, pinholes, np.zeros(len(points)), np.zeros(len(points)))
     touching = seen & ~center_seen
-    return lit(points[~seen], radius[~seen]), lit(points[touching], radius[touching]), int((~seen).sum()), int(seen.sum())
+    return (
+        lit(points[~seen], radius[~seen]),
+        lit(points[touching], radius[touching]),
+        int((~seen).sum()),
+        int(seen.sum()),
+    )
 
 
 @pytest.mark.parametrize("way", WAYS)

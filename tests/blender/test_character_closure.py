@@ -39,7 +39,11 @@ def box(name):
     """0.5 x 0.3 x 1.8 m by an empty of scale 0.01 turned by 90 degrees: in itself in centimeters with y up."""
     mesh = bpy.data.meshes.new(name)
     corners = [(x, y, z) for z in (-15.0, 15.0) for y in (0.0, 180.0) for x in (-25.0, 25.0)]
-    mesh.from_pydata(corners, [], [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)])
+    mesh.from_pydata(
+        corners,
+        [],
+        [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)],
+    )
     item = new(name, mesh)
     item.parent = empty(f"root of {name}", scale=(0.01,) * 3, rotation_euler=(pi / 2, 0, 0))
     return item
@@ -47,11 +51,16 @@ def box(name):
 
 def knight():
     """A rig and its mesh, 5.47 m high but for the two empties of an importer that they are below."""
-    item, armature = new("knight", tube("knight", 6, 4, radius=0.5, height=5.47)), rig("knight's rig")
+    item, armature = (
+        new("knight", tube("knight", 6, 4, radius=0.5, height=5.47)),
+        rig("knight's rig"),
+    )
     skin(item, armature)
     armature.animation_data_clear()
     armature.pose.bones["upper"].rotation_euler = (0, 0, 0)
-    armature.parent = empty("scale", parent=empty("file", location=(4, 0, 0)), scale=(1.75 / 5.47,) * 3)
+    armature.parent = empty(
+        "scale", parent=empty("file", location=(4, 0, 0)), scale=(1.75 / 5.47,) * 3
+    )
     return item, armature
 
 
@@ -85,15 +94,23 @@ def heights_shown():
     """The heights of what the build's agents show as LOD 0, by name of the group."""
     heights = {}
     for instance in bpy.context.evaluated_depsgraph_get().object_instances:
-        if instance.is_instance and instance.object.type == "MESH" and len(instance.object.data.vertices):
+        if (
+            instance.is_instance
+            and instance.object.type == "MESH"
+            and len(instance.object.data.vertices)
+        ):
             _, group, _, level = instance.object.original.users_collection[0].name.split()
-            points = np.array([instance.matrix_world @ vertex.co for vertex in instance.object.data.vertices])
+            points = np.array(
+                [instance.matrix_world @ vertex.co for vertex in instance.object.data.vertices]
+            )
             if level == "0":
                 heights.setdefault(group, set()).add(round(float(np.ptp(points[:, 2])), 3))
     return heights
 
 
-def test_characters_have_their_size_in_spheres_build_bake_and_export(library, small_shot, tmp_path, capfd):
+def test_characters_have_their_size_in_spheres_build_bake_and_export(
+    library, small_shot, tmp_path, capfd
+):
     character(box("box"), name="box")
     character(*knight(), name="knight").instance_offset = (4, 0, 0)
     character(turned(), name="turned")
@@ -170,7 +187,10 @@ def depending():
     driver = item.driver_add("location", 0).driver
     driver.variables.new().targets[0].id = driving
     driver.variables[0].type = "TRANSFORMS"
-    wrapping, cage = beside("wrapping", tube("wrapping", 4, 3)), beside("cage", bpy.data.lattices.new("cage"))
+    wrapping, cage = (
+        beside("wrapping", tube("wrapping", 4, 3)),
+        beside("cage", bpy.data.lattices.new("cage")),
+    )
     item.modifiers.new("Shrinkwrap", "SHRINKWRAP").target = wrapping
     item.modifiers.new("Lattice", "LATTICE").object = cage
     item.modifiers.new("Solidify", "SOLIDIFY").thickness = 0.1
@@ -181,7 +201,10 @@ def depending():
     set_node_input(nodes, "Collection", members)
     info = nodes.node_group.nodes.new("GeometryNodeObjectInfo")
     info.inputs[0].default_value = inner
-    path, profile = (make(name, bpy.data.curves.new(name, "CURVE")) for name, make in (("path", new), ("profile", beside)))
+    path, profile = (
+        make(name, bpy.data.curves.new(name, "CURVE"))
+        for name, make in (("path", new), ("profile", beside))
+    )
     for each in (path, profile):
         each.data.splines.new("POLY").points.add(2)
         each.data.splines[0].points[1].co = (0, 0.1, 1, 1)
@@ -200,7 +223,11 @@ def depending():
         "object in a modifier's input": (pointed, "location", 2),
         "member of a collection in a modifier's input": (members.objects[0], "location", 2),
         "object in the node group": (inner, "location", 2),
-        "value in the node group": (nodes.node_group, f'nodes["{info.name}"].inputs[1].default_value', None),
+        "value in the node group": (
+            nodes.node_group,
+            f'nodes["{info.name}"].inputs[1].default_value',
+            None,
+        ),
         "bevel of a curve": (profile.data, "splines[0].points[1].co", 0),
     }
     return [item, armature, path], dependencies
@@ -221,7 +248,10 @@ def test_a_change_of_anything_that_a_character_is_made_of_is_an_edit_of_it(small
         holder, _, last = path.rpartition(".")
         owner = block.path_resolve(holder) if holder else block
         before = getattr(owner, last) if index is None else getattr(owner, last)[index]
-        for value, said in ((not before if isinstance(before, bool) else before + 0.07, ["the character someone"]), (before, [])):
+        for value, said in (
+            (not before if isinstance(before, bool) else before + 0.07, ["the character someone"]),
+            (before, []),
+        ):
             owner = block.path_resolve(holder) if holder else block
             if index is None:
                 setattr(owner, last, value)
@@ -240,7 +270,13 @@ def test_the_command_scene_keeps_all_that_a_character_is_made_of(small_shot, tmp
     tracks.write_text("# framerate: 25 fps\n# id frame x/m y/m\n1 1 0 0\n1 2 0.05 0\n")
     before = cast_provenance.of_characters(cast_provenance.cast_inputs(small_shot))
     bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
-    assert commands._run(["scene", str(tracks), "--characters", str(path), "--out", str(out), "--quiet"], "crowd-lod") == 0
+    assert (
+        commands._run(
+            ["scene", str(tracks), "--characters", str(path), "--out", str(out), "--quiet"],
+            "crowd-lod",
+        )
+        == 0
+    )
     bpy.ops.wm.open_mainfile(filepath=str(out), load_ui=False)
     assert cast_provenance.of_characters(cast_provenance.cast_inputs(bpy.context.scene)) == before
 

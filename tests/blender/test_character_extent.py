@@ -28,7 +28,11 @@ def lit(tmp_path, height, frames=(1,)):
     scene.camera, render = eye, scene.render
     render.engine, scene.cycles.samples, scene.cycles.use_denoising = "CYCLES", 1, False
     render.resolution_x = render.resolution_y = PIXELS
-    render.film_transparent, render.image_settings.color_mode, render.filter_size = True, "RGBA", 0.01
+    render.film_transparent, render.image_settings.color_mode, render.filter_size = (
+        True,
+        "RGBA",
+        0.01,
+    )
     render.filepath = str(tmp_path / "picture.png")
     found = []
     for frame in frames:
@@ -55,7 +59,12 @@ def finer_in_renders(body):
     finer = tile.modifiers.new("Finer", "SUBSURF")
     finer.subdivision_type, finer.levels, finer.render_levels = "SIMPLE", 0, 3
     pull = tile.modifiers.new("Pull", "DISPLACE")
-    pull.texture, pull.direction, pull.strength, pull.mid_level = bpy.data.textures.new("round", "BLEND"), "Z", 5, 0
+    pull.texture, pull.direction, pull.strength, pull.mid_level = (
+        bpy.data.textures.new("round", "BLEND"),
+        "Z",
+        5,
+        0,
+    )
     pull.texture.progression = "SPHERICAL"
     body.users_collection[0].objects.link(tile)
 
@@ -101,9 +110,12 @@ def hair(body):
     data = bpy.data.hair_curves.new("hair")
     data.add_curves([3, 3])
     data.position_data.foreach_set(
-        "vector", np.float32([(0, 0, 2), (0.5, 0, 3), (2, 0, 3), (0, 0, 2), (0, 0, 3), (0, 0, 4)]).ravel()
+        "vector",
+        np.float32([(0, 0, 2), (0.5, 0, 3), (2, 0, 3), (0, 0, 2), (0, 0, 3), (0, 0, 4)]).ravel(),
     )
-    data.attributes.new("radius", "FLOAT", "POINT").data.foreach_set("value", np.full(6, 0.4, np.float32))
+    data.attributes.new("radius", "FLOAT", "POINT").data.foreach_set(
+        "value", np.full(6, 0.4, np.float32)
+    )
     body.users_collection[0].objects.link(new("hair", data))
 
 
@@ -120,7 +132,10 @@ def displaced_by(tree, height=None):
     node.inputs["Height"].default_value = 0.75
     if height is not None:
         tree.links.new(height, node.inputs["Height"])
-    tree.links.new(node.outputs[0], next(n for n in tree.nodes if n.type == "OUTPUT_MATERIAL").inputs["Displacement"])
+    tree.links.new(
+        node.outputs[0],
+        next(n for n in tree.nodes if n.type == "OUTPUT_MATERIAL").inputs["Displacement"],
+    )
     return node
 
 
@@ -138,7 +153,14 @@ def displaced_by_a_ramp(body):
     displaced_by(tree, ramp.outputs[0])
 
 
-CASES = [in_renders_only, finer_in_renders, keyed_in_renders, driven_in_renders, hidden_in_the_viewport, hidden_at_times]
+CASES = [
+    in_renders_only,
+    finer_in_renders,
+    keyed_in_renders,
+    driven_in_renders,
+    hidden_in_the_viewport,
+    hidden_at_times,
+]
 CASES += [in_a_hidden_collection, hair, displaced, displaced_by_a_ramp]
 
 
@@ -193,13 +215,21 @@ def test_what_a_render_alone_knows_is_named_with_a_margin(case):
     character(body)
     named = case(body)
     assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
-    said = " ".join(plausible.told_of_extent(bpy.context.scene, stored_groups.groups_of(bpy.context.scene.crowd_lod)))
+    said = " ".join(
+        plausible.told_of_extent(
+            bpy.context.scene, stored_groups.groups_of(bpy.context.scene.crowd_lod)
+        )
+    )
     assert all(part in said for part in named) and "Margin to Fixed, 1.53 m or more" in said
     for made in bpy.data.materials:
         made.max_vertex_displacement = 0.5  # the user bounds it
     for made in bpy.data.node_groups:
         made.nodes.remove(made.nodes["Is Viewport"])
-    assert not list(plausible.told_of_extent(bpy.context.scene, stored_groups.groups_of(bpy.context.scene.crowd_lod)))
+    assert not list(
+        plausible.told_of_extent(
+            bpy.context.scene, stored_groups.groups_of(bpy.context.scene.crowd_lod)
+        )
+    )
     assert group_measuring.measure_groups(bpy.context.scene)[0].radius == pytest.approx(
         1.02 + 0.5 * bool(bpy.data.materials), abs=0.01
     )
@@ -209,7 +239,9 @@ def test_a_bump_is_no_displacement():
     body = new("body", tube("body", 8, 8))
     character(body)
     displaced_by(material(body, "BUMP"))
-    assert group_measuring.measure_groups(bpy.context.scene)[0].radius == pytest.approx(1.02, abs=0.01)
+    assert group_measuring.measure_groups(bpy.context.scene)[0].radius == pytest.approx(
+        1.02, abs=0.01
+    )
 
 
 @pytest.fixture
@@ -220,7 +252,12 @@ def sunk():
     skin(body, armature)
     character(body, armature, name="giraffe").instance_offset = (0, 0, 1)
     settings = scene.crowd_lod
-    settings.count, settings.size, settings.level_count, settings.method = 1, (0.001, 0.001), 2, "DECIMATE"
+    settings.count, settings.size, settings.level_count, settings.method = (
+        1,
+        (0.001, 0.001),
+        2,
+        "DECIMATE",
+    )
     scene.render.fps = 24
     return scene
 
@@ -236,7 +273,11 @@ def test_new_crowds_stand_on_their_lowest_point(sunk, tmp_path):
     lit(tmp_path, 1.0)  # a camera
     bpy.ops.crowd_lod.populate()
     (entry,) = settings.groups
-    assert entry.on_ground and entry.lowest == pytest.approx(-1) and entry.center == pytest.approx(1.0, abs=0.01)
+    assert (
+        entry.on_ground
+        and entry.lowest == pytest.approx(-1)
+        and entry.center == pytest.approx(1.0, abs=0.01)
+    )
     said = " ".join(plausible.told_of_feet(sunk, stored_groups.groups_of(settings)))
     assert said == "Moved to stand on the ground: giraffe (feet 1 m below its origin)."
     bpy.ops.crowd_lod.build()
@@ -255,7 +296,9 @@ def test_new_crowds_stand_on_their_lowest_point(sunk, tmp_path):
     settings.characters.children[0].instance_offset.z = 0.5
     bpy.ops.crowd_lod.populate()
     bpy.ops.crowd_lod.build()
-    assert entry.lowest == pytest.approx(-0.5) and pictured(sunk, tmp_path) == pytest.approx(0, abs=WIDTH / PIXELS)
+    assert entry.lowest == pytest.approx(-0.5) and pictured(sunk, tmp_path) == pytest.approx(
+        0, abs=WIDTH / PIXELS
+    )
 
 
 def test_crowds_of_today_keep_their_feet(sunk, tmp_path):
@@ -265,7 +308,9 @@ def test_crowds_of_today_keep_their_feet(sunk, tmp_path):
     bpy.ops.crowd_lod.populate()
     bpy.ops.crowd_lod.build()
     settings.characters.hide_render = True
-    assert settings.groups[0].center == pytest.approx(0, abs=0.01) and not settings.groups[0].on_ground
+    assert (
+        settings.groups[0].center == pytest.approx(0, abs=0.01) and not settings.groups[0].on_ground
+    )
     assert pictured(sunk, tmp_path) == pytest.approx(-1, abs=WIDTH / PIXELS)
 
 

@@ -16,7 +16,11 @@ def test_a_changed_input_of_nodes_makes_the_build_ask_for_update(small_shot, mon
     item = new("body", tube("body", 6, 3))
     character(item)
     modifier = nodes_modifier(item)
-    blocks = bpy.data.collections.new("Others"), bpy.data.materials.new("red"), bpy.data.images.new("map", 8, 8)
+    blocks = (
+        bpy.data.collections.new("Others"),
+        bpy.data.materials.new("red"),
+        bpy.data.images.new("map", 8, 8),
+    )
     bpy.ops.crowd_lod.populate()
     bpy.ops.crowd_lod.make_levels()
     bpy.ops.crowd_lod.build()
@@ -79,7 +83,10 @@ def with_constraints():
     for target in targets:
         target.location = (0, 3, 1)
     bone = armature.pose.bones["upper"]
-    added = [bone.constraints.new(kind) for kind in kinds(bpy.types.PoseBoneConstraints.bl_rna.functions["new"])]
+    added = [
+        bone.constraints.new(kind)
+        for kind in kinds(bpy.types.PoseBoneConstraints.bl_rna.functions["new"])
+    ]
     for kind in kinds(bpy.types.ObjectConstraints.bl_rna.functions["new"]):
         items.append(new(kind, tube(kind, 3, 1)))
         added.append(items[-1].constraints.new(kind))
@@ -140,7 +147,18 @@ def without_faces():
     return {name: new(name, block) for name, block in blocks.items()} | {"drawing": drawing}
 
 
-BUTTONS = ("populate", "make_levels", "estimate", "plan_shot", "build", "bake", "preview", "verify", "export_usd", "remove_build")
+BUTTONS = (
+    "populate",
+    "make_levels",
+    "estimate",
+    "plan_shot",
+    "build",
+    "bake",
+    "preview",
+    "verify",
+    "export_usd",
+    "remove_build",
+)
 
 
 def test_all_kinds_of_characters_go_through_all_buttons(small_shot, tmp_path, capfd):
@@ -148,7 +166,9 @@ def test_all_kinds_of_characters_go_through_all_buttons(small_shot, tmp_path, ca
     character(*with_modifiers(), name="modifiers")
     character(*constrained, name="constraints")
     character(*skinned, name="bones")
-    character(*with_faces(), new("body", tube("body", 3, 1)), *without_faces().values(), name="kinds")
+    character(
+        *with_faces(), new("body", tube("body", 3, 1)), *without_faces().values(), name="kinds"
+    )
     settings = small_shot.crowd_lod
     settings.level_count = 2
     settings.width = settings.verify_width = 32
@@ -163,7 +183,9 @@ def test_all_kinds_of_characters_go_through_all_buttons(small_shot, tmp_path, ca
 def test_a_character_without_faces_is_refused_by_name(small_shot):
     for name, item in without_faces().items():
         home = character(item, name=f"the {name}")
-        with pytest.raises(RuntimeError, match=f"the {name}|holds lamps, cameras and empties alone"):
+        with pytest.raises(
+            RuntimeError, match=f"the {name}|holds lamps, cameras and empties alone"
+        ):
             bpy.ops.crowd_lod.populate()
             bpy.ops.crowd_lod.make_levels()
         bpy.data.collections.remove(home)
@@ -173,5 +195,7 @@ def test_what_a_constraint_puts_at_nan_is_refused_by_name(small_shot):
     item, target = new("stretched", tube("stretched", 3, 1)), new("target", None)
     item.constraints.new("STRETCH_TO").target = target  # from a place to the same place
     character(new("body", tube("body", 3, 1)), item)
-    with pytest.raises(RuntimeError, match="The object stretched has points at NaN or infinity in its action"):
+    with pytest.raises(
+        RuntimeError, match="The object stretched has points at NaN or infinity in its action"
+    ):
         bpy.ops.crowd_lod.populate()

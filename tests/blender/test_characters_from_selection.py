@@ -18,13 +18,17 @@ def press(*selected):
 def groups():
     """Name -> names of the objects of each child of the characters' collection."""
     return {
-        child.name: sorted(item.name for item in child.all_objects) for child in bpy.context.scene.crowd_lod.characters.children
+        child.name: sorted(item.name for item in child.all_objects)
+        for child in bpy.context.scene.crowd_lod.characters.children
     }
 
 
 def homes():
     """The collections of each object of the scene."""
-    return {item.name: sorted(home.name for home in item.users_collection) for item in bpy.context.scene.objects}
+    return {
+        item.name: sorted(home.name for home in item.users_collection)
+        for item in bpy.context.scene.objects
+    }
 
 
 @pytest.fixture
@@ -34,7 +38,9 @@ def stage():
     home = bpy.data.collections.new("Collection")
     scene.collection.children.link(home)
     anna, bert = rig("Anna"), rig("Bert")
-    body, coat, hat, other = (new(name, tube(name, 6, 4)) for name in ("body", "coat", "hat", "other"))
+    body, coat, hat, other = (
+        new(name, tube(name, 6, 4)) for name in ("body", "coat", "hat", "other")
+    )
     skin(body, anna)
     coat.modifiers.new("Armature", "ARMATURE").object = anna  # bound, and not parented
     hat.parent = body
@@ -42,7 +48,10 @@ def stage():
     bert.location = 3, 2, 1
     bert["stride"] = 1.5
     statue, stand = new("statue", tube("statue", 6, 4)), new("stand", None)
-    lamp, camera = new("Lamp", bpy.data.lights.new("Lamp", "POINT")), new("Camera", bpy.data.cameras.new("Camera"))
+    lamp, camera = (
+        new("Lamp", bpy.data.lights.new("Lamp", "POINT")),
+        new("Camera", bpy.data.cameras.new("Camera")),
+    )
     for item in (anna, bert, body, coat, hat, other, statue, stand, lamp, camera):
         home.objects.link(item)
     bpy.context.view_layer.update()
@@ -67,7 +76,11 @@ def test_a_selected_rig_takes_its_meshes_along_and_a_mesh_its_rig(stage, capfd):
 
 def test_all_selected_is_a_group_for_each_character_and_names_what_is_left(stage, capfd):
     press(*stage.objects)
-    assert groups() == {"Anna": ["Anna", "body", "coat", "hat"], "Bert": ["Bert", "other"], "statue": ["statue"]}
+    assert groups() == {
+        "Anna": ["Anna", "body", "coat", "hat"],
+        "Bert": ["Bert", "other"],
+        "statue": ["statue"],
+    }
     told = "3 characters in the collection Characters: Anna, Bert, statue. Left where they are: Camera, Lamp, stand."
     assert told in capfd.readouterr().out
     assert homes()["Lamp"] == homes()["Camera"] == homes()["stand"] == ["Collection"]
@@ -109,29 +122,43 @@ def test_a_rig_and_its_mesh_take_along_the_empties_that_an_importer_put_above_th
     place = anna.matrix_world.copy()
     press(anna, stage.objects["body"])
     assert groups() == {"Anna": ["Anna", "body", "coat", "file", "hat", "scale"]}
-    assert homes()["file"] == ["Anna"] and homes()["stand"] == ["Collection"] and anna.matrix_world == place
-    assert [(name, len(objects), origin) for name, objects, origin in characters_of(stage)] == [("Anna", 3, (0, 5, 0))]
+    assert (
+        homes()["file"] == ["Anna"]
+        and homes()["stand"] == ["Collection"]
+        and anna.matrix_world == place
+    )
+    assert [(name, len(objects), origin) for name, objects, origin in characters_of(stage)] == [
+        ("Anna", 3, (0, 5, 0))
+    ]
 
 
 def test_it_adds_to_the_characters_that_there_are(stage):
     """Also where the collection of all is the characters'."""
     stage.crowd_lod.characters = bpy.data.collections["Collection"]
     press(stage.objects["body"])
-    assert stage.crowd_lod.characters.name == "Collection" and groups() == {"Anna": ["Anna", "body", "coat", "hat"]}
+    assert stage.crowd_lod.characters.name == "Collection" and groups() == {
+        "Anna": ["Anna", "body", "coat", "hat"]
+    }
     assert [name for name, _, _ in characters_of(stage)] == ["Anna", "Bert", "statue"]
 
 
 def test_instances_metaballs_and_meshes_without_faces_are_named(stage, capfd):
     blob, empty = new("blob", bpy.data.metaballs.new("blob")), new("sword", None)
     cloud = new("dust", bpy.data.pointclouds.new("dust"))
-    empty.instance_type, empty.instance_collection = "COLLECTION", bpy.data.collections.new("swords")
+    empty.instance_type, empty.instance_collection = (
+        "COLLECTION",
+        bpy.data.collections.new("swords"),
+    )
     blob.parent = empty.parent = cloud.parent = stage.objects["Bert"]
     for item in (blob, empty, cloud, new("points", bpy.data.meshes.new("points"))):
         stage.collection.objects.link(item)
     press(stage.objects["Bert"], stage.objects["points"])
     assert groups() == {"Bert": ["Bert", "other"]}
     told = capfd.readouterr().out
-    assert "Left where they are: blob, dust, points." in told and "make them real (Object > Apply): sword." in told
+    assert (
+        "Left where they are: blob, dust, points." in told
+        and "make them real (Object > Apply): sword." in told
+    )
     assert [name for name, _, _ in characters_of(stage)] == ["Bert"]
 
 
@@ -155,14 +182,19 @@ def test_what_lies_in_a_linked_collection_is_named_and_left(stage, tmp_path, cap
 
 
 def test_what_crowd_lod_made_is_no_character(levelled):
-    press(*(item for level in levelled.crowd_lod.levels.children for item in level.all_objects), *levelled.objects)
+    press(
+        *(item for level in levelled.crowd_lod.levels.children for item in level.all_objects),
+        *levelled.objects,
+    )
     assert set(groups()) == {"adult", "child"}
 
 
 def test_without_a_rig_or_mesh_it_says_what_to_select(stage):
     with pytest.raises(RuntimeError, match="Select the characters first"):
         press(stage.objects["Lamp"], stage.objects["Camera"])
-    with pytest.raises(RuntimeError, match=r"Nothing selected is a rig with meshes.*Left where they are: stand"):
+    with pytest.raises(
+        RuntimeError, match=r"Nothing selected is a rig with meshes.*Left where they are: stand"
+    ):
         press(stage.objects["stand"])
     assert stage.crowd_lod.characters is None
 

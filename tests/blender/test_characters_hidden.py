@@ -20,12 +20,23 @@ def far():
     scene = bpy.context.scene
     character(new("body", tube("body", 8, 8)))
     settings = scene.crowd_lod
-    settings.count, settings.size, settings.center, settings.level_count, settings.method = 1, (1, 1), (50, 0, 0), 2, "DECIMATE"
+    settings.count, settings.size, settings.center, settings.level_count, settings.method = (
+        1,
+        (1, 1),
+        (50, 0, 0),
+        2,
+        "DECIMATE",
+    )
     eye = new("eye", bpy.data.cameras.new("eye"))
     eye.data.clip_end, eye.rotation_euler = 100, Euler((np.pi / 2, 0, 0))
     scene.collection.objects.link(eye)
     scene.camera, render = eye, scene.render
-    render.engine, scene.cycles.samples, scene.cycles.use_denoising, render.film_transparent = "CYCLES", 1, False, True
+    render.engine, scene.cycles.samples, scene.cycles.use_denoising, render.film_transparent = (
+        "CYCLES",
+        1,
+        False,
+        True,
+    )
     render.resolution_x = render.resolution_y = 32
     bpy.ops.crowd_lod.populate()
     return scene
@@ -34,7 +45,10 @@ def far():
 def pixels(scene, tmp_path, x):
     """The pixels that a render shows of what stands at `x`."""
     scene.camera.location = x, -8, 1
-    scene.render.filepath, scene.render.image_settings.color_mode = str(tmp_path / "picture.png"), "RGBA"
+    scene.render.filepath, scene.render.image_settings.color_mode = (
+        str(tmp_path / "picture.png"),
+        "RGBA",
+    )
     scene.frame_set(1)
     with bpy.context.temp_override(scene=scene):
         bpy.ops.render.render(write_still=True)
@@ -62,7 +76,9 @@ def test_characters_that_the_user_hides_stay_hidden(far, tmp_path, capfd):
     far.crowd_lod.characters.hide_render = True
     bpy.ops.crowd_lod.build()
     bpy.ops.crowd_lod.remove_build()
-    assert far.crowd_lod.characters.hide_render and "The characters in" not in capfd.readouterr().out
+    assert (
+        far.crowd_lod.characters.hide_render and "The characters in" not in capfd.readouterr().out
+    )
 
 
 def instanced(scene, home):
@@ -103,10 +119,17 @@ def test_of_two_builds_of_the_same_characters_the_last_shows_them_again(far):
 def test_a_preview_leaves_them_out_and_the_file_alone(far, tmp_path):
     far.camera.location = 0, -8, 1
     people, pictures = far.crowd_lod.characters, {}
-    for name, hides, keeps in (("left out", False, False), ("hidden", True, False), ("kept", False, True)):
+    for name, hides, keeps in (
+        ("left out", False, False),
+        ("hidden", True, False),
+        ("kept", False, True),
+    ):
         people.hide_render, far.crowd_lod.keep_characters = hides, keeps
         plan = finished(preview(far, Preview([1], tmp_path / name, 64), []))
-        assert people.hide_render == hides and not far.view_layers[0].layer_collection.children["People"].exclude
+        assert (
+            people.hide_render == hides
+            and not far.view_layers[0].layer_collection.children["People"].exclude
+        )
         pictures[name] = image_data.load_pixels(tmp_path / name / "main_0001.png")
         assert (LEFT_OUT in plan["preview"]["notes"]) == (name == "left out")
     assert np.array_equal(pictures["left out"], pictures["hidden"])

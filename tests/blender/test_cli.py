@@ -60,7 +60,9 @@ def test_preview_of_a_sample_leaves_pictures_table_and_plan(tmp_path, capfd):
     assert plan["version"] == 2 and plan["preview"]["frames"] == [1, 60]
     assert plan["crowd"]["count"] == 4096 and plan["crowd"]["seed"] == 9
     assert {"stage", "reason", "ms_saved", "ms_spread"} == set(plan["left_out"][0])
-    assert any("no height map" in each["reason"] and each["ms_saved"] > 0 for each in plan["left_out"])
+    assert any(
+        "no height map" in each["reason"] and each["ms_saved"] > 0 for each in plan["left_out"]
+    )
     assert plan["machine"]["states"] and plan["camera"] and plan["levels"]["thresholds"]
     # the tints of all three LODs can be seen, in the main picture and from above
     assert min(shares(out / "main_0001.png")) > 0.005
@@ -78,11 +80,15 @@ def test_preview_tells_who_is_stuck_in_words_and_in_the_plan(levelled, tmp_path,
     plan = json.loads((tmp_path / "out" / "plan.json").read_text())
     (row,) = plan["trouble"]
     assert row["kind"] == "stuck" and row["agents"] == row["count"] == 300
-    assert row["column"] == 63 and row["row"] == 0 and row["place"][0] == pytest.approx(20 - 40 / 128)
+    assert (
+        row["column"] == 63 and row["row"] == 0 and row["place"][0] == pytest.approx(20 - 40 / 128)
+    )
     assert "300 agents stand for good" in capfd.readouterr().out
 
 
-@pytest.mark.skipif(bpy.app.version >= (5, 1, 0), reason="this Blender has a GPU without a window: tests/gpu")
+@pytest.mark.skipif(
+    bpy.app.version >= (5, 1, 0), reason="this Blender has a GPU without a window: tests/gpu"
+)
 def test_without_a_window_old_blender_says_that_it_cannot_draw_the_overlay(tmp_path, capfd):
     assert run("preview", "chapter", *SHORT, "--engine", "overlay", "--out", tmp_path / "out") == 1
     assert "use Blender 5.1 or later" in capfd.readouterr().err and not (tmp_path / "out").exists()
@@ -106,11 +112,16 @@ def test_preview_of_a_saved_file_with_true_materials(scene, tmp_path, capfd):
     bpy.ops.wm.save_as_mainfile(filepath=str(file))
     untouched = file.read_bytes()
     out = tmp_path / "out"
-    assert run("preview", file, "--frames", "5", "--width", "160", "--color", "material", "--out", out) == 0
+    assert (
+        run("preview", file, "--frames", "5", "--width", "160", "--color", "material", "--out", out)
+        == 0
+    )
     assert file.read_bytes() == untouched
     plan = json.loads((out / "plan.json").read_text())
     assert plan["scene"]["file"] == str(file) and len(plan["scene"]["sha256"]) == 64
-    assert max(shares(out / "main_0005.png")[1:]) < 0.005  # the clothes are red, yellow and skin; no LOD green or blue
+    assert (
+        max(shares(out / "main_0005.png")[1:]) < 0.005
+    )  # the clothes are red, yellow and skin; no LOD green or blue
     assert "100%" in capfd.readouterr().err  # the progress bar
 
 
@@ -253,7 +264,11 @@ BAD_SCENES = {
 }
 
 
-MAPS = [spoil for spoil in BAD_SCENES if "map" in spoil.__name__ or spoil in (missing_image, heights_beyond_all, ground_far_away)]
+MAPS = [
+    spoil
+    for spoil in BAD_SCENES
+    if "map" in spoil.__name__ or spoil in (missing_image, heights_beyond_all, ground_far_away)
+]
 
 
 @pytest.mark.parametrize("spoil", MAPS, ids=lambda spoil: spoil.__name__)
@@ -300,7 +315,12 @@ def test_bad_arguments_are_one_sentence_and_exit_code_1(tmp_path, capfd):
         ("preview", "chapter", "--out", tmp_path / "file" / "out"): "cannot be written",
         ("sample", "chapter", "--out", tmp_path / "file" / "x.blend"): "cannot be written",
         ("sample", "chapter", "--out", tmp_path / "x.txt"): "must end in .blend",
-        ("build", tmp_path / "none.blend", "--out", tmp_path / "none" / "x.blend"): "there is no folder",
+        (
+            "build",
+            tmp_path / "none.blend",
+            "--out",
+            tmp_path / "none" / "x.blend",
+        ): "there is no folder",
         ("build", tmp_path / "none.blend", "--out", tmp_path / "folder.blend"): "it is a folder",
     }
     for words, sentence in cases.items():
@@ -309,7 +329,11 @@ def test_bad_arguments_are_one_sentence_and_exit_code_1(tmp_path, capfd):
         said = capfd.readouterr()
         assert sentence in said.err and said.err.count("\n") == 1 and said.out == "", said
     assert sorted(os.listdir(tmp_path)) == ["file", "folder.blend", "letter.blend"]
-    assert run("fly") == 2 and run("preview", "chapter", "--engine", "luxcore") == 2 and run("preview", "chapter", "--out", "") == 2
+    assert (
+        run("fly") == 2
+        and run("preview", "chapter", "--engine", "luxcore") == 2
+        and run("preview", "chapter", "--out", "") == 2
+    )
 
 
 def test_help_shows_what_it_does_and_an_example(capfd):
@@ -321,7 +345,9 @@ def test_help_shows_what_it_does_and_an_example(capfd):
 
 def test_sample_is_written_and_opens_with_its_crowd(tmp_path, capfd):
     assert run("sample", "chapter", "--out", tmp_path / "c.blend") == 0
-    assert capfd.readouterr().out == f"{tmp_path / 'c.blend'}\n" and os.listdir(tmp_path) == ["c.blend"]
+    assert capfd.readouterr().out == f"{tmp_path / 'c.blend'}\n" and os.listdir(tmp_path) == [
+        "c.blend"
+    ]
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "c.blend"))
     settings = bpy.context.scene.crowd_lod
     assert settings.count == 4096 and len(settings.characters.children) == 3
@@ -333,9 +359,15 @@ COMMAND = f"'{sys.executable}' -m crowd_lod_extension.operators.cli.commands"
 
 def shell(line, folder, **variables):
     """(exit code, stdout, stderr) of a line in which CLI stands for the command."""
-    own = {name: value for name, value in os.environ.items() if name != "OCIO"}  # which the tests' Blender may have set
+    own = {
+        name: value for name, value in os.environ.items() if name != "OCIO"
+    }  # which the tests' Blender may have set
     ran = subprocess.run(
-        ["sh", "-c", line.replace("CLI", COMMAND)], check=False, cwd=folder, env=own | variables, capture_output=True
+        ["sh", "-c", line.replace("CLI", COMMAND)],
+        check=False,
+        cwd=folder,
+        env=own | variables,
+        capture_output=True,
     )
     return (
         ran.returncode,
@@ -379,21 +411,39 @@ def test_streams_that_are_closed_or_full(tmp_path, line, code, out, err):
         (f"CLI preview chapter --quiet --out {'x' * 300}/a", "File name too long"),
         (f"CLI preview chapter --quiet --out {'/'.join(['x' * 200] * 5)}", "longer than 740 bytes"),
         (f"CLI report extremes --most 1000 --quiet --out {'x' * 300}.md", "File name too long"),
-        ("mkdir gone && cd gone && rmdir ../gone && CLI sample chapter", "The working folder, in which"),
-        ("mkdir gone && cd gone && rmdir ../gone && CLI preview chapter --quiet", "The working folder, in which"),
-        ("mkdir gone && cd gone && rmdir ../gone && CLI build chapter --quiet --out x.blend", "The working folder, in which"),
+        (
+            "mkdir gone && cd gone && rmdir ../gone && CLI sample chapter",
+            "The working folder, in which",
+        ),
+        (
+            "mkdir gone && cd gone && rmdir ../gone && CLI preview chapter --quiet",
+            "The working folder, in which",
+        ),
+        (
+            "mkdir gone && cd gone && rmdir ../gone && CLI build chapter --quiet --out x.blend",
+            "The working folder, in which",
+        ),
     ],
 )
 def test_paths_that_cannot_be_are_refused_before_any_work(tmp_path, line, err):
     code, out, said = shell(line, tmp_path)
-    assert (code, out) == (1, "") and said.count("\n") == 1 and said.startswith("crowd-lod: ") and err in said
+    assert (
+        (code, out) == (1, "")
+        and said.count("\n") == 1
+        and said.startswith("crowd-lod: ")
+        and err in said
+    )
     assert os.listdir(tmp_path) == []
 
 
 @posix
 @pytest.mark.once
 def test_results_are_printed_in_any_encoding(tmp_path):
-    for variables, shown in (({"PYTHONIOENCODING": "ascii"}, r"\xe9.blend"), ({"LC_ALL": "C"}, "é.blend"), ({}, "é.blend")):
+    for variables, shown in (
+        ({"PYTHONIOENCODING": "ascii"}, r"\xe9.blend"),
+        ({"LC_ALL": "C"}, "é.blend"),
+        ({}, "é.blend"),
+    ):
         code, out, said = shell("CLI sample chapter --out é.blend", tmp_path, **variables)
         assert (code, out, said) == (0, f"{tmp_path}/{shown}\n", "")
 
@@ -405,7 +455,9 @@ def test_ctrl_c_leaves_the_folder_as_it_was(levelled, tmp_path):
     bpy.ops.wm.save_as_mainfile(filepath=str(file))
     folder.mkdir()
     command = [sys.executable, "-m", "crowd_lod_extension.operators.cli.commands", "preview", file]
-    heed = partial(signal.signal, signal.SIGINT, signal.default_int_handler)  # it is ignored in a shell's background
+    heed = partial(
+        signal.signal, signal.SIGINT, signal.default_int_handler
+    )  # it is ignored in a shell's background
     command += ["--frames", "1:60", "--step", "1", "--width", "64", "--out", folder / "out"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, preexec_fn=heed) as run:
         try:
@@ -419,7 +471,9 @@ def test_ctrl_c_leaves_the_folder_as_it_was(levelled, tmp_path):
     assert run.returncode == 130 and "stopped" in said and os.listdir(folder) == []
 
 
-def test_nobody_in_a_scene_or_in_sight_is_one_sentence_in_a_folder_of_any_name(levelled, tmp_path, capfd):
+def test_nobody_in_a_scene_or_in_sight_is_one_sentence_in_a_folder_of_any_name(
+    levelled, tmp_path, capfd
+):
     folder = tmp_path / "ein Ordner – 群衆 é"
     folder.mkdir()
     empty, away = folder / "niemand ü.blend", folder / "weg ü.blend"
@@ -430,12 +484,32 @@ def test_nobody_in_a_scene_or_in_sight_is_one_sentence_in_a_folder_of_any_name(l
     before = sorted(os.listdir(folder))
     for command in ("preview", "plan", "build", "verify", "export"):
         capfd.readouterr()
-        assert run(command, empty, "--quiet", "--out", folder / {"build": "x.blend", "export": "x.usdc"}.get(command, "out")) == 1
+        assert (
+            run(
+                command,
+                empty,
+                "--quiet",
+                "--out",
+                folder / {"build": "x.blend", "export": "x.usdc"}.get(command, "out"),
+            )
+            == 1
+        )
         said = capfd.readouterr().err
-        assert said == "crowd-lod: The crowd has 0 agents: set Agents to a number from 1 to 10,000,000.\n", command
+        assert (
+            said
+            == "crowd-lod: The crowd has 0 agents: set Agents to a number from 1 to 10,000,000.\n"
+        ), command
         assert sorted(os.listdir(folder)) == before
-    assert run("build", away, "--bake", "--frames", "1", "--quiet", "--out", folder / "gebaut é.blend") == 0
-    assert "The camera sees no agent: turn it, or move the crowd by its Center." in capfd.readouterr().out
+    assert (
+        run("build", away, "--bake", "--frames", "1", "--quiet", "--out", folder / "gebaut é.blend")
+        == 0
+    )
+    assert (
+        "The camera sees no agent: turn it, or move the crowd by its Center."
+        in capfd.readouterr().out
+    )
     assert (folder / "gebaut é.blend").is_file()
     assert run("export", away, "--frames", "1", "--quiet", "--out", folder / "x.usdc") == 1
-    assert "The camera sees no agent in frame 1: there is nothing to export." in capfd.readouterr().err
+    assert (
+        "The camera sees no agent in frame 1: there is nothing to export." in capfd.readouterr().err
+    )

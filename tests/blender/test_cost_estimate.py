@@ -27,7 +27,12 @@ def shown(scene):
     """(agents, their triangles, the triangles of the characters that they show, each once) of the evaluated scene."""
     found = []
     for each in bpy.context.evaluated_depsgraph_get().object_instances:
-        if each.is_instance and each.object.type == "MESH" and each.parent and render_setup.LEVEL in each.parent.original:
+        if (
+            each.is_instance
+            and each.object.type == "MESH"
+            and each.parent
+            and render_setup.LEVEL in each.parent.original
+        ):
             found.append(each.object.original)
     return len(found), sum(map(triangles, found)), sum(map(triangles, set(found)))
 
@@ -44,23 +49,40 @@ def test_work_is_what_the_depsgraph_shows(levelled, known):
         scene.frame_set(number)
         agents, instanced, unique = shown(scene)
         assert (agents, instanced, unique) == (work.instances[f], work.instanced[f], work.unique[f])
-    meshes = [item for item in top.all_objects if item.type == "MESH" and render_setup.LEVEL not in item]
+    meshes = [
+        item for item in top.all_objects if item.type == "MESH" and render_setup.LEVEL not in item
+    ]
     assert work.posed == sum(map(triangles, meshes))
     assert work.rigs == sum(item.type == "ARMATURE" for item in top.all_objects)
-    assert work.points == (sum(len(item.data.vertices) for item in render_setup.points_of(top).values()) if known else 0)
+    assert work.points == (
+        sum(len(item.data.vertices) for item in render_setup.points_of(top).values())
+        if known
+        else 0
+    )
     whole = found.works[FULL]
     assert (whole.instances == work.instances).all() and (whole.instanced > work.instanced).all()
-    assert found.prices[FULL].memory > 0 and "By Ratio" in found.sentence and len(found.table.splitlines()) == 1 + len(found.works)
+    assert (
+        found.prices[FULL].memory > 0
+        and "By Ratio" in found.sentence
+        and len(found.table.splitlines()) == 1 + len(found.works)
+    )
 
 
 def test_the_button_fills_the_table_and_asks_for_lod_meshes(scene):
-    with pytest.raises(RuntimeError, match="LOD meshes of Scene are not made: press Make LOD Meshes"):
+    with pytest.raises(
+        RuntimeError, match="LOD meshes of Scene are not made: press Make LOD Meshes"
+    ):
         stored_groups.store_groups(scene.crowd_lod, group_measuring.measure_groups(scene))
         bpy.ops.crowd_lod.estimate()
     list(make_levels(scene))
     assert bpy.ops.crowd_lod.estimate() == {"FINISHED"}
     rows = [line.split("\t") for line in scene.crowd_lod.estimate.splitlines()]
-    assert [row[0] for row in rows][1:] == [FULL, "By Ratio", "By Ratio, Baked", "By Tolerance"] and rows[1][-1] == "100%"
+    assert [row[0] for row in rows][1:] == [
+        FULL,
+        "By Ratio",
+        "By Ratio, Baked",
+        "By Tolerance",
+    ] and rows[1][-1] == "100%"
     scene.crowd_lod.tolerance = 2.0
     assert scene.crowd_lod.estimate == ""
 
@@ -84,18 +106,37 @@ def test_lods_that_fit_in_memory_are_built_and_the_others_are_not(scene, tmp_pat
     cast = finished(render_setup.build(scene))
     assert "LODs deviate by up to" in render_setup.told_of_cast(scene, cast)
     frame = scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get())
-    assert all((frame.levels[frame.crowd.group == g] >= least).all() for g, least in enumerate(finest))
+    assert all(
+        (frame.levels[frame.crowd.group == g] >= least).all() for g, least in enumerate(finest)
+    )
     scene.frame_set(5)
     frame = scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get())
     assert shown(scene)[0] == len(frame.buckets.order)  # nobody is lost
-    inside = {item for item in settings.build.all_objects if item.type == "MESH" and render_setup.LEVEL not in item}
+    inside = {
+        item
+        for item in settings.build.all_objects
+        if item.type == "MESH" and render_setup.LEVEL not in item
+    }
     for g, (group, own) in enumerate(zip(settings.groups, finest, strict=True)):
         left_out = {
-            item.data for level in settings.levels.children[:own] for item in level.children[g].objects if item.type == "MESH"
+            item.data
+            for level in settings.levels.children[:own]
+            for item in level.children[g].objects
+            if item.type == "MESH"
         }
-        kept = {item.data for level in settings.levels.children[own:] for item in level.children[g].objects if item.type == "MESH"}
-        assert kept <= {item.data for item in inside} and not (left_out - kept) & {item.data for item in inside}, group.name
-    assert finished(estimate(scene, scene.crowd_lod)).prices["By Tolerance"].memory <= 1e6 * settings.memory * 1.02
+        kept = {
+            item.data
+            for level in settings.levels.children[own:]
+            for item in level.children[g].objects
+            if item.type == "MESH"
+        }
+        assert kept <= {item.data for item in inside} and not (left_out - kept) & {
+            item.data for item in inside
+        }, group.name
+    assert (
+        finished(estimate(scene, scene.crowd_lod)).prices["By Tolerance"].memory
+        <= 1e6 * settings.memory * 1.02
+    )
     finished(preview(scene, Preview([5], tmp_path / "out", 64), []))
     plan = json.loads((tmp_path / "out" / "plan.json").read_text())
     assert [told["finest_lod"] for told in plan["levels"]["characters"]] == list(finest)
@@ -103,7 +144,9 @@ def test_lods_that_fit_in_memory_are_built_and_the_others_are_not(scene, tmp_pat
 
 def test_the_button_asks_what_build_asks_where_lods_are_missing(levelled):
     levelled.crowd_lod.level_count = 5
-    with pytest.raises(RuntimeError, match="do not fit the settings .5 of 2.: press Make LOD Meshes"):
+    with pytest.raises(
+        RuntimeError, match="do not fit the settings .5 of 2.: press Make LOD Meshes"
+    ):
         bpy.ops.crowd_lod.estimate()
     levelled.crowd_lod.level_count = 3
     level = levelled.crowd_lod.levels.children[1]

@@ -48,7 +48,11 @@ def mixed(scene, group, actions, phase, share):
     stage, (rig,) = bpy.data.scenes.new("mixed"), {item.parent for item in objects}
     for item in (rig, *objects):
         stage.collection.objects.link(item)
-    before, bases, kept = rig.animation_data.action, [], [bone.matrix_basis.copy() for bone in rig.pose.bones]
+    before, bases, kept = (
+        rig.animation_data.action,
+        [],
+        [bone.matrix_basis.copy() for bone in rig.pose.bones],
+    )
     for action in actions:
         for bone in rig.pose.bones:  # what an action leaves alone stands at rest
             bone.location, bone.rotation_quaternion, bone.scale = (0, 0, 0), (1, 0, 0, 0), (1, 1, 1)
@@ -63,13 +67,23 @@ def mixed(scene, group, actions, phase, share):
         a, b = np.array(one[1]), np.array(other[1])
         b *= np.sign(a @ b) or 1.0
         angle = np.arccos(np.clip(a @ b, -1, 1))
-        weights = (np.sin((1 - share) * angle), np.sin(share * angle)) if angle > 1e-6 else (1 - share, share)
+        weights = (
+            (np.sin((1 - share) * angle), np.sin(share * angle))
+            if angle > 1e-6
+            else (1 - share, share)
+        )
         bone.location = (1 - share) * np.array(one[0]) + share * np.array(other[0])
-        bone.rotation_quaternion = (weights[0] * a + weights[1] * b) / np.linalg.norm(weights[0] * a + weights[1] * b)
+        bone.rotation_quaternion = (weights[0] * a + weights[1] * b) / np.linalg.norm(
+            weights[0] * a + weights[1] * b
+        )
         bone.scale = (1 - share) * np.array(one[2]) + share * np.array(other[2])
     stage.view_layers[0].update()
     depsgraph = stage.view_layers[0].depsgraph
-    points = [mesh_data.world_points(item.evaluated_get(depsgraph)) for item in objects if item.type == "MESH"]
+    points = [
+        mesh_data.world_points(item.evaluated_get(depsgraph))
+        for item in objects
+        if item.type == "MESH"
+    ]
     for bone, matrix in zip(rig.pose.bones, kept, strict=True):
         bone.matrix_basis = matrix
     rig.animation_data.action = before
@@ -97,22 +111,34 @@ def faders(scene, number):
             group = int(crowd.group[agent])
             _, into, _ = mixed_in(names[agent])
             first, last = bpy.data.actions[f"idle {characters_of(scene)[group][0]}"].frame_range
-            cycles = 24 / (last - first) if into else 1.25 / groups_of(scene.crowd_lod)[group].stride
-            found[group, str(names[agent])] = (agent, (crowd.phase_class[agent] / 16 + cycles * number / 24) % 1.0)
+            cycles = (
+                24 / (last - first) if into else 1.25 / groups_of(scene.crowd_lod)[group].stride
+            )
+            found[group, str(names[agent])] = (
+                agent,
+                (crowd.phase_class[agent] / 16 + cycles * number / 24) % 1.0,
+            )
     return found
 
 
 def off(scene, number):
     """Meters by which what the build shows is off at most, and the steps that agents show."""
-    crowd, shown = trajectory_of(scene).at(number), [points for level, points in instances(scene) if level == 0]
+    crowd, shown = (
+        trajectory_of(scene).at(number),
+        [points for level, points in instances(scene) if level == 0],
+    )
     worst, steps = 0.0, set()
     for (group, name), (agent, phase) in faders(scene, number).items():
         angle = crowd.heading[agent] + scene_data.rotation(scene.crowd_lod.forward)
         c, s = np.cos(angle), np.sin(angle)
         actions, share = actions_in(scene, group, name)
-        points = mixed(scene, group, actions, phase, share) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+        points = mixed(scene, group, actions, phase, share) @ np.array(
+            [[c, s, 0], [-s, c, 0], [0, 0, 1]]
+        )
         points += [crowd.x[agent], crowd.y[agent], crowd.z[agent]]
-        worst = max(worst, min(abs(other - points).max() for other in shown if other.shape == points.shape))
+        worst = max(
+            worst, min(abs(other - points).max() for other in shown if other.shape == points.shape)
+        )
         steps.add(name)
     return worst, steps
 
@@ -143,7 +169,10 @@ def test_the_overlay_has_the_frames_of_each_step(fading):
     for step in (step for step in steps if mixed_in(step)):
         first, count = character.rows_of(step)
         for phase in np.array([0, 9, count // 2]) / (count - 1):
-            mine = skin(character.meshes[0], pose(character.frames[first : first + count], np.array([phase], np.float32)))[0]
+            mine = skin(
+                character.meshes[0],
+                pose(character.frames[first : first + count], np.array([phase], np.float32)),
+            )[0]
             actions, share = actions_in(scene, 0, step)
             own = mixed(scene, 0, actions, phase, share)
             assert np.linalg.norm(mine[:, None] - own[None, ::7], axis=2).min(axis=0).max() < 1e-4
@@ -165,13 +194,18 @@ def test_deviations_hold_within_cross_fades(fading):
 def test_a_step_leaves_the_rig_as_it_was(fading):
     rig, (_, objects, _) = bpy.data.objects["adult rig"], characters_of(fading)[0]
     rig.pose.bones["forearm.L"].rotation_quaternion = (0.6, 0.8, 0, 0)
-    before = [tuple(map(tuple, bone.matrix_basis)) for bone in rig.pose.bones], len(bpy.data.actions)
+    before = (
+        [tuple(map(tuple, bone.matrix_basis)) for bone in rig.pose.bones],
+        len(bpy.data.actions),
+    )
     stage = bpy.data.scenes.new("stage")
     stage.collection.objects.link(rig)
     with performance_of("adult", objects, ["idle", " > idle 2/4"]) as act:
         act.go_to(stage, act.spans[2][0] + 5)
         assert rig.animation_data.action is None
-    assert (([tuple(map(tuple, bone.matrix_basis)) for bone in rig.pose.bones], len(bpy.data.actions))) == before
+    assert (
+        ([tuple(map(tuple, bone.matrix_basis)) for bone in rig.pose.bones], len(bpy.data.actions))
+    ) == before
     assert rig.animation_data.action.name == "walk adult"
 
 
@@ -180,7 +214,8 @@ def test_what_cannot_be_faded_is_one_sentence(waiting):  # noqa: F811
     rig.animation_data.nla_tracks.new().strips.new("walk", 1, rig.animation_data.action)
     name_actions(waiting, FADING)
     with pytest.raises(
-        CrowdError, match="A state fades from or to the own action of the character group adult, whose animation is not one"
+        CrowdError,
+        match="A state fades from or to the own action of the character group adult, whose animation is not one",
     ):
         measure_groups(waiting)
     rig.animation_data.nla_tracks[0].mute = True
@@ -196,7 +231,8 @@ def test_what_cannot_be_faded_is_one_sentence(waiting):  # noqa: F811
     waiting.crowd_lod.group_names = "adult"
     name_actions(waiting, waving)
     with pytest.raises(
-        CrowdError, match="move two objects of adult, .*: no state can fade from one to the other; set its fade to 0"
+        CrowdError,
+        match="move two objects of adult, .*: no state can fade from one to the other; set its fade to 0",
     ):
         measure_groups(waiting)
 
@@ -209,13 +245,20 @@ def test_lods_made_before_the_cross_fades_are_told(fading):
     list(make_levels(scene))
     assert not outdated(scene)
     name_actions(scene, FADING)
-    assert outdated(scene) == "LODs were made for actions the own, idle (now the own, idle with cross-fades)"
+    assert (
+        outdated(scene)
+        == "LODs were made for actions the own, idle (now the own, idle with cross-fades)"
+    )
     assert forecast(scene) is None
 
 
 def test_rigs_have_keys_where_either_action_of_a_cross_fade_bends(waiting):  # noqa: F811
     idle = bpy.data.actions["idle adult"]
-    idle.use_frame_range, idle.frame_start, idle.frame_end = True, 1, 48  # 47 frames beside the walk's 26
+    idle.use_frame_range, idle.frame_start, idle.frame_end = (
+        True,
+        1,
+        48,
+    )  # 47 frames beside the walk's 26
     (_, objects, _) = characters_of(waiting)[0]
     act = performance_of("adult", objects, ["idle", " > idle 1/4"]).only(" > idle 1/4")
     for each in (1, 2):

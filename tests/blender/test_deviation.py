@@ -19,16 +19,22 @@ def sphere(rings, segments, radius=1.0):
     """An object whose mesh has all its vertices on the sphere: rings of `segments`, and two poles."""
     mesh = bpy.data.meshes.new("sphere")
     theta, phi = np.meshgrid(
-        np.linspace(0, np.pi, rings + 1)[1:-1], np.linspace(0, 2 * np.pi, segments, endpoint=False), indexing="ij"
+        np.linspace(0, np.pi, rings + 1)[1:-1],
+        np.linspace(0, 2 * np.pi, segments, endpoint=False),
+        indexing="ij",
     )
-    points = radius * np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1).reshape(-1, 3)
+    points = radius * np.stack(
+        [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1
+    ).reshape(-1, 3)
     first = np.arange((rings - 2) * segments).reshape(-1, segments)
     second = np.roll(first, -1, axis=1)
     quads = np.stack([first, first + segments, second + segments, second], -1).reshape(-1, 4)
     top, last = len(points), len(points) - segments
     caps = [(top, i, (i + 1) % segments) for i in range(segments)]
     caps += [(top + 1, last + (i + 1) % segments, last + i) for i in range(segments)]
-    mesh.from_pydata([*points.tolist(), (0, 0, radius), (0, 0, -radius)], [], [*quads.tolist(), *caps])
+    mesh.from_pydata(
+        [*points.tolist(), (0, 0, radius), (0, 0, -radius)], [], [*quads.tolist(), *caps]
+    )
     return bpy.data.objects.new("sphere", mesh)
 
 
@@ -55,13 +61,17 @@ def test_a_hole_in_one_of_many_triangles_is_found_and_measured():
     x, y = (each.ravel() * size for each in np.meshgrid(np.arange(n), np.arange(n)))
     points = np.stack([x, y, np.zeros(n * n)], axis=1)
     a = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
-    whole = np.concatenate([np.stack([a, a + 1, a + n], axis=1), np.stack([a + 1, a + n + 1, a + n], axis=1)])
+    whole = np.concatenate(
+        [np.stack([a, a + 1, a + n], axis=1), np.stack([a + 1, a + n + 1, a + n], axis=1)]
+    )
     hole = whole[137]
     inner = 0.6 * points[hole] + 0.4 * points[hole].mean(axis=0)
     i, j, k = hole
     u, v, w = len(points) + np.arange(3)
     ring = [(i, j, v), (i, v, u), (j, k, w), (j, w, v), (k, i, u), (k, u, w)]
-    holed = surface.Surface(np.concatenate([points, inner]), np.concatenate([np.delete(whole, 137, axis=0), ring]))
+    holed = surface.Surface(
+        np.concatenate([points, inner]), np.concatenate([np.delete(whole, 137, axis=0), ring])
+    )
     most, rms = surface.deviation(holed, surface.Surface(points, whole), 200)
     assert 0.8 < most / (0.6 * size * (1 - 0.5**0.5)) <= 1.0001 and rms < 0.1 * most
 
@@ -85,7 +95,11 @@ def cylinder(name, armature, upper):
     """A tube along z from 0 to 2, 0.2 wide, skinned: vertices above the height `upper` follow the bone "upper"."""
     heights, around = np.linspace(0, 2, 41), np.linspace(0, 2 * np.pi, 16, endpoint=False)
     points = [(0.1 * np.cos(a), 0.1 * np.sin(a), z) for z in heights for a in around]
-    faces = [(16 * r + i, 16 * r + (i + 1) % 16, 16 * r + 16 + (i + 1) % 16, 16 * r + 16 + i) for r in range(40) for i in range(16)]
+    faces = [
+        (16 * r + i, 16 * r + (i + 1) % 16, 16 * r + 16 + (i + 1) % 16, 16 * r + 16 + i)
+        for r in range(40)
+        for i in range(16)
+    ]
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata(points, [], faces)
     item = bpy.data.objects.new(name, mesh)
@@ -142,7 +156,9 @@ def test_the_pose_that_only_seems_second_worst_is_measured_as_well():
     meshes = []
     for name in ("character", "lod"):
         meshes.append(bpy.data.meshes.new(name))
-        meshes[-1].from_pydata(np.stack([x.ravel() / 64, y.ravel() / 64, 0 * x.ravel()], axis=1).tolist(), [], quads)
+        meshes[-1].from_pydata(
+            np.stack([x.ravel() / 64, y.ravel() / 64, 0 * x.ravel()], axis=1).tolist(), [], quads
+        )
     character, lod = (bpy.data.objects.new(mesh.name, mesh) for mesh in meshes)
     character.shape_key_add(name="Basis")
     patch, point = character.shape_key_add(name="patch"), character.shape_key_add(name="point")
@@ -194,29 +210,47 @@ def test_thin_triangles_are_as_near_as_others(height):
     """As n-gons and long strips are cut to: Blender's tree alone errs by up to the triangles' length."""
     random, apart = np.random.default_rng(0), 0.2
     turn = np.linalg.qr(random.normal(size=(3, 3)))[0]
-    flat = np.array([[(0, 0, k * apart), (1, 0, k * apart), (x, height, k * apart)] for k, x in enumerate(random.random(20))])
+    flat = np.array(
+        [
+            [(0, 0, k * apart), (1, 0, k * apart), (x, height, k * apart)]
+            for k, x in enumerate(random.random(20))
+        ]
+    )
     one = surface.Surface((flat @ turn).reshape(-1, 3), np.arange(60).reshape(-1, 3))
     triangle, off = np.repeat(np.arange(20), 60), random.choice([0, 0.25 * apart], 1200)
-    points = np.einsum("kc,kcd->kd", random.dirichlet((1, 1, 1), 1200), flat[triangle]) + off[:, None] * (0, 0, 1)
+    points = np.einsum("kc,kcd->kd", random.dirichlet((1, 1, 1), 1200), flat[triangle]) + off[
+        :, None
+    ] * (0, 0, 1)
     _, found, distance = one.nearest(points @ turn)
     assert found.tolist() == triangle.tolist()
-    np.testing.assert_allclose(distance, off, atol=1.1 * surface.NEAR * np.ptp(one.points, axis=0).max())
+    np.testing.assert_allclose(
+        distance, off, atol=1.1 * surface.NEAR * np.ptp(one.points, axis=0).max()
+    )
 
 
 def test_a_face_without_area_is_no_surface():
     whole, clean = sphere(8, 12), sphere(8, 12)
-    points, faces = [tuple(v.co) for v in whole.data.vertices], [tuple(p.vertices) for p in whole.data.polygons]
+    points, faces = (
+        [tuple(v.co) for v in whole.data.vertices],
+        [tuple(p.vertices) for p in whole.data.polygons],
+    )
     stray, at = bpy.data.objects.new("stray", bpy.data.meshes.new("stray")), len(points)
     stray.data.from_pydata(
-        [*points, (1, 2, 3), (2, 2.1, 3.3), (3, 2.2, 3.6), (9, 9, 9)], [], [*faces, (at, at + 1, at + 2), (at + 3,) * 3]
+        [*points, (1, 2, 3), (2, 2.1, 3.3), (3, 2.2, 3.6), (9, 9, 9)],
+        [],
+        [*faces, (at, at + 1, at + 2), (at + 3,) * 3],
     )
     found = finished(deviation.measure(GROUP, [stray], [[clean]]))
-    assert found.deviations == (0.0,) and found.diagonal == pytest.approx(np.linalg.norm([2, 2, 2]), rel=0.05)
+    assert found.deviations == (0.0,) and found.diagonal == pytest.approx(
+        np.linalg.norm([2, 2, 2]), rel=0.05
+    )
 
 
 def test_bounds_are_stored_beside_deviations(scene):
     group = Group("new", 0.0, 1.0, 0.0, 1.0, vertices=(60, 30), triangles=(100, 50), diagonal=2.0)
-    group = replace(group, deviations=(0.0, 0.25), bounds=(0.0, 0.5), rms=(0.0, 0.1), worst=(0.0, 3.0))
+    group = replace(
+        group, deviations=(0.0, 0.25), bounds=(0.0, 0.5), rms=(0.0, 0.1), worst=(0.0, 3.0)
+    )
     scene.crowd_lod.level_count = 2
     stored_groups.store_groups(scene.crowd_lod, (group,))
     (stored,) = stored_groups.groups_of(scene.crowd_lod)

@@ -107,7 +107,11 @@ def by_camera_solver(scene):
     picture.save()
     clip = bpy.data.movieclips.load(picture.filepath_raw)
     tracking, frames = clip.tracking, range(1, 22)
-    tracking.camera.units, tracking.camera.sensor_width, tracking.camera.focal_length = "MILLIMETERS", 36, 36
+    tracking.camera.units, tracking.camera.sensor_width, tracking.camera.focal_length = (
+        "MILLIMETERS",
+        36,
+        36,
+    )
     tracking.objects[0].keyframe_a, tracking.objects[0].keyframe_b = frames[0], frames[-1]
     for point in np.random.default_rng(0).uniform((-4, -2, 8), (4, 2, 14), (12, 3)):
         markers = tracking.tracks.new(name="point", frame=1).markers
@@ -122,7 +126,9 @@ def by_camera_solver(scene):
         bpy.ops.clip.solve_camera()
     area.type = shown
     assert tracking.reconstruction.is_valid and tracking.reconstruction.average_error < 0.01
-    scene.active_clip = clip  # the one that the constraint looks for, in the scene that is evaluated
+    scene.active_clip = (
+        clip  # the one that the constraint looks for, in the scene that is evaluated
+    )
     scene.camera.constraints.new("CAMERA_SOLVER")
 
 
@@ -149,7 +155,9 @@ def test_the_camera_of_another_time_is_that_of_a_render_there(scene, filmed, way
     scene.frame_set(2)
     was = scene.camera.matrix_world.copy(), scene.camera.data.lens
     planned = [of(eyes) for eyes in cameras.cameras_at(scene, times)]
-    assert (scene.frame_current, scene.frame_subframe) == (2, 0) and not frame_stepping.is_stepped(scene)
+    assert (scene.frame_current, scene.frame_subframe) == (2, 0) and not frame_stepping.is_stepped(
+        scene
+    )
     assert (scene.camera.matrix_world, scene.camera.data.lens) == was
     rendered = filmed(scene, times)
     np.testing.assert_allclose(planned, rendered, atol=1e-4)
@@ -172,7 +180,10 @@ def test_a_bake_shows_whom_the_build_shows(built, way):
     finished(bake(built, frames))
     baked, ids = columns(built, "frame"), columns(built)
     for number in frames:
-        assert all(np.array_equal(ids[bucket][baked[bucket] == number], own) for bucket, own in live[number].items())
+        assert all(
+            np.array_equal(ids[bucket][baked[bucket] == number], own)
+            for bucket, own in live[number].items()
+        )
     assert built.frame_current == 2
 
 
@@ -182,7 +193,10 @@ def test_a_preview_shows_whom_the_build_shows_and_leaves_it_as_it_was(built, tmp
     plan = finished(preview(built, Preview([12], tmp_path / "preview", 64), []))
     assert plan["frames"][0]["visible"] == sum(map(len, live[12].values()))
     assert plan["camera"] == built.camera.name and built.frame_current == 2
-    assert all(np.array_equal(one, two) for one, two in zip(shown.values(), columns(built).values(), strict=True))
+    assert all(
+        np.array_equal(one, two)
+        for one, two in zip(shown.values(), columns(built).values(), strict=True)
+    )
 
 
 def played(built, way, frames):
@@ -206,7 +220,9 @@ def test_rigid_bodies_that_are_not_baked_are_told_of(scene):
 
 
 @pytest.mark.parametrize("way", [None, by_property, by_frame])
-def test_a_render_says_once_that_its_open_shutter_shows_another_camera(built, rendered, way, tmp_path, capfd):
+def test_a_render_says_once_that_its_open_shutter_shows_another_camera(
+    built, rendered, way, tmp_path, capfd
+):
     if way:
         way(built)
     built.render.use_motion_blur, built.render.filepath = True, str(tmp_path / "f")
@@ -222,10 +238,16 @@ def test_a_render_says_once_that_its_open_shutter_shows_another_camera(built, re
 def test_verify_renders_and_judges_what_the_scenes_own_frames_show(built, tmp_path):
     built.camera.animation_data_clear()
     by_property(built)
-    built.render.engine, built.cycles.pixel_filter_type = "CYCLES", "BOX"  # else pictures of another width show others
+    built.render.engine, built.cycles.pixel_filter_type = (
+        "CYCLES",
+        "BOX",
+    )  # else pictures of another width show others
     built.frame_set(14)
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    lens, visible = round(of_scene(built, depsgraph), 3), int(frame_of(built, depsgraph).visible.sum())
+    lens, visible = (
+        round(of_scene(built, depsgraph), 3),
+        int(frame_of(built, depsgraph).visible.sum()),
+    )
     built.frame_set(2)
     before, lenses = settings(built), set()
 
@@ -247,8 +269,20 @@ def of_scene(scene, depsgraph):
 
 def settings(scene):
     """All plain values of the scene's settings that verify sets."""
-    owners = scene.render, scene.render.image_settings, scene.cycles, scene.view_settings, scene.crowd_lod, scene.view_layers[0]
-    names = [(owner, p.identifier) for owner in owners for p in owner.bl_rna.properties if p.type not in ("POINTER", "COLLECTION")]
+    owners = (
+        scene.render,
+        scene.render.image_settings,
+        scene.cycles,
+        scene.view_settings,
+        scene.crowd_lod,
+        scene.view_layers[0],
+    )
+    names = [
+        (owner, p.identifier)
+        for owner in owners
+        for p in owner.bl_rna.properties
+        if p.type not in ("POINTER", "COLLECTION")
+    ]
     return [str(getattr(owner, name)) for owner, name in names] + [
         scene.world,
         scene.frame_current,
@@ -274,9 +308,14 @@ def test_a_still_camera_is_the_one_it_was_made_of_in_any_scene(scene):
         wanted = cameras.cameras_from(scene, scene.camera, depsgraph)[0]
         found = cameras.still(scene.camera, depsgraph)
     other = bpy.data.scenes.new("other")
-    other.render.resolution_x, other.render.resolution_y = scene.render.resolution_x, scene.render.resolution_y
+    other.render.resolution_x, other.render.resolution_y = (
+        scene.render.resolution_x,
+        scene.render.resolution_y,
+    )
     other.collection.objects.link(found)
     other.frame_set(30)
     got = cameras.cameras_from(other, found, other.view_layers[0].depsgraph)[0]
     for name, value in vars(wanted).items():
-        assert np.array_equal(value, getattr(got, name)) or getattr(got, name) == pytest.approx(value, rel=1e-6), name
+        assert np.array_equal(value, getattr(got, name)) or getattr(got, name) == pytest.approx(
+            value, rel=1e-6
+        ), name

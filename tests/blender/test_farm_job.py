@@ -38,9 +38,27 @@ def run(*words):
 @pytest.fixture
 def job(levelled, tmp_path):
     levelled.crowd_lod.count, levelled.frame_step = 40, 3
-    levelled.render.engine, levelled.cycles.samples, levelled.render.resolution_percentage = "CYCLES", 1, 50
+    levelled.render.engine, levelled.cycles.samples, levelled.render.resolution_percentage = (
+        "CYCLES",
+        1,
+        50,
+    )
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"))
-    assert run("job", tmp_path / "crowd.blend", "--frames", "1:9", "--step", 2, "--chunk", 2, "--out", tmp_path / "job") == 0
+    assert (
+        run(
+            "job",
+            tmp_path / "crowd.blend",
+            "--frames",
+            "1:9",
+            "--step",
+            2,
+            "--chunk",
+            2,
+            "--out",
+            tmp_path / "job",
+        )
+        == 0
+    )
     return tmp_path / "job"
 
 
@@ -50,12 +68,17 @@ def test_the_job_runs_and_a_chunk_that_fails_is_tried_again(job, tmp_path, capfd
     script = tmp_path / "blender.py"
     script.write_text(BLENDER)
     # of a "#!" line with the interpreter's path the kernel takes what comes before the first space
-    blender.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} {shlex.quote(str(script))} "$@"\n')
+    blender.write_text(
+        f'#!/bin/sh\nexec {shlex.quote(sys.executable)} {shlex.quote(str(script))} "$@"\n'
+    )
     blender.chmod(0o755)
 
     def start(step, *words):
         given = ("-p", f"Scene={tmp_path / 'crowd.blend'}", "-p", f"Blender={blender}")
-        return subprocess.Popen([OPENJD, "run", job / "template.json", "--step", step, *given, *words], stdout=subprocess.DEVNULL)
+        return subprocess.Popen(
+            [OPENJD, "run", job / "template.json", "--step", step, *given, *words],
+            stdout=subprocess.DEVNULL,
+        )
 
     def render(*chunks):
         return start("Render", "--tasks", json.dumps([{"Frames": chunk} for chunk in chunks]))
@@ -66,16 +89,27 @@ def test_the_job_runs_and_a_chunk_that_fails_is_tried_again(job, tmp_path, capfd
     assert "Frames 5, 7 are not in" in capfd.readouterr().err and not (job / "report.html").exists()
     assert render("5-7:2").wait() == 0
     assert start("Assemble").wait() == 0
-    assert sorted(path.name for path in (job / "frames").iterdir()) == [f"000{k}.png" for k in range(1, 10, 2)]
+    assert sorted(path.name for path in (job / "frames").iterdir()) == [
+        f"000{k}.png" for k in range(1, 10, 2)
+    ]
     assert image_data.load_pixels(job / "frames" / "0003.png").shape == (45, 80, 4)
     page = (job / "report.html").read_text()
-    assert "contact_sheet.png" in page and "plan/report.html" in page and (job / "plan" / "report.html").exists()
+    assert (
+        "contact_sheet.png" in page
+        and "plan/report.html" in page
+        and (job / "plan" / "report.html").exists()
+    )
 
 
 def test_both_kinds_of_job_are_valid_and_name_what_they_depend_on(job, tmp_path):
     assert run("job", tmp_path / "crowd.blend", "--preview", "--out", tmp_path / "preview") == 0
-    for folder, steps in ((job, {"Plan", "Bake", "Render", "Assemble"}), (tmp_path / "preview", {"Preview", "Assemble"})):
-        said = subprocess.run([OPENJD, "check", folder / "template.json"], capture_output=True, text=True)
+    for folder, steps in (
+        (job, {"Plan", "Bake", "Render", "Assemble"}),
+        (tmp_path / "preview", {"Preview", "Assemble"}),
+    ):
+        said = subprocess.run(
+            [OPENJD, "check", folder / "template.json"], capture_output=True, text=True
+        )
         assert said.returncode == 0, said.stdout + said.stderr
         told = json.loads((folder / "template.json").read_text())
         assert {step["name"] for step in told["steps"]} == steps
@@ -84,11 +118,16 @@ def test_both_kinds_of_job_are_valid_and_name_what_they_depend_on(job, tmp_path)
     assert given == [{"name": "Scene", "value": str(tmp_path / "crowd.blend")}]
 
 
-@pytest.mark.parametrize("words, step", [((), 3), (("--step", 4), 4), (("--frames", "2,7,12"), 5), (("--frames", "1:1"), 1)])
+@pytest.mark.parametrize(
+    "words, step",
+    [((), 3), (("--step", 4), 4), (("--frames", "2,7,12"), 5), (("--frames", "1:1"), 1)],
+)
 def test_a_job_takes_the_scenes_frame_step_or_the_given_one(job, tmp_path, words, step):
     assert run("job", tmp_path / "crowd.blend", *words, "--out", tmp_path / "other") == 0
     told = json.loads((tmp_path / "other" / "template.json").read_text())
-    assert {each["name"]: each.get("default") for each in told["parameterDefinitions"]}["Step"] == step
+    assert {each["name"]: each.get("default") for each in told["parameterDefinitions"]}[
+        "Step"
+    ] == step
 
 
 @pytest.mark.parametrize(
@@ -142,13 +181,23 @@ def flamenco():
 
 
 def test_flamencos_job_has_the_same_steps_in_the_same_order(flamenco):
-    tasks = flamenco(frames="1-5", chunk_size=2, output="/out/", engine="CYCLES", blendfile="/crowd.blend")
+    tasks = flamenco(
+        frames="1-5", chunk_size=2, output="/out/", engine="CYCLES", blendfile="/crowd.blend"
+    )
     after = {task["name"]: task["after"] for task in tasks}
     renders = ["render-1-2", "render-3-4", "render-5"]
-    assert after == {"plan": [], "bake": ["plan"], **{name: ["bake"] for name in renders}, "assemble": renders}
+    assert after == {
+        "plan": [],
+        "bake": ["plan"],
+        **{name: ["bake"] for name in renders},
+        "assemble": renders,
+    }
     assert {task["type"] for task in tasks} == {"misc", "blender"}
     words = {task["name"]: task["commands"][0]["args"] for task in tasks}
-    assert words["render-3-4"]["blendfile"] == "/out/baked.blend" and words["render-3-4"]["args"][-1] == "3..4"
+    assert (
+        words["render-3-4"]["blendfile"] == "/out/baked.blend"
+        and words["render-3-4"]["args"][-1] == "3..4"
+    )
     assert words["render-3-4"]["args"][:2] == ["--engine", "CYCLES"]
     assert words["plan"]["args"] == ["--background", "--command", "crowd_lod", "plan", "/crowd.blend", "--frames", "1:5", "--out", "/out/plan"]  # fmt: skip
     # our own parser takes what follows the command
@@ -157,9 +206,15 @@ def test_flamencos_job_has_the_same_steps_in_the_same_order(flamenco):
 
 
 def test_flamencos_job_takes_every_so_many_frames(flamenco):
-    tasks = flamenco(frames="1-9", step=2, chunk_size=2, output="/out", engine="SCENE", blendfile="/crowd.blend")
+    tasks = flamenco(
+        frames="1-9", step=2, chunk_size=2, output="/out", engine="SCENE", blendfile="/crowd.blend"
+    )
     words = {task["name"]: task["commands"][0]["args"] for task in tasks}
-    assert [words[name]["args"][-1] for name in words if name.startswith("render")] == ["1,3", "5,7", "9"]
+    assert [words[name]["args"][-1] for name in words if name.startswith("render")] == [
+        "1,3",
+        "5,7",
+        "9",
+    ]
     for name in ("bake", "assemble"):
         args = commands.parser("crowd-lod").parse_args(words[name]["args"][3:])
         assert (args.frames, args.step) == ("1:9", 2)
@@ -167,8 +222,20 @@ def test_flamencos_job_takes_every_so_many_frames(flamenco):
 
 @pytest.mark.parametrize(
     "settings, said",
-    [({"frames": "5-1"}, "no range"), ({"frames": "-5-4"}, "begin below 0"), ({"frames": "1-5", "chunk_size": 0}, "at least 1")],
+    [
+        ({"frames": "5-1"}, "no range"),
+        ({"frames": "-5-4"}, "begin below 0"),
+        ({"frames": "1-5", "chunk_size": 0}, "at least 1"),
+    ],
 )
 def test_flamencos_job_refuses_what_makes_no_sense(flamenco, settings, said):
     with pytest.raises(Exception, match=said):
-        flamenco(**{"chunk_size": 1, "output": "/out", "engine": "SCENE", "blendfile": "/crowd.blend", **settings})
+        flamenco(
+            **{
+                "chunk_size": 1,
+                "output": "/out",
+                "engine": "SCENE",
+                "blendfile": "/crowd.blend",
+                **settings,
+            }
+        )

@@ -21,9 +21,15 @@ def run(*words):
 def parts_of(folder, scene):
     """Return the words of the tasks of the job's preview, as openjd starts them; it refuses a job that is not valid."""
     given = ("-p", f"Scene={scene}", "-p", "CrowdLod=echo")
-    told = subprocess.run([OPENJD, "run", folder / "template.json", *given, "--step", "Preview"], capture_output=True, text=True)
+    told = subprocess.run(
+        [OPENJD, "run", folder / "template.json", *given, "--step", "Preview"],
+        capture_output=True,
+        text=True,
+    )
     assert told.returncode == 0, told.stdout
-    return [line.partition("\t")[2].split() for line in told.stdout.splitlines() if "\tpreview " in line]
+    return [
+        line.partition("\t")[2].split() for line in told.stdout.splitlines() if "\tpreview " in line
+    ]
 
 
 @pytest.mark.parametrize("name", ("{{Param.Scene}}", "é }} '\"$(x)`", "{" * 90))
@@ -32,7 +38,9 @@ def test_a_job_of_any_name_is_valid(levelled, tmp_path, name):
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
     assert run("job", path, "--preview", "--frames", 1, "--out", tmp_path / "job") == 0
     assert len(parts_of(tmp_path / "job", path)) == 1
-    (value,) = json.loads((tmp_path / "job" / "parameter_values.json").read_text())["parameterValues"]
+    (value,) = json.loads((tmp_path / "job" / "parameter_values.json").read_text())[
+        "parameterValues"
+    ]
     assert value["value"] == str(path)
 
 
@@ -53,9 +61,26 @@ def test_frames_below_zero_are_one_word_of_each_command(levelled, tmp_path):
     path = tmp_path / "crowd.blend"
     levelled.crowd_lod.count, levelled.crowd_lod.width = 5, 32
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
-    assert run("job", path, "--frames=-3:0", "--step", 1, "--preview", "--chunk", 2, "--out", tmp_path / "job") == 0
+    assert (
+        run(
+            "job",
+            path,
+            "--frames=-3:0",
+            "--step",
+            1,
+            "--preview",
+            "--chunk",
+            2,
+            "--out",
+            tmp_path / "job",
+        )
+        == 0
+    )
     parts = parts_of(tmp_path / "job", path)
-    assert [word for part in parts for word in part if "--part" in word] == ["--part=-3,-2", "--part=-1,0"]
+    assert [word for part in parts for word in part if "--part" in word] == [
+        "--part=-3,-2",
+        "--part=-1,0",
+    ]
     for part in parts:
         assert run(*part, "--quiet") == 0
     assert run("assemble", tmp_path / "job", "--quiet") == 0

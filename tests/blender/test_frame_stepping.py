@@ -25,7 +25,9 @@ def test_the_build_is_shown_and_selected_as_before_also_after_an_error(built):
     with pytest.raises(ZeroDivisionError), stepped(built) as at:
         at((), 5)
         raise ZeroDivisionError
-    assert points.visible_get() and [*layer.objects.selected] == [points] and built.frame_current == 1
+    assert (
+        points.visible_get() and [*layer.objects.selected] == [points] and built.frame_current == 1
+    )
 
 
 def test_a_build_that_the_user_hid_stays_hidden(built):

@@ -38,7 +38,10 @@ def emission():
 def principled(strength=1.0, color=(1, 1, 1, 1)):
     made = material("Principled", (0.8, 0.8, 0.8))
     node = next(node for node in made.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
-    node.inputs["Emission Strength"].default_value, node.inputs["Emission Color"].default_value = strength, color
+    node.inputs["Emission Strength"].default_value, node.inputs["Emission Color"].default_value = (
+        strength,
+        color,
+    )
     return made
 
 
@@ -73,7 +76,9 @@ def by_strength():
     made = emission()
     tree = made.node_tree
     node = next(node for node in tree.nodes if node.type == "EMISSION")
-    tree.links.new(tree.nodes.new("ShaderNodeLightPath").outputs["Is Camera Ray"], node.inputs["Strength"])
+    tree.links.new(
+        tree.nodes.new("ShaderNodeLightPath").outputs["Is Camera Ray"], node.inputs["Strength"]
+    )
     return made
 
 
@@ -126,12 +131,22 @@ def glow_scene(made):
     add(scene.collection, "Ground", [(tile(-30, -30, 30, 30), material("Ground", (0.5, 0.5, 0.5)))])
     camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
     scene.collection.objects.link(camera)
-    scene.camera, camera.location, camera.data.lens, camera.data.clip_end = camera, (0, 0, 4), 50, 60
+    scene.camera, camera.location, camera.data.lens, camera.data.clip_end = (
+        camera,
+        (0, 0, 4),
+        50,
+        60,
+    )
     scene.render.engine, scene.render.resolution_x, scene.render.resolution_y = "CYCLES", 24, 24
     scene.cycles.samples, scene.cycles.use_denoising, scene.cycles.seed = 256, False, 1
     scene.view_settings.view_transform = "Raw"
     settings = scene.crowd_lod
-    settings.count, settings.size, settings.level_count, settings.method = 30, (16, 16), 2, "DECIMATE"
+    settings.count, settings.size, settings.level_count, settings.method = (
+        30,
+        (16, 16),
+        2,
+        "DECIMATE",
+    )
     settings.ratios[1] = 0.5
     store_groups(settings, measure_groups(scene))
     list(make_levels(scene))
@@ -174,13 +189,18 @@ def test_populate_and_build_name_the_characters_that_glow():
     scene = glow_scene(emission())
     assert glowing(scene) == {"someone": [bpy.data.materials["Emission"]]}
     said, warnings = finished(populating(scene, bpy.context.evaluated_depsgraph_get()))
-    assert any("someone (material Emission)" in warning for warning in warnings) and "someone (material Emission)" in said
+    assert (
+        any("someone (material Emission)" in warning for warning in warnings)
+        and "someone (material Emission)" in said
+    )
     list(build(scene))
     assert "someone (material Emission)" in told_of_characters(scene)
     scene.crowd_lod.shadows = False
     assert "culling takes it away" in " ".join(told_of_glow(scene))
     for item in scene.crowd_lod.characters.all_objects:
-        item.visible_diffuse = item.visible_glossy = item.visible_transmission = item.visible_volume_scatter = False
+        item.visible_diffuse = item.visible_glossy = item.visible_transmission = (
+            item.visible_volume_scatter
+        ) = False
     assert not glowing(scene) and not list(told_of_glow(scene))
 
 
@@ -188,7 +208,15 @@ def test_populate_and_build_name_the_characters_that_glow():
 def test_verify_proves_that_the_light_stays(tmp_path):
     glow_scene(emission())
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "glow.blend"))
-    run = ["verify", tmp_path / "glow.blend", "--frames", "1", "--out", tmp_path / "proof", "--quiet"]
+    run = [
+        "verify",
+        tmp_path / "glow.blend",
+        "--frames",
+        "1",
+        "--out",
+        tmp_path / "proof",
+        "--quiet",
+    ]
     commands._run([*map(str, run)], "crowd-lod")
     (row,) = json.loads((tmp_path / "proof" / "verify.json").read_text())["frames"]
     assert row["b_pixels"] == 0 and row["bare_pixels"] > 50

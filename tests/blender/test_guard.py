@@ -20,11 +20,20 @@ def agents_in_points(scene):
 def test_every_handler_is_guarded_and_stays_when_a_file_is_loaded():
     for functions in registration.HANDLERS.values():
         for function in functions:
-            assert function.__code__ is handler(lambda: None).__code__ and hasattr(function, "_bpy_persistent")
+            assert function.__code__ is handler(lambda: None).__code__ and hasattr(
+                function, "_bpy_persistent"
+            )
 
 
-def test_what_a_handler_raises_is_told_once_with_its_traceback_and_forgotten_when_it_works_again(scene, capfd):
-    faults = [ZeroDivisionError("first"), ZeroDivisionError("first"), CrowdError("The moon is full: wait."), None]
+def test_what_a_handler_raises_is_told_once_with_its_traceback_and_forgotten_when_it_works_again(
+    scene, capfd
+):
+    faults = [
+        ZeroDivisionError("first"),
+        ZeroDivisionError("first"),
+        CrowdError("The moon is full: wait."),
+        None,
+    ]
 
     @handler
     def rise(scene, depsgraph):
@@ -36,7 +45,10 @@ def test_what_a_handler_raises_is_told_once_with_its_traceback_and_forgotten_whe
     try:
         scene.frame_set(2)
         told = capfd.readouterr().err
-        assert told.count("Traceback") == 1 and "Crowd LOD, frame 2: rise failed in Crowd LOD (ZeroDivisionError: first)" in told
+        assert (
+            told.count("Traceback") == 1
+            and "Crowd LOD, frame 2: rise failed in Crowd LOD (ZeroDivisionError: first)" in told
+        )
         assert "ZeroDivisionError" in steps.messages(scene)[0][0]
         scene.frame_set(3)
         assert not capfd.readouterr().err
@@ -65,7 +77,10 @@ def test_an_update_of_a_property_that_fails_is_told(scene, capfd):
     bpy.types.Scene.crowd_lod_trial = IntProperty(update=fail)
     try:
         scene.crowd_lod_trial = 3
-        assert capfd.readouterr().err == f"Crowd LOD, frame 1: The scene {scene.name} cannot count: wait.\n"
+        assert (
+            capfd.readouterr().err
+            == f"Crowd LOD, frame 1: The scene {scene.name} cannot count: wait.\n"
+        )
         assert troubles_of(scene) == [f"The scene {scene.name} cannot count: wait."]
     finally:
         del bpy.types.Scene.crowd_lod_trial
@@ -87,9 +102,16 @@ def name_no_lod(path):
 
 @pytest.mark.once
 @pytest.mark.parametrize("spoil", (spoil_stream, name_no_lod), ids=lambda spoil: spoil.__name__)
-def test_a_live_build_with_a_spoilt_plan_shows_its_own_frame_and_says_why(built, tmp_path, capfd, spoil):
+def test_a_live_build_with_a_spoilt_plan_shows_its_own_frame_and_says_why(
+    built, tmp_path, capfd, spoil
+):
     settings = built.crowd_lod
-    settings.choice, settings.tolerance, settings.frames, settings.output_folder = "BY_TOLERANCE", 4.0, "1:6", str(tmp_path)
+    settings.choice, settings.tolerance, settings.frames, settings.output_folder = (
+        "BY_TOLERANCE",
+        4.0,
+        "1:6",
+        str(tmp_path),
+    )
     assert bpy.ops.crowd_lod.make_levels() == {"FINISHED"}
     assert bpy.ops.crowd_lod.plan_shot() == {"FINISHED"}
     plan = Path(bpy.path.abspath(settings.shot_plan))

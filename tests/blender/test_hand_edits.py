@@ -22,7 +22,13 @@ def test_each_button_edits_the_picked_agent_and_its_entry_can_be_switched_off(le
     settings, own = levelled.crowd_lod, trajectory_of(levelled)
     before = own.at(7)
     press(levelled, 12, "NUDGE", "NUDGE", "TURN", "GROUP", "HIDE", "ALWAYS")
-    assert [entry.kind for entry in settings.exceptions] == ["NUDGE", "TURN", "GROUP", "HIDE", "ALWAYS"]
+    assert [entry.kind for entry in settings.exceptions] == [
+        "NUDGE",
+        "TURN",
+        "GROUP",
+        "HIDE",
+        "ALWAYS",
+    ]
     assert {entry.agents for entry in settings.exceptions} == {"12"}
     crowd = trajectory_of(levelled).at(7)
     assert crowd.x[12] - before.x[12] == pytest.approx(1.0) and crowd.y[12] == before.y[12]
@@ -38,7 +44,15 @@ def test_a_pin_and_a_hide_hold_without_a_shot_plan(levelled):
     (hidden, finer, *_), (pinned, *_) = seen_at(levelled, 2), seen_at(levelled, 0)
     add(levelled, "Pin", agents=f"{pinned}", kind="ALWAYS", level=2)
     add(levelled, "Detail", agents=f"{finer}", kind="NEVER_COARSER", level=1)
-    add(levelled, "Gone", agents=f"{hidden}", kind="HIDE", all_frames=False, first_frame=6, last_frame=9)
+    add(
+        levelled,
+        "Gone",
+        agents=f"{hidden}",
+        kind="HIDE",
+        all_frames=False,
+        first_frame=6,
+        last_frame=9,
+    )
     for number in (1, 5, 6, 9, 10):
         frame = frame_at(levelled, number)
         assert not frame.planned and not frame.unplanned
@@ -51,7 +65,12 @@ def test_a_pin_and_a_hide_hold_without_a_shot_plan(levelled):
 def shown(scene):
     """(x, y, z, cos, sin of the heading, whether of the first group) of all instances."""
     first = trajectory_of(scene).groups[0].name
-    return np.array([(*matrix[:3, 3], *matrix[:2, 0], item.name.startswith(first)) for _, item, matrix in instances(scene)])
+    return np.array(
+        [
+            (*matrix[:3, 3], *matrix[:2, 0], item.name.startswith(first))
+            for _, item, matrix in instances(scene)
+        ]
+    )
 
 
 @pytest.mark.parametrize("make", ["build", "bake"])
@@ -59,11 +78,19 @@ def test_the_build_shows_edited_agents_where_they_are_put(built, make, monkeypat
     monkeypatch.setattr(staleness, "LOOK", 0.0)
     built.frame_start, built.frame_end = 1, 3
     frame = frame_at(built, 2)
-    moved, turned, swapped, hidden = np.flatnonzero(frame.visible & (frame.crowd.group == frame.crowd.group.max()))[:4].tolist()
+    moved, turned, swapped, hidden = np.flatnonzero(
+        frame.visible & (frame.crowd.group == frame.crowd.group.max())
+    )[:4].tolist()
     crowd = frame.crowd
     add(built, "a", kind="NUDGE", agents=f"{moved}", move=(0.25, 0.5, 1.5))
     add(built, "b", kind="TURN", agents=f"{turned}", turn=2.0)
-    add(built, "c", kind="GROUP", agents=f"{swapped}", group_name=trajectory_of(built).groups[0].name)
+    add(
+        built,
+        "c",
+        kind="GROUP",
+        agents=f"{swapped}",
+        group_name=trajectory_of(built).groups[0].name,
+    )
     add(built, "d", kind="HIDE", agents=f"{hidden}")
     getattr(bpy.ops.crowd_lod, make)()
     assert staleness.changed(built) == []
@@ -90,7 +117,9 @@ def test_who_is_hidden_is_not_missed_by_the_proof(levelled, all_frames):
     from crowd_lod_extension.operators.runs.verify import everyone_there
 
     (agent, *_) = seen_at(levelled, 1)
-    add(levelled, kind="HIDE", agents=f"{agent}", all_frames=all_frames, first_frame=2, last_frame=3)
+    add(
+        levelled, kind="HIDE", agents=f"{agent}", all_frames=all_frames, first_frame=2, last_frame=3
+    )
     everyone = everyone_there(frame_at(levelled, 2))
     assert len(everyone) == levelled.crowd_lod.count - 1 and agent not in everyone
 
@@ -158,7 +187,9 @@ def test_a_volume_holds_whose_middle_is_in_its_mesh(levelled):
     bpy.context.view_layer.update()
     bpy.context.view_layer.objects.active = item
     crowd = trajectory_of(levelled).at(4)
-    turned = np.array([[np.cos(0.5), np.sin(0.5)], [-np.sin(0.5), np.cos(0.5)]]) @ np.stack([crowd.x + 6, crowd.y + 5])
+    turned = np.array([[np.cos(0.5), np.sin(0.5)], [-np.sin(0.5), np.cos(0.5)]]) @ np.stack(
+        [crowd.x + 6, crowd.y + 5]
+    )
     x, y = turned[0] / 1.5, turned[1]
     box = (x > 0) & (x < 12) & (y > 0) & (y < 9)
     inside = box & ((y < 4) | (x < 5))
@@ -173,7 +204,9 @@ def test_a_volume_holds_whose_middle_is_in_its_mesh(levelled):
     bpy.ops.crowd_lod.erase()
     assert gone() == np.flatnonzero(box).tolist()
     levelled.crowd_lod.exceptions[0].chosen_by = "VOLUME"
-    with pytest.raises(RuntimeError, match="The region L of the exception Erase L is no closed mesh"):
+    with pytest.raises(
+        RuntimeError, match="The region L of the exception Erase L is no closed mesh"
+    ):
         bpy.ops.crowd_lod.find_agents()
 
 
@@ -191,18 +224,38 @@ def test_who_is_nudged_is_found_where_he_walks_without_edits(levelled):
 
 
 WRONG = [
-    (dict(kind="NUDGE", agents="300", move=(1, 0, 0)), "The exception Hero names agent 300: the crowd has 300"),
+    (
+        dict(kind="NUDGE", agents="300", move=(1, 0, 0)),
+        "The exception Hero names agent 300: the crowd has 300",
+    ),
     (dict(kind="TURN", agents=""), "The exception Hero names no agents"),
-    (dict(kind="GROUP", agents="3", group_name="nobody"), "The exception Hero asks for the character group nobody"),
-    (dict(kind="HIDE", agents="#7"), "The exception Hero names #7: no agent has that number in its file or object"),
-    (dict(kind="NUDGE", chosen_by="REGION"), "The exception Hero does not know its agents yet: press Find Agents"),
-    (dict(kind="NUDGE", agents="1", move=(float("nan"), 0, 0)), "The setting Nudge of Scene is nan"),
-    (dict(kind="ALWAYS", agents="1", level=3), "The exception Hero asks for LOD 3: the crowd has LODs 0 to 2"),
+    (
+        dict(kind="GROUP", agents="3", group_name="nobody"),
+        "The exception Hero asks for the character group nobody",
+    ),
+    (
+        dict(kind="HIDE", agents="#7"),
+        "The exception Hero names #7: no agent has that number in its file or object",
+    ),
+    (
+        dict(kind="NUDGE", chosen_by="REGION"),
+        "The exception Hero does not know its agents yet: press Find Agents",
+    ),
+    (
+        dict(kind="NUDGE", agents="1", move=(float("nan"), 0, 0)),
+        "The setting Nudge of Scene is nan",
+    ),
+    (
+        dict(kind="ALWAYS", agents="1", level=3),
+        "The exception Hero asks for LOD 3: the crowd has LODs 0 to 2",
+    ),
 ]
 
 
 @pytest.mark.parametrize(("settings", "says"), WRONG, ids=[says for _, says in WRONG])
-def test_wrong_edits_are_told_in_one_sentence_and_the_crowd_still_works(levelled, tmp_path, settings, says):
+def test_wrong_edits_are_told_in_one_sentence_and_the_crowd_still_works(
+    levelled, tmp_path, settings, says
+):
     before = frame_at(levelled, 4)
     add(levelled, "Good", kind="TURN", agents="5", turn=1.0)
     add(levelled, **settings)
@@ -223,7 +276,10 @@ def test_buttons_say_what_they_lack(levelled):
     assert not bpy.ops.crowd_lod.edit_agent.poll() and not bpy.ops.crowd_lod.find_agents.poll()
     settings.agent = 300
     for press_, says in (
-        (lambda: bpy.ops.crowd_lod.edit_agent(kind="HIDE"), "There is no agent 300: the crowd has 300"),
+        (
+            lambda: bpy.ops.crowd_lod.edit_agent(kind="HIDE"),
+            "There is no agent 300: the crowd has 300",
+        ),
         (bpy.ops.crowd_lod.erase, "No mesh or empty is active"),
     ):
         bpy.context.view_layer.objects.active = levelled.camera
@@ -238,7 +294,10 @@ def test_buttons_say_what_they_lack(levelled):
 def test_files_of_before_there_were_edits_mean_the_same(scene):
     """Blender stores a choice by its number."""
     known = scene.crowd_lod.exceptions.add().bl_rna.properties
-    stored = {name: {item.identifier: item.value for item in known[name].enum_items} for name in ("kind", "chosen_by")}
+    stored = {
+        name: {item.identifier: item.value for item in known[name].enum_items}
+        for name in ("kind", "chosen_by")
+    }
     assert stored["kind"] | {"NEVER_COARSER": 0, "ALWAYS": 1, "HIDE": 2} == stored["kind"]
     assert stored["chosen_by"] | {"NUMBERS": 0, "REGION": 1, "MAP": 2} == stored["chosen_by"]
 
@@ -270,18 +329,29 @@ def test_edits_follow_the_points_of_an_object_by_their_ids(levelled):
     bpy.context.view_layer.update()
     crowd = trajectory_of(levelled).start
     assert crowd.x[54] == pytest.approx(trajectory_of(levelled).own.start.x[54] + 0.5)
-    assert crowd.group[54] != before.start.group[5] and np.flatnonzero(~crowd.present).tolist() == [50]
+    assert crowd.group[54] != before.start.group[5] and np.flatnonzero(~crowd.present).tolist() == [
+        50
+    ]
 
 
 def test_edits_follow_the_agents_of_a_file_that_grows(levelled, tmp_path):
     settings, path = levelled.crowd_lod, tmp_path / "tracks.csv"
 
     def written(ids):
-        rows = [f"{a},{frame},{a + frame * 0.05:.3f},{a * 0.5:.3f}" for a in ids for frame in range(1, 40)]
+        rows = [
+            f"{a},{frame},{a + frame * 0.05:.3f},{a * 0.5:.3f}"
+            for a in ids
+            for frame in range(1, 40)
+        ]
         path.write_text("\n".join(["id,frame,x,y", *rows]))
 
     written(range(20, 30))
-    settings.source, settings.tracks_file, settings.tracks_rate, settings.tracks_unit = "FILE", str(path), 24, "M"
+    settings.source, settings.tracks_file, settings.tracks_rate, settings.tracks_unit = (
+        "FILE",
+        str(path),
+        24,
+        "M",
+    )
     bpy.ops.crowd_lod.populate()
     press(levelled, 4, "NUDGE")
     press(levelled, 5, "HIDE")

@@ -59,7 +59,9 @@ def test_a_handler_of_another_add_on_is_not_ours_and_the_build_follows(built, ca
         bpy.app.handlers.frame_change_post.remove(other)
         bpy.app.handlers.depsgraph_update_post.remove(other)
     assert "Crowd LOD" not in told and "ownership" not in told
-    assert sum(len(item.data.vertices) for item in points_of(built.crowd_lod.build).values()) != before
+    assert (
+        sum(len(item.data.vertices) for item in points_of(built.crowd_lod.build).values()) != before
+    )
 
 
 def test_our_own_handlers_are_ours():

@@ -13,7 +13,9 @@ def test_agents_stand_on_the_height_image():
     groups = (Group("walker", 0.9, 1.0, 1.25, 1.0),)
     settings.count, settings.size, settings.center = 500, (40, 20), (3, 4, 5)
     values = np.ones((6, 9, 4), np.float32)
-    values[..., 0] = np.random.default_rng(0).uniform(-0.3, 1.7, (6, 9))  # beyond 0 to 1, as a float image may be
+    values[..., 0] = np.random.default_rng(0).uniform(
+        -0.3, 1.7, (6, 9)
+    )  # beyond 0 to 1, as a float image may be
     image = bpy.data.images.new("relief", 9, 6, float_buffer=True, is_data=True)
     image.pixels.foreach_set(values.ravel())
     assert (image_data.read_values(image) == values).all()

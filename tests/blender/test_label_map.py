@@ -53,7 +53,9 @@ def test_a_new_map_is_of_the_first_label_and_lies_on_the_ground(ground):
     corners = [tuple(plane.matrix_world @ vertex.co)[:2] for vertex in plane.data.vertices]
     assert corners == [(-10, -15), (30, -15), (30, 5), (-10, 5)]
     assert plane.hide_render and ground.crowd_lod_editor.show_map
-    texture = next(node for node in plane.data.materials[0].node_tree.nodes if node.type == "TEX_IMAGE")
+    texture = next(
+        node for node in plane.data.materials[0].node_tree.nodes if node.type == "TEX_IMAGE"
+    )
     assert texture.image == image and texture.interpolation == "Closest"
 
 
@@ -61,12 +63,18 @@ def test_the_plane_shows_pixels_where_the_crowd_has_them(ground):
     bpy.ops.crowd_lod.new_map(pixels=8)
     image, plane = ground.crowd_lod.map_image, plane_of(ground)
     uv = {
-        tuple(plane.data.vertices[loop.vertex_index].co)[:2]: tuple(plane.data.uv_layers[0].data[loop.index].uv)
+        tuple(plane.data.vertices[loop.vertex_index].co)[:2]: tuple(
+            plane.data.uv_layers[0].data[loop.index].uv
+        )
         for loop in plane.data.loops
     }
     assert uv == {(-20, -10): (0, 0), (20, -10): (1, 0), (20, 10): (1, 1), (-20, 10): (0, 1)}
     values = list(image.pixels)
-    values[4 * 7 : 4 * 7 + 3] = (0x40 / 255, 0x38 / 255, 0x38 / 255)  # of the first row the last pixel
+    values[4 * 7 : 4 * 7 + 3] = (
+        0x40 / 255,
+        0x38 / 255,
+        0x38 / 255,
+    )  # of the first row the last pixel
     image.pixels = values
     assert place(ground, 29, -14) == "wall" and place(ground, -9, -14) == "lane"
 
@@ -81,13 +89,17 @@ def test_the_map_is_hidden_and_shown_as_the_option_says_and_keeps_one_plane(grou
     ground.crowd_lod.size = (10, 10)
     editor.show_map = True
     bpy.ops.crowd_lod.new_map(pixels=16)
-    assert [tuple(item.dimensions)[:2] for item in ground.objects if "crowd_lod_map" in item] == [(10, 10)]
+    assert [tuple(item.dimensions)[:2] for item in ground.objects if "crowd_lod_map" in item] == [
+        (10, 10)
+    ]
     assert len([mesh for mesh in bpy.data.meshes if mesh.name.startswith("Label Map")]) == 1
 
 
 def test_viewports_are_colored_as_before_once_the_map_is_hidden(ground):
     window = bpy.context.window_manager.windows[0]
-    shading = next(area.spaces.active.shading for area in window.screen.areas if area.type == "VIEW_3D")
+    shading = next(
+        area.spaces.active.shading for area in window.screen.areas if area.type == "VIEW_3D"
+    )
     shading.color_type = "RANDOM"
     bpy.ops.crowd_lod.new_map(pixels=8)
     bpy.ops.crowd_lod.paint_label(label="wall")
@@ -111,7 +123,9 @@ def test_a_label_is_a_hard_brush_in_texture_paint(ground):
     brush = ground.tool_settings.image_paint.brush
     assert bpy.context.object == plane_of(ground) and bpy.context.object.mode == "TEXTURE_PAINT"
     assert brush.strength == 1 and not brush.use_paint_antialiasing and brush.blend == "MIX"
-    assert [each.name for each in bpy.data.brushes if each.name.startswith("Crowd LOD")] == ["Crowd LOD Label"]
+    assert [each.name for each in bpy.data.brushes if each.name.startswith("Crowd LOD")] == [
+        "Crowd LOD Label"
+    ]
     ground.crowd_lod_editor.show_map = False
     assert plane_of(ground).mode == "OBJECT"
 
@@ -127,7 +141,11 @@ def test_selected_meshes_lay_their_label_over_the_painted_map_and_follow(ground)
     before = inputs_of(ground)
     bpy.ops.crowd_lod.add_area()
     assert [(entry.name, entry.label) for entry in ground.crowd_lod.areas] == [("Block", "wall")]
-    assert place(ground, 10, -5) == "wall" and place(ground, 13, -5) == "lane" and inputs_of(ground) != before
+    assert (
+        place(ground, 10, -5) == "wall"
+        and place(ground, 13, -5) == "lane"
+        and inputs_of(ground) != before
+    )
     assert (labels_of(ground) == "wall").sum() == 8 * 8  # 4 m of half a meter
     item.location.x = 20
     bpy.context.view_layer.update()
@@ -150,18 +168,29 @@ def test_collections_curves_and_modifiers_count_and_the_lower_area_lies_above(gr
     array.count, array.relative_offset_displace = 2, (0, 2, 0)
     bpy.ops.curve.primitive_bezier_circle_add(radius=2, location=(20, -5, 1))
     bpy.context.object.data.dimensions, bpy.context.object.data.fill_mode = "2D", "BOTH"
-    for name, label, item, collection in (("shops", "stall", None, shops), ("ring", "crossing", bpy.context.object, None)):
+    for name, label, item, collection in (
+        ("shops", "stall", None, shops),
+        ("ring", "crossing", bpy.context.object, None),
+    ):
         entry = settings.areas.add()
         entry.name, entry.label, entry.object, entry.collection = name, label, item, collection
     assert make(ground) > 0
-    assert place(ground, 0, -5) == "stall" and place(ground, 0, -1) == "stall" and place(ground, 0, -3.4) == "lane"
+    assert (
+        place(ground, 0, -5) == "stall"
+        and place(ground, 0, -1) == "stall"
+        and place(ground, 0, -3.4) == "lane"
+    )
     assert place(ground, 20, -5) == "crossing"
     ground.crowd_lod_editor.area_index = 1
     bpy.ops.crowd_lod.move_area(by=-1)
     make(ground)
     assert place(ground, 20, -5) == "stall" and place(ground, 21.6, -5) == "crossing"
     settings.areas[0].object.data.fill_mode = "NONE"  # the curve's line is left
-    assert make(ground) > 0 and place(ground, 21.98, -5) == "crossing" and place(ground, 21.6, -5) == "lane"
+    assert (
+        make(ground) > 0
+        and place(ground, 21.98, -5) == "crossing"
+        and place(ground, 21.6, -5) == "lane"
+    )
 
 
 def test_agents_do_not_start_in_a_wall_and_the_walk_knows_it(ground, scene):

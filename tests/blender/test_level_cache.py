@@ -42,9 +42,9 @@ def test_nothing_changed_keeps_everything_also_after_saving(two, tmp_path):
     outcome, last = run(scene)
     assert outcome.kept == ("one", "two") and set(last) == set(first)
     assert [list(group.triangles) for group in scene.crowd_lod.groups] == counts
-    assert [[home.name for home in level.children] for level in scene.crowd_lod.levels.children] == [
-        [f"000 one LOD {k}", f"001 two LOD {k}"] for k in range(3)
-    ]
+    assert [
+        [home.name for home in level.children] for level in scene.crowd_lod.levels.children
+    ] == [[f"000 one LOD {k}", f"001 two LOD {k}"] for k in range(3)]
 
 
 def test_a_scaled_character_with_a_material_is_made_and_kept_as_any_other(two):
@@ -90,7 +90,16 @@ def change_property(body):
 
 @pytest.mark.parametrize(
     "change",
-    [change_property, change_point, change_weight, change_uv, change_material, change_action, change_modifier, change_place],
+    [
+        change_property,
+        change_point,
+        change_weight,
+        change_uv,
+        change_material,
+        change_action,
+        change_modifier,
+        change_place,
+    ],
 )
 def test_a_change_to_one_character_makes_that_one_anew(two, change):
     _, first = run(two)
@@ -124,10 +133,17 @@ def test_spheres_are_measured_anew_where_the_scene_may_show_more(two):
     run(two)
     before = [group.radius for group in two.crowd_lod.groups]
     outcome, _ = run(two)
-    assert outcome.kept == ("one", "two") and [group.radius for group in two.crowd_lod.groups] == before
+    assert (
+        outcome.kept == ("one", "two")
+        and [group.radius for group in two.crowd_lod.groups] == before
+    )
     tree = material.node_tree
     node = tree.nodes.new("ShaderNodeDisplacement")
-    node.inputs["Height"].default_value, node.inputs["Midlevel"].default_value, node.inputs["Scale"].default_value = 3, 0, 1
+    (
+        node.inputs["Height"].default_value,
+        node.inputs["Midlevel"].default_value,
+        node.inputs["Scale"].default_value,
+    ) = 3, 0, 1
     end = next(node for node in tree.nodes if node.type == "OUTPUT_MATERIAL")
     tree.links.new(node.outputs[0], end.inputs["Displacement"])
     outcome, _ = run(two)
@@ -202,12 +218,19 @@ def test_what_is_deleted_between_two_steps_is_one_sentence_and_nothing_is_left(t
     bpy.data.objects.remove(other)
     with pytest.raises(CrowdError, match="was deleted meanwhile: press Make LOD Meshes again"):
         list(steps)
-    assert {block: block.name for block in bpy.data.user_map()} == before and two.crowd_lod.levels == levels
+    assert {
+        block: block.name for block in bpy.data.user_map()
+    } == before and two.crowd_lod.levels == levels
 
 
 def test_progress_rises_from_0_to_1_with_a_step_for_each_object_and_lod(two):
     progress = list(make_levels(two))
-    assert progress == sorted(progress) and progress[0] >= 0 and progress[-1] == 1.0 and len(set(progress)) >= 2 * 3
+    assert (
+        progress == sorted(progress)
+        and progress[0] >= 0
+        and progress[-1] == 1.0
+        and len(set(progress)) >= 2 * 3
+    )
 
 
 @pytest.mark.parametrize(

@@ -23,20 +23,33 @@ def run(scene):
 
 
 def objects_of(scene, k):
-    return [[item.name for item in home.objects] for home in scene.crowd_lod.levels.children[k].children]
+    return [
+        [item.name for item in home.objects] for home in scene.crowd_lod.levels.children[k].children
+    ]
 
 
 def test_lods_that_hang_on_a_character_s_armature_are_no_part_of_it(scene):
-    armature, body, root, hat = rig(), new("body", tube("body", 8, 8)), new("root", None), new("hat", tube("hat", 8, 8))
+    armature, body, root, hat = (
+        rig(),
+        new("body", tube("body", 8, 8)),
+        new("root", None),
+        new("hat", tube("hat", 8, 8)),
+    )
     skin(body, armature)
     hat.parent = root
     bpy.data.collections.remove(character())
     for item in (armature, body, root, hat):
         scene.crowd_lod.characters.objects.link(item)
     assert run(scene).made == ("rig", "root")
-    assert run(scene).kept == ("rig", "root") and objects_of(scene, 1) == [["body LOD 1"], ["hat LOD 1"]]
+    assert run(scene).kept == ("rig", "root") and objects_of(scene, 1) == [
+        ["body LOD 1"],
+        ["hat LOD 1"],
+    ]
     scene.crowd_lod.ratios[1] = 0.5
-    assert run(scene).made == ("rig", "root") and objects_of(scene, 2) == [["body LOD 2"], ["hat LOD 2"]]
+    assert run(scene).made == ("rig", "root") and objects_of(scene, 2) == [
+        ["body LOD 2"],
+        ["hat LOD 2"],
+    ]
 
 
 def test_an_object_may_be_in_several_groups(scene):
@@ -67,7 +80,9 @@ def test_a_lod_that_became_a_character_stays(scene, linked):
     for ratio in (0.4, 0.5, 0.45):
         scene.crowd_lod.ratios[1] = ratio
         run(scene)
-        assert len(mine.data.vertices) == count and mine.name in scene.crowd_lod.characters.all_objects
+        assert (
+            len(mine.data.vertices) == count and mine.name in scene.crowd_lod.characters.all_objects
+        )
 
 
 def test_a_copy_of_the_scene_leaves_the_first_one_s(scene):
@@ -79,7 +94,10 @@ def test_a_copy_of_the_scene_leaves_the_first_one_s(scene):
         other.crowd_lod.ratios[1] = ratio
         run(other)
         assert scene.crowd_lod.levels == levels and list(levels.all_objects) == items
-        assert levels.name in scene.collection.children and levels.name not in other.collection.children
+        assert (
+            levels.name in scene.collection.children
+            and levels.name not in other.collection.children
+        )
         assert other.crowd_lod.levels.name in other.collection.children
     assert len(bpy.data.scenes) == 2 and len(other.crowd_lod.levels.all_objects) == len(items)
     assert run(scene).kept == ("someone",)
@@ -88,7 +106,9 @@ def test_a_copy_of_the_scene_leaves_the_first_one_s(scene):
 def test_two_groups_of_one_name_are_named(scene):
     character(new("inner", tube("inner", 8, 8)), name="hero")
     scene.crowd_lod.characters.objects.link(new("hero", tube("hero", 8, 8)))
-    with pytest.raises(CrowdError, match="Two character groups in People are called hero: rename one of them"):
+    with pytest.raises(
+        CrowdError, match="Two character groups in People are called hero: rename one of them"
+    ):
         characters_of(scene)
 
 
@@ -105,7 +125,10 @@ def test_lods_of_another_group_are_never_taken_for_a_group_s_own(scene, change):
         bpy.data.collections.remove(bpy.data.collections["a"])
     else:
         bpy.data.collections["a"].name = "c"  # it comes last now
-    with pytest.raises(RuntimeError, match="character group [bc] has no LOD meshes in Crowd LOD( 0)?: press Make LOD Meshes"):
+    with pytest.raises(
+        RuntimeError,
+        match="character group [bc] has no LOD meshes in Crowd LOD( 0)?: press Make LOD Meshes",
+    ):
         bpy.ops.crowd_lod.measure_levels()
     assert [(group.name, tuple(group.deviations)) for group in scene.crowd_lod.groups] == before
     for says in ("have changed: press Populate, then Make LOD Meshes", "press Make LOD Meshes"):
@@ -116,7 +139,9 @@ def test_lods_of_another_group_are_never_taken_for_a_group_s_own(scene, change):
     assert bpy.ops.crowd_lod.measure_levels() == bpy.ops.crowd_lod.build() == {"FINISHED"}
     known = dict(before)
     for group in scene.crowd_lod.groups:
-        assert tuple(group.deviations) == pytest.approx(known["a" if group.name == "c" else group.name])
+        assert tuple(group.deviations) == pytest.approx(
+            known["a" if group.name == "c" else group.name]
+        )
 
 
 def test_collections_that_the_user_put_among_the_lods_stay(scene):
@@ -131,7 +156,9 @@ def test_collections_that_the_user_put_among_the_lods_stay(scene):
         scene.crowd_lod.ratios[1] = ratio
         run(scene)
         for collection in (own, linked):
-            assert collection.name in scene.collection.children and list(collection.objects.keys()) == [f"in {collection.name}"]
+            assert collection.name in scene.collection.children and list(
+                collection.objects.keys()
+            ) == [f"in {collection.name}"]
     assert not scene.collection.objects and len(scene.crowd_lod.levels.all_objects) == 3
 
 
@@ -142,7 +169,10 @@ def test_lods_of_a_rigid_body_take_no_part_in_the_simulation(scene):
     bpy.ops.rigidbody.world_add()
     bpy.ops.rigidbody.object_add()
     run(scene)
-    assert list(scene.rigidbody_world.collection.objects) == [body] and len(scene.crowd_lod.levels.all_objects) == 3
+    assert (
+        list(scene.rigidbody_world.collection.objects) == [body]
+        and len(scene.crowd_lod.levels.all_objects) == 3
+    )
 
 
 def test_a_linked_scene_is_left_alone_with_a_sentence(scene, tmp_path):
@@ -152,6 +182,8 @@ def test_a_linked_scene_is_left_alone_with_a_sentence(scene, tmp_path):
         wanted.scenes = [scene.name]
     before = set(bpy.data.user_map())
     for steps in (make_levels, build):
-        with pytest.raises(CrowdError, match=r"Scene is linked from .*scene\.blend: work in that file"):
+        with pytest.raises(
+            CrowdError, match=r"Scene is linked from .*scene\.blend: work in that file"
+        ):
             finished(steps(wanted.scenes[0]))
     assert set(bpy.data.user_map()) == before

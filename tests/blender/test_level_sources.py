@@ -43,7 +43,10 @@ def test_curves_and_text_become_meshes_where_they_stand_with_their_own_materials
     curve.materials.append(bpy.data.materials.new("shared"))
     wire = new("wire", curve)
     wire.scale, wire.location = (-1, 1, 1), (3, 0, 0)
-    wire.material_slots[0].link, wire.material_slots[0].material = "OBJECT", bpy.data.materials.new("own")
+    wire.material_slots[0].link, wire.material_slots[0].material = (
+        "OBJECT",
+        bpy.data.materials.new("own"),
+    )
     text = bpy.data.curves.new("sign", "FONT")
     text.body, text.extrude = "Hello", 0.1
     character(wire, new("sign", text))
@@ -52,15 +55,24 @@ def test_curves_and_text_become_meshes_where_they_stand_with_their_own_materials
     low, high = world(lods["wire LOD 1"]).min(axis=0), world(lods["wire LOD 1"]).max(axis=0)
     bpy.context.scene.collection.objects.link(wire)
     full = world(wire)
-    assert np.allclose(low, full.min(axis=0), atol=0.06) and np.allclose(high, full.max(axis=0), atol=0.06)
-    assert 0 < triangles(lods["sign LOD 1"]) < 0.45 * bpy.context.scene.crowd_lod.groups[0].triangles[0]
+    assert np.allclose(low, full.min(axis=0), atol=0.06) and np.allclose(
+        high, full.max(axis=0), atol=0.06
+    )
+    assert (
+        0
+        < triangles(lods["sign LOD 1"])
+        < 0.45 * bpy.context.scene.crowd_lod.groups[0].triangles[0]
+    )
 
 
 @pytest.mark.parametrize(
     "kind, says",
     [
         ("metaball", "mine, of the character group someone, is a metaball: turn it into a mesh"),
-        ("instance", "mine, of the character group someone, instances the collection inner: put that collection"),
+        (
+            "instance",
+            "mine, of the character group someone, instances the collection inner: put that collection",
+        ),
         ("no faces", "someone in People holds no mesh with faces"),
         ("hair", "has no faces"),
         ("nan", "at NaN or infinity"),
@@ -71,7 +83,10 @@ def test_what_cannot_be_one_sentence_names_it_and_nothing_is_left(kind, says):
         item = new("mine", bpy.data.metaballs.new("mine"))
     elif kind == "instance":
         item = new("mine", None)
-        item.instance_type, item.instance_collection = "COLLECTION", bpy.data.collections.new("inner")
+        item.instance_type, item.instance_collection = (
+            "COLLECTION",
+            bpy.data.collections.new("inner"),
+        )
     elif kind == "hair":
         item = new("mine", bpy.data.hair_curves.new("mine"))
         item.data.add_curves([4])
@@ -92,7 +107,11 @@ def test_an_object_without_faces_among_others_and_hair_are_kept_whole():
     hair.data.add_curves([4, 4])
     character(new("guide", bpy.data.meshes.new("guide")), hair, new("body", tube("body")))
     lods = made(2)
-    assert lods["hair LOD 2"].data is hair.data and set(lods) == {"guide LOD 2", "hair LOD 2", "body LOD 2"}
+    assert lods["hair LOD 2"].data is hair.data and set(lods) == {
+        "guide LOD 2",
+        "hair LOD 2",
+        "body LOD 2",
+    }
 
 
 def test_faces_that_only_a_modifier_makes_count():
@@ -127,7 +146,10 @@ def test_what_is_hidden_in_renders_and_the_shapes_of_bones_are_left_out():
 def test_nested_collections_shared_meshes_and_props_on_bones_follow_the_bone():
     armature, body = rig(), new("body", tube("body", 12, 12))
     skin(body, armature)
-    left, right = (new(name, bpy.data.meshes.get("club") or tube("club", 12, 8, 0.05, 0.5)) for name in ("left", "right"))
+    left, right = (
+        new(name, bpy.data.meshes.get("club") or tube("club", 12, 8, 0.05, 0.5))
+        for name in ("left", "right")
+    )
     group = character(armature, body)
     props = bpy.data.collections.new("props")
     group.children.link(props)
@@ -145,7 +167,9 @@ def test_nested_collections_shared_meshes_and_props_on_bones_follow_the_bone():
             fine, coarse = world(prop), world(lods[f"{prop.name} LOD 2"])
             assert np.allclose(coarse.min(axis=0), fine.min(axis=0), atol=0.02)
             assert np.allclose(coarse.max(axis=0), fine.max(axis=0), atol=0.02)
-    assert world(left).max(axis=0)[1] < -0.3 or world(left).min(axis=0)[1] < -0.3  # it did move with the bone
+    assert (
+        world(left).max(axis=0)[1] < -0.3 or world(left).min(axis=0)[1] < -0.3
+    )  # it did move with the bone
 
 
 @pytest.mark.once
@@ -191,7 +215,9 @@ def test_modes_selection_and_names_stay(mode):
     made(), made()
     assert {block: block.name for block in names} == names and mine.name == "body LOD 1"
     assert bpy.context.view_layer.objects.active is active and active.mode == mode
-    assert [item.name for item in bpy.context.view_layer.objects if item.select_get()] == [active.name]
+    assert [item.name for item in bpy.context.view_layer.objects if item.select_get()] == [
+        active.name
+    ]
     assert len(scene.crowd_lod.levels.children[1].all_objects) == 1
     bpy.ops.object.mode_set(mode="OBJECT")
 
@@ -220,7 +246,11 @@ def test_characters_linked_from_another_file(tmp_path, override):
     scene.crowd_lod.characters, scene.crowd_lod.choice = top, "BY_RATIO"
     states = {block: (block.name, block.library) for block in bpy.data.user_map()}
     lod = made(2)["body LOD 2"]
-    assert lod.library is None and lod.override_library is None and triangles(lod) < 0.13 * scene.crowd_lod.groups[0].triangles[0]
+    assert (
+        lod.library is None
+        and lod.override_library is None
+        and triangles(lod) < 0.13 * scene.crowd_lod.groups[0].triangles[0]
+    )
     assert {block: (block.name, block.library) for block in states} == states
     scene.frame_set(10)
     source = next(item for item in group.objects if item.type == "MESH")
@@ -242,7 +272,10 @@ def test_a_missing_library_is_named(tmp_path):
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
     path.unlink()
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "scene.blend"))
-    with pytest.raises(CrowdError, match=r"linked, of the character group linked, is missing: restore .*library\.blend"):
+    with pytest.raises(
+        CrowdError,
+        match=r"linked, of the character group linked, is missing: restore .*library\.blend",
+    ):
         made()
 
 
@@ -253,8 +286,13 @@ def test_one_triangle_and_two_hundred_loose_parts(way):
     points, faces = [], []
     for i in range(200):
         corner = np.array((0.1 * (i % 20), 0, 0.1 * (i // 20)))
-        points += [tuple(corner + offset) for offset in ((0, 0, 0), (0.05, 0, 0), (0, 0.05, 0), (0, 0, 0.05))]
-        faces += [tuple(4 * i + j for j in face) for face in ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))]
+        points += [
+            tuple(corner + offset)
+            for offset in ((0, 0, 0), (0.05, 0, 0), (0, 0.05, 0), (0, 0, 0.05))
+        ]
+        faces += [
+            tuple(4 * i + j for j in face) for face in ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
+        ]
     parts = bpy.data.meshes.new("parts")
     parts.from_pydata(points, [], faces)
     character(new("one", one), new("parts", parts))
@@ -278,10 +316,17 @@ def test_what_the_precise_way_would_leave_nothing_of_is_made_the_fast_way(way, m
     cards.from_pydata(points, [], faces)
     character(new("cards", cards), new("body", tube("body")))
     settings = bpy.context.scene.crowd_lod
-    settings.method, settings.ratios[1], settings.ratios[2] = way, 0.005, 0.002  # less than one face
+    settings.method, settings.ratios[1], settings.ratios[2] = (
+        way,
+        0.005,
+        0.002,
+    )  # less than one face
     lods = made(1)
     assert triangles(lods["cards LOD 1"]) >= 1
-    assert lods["cards LOD 1"]["crowd_lod_method"] == "POSE_AWARE" and "leaves no face" in lods["cards LOD 1"]["crowd_lod_why"]
+    assert (
+        lods["cards LOD 1"]["crowd_lod_method"] == "POSE_AWARE"
+        and "leaves no face" in lods["cards LOD 1"]["crowd_lod_why"]
+    )
     settings.method, settings.ratios[1], settings.ratios[2] = "DECIMATE", 0.5, 0.2  # it leaves some
     cards = made(1)["cards LOD 1"]
     assert cards["crowd_lod_method"] == "DECIMATE" and len(cards.data.vertices) == len(
@@ -297,7 +342,12 @@ def test_vertex_groups_of_what_nodes_join_keep_their_names(way):
     tree = bpy.data.node_groups.new("join", "GeometryNodeTree")
     for way_in in ("INPUT", "OUTPUT"):
         tree.interface.new_socket("Geometry", in_out=way_in, socket_type="NodeSocketGeometry")
-    kinds = ("NodeGroupInput", "NodeGroupOutput", "GeometryNodeObjectInfo", "GeometryNodeJoinGeometry")
+    kinds = (
+        "NodeGroupInput",
+        "NodeGroupOutput",
+        "GeometryNodeObjectInfo",
+        "GeometryNodeJoinGeometry",
+    )
     begin, end, other, join = (tree.nodes.new(kind) for kind in kinds)
     other.inputs[0].default_value = donor
     for one, two in (
@@ -314,19 +364,33 @@ def test_vertex_groups_of_what_nodes_join_keep_their_names(way):
     lod = made(1)["body LOD 1"]
     of = {group.index: group.name for group in lod.vertex_groups}
     assert set(of.values()) == {"a", "b", "c", "lower", "upper"}
-    top = [{of[entry.group] for entry in vertex.groups if entry.weight > 0} for vertex in lod.data.vertices if vertex.co.z > 1.9]
+    top = [
+        {of[entry.group] for entry in vertex.groups if entry.weight > 0}
+        for vertex in lod.data.vertices
+        if vertex.co.z > 1.9
+    ]
     assert {"upper"} in top and all(names <= {"upper"} for names in top)
 
 
 def test_modifiers_count_as_they_are_rendered():
-    for name, seen, rendered in (("both", True, True), ("drawn", True, False), ("rendered", False, True)):
+    for name, seen, rendered in (
+        ("both", True, True),
+        ("drawn", True, False),
+        ("rendered", False, True),
+    ):
         item = new(name, tube(name, 8, 8))
         array = item.modifiers.new("Array", "ARRAY")
         array.show_viewport, array.show_render = seen, rendered
         character(item, name=name)
     bpy.context.scene.crowd_lod.method = "DECIMATE"
-    wide = {name: np.ptp(mesh_data.read_triangles(item.data)[0][:, 0]) for name, item in made(1).items()}
-    assert wide["rendered LOD 1"] == pytest.approx(wide["both LOD 1"]) == pytest.approx(2 * wide["drawn LOD 1"], rel=0.05)
+    wide = {
+        name: np.ptp(mesh_data.read_triangles(item.data)[0][:, 0]) for name, item in made(1).items()
+    }
+    assert (
+        wide["rendered LOD 1"]
+        == pytest.approx(wide["both LOD 1"])
+        == pytest.approx(2 * wide["drawn LOD 1"], rel=0.05)
+    )
     assert all(group.deviations[1] < 0.05 for group in bpy.context.scene.crowd_lod.groups)
 
 
@@ -345,7 +409,11 @@ def test_a_stray_face_without_area_costs_no_lod_its_likeness():
 
 
 def test_what_is_shrunk_onto_a_body_is_so_at_rest():
-    armature, body, shirt = rig(), new("body", tube("body", 16, 16)), new("shirt", tube("shirt", 16, 16, 0.22))
+    armature, body, shirt = (
+        rig(),
+        new("body", tube("body", 16, 16)),
+        new("shirt", tube("shirt", 16, 16, 0.22)),
+    )
     for frame in (1, 10):
         armature.pose.bones["upper"].rotation_euler = (1.2, 0, 0)  # nowhere at rest
         armature.pose.bones["upper"].keyframe_insert("rotation_euler", frame=frame)
@@ -355,8 +423,13 @@ def test_what_is_shrunk_onto_a_body_is_so_at_rest():
     wrap.target, wrap.offset = body, 0.02
     character(armature, body, shirt)
     bpy.context.scene.crowd_lod.method = "DECIMATE"
-    low, high = (getattr(mesh_data.read_triangles(made(1)["shirt LOD 1"].data)[0], end)(axis=0) for end in ("min", "max"))
-    assert np.allclose(low, (-0.22, -0.22, 0), atol=0.03) and np.allclose(high, (0.22, 0.22, 2), atol=0.03)
+    low, high = (
+        getattr(mesh_data.read_triangles(made(1)["shirt LOD 1"].data)[0], end)(axis=0)
+        for end in ("min", "max")
+    )
+    assert np.allclose(low, (-0.22, -0.22, 0), atol=0.03) and np.allclose(
+        high, (0.22, 0.22, 2), atol=0.03
+    )
     assert armature.data.pose_position == "POSE"
 
 
@@ -369,7 +442,9 @@ def test_of_two_armatures_that_deform_it_in_turn_a_lod_follows_both():
     skin(item, body)
     item.modifiers.new("Face", "ARMATURE").object = face
     for number in range(4):  # bones of the one that fill all four places
-        item.vertex_groups.new(name=f"spare {number}").add(range(len(item.data.vertices)), 0.5, "REPLACE")
+        item.vertex_groups.new(name=f"spare {number}").add(
+            range(len(item.data.vertices)), 0.5, "REPLACE"
+        )
     bpy.context.scene.collection.objects.link(body)
     bpy.context.view_layer.objects.active = body
     bpy.ops.object.mode_set(mode="EDIT")
@@ -382,5 +457,9 @@ def test_of_two_armatures_that_deform_it_in_turn_a_lod_follows_both():
     lod = made(1)["body LOD 1"]
     for vertex in lod.data.vertices:
         weights = {lod.vertex_groups[entry.group].name: entry.weight for entry in vertex.groups}
-        assert weights.pop("face upper") == pytest.approx(1) and sum(weights.values()) == pytest.approx(1) and len(weights) <= 4
+        assert (
+            weights.pop("face upper") == pytest.approx(1)
+            and sum(weights.values()) == pytest.approx(1)
+            and len(weights) <= 4
+        )
     assert bpy.context.scene.crowd_lod.groups[0].deviations[1] < 0.1

@@ -18,7 +18,11 @@ def lod(k, item, way):
         character(item)
     scene.crowd_lod.method = way
     list(make_levels(scene))
-    return next(o for o in scene.crowd_lod.levels.children[k].all_objects if o.name.startswith(f"{item.name} LOD"))
+    return next(
+        o
+        for o in scene.crowd_lod.levels.children[k].all_objects
+        if o.name.startswith(f"{item.name} LOD")
+    )
 
 
 def samples(mesh, count=4000):
@@ -26,7 +30,9 @@ def samples(mesh, count=4000):
     mesh.calc_loop_triangles()
     points = np.array([v.co for v in mesh.vertices])
     corners = points[np.array([t.vertices for t in mesh.loop_triangles])]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    area = np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
     random = np.random.default_rng(0)
     face = random.choice(len(area), count, p=area / area.sum())
     weights = random.dirichlet((1, 1, 1), count)
@@ -59,7 +65,9 @@ def test_uvs_of_every_map_are_right_on_both_sides_of_a_seam_within_one_island(wa
     points, face, weights = samples(made)
     u, v = np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) % 1, points[:, 2] / 2
     for layer, expected in (("UVMap", (u, v)), ("Second", (v, u))):
-        gap = np.linalg.norm(uvs_at(made, layer, face, weights) - np.stack(expected, axis=1), axis=1)
+        gap = np.linalg.norm(
+            uvs_at(made, layer, face, weights) - np.stack(expected, axis=1), axis=1
+        )
         assert (gap > 0.05).mean() < 0.02
         values = np.array([d.vector for d in made.uv_layers[layer].uv])
         assert values.min() >= -1e-5 and values.max() <= 1 + 1e-5
@@ -67,8 +75,12 @@ def test_uvs_of_every_map_are_right_on_both_sides_of_a_seam_within_one_island(wa
     for polygon in made.polygons:
         for edge in polygon.edge_keys:
             open_edges[edge] = open_edges.get(edge, 0) + 1
-    heights = [made.vertices[v].co.z for edge, times in open_edges.items() if times == 1 for v in edge]
-    assert max(open_edges.values()) == 2 and all(min(z, 2 - z) < 0.005 for z in heights)  # open at its two ends only
+    heights = [
+        made.vertices[v].co.z for edge, times in open_edges.items() if times == 1 for v in edge
+    ]
+    assert max(open_edges.values()) == 2 and all(
+        min(z, 2 - z) < 0.005 for z in heights
+    )  # open at its two ends only
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -76,24 +88,38 @@ def test_a_sleeve_takes_nothing_from_the_arm_in_it(way):
     arm, sleeve = tube("arm", radius=0.2), tube("sleeve", radius=0.203)
     points = [tuple(v.co) for mesh in (arm, sleeve) for v in mesh.vertices]
     count = len(arm.vertices)
-    faces = [tuple(v + shift for v in p.vertices) for mesh, shift in ((arm, 0), (sleeve, count)) for p in mesh.polygons]
+    faces = [
+        tuple(v + shift for v in p.vertices)
+        for mesh, shift in ((arm, 0), (sleeve, count))
+        for p in mesh.polygons
+    ]
     both = bpy.data.meshes.new("both")
     both.from_pydata(points, [], faces)
     both.materials.append(bpy.data.materials.new("skin"))
     both.materials.append(bpy.data.materials.new("cloth"))
-    both.polygons.foreach_set("material_index", np.repeat([0, 1], len(arm.polygons)).astype(np.int32))
+    both.polygons.foreach_set(
+        "material_index", np.repeat([0, 1], len(arm.polygons)).astype(np.int32)
+    )
     color = both.color_attributes.new("Point", "FLOAT_COLOR", "POINT")
-    color.data.foreach_set("color", np.repeat([[1, 0, 0, 1], [0, 0, 1, 1]], count, axis=0).astype(np.float32).ravel())
+    color.data.foreach_set(
+        "color", np.repeat([[1, 0, 0, 1], [0, 0, 1, 1]], count, axis=0).astype(np.float32).ravel()
+    )
     corner = both.color_attributes.new("Corner", "BYTE_COLOR", "CORNER")
     corner.data.foreach_set(
-        "color", np.repeat([[1, 0, 0, 1], [0, 0, 1, 1]], 4 * len(arm.polygons), axis=0).astype(np.float32).ravel()
+        "color",
+        np.repeat([[1, 0, 0, 1], [0, 0, 1, 1]], 4 * len(arm.polygons), axis=0)
+        .astype(np.float32)
+        .ravel(),
     )
     both.color_attributes.active_color_index = 1
     made = lod(1, new("both", both), way).data
     neighbors = {v.index: set() for v in made.vertices}
     for a, b in (e.vertices for e in made.edges):
         neighbors[a].add(b), neighbors[b].add(a)
-    assert made.color_attributes["Corner"].data_type == "BYTE_COLOR" and made.color_attributes["Corner"].domain == "CORNER"
+    assert (
+        made.color_attributes["Corner"].data_type == "BYTE_COLOR"
+        and made.color_attributes["Corner"].domain == "CORNER"
+    )
     assert made.color_attributes.active_color.name == "Corner"
     seen = set()
     for start in neighbors:  # each loose part is all skin or all cloth, in every layer
@@ -125,7 +151,9 @@ def test_weights_sum_to_one_over_four_bones_at_most_and_other_groups_stay(way):
     skin(body, armature)
     for number in range(4):  # six bones at each vertex, two of them slight
         name = f"extra {number}"
-        body.vertex_groups.new(name=name).add(range(len(body.data.vertices)), (0.3, 0.2, 0.01, 0.02)[number], "REPLACE")
+        body.vertex_groups.new(name=name).add(
+            range(len(body.data.vertices)), (0.3, 0.2, 0.01, 0.02)[number], "REPLACE"
+        )
     bpy.context.scene.collection.objects.link(armature)
     bpy.context.view_layer.objects.active = armature
     bpy.ops.object.mode_set(mode="EDIT")
@@ -139,13 +167,23 @@ def test_weights_sum_to_one_over_four_bones_at_most_and_other_groups_stay(way):
     assert made.vertex_groups.keys() == body.vertex_groups.keys()
     pinned = made.vertex_groups["pinned"].index
     for vertex in made.data.vertices:
-        bones = {made.vertex_groups[e.group].name: e.weight for e in vertex.groups if e.group != pinned and e.weight > 0}
+        bones = {
+            made.vertex_groups[e.group].name: e.weight
+            for e in vertex.groups
+            if e.group != pinned and e.weight > 0
+        }
         assert len(bones) <= 4 and sum(bones.values()) == pytest.approx(1, abs=1e-4)
-        assert "extra 2" not in bones or len(bones) < 4 or "upper" not in bones or "lower" not in bones
+        assert (
+            "extra 2" not in bones or len(bones) < 4 or "upper" not in bones or "lower" not in bones
+        )
         upper = np.clip((vertex.co.z - 0.5) / 1.0, 0, 1)
         total = 1 + 0.3 + 0.2
-        assert bones.get("upper", 0) == pytest.approx(upper / total, abs=0.15)  # those that suit its poses best
-        assert next(e.weight for e in vertex.groups if e.group == pinned) == pytest.approx(0.7, abs=1e-3)
+        assert bones.get("upper", 0) == pytest.approx(
+            upper / total, abs=0.15
+        )  # those that suit its poses best
+        assert next(e.weight for e in vertex.groups if e.group == pinned) == pytest.approx(
+            0.7, abs=1e-3
+        )
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -155,7 +193,9 @@ def test_custom_normals_are_rebuilt(way):
     lean = [Vector((v.co.x / 0.2, v.co.y / 0.2, 1)).normalized() for v in body.vertices]
     body.normals_split_custom_set_from_vertices(lean)
     made = lod(2, new("body", body), way).data
-    assert made.has_custom_normals and not any(a.name.startswith("crowd_lod") for a in made.attributes)
+    assert made.has_custom_normals and not any(
+        a.name.startswith("crowd_lod") for a in made.attributes
+    )
     for loop, normal in zip(made.loops, made.corner_normals, strict=True):
         x, y, _ = made.vertices[loop.vertex_index].co
         assert normal.vector.dot(Vector((x, y, np.hypot(x, y))).normalized()) > 0.98
@@ -182,8 +222,14 @@ def test_sharp_edges_and_flat_faces_stay(way):
         heights = [made.vertices[v].co.z for v in polygon.vertices]
         if max(heights) < 1.82 or min(heights) > 1.84:
             assert polygon.use_smooth == (polygon.center.z < 1.8)
-    on_ledge = [e for e in made.edges if all(0.98 < made.vertices[v].co.z < 1.1 for v in e.vertices)]
-    level = [e for e in on_ledge if abs(made.vertices[e.vertices[0]].co.z - made.vertices[e.vertices[1]].co.z) < 0.005]
+    on_ledge = [
+        e for e in made.edges if all(0.98 < made.vertices[v].co.z < 1.1 for v in e.vertices)
+    ]
+    level = [
+        e
+        for e in on_ledge
+        if abs(made.vertices[e.vertices[0]].co.z - made.vertices[e.vertices[1]].co.z) < 0.005
+    ]
     assert len(level) > 20 and np.mean([e.use_edge_sharp for e in level]) > 0.9
     away = [e for e in made.edges if all(made.vertices[v].co.z < 0.95 for v in e.vertices)]
     assert not any(e.use_edge_sharp for e in away)
@@ -218,11 +264,15 @@ def test_the_way_and_why_are_kept_with_each_lod_and_auto_takes_one_of_both():
     ):
         made = lod(1, body, way)
         points[way] = [tuple(vertex.co) for vertex in made.data.vertices]
-        assert (made["crowd_lod_method"], made["crowd_lod_why"]) == (way, says) and made["crowd_lod_ms"] > 0
+        assert (made["crowd_lod_method"], made["crowd_lod_why"]) == (way, says) and made[
+            "crowd_lod_ms"
+        ] > 0
     made = lod(1, body, "AUTO")
     assert points["POSE_AWARE"] != points["DECIMATE"]
     assert points[made["crowd_lod_method"]] == [tuple(vertex.co) for vertex in made.data.vertices]
-    assert made["crowd_lod_why"].startswith({"POSE_AWARE": "Pose-Aware", "DECIMATE": "Decimate Modifier"}[made["crowd_lod_method"]])
+    assert made["crowd_lod_why"].startswith(
+        {"POSE_AWARE": "Pose-Aware", "DECIMATE": "Decimate Modifier"}[made["crowd_lod_method"]]
+    )
     assert "% of the size away" in made["crowd_lod_why"]
 
 
@@ -232,7 +282,11 @@ def test_the_way_and_why_are_kept_with_each_lod_and_auto_takes_one_of_both():
         ((0.010, 0.01), (0.010, 0.00), True),
         ((0.020, 0.01), (0.010, 0.00), False),
         ((0.010, 0.03), (0.050, 0.01), False),  # the precise way keeps the UVs
-        ((0.022, 0.023), (0.072, 0.021), True),  # neither does: a third of the distance for a tenth more of UVs
+        (
+            (0.022, 0.023),
+            (0.072, 0.021),
+            True,
+        ),  # neither does: a third of the distance for a tenth more of UVs
         ((0.126, 0.52), (0.119, 0.03), False),
     ],
 )
@@ -243,25 +297,43 @@ def test_the_choice_between_the_ways_weighs_shape_and_uvs(fast, precise, takes_f
 @pytest.mark.parametrize(
     "fast, precise, takes_fast",
     [
-        ((0.030, 0.00, 0.010), (0.010, 0.00, 0.020), True),  # a third as close at rest, twice as close in motion
-        ((0.010, 0.05, 0.010), (0.010, 0.01, 0.050), True),  # the precise way keeps the UVs, but not the knees
+        (
+            (0.030, 0.00, 0.010),
+            (0.010, 0.00, 0.020),
+            True,
+        ),  # a third as close at rest, twice as close in motion
+        (
+            (0.010, 0.05, 0.010),
+            (0.010, 0.01, 0.050),
+            True,
+        ),  # the precise way keeps the UVs, but not the knees
         ((0.010, 0.00, 0.020), (0.030, 0.05, 0.010), False),
         ((0.030, 0.00, 0.010), (0.010, 0.00, 0.010), False),  # as close in motion: the rest decides
         ((0.010, 0.05, 0.010), (0.010, 0.01, 0.010), False),  # and the UVs
     ],
 )
 def test_the_choice_weighs_motion_first(fast, precise, takes_fast):
-    fast, precise = (methods.Errors(rest, off, motion=motion) for rest, off, motion in (fast, precise))
+    fast, precise = (
+        methods.Errors(rest, off, motion=motion) for rest, off, motion in (fast, precise)
+    )
     assert methods.chosen_method(fast, precise)[0] == takes_fast
 
 
 @pytest.mark.parametrize(
     "fast, precise, takes_fast",
     [
-        ((0.010, 0.0, 0.99, 0.9), (0.006, 0.0, 0.80, 0.9), True),  # the precise way is closer, and thinner
+        (
+            (0.010, 0.0, 0.99, 0.9),
+            (0.006, 0.0, 0.80, 0.9),
+            True,
+        ),  # the precise way is closer, and thinner
         ((0.010, 0.0, 0.80, 0.9), (0.011, 0.0, 1.02, 0.9), False),
         ((0.010, 0.0, 0.99, 0.9), (0.003, 0.0, 0.90, 0.9), False),  # more than twice as close
-        ((0.0100, 0.0, 1.0, 0.90), (0.0104, 0.0, 1.0, 0.95), False),  # as close, and its picture nearer
+        (
+            (0.0100, 0.0, 1.0, 0.90),
+            (0.0104, 0.0, 1.0, 0.95),
+            False,
+        ),  # as close, and its picture nearer
         ((0.0100, 0.0, 1.0, 0.95), (0.0100, 0.0, 1.0, 0.90), True),
     ],
 )
@@ -296,8 +368,16 @@ def test_normals_of_few_triangles_are_the_source_s_under_posing_too(way):
         mesh = made.evaluated_get(depsgraph).data
         points, face, weights = samples(mesh)
         loops = np.array([triangle.loops for triangle in mesh.loop_triangles])[face]
-        shaded = np.einsum("nk,nkd->nd", weights, np.array([normal.vector for normal in mesh.corner_normals])[loops])
+        shaded = np.einsum(
+            "nk,nkd->nd",
+            weights,
+            np.array([normal.vector for normal in mesh.corner_normals])[loops],
+        )
         back = (points - turn[:3, 3]) @ turn[:3, :3] - (0, 0, 1.5)
         wanted = back / size**2 @ turn[:3, :3].T
-        cosine = (shaded * wanted).sum(axis=1) / np.linalg.norm(shaded, axis=1) / np.linalg.norm(wanted, axis=1)
+        cosine = (
+            (shaded * wanted).sum(axis=1)
+            / np.linalg.norm(shaded, axis=1)
+            / np.linalg.norm(wanted, axis=1)
+        )
         assert len(mesh.polygons) < 450 and np.degrees(np.arccos(np.median(cosine))) < 0.6

@@ -35,10 +35,16 @@ def test_levels_are_there_and_the_characters_untouched(scene):
     blocks = set(bpy.data.user_map())
     levels = made(scene)
     assert digest(scene.crowd_lod.characters) == before
-    assert len(levels.children) == 3 and [len(level.children) for level in levels.children] == [2, 2, 2]
+    assert len(levels.children) == 3 and [len(level.children) for level in levels.children] == [
+        2,
+        2,
+        2,
+    ]
     for group in scene.crowd_lod.groups:
         full, middle, low = group.triangles[:3]
-        assert middle == pytest.approx(0.4 * full, rel=0.05) and low == pytest.approx(0.12 * full, rel=0.05)
+        assert middle == pytest.approx(0.4 * full, rel=0.05) and low == pytest.approx(
+            0.12 * full, rel=0.05
+        )
     assert scene.view_layers[0].layer_collection.children[levels.name].exclude
     kinds = {type(b).__name__ for b in set(bpy.data.user_map()) - blocks}
     assert kinds == {"Collection", "Object", "Mesh"}  # no scratch scene, image or text is left
@@ -54,7 +60,11 @@ def test_levels_carry_materials_uvs_and_weights_and_follow_the_armature(scene):
         for home in bpy.data.collections[name].children:
             item = home.objects[0] if home.objects[0].type == "MESH" else home.objects[1]
             finest = next(
-                o for o in levels.children[0].children[levels.children[k].children.find(home.name)].all_objects if o.type == "MESH"
+                o
+                for o in levels.children[0]
+                .children[levels.children[k].children.find(home.name)]
+                .all_objects
+                if o.type == "MESH"
             )
             mesh = item.data
             assert [m.name for m in mesh.materials] == [m.name for m in finest.data.materials]
@@ -68,7 +78,9 @@ def test_levels_carry_materials_uvs_and_weights_and_follow_the_armature(scene):
             assert np.allclose(weights, 1, atol=1e-4)
             assert [g.name for g in item.vertex_groups] == [g.name for g in finest.vertex_groups]
             # in the pose of frame 8 the LOD lies on the full mesh in the same pose, within 4 cm
-            fine, coarse = (mesh_data.world_points(o.evaluated_get(depsgraph)) for o in (finest, item))
+            fine, coarse = (
+                mesh_data.world_points(o.evaluated_get(depsgraph)) for o in (finest, item)
+            )
             triangles = mesh_data.read_triangles(finest.evaluated_get(depsgraph).to_mesh())[1]
             tree = BVHTree.FromPolygons(fine.tolist(), triangles.tolist())
             assert max(tree.find_nearest(p)[3] for p in coarse.tolist()) < 0.04
@@ -116,7 +128,9 @@ def test_making_levels_measures_them_and_the_user_s_edits_are_measured_again(sce
         assert group.deviations[0] == 0 < group.deviations[1] < group.deviations[2] < 0.1
         assert 0 < group.rms[2] < group.deviations[2] and 1 < group.diagonal < 3
     before = [g.deviations for g in stored_groups.groups_of(scene.crowd_lod)]
-    mesh = next(o for o in scene.crowd_lod.levels.children[2].children[0].objects if o.type == "MESH").data
+    mesh = next(
+        o for o in scene.crowd_lod.levels.children[2].children[0].objects if o.type == "MESH"
+    ).data
     mesh.transform(Matrix.Translation((0, 0, 0.5)))
     assert bpy.ops.crowd_lod.measure_levels() == {"FINISHED"}
     after = [g.deviations for g in stored_groups.groups_of(scene.crowd_lod)]
@@ -125,7 +139,9 @@ def test_making_levels_measures_them_and_the_user_s_edits_are_measured_again(sce
     assert [g.deviations for g in stored_groups.groups_of(scene.crowd_lod)] == after
     for item in list(scene.crowd_lod.levels.children[1].children[0].objects):
         bpy.data.objects.remove(item)
-    with pytest.raises(RuntimeError, match="adult has no LOD meshes in Crowd LOD 1: press Make LOD Meshes again"):
+    with pytest.raises(
+        RuntimeError, match="adult has no LOD meshes in Crowd LOD 1: press Make LOD Meshes again"
+    ):
         bpy.ops.crowd_lod.measure_levels()
 
 
@@ -135,7 +151,11 @@ def test_a_character_of_objects_with_modifiers_ngons_and_loose_vertices(scene):
     robot = bpy.data.collections.new("robot")
     top.children.link(robot)
     body = bpy.data.meshes.new("body")
-    ring = [(np.cos(a), np.sin(a), z) for z in (0, 1) for a in np.linspace(0, 2 * np.pi, 12, endpoint=False)]
+    ring = [
+        (np.cos(a), np.sin(a), z)
+        for z in (0, 1)
+        for a in np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    ]
     sides = [(i, (i + 1) % 12, 12 + (i + 1) % 12, 12 + i) for i in range(12)]
     body.from_pydata([*ring, (5, 5, 5)], [], [*sides, tuple(range(12))[::-1], tuple(range(12, 24))])
     for name, z in (("body", 0), ("head", 1)):

@@ -20,7 +20,11 @@ from mathutils import Matrix
 def lit(levelled):
     """The small crowd on a ground, in Cycles."""
     levelled.render.engine = "CYCLES"
-    add(levelled.collection, "Ground", [(tile(-30, -40, 30, 50), material("Ground", (0.5, 0.5, 0.5)))])
+    add(
+        levelled.collection,
+        "Ground",
+        [(tile(-30, -40, 30, 50), material("Ground", (0.5, 0.5, 0.5)))],
+    )
     return levelled
 
 
@@ -36,7 +40,9 @@ def lamp(scene, kind, location=(0, 0, 5), turn=(0, 0, 0), **values):
 
 def read(scene, time=None):
     scene.view_layers[0].update()
-    return read_surroundings(scene, scene.view_layers[0].depsgraph, scene.frame_current if time is None else time)
+    return read_surroundings(
+        scene, scene.view_layers[0].depsgraph, scene.frame_current if time is None else time
+    )
 
 
 def test_lights_are_read_with_their_size_cone_and_range(lit):
@@ -49,7 +55,9 @@ def test_lights_are_read_with_their_size_cone_and_range(lit):
     assert sun.origin is None and sun.angle == pytest.approx(0.05)
     np.testing.assert_allclose(sun.direction, (-1, 0, 0), atol=1e-6)
     assert (*point.origin, point.size, point.angle) == pytest.approx((1, 2, 3, 1.0, pi))
-    assert cone.angle == pytest.approx(pi / 4) and cone.size == 0.5 and np.isinf(cone.reach)  # Cycles has no range
+    assert (
+        cone.angle == pytest.approx(pi / 4) and cone.size == 0.5 and np.isinf(cone.reach)
+    )  # Cycles has no range
     np.testing.assert_allclose(area.direction, (0, 0, 1), atol=1e-6)
     assert area.size == pytest.approx(2.5) and area.angle == pytest.approx(pi / 2)
     spot.scale = (2, 1, 1)  # the cone's slope doubles in one direction
@@ -74,7 +82,12 @@ def test_what_casts_no_shadow_is_no_light(lit):
     home.hide_render, lit.view_layers[0].layer_collection.children["Home"].exclude = False, True
     assert read(lit).lights == ()
     lit.view_layers[0].layer_collection.children["Home"].exclude = False
-    dark.data.energy, unshadowed.data.use_shadow, hidden.hide_render, black.data.color = 1, True, False, (1, 0, 0)
+    dark.data.energy, unshadowed.data.use_shadow, hidden.hide_render, black.data.color = (
+        1,
+        True,
+        False,
+        (1, 0, 0),
+    )
     assert len(read(lit).lights) == 5 and leave_outs.NO_SHADOWS not in read(lit).left_out
     nodes = switch_nodes_on(inside.data).nodes
     next(node for node in nodes if node.type == "EMISSION").inputs["Strength"].default_value = 0
@@ -85,7 +98,9 @@ def test_objects_that_glow_and_lamps_in_instanced_collections_are_lights(lit):
     glow = material("Glow", (1, 1, 1))
     add(lit.collection, "Cube", [(box(4, 4, 6, 6, 0, 2), glow)])
     assert read(lit).lights == ()
-    next(node for node in glow.node_tree.nodes if node.type == "BSDF_PRINCIPLED").inputs["Emission Strength"].default_value = 2
+    next(node for node in glow.node_tree.nodes if node.type == "BSDF_PRINCIPLED").inputs[
+        "Emission Strength"
+    ].default_value = 2
     (cube,) = read(lit).lights
     assert (*cube.origin, cube.size) == pytest.approx((5, 5, 1, 3**0.5))
     home = bpy.data.collections.new("Lamps")
@@ -129,13 +144,20 @@ def test_the_box_of_what_shadows_fall_on_leaves_out_lights_hidden_things_and_the
 def test_mirrors_are_the_flat_sides_of_the_marked_objects(lit):
     home = bpy.data.collections.new("Mirrors")
     lit.collection.children.link(home)
-    two = ([(0, 0, 0), (2, 0, 0), (2, 0, 3), (0, 0, 3), (5, 0, 0), (5, 0, 3)], [(0, 1, 2, 3), (1, 4, 5, 2)])
+    two = (
+        [(0, 0, 0), (2, 0, 0), (2, 0, 3), (0, 0, 3), (5, 0, 0), (5, 0, 3)],
+        [(0, 1, 2, 3), (1, 4, 5, 2)],
+    )
     pane = add(home, "Pane", [(two, material("Glass", (1, 1, 1)))])
     pane.location, pane.rotation_euler.z = (10, 0, 1), pi / 2
     lit.crowd_lod.mirrors = home
     (mirror,) = read(lit).mirrors
     np.testing.assert_allclose(np.abs(mirror.normal), (1, 0, 0), atol=1e-6)
-    np.testing.assert_allclose([mirror.corners.min(axis=0), mirror.corners.max(axis=0)], [(10, 0, 1), (10, 5, 4)], atol=1e-5)
+    np.testing.assert_allclose(
+        [mirror.corners.min(axis=0), mirror.corners.max(axis=0)],
+        [(10, 0, 1), (10, 5, 4)],
+        atol=1e-5,
+    )
     add(home, "Block", [(box(0, 0, 1, 2, 0, 3), material("Steel", (1, 1, 1)))])
     assert len(read(lit).mirrors) == 7 and leave_outs.NO_MIRRORS not in read(lit).left_out
     bpy.ops.mesh.primitive_uv_sphere_add()
@@ -160,8 +182,13 @@ def test_with_an_open_shutter_a_light_holds_itself_at_all_its_times(lit):
     for time in (5.5, 5.75, 6.25, 6.5):
         lit.frame_set(int(time), subframe=time % 1)
         at_sun, at_point = read(lit).lights
-        assert np.arccos(at_sun.direction @ wide_sun.direction) + at_sun.angle <= wide_sun.angle + 1e-6
-        assert np.linalg.norm(at_point.origin - wide_point.origin) + at_point.size <= wide_point.size + 1e-6
+        assert (
+            np.arccos(at_sun.direction @ wide_sun.direction) + at_sun.angle <= wide_sun.angle + 1e-6
+        )
+        assert (
+            np.linalg.norm(at_point.origin - wide_point.origin) + at_point.size
+            <= wide_point.size + 1e-6
+        )
     assert wide_sun.angle < 0.5 and wide_point.size < 4
 
 
@@ -178,7 +205,9 @@ def unseen(scene):
 
 
 @pytest.mark.parametrize("blur", [False, True])
-def test_the_build_holds_them_apart_at_the_coarsest_lod_as_a_pure_function_of_the_frame(lit, blur, rendered):
+def test_the_build_holds_them_apart_at_the_coarsest_lod_as_a_pure_function_of_the_frame(
+    lit, blur, rendered
+):
     sun = lamp(lit, "SUN", angle=0.05)
     for frame, turn in ((1, (0, 1.2, 0)), (40, (0, 1.2, 1.5))):
         sun.rotation_euler = turn
@@ -194,7 +223,10 @@ def test_the_build_holds_them_apart_at_the_coarsest_lod_as_a_pure_function_of_th
     assert shown[0] == shown[2] and len(shown[0]) == (3 if blur else 1)
     found = shown[0][11]
     frame = frame_of(lit, bpy.context.evaluated_depsgraph_get(), around=read(lit))
-    assert len(found["Shadow 2"]) // 12 == len(frame.shadow.order) > 0 and frame.shadow.counts[:2].sum() == 0
+    assert (
+        len(found["Shadow 2"]) // 12 == len(frame.shadow.order) > 0
+        and frame.shadow.counts[:2].sum() == 0
+    )
     assert not found["Shadow 0"] and not found["Mirror 2"]
     lit.crowd_lod.unseen_level = 0
     finer = rendered(lit, 11, unseen)[11]
@@ -222,11 +254,16 @@ def test_a_bake_keeps_for_their_shadows_whom_each_frame_keeps(lit, blur, rendere
         return values
 
     def shown(scene):
-        return {name: ids(item.data, "id").tolist() for name, item in render_setup.points_of(scene.crowd_lod.build).items()}
+        return {
+            name: ids(item.data, "id").tolist()
+            for name, item in render_setup.points_of(scene.crowd_lod.build).items()
+        }
 
     live = {}
     for number in (12, 3, 30):
-        live |= {(number, name): kept for name, kept in rendered(lit, number, shown)[number].items()}
+        live |= {
+            (number, name): kept for name, kept in rendered(lit, number, shown)[number].items()
+        }
     list(bake(lit, [3, 12, 30]))
     for (number, name), kept in live.items():
         mesh = render_setup.points_of(lit.crowd_lod.build)[name].data

@@ -22,7 +22,11 @@ def instancer(scene, kind="NONE"):
     mesh = bpy.data.meshes.new("places")
     if kind == "FACES":
         corners = np.array([(-0.1, -0.1, 0), (0.1, -0.1, 0), (0, 0.2, 0)])
-        mesh.from_pydata([tuple(corner + place) for place in PLACES for corner in corners], [], [(0, 1, 2), (3, 4, 5)])
+        mesh.from_pydata(
+            [tuple(corner + place) for place in PLACES for corner in corners],
+            [],
+            [(0, 1, 2), (3, 4, 5)],
+        )
     else:
         mesh.from_pydata(PLACES, [], [])
     item = bpy.data.objects.new("places", mesh)
@@ -37,7 +41,9 @@ def tree(item, *kinds):
     for way in ("INPUT", "OUTPUT"):
         group.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
     item.modifiers.new("made", "NODES").node_group = group
-    return group.links.new, *(group.nodes.new(kind) for kind in ("NodeGroupInput", *kinds, "NodeGroupOutput"))
+    return group.links.new, *(
+        group.nodes.new(kind) for kind in ("NodeGroupInput", *kinds, "NodeGroupOutput")
+    )
 
 
 def by_vertices(scene, kind="VERTS"):
@@ -51,7 +57,9 @@ def by_faces(scene):
 
 def by_nodes(scene):
     point = lamp(scene, "POINT", (0, 0, -90), energy=3000)
-    link, given, on_points, info, out = tree(instancer(scene), "GeometryNodeInstanceOnPoints", "GeometryNodeObjectInfo")
+    link, given, on_points, info, out = tree(
+        instancer(scene), "GeometryNodeInstanceOnPoints", "GeometryNodeObjectInfo"
+    )
     info.inputs["Object"].default_value, info.inputs["As Instance"].default_value = point, True
     link(given.outputs[0], on_points.inputs["Points"])
     link(info.outputs["Geometry"], on_points.inputs["Instance"])
@@ -67,7 +75,14 @@ def glow():
 def by_material(scene):
     for x, y, z in PLACES:
         cube = add(
-            scene.collection, "Cube", [(box(x - 0.2, y - 0.2, x + 0.2, y + 0.2, z - 0.2, z + 0.2), material("Dull", (1, 1, 1)))]
+            scene.collection,
+            "Cube",
+            [
+                (
+                    box(x - 0.2, y - 0.2, x + 0.2, y + 0.2, z - 0.2, z + 0.2),
+                    material("Dull", (1, 1, 1)),
+                )
+            ],
         )
         link, given, dye, out = tree(cube, "GeometryNodeSetMaterial")
         dye.inputs["Material"].default_value = glow()
@@ -95,13 +110,23 @@ def in_an_instanced_collection(scene):
     scene.collection.objects.link(empty)
 
 
-WAYS = [by_vertices, by_faces, by_nodes, by_material, by_instances_of_a_mesh, in_an_instanced_collection]
+WAYS = [
+    by_vertices,
+    by_faces,
+    by_nodes,
+    by_material,
+    by_instances_of_a_mesh,
+    in_an_instanced_collection,
+]
 
 
 def held(lights, x):
     """Of each of the places, `x` meters further along x, the sizes of the small lights that hold it."""
     places = np.array(PLACES) + (x, 0, 0)
-    return [[light.size for light in lights if np.linalg.norm(light.origin - place) < light.size + 0.1] for place in places]
+    return [
+        [light.size for light in lights if np.linalg.norm(light.origin - place) < light.size + 0.1]
+        for place in places
+    ]
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -109,17 +134,24 @@ def held(lights, x):
 def test_they_are_read_where_they_are_at_each_frame(lit, way, blur):  # noqa: F811
     way(lit)
     lit.render.use_motion_blur, lit.render.motion_blur_shutter = blur, 0.5
-    movers = [item for item in lit.collection.objects if item.name.startswith(("Cube", "empty", "places"))]
+    movers = [
+        item for item in lit.collection.objects if item.name.startswith(("Cube", "empty", "places"))
+    ]
     for frame, x in ((1, 0.0), (3, 10.0)):
         for item in movers:
             item.location.x = x
             item.keyframe_insert("location", frame=frame)
-            item.animation_data.action.layers[0].strips[0].channelbags[0].fcurves[0].keyframe_points[-1].interpolation = "LINEAR"
+            item.animation_data.action.layers[0].strips[0].channelbags[0].fcurves[
+                0
+            ].keyframe_points[-1].interpolation = "LINEAR"
     for frame in (1, 2, 3):
         lit.frame_set(frame)
         for off in (-0.25, 0, 0.25) if blur else (0,):
             x = 5.0 * (min(max(frame + off, 1), 3) - 1)
-            assert all(sizes and max(sizes) < 3 for sizes in held(read(lit).lights, x)), (frame, off)
+            assert all(sizes and max(sizes) < 3 for sizes in held(read(lit).lights, x)), (
+                frame,
+                off,
+            )
 
 
 @pytest.mark.once
@@ -135,7 +167,9 @@ def test_what_is_kept_of_them_follows_edits(lit):  # noqa: F811
         bpy.context.view_layer.update()
         kept = read(lit).lights
         scenery.forget()
-        assert [(*light.origin, light.size) for light in kept] == [(*light.origin, light.size) for light in read(lit).lights]
+        assert [(*light.origin, light.size) for light in kept] == [
+            (*light.origin, light.size) for light in read(lit).lights
+        ]
         return len(kept)
 
     by_nodes(lit)
@@ -153,7 +187,9 @@ def test_what_is_kept_of_them_follows_edits(lit):  # noqa: F811
     places.data.update()
     assert compared() == 3
     by_material(lit)
-    bright = bpy.data.materials["Glow"].node_tree.nodes["Principled BSDF"].inputs["Emission Strength"]
+    bright = (
+        bpy.data.materials["Glow"].node_tree.nodes["Principled BSDF"].inputs["Emission Strength"]
+    )
     before = compared()
     bright.default_value = 0
     assert compared() == before - 1
@@ -166,12 +202,16 @@ def test_very_many_are_held_by_one(lit):  # noqa: F811
     mesh.from_pydata([(k, 0, 2) for k in range(MOST_INSTANCES + 1)], [], [])
     (one,) = [light for light in read(lit).lights if light.size > 1]
     ends = np.array([(0, 0, 2), (MOST_INSTANCES, 0, 2)])
-    assert (np.linalg.norm(ends - one.origin, axis=1) <= one.size).all() and one.size < MOST_INSTANCES
+    assert (
+        np.linalg.norm(ends - one.origin, axis=1) <= one.size
+    ).all() and one.size < MOST_INSTANCES
 
 
 def test_scenes_whose_nodes_make_no_light_do_not_look_at_instances(lit):  # noqa: F811
     by_instances_of_a_mesh(lit)
-    bpy.data.materials["Glow"].node_tree.nodes["Principled BSDF"].inputs["Emission Strength"].default_value = 0
+    bpy.data.materials["Glow"].node_tree.nodes["Principled BSDF"].inputs[
+        "Emission Strength"
+    ].default_value = 0
     bpy.context.view_layer.update()
     depsgraph = bpy.context.view_layer.depsgraph
     assert scenery.Scenery(lit, depsgraph).shining(depsgraph) == set()

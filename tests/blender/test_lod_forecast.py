@@ -17,14 +17,21 @@ def made(scene) -> dict[str, list[float]]:
     """The parts of the character's triangles that each group's LODs have, after making them."""
     list(make_levels(scene))
     return {
-        group.name: [count / group.triangles[0] for count in sorted({*group.triangles} - {0}, reverse=True)]
+        group.name: [
+            count / group.triangles[0] for count in sorted({*group.triangles} - {0}, reverse=True)
+        ]
         for group in scene.crowd_lod.groups
     }
 
 
 def test_what_is_foretold_is_about_what_is_made(scene):
     settings, lens = scene.crowd_lod, scene.camera.data
-    settings.choice, settings.tolerance, settings.frames, settings.method = "BY_TOLERANCE", 1.0, "1:20", "DECIMATE"
+    settings.choice, settings.tolerance, settings.frames, settings.method = (
+        "BY_TOLERANCE",
+        1.0,
+        "1:20",
+        "DECIMATE",
+    )
     settings.count = 300
     before = made(scene)
     assert forecast(scene) is None
@@ -39,14 +46,24 @@ def test_what_is_foretold_is_about_what_is_made(scene):
         assert any(told.sentence in sentence for sentence, _ in steps.messages(scene))
         after = made(scene)
         foretold = {name: then for name, _, then in told.rows}
-        for name, then in foretold.items():  # how coarse is guessed where nothing was made yet, but not which way
+        for (
+            name,
+            then,
+        ) in (
+            foretold.items()
+        ):  # how coarse is guessed where nothing was made yet, but not which way
             assert (then[-1] < before[name][-1]) == (after[name][-1] < before[name][-1]), name
         before = after
 
 
 def test_what_is_spoilt_or_takes_long_foretells_nothing(scene):
     settings = scene.crowd_lod
-    settings.choice, settings.tolerance, settings.frames, settings.method = "BY_TOLERANCE", 1.0, "1:20", "DECIMATE"
+    settings.choice, settings.tolerance, settings.frames, settings.method = (
+        "BY_TOLERANCE",
+        1.0,
+        "1:20",
+        "DECIMATE",
+    )
     settings.count = 50
     made(scene)
     settings.tolerance = 6.0
@@ -60,21 +77,41 @@ def test_what_is_spoilt_or_takes_long_foretells_nothing(scene):
 
 
 def told_of(scene) -> str:
-    return next((sentence for sentence, _ in steps.messages(scene) if sentence.startswith("LODs were made ")), "")
+    return next(
+        (
+            sentence
+            for sentence, _ in steps.messages(scene)
+            if sentence.startswith("LODs were made ")
+        ),
+        "",
+    )
 
 
 def test_lods_that_lack_what_the_settings_ask_for_are_to_be_made_again(scene):
     settings = scene.crowd_lod
-    settings.choice, settings.count, settings.frames, settings.method = "BY_TOLERANCE", 20, "1:20", "DECIMATE"
+    settings.choice, settings.count, settings.frames, settings.method = (
+        "BY_TOLERANCE",
+        20,
+        "1:20",
+        "DECIMATE",
+    )
     made(scene)
     assert not told_of(scene) and steps.following(scene) != "crowd_lod.make_levels"
     settings.choice, settings.level_count = "BY_RATIO", 6
-    assert f"levels {len(settings.levels.children)} (now 6)" in told_of(scene) and steps.following(scene) == "crowd_lod.make_levels"
+    assert (
+        f"levels {len(settings.levels.children)} (now 6)" in told_of(scene)
+        and steps.following(scene) == "crowd_lod.make_levels"
+    )
     settings.level_count = 2
     made(scene)
     assert not told_of(scene)
     for name, own, other, said in (
-        ("ratios", (1.0, 0.4, 0.12, 0.05, 0.03, 0.02, 0.015, 0.01), (1.0, 0.2) + (0.1,) * 6, "ratios 0.4 (now 0.2)"),
+        (
+            "ratios",
+            (1.0, 0.4, 0.12, 0.05, 0.03, 0.02, 0.015, 0.01),
+            (1.0, 0.2) + (0.1,) * 6,
+            "ratios 0.4 (now 0.2)",
+        ),
         ("method", "DECIMATE", "POSE_AWARE", "decimation Decimate Modifier (now Pose-Aware)"),
     ):
         setattr(settings, name, other)
@@ -96,11 +133,18 @@ def test_lods_with_a_spoilt_note_are_told_of_without_an_error(scene, spoilt):
     assert "levels 2 (now 3)" in told_of(scene)
 
 
-def test_lods_of_characters_that_were_edited_are_to_be_made_again_and_those_that_only_move_are_not(scene, monkeypatch):
+def test_lods_of_characters_that_were_edited_are_to_be_made_again_and_those_that_only_move_are_not(
+    scene, monkeypatch
+):
     monkeypatch.setattr(cast_provenance, "PAUSE", 0.0)
     monkeypatch.setattr(staleness, "LOOK", 0.0)
     settings = scene.crowd_lod
-    settings.choice, settings.level_count, settings.method, settings.count = "BY_RATIO", 2, "DECIMATE", 20
+    settings.choice, settings.level_count, settings.method, settings.count = (
+        "BY_RATIO",
+        2,
+        "DECIMATE",
+        20,
+    )
     mesh = next(item for item in settings.characters.all_objects if item.type == "MESH")
     for frame, height in ((1, 0.0), (20, 0.3)):
         mesh.location.z = height
@@ -113,10 +157,13 @@ def test_lods_of_characters_that_were_edited_are_to_be_made_again_and_those_that
     assert not told_of(scene) and not staleness.changed(scene)
     mesh.data.transform(Matrix.Scale(1.3, 4))
     assert (
-        told_of(scene) == "LODs were made before the character adult changed" and steps.following(scene) == "crowd_lod.make_levels"
+        told_of(scene) == "LODs were made before the character adult changed"
+        and steps.following(scene) == "crowd_lod.make_levels"
     )
     assert staleness.changed(scene) == ["the character adult"]
-    assert "the character adult changed" in render_setup.told_of_cast(scene, finished(render_setup.build(scene)))
+    assert "the character adult changed" in render_setup.told_of_cast(
+        scene, finished(render_setup.build(scene))
+    )
     made(scene)
     assert not told_of(scene)
     mesh.modifiers.new("Thicker", "SOLIDIFY")

@@ -49,7 +49,10 @@ def folded(name, faces):
 def test_an_estimate_sees_an_edge_across_a_crease():
     """The other diagonal's middle is farther off than any corner, and any middle of a triangle."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
-    character, lod = (folded(*each) for each in (("one", [(0, 1, 2), (0, 2, 3)]), ("other", [(0, 1, 3), (1, 2, 3)])))
+    character, lod = (
+        folded(*each)
+        for each in (("one", [(0, 1, 2), (0, 2, 3)]), ("other", [(0, 1, 3), (1, 2, 3)]))
+    )
     measure = Measure("one", [character])
     deviation = finished(measure.level([lod], 1))[0]
     assert measure.estimate([lod]).deviation == pytest.approx(deviation, rel=0.01)

@@ -27,15 +27,23 @@ def test_as_many_are_made_as_pay_and_the_build_shows_them(tolerant):
     assert count == len(settings.levels.children) == max(len(set(g.triangles)) for g in groups) >= 2
     for g, group in enumerate(groups):
         own = len(set(group.triangles))
-        assert (np.diff(group.triangles[:own]) < 0).all() and (np.diff(group.deviations[:own]) > 0).all()
+        assert (np.diff(group.triangles[:own]) < 0).all() and (
+            np.diff(group.deviations[:own]) > 0
+        ).all()
         assert set(group.triangles[own:]) <= {group.triangles[own - 1]}  # it repeats its last
         for k, level in enumerate(settings.levels.children):
             (item,) = (o for o in level.children[g].objects if o.type == "MESH")
             shown = min(k, own - 1)
-            assert item.name.endswith(f"LOD {shown}") and level.children[g].name == f"{g:03d} {group.name} LOD {shown}"
+            assert (
+                item.name.endswith(f"LOD {shown}")
+                and level.children[g].name == f"{g:03d} {group.name} LOD {shown}"
+            )
             if k:
                 assert len(item.data.loops) - 2 * len(item.data.polygons) == group.triangles[k]
-    assert all(any(line.startswith(f"{g.name}: ") for g in groups) for line in settings.dropped.splitlines())
+    assert all(
+        any(line.startswith(f"{g.name}: ") for g in groups)
+        for line in settings.dropped.splitlines()
+    )
     new = set(bpy.data.user_map()) - before
     assert all(block.users for block in new)
     meshes = {b for b in new if isinstance(b, bpy.types.Mesh)}
@@ -73,7 +81,10 @@ def test_at_the_switch_distance_the_bound_spans_the_tolerance_in_blender_s_own_c
         for group, begins in zip(stored_groups.groups_of(settings), frame.begins, strict=True):
             for meters, begin in zip(group.bounds[1:], begins, strict=True):
                 depth = -(begin - group.radius)  # of the sphere's nearest point
-                ends = [world_to_camera_view(tolerant, camera, Vector((x, 0, depth))) for x in (0, meters)]
+                ends = [
+                    world_to_camera_view(tolerant, camera, Vector((x, 0, depth)))
+                    for x in (0, meters)
+                ]
                 assert (ends[1].x - ends[0].x) * width == pytest.approx(2.0, rel=1e-4)
 
 
@@ -115,5 +126,7 @@ def test_a_still_character_without_an_armature(tolerant):
     tolerant.crowd_lod.characters = top
     list(make_levels(tolerant))
     (group,) = stored_groups.groups_of(tolerant.crowd_lod)
-    assert group.triangles[0] == 20 * 4**4 and len(group.triangles) >= 2 and set(group.worst) == {1.0}
+    assert (
+        group.triangles[0] == 20 * 4**4 and len(group.triangles) >= 2 and set(group.worst) == {1.0}
+    )
     assert (np.diff(group.deviations) > 0).all()

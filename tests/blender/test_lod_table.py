@@ -10,7 +10,11 @@ import pytest
 from crowd_lod_extension.crowd_lod.levels import selection
 from crowd_lod_extension.crowd_lod.reporting.html_report import page
 from crowd_lod_extension.operators.blender import image_data
-from crowd_lod_extension.operators.characters import character_extent, group_measuring, stored_groups
+from crowd_lod_extension.operators.characters import (
+    character_extent,
+    group_measuring,
+    stored_groups,
+)
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.lod_meshes.surface import Surface
@@ -22,7 +26,9 @@ from crowd_lod_extension.operators.scene import scene_crowd
 def told(scene, folder):
     """The tables of `scene` as its camera sees it, and the frame."""
     frame = scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get())
-    steps = lod_table.tables(scene, scene_crowd.trajectory_of(scene).groups, frame.camera, frame.begins, folder)
+    steps = lod_table.tables(
+        scene, scene_crowd.trajectory_of(scene).groups, frame.camera, frame.begins, folder
+    )
     progress = []
     while True:
         try:
@@ -34,31 +40,51 @@ def told(scene, folder):
 
 @pytest.mark.once
 @pytest.mark.usefixtures("exact_levels")
-@pytest.mark.parametrize("choice, kind", [("BY_TOLERANCE", "PERSP"), ("BY_RATIO", "PERSP"), ("BY_TOLERANCE", "ORTHO")])
-def test_rendered_silhouettes_stay_within_what_the_deviation_predicts(scene, tmp_path, monkeypatch, choice, kind):
+@pytest.mark.parametrize(
+    "choice, kind", [("BY_TOLERANCE", "PERSP"), ("BY_RATIO", "PERSP"), ("BY_TOLERANCE", "ORTHO")]
+)
+def test_rendered_silhouettes_stay_within_what_the_deviation_predicts(
+    scene, tmp_path, monkeypatch, choice, kind
+):
     settings = scene.crowd_lod
     monkeypatch.setattr(selection, "WORTH", 0)  # as many LODs as save anything
     settings.characters.children.unlink(settings.characters.children["adult"])
-    scene.camera.data.type, scene.camera.data.ortho_scale, scene.render.resolution_x = kind, 40.0, 1920
+    scene.camera.data.type, scene.camera.data.ortho_scale, scene.render.resolution_x = (
+        kind,
+        40.0,
+        1920,
+    )
     settings.choice, settings.tolerance, settings.frames = choice, 8.0, "1"
     stored_groups.store_groups(settings, group_measuring.measure_groups(scene))
     list(make_levels(scene))
     tables, frame = told(scene, tmp_path)
     assert [each["group"] for each in tables] == ["child"]
     checked = 0
-    for each, group, begins in zip(tables, stored_groups.groups_of(settings), frame.begins, strict=True):
-        assert each["levels"][0]["deviation_mm"] == 0 and len(each["levels"]) == len(set(group.triangles))
+    for each, group, begins in zip(
+        tables, stored_groups.groups_of(settings), frame.begins, strict=True
+    ):
+        assert each["levels"][0]["deviation_mm"] == 0 and len(each["levels"]) == len(
+            set(group.triangles)
+        )
         assert each["levels"][-1]["to_lod"] == len(group.triangles) - 1
         for row, begin in zip(each["levels"][1:], begins, strict=False):
             assert row["deviation_mm"] == pytest.approx(1000 * group.deviations[row["lod"]])
-            assert row["percent"] == pytest.approx(100 * group.deviations[row["lod"]] / group.diagonal)
+            assert row["percent"] == pytest.approx(
+                100 * group.deviations[row["lod"]] / group.diagonal
+            )
             if kind == "PERSP":
                 pixels = scene.camera.data.lens / scene.camera.data.sensor_width * 1920
                 assert row["from_m"] == begin
-                assert row["predicted_px"] == pytest.approx(group.bounds[row["lod"]] * pixels / (begin - group.radius), rel=1e-6)
+                assert row["predicted_px"] == pytest.approx(
+                    group.bounds[row["lod"]] * pixels / (begin - group.radius), rel=1e-6
+                )
             if row["predicted_px"] is not None:
                 least, most = row["measured_px_between"]
-                assert least <= row["measured_px"] <= most and most > 0 and least <= row["predicted_px"]
+                assert (
+                    least <= row["measured_px"] <= most
+                    and most > 0
+                    and least <= row["predicted_px"]
+                )
                 assert 0 < row["picture_difference"] < 0.2 and 0.3 < row["picture_similarity"] < 1
                 checked += 1
             if choice == "BY_TOLERANCE" and row["predicted_px"] is not None:
@@ -73,7 +99,11 @@ def test_a_group_of_small_agents_is_measured_at_their_size(scene, tmp_path, kind
     """Predictions hold for the largest agent; a character pictured at its own size shows 1 / 0.44 of its error."""
     settings = scene.crowd_lod
     settings.characters.children.unlink(settings.characters.children["adult"])
-    scene.camera.data.type, scene.camera.data.ortho_scale, scene.render.resolution_x = kind, 40.0, 1920
+    scene.camera.data.type, scene.camera.data.ortho_scale, scene.render.resolution_x = (
+        kind,
+        40.0,
+        1920,
+    )
     settings.choice, settings.tolerance, settings.frames = "BY_TOLERANCE", 8.0, "1"
     stored_groups.store_groups(settings, group_measuring.measure_groups(scene))
     settings.groups[0].scale = 0.4, 0.44
@@ -89,13 +119,25 @@ def test_a_group_of_small_agents_is_measured_at_their_size(scene, tmp_path, kind
 
 
 def test_the_way_a_lod_was_made_is_told_where_it_is_known(levelled, tmp_path):
-    item = next(o for o in levelled.crowd_lod.levels.children[1].children[0].objects if o.type == "MESH")
-    item["crowd_lod_method"], item["crowd_lod_why"], item["crowd_lod_ms"] = "precise", "It has seams.", 12.5
-    for other in (o for home in levelled.crowd_lod.levels.children[2].children for o in home.objects):
+    item = next(
+        o for o in levelled.crowd_lod.levels.children[1].children[0].objects if o.type == "MESH"
+    )
+    item["crowd_lod_method"], item["crowd_lod_why"], item["crowd_lod_ms"] = (
+        "precise",
+        "It has seams.",
+        12.5,
+    )
+    for other in (
+        o for home in levelled.crowd_lod.levels.children[2].children for o in home.objects
+    ):
         for key in ("crowd_lod_method", "crowd_lod_why", "crowd_lod_ms"):
             other.pop(key, None)
     tables, _ = told(levelled, tmp_path)
-    assert [tables[0]["levels"][1][key] for key in ("method", "why", "ms")] == ["precise", "It has seams.", 12.5]
+    assert [tables[0]["levels"][1][key] for key in ("method", "why", "ms")] == [
+        "precise",
+        "It has seams.",
+        12.5,
+    ]
     assert [tables[0]["levels"][2][key] for key in ("method", "why", "ms")] == [None, None, None]
 
 
@@ -107,7 +149,9 @@ def test_names_make_safe_and_different_files(scene, tmp_path):
     list(make_levels(scene))
     tables, _ = told(scene, tmp_path)
     names = [each["picture"] for each in tables]
-    assert len(set(names)) == 2 and all(re.fullmatch(r"levels_[A-Za-z0-9._-]+\.png", name) for name in names)
+    assert len(set(names)) == 2 and all(
+        re.fullmatch(r"levels_[A-Za-z0-9._-]+\.png", name) for name in names
+    )
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
 
 
@@ -117,10 +161,14 @@ def test_the_picture_tints_by_the_distance_to_the_source():
     flat, off = Surface(square, faces), Surface(square + (0.25, 0, 0), faces)
     nothing = np.zeros(2, bool)
     views = [InPose(flat, level, nothing, level.points[2]) for level in (flat, off)]
-    pixels, most = lod_picture.draw_lods(views, ["two triangles", "two triangles"], ["hidden", "worst"], 0.0)
+    pixels, most = lod_picture.draw_lods(
+        views, ["two triangles", "two triangles"], ["hidden", "worst"], 0.0
+    )
     assert most == pytest.approx(0.25, rel=1e-5)
     low = pixels[: len(pixels) // 2, ..., :3].reshape(-1, 3).astype(int)
-    for end in lod_picture.RAMP[[0, -1]] * 255:  # the near one all in the ramp's first color, the far one in its last
+    for end in (
+        lod_picture.RAMP[[0, -1]] * 255
+    ):  # the near one all in the ramp's first color, the far one in its last
         shades = np.arange(0.8, 1.001, 0.01)[:, None] * end
         assert (np.abs(low[:, None] - shades[None]).max(axis=2).min(axis=1) <= 3).mean() > 0.1
     before = len(bpy.data.curves), len(bpy.data.objects), len(bpy.data.meshes)
@@ -137,9 +185,14 @@ def test_the_picture_rings_the_worst_place_and_grays_what_nobody_sees():
     pixels, _ = lod_picture.draw_lods(views, ["whole", "off"], ["hidden", "worst"], 0.0)
     low = pixels[: len(pixels) // 2, ..., :3].astype(int)
     ring = (np.abs(low - np.array(lod_picture.MARK) * 255).max(axis=2) <= 2).nonzero()
-    assert ring[0].mean() > len(low) / 2 and ring[1].mean() > low.shape[1] / 2  # up, in the second cell
+    assert (
+        ring[0].mean() > len(low) / 2 and ring[1].mean() > low.shape[1] / 2
+    )  # up, in the second cell
     gray = (np.ptp(low, axis=2) == 0) & (low[..., 0] > 60) & (low[..., 0] < 220)
-    assert gray[:, : low.shape[1] // 2].sum() > 10 * gray[:, low.shape[1] // 2 : -9 * lod_picture.LETTER].sum()
+    assert (
+        gray[:, : low.shape[1] // 2].sum()
+        > 10 * gray[:, low.shape[1] // 2 : -9 * lod_picture.LETTER].sum()
+    )
 
 
 @pytest.mark.once
@@ -150,14 +203,29 @@ def test_a_preview_by_tolerance_leaves_the_report(scene, tmp_path, capfd):
     settings.choice, settings.tolerance = "BY_TOLERANCE", 2
     stored_groups.store_groups(settings, group_measuring.measure_groups(scene))
     list(make_levels(scene))
-    begins, groups = scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get()).begins, stored_groups.groups_of(settings)
+    begins, groups = (
+        scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get()).begins,
+        stored_groups.groups_of(settings),
+    )
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"))
-    words = ["preview", tmp_path / "crowd.blend", "--frames", "1", "--width", "160", "--quiet", "--out", tmp_path / "out"]
+    words = [
+        "preview",
+        tmp_path / "crowd.blend",
+        "--frames",
+        "1",
+        "--width",
+        "160",
+        "--quiet",
+        "--out",
+        tmp_path / "out",
+    ]
     assert commands._run([*map(str, words), "--tolerance", "2"], "crowd-lod") == 0
     plan = json.loads((tmp_path / "out" / "plan.json").read_text())
     for told, begin, group in zip(plan["levels"]["characters"], begins, groups, strict=True):
         # the sidebar's figures: of the scene's own renders, in its unit
-        assert [row["from_m"] for row in told["levels"][1:]] == pytest.approx(0.01 * begin[: len(told["levels"]) - 1])
+        assert [row["from_m"] for row in told["levels"][1:]] == pytest.approx(
+            0.01 * begin[: len(told["levels"]) - 1]
+        )
         for row in told["levels"]:
             assert row["deviation_mm"] == pytest.approx(10 * group.deviations[row["lod"]])
     assert image_data.load_pixels(tmp_path / "out" / "main_0001.png").shape[:2] == (90, 160)

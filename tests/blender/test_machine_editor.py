@@ -48,7 +48,11 @@ def test_a_field_writes_its_place_in_the_text_and_nothing_else(market, name):
     setattr(editor, name, value)
     assert " ".join(changed(market)) == line and not problem_of(market)
     shown = getattr(editor, name)
-    assert shown == value or list(shown) == list(value) if isinstance(value, tuple | str) else shown == pytest.approx(value)
+    assert (
+        shown == value or list(shown) == list(value)
+        if isinstance(value, tuple | str)
+        else shown == pytest.approx(value)
+    )
 
 
 def test_reading_all_fields_leaves_the_text_as_it_is(market):
@@ -84,7 +88,11 @@ def test_buttons_of_a_list_add_duplicate_move_and_remove(market, kind, count):
     assert selected(market, kind) == f"{first} 2"
     bpy.ops.crowd_lod.machine_move(kind=kind, by=-2)
     names = getattr(draft_of(market), kind)
-    assert names[0] == f"{first} 2" and getattr(market.crowd_lod_editor, index) == 0 and len(names) == count + 1
+    assert (
+        names[0] == f"{first} 2"
+        and getattr(market.crowd_lod_editor, index) == 0
+        and len(names) == count + 1
+    )
     bpy.ops.crowd_lod.machine_add(kind=kind)
     assert selected(market, kind) == kind[:-1]
     for name in (kind[:-1], f"{first} 2"):
@@ -110,7 +118,9 @@ def test_undo_and_redo_bring_texts_back(market):
 
 def test_a_text_written_by_hand_shows_and_its_mistake_is_named_until_it_is_mended(market):
     text, editor = market.crowd_lod.machine, market.crowd_lod_editor
-    text.from_string(MARKET.replace('"speed": 0.7, "heading": 0}', '"speed": "fast", "heading": 0}'))
+    text.from_string(
+        MARKET.replace('"speed": 0.7, "heading": 0}', '"speed": "fast", "heading": 0}')
+    )
     assert "states.stroll east.on.stall front.speed is 'fast'" in problem_of(market)
     assert draft_of(market).faulty("states", "stroll east", "on", "stall front")
     editor.rule_index = 3
@@ -132,7 +142,9 @@ def test_a_refused_edit_leaves_the_text_and_says_why(market):
     assert problem_of(market) == ""
     with pytest.raises(RuntimeError, match="One state must follow"):
         bpy.ops.crowd_lod.machine_unfollow(state="walk")
-    with pytest.raises(RuntimeError, match="No state does not follow walk: set State to one of walk"):
+    with pytest.raises(
+        RuntimeError, match="No state does not follow walk: set State to one of walk"
+    ):
         bpy.ops.crowd_lod.machine_unfollow()
 
 

@@ -18,7 +18,9 @@ sys.exit(code)
 
 def test_extension_registers_and_lod_meshes_name_the_package(tmp_path):
     out = tmp_path / "out"
-    run = subprocess.run([sys.executable, "-c", PROGRAM, out], capture_output=True, text=True, check=False)
+    run = subprocess.run(
+        [sys.executable, "-c", PROGRAM, out], capture_output=True, text=True, check=False
+    )
     assert run.returncode == 1, run.stderr
     assert run.stderr.startswith("crowd-lod: LOD meshes need the fast-simplification package")
     assert run.stderr.count("\n") == 1 and not out.exists()

@@ -27,7 +27,9 @@ def people(levelled, tmp_path):
     settings.crowds.add().name = "Crowd 2"
     levelled.frame_start, levelled.frame_end = 3, 30
     levelled.timeline_markers.new("cut", frame=2).camera = levelled.camera
-    bpy.data.scenes.new("Other").collection.objects.link(bpy.data.objects.new("Set", bpy.data.meshes.new("Set")))
+    bpy.data.scenes.new("Other").collection.objects.link(
+        bpy.data.objects.new("Set", bpy.data.meshes.new("Set"))
+    )
     scatter(levelled, 60, where=(50, 60, 4))
     bpy.ops.crowd_lod.build()
     path = tmp_path / "people.blend"
@@ -60,9 +62,14 @@ def part_seen(scene):
         trajectory = trajectory_of(scene)
         crowd = trajectory.at(frame)
         there = np.ones(len(crowd), bool) if crowd.present is None else crowd.present
-        center, radius = trajectory.spheres.center[crowd.group], trajectory.spheres.radius[crowd.group]
+        center, radius = (
+            trajectory.spheres.center[crowd.group],
+            trajectory.spheres.radius[crowd.group],
+        )
         (camera,) = read_cameras(scene, bpy.context.evaluated_depsgraph_get())
-        found |= there & seen(camera, np.stack([crowd.x, crowd.y, crowd.z + center], axis=1), radius)[0]
+        found |= (
+            there & seen(camera, np.stack([crowd.x, crowd.y, crowd.z + center], axis=1), radius)[0]
+        )
         ever |= there
     return found.sum() / ever.sum()
 
@@ -70,16 +77,41 @@ def part_seen(scene):
 def test_points_of_an_object_get_a_scene_that_films_them(people, ground, tmp_path, capfd):
     out = tmp_path / "shot.blend"
     capfd.readouterr()
-    assert run("scene", "--source", "Scatter", "--characters", people, "--ground", ground, "--out", out, "--json") == 0
+    assert (
+        run(
+            "scene",
+            "--source",
+            "Scatter",
+            "--characters",
+            people,
+            "--ground",
+            ground,
+            "--out",
+            out,
+            "--json",
+        )
+        == 0
+    )
     told = json.loads(capfd.readouterr().out.splitlines()[-1])
     scene = opened(out)
     settings = scene.crowd_lod
-    assert told["frames"] == [3, 30] == [scene.frame_start, scene.frame_end] and len(bpy.data.scenes) == 1
+    assert (
+        told["frames"] == [3, 30] == [scene.frame_start, scene.frame_end]
+        and len(bpy.data.scenes) == 1
+    )
     assert (settings.source, settings.points.name, len(settings.crowds)) == ("POINTS", "Scatter", 0)
-    assert settings.levels is not None and settings.thresholds[0] == 0.25 and tuple(settings.center) == (0, 0, 0)
+    assert (
+        settings.levels is not None
+        and settings.thresholds[0] == 0.25
+        and tuple(settings.center) == (0, 0, 0)
+    )
     assert len(settings.groups) == 2 and all(group.diagonal > 0 for group in settings.groups)
-    assert {"Floor", "Scatter", "Camera"} <= set(scene.objects.keys()) and "Set" not in bpy.data.objects
-    assert [item.data.type for item in scene.objects if item.type == "LIGHT"] == ["AREA"] and scene.world is not None
+    assert {"Floor", "Scatter", "Camera"} <= set(
+        scene.objects.keys()
+    ) and "Set" not in bpy.data.objects
+    assert [item.data.type for item in scene.objects if item.type == "LIGHT"] == [
+        "AREA"
+    ] and scene.world is not None
     assert not scene.timeline_markers and scene.camera.location.z == pytest.approx(5.7)
     assert part_seen(scene) > 0.9
 
@@ -90,26 +122,36 @@ def corridor(tmp_path):
     rows = ["# framerate: 25 fps", "# id frame x/cm y/cm z/cm"]
     for agent in range(40):
         way, lane, late = (-1) ** agent, 40 * (agent // 2 % 5) - 100, 9 * (agent // 2)
-        rows += [f"{agent + 1} {late + k} {way * (5.2 * k - 500) + 3000:.2f} {lane + 10 * way} 176" for k in range(0, 200)]
+        rows += [
+            f"{agent + 1} {late + k} {way * (5.2 * k - 500) + 3000:.2f} {lane + 10 * way} 176"
+            for k in range(0, 200)
+        ]
     path = tmp_path / "corridor.txt"
     path.write_text("\n".join(rows) + "\n")
     return path
 
 
 @pytest.mark.once
-def test_tracks_get_a_scene_that_films_them_on_the_ground_that_is_given(people, ground, corridor, tmp_path):
+def test_tracks_get_a_scene_that_films_them_on_the_ground_that_is_given(
+    people, ground, corridor, tmp_path
+):
     (tmp_path / "shots").mkdir()
     out = tmp_path / "shots" / "corridor.blend"
     assert run("scene", corridor, "--characters", people, "--ground", ground, "--out", out) == 0
     scene = opened(out)
     settings, trajectory = scene.crowd_lod, trajectory_of(scene)
     assert (settings.tracks_file, settings.terrain.name) == ("//../corridor.txt", "Ground")
-    assert scene.render.fps == 24 and (scene.frame_start, scene.frame_end) == (1, 1 + 370 * 24 // 25)
+    assert scene.render.fps == 24 and (scene.frame_start, scene.frame_end) == (
+        1,
+        1 + 370 * 24 // 25,
+    )
     assert len(trajectory.start) == 40 and trajectory.at(1).present.sum() == 2
     crowd = trajectory.at(1 + 24 * 4)
     assert crowd.x[0] == pytest.approx(5.2 - 5 + 30) and crowd.z[0] == 0
     assert part_seen(scene) > 0.9 and scene.camera.location.z == pytest.approx(1.7)
-    assert run("preview", out, "--frames", "150", "--width", "96", "--out", tmp_path / "preview") == 0
+    assert (
+        run("preview", out, "--frames", "150", "--width", "96", "--out", tmp_path / "preview") == 0
+    )
     assert run("plan", out, "--frames", "100:103", "--out", tmp_path / "plan") == 0
     assert run("build", out, "--out", tmp_path / "built.blend") == 0
 
@@ -126,14 +168,23 @@ def test_the_file_of_the_characters_may_be_the_ground(levelled, corridor, tmp_pa
     bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
     assert run("scene", corridor, "--characters", path, "--ground", path, "--out", out) == 0
     scene = opened(out)
-    assert [item.name for item in scene.crowd_lod.terrain.all_objects if item.type == "MESH"] == ["Floor"]
+    assert [item.name for item in scene.crowd_lod.terrain.all_objects if item.type == "MESH"] == [
+        "Floor"
+    ]
     assert set(trajectory_of(scene).at(60).z) == {-0.25} and len(scene.crowd_lod.groups) == 2
 
 
 def test_without_a_ground_there_is_light(people, tmp_path):
-    assert run("scene", "--source", "Scatter", "--characters", people, "--out", tmp_path / "shot.blend") == 0
+    assert (
+        run(
+            "scene", "--source", "Scatter", "--characters", people, "--out", tmp_path / "shot.blend"
+        )
+        == 0
+    )
     scene = opened(tmp_path / "shot.blend")
-    assert [item.data.type for item in scene.objects if item.type == "LIGHT"] == ["SUN"] and scene.world is not None
+    assert [item.data.type for item in scene.objects if item.type == "LIGHT"] == [
+        "SUN"
+    ] and scene.world is not None
 
 
 def test_bad_input_is_one_sentence_and_writes_no_file(people, tmp_path, capfd):
@@ -148,19 +199,40 @@ def test_bad_input_is_one_sentence_and_writes_no_file(people, tmp_path, capfd):
     before = sorted(tmp_path.iterdir())
     out, source = ("--out", tmp_path / "shot.blend"), ("--source", "Scatter")
     for words, said in (
-        ((*source, "--characters", tmp_path / "none.blend"), "There is no file .*none.blend: give another path"),
+        (
+            (*source, "--characters", tmp_path / "none.blend"),
+            "There is no file .*none.blend: give another path",
+        ),
         ((*source, "--characters", empty), "has no characters: choose a collection"),
         ((*source, "--characters", text), "Blender cannot open"),
         ((*source, "--characters", people, "--ground", text), "Blender cannot read .*text.blend"),
-        ((*source, "--characters", people, "--ground", empty), "No scene of .*empty.blend shows a mesh"),
-        (("--source", "Chair", "--characters", people), "There is no object Chair in .*people.blend"),
-        (("--source", "Camera", "--characters", people), "The object Camera is of a kind that has no points"),
+        (
+            (*source, "--characters", people, "--ground", empty),
+            "No scene of .*empty.blend shows a mesh",
+        ),
+        (
+            ("--source", "Chair", "--characters", people),
+            "There is no object Chair in .*people.blend",
+        ),
+        (
+            ("--source", "Camera", "--characters", people),
+            "The object Camera is of a kind that has no points",
+        ),
         (("--characters", people), "Give either a file of trajectories, TRACKS, or --source"),
-        ((tmp_path / "none.txt", "--characters", people), "There is no file .*none.txt: give another path"),
+        (
+            (tmp_path / "none.txt", "--characters", people),
+            "There is no file .*none.txt: give another path",
+        ),
         ((spoilt, "--characters", people), "spoilt.csv .*y"),
-        ((long, "--characters", people), "plays until frame .*, and Blender's timeline ends at 1,048,574"),
+        (
+            (long, "--characters", people),
+            "plays until frame .*, and Blender's timeline ends at 1,048,574",
+        ),
         ((people, "--characters", people), "people.blend"),
-        ((people, "--characters", people, "--fps", "0"), "The frame rate is 0; give a number above 0"),
+        (
+            (people, "--characters", people, "--fps", "0"),
+            "The frame rate is 0; give a number above 0",
+        ),
     ):
         capfd.readouterr()
         assert run("scene", *words, *out) == 1
@@ -171,7 +243,9 @@ def test_bad_input_is_one_sentence_and_writes_no_file(people, tmp_path, capfd):
 
 
 @pytest.mark.parametrize("rigged", (False, True))
-def test_characters_keep_the_size_that_empties_outside_their_collection_give_them(tmp_path, corridor, rigged):
+def test_characters_keep_the_size_that_empties_outside_their_collection_give_them(
+    tmp_path, corridor, rigged
+):
     """As importers leave them: a mesh in centimeters, Y up, below an empty, which is below another that moves."""
     scene = bpy.context.scene
     mount, root = new("mount", None), new("root", None)
@@ -181,7 +255,9 @@ def test_characters_keep_the_size_that_empties_outside_their_collection_give_the
     root.parent, root.scale, root.rotation_euler = mount, (0.01, 0.01, 0.01), (np.pi / 2, 0, 0)
     box = new("box", tube("box", 4, 4, height=1.0))
     points = [vertex.co.copy() for vertex in box.data.vertices]
-    spans = [max(point[k] for point in points) - min(point[k] for point in points) for k in range(3)]
+    spans = [
+        max(point[k] for point in points) - min(point[k] for point in points) for k in range(3)
+    ]
     size = (50, 180, 30)  # what is y in the mesh is up in the scene
     for vertex in box.data.vertices:
         x, y, z = (vertex.co[k] / spans[k] for k in range(3))
@@ -202,19 +278,29 @@ def test_characters_keep_the_size_that_empties_outside_their_collection_give_the
     box = scene.objects["box"]
     corners = np.array([box.matrix_world @ vertex.co for vertex in box.data.vertices])
     assert np.ptp(corners, axis=0) == pytest.approx((0.5, 0.3, 1.8), rel=1e-5)
-    assert scene.objects["root"].parent == scene.objects["mount"] and scene.objects["mount"].animation_data.action
+    assert (
+        scene.objects["root"].parent == scene.objects["mount"]
+        and scene.objects["mount"].animation_data.action
+    )
     (group,) = scene.crowd_lod.groups
     assert 0.9 < group.radius < 1.0
 
 
 def test_what_is_up_in_trajectories_is_an_option(people, tmp_path, capfd):
     tracks, out = tmp_path / "unity.csv", tmp_path / "shot.blend"
-    tracks.write_text("id,time,x,y,z\n" + "".join(f"{k},{f / 10},{f / 8},0.5,{k}\n" for f in range(30) for k in range(8)))
+    tracks.write_text(
+        "id,time,x,y,z\n"
+        + "".join(f"{k},{f / 10},{f / 8},0.5,{k}\n" for f in range(30) for k in range(8))
+    )
     options = ("--characters", people, "--out", out)
     assert run("scene", tracks, "--up", "y-left", *options) == 0
     scene = opened(out)
     crowd = trajectory_of(scene).at(1)
-    assert scene.crowd_lod.tracks_up == "Y_LEFT" and crowd.y.tolist() == list(range(8)) and set(crowd.z) == {0.5}
+    assert (
+        scene.crowd_lod.tracks_up == "Y_LEFT"
+        and crowd.y.tolist() == list(range(8))
+        and set(crowd.z) == {0.5}
+    )
     capfd.readouterr()
     assert run("scene", tmp_path, *options) == 1
     assert "is a folder of" in capfd.readouterr().err

@@ -37,11 +37,23 @@ def test_ten_off_color_pixels_leave_the_crowd_and_are_told(scene, capfd):
     paint(scene, [(7, 3 + k) for k in range(10)])
     assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
     spoilt = scene_crowd.trajectory_of(scene)
-    assert (spoilt.world.labels == clean.world.labels).all() and (spoilt.start.x == clean.start.x).all()
+    assert (spoilt.world.labels == clean.world.labels).all() and (
+        spoilt.start.x == clean.start.x
+    ).all()
     told = "10 pixels of the label map are far from every label's color and taken for ground, the first at x -16.50 m, y -12.50 m (map "
-    assert scene.crowd_lod.trouble.startswith(told + "column 3, row 7 from the bottom)") and told in capfd.readouterr().out
+    assert (
+        scene.crowd_lod.trouble.startswith(told + "column 3, row 7 from the bottom)")
+        and told in capfd.readouterr().out
+    )
     (row,) = stuck_agents.find(spoilt).rows
-    assert row == {"kind": "off-color", "agents": 0, "place": [-16.5, -12.5], "column": 3, "row": 7, "count": 10}
+    assert row == {
+        "kind": "off-color",
+        "agents": 0,
+        "place": [-16.5, -12.5],
+        "column": 3,
+        "row": 7,
+        "count": 10,
+    }
     paint(scene, [(row, 20) for row in range(17)])
     with pytest.raises(RuntimeError, match="belong to no label"):
         bpy.ops.crowd_lod.populate()
@@ -66,10 +78,16 @@ def test_inset_and_picture_from_above_mark_them(scene, tmp_path):
     frame = scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get())
     what = drawing(frame)
     marked = with_strays(what, stray_places(frame.trajectory))
-    assert len(marked.positions) == len(what.positions) + 3 == len(marked.colors) == len(marked.sizes)
+    assert (
+        len(marked.positions) == len(what.positions) + 3 == len(marked.colors) == len(marked.sizes)
+    )
     at = marked.positions[-3:] + marked.origin
-    assert at[:, :2].tolist() == pytest.approx(np.array([(c - 19.5, r - 19.5) for r, c in sorted(odd)]), abs=1e-4)
-    assert (marked.colors[-3:] == STRAY).all() and at[:, 2].min() > what.positions[:, 2].max() + what.origin[2]
+    assert at[:, :2].tolist() == pytest.approx(
+        np.array([(c - 19.5, r - 19.5) for r, c in sorted(odd)]), abs=1e-4
+    )
+    assert (marked.colors[-3:] == STRAY).all() and at[:, 2].min() > what.positions[
+        :, 2
+    ].max() + what.origin[2]
 
     def magenta(folder):
         finished(preview(scene, Preview([1], folder, 320), []))

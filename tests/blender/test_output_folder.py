@@ -39,7 +39,9 @@ def planned(scene):
     return frame_of(scene, bpy.context.evaluated_depsgraph_get()).planned
 
 
-def test_output_of_an_unsaved_file_waits_in_the_session_and_moves_with_the_first_save(scene, tmp_path, capfd):
+def test_output_of_an_unsaved_file_waits_in_the_session_and_moves_with_the_first_save(
+    scene, tmp_path, capfd
+):
     settings = small(scene)
     for name in ("plan_shot", "export_usd"):
         assert getattr(bpy.ops.crowd_lod, name)() == {"FINISHED"}
@@ -48,11 +50,17 @@ def test_output_of_an_unsaved_file_waits_in_the_session_and_moves_with_the_first
     assert before.is_relative_to(bpy.app.tempdir) and report_path(scene, "ALL").is_file()
     scene = save(tmp_path / "people.blend")
     home = tmp_path / "people_crowd_lod"
-    assert not before.exists() and output_folder(scene) == home and full_path(settings.shot_plan) == home / "plan" / "plan.npz"
+    assert (
+        not before.exists()
+        and output_folder(scene) == home
+        and full_path(settings.shot_plan) == home / "plan" / "plan.npz"
+    )
     assert report_path(scene, "ALL").is_file() and (home / "usd" / "crowd.usdc").is_file()
     assert planned(scene)
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "people.blend"))
-    assert bpy.context.scene.crowd_lod.shot_plan == "//people_crowd_lod/plan/plan.npz" and planned(bpy.context.scene)
+    assert bpy.context.scene.crowd_lod.shot_plan == "//people_crowd_lod/plan/plan.npz" and planned(
+        bpy.context.scene
+    )
 
 
 def test_files_in_one_folder_have_a_plan_each(scene, tmp_path):
@@ -61,7 +69,9 @@ def test_files_in_one_folder_have_a_plan_each(scene, tmp_path):
     first = plan(scene)
     save(tmp_path / "a.blend")
     scene = save(tmp_path / "b.blend")
-    assert full_path(scene.crowd_lod.shot_plan) == first and planned(scene)  # until it has one of its own
+    assert full_path(scene.crowd_lod.shot_plan) == first and planned(
+        scene
+    )  # until it has one of its own
     scene.crowd_lod.seed += 1
     second = plan(scene)
     save(tmp_path / "b.blend")
@@ -81,7 +91,9 @@ def test_a_file_saved_elsewhere_names_the_plan_that_is_there(scene, tmp_path, co
     assert scene.crowd_lod.shot_plan == (before if copy else "//../a_crowd_lod/plan/plan.npz")
     assert full_path(scene.crowd_lod.shot_plan).resolve() == path
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "other" / "b.blend"))
-    assert full_path(bpy.context.scene.crowd_lod.shot_plan).resolve() == path and planned(bpy.context.scene)
+    assert full_path(bpy.context.scene.crowd_lod.shot_plan).resolve() == path and planned(
+        bpy.context.scene
+    )
 
 
 def test_a_copy_of_an_unsaved_file_has_a_copy_of_the_plan(scene, tmp_path):
@@ -118,7 +130,9 @@ def test_scenes_of_a_file_have_a_folder_each(scene, tmp_path):
     assert output_folder(scene, "plan") == tmp_path / "a_crowd_lod" / "plan"
     other = scene.copy()
     folders = [output_folder(each, "plan") for each in (scene, other)]
-    assert folders == [tmp_path / "a_crowd_lod" / each.name.replace(".", "_") / "plan" for each in (scene, other)]
+    assert folders == [
+        tmp_path / "a_crowd_lod" / each.name.replace(".", "_") / "plan" for each in (scene, other)
+    ]
 
 
 @pytest.mark.parametrize(
@@ -138,11 +152,15 @@ def test_paths_of_an_unsaved_file_stay_in_the_folder_of_the_session(text, name):
 def test_a_path_beside_a_saved_file_or_from_the_root_is_that_path(tmp_path):
     assert full_path(str(tmp_path)) == tmp_path and full_path("out") == Path.cwd() / "out"
     save(tmp_path / "a.blend")
-    assert full_path("//out") == tmp_path / "out" and full_path("//{blend_name}/x") == tmp_path / "a" / "x"
+    assert (
+        full_path("//out") == tmp_path / "out"
+        and full_path("//{blend_name}/x") == tmp_path / "a" / "x"
+    )
 
 
 @pytest.mark.parametrize(
-    "name, value, words", [("output_folder", " ", "Output Folder is empty"), ("usd_file", "a/b.usdc", "a name")]
+    "name, value, words",
+    [("output_folder", " ", "Output Folder is empty"), ("usd_file", "a/b.usdc", "a name")],
 )
 def test_a_wrong_setting_is_said(scene, name, value, words):
     setattr(small(scene), name, value)
@@ -182,9 +200,19 @@ def test_the_index_tells_what_was_made_when_and_for_which_file(tmp_path):
     add_to_index(folder, Entry("preview", "Preview", "2026-01-02 10:00:00 UTC", "", "S <1>"))
     add_to_index(folder, Entry("plan", "Plan Shot", "2026-01-03 10:00:00 UTC", "new.blend", "S"))
     page = Reader((folder / "index.html").read_text(encoding="utf-8"))
-    assert [cell for cell in page.cells if cell.endswith("UTC")] == ["2026-01-03 10:00:00 UTC", "2026-01-02 10:00:00 UTC"]
-    assert "new.blend" in page.cells and "not saved" in page.cells and "S <1>" in page.cells and "old.blend" not in page.cells
-    assert page.links[:2] == ["plan/report.html", "plan/plan.json"] and all((folder / link).is_file() for link in page.links)
+    assert [cell for cell in page.cells if cell.endswith("UTC")] == [
+        "2026-01-03 10:00:00 UTC",
+        "2026-01-02 10:00:00 UTC",
+    ]
+    assert (
+        "new.blend" in page.cells
+        and "not saved" in page.cells
+        and "S <1>" in page.cells
+        and "old.blend" not in page.cells
+    )
+    assert page.links[:2] == ["plan/report.html", "plan/plan.json"] and all(
+        (folder / link).is_file() for link in page.links
+    )
     (folder / "index.json").write_text("[{}]")
     assert read_index(folder) == []
     shutil.rmtree(folder / "plan")
@@ -192,7 +220,9 @@ def test_the_index_tells_what_was_made_when_and_for_which_file(tmp_path):
     assert len(read_index(folder)) == 1
 
 
-def test_a_plan_that_is_copied_or_made_again_alike_leaves_the_build_as_it_is(scene, tmp_path, monkeypatch):
+def test_a_plan_that_is_copied_or_made_again_alike_leaves_the_build_as_it_is(
+    scene, tmp_path, monkeypatch
+):
     monkeypatch.setattr(staleness, "LOOK", 0.0)
     settings = small(scene)
     save(tmp_path / "people.blend")

@@ -17,7 +17,11 @@ ROOT = Path(__file__).parents[2]
 
 
 def test_the_zip_holds_the_extension_and_nothing_else(tmp_path):
-    tree = shutil.copytree(ROOT, tmp_path / "tree", ignore=shutil.ignore_patterns(".*", "dist", "wheels", "benchmarks", "docs"))
+    tree = shutil.copytree(
+        ROOT,
+        tmp_path / "tree",
+        ignore=shutil.ignore_patterns(".*", "dist", "wheels", "benchmarks", "docs"),
+    )
     manifest = tree / "blender_manifest.toml"
     lines = manifest.read_text(encoding="utf-8").splitlines(keepends=True)
     manifest.write_text("".join(line for line in lines if ".whl" not in line), encoding="utf-8")
@@ -63,12 +67,16 @@ def make_wheel(folder, names=("thing.py", "data.bin"), text=b"x = 1\n"):
     """A small wheel with its list of files, as pip takes it."""
     parts = {name: text * 200 for name in names}
     parts["thing-1.0.dist-info/METADATA"] = b"Metadata-Version: 2.1\nName: thing\nVersion: 1.0\n"
-    parts["thing-1.0.dist-info/WHEEL"] = b"Wheel-Version: 1.0\nGenerator: t\nRoot-Is-Purelib: true\nTag: py3-none-any\n"
+    parts["thing-1.0.dist-info/WHEEL"] = (
+        b"Wheel-Version: 1.0\nGenerator: t\nRoot-Is-Purelib: true\nTag: py3-none-any\n"
+    )
     lines = [
         f"{name},sha256={base64.urlsafe_b64encode(hashlib.sha256(data).digest()).decode().rstrip('=')},{len(data)}"
         for name, data in parts.items()
     ]
-    parts["thing-1.0.dist-info/RECORD"] = "\n".join([*lines, "thing-1.0.dist-info/RECORD,,"]).encode()
+    parts["thing-1.0.dist-info/RECORD"] = "\n".join(
+        [*lines, "thing-1.0.dist-info/RECORD,,"]
+    ).encode()
     folder.mkdir(exist_ok=True)
     with zipfile.ZipFile(folder / WHEEL, "w") as archive:
         for name, data in parts.items():

@@ -37,17 +37,41 @@ def test_explain_tells_every_test_and_the_plans_choice(planned, tmp_path, capfd)
     scene = bpy.context.scene
     gone = int(scene.crowd_lod.exceptions[0].agents)
     frame = frame_of(scene, bpy.context.evaluated_depsgraph_get())
-    for agent in (gone, int(np.flatnonzero(frame.visible)[5]), int(np.flatnonzero(~frame.visible)[5])):
-        assert run("explain", planned, "--agent", agent, "--frame", 3, "--plan", tmp_path / "plan", "--json") == 0
+    for agent in (
+        gone,
+        int(np.flatnonzero(frame.visible)[5]),
+        int(np.flatnonzero(~frame.visible)[5]),
+    ):
+        assert (
+            run(
+                "explain",
+                planned,
+                "--agent",
+                agent,
+                "--frame",
+                3,
+                "--plan",
+                tmp_path / "plan",
+                "--json",
+            )
+            == 0
+        )
         told = json.loads(capfd.readouterr().out)
         scene = bpy.context.scene
         scene.frame_set(3)
         frame = frame_of(scene, bpy.context.evaluated_depsgraph_get())
         row = plan_file.read(tmp_path / "plan" / "plan.npz").row(2, 300)
         assert frame.planned and told["unplanned"] == ""
-        assert told["account"]["visible"] == frame.visible[agent] and told["account"]["level"] == frame.levels[agent]
-        assert told["account"]["planned"] == ("hidden by an exception" if agent == gone else f"LOD {row[agent]}")
-        assert told["place"] == pytest.approx([frame.crowd.x[agent], frame.crowd.y[agent], frame.crowd.z[agent]])
+        assert (
+            told["account"]["visible"] == frame.visible[agent]
+            and told["account"]["level"] == frame.levels[agent]
+        )
+        assert told["account"]["planned"] == (
+            "hidden by an exception" if agent == gone else f"LOD {row[agent]}"
+        )
+        assert told["place"] == pytest.approx(
+            [frame.crowd.x[agent], frame.crowd.y[agent], frame.crowd.z[agent]]
+        )
         ((*sides,),) = told["eyes"]
         assert [side["name"] for side in sides] == ["right", "left", "top", "bottom", "near", "far"]
         assert all(side["passed"] for side in sides) == (frame.visible[agent] or agent == gone)
@@ -85,14 +109,22 @@ def test_compare_sets_two_plans_side_by_side(planned, tmp_path, capfd):
     scene.camera.location.x += 2
     scene.crowd_lod.exceptions[0].use = False
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "other.blend"))
-    assert run("plan", tmp_path / "other.blend", "--frames", "2:8", "--out", tmp_path / "other") == 0
+    assert (
+        run("plan", tmp_path / "other.blend", "--frames", "2:8", "--out", tmp_path / "other") == 0
+    )
     capfd.readouterr()
     assert run("compare", tmp_path / "plan", tmp_path / "other", "--json") == 0
     told = json.loads(capfd.readouterr().out)
     assert told["made_for_differs"] == ["the exceptions", "the camera"]
     assert (told["only_in_a"], told["only_in_b"]) == ([1], [7, 8])
-    shots = [json.loads((tmp_path / name / "plan.json").read_text())["shot"]["plan"] for name in ("plan", "other")]
-    assert told["total"]["triangles"] == [shot["triangles"] for shot in shots] and told["total"]["triangles"][0] > 0
+    shots = [
+        json.loads((tmp_path / name / "plan.json").read_text())["shot"]["plan"]
+        for name in ("plan", "other")
+    ]
+    assert (
+        told["total"]["triangles"] == [shot["triangles"] for shot in shots]
+        and told["total"]["triangles"][0] > 0
+    )
     assert told["total"]["memory_mb"] == [shot["memory_mb"] for shot in shots]
     assert run("compare", tmp_path / "plan", tmp_path / "plan") == 0
     assert "other input" not in capfd.readouterr().out
@@ -118,5 +150,11 @@ def test_strict_makes_a_frame_without_the_plan_an_error(few, planned, tmp_path, 
     asked = (name, planned, *more, "--plan", tmp_path / "plan", "--out", out)
     assert run(*asked, "--frames", "6,7", "--strict") == 1
     told = capfd.readouterr().err
-    assert "Frame 7: The shot plan covers frames 1 to 6: here thresholds hold." in told and not out.exists()
-    assert run(*asked, "--frames", "5,6", "--strict") == 0 == run(*asked, "--frames", "6,7") and out.exists()
+    assert (
+        "Frame 7: The shot plan covers frames 1 to 6: here thresholds hold." in told
+        and not out.exists()
+    )
+    assert (
+        run(*asked, "--frames", "5,6", "--strict") == 0 == run(*asked, "--frames", "6,7")
+        and out.exists()
+    )

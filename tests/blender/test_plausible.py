@@ -22,7 +22,11 @@ def block(name, low, high):
         for z in (low[2], high[2])
         for x, y in ((low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1]))
     ]
-    mesh.from_pydata(corners, [], [(3, 2, 1, 0), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)])
+    mesh.from_pydata(
+        corners,
+        [],
+        [(3, 2, 1, 0), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)],
+    )
     return new(name, mesh)
 
 
@@ -32,7 +36,11 @@ def scene(request):
     scene, meters = bpy.context.scene, request.param
     scene.unit_settings.scale_length = meters
     scene.render.fps = 25
-    character(block("body", (-0.2 / meters, -0.2 / meters, 0), (0.2 / meters, 0.2 / meters, 1.75 / meters)))
+    character(
+        block(
+            "body", (-0.2 / meters, -0.2 / meters, 0), (0.2 / meters, 0.2 / meters, 1.75 / meters)
+        )
+    )
     settings = scene.crowd_lod
     settings.count, settings.size = 50, (20 / meters, 20 / meters)
     return scene
@@ -56,7 +64,9 @@ def walking(speed):
     text = bpy.data.texts.new("states.json")
     rules = {"on": {"*": {"move": [speed, 0]}}, "start": 1}
     labels = {"ground": {"color": "#808080"}}
-    text.from_string(json.dumps({"version": 1, "edge": "wrap", "labels": labels, "states": {"walk": rules}}))
+    text.from_string(
+        json.dumps({"version": 1, "edge": "wrap", "labels": labels, "states": {"walk": rules}})
+    )
     return text
 
 
@@ -66,7 +76,10 @@ units = pytest.mark.parametrize("scene", [0.01, 1, 1000], indirect=True)
 @units
 def test_a_crowd_of_people_is_told_nothing(scene):
     meters = scene.unit_settings.scale_length
-    put(block("floor", (-50 / meters, -50 / meters, -1 / meters), (50 / meters, 50 / meters, 0)), scene)
+    put(
+        block("floor", (-50 / meters, -50 / meters, -1 / meters), (50 / meters, 50 / meters, 0)),
+        scene,
+    )
     assert told(scene, machine=walking(1.3)) == ""
 
 
@@ -81,7 +94,12 @@ def test_giants_are_told_in_meters(scene):
 @units
 @pytest.mark.parametrize(
     ("speed", "wanted"),
-    [(5, "median of 5 m/s: check the speeds"), (0.05, "median of 0.05 m/s"), (0.01, "Nobody moves: check the speeds"), (0, "")],
+    [
+        (5, "median of 5 m/s: check the speeds"),
+        (0.05, "median of 0.05 m/s"),
+        (0.01, "Nobody moves: check the speeds"),
+        (0, ""),
+    ],
 )
 def test_speeds_of_the_state_machine(scene, speed, wanted):
     trouble = told(scene, machine=walking(speed))
@@ -94,7 +112,12 @@ def test_speeds_of_the_state_machine(scene, speed, wanted):
 def test_who_stands_off_the_ground_of_the_scene_is_told_with_the_height(scene, height, side):
     meters = scene.unit_settings.scale_length
     ground = put(
-        block("floor", (-50 / meters, -50 / meters, (height - 1) / meters), (50 / meters, 50 / meters, height / meters)), scene
+        block(
+            "floor",
+            (-50 / meters, -50 / meters, (height - 1) / meters),
+            (50 / meters, 50 / meters, height / meters),
+        ),
+        scene,
     )
     wanted = f"100% of the agents stand {abs(height)} m {side} the ground floor: choose it as Terrain Object"
     assert wanted in told(scene)
@@ -104,10 +127,21 @@ def test_who_stands_off_the_ground_of_the_scene_is_told_with_the_height(scene, h
 @units
 def test_who_stands_in_a_wall_is_told_and_who_stands_in_a_hall_is_not(scene):
     meters = scene.unit_settings.scale_length
-    put(block("hall", (-50 / meters, -50 / meters, -1 / meters), (50 / meters, 50 / meters, 50 / meters)), scene)
+    put(
+        block(
+            "hall",
+            (-50 / meters, -50 / meters, -1 / meters),
+            (50 / meters, 50 / meters, 50 / meters),
+        ),
+        scene,
+    )
     put(block("pillar", (-10 / meters, -10 / meters, 0), (0, 10 / meters, 4 / meters)), scene)
     trouble = told(scene)
-    share = float(trouble.partition("% of the agents stand within pillar: add it to Areas")[0].rpartition("\n")[2])
+    share = float(
+        trouble.partition("% of the agents stand within pillar: add it to Areas")[0].rpartition(
+            "\n"
+        )[2]
+    )
     assert 30 < share < 70
     assert "\n" not in trouble  # nor are they below a ground
 
@@ -121,13 +155,17 @@ def tracks(scene, tmp_path, rows):
 @units
 def test_a_wrong_frame_rate_is_seen_in_the_median_speed(scene, tmp_path):
     tracks(scene, tmp_path, [(k, f, f * 0.098, k, 0) for k in range(20) for f in range(50)])
-    assert "Agents walk at a median of 2.45 m/s: check Frame Rate and Unit." in told(scene, tracks_rate=25)
+    assert "Agents walk at a median of 2.45 m/s: check Frame Rate and Unit." in told(
+        scene, tracks_rate=25
+    )
     assert told(scene, tracks_rate=12.5) == ""
 
 
 def test_a_file_in_which_nobody_moves_is_told(scene, tmp_path):
     tracks(scene, tmp_path, [(k, f, k + f * 1e-5, k, 0) for k in range(20) for f in range(50)])
-    assert "Nobody moves: check Frame Rate and Unit." in told(scene, tracks_unit="M", tracks_rate=25)
+    assert "Nobody moves: check Frame Rate and Unit." in told(
+        scene, tracks_unit="M", tracks_rate=25
+    )
 
 
 def test_heights_that_change_as_people_walk_are_told(scene, tmp_path):
@@ -135,7 +173,11 @@ def test_heights_that_change_as_people_walk_are_told(scene, tmp_path):
     tracks(
         scene,
         tmp_path,
-        [(k, f, 0.05 * f * x, 0.0, 5 * k + 0.05 * f * z) for k, (x, z) in enumerate(ways.values()) for f in range(50)],
+        [
+            (k, f, 0.05 * f * x, 0.0, 5 * k + 0.05 * f * z)
+            for k, (x, z) in enumerate(ways.values())
+            for f in range(50)
+        ],
     )
     assert "if y is up in it, set Up to Y" in told(scene, tracks_rate=25)
     assert "Up" not in told(scene, tracks_up="Y")
@@ -172,7 +214,8 @@ def test_poses_that_stand_are_told_in_frames_and_seconds(scene):
         key.keyframe_insert("value", frame=frame)
     trouble = told(scene)
     assert (
-        "someone is built as 32 still poses, each of which stands for 86 frames (3.44 s) of its action: the shape keys" in trouble
+        "someone is built as 32 still poses, each of which stands for 86 frames (3.44 s) of its action: the shape keys"
+        in trouble
     )
     assert np.isclose(2752 / 32 / 25, 3.44)
 

@@ -25,8 +25,14 @@ def crowd_of(scene, item):
 def instances_of(scene, item):
     """(position, turn of the x axis) of the object's instances, as Blender itself lists them."""
     listed = scene.view_layers[0].depsgraph.object_instances
-    listed = [each.matrix_world.copy() for each in listed if each.is_instance and each.parent.original == item]
-    return np.array([m.translation for m in listed]), np.array([np.arctan2(m[1][0], m[0][0]) for m in listed])
+    listed = [
+        each.matrix_world.copy()
+        for each in listed
+        if each.is_instance and each.parent.original == item
+    ]
+    return np.array([m.translation for m in listed]), np.array(
+        [np.arctan2(m[1][0], m[0][0]) for m in listed]
+    )
 
 
 def test_agents_are_the_instances_that_blender_lists_in_each_frame(scene):
@@ -46,8 +52,12 @@ def test_points_move_with_the_clock_and_keep_who_they_are(scene):
     before = crowd_of(scene, item)
     scene.frame_set(25)
     after = trajectory_of(scene)
-    np.testing.assert_allclose(before.start.x - after.start.x, 2, atol=1e-5)  # a second, twice as large, turned
-    assert np.array_equal(before.start.group, after.start.group) and np.array_equal(before.looks, after.looks)
+    np.testing.assert_allclose(
+        before.start.x - after.start.x, 2, atol=1e-5
+    )  # a second, twice as large, turned
+    assert np.array_equal(before.start.group, after.start.group) and np.array_equal(
+        before.looks, after.looks
+    )
     assert set(before.start.group) == {0, 1}
 
 
@@ -57,7 +67,9 @@ def test_nobody_is_missed_and_leave_outs_change_nothing(scene):
     frame = frame_of(scene, scene.view_layers[0].depsgraph)
     place, _ = instances_of(scene, item)
     group = [trajectory.groups[g] for g in trajectory.start.group]
-    seen = [sees(frame.camera, place[a] + (0, 0, group[a].center), group[a].radius) for a in range(60)]
+    seen = [
+        sees(frame.camera, place[a] + (0, 0, group[a].center), group[a].radius) for a in range(60)
+    ]
     assert 0 < sum(seen) < 60
     assert not [a for a in np.flatnonzero(seen) if not frame.visible[a]]
     assert raw(frame) == raw(frame_of(scene, None, 1, frame.camera, trajectory.leaving(NOTHING, 1)))
@@ -65,7 +77,11 @@ def test_nobody_is_missed_and_leave_outs_change_nothing(scene):
 
 def test_named_attributes_give_group_heading_and_phase(scene):
     heading, phase = np.linspace(-3, 3, 60), np.linspace(0, 0.99, 60)
-    attributes = [("heading", "FLOAT", heading), ("phase", "FLOAT", phase), ("group", "INT", np.arange(60) % 2)]
+    attributes = [
+        ("heading", "FLOAT", heading),
+        ("phase", "FLOAT", phase),
+        ("group", "INT", np.arange(60) % 2),
+    ]
     trajectory = crowd_of(scene, scatter(scene, attributes=attributes))
     np.testing.assert_allclose(trajectory.start.heading, heading, atol=1e-6)
     assert trajectory.start.group.tolist() == [0, 1] * 30
@@ -84,8 +100,12 @@ def bare(scene, count=3, attributes=()):
 
 
 def test_direction_of_velocity_is_the_heading(scene):
-    trajectory = crowd_of(scene, bare(scene, 3, [("velocity", "FLOAT_VECTOR", [(1, 0, 0), (0, 1, 0), (-1, 0, 5)])]))
-    np.testing.assert_allclose(np.cos(trajectory.start.heading - np.array([np.pi / 2, np.pi, -np.pi / 2])), 1, atol=1e-6)
+    trajectory = crowd_of(
+        scene, bare(scene, 3, [("velocity", "FLOAT_VECTOR", [(1, 0, 0), (0, 1, 0), (-1, 0, 5)])])
+    )
+    np.testing.assert_allclose(
+        np.cos(trajectory.start.heading - np.array([np.pi / 2, np.pi, -np.pi / 2])), 1, atol=1e-6
+    )
 
 
 def test_particles_that_are_alive_are_agents(scene):
@@ -100,14 +120,21 @@ def test_particles_that_are_alive_are_agents(scene):
         scene.frame_set(number)
     crowd = crowd_of(scene, item)
     particles = item.evaluated_get(scene.view_layers[0].depsgraph).particle_systems[0].particles
-    alive = {k: tuple(each.location) for k, each in enumerate(particles) if each.alive_state == "ALIVE"}
+    alive = {
+        k: tuple(each.location) for k, each in enumerate(particles) if each.alive_state == "ALIVE"
+    }
     assert 0 < len(alive) < 40 and crowd.ids.tolist() == list(alive)
-    assert np.array_equal(np.stack([crowd.start.x, crowd.start.y, crowd.start.z], axis=1), np.array(list(alive.values())))
+    assert np.array_equal(
+        np.stack([crowd.start.x, crowd.start.y, crowd.start.z], axis=1),
+        np.array(list(alive.values())),
+    )
 
 
 def test_other_frames_are_not_known_and_the_sentence_says_what_to_do(scene):
     trajectory = crowd_of(scene, scatter(scene))
-    with pytest.raises(CrowdError, match="Scatter are at frame 7 is not known at frame 1: press Record Points"):
+    with pytest.raises(
+        CrowdError, match="Scatter are at frame 7 is not known at frame 1: press Record Points"
+    ):
         trajectory.at(7)
 
 
@@ -125,13 +152,18 @@ def test_the_count_may_change_only_with_ids(scene):
     for attributes, fits in (([("id", "INT", ids)], True), ([], False)):
         item = scatter(scene, attributes=attributes)
         before = crowd_of(scene, item)
-        fewer = scatter(scene, 50, attributes=[(name, kind, ids[:50]) for name, kind, _ in attributes])
+        fewer = scatter(
+            scene, 50, attributes=[(name, kind, ids[:50]) for name, kind, _ in attributes]
+        )
         item.data = fewer.data
         bpy.context.view_layer.update()
         if fits:
             assert np.array_equal(trajectory_of(scene).start.group, before.start.group[:50])
         else:
-            with pytest.raises(CrowdError, match="has 50 points, and had 60 at Populate: give its points an attribute id"):
+            with pytest.raises(
+                CrowdError,
+                match="has 50 points, and had 60 at Populate: give its points an attribute id",
+            ):
                 trajectory_of(scene)
             bpy.ops.crowd_lod.populate()
             assert len(trajectory_of(scene).start) == 50
@@ -143,9 +175,18 @@ BAD = [
     ("kind that has no points", lambda scene: scene.camera),
     ("Point 1 .* has x nan", lambda scene: _broken(scene)),
     ("share the id -5", lambda scene: bare(scene, 3, [("id", "INT", [1, -5, -5])])),
-    ("attribute heading .* not a number", lambda scene: bare(scene, 3, [("heading", "FLOAT_VECTOR", np.zeros(9))])),
-    ("Point 2 .* has the group 2: the crowd has 2", lambda scene: bare(scene, 3, [("group", "INT", [0, 1, 2])])),
-    ("name a group elephant: the crowd has", lambda scene: bare(scene, 1, [("group", "STRING", ["elephant"])])),
+    (
+        "attribute heading .* not a number",
+        lambda scene: bare(scene, 3, [("heading", "FLOAT_VECTOR", np.zeros(9))]),
+    ),
+    (
+        "Point 2 .* has the group 2: the crowd has 2",
+        lambda scene: bare(scene, 3, [("group", "INT", [0, 1, 2])]),
+    ),
+    (
+        "name a group elephant: the crowd has",
+        lambda scene: bare(scene, 1, [("group", "STRING", ["elephant"])]),
+    ),
     ("Point 0 .* has phase nan", lambda scene: bare(scene, 1, [("phase", "FLOAT", [np.inf])])),
     ("lie up to 1e\\+0?9 m", lambda scene: _far(scene)),
     ("is disabled", lambda scene: _disabled(scene)),
@@ -198,7 +239,10 @@ def test_build_shows_the_points_of_each_frame(scene):
         for points in scene.crowd_lod.build.all_objects:
             if points.name.startswith("Crowd LOD") and points.name.endswith("points"):
                 data = points.data
-                shown |= {each.value: tuple(v.co) for each, v in zip(data.attributes["id"].data, data.vertices, strict=True)}
+                shown |= {
+                    each.value: tuple(v.co)
+                    for each, v in zip(data.attributes["id"].data, data.vertices, strict=True)
+                }
         assert shown and sorted(shown) == sorted(frame.buckets.order.tolist())
         np.testing.assert_allclose(list(shown.values()), place[list(shown)], atol=1e-5)
 
@@ -219,7 +263,12 @@ def test_a_build_reads_points_that_are_hidden_in_viewports_and_renders(scene, re
     assert rendered(scene, 13, look)[13] == pytest.approx(-13 / 12, abs=1e-4)
     scene.crowd_lod.source = "MACHINE"
     bpy.ops.crowd_lod.build()
-    assert not [m for each in scene.crowd_lod.build.objects for m in each.modifiers if m.name.startswith("Points of")]
+    assert not [
+        m
+        for each in scene.crowd_lod.build.objects
+        for m in each.modifiers
+        if m.name.startswith("Points of")
+    ]
 
 
 def test_record_writes_each_frame_as_blender_evaluates_it(scene, tmp_path):
@@ -229,16 +278,26 @@ def test_record_writes_each_frame_as_blender_evaluates_it(scene, tmp_path):
     crowd_of(scene, item)
     bpy.ops.crowd_lod.record_points()
     settings = scene.crowd_lod
-    assert (settings.source, settings.tracks_file, settings.first_frame) == ("FILE", "//shot_Scatter.npz", 3)
+    assert (settings.source, settings.tracks_file, settings.first_frame) == (
+        "FILE",
+        "//shot_Scatter.npz",
+        3,
+    )
     with np.load(tmp_path / "shot_Scatter.npz") as file:
         tracks = dict(file)
-    assert tracks["fps"] == 24 and len(tracks["id"]) == 4 * 60 and set(tracks["frame"]) == {3, 4, 5, 6}
+    assert (
+        tracks["fps"] == 24 and len(tracks["id"]) == 4 * 60 and set(tracks["frame"]) == {3, 4, 5, 6}
+    )
     for number in range(3, 7):
         scene.frame_set(number)
         place, turn = instances_of(scene, item)
         now = tracks["frame"] == number
         assert tracks["id"][now].tolist() == list(range(60))
-        np.testing.assert_allclose(np.stack([tracks[axis][now] for axis in "xyz"], axis=1) + settings.center, place, atol=1e-5)
+        np.testing.assert_allclose(
+            np.stack([tracks[axis][now] for axis in "xyz"], axis=1) + settings.center,
+            place,
+            atol=1e-5,
+        )
         assert np.cos(tracks["heading"][now] - turn).min() > 1 - 1e-6
 
 
@@ -254,9 +313,16 @@ def test_record_of_a_count_that_changes_without_ids_is_refused_and_all_stays(sce
     crowd_of(scene, item)
     item.modifiers.new("Part", "BUILD").frame_duration = 5
     scene.frame_end, scene.crowd_lod.tracks_file = 4, "before"
-    with pytest.raises(RuntimeError, match="16 points at frame 3, and 8 at frame 2: give its points an attribute id"):
+    with pytest.raises(
+        RuntimeError,
+        match="16 points at frame 3, and 8 at frame 2: give its points an attribute id",
+    ):
         bpy.ops.crowd_lod.record_points()
-    assert (scene.crowd_lod.source, scene.crowd_lod.tracks_file, scene.frame_current) == ("POINTS", "before", 1)
+    assert (scene.crowd_lod.source, scene.crowd_lod.tracks_file, scene.frame_current) == (
+        "POINTS",
+        "before",
+        1,
+    )
 
 
 def test_a_build_follows_an_edit_of_the_object_without_a_change_of_frame(scene):
@@ -272,7 +338,12 @@ def test_a_build_follows_an_edit_of_the_object_without_a_change_of_frame(scene):
             bpy.context.view_layer.update()
     finally:
         bpy.app.handlers.depsgraph_update_post.pop()
-    heights = {v.co.z for each in scene.crowd_lod.build.objects if each.type == "MESH" for v in each.data.vertices}
+    heights = {
+        v.co.z
+        for each in scene.crowd_lod.build.objects
+        if each.type == "MESH"
+        for v in each.data.vertices
+    }
     assert heights == {1.0} and len(calls) < 5  # it ends
 
 
@@ -306,14 +377,28 @@ def test_recorded_crowd_is_the_live_one_in_each_frame(moving):
 
 def test_points_are_recorded_once_for_all_that_a_bake_needs(scene, tmp_path):
     scatter_of = scatter(scene, 30, instances=True, attributes=[("id", "INT", np.arange(30))])
-    scene.crowd_lod.source, scene.crowd_lod.points, scene.crowd_lod.choice = "POINTS", scatter_of, "BY_TOLERANCE"
+    scene.crowd_lod.source, scene.crowd_lod.points, scene.crowd_lod.choice = (
+        "POINTS",
+        scatter_of,
+        "BY_TOLERANCE",
+    )
     scene.frame_start, scene.frame_end = 1, 4
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "points.blend"))
     seen = []
-    note = bpy.app.handlers.persistent(lambda scene, _: seen.append((scene.name, scene.frame_current)))
+    note = bpy.app.handlers.persistent(
+        lambda scene, _: seen.append((scene.name, scene.frame_current))
+    )
     bpy.app.handlers.frame_change_post.append(note)
     try:
-        words = ["build", str(tmp_path / "points.blend"), "--bake", "--frames", "1,8", "--out", str(tmp_path / "baked.blend")]
+        words = [
+            "build",
+            str(tmp_path / "points.blend"),
+            "--bake",
+            "--frames",
+            "1,8",
+            "--out",
+            str(tmp_path / "baked.blend"),
+        ]
         assert commands._run([*words, "--quiet"], "crowd-lod") == 0
     finally:
         bpy.app.handlers.frame_change_post.remove(note)
@@ -325,24 +410,41 @@ def test_points_are_recorded_once_for_all_that_a_bake_needs(scene, tmp_path):
 def test_bake_records_first_and_leaves_the_source_as_it_was(moving):
     before = [moving.crowd_lod.source, moving.crowd_lod.tracks_file, moving.crowd_lod.first_frame]
     bpy.ops.crowd_lod.bake()
-    assert [moving.crowd_lod.source, moving.crowd_lod.tracks_file, moving.crowd_lod.first_frame] == before
+    assert [
+        moving.crowd_lod.source,
+        moving.crowd_lod.tracks_file,
+        moving.crowd_lod.first_frame,
+    ] == before
     shown = {}
     for each in moving.crowd_lod.build.objects:
         if each.type == "MESH" and each.name.endswith("points"):
-            frame, ids = (np.array([v.value for v in each.data.attributes[name].data]) for name in ("frame", "id"))
-            shown |= {(f, i): tuple(v.co) for f, i, v in zip(frame.tolist(), ids.tolist(), each.data.vertices, strict=True)}
+            frame, ids = (
+                np.array([v.value for v in each.data.attributes[name].data])
+                for name in ("frame", "id")
+            )
+            shown |= {
+                (f, i): tuple(v.co)
+                for f, i, v in zip(frame.tolist(), ids.tolist(), each.data.vertices, strict=True)
+            }
     moving.frame_set(3)
     place, _ = instances_of(moving, moving.crowd_lod.points)
     found = [(i, where) for (f, i), where in shown.items() if f == 3]
     assert found
-    np.testing.assert_allclose([where for _, where in found], place[[i for i, _ in found]], atol=1e-5)
+    np.testing.assert_allclose(
+        [where for _, where in found], place[[i for i, _ in found]], atol=1e-5
+    )
 
 
 def test_what_needs_other_frames_says_so(moving):
-    with pytest.raises(RuntimeError, match="Plan Shot needs to know where the points of Scatter are .*: press Record Points first"):
+    with pytest.raises(
+        RuntimeError,
+        match="Plan Shot needs to know where the points of Scatter are .*: press Record Points first",
+    ):
         bpy.ops.crowd_lod.plan_shot()
     moving.render.use_motion_blur = True
-    with pytest.raises(RuntimeError, match="Motion blur needs to know where the points of Scatter are"):
+    with pytest.raises(
+        RuntimeError, match="Motion blur needs to know where the points of Scatter are"
+    ):
         bpy.ops.crowd_lod.build()
     bpy.ops.crowd_lod.record_points()
     bpy.ops.crowd_lod.build()

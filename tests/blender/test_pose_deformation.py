@@ -47,7 +47,9 @@ def test_points_move_as_blender_moves_a_mesh_with_the_same_weights():
         scene.frame_set(int(frame // 1), subframe=float(frame % 1))
         evaluated = other.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
         wanted = np.array([v.co for v in evaluated.vertices])
-        np.testing.assert_allclose(source.skin.at(j, at.T, follows).T, wanted, atol=1e-4)  # float32, divided by a step of 1 %
+        np.testing.assert_allclose(
+            source.skin.at(j, at.T, follows).T, wanted, atol=1e-4
+        )  # float32, divided by a step of 1 %
     assert np.ptp(source.skin.place, axis=0).max() > 0.5
 
 
@@ -73,9 +75,16 @@ def test_lods_bend_as_the_character_does():
             near = mesh_data.read_triangles(lod.data)[0]
             assert np.abs(np.hypot(near[:, 0], near[:, 1]) - 0.2).max() < 0.03, (way, k)
     assert found["POSE_AWARE"][1] == pytest.approx(0, abs=0.01)
-    assert all(fast < precise / 2 for fast, precise in zip(found["POSE_AWARE"][1:], found["DECIMATE"][1:], strict=True)), found
+    assert all(
+        fast < precise / 2
+        for fast, precise in zip(found["POSE_AWARE"][1:], found["DECIMATE"][1:], strict=True)
+    ), found
     assert found["AUTO"] == found["POSE_AWARE"]
-    assert all("away in motion" in item["crowd_lod_why"] for level in settings.levels.children[1:] for item in level.all_objects)
+    assert all(
+        "away in motion" in item["crowd_lod_why"]
+        for level in settings.levels.children[1:]
+        for item in level.all_objects
+    )
     assert item.data.vertices and item.name == "arm"
 
 
@@ -109,9 +118,16 @@ def test_a_shape_key_that_bends_counts_as_a_pose():
         settings.method = way
         list(make_levels(bpy.context.scene))
         found[way] = groups_of(settings)[0].deviations
-    assert all(fast < 0.7 * precise for fast, precise in zip(found["POSE_AWARE"][1:], found["DECIMATE"][1:], strict=True)), found
+    assert all(
+        fast < 0.7 * precise
+        for fast, precise in zip(found["POSE_AWARE"][1:], found["DECIMATE"][1:], strict=True)
+    ), found
     assert found["AUTO"] == found["POSE_AWARE"]
-    assert all("away in motion" in item["crowd_lod_why"] for level in settings.levels.children[1:] for item in level.all_objects)
+    assert all(
+        "away in motion" in item["crowd_lod_why"]
+        for level in settings.levels.children[1:]
+        for item in level.all_objects
+    )
 
 
 @pytest.mark.once
@@ -124,7 +140,9 @@ def test_offsets_of_shape_keys_are_those_at_the_place_of_each_point(way):
     list(make_levels(bpy.context.scene))
     for level in list(bpy.context.scene.crowd_lod.levels.children)[1:]:
         keys = level.all_objects[0].data.shape_keys.key_blocks
-        rest, lean = (np.array([point.co for point in keys[name].data]) for name in ("Basis", "lean"))
+        rest, lean = (
+            np.array([point.co for point in keys[name].data]) for name in ("Basis", "lean")
+        )
         np.testing.assert_allclose(lean - rest, np.outer(rest[:, 2], (0.2, 0, 0)), atol=1e-3)
 
 
@@ -135,7 +153,9 @@ def test_keys_that_nothing_moves_count_at_their_full_value():
     rest = source.geometry[0]
     assert len(source.skin.place) == 5 and np.abs(source.skin.place[:3] - rest).max() == 0
     for place, name in zip(source.skin.place[3:], ("bow", "lean"), strict=True):
-        np.testing.assert_allclose(place, [point.co for point in item.data.shape_keys.key_blocks[name].data], atol=1e-6)
+        np.testing.assert_allclose(
+            place, [point.co for point in item.data.shape_keys.key_blocks[name].data], atol=1e-6
+        )
     assert source.telling is not None and len(source.posed) == 5
 
 
@@ -143,7 +163,9 @@ def test_keys_that_nothing_moves_count_at_their_full_value():
 def test_poses_of_shape_keys_are_told_apart():
     """A key that rises between frames 20 and 24 of 60: poses are there, where the character changes."""
     item = bowed()
-    for curve in item.data.shape_keys.animation_data.action.layers[0].strips[0].channelbags[0].fcurves:
+    for curve in (
+        item.data.shape_keys.animation_data.action.layers[0].strips[0].channelbags[0].fcurves
+    ):
         curve.keyframe_points[0].co.x, curve.keyframe_points[1].co.x = 20, 24
         curve.keyframe_points[0].interpolation = "LINEAR"
     item["clock"] = 0.0

@@ -53,7 +53,9 @@ def test_a_frame_far_away_is_approached_by_steps_that_end_at_once(levelled, tmp_
     steps = work(levelled, tmp_path)
     before = set(bpy.data.user_map())
     scene_cache.forget()
-    while not any(1000 < crowds._recent[0][0] < FAR for crowds in crowd_sources._trajectories.values()):
+    while not any(
+        1000 < crowds._recent[0][0] < FAR for crowds in crowd_sources._trajectories.values()
+    ):
         next(steps)  # it is not on its way yet
     longest = 0.0
     for _ in range(10):

@@ -17,7 +17,12 @@ from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.overlay import skinned_characters
 from crowd_lod_extension.operators.render_setup import bake, render_setup
 from crowd_lod_extension.operators.render_setup.cost_estimate import estimate
-from crowd_lod_extension.operators.scene.scene_crowd import characters_of, frame_of, policy_of, trajectory_of
+from crowd_lod_extension.operators.scene.scene_crowd import (
+    characters_of,
+    frame_of,
+    policy_of,
+    trajectory_of,
+)
 from crowd_lod_extension.operators.shot.shot_plan import Wanted, plan_shot
 from crowd_lod_extension.operators.sources import crowd_sources
 from mathutils import Matrix
@@ -87,7 +92,9 @@ def test_props_are_drawn_by_the_seed_and_change_nothing_else(scene):
     for count, part in zip(counts, (0.28, 0.42, 0.12, 0.18), strict=False):
         assert abs(count - adults * part) < 5 * np.sqrt(adults * part * (1 - part))
     assert (np.diff(start.group.astype(int)) >= 0).all()
-    assert (populated(scene).group == start.group).all() and (trajectory_of(scene).at(40).group == start.group).all()
+    assert (populated(scene).group == start.group).all() and (
+        trajectory_of(scene).at(40).group == start.group
+    ).all()
     scene.crowd_lod.seed += 1
     assert (np.bincount(trajectory_of(scene).start.group) != counts).any()
 
@@ -119,7 +126,9 @@ def test_a_crowd_names_a_group_with_its_variants_or_a_variant_alone(dressed):
     assert (trajectory_of(dressed).start.group == start.group).all()
     own = dressed.crowd_lod.groups["adult"]
     own.own_thresholds, own.scale, own.share = True, (0.5, 2), 0
-    assert [bool(each) for each in policy_of(dressed.crowd_lod).group_thresholds] == [True] * 4 + [False]
+    assert [bool(each) for each in policy_of(dressed.crowd_lod).group_thresholds] == [True] * 4 + [
+        False
+    ]
     assert [group.scale for group in groups_of(dressed.crowd_lod)] == [(0.5, 2)] * 4 + [(1, 1)]
     assert set(trajectory_of(dressed).start.group) == {4}
 
@@ -131,7 +140,9 @@ def test_the_sphere_of_a_variant_holds_its_props_and_no_other_does(dressed):
         tops = []
         for phase in np.linspace(0, 1, 9):
             points = itself(dressed, g, phase)
-            assert np.linalg.norm(points - [0, 0, group.center], axis=1).max() <= group.radius + 1e-6
+            assert (
+                np.linalg.norm(points - [0, 0, group.center], axis=1).max() <= group.radius + 1e-6
+            )
             tops.append(points[:, 2].max())
         assert (max(tops) > 2) == ("hat" in group.name)
         assert (group.center + group.radius > 2) == ("hat" in group.name)
@@ -149,10 +160,16 @@ def test_build_bake_and_overlay_show_who_has_what(ready):
         # of adults one for the body and one for what hangs on bones, whoever has that; of children one
         assert len({item.data for item in rigs}) == 3 and (baked or len(rigs) == 3 * 16)
         scene.frame_set(50)
-        trajectory, plan = trajectory_of(scene), frame_of(scene, bpy.context.evaluated_depsgraph_get())
+        trajectory, plan = (
+            trajectory_of(scene),
+            frame_of(scene, bpy.context.evaluated_depsgraph_get()),
+        )
         crowd, agents = plan.crowd, plan.buckets.order
         shown = [points for level, points in instances(scene) if level == 0]
-        groups, objects = trajectory.groups, {g: len(objects) for g, (_, objects, _) in enumerate(characters_of(scene))}
+        groups, objects = (
+            trajectory.groups,
+            {g: len(objects) for g, (_, objects, _) in enumerate(characters_of(scene))},
+        )
         assert len(shown) == sum(objects[g] for g in crowd.group[agents])
         for g in range(5):
             agent = agents[crowd.group[agents] == g][0]
@@ -162,9 +179,16 @@ def test_build_bake_and_overlay_show_who_has_what(ready):
             c, s = np.cos(angle), np.sin(angle)
             whole = itself(scene, g, phase) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
             whole += [crowd.x[agent], crowd.y[agent], crowd.z[agent]]
-            sizes = [len(item.data.vertices) for item in characters_of(scene)[g][1] if item.type == "MESH"]
+            sizes = [
+                len(item.data.vertices)
+                for item in characters_of(scene)[g][1]
+                if item.type == "MESH"
+            ]
             for points in np.split(whole, np.cumsum(sizes)[:-1]):
-                assert min(abs(other - points).max() for other in shown if other.shape == points.shape) < 1e-4 * groups[g].diagonal
+                assert (
+                    min(abs(other - points).max() for other in shown if other.shape == points.shape)
+                    < 1e-4 * groups[g].diagonal
+                )
     for g, (name, objects, _) in enumerate(characters_of(scene)[:4]):
         homes = [level.children[g] for level in scene.crowd_lod.levels.children]
         character = finished(skinned_characters.baking(name, lambda homes=homes: homes))
@@ -172,7 +196,9 @@ def test_build_bake_and_overlay_show_who_has_what(ready):
         mesh, (first, last) = character.meshes[0], action_range(objects)
         points = skin(mesh, pose(character.frames, np.array([4 / (last - first)], np.float32)))[0]
         own = itself(scene, g, 4 / (last - first))
-        np.testing.assert_allclose([points.min(axis=0), points.max(axis=0)], [own.min(axis=0), own.max(axis=0)], atol=1e-4)
+        np.testing.assert_allclose(
+            [points.min(axis=0), points.max(axis=0)], [own.min(axis=0), own.max(axis=0)], atol=1e-4
+        )
 
 
 @pytest.mark.once
@@ -194,8 +220,12 @@ def test_rigs_are_estimated_and_planned_as_they_are_built(dressed, tmp_path, swa
     for make in (lambda: list(render_setup.build(scene)), lambda: finished(bake.bake(scene, [50]))):
         make()
         made.append(sum(item.type == "ARMATURE" for item in scene.crowd_lod.build.all_objects))
-    assert made == [found["By Ratio"].rigs, known.rigs] and found["By Ratio, Baked"].rigs == known.rigs
-    assert made[0] == (7 if sways else 3) * 16  # body and what hangs on it of adults without and with a bag; of children one
+    assert (
+        made == [found["By Ratio"].rigs, known.rigs] and found["By Ratio, Baked"].rigs == known.rigs
+    )
+    assert (
+        made[0] == (7 if sways else 3) * 16
+    )  # body and what hangs on it of adults without and with a bag; of children one
     assert work_in(plan.shot, plan.plan.bill.shown).rigs == known.rigs
 
 
@@ -226,24 +256,35 @@ def test_a_chance_of_one_or_none_makes_no_variant(scene):
 
 def test_props_that_cannot_be_used_are_named(scene):
     bag = ball("bag", 0.15, (0, -0.35, 0.7), "hand.L", 1.5)
-    with pytest.raises(CrowdError, match='"prop" of bag is 1.5, and must be numbers from 0 to 1: set the chance'):
+    with pytest.raises(
+        CrowdError, match='"prop" of bag is 1.5, and must be numbers from 0 to 1: set the chance'
+    ):
         characters_of(scene)
     bag["prop"] = "often"
-    with pytest.raises(CrowdError, match="\"prop\" of bag is 'often', and must be numbers from 0 to 1"):
+    with pytest.raises(
+        CrowdError, match="\"prop\" of bag is 'often', and must be numbers from 0 to 1"
+    ):
         characters_of(scene)
     bag["prop"] = 0.5
     bag.data.clear_geometry()
-    with pytest.raises(CrowdError, match="The prop bag of the character group adult has no mesh with faces: give it one"):
+    with pytest.raises(
+        CrowdError,
+        match="The prop bag of the character group adult has no mesh with faces: give it one",
+    ):
         characters_of(scene)
     bag["prop"] = 0.0
     bpy.data.objects.remove(bag)
     bpy.data.objects["adult"]["prop"] = 0.5
-    with pytest.raises(CrowdError, match="All meshes of the character group adult are props: leave it one"):
+    with pytest.raises(
+        CrowdError, match="All meshes of the character group adult are props: leave it one"
+    ):
         characters_of(scene)
     del bpy.data.objects["adult"]["prop"]
     for name in "abcd":
         ball(name, 0.1, (0, 0, 2), "head", 0.5)
-    with pytest.raises(CrowdError, match=r"adult has 4 props \(a, b, c, d\), and 16 variants of it: use at most 3"):
+    with pytest.raises(
+        CrowdError, match=r"adult has 4 props \(a, b, c, d\), and 16 variants of it: use at most 3"
+    ):
         characters_of(scene)
 
 
@@ -271,5 +312,7 @@ def test_mark_as_prop_marks_what_is_selected_or_nothing(scene):
 @pytest.mark.parametrize("name", ["plan_shot", "estimate", "build", "export_usd"])
 def test_buttons_say_that_props_were_marked_since_populate(ready, name):
     del bpy.data.objects["bag"]["prop"]
-    with pytest.raises(RuntimeError, match="props have changed: press Populate, then Make LOD Meshes"):
+    with pytest.raises(
+        RuntimeError, match="props have changed: press Populate, then Make LOD Meshes"
+    ):
         getattr(bpy.ops.crowd_lod, name)()

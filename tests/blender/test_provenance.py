@@ -19,17 +19,31 @@ def at_once(monkeypatch):
 
 def level(scene, k, group="adult"):
     """The object of a LOD."""
-    (home,) = (home for home in scene.crowd_lod.levels.children[k].children if home[cast_provenance.GROUP] == group)
+    (home,) = (
+        home
+        for home in scene.crowd_lod.levels.children[k].children
+        if home[cast_provenance.GROUP] == group
+    )
     return next(item for item in home.objects if item.type == "MESH")
 
 
 def body(scene):
     """The mesh object of the character adult."""
-    return next(item for item in scene.crowd_lod.characters.children["adult"].all_objects if item.type == "MESH")
+    return next(
+        item
+        for item in scene.crowd_lod.characters.children["adult"].all_objects
+        if item.type == "MESH"
+    )
 
 
 def rename(scene):
-    for blocks in (bpy.data.materials, bpy.data.meshes, bpy.data.armatures, bpy.data.objects, bpy.data.images):
+    for blocks in (
+        bpy.data.materials,
+        bpy.data.meshes,
+        bpy.data.armatures,
+        bpy.data.objects,
+        bpy.data.images,
+    ):
         for k, block in enumerate([*blocks]):
             block.name = f"{'zyx'[k % 3]} {k}"
 
@@ -56,17 +70,26 @@ def key(scene):
 
 
 EDITS = {
-    "a LOD pushed": (lambda scene: level(scene, 1).data.vertices[0].co.__setitem__(2, 0.3), ["LOD 1 of adult"]),
+    "a LOD pushed": (
+        lambda scene: level(scene, 1).data.vertices[0].co.__setitem__(2, 0.3),
+        ["LOD 1 of adult"],
+    ),
     "a LOD moved": (lambda scene: level(scene, 1).location.__setitem__(0, 0.3), ["LOD 1 of adult"]),
     "another material on a LOD": (other_material, ["LOD 1 of adult"]),
     "LOD 0 moved": (lambda scene: level(scene, 0).location.__setitem__(0, 0.3), ["LOD 0 of adult"]),
-    "a vertex of a character": (lambda scene: body(scene).data.vertices[5].co.__setitem__(1, 0.3), ["the character adult"]),
+    "a vertex of a character": (
+        lambda scene: body(scene).data.vertices[5].co.__setitem__(1, 0.3),
+        ["the character adult"],
+    ),
     "a weight": (weigh, ["the character adult"]),
     "a constraint": (repose, ["the character adult"]),
     "a key": (key, ["the character adult"]),
     "names": (rename, []),
     "the frame": (lambda scene: scene.frame_set(17), []),
-    "the colors of a material": (lambda scene: body(scene).data.materials[0].diffuse_color.__setitem__(0, 0.1), []),
+    "the colors of a material": (
+        lambda scene: body(scene).data.materials[0].diffuse_color.__setitem__(0, 0.1),
+        [],
+    ),
 }
 
 
@@ -95,7 +118,9 @@ def test_nothing_is_read_twice_while_nothing_changes(levelled):
     for frame in (2, 9):
         levelled.frame_set(frame)
         cast_inputs(levelled)
-    assert {key: id(each) for key, each in provenance._known.items()} == {key: id(each) for key, each in known.items()}
+    assert {key: id(each) for key, each in provenance._known.items()} == {
+        key: id(each) for key, each in known.items()
+    }
 
 
 @pytest.mark.once
@@ -114,7 +139,16 @@ def test_a_plan_is_not_used_after_a_lod_was_edited_and_strict_is_strict(levelled
     capfd.readouterr()
     plan, out = tmp_path / "a_crowd_lod" / "plan", tmp_path / "out.blend"
     for more in ((), ("--bake", "--frames", "1:2")):
-        asked = ["build", str(tmp_path / "b.blend"), "--plan", str(plan), "--out", str(out), *more, "--quiet"]
+        asked = [
+            "build",
+            str(tmp_path / "b.blend"),
+            "--plan",
+            str(plan),
+            "--out",
+            str(out),
+            *more,
+            "--quiet",
+        ]
         assert commands._run([*asked, "--strict"], "crowd-lod") == 1 and not out.exists()
         assert f"{words} for the file a.blend" in capfd.readouterr().err
         assert commands._run(asked, "crowd-lod") == 0 and out.exists()
@@ -127,7 +161,14 @@ def test_a_live_build_with_strict_needs_the_camera_path_of_the_plan(levelled, tm
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "a.blend"))
     assert bpy.ops.crowd_lod.plan_shot() == {"FINISHED"}
     bpy.ops.wm.save_mainfile()
-    asked = ["build", str(tmp_path / "a.blend"), "--out", str(tmp_path / "out.blend"), "--strict", "--quiet"]
+    asked = [
+        "build",
+        str(tmp_path / "a.blend"),
+        "--out",
+        str(tmp_path / "out.blend"),
+        "--strict",
+        "--quiet",
+    ]
     assert commands._run(asked, "crowd-lod") == 0
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "a.blend"))
     camera = bpy.context.scene.camera
@@ -136,7 +177,10 @@ def test_a_live_build_with_strict_needs_the_camera_path_of_the_plan(levelled, tm
         camera.keyframe_insert("location", frame=frame)
     bpy.ops.wm.save_mainfile()
     capfd.readouterr()
-    assert commands._run(asked, "crowd-lod") == 1 and "the camera changed since it was made" in capfd.readouterr().err
+    assert (
+        commands._run(asked, "crowd-lod") == 1
+        and "the camera changed since it was made" in capfd.readouterr().err
+    )
 
 
 def test_a_build_and_lods_name_what_was_edited(levelled):
@@ -152,7 +196,13 @@ def test_a_build_and_lods_name_what_was_edited(levelled):
 
 @pytest.mark.parametrize(
     "names, words",
-    [([], ""), (["a"], "a"), (["a", "b"], "a and b"), (list("abcd"), "a, b, c and d"), (list("abcdef"), "a, b, c and 3 more")],
+    [
+        ([], ""),
+        (["a"], "a"),
+        (["a", "b"], "a and b"),
+        (list("abcd"), "a, b, c and d"),
+        (list("abcdef"), "a, b, c and 3 more"),
+    ],
 )
 def test_of_many_inputs_a_few_are_named(names, words):
     assert provenance.named(names) == words

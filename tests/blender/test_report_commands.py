@@ -17,7 +17,20 @@ def run(*words):
 
 @pytest.mark.once
 def test_error_report_leaves_tables_and_plots(tmp_path, capfd):
-    assert run("report", "error", "chapter", "--out", tmp_path / "out", "--repeats", 2, "--quiet", "--json") == 0
+    assert (
+        run(
+            "report",
+            "error",
+            "chapter",
+            "--out",
+            tmp_path / "out",
+            "--repeats",
+            2,
+            "--quiet",
+            "--json",
+        )
+        == 0
+    )
     result = json.loads(capfd.readouterr().out)
     assert sorted(os.listdir(tmp_path / "out")) == sorted(result["files"])
     tables = {}
@@ -31,12 +44,18 @@ def test_error_report_leaves_tables_and_plots(tmp_path, capfd):
     # derived Delta and exact planes agree; no Delta misses agents, a huge one keeps some for nothing
     derived = [row for row in tables["culling"] if row["method"] == "derived Delta"]
     assert derived and all(float(row["missed"]) == 0 == float(row["surplus"]) for row in derived)
-    fixed = {float(row["delta_m"]): row for row in tables["culling"] if row["method"] == "fixed Delta"}
+    fixed = {
+        float(row["delta_m"]): row for row in tables["culling"] if row["method"] == "fixed Delta"
+    }
     assert float(fixed[0.0]["missed"]) > 0 and float(fixed[10.0]["surplus"]) > 0
     steps = [float(row["worst_m"]) for row in tables["behavior"] if row["method"] == "step"]
     listing = [float(row["worst_m"]) for row in tables["behavior"] if row["method"] == "listing"]
-    assert max(steps) < 1e-9 < 0.01 < min(listing)  # the chapter's walls meet its cells: only the listing overshoots
-    assert float(listing[-1]) == pytest.approx(listing[0] / 64, rel=0.1)  # of first order, over 6 halvings
+    assert (
+        max(steps) < 1e-9 < 0.01 < min(listing)
+    )  # the chapter's walls meet its cells: only the listing overshoots
+    assert float(listing[-1]) == pytest.approx(
+        listing[0] / 64, rel=0.1
+    )  # of first order, over 6 halvings
 
 
 @pytest.mark.once
@@ -47,15 +66,27 @@ def test_extremes_and_audit_are_tables_without_a_missed_or_a_broken_agent(tmp_pa
     assert len(found["cases"]) > 20 and sum(row["missed"] for row in found["cases"]) == 0
     behavior = {row["case"]: row for row in found["behavior"]}
     assert len(behavior) > 15 and sum(row["broken"] for row in behavior.values()) == 0
-    assert behavior["chatter: to and fro over a border"]["stand"] == behavior["chatter: to and fro over a border"]["chatter"] > 0
+    assert (
+        behavior["chatter: to and fro over a border"]["stand"]
+        == behavior["chatter: to and fro over a border"]["chatter"]
+        > 0
+    )
     assert "65536 are allowed" in behavior["1,000,000 cells a step"]["note"]
     corners = behavior["walls touch at a corner"]
-    assert 0 < corners["stand"] < corners["agents"] and corners["worst"] < 1e-3 and corners["unknown"] == 0
+    assert (
+        0 < corners["stand"] < corners["agents"]
+        and corners["worst"] < 1e-3
+        and corners["unknown"] == 0
+    )
     long_timers = behavior.pop("timers of 0.001 s, steps of 0.5 s")
     assert long_timers["stand"] == long_timers["agents"] > 0
     assert all(row["cells"] < 0.15 for row in behavior.values())
     text = page.read_text(encoding="utf-8")
-    assert "## Culling and LODs" in text and "## Behavior" in text and "walls touch at a corner" in text
+    assert (
+        "## Culling and LODs" in text
+        and "## Behavior" in text
+        and "walls touch at a corner" in text
+    )
     assert run("report", "cull", "--pairs", "20000", "--quiet", "--json") == 0
     assert sum(row["missed"] for row in json.loads(capfd.readouterr().out)["lenses"]) == 0
 
@@ -68,4 +99,8 @@ def test_bad_input_is_one_sentence(scene, tmp_path, capfd):
     capfd.readouterr()
     assert run("report", "error", tmp_path / "bad.blend", "--out", tmp_path / "out", "--quiet") == 1
     said = capfd.readouterr()
-    assert "no active camera" in said.err and said.err.count("\n") == 1 and not (tmp_path / "out").exists()
+    assert (
+        "no active camera" in said.err
+        and said.err.count("\n") == 1
+        and not (tmp_path / "out").exists()
+    )

@@ -15,7 +15,10 @@ from ..support.rigs import keyed
 def by_shape_key(body):
     body.shape_key_add(name="Basis")
     key = body.shape_key_add(name="tall")
-    key.data.foreach_set("co", np.column_stack([np.zeros((len(key.data), 2)), np.linspace(0, 5, len(key.data))]).ravel())
+    key.data.foreach_set(
+        "co",
+        np.column_stack([np.zeros((len(key.data), 2)), np.linspace(0, 5, len(key.data))]).ravel(),
+    )
     keyed(key, "value", 1.0, 20)
 
 
@@ -45,7 +48,8 @@ def by_target(body):
 
 
 @pytest.mark.parametrize(
-    "by, expected", [(by_shape_key, (1, 20)), (by_strips, (5, 14)), (by_parent, (1, 30)), (by_target, (1, 12))]
+    "by, expected",
+    [(by_shape_key, (1, 20)), (by_strips, (5, 14)), (by_parent, (1, 30)), (by_target, (1, 12))],
 )
 def test_what_moves_a_character_is_its_action_and_in_its_sphere(by, expected):
     body = new("body", tube("body", 8, 8))
@@ -139,8 +143,12 @@ CHANGES = {
     "deform": lambda body: setattr(body.parent.data.bones["upper"], "use_deform", False),
     "rest pose": edit_rest,
     "pose": lambda body: setattr(body.parent.pose.bones["lower"], "location", (0.1, 0, 0)),
-    "preserve volume": lambda body: setattr(body.modifiers["Armature"], "use_deform_preserve_volume", True),
-    "influence": lambda body: setattr(body.parent.pose.bones["upper"].constraints[0], "influence", 0.5),
+    "preserve volume": lambda body: setattr(
+        body.modifiers["Armature"], "use_deform_preserve_volume", True
+    ),
+    "influence": lambda body: setattr(
+        body.parent.pose.bones["upper"].constraints[0], "influence", 0.5
+    ),
     "target": lambda body: setattr(bpy.data.objects["target"], "location", (1, 0, 0)),
     "rendered levels": lambda body: setattr(body.modifiers["Subdivision"], "render_levels", 3),
     "active UV map": lambda body: setattr(body.data.uv_layers["second"], "active_render", True),
@@ -170,9 +178,15 @@ def test_all_that_plays_an_action_otherwise_is_noticed(body):
         lambda: curve.modifiers.remove(noise),
         lambda: curve.modifiers.new("CYCLES"),
         lambda: setattr(curve, "mute", True),
-        lambda: (setattr(curve, "mute", False), setattr(first, "interpolation", "ELASTIC"), setattr(first, "easing", "EASE_IN")),
+        lambda: (
+            setattr(curve, "mute", False),
+            setattr(first, "interpolation", "ELASTIC"),
+            setattr(first, "easing", "EASE_IN"),
+        ),
         lambda: setattr(first, "amplitude", 3),
-        lambda: setattr(upper, "rotation_mode", "QUATERNION"),  # the action turns it by Euler angles
+        lambda: setattr(
+            upper, "rotation_mode", "QUATERNION"
+        ),  # the action turns it by Euler angles
         lambda: setattr(upper, "scale", (1, 2, 1)),  # which the action does not set
         lambda: setattr(upper, "ik_stiffness_x", 0.9),
         lambda: setattr(body.parent.pose, "ik_solver", "ITASC"),

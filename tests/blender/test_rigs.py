@@ -21,12 +21,21 @@ def instances(scene):
     """[(LOD, agent, points (v, 3) in the world)] of all that the depsgraph holds of the build."""
     depsgraph, found = bpy.context.evaluated_depsgraph_get(), []
     for each in depsgraph.object_instances:
-        if each.is_instance and render_setup.LEVEL in each.parent.original and each.object.type == "MESH":
+        if (
+            each.is_instance
+            and render_setup.LEVEL in each.parent.original
+            and each.object.type == "MESH"
+        ):
             mesh = each.object.data
             points = np.empty((len(mesh.vertices), 3), np.float32)
             mesh.vertices.foreach_get("co", points.ravel())
             matrix = np.array(each.matrix_world)
-            found.append((each.parent.original[render_setup.LEVEL], points @ matrix[:3, :3].T + matrix[:3, 3]))
+            found.append(
+                (
+                    each.parent.original[render_setup.LEVEL],
+                    points @ matrix[:3, :3].T + matrix[:3, 3],
+                )
+            )
     return found
 
 
@@ -42,7 +51,11 @@ def itself(scene, group, phase):
     frame = first + phase * (last - first)
     stage.frame_set(int(frame // 1), subframe=frame % 1)
     depsgraph = stage.view_layers[0].depsgraph
-    points = [mesh_data.world_points(item.evaluated_get(depsgraph)) for item in objects if item.type == "MESH"]
+    points = [
+        mesh_data.world_points(item.evaluated_get(depsgraph))
+        for item in objects
+        if item.type == "MESH"
+    ]
     bpy.data.scenes.remove(stage)
     return np.concatenate(points) - origin
 
@@ -60,9 +73,13 @@ def worst(scene, frame, agents=4):
         phase = (crowd.phase_class[agent] / trajectory.gaits.classes + rate * seconds) % 1.0
         angle = crowd.heading[agent] + scene_data.rotation(scene.crowd_lod.forward)
         c, s = np.cos(angle), np.sin(angle)
-        points = itself(scene, crowd.group[agent], phase) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+        points = itself(scene, crowd.group[agent], phase) @ np.array(
+            [[c, s, 0], [-s, c, 0], [0, 0, 1]]
+        )
         points += [crowd.x[agent], crowd.y[agent], crowd.z[agent]]
-        off = max(off, min(abs(other - points).max() for other in shown if other.shape == points.shape))
+        off = max(
+            off, min(abs(other - points).max() for other in shown if other.shape == points.shape)
+        )
     return off
 
 
@@ -87,9 +104,13 @@ def test_a_quick_swing_between_even_looks_gets_its_keys(scene):
     home.objects.link(objects[0])
     with as_rendered(home.objects) as (stage, actors):
         act = performance.own(objects)
-        model, why = finished(rigs.modeled(rigs.Acting("adult", [home], stage, actors, 1.9), act, {}))
+        model, why = finished(
+            rigs.modeled(rigs.Acting("adult", [home], stage, actors, 1.9), act, {})
+        )
         (begin, end), off = act.spans[0], 0.0
-        played = rigs.perform(model, "trial", 1 / (end - begin), -begin / (end - begin), (begin, end))
+        played = rigs.perform(
+            model, "trial", 1 / (end - begin), -begin / (end - begin), (begin, end)
+        )
         copies = {item: rigs.dress(item, model, played, actor) for item, actor in actors.items()}
         for block in (*played.values(), *copies.values()):
             stage.collection.objects.link(block)
@@ -103,7 +124,11 @@ def test_a_quick_swing_between_even_looks_gets_its_keys(scene):
 def test_rigs_play_before_the_first_frame_and_after_hours(built):
     built.crowd_lod.build = None  # without agents, whose 250,000 steps take a minute
     for time in (-400, 250_001):
-        rigs = {o.name: o for o in bpy.data.objects if o.type == "ARMATURE" and o.animation_data and o.animation_data.nla_tracks}
+        rigs = {
+            o.name: o
+            for o in bpy.data.objects
+            if o.type == "ARMATURE" and o.animation_data and o.animation_data.nla_tracks
+        }
         built.frame_set(time)
         depsgraph = bpy.context.evaluated_depsgraph_get()
         trajectory = trajectory_of(built)
@@ -113,7 +138,9 @@ def test_rigs_play_before_the_first_frame_and_after_hours(built):
             phase = strip.fcurves.find("strip_time").evaluate(time)
             number = int(name.split()[1])
             g, own = divmod(number, trajectory.gaits.classes)
-            wanted = (own / trajectory.gaits.classes + trajectory.gaits.distinct[g][0] * time / 24) % 1.0
+            wanted = (
+                own / trajectory.gaits.classes + trajectory.gaits.distinct[g][0] * time / 24
+            ) % 1.0
             first, last = action_range(characters_of(built)[g][1])
             apart = ((phase - first) / (last - first) - wanted + 0.5) % 1 - 0.5
             assert abs(apart) < 2e-3, (name, time)
@@ -151,7 +178,9 @@ def props(scene, *objects):
     list(make_levels(scene))
     list(render_setup.build(scene))
     shelf = next(c for c in scene.crowd_lod.build.children_recursive if c.get(LIBRARY) == 0)
-    assert not any(any(home.instance_offset) for home in shelf.children)  # geometry nodes would not heed it
+    assert not any(
+        any(home.instance_offset) for home in shelf.children
+    )  # geometry nodes would not heed it
     return [item for home in shelf.children for item in home.objects]
 
 
@@ -175,12 +204,17 @@ def test_what_no_rig_can_show_is_posed_and_keeps_what_materials_need(scene):
     ball.parent.location = (3, -2, 0.7)  # where a character stands in the scene is no matter
     balls = props(scene, ball)
     assert list(scene.crowd_lod.build[render_setup.POSED]) == [POSES] and len(balls) == POSES
-    assert all(item.material_slots[0].material == other for item in balls) and ball.data.materials[0] == own
+    assert (
+        all(item.material_slots[0].material == other for item in balls)
+        and ball.data.materials[0] == own
+    )
     assert all(item.data.uv_layers and item.parent is None and not item.modifiers for item in balls)
     low = scene.crowd_lod.groups[0].lowest
     for j in (0, 7, 20):
         scene.frame_set(1 + int(24 * j / POSES), subframe=24 * j / POSES % 1)
-        wanted = mesh_data.world_points(ball.evaluated_get(bpy.context.evaluated_depsgraph_get())) - (0, 0, low)
+        wanted = mesh_data.world_points(
+            ball.evaluated_get(bpy.context.evaluated_depsgraph_get())
+        ) - (0, 0, low)
         points = np.array([vertex.co for vertex in balls[j].data.vertices])
         matrix = np.array(balls[j].matrix_basis)
         np.testing.assert_allclose(points @ matrix[:3, :3].T + matrix[:3, 3], wanted, atol=1e-5)
@@ -246,7 +280,10 @@ def test_objects_that_move_as_a_whole_are_carried(scene):
     words.body, words.extrude = "Hi", 0.1
     sign = bpy.data.objects.new("sign", words)
     words.materials.append(bpy.data.materials.new("shared"))
-    sign.material_slots[0].link, sign.material_slots[0].material = "OBJECT", bpy.data.materials.new("own")
+    sign.material_slots[0].link, sign.material_slots[0].material = (
+        "OBJECT",
+        bpy.data.materials.new("own"),
+    )
     sign.visible_shadow, sign["looks"] = False, 3
     hair = bpy.data.objects.new("hair", bpy.data.hair_curves.new("hair"))
     hair.data.add_curves([4, 4])
@@ -258,12 +295,17 @@ def test_objects_that_move_as_a_whole_are_carried(scene):
     assert list(scene.crowd_lod.build[render_setup.POSED]) == [0]
     signs, hairs = ([item for item in items if kind in item.name] for kind in ("sign", "hair"))
     assert len(signs) == len(hairs) >= 16 and {item.type for item in hairs} == {"CURVES"}
-    assert all(i.material_slots[0].material.name == "own" and not i.visible_shadow and i["looks"] == 3 for i in signs)
+    assert all(
+        i.material_slots[0].material.name == "own" and not i.visible_shadow and i["looks"] == 3
+        for i in signs
+    )
     bpy.context.view_layer.depsgraph.update()
     stage = bpy.data.scenes.new("stage")
     for item in items:
         stage.collection.objects.link(item)
-        stage.collection.objects.link(item.parent) if item.parent.name not in stage.collection.objects else None
+        stage.collection.objects.link(
+            item.parent
+        ) if item.parent.name not in stage.collection.objects else None
     stage.frame_set(7)
     depsgraph = stage.view_layers[0].depsgraph
     for own in (signs, hairs):
@@ -283,14 +325,23 @@ def test_a_group_that_stands_still_has_one_pose(scene):
 
 
 def test_rigs_share_the_meshes_of_the_lods(built):
-    shown = {item.data for c in built.crowd_lod.build.children_recursive for item in c.objects if item.type == "MESH"}
-    assert shown == {item.data for home in built.crowd_lod.levels.children_recursive for item in home.objects}
+    shown = {
+        item.data
+        for c in built.crowd_lod.build.children_recursive
+        for item in c.objects
+        if item.type == "MESH"
+    }
+    assert shown == {
+        item.data for home in built.crowd_lod.levels.children_recursive for item in home.objects
+    }
 
 
 def test_a_bake_holds_what_its_frames_show_and_nothing_else(built):
     from crowd_lod_extension.operators.render_setup.bake import bake
 
-    whole = sum(len(c.children) for c in built.crowd_lod.build.children_recursive if c.get(LIBRARY, -1) >= 0)
+    whole = sum(
+        len(c.children) for c in built.crowd_lod.build.children_recursive if c.get(LIBRARY, -1) >= 0
+    )
     list(bake(built, [3, 4]))
     top, used = built.crowd_lod.build, 0
     shelves = {c[LIBRARY]: c for c in top.children_recursive if c.get(LIBRARY, -1) >= 0}
@@ -315,7 +366,9 @@ def test_a_bake_of_frames_that_show_nobody_leaves_no_motion(built):
     built.camera.rotation_euler = (3.14, 0, 0)  # up
     list(bake(built, [3, 4]))
     library = [c for c in built.crowd_lod.build.children_recursive if RIGS in c]
-    assert not any(c.objects for c in library) and not [a for a in bpy.data.actions if a.get(render_setup.OWNED)]
+    assert not any(c.objects for c in library) and not [
+        a for a in bpy.data.actions if a.get(render_setup.OWNED)
+    ]
 
 
 def test_making_a_cast_leaves_nothing_when_it_is_stopped(levelled):
@@ -332,7 +385,9 @@ def test_another_frame_rate_asks_for_another_build(built, capfd):
     built.render.fps = 30
     built.frame_set(5)
     assert "press Build again" in capfd.readouterr().err
-    assert not any(len(item.data.vertices) for item in render_setup.points_of(built.crowd_lod.build).values())
+    assert not any(
+        len(item.data.vertices) for item in render_setup.points_of(built.crowd_lod.build).values()
+    )
 
 
 @pytest.mark.parametrize("engine", ["CYCLES", "BLENDER_WORKBENCH"])
@@ -368,4 +423,8 @@ def test_neighbors_are_drawn_in_different_poses(built, tmp_path, engine):
 
     same = np.logical_xor(*silhouettes((5, 5), "same")).sum()
     left, right = silhouettes((5, 9), "apart")  # half a walk apart they would mirror each other
-    assert left.sum() > 1000 and same < 0.02 * left.sum() and np.logical_xor(left, right).sum() > 0.15 * left.sum()
+    assert (
+        left.sum() > 1000
+        and same < 0.02 * left.sum()
+        and np.logical_xor(left, right).sum() > 0.15 * left.sum()
+    )

@@ -72,7 +72,9 @@ def middles(item):
     """The middle of the character in x and y over its animation, (frames, 2)."""
     act = own([item])
     poses = finished(posing([item], np.linspace(*act.spans[0], 9), act))
-    return np.array([pose[:12, :2].mean(axis=0) for pose in poses])  # of its lowest rings, which do not bend
+    return np.array(
+        [pose[:12, :2].mean(axis=0) for pose in poses]
+    )  # of its lowest rings, which do not bend
 
 
 def keys():
@@ -81,7 +83,11 @@ def keys():
         [
             (
                 curve.data_path,
-                [tuple(value) for key in curve.keyframe_points for value in (key.co, key.handle_left, key.handle_right)],
+                [
+                    tuple(value)
+                    for key in curve.keyframe_points
+                    for value in (key.co, key.handle_left, key.handle_right)
+                ],
             )
         ]
         for action in actions
@@ -92,7 +98,9 @@ def keys():
     ]
 
 
-@pytest.mark.parametrize("place, cycles", [(on_object, 1), (on_root_bone, 1), (on_strip, 2), (on_parent, 9 / 24)])
+@pytest.mark.parametrize(
+    "place, cycles", [(on_object, 1), (on_root_bone, 1), (on_strip, 2), (on_parent, 9 / 24)]
+)
 def test_the_way_is_taken_out_and_is_the_stride(place, cycles):
     """The animation of the rig itself has 9 frames."""
     scene, item = walker()
@@ -106,7 +114,9 @@ def test_the_way_is_taken_out_and_is_the_stride(place, cycles):
     assert group.radius < 1.5
     assert keys() == before
     (told,) = told_of_actions(scene, [group])
-    assert told.startswith(f"The own animation moves someone by {cycles * WAY:.3g} m in a cycle: that is taken out")
+    assert told.startswith(
+        f"The own animation moves someone by {cycles * WAY:.3g} m in a cycle: that is taken out"
+    )
 
 
 def test_the_pelvis_below_a_static_root_moves_the_character():
@@ -174,7 +184,9 @@ def test_a_build_shows_agents_where_they_are(place):
         depsgraph = bpy.context.evaluated_depsgraph_get()
         agent = np.array([[value[0] for value in trajectory_of(scene).at(frame).places()]])
         middles = [
-            np.mean([each.matrix_world @ vertex.co for vertex in each.object.data.vertices[:16]], axis=0)
+            np.mean(
+                [each.matrix_world @ vertex.co for vertex in each.object.data.vertices[:16]], axis=0
+            )
             for each in depsgraph.object_instances
             if each.is_instance and each.object.type == "MESH"
         ]

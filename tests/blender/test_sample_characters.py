@@ -60,7 +60,9 @@ def test_groups_are_an_armature_and_its_mesh(groups):
         armature, item = only(group, "ARMATURE"), only(group, "MESH")
         assert len(group.objects) == 2
         assert item.parent == armature
-        assert [modifier.object for modifier in item.modifiers if modifier.type == "ARMATURE"] == [armature]
+        assert [modifier.object for modifier in item.modifiers if modifier.type == "ARMATURE"] == [
+            armature
+        ]
         assert set(item.vertex_groups.keys()) == set(armature.data.bones.keys())
         assert 15 <= len(armature.data.bones) <= 19
         assert armature.animation_data.action.name == f"walk {name}"
@@ -82,18 +84,28 @@ def test_mesh_is_closed_and_stands_on_the_ground(groups, name, height):
     quads = corners.reshape(-1, 4)
     directed = np.stack([quads, np.roll(quads, -1, axis=1)], -1).reshape(-1, 2)
     assert len(np.unique(directed, axis=0)) == len(directed)  # neighbors agree on which side is out
-    assert {tuple(edge) for edge in directed} == {tuple(edge) for edge in directed[:, ::-1]}  # closed
-    assert len(points) - len(mesh.edges) + len(quads) == 2  # one piece, without holes, and nothing loose
+    assert {tuple(edge) for edge in directed} == {
+        tuple(edge) for edge in directed[:, ::-1]
+    }  # closed
+    assert (
+        len(points) - len(mesh.edges) + len(quads) == 2
+    )  # one piece, without holes, and nothing loose
 
-    triangles = points[np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])].astype(np.float64)
+    triangles = points[np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])].astype(
+        np.float64
+    )
     volume = np.einsum("ij,ij->", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])) / 6
-    assert 0.015 * height**3 / 2 < volume < 0.12 * height**3 / 2  # positive: the normals look outward
+    assert (
+        0.015 * height**3 / 2 < volume < 0.12 * height**3 / 2
+    )  # positive: the normals look outward
 
 
 def test_shapes_and_colors_differ(groups):
     meshes = [only(group, "MESH").data for group in groups.values()]
     assert len({len(mesh.vertices) for mesh in meshes}) == 3
-    assert len({tuple(material.diffuse_color) for mesh in meshes for material in mesh.materials}) == 6
+    assert (
+        len({tuple(material.diffuse_color) for mesh in meshes for material in mesh.materials}) == 6
+    )
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -142,7 +154,9 @@ def test_feet_do_not_slide(groups, name):
     for side, late in ((".L", 0.0), (".R", 0.5)):
         phase = (np.arange(period + 1) / period + late) % 1
         ball = item.parent.data.bones[f"toe{side}"].head_local.x
-        shoe = on_ground & (values[:, columns[f"foot{side}"]] + values[:, columns[f"toe{side}"]] > 0.99)
+        shoe = on_ground & (
+            values[:, columns[f"foot{side}"]] + values[:, columns[f"toe{side}"]] > 0.99
+        )
         contacts = {  # part of the sole: from when to when it bears
             "heel": (shoe & (rest[:, 0] < -0.15 * ball), 0.08, 0.30),
             "ball": (shoe & (rest[:, 0] > ball), 0.08, STANCE),
@@ -168,7 +182,9 @@ def test_feet_do_not_slide(groups, name):
 @pytest.mark.parametrize("name", NAMES)
 def test_walk_loops_for_ever(groups, name):
     item, period = only(groups[name], "MESH"), PERIODS[name]
-    first, quarter, last, later = walked(item, [1, 1 + period // 4, 1 + period, 1 + 7 * period + period // 4])
+    first, quarter, last, later = walked(
+        item, [1, 1 + period // 4, 1 + period, 1 + 7 * period + period // 4]
+    )
     np.testing.assert_allclose(last, first, atol=1e-5)
     np.testing.assert_allclose(later, quarter, atol=1e-5)
     assert np.abs(quarter - first).max() > 0.05
@@ -185,7 +201,11 @@ def test_joints_move_as_a_walker_does(groups, name):
         for bone in ahead:
             ahead[bone].append(pose[bone].tail.x)
         for side in (".L", ".R"):
-            hip, knee, ankle = pose["thigh" + side].head, pose["shin" + side].head, pose["shin" + side].tail
+            hip, knee, ankle = (
+                pose["thigh" + side].head,
+                pose["shin" + side].head,
+                pose["shin" + side].tail,
+            )
             share = (knee.z - hip.z) / (ankle.z - hip.z)
             knees.append(knee.x - (hip.x + share * (ankle.x - hip.x)))
     assert min(knees) > 0  # in front of the line from hip to ankle

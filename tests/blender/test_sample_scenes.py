@@ -37,7 +37,14 @@ def keys(block):
         return []
     bag = block.animation_data.action.layers[0].strips[0].channelbags[0]
     return [
-        (curve.data_path, curve.array_index, *key.co, *key.handle_left, *key.handle_right, key.interpolation)
+        (
+            curve.data_path,
+            curve.array_index,
+            *key.co,
+            *key.handle_left,
+            *key.handle_right,
+            key.interpolation,
+        )
         for curve in bag.fcurves
         for key in curve.keyframe_points
     ]
@@ -47,11 +54,19 @@ def digest(scene):
     """All that the scene is made of, but for names, which the file's other scenes may change."""
     out = hashlib.sha256()
     for item in scene.objects[:] + list(scene.crowd_lod.characters.all_objects):
-        out.update(repr((item.type, [tuple(row) for row in item.matrix_basis], keys(item), keys(item.data))).encode())
+        out.update(
+            repr(
+                (item.type, [tuple(row) for row in item.matrix_basis], keys(item), keys(item.data))
+            ).encode()
+        )
         if item.type == "MESH":
             out.update(values(item.data.vertices, "co", 3))
-            out.update(repr([(tuple(p.vertices), p.material_index) for p in item.data.polygons]).encode())
-            out.update(repr([(tuple(m.diffuse_color), m.roughness) for m in item.data.materials]).encode())
+            out.update(
+                repr([(tuple(p.vertices), p.material_index) for p in item.data.polygons]).encode()
+            )
+            out.update(
+                repr([(tuple(m.diffuse_color), m.roughness) for m in item.data.materials]).encode()
+            )
     for settings in (scene.crowd_lod, *scene.crowd_lod.crowds):
         if settings.source == "MACHINE":
             out.update(image_data.read_pixels(settings.map_image).tobytes())
@@ -59,7 +74,9 @@ def digest(scene):
         for setting in settings.bl_rna.properties:
             if setting.type not in ("POINTER", "COLLECTION"):
                 value = getattr(settings, setting.identifier)
-                out.update(repr(tuple(value) if getattr(setting, "is_array", False) else value).encode())
+                out.update(
+                    repr(tuple(value) if getattr(setting, "is_array", False) else value).encode()
+                )
     return out.hexdigest()
 
 
@@ -70,7 +87,9 @@ def frames_of(scene):
     for frame in FRAMES:
         scene.frame_set(frame)
         depsgraph = scene.view_layers[0].depsgraph
-        yield plan(trajectory, cameras.camera_from(scene.camera, scene.render, depsgraph), policy, frame)
+        yield plan(
+            trajectory, cameras.camera_from(scene.camera, scene.render, depsgraph), policy, frame
+        )
 
 
 @pytest.mark.parametrize("name", sample_scenes.NAMES)
@@ -163,7 +182,12 @@ def test_people_of_the_station_stand_on_its_floors_and_keep_out_of_what_is_in_th
         there = np.flatnonzero(crowd.present)
         for x, y, z in np.stack([crowd.x, crowd.y, crowd.z], axis=1)[there].tolist():
             ways = [tree.ray_cast((x, y, z + 0.4), (0, 0, -1))[0] for tree in trees]
-            assert max(way.z for way in ways if way is not None) == pytest.approx(z, abs=1e-3), (time, x, y, z)
+            assert max(way.z for way in ways if way is not None) == pytest.approx(z, abs=1e-3), (
+                time,
+                x,
+                y,
+                z,
+            )
             seen.add("above" if z > 4.4 else "stairs" if z > 0.1 else "below")
         walkers = there[there < len(trajectory.start) - settings.crowds[0].count]
         assert 200 < len(walkers) < 300
@@ -177,7 +201,9 @@ def test_people_of_the_station_stand_on_its_floors_and_keep_out_of_what_is_in_th
 def test_who_waits_in_the_station_plays_another_action_of_the_three_groups():
     scene = made("station")
     groups = group_measuring.measure_groups(scene)
-    assert len(groups) == 3 and all([action.name for action in group.actions] == ["idle"] for group in groups)
+    assert len(groups) == 3 and all(
+        [action.name for action in group.actions] == ["idle"] for group in groups
+    )
     trajectory = scene_crowd.trajectory_of(scene, groups)
     assert '"idle"' in tables.to_json(scene_json._crowd_of(scene.crowd_lod, trajectory))
     crowd = trajectory.at(50)
@@ -200,9 +226,13 @@ def test_other_scenes_stay_as_they_are():
         belongs = set(scene.collection.children_recursive) | set(scene.objects) | {scene}
         belongs |= set(scene.crowd_lod.characters.all_objects)
         kinds = bpy.types.Object, bpy.types.Collection, bpy.types.Scene
-        assert {block for block in bpy.data.user_map() if isinstance(block, kinds)} - before == belongs
+        assert {
+            block for block in bpy.data.user_map() if isinstance(block, kinds)
+        } - before == belongs
         before |= set(bpy.data.user_map())
     assert context.scene == mine and mine.frame_current == 37
-    assert context.mode == "OBJECT" and context.view_layer.objects.active == cube and cube.select_get()
+    assert (
+        context.mode == "OBJECT" and context.view_layer.objects.active == cube and cube.select_get()
+    )
     assert list(mine.objects) == [cube] and not mine.collection.children
     assert mine.crowd_lod.characters is None and mine.world is None and mine.camera is None

@@ -51,7 +51,12 @@ def crowd():
     scene.collection.objects.link(light)
     light.rotation_euler, light.data.energy = (0.8, 0.2, 0), 3
     render = scene.render
-    render.resolution_x, render.resolution_y, render.engine, scene.cycles.samples = 320, 180, "CYCLES", 16
+    render.resolution_x, render.resolution_y, render.engine, scene.cycles.samples = (
+        320,
+        180,
+        "CYCLES",
+        16,
+    )
     scene.view_settings.view_transform = "Standard"
     scene.frame_end = 3
     settings = scene.crowd_lod
@@ -74,7 +79,9 @@ def used(scene):
     found = {}
     for shelf in (shelf for shelf in shelves if LIBRARY in shelf):
         materials = {slot.material for item in shelf.all_objects for slot in item.material_slots}
-        found[shelf[LIBRARY]] = {node.image for m in materials for node in m.node_tree.nodes if node.type == "TEX_IMAGE"}
+        found[shelf[LIBRARY]] = {
+            node.image for m in materials for node in m.node_tree.nodes if node.type == "TEX_IMAGE"
+        }
     return found
 
 
@@ -111,14 +118,20 @@ def test_far_lods_show_scaled_images_and_look_the_same(crowd, tmp_path):
 
 
 def test_images_are_in_what_builds_are_said_to_cost(crowd):
-    node = next(node for node in bpy.data.materials["skin"].node_tree.nodes if node.type == "TEX_IMAGE")
+    node = next(
+        node for node in bpy.data.materials["skin"].node_tree.nodes if node.type == "TEX_IMAGE"
+    )
     image, node.image = node.image, None
     bare = finished(estimate(crowd, crowd.crowd_lod)).prices
     node.image = image
     found = finished(estimate(crowd, crowd.crowd_lod))
     for name, own in found.prices.items():
-        assert own.memory - bare[name].memory == pytest.approx(MEMORY[found.engine]["images"] * 4 * SIZE**2)
-        assert own.seconds - bare[name].seconds == pytest.approx(SECONDS[found.engine]["images"] * 4 * SIZE**2)
+        assert own.memory - bare[name].memory == pytest.approx(
+            MEMORY[found.engine]["images"] * 4 * SIZE**2
+        )
+        assert own.seconds - bare[name].seconds == pytest.approx(
+            SECONDS[found.engine]["images"] * 4 * SIZE**2
+        )
     crowd.crowd_lod.scale_textures = True
     for known in (False, True):
         works = finished(estimate(crowd, crowd.crowd_lod, [1], known)).works
@@ -127,7 +140,9 @@ def test_images_are_in_what_builds_are_said_to_cost(crowd):
 
 
 @pytest.mark.once
-@pytest.mark.skipif(sys.platform != "linux", reason="reads a process's peak memory from Linux's /proc")
+@pytest.mark.skipif(
+    sys.platform != "linux", reason="reads a process's peak memory from Linux's /proc"
+)
 def test_bake_of_far_agents_renders_without_the_full_image(crowd, tmp_path):
     """Peak memory of a render in a process of its own, of an image of 4096 x 4096, 64 MB.
 
@@ -137,9 +152,9 @@ def test_bake_of_far_agents_renders_without_the_full_image(crowd, tmp_path):
     image = picture("large", 4096)
     image.filepath_raw, image.file_format = str(tmp_path / "large.png"), "PNG"
     image.save()
-    next(node for node in bpy.data.materials["skin"].node_tree.nodes if node.type == "TEX_IMAGE").image = bpy.data.images.load(
-        image.filepath_raw
-    )
+    next(
+        node for node in bpy.data.materials["skin"].node_tree.nodes if node.type == "TEX_IMAGE"
+    ).image = bpy.data.images.load(image.filepath_raw)
     crowd.cycles.samples, crowd.render.resolution_percentage = 1, 10
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"))
     code = (
@@ -154,9 +169,13 @@ def test_bake_of_far_agents_renders_without_the_full_image(crowd, tmp_path):
         settings.scale_textures = scaling
         cast = finished(bake.bake(scene, [1]))
         remove_owned(settings.levels)
-        bpy.data.batch_remove([*settings.characters.all_objects, *settings.characters.children, settings.characters])
+        bpy.data.batch_remove(
+            [*settings.characters.all_objects, *settings.characters.children, settings.characters]
+        )
         bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
-        said = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True).stdout
+        said = subprocess.run(
+            [sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True
+        ).stdout
         peak[scaling] = 1024 * int(said.split("peak ")[1].split()[0])
     assert cast.images[0] == 4 * 4096**2 and cast.images[1] < 100_000
     assert 50e6 < peak[False] - peak[True]
@@ -177,11 +196,19 @@ def test_what_cannot_be_scaled_stays_and_is_named(crowd):
         inner = group.nodes.new("ShaderNodeTexImage")
         inner.image = picture(name, 256, **kind)
     group.links.new(entry.outputs["Place"], inner.inputs["Vector"])
-    for name, source in (("tiles", "TILED"), ("film", "MOVIE"), ("frames", "SEQUENCE"), ("lost", "FILE"), ("round", "GENERATED")):
+    for name, source in (
+        ("tiles", "TILED"),
+        ("film", "MOVIE"),
+        ("frames", "SEQUENCE"),
+        ("lost", "FILE"),
+        ("round", "GENERATED"),
+    ):
         other = tree.nodes.new("ShaderNodeTexImage")
         other.image = stays[name] = bpy.data.images.new(name, 64, 64)
         other.image.source = source
-    tree.links.new(tree.nodes.new("ShaderNodeTexCoord").outputs["Generated"], other.inputs["Vector"])
+    tree.links.new(
+        tree.nodes.new("ShaderNodeTexCoord").outputs["Generated"], other.inputs["Vector"]
+    )
     crowd.crowd_lod.scale_textures = True
     cast = finished(render_setup.build(crowd))
     assert cast.notes[-1] == (
@@ -196,17 +223,28 @@ def test_what_cannot_be_scaled_stays_and_is_named(crowd):
     assert sorted(found) == ["light / 8", "normal / 8", "placed / 8"]
     assert found["light / 8"].is_float and found["normal / 8"].colorspace_settings.is_data
     for name, kind in scaling.items():
-        values, own = (image_data.read_values(each) for each in (bpy.data.images[name], found[f"{name} / 8"]))
+        values, own = (
+            image_data.read_values(each) for each in (bpy.data.images[name], found[f"{name} / 8"])
+        )
         mean = values.reshape(32, 8, 32, 8, 4).mean(axis=(1, 3))
-        assert np.abs(mean - own).max() < (1e-6 if "float_buffer" in kind else 0.002) or name == "placed"
+        assert (
+            np.abs(mean - own).max() < (1e-6 if "float_buffer" in kind else 0.002)
+            or name == "placed"
+        )
     render_setup.remove_build(crowd.crowd_lod)
-    assert not [name for name in made() if "/ 8" in name] and [each.name for each in bpy.data.node_groups] == ["inner"]
+    assert not [name for name in made() if "/ 8" in name] and [
+        each.name for each in bpy.data.node_groups
+    ] == ["inner"]
 
 
 def test_scaled_images_are_in_the_file(crowd, tmp_path):
     crowd.crowd_lod.scale_textures = True
     finished(render_setup.build(crowd))
-    before = {image.name: image_data.read_values(image).copy() for own in used(crowd).values() for image in own}
+    before = {
+        image.name: image_data.read_values(image).copy()
+        for own in used(crowd).values()
+        for image in own
+    }
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "crowd.blend"))
     assert len(before) == 3

@@ -39,7 +39,9 @@ def stage():
 
 def material(name, strength=0.0):
     made = bpy.data.materials.new(name)
-    switch_nodes_on(made).nodes["Principled BSDF"].inputs["Emission Strength"].default_value = strength
+    switch_nodes_on(made).nodes["Principled BSDF"].inputs[
+        "Emission Strength"
+    ].default_value = strength
     return made
 
 
@@ -47,7 +49,10 @@ def found(shown, depsgraph):
     """What is found, to be compared."""
     box = shown.box(depsgraph)
     kinds = shown.things, shown.lamps(depsgraph)
-    named = [sorted((item.name, tuple(each.name for each in inside)) for item, inside in some) for some in kinds]
+    named = [
+        sorted((item.name, tuple(each.name for each in inside)) for item, inside in some)
+        for some in kinds
+    ]
     return named, None if box is None else box.tolist()
 
 
@@ -93,13 +98,18 @@ def grouped(name):
     group.links.new(emission.outputs[0], end.inputs[0])
     holder = node(name).new("ShaderNodeGroup")
     holder.node_tree = group
-    bpy.data.materials[name].node_tree.links.new(holder.outputs[0], node(name)["Material Output"].inputs["Surface"])
+    bpy.data.materials[name].node_tree.links.new(
+        holder.outputs[0], node(name)["Material Output"].inputs["Surface"]
+    )
 
 
 def fog():
     world = bpy.context.scene.world = bpy.data.worlds.new("fog")
     switch_nodes_on(world)
-    scatter, output = world.node_tree.nodes.new("ShaderNodeVolumeScatter"), world.node_tree.nodes["World Output"]
+    scatter, output = (
+        world.node_tree.nodes.new("ShaderNodeVolumeScatter"),
+        world.node_tree.nodes["World Output"],
+    )
     world.node_tree.links.new(scatter.outputs[0], output.inputs["Volume"])
 
 
@@ -115,27 +125,39 @@ EDITS = {
     "hidden collection": lambda: setattr(bpy.data.collections["set"], "hide_render", True),
     "excluded": lambda: excluded("set"),
     "removed": lambda: bpy.data.objects.remove(bpy.data.collections["set"].objects[0]),
-    "unlinked": lambda: bpy.data.collections["set"].objects.unlink(bpy.data.collections["set"].objects[-1]),
+    "unlinked": lambda: bpy.data.collections["set"].objects.unlink(
+        bpy.data.collections["set"].objects[-1]
+    ),
     "added": lambda: linked("set"),
     "part added": lambda: linked("parts"),
     "part moved": lambda: setattr(thing("part"), "location", (0, 0, 60)),
     "instancer moved": lambda: setattr(thing("crane"), "location", (0, 60, 0)),
-    "instances moved": lambda: setattr(bpy.data.collections["parts"], "instance_offset", (0, 0, 80)),
+    "instances moved": lambda: setattr(
+        bpy.data.collections["parts"], "instance_offset", (0, 0, 80)
+    ),
     "no instances": lambda: setattr(thing("crane"), "instance_type", "NONE"),
     "instances of faces": lambda: setattr(thing("walks"), "instance_type", "FACES"),
     "nodes": lambda: thing("still").modifiers.new("nodes", "NODES"),
-    "lit up": lambda: setattr(node("plain")["Principled BSDF"].inputs["Emission Strength"], "default_value", 1.0),
+    "lit up": lambda: setattr(
+        node("plain")["Principled BSDF"].inputs["Emission Strength"], "default_value", 1.0
+    ),
     "lit up by a node": lambda: node("plain").new("ShaderNodeEmission"),
     "lit up by a group of nodes": lambda: grouped("plain"),
-    "put out": lambda: setattr(node("bright")["Principled BSDF"].inputs["Emission Strength"], "default_value", 0.0),
-    "another material": lambda: bpy.data.meshes["prop"].materials.append(bpy.data.materials["bright"]),
+    "put out": lambda: setattr(
+        node("bright")["Principled BSDF"].inputs["Emission Strength"], "default_value", 0.0
+    ),
+    "another material": lambda: bpy.data.meshes["prop"].materials.append(
+        bpy.data.materials["bright"]
+    ),
     "material of the object": lambda: setattr(thing("still").material_slots[0], "link", "OBJECT"),
     "lamp off": lambda: setattr(bpy.data.lights["lamp"], "energy", 0),
     "lamp black": lambda: setattr(bpy.data.lights["lamp"], "color", (0, 0, 0)),
     "no shadows": lambda: setattr(bpy.data.lights["lamp"], "use_shadow", False),
     "another lamp": lambda: setattr(bpy.data.lights["lamp"], "type", "SUN"),
     "parent": lambda: setattr(thing("still"), "parent", thing("walks")),
-    "constraint": lambda: setattr(thing("still").constraints.new("COPY_LOCATION"), "target", thing("walks")),
+    "constraint": lambda: setattr(
+        thing("still").constraints.new("COPY_LOCATION"), "target", thing("walks")
+    ),
     "delta": lambda: setattr(thing("still"), "delta_location", (0, 0, -50)),
     "fog": fog,
 }
@@ -167,7 +189,13 @@ def test_what_is_hidden_in_some_frames(stage, name):
     for frame in (1, 2, 5, 6, 4, 3, 7):
         stage.frame_set(frame)
         compared(stage)
-        shown.append(thing(name) in {item for item, _ in scenery.scenery_of(stage, bpy.context.view_layer.depsgraph).things})
+        shown.append(
+            thing(name)
+            in {
+                item
+                for item, _ in scenery.scenery_of(stage, bpy.context.view_layer.depsgraph).things
+            }
+        )
     assert shown == [False, False, True, True, False, False, True]
 
 
@@ -208,7 +236,11 @@ def test_frames_of_what_is_animated_alone_are_not_read_anew(stage):
     for frame in range(2, 12):
         stage.frame_set(frame)
         assert compared(stage) or frame == 2
-        boxes.append(scenery.scenery_of(stage, bpy.context.view_layer.depsgraph).box(bpy.context.view_layer.depsgraph))
+        boxes.append(
+            scenery.scenery_of(stage, bpy.context.view_layer.depsgraph).box(
+                bpy.context.view_layer.depsgraph
+            )
+        )
     assert (np.diff([box[1, 0] for box in boxes]) > 0).all()
 
 
@@ -227,7 +259,16 @@ def handled():
         handlers.remove(function)
 
 
-HANDLED = ["moved", "turned by what it hangs on", "another shape", "hidden", "removed", "added", "lit up", "another mesh"]
+HANDLED = [
+    "moved",
+    "turned by what it hangs on",
+    "another shape",
+    "hidden",
+    "removed",
+    "added",
+    "lit up",
+    "another mesh",
+]
 
 
 @pytest.mark.parametrize("event", ["frame_change_post", "depsgraph_update_post"])
@@ -286,7 +327,11 @@ def test_instances_of_a_collection_that_moves_its_origin(stage):
 def test_a_group_of_nodes_that_emits_makes_a_material_glow(stage):
     assert [item.name for item, _ in scenery.Scenery(stage, None).lamps(None)] == ["lamp", "glows"]
     grouped("plain")
-    assert {item.name for item, _ in scenery.Scenery(stage, None).lamps(None)} >= {"still", "walks", "part"}
+    assert {item.name for item, _ in scenery.Scenery(stage, None).lamps(None)} >= {
+        "still",
+        "walks",
+        "part",
+    }
 
 
 def test_parts_of_collections_that_are_hidden_in_renders_are_not_shown(stage):
@@ -297,7 +342,9 @@ def test_parts_of_collections_that_are_hidden_in_renders_are_not_shown(stage):
     assert shown == {"part", "inmost"}
     inner.hide_render = True
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    assert {item.name for item, inside in scenery.Scenery(stage, depsgraph).things if inside} == {"part"}
+    assert {item.name for item, inside in scenery.Scenery(stage, depsgraph).things if inside} == {
+        "part"
+    }
 
 
 def test_renders_find_what_is_on_and_shown_at_their_own_frames(stage, handled, tmp_path):
@@ -305,7 +352,11 @@ def test_renders_find_what_is_on_and_shown_at_their_own_frames(stage, handled, t
     strength = node("plain")["Principled BSDF"].inputs["Emission Strength"]
     second = bpy.data.objects.new("second", bpy.data.lights.new("second", "POINT"))
     stage.collection.objects.link(second)
-    keyed = (second, "hide_render", True, False), (thing("lamp").data, "energy", 0, 9), (strength, "default_value", 0, 1)
+    keyed = (
+        (second, "hide_render", True, False),
+        (thing("lamp").data, "energy", 0, 9),
+        (strength, "default_value", 0, 1),
+    )
     for frame, column in ((1, 2), (2, 2), (3, 3), (4, 3)):
         for owner, name, *values in keyed:
             setattr(owner, name, values[column - 2])

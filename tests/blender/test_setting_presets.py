@@ -26,7 +26,11 @@ def other(prop):
     if prop.type == "BOOLEAN":
         return not prop.default
     if not prop.is_array:
-        return prop.hard_min if prop.default != prop.hard_min else prop.default + (1 if prop.type == "INT" else 0.25)
+        return (
+            prop.hard_min
+            if prop.default != prop.hard_min
+            else prop.default + (1 if prop.type == "INT" else 0.25)
+        )
     # in the order of the defaults: thresholds push each other
     return tuple(0.5 * number if number else 0.25 for number in prop.default_array)
 
@@ -69,7 +73,9 @@ def test_reset_brings_back_the_defaults_of_its_step_alone(settings, step):
     with bpy.context.temp_override(scene=scene):
         assert bpy.ops.crowd_lod.reset(step=step) == {"FINISHED"}
     own = set(presets.names_of(step))
-    assert values(settings) == {name: usual[name] if name in own else changed[name] for name in usual}
+    assert values(settings) == {
+        name: usual[name] if name in own else changed[name] for name in usual
+    }
     assert not any(settings.is_property_set(name) for name in own)
     assert settings.characters == kept and settings.output_folder == "//mine"
     assert settings.estimate == ""  # it was of other settings
@@ -110,13 +116,33 @@ crowd_lod_extension.unregister()
 
 def test_a_preset_restores_what_it_was_added_of(tmp_path):
     script = ADDED.format(here=str(Path(__file__).parent), user=str(tmp_path))
-    own = {"BLENDER_USER_RESOURCES": str(tmp_path), "BLENDER_USER_SCRIPTS": str(tmp_path / "scripts")}
-    done = subprocess.run([sys.executable, "-c", script], env=os.environ | own, capture_output=True, text=True)
-    assert done.returncode == 0 and f"restored {len(presets.STEPS)}" in done.stdout, done.stdout + done.stderr
+    own = {
+        "BLENDER_USER_RESOURCES": str(tmp_path),
+        "BLENDER_USER_SCRIPTS": str(tmp_path / "scripts"),
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", script], env=os.environ | own, capture_output=True, text=True
+    )
+    assert done.returncode == 0 and f"restored {len(presets.STEPS)}" in done.stdout, (
+        done.stdout + done.stderr
+    )
 
 
-OPERATORS = [kind for kind in registration.CLASSES if issubclass(kind, bpy.types.Operator) and not issubclass(kind, AddPresetBase)]
-ALWAYS = {"add_area", "add_exception", "machine_import", "machine_preset", "new_map", "open_report", "reset", "sample"}
+OPERATORS = [
+    kind
+    for kind in registration.CLASSES
+    if issubclass(kind, bpy.types.Operator) and not issubclass(kind, AddPresetBase)
+]
+ALWAYS = {
+    "add_area",
+    "add_exception",
+    "machine_import",
+    "machine_preset",
+    "new_map",
+    "open_report",
+    "reset",
+    "sample",
+}
 
 
 @pytest.mark.parametrize("name", [kind.bl_idname.partition(".")[2] for kind in OPERATORS])
@@ -133,5 +159,8 @@ def test_a_button_that_cannot_work_says_why(name):
 def test_no_poll_raises_without_a_scene():
     with bpy.context.temp_override(scene=None):  # as in a window that closes
         assert bpy.context.scene is None
-        polled = {kind.bl_idname: getattr(bpy.ops.crowd_lod, kind.bl_idname.partition(".")[2]).poll() for kind in OPERATORS}
+        polled = {
+            kind.bl_idname: getattr(bpy.ops.crowd_lod, kind.bl_idname.partition(".")[2]).poll()
+            for kind in OPERATORS
+        }
     assert polled == dict.fromkeys(polled, False)

@@ -32,7 +32,11 @@ def turns(scene):
     """{agent: (3, 3)} the rotation of each instance's matrix, from the depsgraph, by the point's id."""
     found = {}
     for each in bpy.context.evaluated_depsgraph_get().object_instances:
-        if each.is_instance and render_setup.LEVEL in each.parent.original and each.object.type == "MESH":
+        if (
+            each.is_instance
+            and render_setup.LEVEL in each.parent.original
+            and each.object.type == "MESH"
+        ):
             matrix = np.array(each.matrix_world, np.float64)
             found[tuple(np.round(matrix[:2, 3], 4))] = matrix[:3, :3]
     return found
@@ -52,16 +56,23 @@ def test_agents_that_tilt_stand_square_on_the_ground_and_keep_their_way(scene, f
     own_forward = np.array({"X": (1, 0, 0), "-Y": (0, -1, 0)}[forward])
     steepest = 0.0
     for agent in frame.buckets.order:
-        x, y, heading = (float(column[agent]) for column in (frame.crowd.x, frame.crowd.y, frame.crowd.heading))
+        x, y, heading = (
+            float(column[agent]) for column in (frame.crowd.x, frame.crowd.y, frame.crowd.heading)
+        )
         turn, step = found[tuple(np.round(np.float32([x, y]).astype(float), 4))], 1e-4
-        rise = [heights.at(np.array([x + step * a]), np.array([y + step * b]))[0] for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1))]
+        rise = [
+            heights.at(np.array([x + step * a]), np.array([y + step * b]))[0]
+            for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1))
+        ]
         slope = np.array([rise[0] - rise[1], rise[2] - rise[3]]) / (2 * step)
         normal = np.array([-slope[0], -slope[1], 1]) / np.sqrt(1 + slope @ slope)
         if np.abs(heights.slope(np.array([x]), np.array([y])) - slope[:, None]).max() > 1e-5:
             continue  # within a step of the border between two pixels
         np.testing.assert_allclose(turn @ (0, 0, 1), normal, atol=1e-4)
         way = turn @ own_forward
-        np.testing.assert_allclose(way[:2] / np.linalg.norm(way[:2]), (np.cos(heading), np.sin(heading)), atol=1e-4)
+        np.testing.assert_allclose(
+            way[:2] / np.linalg.norm(way[:2]), (np.cos(heading), np.sin(heading)), atol=1e-4
+        )
         steepest, checked = max(steepest, np.degrees(np.arccos(normal[2]))), checked + 1
     assert checked > 50 and steepest > 20
     scene.crowd_lod.tilt = False
@@ -72,14 +83,21 @@ def test_agents_that_tilt_stand_square_on_the_ground_and_keep_their_way(scene, f
 def test_spheres_hold_characters_that_lean(scene):
     relief(scene)
     groups = group_measuring.measure_groups(scene)
-    heights = scene_world.heights_of(scene.crowd_lod, scene_crowd.trajectory_of(scene, groups).world.area)
+    heights = scene_world.heights_of(
+        scene.crowd_lod, scene_crowd.trajectory_of(scene, groups).world.area
+    )
     scene.crowd_lod.tilt = True
     wide = scene_crowd.trajectory_of(scene, groups).groups
-    assert all(w.radius > g.radius * 1.1 and w.center == g.center for w, g in zip(wide, groups, strict=True))
+    assert all(
+        w.radius > g.radius * 1.1 and w.center == g.center
+        for w, g in zip(wide, groups, strict=True)
+    )
     x, y = np.random.default_rng(0).uniform(-20, 20, (2, 5000))
     slope = np.stack(heights.slope(x, y))
     normal = np.concatenate([-slope, np.ones((1, 5000))]) / np.sqrt(1 + (slope**2).sum(axis=0))
-    for g, w in zip(groups, wide, strict=True):  # the leant sphere lies within the widened, upright one
+    for g, w in zip(
+        groups, wide, strict=True
+    ):  # the leant sphere lies within the widened, upright one
         away = np.linalg.norm(g.center * normal - [[0], [0], [g.center]], axis=0)
         assert (away + g.radius <= w.radius).all() and away.max() > 0.3 * (w.radius - g.radius)
     scene.crowd_lod.height_image = None
@@ -94,7 +112,10 @@ def machine(scene, text):
 def test_populate_tells_who_is_stuck_and_forgets_it_when_all_is_well(scene):
     machine(scene, STUCK % "1.5")
     assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
-    assert "stand for good" in scene.crowd_lod.trouble and f"{scene.crowd_lod.count} agents" in scene.crowd_lod.trouble
+    assert (
+        "stand for good" in scene.crowd_lod.trouble
+        and f"{scene.crowd_lod.count} agents" in scene.crowd_lod.trouble
+    )
     said = [sentence for sentence, _ in steps.messages(scene)]
     following = next(k for k, sentence in enumerate(said) if sentence.startswith("Next: "))
     assert following < said.index(scene.crowd_lod.trouble)
@@ -132,7 +153,9 @@ def test_thresholds_of_a_group_s_own_reach_the_frame_and_outlive_populate(scene)
     after = scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get())
     own = after.crowd.group == 1
     assert (after.levels[~own] == before.levels[~own]).all()
-    assert (before.levels[own & after.visible] < 2).any() and (after.levels[own & after.visible] == 2).all()
+    assert (before.levels[own & after.visible] < 2).any() and (
+        after.levels[own & after.visible] == 2
+    ).all()
     settings.metric = "PIXELS"
     assert scene_crowd.policy_of(settings).group_thresholds == ((), (150, 90))
 
@@ -148,17 +171,26 @@ def test_presets_come_as_text_that_the_artist_can_edit(scene, name):
 def test_every_setting_and_button_says_what_it_is():
     for kind in registration.CLASSES:
         if issubclass(kind, bpy.types.Operator):
-            assert getattr(bpy.ops.crowd_lod, kind.bl_idname.split(".")[1]).get_rna_type().description, kind
+            assert (
+                getattr(bpy.ops.crowd_lod, kind.bl_idname.split(".")[1]).get_rna_type().description
+            ), kind
         elif issubclass(kind, bpy.types.PropertyGroup):
             for name in kind.__annotations__:
                 setting = kind.bl_rna.properties[name]
-                said = [setting.description, *(item.description for item in getattr(setting, "enum_items", ()))]
+                said = [
+                    setting.description,
+                    *(item.description for item in getattr(setting, "enum_items", ())),
+                ]
                 assert all(said) and setting.name != name, f"{kind.__name__}.{name}"
 
 
 def test_settings_that_nobody_can_set_are_named(levelled):
     settings = levelled.crowd_lod
-    raw = settings.bl_system_properties_get() if bpy.app.version >= (5, 0, 0) else levelled["crowd_lod"]
+    raw = (
+        settings.bl_system_properties_get()
+        if bpy.app.version >= (5, 0, 0)
+        else levelled["crowd_lod"]
+    )
     for name, value, said in (
         ("forward", 9, "Forward of Scene has no known value: choose one of -Y"),
         ("count", 10**9, "Agents of Scene is 1e"),
@@ -169,7 +201,11 @@ def test_settings_that_nobody_can_set_are_named(levelled):
         sound = tuple(sound) if name == "size" else sound
         raw.pop(name, None)
         raw[name] = value
-        for step in (bpy.ops.crowd_lod.populate, bpy.ops.crowd_lod.build, bpy.ops.crowd_lod.make_levels):
+        for step in (
+            bpy.ops.crowd_lod.populate,
+            bpy.ops.crowd_lod.build,
+            bpy.ops.crowd_lod.make_levels,
+        ):
             with pytest.raises(RuntimeError, match=said) as error:
                 step()
             assert "Traceback" not in str(error.value) and set(bpy.data.user_map()) == before
@@ -180,11 +216,17 @@ def test_settings_that_nobody_can_set_are_named(levelled):
 
 def test_what_was_measured_and_is_spoilt_is_measured_anew(levelled):
     group = levelled.crowd_lod.groups[0]
-    for name, value in (("radius", float("nan")), ("period", -1.0), ("deviations", [float("nan")] * 8)):
+    for name, value in (
+        ("radius", float("nan")),
+        ("period", -1.0),
+        ("deviations", [float("nan")] * 8),
+    ):
         setattr(group, name, value)
         with pytest.raises(RuntimeError, match="character group adult are damaged: press Populate"):
             bpy.ops.crowd_lod.build()
-        assert bpy.ops.crowd_lod.populate() == {"FINISHED"} and bpy.ops.crowd_lod.make_levels() == {"FINISHED"}
+        assert bpy.ops.crowd_lod.populate() == {"FINISHED"} and bpy.ops.crowd_lod.make_levels() == {
+            "FINISHED"
+        }
         group = levelled.crowd_lod.groups[0]
         assert group.radius > 0.5 and group.diagonal > 1
     assert bpy.ops.crowd_lod.build() == {"FINISHED"}

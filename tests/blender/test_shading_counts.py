@@ -21,7 +21,9 @@ def striped(monkeypatch):
     item = new("body", tube("body"))
     image = bpy.data.images.new("stripes", 64, 64)
     values = np.ones((64, 64, 4), np.float32)
-    values[..., :3] = 0.5 + 0.06 * np.sign(np.sin(np.arange(64) / 64 * 8 * np.pi + 1e-6))[:, None, None]
+    values[..., :3] = (
+        0.5 + 0.06 * np.sign(np.sin(np.arange(64) / 64 * 8 * np.pi + 1e-6))[:, None, None]
+    )
     image.pixels.foreach_set(values.ravel())
     item.data.materials.append(painted("stripes", image))
     character(item)
@@ -59,13 +61,17 @@ def test_a_lod_that_shades_differently_begins_farther_off(striped):
     with pytest.raises(CrowdError, match="press Measure LOD Meshes"):
         begins(striped)
     list(measure_levels(striped))
-    np.testing.assert_array_equal(begins(striped), before)  # they look like the character where they begin
+    np.testing.assert_array_equal(
+        begins(striped), before
+    )  # they look like the character where they begin
     shift(striped, 1, 1 / 8)
     list(measure_levels(striped))
     (group,) = groups_of(settings)
     camera = frame_of(striped, bpy.context.evaluated_depsgraph_get(), shutter=()).camera
     assert group.shaded[1] > 0 and set(group.shaded) - {group.shaded[1]} == {0.0}
-    assert begins(striped)[0] == pytest.approx(camera.pixels_per_unit * group.shaded[1] + group.radius)
+    assert begins(striped)[0] == pytest.approx(
+        camera.pixels_per_unit * group.shaded[1] + group.radius
+    )
     assert begins(striped)[0] > 2 * before[0]
     settings.shading_counts = False
     np.testing.assert_array_equal(begins(striped), before)

@@ -58,8 +58,12 @@ def test_two_processes_make_the_files_of_one(file, tmp_path, monkeypatch):
     name, *options = PREVIEW
     assert run(name, file, *options, "--out", tmp_path / "one") == 0
     shoot, claim, made_here = preview._Run.shoot, FrameParts.claim, []
-    monkeypatch.setattr(FrameParts, "claim", lambda self, number: number == 20 and claim(self, number))
-    monkeypatch.setattr(preview._Run, "shoot", lambda self, number: made_here.append(number) or shoot(self, number))
+    monkeypatch.setattr(
+        FrameParts, "claim", lambda self, number: number == 20 and claim(self, number)
+    )
+    monkeypatch.setattr(
+        preview._Run, "shoot", lambda self, number: made_here.append(number) or shoot(self, number)
+    )
     assert run(name, file, *options, "--jobs", 2, "--out", tmp_path / "two") == 0
     assert made_here == [20]  # the others are the other process's
     assert contents(tmp_path / "two") == contents(tmp_path / "one")
@@ -75,7 +79,10 @@ def test_a_frame_is_made_by_one_process(tmp_path):
 def test_parts_that_do_not_belong_to_the_run_are_refused(file, tmp_path, capfd):
     (name, *options), out = PREVIEW, tmp_path / "out"
     assert run(name, file, *options, "--part", "2,9", "--out", out) == 1
-    assert "Frame 2 of --part is not among the run's: name frames of 1, 9, 20." in capfd.readouterr().err
+    assert (
+        "Frame 2 of --part is not among the run's: name frames of 1, 9, 20."
+        in capfd.readouterr().err
+    )
     assert run(name, file, *options, "--part", "1", "--jobs", 2, "--out", out) == 1
     assert run(name, file, *options, "--jobs", 0, "--out", out) == 1
     assert run("assemble", out) == 1 and "There are no parts" in capfd.readouterr().err
@@ -89,13 +96,39 @@ def test_parts_that_do_not_belong_to_the_run_are_refused(file, tmp_path, capfd):
 
 
 def test_only_options_that_change_nothing_are_left_out_of_the_key():
-    words = ["crowd-lod", "preview", "a.blend", "--out", "x", "--part=1:2", "--jobs", "3", "--json", "--width", "9"]
-    assert shared_runs.without(words, shared_runs.ASIDE) == ["crowd-lod", "preview", "a.blend", "--width", "9"]
+    words = [
+        "crowd-lod",
+        "preview",
+        "a.blend",
+        "--out",
+        "x",
+        "--part=1:2",
+        "--jobs",
+        "3",
+        "--json",
+        "--width",
+        "9",
+    ]
+    assert shared_runs.without(words, shared_runs.ASIDE) == [
+        "crowd-lod",
+        "preview",
+        "a.blend",
+        "--width",
+        "9",
+    ]
     assert shared_runs.without(words, shared_runs.OF_PART) == words[:5] + words[6:]
 
 
 @pytest.mark.parametrize(
-    "words", (["export", "--out", "{}/x.usdc"], ["sample", "plaza"], ["preview", "--bad"], ["preview", "--help"], ["preview"], [])
+    "words",
+    (
+        ["export", "--out", "{}/x.usdc"],
+        ["sample", "plaza"],
+        ["preview", "--bad"],
+        ["preview", "--help"],
+        ["preview"],
+        [],
+    ),
 )
 def test_a_damaged_run_starts_nothing_but_preview_and_verify(file, tmp_path, capfd, words):
     (name, *options), out = PREVIEW, tmp_path / "out"

@@ -23,7 +23,10 @@ def add(scene, name="Hero", **settings):
 
 
 def chosen(scene, frames=FRAMES):
-    return [each.agents.tolist() for each in exemptions_of(scene, trajectory_of(scene), policy_of(scene.crowd_lod), frames)]
+    return [
+        each.agents.tolist()
+        for each in exemptions_of(scene, trajectory_of(scene), policy_of(scene.crowd_lod), frames)
+    ]
 
 
 def planned(scene, folder):
@@ -44,15 +47,34 @@ def frame_at(scene, number):
 def seen_at(scene, level):
     """The agents that are seen with this LOD in all frames."""
     frames = [frame_at(scene, number) for number in FRAMES]
-    return np.flatnonzero(np.logical_and.reduce([frame.visible & (frame.levels == level) for frame in frames])).tolist()
+    return np.flatnonzero(
+        np.logical_and.reduce([frame.visible & (frame.levels == level) for frame in frames])
+    ).tolist()
 
 
 def test_the_plan_keeps_to_exceptions_and_its_users_show_them(levelled, tmp_path):
     settings = levelled.crowd_lod
     (finer, hidden, *_), (pinned, *_) = seen_at(levelled, 2), seen_at(levelled, 0)
     add(levelled, "Detail", agents=f"{finer}", kind="NEVER_COARSER", level=1)
-    add(levelled, "Pin", agents=f"{pinned}", kind="ALWAYS", level=2, all_frames=False, first_frame=4, last_frame=6)
-    add(levelled, "Gone", agents=f"{hidden}", kind="HIDE", all_frames=False, first_frame=6, last_frame=9)
+    add(
+        levelled,
+        "Pin",
+        agents=f"{pinned}",
+        kind="ALWAYS",
+        level=2,
+        all_frames=False,
+        first_frame=4,
+        last_frame=6,
+    )
+    add(
+        levelled,
+        "Gone",
+        agents=f"{hidden}",
+        kind="HIDE",
+        all_frames=False,
+        first_frame=6,
+        last_frame=9,
+    )
     levels, told = planned(levelled, tmp_path / "plan")
     assert (levels[:, finer] & LEVEL <= 1).all() and not (levels[:, finer] & PINNED).any()
     assert [f + 1 for f in range(12) if levels[f, pinned] & PINNED] == [4, 5, 6]
@@ -68,8 +90,24 @@ def test_the_plan_keeps_to_exceptions_and_its_users_show_them(levelled, tmp_path
             "first": None,
             "last": None,
         },
-        {"name": "Pin", "kind": "ALWAYS", "lod": 2, "chosen": f"agents {pinned}", "agents": 1, "first": 4, "last": 6},
-        {"name": "Gone", "kind": "HIDE", "lod": None, "chosen": f"agents {hidden}", "agents": 1, "first": 6, "last": 9},
+        {
+            "name": "Pin",
+            "kind": "ALWAYS",
+            "lod": 2,
+            "chosen": f"agents {pinned}",
+            "agents": 1,
+            "first": 4,
+            "last": 6,
+        },
+        {
+            "name": "Gone",
+            "kind": "HIDE",
+            "lod": None,
+            "chosen": f"agents {hidden}",
+            "agents": 1,
+            "first": 6,
+            "last": 9,
+        },
     ]
     for number in FRAMES:
         frame = frame_at(levelled, number)
@@ -81,7 +119,9 @@ def test_the_plan_keeps_to_exceptions_and_its_users_show_them(levelled, tmp_path
     frame = frame_at(levelled, 5)
     assert not frame.planned and "for the exceptions changed since it was made" in frame.unplanned
     levels, told = planned(levelled, tmp_path / "plan")
-    assert not (levels & PINNED).any() and [each["name"] for each in told["shot"]["exceptions"]] == ["Detail", "Gone"]
+    assert not (levels & PINNED).any() and [
+        each["name"] for each in told["shot"]["exceptions"]
+    ] == ["Detail", "Gone"]
     assert frame_at(levelled, 5).planned
 
 
@@ -123,7 +163,9 @@ def test_a_region_means_those_inside_its_box_when_it_begins(levelled):
 
     def inside(number):
         crowd = trajectory_of(levelled).at(number)
-        return np.flatnonzero((crowd.x >= -5) & (crowd.x <= 9) & (crowd.y >= -8) & (crowd.y <= 0)).tolist()
+        return np.flatnonzero(
+            (crowd.x >= -5) & (crowd.x <= 9) & (crowd.y >= -8) & (crowd.y <= 0)
+        ).tolist()
 
     assert chosen(levelled) == [inside(1), inside(8)] and inside(1) != inside(8)
     assert chosen(levelled, range(2, 7)) == [inside(2), []]
@@ -151,9 +193,13 @@ def test_a_region_that_moves_is_taken_where_it_is_when_the_exception_begins(leve
         region.location.y = y
         region.keyframe_insert("location", index=1, frame=number)
     levelled.frame_set(1)
-    add(levelled, chosen_by="REGION", region=region, all_frames=False, first_frame=11, last_frame=12)
+    add(
+        levelled, chosen_by="REGION", region=region, all_frames=False, first_frame=11, last_frame=12
+    )
     crowd = trajectory_of(levelled).at(11)
-    there = np.flatnonzero((crowd.x >= -5) & (crowd.x <= 9) & (crowd.y >= 2) & (crowd.y <= 10)).tolist()
+    there = np.flatnonzero(
+        (crowd.x >= -5) & (crowd.x <= 9) & (crowd.y >= 2) & (crowd.y <= 10)
+    ).tolist()
     assert chosen(levelled) == [there] and levelled.frame_current == 1
 
 
@@ -164,12 +210,17 @@ def test_a_painted_map_means_those_on_light_pixels(levelled):
     crowd = trajectory_of(levelled).at(1)
     lower = (crowd.x >= -10) & (crowd.x < 0) & (crowd.y < 0)
     upper = (crowd.x >= 0) & (crowd.x < 10) & (crowd.y >= 0)
-    assert chosen(levelled) == [np.flatnonzero(lower | upper).tolist()] and lower.any() and upper.any()
+    assert (
+        chosen(levelled) == [np.flatnonzero(lower | upper).tolist()] and lower.any() and upper.any()
+    )
 
 
 @pytest.mark.parametrize("change", ["moved", "painted", "renumbered", "frames", "order"])
 def test_the_plan_says_when_an_exception_has_changed(levelled, tmp_path, change):
-    region, image = cube(levelled, (-20, -20, -1), (20, 20, 1)), write_image("all", np.full((2, 2, 3), 255, np.uint8))
+    region, image = (
+        cube(levelled, (-20, -20, -1), (20, 20, 1)),
+        write_image("all", np.full((2, 2, 3), 255, np.uint8)),
+    )
     add(levelled, "A", agents="1", kind="ALWAYS", level=1, all_frames=False)
     add(levelled, "B", chosen_by="REGION", region=region)
     add(levelled, "C", chosen_by="MAP", map_image=image)
@@ -197,25 +248,36 @@ WRONG = [
     (dict(agents="300"), "names agent 300: the crowd has 300"),
     (dict(agents="9-3"), "write 3-9"),
     (dict(agents="1", level=3), "asks for LOD 3: the crowd has LODs 0 to 2"),
-    (dict(agents="1", all_frames=False, first_frame=9, last_frame=3), "runs backwards, from frame 9 to 3"),
+    (
+        dict(agents="1", all_frames=False, first_frame=9, last_frame=3),
+        "runs backwards, from frame 9 to 3",
+    ),
     (dict(chosen_by="REGION"), "has no region"),
     (dict(chosen_by="REGION", region="far"), "no agent stands in its region far at frame 1"),
     (dict(chosen_by="REGION", region="bare"), "The region bare of the exception Hero has no area"),
-    (dict(chosen_by="REGION", region="shrunk"), "The region shrunk of the exception Hero has no area"),
+    (
+        dict(chosen_by="REGION", region="shrunk"),
+        "The region shrunk of the exception Hero has no area",
+    ),
     (dict(chosen_by="MAP"), "has no map"),
     (dict(chosen_by="MAP", map_image="black"), "no agent stands in its map black at frame 1"),
 ]
 
 
 @pytest.mark.parametrize(("settings", "says"), WRONG, ids=[says for _, says in WRONG])
-def test_wrong_exceptions_are_named_in_one_sentence_and_change_nothing(levelled, tmp_path, settings, says):
+def test_wrong_exceptions_are_named_in_one_sentence_and_change_nothing(
+    levelled, tmp_path, settings, says
+):
     cube(levelled, (500, 500, -1), (501, 501, 1), "far")
     cube(levelled, (-20, -20, -1), (20, 20, 1), "shrunk").scale = (0, 0, 0)
     levelled.collection.objects.link(bpy.data.objects.new("bare", bpy.data.meshes.new("bare")))
     write_image("black", np.zeros((2, 2, 3), np.uint8))
     bpy.context.view_layer.update()
     blocks = {"region": bpy.data.objects, "map_image": bpy.data.images}
-    add(levelled, **{key: blocks[key][value] if key in blocks else value for key, value in settings.items()})
+    add(
+        levelled,
+        **{key: blocks[key][value] if key in blocks else value for key, value in settings.items()},
+    )
     levelled.crowd_lod.frames, levelled.crowd_lod.output_folder = "1:3", str(tmp_path)
     with pytest.raises(RuntimeError) as told:
         bpy.ops.crowd_lod.plan_shot()
@@ -239,7 +301,11 @@ def test_an_exception_outside_of_the_plan_has_nobody(levelled):
 
 def test_the_list_is_edited_by_its_buttons(scene):
     settings = scene.crowd_lod
-    for operator in (bpy.ops.crowd_lod.remove_exception, bpy.ops.crowd_lod.move_exception, bpy.ops.crowd_lod.except_agent):
+    for operator in (
+        bpy.ops.crowd_lod.remove_exception,
+        bpy.ops.crowd_lod.move_exception,
+        bpy.ops.crowd_lod.except_agent,
+    ):
         assert not operator.poll()
     bpy.ops.crowd_lod.add_exception()
     settings.agent = 17

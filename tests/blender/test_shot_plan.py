@@ -25,7 +25,11 @@ def zoomed(levelled):
     lens = levelled.camera.data
     for frame, lens.lens in ((1, 15), (12, 200)):
         lens.keyframe_insert("lens", frame=frame)
-    levelled.crowd_lod.choice, levelled.crowd_lod.tolerance, levelled.crowd_lod.avoid_pops = "BY_TOLERANCE", 4.0, 0.5
+    levelled.crowd_lod.choice, levelled.crowd_lod.tolerance, levelled.crowd_lod.avoid_pops = (
+        "BY_TOLERANCE",
+        4.0,
+        0.5,
+    )
     return levelled
 
 
@@ -71,7 +75,9 @@ def test_build_and_bake_show_the_plan(zoomed, tmp_path):
     assert not any("shot plan" in note for note in cast.notes)
     baked = levels_of_points(zoomed, lambda ids, frames: zip(frames, ids, strict=True))
     assert {frame for frame, _ in baked} == set(FRAMES)
-    rows = {number: stored.row(f, zoomed.crowd_lod.count) & LEVEL for f, number in enumerate(FRAMES)}
+    rows = {
+        number: stored.row(f, zoomed.crowd_lod.count) & LEVEL for f, number in enumerate(FRAMES)
+    }
     assert all(rows[frame][agent] == level for (frame, agent), level in baked.items())
 
 
@@ -81,7 +87,9 @@ def levels_of_points(scene, keys):
     for name, item in render_setup.points_of(scene.crowd_lod.build).items():
         if name.startswith("LOD") and len(item.data.vertices):
             columns = [
-                [each.value for each in item.data.attributes[key].data] if key in item.data.attributes else []
+                [each.value for each in item.data.attributes[key].data]
+                if key in item.data.attributes
+                else []
                 for key in ("id", "frame")
             ]
             found |= dict.fromkeys(keys(*columns), int(name.split()[1]))
@@ -109,7 +117,10 @@ def test_a_plan_that_does_not_fit_is_not_used_and_says_why(zoomed, tmp_path, wha
     CHANGES[what](zoomed)
     frame = frame_at(zoomed, 6)
     assert not frame.planned
-    assert frame.unplanned == f"The shot plan is not used, for {what} changed since it was made: press Plan Shot again."
+    assert (
+        frame.unplanned
+        == f"The shot plan is not used, for {what} changed since it was made: press Plan Shot again."
+    )
     zoomed.crowd_lod.use_shot_plan = False
     assert shown(frame) == shown(frame_at(zoomed, 6))
 
@@ -123,15 +134,23 @@ def test_outside_of_its_frames_thresholds_hold(zoomed, tmp_path):
 def rewritten(path, **changed):
     with np.load(path) as file:
         arrays = {name: file[name] for name in file.files} | changed
-    np.savez_compressed(path, **{name: value for name, value in arrays.items() if value is not None})
+    np.savez_compressed(
+        path, **{name: value for name, value in arrays.items() if value is not None}
+    )
 
 
 WRONG = {
     "another version": (lambda path: rewritten(path, version=np.array(1)), "of another version"),
     "a missing array": (lambda path: rewritten(path, cameras=None), "lacks cameras"),
     "missing levels": (lambda path: rewritten(path, levels_6=None), "lacks levels_6"),
-    "too few agents": (lambda path: rewritten(path, levels_6=np.zeros(3, np.uint8)), "does not have"),
-    "times that run backwards": (lambda path: rewritten(path, times=np.arange(12.0)[::-1]), "spoilt in times"),
+    "too few agents": (
+        lambda path: rewritten(path, levels_6=np.zeros(3, np.uint8)),
+        "does not have",
+    ),
+    "times that run backwards": (
+        lambda path: rewritten(path, times=np.arange(12.0)[::-1]),
+        "spoilt in times",
+    ),
     "no zip file": (lambda path: path.write_bytes(b"PK\x03\x04 nothing"), "cannot be read"),
     "no file": (lambda path: path.unlink(), "There is no shot plan"),
 }
@@ -186,7 +205,10 @@ def test_settings_that_are_animated_are_refused(zoomed, tmp_path):
     assert not settings.shot_plan and not (tmp_path / "plan").exists()
 
 
-@pytest.mark.parametrize(("name", "value", "words"), [("frames", "12:1", "run backwards"), ("budget_triangles", 1, "impossible")])
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [("frames", "12:1", "run backwards"), ("budget_triangles", 1, "impossible")],
+)
 def test_bad_input_leaves_the_scene_as_it_was(zoomed, tmp_path, name, value, words):
     settings = zoomed.crowd_lod
     settings.frames, settings.output_folder = "1:12", str(tmp_path)
@@ -199,7 +221,9 @@ def test_bad_input_leaves_the_scene_as_it_was(zoomed, tmp_path, name, value, wor
 def test_a_budget_holds_in_every_frame(zoomed, tmp_path):
     most = {}
     for zoomed.crowd_lod.tolerance in (1.0, 1e6):
-        most[zoomed.crowd_lod.tolerance] = max(frame_at(zoomed, number).triangles for number in FRAMES)
+        most[zoomed.crowd_lod.tolerance] = max(
+            frame_at(zoomed, number).triangles for number in FRAMES
+        )
     zoomed.crowd_lod.tolerance = 1.0
     budget = zoomed.crowd_lod.budget_triangles = int(0.5 * (most[1.0] + most[1e6]))
     assert budget < most[1.0]
@@ -217,7 +241,10 @@ def test_the_largest_switches_are_gone_to_in_turn(zoomed, tmp_path):
     assert len(rows) > 2
     for row in rows[:3]:
         assert bpy.ops.crowd_lod.go_to_switch() == {"FINISHED"}
-        assert (zoomed.frame_current, zoomed.crowd_lod.agent) == (int(row["frame"]), int(row["agent"]))
+        assert (zoomed.frame_current, zoomed.crowd_lod.agent) == (
+            int(row["frame"]),
+            int(row["agent"]),
+        )
     (tmp_path / "plan" / "switches.csv").unlink()
     with pytest.raises(RuntimeError, match="press Plan Shot again"):
         bpy.ops.crowd_lod.go_to_switch()

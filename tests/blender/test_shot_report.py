@@ -37,44 +37,68 @@ def test_files_agree_and_come_out_the_same_again(levelled, tmp_path):
     rows = list(csv.DictReader(io.StringIO(found["switches.csv"].decode())))
     switches = [row for row in rows if row["from"]]
     assert len(switches) == told["plan"]["switches"] > 0
-    assert max(float(row["change_px"]) for row in switches) == pytest.approx(told["plan"]["largest_switch_pixels"], abs=1e-3)
+    assert max(float(row["change_px"]) for row in switches) == pytest.approx(
+        told["plan"]["largest_switch_pixels"], abs=1e-3
+    )
     stored = plan_file.read(tmp_path / "one" / "plan" / "plan.npz")
     for row in switches:
         frame, agent = int(row["frame"]), int(row["agent"])
-        before, after = (int(stored.row(f, levelled.crowd_lod.count)[agent]) for f in (frame - 2, frame - 1))
+        before, after = (
+            int(stored.row(f, levelled.crowd_lod.count)[agent]) for f in (frame - 2, frame - 1)
+        )
         assert (before, after) == (int(row["from"]), int(row["to"]))
 
 
 def test_report_tells_the_stages_and_the_curve(levelled, tmp_path):
     found = files_of(levelled, tmp_path / "one")
     read = Reader(found["report.html"].decode())
-    assert {"behavior", "culling", "levels", "sorting"} <= set(read.texts) and "Milliseconds by stage" in read.texts
+    assert {"behavior", "culling", "levels", "sorting"} <= set(
+        read.texts
+    ) and "Milliseconds by stage" in read.texts
     curve = json.loads(found["plan.json"])["shot"]["curve"]
     assert curve["agents"] == levelled.crowd_lod.count
     own = [point for point in curve["points"] if point["kind"] == "plan"]
     assert own[0]["switches"] == json.loads(found["plan.json"])["shot"]["plan"]["switches"]
-    assert {point["kind"] for point in curve["points"]} == {"plan", "thresholds", "hysteresis", "tolerance", "avoid"}
+    assert {point["kind"] for point in curve["points"]} == {
+        "plan",
+        "thresholds",
+        "hysteresis",
+        "tolerance",
+        "avoid",
+    }
 
 
-def test_largest_changes_are_drawn_into_the_report_and_leave_nothing_in_the_file(levelled, tmp_path):
+def test_largest_changes_are_drawn_into_the_report_and_leave_nothing_in_the_file(
+    levelled, tmp_path
+):
     before = set(bpy.data.user_map())
     page = Reader(files_of(levelled, tmp_path / "one")["report.html"].decode())
     assert sum(link.startswith("data:image/png;base64,") for link in page.links) == 9
-    assert {block.id_type for block in set(bpy.data.user_map()) - before} <= {"ACTION"}  # that of the zoom
+    assert {block.id_type for block in set(bpy.data.user_map()) - before} <= {
+        "ACTION"
+    }  # that of the zoom
     told = finished(plan_shot(levelled, Wanted(range(1, 13), tmp_path / "again"))).told
     for one, other in told.crops:
-        assert one.shape == other.shape and (one != other).any() and (one[0, 0] == one[-1, -1]).all()
+        assert (
+            one.shape == other.shape and (one != other).any() and (one[0, 0] == one[-1, -1]).all()
+        )
 
 
 def shown_of(scene):
     """The points (n, 3) of each instance of the build, world space, by the place of its agent, rounded."""
     found = {}
     for each in bpy.context.evaluated_depsgraph_get().object_instances:
-        if each.is_instance and "crowd_lod_level" in each.parent.original and each.object.type == "MESH":
+        if (
+            each.is_instance
+            and "crowd_lod_level" in each.parent.original
+            and each.object.type == "MESH"
+        ):
             matrix, mesh = np.array(each.matrix_world, np.float64), each.object.data
             points = np.empty((len(mesh.vertices), 3), np.float32)
             mesh.vertices.foreach_get("co", points.ravel())
-            found.setdefault(tuple(matrix[:2, 3].round(3)), []).append(points @ matrix[:3, :3].T + matrix[:3, 3])
+            found.setdefault(tuple(matrix[:2, 3].round(3)), []).append(
+                points @ matrix[:3, :3].T + matrix[:3, 3]
+            )
     return {place: np.concatenate(parts) for place, parts in found.items()}
 
 

@@ -35,7 +35,12 @@ def hall(tmp_path):
     cells[[0, -1]] = cells[:, 0] = WALL
     cells[2:10, 76:79] = cells[30:38, 76:79] = EXIT
     image = bpy.data.images.new("hall", 80, 40)
-    rgb = np.array([[[int(color[k : k + 2], 16) for k in (1, 3, 5)] for color in row] for row in cells]) / 255
+    rgb = (
+        np.array(
+            [[[int(color[k : k + 2], 16) for k in (1, 3, 5)] for color in row] for row in cells]
+        )
+        / 255
+    )
     image.pixels.foreach_set(np.dstack([rgb, np.ones(cells.shape)]).astype(np.float32).ravel())
     image.pack()
     settings.map_image, settings.size, settings.center = image, (40, 20), (*CENTER, 2)
@@ -48,7 +53,11 @@ def hall(tmp_path):
 def rows_of(path):
     """Rows (frame, id, x, y) of JuPedSim's file, in the world's meters."""
     with sqlite3.connect(path) as file:
-        rows = np.array(file.execute("SELECT frame, id, pos_x, pos_y FROM trajectory_data ORDER BY frame, id").fetchall())
+        rows = np.array(
+            file.execute(
+                "SELECT frame, id, pos_x, pos_y FROM trajectory_data ORDER BY frame, id"
+            ).fetchall()
+        )
         fps = float(file.execute("SELECT value FROM metadata WHERE key = 'fps'").fetchone()[0])
     file.close()
     rows[:, 2:] += CENTER
@@ -69,7 +78,9 @@ def test_a_thousand_people_start_where_they_may_keep_out_of_walls_and_arrive(hal
     assert fps == pytest.approx(25) and rows[:, 0].max() == 100
     first = rows[rows[:, 0] == 0]
     assert len(first) == 1000 and set(labels_at(hall, first)) == {"floor"}
-    apart = np.hypot(*(first[:, None, 2:] - first[None, :, 2:]).transpose(2, 0, 1)) + 9 * np.eye(1000)
+    apart = np.hypot(*(first[:, None, 2:] - first[None, :, 2:]).transpose(2, 0, 1)) + 9 * np.eye(
+        1000
+    )
     assert apart.min() >= 0.45 - 1e-9
     assert "wall" not in labels_at(hall, rows)
     left = 1000 - len(rows[rows[:, 0] == 100])
@@ -84,7 +95,11 @@ def test_a_thousand_people_start_where_they_may_keep_out_of_walls_and_arrive(hal
         there = np.ones(1000, bool) if crowd.present is None else crowd.present
         center = np.stack([crowd.x, crowd.y, crowd.z + walker().center], axis=1)
         inside = there & seen(camera, center, np.full(1000, walker().radius))[0]
-        assert inside.sum() > 50 and not (inside & ~frame.visible).any() and not (frame.visible & ~there).any()
+        assert (
+            inside.sum() > 50
+            and not (inside & ~frame.visible).any()
+            and not (frame.visible & ~there).any()
+        )
 
 
 def test_button_writes_beside_the_file_and_the_crowd_follows_it(hall, tmp_path):
@@ -97,7 +112,10 @@ def test_button_writes_beside_the_file_and_the_crowd_follows_it(hall, tmp_path):
         crowd, own = trajectory.at(1 + frame), rows[rows[:, 0] == frame]
         assert crowd.there == len(own)
         there = own[:, 1].astype(int)
-        np.testing.assert_allclose(np.stack([crowd.x, crowd.y, crowd.z], axis=1)[there], np.c_[own[:, 2:], np.full(len(own), 2)])
+        np.testing.assert_allclose(
+            np.stack([crowd.x, crowd.y, crowd.z], axis=1)[there],
+            np.c_[own[:, 2:], np.full(len(own), 2)],
+        )
     again = tmp_path / "again.sqlite"
     finished(simulating_crowd(hall, 0, again))
     assert (rows_of(again)[0] == rows).all()
@@ -112,8 +130,17 @@ def test_people_walk_around_the_meshes_of_a_collection(hall, tmp_path):
     hall.collection.children.link(obstacles)
     for name, x, size in (("block", 90, (2, 12, 3)), ("screen", 105, (0, 12, 3))):
         mesh = bpy.data.meshes.new(name)
-        corners = [(i * size[0], j * size[1] - 6, k * size[2]) for k in (0, 1) for j in (0, 1) for i in (0, 1)]
-        mesh.from_pydata(corners, [], [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5)])
+        corners = [
+            (i * size[0], j * size[1] - 6, k * size[2])
+            for k in (0, 1)
+            for j in (0, 1)
+            for i in (0, 1)
+        ]
+        mesh.from_pydata(
+            corners,
+            [],
+            [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5)],
+        )
         item = bpy.data.objects.new(name, mesh)
         item.location = (x, CENTER[1], 2)
         obstacles.objects.link(item)
@@ -135,16 +162,24 @@ def test_esc_leaves_the_scene_and_the_folder_as_they_were(hall, tmp_path):
     for _ in range(20):
         next(steps)
     steps.close()
-    assert [path.name for path in tmp_path.iterdir()] == ["hall.blend"] and hall.crowd_lod.source == "MACHINE"
+    assert [path.name for path in tmp_path.iterdir()] == [
+        "hall.blend"
+    ] and hall.crowd_lod.source == "MACHINE"
 
 
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"goal_labels": "door"}, "Goals names the label door, and there is none: the state machine has floor, sign east"),
+        (
+            {"goal_labels": "door"},
+            "Goals names the label door, and there is none: the state machine has floor, sign east",
+        ),
         ({"goal_labels": "fire"}, "No ground has both a place to start and a goal"),
         ({"wall_labels": "floor"}, "No ground has both a place to start and a goal"),
-        ({"count": 5000}, "The crowd has 5,000 agents, and only .* find room to start 0.45 m apart: lower Agents"),
+        (
+            {"count": 5000},
+            "The crowd has 5,000 agents, and only .* find room to start 0.45 m apart: lower Agents",
+        ),
         (
             {"machine": None, "map_image": None},
             "Name the labels that agents walk to in Goals: the state machine has ground, left edge",
@@ -156,14 +191,21 @@ def test_bad_settings_are_one_sentence_and_nothing_changes(hall, tmp_path, chang
         setattr(hall.crowd_lod, name, value)
     with pytest.raises(RuntimeError, match=said):
         bpy.ops.crowd_lod.simulate()
-    assert [path.name for path in tmp_path.iterdir()] == ["hall.blend"] and hall.crowd_lod.source == "MACHINE"
+    assert [path.name for path in tmp_path.iterdir()] == [
+        "hall.blend"
+    ] and hall.crowd_lod.source == "MACHINE"
 
 
 def test_without_jupedsim_a_command_that_installs_it_is_told(hall, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "jupedsim", None)  # as where it is not installed
-    with pytest.raises(RuntimeError, match="run .*pip install --no-deps.* jupedsim shapely deprecated wrapt in a terminal"):
+    with pytest.raises(
+        RuntimeError,
+        match="run .*pip install --no-deps.* jupedsim shapely deprecated wrapt in a terminal",
+    ):
         bpy.ops.crowd_lod.simulate()
-    assert [path.name for path in tmp_path.iterdir()] == ["hall.blend"] and hall.crowd_lod.source == "MACHINE"
+    assert [path.name for path in tmp_path.iterdir()] == [
+        "hall.blend"
+    ] and hall.crowd_lod.source == "MACHINE"
 
 
 def test_in_a_file_without_a_place_the_button_says_so():
@@ -172,7 +214,16 @@ def test_in_a_file_without_a_place_the_button_says_so():
 
 
 def test_command_writes_a_scene_that_follows_the_trajectories_beside_it(hall, tmp_path):
-    words = ["simulate", str(tmp_path / "hall.blend"), "--seconds", "2", "--agents", "40", "--out", str(tmp_path / "walked.blend")]
+    words = [
+        "simulate",
+        str(tmp_path / "hall.blend"),
+        "--seconds",
+        "2",
+        "--agents",
+        "40",
+        "--out",
+        str(tmp_path / "walked.blend"),
+    ]
     assert commands._run([*words, "--quiet"], "crowd-lod") == 0
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "walked.blend"))
     settings = bpy.context.scene.crowd_lod
@@ -182,7 +233,11 @@ def test_command_writes_a_scene_that_follows_the_trajectories_beside_it(hall, tm
     before = (tmp_path / "walked.blend").read_bytes()
     assert commands._run([*words, "--seed", "-1"], "crowd-lod") == 1
     assert (tmp_path / "walked.blend").read_bytes() == before
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["hall.blend", "walked.blend", "walked.sqlite"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "hall.blend",
+        "walked.blend",
+        "walked.sqlite",
+    ]
 
 
 def test_polygons_hold_the_cells_that_hang_together_and_nothing_else():
@@ -191,7 +246,12 @@ def test_polygons_hold_the_cells_that_hang_together_and_nothing_else():
     cells = np.array([[1, 1, 1, 0], [1, 0, 1, 0], [1, 1, 0, 1], [0, 0, 1, 1]], bool)
     world = LabelMap(cells.astype(np.uint8), Area(-4, -2, 4, 2))
     ring, apart = _polygons(world, cells)
-    assert (ring.area, apart.area) == (14, 6) and len(ring.interiors) == 1 and ring.is_valid and apart.is_valid
+    assert (
+        (ring.area, apart.area) == (14, 6)
+        and len(ring.interiors) == 1
+        and ring.is_valid
+        and apart.is_valid
+    )
     y, x = np.indices(cells.shape) + 0.5
     for part, row, column in ((ring, 0, 0), (apart, 3, 3)):
         assert shapely.contains_xy(part, 2 * column - 3, row - 1.5)

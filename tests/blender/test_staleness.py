@@ -19,7 +19,9 @@ def paint(scene):
     """Ground between two edges, 20 x 20 pixels."""
     labels = np.zeros((20, 20), int)
     labels[:, :2], labels[:, -1] = 1, 2
-    scene.crowd_lod.map_image = image_data.write_image("painted", load_preset("chapter").label_colors[labels])
+    scene.crowd_lod.map_image = image_data.write_image(
+        "painted", load_preset("chapter").label_colors[labels]
+    )
 
 
 def other_lods(scene):
@@ -44,7 +46,9 @@ CHANGES = {
 OF_A_BAKE = {
     "the camera": lambda scene: setattr(scene.camera, "location", (1, -25, 2)),
     "the frame range": lambda scene: setattr(scene, "frame_end", 4),
-    "the lights": lambda scene: scene.collection.objects.link(bpy.data.objects.new("Sun", bpy.data.lights.new("Sun", "SUN"))),
+    "the lights": lambda scene: scene.collection.objects.link(
+        bpy.data.objects.new("Sun", bpy.data.lights.new("Sun", "SUN"))
+    ),
     "the resolution": lambda scene: setattr(scene.render, "resolution_x", 200),
 }
 

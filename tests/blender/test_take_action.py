@@ -38,7 +38,10 @@ def rename(armature, prefix):
 def test_a_character_without_an_action_is_told_with_the_way_out(skinned):
     settings = bpy.context.scene.crowd_lod
     bpy.ops.crowd_lod.populate()
-    assert "someone has a rig that plays no action, and would glide in its bind pose: import the file" in settings.trouble
+    assert (
+        "someone has a rig that plays no action, and would glide in its bind pose: import the file"
+        in settings.trouble
+    )
     bent("motion")
     bpy.ops.crowd_lod.populate()
     assert "press Take Action, which gives it motion walk" in settings.trouble
@@ -52,7 +55,9 @@ def test_a_character_without_an_action_is_told_with_the_way_out(skinned):
 
 def top(armature, frame):
     bpy.context.scene.frame_set(frame)
-    return np.array(armature.evaluated_get(bpy.context.evaluated_depsgraph_get()).pose.bones[-1].tail)
+    return np.array(
+        armature.evaluated_get(bpy.context.evaluated_depsgraph_get()).pose.bones[-1].tail
+    )
 
 
 def test_prefixes_of_names_are_ignored_and_the_action_applies(skinned):
@@ -86,7 +91,11 @@ def test_what_does_not_fit_is_refused_in_a_sentence(skinned, change):
         bpy.ops.object.mode_set(mode="EDIT")
         motion.data.edit_bones["upper"].roll += 0.5
         bpy.ops.object.mode_set(mode="OBJECT")
-    wanted = "rest turned otherwise" if change == "rest" else "No action of the file moves the bones of someone"
+    wanted = (
+        "rest turned otherwise"
+        if change == "rest"
+        else "No action of the file moves the bones of someone"
+    )
     with pytest.raises(RuntimeError, match=wanted):
         bpy.ops.crowd_lod.take_action()
     assert skinned.animation_data is None or skinned.animation_data.action is None
@@ -95,7 +104,9 @@ def test_what_does_not_fit_is_refused_in_a_sentence(skinned, change):
 def test_who_stands_in_a_stadium_does_not_glide(skinned):
     settings = bpy.context.scene.crowd_lod
     text = bpy.data.texts.new("sit")
-    text.from_string('{"version": 1, "labels": {"ground": {"color": "#808080"}}, "states": {"sit": {"start": 1, "on": {"*": {}}}}}')
+    text.from_string(
+        '{"version": 1, "labels": {"ground": {"color": "#808080"}}, "states": {"sit": {"start": 1, "on": {"*": {}}}}}'
+    )
     settings.machine = text
     bpy.ops.crowd_lod.populate()
     assert "glide" not in settings.trouble

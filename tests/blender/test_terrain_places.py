@@ -31,7 +31,9 @@ def add(scene, name, points, faces=(), edges=()):
 
 
 def box(scene, name, low, high):
-    corners = [(x, y, z) for z in (low[2], high[2]) for y in (low[1], high[1]) for x in (low[0], high[0])]
+    corners = [
+        (x, y, z) for z in (low[2], high[2]) for y in (low[1], high[1]) for x in (low[0], high[0])
+    ]
     faces = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
     return add(scene, name, corners, faces)
 
@@ -44,14 +46,21 @@ def station(scene):
     home = bpy.data.collections.new("Station")
     scene.collection.children.link(home)
     step = bpy.data.collections.new("Step")
-    floor, upper = box(scene, "Floor", (-1, -1, -1), (1, 1, 0)), box(scene, "Upper", (0, -20, 3.75), (25, 20, 4))
+    floor, upper = (
+        box(scene, "Floor", (-1, -1, -1), (1, 1, 0)),
+        box(scene, "Upper", (0, -20, 3.75), (25, 20, 4)),
+    )
     floor.scale, floor.rotation_euler = (-25, 25, 0.5), (0, 0, radians(90))
     items = [floor, upper]
     tread = box(scene, "Tread", (0, -5, 0), (1, 5, 0.25))
     step.objects.link(tread)
     for k in range(16):
         item = bpy.data.objects.new(f"Step {k}", None)
-        item.instance_type, item.instance_collection, item.location = "COLLECTION", step, (k - 16, 0, 0.25 * k)
+        item.instance_type, item.instance_collection, item.location = (
+            "COLLECTION",
+            step,
+            (k - 16, 0, 0.25 * k),
+        )
         scene.collection.objects.link(item)
         items.append(item)
     for item in items:
@@ -96,7 +105,8 @@ def test_agents_stand_where_blenders_rays_meet_the_terrain(scene):
     for time in (1, 60.5):
         now = crowd.at(time)
         checked = [
-            (z, tree.ray_cast(Vector((x, y, 50)), Vector((0, 0, -1)))[0]) for x, y, z in zip(now.x, now.y, now.z, strict=True)
+            (z, tree.ray_cast(Vector((x, y, 50)), Vector((0, 0, -1)))[0])
+            for x, y, z in zip(now.x, now.y, now.z, strict=True)
         ]
         met = [(z, point.z) for z, point in checked if point is not None]
         assert len(met) > 290 and max(abs(z - other) for z, other in met) < 1e-5
@@ -163,7 +173,11 @@ def test_what_is_no_longer_used_is_removed(scene):
 
 def test_a_change_of_the_terrain_or_of_the_places_is_told(scene):
     settings = scene.crowd_lod
-    settings.terrain_object, settings.start_on, settings.start_object = ground, _, _ = waves(scene), "SURFACE", waves(scene)
+    settings.terrain_object, settings.start_on, settings.start_object = ground, _, _ = (
+        waves(scene),
+        "SURFACE",
+        waves(scene),
+    )
     populated(scene)
     assert crowd_sources.outdated(scene) == []
     ground.modifiers.new("Subdivide", "SUBSURF").levels = 1
@@ -175,7 +189,11 @@ def test_a_change_of_the_terrain_or_of_the_places_is_told(scene):
     populated(scene)
     assert crowd_sources.outdated(scene) == []
     settings.count += 1
-    assert [note for note in crowd_sources.outdated(scene) if note.startswith("What the places on Waves.001")]
+    assert [
+        note
+        for note in crowd_sources.outdated(scene)
+        if note.startswith("What the places on Waves.001")
+    ]
 
 
 def test_holes_and_moving_terrain_are_told(scene, capfd):
@@ -185,7 +203,10 @@ def test_holes_and_moving_terrain_are_told(scene, capfd):
     crowd = populated(scene)
     over = int(((np.abs(crowd.start.x) > 10) | (np.abs(crowd.start.y) > 10)).sum())
     said = capfd.readouterr().out
-    assert f"{over} of 300 agents have no ground of the terrain Waves under them, and stand at the crowd's height, 0 m." in said
+    assert (
+        f"{over} of 300 agents have no ground of the terrain Waves under them, and stand at the crowd's height, 0 m."
+        in said
+    )
     assert "The terrain moves (Waves): agents stand on it as it is now, in all frames." in said
     assert over > 100 and (crowd.at(1).z[np.abs(crowd.start.x) > 10] == 0).all()
 
@@ -196,7 +217,10 @@ def test_terrain_among_the_characters_is_none_of_them(scene, capfd):
     scene.crowd_lod.terrain_object = item
     assert [group.name for group in populated(scene).groups] == ["adult", "child"]
     assert not item.hide_render and item.name in scene.collection.objects
-    assert "The terrain lies in the collection People of the characters (Waves), which renders leave out" in capfd.readouterr().out
+    assert (
+        "The terrain lies in the collection People of the characters (Waves), which renders leave out"
+        in capfd.readouterr().out
+    )
 
 
 def test_places_are_on_the_surface_where_it_is_dense(scene):
@@ -214,7 +238,10 @@ def test_places_are_on_the_surface_where_it_is_dense(scene):
     settings.density_volumes = volume
     crowd = populated(scene)
     assert crowd.seated and len(crowd.start) == 300
-    tree, inverse = BVHTree.FromObject(item, bpy.context.evaluated_depsgraph_get()), item.matrix_world.inverted()
+    tree, inverse = (
+        BVHTree.FromObject(item, bpy.context.evaluated_depsgraph_get()),
+        item.matrix_world.inverted(),
+    )
     for x, y, z in zip(crowd.start.x, crowd.start.y, crowd.start.z, strict=True):
         own = inverse @ Vector((x, y, z))
         assert tree.find_nearest(own)[3] < 2e-6 and own.x > -1.001
@@ -222,7 +249,12 @@ def test_places_are_on_the_surface_where_it_is_dense(scene):
 
 
 def test_an_images_gray_is_the_density(scene):
-    settings, item = scene.crowd_lod, add(scene, "Tile", [(-20, -20, 0), (20, -20, 0), (20, 20, 0), (-20, 20, 0)], [(0, 1, 2, 3)])
+    settings, item = (
+        scene.crowd_lod,
+        add(
+            scene, "Tile", [(-20, -20, 0), (20, -20, 0), (20, 20, 0), (-20, 20, 0)], [(0, 1, 2, 3)]
+        ),
+    )
     item.data.uv_layers.new().uv.foreach_set("vector", [0, 0, 1, 0, 1, 1, 0, 1])
     image = bpy.data.images.new("Gray", 8, 4)
     pixels = np.ones((4, 8, 4), np.float32)
@@ -264,7 +296,11 @@ def test_instances_give_places_and_headings(scene):
     settings = scene.crowd_lod
     settings.start_on, settings.start_object = "POINTS", parent
     start = populated(scene).start
-    assert sorted(zip(start.x, start.y, start.z, strict=True)) == [(0, 0, 1), (0, 70, 3), (60, 0, 2)]
+    assert sorted(zip(start.x, start.y, start.z, strict=True)) == [
+        (0, 0, 1),
+        (0, 70, 3),
+        (60, 0, 2),
+    ]
     assert np.allclose(start.heading, radians(30), atol=1e-6)
     parent.instance_type = "NONE"
     assert len(populated(scene).start) == 3
@@ -308,11 +344,17 @@ def test_what_cannot_be_read_is_told_and_nothing_is_lost(scene, name):
     change(scene)
     with pytest.raises(RuntimeError, match=told):
         bpy.ops.crowd_lod.populate()
-    assert scene.crowd_lod.terrain_mesh == kept and len(scene.crowd_lod.groups) == groups and ours() == [kept]
+    assert (
+        scene.crowd_lod.terrain_mesh == kept
+        and len(scene.crowd_lod.groups) == groups
+        and ours() == [kept]
+    )
 
 
 def test_before_populate_the_crowd_says_so(scene):
     populated(scene)
     scene.crowd_lod.terrain_object = waves(scene)
-    with pytest.raises(kept_meshes.CrowdError, match="The terrain Waves is not read yet: press Populate"):
+    with pytest.raises(
+        kept_meshes.CrowdError, match="The terrain Waves is not read yet: press Populate"
+    ):
         scene_crowd.trajectory_of(scene)

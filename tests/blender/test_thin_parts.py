@@ -32,21 +32,31 @@ def rod(sides, radius=RADIUS, tip=1.0):
     """A closed rod along z. tip: the radius at its upper end, as part of that."""
     around = 2 * np.pi * np.arange(sides) / sides
     ring = np.stack([np.cos(around), np.sin(around), 0 * around], axis=1)
-    points = np.concatenate([radius * (tip if z > 0 else 1) * ring + (0, 0, z) for z in (-LONG / 2, LONG / 2)])
+    points = np.concatenate(
+        [radius * (tip if z > 0 else 1) * ring + (0, 0, z) for z in (-LONG / 2, LONG / 2)]
+    )
     walls = [(i, (i + 1) % sides, sides + (i + 1) % sides, sides + i) for i in range(sides)]
     return points, [*walls, tuple(range(sides))[::-1], tuple(range(sides, 2 * sides))]
 
 
 def strip(upper):
     """A flat rod, as wide as `upper` of the rod at its upper end."""
-    return [(-RADIUS, 0, -LONG / 2), (RADIUS, 0, -LONG / 2), (RADIUS * upper, 0, LONG / 2), (-RADIUS * upper, 0, LONG / 2)], [
-        (0, 1, 2, 3)
-    ]
+    return [
+        (-RADIUS, 0, -LONG / 2),
+        (RADIUS, 0, -LONG / 2),
+        (RADIUS * upper, 0, LONG / 2),
+        (-RADIUS * upper, 0, LONG / 2),
+    ], [(0, 1, 2, 3)]
 
 
 def tetrahedron():
     """Between a side of one end and a side of the other, across it."""
-    points = [(-RADIUS, 0, -LONG / 2), (RADIUS, 0, -LONG / 2), (0, RADIUS, LONG / 2), (0, -RADIUS, LONG / 2)]
+    points = [
+        (-RADIUS, 0, -LONG / 2),
+        (RADIUS, 0, -LONG / 2),
+        (0, RADIUS, LONG / 2),
+        (0, -RADIUS, LONG / 2),
+    ]
     return points, [(0, 1, 2), (1, 0, 3), (2, 3, 0), (3, 2, 1)]
 
 
@@ -61,7 +71,10 @@ def cover(flat, size):
     """(rows, columns) part of each pixel's samples within triangles (m, 3, 2) in pixels."""
     hit = np.zeros((size[1] * SAMPLES, size[0] * SAMPLES), bool)
     for triangle in flat * SAMPLES - 0.5:
-        low, high = np.floor(triangle.min(axis=0)).astype(int).clip(0), np.ceil(triangle.max(axis=0)).astype(int) + 1
+        low, high = (
+            np.floor(triangle.min(axis=0)).astype(int).clip(0),
+            np.ceil(triangle.max(axis=0)).astype(int) + 1,
+        )
         x, y = np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1]))
         sides = [
             np.cross(np.append(b - a, 0), np.stack([x - a[0], y - a[1], 0 * x], axis=-1))[..., 2]
@@ -85,11 +98,16 @@ def shift(one, other, body, along):
         flat = [each @ np.stack([across, along], axis=1) / PIXEL for each in (one, other)]
         low = np.minimum(*(each.min(axis=(0, 1)) for each in flat)) - 2
         size = np.ceil(np.maximum(*(each.max(axis=(0, 1)) for each in flat)) - low).astype(int) + 2
-        solid, touched = np.argwhere(cover(flat[0] - low, size) >= 0.5), np.argwhere(cover(flat[1] - low, size) > 0)
+        solid, touched = (
+            np.argwhere(cover(flat[0] - low, size) >= 0.5),
+            np.argwhere(cover(flat[1] - low, size) > 0),
+        )
         about = np.floor(body @ np.stack([across, along], axis=1) / PIXEL - low)[:, ::-1]
         touched = np.concatenate([touched, np.unique(about, axis=0)])
         if len(solid):
-            found = max(found, float(np.linalg.norm(solid[:, None] - touched, axis=2).min(axis=1).max()))
+            found = max(
+                found, float(np.linalg.norm(solid[:, None] - touched, axis=2).min(axis=1).max())
+            )
     return found
 
 
@@ -104,7 +122,11 @@ def measured(scene, adult, *shapes):
     items = [skinned(f"rod {k}", *shape) for k, shape in enumerate((rod(12), *shapes))]
     for item in items:
         scene.collection.objects.link(item)
-    found = finished(deviation.measure(Group("one", 0, 1, 0, 1), [adult, items[0]], [[adult, item] for item in items[1:]]))
+    found = finished(
+        deviation.measure(
+            Group("one", 0, 1, 0, 1), [adult, items[0]], [[adult, item] for item in items[1:]]
+        )
+    )
     return items[0], items[1:], found.bounds
 
 
@@ -117,8 +139,12 @@ def test_a_rod_that_shows_from_some_sides_alone_is_off_by_as_much_as_its_picture
         along = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][0]
         for other, bound in zip(others, bounds, strict=True):
             # as far as a sample is from the next, and a pixel as proofs have it
-            assert shift(corners([whole]), corners([other]), body, along) <= bound / PIXEL + 2.5, other.name
-    assert bounds[0] > 0.3 and bounds[1] > 0.3  # a strip is edge on from one side, however wide it is
+            assert shift(corners([whole]), corners([other]), body, along) <= bound / PIXEL + 2.5, (
+                other.name
+            )
+    assert (
+        bounds[0] > 0.3 and bounds[1] > 0.3
+    )  # a strip is edge on from one side, however wide it is
 
 
 def test_a_rod_that_keeps_a_thickness_is_off_by_its_radius_at_most(scene, adult):
@@ -137,7 +163,10 @@ def test_a_rod_of_few_triangles_keeps_those_that_it_shows_with(scene, adult):
         settings.ratios[:3] = (1.0, 0.12, 0.03)
         store_groups(settings, measure_groups(scene))
         finished(make_levels(scene))
-    canes = [next(o for o in level.all_objects if o.name.startswith("cane")) for level in settings.levels.children]
+    canes = [
+        next(o for o in level.all_objects if o.name.startswith("cane"))
+        for level in settings.levels.children
+    ]
     mesh = bmesh.new()
     mesh.from_mesh(canes[2].data)
     assert len(mesh.calc_loop_triangles()) >= 10

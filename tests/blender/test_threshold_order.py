@@ -32,7 +32,9 @@ def owner(request, settings):
 
 def test_a_dragged_threshold_takes_the_others_along(owner, settings):
     drag(owner, "thresholds", 0, np.linspace(0.15, 0.65, 51))
-    assert owner.thresholds[:4] == pytest.approx((0.65, 0.651, 0.652, 0.7)) and settings.estimate == ""
+    assert (
+        owner.thresholds[:4] == pytest.approx((0.65, 0.651, 0.652, 0.7)) and settings.estimate == ""
+    )
     drag(owner, "thresholds", 2, np.linspace(0.652, 0.3, 40))
     assert owner.thresholds[:4] == pytest.approx((0.298, 0.299, 0.3, 0.7))
     drag(owner, "thresholds", 1, np.linspace(0.3, 1.0, 40))
@@ -50,7 +52,9 @@ def test_a_dragged_size_takes_the_others_along(owner):
 
 def test_scripts_set_whole_arrays_and_slices(owner):
     owner.thresholds = (0.5, 0.2, 0.3, 0, 0, 0, 0)
-    assert owner.thresholds[:] == pytest.approx((0.5, 0.501, 0.502, 0, 0, 0, 0))  # LODs that are not there do not count
+    assert owner.thresholds[:] == pytest.approx(
+        (0.5, 0.501, 0.502, 0, 0, 0, 0)
+    )  # LODs that are not there do not count
     owner.thresholds[:3] = (0.1, 0.2, 0.15)
     assert owner.thresholds[:3] == pytest.approx((0.1, 0.2, 0.201))
     ordered = np.array((0.12, 0.12000002, 0.9), np.float32)

@@ -21,7 +21,12 @@ def followed(scene, tmp_path):
     """The scene, saved, with its crowd following the file tracks.txt beside it."""
     order = np.lexsort((ROWS.frame, ROWS.id))
     rows = np.column_stack([ROWS.id, ROWS.frame, ROWS.x * 100, ROWS.y * 100])[order]
-    np.savetxt(tmp_path / "tracks.txt", rows, "%d %d %.6f %.6f", header="framerate: 24 fps\nid frame x/cm y/cm")
+    np.savetxt(
+        tmp_path / "tracks.txt",
+        rows,
+        "%d %d %.6f %.6f",
+        header="framerate: 24 fps\nid frame x/cm y/cm",
+    )
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
     settings = scene.crowd_lod
     settings.source, settings.tracks_file = "FILE", "//tracks.txt"
@@ -32,7 +37,9 @@ def test_populate_tells_of_the_file_and_the_plan_shows_who_is_there(followed, ca
     bpy.ops.crowd_lod.populate()
     said = capfd.readouterr().out
     assert (
-        "80 agents in frames" in said and "at 24 a second, in cm" in said and "1 gap of more than 2 seconds hides the agent" in said
+        "80 agents in frames" in said
+        and "at 24 a second, in cm" in said
+        and "1 gap of more than 2 seconds hides the agent" in said
     )
     trajectory = trajectory_of(followed)
     assert isinstance(trajectory, Recorded) and trajectory_of(followed) is trajectory
@@ -49,7 +56,9 @@ def test_settings_of_the_source_count(followed):
     settings.center, settings.tracks_rate = (0, 0, 0), 48
     assert np.allclose(trajectory_of(followed).at(9).x, before.at(17).x)
     settings.tracks_rate, settings.group_names = 0, "child"
-    assert {trajectory_of(followed).groups[g].name for g in trajectory_of(followed).start.group} == {"child"}
+    assert {
+        trajectory_of(followed).groups[g].name for g in trajectory_of(followed).start.group
+    } == {"child"}
     settings.group_names = ""
     assert trajectory_of(followed).digests() == before.digests()
 

@@ -58,7 +58,11 @@ def make_scaled(scale):
             item.location /= scale
     camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
     scene.collection.objects.link(camera)
-    scene.camera, camera.location, camera.rotation_euler = camera, np.array((0, -25, 2)) / scale, (1.5, 0, 0)
+    scene.camera, camera.location, camera.rotation_euler = (
+        camera,
+        np.array((0, -25, 2)) / scale,
+        (1.5, 0, 0),
+    )
     camera.data.clip_start, camera.data.clip_end = 0.1 / scale, 60 / scale
     settings = scene.crowd_lod
     settings.characters, settings.forward, settings.count = characters, "X", 60
@@ -69,7 +73,9 @@ def make_scaled(scale):
 
 def box(name, scale, low, high):
     """A box between two corners in meters."""
-    corners = [(x, y, z) for z in (low[2], high[2]) for y in (low[1], high[1]) for x in (low[0], high[0])]
+    corners = [
+        (x, y, z) for z in (low[2], high[2]) for y in (low[1], high[1]) for x in (low[0], high[0])
+    ]
     faces = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata((np.array(corners, float) / scale).tolist(), [], faces)
@@ -85,7 +91,11 @@ def of_machine(scene, scale, folder):
 
 def of_file(scene, scale, folder):
     settings, path = scene.crowd_lod, folder / "tracks.csv"
-    rows = [f"{agent},{frame},{agent + 0.05 * frame},{agent % 7}" for agent in range(20) for frame in range(60)]
+    rows = [
+        f"{agent},{frame},{agent + 0.05 * frame},{agent % 7}"
+        for agent in range(20)
+        for frame in range(60)
+    ]
     path.write_text("\n".join(["id,frame,x [m],y [m]", *rows]))
     settings.source, settings.tracks_file, settings.tracks_rate = "FILE", str(path), 24
 
@@ -96,7 +106,11 @@ def of_rows(scene, scale, folder):
     spline.points.add(1)
     spline.points[0].co, spline.points[1].co = (-10 / scale, 0, 0, 1), (10 / scale, 0, 0, 1)
     settings = scene.crowd_lod
-    settings.start_on, settings.start_object, settings.rows = "CURVES", bpy.data.objects.new("Rows", curve), 3
+    settings.start_on, settings.start_object, settings.rows = (
+        "CURVES",
+        bpy.data.objects.new("Rows", curve),
+        3,
+    )
     scene.collection.objects.link(settings.start_object)
     settings.spacing = 0.8 / scale
 
@@ -107,7 +121,11 @@ def of_grid(scene, scale, folder):
 
 def of_terrain(scene, scale, folder):
     """Steps of 0.4 m, which agents take, and of 0.7 m, which they do not."""
-    grounds = [((-40, -40, -1), (40, 40, 0)), ((-3, -40, 0), (0, 40, 0.4)), ((0, -40, 0), (3, 40, 0.7))]
+    grounds = [
+        ((-40, -40, -1), (40, 40, 0)),
+        ((-3, -40, 0), (0, 40, 0.4)),
+        ((0, -40, 0), (3, 40, 0.7)),
+    ]
     home = bpy.data.collections.new("Ground")
     scene.collection.children.link(home)
     for k, (low, high) in enumerate(grounds):
@@ -174,10 +192,18 @@ def test_the_unit_of_the_scene_changes_no_figure_in_meters(source, scaled, tmp_p
     for scale in SCALES[::2]:
         others, told = figures(scaled(scale), scale, source, tmp_path)
         for name, expected in arrays.items():
-            np.testing.assert_allclose(others[name], expected, rtol=2e-3, atol=2e-4, err_msg=f"{name} at {scale}")
+            np.testing.assert_allclose(
+                others[name], expected, rtol=2e-3, atol=2e-4, err_msg=f"{name} at {scale}"
+            )
         for name, expected in texts.items():
             assert words(told[name]) == words(expected), (name, scale)
-            np.testing.assert_allclose(numbers(told[name]), numbers(expected), rtol=2e-2, atol=2e-3, err_msg=f"{name} at {scale}")
+            np.testing.assert_allclose(
+                numbers(told[name]),
+                numbers(expected),
+                rtol=2e-2,
+                atol=2e-3,
+                err_msg=f"{name} at {scale}",
+            )
 
 
 @pytest.mark.parametrize("scale", SCALES)
@@ -187,7 +213,17 @@ def test_the_command_scene_films_tracks_alike_in_every_unit(scale, scaled, tmp_p
     scene.crowd_lod.source = "MACHINE"
     people, out = tmp_path / "people.blend", tmp_path / "out.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(people), copy=True)
-    words = ["scene", tmp_path / "tracks.csv", "--fps", "24", "--characters", people, "--out", out, "--quiet"]
+    words = [
+        "scene",
+        tmp_path / "tracks.csv",
+        "--fps",
+        "24",
+        "--characters",
+        people,
+        "--out",
+        out,
+        "--quiet",
+    ]
     assert commands._run([*map(str, words)], "crowd-lod") == 0
     bpy.ops.wm.open_mainfile(filepath=str(out), load_ui=False)
     scene = bpy.context.scene
@@ -230,7 +266,9 @@ def test_a_shot_plan_and_its_export_are_alike_in_every_unit(scaled, tmp_path):
         # by ratio: a search by tolerance may end with another LOD where the seventh digit differs
         assert bpy.ops.crowd_lod.make_levels() == {"FINISHED"}
         scene.crowd_lod.choice = "BY_TOLERANCE"
-        file, out, usd = (tmp_path / f"{name}{scale:g}" for name in ("crowd.blend", "plan", "crowd"))
+        file, out, usd = (
+            tmp_path / f"{name}{scale:g}" for name in ("crowd.blend", "plan", "crowd")
+        )
         file, usd = file.with_suffix(".blend"), tmp_path / f"crowd{scale:g}.usdc"
         bpy.ops.wm.save_as_mainfile(filepath=str(file))
         run = ["plan", file, "--frames", "1:3", "--out", out, "--quiet"]

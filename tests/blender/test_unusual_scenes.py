@@ -21,7 +21,12 @@ from ..support.characters import character, new, rig, skin, tube
 def bare(scene):
     """The scene of the tests without its characters, and few small LODs."""
     scene.crowd_lod.characters = None
-    bpy.data.batch_remove([bpy.data.collections["People"], *(item for item in bpy.data.objects if item.type != "CAMERA")])
+    bpy.data.batch_remove(
+        [
+            bpy.data.collections["People"],
+            *(item for item in bpy.data.objects if item.type != "CAMERA"),
+        ]
+    )
     scene.crowd_lod.level_count, scene.crowd_lod.count = 2, 60
     return scene
 
@@ -58,7 +63,13 @@ def shown(scene, number):
     found = []
     for each in bpy.context.evaluated_depsgraph_get().object_instances:
         if each.is_instance:
-            found.append((each.persistent_id[1], each.object.name, tuple(np.array(each.matrix_world).ravel().round(5))))
+            found.append(
+                (
+                    each.persistent_id[1],
+                    each.object.name,
+                    tuple(np.array(each.matrix_world).ravel().round(5)),
+                )
+            )
     return sorted(found)
 
 
@@ -95,17 +106,28 @@ def test_poses_stand_as_the_character_does_and_a_bake_is_as_the_build(bare, part
             lone.collection.objects.link(item)
     for j in (0, len(poses) // 3, len(poses) - 1):
         pace, own = divmod(j, gaits.classes)
-        phase = (own / gaits.classes + gaits.distinct[0][pace] * 7 / bare.render.fps) % 1 if rigged else j / len(poses)
+        phase = (
+            (own / gaits.classes + gaits.distinct[0][pace] * 7 / bare.render.fps) % 1
+            if rigged
+            else j / len(poses)
+        )
         time, reals = first + (last - first) * phase, {}
         lone.frame_set(int(time), subframe=time % 1)
         for item in poses[j].objects:
-            character_item = next(each for each in objects if item.name.startswith(f"{each.name} LOD"))
-            reals[item] = mesh_data.world_points(character_item.evaluated_get(lone.view_layers[0].depsgraph)) - origin
+            character_item = next(
+                each for each in objects if item.name.startswith(f"{each.name} LOD")
+            )
+            reals[item] = (
+                mesh_data.world_points(character_item.evaluated_get(lone.view_layers[0].depsgraph))
+                - origin
+            )
         lone.frame_set(7)
         for item, real in reals.items():
             size = np.linalg.norm(np.ptp(real, axis=0))
             np.testing.assert_allclose(
-                mesh_data.world_points(item.evaluated_get(lone.view_layers[0].depsgraph)), real, atol=2e-4 * size
+                mesh_data.world_points(item.evaluated_get(lone.view_layers[0].depsgraph)),
+                real,
+                atol=2e-4 * size,
             )
     bpy.data.scenes.remove(lone)
 
@@ -113,7 +135,9 @@ def test_poses_stand_as_the_character_does_and_a_bake_is_as_the_build(bare, part
     for before, number in zip(live, (1009, 1001), strict=True):
         after = shown(bare, number)
         assert [each[:2] for each in after] == [each[:2] for each in before]
-        np.testing.assert_allclose([each[2] for each in after], [each[2] for each in before], atol=2e-5)
+        np.testing.assert_allclose(
+            [each[2] for each in after], [each[2] for each in before], atol=2e-5
+        )
 
 
 def test_characters_of_a_library_and_overrides_of_them_are_built_alike(bare, tmp_path):
@@ -138,16 +162,24 @@ def test_characters_of_a_library_and_overrides_of_them_are_built_alike(bare, tmp
         list(make_levels(bare))
         list(render_setup.build(bare))
         pictures.append(shown(bare, 7))
-    assert len(pictures[0]) > 10 and [each[2] for each in pictures[0]] == [each[2] for each in pictures[1]]
+    assert len(pictures[0]) > 10 and [each[2] for each in pictures[0]] == [
+        each[2] for each in pictures[1]
+    ]
 
 
 def test_a_collection_instanced_inside_a_character_is_refused_with_what_to_do(bare):
     armature, body = person()
     hat = new("hat", None)
-    hat.instance_type, hat.instance_collection, hat.parent = "COLLECTION", bpy.data.collections.new("hats"), armature
+    hat.instance_type, hat.instance_collection, hat.parent = (
+        "COLLECTION",
+        bpy.data.collections.new("hats"),
+        armature,
+    )
     hat.instance_collection.objects.link(new("cone", tube("cone", 6, 2)))
     character(armature, body, hat)
     before = set(bpy.data.user_map())
-    with pytest.raises(CrowdError, match="hat, .* instances the collection hats: put that collection in its place"):
+    with pytest.raises(
+        CrowdError, match="hat, .* instances the collection hats: put that collection in its place"
+    ):
         list(make_levels(bare))
     assert set(bpy.data.user_map()) == before

@@ -28,15 +28,24 @@ def run(*words):
 @pytest.fixture
 def lit(levelled):
     """The small crowd on a ground, a low sun and a lamp beside the picture, a mirror in it."""
-    add(levelled.collection, "Ground", [(tile(-30, -40, 30, 50), material("Ground", (0.5, 0.5, 0.5)))])
-    for kind, place, turn, energy in (("SUN", (0, 0, 9), (0, 1.2, 0.2), 3), ("POINT", (9, -12, 3), (0, 0, 0), 3000)):
+    add(
+        levelled.collection,
+        "Ground",
+        [(tile(-30, -40, 30, 50), material("Ground", (0.5, 0.5, 0.5)))],
+    )
+    for kind, place, turn, energy in (
+        ("SUN", (0, 0, 9), (0, 1.2, 0.2), 3),
+        ("POINT", (9, -12, 3), (0, 0, 0), 3000),
+    ):
         data = bpy.data.lights.new(kind, kind)
         data.energy = energy
         item = bpy.data.objects.new(kind, data)
         item.location, item.rotation_euler = place, turn
         levelled.collection.objects.link(item)
     silver = material("Silver", (0.9, 0.9, 0.9), 0.0)
-    next(node for node in silver.node_tree.nodes if node.type == "BSDF_PRINCIPLED").inputs["Metallic"].default_value = 1
+    next(node for node in silver.node_tree.nodes if node.type == "BSDF_PRINCIPLED").inputs[
+        "Metallic"
+    ].default_value = 1
     home = bpy.data.collections.new("Mirrors")
     levelled.collection.children.link(home)
     pane = add(home, "Pane", [(tile(-4, 0, 4, 5), silver)])
@@ -56,17 +65,36 @@ def rendered(scene, folder, **wanted):
             return end.value
 
 
-def test_the_command_proves_that_culling_changes_no_pixel_and_shadows_need_their_bucket(lit, tmp_path, capfd):
+def test_the_command_proves_that_culling_changes_no_pixel_and_shadows_need_their_bucket(
+    lit, tmp_path, capfd
+):
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "lit.blend"))
     out = tmp_path / "out"
     capfd.readouterr()  # Blender says that it has saved
     assert (
-        run("verify", tmp_path / "lit.blend", "--frames", "1,30", "--width", 96, "--samples", 2, "--out", out, "--json", "--quiet")
+        run(
+            "verify",
+            tmp_path / "lit.blend",
+            "--frames",
+            "1,30",
+            "--width",
+            96,
+            "--samples",
+            2,
+            "--out",
+            out,
+            "--json",
+            "--quiet",
+        )
         == 0
     )
     said = json.loads(capfd.readouterr().out)
     result = json.loads((out / "verify.json").read_text())
-    assert said["frames"] == result["frames"] and result["ok"] and [row["frame"] for row in result["frames"]] == [1, 30]
+    assert (
+        said["frames"] == result["frames"]
+        and result["ok"]
+        and [row["frame"] for row in result["frames"]] == [1, 30]
+    )
     for row in result["frames"]:
         assert row["b_pixels"] == 0 and row["b_largest"] == 0
         assert row["bare_pixels"] > 10 and row["shadow"] > 10  # a shadow falls in from outside
@@ -75,35 +103,57 @@ def test_the_command_proves_that_culling_changes_no_pixel_and_shadows_need_their
     assert [int(row["b_pixels"]) for row in rows] == [0, 0]
     names = ("a", "b", "bare", "c", "a_b", "a_bare", "a_c")
     pictures = {f"frame_{n:04d}_{name}.png" for n in (1, 30) for name in (*names, "agents")}
-    assert set(os.listdir(out)) == pictures | {"verify.json", "verify.csv", "contact_sheet.png", "report.html"}
+    assert set(os.listdir(out)) == pictures | {
+        "verify.json",
+        "verify.csv",
+        "contact_sheet.png",
+        "report.html",
+    }
     assert not image_data.load_pixels(out / "frame_0001_a_b.png")[..., :3].any()
     assert image_data.load_pixels(out / "frame_0001_a_bare.png")[..., :3].any()
 
 
-def test_without_the_option_pixels_differ_and_with_a_margin_that_drops_agents_the_exit_code_is_1(lit, tmp_path, capfd):
+def test_without_the_option_pixels_differ_and_with_a_margin_that_drops_agents_the_exit_code_is_1(
+    lit, tmp_path, capfd
+):
     lit.crowd_lod.shadows = False
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "off.blend"))
     words = ("--frames", "7", "--width", 96, "--samples", 2, "--quiet", "--out")
     assert run("verify", tmp_path / "off.blend", *words, tmp_path / "off") == 1
     *_, culling, levels, left_open, folder = capfd.readouterr().out.splitlines()
     assert culling.startswith("Culling: WRONG, ") and culling.endswith(" pixels differ in frame 7.")
-    assert levels.startswith("LODs: silhouettes shift ") and left_open.startswith("Not proved: ") and folder.endswith("off")
+    assert (
+        levels.startswith("LODs: silhouettes shift ")
+        and left_open.startswith("Not proved: ")
+        and folder.endswith("off")
+    )
     assert json.loads((tmp_path / "off" / "verify.json").read_text())["frames"][0]["shadow"] == 0
 
 
 @pytest.mark.parametrize("method", ["BUMP", "DISPLACEMENT"])
 def test_displacement_is_no_false_alarm(lit, tmp_path, method):
     """Cycles displaces a mesh where the first of its instances stands, which culling may make another one: bits differ."""
-    for each in {slot.material for item in lit.crowd_lod.characters.all_objects for slot in item.material_slots}:
+    for each in {
+        slot.material
+        for item in lit.crowd_lod.characters.all_objects
+        for slot in item.material_slots
+    }:
         tree, each.displacement_method = each.node_tree, method
-        noise, displace = tree.nodes.new("ShaderNodeTexNoise"), tree.nodes.new("ShaderNodeDisplacement")
+        noise, displace = (
+            tree.nodes.new("ShaderNodeTexNoise"),
+            tree.nodes.new("ShaderNodeDisplacement"),
+        )
         displace.inputs["Scale"].default_value = 0.05
         tree.links.new(noise.outputs[0], displace.inputs["Height"])
         out = next(node for node in tree.nodes if node.type == "OUTPUT_MATERIAL")
         tree.links.new(displace.outputs[0], out.inputs["Displacement"])
     result = rendered(lit, tmp_path / "out")
     row = result["frames"][0]
-    assert result["ok"] and row["b_largest"] < 1e-3 and (row["b_pixels"] > 0) == (method == "DISPLACEMENT")
+    assert (
+        result["ok"]
+        and row["b_largest"] < 1e-3
+        and (row["b_pixels"] > 0) == (method == "DISPLACEMENT")
+    )
     assert len(result["left_out"]) == (method == "DISPLACEMENT")
 
 
@@ -153,7 +203,11 @@ def bordered(scene):
 
 def parallel(scene):
     """Seen from above, off-center, by an orthographic camera; lit by an area lamp."""
-    scene.camera.data.type, scene.camera.data.ortho_scale, scene.camera.data.shift_x = "ORTHO", 14, 0.6
+    scene.camera.data.type, scene.camera.data.ortho_scale, scene.camera.data.shift_x = (
+        "ORTHO",
+        14,
+        0.6,
+    )
     scene.camera.location, scene.camera.rotation_euler = (0, -12, 12), (0.8, 0, 0.3)
     scene.objects["POINT"].data = bpy.data.lights.new("area", "AREA")
     scene.objects["POINT"].data.energy, scene.objects["POINT"].data.size = 3000, 3
@@ -178,11 +232,17 @@ def test_every_way_to_film_is_proven_as_it_is_rendered(lit, plain, tmp_path, fil
             "Only one eye was rendered: this Blender version cannot read stereo pictures back."
         ]
         return
-    assert result["ok"] and row["b_pixels"] == 0 and row["bare_pixels"] > 0 and not result["left_out"]
+    assert (
+        result["ok"] and row["b_pixels"] == 0 and row["bare_pixels"] > 0 and not result["left_out"]
+    )
     assert 0 < row["visible"] < row["agents"] and row["visible"] != without["visible"]
-    before, after = (image_data.load_pixels(folder / "frame_0007_a.png") for folder in (plain, tmp_path / "out"))
+    before, after = (
+        image_data.load_pixels(folder / "frame_0007_a.png") for folder in (plain, tmp_path / "out")
+    )
     assert after.shape[1] == before.shape[1] * (2 if filmed is stereo else 1)
-    assert not np.array_equal(before, after[:, -before.shape[1] :])  # of the eyes the right one: the left one is the camera
+    assert not np.array_equal(
+        before, after[:, -before.shape[1] :]
+    )  # of the eyes the right one: the left one is the camera
     assert not [name for name in os.listdir(tmp_path / "out") if "_L" in name or "_R" in name]
 
 
@@ -196,8 +256,14 @@ def test_fast_agents_are_blurred_and_more_of_them_are_kept(lit, tmp_path):
     for blur in (True, False):
         lit.render.use_motion_blur = blur
         rows[blur] = rendered(lit, tmp_path / str(blur))
-    assert rows[True]["ok"] and rows[True]["frames"][0]["visible"] > rows[False]["frames"][0]["visible"]
-    sharp, soft = (image_data.load_pixels(tmp_path / str(blur) / "frame_0007_a.png").astype(int) for blur in (False, True))
+    assert (
+        rows[True]["ok"]
+        and rows[True]["frames"][0]["visible"] > rows[False]["frames"][0]["visible"]
+    )
+    sharp, soft = (
+        image_data.load_pixels(tmp_path / str(blur) / "frame_0007_a.png").astype(int)
+        for blur in (False, True)
+    )
     assert (np.abs(sharp - soft).max(axis=2) > 8).mean() > 0.02
 
 
@@ -218,7 +284,15 @@ def test_ended_early_it_leaves_file_and_folder_as_they_were(lit, tmp_path):
     def blocks():
         return {
             kind: len(getattr(bpy.data, kind))
-            for kind in ("objects", "meshes", "scenes", "collections", "worlds", "node_groups", "images")
+            for kind in (
+                "objects",
+                "meshes",
+                "scenes",
+                "collections",
+                "worlds",
+                "node_groups",
+                "images",
+            )
         }
 
     before = blocks()
@@ -263,7 +337,18 @@ def test_predictions_hold_where_planned_lods_switch(levelled, tmp_path, capfd, m
         assert run(*asked, *more) == 0
     frames = [int(row["frame"]) for row in csv.DictReader((plan / "switches.csv").open())]
     most = max(frames, key=frames.count)
-    words = ("--frames", f"{most - 1},{most}", "--width", 160, "--samples", 1, "--plan", plan, "--strict", "--quiet")
+    words = (
+        "--frames",
+        f"{most - 1},{most}",
+        "--width",
+        160,
+        "--samples",
+        1,
+        "--plan",
+        plan,
+        "--strict",
+        "--quiet",
+    )
     assert run("verify", file, *words, "--out", tmp_path / "out") == 0
     result = json.loads((tmp_path / "out" / "verify.json").read_text())
     rows, agents = result["frames"], result["agents"]

@@ -44,7 +44,12 @@ def _make_street():
     scene.camera, scene.frame_end = camera, 2
     _light("Lamp", (0, -10, 20), (0.3, 0, 0))
     settings = scene.crowd_lod
-    settings.count, settings.size, settings.level_count, settings.method = 40, (16, 16), 2, "DECIMATE"
+    settings.count, settings.size, settings.level_count, settings.method = (
+        40,
+        (16, 16),
+        2,
+        "DECIMATE",
+    )
     settings.thresholds[0] = 0.2
     bpy.ops.crowd_lod.populate()
     bpy.ops.crowd_lod.make_levels()
@@ -75,13 +80,23 @@ def test_a_bake_as_it_was_made_is_ok_and_stays_as_it_was(baked, tmp_path):
     blocks = {block.name for block in bpy.data.user_map()}
     result = proof(baked, tmp_path / "out", 2)
     (row,) = result["frames"]
-    assert verdict(result).startswith("OK for the bake: culling changes no pixel in 1 frame; LODs shift silhouettes at most ")
-    assert 0 < row["visible"] < 40 and row["judged"] == 4 and 0 < row["silhouette_shift"] <= row["predicted_shift"] + 0.3
+    assert verdict(result).startswith(
+        "OK for the bake: culling changes no pixel in 1 frame; LODs shift silhouettes at most "
+    )
+    assert (
+        0 < row["visible"] < 40
+        and row["judged"] == 4
+        and 0 < row["silhouette_shift"] <= row["predicted_shift"] + 0.3
+    )
     assert {agent["lod"] for agent in result["agents"]} == {0, 1} and row["color_off"] < 0.02
     assert image_data.load_pixels(tmp_path / "out" / "frame_0002_agents.png").shape[1] > 200
     assert {block.name for block in bpy.data.user_map()} == blocks
     build, after = baked.crowd_lod.build, mesh_data.read_points(lods(baked).data)
-    assert build is not None and not build.hide_render and all(np.array_equal(before[name], after[name]) for name in before)
+    assert (
+        build is not None
+        and not build.hide_render
+        and all(np.array_equal(before[name], after[name]) for name in before)
+    )
 
 
 def test_a_bake_of_which_points_were_deleted_and_one_is_of_no_agent(baked, tmp_path):
@@ -90,15 +105,21 @@ def test_a_bake_of_which_points_were_deleted_and_one_is_of_no_agent(baked, tmp_p
     mesh_data.write_points(lods(baked).data, {name: values[5:] for name, values in points.items()})
     result = proof(baked, tmp_path / "out")
     assert result["frames"][0]["b_visible"] and not result["frames"][0]["culling_ok"]
-    assert "Not OK for the bake: culling changes " in verdict(result) and "; 1 point of it is no agent; " in verdict(result)
+    assert "Not OK for the bake: culling changes " in verdict(
+        result
+    ) and "; 1 point of it is no agent; " in verdict(result)
 
 
 def test_a_bake_whose_lod_has_a_red_material(baked, tmp_path):
     red = material("Red", (0.8, 0.01, 0.01))
-    for item in [item for item in baked.crowd_lod.build.all_objects if item.name.startswith("body LOD 1")]:
+    for item in [
+        item for item in baked.crowd_lod.build.all_objects if item.name.startswith("body LOD 1")
+    ]:
         item.material_slots[0].link, item.material_slots[0].material = "OBJECT", red
     result = proof(baked, tmp_path / "out")
-    assert result["frames"][0]["culling_ok"] and "has another color than the character" in verdict(result)
+    assert result["frames"][0]["culling_ok"] and "has another color than the character" in verdict(
+        result
+    )
     assert {agent["lod"] for agent in result["agents"] if agent["ok"] is False} == {1}
 
 
@@ -117,14 +138,20 @@ def test_lods_that_are_off_at_the_final_size_are_not_ok_in_a_small_picture(stree
     assert bpy.ops.crowd_lod.bake() == {"FINISHED"}
     fits = proof(street, tmp_path / "fits", agents=1)
     assert fits["ok"] and fits["frames"][0]["allowed_shift"] == 3.0
-    for mesh in {item.data for item in street.crowd_lod.build.all_objects if item.name.startswith("body LOD 1")}:
+    for mesh in {
+        item.data
+        for item in street.crowd_lod.build.all_objects
+        if item.name.startswith("body LOD 1")
+    }:
         mesh.transform(Matrix.Diagonal((1.5, 1.5, 1, 1)))
     street.render.resolution_x, street.render.resolution_y = 640, 360
     result = proof(street, tmp_path / "out", agents=1)
     worst = max(result["agents"], key=lambda agent: agent["shift_px"])
     assert not result["ok"] and result["width"] == 64 and not result["frames"][0]["lod_ok"]
     assert worst["lod"] == 1 and 3 < worst["allowed_px"] < 4 < 8 < worst["shift_px"] < 40
-    assert f"shifts {worst['shift_px']:.2f} px, {worst['allowed_px']:.2f} allowed there" in verdict(result)
+    assert f"shifts {worst['shift_px']:.2f} px, {worst['allowed_px']:.2f} allowed there" in verdict(
+        result
+    )
 
 
 def test_a_bake_for_workbench_is_proved_without_shadows(street, tmp_path):
@@ -132,11 +159,17 @@ def test_a_bake_for_workbench_is_proved_without_shadows(street, tmp_path):
     _light("Low", (0, 0, 0), (0, 1.35, 0))
     assert bpy.ops.crowd_lod.bake() == {"FINISHED"}
     result = proof(street, tmp_path / "out", agents=1)
-    assert result["ok"] and any("Workbench" in said for said in result["left_out"]) and bpy.data.lights["Low"].use_shadow
+    assert (
+        result["ok"]
+        and any("Workbench" in said for said in result["left_out"])
+        and bpy.data.lights["Low"].use_shadow
+    )
 
 
 def test_frames_that_a_bake_lacks_are_named_and_the_button_takes_those_that_it_has(baked, tmp_path):
-    with pytest.raises(CrowdError, match=r"The bake of Scene has frames 1 to 2, and Frame 9 is not in it"):
+    with pytest.raises(
+        CrowdError, match=r"The bake of Scene has frames 1 to 2, and Frame 9 is not in it"
+    ):
         proof(baked, tmp_path / "out", 9)
     assert frames_to_verify(baked, [2, 3, 4]) == [2] and frames_to_verify(baked, [7]) == [1, 2]
 
@@ -148,7 +181,10 @@ def test_a_live_build_is_proved_at_each_frame_and_shows_its_own_again(street, tm
     result = proof(street, tmp_path / "out")
     assert verdict(result).startswith("OK for the build: ")
     after = mesh_data.read_points(lods(street).data)
-    assert all(np.array_equal(before[name], after[name]) for name in before) and not street.crowd_lod.build.hide_render
+    assert (
+        all(np.array_equal(before[name], after[name]) for name in before)
+        and not street.crowd_lod.build.hide_render
+    )
     street.crowd_lod.build.hide_render = True
     assert "the build is hidden from renders" in verdict(proof(street, tmp_path / "hidden"))
     assert street.crowd_lod.build.hide_render

@@ -32,24 +32,42 @@ def test_a_few_frames_of_the_shot_are_proved_and_reported(levelled, tmp_path, ca
     assert path == tmp_path / "people_crowd_lod" / "verify" / "report.html"
     result = json.loads(path.with_name("verify.json").read_text())
     assert (
-        result["ok"] and [row["frame"] for row in result["frames"]] == [1, 30] and result["width"] == 64 and result["samples"] == 1
+        result["ok"]
+        and [row["frame"] for row in result["frames"]] == [1, 30]
+        and result["width"] == 64
+        and result["samples"] == 1
     )
     read = Reader(path.read_text(encoding="utf-8"))
-    said = next(text for text in read.texts if text.startswith("OK: culling changes no pixel in 2 frames; LODs shift "))
+    said = next(
+        text
+        for text in read.texts
+        if text.startswith("OK: culling changes no pixel in 2 frames; LODs shift ")
+    )
     assert f"{said} The report is in {path.parent}." in capfd.readouterr().out
-    assert read.cells[:1] == ["Frame"] and read.cells.count("Agent") == 1 and (path.parent / read.links[0]).is_file()
+    assert (
+        read.cells[:1] == ["Frame"]
+        and read.cells.count("Agent") == 1
+        and (path.parent / read.links[0]).is_file()
+    )
 
 
 def test_a_proof_that_fails_is_an_error_and_its_report_stays(levelled, tmp_path):
     """Agents are culled whose shadows fall into the picture."""
     settings = small(levelled)
     settings.verify_count, settings.output_folder = 1, str(tmp_path / "out")
-    add(levelled.collection, "Ground", [(tile(-30, -40, 30, 50), material("Ground", (0.5, 0.5, 0.5)))])
+    add(
+        levelled.collection,
+        "Ground",
+        [(tile(-30, -40, 30, 50), material("Ground", (0.5, 0.5, 0.5)))],
+    )
     sun = bpy.data.objects.new("Sun", bpy.data.lights.new("Sun", "SUN"))
     sun.rotation_euler = (0, 1.2, 0.2)
     levelled.collection.objects.link(sun)
     settings.shadows = False
-    with pytest.raises(RuntimeError, match=r"Not OK: culling changes [\d,]+ pixels in frame 1; .* The report is in "):
+    with pytest.raises(
+        RuntimeError,
+        match=r"Not OK: culling changes [\d,]+ pixels in frame 1; .* The report is in ",
+    ):
         bpy.ops.crowd_lod.verify()
     page = report_path(levelled, "VERIFY").read_text(encoding="utf-8")
     assert "Not OK: culling changes " in page and "no: culling" in page
@@ -69,9 +87,16 @@ def test_open_report_shows_that_of_its_step_in_the_browser(which, tmp_path):
     """The browser is a program that writes down the address that it is given."""
     scene, seen, folder = bpy.context.scene, tmp_path / "seen", tmp_path / "a b#é%"
     program = "import sys; open(sys.argv[2], 'w').write(sys.argv[1])"
-    webbrowser.register("notes", None, webbrowser.GenericBrowser([sys.executable, "-c", program, "%s", str(seen)]), preferred=True)
+    webbrowser.register(
+        "notes",
+        None,
+        webbrowser.GenericBrowser([sys.executable, "-c", program, "%s", str(seen)]),
+        preferred=True,
+    )
     scene.crowd_lod.output_folder = str(folder)
-    with pytest.raises(RuntimeError, match="There is no report .* yet: press (Preview|Plan Shot|Verify)"):
+    with pytest.raises(
+        RuntimeError, match="There is no report .* yet: press (Preview|Plan Shot|Verify)"
+    ):
         bpy.ops.crowd_lod.open_report(which=which)
     assert not seen.exists()
     path = report_path(scene, which)
@@ -80,5 +105,7 @@ def test_open_report_shows_that_of_its_step_in_the_browser(which, tmp_path):
     assert bpy.ops.crowd_lod.open_report(which=which) == {"FINISHED"}
     address = seen.read_text()
     assert (
-        address.startswith("file:///") and " " not in address and unquote(address).endswith(f"/a b#é%/{path.relative_to(folder)}")
+        address.startswith("file:///")
+        and " " not in address
+        and unquote(address).endswith(f"/a b#é%/{path.relative_to(folder)}")
     )

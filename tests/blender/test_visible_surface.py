@@ -82,13 +82,19 @@ def tube(rings, radius, low=0.0, high=1.0, bones=0):
     around = 2 * np.pi * np.arange(8) / 8
     heights = np.linspace(low, high, rings)
     points = [(radius * np.cos(a), radius * np.sin(a), z) for z in heights for a in around]
-    faces = [(8 * k + i, 8 * k + (i + 1) % 8, 8 * k + 8 + (i + 1) % 8, 8 * k + 8 + i) for k in range(rings - 1) for i in range(8)]
+    faces = [
+        (8 * k + i, 8 * k + (i + 1) % 8, 8 * k + 8 + (i + 1) % 8, 8 * k + 8 + i)
+        for k in range(rings - 1)
+        for i in range(8)
+    ]
     faces += [tuple(range(8))[::-1], tuple(range(8 * rings - 8, 8 * rings))]
     mesh = bpy.data.meshes.new("tube")
     mesh.from_pydata(points, [], faces)
     item = bpy.data.objects.new("tube", mesh)
     for number in range(bones):
-        own = [v.index for v in mesh.vertices if min(int(v.co.z * bones / high), bones - 1) == number]
+        own = [
+            v.index for v in mesh.vertices if min(int(v.co.z * bones / high), bones - 1) == number
+        ]
         item.vertex_groups.new(name=f"bone {number}").add(own, 1.0, "REPLACE")
     return item
 
@@ -98,7 +104,9 @@ def sleeve():
     item = tube(21, 0.101, 0.3, 0.9)
     body = bmesh.new()
     body.from_mesh(item.data)
-    bmesh.ops.delete(body, geom=[face for face in body.faces if len(face.verts) == 8], context="FACES_ONLY")
+    bmesh.ops.delete(
+        body, geom=[face for face in body.faces if len(face.verts) == 8], context="FACES_ONLY"
+    )
     body.to_mesh(item.data)
     body.free()
     return item
@@ -139,12 +147,21 @@ def rig(bones):
     parent = None
     for number in range(bones):
         bone = armature.data.edit_bones.new(f"bone {number}")
-        bone.head, bone.tail, bone.parent = (0, 0, number / bones), (0, 0, (number + 1) / bones), parent
+        bone.head, bone.tail, bone.parent = (
+            (0, 0, number / bones),
+            (0, 0, (number + 1) / bones),
+            parent,
+        )
         parent = bone
     bpy.ops.object.mode_set(mode="OBJECT")
     for number, bone in enumerate(armature.pose.bones):
         bone.rotation_mode = "XYZ"
-        for frame, angle in ((1, 0), (6 * number + 1, 0), (6 * number + 4, 1.2 * (number > 0)), (6 * number + 7, 0)):
+        for frame, angle in (
+            (1, 0),
+            (6 * number + 1, 0),
+            (6 * number + 4, 1.2 * (number > 0)),
+            (6 * number + 7, 0),
+        ):
             bone.rotation_euler.x = angle
             bone.keyframe_insert("rotation_euler", frame=frame)
     return armature

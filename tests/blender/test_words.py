@@ -77,7 +77,9 @@ def test_without_openusd_the_button_says_why(scene):
         assert not bpy.ops.crowd_lod.export_usd.poll()
         return
     assert bpy.ops.crowd_lod.export_usd.poll()
-    modules = {name: module for name, module in sys.modules.items() if name.partition(".")[0] == "pxr"}
+    modules = {
+        name: module for name, module in sys.modules.items() if name.partition(".")[0] == "pxr"
+    }
     try:
         sys.modules["pxr"] = None  # what an import of a module that is missing finds
         assert not bpy.ops.crowd_lod.export_usd.poll()

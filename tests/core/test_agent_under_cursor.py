@@ -16,7 +16,9 @@ from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 
 SIZE = 640, 480
 # 90 degrees wide, clipped at 1 and 100 m, from the origin along -z
-PERSPECTIVE = np.array([[1.0, 0, 0, 0], [0, 4 / 3, 0, 0], [0, 0, -101 / 99, -200 / 99], [0, 0, -1, 0]])
+PERSPECTIVE = np.array(
+    [[1.0, 0, 0, 0], [0, 4 / 3, 0, 0], [0, 0, -101 / 99, -200 / 99], [0, 0, -1, 0]]
+)
 
 
 def pixel(place, matrix=PERSPECTIVE):
@@ -41,12 +43,21 @@ def test_it_is_the_nearest_of_all(seed):
     assert nearest(places, PERSPECTIVE, SIZE, cursor, 1.001 * away[expected]) == expected
     assert nearest(places, PERSPECTIVE, SIZE, cursor, 0.999 * away[expected]) is None
     others = np.arange(len(away)) != expected
-    assert nearest(places, PERSPECTIVE, SIZE, cursor, 1e4, others) == int(np.where(others, away, np.inf).argmin())
+    assert nearest(places, PERSPECTIVE, SIZE, cursor, 1e4, others) == int(
+        np.where(others, away, np.inf).argmin()
+    )
 
 
 def test_behind_the_viewer_at_nan_and_in_an_empty_crowd_there_is_none():
     middle = SIZE[0] / 2, SIZE[1] / 2
-    for place in ((0, 0, 10), (0, 0, 0), (0, 0, -0.5), (0, 0, -101), (np.nan, 0, -10), (0, np.inf, -10)):
+    for place in (
+        (0, 0, 10),
+        (0, 0, 0),
+        (0, 0, -0.5),
+        (0, 0, -101),
+        (np.nan, 0, -10),
+        (0, np.inf, -10),
+    ):
         assert nearest(np.array([place]).T, PERSPECTIVE, SIZE, middle, 1e4) is None
     assert nearest(np.empty((3, 0)), PERSPECTIVE, SIZE, middle, 1e4) is None
     assert nearest(np.array([[0.0], [0.0], [-10.0]]), PERSPECTIVE, SIZE, middle, 1e4) == 0
@@ -64,12 +75,26 @@ def accounts(kind="PERSP", groups=GROUPS, row=None):
     x, y, group = np.array(AGENTS, np.float64).T
     n = len(x)
     crowd = Crowd(
-        x, y, np.zeros(n), np.zeros(n, np.float32), np.zeros(n, np.uint8), group.astype(np.uint8), np.zeros(n, np.float32)
+        x,
+        y,
+        np.zeros(n),
+        np.zeros(n, np.float32),
+        np.zeros(n, np.uint8),
+        group.astype(np.uint8),
+        np.zeros(n, np.float32),
     )
     machine = load_preset("chapter")
     edge = 1.0 if kind == "PERSP" else 20.0
     axes = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, 1.0, 0]])
-    camera = Camera(kind, np.array([0.0, 0, 1]), *axes, Window(-edge, edge, -edge, edge), 1.0, 40.0, (1000, 1000))
+    camera = Camera(
+        kind,
+        np.array([0.0, 0, 1]),
+        *axes,
+        Window(-edge, edge, -edge, edge),
+        1.0,
+        40.0,
+        (1000, 1000),
+    )
     policy = LevelPolicy((0.25, 0.6))
     world = edge_map(Area(-60, -60, 60, 60), machine.labels)
     frame = plan(Walk(crowd, machine, world, groups, 1 / 24), camera, policy, 1)
@@ -79,7 +104,9 @@ def accounts(kind="PERSP", groups=GROUPS, row=None):
 
 def test_an_account_says_what_the_plan_made_of_an_agent():
     found, machine, frame = accounts()
-    assert [each.level for each in found] == frame.levels.tolist() and found[0].state == machine.states[0]
+    assert [each.level for each in found] == frame.levels.tolist() and found[
+        0
+    ].state == machine.states[0]
     assert [each.agent for each in found] == list(range(len(AGENTS)))
     assert [each.group for each in found] == [GROUPS[group].name for *_, group in AGENTS]
     assert [each.depth for each in found] == pytest.approx([y for _, y, _ in AGENTS])
@@ -93,8 +120,12 @@ def test_sizes_and_errors_are_in_pixels_of_the_picture():
     found, _, _ = accounts()
     # 1000 pixels for 2 units: 500 pixels a meter at 1 m; the sphere's nearest point errs most
     assert found[0].pixels == pytest.approx(2 * 500 / 5) and found[0].error == 0
-    assert found[1].pixels == pytest.approx(2 * 500 / 20) and found[1].error == pytest.approx(0.02 * 500 / 19)
-    assert found[2].pixels == pytest.approx(1 * 500 / 30) and found[2].error == pytest.approx(0.05 * 500 / 29.5)
+    assert found[1].pixels == pytest.approx(2 * 500 / 20) and found[1].error == pytest.approx(
+        0.02 * 500 / 19
+    )
+    assert found[2].pixels == pytest.approx(1 * 500 / 30) and found[2].error == pytest.approx(
+        0.05 * 500 / 29.5
+    )
     assert found[5].pixels is None and found[5].error is None
     flat, _, _ = accounts("ORTHO")
     assert {each.pixels for each in flat if each.group == "adult"} == {2 * 1000 / 40}
@@ -102,19 +133,25 @@ def test_sizes_and_errors_are_in_pixels_of_the_picture():
 
 
 def test_an_account_tells_what_the_shot_plan_has_of_the_agent():
-    found, _, frame = accounts(row=[1 | EXCEPTED | PINNED, 0, 2 | HIDDEN, 1 | PINNED, 2 | EXCEPTED | PINNED, HIDDEN, 1])
+    found, _, frame = accounts(
+        row=[1 | EXCEPTED | PINNED, 0, 2 | HIDDEN, 1 | PINNED, 2 | EXCEPTED | PINNED, HIDDEN, 1]
+    )
     assert frame.planned and {each.planned for each in accounts()[0]} == {""}
     assert [each.planned for each in found] == [
         "LOD 1, by an exception", "LOD 0", "hidden by an exception", "LOD 1", "LOD 2, by an exception", "hidden by an exception", "LOD 1"
     ]  # fmt: skip
-    assert [each.level for each in found[:2]] == [1, 0] and [each.visible for each in found[:4]] == [True, True, False, True]
+    assert [each.level for each in found[:2]] == [1, 0] and [
+        each.visible for each in found[:4]
+    ] == [True, True, False, True]
     assert [each.reason for each in found] == [
         "exception", "near enough", "exception", "shot plan", "outside the frustum", "exception", "clipped beyond the far plane"
     ]  # fmt: skip
 
 
 def test_without_measured_lods_there_is_no_error():
-    found, _, _ = accounts(groups=(Group("adult", 1.0, 1.0, 0.0, 1.0), Group("child", 0.5, 0.5, 0.0, 1.0)))
+    found, _, _ = accounts(
+        groups=(Group("adult", 1.0, 1.0, 0.0, 1.0), Group("child", 0.5, 0.5, 0.0, 1.0))
+    )
     assert found[1].pixels is not None and found[1].error is None
 
 

@@ -24,9 +24,13 @@ def test_crowd_starts_where_it_may_and_spreads_evenly():
     assert (crowd.y >= 5).all() and (crowd.y < 25).all() and (crowd.z == 2).all()
     assert (crowd.state == 0).all()  # the chapter's start: all walk right
     assert (crowd.heading == 0).all()
-    assert abs(np.bincount(crowd.phase_class, minlength=16) - 20_000 / 16).max() < 5 * np.sqrt(20_000 * 15 / 16**2)
+    assert abs(np.bincount(crowd.phase_class, minlength=16) - 20_000 / 16).max() < 5 * np.sqrt(
+        20_000 * 15 / 16**2
+    )
     # 20,000 fair draws into 3 groups and 4 quarters stay within 5 standard deviations
-    assert abs(np.bincount(crowd.group, minlength=3) - 20_000 / 3).max() < 5 * np.sqrt(20_000 * 2 / 9)
+    assert abs(np.bincount(crowd.group, minlength=3) - 20_000 / 3).max() < 5 * np.sqrt(
+        20_000 * 2 / 9
+    )
     quarters = np.bincount((crowd.x > 10) * 2 + (crowd.y > 15), minlength=4)
     assert abs(quarters - 5000).max() < 5 * np.sqrt(20_000 * 3 / 16)
 
@@ -40,7 +44,9 @@ def test_groups_get_their_shares_of_the_agents():
         populate(10, 1, (0.0, 0.0), MACHINE, WORLD)
 
 
-@pytest.mark.parametrize("count", [20_000, 60_000])  # from 40,000 on places order the agents of a variant
+@pytest.mark.parametrize(
+    "count", [20_000, 60_000]
+)  # from 40,000 on places order the agents of a variant
 def test_variants_are_drawn_within_their_group(count):
     draw = Draw((3.0, 1.0), (((0, 0.25), (1, 0.6), (4, 0.15)), ((5, 1.0),)))
     crowd = populate(count, 1, draw, MACHINE, WORLD)
@@ -50,14 +56,18 @@ def test_variants_are_drawn_within_their_group(count):
     assert sorted(crowd.x) == sorted(plain.x)
     adults = np.count_nonzero(plain.group == 0)
     for group, part in ((0, 0.25), (1, 0.6), (4, 0.15)):
-        assert abs(np.count_nonzero(crowd.group == group) - adults * part) < 5 * np.sqrt(adults * part * (1 - part))
+        assert abs(np.count_nonzero(crowd.group == group) - adults * part) < 5 * np.sqrt(
+            adults * part * (1 - part)
+        )
 
 
 def test_a_variant_depends_on_the_agents_key_alone():
     draw, keys = Draw(2, (((0, 0.5), (1, 0.5)), ((2, 1.0),))), random_streams.keys(3, 1000)
     group = np.repeat(np.array([0, 2], np.uint8), 500)
     found, order = draw.dressed(group, keys), np.random.default_rng(1).permutation(1000)
-    assert (draw.dressed(group[order], keys[order]) == found[order]).all() and (found[500:] == 2).all()
+    assert (draw.dressed(group[order], keys[order]) == found[order]).all() and (
+        found[500:] == 2
+    ).all()
     assert 200 < np.count_nonzero(found[:500] == 1) < 300
 
 
@@ -79,7 +89,17 @@ def test_bounding_sphere_holds_the_points_at_every_heading():
 
 def test_the_sphere_of_a_group_holds_its_agents_of_all_sizes():
     points = np.random.default_rng(3).normal(size=(500, 3)) * (0.3, 0.2, 0.9) + (0.1, 0, 0.9)
-    group = varied(Group("one", *bounding_sphere(points), 1.0, 1.0, bounds=(0.0, 0.1), deviations=(0.0, 0.08), scale=(0.4, 1.7)))
+    group = varied(
+        Group(
+            "one",
+            *bounding_sphere(points),
+            1.0,
+            1.0,
+            bounds=(0.0, 0.1),
+            deviations=(0.0, 0.08),
+            scale=(0.4, 1.7),
+        )
+    )
     for size in np.linspace(0.4, 1.7, 14):
         assert np.linalg.norm(size * points - (0, 0, group.center), axis=1).max() <= group.radius
     assert group.bounds[1] >= 1.7 * 0.1 and group.deviations[1] == pytest.approx(0.136)

@@ -21,14 +21,22 @@ FAST = """{"version": 1, "edge": "wrap", "labels": {"a": {"color": "#000000"}, "
 def trajectory(count=2000):
     machine = load_preset("chapter")
     world = edge_map(AREA, machine.labels)
-    return Walk(populate(count, 1, 1, machine, world), machine, world, (Group("a", 0.9, 1, 1.25, 1),), 1 / 24)
+    return Walk(
+        populate(count, 1, 1, machine, world),
+        machine,
+        world,
+        (Group("a", 0.9, 1, 1.25, 1),),
+        1 / 24,
+    )
 
 
 def fast():
     """Agents that enter a cell of another label 41,667 times in a step, which takes seconds."""
     machine = parse(FAST, "fast")
     world = LabelMap(np.arange(100, dtype=np.uint8)[None].repeat(2, 0) % 2, AREA)
-    return Walk(populate(1000, 1, 1, machine, world), machine, world, (Group("a", 0.9, 1, 1.25, 1),), 1 / 24)
+    return Walk(
+        populate(1000, 1, 1, machine, world), machine, world, (Group("a", 0.9, 1, 1.25, 1),), 1 / 24
+    )
 
 
 @pytest.mark.once

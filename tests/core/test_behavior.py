@@ -50,7 +50,10 @@ def test_chapter_walks_right_to_the_edge_turns_and_walks_left():
     assert (abs(np.diff(turns) / 24 - 62 / 1.25) <= 2 / 24).all()
 
 
-STOPS = {"run": {"on": {"*": {"move": [90, 0]}, "wall": {"next": "stand"}}}, "stand": {"on": {"*": {}}}}
+STOPS = {
+    "run": {"on": {"*": {"move": [90, 0]}, "wall": {"next": "stand"}}},
+    "stand": {"on": {"*": {}}},
+}
 
 
 def test_fast_agents_do_not_jump_over_a_wall():
@@ -76,12 +79,29 @@ def test_a_diagonal_wall_of_cells_that_touch_at_corners_is_never_crossed(rising,
     random = np.random.default_rng(4)
     across = -1 if rising else 1
     for speed in (1e-3, 0.3, 1, 2**0.5, 7, 1e3):
-        ways = [(1, 0), (0, 1), (-1, 0), (0, -1), (1, 1), (-1, 1), (-1, -1), (1, -1), *random.normal(size=(3, 2))]
+        ways = [
+            (1, 0),
+            (0, 1),
+            (-1, 0),
+            (0, -1),
+            (1, 1),
+            (-1, 1),
+            (-1, -1),
+            (1, -1),
+            *random.normal(size=(3, 2)),
+        ]
         for way in ways:
             rule = {"move": [speed * cell * part for part in way]}
-            machine = machine_of({"run": {"on": {"ground": rule, "wall": {"next": "stand"}}}, "stand": {"on": {"*": {}}}})
+            machine = machine_of(
+                {
+                    "run": {"on": {"ground": rule, "wall": {"next": "stand"}}},
+                    "stand": {"on": {"*": {}}},
+                }
+            )
             column, row = random.integers(size, size=(2, 300))
-            centerd = np.arange(300) < 150  # from the middle of a cell the diagonal ways lead through corners
+            centerd = (
+                np.arange(300) < 150
+            )  # from the middle of a cell the diagonal ways lead through corners
             within = np.where(centerd, 0.5, random.random((2, 300)))
             x, y = offset + (np.stack([column, row]) + within) * cell
             crowd = crowd_at(np.stack([x, y, 0 * x], axis=1))
@@ -101,7 +121,11 @@ def test_a_diagonal_wall_of_cells_that_touch_at_corners_is_never_crossed(rising,
 def test_cost_grows_with_the_fast_agents_only():
     """Speeds from 1e-3 to 1e3 cells a step in one table; counted in reads, not in seconds."""
     speeds = 10.0 ** np.arange(-3, 4)
-    machine = machine_of({f"s{i}": {"on": {"*": {"move": [v, 0]}}} for i, v in enumerate(speeds)}, "wrap", ("ground",))
+    machine = machine_of(
+        {f"s{i}": {"on": {"*": {"move": [v, 0]}}} for i, v in enumerate(speeds)},
+        "wrap",
+        ("ground",),
+    )
     world = LabelMap(np.zeros((1, 100), np.uint8), Area(0, 0, 100, 1))
     assert courant(machine, world, 1.0).ravel() == pytest.approx(speeds)
     counts = np.array([5000, 5000, 5000, 100, 20, 5, 2])
@@ -119,9 +143,14 @@ def test_nobody_gets_further_than_its_speed_about_the_origin():
     random, fastest = np.random.default_rng(1), []
     for _ in range(12):
         table, (width, depth) = load_preset("plaza"), 10 ** random.uniform(1, 2.5, 2)
-        labels = np.where(random.random((31, 37)) < 0.25, random.integers(len(table.labels), size=(31, 37)), 0).astype(np.uint8)
+        labels = np.where(
+            random.random((31, 37)) < 0.25, random.integers(len(table.labels), size=(31, 37)), 0
+        ).astype(np.uint8)
         world = LabelMap(labels, Area(-width / 2, -depth / 2, width / 2, depth / 2))
-        crowd, reach = populate(500, 1, 1, table, world), np.hypot(*table.velocity.reshape(-1, 2).T).max() / 24
+        crowd, reach = (
+            populate(500, 1, 1, table, world),
+            np.hypot(*table.velocity.reshape(-1, 2).T).max() / 24,
+        )
         for _ in range(12):
             before, crowd = crowd, step(crowd, table, world, 1 / 24)
             fastest.append(np.hypot(crowd.x - before.x, crowd.y - before.y).max() / reach)
@@ -129,7 +158,9 @@ def test_nobody_gets_further_than_its_speed_about_the_origin():
 
 
 def test_absurd_speeds_are_refused_by_name():
-    machine = machine_of({"walk": {"on": {"*": {}}}, "warp": {"on": {"*": {}, "wall": {"move": [0, -1e9]}}}})
+    machine = machine_of(
+        {"walk": {"on": {"*": {}}}, "warp": {"on": {"*": {}, "wall": {"move": [0, -1e9]}}}}
+    )
     world = LabelMap(np.zeros((10, 10), np.uint8), Area(0, 0, 10, 10))
     with pytest.raises(CrowdError, match=r"1e\+09 cells.*'warp' on 'wall'.*65536"):
         step(crowd_at([(1, 1, 0)]), machine, world, 1.0)
@@ -148,7 +179,9 @@ def test_edge_policies_at_any_speed(edge, seed):
     world = LabelMap(np.zeros((7, 11), np.uint8), area)
     for speed in (1e-3, 0.9, 13, 400):
         heading = random.uniform(0, 360)
-        machine = machine_of({"go": {"on": {"*": {"speed": speed, "heading": heading}}}}, edge, ("ground",))
+        machine = machine_of(
+            {"go": {"on": {"*": {"speed": speed, "heading": heading}}}}, edge, ("ground",)
+        )
         crowd = populate(200, seed, 1, machine, world)
         x, y = crowd.x, crowd.y
         vx, vy = machine.velocity[0, 0]
@@ -163,7 +196,9 @@ def test_edge_policies_at_any_speed(edge, seed):
                 (far_x, flip_x), (far_y, flip_y) = mirrored(far_x, -4, 8), mirrored(far_y, 1, 10)
                 assert (crowd.mirror == flip_x + 2 * flip_y).all()
             else:
-                time = np.minimum((np.where(vx > 0, 8, -4) - x) / vx, (np.where(vy > 0, 10, 1) - y) / vy)
+                time = np.minimum(
+                    (np.where(vx > 0, 8, -4) - x) / vx, (np.where(vy > 0, 10, 1) - y) / vy
+                )
                 time = np.minimum(time, count)
                 far_x, far_y = x + vx * time, y + vy * time
             np.testing.assert_allclose(crowd.x, far_x, atol=1e-9)
@@ -192,13 +227,24 @@ LIVELY = {
 def lively(seed=1, edge="wrap", **more):
     machine = machine_of(LIVELY, edge)
     world = random_world(np.random.default_rng(seed), 2)
-    return Walk(populate(400, seed, 1, machine, world), machine, world, (walker(),), 1 / 24, 10, every=8, **more)
+    return Walk(
+        populate(400, seed, 1, machine, world),
+        machine,
+        world,
+        (walker(),),
+        1 / 24,
+        10,
+        every=8,
+        **more,
+    )
 
 
 def trajectory(seed=1):
     machine = load_preset("chapter")
     world = edge_map(Area(0, 0, 30, 30), machine.labels)
-    return Walk(populate(500, seed, 1, machine, world), machine, world, (walker(),), 1 / 24, 10, every=8)
+    return Walk(
+        populate(500, seed, 1, machine, world), machine, world, (walker(),), 1 / 24, 10, every=8
+    )
 
 
 @pytest.mark.once
@@ -240,8 +286,17 @@ def test_timers_and_chances_do_not_depend_on_the_length_of_the_step():
     """Here no label changes the state, so stepping is exact: any step gives the same events at the same times."""
     machine = machine_of(
         {
-            "go": {"start": 1, "after": [0.3, 2], "then": {"back": 2, "rest": 1}, "on": {"*": {"move": [1, 0.2]}}},
-            "back": {"after": 0.7, "then": {"go": 1, "rest": 3, "back": 1}, "on": {"*": {"move": [-1, 0.4]}}},
+            "go": {
+                "start": 1,
+                "after": [0.3, 2],
+                "then": {"back": 2, "rest": 1},
+                "on": {"*": {"move": [1, 0.2]}},
+            },
+            "back": {
+                "after": 0.7,
+                "then": {"go": 1, "rest": 3, "back": 1},
+                "on": {"*": {"move": [-1, 0.4]}},
+            },
             "rest": {"after": [0.1, 0.2], "then": "go", "on": {"*": {}}},
         },
         "wrap",
@@ -253,13 +308,19 @@ def test_timers_and_chances_do_not_depend_on_the_length_of_the_step():
         coarse = step(coarse, machine, world, 2.0)
     for _ in range(240):
         fine = step(fine, machine, world, 1 / 24)
-    assert (coarse.state == fine.state).all() and (coarse.key == fine.key).all() and (start.key != fine.key).all()
+    assert (
+        (coarse.state == fine.state).all()
+        and (coarse.key == fine.key).all()
+        and (start.key != fine.key).all()
+    )
     np.testing.assert_allclose(coarse.wait, fine.wait, atol=1e-4)
     np.testing.assert_allclose(coarse.x, fine.x, atol=1e-3)
 
 
 def test_timers_end_after_their_seconds():
-    machine = machine_of({"a": {"start": 1, "after": [2, 4], "then": "b", "on": {"*": {}}}, "b": {"on": {"*": {}}}})
+    machine = machine_of(
+        {"a": {"start": 1, "after": [2, 4], "then": "b", "on": {"*": {}}}, "b": {"on": {"*": {}}}}
+    )
     world = LabelMap(np.zeros((1, 1), np.uint8), Area(0, 0, 1, 1))
     crowd = populate(20_000, 0, 1, machine, world)
     left = []
@@ -275,7 +336,12 @@ def test_timers_end_after_their_seconds():
 @pytest.mark.parametrize("after, fps", [(3600, 10), (3600, 1000 / 30), (1000.1, 60)])
 def test_a_long_timer_ends_on_time(after, fps):
     """Who goes when the timer ends is as far as the time since then: to a microsecond, by whatever steps."""
-    machine = machine_of({"a": {"start": 1, "after": after, "then": "b", "on": {"*": {}}}, "b": {"on": {"*": {"move": [1, 0]}}}})
+    machine = machine_of(
+        {
+            "a": {"start": 1, "after": after, "then": "b", "on": {"*": {}}},
+            "b": {"on": {"*": {"move": [1, 0]}}},
+        }
+    )
     world = LabelMap(np.zeros((1, 1), np.uint8), Area(0, 0, 1000, 1))
     shot = Walk(populate(2, 0, 1, machine, world), machine, world, (walker(),), 1 / fps, 0)
     frames = int((after + 2) * fps)
@@ -286,7 +352,9 @@ def test_a_long_timer_ends_on_time(after, fps):
 @pytest.mark.once
 @pytest.mark.parametrize("after", [1e6, 1e7])
 def test_a_timer_of_a_million_seconds_runs_at_sixty_frames_a_second(after):
-    machine = machine_of({"a": {"start": 1, "after": after, "then": "a", "on": {"*": {"move": [1, 0]}}}}, "wrap")
+    machine = machine_of(
+        {"a": {"start": 1, "after": after, "then": "a", "on": {"*": {"move": [1, 0]}}}}, "wrap"
+    )
     world = LabelMap(np.zeros((4, 4), np.uint8), Area(0, 0, 40, 40))
     crowd = populate(20, 0, 1, machine, world)
     shot = Walk(crowd, machine, world, (walker(),), 1 / 60, 0)
@@ -297,12 +365,18 @@ def test_a_timer_of_a_million_seconds_runs_at_sixty_frames_a_second(after):
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("after", [1e39, 1e300, 1.7e308, [1, 1.7e308]])
 def test_a_timer_that_nobody_lives_to_see_runs_without_a_warning(after):
-    machine = machine_of({"a": {"start": 1, "after": after, "then": "a", "on": {"*": {"move": [0.1, 0]}}}})
+    machine = machine_of(
+        {"a": {"start": 1, "after": after, "then": "a", "on": {"*": {"move": [0.1, 0]}}}}
+    )
     world = LabelMap(np.zeros((4, 4), np.uint8), Area(0, 0, 40, 40))
     crowd = populate(5000, 0, 1, machine, world)
     assert np.isfinite(crowd.wait).all()
     shot = Walk(crowd, machine, world, (walker(),), 1e-3, 0)
-    assert same(shot.at(40), shot.full.at(40)) and (shot.at(40).state == 0).all() and np.isfinite(shot.at(40).wait).all()
+    assert (
+        same(shot.at(40), shot.full.at(40))
+        and (shot.at(40).state == 0).all()
+        and np.isfinite(shot.at(40).wait).all()
+    )
 
 
 def test_chances_follow_their_weights_and_fall_once_a_label():
@@ -322,7 +396,10 @@ def test_chances_follow_their_weights_and_fall_once_a_label():
 def test_a_label_is_drawn_for_anew_each_time_it_is_entered():
     """Round a ring with one crossing, where one in two turns off: after three rounds one in eight still walks."""
     states = {
-        "on": {"start": 1, "on": {"*": {"move": [1, 0]}, "wall": {"move": [1, 0], "next": {"on": 1, "off": 1}}}},
+        "on": {
+            "start": 1,
+            "on": {"*": {"move": [1, 0]}, "wall": {"move": [1, 0], "next": {"on": 1, "off": 1}}},
+        },
         "off": {"on": {"*": {"move": [1, 0]}}},
     }
     machine = machine_of(states, "wrap")
@@ -352,7 +429,10 @@ def test_what_follows_a_timer_does_not_hang_on_what_the_label_drew():
 
 def test_a_reflected_agent_walks_mirrored_until_its_state_changes():
     states = {
-        "east": {"start": 1, "on": {"ground": {"move": [1, 0.1]}, "wall": {"next": "east too", "move": [1, 0]}}},
+        "east": {
+            "start": 1,
+            "on": {"ground": {"move": [1, 0.1]}, "wall": {"next": "east too", "move": [1, 0]}},
+        },
         "east too": {"on": {"*": {"move": [1, 0]}}},
     }
     machine = machine_of(states, "reflect")
@@ -362,13 +442,25 @@ def test_a_reflected_agent_walks_mirrored_until_its_state_changes():
         crowd = step(crowd, machine, world, 0.5)
         seen.append((crowd.x[0], int(crowd.state[0]), int(crowd.mirror[0])))
     # to the edge at 4 m, mirrored back to the label at 2 m and on to the step's end, then east as the table says
-    expected = [(3.1, 0, 0), (3.6, 0, 0), (3.9, 0, 1), (3.4, 0, 1), (2.9, 0, 1), (2.4, 0, 1), (1.9, 1, 0), (2.4, 1, 0)]
+    expected = [
+        (3.1, 0, 0),
+        (3.6, 0, 0),
+        (3.9, 0, 1),
+        (3.4, 0, 1),
+        (2.9, 0, 1),
+        (2.4, 0, 1),
+        (1.9, 1, 0),
+        (2.4, 1, 0),
+    ]
     assert seen == [(pytest.approx(x), state, mirror) for x, state, mirror in expected]
     assert crowd.heading[0] == 0
 
 
 def test_time_passes_for_an_agent_that_is_sent_to_and_fro():
-    states = {"a": {**TO_AND_FRO["a"], "after": 1, "then": "off"}, "off": {"on": {"*": {"move": [0, 1]}}}}
+    states = {
+        "a": {**TO_AND_FRO["a"], "after": 1, "then": "off"},
+        "off": {"on": {"*": {"move": [0, 1]}}},
+    }
     machine = machine_of(states)
     world = LabelMap(np.array([[0, 1]], np.uint8), Area(0, 0, 2, 1))
     crowd = dataclasses.replace(crowd_at([(0.75, 0.25, 0)]), wait=np.ones(1))

@@ -41,19 +41,26 @@ def one_by_one(trajectory, camera, policy, time, shutter=(), bias=None):
     eyes = camera if isinstance(camera, tuple) else (camera,)
     center, radius = trajectory.spheres.center, trajectory.spheres.radius
     crowd = trajectory.at(time)
-    visible, distance = radar(crowd, eyes, center, radius, RadarOptions(policy.margin, policy.metric == "RADIAL"))
+    visible, distance = radar(
+        crowd, eyes, center, radius, RadarOptions(policy.margin, policy.metric == "RADIAL")
+    )
     times = [sample for sample, _ in shutter]
     speed = np.hypot(*trajectory.machine.velocity.reshape(-1, 2).T).max()
     grown = radius + speed * max(np.diff(times), default=0.0) * trajectory.seconds_per_frame
     for sample, cameras in shutter:
-        visible |= radar(trajectory.at(sample), cameras, center, grown, RadarOptions(policy.margin))[0]
+        visible |= radar(
+            trajectory.at(sample), cameras, center, grown, RadarOptions(policy.margin)
+        )[0]
     factor = None if bias is None else bias.at(crowd.x, crowd.y)
     return visible, assign(distance, limits(policy, eyes[0], radius), crowd.group, factor)
 
 
 def compare(trajectory, camera, policy=POLICY, time=9, *more):
     """The plan by blocks, after it was compared with that of testing every agent."""
-    frame, full = plan(trajectory, camera, policy, time, *more), plan(trajectory.full, camera, policy, time, *more)
+    frame, full = (
+        plan(trajectory, camera, policy, time, *more),
+        plan(trajectory.full, camera, policy, time, *more),
+    )
     assert leave_outs.BLOCKS in frame.left_out or leave_outs.STATIC in frame.left_out
     assert raw(frame) == raw(full)
     visible, levels = one_by_one(trajectory, camera, policy, time, *more)
@@ -79,16 +86,30 @@ def random_surroundings(random, camera):
     """Suns, lamps, spots, mirrors, and a ground, near the crowd and far off."""
     lights, mirrors = [], []
     for _ in range(random.integers(1, 4)):
-        way, origin = random.normal(size=3), (0, 50, 0) + random.normal(size=3) * 10.0 ** random.uniform(0, 4)
-        lamp = {"size": 10.0 ** random.uniform(-2, 1), "angle": random.choice([np.pi, random.uniform(0.01, 3)])}
+        way, origin = (
+            random.normal(size=3),
+            (0, 50, 0) + random.normal(size=3) * 10.0 ** random.uniform(0, 4),
+        )
+        lamp = {
+            "size": 10.0 ** random.uniform(-2, 1),
+            "angle": random.choice([np.pi, random.uniform(0.01, 3)]),
+        }
         lamp["reach"] = random.choice([np.inf, 10.0 ** random.uniform(0, 3)])
         sun = {"angle": random.choice([0, random.uniform(0, 0.2)])}
         lights.append(Light(origin, way / np.linalg.norm(way), **lamp))
         lights.append(Light(None, np.append(way[:2], -abs(way[2])) / np.linalg.norm(way), **sun))
     for _ in range(random.integers(0, 3)):
-        (a, b, normal), away = np.linalg.qr(random.normal(size=(3, 3)))[0], 10.0 ** random.uniform(0, 2)
+        (a, b, normal), away = (
+            np.linalg.qr(random.normal(size=(3, 3)))[0],
+            10.0 ** random.uniform(0, 2),
+        )
         middle = camera.origin + away * camera.Z
-        mirrors.append(Mirror(normal, middle + np.array([-a - b, a - b, a + b, b - a]) * away * random.uniform(0.1, 2)))
+        mirrors.append(
+            Mirror(
+                normal,
+                middle + np.array([-a - b, a - b, a + b, b - a]) * away * random.uniform(0.1, 2),
+            )
+        )
     box = np.array([(-60, -60, -1), (60, 160, 0.0)]) if random.random() < 0.7 else None
     return Surroundings(tuple(random.permutation(lights)), tuple(mirrors), box)
 
@@ -103,10 +124,16 @@ def test_shadows_and_reflections_of_any_shot_are_those_of_testing_every_agent():
         trajectory, camera, _, shutter, _ = shot
         around = random_surroundings(random, camera[0] if isinstance(camera, tuple) else camera)
         for time in (9,) if shutter else (9, 16.5):
-            made = [surround(plan(each, camera, POLICY, time, shutter), around) for each in (trajectory, trajectory.full)]
+            made = [
+                surround(plan(each, camera, POLICY, time, shutter), around)
+                for each in (trajectory, trajectory.full)
+            ]
             for name in ("shadow", "mirrored"):
                 one, other = (getattr(frame, name) for frame in made)
-                assert one.order.tobytes() == other.order.tobytes() and (one.offsets == other.offsets).all()
+                assert (
+                    one.order.tobytes() == other.order.tobytes()
+                    and (one.offsets == other.offsets).all()
+                )
             found[:] += len(one.order) > 0, len(made[0].shadow.order) > 0
 
     the_same()
@@ -135,8 +162,12 @@ def test_blocks_of_agents_on_planes_never_say_more_than_the_radar(lens):
         order = blocks.filled(morton_order.order_of(crowd.x, crowd.y, crowd.group, AREA))
         found = blocks.blocks_of(crowd, order, spheres_of((group,)), AREA)
         look = blocks.Look(camera, np.zeros(3), np.zeros(3))
-        levels, places = in_order(found, *blocks.decide(found, crowd, [[look]], begin, margin, radial))
-        visible, distance = radar(crowd, camera, np.zeros(1), radius[:1], RadarOptions(margin, radial))
+        levels, places = in_order(
+            found, *blocks.decide(found, crowd, [[look]], begin, margin, radial)
+        )
+        visible, distance = radar(
+            crowd, camera, np.zeros(1), radius[:1], RadarOptions(margin, radial)
+        )
         right = np.where(visible, assign(distance, begin), blocks.CULLED)[found.order]
         assert np.delete(levels == right, places).all()
         decided += len(crowd) - len(places)
@@ -149,9 +180,15 @@ def test_a_crowd_seen_wholly_or_not_at_all_is_decided_by_few_blocks():
     inside = replace(straight(), kind="ORTHO", origin=np.array([0, -200, 0]), far=900.0)
     inside = replace(inside, window=replace(inside.window, left=-60, right=60, bottom=-60, top=60))
     endless = replace(inside, far=1e30)  # its far plane's roundings are larger than the crowd
-    for camera, seen in ((inside, 2000), (endless, 2000), (replace(inside, origin=np.array([0, -2000, 0])), 0)):
+    for camera, seen in (
+        (inside, 2000),
+        (endless, 2000),
+        (replace(inside, origin=np.array([0, -2000, 0])), 0),
+    ):
         look = blocks.Look(camera, *index_cache.moved(trajectory, 9, since))
-        levels, places = in_order(found, *blocks.decide(found, trajectory.at(9), [[look]], np.array([[400.0]])))
+        levels, places = in_order(
+            found, *blocks.decide(found, trajectory.at(9), [[look]], np.array([[400.0]]))
+        )
         assert len(places) == 0 and (levels == 0).sum() == seen
     # where a side of the picture cuts the crowd, some blocks are open: only with a lens are their agents left to the radar
     cut = replace(inside, window=replace(inside.window, left=0.0))
@@ -166,7 +203,10 @@ def test_the_order_is_of_groups_along_a_curve_and_holds_every_agent_once():
     mixed = replace(crowd, group=np.random.default_rng(0).permutation(crowd.group))
     for each in (crowd, mixed):
         order = morton_order.order_of(each.x, each.y, each.group, AREA)
-        assert sorted(order) == list(range(3000)) and (np.diff(each.group[order].astype(int)) >= 0).all()
+        assert (
+            sorted(order) == list(range(3000))
+            and (np.diff(each.group[order].astype(int)) >= 0).all()
+        )
         step = np.hypot(np.diff(each.x[order]), np.diff(each.y[order]))
         assert np.median(step) < np.hypot(80, 100) / 30
 
@@ -176,7 +216,11 @@ def test_agents_of_mixed_groups_at_nan_and_beyond_the_map():
     start, random = trajectory.start, np.random.default_rng(3)
     x, y, z = start.x.copy(), start.y.copy(), start.z.copy()
     z[[5, 88, 300]], y[7], x[:3] = np.nan, np.inf, (-70, 90, -0.0)
-    odd = replace(trajectory, start=replace(start, x=x, y=y, z=z, group=random.permutation(start.group)), _kept={})
+    odd = replace(
+        trajectory,
+        start=replace(start, x=x, y=y, z=z, group=random.permutation(start.group)),
+        _kept={},
+    )
     policy = LevelPolicy((0.3, 0.6), drop_lost=True)
     for time in (1, 1.5, 2, 17, 30):
         frame = compare(odd, straight(offset=(0, 30, 0)), policy, time)
@@ -185,7 +229,9 @@ def test_agents_of_mixed_groups_at_nan_and_beyond_the_map():
     for more in (HeightMap(random.random((4, 5)).astype(np.float32), AREA), None):
         gone = replace(odd, start=replace(odd.start, x=x), heights=more, _kept={})
         for time in (1, 2.5, 17):
-            assert compare(gone, straight(offset=(0, 30, 0)), policy, time).dropped == (6 if more is None else 3)
+            assert compare(gone, straight(offset=(0, 30, 0)), policy, time).dropped == (
+                6 if more is None else 3
+            )
     with pytest.raises(CrowdError, match="6 of 900 agents"):
         plan(gone, straight(), LevelPolicy(()), 1)
 
@@ -194,7 +240,9 @@ ONWARDS = machine({"on": {"color": "#ff0000", "on": {"*": {"move": [3, 0.5]}}}},
 
 
 @pytest.mark.parametrize(
-    "table", [*map(walking, ("wrap", "reflect", "clamp", "stop")), ONWARDS], ids=["wrap", "reflect", "clamp", "stop", "onwards"]
+    "table",
+    [*map(walking, ("wrap", "reflect", "clamp", "stop")), ONWARDS],
+    ids=["wrap", "reflect", "clamp", "stop", "onwards"],
 )
 def test_agents_that_cross_the_map_between_two_makings_of_the_blocks(table):
     trajectory = shot(table, ground([(3, 4)]), count=1500)
@@ -206,10 +254,15 @@ def test_agents_that_cross_the_map_between_two_makings_of_the_blocks(table):
 
 def test_characters_of_different_heights_that_share_a_block():
     sizes = [((60.0, 1.0), (0.9, 9.0), (30.0, 0.1))[k % 3] for k in range(60)]
-    trajectory = shot(groups=tuple(replace(walker(), center=c, radius=r) for c, r in sizes), count=600)
+    trajectory = shot(
+        groups=tuple(replace(walker(), center=c, radius=r) for c, r in sizes), count=600
+    )
     policy = LevelPolicy((0.3, 0.6), group_thresholds=((), (0.1, 0.2), (0.5, 0.9)) * 20)
     for height, someone in ((1, True), (20, False), (31, True), (59, True), (80, False)):
-        assert compare(trajectory, straight(kind="ORTHO", offset=(0, 0, height)), policy).visible.any() == someone
+        assert (
+            compare(trajectory, straight(kind="ORTHO", offset=(0, 0, height)), policy).visible.any()
+            == someone
+        )
 
 
 def test_the_plan_does_not_depend_on_what_was_asked_before():
@@ -218,7 +271,9 @@ def test_the_plan_does_not_depend_on_what_was_asked_before():
         plan(warm, camera, LevelPolicy((0.3, 0.6)), time)
     cold = shot(walking("reflect"), count=1500)
     for time in (40, 90):
-        assert raw(plan(warm, camera, LevelPolicy((0.3, 0.6)), time)) == raw(plan(cold, camera, LevelPolicy((0.3, 0.6)), time))
+        assert raw(plan(warm, camera, LevelPolicy((0.3, 0.6)), time)) == raw(
+            plan(cold, camera, LevelPolicy((0.3, 0.6)), time)
+        )
 
 
 @pytest.mark.parametrize("module, name", [(blocks, "blocks_of"), (morton_order, "order_of")])
@@ -234,7 +289,10 @@ def test_a_thread_is_not_disturbed_by_another_that_asks_meanwhile(module, name, 
         if not met:
             met.append(True)
             with ThreadPoolExecutor(1) as other:
-                met.extend(other.submit(planned, trajectory, time).result() == alone[time] for time in (5, 90))
+                met.extend(
+                    other.submit(planned, trajectory, time).result() == alone[time]
+                    for time in (5, 90)
+                )
         return make(*arguments)
 
     monkeypatch.setattr(module, name, meanwhile)
@@ -266,13 +324,20 @@ def test_hills_between_the_boxes_and_the_agents():
 def test_who_comes_back_at_the_other_side_of_the_map_stands_on_other_ground():
     slope = HeightMap(np.linspace(0, 40, 9, dtype=np.float32)[None].repeat(2, axis=0), AREA)
     trajectory = shot(walking("wrap"), count=1500, heights=slope)
-    low = replace(straight(kind="ORTHO", offset=(-38, -5, 1)), far=200.0)  # the foot of the slope, 38 m below its top
+    low = replace(
+        straight(kind="ORTHO", offset=(-38, -5, 1)), far=200.0
+    )  # the foot of the slope, 38 m below its top
     assert sum(compare(trajectory, low, time=time).visible.sum() for time in (9, 16, 30)) > 0
 
 
 def test_blocks_are_kept_of_large_crowds_alone(monkeypatch):
     monkeypatch.setattr(morton_order, "FEWEST", 401)
     assert index_cache.blocks_at(shot(count=400), 1) is None
-    big = Walk(*[getattr(shot(count=401), name) for name in ("start", "machine", "world", "groups", "seconds_per_frame")])
+    big = Walk(
+        *[
+            getattr(shot(count=401), name)
+            for name in ("start", "machine", "world", "groups", "seconds_per_frame")
+        ]
+    )
     big.at(1)
     assert index_cache.blocks_at(big, 1)[0] == 1 and leave_outs.BLOCKS in big.left_out

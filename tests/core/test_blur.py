@@ -60,7 +60,9 @@ def test_focus_blurs_by_the_circle_of_the_sharpest_part(crowd):
     found = blur_of(frame, np.arange(len(PLACES)))
     for agent, blur in enumerate(found):
         depth = frame.crowd.y[agent]
-        circles = [2 * 50 * 0.05 * abs(1 / z - 1 / 20) for z in np.linspace(depth - 1, depth + 1, 2001)]
+        circles = [
+            2 * 50 * 0.05 * abs(1 / z - 1 / 20) for z in np.linspace(depth - 1, depth + 1, 2001)
+        ]
         assert blur == pytest.approx(min(circles), abs=1e-6)
     assert found[1] == 0 < found[0]  # its sphere holds the plane of focus
 
@@ -70,7 +72,10 @@ def test_lods_are_coarser_by_the_blur_and_no_more(crowd):
     shutter = [(1.0, (panned(camera, angle),)) for angle in (-0.02, 0.0, 0.02)]
     frame, library = plan(crowd, camera, POLICY, 1.0, shutter), Library(np.zeros(1, np.intp))
     about = [1], [1.0], crowd.start.group, library.first(crowd.gaits)
-    plain, blurred = empty(*about), replace(empty(*about), blurred=1.0, bounds=np.array([GROUP.bounds]))
+    plain, blurred = (
+        empty(*about),
+        replace(empty(*about), blurred=1.0, bounds=np.array([GROUP.bounds])),
+    )
     for survey in (plain, blurred):
         record(survey, 0, frame, library)
     blur, coarser = blur_of(frame, np.arange(len(PLACES))), 0

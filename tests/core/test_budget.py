@@ -25,7 +25,9 @@ def plaza(agents=400, frames=40, engine="EEVEE", lods=4, tolerance=1.0):
     random = np.random.default_rng(3)
     group = np.sort(random.integers(2, size=agents))
     survey = empty(range(frames), range(frames), group, np.array([0, 4, 8]))
-    at = random.uniform(-50, 50, (agents, 2)) + random.normal(0, 0.05, (frames, 1, 1)).cumsum(axis=0)
+    at = random.uniform(-50, 50, (agents, 2)) + random.normal(0, 0.05, (frames, 1, 1)).cumsum(
+        axis=0
+    )
     for f, way in enumerate(np.linspace(0, 1, frames)):
         offset = at[f] - [0, -75 + 60 * way]
         seen = np.abs(np.arctan2(offset[:, 0], offset[:, 1]) - 0.4 * way) < 0.6
@@ -43,12 +45,16 @@ def plaza(agents=400, frames=40, engine="EEVEE", lods=4, tolerance=1.0):
 def loads(shot, levels, table):
     """What each frame takes, (F,), agent by agent."""
     seen = shot.survey.seen
-    return np.array([table[shot.survey.group, own][row].sum() for own, row in zip(levels, seen, strict=True)])
+    return np.array(
+        [table[shot.survey.group, own][row].sum() for own, row in zip(levels, seen, strict=True)]
+    )
 
 
 def between(shot, part):
     """A budget of triangles: the least that is possible at 0, what a plan takes without one at 1."""
-    least = loads(shot, np.full(shot.survey.kind.shape, shot.meshes.count - 1), shot.meshes.triangles).max()
+    least = loads(
+        shot, np.full(shot.survey.kind.shape, shot.meshes.count - 1), shot.meshes.triangles
+    ).max()
     return least + part * (finished(decide(shot)).bill.triangles.max() - least)
 
 
@@ -78,7 +84,8 @@ def least_within(shot, weight, limit):
             options = {}
             for sequence in sequences(shot, agent):
                 load = tuple(
-                    int(shot.meshes.triangles[0, k] // 1000) * bool(shot.survey.seen[f, agent]) for f, k in enumerate(sequence)
+                    int(shot.meshes.triangles[0, k] // 1000) * bool(shot.survey.seen[f, agent])
+                    for f, k in enumerate(sequence)
                 )
                 options[load] = min(options.get(load, inf), priced(shot, weight, agent, sequence))
             joined = np.full((side,) * 6, inf)
@@ -87,7 +94,10 @@ def least_within(shot, weight, limit):
                     place = tuple(a + b for a, b in zip(load, other, strict=True))
                     if max(place) <= limit:
                         joined[place] = min(joined[place], cost + more)
-            known = {tuple(place): joined[tuple(place)] for place in np.argwhere(np.isfinite(joined)).tolist()}
+            known = {
+                tuple(place): joined[tuple(place)]
+                for place in np.argwhere(np.isfinite(joined)).tolist()
+            }
         tables.append(joined)
     for axis in range(6):
         tables[1] = np.minimum.accumulate(tables[1], axis=axis)
@@ -102,7 +112,9 @@ def test_plan_lies_between_its_bound_and_the_best_of_all_assignments(seed, limit
     shot = some_shot(seed, agents=6, frames=6, seen=0.6, tolerance=1)
     own = (shot.survey.group.astype(int) * 6 + np.arange(6)) * (shot.survey.kind > 0)
     triangles = np.array([[4000.0, 2000, 1000]] * 2)
-    survey = replace(shot.survey, character=own.astype(np.uint16), owner=np.repeat([0, 1], 6).astype(np.uint8))
+    survey = replace(
+        shot.survey, character=own.astype(np.uint16), owner=np.repeat([0, 1], 6).astype(np.uint8)
+    )
     survey.rays[:] = 0
     shot = Shot(survey, Meshes(triangles, triangles, BOUNDS[:, :3]), "EEVEE")
     plan = finished(decide_within(shot, Budget(triangles=limit * 1000)))
@@ -120,7 +132,10 @@ def greedy(shot, limit):
     for f in range(len(levels)):
         agents = np.flatnonzero(shot.survey.kind[f] == SEEN)
         group, scale = shot.survey.group[agents], shot.survey.scale[f, agents].astype(float)
-        now, left = levels[f, agents], limit - triangles[shot.survey.group[agents], levels[f, agents]].sum()
+        now, left = (
+            levels[f, agents],
+            limit - triangles[shot.survey.group[agents], levels[f, agents]].sum(),
+        )
         while True:
             finer = np.maximum(now, 1) - 1
             more = triangles[group, finer] - triangles[group, now]
@@ -159,7 +174,9 @@ def test_plan_is_within_two_percent_of_its_bound(part):
     plan = finished(decide_within(shot, Budget(triangles=limit)))
     assert loads(shot, plan.levels, shot.meshes.triangles).max() <= limit
     assert plan.bound <= 0.02
-    assert plan.bill.error <= max(plan.tolerance, 1.0) and plan.bill.most <= 2 * max(plan.tolerance, 1.0)
+    assert plan.bill.error <= max(plan.tolerance, 1.0) and plan.bill.most <= 2 * max(
+        plan.tolerance, 1.0
+    )
     if plan.tolerance:  # less does not fit
         tight = relaxed(shot, plan.tolerance / 1.003)
         assert loads(shot, tight.coarsest, shot.meshes.triangles).max() > limit
@@ -170,7 +187,9 @@ def test_budget_that_is_kept_anyway_changes_nothing(engine):
     shot = plaza(engine=engine)
     plan = finished(decide(shot))
     counts = plan.bill.counts[:, 0].max()
-    kept = Budget(plan.bill.triangles.max(), plan.bill.vertices.max(), int(counts), plan.bill.price.memory)
+    kept = Budget(
+        plan.bill.triangles.max(), plan.bill.vertices.max(), int(counts), plan.bill.price.memory
+    )
     for budget in (Budget(), kept):
         own = finished(decide_within(shot, budget))
         assert (own.levels == plan.levels).all() and own.tolerance == 0
@@ -189,15 +208,23 @@ def test_every_kind_of_budget_is_kept_at_once(engine):
     assert found.counts[:, 0].max() <= few and found.price.memory <= budget.memory
     found = finished(decide_within(shot, Budget(finest=0)))
     assert found.bill.counts[:, 0].max() == 0 and 0 <= found.bound < 0.1
-    assert finished(decide_within(shot, Budget(memory=budget.memory))).bill.price.memory <= budget.memory
+    assert (
+        finished(decide_within(shot, Budget(memory=budget.memory))).bill.price.memory
+        <= budget.memory
+    )
 
 
 def test_exceptions_hold_within_a_budget():
     shot = plaza()
     number = np.arange(400)
-    always, limit = np.where(number % 20 == 0, 2, 0), np.where(number % 20 == 0, 2, np.where(number % 20 == 1, 1, 255))
+    always, limit = (
+        np.where(number % 20 == 0, 2, 0),
+        np.where(number % 20 == 0, 2, np.where(number % 20 == 1, 1, 255)),
+    )
     whole = np.ones(shot.survey.kind.shape, np.uint8)
-    survey = replace(shot.survey, finest=whole * always.astype(np.uint8), limit=whole * limit.astype(np.uint8))
+    survey = replace(
+        shot.survey, finest=whole * always.astype(np.uint8), limit=whole * limit.astype(np.uint8)
+    )
     shot = replace(shot, survey=at_tolerance(survey, shot.meshes.bounds, 1.0))
     least = loads(shot, relaxed(shot, inf).coarsest, shot.meshes.triangles).max()
     with pytest.raises(CrowdError, match=f"takes {least:,.0f} at least"):
@@ -214,9 +241,13 @@ def test_impossible_budget_says_what_is_possible(worst):
     shot = plaza()
     coarsest = bill(shot, np.full(shot.survey.kind.shape, 3, np.uint8))
     frame, least = coarsest.triangles.argmax(), coarsest.triangles.max()
-    with pytest.raises(CrowdError, match=f"triangles is impossible: frame {frame} takes {least:,.0f} at least"):
+    with pytest.raises(
+        CrowdError, match=f"triangles is impossible: frame {frame} takes {least:,.0f} at least"
+    ):
         finished(decide_within(shot, Budget(triangles=worst)))
-    with pytest.raises(CrowdError, match=f"vertices is impossible: frame {frame} takes {least / 2:,.0f} at least"):
+    with pytest.raises(
+        CrowdError, match=f"vertices is impossible: frame {frame} takes {least / 2:,.0f} at least"
+    ):
         finished(decide_within(shot, Budget(vertices=worst)))
     megabytes = f"{coarsest.price.memory / 1e6:,.1f} MB at least, with the coarsest LODs"
     with pytest.raises(CrowdError, match=f"MB is impossible: the shot takes {megabytes}"):
@@ -228,7 +259,9 @@ def test_plan_within_a_budget_is_the_same_on_every_python():
     found = hashlib.sha256()
     for engine in ENGINES:
         shot = plaza(engine=engine)
-        found.update(finished(decide_within(shot, Budget(between(shot, 0.3), finest=20))).levels.tobytes())
+        found.update(
+            finished(decide_within(shot, Budget(between(shot, 0.3), finest=20))).levels.tobytes()
+        )
     assert found.hexdigest()[:16] == "9700ba28574c46b4"
 
 

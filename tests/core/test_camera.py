@@ -2,7 +2,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.culling.camera import crop, frustum_corners, lens_blur, referential, window
+from crowd_lod_extension.crowd_lod.culling.camera import (
+    crop,
+    frustum_corners,
+    lens_blur,
+    referential,
+    window,
+)
 from crowd_lod_extension.crowd_lod.culling.frustum import frustum_of
 from crowd_lod_extension.crowd_lod.culling.radar import radar
 from crowd_lod_extension.crowd_lod.culling.shutter import opened
@@ -61,7 +67,12 @@ def test_window_by_hand():
 
 def test_frustum_corners_lie_on_the_window():
     corners = frustum_corners(straight(), 10.0)
-    assert sorted(map(tuple, corners)) == [(-10, 10, -10), (-10, 10, 10), (10, 10, -10), (10, 10, 10)]
+    assert sorted(map(tuple, corners)) == [
+        (-10, 10, -10),
+        (-10, 10, 10),
+        (10, 10, -10),
+        (10, 10, 10),
+    ]
 
 
 @pytest.mark.parametrize("lens", [name for name in LENSES if name != "panoramic"])
@@ -105,18 +116,26 @@ def test_depth_of_field_is_kept_where_its_rays_reach():
 def between(a, b, part):
     """The matrix a fraction of the way from a to b, turning evenly about one axis."""
     turn = b[:3, :3] @ a[:3, :3].T
-    angle = np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)) * part if np.abs(turn - np.eye(3)).max() > 1e-9 else 0.0
+    angle = (
+        np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)) * part
+        if np.abs(turn - np.eye(3)).max() > 1e-9
+        else 0.0
+    )
     if not angle:
         return a + (b - a) * part
     axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
     x, y, z = axis / np.linalg.norm(axis)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     matrix = a + (b - a) * part
-    matrix[:3, :3] = (np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross) @ a[:3, :3]
+    matrix[:3, :3] = (np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross) @ a[
+        :3, :3
+    ]
     return matrix
 
 
-@pytest.mark.parametrize(("turns", "lens"), [(1, 0), (0, 1), (1, 1)], ids=["turns", "moves and zooms", "all at once"])
+@pytest.mark.parametrize(
+    ("turns", "lens"), [(1, 0), (0, 1), (1, 1)], ids=["turns", "moves and zooms", "all at once"]
+)
 @pytest.mark.parametrize("kind", ["PERSP", "ORTHO", "PANO"])
 def test_open_shutter_sees_what_any_time_between_sees(kind, turns, lens):
     random = np.random.default_rng(9)
@@ -133,8 +152,17 @@ def test_open_shutter_sees_what_any_time_between_sees(kind, turns, lens):
         def at(part, a=a, b=b, size=size):
             base, change = straight(kind=kind, far=80.0), lens * part
             shape = window(size * (1 + 0.3 * change), "AUTO", (160, 90))
-            axes = dict(zip(("origin", "X", "Y", "Z"), referential(between(a, b, part)), strict=True))
-            return replace(base, **axes, window=shape, near=1 + change, far=80 - 5 * change, cone=1 + 0.2 * change)
+            axes = dict(
+                zip(("origin", "X", "Y", "Z"), referential(between(a, b, part)), strict=True)
+            )
+            return replace(
+                base,
+                **axes,
+                window=shape,
+                near=1 + change,
+                far=80 - 5 * change,
+                cone=1 + 0.2 * change,
+            )
 
         points = a[:3, 3] + random.uniform(-90, 90, (4000, 3))
         kept = np.zeros(len(points), bool)
@@ -173,7 +201,9 @@ def test_spherical_stereo_keeps_every_ray_of_both_eyes():
     random = np.random.default_rng(3)
     stereo = Stereo("OFFAXIS", "CENTER", 1.0, 4.0)
     camera = spherical(straight(), stereo)
-    way = np.stack([random.uniform(-1, 1, 4000), np.ones(4000), random.uniform(-1, 1, 4000)], axis=1)
+    way = np.stack(
+        [random.uniform(-1, 1, 4000), np.ones(4000), random.uniform(-1, 1, 4000)], axis=1
+    )
     far = random.uniform(2, 60, (4000, 1))
     way /= np.linalg.norm(way, axis=1, keepdims=True)
     side = np.cross(way, (0, 0, 1))

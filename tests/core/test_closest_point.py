@@ -39,14 +39,18 @@ def test_a_walk_that_began_on_the_far_side_is_found_out():
         all_of_them = np.repeat(other[:, None], len(triangles), axis=1)
         at = closest_weights(all_of_them, *every)
         least = length(all_of_them - sum(p * w for p, w in zip(every, at, strict=True))).min()
-        assert np.isclose(length(others[:, [k]] - mesh.at(face[[k]], weights[:, [k]]))[0], least, rtol=0.02)
+        assert np.isclose(
+            length(others[:, [k]] - mesh.at(face[[k]], weights[:, [k]]))[0], least, rtol=0.02
+        )
 
 
 def test_flips_mend_sides_across_a_valley_but_no_seam():
     """A roof of two slopes whose LOD has its sides across the ridge: flipped along it, unless they are a seam."""
     points, triangles = terrain(13)
     points[:, 2] = -np.abs(points[:, 0] - 5)
-    corners = np.array([(0, 0, -5), (5, 0, 0), (10, 0, -5), (0, 10, -5), (5, 10, 0), (10, 10, -5.0)])
+    corners = np.array(
+        [(0, 0, -5), (5, 0, 0), (10, 0, -5), (0, 10, -5), (5, 10, 0), (10, 10, -5.0)]
+    )
     lod = np.array([(0, 2, 1), (0, 5, 2), (0, 3, 5), (3, 4, 5)])[:, ::-1]
     nearest = np.linalg.norm(points[:, None] - corners, axis=2).argmin(axis=1)
     mine = [np.linalg.norm(points - corner, axis=1).argmin() for corner in corners]
@@ -55,5 +59,9 @@ def test_flips_mend_sides_across_a_valley_but_no_seam():
         fit = SurfaceFit((corners, lod), (points, triangles), nearest, seams)
         fit.flip()
         fit.flip()
-        kept = {frozenset(pair) for t in fit.lod.corners.T.tolist() for pair in zip(t, t[1:] + t[:1], strict=True)}
+        kept = {
+            frozenset(pair)
+            for t in fit.lod.corners.T.tolist()
+            for pair in zip(t, t[1:] + t[:1], strict=True)
+        }
         assert (frozenset((0, 5)) in kept) == sides

@@ -13,7 +13,9 @@ def robot(count=60):
     random, points, triangles, total = np.random.default_rng(3), [], [], 0
     for k in range(count):
         own, faces = drum(*((16, 4), (4, 3), (12, 4), (20, 3))[k % 4])
-        size = ((0.05, 0.05, 0.06), (0.07, 0.07, 0.05), (0.012, 0.012, 0.12), (0.09, 0.09, 0.01))[k % 4]
+        size = ((0.05, 0.05, 0.06), (0.07, 0.07, 0.05), (0.012, 0.012, 0.12), (0.09, 0.09, 0.01))[
+            k % 4
+        ]
         turn = np.linalg.qr(random.normal(size=(3, 3)))[0]
         turn *= np.sign(np.linalg.det(turn))
         own = own * size * np.exp(random.uniform(-1.2, 1.1))
@@ -43,7 +45,9 @@ def test_a_robot_of_many_parts_shows_as_much(ratio):
     lod = decimate((points, triangles), ratio, "robot")
     assert len(lod.triangles) <= round(ratio * len(triangles))
     samples = np.random.default_rng(0).uniform(-1, 1, (2_000, 2))
-    assert shown(lod.points, lod.triangles, samples) == pytest.approx(shown(points, triangles, samples), rel=0.05)
+    assert shown(lod.points, lod.triangles, samples) == pytest.approx(
+        shown(points, triangles, samples), rel=0.05
+    )
 
 
 def test_the_area_that_parts_show_is_that_of_their_shapes():

@@ -10,12 +10,37 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.levels.cost_model import FILE, MEMORY, SECONDS, Actors, Price, Work, price, work_of
-from crowd_lod_extension.crowd_lod.levels.selection import WORTH, Shot, View, cheapest, choose, priced, within
+from crowd_lod_extension.crowd_lod.levels.cost_model import (
+    FILE,
+    MEMORY,
+    SECONDS,
+    Actors,
+    Price,
+    Work,
+    price,
+    work_of,
+)
+from crowd_lod_extension.crowd_lod.levels.selection import (
+    WORTH,
+    Shot,
+    View,
+    cheapest,
+    choose,
+    priced,
+    within,
+)
 
 from ..support.cameras import straight
 
-BODY = Group("body", 1, 1.0, 0, 1, triangles=(40_000, 12_000, 3000, 700, 150), deviations=(0, 0.004, 0.02, 0.06, 0.2))
+BODY = Group(
+    "body",
+    1,
+    1.0,
+    0,
+    1,
+    triangles=(40_000, 12_000, 3000, 700, 150),
+    deviations=(0, 0.004, 0.02, 0.06, 0.2),
+)
 
 
 def shot_of(random, views=2, agents=80, characters=8, engine="CYCLES", near=(2, 60)):
@@ -24,7 +49,15 @@ def shot_of(random, views=2, agents=80, characters=8, engine="CYCLES", near=(2, 
     for _ in range(views):
         nearest = random.uniform(*near)
         distance = nearest * random.uniform(1, 6, agents)
-        found.append(View(straight(far=900), distance.min(), distance.max(), distance, random.integers(characters, size=agents)))
+        found.append(
+            View(
+                straight(far=900),
+                distance.min(),
+                distance.max(),
+                distance,
+                random.integers(characters, size=agents),
+            )
+        )
     return Shot(found, characters, engine)
 
 
@@ -36,12 +69,24 @@ def test_work_is_what_one_counts(known):
     shown = random.poisson(0.4, (4, 3, 5))
     shown[:, 0, 3:] = 0
     moved_as = np.array([0, 1, 1, 3, 4])  # character 2 by the rig of 1
-    work = work_of(Actors(triangles, owner, np.array([1, 0]), 77.0, finest, moved_as), shown, np.arange(4), known)
-    held = [(k, n) for k in range(3) for n in range(5) if (shown[:, k, n].any() if known else k >= finest[owner[n]])]
+    work = work_of(
+        Actors(triangles, owner, np.array([1, 0]), 77.0, finest, moved_as),
+        shown,
+        np.arange(4),
+        known,
+    )
+    held = [
+        (k, n)
+        for k in range(3)
+        for n in range(5)
+        if (shown[:, k, n].any() if known else k >= finest[owner[n]])
+    ]
     assert work.posed == sum(triangles[owner[n], k] for k, n in held)
     assert work.rigs == len({moved_as[n] for _, n in held if owner[n] == 0})
     alone = work_of(Actors(triangles, owner, np.array([1, 0])), shown, 0.0, known)
-    assert alone.rigs == len({n for _, n in (held if known else np.argwhere(shown[0] >= 0)) if owner[n] == 0})
+    assert alone.rigs == len(
+        {n for _, n in (held if known else np.argwhere(shown[0] >= 0)) if owner[n] == 0}
+    )
     for f in range(4):
         agents = [(k, n) for k in range(3) for n in range(5) for _ in range(shown[f, k, n])]
         assert work.instances[f] == len(agents)
@@ -61,22 +106,33 @@ def test_a_price_is_that_of_the_dearest_frame_and_of_the_mean_one():
         points=9.0,
     )
     own = price(work, "CYCLES")
-    memory = [MEMORY["CYCLES"]["unique"] * u + MEMORY["CYCLES"]["instances"] * i for u, i in ((10, 500), (1000, 1))]
+    memory = [
+        MEMORY["CYCLES"]["unique"] * u + MEMORY["CYCLES"]["instances"] * i
+        for u, i in ((10, 500), (1000, 1))
+    ]
     always = {"posed": 100, "rigs": 2, "images": 1e6}
-    assert own.memory == pytest.approx(max(memory) + sum(MEMORY["CYCLES"][name] * count for name, count in always.items()))
+    assert own.memory == pytest.approx(
+        max(memory) + sum(MEMORY["CYCLES"][name] * count for name, count in always.items())
+    )
     seconds = SECONDS["CYCLES"]
     mean = {**always, "unique": 505, "instances": 250.5}
     assert own.seconds == pytest.approx(sum(seconds[name] * count for name, count in mean.items()))
     assert own.file == pytest.approx(50 * FILE["stored"] + 2 * FILE["rigs"] + 9 * FILE["points"])
     assert Price(2.0, 0.0, 3.0).share(Price(4.0, 0.0, 1.5)) == Price(0.5, 1.0, 2.0)
-    with pytest.raises(CrowdError, match="no costs of the engine WORKBENCH: choose one of CYCLES, EEVEE"):
+    with pytest.raises(
+        CrowdError, match="no costs of the engine WORKBENCH: choose one of CYCLES, EEVEE"
+    ):
         price(work, "WORKBENCH")
 
 
 def test_a_ray_costs_more_the_more_unique_triangles_there_are():
     few = Work(unique=np.array([0.0, 2.0**9]), rays=np.array([1e7, 1e7]))
     many = replace(few, unique=np.array([0.0, 2.0**15]))
-    assert few.traced.tolist() == [0, 9e7] and many.traced.tolist() == [0, 15e7] and Work(rays=5.0).traced == 0
+    assert (
+        few.traced.tolist() == [0, 9e7]
+        and many.traced.tolist() == [0, 15e7]
+        and Work(rays=5.0).traced == 0
+    )
     more = price(many, "CYCLES").seconds - price(few, "CYCLES").seconds
     unique, traced = (SECONDS["CYCLES"][name] for name in ("unique", "traced"))
     assert more == pytest.approx(((2**15 - 2**9) * unique + 6e7 * traced) / 2)
@@ -90,7 +146,8 @@ def counted(group, lods, tolerance, shot):
             fit = [
                 j
                 for j, k in enumerate(lods)
-                if group.bounds[k] * view.camera.pixels_per_unit <= tolerance * (distance - group.radius)
+                if group.bounds[k] * view.camera.pixels_per_unit
+                <= tolerance * (distance - group.radius)
             ]
             if not fit and lods[0] == 0:
                 fit = [0]
@@ -124,9 +181,13 @@ def test_no_other_choice_of_lods_costs_less(engine, seed):
 def test_lods_that_many_agents_show_pay_by_eevee_and_one_more_mesh_costs_by_cycles():
     random = np.random.default_rng(1)
     many = shot_of(random, views=1, agents=5000, characters=16, near=(3, 4))
-    slim = replace(BODY, triangles=(1000, 700), deviations=(0, 0.1))  # which begins at 6 m, in the crowd's midst
+    slim = replace(
+        BODY, triangles=(1000, 700), deviations=(0, 0.1)
+    )  # which begins at 6 m, in the crowd's midst
     kept, gone = cheapest(slim, [0, 1], 1.0, replace(many, engine="CYCLES"))
-    assert kept == [0] and gone == {1: "700 triangles save too little memory and time in Cycles to be worth a LOD."}
+    assert kept == [0] and gone == {
+        1: "700 triangles save too little memory and time in Cycles to be worth a LOD."
+    }
     assert cheapest(BODY, range(5), 1.0, replace(many, engine="EEVEE"))[0] != [0]
 
 
@@ -134,10 +195,15 @@ def test_lods_that_many_agents_show_pay_by_eevee_and_one_more_mesh_costs_by_cycl
 def test_lods_fit_in_memory_with_the_least_tolerance(seed):
     random = np.random.default_rng(seed)
     shots = [shot_of(random, near=(2, 6)), shot_of(random, near=(3, 9))]
-    groups = [replace(BODY, triangles=own) for own in ((800_000, 240_000, 60_000, 9000, 900), (900_000, 90_000, 20_000, 5000, 600))]
+    groups = [
+        replace(BODY, triangles=own)
+        for own in ((800_000, 240_000, 60_000, 9000, 900), (900_000, 90_000, 20_000, 5000, 600))
+    ]
     free, _, built = within(groups, 1.0, shots, np.inf)
     assert free == 1.0
-    spent = sum(counted(g, list(own), 1.0, s).memory for g, own, s in zip(groups, built, shots, strict=True))
+    spent = sum(
+        counted(g, list(own), 1.0, s).memory for g, own, s in zip(groups, built, shots, strict=True)
+    )
 
     def least(tolerance):
         """Bytes that no choice of LODs goes below."""
@@ -145,16 +211,27 @@ def test_lods_fit_in_memory_with_the_least_tolerance(seed):
         for group, shot in zip(groups, shots, strict=True):
             kept = choose(group, tolerance, shot.views)[0]
             every = [list(c) for n in range(1, len(kept) + 1) for c in combinations(kept, n)]
-            best += min(own.memory for own in (counted(group, lods, tolerance, shot) for lods in every) if own is not None)
+            best += min(
+                own.memory
+                for own in (counted(group, lods, tolerance, shot) for lods in every)
+                if own is not None
+            )
         return best
 
     floor = least(2.0**14)
     budget = 0.5 * (spent + floor)
     reached, keep, built = within(groups, 1.0, shots, budget)
-    assert reached > 1 and all(kept[0] == 0 and set(own) <= set(kept) for kept, own in zip(keep, built, strict=True))
-    total = sum(counted(g, list(own), reached, s).memory for g, own, s in zip(groups, built, shots, strict=True))
+    assert reached > 1 and all(
+        kept[0] == 0 and set(own) <= set(kept) for kept, own in zip(keep, built, strict=True)
+    )
+    total = sum(
+        counted(g, list(own), reached, s).memory
+        for g, own, s in zip(groups, built, shots, strict=True)
+    )
     assert total <= budget < least(reached / 2**0.25)
-    with pytest.raises(CrowdError, match="The characters cannot take less than .* MB: set Memory for Characters"):
+    with pytest.raises(
+        CrowdError, match="The characters cannot take less than .* MB: set Memory for Characters"
+    ):
         within(groups, 1.0, shots, 0.9 * floor)
 
 
@@ -166,7 +243,9 @@ def test_agents_that_are_counted_by_distance_lead_to_as_good_a_choice(engine):
         few = replace(whole, views=[view.counted() for view in whole.views])
         assert all(len(view.distance) < 400 and view.agents.sum() == 3000 for view in few.views)
         cost = {chosen: own.memory + own.seconds for chosen, own in shares(whole).items()}
-        assert cost[tuple(cheapest(BODY, range(5), 1.0, few)[0])] <= min(cost.values()) + 1.2 * WORTH
+        assert (
+            cost[tuple(cheapest(BODY, range(5), 1.0, few)[0])] <= min(cost.values()) + 1.2 * WORTH
+        )
 
 
 def shares(shot) -> dict:

@@ -3,7 +3,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.culling.radar import BLOCK, RadarOptions, lost, radar, refuse_lost
+from crowd_lod_extension.crowd_lod.culling.radar import (
+    BLOCK,
+    RadarOptions,
+    lost,
+    radar,
+    refuse_lost,
+)
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, audit, random_camera
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import gap, scatter, seen, sees
@@ -21,7 +27,9 @@ def test_against_exact_planes(lens):
     pairs = 200_000 if FULL else 10_000
     verdict = audit(lens, pairs)
     assert verdict.pairs == pairs
-    assert verdict.kept > pairs / 10 and verdict.visible < 0.95 * pairs  # the judge had something to say
+    assert (
+        verdict.kept > pairs / 10 and verdict.visible < 0.95 * pairs
+    )  # the judge had something to say
     assert verdict.missed == 0
     if lens != "sheared, Cycles":  # those keep what its rays may show
         assert verdict.surplus < 0.001 * verdict.kept
@@ -41,7 +49,9 @@ def test_the_judge_in_float64_agrees_with_its_rational_self():
         camera = random_camera(random, lens)
         radius = 10.0 ** random.uniform(-3, 1.5, 150)
         points = scatter(camera, radius, random)
-        assert seen(camera, points, radius)[0].tolist() == [sees(camera, p, r) for p, r in zip(points, radius, strict=True)]
+        assert seen(camera, points, radius)[0].tolist() == [
+            sees(camera, p, r) for p, r in zip(points, radius, strict=True)
+        ]
 
 
 def test_gap_is_the_distance_to_the_frustums_body():
@@ -72,7 +82,9 @@ def test_the_sphere_stands_at_its_height_above_the_feet():
 def test_fixed_delta_is_the_chapters():
     # |v.X| <= w/2 + Delta at depth 10: 10 + 3; near and far are not widened
     points = [(13, 10, 0), (13.001, 10, 0), (0, 0.999, 0), (0, 100.001, 0), (0, 100, 0)]
-    visible, _ = radar(crowd_at(points), straight(), ONE, np.array([50.0]), RadarOptions(margin=3.0))
+    visible, _ = radar(
+        crowd_at(points), straight(), ONE, np.array([50.0]), RadarOptions(margin=3.0)
+    )
     assert visible.tolist() == [True, False, False, False, True]
 
 
@@ -119,7 +131,10 @@ def test_extremes():
     assert by_name["exactly on planes"].verdict.kept == 6
     assert "9 9 9 9 9" in by_name["exactly on thresholds"].note  # on each threshold the coarser LOD
     assert by_name["camera inside an agent"].verdict.kept == 2
-    assert "3 of 4,000" in by_name["NaN and infinity"].note and "agent 4" in by_name["NaN and infinity"].note
+    assert (
+        "3 of 4,000" in by_name["NaN and infinity"].note
+        and "agent 4" in by_name["NaN and infinity"].note
+    )
     assert "denormals" in table_text(rows)
 
 

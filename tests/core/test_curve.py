@@ -5,7 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.crowd_lod.shot.curve import MOST_LOOKED_AT, TOLERANCES, WIDTH, curve_of, hysteresis, of_full_detail
+from crowd_lod_extension.crowd_lod.shot.curve import (
+    MOST_LOOKED_AT,
+    TOLERANCES,
+    WIDTH,
+    curve_of,
+    hysteresis,
+    of_full_detail,
+)
 from crowd_lod_extension.crowd_lod.shot.shot import decide
 from crowd_lod_extension.crowd_lod.shot.shot_cost import bill
 from crowd_lod_extension.crowd_lod.shot.survey import SEEN
@@ -16,7 +23,9 @@ TOLERANCE = 2.0
 
 
 def planned(**more):
-    shot = some_shot(5, **{"agents": 60, "frames": 12, "lods": 4, "tolerance": TOLERANCE, "each": 2} | more)
+    shot = some_shot(
+        5, **{"agents": 60, "frames": 12, "lods": 4, "tolerance": TOLERANCE, "each": 2} | more
+    )
     return shot, finished(decide(shot))
 
 
@@ -30,13 +39,20 @@ def test_points_are_what_their_lods_cost(engine):
     curve = finished(curve_of(shot, plan, TOLERANCE))
     survey = shot.survey
     (own,), (thresholds,) = of_kind(curve, "plan"), of_kind(curve, "thresholds")
-    for point, levels, cost in ((own, plan.levels, plan.bill), (thresholds, survey.coarsest, plan.thresholds)):
+    for point, levels, cost in (
+        (own, plan.levels, plan.bill),
+        (thresholds, survey.coarsest, plan.thresholds),
+    ):
         seen = survey.seen
         group = np.broadcast_to(survey.group, seen.shape)[seen]
-        assert point.triangles == pytest.approx(TRIANGLES[group, levels[seen]].sum() / TRIANGLES[group, 0].sum())
+        assert point.triangles == pytest.approx(
+            TRIANGLES[group, levels[seen]].sum() / TRIANGLES[group, 0].sum()
+        )
         assert point.error == (survey.scale[seen].astype(float) * BOUNDS[group, levels[seen]]).max()
         assert point.switches == sum(
-            pixels_of(shot, f, a, levels[f - 1, a], levels[f, a]) > 0 for f in range(1, 12) for a in range(60)
+            pixels_of(shot, f, a, levels[f - 1, a], levels[f, a]) > 0
+            for f in range(1, 12)
+            for a in range(60)
         )
         full = bill(shot, np.zeros_like(levels))
         assert point.seconds == pytest.approx(cost.price.seconds / full.price.seconds)
@@ -50,19 +66,30 @@ def test_sweep_keeps_its_tolerances_and_more_tolerance_costs_no_more():
     curve = finished(curve_of(*planned(), TOLERANCE))
     sweep = of_kind(curve, "tolerance")
     assert [point.tolerance for point in sweep] == [factor * TOLERANCE for factor in TOLERANCES]
-    assert all(0 < point.error <= point.tolerance for point in sweep[2:]) and sweep[0].error <= sweep[0].tolerance
+    assert (
+        all(0 < point.error <= point.tolerance for point in sweep[2:])
+        and sweep[0].error <= sweep[0].tolerance
+    )
     triangles = [point.triangles for point in sweep]
     assert triangles == sorted(triangles, reverse=True) and triangles[0] > 1.2 * triangles[-1]
     (same,) = [point for point in sweep if point.tolerance == TOLERANCE]
     (thresholds,) = of_kind(curve, "thresholds")
-    assert (same.error, same.triangles, same.switches) == (thresholds.error, thresholds.triangles, thresholds.switches)
+    assert (same.error, same.triangles, same.switches) == (
+        thresholds.error,
+        thresholds.triangles,
+        thresholds.switches,
+    )
 
 
 def test_more_weight_of_pops_means_fewer_of_them():
     shot, plan = planned(tolerance=1.0)
     points = of_kind(finished(curve_of(shot, plan, 1.0)), "avoid")
     most, least = points[0], points[-1]
-    assert least.switches < most.switches and least.triangles > most.triangles and least.above > most.above
+    assert (
+        least.switches < most.switches
+        and least.triangles > most.triangles
+        and least.above > most.above
+    )
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -104,14 +131,20 @@ def test_shots_with_nothing_to_choose_have_a_curve(more):
     curve = finished(curve_of(*planned(**more), TOLERANCE))
     assert all(point.triangles > 0 for point in curve.points)
     if "lods" in more or "agents" in more:
-        assert {(point.triangles, point.error, point.switches) for point in curve.points} == {(1.0, 0.0, 0)}
+        assert {(point.triangles, point.error, point.switches) for point in curve.points} == {
+            (1.0, 0.0, 0)
+        }
 
 
 def test_by_ratio_there_is_no_hysteresis_and_no_point_comes_twice():
     shot, plan = planned()
     curve = finished(curve_of(shot, plan, None))
     assert [point.tolerance for point in of_kind(curve, "tolerance")] == list(TOLERANCES)
-    assert of_kind(curve, "hysteresis") == [] != of_kind(finished(curve_of(shot, plan, TOLERANCE)), "hysteresis")
+    assert (
+        of_kind(curve, "hysteresis")
+        == []
+        != of_kind(finished(curve_of(shot, plan, TOLERANCE)), "hysteresis")
+    )
     few = finished(curve_of(*planned(lods=1), TOLERANCE))
     for points in (curve.points, few.points):
         plans = [replace(point, kind="plan") for point in points if point.kind in ("plan", "avoid")]

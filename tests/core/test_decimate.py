@@ -15,7 +15,9 @@ pytest.importorskip("fast_simplification")
 
 def torus(n=48, m=24):
     u, v = np.meshgrid(np.arange(n) * 2 * np.pi / n, np.arange(m) * 2 * np.pi / m, indexing="ij")
-    points = np.stack([(1 + 0.4 * np.cos(v)) * np.cos(u), (1 + 0.4 * np.cos(v)) * np.sin(u), 0.4 * np.sin(v)], -1)
+    points = np.stack(
+        [(1 + 0.4 * np.cos(v)) * np.cos(u), (1 + 0.4 * np.cos(v)) * np.sin(u), 0.4 * np.sin(v)], -1
+    )
     i = np.arange(n * m).reshape(n, m)
     a, b, c, d = i, np.roll(i, -1, 0), np.roll(np.roll(i, -1, 0), -1, 1), np.roll(i, -1, 1)
     triangles = np.concatenate([np.stack(t, -1).reshape(-1, 3) for t in ((a, b, c), (a, c, d))])
@@ -41,7 +43,9 @@ def test_ratio_1_is_the_mesh_itself_without_loose_points():
     points, triangles = torus()
     points = np.vstack([[(9, 9, 9)], points])
     lod = decimate((points, triangles + 1), 1.0, "torus")
-    assert (lod.points[lod.triangles] == points[triangles + 1]).all() and len(lod.points) == len(points) - 1
+    assert (lod.points[lod.triangles] == points[triangles + 1]).all() and len(lod.points) == len(
+        points
+    ) - 1
     assert (lod.source == np.arange(1, len(points))).all()
 
 
@@ -51,7 +55,9 @@ def test_places_that_weigh_more_keep_more_triangles():
     counts = []
     for weight in (None, np.where(spot, 64.0, 1.0)):
         lod = decimate((points, triangles), 0.12, "torus", weight=weight)
-        counts.append((lod.points[lod.triangles][:, :, 0].mean(axis=1) > 1.2).sum() / len(lod.triangles))
+        counts.append(
+            (lod.points[lod.triangles][:, :, 0].mean(axis=1) > 1.2).sum() / len(lod.triangles)
+        )
     assert counts[1] > 1.2 * counts[0]
 
 
@@ -77,7 +83,9 @@ def test_empty_and_nan_meshes_are_named():
 
 def sphere(n=40):
     """A closed sphere of 2 n (n - 1) triangles with bumps, (points, triangles)."""
-    u, v = np.meshgrid(np.arange(n) * 2 * np.pi / n, np.arange(1, n // 2) * 2 * np.pi / n, indexing="ij")
+    u, v = np.meshgrid(
+        np.arange(n) * 2 * np.pi / n, np.arange(1, n // 2) * 2 * np.pi / n, indexing="ij"
+    )
     r = 1 + 0.1 * np.sin(3 * u) * np.sin(v) ** 3
     ring = np.stack([r * np.cos(u) * np.sin(v), r * np.sin(u) * np.sin(v), np.cos(v)], -1)
     i = np.arange(ring.shape[0] * ring.shape[1]).reshape(ring.shape[:2])
@@ -86,7 +94,9 @@ def sphere(n=40):
     top, bottom = i.size, i.size + 1
     caps = [np.stack([0 * i[:, 0] + top, i[:, 0], np.roll(i[:, 0], -1)], -1)]
     caps += [np.stack([0 * i[:, 0] + bottom, np.roll(i[:, -1], -1), i[:, -1]], -1)]
-    return np.vstack([ring.reshape(-1, 3), [(0, 0, 1), (0, 0, -1)]]), np.concatenate([*sides, *caps])
+    return np.vstack([ring.reshape(-1, 3), [(0, 0, 1), (0, 0, -1)]]), np.concatenate(
+        [*sides, *caps]
+    )
 
 
 def terrain(n=30):
@@ -95,7 +105,9 @@ def terrain(n=30):
     z = 0.5 * np.sin(x) * np.cos(0.7 * y) + 0.2 * np.sin(2.3 * x + y)
     i = np.arange(n * n).reshape(n, n)
     a, b, c, d = i[:-1, :-1], i[1:, :-1], i[1:, 1:], i[:-1, 1:]
-    return np.stack([x, y, z], -1).reshape(-1, 3), np.concatenate([np.stack(t, -1).reshape(-1, 3) for t in ((a, b, c), (a, c, d))])
+    return np.stack([x, y, z], -1).reshape(-1, 3), np.concatenate(
+        [np.stack(t, -1).reshape(-1, 3) for t in ((a, b, c), (a, c, d))]
+    )
 
 
 def cards(count=200, columns=1):
@@ -103,7 +115,11 @@ def cards(count=200, columns=1):
     points, triangles = [], []
     for k in range(count):
         x, y = np.meshgrid(np.arange(columns + 1.0), [0, 1.0], indexing="ij")
-        card = np.stack([x, y, 0.1 * x * x], -1).reshape(-1, 3) * (0.2 + k / count) + (3 * (k % 15) * columns, 3 * (k // 15), 0)
+        card = np.stack([x, y, 0.1 * x * x], -1).reshape(-1, 3) * (0.2 + k / count) + (
+            3 * (k % 15) * columns,
+            3 * (k // 15),
+            0,
+        )
         low = 2 * np.arange(columns) + len(points) * 2 * (columns + 1)
         triangles += [np.stack([low, low + 2, low + 3], 1), np.stack([low, low + 3, low + 1], 1)]
         points.append(card)
@@ -137,7 +153,9 @@ def spread(points, triangles, count):
     """The corners and about `count` more points on each triangle's inside and sides, on a barycentric grid."""
     i, j = np.meshgrid(np.arange(count + 1), np.arange(count + 1), indexing="ij")
     at = np.stack([i, j, count - i - j], -1)[i + j <= count] / count
-    return np.unique(np.einsum("gk,nkd->ngd", at, points[triangles]).reshape(-1, 3).round(12), axis=0)
+    return np.unique(
+        np.einsum("gk,nkd->ngd", at, points[triangles]).reshape(-1, 3).round(12), axis=0
+    )
 
 
 def hausdorff(one, other):
@@ -157,7 +175,9 @@ def test_distance_against_fast_simplification_alone(make, share, ratio):
     peer = fast_simplification.simplify(points, triangles.astype(np.int32), target_count=target)
     lod = decimate((points, triangles), ratio, "mesh")
     assert abs(len(lod.triangles) - target) <= max(1, 0.01 * target)
-    assert hausdorff((points, triangles), (lod.points, lod.triangles)) <= share * hausdorff((points, triangles), peer)
+    assert hausdorff((points, triangles), (lod.points, lod.triangles)) <= share * hausdorff(
+        (points, triangles), peer
+    )
 
 
 @pytest.mark.parametrize("make", [sphere, torus], ids=["sphere", "torus"])
@@ -167,7 +187,9 @@ def test_closed_stays_closed_with_no_face_turned_doubled_or_flat(make, ratio):
     lod = decimate((points, triangles), ratio, "mesh")
     assert (edge_counts(lod.triangles)[1] == 2).all()
     half = lod.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    assert len(np.unique(half, axis=0)) == len(half)  # neighbors run their edge in opposite directions
+    assert len(np.unique(half, axis=0)) == len(
+        half
+    )  # neighbors run their edge in opposite directions
     assert len(np.unique(np.sort(lod.triangles, axis=1), axis=0)) == len(lod.triangles)
     a, b, c = (lod.points[lod.triangles[:, k]] for k in range(3))
     normal = np.cross(b - a, c - a)
@@ -198,7 +220,9 @@ def test_a_seam_is_kept_in_place():
     lod = decimate((points, triangles), 0.12, "terrain", seams=edges)
     line = points[seam[0], 1]
     across = lod.points[:, 1][lod.triangles] - line
-    assert ((across > -0.05).all(axis=1) | (across < 0.05).all(axis=1)).all()  # no triangle lies on both sides
+    assert (
+        (across > -0.05).all(axis=1) | (across < 0.05).all(axis=1)
+    ).all()  # no triangle lies on both sides
 
 
 def test_far_lods_spend_no_more_on_many_seams_than_they_must():
@@ -207,27 +231,41 @@ def test_far_lods_spend_no_more_on_many_seams_than_they_must():
     grid = np.arange(n * n).reshape(n, n)
     lines = [line for i in range(4, n - 1, 4) for line in (grid[i], grid[:, i])]
     patchwork = np.concatenate([np.stack([line[:-1], line[1:]], 1) for line in lines])
-    held, bare = (decimate((points, triangles), 0.02, "terrain", seams=seams) for seams in (patchwork, None))
-    far, near = (hausdorff((points, triangles), (lod.points, lod.triangles)) for lod in (held, bare))
+    held, bare = (
+        decimate((points, triangles), 0.02, "terrain", seams=seams) for seams in (patchwork, None)
+    )
+    far, near = (
+        hausdorff((points, triangles), (lod.points, lod.triangles)) for lod in (held, bare)
+    )
     assert far < 1.6 * near
 
 
 def test_seams_weigh_as_much_as_they_hold_and_borders_in_full():
-    points, triangles = np.array([(0.0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]), np.array([(0, 1, 2), (0, 2, 3)])
+    points, triangles = (
+        np.array([(0.0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]),
+        np.array([(0, 1, 2), (0, 2, 3)]),
+    )
     seam = np.array([(0, 2)])
     bare, held = (constrained_edges(triangles, each, len(points)) for each in (seam[:0], seam))
-    none, some, all_of_it = (quadrics_of(points, triangles, held, hold)[:10] for hold in (0, 0.25, 1))
+    none, some, all_of_it = (
+        quadrics_of(points, triangles, held, hold)[:10] for hold in (0, 0.25, 1)
+    )
     assert (none == quadrics_of(points, triangles, bare)[:10]).all()
     assert np.allclose(some - none, (all_of_it - none) / 4) and (all_of_it != none).any()
 
 
 def test_borders_at_the_same_points_do_not_part():
     points, triangles = sphere()
-    lod = decimate((points[triangles].reshape(-1, 3), np.arange(triangles.size).reshape(-1, 3)), 0.12, "split")
+    lod = decimate(
+        (points[triangles].reshape(-1, 3), np.arange(triangles.size).reshape(-1, 3)), 0.12, "split"
+    )
     assert (edge_counts(lod.triangles)[1] == 2).all()
 
 
-@pytest.mark.parametrize(("columns", "ratio", "parts"), [(1, 0.5, 200), (2, 0.5, 200), (2, 0.3, 200), (1, 0.3, 120), (2, 0.03, 24)])
+@pytest.mark.parametrize(
+    ("columns", "ratio", "parts"),
+    [(1, 0.5, 200), (2, 0.5, 200), (2, 0.3, 200), (1, 0.3, 120), (2, 0.03, 24)],
+)
 def test_cards_stay_while_there_are_triangles_and_are_spread_out_after(columns, ratio, parts):
     points, triangles = cards(columns=columns)
     lod = decimate((points, triangles), ratio, "hair")
@@ -245,13 +283,17 @@ def test_closed_parts_become_cards_before_any_goes(ratio, parts):
     one, triangles = sphere(8)
     place = 4 * np.stack(np.meshgrid(np.arange(5), np.arange(8)), -1).reshape(-1, 2)
     points = np.concatenate([one * (0.5 + k / 40) + (x, y, 0) for k, (x, y) in enumerate(place)])
-    lod = decimate((points, np.concatenate([triangles + k * len(one) for k in range(40)])), ratio, "balls")
+    lod = decimate(
+        (points, np.concatenate([triangles + k * len(one) for k in range(40)])), ratio, "balls"
+    )
     assert len(np.unique(lod.source // len(one))) == parts
     assert len(lod.triangles) <= round(ratio * 40 * len(triangles))
     assert len(np.unique(np.sort(lod.triangles, axis=1), axis=0)) == len(lod.triangles)
 
 
-@pytest.mark.parametrize(("size", "offset"), [(2.0**-10, 0), (2.0**20, 0), (1e-3, 0), (1e6, 0), (1.0, 4096.0)])
+@pytest.mark.parametrize(
+    ("size", "offset"), [(2.0**-10, 0), (2.0**20, 0), (1e-3, 0), (1e6, 0), (1.0, 4096.0)]
+)
 def test_scale_and_place_change_nothing(size, offset):
     points, triangles = torus()
     one = decimate((points, triangles), 0.12, "torus", effort=0.1)
@@ -268,7 +310,9 @@ def test_the_same_mesh_gives_the_same_lod_bit_for_bit():
 def test_edges_of_many_faces_and_doubled_faces_are_taken():
     random = np.random.default_rng(2)
     triangles = np.array([random.choice(40, 3, replace=False) for _ in range(300)])
-    lod = decimate((random.normal(size=(40, 3)), np.concatenate([triangles, triangles])), 0.4, "soup")
+    lod = decimate(
+        (random.normal(size=(40, 3)), np.concatenate([triangles, triangles])), 0.4, "soup"
+    )
     assert 0 < len(lod.triangles) <= 300 and np.isfinite(lod.points).all()
     assert len(np.unique(np.sort(lod.triangles, axis=1), axis=0)) == len(lod.triangles)
 

@@ -38,18 +38,34 @@ def test_readme_is_short():
 def test_commands_page_names_every_option_and_command():
     tree = ast.parse((ROOT / "operators" / "cli" / "arguments.py").read_text(encoding="utf-8"))
     calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
-    added = [call for call in calls if isinstance(call.func, ast.Attribute) and call.func.attr == "add_argument"]
+    added = [
+        call
+        for call in calls
+        if isinstance(call.func, ast.Attribute) and call.func.attr == "add_argument"
+    ]
     options = {each.value for call in added for each in call.args if each.value.startswith("--")}
-    commands = {call.args[2].value for call in calls if isinstance(call.func, ast.Name) and call.func.id == "_command"}
+    commands = {
+        call.args[2].value
+        for call in calls
+        if isinstance(call.func, ast.Name) and call.func.id == "_command"
+    }
     assert {"--tolerance", "--render-only"} <= options and {"preview", "extremes"} <= commands
     page = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
-    assert [name for name in sorted(options | commands) if not re.search(rf"(?<![\w-]){name}(?![\w-])", page)] == []
+    assert [
+        name
+        for name in sorted(options | commands)
+        if not re.search(rf"(?<![\w-]){name}(?![\w-])", page)
+    ] == []
 
 
 def test_contributing_tells_every_floor():
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     told = re.findall(r"^\| (?:\*\*\w+/\*\* )?`(\w+)` \|", text, re.MULTILINE)
-    floors = [path.parent.name for package in ("crowd_lod", "operators") for path in (ROOT / package).glob("*/__init__.py")]
+    floors = [
+        path.parent.name
+        for package in ("crowd_lod", "operators")
+        for path in (ROOT / package).glob("*/__init__.py")
+    ]
     assert sorted(told) == sorted(floors)
 
 
@@ -62,6 +78,8 @@ def test_files_and_functions_on_the_way_of_a_position_exist():
     lost = [
         (file, name)
         for file, name in functions
-        if not re.search(rf"^(?:def|class) {name}\b", (ROOT / file).read_text(encoding="utf-8"), re.MULTILINE)
+        if not re.search(
+            rf"^(?:def|class) {name}\b", (ROOT / file).read_text(encoding="utf-8"), re.MULTILINE
+        )
     ]
     assert lost == []

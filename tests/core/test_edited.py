@@ -70,8 +70,12 @@ def test_each_edit_changes_what_it_says_in_all_frames_and_nothing_else():
         for name in COLUMNS:
             assert np.array_equal(getattr(crowd, name)[others], getattr(before, name)[others])
         away = np.stack([getattr(crowd, axis) - getattr(before, axis) for axis in "xyz"], axis=1)
-        assert np.allclose(away[[3, 7, 9]], [(1.5, -2, 0.25), (2, -2, 0.25), (0.5, 0, 0)], atol=1e-12)
-        assert np.allclose(crowd.heading[[3, 7, 9]] - before.heading[[3, 7, 9]], [0, 1, 0.75], atol=1e-6)
+        assert np.allclose(
+            away[[3, 7, 9]], [(1.5, -2, 0.25), (2, -2, 0.25), (0.5, 0, 0)], atol=1e-12
+        )
+        assert np.allclose(
+            crowd.heading[[3, 7, 9]] - before.heading[[3, 7, 9]], [0, 1, 0.75], atol=1e-6
+        )
         assert np.flatnonzero(~crowd.present).tolist() == [0, 11] and crowd.there == 398
         assert np.array_equal(edited.phase(crowd, time), own.phase(before, time))
 
@@ -89,21 +93,30 @@ def test_who_is_moved_on_hills_stands_on_them_and_leans_with_them():
     crowds = several()
     crowd = Edited(crowds, [Edit(some(5, 205), move=(1.0, 1.0, 0.0))]).at(40)
     before, relief = crowds.at(40), crowds.members[1].heights
-    assert crowd.z[5] == before.z[5] and crowd.z[205] == relief.at(crowd.x[205:206], crowd.y[205:206])[0]
+    assert (
+        crowd.z[5] == before.z[5]
+        and crowd.z[205] == relief.at(crowd.x[205:206], crowd.y[205:206])[0]
+    )
 
 
 def test_who_changes_the_group_plays_its_action_without_a_jump():
     """The same agents, populated in the other group from the start, are the oracle."""
-    own = shot(walking(), ground([(row, 4) for row in range(7)]), (walker(), walker(stride=0.7)), 60)
+    own = shot(
+        walking(), ground([(row, 4) for row in range(7)]), (walker(), walker(stride=0.7)), 60
+    )
     turning = np.flatnonzero(own.at(160).pace != own.start.pace)[[0, 1, -1]]
     group = own.start.group.copy()
     group[turning] = 1 - group[turning]
     asked = [Edit(some(a), group=int(group[a])) for a in turning]
-    other = Walk(replace(own.start, group=group), own.machine, own.world, own.groups, own.seconds_per_frame)
+    other = Walk(
+        replace(own.start, group=group), own.machine, own.world, own.groups, own.seconds_per_frame
+    )
     edited = Edited(own, asked)
     for time in (1, 33, 75.5, 160):
         crowd, expected = edited.at(time), other.at(time)
-        assert raw(plan(edited, straight(), POLICY, time)) == raw(plan(other, straight(), POLICY, time))
+        assert raw(plan(edited, straight(), POLICY, time)) == raw(
+            plan(other, straight(), POLICY, time)
+        )
         assert np.array_equal(edited.phase(crowd, time), other.phase(expected, time))
         assert np.array_equal(crowd.x, own.at(time).x)
     assert Edited(several(), [Edit(some(205), group=1)]).at(9).group[205] == 1
@@ -129,7 +142,10 @@ def test_a_crowd_that_stands_keeps_its_plan_though_some_are_moved():
 def test_blocks_hold_for_agents_moved_far_away(edge, monkeypatch):
     monkeypatch.setattr(morton_order, "FEWEST", 1)
     own, random = shot(walking(edge), groups=GROUPS), np.random.default_rng(6)
-    edited = Edited(own, [Edit(some(*range(a, 400, 8)), move=(*random.uniform(-50, 50, 2), 0.0)) for a in range(4)])
+    edited = Edited(
+        own,
+        [Edit(some(*range(a, 400, 8)), move=(*random.uniform(-50, 50, 2), 0.0)) for a in range(4)],
+    )
     for time in (1, 16.5, 90, 300):
         for _ in range(6):
             camera = straight(offset=(random.uniform(-60, 60), random.uniform(-60, 100), 1.7))
@@ -143,7 +159,11 @@ def test_agents_of_a_file_are_edited_by_their_ids_while_they_are_there(monkeypat
     own, random = recorded(), np.random.default_rng(8)
     agents = np.sort(random.choice(300, 90, replace=False))
     edits = [
-        Edit(parse_agents(named(agents[:30], own.ids), 300, "a", own.ids), move=(12.0, -7.0, 0.0), group=1),
+        Edit(
+            parse_agents(named(agents[:30], own.ids), 300, "a", own.ids),
+            move=(12.0, -7.0, 0.0),
+            group=1,
+        ),
         Edit(agents[30:60], turn=1.0, hide=True),
         Edit(agents[60:], group=2),
     ]
@@ -152,19 +172,27 @@ def test_agents_of_a_file_are_edited_by_their_ids_while_they_are_there(monkeypat
     group[agents[:30]], group[agents[60:]] = 1, 2
     other = replace(own, group=group)
     for time in (1, 40.5, 120):
-        crowd, before, camera = edited.at(time), own.at(time), straight(offset=(random.uniform(-40, 60), 20, 1.7))
+        crowd, before, camera = (
+            edited.at(time),
+            own.at(time),
+            straight(offset=(random.uniform(-40, 60), 20, 1.7)),
+        )
         assert np.allclose(crowd.x - before.x, np.isin(np.arange(300), agents[:30]) * 12.0)
         assert np.array_equal(edited.phase(crowd, time), other.phase(other.at(time), time))
         there = np.ones(300, bool) if before.present is None else before.present
         assert np.array_equal(crowd.present, there & ~np.isin(np.arange(300), agents[30:60]))
         frame = plan(edited, camera, POLICY, time)
-        assert BLOCKS in frame.left_out and raw(frame) == raw(plan(edited.leaving(NOTHING, 1), camera, POLICY, time))
+        assert BLOCKS in frame.left_out and raw(frame) == raw(
+            plan(edited.leaving(NOTHING, 1), camera, POLICY, time)
+        )
 
 
 @st.composite
 def edits(draw, count, groups):
     """Any edits of some agents of a crowd."""
-    agents = st.lists(st.integers(0, count - 1), min_size=1, max_size=6, unique=True).map(lambda own: some(*own))
+    agents = st.lists(st.integers(0, count - 1), min_size=1, max_size=6, unique=True).map(
+        lambda own: some(*own)
+    )
     meters = st.floats(-60, 60)
     return draw(
         st.lists(
@@ -202,7 +230,9 @@ def test_nobody_is_missed_and_leave_outs_change_nothing_whatever_is_edited(block
                 places = np.stack([crowd.x, crowd.y, crowd.z + center], axis=1)
                 unseen = ~frame.visible if crowd.present is None else crowd.present & ~frame.visible
                 assert not [a for a in np.flatnonzero(unseen) if sees(camera, places[a], radius[a])]
-            assert raw(frame) == raw(plan(edited.leaving(NOTHING, 1), camera, POLICY, time, shutter))
+            assert raw(frame) == raw(
+                plan(edited.leaving(NOTHING, 1), camera, POLICY, time, shutter)
+            )
             fresh = Edited(replace(own, _kept={}), edited.edits)
             assert raw(frame) == raw(plan(fresh, camera, POLICY, time, shutter))
 
@@ -219,13 +249,19 @@ def test_who_is_hidden_casts_no_shadow_and_is_in_no_figure(blocks):
     shown = np.concatenate([frame.buckets.order, frame.shadow.order, frame.mirrored.order])
     assert len(gone) == 8 and not np.isin(shown, gone).any() and not frame.culled[gone].any()
     assert frame.crowd.there == 592 and (reasons(frame)[gone] == ABSENT).all()
-    assert frame.full_triangles == plain.full_triangles - sum(GROUPS[g].triangles[0] for g in own.start.group[gone])
+    assert frame.full_triangles == plain.full_triangles - sum(
+        GROUPS[g].triangles[0] for g in own.start.group[gone]
+    )
 
 
 def test_a_plan_made_before_is_told_of_any_other_edit():
     own = shot(walking(), groups=GROUPS, count=50)
     kinds = [dict(move=(1.0, 0, 0)), dict(turn=1.0), dict(group=2), dict(hide=True)]
-    told = {Edited(own, [Edit(some(a), **each)]).digests()["the exceptions"] for each in kinds for a in (3, 4)}
+    told = {
+        Edited(own, [Edit(some(a), **each)]).digests()["the exceptions"]
+        for each in kinds
+        for a in (3, 4)
+    }
     assert len(told) == 8 and "the exceptions" not in own.digests()
 
 

@@ -29,7 +29,14 @@ def checkout(tmp_path):
 
 
 def run(*command, **variables):
-    return subprocess.run(command, check=False, env=variables, stdin=subprocess.DEVNULL, capture_output=True, text=True)
+    return subprocess.run(
+        command,
+        check=False,
+        env=variables,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+    )
 
 
 @pytest.fixture
@@ -66,14 +73,18 @@ def test_a_current_folder_that_is_gone_hides_no_python(checkout, tmp_path):
     gone.mkdir()
     scripts = checkout / ".venv-3.13" / "bin"
     scripts.mkdir(parents=True)
-    (scripts / "python").write_text("#!/bin/sh\npwd -P >/dev/null || exit 1\n[ $1 = -I ] || echo found $2\n")  # as 3.13
+    (scripts / "python").write_text(
+        "#!/bin/sh\npwd -P >/dev/null || exit 1\n[ $1 = -I ] || echo found $2\n"
+    )  # as 3.13
     (scripts / "python").chmod(0o755)
     shell = f"cd '{gone}'; rmdir '{gone}'; '{checkout}/crowd-lod' package"
     result = run("/bin/sh", "-c", shell, **os.environ)
     assert (result.returncode, result.stdout) == (0, "found package\n"), result.stderr
 
 
-@pytest.mark.skipif(sys.version_info[:2] not in [(3, 11), (3, 13)], reason="no bpy module for this Python")
+@pytest.mark.skipif(
+    sys.version_info[:2] not in [(3, 11), (3, 13)], reason="no bpy module for this Python"
+)
 def test_an_environment_that_is_a_link_is_left_alone(checkout, tmp_path):
     """To make it anew would empty another checkout's."""
     other = tmp_path / "other"
@@ -127,5 +138,7 @@ def test_every_package_is_listed():
     folders = {ROOT}
     for name in "crowd_lod", "operators", "sample_scenes", "shaders":
         folders |= {module.parent for module in (ROOT / name).rglob("*.py")}
-    names = {".".join(("crowd_lod_extension", *folder.relative_to(ROOT).parts)) for folder in folders}
+    names = {
+        ".".join(("crowd_lod_extension", *folder.relative_to(ROOT).parts)) for folder in folders
+    }
     assert names == set(PROJECT["tool"]["setuptools"]["packages"])

@@ -34,7 +34,9 @@ def test_missed_and_surplus_are_those_that_rational_arithmetic_counts():
             assert (row["missed"], row["surplus"]) == ((truth & ~kept).sum(), (kept & ~truth).sum())
     by = {(r["method"], r["delta_m"]): r for r in rows if not r["offset_m"]}
     assert by["fixed Delta", 0.0]["missed"] > 0 and by["fixed Delta", 10.0]["surplus"] > 0
-    assert [r["method"] for r in rows if r["default"]] == ["derived Delta"] and by["derived Delta", ""]["missed"] == 0
+    assert [r["method"] for r in rows if r["default"]] == ["derived Delta"] and by[
+        "derived Delta", ""
+    ]["missed"] == 0
     assert all(0 <= r["ms_least"] <= r["ms"] <= r["ms_most"] for r in rows)
 
 
@@ -43,7 +45,9 @@ def test_a_fixed_delta_of_the_scene_is_the_default():
     assert [(r["method"], r["delta_m"]) for r in rows if r["default"]] == [("fixed Delta", 0.7)]
 
 
-@pytest.mark.parametrize("metric, thresholds", [("AXIS", (0.16, 0.4)), ("RADIAL", (0.16, 0.4)), ("PIXELS", (90.0, 30.0))])
+@pytest.mark.parametrize(
+    "metric, thresholds", [("AXIS", (0.16, 0.4)), ("RADIAL", (0.16, 0.4)), ("PIXELS", (90.0, 30.0))]
+)
 def test_exact_levels_agree_with_rational_arithmetic_for_each_agent(metric, thresholds):
     crowd, (camera,) = view()
     steps = error_vs_runtime.exact_limits(LevelPolicy(thresholds, metric), camera, RADIUS)
@@ -54,7 +58,10 @@ def test_exact_levels_agree_with_rational_arithmetic_for_each_agent(metric, thre
         if metric == "RADIAL":
             want = sum(sum(p * p for p in v) >= s**2 for s in steps[crowd.group[i]])
         else:
-            want = sum(sum(p * F(float(q)) for p, q in zip(v, camera.Z, strict=True)) >= s for s in steps[crowd.group[i]])
+            want = sum(
+                sum(p * F(float(q)) for p, q in zip(v, camera.Z, strict=True)) >= s
+                for s in steps[crowd.group[i]]
+            )
         assert ids[i] == want
     assert set(ids) == {0, 1, 2}
 
@@ -65,12 +72,18 @@ def test_the_default_in_the_report_is_the_arithmetic_of_the_plan(metric):
     policy = LevelPolicy((0.16, 0.4), metric)
     distance, ids = error_vs_runtime._levels((crowd, (camera,)), CENTER, RADIUS, policy, "float64")
     same = radar(crowd, camera, CENTER, RADIUS, RadarOptions(radial=metric == "RADIAL"))[1]
-    assert (distance == same).all() and (ids == assign(same, limits(policy, camera, RADIUS), crowd.group)).all()
+    assert (distance == same).all() and (
+        ids == assign(same, limits(policy, camera, RADIUS), crowd.group)
+    ).all()
 
 
 def test_float32_in_the_world_loses_ids_far_out_and_float64_none(monkeypatch):
     monkeypatch.setattr(error_vs_runtime, "LEVEL_OFFSETS", (0.0, 1e7))
-    rows = list(error_vs_runtime.levels([view(4000)], CENTER, RADIUS, [LevelPolicy((0.16, 0.4))], "AXIS", repeats=1))
+    rows = list(
+        error_vs_runtime.levels(
+            [view(4000)], CENTER, RADIUS, [LevelPolicy((0.16, 0.4))], "AXIS", repeats=1
+        )
+    )
     by = {(r["precision"], r["offset_m"]): r for r in rows}
     assert by["float32 world", 1e7]["differ"] > 0 and by["float32 world", 1e7]["worst_m"] > 0.1
     for offset in (0.0, 1e7):
@@ -85,13 +98,22 @@ def test_behavior_of_the_chapter_is_exact_and_the_listing_of_first_order():
 
     machine = load_preset("chapter")
     world = edge_map(Area(-20, -20, 20, 20, 0), machine.labels)
-    rows = list(error_vs_runtime.behavior(populate(300, 1, 1, machine, world), machine, world, 1 / 24, 48, repeats=1))
+    rows = list(
+        error_vs_runtime.behavior(
+            populate(300, 1, 1, machine, world), machine, world, 1 / 24, 48, repeats=1
+        )
+    )
     step, listing = ([r for r in rows if r["method"] == name] for name in ("step", "listing"))
-    assert max(r["worst_m"] for r in step) < 1e-11 and listing[0]["order"] == pytest.approx(1, abs=0.3)
+    assert max(r["worst_m"] for r in step) < 1e-11 and listing[0]["order"] == pytest.approx(
+        1, abs=0.3
+    )
     assert [r["dt_s"] for r in rows if r["default"]] == [pytest.approx(1 / 24)]
 
 
 def test_some_takes_agents_evenly():
     crowd, _ = view()
     few = error_vs_runtime.some(crowd, 3)
-    assert list(few.x) == [crowd.x[0], crowd.x[200], crowd.x[399]] and len(error_vs_runtime.some(crowd, 1000)) == 400
+    assert (
+        list(few.x) == [crowd.x[0], crowd.x[200], crowd.x[399]]
+        and len(error_vs_runtime.some(crowd, 1000)) == 400
+    )

@@ -33,9 +33,15 @@ def test_the_judge_knows_the_chapters_walk_in_closed_form():
     crowd = populate(20, 3, 1, machine, world)
     for seconds in (0.3, 40.0, 1234.5):
         truth = follow_exactly(crowd, machine, world, seconds)
-        offset = np.mod(crowd.x - 1 + 1.25 * seconds, 124)  # to and fro between the borders at 1 m and 63 m
+        offset = np.mod(
+            crowd.x - 1 + 1.25 * seconds, 124
+        )  # to and fro between the borders at 1 m and 63 m
         np.testing.assert_allclose(truth.x, 1 + np.minimum(offset, 124 - offset), atol=1e-10)
-        assert (truth.state == (offset > 62)).all() and not truth.chatters.any() and not truth.unknown.any()
+        assert (
+            (truth.state == (offset > 62)).all()
+            and not truth.chatters.any()
+            and not truth.unknown.any()
+        )
 
 
 @pytest.mark.parametrize("edge", ["clamp", "wrap", "reflect", "stop"])
@@ -83,7 +89,9 @@ def test_steps_and_the_exact_walk_are_the_judges_on_random_maps(kind, seed, edge
     for _ in range(4):
         moved, tally = advance(moved, machine, world, 0.25)
     assert_same(moved, tally.held, follow_exactly(crowd, machine, world, 0.25, steps=4))
-    assert_same(*walk(crowd, machine, world, 2.0), follow_exactly(crowd, machine, world, 2.0, limit=True))
+    assert_same(
+        *walk(crowd, machine, world, 2.0), follow_exactly(crowd, machine, world, 2.0, limit=True)
+    )
 
 
 def assert_same(moved, held, truth):
@@ -91,4 +99,6 @@ def assert_same(moved, held, truth):
     goes_on = ~held
     assert goes_on.sum() > 5
     assert (moved.state == truth.state)[goes_on].all()
-    np.testing.assert_allclose([moved.x[goes_on], moved.y[goes_on]], [truth.x[goes_on], truth.y[goes_on]], atol=1e-11)
+    np.testing.assert_allclose(
+        [moved.x[goes_on], moved.y[goes_on]], [truth.x[goes_on], truth.y[goes_on]], atol=1e-11
+    )

@@ -20,7 +20,9 @@ def test_exact_walk_of_the_chapter_has_a_closed_form():
     crowd = populate(1000, 3, 1, machine, world)
     for seconds in (0.3, 40.0, 1234.5):
         moved, chatters = walk(crowd, machine, world, seconds)
-        offset = np.mod(crowd.x - 1 + 1.25 * seconds, 124)  # to and fro between the borders at 1 m and 63 m
+        offset = np.mod(
+            crowd.x - 1 + 1.25 * seconds, 124
+        )  # to and fro between the borders at 1 m and 63 m
         np.testing.assert_allclose(moved.x, 1 + np.minimum(offset, 124 - offset), atol=1e-10)
         assert (moved.state == (offset > 62)).all() and not chatters.any()
 
@@ -96,7 +98,9 @@ def test_agents_sent_to_and_fro_over_a_border_are_found_with_their_place():
     world = LabelMap(np.array([[0, 0, 1], [0, 0, 0]], np.uint8), Area(10, 0, 16, 2))
     crowd = crowd_at([(10.5, 0.5, 0), (11, 0.2, 0), (12.5, 1.5, 0), (15, 0.9, 0)])
     found, edge = trouble(crowd, machine, world, 4.6)
-    assert edge.kind == "stuck" and edge.agents.tolist() == [2] and edge.x[0] == 15  # at the map's right edge
+    assert (
+        edge.kind == "stuck" and edge.agents.tolist() == [2] and edge.x[0] == 15
+    )  # at the map's right edge
     assert found.kind == "chatters" and found.agents.tolist() == [0, 1, 3]
     assert found.counts.sum() == 3 and set(found.column) <= {1, 2} and set(found.row) == {0}
     assert abs(found.x[0] - 14) == 1 and found.y[0] == 0.5
@@ -127,8 +131,15 @@ def test_agents_stuck_at_the_edge_or_on_a_label_are_found_and_those_at_rest_are_
     crowd = dataclasses.replace(crowd, state=np.array([0, 0, 0, 0, 2], np.uint8), wait=waits)
     (found,) = trouble(crowd, machine, world)
     assert found.kind == "stuck" and found.agents.tolist() == [0, 1, 2]
-    assert found.counts.tolist() == [2, 1] and found.column.tolist() == [2, 3] and found.row.tolist() == [0, 1]
-    assert "3 agents stand for good, most of them (2) at x 2.50 m, y 0.50 m (map column 2, row 0" in str(found)
+    assert (
+        found.counts.tolist() == [2, 1]
+        and found.column.tolist() == [2, 3]
+        and found.row.tolist() == [0, 1]
+    )
+    assert (
+        "3 agents stand for good, most of them (2) at x 2.50 m, y 0.50 m (map column 2, row 0"
+        in str(found)
+    )
 
 
 def test_a_crowd_that_walks_is_in_no_trouble():
@@ -146,8 +157,12 @@ def test_a_table_that_turns_at_each_read_has_no_limit_and_convergence_says_so():
         for i, n in enumerate(names)
     }  # fmt: skip
     machine = machine_of(states)
-    world = LabelMap(np.repeat([[1] * 2 + [0] * 18], 20, axis=0).astype(np.uint8), Area(0, 0, 20, 20))
+    world = LabelMap(
+        np.repeat([[1] * 2 + [0] * 18], 20, axis=0).astype(np.uint8), Area(0, 0, 20, 20)
+    )
     x, y = np.random.default_rng(0).uniform((3, 2), (5, 6), (300, 2)).T
-    crowd = dataclasses.replace(crowd_at(np.stack([x, y, 0 * x], axis=1)), state=np.ones(300, np.uint8))
+    crowd = dataclasses.replace(
+        crowd_at(np.stack([x, y, 0 * x], axis=1)), state=np.ones(300, np.uint8)
+    )
     found = against_the_judge(crowd, machine, world, 10.0, (50, 200, 800))
     assert (found.apart > 0.2).all()

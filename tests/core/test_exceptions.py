@@ -7,7 +7,14 @@ import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.frame.planned import EXCEPTED, HIDDEN, LEVEL, PINNED
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.crowd_lod.shot.exceptions import Exemption, check_level, excepted, marked, named, parse_agents
+from crowd_lod_extension.crowd_lod.shot.exceptions import (
+    Exemption,
+    check_level,
+    excepted,
+    marked,
+    named,
+    parse_agents,
+)
 from crowd_lod_extension.crowd_lod.shot.shot import decide, decided, lower_bound
 from crowd_lod_extension.crowd_lod.shot.survey import CULLED, SEEN, SHADOW, at_tolerance
 from hypothesis import given
@@ -27,7 +34,8 @@ def with_rules(shot, *rules):
 
 
 @pytest.mark.parametrize(
-    ("text", "agents"), [("12", [12]), (" 3,1 , 2-4", [1, 2, 3, 4]), ("0 - 2,99", [0, 1, 2, 99]), ("7,7", [7])]
+    ("text", "agents"),
+    [("12", [12]), (" 3,1 , 2-4", [1, 2, 3, 4]), ("0 - 2,99", [0, 1, 2, 99]), ("7,7", [7])],
 )
 def test_agents_are_read_from_numbers_and_ranges(text, agents):
     assert parse_agents(text, 100, "Hero").tolist() == agents
@@ -39,15 +47,24 @@ def test_agents_of_a_file_are_found_by_its_numbers():
     assert parse_agents("#12", 6, "Hero", ids).tolist() == [3, 4]
     assert parse_agents("#8, #700, #800-900", 6, "Hero", ids).tolist() == [0]  # points come and go
     # who has no number of its own, or shares it, is named by its index
-    assert named(np.arange(6), ids) == "#7, #9, #700, 2-4" and named(np.array([0, 1, 2, 8])) == "0-2, 8"
+    assert (
+        named(np.arange(6), ids) == "#7, #9, #700, 2-4"
+        and named(np.array([0, 1, 2, 8])) == "0-2, 8"
+    )
     for text, own in (("#8", ids), ("#7", None)):
-        with pytest.raises(CrowdError, match=f"The exception Hero names {text}: no agent has that number in its file or object"):
+        with pytest.raises(
+            CrowdError,
+            match=f"The exception Hero names {text}: no agent has that number in its file or object",
+        ):
             parse_agents(text, 6, "Hero", own)
 
 
 @given(st.sets(st.integers(0, 99), min_size=1), sometimes(generators))
 def test_agents_that_are_named_are_found_again_when_the_file_grows(agents, random):
-    agents, ids = np.array(sorted(agents)), None if random is None else random.choice(10**6, 100, replace=False)
+    agents, ids = (
+        np.array(sorted(agents)),
+        None if random is None else random.choice(10**6, 100, replace=False),
+    )
     text = named(agents, ids)
     assert np.array_equal(parse_agents(text, 100, "Hero", ids), agents)
     if random is not None:
@@ -80,9 +97,13 @@ def test_lods_that_an_agent_does_not_have_are_refused():
     check_level(rule("ALWAYS", 2, [0, 1]), 3, (), group, names)
     check_level(rule("HIDE", 7, [0, 1]), 3, (2, 2), group, names)
     check_level(rule("NEVER_COARSER", 0, [0]), 3, (0, 1), group, names)
-    with pytest.raises(CrowdError, match="The exception Hero asks for LOD 3: the crowd has LODs 0 to 2"):
+    with pytest.raises(
+        CrowdError, match="The exception Hero asks for LOD 3: the crowd has LODs 0 to 2"
+    ):
         check_level(rule("ALWAYS", 3, [0]), 3, (), group, names)
-    with pytest.raises(CrowdError, match="LOD 0 of child, which Memory for Characters leaves out: ask for LOD 1"):
+    with pytest.raises(
+        CrowdError, match="LOD 0 of child, which Memory for Characters leaves out: ask for LOD 1"
+    ):
         check_level(rule("NEVER_COARSER", 0, [0, 1]), 3, (0, 1), group, names)
 
 
@@ -93,7 +114,12 @@ def test_plans_keep_to_the_exceptions_in_their_frames_and_lie_above_their_bound(
     shot = some_shot(seed, agents=6, frames=8, lods=4, engine=engine, tolerance=20)
     shot.survey.kind[shot.survey.kind == CULLED] = SEEN
     free = finished(decide(shot)).levels
-    shot = with_rules(shot, rule("NEVER_COARSER", 1, [0, 1]), rule("ALWAYS", 3, [2], 3, 6), rule("ALWAYS", 0, [3], 5))
+    shot = with_rules(
+        shot,
+        rule("NEVER_COARSER", 1, [0, 1]),
+        rule("ALWAYS", 3, [2], 3, 6),
+        rule("ALWAYS", 0, [3], 5),
+    )
     plan, seen = finished(decide(shot)), shot.survey.seen
     assert (plan.levels[:, :2] <= 1)[seen[:, :2]].all() and (free[:, :2] > 1)[seen[:, :2]].any()
     assert (plan.levels[2:6, 2] == 3)[seen[2:6, 2]].all()
@@ -106,13 +132,19 @@ def test_plans_keep_to_the_exceptions_in_their_frames_and_lie_above_their_bound(
 
 @pytest.mark.parametrize("seed", range(8))
 def test_program_finds_the_least_of_all_that_exceptions_leave(seed):
-    shot = with_rules(some_shot(seed, agents=2, seen=1.0), rule("ALWAYS", 2, [0], 2, 3), rule("NEVER_COARSER", 0, [1], 4))
+    shot = with_rules(
+        some_shot(seed, agents=2, seen=1.0),
+        rule("ALWAYS", 2, [0], 2, 3),
+        rule("NEVER_COARSER", 0, [1], 4),
+    )
     table = np.random.default_rng(seed).integers(1000, size=(5, 3, 2)).astype(np.float32)
     levels, cost = finished(decided(shot, table, 0.0))
     least = 0.0
     for agent in range(2):
         own = shot.survey.character[:, agent]
-        least += min(sum(table[f, k, own[f]] for f, k in enumerate(one)) for one in sequences(shot, agent))
+        least += min(
+            sum(table[f, k, own[f]] for f, k in enumerate(one)) for one in sequences(shot, agent)
+        )
     assert cost == least
     assert (levels[1:3, 0] == 2).all() and (levels[3:, 1] == 0).all()
 
@@ -124,7 +156,10 @@ def test_hidden_agents_count_as_culled_and_enter_when_they_appear_in_sight():
     survey.entered[1] = np.array([0, 3])
     survey = excepted(survey, [rule("HIDE", 0, [0, 1], 2, 3)])
     assert (
-        survey.kind == [[SEEN, SHADOW, SEEN, SEEN]] + 2 * [[CULLED, CULLED, SEEN, SEEN]] + 2 * [[SEEN, SHADOW, SEEN, SEEN]]
+        survey.kind
+        == [[SEEN, SHADOW, SEEN, SEEN]]
+        + 2 * [[CULLED, CULLED, SEEN, SEEN]]
+        + 2 * [[SEEN, SHADOW, SEEN, SEEN]]
     ).all()
     assert not survey.scale[1:3, :2].any()
     assert [each.tolist() for each in survey.entered] == [[], [3], [], [0], []]
@@ -134,17 +169,26 @@ def test_of_two_exceptions_the_later_one_holds():
     shot = some_shot(0, agents=3, seen=1.0)
     pin, hide = rule("ALWAYS", 2, [0, 1]), rule("HIDE", 0, [1, 2])
     assert excepted(shot.survey, [hide, pin]).kind[0].tolist() == [SEEN, SEEN, CULLED]
-    assert excepted(some_shot(0, agents=3, seen=1.0).survey, [pin, hide]).kind[0].tolist() == [SEEN, CULLED, CULLED]
+    assert excepted(some_shot(0, agents=3, seen=1.0).survey, [pin, hide]).kind[0].tolist() == [
+        SEEN,
+        CULLED,
+        CULLED,
+    ]
 
 
 def test_exceptions_hold_at_every_tolerance_and_for_a_part_of_the_agents():
-    survey = excepted(some_shot(1, agents=6, seen=1.0).survey, [rule("ALWAYS", 1, [1]), rule("NEVER_COARSER", 1, [2])])
+    survey = excepted(
+        some_shot(1, agents=6, seen=1.0).survey,
+        [rule("ALWAYS", 1, [1]), rule("NEVER_COARSER", 1, [2])],
+    )
     for tolerance in (0.0, 1.0, 1e9):
         found = at_tolerance(survey, BOUNDS[:, :3], tolerance).coarsest
         assert (found[:, 1] == 1).all() and (found[:, 2] <= 1).all()
         assert (found[:, 0] == (2 if tolerance == 1e9 else found[:, 0])).all()
     half = survey.of(slice(1, None, 2))
-    assert (half.finest == survey.finest[:, 1::2]).all() and (half.limit == survey.limit[:, 1::2]).all()
+    assert (half.finest == survey.finest[:, 1::2]).all() and (
+        half.limit == survey.limit[:, 1::2]
+    ).all()
 
 
 def test_stored_levels_are_marked_in_all_frames_of_the_exceptions():

@@ -20,10 +20,20 @@ from ..support.shots import AREA, shot
 
 AXES = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, 1.0, 0]])
 # at (0, 0, 1), looks along +y, 2 units wide, from 1 to 90 m
-CAMERA = Camera("PERSP", np.array([0.0, 0, 1]), *AXES, Window(-1, 1, -1, 1), 1.0, 90.0, (1000, 1000))
+CAMERA = Camera(
+    "PERSP", np.array([0.0, 0, 1]), *AXES, Window(-1, 1, -1, 1), 1.0, 90.0, (1000, 1000)
+)
 SIZES = (1000, 400, 120)
 GROUP = Group(
-    "walker", 0.9, 1.0, 0.0, 1.0, SIZES, tuple(2 * n for n in SIZES), bounds=(0.0, 0.02, 0.1), deviations=(0.0, 0.02, 0.1)
+    "walker",
+    0.9,
+    1.0,
+    0.0,
+    1.0,
+    SIZES,
+    tuple(2 * n for n in SIZES),
+    bounds=(0.0, 0.02, 0.1),
+    deviations=(0.0, 0.02, 0.1),
 )
 
 
@@ -33,13 +43,17 @@ def frame_of(camera=CAMERA, bias=None, **policy):
 
 def test_planes_are_signed_distances_in_meters():
     found = {side.name: side for side in sides_of(CAMERA, np.array([3.0, 10.0, 1.0]), 0.5, None)}
-    assert found["right"].outside == pytest.approx((3 - 10) / 2**0.5) and found["left"].outside == pytest.approx(-13 / 2**0.5)
+    assert found["right"].outside == pytest.approx((3 - 10) / 2**0.5) and found[
+        "left"
+    ].outside == pytest.approx(-13 / 2**0.5)
     assert found["top"].outside == found["bottom"].outside == pytest.approx(-10 / 2**0.5)
     assert (found["near"].outside, found["far"].outside) == (pytest.approx(-9), pytest.approx(-80))
     assert all(side.reach == pytest.approx(0.5) and side.passed for side in found.values())
     beside = {side.name: side for side in sides_of(CAMERA, np.array([11.0, 10.0, 1.0]), 0.5, None)}
     assert beside["right"].outside == pytest.approx(1 / 2**0.5) and not beside["right"].passed
-    wider = {side.name: side for side in sides_of(CAMERA, np.array([11.0, 10.0, 1.0]), 0.0, 2.0)}  # a fixed margin
+    wider = {
+        side.name: side for side in sides_of(CAMERA, np.array([11.0, 10.0, 1.0]), 0.0, 2.0)
+    }  # a fixed margin
     assert wider["right"].outside == pytest.approx(-1 / 2**0.5) and wider["right"].passed
 
 
@@ -67,12 +81,22 @@ def test_alternatives_tell_what_each_lod_costs_and_shows():
     for level, each in enumerate(found.alternatives):
         assert each.level == level and each.triangles == 2 * SIZES[level]
         assert each.pixels == pytest.approx((0, 0.02, 0.1)[level] * 500 / (depth - 1))
-        assert each.seconds == pytest.approx(costs["instances"] + costs["instanced"] * 2 * SIZES[level])
+        assert each.seconds == pytest.approx(
+            costs["instances"] + costs["instanced"] * 2 * SIZES[level]
+        )
         assert each.mesh_seconds == pytest.approx(costs["unique"] * 2 * SIZES[level])
         assert each.others == frame.buckets.counts[level] - (level == 1)
-    assert [each.begins for each in found.alternatives] == [None, pytest.approx(27), pytest.approx(54)]
-    assert explained(frame, agent, "CYCLES").alternatives[0].seconds == SECONDS["CYCLES"]["instances"]
-    assert found.by_distance == found.account.level == 1 and found.distance == frame.distances[agent]
+    assert [each.begins for each in found.alternatives] == [
+        None,
+        pytest.approx(27),
+        pytest.approx(54),
+    ]
+    assert (
+        explained(frame, agent, "CYCLES").alternatives[0].seconds == SECONDS["CYCLES"]["instances"]
+    )
+    assert (
+        found.by_distance == found.account.level == 1 and found.distance == frame.distances[agent]
+    )
     assert json.dumps(found.as_json, allow_nan=False)
 
 
@@ -81,11 +105,20 @@ def test_detail_map_and_shot_plan_are_told():
     frame = frame_of(bias=bias)
     agent = int(frame.buckets[2][0])
     found = explained(frame, agent, "CYCLES")
-    assert found.factor == 2 and found.by_distance == 2 and "times 2 by the detail map" in found.text
+    assert (
+        found.factor == 2 and found.by_distance == 2 and "times 2 by the detail map" in found.text
+    )
     row = np.full(len(frame.crowd), EXCEPTED | PINNED, np.uint8)
     pinned = explained(with_row(frame, row), agent, "CYCLES")
-    assert pinned.by_distance == 2 and pinned.account.level == 0 and pinned.account.reason == "exception"
-    assert "The shot plan: LOD 0, by an exception." in pinned.text and "The shot plan" not in found.text
+    assert (
+        pinned.by_distance == 2
+        and pinned.account.level == 0
+        and pinned.account.reason == "exception"
+    )
+    assert (
+        "The shot plan: LOD 0, by an exception." in pinned.text
+        and "The shot plan" not in found.text
+    )
     (marked,) = (line for line in pinned.text.splitlines() if "*" in line)
     assert marked.startswith("0*")
 
@@ -106,8 +139,12 @@ def test_tests_of_every_eye_are_told():
 
 
 def test_without_lod_meshes_costs_are_not_known():
-    frame = plan(shot(groups=(Group("walker", 0.9, 1.0, 0.0, 1.0),)), CAMERA, LevelPolicy((0.3,)), 1)
+    frame = plan(
+        shot(groups=(Group("walker", 0.9, 1.0, 0.0, 1.0),)), CAMERA, LevelPolicy((0.3,)), 1
+    )
     found = explained(frame, 0, "EEVEE").alternatives
-    assert {(each.triangles, each.pixels, each.seconds, each.mesh_seconds) for each in found} == {(None, None, None, None)}
+    assert {(each.triangles, each.pixels, each.seconds, each.mesh_seconds) for each in found} == {
+        (None, None, None, None)
+    }
     with pytest.raises(CrowdError, match="no agent 400"):
         explained(frame, 400, "EEVEE")

@@ -34,7 +34,9 @@ def walker(machine):
     periods = {"": 1.0, "idle": 3.2, "wave": 2.0}
     names = sorted({*machine.paces.actions} - {""})
     into = {name: (mixed_in(name) or ("", name))[1] for name in names}
-    actions = tuple(Action(name, 0.0 if into[name] else 1.25, periods[into[name]]) for name in names)
+    actions = tuple(
+        Action(name, 0.0 if into[name] else 1.25, periods[into[name]]) for name in names
+    )
     return Group("walker", 0.9, 1.0, 1.25, 1.0, actions=actions)
 
 
@@ -57,11 +59,16 @@ def expected(states, steps=3):
             # it shows mostly the action to come once half of the fade, or more, shows
             weight = 1 if since is None else (int(since * steps + 1e-6) + 1) / (steps + 1)
             before = into if weight >= 0.5 else before
-            since, into = (0.5 / FPS / FADE[state] if FADE[state] and (before, action) in PAIRS else None), action
+            since, into = (
+                (0.5 / FPS / FADE[state] if FADE[state] and (before, action) in PAIRS else None),
+                action,
+            )
         elif since is not None:
             since += 1 / FPS / FADE[state]
             since = None if since > 1 - 1e-6 else since
-        seen.append(into if since is None else step_name(before, into, int(since * steps + 1e-6) + 1))
+        seen.append(
+            into if since is None else step_name(before, into, int(since * steps + 1e-6) + 1)
+        )
     return seen
 
 
@@ -80,7 +87,11 @@ def test_agents_show_the_steps_of_a_listing():
     for k in range(seen.shape[1]):
         assert expected(names[:, k].tolist()) == seen[:, k].tolist()
     mixed = {name for name in seen.ravel() if mixed_in(name)}
-    assert mixed == {step_name(*pair, step) for pair in (("", "idle"), ("idle", ""), ("wave", "")) for step in (1, 2, 3)}
+    assert mixed == {
+        step_name(*pair, step)
+        for pair in (("", "idle"), ("idle", ""), ("wave", ""))
+        for step in (1, 2, 3)
+    }
     interrupted = [k for k in range(seen.shape[1]) for a, b in zip(seen[:-1, k], seen[1:, k], strict=True)
                    if mixed_in(a) and mixed_in(b) and mixed_in(a)[:2] != mixed_in(b)[:2]]  # fmt: skip
     assert len(interrupted) > 20
@@ -102,14 +113,21 @@ def test_phases_go_on_through_a_cross_fade():
 def test_the_way_there_changes_nothing():
     trajectory = walk()
     ahead = [trajectory.at(frame) for frame in (90, 90.5, 7)]
-    assert same(trajectory.at(90), ahead[0]) and same(walk().at(90.5), ahead[1]) and same(walk().at(7), ahead[2])
+    assert (
+        same(trajectory.at(90), ahead[0])
+        and same(walk().at(90.5), ahead[1])
+        and same(walk().at(7), ahead[2])
+    )
     assert same(walk(leave=NOTHING).at(90), ahead[0])
     onward = trajectory.leaving(NOTHING, 40)
     assert (trajectory.at(40).faded < 1).any() and same(onward.at(90), ahead[0])
 
 
 def test_a_crowd_of_which_nobody_fades_has_no_columns_for_it():
-    plain = {name: {key: value for key, value in state.items() if key != "fade"} for name, state in STATES.items()}
+    plain = {
+        name: {key: value for key, value in state.items() if key != "fade"}
+        for name, state in STATES.items()
+    }
     unreached = {
         "walk": {"start": 1, "fade": 0.3, "on": {"*": {"move": [1.0, 0.0]}}},
         "wait": STATES["wait"] | {"after": 1, "then": "walk"},
@@ -117,7 +135,9 @@ def test_a_crowd_of_which_nobody_fades_has_no_columns_for_it():
     for trajectory in (walk(plain), walk(unreached)):
         crowd = trajectory.at(50)
         assert crowd.played is None and crowd.faded is None
-    assert NO_FADES in walk(unreached).left_out and NO_FADES not in walk(plain).left_out  # where there are none to leave out
+    assert (
+        NO_FADES in walk(unreached).left_out and NO_FADES not in walk(plain).left_out
+    )  # where there are none to leave out
     full = walk(unreached).full
     assert full.at(50).played is not None and same(walk(unreached).at(50), full.at(50))
     assert NO_FADES not in walk().left_out
@@ -153,7 +173,14 @@ def test_a_bad_fade_is_one_sentence(wait, says):
 
 
 def test_too_many_cross_fades_are_one_sentence():
-    states = {f"s{k}": {"action": f"a{k}", "fade": 0.1, "on": {"*": {"next": {f"s{j}": 1 for j in range(12)}}}} for k in range(12)}
+    states = {
+        f"s{k}": {
+            "action": f"a{k}",
+            "fade": 0.1,
+            "on": {"*": {"next": {f"s{j}": 1 for j in range(12)}}},
+        }
+        for k in range(12)
+    }
     with pytest.raises(CrowdError, match="give fewer states an action or a fade"):
         machine_of(states).paces  # noqa: B018
 
@@ -167,7 +194,10 @@ def test_a_fade_goes_on_in_the_next_state_of_its_action():
     trajectory = walk(states, 1)
     seen = [shown(trajectory, trajectory.at(frame))[0] for frame in range(1, 60)]
     steps = [name for k, name in enumerate(seen) if k == 0 or name != seen[k - 1]]
-    assert steps == ["", " > idle 1/4", " > idle 2/4", " > idle 3/4", "idle"] and seen.count(" > idle 2/4") == 8
+    assert (
+        steps == ["", " > idle 1/4", " > idle 2/4", " > idle 3/4", "idle"]
+        and seen.count(" > idle 2/4") == 8
+    )
 
 
 def test_a_fade_of_a_frame_shows_the_middle():

@@ -30,7 +30,13 @@ STANDS = machine_of({"a": {"on": {"*": {}}}})
 
 def in_float32(camera):
     """What Blender holds of the camera: all its numbers in float32."""
-    return replace(camera, **{name: np.float64(np.float32(getattr(camera, name))) for name in ("origin", "X", "Y", "Z")})
+    return replace(
+        camera,
+        **{
+            name: np.float64(np.float32(getattr(camera, name)))
+            for name in ("origin", "X", "Y", "Z")
+        },
+    )
 
 
 def at_the_planes(camera, random, count):
@@ -38,7 +44,9 @@ def at_the_planes(camera, random, count):
     if camera.kind == "PANO":
         way = random.normal(size=(count, 3))
         way /= np.linalg.norm(way, axis=1, keepdims=True)
-        reach = np.where(random.random(count) < 0.5, camera.far + RADIUS, max(camera.near - RADIUS[0], 0.5))
+        reach = np.where(
+            random.random(count) < 0.5, camera.far + RADIUS, max(camera.near - RADIUS[0], 0.5)
+        )
         points = camera.origin + way * reach[:, None]
     else:
         frustum, axes = frustum_of(camera), np.array([camera.X, camera.Y, camera.Z])
@@ -59,8 +67,14 @@ def seen_in_blender(camera, feet):
     """(n,) bool: whose sphere the camera sees, about the feet (n, 3) in float32, in rational arithmetic."""
     found = np.zeros(len(feet), bool)
     for i, foot in enumerate(np.float32(feet)):
-        center = [Fraction(float(foot[0])), Fraction(float(foot[1])), Fraction(float(foot[2])) + Fraction(GROUP.center)]
-        nearby = [float(p) for p in center]  # of the sum float64 may miss the last bits: so much more or less of a radius
+        center = [
+            Fraction(float(foot[0])),
+            Fraction(float(foot[1])),
+            Fraction(float(foot[2])) + Fraction(GROUP.center),
+        ]
+        nearby = [
+            float(p) for p in center
+        ]  # of the sum float64 may miss the last bits: so much more or less of a radius
         off = float(abs(Fraction(nearby[2]) - center[2]))
         found[i] = sees(camera, nearby, GROUP.radius - off)
     return found
@@ -81,7 +95,9 @@ def test_nobody_is_culled_whom_float32_positions_show(lens, away, monkeypatch):
     for _ in range(8):
         way = random.normal(size=3) * [1, 1, 0.1]
         camera = random_camera(random, lens)
-        camera = in_float32(replace(camera, origin=camera.origin + away * way / np.linalg.norm(way)))
+        camera = in_float32(
+            replace(camera, origin=camera.origin + away * way / np.linalg.norm(way))
+        )
         feet = at_the_planes(camera, random, 60)
         seen = seen_in_blender(camera, feet)
         frames = [plan(each, camera, POLICY, 0) for each in (shot(feet), shot(feet).full)]
@@ -91,7 +107,9 @@ def test_nobody_is_culled_whom_float32_positions_show(lens, away, monkeypatch):
         bare = radar(crowd_at(feet), camera, CENTER, RADIUS)[0]
         missed += (seen & ~bare).sum()
         beside += seen.sum()
-    assert beside > 60 and (missed or away < 1e5)  # the positions' own rounding makes the difference
+    assert beside > 60 and (
+        missed or away < 1e5
+    )  # the positions' own rounding makes the difference
 
 
 @pytest.mark.parametrize("away, meters", [(0.0, 1e-3), (1e3, 1e-2), (1e6, 5.0)])
@@ -100,10 +118,14 @@ def test_who_is_clearly_outside_is_culled_all_the_same(away, meters):
     random, culled = np.random.default_rng(1), 0
     for _ in range(20):
         camera = random_camera(random, "normal")
-        camera = in_float32(replace(camera, origin=np.array([away, -away / 3, 2]), near=0.1, far=100.0))
+        camera = in_float32(
+            replace(camera, origin=np.array([away, -away / 3, 2]), near=0.1, far=100.0)
+        )
         feet = at_the_planes(camera, random, 60) + random.uniform(-3, 3, (60, 3)) * meters
         v = feet + [0, 0, GROUP.center] - camera.origin
-        outside = ((v @ frustum_of(camera).normals.T - frustum_of(camera).offsets) > GROUP.radius + meters).any(axis=1)
+        outside = (
+            (v @ frustum_of(camera).normals.T - frustum_of(camera).offsets) > GROUP.radius + meters
+        ).any(axis=1)
         assert not (outside & plan(shot(feet), camera, POLICY, 0).visible).any()
         culled += outside.sum()
     assert culled > 100
@@ -114,7 +136,9 @@ def where_rays_start(points, normals):
     it again: so many representable numbers away along each axis (Ray Tracing Gems, chapter 6; Cycles' ray_offset)."""
     steps = np.trunc(256 * normals).astype(np.int32)
     moved = (points.view(np.int32) + np.where(points < 0, -steps, steps)).view(np.float32)
-    return np.where(np.abs(points) < 1 / 32, points + np.float32(normals / 65536), moved).astype(np.float64)
+    return np.where(np.abs(points) < 1 / 32, points + np.float32(normals / 65536), moved).astype(
+        np.float64
+    )
 
 
 @pytest.mark.parametrize("away", [0.0, 1e3, 1e5, 9e5])
@@ -125,17 +149,31 @@ def test_no_shadow_is_missed_by_rays_that_start_beside_their_surface(kind, away)
     for _ in range(10):
         camera = random_camera(random, "normal")
         way = random.normal(size=3) * [1, 1, 0.1]
-        camera = in_float32(replace(camera, origin=camera.origin + away * way / np.linalg.norm(way), near=0.1, far=100.0))
-        out, w = frustum_of(camera).normals[random.integers(4)], camera.window
-        depth, slopes = random.uniform(20, 90, 40), random.uniform([w.left, w.bottom], [w.right, w.top], (40, 2))
-        v = np.array([*(slopes.T * depth), depth]).T @ np.linalg.inv([camera.X, camera.Y, camera.Z]).T
-        points = np.float32(camera.origin + v - (v @ out)[:, None] * out)
-        seen = ((points - camera.origin) @ frustum_of(camera).normals.T <= frustum_of(camera).offsets + 1e-7 * (1 + away)).all(
-            axis=1
+        camera = in_float32(
+            replace(
+                camera, origin=camera.origin + away * way / np.linalg.norm(way), near=0.1, far=100.0
+            )
         )
+        out, w = frustum_of(camera).normals[random.integers(4)], camera.window
+        depth, slopes = (
+            random.uniform(20, 90, 40),
+            random.uniform([w.left, w.bottom], [w.right, w.top], (40, 2)),
+        )
+        v = (
+            np.array([*(slopes.T * depth), depth]).T
+            @ np.linalg.inv([camera.X, camera.Y, camera.Z]).T
+        )
+        points = np.float32(camera.origin + v - (v @ out)[:, None] * out)
+        seen = (
+            (points - camera.origin) @ frustum_of(camera).normals.T
+            <= frustum_of(camera).offsets + 1e-7 * (1 + away)
+        ).all(axis=1)
         sun = np.cross(out, random.normal(size=3))
         sun /= np.linalg.norm(sun)
-        starts, lamp = where_rays_start(points, np.broadcast_to(out, points.shape)), points[0] + 200 * sun
+        starts, lamp = (
+            where_rays_start(points, np.broadcast_to(out, points.shape)),
+            points[0] + 200 * sun,
+        )
         light, to_light = Light(None, -sun, angle=0.0), np.broadcast_to(200 * sun, points.shape)
         if kind == "spot":
             light, to_light = Light(lamp, -sun, angle=0.4), lamp - starts
@@ -143,7 +181,9 @@ def test_no_shadow_is_missed_by_rays_that_start_beside_their_surface(kind, away)
             seen &= np.arccos(beside.clip(-1, 1)) < 0.4
         aside = out - (to_light @ out / (to_light**2).sum(axis=1))[:, None] * to_light
         aside /= np.linalg.norm(aside, axis=1)[:, None]
-        centers = starts + random.uniform(0, 0.5, (40, 1)) * to_light + (1 - 1e-6) * GROUP.radius * aside  # rays just touch them
+        centers = (
+            starts + random.uniform(0, 0.5, (40, 1)) * to_light + (1 - 1e-6) * GROUP.radius * aside
+        )  # rays just touch them
         feet = centers - [0, 0, GROUP.center]
         frame = plan(shot(feet), camera, POLICY, 0)
         seen &= ~frame.visible

@@ -49,15 +49,25 @@ def start(folder, what, at=-1):
 
 def content(folder):
     """Each file's text by name, hidden ones too; None for a folder."""
-    return {str(p.relative_to(folder)): p.read_text() if p.is_file() else None for p in Path(folder).rglob("*")}
+    return {
+        str(p.relative_to(folder)): p.read_text() if p.is_file() else None
+        for p in Path(folder).rglob("*")
+    }
 
 
 def png(rows=5, columns=7):
     """An RGB picture of noise."""
-    chunk = lambda kind, body: struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))  # noqa: E731
+    chunk = lambda kind, body: (
+        struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+    )  # noqa: E731
     pixels = b"".join(b"\0" + os.urandom(3 * columns) for _ in range(rows))
     header = struct.pack(">IIBBBBB", columns, rows, 8, 2, 0, 0, 0)
-    return file_checks.PNG + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(pixels)) + chunk(b"IEND", b"")
+    return (
+        file_checks.PNG
+        + chunk(b"IHDR", header)
+        + chunk(b"IDAT", zlib.compress(pixels))
+        + chunk(b"IEND", b"")
+    )
 
 
 def test_files_come_all_at_once_or_not_at_all(tmp_path):
@@ -77,7 +87,10 @@ def test_files_come_all_at_once_or_not_at_all(tmp_path):
     assert (folder / "a.txt").read_text() == "new"
 
 
-@pytest.mark.parametrize("name, data", [("b.csv", b""), ("b.png", b""), ("b.png", png()[:-1]), ("b.blend", b"BLENDER17-01v0502")])
+@pytest.mark.parametrize(
+    "name, data",
+    [("b.csv", b""), ("b.png", b""), ("b.png", png()[:-1]), ("b.blend", b"BLENDER17-01v0502")],
+)
 def test_a_file_that_ends_too_early_keeps_all_out(tmp_path, name, data):
     (tmp_path / "a.txt").write_text("old")
     with pytest.raises(CrowdError, match=rf"{name} was not written to its end \({len(data)} bytes"):
@@ -105,7 +118,10 @@ def test_a_folder_in_a_files_place_keeps_all_out(tmp_path):
     (tmp_path / "a.txt").write_text("old")
     (tmp_path / "b.txt").mkdir()
     before = content(tmp_path)
-    with pytest.raises(CrowdError, match="b.txt cannot be written: it is a folder"), files.staged(tmp_path) as stage:
+    with (
+        pytest.raises(CrowdError, match="b.txt cannot be written: it is a folder"),
+        files.staged(tmp_path) as stage,
+    ):
         for name in "abc":
             (stage / f"{name}.txt").write_text("new")
     assert content(tmp_path) == before
@@ -122,7 +138,10 @@ def test_a_rename_that_fails_half_way_is_taken_back(tmp_path):
     if subprocess.run(["mount", "--bind", other, busy], stderr=subprocess.DEVNULL).returncode:
         pytest.skip("mounting a file needs root on Linux")
     try:
-        with pytest.raises(CrowdError, match="Writing to .* failed"), files.staged(tmp_path) as stage:
+        with (
+            pytest.raises(CrowdError, match="Writing to .* failed"),
+            files.staged(tmp_path) as stage,
+        ):
             for number in range(5):
                 (stage / str(number)).write_text("new")
     finally:
@@ -136,7 +155,9 @@ def test_a_run_killed_between_two_renames_leaves_whole_files_and_the_next_run_cl
     for name in ("0", "2"):
         (tmp_path / name).write_text("old")
     assert start(tmp_path, "kill", at).wait(20) == -signal.SIGKILL
-    left = {name: text for name, text in content(tmp_path).items() if not name.startswith(".crowd-lod-")}
+    left = {
+        name: text for name, text in content(tmp_path).items() if not name.startswith(".crowd-lod-")
+    }
     assert left == {"0": "old", "2": "old"} | {str(number): "new" for number in range(at)}
     with pytest.raises(RuntimeError), files.staged(tmp_path):
         raise RuntimeError
@@ -158,7 +179,12 @@ def test_leftovers_of_a_killed_run_go_with_the_next_and_those_of_a_living_stay(t
         with files.staged(tmp_path) as stage:
             (stage / "a").write_text("new")
         (hidden,) = tmp_path.glob(".crowd-lod-*/")
-        assert sorted(tmp_path.iterdir()) == [hidden, hidden.with_suffix(".part"), hidden.with_suffix(".part@"), tmp_path / "a"]
+        assert sorted(tmp_path.iterdir()) == [
+            hidden,
+            hidden.with_suffix(".part"),
+            hidden.with_suffix(".part@"),
+            tmp_path / "a",
+        ]
     finally:
         living.kill()
         living.wait(20)
@@ -183,7 +209,12 @@ def test_a_hidden_folder_of_another_machine_stays(tmp_path):
 def test_links_are_followed_and_stay(tmp_path):
     (tmp_path / "far").mkdir()
     (tmp_path / "far" / "file").write_text("old")
-    for link, target in {"folder": "far", "coming": "to/come", "file": "far/file", "file2": "far/file2"}.items():
+    for link, target in {
+        "folder": "far",
+        "coming": "to/come",
+        "file": "far/file",
+        "file2": "far/file2",
+    }.items():
         (tmp_path / link).symlink_to(target)
     for folder in ("folder", "coming"):
         with files.staged(tmp_path / folder) as stage:
@@ -192,7 +223,11 @@ def test_links_are_followed_and_stay(tmp_path):
         with files.staged_file(tmp_path / file) as part:
             part.write_text("new")
     assert all((tmp_path / link).is_symlink() for link in ("folder", "coming", "file", "file2"))
-    texts = {name: text for name, text in content(tmp_path).items() if text is not None and not (tmp_path / name).is_symlink()}
+    texts = {
+        name: text
+        for name, text in content(tmp_path).items()
+        if text is not None and not (tmp_path / name).is_symlink()
+    }
     assert texts == dict.fromkeys(("far/a", "far/file", "far/file2", "to/come/a"), "new")
 
 
@@ -207,11 +242,25 @@ def test_what_is_neither_file_nor_folder_is_refused_before_any_work(tmp_path, mo
     Path("link").symlink_to("/dev/null")
     Path("loop").symlink_to("loop")
     cases = {
-        files.staged_file: {"pipe": "is a pipe", "socket": "is a socket", "link": "is a device", "folder": "is a folder"},
-        files.staged: {"pipe": "is a pipe", "socket": "is a socket", "link": "is a device", "file": "is a file"},
+        files.staged_file: {
+            "pipe": "is a pipe",
+            "socket": "is a socket",
+            "link": "is a device",
+            "folder": "is a folder",
+        },
+        files.staged: {
+            "pipe": "is a pipe",
+            "socket": "is a socket",
+            "link": "is a device",
+            "file": "is a file",
+        },
     }
     for stage, names in cases.items():
-        for name, sentence in {**names, "/dev/full": "is a device", "loop": "cannot be written"}.items():
+        for name, sentence in {
+            **names,
+            "/dev/full": "is a device",
+            "loop": "cannot be written",
+        }.items():
             with pytest.raises(CrowdError, match=sentence), stage(Path(name)):
                 raise AssertionError
     assert sorted(os.listdir()) == ["file", "folder", "link", "loop", "pipe", "socket"]

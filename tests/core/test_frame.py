@@ -30,7 +30,10 @@ def test_a_plan_does_not_depend_on_what_was_asked_before():
     for time in (90, 5, 33.5):
         plan(warm, straight(), LevelPolicy((0.3, 0.6)), time)
     a, b = (plan(t, straight(), LevelPolicy((0.3, 0.6)), 33.5) for t in (warm, shot()))
-    assert a.buckets.order.tobytes() == b.buckets.order.tobytes() and a.crowd.x.tobytes() == b.crowd.x.tobytes()
+    assert (
+        a.buckets.order.tobytes() == b.buckets.order.tobytes()
+        and a.crowd.x.tobytes() == b.crowd.x.tobytes()
+    )
 
 
 def test_an_open_shutter_keeps_whoever_walks_through_the_picture():
@@ -61,12 +64,18 @@ def test_two_eyes_and_a_painted_bias():
 def test_distances_are_found_when_asked_for_and_once(metric):
     trajectory, policy = shot(), LevelPolicy((0.3, 0.6), metric, hysteresis=0.1)
     eyes = straight(offset=(-5, 0, 0)), straight(offset=(5, 0, 0))
-    frame = plan(trajectory, eyes, policy, 10, bias=Bias(np.full((2, 2), 0.6), trajectory.world.area))
+    frame = plan(
+        trajectory, eyes, policy, 10, bias=Bias(np.full((2, 2), 0.6), trajectory.world.area)
+    )
     assert not {"distances", "depths", "factors"} & set(vars(frame))
     spheres = trajectory.spheres
-    centers = np.stack([frame.crowd.x, frame.crowd.y, frame.crowd.z + spheres.center[frame.crowd.group]], axis=1)
+    centers = np.stack(
+        [frame.crowd.x, frame.crowd.y, frame.crowd.z + spheres.center[frame.crowd.group]], axis=1
+    )
     away = [centers - eye.origin for eye in eyes]
-    expected = np.min([np.linalg.norm(v, axis=1) if metric == "RADIAL" else v @ eyes[0].Z for v in away], axis=0)
+    expected = np.min(
+        [np.linalg.norm(v, axis=1) if metric == "RADIAL" else v @ eyes[0].Z for v in away], axis=0
+    )
     found = frame.distances
     assert found == pytest.approx(expected) and frame.depths == pytest.approx(away[0] @ eyes[0].Z)
     reasons(frame), fades_of(frame), held(frame, frame.levels), account(frame, 5)

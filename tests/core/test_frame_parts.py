@@ -12,7 +12,9 @@ def parts(tmp_path):
     made = FrameParts(tmp_path, "state")
     for number in (1, 2):
         (tmp_path / f"{number}.txt").write_text(f"picture {number}")
-        assert made.put(number, {"row": {"frame": number}}, [tmp_path / f"{number}.txt"]) == {"row": {"frame": number}}
+        assert made.put(number, {"row": {"frame": number}}, [tmp_path / f"{number}.txt"]) == {
+            "row": {"frame": number}
+        }
     return made
 
 
@@ -24,10 +26,22 @@ def test_whole_frames_are_found_again(parts):
 
 @pytest.mark.parametrize(
     "spoil",
-    ["cut picture", "other picture", "no picture", "cut record", "flipped record", "deep record", "other record", "no record"],
+    [
+        "cut picture",
+        "other picture",
+        "no picture",
+        "cut record",
+        "flipped record",
+        "deep record",
+        "other record",
+        "no record",
+    ],
 )
 def test_a_frame_that_is_not_whole_does_not_count(parts, spoil):
-    what, path = spoil.split()[0], parts.folder / "2.txt" if "picture" in spoil else parts.folder / RECORDS / "0002.json"
+    what, path = (
+        spoil.split()[0],
+        parts.folder / "2.txt" if "picture" in spoil else parts.folder / RECORDS / "0002.json",
+    )
     data = path.read_bytes()
     if what == "no":
         path.unlink()

@@ -13,7 +13,15 @@ def seen_of(places):
     view = framing(places, ACROSS, BELOW, ABOVE)
     X, Z = np.array([view.ahead[1], -view.ahead[0], 0]), np.array([*view.ahead, 0])
     camera = Camera(
-        "PERSP", view.eye, X, np.array([0.0, 0, 1]), Z, Window(-ACROSS, ACROSS, -BELOW, ABOVE), 0.1, view.far, (1920, 1080)
+        "PERSP",
+        view.eye,
+        X,
+        np.array([0.0, 0, 1]),
+        Z,
+        Window(-ACROSS, ACROSS, -BELOW, ABOVE),
+        0.1,
+        view.far,
+        (1920, 1080),
     )
     return view, seen(camera, places + [0, 0, 1.0], np.full(len(places), 0.3))[0]
 

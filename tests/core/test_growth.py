@@ -31,7 +31,10 @@ HILLS = HeightMap(np.random.default_rng(1).uniform(0, 5, (9, 9)).astype(np.float
 
 
 @pytest.mark.once
-@pytest.mark.parametrize("groups, edge, heights", [(1, "clamp", None), (3, "clamp", None), (3, "wrap", None), (1, "clamp", HILLS)])
+@pytest.mark.parametrize(
+    "groups, edge, heights",
+    [(1, "clamp", None), (3, "clamp", None), (3, "wrap", None), (1, "clamp", HILLS)],
+)
 def test_state_blocks_and_results_stay_within_their_bytes(groups, edge, heights):
     trajectory = shot(walking(edge), groups=(walker(),) * groups, count=COUNT, heights=heights)
     assert sum(column.nbytes for column in trajectory.start.columns.values()) <= 51 * COUNT

@@ -16,8 +16,12 @@ def away(points, corners):
     inside, best = np.ones(height.shape, bool), np.full(height.shape, np.inf)
     for p, q in ((a, b), (b, c), (c, a)):
         inside &= np.einsum("kmd,md->km", points[:, None] - p, np.cross(normal, q - p)) >= 0
-        t = (np.einsum("kmd,md->km", points[:, None] - p, q - p) / ((q - p) ** 2).sum(axis=1)).clip(0, 1)
-        best = np.minimum(best, np.linalg.norm(points[:, None] - p - t[..., None] * (q - p), axis=2))
+        t = (np.einsum("kmd,md->km", points[:, None] - p, q - p) / ((q - p) ** 2).sum(axis=1)).clip(
+            0, 1
+        )
+        best = np.minimum(
+            best, np.linalg.norm(points[:, None] - p - t[..., None] * (q - p), axis=2)
+        )
     return np.where(inside, np.abs(height), best)
 
 
@@ -29,7 +33,9 @@ def brute(one, other, parts):
     for a, b in ((one, other), (other, one)):
         for triangle in a:
             least = max(least, away(weights @ triangle, b).min(axis=1).max())
-        between = max(between, np.linalg.norm(a - np.roll(a, 1, axis=1), axis=2).max() / parts / np.sqrt(3))
+        between = max(
+            between, np.linalg.norm(a - np.roll(a, 1, axis=1), axis=2).max() / parts / np.sqrt(3)
+        )
     return least, least + between
 
 
@@ -38,7 +44,10 @@ def moving(points, triangles):
 
     def find(pose, at):
         return np.concatenate(
-            [away(some, points[triangles, pose]).argmin(axis=1) for some in np.array_split(at, len(at) // 256 + 1)]
+            [
+                away(some, points[triangles, pose]).argmin(axis=1)
+                for some in np.array_split(at, len(at) // 256 + 1)
+            ]
         )
 
     return hausdorff.Moving(points, triangles, find)
@@ -46,16 +55,24 @@ def moving(points, triangles):
 
 def ball(rings, segments):
     theta, phi = np.meshgrid(
-        np.linspace(0.1, np.pi - 0.1, rings), np.linspace(0, 2 * np.pi, segments, endpoint=False), indexing="ij"
+        np.linspace(0.1, np.pi - 0.1, rings),
+        np.linspace(0, 2 * np.pi, segments, endpoint=False),
+        indexing="ij",
     )
-    points = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1).reshape(-1, 3)
+    points = np.stack(
+        [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1
+    ).reshape(-1, 3)
     a = np.arange(rings * segments).reshape(rings, segments)
     b, c, d = a[1:], np.roll(a[1:], -1, axis=1), np.roll(a[:-1], -1, axis=1)
-    return points, np.concatenate([np.stack(each, -1).reshape(-1, 3) for each in ((a[:-1], b, c), (a[:-1], c, d))])
+    return points, np.concatenate(
+        [np.stack(each, -1).reshape(-1, 3) for each in ((a[:-1], b, c), (a[:-1], c, d))]
+    )
 
 
 @pytest.mark.once
-@pytest.mark.parametrize(("seed", "tolerance"), [(0, 0.1), (0, 0.01), (1, 0.01), (2, 0.01), (3, 0.01)])
+@pytest.mark.parametrize(
+    ("seed", "tolerance"), [(0, 0.1), (0, 0.01), (1, 0.01), (2, 0.01), (3, 0.01)]
+)
 def test_the_true_distance_over_all_poses_lies_in_the_interval(seed, tolerance, monkeypatch):
     """Bent and bumpy tubes, the coarse one with weights of its own: each is off most in another pose."""
     monkeypatch.setattr(settings, "CURRENT", replace(settings.CURRENT, bound_tolerance=tolerance))
@@ -67,7 +84,9 @@ def test_the_true_distance_over_all_poses_lies_in_the_interval(seed, tolerance, 
         upper = (points[:, 2] / 2 + 0.5 + random.normal(scale=0.03, size=len(points))).clip(0, 1)
         poses = []
         for angle in (0.0, 0.7, 1.4, -1.0):
-            turn = np.array([(1, 0, 0), (0, np.cos(angle), -np.sin(angle)), (0, np.sin(angle), np.cos(angle))])
+            turn = np.array(
+                [(1, 0, 0), (0, np.cos(angle), -np.sin(angle)), (0, np.sin(angle), np.cos(angle))]
+            )
             poses.append((1 - upper[:, None]) * points + upper[:, None] * (points @ turn.T))
         surfaces.append((np.stack(poses, axis=1), triangles))
     found = hausdorff.interval(*(moving(*each) for each in surfaces))
@@ -83,7 +102,9 @@ def test_what_lies_between_the_vertices_counts():
     square = np.array([(0, 0, 0), (2, 0, 0), (2, 2, 0), (0, 2, 0)], float)[:, None]
     roof = np.concatenate([square, [[(0.0, 1.0, 0.3)], [(2.0, 1.0, 0.3)]]])
     faces = np.array([(0, 1, 5), (0, 5, 4), (4, 5, 2), (4, 2, 3)])
-    found = hausdorff.interval(moving(square, np.array([(0, 1, 2), (0, 2, 3)])), moving(roof, faces))
+    found = hausdorff.interval(
+        moving(square, np.array([(0, 1, 2), (0, 2, 3)])), moving(roof, faces)
+    )
     assert found.measured <= 0.3 + 1e-12 and 0.3 <= found.bound <= 0.3 * 1.101
 
 
@@ -91,28 +112,47 @@ def test_a_map_of_one_pose_that_says_too_much_in_another_is_found_anew():
     """Two fingers that touch at first: what is nearest then is on the wrong one, and a meter off when they part."""
     one, faces = ball(6, 8)
     low, _ = ball(6, 8)
-    both, triangles = np.concatenate([one, low + (2.001, 0, 0)]), np.concatenate([faces, faces + len(one)])
+    both, triangles = (
+        np.concatenate([one, low + (2.001, 0, 0)]),
+        np.concatenate([faces, faces + len(one)]),
+    )
     apart = both + np.repeat([(0, 0, 0), (1.0, 0, 0)], len(one), axis=0)
     points = np.stack([both, apart], axis=1)
     moved = points + (0.0, 0.0, 0.01)
     found = hausdorff.interval(moving(points, triangles), moving(moved, triangles))
-    least, most = (max(each) for each in zip(*(brute(points[triangles, k], moved[triangles, k], 4) for k in (0, 1)), strict=True))
+    least, most = (
+        max(each)
+        for each in zip(
+            *(brute(points[triangles, k], moved[triangles, k], 4) for k in (0, 1)), strict=True
+        )
+    )
     assert least <= found.bound <= 0.02 and found.measured <= most
 
 
 def test_equal_surfaces_are_off_by_no_more_than_the_floor():
     points, triangles = ball(6, 8)
-    found = hausdorff.interval(*(moving(points[:, None], each) for each in (triangles, triangles[::-1])))
-    assert found.measured < 1e-12 and found.bound == settings.CURRENT.bound_floor * np.ptp(points[:, None], axis=0).max()
+    found = hausdorff.interval(
+        *(moving(points[:, None], each) for each in (triangles, triangles[::-1]))
+    )
+    assert (
+        found.measured < 1e-12
+        and found.bound == settings.CURRENT.bound_floor * np.ptp(points[:, None], axis=0).max()
+    )
 
 
 @pytest.mark.parametrize("flat", [False, True])
 def test_what_lies_beneath_a_triangle_s_middle_counts(flat):
     """A floor beneath a roof with one peak, or a flat top: the outline of the floor is the roof's too."""
     corners = np.array([(1, 0, 0), (-0.5, 3**0.5 / 2, 0), (-0.5, -(3**0.5) / 2, 0)])
-    faces, more = [(0, 3, 6), (3, 1, 6), (1, 4, 6), (4, 2, 6), (2, 5, 6), (5, 0, 6)], (corners + corners[[1, 2, 0]]) / 2
+    faces, more = (
+        [(0, 3, 6), (3, 1, 6), (1, 4, 6), (4, 2, 6), (2, 5, 6), (5, 0, 6)],
+        (corners + corners[[1, 2, 0]]) / 2,
+    )
     if flat:
-        faces, more = [(0, 1, 3), (1, 4, 3), (1, 2, 4), (2, 5, 4), (2, 0, 5), (0, 3, 5), (3, 4, 5)], np.empty((0, 3))
+        faces, more = (
+            [(0, 1, 3), (1, 4, 3), (1, 2, 4), (2, 5, 4), (2, 0, 5), (0, 3, 5), (3, 4, 5)],
+            np.empty((0, 3)),
+        )
     top = (corners / 2 if flat else np.zeros((1, 3))) + (0, 0, 0.5)
     points, faces = np.concatenate([corners, more, top]), np.array(faces)
     both = np.concatenate([[(0, 1, 2)], faces])

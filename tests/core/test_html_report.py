@@ -46,7 +46,18 @@ def plan(name="adult", **levels):
 
 def test_the_page_is_whole_and_holds_the_tables():
     read = Reader(page(plan()))
-    for cell in ("5,000", "2,500", "2,500", "12.5 to 13.5", "17.2", "0.99", "0.5 to 0.52", "4,096", "1,200", "LOD 1"):
+    for cell in (
+        "5,000",
+        "2,500",
+        "2,500",
+        "12.5 to 13.5",
+        "17.2",
+        "0.99",
+        "0.5 to 0.52",
+        "4,096",
+        "1,200",
+        "LOD 1",
+    ):
         assert cell in read.cells
     assert "culling_ms" not in "".join(read.cells)
     assert any("1.5 pixels" in text for text in read.texts) and "adult: no" in read.texts
@@ -62,7 +73,9 @@ def test_a_lod_that_is_repeated_is_one_row():
     assert "1 to 3" in Reader(page(plan(to_lod=3))).cells
 
 
-@pytest.mark.parametrize("begins, shown", [("never", "never"), ("anywhere", "anywhere"), ("at", "-")])
+@pytest.mark.parametrize(
+    "begins, shown", [("never", "never"), ("anywhere", "anywhere"), ("at", "-")]
+)
 def test_what_is_not_known_is_a_dash(begins, shown):
     read = Reader(page(plan(begins=begins, from_m=None, predicted_px=None, measured_px=None)))
     assert shown in read.cells and read.cells.count("-") >= 2

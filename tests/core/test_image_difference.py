@@ -16,7 +16,14 @@ def test_the_difference_is_counted_pixel_by_pixel():
     assert found.pop("rms") == pytest.approx(0.5 / 80**0.5)
     assert found == {"pixels": 1, "visible": 1, "share": 0.05, "largest": 0.5, "mean": 0.5 / 80}
     same = np.where(np.isnan(b), np.float32(np.inf), b)
-    assert vars(between(same, same.copy())) == {"pixels": 0, "visible": 0, "share": 0.0, "largest": 0.0, "mean": 0.0, "rms": 0.0}
+    assert vars(between(same, same.copy())) == {
+        "pixels": 0,
+        "visible": 0,
+        "share": 0.0,
+        "largest": 0.0,
+        "mean": 0.0,
+        "rms": 0.0,
+    }
     assert between(b, b.copy()).pixels == 0
 
 

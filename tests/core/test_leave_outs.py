@@ -23,7 +23,10 @@ pytestmark = pytest.mark.once
 
 def left(trajectory, camera, policy=POLICY, time=9, *more):
     """What the plan left out, after it was compared with the full one."""
-    short, full = plan(trajectory, camera, policy, time, *more), plan(trajectory.full, camera, policy, time, *more)
+    short, full = (
+        plan(trajectory, camera, policy, time, *more),
+        plan(trajectory.full, camera, policy, time, *more),
+    )
     assert full.left_out == ()
     assert raw(short) == raw(full)
     return set(short.left_out)
@@ -50,13 +53,21 @@ def test_any_shot_is_the_full_pipelines_to_the_bit():
     ("item", "holds", "fails"),
     [
         (leave_outs.STILL, {}, {"table": walking()}),
-        (leave_outs.UNCHANGING, {"table": walking()}, {"table": walking(), "world": ground([(3, 4)])}),
+        (
+            leave_outs.UNCHANGING,
+            {"table": walking()},
+            {"table": walking(), "world": ground([(3, 4)])},
+        ),
         (
             leave_outs.UNCHANGING,
             {"table": walking(turn=""), "world": ground([(3, 4)])},
             {"table": walking(), "world": ground([(3, 4)])},
         ),
-        (leave_outs.ONE_LABEL, {"table": walking()}, {"table": walking(), "world": ground([(3, 4)])}),
+        (
+            leave_outs.ONE_LABEL,
+            {"table": walking()},
+            {"table": walking(), "world": ground([(3, 4)])},
+        ),
         (leave_outs.ONE_PACE, {"table": load_preset("chapter")}, {"table": walking()}),
         (leave_outs.NO_HEIGHTS, {}, {"heights": HeightMap(np.full((2, 2), 0.5, np.float32), AREA)}),
     ],
@@ -73,8 +84,15 @@ def test_one_pixel_of_another_label_keeps_the_stage():
     assert leave_outs.ONE_LABEL not in quiet.left_out and leave_outs.UNCHANGING in quiet.left_out
     # a state that agents come to by their timer alone walks
     sits = {"color": "#ff0000", "start": 1, "after": [0.1, 0.1], "then": "goes", "on": {"*": {}}}
-    timed = machine({"sits": sits, "goes": {"color": "#00ff00", "on": {"*": {"move": [1, 0]}, "wall": {"next": "sits"}}}})
-    assert shot(timed).left_out & {leave_outs.STILL, leave_outs.UNCHANGING} == {leave_outs.UNCHANGING}
+    timed = machine(
+        {
+            "sits": sits,
+            "goes": {"color": "#00ff00", "on": {"*": {"move": [1, 0]}, "wall": {"next": "sits"}}},
+        }
+    )
+    assert shot(timed).left_out & {leave_outs.STILL, leave_outs.UNCHANGING} == {
+        leave_outs.UNCHANGING
+    }
     assert not shot(timed, ground([(3, 4)])).left_out & {leave_outs.STILL, leave_outs.UNCHANGING}
 
 
@@ -85,7 +103,9 @@ def test_a_crowd_that_stands_plays_its_actions_and_is_planned_once():
     for time in (10, 40, 3, 7.25):
         assert leave_outs.STATIC in left(trajectory, straight(offset=(0, 30, 0)), POLICY, time)
     everyone = slice(None)
-    assert (plan(trajectory, camera, POLICY, 12).phase_of(everyone) != first.phase_of(everyone)).any()
+    assert (
+        plan(trajectory, camera, POLICY, 12).phase_of(everyone) != first.phase_of(everyone)
+    ).any()
     changes = [
         (replace(camera, far=99.0), POLICY),
         (replace(camera, origin=np.array([0, np.nextafter(30, 31), 0])), POLICY),
@@ -102,14 +122,18 @@ def test_a_crowd_that_stands_plays_its_actions_and_is_planned_once():
     open_ = [(11.5, (camera,)), (12.5, (straight(offset=(1, 30, 0)),))]
     assert leave_outs.STATIC not in left(trajectory, camera, POLICY, 12, open_)
     assert leave_outs.STATIC in left(trajectory, camera, POLICY, 12, open_)
-    assert leave_outs.STATIC not in left(trajectory, camera, POLICY, 12, [*open_[:1], (12.5, (straight(offset=(2, 30, 0)),))])
+    assert leave_outs.STATIC not in left(
+        trajectory, camera, POLICY, 12, [*open_[:1], (12.5, (straight(offset=(2, 30, 0)),))]
+    )
 
 
 def test_what_is_kept_of_a_crowd_ends_with_it():
     for table in (None, walking()):  # of one that stands, the last plan is kept, too
         trajectory = shot(table)
         frames = [plan(trajectory, straight(), POLICY, 5) for _ in range(2)]
-        assert (leave_outs.STATIC in frames[1].left_out) == (table is None) and frames[1].trajectory is trajectory
+        assert (leave_outs.STATIC in frames[1].left_out) == (table is None) and frames[
+            1
+        ].trajectory is trajectory
         end = weakref.ref(trajectory)
         del trajectory, frames
         gc.collect()
@@ -129,7 +153,10 @@ def test_a_level_height_map_would_not_have_moved_anyone():
     trajectory = shot(walking())
     crowd = trajectory.at(9)
     assert leave_outs.NO_HEIGHTS in trajectory.left_out
-    assert HeightMap(np.zeros((3, 4), np.float32), AREA).at(crowd.x, crowd.y).tobytes() == crowd.z.tobytes()
+    assert (
+        HeightMap(np.zeros((3, 4), np.float32), AREA).at(crowd.x, crowd.y).tobytes()
+        == crowd.z.tobytes()
+    )
 
 
 def test_savings_name_what_was_left_out_and_add_up():
@@ -141,7 +168,11 @@ def test_savings_name_what_was_left_out_and_add_up():
 
 
 def test_every_reason_is_a_sentence_of_a_stage():
-    assert len({item.reason for item in leave_outs.ITEMS}) == len(leave_outs.ITEMS) == len(leave_outs.ALL)
+    assert (
+        len({item.reason for item in leave_outs.ITEMS})
+        == len(leave_outs.ITEMS)
+        == len(leave_outs.ALL)
+    )
     assert {item.stage for item in leave_outs.ITEMS} == {"plan", "behavior", "culling"}
 
 

@@ -9,7 +9,14 @@ from crowd_lod_extension.crowd_lod.culling.camera import Window
 from crowd_lod_extension.crowd_lod.culling.frustum import ROUNDING
 from crowd_lod_extension.crowd_lod.culling.radar import radar
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy, assign, hold, limits, pushed
+from crowd_lod_extension.crowd_lod.levels.assignment import (
+    Bias,
+    LevelPolicy,
+    assign,
+    hold,
+    limits,
+    pushed,
+)
 from crowd_lod_extension.crowd_lod.sorting.buckets import sort
 from crowd_lod_extension.crowd_lod.validation.culling_audit import random_camera
 from hypothesis import given
@@ -29,10 +36,15 @@ def test_listing_1_3_and_equation_1_7_agree_but_for_the_threshold_itself():
 
 def test_far_plane_never_gives_an_id_beyond_the_last_mesh():
     policy = LevelPolicy((0.5, 1.0))
-    assert assign(np.array([100.0, 1e12]), limits(policy, straight(), np.ones(1))).max() == policy.count - 1
+    assert (
+        assign(np.array([100.0, 1e12]), limits(policy, straight(), np.ones(1))).max()
+        == policy.count - 1
+    )
 
 
-@pytest.mark.parametrize("thresholds", [(0.5, 0.5), (0.5, 0.4), (0.0,), (-0.1, 0.5), (0.2, 1.1), (np.nan,), (0.1,) * 8])
+@pytest.mark.parametrize(
+    "thresholds", [(0.5, 0.5), (0.5, 0.4), (0.0,), (-0.1, 0.5), (0.2, 1.1), (np.nan,), (0.1,) * 8]
+)
 def test_thresholds_that_do_not_increase_are_refused(thresholds):
     with pytest.raises(CrowdError, match="threshold|levels"):
         LevelPolicy(tuple(thresholds))
@@ -71,7 +83,9 @@ def test_sizes_in_pixels_follow_the_zoom():
     zoomed = replace(camera, window=Window(-0.5, 0.5, -0.5, 0.5))
     assert limits(policy, zoomed, np.ones(1)).tolist() == [[20, 100]]
     flat = straight(kind="ORTHO")  # 10 pixels a meter at any distance: 20 pixels
-    assert assign(np.array([5.0, 5000.0]), limits(LevelPolicy((20.0, 2.0), "PIXELS"), flat, np.ones(1))).tolist() == [1, 1]
+    assert assign(
+        np.array([5.0, 5000.0]), limits(LevelPolicy((20.0, 2.0), "PIXELS"), flat, np.ones(1))
+    ).tolist() == [1, 1]
 
 
 def test_a_tolerance_bounds_the_error_in_pixels():
@@ -88,7 +102,10 @@ def test_a_tolerance_bounds_the_error_in_pixels():
     assert {0, 2, 3} <= set(ids)
     # and a LOD coarser would show more than the tolerance
     coarser = (ids < 3) & (group == 1) & (nearest > 0)
-    assert (deviation[1, ids[coarser] + 1] * camera.pixels_per_unit / nearest[coarser] > 0.5 * (1 - 1e-12)).all()
+    assert (
+        deviation[1, ids[coarser] + 1] * camera.pixels_per_unit / nearest[coarser]
+        > 0.5 * (1 - 1e-12)
+    ).all()
     with pytest.raises(CrowdError, match="measured"):
         limits(policy, camera, radius)
 
@@ -115,7 +132,13 @@ def test_painted_bias_scales_the_distance():
     bias = Bias(np.array([[0.0, 0.5, 1.0]]), Area(0, 0, 3, 1))
     factor = bias.at(np.array([0.5, 1.5, 2.5, -9.0, 99.0]), np.full(5, 0.5))
     assert factor.tolist() == [4, 1, 0.25, 4, 0.25]
-    assert assign(np.full(5, 10.0), np.array([10.0, 40.0]), factor=factor).tolist() == [2, 1, 0, 2, 0]
+    assert assign(np.full(5, 10.0), np.array([10.0, 40.0]), factor=factor).tolist() == [
+        2,
+        1,
+        0,
+        2,
+        0,
+    ]
     with pytest.raises(CrowdError, match="0 to 1"):
         Bias(np.array([[1.5]]), Area(0, 0, 1, 1))
 
@@ -140,7 +163,12 @@ def test_ids_differ_from_exact_arithmetic_within_the_stated_bound_only():
     # agents within a few roundings of the thresholds
     depth = random.choice(edges, 400)
     aside = random.normal(size=(400, 2)) * 10
-    points = camera.origin + depth[:, None] * camera.Z + aside[:, :1] * camera.X + aside[:, 1:] * camera.Y
+    points = (
+        camera.origin
+        + depth[:, None] * camera.Z
+        + aside[:, :1] * camera.X
+        + aside[:, 1:] * camera.Y
+    )
     _, distance = radar(crowd_at(points), camera, np.zeros(1), np.ones(1))
     differ = 0
     for p, d, id_ in zip(points, distance, assign(distance, edges), strict=True):
@@ -153,7 +181,9 @@ def test_ids_differ_from_exact_arithmetic_within_the_stated_bound_only():
 
 
 @pytest.mark.parametrize("kind", ["PERSP", "ORTHO"])
-@pytest.mark.parametrize("metric, tolerance", [("AXIS", None), ("RADIAL", None), ("PIXELS", None), ("PIXELS", 1.0)])
+@pytest.mark.parametrize(
+    "metric, tolerance", [("AXIS", None), ("RADIAL", None), ("PIXELS", None), ("PIXELS", 1.0)]
+)
 def test_no_agent_has_a_finer_lod_than_there_is(kind, metric, tolerance):
     random = np.random.default_rng(4)
     camera, radius, finest = straight(kind=kind), np.array([1.0, 2.0, 0.5]), (0, 2, 3)
@@ -162,7 +192,8 @@ def test_no_agent_has_a_finer_lod_than_there_is(kind, metric, tolerance):
     policy = LevelPolicy(thresholds, metric, tolerance=tolerance)
     group, distance = random.integers(3, size=500, dtype=np.uint8), random.uniform(-5, 120, 500)
     free, held = (
-        assign(distance, limits(each, camera, radius, deviation), group) for each in (policy, replace(policy, finest=finest))
+        assign(distance, limits(each, camera, radius, deviation), group)
+        for each in (policy, replace(policy, finest=finest))
     )
     np.testing.assert_array_equal(held, np.maximum(free, np.array(finest)[group]))
     assert (held != free).any()
@@ -185,14 +216,20 @@ def test_no_agent_has_a_finer_lod_than_there_is(kind, metric, tolerance):
         ("PIXELS", (3e38, 1e-3), 0, (3e38, 1e-3)),
     ],
 )
-def test_a_threshold_pushes_its_neighbors_and_stops_where_they_have_no_room(metric, values, kept, found):
+def test_a_threshold_pushes_its_neighbors_and_stops_where_they_have_no_room(
+    metric, values, kept, found
+):
     assert pushed(values, kept, metric).tolist() == pytest.approx(found, rel=1e-9)
 
 
 @given(st.data())
 def test_pushed_thresholds_are_a_policy_and_what_is_in_order_stays(data):
     metric = data.draw(st.sampled_from(("AXIS", "PIXELS")))
-    number = st.floats(0, 1, width=32) if metric == "AXIS" else st.floats(float(np.float32(0.01)), 2.0**20, width=32)
+    number = (
+        st.floats(0, 1, width=32)
+        if metric == "AXIS"
+        else st.floats(float(np.float32(0.01)), 2.0**20, width=32)
+    )
     values = data.draw(st.lists(number, min_size=1, max_size=7))
     kept = data.draw(st.integers(0, len(values) - 1))
     found = pushed(values, kept, metric).astype(np.float32).astype(float)

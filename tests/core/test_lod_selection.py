@@ -8,7 +8,12 @@ from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.culling.camera import Window
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, assign, deviations, limits
-from crowd_lod_extension.crowd_lod.levels.lengths import APART, MOST_LENGTHS, allowed_lengths, read_curve
+from crowd_lod_extension.crowd_lod.levels.lengths import (
+    APART,
+    MOST_LENGTHS,
+    allowed_lengths,
+    read_curve,
+)
 from crowd_lod_extension.crowd_lod.levels.selection import BETWEEN, LEAST_SAVED, View, choose
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -16,12 +21,24 @@ from hypothesis import strategies as st
 from ..support.cameras import straight
 
 # 50 pixels a unit slope, so that at 1 pixel a LOD begins 50 times its deviation away, and the radius
-LODS = Group("one", 1, 1.0, 0, 1, triangles=(1000, 900, 500, 450, 200, 190, 40), deviations=(0, 0.05, 0.1, 0.15, 0.4, 0.3, 1.5))
+LODS = Group(
+    "one",
+    1,
+    1.0,
+    0,
+    1,
+    triangles=(1000, 900, 500, 450, 200, 190, 40),
+    deviations=(0, 0.05, 0.1, 0.15, 0.4, 0.3, 1.5),
+)
 
 
 def test_candidates_that_do_not_pay_are_dropped_with_the_reason():
     kept, dropped = choose(LODS, 1.0, [View(straight(), 2.0, 40.0)])
-    assert kept == [0, 2, 5]  # of 900, 450 too little is saved, 190 deviate less than 200, 40 begin at 76 m
+    assert kept == [
+        0,
+        2,
+        5,
+    ]  # of 900, 450 too little is saved, 190 deviate less than 200, 40 begin at 76 m
     assert dropped == {
         1: "900 triangles save less than a fifth of the 1,000 of the next finer LOD.",
         3: "450 triangles save less than a fifth of the 500 of the next finer LOD.",
@@ -30,7 +47,10 @@ def test_candidates_that_do_not_pay_are_dropped_with_the_reason():
     }
     assert choose(LODS, 1.0, [View(straight(), 2.0, 400.0)])[0] == [0, 2, 5, 6]
     kept, dropped = choose(LODS, 1.0, [View(straight(), 30.0, 40.0)])
-    assert kept == [0, 5] and dropped[2] == "500 triangles would end 16 m away, and the nearest agent is 30 m away."
+    assert (
+        kept == [0, 5]
+        and dropped[2] == "500 triangles would end 16 m away, and the nearest agent is 30 m away."
+    )
 
 
 def test_a_zoom_and_the_tolerance_change_what_pays():
@@ -39,17 +59,28 @@ def test_a_zoom_and_the_tolerance_change_what_pays():
     assert choose(LODS, 4.0, [near])[0] == [0, 2, 5]
     tele = replace(straight(), window=Window(-0.1, 0.1, -0.1, 0.1))
     assert choose(LODS, 1.0, [View(tele, 2.0, 12.0)])[0] == [0]
-    assert choose(LODS, 1.0, [View(tele, 2.0, 12.0), near])[0] == [0, 2]  # one frame of the shot is enough
+    assert choose(LODS, 1.0, [View(tele, 2.0, 12.0), near])[0] == [
+        0,
+        2,
+    ]  # one frame of the shot is enough
     flat = straight(kind="ORTHO")  # 10 pixels a meter, at any distance
     assert choose(LODS, 1.0, [View(flat, 2.0, 12.0)])[0] == [0, 2]
     assert choose(LODS, 3.0, [View(flat, 2.0, 12.0)])[0] == [0, 5]
 
 
 def test_the_reason_holds_in_every_frame_and_in_an_orthographic_view():
-    group = replace(LODS, triangles=(1000, 500, 190, 40), deviations=(0, 0.1, 0.3, 1.5))  # from 6, 16 and 76 m on
+    group = replace(
+        LODS, triangles=(1000, 500, 190, 40), deviations=(0, 0.1, 0.3, 1.5)
+    )  # from 6, 16 and 76 m on
     one, other = View(straight(), 2.0, 4.0), View(straight(), 300.0, 400.0)
-    few, many = "are too few for all agents in 1 of the 2 frames checked", "and more than needed in the others."
-    assert choose(group, 1.0, [one, other]) == ([0, 3], {1: f"500 triangles {few}, {many}", 2: f"190 triangles {few}, {many}"})
+    few, many = (
+        "are too few for all agents in 1 of the 2 frames checked",
+        "and more than needed in the others.",
+    )
+    assert choose(group, 1.0, [one, other]) == (
+        [0, 3],
+        {1: f"500 triangles {few}, {many}", 2: f"190 triangles {few}, {many}"},
+    )
     tele = replace(straight(), window=Window(-0.1, 0.1, -0.1, 0.1))  # from 51 m on
     _, dropped = choose(group, 1.0, [one, View(tele, 2.0, 40.0)])
     assert dropped[1] == "500 triangles would begin 51 m away, and the farthest agent is 40 m away."
@@ -65,7 +96,11 @@ def test_the_reason_holds_in_every_frame_and_in_an_orthographic_view():
 
 candidates = st.lists(st.tuples(st.integers(4, 5000), st.floats(0, 2)), min_size=8, max_size=8)
 views = st.lists(
-    st.builds(lambda near, times: View(straight(far=500), near, near * times), st.floats(1, 60), st.floats(1, 9)),
+    st.builds(
+        lambda near, times: View(straight(far=500), near, near * times),
+        st.floats(1, 60),
+        st.floats(1, 9),
+    ),
     min_size=1,
     max_size=3,
 )
@@ -75,15 +110,24 @@ views = st.lists(
 @given(candidates, views)
 def test_every_kept_candidate_is_used_and_none_that_is_used_saves_too_little(candidates, views):
     triangles, deviations = zip(*candidates, strict=True)
-    group = replace(LODS, triangles=tuple(sorted(triangles, reverse=True)), deviations=(0, *deviations[1:]))
+    group = replace(
+        LODS, triangles=tuple(sorted(triangles, reverse=True)), deviations=(0, *deviations[1:])
+    )
     kept, dropped = choose(group, 1.0, views)
     assert kept[0] == 0 and kept == sorted(kept) and len(kept) + len(dropped) == 8
     own = [group.triangles[k] for k in kept]
     assert all(b <= (1 - LEAST_SAVED) * a for a, b in zip(own, own[1:], strict=False))
     deviation = np.array([[group.deviations[k] for k in kept]])
     assert (np.diff(deviation[0, 1:]) > 0).all()  # LOD 0 is kept in any case
-    begins = limits(LevelPolicy((0.0,) * (len(kept) - 1), "PIXELS", tolerance=1.0), straight(far=500), np.array([1.0]), deviation)
-    reach = np.concatenate([np.geomspace(v.nearest / BETWEEN, v.farthest * BETWEEN, 20_000) for v in views])
+    begins = limits(
+        LevelPolicy((0.0,) * (len(kept) - 1), "PIXELS", tolerance=1.0),
+        straight(far=500),
+        np.array([1.0]),
+        deviation,
+    )
+    reach = np.concatenate(
+        [np.geomspace(v.nearest / BETWEEN, v.farthest * BETWEEN, 20_000) for v in views]
+    )
     assert set(assign(reach, begins[0]).tolist()) | {0} == set(range(len(kept)))
 
 
@@ -93,8 +137,12 @@ def test_a_tolerance_that_means_nothing_is_refused():
 
 
 def test_a_curve_goes_through_what_is_known():
-    assert read_curve([0.01, 0.02, 0.08], [(0.02, 100)], -1.0) == pytest.approx([200, 100, 25])  # as 1 / length
-    assert read_curve([0.01, 0.02, 0.08], [(0.02, 100), (0.08, 400)], 1.0) == pytest.approx([50, 100, 400])
+    assert read_curve([0.01, 0.02, 0.08], [(0.02, 100)], -1.0) == pytest.approx(
+        [200, 100, 25]
+    )  # as 1 / length
+    assert read_curve([0.01, 0.02, 0.08], [(0.02, 100), (0.08, 400)], 1.0) == pytest.approx(
+        [50, 100, 400]
+    )
     assert read_curve([0.03, 0.18], [(0.01, 900), (0.09, 100)], -1.0) == pytest.approx([300, 50])
     # a LOD of fewer triangles that deviates less than another stands for it
     assert read_curve([0.02, 0.04], [(0.01, 300), (0.04, 800)], -1.0) == pytest.approx([300, 300])
@@ -104,21 +152,30 @@ def test_a_curve_goes_through_what_is_known():
 def test_lengths_go_from_what_the_nearest_agent_allows_to_what_the_farthest_does():
     views = [View(straight(), 6.0, 40.0), View(straight(), 20.0, 50.0)]  # 0.02 m a pixel and meter
     lengths = allowed_lengths(views, 1.0, 0.2, 1e-4)
-    assert lengths[0] == pytest.approx(0.2 * 5 / 50, rel=1e-3) and lengths[-1] == pytest.approx(0.2 * 49 / 50, rel=1e-3)
-    assert lengths[0] <= 0.2 * 5 / 50 and lengths[-1] <= 0.2 * 49 / 50 and len(lengths) == MOST_LENGTHS
+    assert lengths[0] == pytest.approx(0.2 * 5 / 50, rel=1e-3) and lengths[-1] == pytest.approx(
+        0.2 * 49 / 50, rel=1e-3
+    )
+    assert (
+        lengths[0] <= 0.2 * 5 / 50 and lengths[-1] <= 0.2 * 49 / 50 and len(lengths) == MOST_LENGTHS
+    )
     near = allowed_lengths([View(straight(), 20.0, 21.0)], 1.0, 0.2, 1e-4)
     assert len(near) == 1  # farther ones would save next to nothing
     few = allowed_lengths([View(straight(), 20.0, 21.0 * APART**2)], 1.0, 0.2, 1e-4)
     assert len(few) == 3
     assert allowed_lengths(views, 1.0, 0.2, 0.05)[0] == 0.05  # finer ones save nothing
-    assert allowed_lengths([View(straight(), 1.0, 900.0)], 1.0, 9.0, 1e-4)[-1] == 0.25  # a few triangles
+    assert (
+        allowed_lengths([View(straight(), 1.0, 900.0)], 1.0, 9.0, 1e-4)[-1] == 0.25
+    )  # a few triangles
     assert allowed_lengths(views, 1.0, 0.2, 1e-4, higher=True)[-1] == 0.25
     assert allowed_lengths([View(straight(kind="ORTHO"), 2.0, 40.0)], 1.0, 1.0, 1e-4) == [0.1]
 
 
 def test_a_lod_that_repeats_the_group_s_last_never_begins():
     """Groups have as many LODs as the one with most: without any of its own a group shows LOD 0."""
-    counts, bounds = ((900, 900, 900), (900, 90, 90), (900, 90, 9)), ((0.0,) * 3, (0.0, 0.1, 0.1), (0.0, 0.1, 0.3))
+    counts, bounds = (
+        ((900, 900, 900), (900, 90, 90), (900, 90, 9)),
+        ((0.0,) * 3, (0.0, 0.1, 0.1), (0.0, 0.1, 0.3)),
+    )
     groups = [
         Group(str(k), 1, 1.0, 0, 1, triangles=own, deviations=off, bounds=off)
         for k, (own, off) in enumerate(zip(counts, bounds, strict=True))

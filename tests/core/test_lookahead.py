@@ -74,7 +74,9 @@ def test_steps_are_the_long_way_to_the_bit(machine, world, seed, axis, strewn, s
 @pytest.mark.parametrize("name", preset_names())
 def test_presets_know_most_steps_of_long_shots(name):
     machine, random = load_preset(name), np.random.default_rng(1)
-    labels = np.kron(random.integers(len(machine.labels), size=(3, 4)), np.ones((4, 4), int)).astype(np.uint8)
+    labels = np.kron(
+        random.integers(len(machine.labels), size=(3, 4)), np.ones((4, 4), int)
+    ).astype(np.uint8)
     labels[:, :4] = np.flatnonzero(machine.spawn)[0]
     crowd = populate(500, 1, 3, machine, LabelMap(labels, AREA))
     assert check(crowd, machine, LabelMap(labels, AREA), 1 / 24, 100) > 0.8
@@ -84,9 +86,13 @@ def test_presets_know_most_steps_of_long_shots(name):
 def test_through_cells_of_one_label_goes_on_who_skips_none(axis, cells):
     world = LabelMap(np.repeat(ground([(3, 20)], (7, 40)).labels, 9, axis=0), AREA)
     machine, way = walking(), np.eye(2)[axis]
-    machine = replace(machine, velocity=np.sign(machine.velocity[..., :1]) * way * world.cell[axis] * cells * 24)
+    machine = replace(
+        machine, velocity=np.sign(machine.velocity[..., :1]) * way * world.cell[axis] * cells * 24
+    )
     known = check(populate(300, 1, 3, machine, world), machine, world, 1 / 24, 30)
-    assert known > 0.5 if cells < 1 else known < 0.5 if cells < 2 else known == 0  # steps of 1.2 cells may lead into the next
+    assert (
+        known > 0.5 if cells < 1 else known < 0.5 if cells < 2 else known == 0
+    )  # steps of 1.2 cells may lead into the next
 
 
 @pytest.mark.parametrize("turn, cells", [(1, 0.1), (2, 0.1), (2, 0.9), (3, 0.03), (6, 0.03)])
@@ -94,10 +100,15 @@ def test_aslant_among_cells_of_one_label(turn, cells):
     """In sixteenths of a turn; some start on corners and borders, from where both are crossed at once."""
     world = LabelMap(np.kron(ground([(2, 4)]).labels, np.ones((6, 6), int)).astype(np.uint8), AREA)
     machine, way = walking(), np.array([np.cos(turn * np.pi / 8), np.sin(turn * np.pi / 8)])
-    velocity = np.sign(machine.velocity[..., :1]) * way / np.abs(way).max() * world.cell * cells * 24
+    velocity = (
+        np.sign(machine.velocity[..., :1]) * way / np.abs(way).max() * world.cell * cells * 24
+    )
     machine = replace(machine, velocity=velocity)
     crowd = populate(300, turn, 3, machine, world)
-    for place, low, size in ((crowd.x, AREA.x_min, world.cell[0]), (crowd.y, AREA.y_min, world.cell[1])):
+    for place, low, size in (
+        (crowd.x, AREA.x_min, world.cell[0]),
+        (crowd.y, AREA.y_min, world.cell[1]),
+    ):
         place[:100] = low + np.round((place[:100] - low) / size * 4) / 4 * size
     known = check(crowd, machine, world, 1 / 24, 60)
     assert known > 0.8 or cells > 0.5
@@ -150,7 +161,10 @@ def test_runs_are_those_of_a_walk_from_cell_to_cell(shape):
                 count, r, c = 0, row, column
                 while True:
                     r, c = r + down * (2 * sign - 1), c + right * (2 * sign - 1)
-                    if not (0 <= r < shape[0] and 0 <= c < shape[1]) or labels[r, c] != labels[row, column]:
+                    if (
+                        not (0 <= r < shape[0] and 0 <= c < shape[1])
+                        or labels[r, c] != labels[row, column]
+                    ):
                         break
                     count += 1
                 assert runs[axis, sign, row, column] == min(count, 255)

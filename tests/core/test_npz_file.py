@@ -63,9 +63,15 @@ SPOILT = {
     "no array": lambda path: member(path, b"hello"),
     "deep header": lambda path: member(path, headed(b"(" * 9000)),
     "endless minus": lambda path: member(path, headed(b"-" * 9000)),
-    "more than there is": lambda path: member(path, headed(b"{'descr': '<f8', 'fortran_order': False, 'shape': (10**9,)}")),
-    "huge shape": lambda path: member(path, headed(b"{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999999,), }")),
-    "bytes left over": lambda path: member(path, headed(b"{'descr': '<f8', 'fortran_order': False, 'shape': (0,), }") + b"x"),
+    "more than there is": lambda path: member(
+        path, headed(b"{'descr': '<f8', 'fortran_order': False, 'shape': (10**9,)}")
+    ),
+    "huge shape": lambda path: member(
+        path, headed(b"{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999999,), }")
+    ),
+    "bytes left over": lambda path: member(
+        path, headed(b"{'descr': '<f8', 'fortran_order': False, 'shape': (0,), }") + b"x"
+    ),
     "objects": lambda path: np.savez(path, a=np.array([None]), b=1),
     "no b": lambda path: np.savez(path, a=1),
 }
@@ -75,7 +81,9 @@ SPOILT = {
 def test_a_spoilt_file_is_one_sentence_that_names_it(tmp_path, fault):
     path = tmp_path / "bad.npz"
     SPOILT[fault](path)
-    with pytest.raises(CrowdError, match=r"^The file .*bad\.npz (cannot be read|lacks b).*write it again") as told:
+    with pytest.raises(
+        CrowdError, match=r"^The file .*bad\.npz (cannot be read|lacks b).*write it again"
+    ) as told:
         read_arrays(path, ("a", "b"))
     assert len(str(told.value).splitlines()) == 1
     with pytest.raises(CrowdError, match=r"^The shot plan .*bad\.npz .*press Plan Shot again"):
@@ -104,12 +112,22 @@ def plan_arrays() -> dict:
 
 @pytest.mark.parametrize("name", plan_file.FORM)
 @pytest.mark.parametrize(
-    "value", (np.array(b"x"), np.zeros((2, 3)), np.array([2, 1]), np.array([np.nan, 1.0]), np.zeros(0), np.array([b"a", b"b"]))
+    "value",
+    (
+        np.array(b"x"),
+        np.zeros((2, 3)),
+        np.array([2, 1]),
+        np.array([np.nan, 1.0]),
+        np.zeros(0),
+        np.array([b"a", b"b"]),
+    ),
 )
 def test_a_plan_with_another_array_is_told_by_its_name(tmp_path, name, value):
     path = tmp_path / "plan.npz"
     np.savez(path, **(plan_arrays() | {name: value}))
-    with pytest.raises(CrowdError, match="of another version" if name == "version" else f"spoilt in .*{name}"):
+    with pytest.raises(
+        CrowdError, match="of another version" if name == "version" else f"spoilt in .*{name}"
+    ):
         plan_file.read(path)
 
 

@@ -16,28 +16,47 @@ from ..support.machines import machine_of
 
 PLAIN = LabelMap(np.zeros((1, 1), np.uint8), Area(0, 0, 1000, 1000))
 # walks 1.25 m/s on ground, half as fast on grass, and stands where a wall is
-STATES = {"go": {"on": {"ground": {"move": [0.75, 1.0]}, "grass": {"move": [0.375, 0.5]}, "wall": {"move": [0, 0]}}}}
+STATES = {
+    "go": {
+        "on": {
+            "ground": {"move": [0.75, 1.0]},
+            "grass": {"move": [0.375, 0.5]},
+            "wall": {"move": [0, 0]},
+        }
+    }
+}
 LABELS = ("ground", "grass", "wall")
 
 
 def test_the_phase_advances_with_the_ground_walked():
-    trajectory = Walk(crowd_at([(1.0, 1.0, 0)]), machine_of({"go": {"on": {"*": {"move": [0.75, 1.0]}}}}), PLAIN, (walker(),), 0.1)
+    trajectory = Walk(
+        crowd_at([(1.0, 1.0, 0)]),
+        machine_of({"go": {"on": {"*": {"move": [0.75, 1.0]}}}}),
+        PLAIN,
+        (walker(),),
+        0.1,
+    )
     # 4.1 s at 1.25 m/s are 5.125 m, 4 strides of 1.25 m and 0.1 of one more
     crowd = trajectory.at(42)
-    assert (trajectory.phase(crowd, 42) - trajectory.phase(trajectory.start, 1))[0] == pytest.approx(0.1, abs=1e-6)
+    assert (trajectory.phase(crowd, 42) - trajectory.phase(trajectory.start, 1))[
+        0
+    ] == pytest.approx(0.1, abs=1e-6)
     assert crowd.heading[0] == pytest.approx(np.arctan2(1.0, 0.75))
 
 
 def test_a_phase_is_exact_after_hours_and_before_the_first_frame():
     idler = Group("idler", 0.9, 1.0, 0.0, 1.7)
     machine = machine_of({"go": {"on": {"*": {"move": [0.75, 1.0]}}}})
-    trajectory = Walk(crowd_at([(1, 1, 0), (1, 1, 0)], [0, 1]), machine, PLAIN, (walker(), idler), 1 / 24)
+    trajectory = Walk(
+        crowd_at([(1, 1, 0), (1, 1, 0)], [0, 1]), machine, PLAIN, (walker(), idler), 1 / 24
+    )
     for frame in (-1000, 1, 2, 2.5, 10**6):
         seconds = Fraction(frame) / 24
         wanted = [seconds * Fraction(5, 4) / Fraction(5, 4) % 1, seconds / Fraction(17, 10) % 1]
         found = trajectory.phase(trajectory.start, frame)
         assert all(
-            abs((Fraction(float(f)) - w + Fraction(1, 2)) % 1 - Fraction(1, 2)) < 1e-6 for f, w in zip(found, wanted, strict=True)
+            abs((Fraction(float(f)) - w + Fraction(1, 2)) % 1 - Fraction(1, 2)) < 1e-6
+            for f, w in zip(found, wanted, strict=True)
         )
 
 
@@ -48,7 +67,9 @@ def test_a_class_changes_with_the_pace_alone_and_by_half_a_class_at_most(classes
     random = np.random.default_rng(2)
     world = LabelMap(random.integers(3, size=(40, 40), dtype=np.uint8), Area(0, 0, 80, 80))
     start = populate(4000, 3, 2, machine, world, classes)
-    trajectory = Walk(start, machine, world, (walker(), walker(stride=0.8)), 1 / 24, classes=classes)
+    trajectory = Walk(
+        start, machine, world, (walker(), walker(stride=0.8)), 1 / 24, classes=classes
+    )
     changed, jumps = 0, []
     for frame in range(2, 200):
         before, crowd = trajectory.at(frame - 1), trajectory.at(frame)
@@ -65,8 +86,16 @@ def test_a_class_changes_with_the_pace_alone_and_by_half_a_class_at_most(classes
 
 def test_who_plays_by_time_never_changes_its_class():
     machine = machine_of(STATES, labels=LABELS)
-    world = LabelMap(np.random.default_rng(2).integers(3, size=(40, 40), dtype=np.uint8), Area(0, 0, 80, 80))
-    trajectory = Walk(populate(4000, 3, 1, machine, world), machine, world, (Group("idler", 0.9, 1.0, 0.0, 1.7),), 1 / 24)
+    world = LabelMap(
+        np.random.default_rng(2).integers(3, size=(40, 40), dtype=np.uint8), Area(0, 0, 80, 80)
+    )
+    trajectory = Walk(
+        populate(4000, 3, 1, machine, world),
+        machine,
+        world,
+        (Group("idler", 0.9, 1.0, 0.0, 1.7),),
+        1 / 24,
+    )
     assert (trajectory.at(100).phase_class == trajectory.start.phase_class).all()
     assert (trajectory.at(100).pace != trajectory.start.pace).any()
 
@@ -79,11 +108,16 @@ def test_who_stands_at_the_edge_of_the_map_stands_in_its_action():
 
 def test_of_many_speeds_the_nearest_of_a_ladder_is_played():
     speeds = np.linspace(0.1, 3.0, 25)
-    machine = machine_of({f"s{k}": {"on": {"*": {"move": [float(v), 0]}}} for k, v in enumerate(speeds)})
+    machine = machine_of(
+        {f"s{k}": {"on": {"*": {"move": [float(v), 0]}}} for k, v in enumerate(speeds)}
+    )
     paces = machine.paces
     assert len(paces.speeds) == MOST_PACES and paces.speeds[[0, -1]] == pytest.approx([0.1, 3.0])
     off = abs(paces.speeds[paces.of[:, 0]] / speeds - 1)
-    assert paces.off == pytest.approx(off.max()) and (off <= abs(paces.speeds[:, None] / speeds - 1).min(axis=0) * 1.5).all()
+    assert (
+        paces.off == pytest.approx(off.max())
+        and (off <= abs(paces.speeds[:, None] / speeds - 1).min(axis=0) * 1.5).all()
+    )
     assert load_preset("chapter").paces.off == 0
 
 
@@ -103,16 +137,25 @@ def test_each_state_plays_its_action_at_its_own_rate():
     machine = waiting()
     trajectory = Walk(populate(500, 1, 1, machine, PLAIN), machine, PLAIN, (IDLES,), 1 / 24)
     gaits, seen = trajectory.gaits, set()
-    assert gaits.actions == ("", "idle") and gaits.plays == (((0, round(1 / 1.25, 9)), (1, 1 / 3.2)),)
+    assert gaits.actions == ("", "idle") and gaits.plays == (
+        ((0, round(1 / 1.25, 9)), (1, 1 / 3.2)),
+    )
     for frame in (1, 60, 100, 200):
         crowd = trajectory.at(frame)
         named = np.array(gaits.actions)[gaits.action[crowd.pace]]
         assert (named == np.array(machine.actions)[crowd.state]).all()
         cycles = np.where(crowd.state == 0, frame / 24 / 1.25, frame / 24 / 3.2)
-        assert np.allclose((trajectory.phase(crowd, frame) - crowd.phase_class / 16 - cycles + 0.5) % 1, 0.5, atol=1e-5)
+        assert np.allclose(
+            (trajectory.phase(crowd, frame) - crowd.phase_class / 16 - cycles + 0.5) % 1,
+            0.5,
+            atol=1e-5,
+        )
         shown = Library(np.zeros(1, np.intp)).shown(gaits, crowd, frame / 24, np.arange(500))
         assert (shown == crowd.state * 16 + crowd.phase_class).all()
-        assert (Library(np.array([4])).shown(gaits, crowd, frame / 24, np.arange(500)) // 4 == crowd.state).all()
+        assert (
+            Library(np.array([4])).shown(gaits, crowd, frame / 24, np.arange(500)) // 4
+            == crowd.state
+        ).all()
         seen |= set(crowd.state.tolist())
     assert seen == {0, 1}
 
@@ -121,7 +164,9 @@ def test_agents_that_wait_are_not_in_step():
     machine = waiting()
     trajectory = Walk(populate(3000, 1, 1, machine, PLAIN), machine, PLAIN, (IDLES,), 1 / 24)
     crowd = trajectory.at(100)
-    share = np.bincount(crowd.phase_class[crowd.state == 1], minlength=16) / np.count_nonzero(crowd.state == 1)
+    share = np.bincount(crowd.phase_class[crowd.state == 1], minlength=16) / np.count_nonzero(
+        crowd.state == 1
+    )
     assert share.max() < 2 / 16 and share.min() > 0.5 / 16
 
 
@@ -129,12 +174,18 @@ def test_an_action_named_alike_in_all_states_costs_no_pace_and_none_changes_noth
     one = machine_of({"go": {"action": "run", "on": {"*": {"move": [1.0, 0.0]}}}})
     assert len(one.paces.speeds) == 1 and one.paces.actions == ("run",)
     plain, named = waiting(""), waiting()
-    assert plain.paces.actions == () and plain.paces.speeds.tolist() == [0, 1] == sorted(named.paces.speeds)
+    assert plain.paces.actions == () and plain.paces.speeds.tolist() == [0, 1] == sorted(
+        named.paces.speeds
+    )
 
 
 def test_who_stands_at_the_edge_of_the_map_keeps_its_action():
     machine = machine_of(
-        {"go": {"action": "run", "on": {"*": {"move": [1.0, 0.0]}}}, "rest": {"on": {"*": {"move": [0.5, 0.0]}}}}, edge="stop"
+        {
+            "go": {"action": "run", "on": {"*": {"move": [1.0, 0.0]}}},
+            "rest": {"on": {"*": {"move": [0.5, 0.0]}}},
+        },
+        edge="stop",
     )
     group = replace(IDLES, actions=(Action("run", 2.0, 1.0),))
     trajectory = Walk(crowd_at([(999.0, 5, 0)]), machine, PLAIN, (group,), 0.25)

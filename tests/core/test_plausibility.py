@@ -12,7 +12,8 @@ def test_giants_and_dwarfs_are_found_and_people_are_not():
 
 
 @pytest.mark.parametrize(
-    "speeds, kind", [([5.0, 5.2, 0], "fast"), ([0.03, 0.0125], "slow"), ([0, 0], "nobody moves"), ([1.3, 0], "")]
+    "speeds, kind",
+    [([5.0, 5.2, 0], "fast"), ([0.03, 0.0125], "slow"), ([0, 0], "nobody moves"), ([1.3, 0], "")],
 )
 def test_speeds_that_people_do_not_walk_at_are_found(speeds, kind):
     found = judge.check_speeds(np.array(speeds), judge.RUNS)
@@ -28,14 +29,25 @@ def test_a_speed_is_that_of_who_walks():
 def test_an_axis_that_is_up_is_found_and_stairs_are_not():
     angle = np.random.default_rng(1).uniform(-np.pi, np.pi, 500)
     places = np.cumsum(np.sin(angle))
-    assert judge.check_climbs(np.abs(np.cos(angle)), np.sin(angle), np.zeros(500), places).kind == "climbs"
-    assert judge.check_climbs(np.ones(500), np.full(500, 0.6), np.arange(500), 0.6 * np.arange(500)) is None
+    assert (
+        judge.check_climbs(np.abs(np.cos(angle)), np.sin(angle), np.zeros(500), places).kind
+        == "climbs"
+    )
+    assert (
+        judge.check_climbs(np.ones(500), np.full(500, 0.6), np.arange(500), 0.6 * np.arange(500))
+        is None
+    )
 
 
 def test_who_floats_and_who_is_sunk_is_found_with_the_height():
     above = np.array([0.01, 1.2, np.nan, -3.0, 1.4, 0, 0, 0])
     floats, sinks = judge.check_ground(above)
-    assert (floats.which.tolist(), floats.value, sinks.which.tolist(), sinks.value) == ([1, 4], pytest.approx(1.3), [3], 3.0)
+    assert (floats.which.tolist(), floats.value, sinks.which.tolist(), sinks.value) == (
+        [1, 4],
+        pytest.approx(1.3),
+        [3],
+        3.0,
+    )
     assert not judge.check_ground(np.array([0.05, 0, np.nan]))
     assert not judge.check_ground(np.full(3, np.nan))
 

@@ -39,7 +39,9 @@ def test_a_turn_label_turns_by_a_sixteenth_until_it_is_followed(machine):
             assert left == max(0, away - 1)
             assert min((after - state) % count, (state - after) % count) <= 1
             # the heading that the walker takes is the new state's own
-            np.testing.assert_allclose(machine.velocity[state, label], machine.velocity[after, 0], atol=1e-12)
+            np.testing.assert_allclose(
+                machine.velocity[state, label], machine.velocity[after, 0], atol=1e-12
+            )
 
 
 def test_a_wall_sends_back_the_way_one_came(machine):
@@ -47,7 +49,9 @@ def test_a_wall_sends_back_the_way_one_came(machine):
         column = machine.labels.index(label)
         back = machine.velocity[:, column]
         np.testing.assert_allclose(back, -machine.velocity[:, 0], atol=1e-12)
-        np.testing.assert_allclose(back, machine.velocity[machine.next_state[:, column], 0], atol=1e-12)
+        np.testing.assert_allclose(
+            back, machine.velocity[machine.next_state[:, column], 0], atol=1e-12
+        )
 
 
 def test_beside_an_obstacle_the_plan_says_the_way_out(machine, world):
@@ -60,7 +64,9 @@ def test_beside_an_obstacle_the_plan_says_the_way_out(machine, world):
         angle = (world.labels[row, column].astype(int) - first) * np.pi / 4
         row = row + np.where(inside, np.rint(np.sin(angle)), 0).astype(int)
         column = column + np.where(inside, np.rint(np.cos(angle)), 0).astype(int)
-        assert min(row.min(), column.min()) >= 0 and max(row.max(), column.max()) < len(world.labels)
+        assert min(row.min(), column.min()) >= 0 and max(row.max(), column.max()) < len(
+            world.labels
+        )
         assert not blocked[row, column].any()
     assert (world.labels[row, column] < first).all()
 
@@ -81,7 +87,9 @@ def test_the_crowd_walks_on_and_stays_out_of_the_walls(machine, world, frames_pe
     half = plaza_map.SIZE / 2
     assert max(abs(crowd.x).max(), abs(crowd.y).max()) < half - 0.25  # nobody leans on the border
     assert longest.max() < 1.5 * 24  # nobody is caught beside a wall
-    assert np.bincount(crowd.state, minlength=16).min() > 3000 / 16 / 2  # all headings are still there
+    assert (
+        np.bincount(crowd.state, minlength=16).min() > 3000 / 16 / 2
+    )  # all headings are still there
     quadrants, _, _ = np.histogram2d(crowd.x, crowd.y, bins=2, range=[[-half, half]] * 2)
     assert quadrants.min() > 3000 / 4 * 0.75
 

@@ -12,15 +12,22 @@ def turn(angle):
     """Matrices (..., 3, 3) about x."""
     c, s = np.cos(angle), np.sin(angle)
     zero, one = np.zeros_like(c), np.ones_like(c)
-    return np.stack([one, zero, zero, zero, c, -s, zero, s, c], axis=-1).reshape(*np.shape(angle), 3, 3)
+    return np.stack([one, zero, zero, zero, c, -s, zero, s, c], axis=-1).reshape(
+        *np.shape(angle), 3, 3
+    )
 
 
 def tube(rings=40, around=24):
     """A closed upright tube of radius 0.1 from z = -1 to 1."""
     angle = np.linspace(0, 2 * np.pi, around, endpoint=False)
-    side = [np.column_stack([0.1 * np.cos(angle), 0.1 * np.sin(angle), np.full(around, z)]) for z in np.linspace(-1, 1, rings)]
+    side = [
+        np.column_stack([0.1 * np.cos(angle), 0.1 * np.sin(angle), np.full(around, z)])
+        for z in np.linspace(-1, 1, rings)
+    ]
     points = np.concatenate([*side, [[0, 0, -1], [0, 0, 1]]])
-    i, j = (grid.ravel() for grid in np.meshgrid(np.arange(rings - 1), np.arange(around), indexing="ij"))
+    i, j = (
+        grid.ravel() for grid in np.meshgrid(np.arange(rings - 1), np.arange(around), indexing="ij")
+    )
     k, low, high = (j + 1) % around, len(points) - 2, len(points) - 1
     a, b, c, d = i * around + j, i * around + k, (i + 1) * around + j, (i + 1) * around + k
     first, last = np.arange(around), np.arange(around) + (rings - 1) * around
@@ -50,7 +57,9 @@ def distance(samples, points, triangles):
         for i in range(3):
             a, side = corners[:, i], corners[:, (i + 1) % 3] - corners[:, i]
             inside &= np.einsum("md,md->m", np.cross(side, p - a), normal) >= 0
-            along = (np.einsum("md,md->m", p - a, side) / np.einsum("md,md->m", side, side)).clip(0, 1)
+            along = (np.einsum("md,md->m", p - a, side) / np.einsum("md,md->m", side, side)).clip(
+                0, 1
+            )
             nearest = np.minimum(nearest, np.linalg.norm(p - a - along[:, None] * side, axis=1))
         found.append(np.where(inside, np.abs(height), nearest).min())
     return np.array(found)
@@ -61,9 +70,15 @@ def distance(samples, points, triangles):
 def test_an_elbow_straight_at_rest_keeps_its_shape_when_it_bends(ratio):
     points, triangles = tube()
     skin = bent(points, [0.0, 0.7, 1.6])
-    heeding, blind = decimate((points, triangles), ratio, "arm", skin=skin), decimate((points, triangles), ratio, "arm")
+    heeding, blind = (
+        decimate((points, triangles), ratio, "arm", skin=skin),
+        decimate((points, triangles), ratio, "arm"),
+    )
     assert len(heeding.triangles) <= len(blind.triangles) * 1.01
-    off = [distance(skin.place[2], skin.at(2, lod.points.T, lod.source).T, lod.triangles).max() for lod in (heeding, blind)]
+    off = [
+        distance(skin.place[2], skin.at(2, lod.points.T, lod.source).T, lod.triangles).max()
+        for lod in (heeding, blind)
+    ]
     assert off[0] < off[1] / 3
     assert distance(points, heeding.points, heeding.triangles).max() < 0.02
 
@@ -75,7 +90,9 @@ def test_a_point_moves_as_linear_blend_skinning_has_it():
     follows = rng.integers(0, len(points), 50)
     off = rng.normal(0, 0.1, (50, 3))
     upper = np.clip(points[follows, 2] / 0.3 + 0.5, 0, 1)[:, None]
-    wanted = (1 - upper) * (points[follows] + off) + upper * ((points[follows] + off) @ turn(np.array(1.1)).T)
+    wanted = (1 - upper) * (points[follows] + off) + upper * (
+        (points[follows] + off) @ turn(np.array(1.1)).T
+    )
     np.testing.assert_allclose(skin.at(0, (points[follows] + off).T, follows).T, wanted, atol=1e-12)
     moved = skin.scaled(np.array([1.0, 2.0, 3.0]), 4.0)
     there = moved.at(0, ((points[follows] + off - (1, 2, 3)) / 4).T, follows).T
@@ -89,9 +106,14 @@ def test_the_poses_that_tell_most_come_first_and_those_that_tell_nothing_not_at_
     np.testing.assert_array_equal(told.place, skin.place[[1, 4]])
     assert len(skin.telling(triangles, 9).place) == 3  # not the straight one, nor the same twice
     whole = np.broadcast_to(turn(np.array(1.0)), (1, len(points), 3, 3))
-    turned = Skin(points, np.einsum("knij,nj->kni", whole, points), whole)  # all of it turns: nothing bends
+    turned = Skin(
+        points, np.einsum("knij,nj->kni", whole, points), whole
+    )  # all of it turns: nothing bends
     assert turned.telling(triangles) is None
-    same, plain = decimate((points, triangles), 0.3, "arm", skin=turned), decimate((points, triangles), 0.3, "arm")
+    same, plain = (
+        decimate((points, triangles), 0.3, "arm", skin=turned),
+        decimate((points, triangles), 0.3, "arm"),
+    )
     np.testing.assert_array_equal(same.points, plain.points)
 
 
@@ -105,7 +127,9 @@ def test_copies_lie_apart_and_what_all_of_them_ask_for_comes_back_to_rest():
     np.testing.assert_allclose(every[..., 0].T, copies.rest * (points[follows] + off))
     for j in range(2):
         shift = every[:, :, j + 1] - skin.at(j, (points[follows] + off).T, follows)
-        np.testing.assert_allclose(shift, np.array([[shift[0, 0]], [0], [0]]) + np.zeros((3, 50)), atol=1e-9)
+        np.testing.assert_allclose(
+            shift, np.array([[shift[0, 0]], [0], [0]]) + np.zeros((3, 50)), atol=1e-9
+        )
     boxes = sorted((every[0, :, j].min(), every[0, :, j].max()) for j in range(3))
     assert all(high + 2 < low for (_, high), (low, _) in zip(boxes[:-1], boxes[1:], strict=True))
     # a way that all copies of a rigid point ask for, even if the poses are larger, is the way at rest that leads along it in all
@@ -127,13 +151,26 @@ def test_moves_bring_a_lod_nearer_in_all_its_poses():
     skin = bent(points, [0.9, 1.8])
     collapse_map = np.linalg.norm(points[:, None] - some, axis=2).argmin(axis=1)
     follows = np.linalg.norm(points - some[:, None], axis=2).argmin(axis=1)
-    fit = SurfaceFit((some, lod), (points, triangles), collapse_map, np.empty((0, 2), int), skin=skin, follows=follows)
+    fit = SurfaceFit(
+        (some, lod),
+        (points, triangles),
+        collapse_map,
+        np.empty((0, 2), int),
+        skin=skin,
+        follows=follows,
+    )
 
     def farthest():
         """Of the source's points and the LOD's, at rest and in each pose, from the other surface: all triangles tried."""
         at = fit.lod.points[:, ::3].T / fit.copies.rest
-        posed = [(points, at), *((skin.place[j], skin.at(j, at.T, fit.follows).T) for j in range(2))]
-        both = ((distance(one, other, fit.corners.T).max(), distance(other, one, triangles).max()) for one, other in posed)
+        posed = [
+            (points, at),
+            *((skin.place[j], skin.at(j, at.T, fit.follows).T) for j in range(2)),
+        ]
+        both = (
+            (distance(one, other, fit.corners.T).max(), distance(other, one, triangles).max())
+            for one, other in posed
+        )
         return [max(each) for each in both]
 
     before = farthest()
@@ -181,7 +218,13 @@ def test_what_turns_by_keys_has_the_derivatives_of_the_turn():
     points, triangles = tube()
     whole = turn(np.array(0.8))
     arc = 0.7 * points[:, 2]
-    bow = np.column_stack([points[:, 0], (points[:, 1] + 1 / 0.7) * np.cos(arc) - 1 / 0.7, (points[:, 1] + 1 / 0.7) * np.sin(arc)])
+    bow = np.column_stack(
+        [
+            points[:, 0],
+            (points[:, 1] + 1 / 0.7) * np.cos(arc) - 1 / 0.7,
+            (points[:, 1] + 1 / 0.7) * np.sin(arc),
+        ]
+    )
     turned, curved = frames_of(points, np.stack([points @ whole.T, bow]), triangles)
     np.testing.assert_allclose(turned, np.broadcast_to(whole, turned.shape), atol=1e-5)
     inner = (np.abs(points[:, 2]) < 0.9) & (np.hypot(*points[:, :2].T) > 0.09)
@@ -191,11 +234,17 @@ def test_what_turns_by_keys_has_the_derivatives_of_the_turn():
 
 
 def test_a_flat_sheet_has_derivatives_too():
-    grid = np.stack(np.meshgrid(np.arange(5.0), np.arange(5.0), [0.0], indexing="ij"), axis=-1).reshape(-1, 3)
+    grid = np.stack(
+        np.meshgrid(np.arange(5.0), np.arange(5.0), [0.0], indexing="ij"), axis=-1
+    ).reshape(-1, 3)
     i = np.arange(25).reshape(5, 5)
     corners = [each.ravel() for each in (i[:-1, :-1], i[1:, :-1], i[1:, 1:], i[:-1, 1:])]
-    triangles = np.concatenate([np.stack([corners[k] for k in face], axis=1) for face in ((0, 1, 2), (0, 2, 3))])
+    triangles = np.concatenate(
+        [np.stack([corners[k] for k in face], axis=1) for face in ((0, 1, 2), (0, 2, 3))]
+    )
     lonely = np.concatenate([grid, [[9.0, 9, 9]]])  # a point without a triangle
     frame = frames_of(lonely, (lonely @ turn(np.array(0.5)).T)[None], triangles)[0]
-    np.testing.assert_allclose(frame[:25], np.broadcast_to(turn(np.array(0.5)), (25, 3, 3)), atol=1e-5)
+    np.testing.assert_allclose(
+        frame[:25], np.broadcast_to(turn(np.array(0.5)), (25, 3, 3)), atol=1e-5
+    )
     assert np.isfinite(frame).all()

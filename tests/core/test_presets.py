@@ -23,21 +23,43 @@ ALL, RIM = slice(None), ((0, slice(None)), (-1, slice(None)), (slice(None), 0), 
 
 
 def market(machine):
-    halls = [("stall", slice(r, r + 6), slice(c, c + 10)) for r in range(10, 60, 16) for c in range(10, 80, 20)]
+    halls = [
+        ("stall", slice(r, r + 6), slice(c, c + 10))
+        for r in range(10, 60, 16)
+        for c in range(10, 80, 20)
+    ]
     fronts = [("stall front", slice(r.start - 2, r.stop + 2), c) for _, r, c in halls]
-    lanes = [("crossing", slice(r - 2, r + 2), slice(c - 2, c + 2)) for r in range(6, 60, 16) for c in range(6, 80, 20)]
+    lanes = [
+        ("crossing", slice(r - 2, r + 2), slice(c - 2, c + 2))
+        for r in range(6, 60, 16)
+        for c in range(6, 80, 20)
+    ]
     return painted(machine, 64, 84, *lanes, *fronts, *halls, *[("wall", *rim) for rim in RIM])
 
 
 def evacuation(machine):
-    signs = [("sign east", slice(28, 32), slice(0, 70)), ("sign south", slice(52, 59), ALL), ("sign north", slice(1, 8), ALL)]
+    signs = [
+        ("sign east", slice(28, 32), slice(0, 70)),
+        ("sign south", slice(52, 59), ALL),
+        ("sign north", slice(1, 8), ALL),
+    ]
     walls = [("wall", slice(12, 26), 30), ("wall", slice(34, 50), 50), ("wall", 34, slice(20, 30))]
     walls += [("wall", *rim) for rim in RIM]
-    return painted(machine, 60, 80, *signs, *walls, ("fire", slice(16, 18), slice(60, 62)), ("exit", slice(20, 40), slice(70, 80)))
+    return painted(
+        machine,
+        60,
+        80,
+        *signs,
+        *walls,
+        ("fire", slice(16, 18), slice(60, 62)),
+        ("exit", slice(20, 40), slice(70, 80)),
+    )
 
 
 def stadium(machine):
-    rows = [("row", slice(r, r + 2), ALL) for r in range(12, 60, 4)] + [("seat", r, ALL) for r in range(13, 60, 4)]
+    rows = [("row", slice(r, r + 2), ALL) for r in range(12, 60, 4)] + [
+        ("seat", r, ALL) for r in range(13, 60, 4)
+    ]
     aisles = [("aisle", slice(6, 60), slice(c, c + 4)) for c in (10, 40, 70)]
     return painted(machine, 64, 84, *rows, *aisles, ("top", slice(60, 64), ALL), ("pitch", slice(0, 2), ALL),
                    ("wall", ALL, 0), ("wall", ALL, -1))  # fmt: skip
@@ -60,7 +82,10 @@ def test_agents_keep_out_of_walls_and_out_of_trouble(make):
         inside = np.isin(world.at(crowd.x, crowd.y), closed)
         # an agent that has just come to a wall is on its very border
         column, row = world.cells(crowd.x[inside], crowd.y[inside])
-        depth = [np.minimum(p / 0.5 - i, i + 1 - p / 0.5) for p, i in ((crowd.x[inside], column), (crowd.y[inside], row))]
+        depth = [
+            np.minimum(p / 0.5 - i, i + 1 - p / 0.5)
+            for p, i in ((crowd.x[inside], column), (crowd.y[inside], row))
+        ]
         assert np.min(depth, axis=0).max(initial=0) < 1e-9
     assert (np.array(states)[5:].sum(axis=0) > 0).all()  # every state is lived
     assert trouble(crowd, machine, world, 20.0) == ()

@@ -23,7 +23,12 @@ def clipped(polygon, axis, value, keep_above):
 
 def area_in(triangle, x, y, width, height):
     polygon = [tuple(p) for p in triangle]
-    for axis, value, above in ((0, x, True), (0, x + width, False), (1, y, True), (1, y + height, False)):
+    for axis, value, above in (
+        (0, x, True),
+        (0, x + width, False),
+        (1, y, True),
+        (1, y + height, False),
+    ):
         polygon = clipped(polygon, axis, value, above)
     xs, ys = np.array(polygon or [(0, 0)]).T
     return abs(np.dot(xs, np.roll(ys, 1)) - np.dot(ys, np.roll(xs, 1))) / 2
@@ -39,7 +44,10 @@ def test_cells_are_those_that_a_triangle_has_a_part_in(pairs, monkeypatch):
         triangles = rng.uniform((-5, 0), (9, 10), (2, 3, 2)) * rng.choice([1, 0.7], (2, 1, 1))
         wanted = [
             [
-                max(area_in(t, AREA.x_min + c * width, AREA.y_min + r * height, width, height) for t in triangles)
+                max(
+                    area_in(t, AREA.x_min + c * width, AREA.y_min + r * height, width, height)
+                    for t in triangles
+                )
                 for c in range(columns)
             ]
             for r in range(rows)
@@ -59,7 +67,9 @@ def test_a_wall_on_cell_borders_covers_its_own_cells_alone():
 def test_the_sides_of_a_block_add_no_cells_to_those_of_its_top():
     top = [[(0, 3), (2, 3), (2, 5)], [(0, 3), (2, 5), (0, 5)]]
     sides = [[(2, 3), (2, 5), (2, 3)], [(0, 5), (2, 5), (0, 5)], [(0, 3), (0, 5), (0, 5)]]
-    assert (covered(np.array(top + sides), AREA, 6, 10) == covered(np.array(top), AREA, 6, 10)).all()
+    assert (
+        covered(np.array(top + sides), AREA, 6, 10) == covered(np.array(top), AREA, 6, 10)
+    ).all()
 
 
 def test_an_upright_plane_is_a_line_without_gaps_wherever_it_runs():

@@ -32,7 +32,8 @@ def track(rows, agent):
 
 def same(a, b):
     return all(
-        (getattr(a, name) is None and getattr(b, name) is None) or getattr(a, name).tobytes() == getattr(b, name).tobytes()
+        (getattr(a, name) is None and getattr(b, name) is None)
+        or getattr(a, name).tobytes() == getattr(b, name).tobytes()
         for name in COLUMNS
     )
 
@@ -68,7 +69,9 @@ def test_between_samples_all_is_linear_and_who_is_away_stands_where_it_enters_or
                 assert found.z[k] == pytest.approx(np.interp(frame, frames, height), abs=1e-12)
             after = np.searchsorted(frames, frame, side="right")
             inside = frames[0] <= frame <= frames[-1]
-            lost = inside and 0 < after < len(frames) and (frames[after] - frames[after - 1]) / 16 > 2
+            lost = (
+                inside and 0 < after < len(frames) and (frames[after] - frames[after - 1]) / 16 > 2
+            )
             assert (found.present is None or found.present[k]) == (inside and not lost)
 
 
@@ -91,7 +94,11 @@ def test_rows_in_any_order_and_between_other_agents_give_the_same():
 @pytest.mark.parametrize("z", [False, True])
 def test_velocities_are_never_exceeded(z):
     rows, random = wanderers(200, z=z), np.random.default_rng(3)
-    heights = None if z else HeightMap(random.uniform(0, 2, (9, 9)).astype(np.float32), Area(-60, -20, 60, 120))
+    heights = (
+        None
+        if z
+        else HeightMap(random.uniform(0, 2, (9, 9)).astype(np.float32), Area(-60, -20, 60, 120))
+    )
     crowd = recorded(rows, heights=heights)
     for since in random.uniform(-10, 200, 40):
         until = since + random.choice([0.01, 0.5, 3.0, 40.0])
@@ -116,7 +123,9 @@ def test_a_slip_of_a_tracker_counts_in_its_own_second_alone():
 
 def test_who_crosses_a_gap_is_fast_until_its_end():
     rows = line(np.arange(60) * 0.1)
-    rows = replace(rows, **{name: np.delete(column, slice(21, 38)) for name, column in rows.columns.items()})  # 1.8 seconds
+    rows = replace(
+        rows, **{name: np.delete(column, slice(21, 38)) for name, column in rows.columns.items()}
+    )  # 1.8 seconds
     x = np.where(rows.frame < 30, rows.x, rows.x + 30)
     crowd = recorded(replace(rows, x=x), fps=10.0)
     for time in np.arange(1, 60, 0.3):
@@ -132,7 +141,11 @@ def test_who_crosses_a_gap_is_fast_until_its_end():
 def test_nobody_is_missed_and_leave_outs_change_nothing(monkeypatch, fewest, kind):
     monkeypatch.setattr(morton_order, "FEWEST", fewest)
     random = np.random.default_rng(9)
-    heights = HeightMap(random.uniform(0, 3, (9, 9)).astype(np.float32), Area(-60, -20, 60, 120)) if kind == "heights" else None
+    heights = (
+        HeightMap(random.uniform(0, 3, (9, 9)).astype(np.float32), Area(-60, -20, 60, 120))
+        if kind == "heights"
+        else None
+    )
     heights = Terrain(two_floors()) if kind == "terrain" else heights
     crowd, found = recorded(wanderers(250, z=kind == "alone"), heights=heights), set()
     if kind == "several":
@@ -144,12 +157,21 @@ def test_nobody_is_missed_and_leave_outs_change_nothing(monkeypatch, fewest, kin
         there = frame.crowd.present
         for moment in (time, time - 0.5, time + 0.5):
             now = crowd.at(moment)
-            center, radius = (np.array([getattr(group, name) for group in GROUPS])[now.group] for name in ("center", "radius"))
+            center, radius = (
+                np.array([getattr(group, name) for group in GROUPS])[now.group]
+                for name in ("center", "radius")
+            )
             places = np.stack([now.x, now.y, now.z + center], axis=1)
-            missed = [a for a in np.flatnonzero(~frame.visible & there) if sees(camera, places[a], radius[a])]
+            missed = [
+                a
+                for a in np.flatnonzero(~frame.visible & there)
+                if sees(camera, places[a], radius[a])
+            ]
             assert not missed
         assert not frame.visible[~there].any() and frame.visible.any()
-        assert raw(frame) == raw(plan(crowd.leaving(NOTHING, 1), camera, POLICY, time, frame.shutter))
+        assert raw(frame) == raw(
+            plan(crowd.leaving(NOTHING, 1), camera, POLICY, time, frame.shutter)
+        )
         lit = surround(frame, Surroundings(lights=(Light(None, np.array([0.6, 0.0, -0.8])),)))
         assert there[lit.shadow.order].all()
     assert (BLOCKS in found) == (fewest == 1)
@@ -159,7 +181,12 @@ def line(x, y=None, rate=10.0, **more):
     """One agent who walks through x, a row a frame."""
     x = np.asarray(x, float)
     return Rows(
-        np.zeros(len(x), np.int64), np.arange(len(x), dtype=float), x, np.zeros(len(x)) if y is None else y, rate=rate, **more
+        np.zeros(len(x), np.int64),
+        np.arange(len(x), dtype=float),
+        x,
+        np.zeros(len(x)) if y is None else y,
+        rate=rate,
+        **more,
     )
 
 
@@ -181,9 +208,9 @@ def test_headings_turn_the_shorter_way():
     crowd = recorded(line(x, y), fps=10.0)
     headings = np.unwrap([float(crowd.at(time).heading[0]) for time in np.arange(1, 30, 0.1)])
     assert np.abs(np.diff(headings)).max() < 0.02
-    assert np.degrees(headings[0]) % 360 == pytest.approx(152, abs=4) and np.degrees(headings[-1]) % 360 == pytest.approx(
-        208, abs=4
-    )
+    assert np.degrees(headings[0]) % 360 == pytest.approx(152, abs=4) and np.degrees(
+        headings[-1]
+    ) % 360 == pytest.approx(208, abs=4)
 
 
 def test_feet_keep_to_the_ground_poses_are_a_32nd_of_a_cycle_off_at_most():
@@ -239,7 +266,11 @@ def test_the_crowd_is_moved_and_played_from_its_start_frame_on():
     assert np.array_equal(b.x, a.x + 10) and np.array_equal(b.y, a.y - 5) and (b.z == 2).all()
     assert moved.area.x_min == plain.area.x_min + 10
     before, after = moved.at(50), moved.at(101)
-    assert np.array_equal(before.x, after.x) and np.array_equal(before.present, after.present) and not before.pace.any()
+    assert (
+        np.array_equal(before.x, after.x)
+        and np.array_equal(before.present, after.present)
+        and not before.pace.any()
+    )
     assert moved.told.startswith("The file has 30 agents in frames")
     assert plain.regrouped(np.zeros(30, np.uint8)).at(31).x.tobytes() == a.x.tobytes()
 
@@ -254,5 +285,7 @@ def test_on_several_floors_agents_keep_to_theirs_and_a_files_z_chooses_it():
     middle = crowd.at(168.5)
     assert middle.z[0] == pytest.approx((middle.y[0] - 20) / 5) and middle.z[1] == 0
     assert crowd.at(500).z.tolist() == crowd.leaving(NOTHING, 1).at(500).z.tolist()
-    told = recorded(replace(rows, z=np.repeat([0.0, 3.9], 500)), fps=10.0, heights=Terrain(two_floors()))
+    told = recorded(
+        replace(rows, z=np.repeat([0.0, 3.9], 500)), fps=10.0, heights=Terrain(two_floors())
+    )
     assert told.at(500).z.tolist() == [0, 4] and told.at(1).z.tolist() == [0, 0]

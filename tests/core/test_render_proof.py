@@ -1,7 +1,12 @@
 """The proof's lines say no more than the pictures show."""
 
 import pytest
-from crowd_lod_extension.crowd_lod.validation.render_proof import agents_row, is_ok, to_text, verdict
+from crowd_lod_extension.crowd_lod.validation.render_proof import (
+    agents_row,
+    is_ok,
+    to_text,
+    verdict,
+)
 
 ROW = {"frame": 3, "culling_ok": True, "lod_ok": True, "b_pixels": 0, "bare_pixels": 40, "c_share": 0.018, "c_mean": 0.0021,
        "strangers": 0, "judged": 20, "silhouette_shift": 0.35, "predicted_shift": 0.9, "allowed_shift": 1.0, "apart": 0,
@@ -16,7 +21,11 @@ OTHER = {"frame": 9, "silhouette_shift": 0.1, "judged": 1}
 
 def proof(*changes, agent=None, build=None, **others):
     rows = [ROW | change for change in changes or ({},)]
-    result = RESULT | {"frames": rows, "agents": [AGENT | (agent or {})], "build": BUILD | (build or {})} | others
+    result = (
+        RESULT
+        | {"frames": rows, "agents": [AGENT | (agent or {})], "build": BUILD | (build or {})}
+        | others
+    )
     return result | {"ok": is_ok(result)}
 
 
@@ -26,7 +35,10 @@ def said(*changes, **others):
 
 def test_pixels_that_differ_visibly_are_told_beside_silhouettes_that_do_not():
     culling, levels, left_open = said()
-    assert culling == "Culling: no pixel differs in 1 frame (40 would differ without the agents kept for shadows and mirrors)."
+    assert (
+        culling
+        == "Culling: no pixel differs in 1 frame (40 would differ without the agents kept for shadows and mirrors)."
+    )
     assert levels == (
         "LODs: silhouettes shift at most 0.35 px, 1.00 allowed, 20 agents; 1.80% of the pixels differ visibly, shading "
         "included, by 0.0021 on average (frame 3; not predicted)."
@@ -35,14 +47,20 @@ def test_pixels_that_differ_visibly_are_told_beside_silhouettes_that_do_not():
 
 
 def test_what_is_wrong_is_named_with_its_frames():
-    wrong = [{"frame": n, "culling_ok": False, "b_pixels": 2, "lod_ok": n != 4} for n in range(1, 8)]
+    wrong = [
+        {"frame": n, "culling_ok": False, "b_pixels": 2, "lod_ok": n != 4} for n in range(1, 8)
+    ]
     culling, levels, _ = said(*wrong, {"frame": 9})
-    assert culling.startswith("Culling: WRONG, 14 pixels differ in frames 1, 2, 3, 4, 5 and 2 more (")
+    assert culling.startswith(
+        "Culling: WRONG, 14 pixels differ in frames 1, 2, 3, 4, 5 and 2 more ("
+    )
     assert levels.startswith("LODs: WRONG in frame 4, silhouettes shift at most 0.35 px, ")
 
 
 def test_pixels_that_differ_by_rounding_are_told():
-    assert said({"b_pixels": 7, "b_largest": 6.1e-5})[0].startswith("Culling: 7 pixels differ in 1 frame, by 6e-05 at most (40 ")
+    assert said({"b_pixels": 7, "b_largest": 6.1e-5})[0].startswith(
+        "Culling: 7 pixels differ in 1 frame, by 6e-05 at most (40 "
+    )
 
 
 def test_silhouettes_that_were_not_judged_are_not_said_to_be_right():
@@ -52,7 +70,9 @@ def test_silhouettes_that_were_not_judged_are_not_said_to_be_right():
 
 def test_bounces_are_told_with_the_culling():
     row = {"b_bounces_share": 0.003}
-    assert said(row, bounces=2)[0].endswith(" With the sky and 2 bounces up to 0.30% differ visibly (frame 3).")
+    assert said(row, bounces=2)[0].endswith(
+        " With the sky and 2 bounces up to 0.30% differ visibly (frame 3)."
+    )
 
 
 FINE = "LODs shift silhouettes at most 0.35 px, 1.00 allowed, 21 agents"
@@ -63,8 +83,16 @@ BAD = {"ok": False, "shift_px": 10.38}
     "change, more, said",
     [
         ({}, {}, f"OK: culling changes no pixel in 2 frames; {FINE}."),
-        ({"b_pixels": 7}, {}, f"OK: culling changes 7 pixels in 2 frames, by rounding alone; {FINE}."),
-        ({"b_pixels": 1, "culling_ok": False}, {}, f"Not OK: culling changes 1 pixel in frame 3; {FINE}."),
+        (
+            {"b_pixels": 7},
+            {},
+            f"OK: culling changes 7 pixels in 2 frames, by rounding alone; {FINE}.",
+        ),
+        (
+            {"b_pixels": 1, "culling_ok": False},
+            {},
+            f"Not OK: culling changes 1 pixel in frame 3; {FINE}.",
+        ),
         (
             {"lod_ok": False, "silhouette_shift": 10.38},
             {"agent": BAD},
@@ -112,6 +140,12 @@ def test_a_build_that_is_older_has_a_line_of_its_own():
 def test_the_row_of_a_frame_tells_who_is_judged_and_who_stands_apart():
     told = {"shift_px": 9.0, "apart": "pinned", "ok": None}
     row = agents_row([AGENT, AGENT | {"shift_px": 0.5, "ok": None}, AGENT | told], 1.0)
-    assert (row["judged"], row["silhouette_shift"], row["apart"], row["apart_shift"], row["lod_ok"]) == (1, 0.5, 1, 9.0, True)
+    assert (
+        row["judged"],
+        row["silhouette_shift"],
+        row["apart"],
+        row["apart_shift"],
+        row["lod_ok"],
+    ) == (1, 0.5, 1, 9.0, True)
     assert not agents_row([AGENT | {"ok": False}], 1.0)["lod_ok"]
     assert agents_row([], None)["silhouette_shift"] is None

@@ -54,11 +54,15 @@ def test_agents_follow_one_another_and_numbers_stay():
     for time in (1, 7, 7.5, 40):
         crowd, own = crowds.at(time), [each.at(time) for each in crowds.members]
         for name in ("x", "y", "z", "heading", "group", "phase_class", "key"):
-            assert np.array_equal(getattr(crowd, name), np.concatenate([getattr(each, name) for each in own]))
+            assert np.array_equal(
+                getattr(crowd, name), np.concatenate([getattr(each, name) for each in own])
+            )
         names = [crowds.states.names[state] for state in crowd.state]
         assert names[:300] == [crowds.members[0].states.names[state] for state in own[0].state]
         assert all(name.startswith("Runners: ") for name in names[300:500])
-        phases = np.concatenate([each.phase(one, time) for each, one in zip(crowds.members, own, strict=True)])
+        phases = np.concatenate(
+            [each.phase(one, time) for each, one in zip(crowds.members, own, strict=True)]
+        )
         assert np.array_equal(crowds.phase(crowd, time), phases)
 
 
@@ -76,9 +80,13 @@ def test_nobody_is_missed(blocks, edge):
             center = np.array([group.center for group in GROUPS])[crowd.group]
             radius = np.array([group.radius for group in GROUPS])[crowd.group]
             places = np.stack([crowd.x, crowd.y, crowd.z + center], axis=1)
-            missed = [a for a in np.flatnonzero(~frame.visible) if sees(camera, places[a], radius[a])]
+            missed = [
+                a for a in np.flatnonzero(~frame.visible) if sees(camera, places[a], radius[a])
+            ]
             assert not missed
-        assert raw(frame) == raw(plan(crowds.leaving(NOTHING, 1), camera, POLICY, time, frame.shutter))
+        assert raw(frame) == raw(
+            plan(crowds.leaving(NOTHING, 1), camera, POLICY, time, frame.shutter)
+        )
     assert (BLOCKS in found) == (morton_order.FEWEST == 1 and edge != "wrap")
 
 
@@ -88,24 +96,34 @@ def test_a_crowd_that_is_not_shown_is_absent_in_all_that_follows(blocks):
     lights = Surroundings(lights=(Light(None, np.array([0.6, 0.0, -0.8])),))
     frame = surround(plan(crowds, camera, POLICY, 9), lights)
     assert not frame.visible[300:500].any() and not frame.culled[300:500].any()
-    assert not np.isin(np.concatenate([frame.shadow.order, frame.mirrored.order]), np.arange(300, 500)).any()
+    assert not np.isin(
+        np.concatenate([frame.shadow.order, frame.mirrored.order]), np.arange(300, 500)
+    ).any()
     assert (reasons(frame)[300:500] == ABSENT).all() and (reasons(frame)[:300] != ABSENT).all()
     two = Several([whole.members[0], whole.members[2]], ("", "Idle"), (True, True))
     other = plan(two, camera, POLICY, 9)
     assert frame.triangles == other.triangles and frame.full_triangles == other.full_triangles
-    assert frame.crowd.there == 400 and frame.buckets.counts.tolist() == other.buckets.counts.tolist()
-    assert sorted(np.where(frame.buckets.order >= 500, frame.buckets.order - 200, frame.buckets.order)) == sorted(
-        other.buckets.order
+    assert (
+        frame.crowd.there == 400 and frame.buckets.counts.tolist() == other.buckets.counts.tolist()
     )
+    assert sorted(
+        np.where(frame.buckets.order >= 500, frame.buckets.order - 200, frame.buckets.order)
+    ) == sorted(other.buckets.order)
 
 
 def test_rigs_are_those_that_a_crowds_own_groups_play():
-    one, two = (walk(walking(), AREA, 50, seed) for seed, AREA in ((1, Area(0, 0, 9, 9)), (2, BESIDE)))
+    one, two = (
+        walk(walking(), AREA, 50, seed) for seed, AREA in ((1, Area(0, 0, 9, 9)), (2, BESIDE))
+    )
     one.start = replace(one.start, group=np.zeros(50, np.uint8))
     two.start = replace(two.start, group=np.full(50, 2, np.uint8))
     own = Several([one, two], ("", "b"), (True, True)).gaits
     paces = len(one.gaits.paces.speeds)
-    assert own.played.tolist() == [[True] * paces + [False] * paces, [False] * 2 * paces, [False] * paces + [True] * paces]
+    assert own.played.tolist() == [
+        [True] * paces + [False] * paces,
+        [False] * 2 * paces,
+        [False] * paces + [True] * paces,
+    ]
     assert [len(rates) for rates in own.distinct] == [paces, 1, paces]
 
 

@@ -28,7 +28,9 @@ def ball(around=96, along=49):
 def body(points, triangles, color=(0.8, 0.4, 0.2), uvs=None, image=-1):
     m = len(triangles)
     uvs = np.zeros((m, 3, 2)) if uvs is None else uvs
-    return Body(points, triangles, points[triangles], uvs, np.tile(color, (m, 1)), np.full(m, image))
+    return Body(
+        points, triangles, points[triangles], uvs, np.tile(color, (m, 1)), np.full(m, image)
+    )
 
 
 def flat(points, pixels):
@@ -48,7 +50,9 @@ def test_a_ball_is_lit_as_lambert_says():
     across, up = (x + 0.5 + low[0]) / 60, (y + 0.5 + low[1]) / 60
     inside = across**2 + up**2 < 0.9
     towards = np.sqrt(1 - (across**2 + up**2)[inside])
-    lit = np.clip(np.stack([across[inside], up[inside], towards], axis=1) @ shaded_pictures.LIGHT, 0, 1)
+    lit = np.clip(
+        np.stack([across[inside], up[inside], towards], axis=1) @ shaded_pictures.LIGHT, 0, 1
+    )
     wanted = np.outer(shaded_pictures.SKY + (1 - shaded_pictures.SKY) * lit, (0.8, 0.4, 0.2))
     assert np.abs(linear(picture[inside]) - wanted).max() < 0.02
     assert np.abs(linear(picture[across**2 + up**2 > 1.1]) - shaded_pictures.PAPER).max() < 1e-9
@@ -56,7 +60,10 @@ def test_a_ball_is_lit_as_lambert_says():
 
 def test_an_image_takes_the_place_of_the_color():
     """A square whose image is red on the left and blue on the right, seen from in front."""
-    points, triangles = np.array([(0, 0, 0), (1, 0, 0), (1, 0, 1), (0, 0, 1.0)]), np.array([(0, 1, 2), (0, 2, 3)])
+    points, triangles = (
+        np.array([(0, 0, 0), (1, 0, 0), (1, 0, 1), (0, 0, 1.0)]),
+        np.array([(0, 1, 2), (0, 2, 3)]),
+    )
     image = np.zeros((1, 4, 4, 4), np.uint8)
     image[0, :, :2, 0], image[0, :, 2:, 2] = 255, 255
     square = body(points, triangles, uvs=points[triangles][..., [0, 2]], image=0)
@@ -99,8 +106,14 @@ def test_likeness_is_what_sums_pixel_by_pixel_give():
         for column in range(8, 22):
             a, b = (g[row - 5 : row + 6, column - 5 : column + 6] for g in gray)
             u, v = (weight * a).sum(), (weight * b).sum()
-            s, t, c = (weight * (a - u) ** 2).sum(), (weight * (b - v) ** 2).sum(), (weight * (a - u) * (b - v)).sum()
-            values.append((2 * u * v + 1e-4) * (2 * c + 9e-4) / ((u * u + v * v + 1e-4) * (s + t + 9e-4)))
+            s, t, c = (
+                (weight * (a - u) ** 2).sum(),
+                (weight * (b - v) ** 2).sum(),
+                (weight * (a - u) * (b - v)).sum(),
+            )
+            values.append(
+                (2 * u * v + 1e-4) * (2 * c + 9e-4) / ((u * u + v * v + 1e-4) * (s + t + 9e-4))
+            )
             gaps.append(np.abs(one[row, column] - other[row, column]).mean())
     assert likeness(one, other) == pytest.approx((np.mean(gaps), np.mean(values)), abs=1e-9)
     assert likeness(one, one) == pytest.approx((0, 1)) and likeness(one[:3], one[:3]) == (0.0, 1.0)
@@ -115,7 +128,9 @@ def test_a_thinner_ball_and_one_lit_otherwise_are_less_alike():
         (body(0.8 * points, triangles), 0.8 * points),
         (Body(**{**vars(whole), "normals": np.roll(whole.normals, 1, axis=2)}), points),
     ):
-        found.append(likeness(*pictures([whole, other], NONE, [flat(points, 40), flat(shown, 40)], AXES)))
+        found.append(
+            likeness(*pictures([whole, other], NONE, [flat(points, 40), flat(shown, 40)], AXES))
+        )
     differences, alike = np.array(found).T
     assert differences[0] == 0 and alike[0] == pytest.approx(1)
     assert differences[1] < differences[2] and alike[1] > alike[2]
@@ -139,14 +154,27 @@ def test_what_differs_in_detail_alone_is_alike_from_afar():
 
 
 def test_where_shading_counts_a_lod_begins_where_both_allow():
-    group = Group("a", 1.0, 1.0, 0.0, 0.0, bounds=(0, 0.01, 0.02, 0.1), deviations=(0,) * 4, shaded=(0, 0.05, 0.0, np.inf))
+    group = Group(
+        "a",
+        1.0,
+        1.0,
+        0.0,
+        0.0,
+        bounds=(0, 0.01, 0.02, 0.1),
+        deviations=(0,) * 4,
+        shaded=(0, 0.05, 0.0, np.inf),
+    )
     for tolerance in (1.0, 2.0):
         plain = LevelPolicy((0.0,) * 3, "PIXELS", tolerance=tolerance)
         both = replace(plain, shading=True)
         np.testing.assert_array_equal(deviations([group], plain), [group.bounds])
         camera = straight()  # 50 pixels a unit of slope
         begin = limits(both, camera, np.ones(1), deviations([group], both))
-        np.testing.assert_allclose(begin, [[max(50 * 0.01 / tolerance, 50 * 0.05) + 1] * 2 + [np.inf]])
-        assert limits(both, straight(kind="ORTHO"), np.ones(1), deviations([group], both)).tolist() == [[-np.inf, -np.inf, np.inf]]
+        np.testing.assert_allclose(
+            begin, [[max(50 * 0.01 / tolerance, 50 * 0.05) + 1] * 2 + [np.inf]]
+        )
+        assert limits(
+            both, straight(kind="ORTHO"), np.ones(1), deviations([group], both)
+        ).tolist() == [[-np.inf, -np.inf, np.inf]]
         with pytest.raises(CrowdError, match="Measure LOD Meshes"):
             deviations([replace(group, shaded=())], both)

@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
 from crowd_lod_extension.crowd_lod.culling.radar import radar
-from crowd_lod_extension.crowd_lod.culling.volumes import Light, Mirror, bounded, mirrored, shaded, view, within
+from crowd_lod_extension.crowd_lod.culling.volumes import (
+    Light,
+    Mirror,
+    bounded,
+    mirrored,
+    shaded,
+    view,
+    within,
+)
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.frame.shadows import Surroundings, surround
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
@@ -18,7 +26,9 @@ from ..support.frames import shot
 pytestmark = pytest.mark.once
 
 SUNS = [
-    Light(None, np.array(way) / np.linalg.norm(way), angle=angle) for way in ((1, 0, -1), (-0.2, 1, -0.3)) for angle in (0, 0.2)
+    Light(None, np.array(way) / np.linalg.norm(way), angle=angle)
+    for way in ((1, 0, -1), (-0.2, 1, -0.3))
+    for angle in (0, 0.2)
 ]
 LAMPS = [
     Light(np.array([20.0, 40, 15]), np.array([0, 0, -1.0]), 0.5),
@@ -32,7 +42,9 @@ def emitter(light, random, n):
     """Points of the light: (n, 3), and for a sun ways (n, 3) of its rays."""
     if light.origin is not None:
         way = random.normal(size=(n, 3))
-        way *= (light.size * random.random((n, 1)) ** (1 / 3)) / np.linalg.norm(way, axis=1, keepdims=True)
+        way *= (light.size * random.random((n, 1)) ** (1 / 3)) / np.linalg.norm(
+            way, axis=1, keepdims=True
+        )
         return light.origin + way
     turn = light.angle * np.sqrt(random.random(n))
     aside = np.cross(light.direction, random.normal(size=(n, 3)))
@@ -64,7 +76,9 @@ def seen_points(camera, random, n, box):
 
 
 @pytest.mark.parametrize("kind", ["PERSP", "ORTHO", "PANO"])
-@pytest.mark.parametrize("light", SUNS + LAMPS, ids=lambda light: "sun" if light.origin is None else "lamp")
+@pytest.mark.parametrize(
+    "light", SUNS + LAMPS, ids=lambda light: "sun" if light.origin is None else "lamp"
+)
 def test_no_shadow_that_falls_into_the_picture_is_missed(light, kind):
     random = np.random.default_rng(5)
     camera = straight(kind=kind)
@@ -79,7 +93,9 @@ def test_no_shadow_that_falls_into_the_picture_is_missed(light, kind):
 
 
 @pytest.mark.parametrize("kind", ["PERSP", "ORTHO"])
-@pytest.mark.parametrize("light", SUNS[::2] + LAMPS[:1], ids=lambda light: "sun" if light.origin is None else "lamp")
+@pytest.mark.parametrize(
+    "light", SUNS[::2] + LAMPS[:1], ids=lambda light: "sun" if light.origin is None else "lamp"
+)
 def test_what_is_kept_for_nothing_passes_by_near_an_edge(light, kind):
     """By the true distance of the picture's body from spheres all along the shadow."""
     random = np.random.default_rng(6)
@@ -88,14 +104,20 @@ def test_what_is_kept_for_nothing_passes_by_near_an_edge(light, kind):
     radius = random.uniform(0.5, 5, 400)
     kept = shaded(view(camera), light, centers, radius)
     along = np.concatenate([[0], np.geomspace(0.01, 300, 300)])
-    way, grow = (light.direction, 0.0) if light.origin is None else (centers - light.origin, (radius + light.size)[:, None])
+    way, grow = (
+        (light.direction, 0.0)
+        if light.origin is None
+        else (centers - light.origin, (radius + light.size)[:, None])
+    )
     places = centers[:, None] + along[:, None] * (way[:, None] if light.origin is not None else way)
     away = gap(camera, places.reshape(-1, 3)).reshape(400, -1) - radius[:, None] - along * grow
     true = (away <= 0).any(axis=1)
     assert not (true & ~kept).any() and true.sum() >= 10
     beside = kept & ~true
     assert beside.sum() <= 0.25 * true.sum()
-    assert ((away / (radius[:, None] + along * grow))[beside].min(axis=1, initial=np.inf) < 0.8).all()
+    assert (
+        (away / (radius[:, None] + along * grow))[beside].min(axis=1, initial=np.inf) < 0.8
+    ).all()
 
 
 @pytest.mark.parametrize("lens", LENSES)
@@ -106,7 +128,10 @@ def test_without_a_way_to_go_it_is_the_radar_test(lens):
         radius = 10.0 ** random.uniform(-3, 1.5, 200)
         points = scatter(camera, radius, random)
         visible = np.concatenate(
-            [radar(crowd_at(p[None]), camera, ONE, np.array([r]))[0] for p, r in zip(points, radius, strict=True)]
+            [
+                radar(crowd_at(p[None]), camera, ONE, np.array([r]))[0]
+                for p, r in zip(points, radius, strict=True)
+            ]
         )
         assert not (visible & ~within(view(camera), points, radius)).any()
 
@@ -114,7 +139,9 @@ def test_without_a_way_to_go_it_is_the_radar_test(lens):
 def test_a_sphere_on_the_edge_of_its_shadows_way_is_kept_and_one_beyond_is_not():
     camera = straight()  # sees |x| <= y, |z| <= y, 1 <= y <= 100
     sun = Light(None, np.array([1.0, 0, 0]), angle=0.0)
-    at = np.array([(-300, 50, 51), (-300, 50, 51.41), (300, 50, 0), (-300, 101, 0), (-300, 101.01, 0)], float)
+    at = np.array(
+        [(-300, 50, 51), (-300, 50, 51.41), (300, 50, 0), (-300, 101, 0), (-300, 101.01, 0)], float
+    )
     assert shaded(view(camera), sun, at, np.ones(5)).tolist() == [True, True, False, True, False]
     # at sqrt(2) a sphere of the radius 1 leaves a plane of 45 degrees
     assert shaded(view(camera), sun, np.array([(-300, 50, 51.42)]), np.ones(1)).tolist() == [False]
@@ -141,8 +168,18 @@ def test_a_mirror_shows_what_its_reflection_shows():
                 shown = (np.abs(image[:, ::2]) <= 5).all(axis=1)
             else:
                 hit = image * (30 / image[:, 1:2])
-                shown = (np.abs(image[:, ::2]) <= image[:, 1:2]).all(axis=1) if camera.kind == "PERSP" else True
-            shown &= (points[:, 1] <= 30) & (hit[:, 0] >= -4) & (hit[:, 0] <= 6) & (hit[:, 2] >= 0) & (hit[:, 2] <= 5)
+                shown = (
+                    (np.abs(image[:, ::2]) <= image[:, 1:2]).all(axis=1)
+                    if camera.kind == "PERSP"
+                    else True
+                )
+            shown &= (
+                (points[:, 1] <= 30)
+                & (hit[:, 0] >= -4)
+                & (hit[:, 0] <= 6)
+                & (hit[:, 2] >= 0)
+                & (hit[:, 2] <= 5)
+            )
             assert (kept == shown).all() and 100 < shown.sum() < 10_000
 
 
@@ -162,9 +199,13 @@ def around(**more):
 
 def test_buckets_hold_each_agent_once_at_their_lod_and_do_not_depend_on_what_was_asked_before():
     trajectory, camera, policy = shot(), straight(), LevelPolicy((0.3, 0.6))
-    glass = Mirror(np.array([0, 1.0, 0]), np.array([(-9, 60, 0), (9, 60, 0), (9, 60, 5), (-9, 60, 5)], float))
+    glass = Mirror(
+        np.array([0, 1.0, 0]), np.array([(-9, 60, 0), (9, 60, 0), (9, 60, 5), (-9, 60, 5)], float)
+    )
     both = around(mirrors=(glass,))
-    made = {time: surround(plan(trajectory, camera, policy, time), both) for time in (33.5, 80, 5, 33.5)}
+    made = {
+        time: surround(plan(trajectory, camera, policy, time), both) for time in (33.5, 80, 5, 33.5)
+    }
     for frame in made.values():
         seen = [set(b.order.tolist()) for b in (frame.buckets, frame.shadow, frame.mirrored)]
         assert all(seen) and len(set.union(*seen)) == sum(map(len, seen))
@@ -178,7 +219,15 @@ def test_buckets_hold_each_agent_once_at_their_lod_and_do_not_depend_on_what_was
 
 def test_a_box_of_what_is_there_ends_the_shadows_of_a_low_sun():
     trajectory, policy = shot(), LevelPolicy((0.3, 0.6))
-    camera = Camera("PERSP", np.array([0, -5, 2.0]), *np.eye(3)[[0, 2, 1]], Window(-0.3, 0.3, -0.2, 0.2), 0.1, 60, (100, 100))
+    camera = Camera(
+        "PERSP",
+        np.array([0, -5, 2.0]),
+        *np.eye(3)[[0, 2, 1]],
+        Window(-0.3, 0.3, -0.2, 0.2),
+        0.1,
+        60,
+        (100, 100),
+    )
     frame = plan(trajectory, camera, policy, 1)
     low = Light(None, np.array([0.999, 0, -0.0447]), angle=0.005)
     scene = Surroundings(lights=(low,), box=np.array([(-60, -60, -1), (60, 160, 0.0)]))

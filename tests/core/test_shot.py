@@ -19,7 +19,11 @@ ENGINES = ["EEVEE", "CYCLES"]
 def switches(shot, levels):
     """The pixels of each visible switch."""
     frames, agents = levels.shape
-    every = [pixels_of(shot, f, a, levels[f - 1, a], levels[f, a]) for f in range(1, frames) for a in range(agents)]
+    every = [
+        pixels_of(shot, f, a, levels[f - 1, a], levels[f, a])
+        for f in range(1, frames)
+        for a in range(agents)
+    ]
     return [pixels for pixels in every if pixels > 0]
 
 
@@ -51,27 +55,48 @@ def costs(shot, weight):
     survey, triangles, seconds = shot.survey, shot.meshes.triangles, SECONDS[shot.engine]
     frames, agents = survey.kind.shape
     options = [np.array(sequences(shot, a)) for a in range(agents)]
-    chosen = [one.ravel() for one in np.meshgrid(*(np.arange(len(each)) for each in options), indexing="ij")]
-    levels = np.stack([each[index] for each, index in zip(options, chosen, strict=True)])  # (n, N, F)
+    chosen = [
+        one.ravel()
+        for one in np.meshgrid(*(np.arange(len(each)) for each in options), indexing="ij")
+    ]
+    levels = np.stack(
+        [each[index] for each, index in zip(options, chosen, strict=True)]
+    )  # (n, N, F)
     total, held = 0.0, {}
     for f in range(frames):
         meshes, instances, instanced = {}, 0, 0.0
         for a in range(agents):
             if survey.kind[f, a] == SEEN:
-                instances, instanced = instances + 1, instanced + triangles[survey.group[a], levels[a, :, f]]
+                instances, instanced = (
+                    instances + 1,
+                    instanced + triangles[survey.group[a], levels[a, :, f]],
+                )
                 for k in range(shot.meshes.count):
                     mesh = k, survey.character[f, a]
                     meshes[mesh] = meshes.get(mesh, False) | (levels[a, :, f] == k)
         held |= {mesh: held.get(mesh, False) | used for mesh, used in meshes.items()}
         unique = sum(used * triangles[survey.owner[c], k] for (k, c), used in meshes.items())
-        total += seconds["unique"] * unique + seconds["instances"] * instances + seconds.get("instanced", 0) * instanced
+        total += (
+            seconds["unique"] * unique
+            + seconds["instances"] * instances
+            + seconds.get("instanced", 0) * instanced
+        )
         total += seconds.get("rays", 0) * survey.rays[f]
         total += seconds.get("traced", 0) * survey.rays[f] * np.log2(np.maximum(unique, 1))
-    total += frames * seconds["posed"] * sum(used * triangles[survey.owner[c], k] for (k, c), used in held.items())
+    total += (
+        frames
+        * seconds["posed"]
+        * sum(used * triangles[survey.owner[c], k] for (k, c), used in held.items())
+    )
     total += frames * seconds.get("rigs", 0) * len({c for _, c in held})
     for a, each in enumerate(options):
-        change = [[pixels_of(shot, f, a, one[f - 1], one[f]) for f in range(1, frames)] for one in each.tolist()]
-        total += weight * np.array([sum(p + NOTICED for p in row if p) for row in change])[chosen[a]]
+        change = [
+            [pixels_of(shot, f, a, one[f - 1], one[f]) for f in range(1, frames)]
+            for one in each.tolist()
+        ]
+        total += (
+            weight * np.array([sum(p + NOTICED for p in row if p) for row in change])[chosen[a]]
+        )
     return total
 
 
@@ -84,7 +109,9 @@ def test_plan_lies_between_its_bound_and_the_best(engine, gap, lods):
         shot = some_shot(seed, frames=4, lods=lods, engine=engine)
         plan = finished(decide(shot, 0.3))
         every = costs(shot, plan.weight)
-        own = plan.bill.price.seconds * 4 + plan.weight * sum(p + NOTICED for p in switches(shot, plan.levels))
+        own = plan.bill.price.seconds * 4 + plan.weight * sum(
+            p + NOTICED for p in switches(shot, plan.levels)
+        )
         bound = finished(lower_bound(shot, plan.weight))
         assert bound * (1 - 1e-6) <= every.min() <= own * (1 + 1e-12)
         assert own <= every.min() * (1 + gap)
@@ -101,7 +128,10 @@ def test_no_visible_switch_shows_more_than_twice_the_tolerance(engine, seed, tol
         plan = finished(decide(shot, avoid))
         pixels = switches(shot, plan.levels)
         assert plan.bill.most == max(pixels, default=0) <= 2 * tolerance
-        assert (plan.bill.switches.sum(), plan.bill.pixels.sum()) == (len(pixels), pytest.approx(sum(pixels)))
+        assert (plan.bill.switches.sum(), plan.bill.pixels.sum()) == (
+            len(pixels),
+            pytest.approx(sum(pixels)),
+        )
         assert plan.bill.error <= tolerance
         assert (plan.levels <= shot.survey.coarsest)[shot.survey.seen].all()
     assert bill(shot, shot.survey.coarsest).most > 2 * tolerance  # so there was something to avoid
@@ -134,7 +164,9 @@ def test_switches_at_cuts_are_free():
 def test_avoid_is_kept(engine, avoid):
     for seed in range(3):
         shot = some_shot(seed, agents=40, frames=10, lods=4, engine=engine, tolerance=2, each=2)
-        shot.survey.scale[:] = np.where(shot.survey.seen, 40 + seed, 0)  # no switch of more than twice the tolerance
+        shot.survey.scale[:] = np.where(
+            shot.survey.seen, 40 + seed, 0
+        )  # no switch of more than twice the tolerance
         plan = finished(decide(shot, avoid))
         for own, least in (
             (plan.bill.price.seconds, plan.thresholds.price.seconds),

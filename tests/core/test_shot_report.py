@@ -28,10 +28,14 @@ FRAMES = 12
 
 
 def told(title="plaza", names=("adult", "child"), **more):
-    shot = some_shot(5, **{"agents": 60, "frames": FRAMES, "lods": 4, "tolerance": 2, "each": 2} | more)
+    shot = some_shot(
+        5, **{"agents": 60, "frames": FRAMES, "lods": 4, "tolerance": 2, "each": 2} | more
+    )
     plan = finished(decide(shot))
     found, curve = noticed(shot, plan.levels, RADIUS), finished(curve_of(shot, plan, 2.0))
-    return Told(title, shot, plan, found, curve, list(names), TINTS, {"culling": 1.5, "levels": 0.25})
+    return Told(
+        title, shot, plan, found, curve, list(names), TINTS, {"culling": 1.5, "levels": 0.25}
+    )
 
 
 def section(text, heading):
@@ -43,13 +47,18 @@ def section(text, heading):
 def data_rows(text):
     """The cells of the table of the largest changes."""
     worst = text[text.index("The largest changes") :]
-    return [re.findall("<td>(.*?)</td>", row) for row in re.findall("<tr>(.*?)</tr>", worst, re.DOTALL)][1:4]
+    return [
+        re.findall("<td>(.*?)</td>", row) for row in re.findall("<tr>(.*?)</tr>", worst, re.DOTALL)
+    ][1:4]
 
 
 def heights(part, name):
     """The value of each frame's column of an area or line, by the plot's own ticks."""
     ticks = re.findall(r'y="([\d.]+)" dy=".33em" text-anchor="end">([\d.]+)([kM]?)<', part)
-    places, values = zip(*((float(y), float(v) * {"": 1, "k": 1e3, "M": 1e6}[unit]) for y, v, unit in ticks), strict=True)
+    places, values = zip(
+        *((float(y), float(v) * {"": 1, "k": 1e3, "M": 1e6}[unit]) for y, v, unit in ticks),
+        strict=True,
+    )
     by_place = np.polyfit(places, values, 1)
     path = re.search(rf' d="M([^"Z]+?)(?:L([^"Z]+)Z)?"><title>{name}<', part)
     sides = []
@@ -67,14 +76,25 @@ def heights(part, name):
 def test_page_is_one_whole_file(engine):
     text = shot_page(told(engine=engine))
     read = Reader(text)
-    assert "http" not in text and "url(" not in text and "script" not in read.tags and "link" not in read.tags
-    assert all(link.startswith("#f") for link in read.links) and read.tags.count("svg") == 8 and "nan" not in text
+    assert (
+        "http" not in text
+        and "url(" not in text
+        and "script" not in read.tags
+        and "link" not in read.tags
+    )
+    assert (
+        all(link.startswith("#f") for link in read.links)
+        and read.tags.count("svg") == 8
+        and "nan" not in text
+    )
 
 
 def test_names_are_text():
     data = told(EVIL, (EVIL, EVIL))
     data = replace(data, milliseconds={EVIL: 1.0})
-    data.shot.survey.kind[:, data.shot.survey.group == 0] = CULLED  # so that a group is told as not needed
+    data.shot.survey.kind[:, data.shot.survey.group == 0] = (
+        CULLED  # so that a group is told as not needed
+    )
     read = Reader(shot_page(replace(data, plan=finished(decide(data.shot)))))
     assert "script" not in read.tags and "".join(read.texts).count(EVIL) >= 4
 
@@ -93,7 +113,9 @@ def test_plots_show_the_data():
                     values, abs=0.004 * found.triangles.max() if own is values else 0.2
                 )
     shares = section(text, "Seen and culled")
-    assert heights(shares, "culled") == pytest.approx(100 * (survey.kind == CULLED).mean(axis=1), abs=0.4)
+    assert heights(shares, "culled") == pytest.approx(
+        100 * (survey.kind == CULLED).mean(axis=1), abs=0.4
+    )
     switches = section(text, "Switches in sight per frame")
     assert heights(switches, "plan") == pytest.approx(found.switches, abs=0.05)
     assert heights(switches, "thresholds") == pytest.approx(before.switches, abs=0.05)
@@ -102,23 +124,42 @@ def test_plots_show_the_data():
 def test_figures_and_tables_are_those_of_the_plan():
     data = told()
     text, found, before = shot_page(data), data.plan.bill, data.plan.thresholds
-    whole = found.triangles.sum() / TRIANGLES[np.broadcast_to(data.shot.survey.group, (FRAMES, 60))[data.shot.survey.seen], 0].sum()
-    cards = dict((what, figure) for figure, what in re.findall(r"<div><b>(.*?)</b><span>(.*?)</span>", unescape(text)))
+    whole = (
+        found.triangles.sum()
+        / TRIANGLES[
+            np.broadcast_to(data.shot.survey.group, (FRAMES, 60))[data.shot.survey.seen], 0
+        ].sum()
+    )
+    cards = dict(
+        (what, figure)
+        for figure, what in re.findall(r"<div><b>(.*?)</b><span>(.*?)</span>", unescape(text))
+    )
     assert cards["of full detail's triangles"] == f"{whole:.1%}"
-    assert cards[f"switches in sight, {before.switches.sum()} by thresholds"] == f"{found.switches.sum()}"
+    assert (
+        cards[f"switches in sight, {before.switches.sum()} by thresholds"]
+        == f"{found.switches.sum()}"
+    )
     frames = text[text.index("<summary>Frames") :]
-    rows = [re.findall("<td>(.*?)</td>", row) for row in re.findall("<tr>(.*?)</tr>", frames, re.DOTALL)][1 : FRAMES + 1]
+    rows = [
+        re.findall("<td>(.*?)</td>", row) for row in re.findall("<tr>(.*?)</tr>", frames, re.DOTALL)
+    ][1 : FRAMES + 1]
     assert [int(row[0]) for row in rows] == list(range(1, FRAMES + 1))
     assert [[int(cell) for cell in row[3:7]] for row in rows] == found.counts.tolist()
     assert [int(row[7].replace(",", "")) for row in rows] == found.triangles.tolist()
-    assert [int(row[8]) for row in rows] == found.switches.tolist() and [int(row[11]) for row in rows] == before.switches.tolist()
+    assert [int(row[8]) for row in rows] == found.switches.tolist() and [
+        int(row[11]) for row in rows
+    ] == before.switches.tolist()
 
 
 def test_ticks_lead_to_the_rows_of_their_frames():
     data = told()
     text = shot_page(data)
     links = [int(frame) for frame in re.findall(r'href="#f(\d+)"', text)]
-    assert links == sorted(set(data.noticed["frame"].tolist())) == [int(frame) for frame in re.findall(r'id="f(\d+)"', text)]
+    assert (
+        links
+        == sorted(set(data.noticed["frame"].tolist()))
+        == [int(frame) for frame in re.findall(r'id="f(\d+)"', text)]
+    )
     rows = data_rows(text)
     largest = sorted(data.noticed.tolist(), key=lambda row: -row[5])[:3]
     assert [(int(row[0]), int(row[1])) for row in rows] == [row[:2] for row in largest]
@@ -139,7 +180,10 @@ def test_marks_stay_inside_their_plots():
     for heading in ("Error against cost", "Switches against cost"):
         part = section(text, heading)
         places = [float(y) for y in re.findall(r"translate\([\d.]+,(-?[\d.]+)\)", part)]
-        places += [float(y) for y in re.findall(r"[\d.]+,(-?[\d.]+)", " ".join(re.findall(r'points="(.*?)"', part)))]
+        places += [
+            float(y)
+            for y in re.findall(r"[\d.]+,(-?[\d.]+)", " ".join(re.findall(r'points="(.*?)"', part)))
+        ]
         assert places and min(places) > 0 and max(places) < 250
 
 
@@ -168,13 +212,27 @@ def test_what_no_frame_shows_is_not_needed():
     shown[:, 1, 0] = 1
     shown[:, 0, 2] = 1
     told = unneeded(shot, shown, ["adult", "child"])
-    adult = [f"LOD {k} of adult: no frame shows it; saves {2 * TRIANGLES[0, k]:,.0f} triangles" for k in (0, 2, 3)]
+    adult = [
+        f"LOD {k} of adult: no frame shows it; saves {2 * TRIANGLES[0, k]:,.0f} triangles"
+        for k in (0, 2, 3)
+    ]
     assert [each.partition(", ")[0] if "LOD" in each else each for each in told[:3]] == adult
-    assert told[3].startswith(f"1 of adult's 2 poses: no frame shows it; saves {TRIANGLES[0].sum():,.0f} triangles")
-    assert [each[:14] for each in told[4:7]] == ["LOD 2 of child", "LOD 3 of child", "1 of child's 2"]
-    assert re.fullmatch(r"\d+ of 30 agents: outside of all frames, with no shadow or mirror image in them\.", told[7])
+    assert told[3].startswith(
+        f"1 of adult's 2 poses: no frame shows it; saves {TRIANGLES[0].sum():,.0f} triangles"
+    )
+    assert [each[:14] for each in told[4:7]] == [
+        "LOD 2 of child",
+        "LOD 3 of child",
+        "1 of child's 2",
+    ]
+    assert re.fullmatch(
+        r"\d+ of 30 agents: outside of all frames, with no shadow or mirror image in them\.",
+        told[7],
+    )
     survey.kind[:] = CULLED
-    assert [each.partition(":")[0] for each in unneeded(shot, np.zeros_like(shown), ["adult", "child"])] == [
+    assert [
+        each.partition(":")[0] for each in unneeded(shot, np.zeros_like(shown), ["adult", "child"])
+    ] == [
         "adult",
         "child",
         "30 of 30 agents",
@@ -185,23 +243,33 @@ def test_crops_are_inside_the_page_and_hold_the_pixels():
     before, after = (np.random.default_rng(k).integers(0, 256, (5, 4, 3)) / 255 for k in (1, 2))
     text = shot_page(replace(told(), crops=[(before, after), None, (after, after)]))
     read = Reader(text)
-    found = [base64.b64decode(link.partition("base64,")[2]) for link in read.links if link.startswith("data:image/png")]
+    found = [
+        base64.b64decode(link.partition("base64,")[2])
+        for link in read.links
+        if link.startswith("data:image/png")
+    ]
     assert read.tags.count("img") == len(found) == 6 and "Where pictures are missing" in text
     difference = (4 * abs(after - before)).clip(0, 1)
     for png, own in zip(found, (before, after, difference, after, after, 0 * after), strict=True):
         assert struct.unpack(">II", png[16:24]) == (4, 5)
-        lines = np.frombuffer(zlib.decompress(png[png.index(b"IDAT") + 4 :]), np.uint8).reshape(5, 13)
-        assert not lines[:, 0].any() and (lines[::-1, 1:].reshape(5, 4, 3) == np.rint(255 * own)).all()
+        lines = np.frombuffer(zlib.decompress(png[png.index(b"IDAT") + 4 :]), np.uint8).reshape(
+            5, 13
+        )
+        assert (
+            not lines[:, 0].any() and (lines[::-1, 1:].reshape(5, 4, 3) == np.rint(255 * own)).all()
+        )
     rows = data_rows(text)
-    assert [title for title in read.texts if title.startswith("Frame ") and ", agent " in title] == [
-        f"Frame {rows[k][0]}, agent {rows[k][1]}: {rows[k][2]} to {rows[k][3]}" for k in (0, 2)
-    ]
+    assert [
+        title for title in read.texts if title.startswith("Frame ") and ", agent " in title
+    ] == [f"Frame {rows[k][0]}, agent {rows[k][1]}: {rows[k][2]} to {rows[k][3]}" for k in (0, 2)]
 
 
 def test_by_ratio_hysteresis_is_not_told():
     data = told()
     curve = finished(curve_of(data.shot, data.plan, None))
-    assert "diamonds" in shot_page(data) and "ysteresis" not in shot_page(replace(data, curve=curve))
+    assert "diamonds" in shot_page(data) and "ysteresis" not in shot_page(
+        replace(data, curve=curve)
+    )
 
 
 @pytest.mark.parametrize("low, high, count", [(1.1, 1.4, 0), (1.0, 100.0, 7), (1e-17, 1e3, 7)])

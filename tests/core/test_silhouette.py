@@ -19,7 +19,10 @@ def test_a_mask_is_the_triangle_s_pixels_by_half_planes():
     column, row = np.meshgrid(np.arange(40) + 0.5, np.arange(30) + 0.5)
     expected = np.zeros(shape, bool)
     for a, b, c in corners:
-        sides = [(q[0] - p[0]) * (row - p[1]) - (q[1] - p[1]) * (column - p[0]) for p, q in ((a, b), (b, c), (c, a))]
+        sides = [
+            (q[0] - p[0]) * (row - p[1]) - (q[1] - p[1]) * (column - p[0])
+            for p, q in ((a, b), (b, c), (c, a))
+        ]
         alone = np.all([s >= 0 for s in sides], axis=0) | np.all([s <= 0 for s in sides], axis=0)
         assert (rasterizer.mask(np.array([[a, b, c]]), shape) == alone).all()
         expected |= alone
@@ -61,15 +64,26 @@ def test_shift_is_the_hausdorff_distance_of_the_areas_by_brute_force(seed):
     one, other = (rasterizer.mask(random.uniform(0, 40, (3, 3, 2)), (40, 50)) for _ in range(2))
     a, b = np.argwhere(one), np.argwhere(other)
     apart = np.linalg.norm(a[:, None] - b[None], axis=2)
-    assert silhouette.outline_distance(one, other) == pytest.approx(max(apart.min(axis=0).max(), apart.min(axis=1).max()))
-    assert silhouette.outline_distance(one, one) == 0 and silhouette.outline_distance(one, np.zeros_like(one)) == np.inf
+    assert silhouette.outline_distance(one, other) == pytest.approx(
+        max(apart.min(axis=0).max(), apart.min(axis=1).max())
+    )
+    assert (
+        silhouette.outline_distance(one, one) == 0
+        and silhouette.outline_distance(one, np.zeros_like(one)) == np.inf
+    )
 
 
 def ball(radius, n=32):
-    theta, phi = np.meshgrid(np.linspace(0, np.pi, n), np.linspace(0, 2 * np.pi, 2 * n), indexing="ij")
-    points = radius * np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1).reshape(-1, 3)
+    theta, phi = np.meshgrid(
+        np.linspace(0, np.pi, n), np.linspace(0, 2 * np.pi, 2 * n), indexing="ij"
+    )
+    points = radius * np.stack(
+        [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1
+    ).reshape(-1, 3)
     i = np.arange((n - 1) * 2 * n).reshape(-1, 2 * n)[:, :-1].ravel()
-    return points, np.concatenate([np.stack([i, i + 1, i + 2 * n], 1), np.stack([i + 1, i + 2 * n + 1, i + 2 * n], 1)])
+    return points, np.concatenate(
+        [np.stack([i, i + 1, i + 2 * n], 1), np.stack([i + 1, i + 2 * n + 1, i + 2 * n], 1)]
+    )
 
 
 @pytest.mark.once
@@ -81,7 +95,10 @@ def test_a_smaller_ball_s_outline_lies_inside_by_what_optics_says(kind, distance
     # the outline of a sphere of radius r: the cone of half angle asin(r / d)
     seen = [unit * (r if kind == "ORTHO" else r / np.sqrt(distance**2 - r * r)) for r in (1.0, 0.9)]
     center = np.array([5.0, -3.0, 1.0])
-    pair, off = [(points + center, triangles) for points, triangles in (large, small)], seen[0] - seen[1]
+    pair, off = (
+        [(points + center, triangles) for points, triangles in (large, small)],
+        seen[0] - seen[1],
+    )
     least, most = silhouette.error(*pair, center, distance, camera, off)
     assert least <= off <= most and most - least <= max(0.3 * off, 0.3)
     assert silhouette.error(large, large, np.zeros(3), distance, camera) == (0, 0)
@@ -107,7 +124,12 @@ def test_a_tooth_is_measured_closer_than_the_masks_are_fine(size):
     tooth = np.array([(0, 300, -20), (0, 300 + size, 0), (0, 300, 20)], float) / unit
     quad = np.array([(0, 1, 2), (0, 2, 3)])
     least, most = silhouette.error(
-        (np.concatenate([square, tooth]), np.concatenate([quad, [(4, 5, 6)]])), (square, quad), np.zeros(3), 10.0, camera, size
+        (np.concatenate([square, tooth]), np.concatenate([quad, [(4, 5, 6)]])),
+        (square, quad),
+        np.zeros(3),
+        10.0,
+        camera,
+        size,
     )
     assert least <= size <= most and most - least < 0.2 * max(size, 1.0)
 
@@ -136,7 +158,9 @@ def disc(x, y, radius, size=(90, 120), samples=8):
     return inside.reshape(size[0], samples, size[1], samples).mean(axis=(1, 3))
 
 
-@pytest.mark.parametrize("way", [(0.0, 0.0), (0.4, 0.0), (3.0, 0.0), (0.0, -6.5), (5.0, 4.0), (-20.0, 8.0)])
+@pytest.mark.parametrize(
+    "way", [(0.0, 0.0), (0.4, 0.0), (3.0, 0.0), (0.0, -6.5), (5.0, 4.0), (-20.0, 8.0)]
+)
 def test_a_disc_that_moves_shifts_by_as_much(way):
     found = silhouette.shift(disc(50, 45, 14), disc(50 + way[0], 45 + way[1], 14))
     assert abs(found - np.hypot(*way)) <= 1

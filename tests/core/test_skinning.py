@@ -4,7 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.animation.skinning import SkinnedMesh, axes, closed, merge, pose, skin, strongest
+from crowd_lod_extension.crowd_lod.animation.skinning import (
+    SkinnedMesh,
+    axes,
+    closed,
+    merge,
+    pose,
+    skin,
+    strongest,
+)
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import Crowd, Group
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, HeightMap, edge_map
@@ -57,7 +65,9 @@ def test_skinning_is_the_weighted_sum_of_two_mixed_frames():
 
 def test_a_single_frame_is_held_and_the_cycle_ends_on_its_last():
     frames = RANDOM.normal(size=(3, 2, 3, 4)).astype(np.float32)
-    ends = pose(frames, np.array([0.0, 0.5, np.nextafter(np.float32(1), np.float32(0))], np.float32))
+    ends = pose(
+        frames, np.array([0.0, 0.5, np.nextafter(np.float32(1), np.float32(0))], np.float32)
+    )
     assert ends == pytest.approx(frames, abs=1e-5)
     assert (pose(frames[:1], np.array([0.0, 0.7], np.float32)) == frames[0]).all()
 
@@ -66,7 +76,11 @@ def test_the_strongest_weights_stay_and_sum_to_one():
     weights = np.array([[0.1, 0.4, 0, 0.2, 0.3, 0.05], [0, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0, 7]])
     columns, kept = strongest(weights)
     assert columns[0].tolist() == [1, 4, 3, 0] and kept[0] == pytest.approx([0.4, 0.3, 0.2, 0.1])
-    assert (kept[1] == 0).all() and columns[2].tolist() == [5, 0, 0, 0] and kept[2].tolist() == [1, 0, 0, 0]
+    assert (
+        (kept[1] == 0).all()
+        and columns[2].tolist() == [5, 0, 0, 0]
+        and kept[2].tolist() == [1, 0, 0, 0]
+    )
     assert strongest(np.empty((2, 0)))[1].shape == (2, 4)
 
 
@@ -99,12 +113,16 @@ def test_agents_stand_square_on_the_slope():
     ahead = turned[:, :2, 0]
     assert np.arctan2(ahead[:, 1], ahead[:, 0]) == pytest.approx(heading, abs=1e-5)
     level = stance(heading, 0 * pitch, 0 * roll, np.pi / 2)
-    assert level[:, :, 1] == pytest.approx(np.stack([-np.cos(heading), -np.sin(heading), 0 * heading], 1), abs=1e-6)
+    assert level[:, :, 1] == pytest.approx(
+        np.stack([-np.cos(heading), -np.sin(heading), 0 * heading], 1), abs=1e-6
+    )
 
 
 @pytest.mark.parametrize("tilted", [0.0, 1.0])
 def test_axes_are_those_of_the_stance(tilted):
-    heading, pitch, roll = (RANDOM.uniform(-3, 3, (3, 40)) * ((1,), (tilted,), (tilted,))).astype(np.float32)
+    heading, pitch, roll = (RANDOM.uniform(-3, 3, (3, 40)) * ((1,), (tilted,), (tilted,))).astype(
+        np.float32
+    )
     turned = stance(heading, pitch, roll, -np.pi / 2)
     for axis, found in enumerate(axes(heading, pitch, roll, -np.pi / 2)):
         assert found.dtype == np.float32 and found == pytest.approx(turned[:, :, axis], abs=1e-6)
@@ -119,7 +137,12 @@ def test_fades_cross_half_way_at_the_limits_that_assign():
         plain = assign(distance, begins, group)
         assert (finer + (share >= 0.5) == plain).all()
         shown = finer + share  # rises without a jump
-        assert (np.diff(shown) >= -1e-6).all() and np.diff(shown).max() < 0.02 and shown[0] == 0 and shown[-1] == 2
+        assert (
+            (np.diff(shown) >= -1e-6).all()
+            and np.diff(shown).max() < 0.02
+            and shown[0] == 0
+            and shown[-1] == 2
+        )
     assert (fade(distance, begins, group, None, 0.0)[0] == plain).all()
     assert not fade(distance, begins, group, None, 0.0)[1].any()
     assert fade(distance[:3], np.empty((2, 0)), group[:3])[0].tolist() == [0, 0, 0]
@@ -138,7 +161,9 @@ def planned(bias=None, policy=PLAIN):
     zeros = np.zeros(n, np.float32)
     crowd = Crowd(x, y, np.zeros(n), zeros, zeros.astype(np.uint8), zeros.astype(np.uint8), zeros)
     axes = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, 1.0, 0]])
-    camera = Camera("PERSP", np.array([0.0, 0, 1]), *axes, Window(-0.4, 0.4, -0.3, 0.3), 0.5, 40.0, (640, 480))
+    camera = Camera(
+        "PERSP", np.array([0.0, 0, 1]), *axes, Window(-0.4, 0.4, -0.3, 0.3), 0.5, 40.0, (640, 480)
+    )
     machine = load_preset("chapter")
     groups = (Group("one", 0.9, 1.0, 0.0, 1.0),)
     world = edge_map(Area(-100, -100, 100, 100), machine.labels)
@@ -149,7 +174,11 @@ def test_each_agent_has_its_reason():
     assert reasons(planned()).tolist() == [NEAR_ENOUGH, DISTANCE, FAR, BESIDE, NEAR, NEAR_ENOUGH]
     dark = Bias(np.zeros((2, 2)), Area(-100, -100, 100, 100))
     frame = planned(dark)
-    assert frame.levels[5] == 2 and reasons(frame)[[0, 1, 5]].tolist() == [DETAIL_MAP, DISTANCE, DETAIL_MAP]
+    assert frame.levels[5] == 2 and reasons(frame)[[0, 1, 5]].tolist() == [
+        DETAIL_MAP,
+        DISTANCE,
+        DETAIL_MAP,
+    ]
 
 
 def test_who_lacks_finer_lods_is_told_so_and_who_asks_for_none_is_not():
@@ -161,7 +190,10 @@ def test_who_lacks_finer_lods_is_told_so_and_who_asks_for_none_is_not():
     assert reasons(frame)[[0, 1, 5]].tolist() == [LEFT_OUT, DISTANCE, DISTANCE]
     dark = Bias(np.full((2, 2), 0.1), Area(-100, -100, 100, 100))
     frame = planned(dark, limited)  # 5 m counts as 15 m, and 8 m as 24 m
-    assert frame.levels[[0, 5]].tolist() == [1, 2] and reasons(frame)[[0, 5]].tolist() == [DETAIL_MAP, DETAIL_MAP]
+    assert frame.levels[[0, 5]].tolist() == [1, 2] and reasons(frame)[[0, 5]].tolist() == [
+        DETAIL_MAP,
+        DETAIL_MAP,
+    ]
     old = frame.levels.copy()
     old[0] = 2
     frame = planned(None, limited)
@@ -172,6 +204,8 @@ def test_who_lacks_finer_lods_is_told_so_and_who_asks_for_none_is_not():
 def test_fades_of_a_frame_are_those_of_its_distances():
     frame = planned()
     depth = frame.crowd.y
-    expected = fade(depth, limits(PLAIN, frame.camera, np.array([1.0])), frame.crowd.group, None, 0.3)
+    expected = fade(
+        depth, limits(PLAIN, frame.camera, np.array([1.0])), frame.crowd.group, None, 0.3
+    )
     for mine, theirs in zip(fades_of(frame, 0.3), expected, strict=True):
         assert mine == pytest.approx(theirs)

@@ -87,7 +87,9 @@ def test_a_painted_density_is_linear_between_the_corners():
 
 def test_a_further_density_keeps_its_share():
     corners = np.array([SQUARE[[0, 1, 2]], SQUARE[[0, 2, 3]]])
-    found = on_surface(corners, np.ones((2, 3)), 3000, 4, lambda points, *_: np.where(points[:, 0] > 0, 1.0, 0.25))
+    found = on_surface(
+        corners, np.ones((2, 3)), 3000, 4, lambda points, *_: np.where(points[:, 0] > 0, 1.0, 0.25)
+    )
     right = int((found.points[:, 0] > 0).sum())
     assert len(found) == 3000 and abs(right - 2400) < 5 * np.sqrt(3000 * 0.8 * 0.2)
 
@@ -97,7 +99,9 @@ def test_the_same_seed_gives_the_same_places_to_the_bit():
     corners, spacing = bowl(), Spacing(jitter=0.5, rows=3, rise=0.4)
     ways = {
         "surface": lambda seed: on_surface(corners, np.ones((6, 3)), 500, seed),
-        "image": lambda seed: on_surface(corners, np.ones((6, 3)), 500, seed, lambda points, *_: (points[:, 0] > 0) * 0.5),
+        "image": lambda seed: on_surface(
+            corners, np.ones((6, 3)), 500, seed, lambda points, *_: (points[:, 0] > 0) * 0.5
+        ),
         "grid": lambda seed: on_grid(AREA, 500, seed, spacing),
         "rows": lambda seed: in_rows([(SQUARE, True)], 500, seed, spacing),
     }
@@ -106,7 +110,12 @@ def test_the_same_seed_gives_the_same_places_to_the_bit():
         one, two, other = way(7), way(7), way(8)
         assert one.points.tobytes() == two.points.tobytes() != other.points.tobytes()
         sums[name] = hashlib.sha256(one.points.tobytes()).hexdigest()[:12]
-    assert sums == {"surface": "f0533275b9f6", "image": "3b3ff9a2cc1d", "grid": "afbe440e936e", "rows": "425e302f904c"}
+    assert sums == {
+        "surface": "f0533275b9f6",
+        "image": "3b3ff9a2cc1d",
+        "grid": "afbe440e936e",
+        "rows": "425e302f904c",
+    }
 
 
 @pytest.mark.parametrize(("count", "apart"), [(100, 0.0), (97, 0.0), (1, 0.0), (5, 2.0)])
@@ -115,13 +124,28 @@ def test_a_grid_is_even_and_covers_the_ground(count, apart):
     found = on_grid(area, count, 1, Spacing(apart))
     x, y, z = found.points.T
     assert len(found) == (100 if apart else count) and (z == 1.5).all()
-    assert area.x_min < x.min() and x.max() < area.x_max and area.y_min < y.min() and y.max() < area.y_max
+    assert (
+        area.x_min < x.min()
+        and x.max() < area.x_max
+        and area.y_min < y.min()
+        and y.max() < area.y_max
+    )
     if apart:
-        assert np.allclose(np.diff(np.unique(x.round(9))), 2) and np.allclose(np.diff(np.unique(y.round(9))), 2)
+        assert np.allclose(np.diff(np.unique(x.round(9))), 2) and np.allclose(
+            np.diff(np.unique(y.round(9))), 2
+        )
     moved = on_grid(area, count, 1, Spacing(apart, jitter=1.0)).points
-    cell = (2, 2) if apart else (40 / len(np.unique(x.round(9))), 10 / -(-count // len(np.unique(x.round(9)))))
+    cell = (
+        (2, 2)
+        if apart
+        else (40 / len(np.unique(x.round(9))), 10 / -(-count // len(np.unique(x.round(9)))))
+    )
     away = np.abs(moved - found.points)
-    assert (away[:, 0] <= cell[0] / 2 + 1e-9).all() and (away[:, 1] <= cell[1] / 2 + 1e-9).all() and away.any()
+    assert (
+        (away[:, 0] <= cell[0] / 2 + 1e-9).all()
+        and (away[:, 1] <= cell[1] / 2 + 1e-9).all()
+        and away.any()
+    )
 
 
 @pytest.mark.parametrize("backward", [False, True])
@@ -133,9 +157,15 @@ def test_rows_about_a_square_stand_behind_one_another_and_face_inward(backward):
     out = np.maximum(np.abs(x), np.abs(y - 10)) - 10  # how far outside of the square
     assert np.allclose(out, np.rint(out)) and np.allclose(z, 0.4 * out)
     assert np.bincount(np.rint(out).astype(int)).tolist() == [160, 176, 192]
-    ahead = found.points[:, :2] + 0.1 * np.stack([np.cos(found.heading), np.sin(found.heading)], axis=1)
-    assert np.allclose(np.maximum(np.abs(ahead[:, 0]), np.abs(ahead[:, 1] - 10)) - 10, out - 0.1, atol=1e-6)
-    turned = in_rows([(square, True)], 9, 1, Spacing(apart=0.5, rows=3, depth=1.0, rise=0.4, turn=np.pi / 2))
+    ahead = found.points[:, :2] + 0.1 * np.stack(
+        [np.cos(found.heading), np.sin(found.heading)], axis=1
+    )
+    assert np.allclose(
+        np.maximum(np.abs(ahead[:, 0]), np.abs(ahead[:, 1] - 10)) - 10, out - 0.1, atol=1e-6
+    )
+    turned = in_rows(
+        [(square, True)], 9, 1, Spacing(apart=0.5, rows=3, depth=1.0, rise=0.4, turn=np.pi / 2)
+    )
     assert np.allclose(turned.heading - found.heading, np.pi / 2, atol=1e-6)
 
 
@@ -150,8 +180,12 @@ def test_rows_along_open_curves_share_the_agents_by_length():
 
 
 def test_chains_of_edges_are_found_in_order():
-    assert [(c.tolist(), closed) for c, closed in chains(np.array([(2, 3), (0, 1), (1, 2)]), 4)] == [([0, 1, 2, 3], False)]
-    (ring, closed), (line, opened) = sorted(chains(np.array([(0, 1), (1, 2), (2, 0), (3, 4)]), 6), key=lambda found: -len(found[0]))
+    assert [
+        (c.tolist(), closed) for c, closed in chains(np.array([(2, 3), (0, 1), (1, 2)]), 4)
+    ] == [([0, 1, 2, 3], False)]
+    (ring, closed), (line, opened) = sorted(
+        chains(np.array([(0, 1), (1, 2), (2, 0), (3, 4)]), 6), key=lambda found: -len(found[0])
+    )
     assert (ring.tolist(), closed, line.tolist(), opened) == ([0, 1, 2], True, [3, 4], False)
     star = chains(np.array([(0, 1), (0, 2), (0, 3), (3, 4)]), 5)
     assert sorted(len(chain) for chain, _ in star) == [2, 2, 3]
@@ -185,7 +219,9 @@ def test_bad_surfaces_and_curves_are_refused_in_a_sentence():
             on_grid(Area(0, 0, 1000, 1000), 5, 1, spacing)
         with pytest.raises(CrowdError, match="agents: set Agents to a number from 1 to 10,000,000"):
             in_rows([(SQUARE * 100, True)], 5, 1, spacing)
-    with pytest.raises(CrowdError, match="200,001 edges, more than 200,000: choose a curve or a wire"):
+    with pytest.raises(
+        CrowdError, match="200,001 edges, more than 200,000: choose a curve or a wire"
+    ):
         chains(np.zeros((200_001, 2), int), 1)
     with pytest.raises(CrowdError, match="Places to start are at NaN"):
         settle(unturned(np.full((2, 3), np.inf)), 1, 1, machine(), ground())
@@ -206,7 +242,9 @@ def seats():
 
 @pytest.mark.parametrize("fewest", [1, 10**9], ids=["blocks", "each agent"])
 @pytest.mark.parametrize("timed", [False, True], ids=["one state", "cheering"])
-def test_who_never_walks_keeps_place_height_and_heading_and_nobody_is_missed(fewest, timed, monkeypatch):
+def test_who_never_walks_keeps_place_height_and_heading_and_nobody_is_missed(
+    fewest, timed, monkeypatch
+):
     monkeypatch.setattr(morton_order, "FEWEST", fewest)
     states = {
         "sit": {"color": "#ff0000", "after": [1, 3], "then": "cheer", "on": {"*": {}}},
@@ -214,12 +252,27 @@ def test_who_never_walks_keeps_place_height_and_heading_and_nobody_is_missed(few
     }
     table, world, groups = machine(states if timed else None, "wrap"), ground(), (IDLER, IDLER)
     start = settle(seats(), 3, 2, table, world)
-    crowd = Walk(start, table, world, groups, 1 / 24, heights=Terrain(np.array([[(0, 0, 5.0), (9, 0, 5), (0, 9, 5)]])), seated=True)
-    assert sorted(map(tuple, np.stack([start.x, start.y, start.z], axis=1))) == sorted(map(tuple, seats().points))
+    crowd = Walk(
+        start,
+        table,
+        world,
+        groups,
+        1 / 24,
+        heights=Terrain(np.array([[(0, 0, 5.0), (9, 0, 5), (0, 9, 5)]])),
+        seated=True,
+    )
+    assert sorted(map(tuple, np.stack([start.x, start.y, start.z], axis=1))) == sorted(
+        map(tuple, seats().points)
+    )
     assert not crowd.wraps
     # pictures from above show all places
     area = crowd.area
-    assert [area.x_min, area.x_max, area.y_min, area.y_max] == [start.x.min(), start.x.max(), start.y.min(), start.y.max()]
+    assert [area.x_min, area.x_max, area.y_min, area.y_max] == [
+        start.x.min(),
+        start.x.max(),
+        start.y.min(),
+        start.y.max(),
+    ]
     for time in (1, 30, 100.5, 7):
         now = crowd.at(time)
         for name in ("x", "y", "z", "heading", "group"):
@@ -228,7 +281,11 @@ def test_who_never_walks_keeps_place_height_and_heading_and_nobody_is_missed(few
         camera = straight(offset=(time / 3, 0, 3.0))
         frame = plan(crowd, camera, POLICY, time)
         places = np.stack([now.x, now.y, now.z + IDLER.center], axis=1)
-        assert not [a for a in np.flatnonzero(~frame.visible) if sees(camera, places[a], IDLER.radius)]
-        assert frame.visible.any() and raw(frame) == raw(plan(crowd.leaving(NOTHING, 1), camera, POLICY, time))
+        assert not [
+            a for a in np.flatnonzero(~frame.visible) if sees(camera, places[a], IDLER.radius)
+        ]
+        assert frame.visible.any() and raw(frame) == raw(
+            plan(crowd.leaving(NOTHING, 1), camera, POLICY, time)
+        )
     assert timed == bool((crowd.at(100).state != start.state).any())
     assert crowd.digests() != Walk(start, table, world, groups, 1 / 24).digests()

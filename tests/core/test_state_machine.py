@@ -3,7 +3,13 @@ import json
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd import random_streams
-from crowd_lod_extension.crowd_lod.crowd.state_machine import SCHEMA, load_preset, parse, preset_names, preset_text
+from crowd_lod_extension.crowd_lod.crowd.state_machine import (
+    SCHEMA,
+    load_preset,
+    parse,
+    preset_names,
+    preset_text,
+)
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 
 from ..support.schema import faults
@@ -14,7 +20,10 @@ def table(**changes):
         "version": 1,
         "labels": {"ground": {"color": "#808080"}, "wall": {"color": "#000000", "spawn": False}},
         "states": {
-            "walk": {"start": 1, "on": {"*": {"move": [1, 2]}, "wall": {"next": "turn", "speed": 2, "heading": 90}}},
+            "walk": {
+                "start": 1,
+                "on": {"*": {"move": [1, 2]}, "wall": {"next": "turn", "speed": 2, "heading": 90}},
+            },
             "turn": {"on": {"ground": {"next": "walk"}, "wall": {"move": [-1, 0]}}},
         },
     }
@@ -48,7 +57,10 @@ def test_timers_choices_and_actions_become_tables():
     assert machine.actions == ("stroll", "") and machine.timed and machine.chancy
     assert machine.after.tolist() == [[2, 5], [4, 4]] and machine.then[1] == 0
     assert machine.odds.tolist() == [[0.25, 1], [1, 1]]
-    assert machine.then_choice.tolist() == [0, -1] and machine.next_choice.tolist() == [[-1, -1], [1, 1]]
+    assert machine.then_choice.tolist() == [0, -1] and machine.next_choice.tolist() == [
+        [-1, -1],
+        [1, 1],
+    ]
     key = random_streams.keys(3, 100_000)
     zeros = np.zeros(100_000, np.uint8)
     assert (machine.timed_out(zeros, key) == 1).mean() == pytest.approx(0.75, abs=0.01)
@@ -71,7 +83,11 @@ STREAMS = (random_streams.STATE, random_streams.THEN, random_streams.TIME)
 
 
 def test_draws_are_uniform_and_differ_between_agents_seeds_and_streams():
-    draws = [random_streams.uniform(random_streams.keys(seed, 50_000), stream) for seed in (1, 2) for stream in STREAMS]
+    draws = [
+        random_streams.uniform(random_streams.keys(seed, 50_000), stream)
+        for seed in (1, 2)
+        for stream in STREAMS
+    ]
     for drawn in draws:
         assert abs(np.histogram(drawn, 20, (0, 1))[0] - 2500).max() < 5 * np.sqrt(2500)
     assert abs(np.corrcoef(draws) - np.eye(6)).max() < 5 / np.sqrt(50_000)
@@ -102,7 +118,12 @@ def test_every_state_of_a_preset_can_be_reached(name):
 
 def test_the_schema_takes_what_the_reader_takes():
     schema = json.loads(SCHEMA.read_text())
-    for text in (table(), timed(), timed(after=1.5, then="turn"), timed(on={"*": {"next": {"walk": 1}}})):
+    for text in (
+        table(),
+        timed(),
+        timed(after=1.5, then="turn"),
+        timed(on={"*": {"next": {"walk": 1}}}),
+    ):
         parse(text, "t")
         assert faults(json.loads(text), schema) == []
 
@@ -116,26 +137,50 @@ MALFORMED = {
     "edge": (table(edge="fall"), "edge is 'fall'"),
     "no states": (table(states={}), "states must hold"),
     "no labels": (table(labels=None), "labels must be an object"),
-    "same colors": (table(labels={"a": {"color": "#000000"}, "b": {"color": "#000000"}}), "same color"),
+    "same colors": (
+        table(labels={"a": {"color": "#000000"}, "b": {"color": "#000000"}}),
+        "same color",
+    ),
     "bad color": (table(labels={"a": {"color": "red"}}), "labels.a.color is 'red'"),
-    "nowhere to start": (table(labels={"a": {"color": "#000000", "spawn": False}}, states={"w": WALK}), "may start"),
-    "missing label": (table(states={"w": {"on": {"ground": {}}}}), "says nothing of the label 'wall'"),
-    "unknown label": (table(states={"w": {"on": {"*": {}, "river": {}}}}), "states.w.on.river names no label"),
-    "unknown state": (table(states={"w": {"on": {"*": {"next": "fly"}}}}), "states.w.on.*.next is 'fly'"),
+    "nowhere to start": (
+        table(labels={"a": {"color": "#000000", "spawn": False}}, states={"w": WALK}),
+        "may start",
+    ),
+    "missing label": (
+        table(states={"w": {"on": {"ground": {}}}}),
+        "says nothing of the label 'wall'",
+    ),
+    "unknown label": (
+        table(states={"w": {"on": {"*": {}, "river": {}}}}),
+        "states.w.on.river names no label",
+    ),
+    "unknown state": (
+        table(states={"w": {"on": {"*": {"next": "fly"}}}}),
+        "states.w.on.*.next is 'fly'",
+    ),
     "short move": (table(states={"w": {"on": {"*": {"move": [1]}}}}), "two numbers"),
     "nan": (table(states={"w": {"on": {"*": {"move": [float("nan"), 0]}}}}), "finite number"),
     "boolean speed": (table(states={"w": {"on": {"*": {"speed": True}}}}), "finite number"),
     "no heading": (table(states={"w": {"on": {"*": {"speed": 1}}}}), "heading is missing"),
     "both": (table(states={"w": {"on": {"*": {"speed": 1, "move": [0, 0]}}}}), "give one"),
     "negative weight": (table(states={"w": WALK | {"start": -1}}), "at least 0"),
-    "heavy start": (table(states={"w": WALK | {"start": 1e308}, "v": WALK | {"start": 1e308}}), "start weights"),
+    "heavy start": (
+        table(states={"w": WALK | {"start": 1e308}, "v": WALK | {"start": 1e308}}),
+        "start weights",
+    ),
     "huge": (table(states={"w": WALK | {"start": 10**400}}), "finite number"),
     "action": (timed(action=3), "states.walk.action is 3"),
     "animation": (timed(animation=3), "states.walk.animation is 3"),
     "no then": (table(states={"w": WALK | {"after": 3}}), "states.w.then is missing beside after"),
-    "no after": (table(states={"w": WALK | {"then": "w"}}), "states.w.after is missing beside then"),
+    "no after": (
+        table(states={"w": WALK | {"then": "w"}}),
+        "states.w.after is missing beside then",
+    ),
     "unknown then": (timed(then="fly"), "states.walk.then is 'fly'"),
-    "no time": (timed(after=0), "states.walk.after is 0, it must be a finite number of at least 0.001"),
+    "no time": (
+        timed(after=0),
+        "states.walk.after is 0, it must be a finite number of at least 0.001",
+    ),
     "times the wrong way round": (timed(after=[5, 2]), "the first must be the lesser"),
     "three times": (timed(after=[1, 2, 3]), "the least and the greatest"),
     "unknown choice": (timed(then={"walk": 1, "fly": 1}), "states.walk.then.fly names no state"),
@@ -220,7 +265,9 @@ def test_absurd_values_are_one_short_line(case):
 
 def test_numbers_of_many_digits_are_read():
     digits = "0." + "1" * 10_000
-    assert parse(table().replace("[1, 2]", f"[{digits}, {'1' * 300}]"), "t").velocity[0, 0].tolist() == [1 / 9, float("1" * 300)]
+    assert parse(table().replace("[1, 2]", f"[{digits}, {'1' * 300}]"), "t").velocity[
+        0, 0
+    ].tolist() == [1 / 9, float("1" * 300)]
 
 
 def test_unknown_preset_names_those_there_are():

@@ -19,7 +19,12 @@ def test_each_place_on_triangles_is_sampled_once_open_sides_in_full(fine, every)
     found = np.einsum("kn,knd->nd", weights, points[corners[:, face]])
     wanted = []
     for corner in points[triangles[faces]]:
-        inside = [(i, j, fine - i - j) for i in range(fine + 1) for j in range(fine + 1 - i) if max(i, j, fine - i - j) < fine]
+        inside = [
+            (i, j, fine - i - j)
+            for i in range(fine + 1)
+            for j in range(fine + 1 - i)
+            if max(i, j, fine - i - j) < fine
+        ]
         wanted += [np.array(at) @ corner / fine for at in inside] + [corner.mean(axis=0)]
     assert Counter(map(tuple, np.round(found, 6))) == Counter(set(map(tuple, np.round(wanted, 6))))
 

@@ -50,7 +50,10 @@ def test_rows_are_those_of_a_loop(seed):
         assert found.tolist() == looped(shot, levels)
         switches = found[found["before"] != NOTHING]
         assert np.bincount(switches["frame"] - 1, minlength=12).tolist() == own.switches.tolist()
-        assert switches["change"].sum() == pytest.approx(own.pixels.sum()) and switches["change"].max() == own.most
+        assert (
+            switches["change"].sum() == pytest.approx(own.pixels.sum())
+            and switches["change"].max() == own.most
+        )
         assert (found["before"] == NOTHING).any() and len(switches) > 5
 
 
@@ -59,7 +62,10 @@ def test_switch_without_a_distance_between_lods_counts_too():
     shot = some_shot(1, agents=40, frames=12, lods=4)
     shot = replace(shot, meshes=replace(shot.meshes, bounds=np.zeros((2, 4))))
     found = noticed(shot, shot.survey.coarsest, RADIUS)
-    assert len(found) == bill(shot, shot.survey.coarsest).switches.sum() > 0 and (found["change"] == 0).all()
+    assert (
+        len(found) == bill(shot, shot.survey.coarsest).switches.sum() > 0
+        and (found["change"] == 0).all()
+    )
 
 
 def test_table_tells_each_row():
@@ -70,9 +76,14 @@ def test_table_tells_each_row():
     for column, name in (("frame", "frame"), ("agent", "agent"), ("to", "after")):
         assert [int(row[column]) for row in rows] == found[name].tolist()
     for column, name in (("size_px", "size"), ("change_px", "change")):
-        assert np.array([row[column] for row in rows], float) == pytest.approx(found[name], abs=5.1e-4)
+        assert np.array([row[column] for row in rows], float) == pytest.approx(
+            found[name], abs=5.1e-4
+        )
 
 
 def test_nothing_to_notice_is_a_table_without_rows():
     shot = some_shot(0, agents=0)
-    assert switches_csv(noticed(shot, shot.survey.coarsest, RADIUS)) == "frame,agent,from,to,size_px,change_px\n"
+    assert (
+        switches_csv(noticed(shot, shot.survey.coarsest, RADIUS))
+        == "frame,agent,from,to,size_px,change_px\n"
+    )

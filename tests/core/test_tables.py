@@ -9,7 +9,10 @@ from crowd_lod_extension.crowd_lod.reporting import tables
 
 
 def test_csv_reads_back():
-    rows = [{"frame": 1, "visible": 10, "culling_ms": 0.25}, {"frame": 11, "visible": 0, "culling_ms": 1.0}]
+    rows = [
+        {"frame": 1, "visible": 10, "culling_ms": 0.25},
+        {"frame": 11, "visible": 0, "culling_ms": 1.0},
+    ]
     back = list(csv.DictReader(io.StringIO(tables.to_csv(rows))))
     assert [{k: float(v) for k, v in row.items()} for row in back] == rows
 
@@ -18,7 +21,11 @@ def test_contact_sheet_reads_from_the_top_left():
     pictures = [np.full((4, 6, 4), value, np.uint8) for value in (50, 100, 150)]
     sheet = tables.contact_sheet(pictures, columns=2, gap=1)
     assert sheet.shape == (11, 15, 4)
-    assert (sheet[6:10, 1:7] == 50).all() and (sheet[6:10, 8:14] == 100).all() and (sheet[1:5, 1:7] == 150).all()
+    assert (
+        (sheet[6:10, 1:7] == 50).all()
+        and (sheet[6:10, 8:14] == 100).all()
+        and (sheet[1:5, 1:7] == 150).all()
+    )
 
 
 def test_shrink_averages():
@@ -29,7 +36,13 @@ def test_shrink_averages():
 
 @pytest.mark.parametrize(
     "text, step, frames",
-    [("1:10", 3, [1, 4, 7, 10]), ("5:5", 10, [5]), ("-3:1", 2, [-3, -1, 1]), ("1,40,80", 10, [1, 40, 80]), (" 7 ", 1, [7])],
+    [
+        ("1:10", 3, [1, 4, 7, 10]),
+        ("5:5", 10, [5]),
+        ("-3:1", 2, [-3, -1, 1]),
+        ("1,40,80", 10, [1, 40, 80]),
+        (" 7 ", 1, [7]),
+    ],
 )
 def test_frames(text, step, frames):
     assert parse_frames(text, step) == frames

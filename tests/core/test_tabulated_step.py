@@ -35,7 +35,10 @@ def test_a_step_is_the_long_way_to_the_bit(machine, world, seed, strewn, seconds
     if machine.edge == "reflect" or strewn:
         crowd = odd(crowd, np.random.default_rng(seed), machine, world)
     for _ in range(6):
-        short, (long, _) = step(crowd, machine, world, seconds), advance(crowd, machine, world, seconds)
+        short, (long, _) = (
+            step(crowd, machine, world, seconds),
+            advance(crowd, machine, world, seconds),
+        )
         assert same(short, long)
         crowd = short
 
@@ -49,7 +52,10 @@ def test_presets_and_what_is_left_out(name):
         for _ in range(3 if crowd else 0):
             leave = leave_outs.needless(crowd, machine, world, 3, False)
             assert (leave_outs.ONE_LABEL in leave) == (world.labels.size == 1)
-            short, (long, _) = step(crowd, machine, world, 0.2, leave), advance(crowd, machine, world, 0.2)
+            short, (long, _) = (
+                step(crowd, machine, world, 0.2, leave),
+                advance(crowd, machine, world, 0.2),
+            )
             assert same(short, long)
             crowd = short
 
@@ -57,7 +63,9 @@ def test_presets_and_what_is_left_out(name):
 def test_most_agents_go_the_short_way_and_columns_that_stay_are_shared():
     machine, world = load_preset("chapter"), ground()
     crowd = populate(1000, 1, 1, machine, world)
-    moved, rest = tabulated_step.within(crowd, machine, world, tabulated_step.Tables(machine, 1 / 24), leave_outs.NOTHING)
+    moved, rest = tabulated_step.within(
+        crowd, machine, world, tabulated_step.Tables(machine, 1 / 24), leave_outs.NOTHING
+    )
     assert len(rest) < 50
     assert moved.state is crowd.state and moved.key is crowd.key and moved.wait is crowd.wait
     assert (moved.x != crowd.x).all() and moved.x is not crowd.x

@@ -22,7 +22,10 @@ GROUPS = (IDLER, IDLER)
 
 def quad(x, y, z):
     """Two triangles over the rectangle x by y, (2, 2): at height z, one number or a function of x and y."""
-    points = [(a, b, z(a, b) if callable(z) else z) for a, b in ((x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1]))]
+    points = [
+        (a, b, z(a, b) if callable(z) else z)
+        for a, b in ((x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1]))
+    ]
     return np.array([[points[0], points[1], points[2]], [points[0], points[2], points[3]]], float)
 
 
@@ -88,14 +91,20 @@ def test_heights_are_those_that_a_ray_meets():
         assert terrain.missing(x[k : k + 1], y[k : k + 1])[0] == (not heights)
     assert 20 < holes < 150 and terrain.layered
     assert np.array_equal(terrain.at(x, y, high), high)  # who stands, stays
-    assert np.array_equal(terrain.at(x[::-1], y[::-1], last[::-1])[::-1], high)  # whoever else is asked about
+    assert np.array_equal(
+        terrain.at(x[::-1], y[::-1], last[::-1])[::-1], high
+    )  # whoever else is asked about
 
 
 def test_the_ground_has_no_gaps_along_edges_and_corners():
     side = np.linspace(-20, 20, 14)
     relief = np.random.default_rng(5).uniform(0, 3, (14, 14))
     cells = [
-        quad(side[c : c + 2], side[r : r + 2], lambda x, y: relief[np.searchsorted(side, y), np.searchsorted(side, x)])
+        quad(
+            side[c : c + 2],
+            side[r : r + 2],
+            lambda x, y: relief[np.searchsorted(side, y), np.searchsorted(side, x)],
+        )
         for r in range(13)
         for c in range(13)
     ]
@@ -105,7 +114,10 @@ def test_the_ground_has_no_gaps_along_edges_and_corners():
     along = np.linspace(-20, 20, 5000)
     for other in (side[3], along):
         assert terrain.at(along, np.broadcast_to(other, 5000)).min() >= 0
-    assert terrain.at(np.array([np.nan, 1e9, 0.0]), np.array([0.0, 0.0, np.inf])).tolist() == [-99.0] * 3
+    assert (
+        terrain.at(np.array([np.nan, 1e9, 0.0]), np.array([0.0, 0.0, np.inf])).tolist()
+        == [-99.0] * 3
+    )
 
 
 def test_slopes_lean_agents_as_on_a_height_map_but_cliffs_do_not():
@@ -167,7 +179,9 @@ def test_nobody_starts_within_stairs():
     x, y = np.zeros(4), np.array([5.0, 24.5, 27.5, 36.5])  # steps at 1, 1.6 and 3.4 meters
     assert terrain.at(x, y, np.zeros(4)).tolist() == [0, 0, 0, 0]
     started = terrain.start(x, y, np.zeros(4))
-    assert started == pytest.approx([0, 1, 1.6, 0]) and np.array_equal(terrain.at(x, y, started), started)
+    assert started == pytest.approx([0, 1, 1.6, 0]) and np.array_equal(
+        terrain.at(x, y, started), started
+    )
 
 
 @pytest.mark.once
@@ -180,14 +194,20 @@ def test_nobody_on_terrain_is_missed(fewest, edge, monkeypatch):
     crowd = shot(table, groups=GROUPS, heights=Terrain(two_floors(True)), tilts=True)
     random = np.random.default_rng(9)
     for time in (1, 9, 130.25, 301):
-        camera = straight(offset=(random.uniform(-20, 20), random.uniform(-20, 40), random.choice((1.7, 5.0))))
+        camera = straight(
+            offset=(random.uniform(-20, 20), random.uniform(-20, 40), random.choice((1.7, 5.0)))
+        )
         frame = plan(crowd, camera, POLICY, time, [(time - 0.5, [camera]), (time + 0.5, [camera])])
         found |= set(frame.left_out)
         for moment in (time, time - 0.5, time + 0.5):
             now = crowd.at(moment)
             places = np.stack([now.x, now.y, now.z + IDLER.center], axis=1)
-            assert not [a for a in np.flatnonzero(~frame.visible) if sees(camera, places[a], IDLER.radius)]
-        assert raw(frame) == raw(plan(crowd.leaving(NOTHING, 1), camera, POLICY, time, frame.shutter))
+            assert not [
+                a for a in np.flatnonzero(~frame.visible) if sees(camera, places[a], IDLER.radius)
+            ]
+        assert raw(frame) == raw(
+            plan(crowd.leaving(NOTHING, 1), camera, POLICY, time, frame.shutter)
+        )
     assert (BLOCKS in found) == (fewest == 1)
     assert len(np.unique(crowd.at(301).z)) > 5
 
@@ -202,7 +222,10 @@ def test_who_falls_from_a_floor_into_the_picture_is_seen(monkeypatch):
     crowd = replace(crowd, start=replace(crowd.start, x=x, y=y, z=np.full(400, 4.0)), _kept={})
     camera = replace(straight(offset=(20.5, 30, 0.5)), window=Window(-0.2, 0.2, -0.2, 0.2))
     assert (crowd.at(1).z == 4).all() and (crowd.at(9).z == 0).all()
-    assert not plan(crowd, camera, POLICY, 1).visible.any() and plan(crowd, camera, POLICY, 9).visible.all()
+    assert (
+        not plan(crowd, camera, POLICY, 1).visible.any()
+        and plan(crowd, camera, POLICY, 9).visible.all()
+    )
 
 
 def test_terrain_without_faces_or_at_nan_is_refused():

@@ -29,8 +29,12 @@ def test_texel_heeds_all_but_a_twentieth_of_the_area():
     (near, uvs), (far, _) = square(1.0, 1.0), square(10.0, 10.0)
     for count, expected in ((30, 0.1), (1, 0.1), (2500, 0.01)):
         corners = np.concatenate([near] * count + [far])
-        assert texel(corners, np.concatenate([uvs] * (count + 1)), (100, 100)) == pytest.approx(expected)
-    assert texel(near, uvs * 0, (100, 100)) == np.inf  # one texel is all that shows, as of a palette
+        assert texel(corners, np.concatenate([uvs] * (count + 1)), (100, 100)) == pytest.approx(
+            expected
+        )
+    assert (
+        texel(near, uvs * 0, (100, 100)) == np.inf
+    )  # one texel is all that shows, as of a palette
     assert texel(near * 0, uvs, (100, 100)) == texel(near[:0], uvs[:0], (100, 100)) == np.inf
 
 
@@ -48,13 +52,18 @@ def test_scaled_texels_are_the_mean_light_of_their_area():
     np.testing.assert_allclose(plain, values.reshape(2, 4, 3, 4, 4).mean(axis=(1, 3)), atol=1e-6)
     light = LIGHT[np.rint(values[..., :3] * 255).astype(int)]
     found = scaled(values, 2, LIGHT, False)
-    np.testing.assert_allclose(found[..., :3], light.reshape(2, 4, 3, 4, 3).mean(axis=(1, 3)), atol=1e-6)
+    np.testing.assert_allclose(
+        found[..., :3], light.reshape(2, 4, 3, 4, 3).mean(axis=(1, 3)), atol=1e-6
+    )
     np.testing.assert_allclose(found[..., 3], plain[..., 3])
     odd = scaled(values[:7, :5], 2, None, False)  # 2 x 2 texels of 3.5 x 2.5
     assert odd.shape == (2, 2, 4)
     np.testing.assert_allclose(odd.mean(axis=(0, 1)), values[:7, :5].mean(axis=(0, 1)), atol=1e-6)
     expected = (
-        values[:3, :2].sum(axis=(0, 1)) + values[3, :2].sum(axis=0) / 2 + values[:3, 2].sum(axis=0) / 2 + values[3, 2] / 4
+        values[:3, :2].sum(axis=(0, 1))
+        + values[3, :2].sum(axis=0) / 2
+        + values[:3, 2].sum(axis=0) / 2
+        + values[3, 2] / 4
     ) / 8.75
     np.testing.assert_allclose(odd[0, 0], expected, atol=1e-6)
 
@@ -62,9 +71,13 @@ def test_scaled_texels_are_the_mean_light_of_their_area():
 def test_transparent_texels_lend_no_color():
     values = np.zeros((2, 2, 4), np.float32)
     values[0, 0], values[1, 1] = (1.0, 0.5, 0.0, 1.0), (0.0, 1.0, 1.0, 0.0)
-    np.testing.assert_allclose(scaled(values, 1, None, True)[0, 0], (1.0, 0.5, 0.0, 0.25), atol=1e-4)
+    np.testing.assert_allclose(
+        scaled(values, 1, None, True)[0, 0], (1.0, 0.5, 0.0, 0.25), atol=1e-4
+    )
     values[..., 3] = 0
-    np.testing.assert_allclose(scaled(values, 1, None, True)[0, 0], (0.25, 0.375, 0.25, 0.0), atol=1e-4)
+    np.testing.assert_allclose(
+        scaled(values, 1, None, True)[0, 0], (0.25, 0.375, 0.25, 0.0), atol=1e-4
+    )
 
 
 def test_grain_is_what_a_pixel_shows_of_the_nearest_agent():
@@ -76,7 +89,14 @@ def test_grain_is_what_a_pixel_shows_of_the_nearest_agent():
         begins = limits(LevelPolicy((0.1, 0.5)), camera, radius)
         np.testing.assert_allclose(grain(begins, camera, radius), expected)
     far = straight(far=80.0)
-    assert grain(np.array([[np.inf]]), far, radius[:1]) == pytest.approx(1.58)  # of agents that nobody sees nearer
+    assert grain(np.array([[np.inf]]), far, radius[:1]) == pytest.approx(
+        1.58
+    )  # of agents that nobody sees nearer
     deviation, policy = np.array([[0, 0.05]]), LevelPolicy((0.0,), "PIXELS", tolerance=2.0)
-    for camera in (far, replace(far, pixels=(1000, 1000))):  # by tolerance it does not depend on the lens
-        assert grain(limits(policy, camera, radius[:1], deviation), camera, radius[:1]) == pytest.approx(0.025)
+    for camera in (
+        far,
+        replace(far, pixels=(1000, 1000)),
+    ):  # by tolerance it does not depend on the lens
+        assert grain(
+            limits(policy, camera, radius[:1], deviation), camera, radius[:1]
+        ) == pytest.approx(0.025)

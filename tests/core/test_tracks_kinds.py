@@ -46,7 +46,13 @@ def test_tables_are_known_by_content_and_by_the_names_of_their_columns(tmp_path,
 
 @pytest.mark.parametrize(
     ("title", "value", "meters"),
-    [("x/km", 0.25, 250), ("x [in]", 100, 2.54), ("x (yd)", 1, 0.9144), ("x_dm", 25, 2.5), ("x in cm", 25, 0.25)],
+    [
+        ("x/km", 0.25, 250),
+        ("x [in]", 100, 2.54),
+        ("x (yd)", 1, 0.9144),
+        ("x_dm", 25, 2.5),
+        ("x in cm", 25, 0.25),
+    ],
 )
 def test_units_of_lengths_in_titles_hold(tmp_path, title, value, meters):
     other = title.replace("x", "y", 1)
@@ -63,7 +69,10 @@ def test_units_of_times_and_headings_in_titles_hold(tmp_path):
 
 
 def test_the_rate_is_that_of_frames_and_times_or_of_the_comment(tmp_path):
-    assert read(tmp_path, "id,frame,time,x,y\n1,10,0.4,0,0\n1,11,0.44,0.05,0\n1,20,0.8,1,0\n").rate == 25
+    assert (
+        read(tmp_path, "id,frame,time,x,y\n1,10,0.4,0,0\n1,11,0.44,0.05,0\n1,20,0.8,1,0\n").rate
+        == 25
+    )
     assert read(tmp_path, "# framerate: 29,97 fps\n# id frame x/m y/m\n1 0 0 0\n").rate == 29.97
 
 
@@ -80,12 +89,12 @@ def test_commas_are_decimal_or_refused(tmp_path):
 
 
 def test_sumos_ids_are_texts_and_vaderes_last_steps_end(tmp_path):
-    sumo = "timestep_time;person_id;person_x;person_y\n0.00;ped0;1;2\n0.00;ped1;3;4\n0.50;ped0;1.5;2\n"
+    sumo = (
+        "timestep_time;person_id;person_x;person_y\n0.00;ped0;1;2\n0.00;ped1;3;4\n0.50;ped0;1.5;2\n"
+    )
     rows = read(tmp_path, sumo)
     assert rows.id.tolist() == [0, 1, 0] and rows.rate == 2 and "texts" in rows.notes[0]
-    nobody = (
-        "timestep_time;person_id;person_x;person_y;vehicle_id;vehicle_x\n0.00;;;;;\n0.50;7;1;2;;\n0.50;;;;car;5\n1.00;7;2;2;;\n"
-    )
+    nobody = "timestep_time;person_id;person_x;person_y;vehicle_id;vehicle_x\n0.00;;;;;\n0.50;7;1;2;;\n0.50;;;;car;5\n1.00;7;2;2;;\n"
     rows = read(tmp_path, nobody)
     assert rows.id.tolist() == [7, 7] and rows.x.tolist() == [1, 2] and rows.rate == 2
     vadere = "pedestrianId simTime endTime-PID1 startX-PID1 startY-PID1 endX-PID1 endY-PID1\n1 0 0.5 0 0 1 0\n1 0.5 1 1 0 2 0\n"
@@ -127,18 +136,25 @@ def test_what_is_not_read_is_named_with_what_to_do(tmp_path, fault):
 
 def test_more_bytes_than_are_read_at_once_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(reading, "MOST_BYTES", 2**20)
-    with pytest.raises(CrowdError, match="tracks.txt has more than the 0.0 GiB that are read at once"):
+    with pytest.raises(
+        CrowdError, match="tracks.txt has more than the 0.0 GiB that are read at once"
+    ):
         read(tmp_path, gzip.compress(CSV.encode() + b"1,2,0.5,0.5\n" * 2**20))
 
 
 def test_a_folder_is_named(tmp_path):
     (tmp_path / "person_1.csv").write_text(CSV)
     for read_folder in (read_rows, reading.content_of):
-        with pytest.raises(CrowdError, match="is a folder of 1 files, such as person_1.csv: choose one file.*with a column id"):
+        with pytest.raises(
+            CrowdError,
+            match="is a folder of 1 files, such as person_1.csv: choose one file.*with a column id",
+        ):
             read_folder(tmp_path)
 
 
-@pytest.mark.parametrize(("up", "y", "z"), [("Z", 0.0, 3.0), ("Y", -3.0, 0.0), ("Y_LEFT", 3.0, 0.0)])
+@pytest.mark.parametrize(
+    ("up", "y", "z"), [("Z", 0.0, 3.0), ("Y", -3.0, 0.0), ("Y_LEFT", 3.0, 0.0)]
+)
 def test_what_is_up_in_a_file_can_be_set(tmp_path, up, y, z):
     path = tmp_path / "unity.csv"
     path.write_text("id,frame,x,y,z\n1,0,1,0,3\n1,1,1.05,0,3\n2,0,1,0.5,0.5\n2,1,1.05,0.5,0.5\n")

@@ -12,7 +12,11 @@ from crowd_lod_extension.crowd_lod.tracks.rows import Rows, check_rows
 def rows(**changes):
     random = np.random.default_rng(1)
     own = {name: random.uniform(-9, 9, 20) for name in ("x", "y", "z", "heading", "phase")}
-    own |= {"id": np.repeat(np.arange(4), 5), "frame": np.tile(np.arange(5.0), 4), "group": np.repeat(["Man", "Woman"], 10)}
+    own |= {
+        "id": np.repeat(np.arange(4), 5),
+        "frame": np.tile(np.arange(5.0), 4),
+        "group": np.repeat(["Man", "Woman"], 10),
+    }
     return Rows(**(own | changes), rate=25.0, unit="m")
 
 
@@ -22,7 +26,9 @@ def test_what_is_written_comes_back_to_the_bit(tmp_path):
     found = check_rows(npz.read(tmp_path / "crowd.part"), tmp_path)
     assert found.rate == 25.0 and found.unit == "m"
     assert found.columns.keys() == made.columns.keys()
-    assert all(column.tobytes() == found.columns[name].tobytes() for name, column in made.columns.items())
+    assert all(
+        column.tobytes() == found.columns[name].tobytes() for name, column in made.columns.items()
+    )
 
 
 def test_what_is_not_known_is_left_out(tmp_path):
@@ -41,7 +47,9 @@ BAD = {
     "a cut file": lambda path: (npz.write(path, rows()), path.write_bytes(path.read_bytes()[:700])),
     "no y": lambda path: np.savez(path, id=[1], frame=[1], x=[0.0]),
     "objects": lambda path: np.savez(path, id=np.array([None]), frame=[1], x=[0.0], y=[0.0]),
-    "an unknown unit": lambda path: np.savez(path, id=[1], frame=[1], x=[0.0], y=[0.0], unit="miles"),
+    "an unknown unit": lambda path: np.savez(
+        path, id=[1], frame=[1], x=[0.0], y=[0.0], unit="miles"
+    ),
     "two rates": lambda path: np.savez(path, id=[1], frame=[1], x=[0.0], y=[0.0], fps=[1.0, 2.0]),
     "no rows": lambda path: np.savez(path, id=[], frame=[], x=[], y=[]),
     "other lengths": lambda path: np.savez(path, id=[1, 2], frame=[1, 2], x=[0.0, 1.0], y=[0.0]),

@@ -17,7 +17,9 @@ from ..support.tracks import wanderers
 LEAF = 13  # first byte of a page of SQLite that holds rows
 ROWS = wanderers(60)
 ROWS = replace(ROWS, x=ROWS.x.round(4), y=ROWS.y.round(4))
-COLUMNS = list(zip(*(ROWS.columns[name].tolist() for name in ("id", "frame", "x", "y")), strict=True))
+COLUMNS = list(
+    zip(*(ROWS.columns[name].tolist() for name in ("id", "frame", "x", "y")), strict=True)
+)
 BY_ID, BY_FRAME = sorted(COLUMNS), sorted(COLUMNS, key=lambda row: (row[1], row[0]))
 
 
@@ -26,17 +28,24 @@ def lines(found, form, head=""):
 
 
 def database(
-    path, version=3, fps="16.0", columns="frame INTEGER NOT NULL, id INTEGER NOT NULL, pos_x REAL NOT NULL, pos_y REAL NOT NULL"
+    path,
+    version=3,
+    fps="16.0",
+    columns="frame INTEGER NOT NULL, id INTEGER NOT NULL, pos_x REAL NOT NULL, pos_y REAL NOT NULL",
 ):
     """A database as JuPedSim's writer makes it: version 1 and 2 have orientations, and 2 and 3 a geometry for each frame."""
     if version < 3:
         columns += ", ori_x REAL NOT NULL, ori_y REAL NOT NULL"
     with sqlite3.connect(path) as made:
         made.execute(f"CREATE TABLE trajectory_data ({columns})")
-        made.execute("CREATE TABLE metadata(key TEXT NOT NULL UNIQUE PRIMARY KEY, value TEXT NOT NULL)")
+        made.execute(
+            "CREATE TABLE metadata(key TEXT NOT NULL UNIQUE PRIMARY KEY, value TEXT NOT NULL)"
+        )
         made.executemany("INSERT INTO metadata VALUES(?, ?)", [("version", version), ("fps", fps)])
         made.execute("CREATE TABLE geometry(hash INTEGER NOT NULL, wkt TEXT NOT NULL)")
-        own = [(frame, id, x, y, *((1.0, 0.0) if version < 3 else ())) for id, frame, x, y in BY_FRAME]
+        own = [
+            (frame, id, x, y, *((1.0, 0.0) if version < 3 else ())) for id, frame, x, y in BY_FRAME
+        ]
         made.executemany(f"INSERT INTO trajectory_data VALUES({', '.join('?' * len(own[0]))})", own)
         made.execute("CREATE INDEX frame_id_idx ON trajectory_data(frame, id)")
     made.close()
@@ -100,13 +109,19 @@ def test_units_are_the_files_or_those_asked_for(tmp_path):
     path = tmp_path / "crowd.txt"
     path.write_text("# framerate: 25 fps\n# id frame x/cm y/cm\n1 0 125.5 300\n1 1 130.25 300\n")
     assert read_tracks(path).samples.x.tolist() == [125.5 / 100, 130.25 / 100]
-    assert read_tracks(path, "ft").samples.x[0] == 125.5 * 0.3048 and read_tracks(path, rate=50).rate == 50
+    assert (
+        read_tracks(path, "ft").samples.x[0] == 125.5 * 0.3048
+        and read_tracks(path, rate=50).rate == 50
+    )
 
 
 def test_heights_of_heads_are_not_taken_for_the_ground_and_those_of_floors_are(tmp_path):
     path = tmp_path / "crowd.txt"
     for heights, stand in ((("1.62", "1.85"), None), (("0", "0"), None), (("0.5", "4"), [0.5, 4])):
-        path.write_text("#framerate: 25\n#id frame x/m y/m z/m\n" + "".join(f"{k} 0 1 1 {z}\n" for k, z in enumerate(heights)))
+        path.write_text(
+            "#framerate: 25\n#id frame x/m y/m z/m\n"
+            + "".join(f"{k} 0 1 1 {z}\n" for k, z in enumerate(heights))
+        )
         found = read_tracks(path)
         assert (found.samples.z if stand is None else found.samples.z.tolist()) == stand
         assert ("height of heads" in found.told) == (heights[0] == "1.62")
@@ -117,11 +132,18 @@ def test_groups_go_by_the_scenes_names_and_others_in_turn():
     names = ("Man", "Robot", "Woman")
     told = replace(ROWS, group=np.where(ROWS.id % 2 == 0, "woman", "cyclist"))
     found = tracks_of(told, "test")
-    assert groups_of_agents(found, names, own, 1).tolist() == [2 if each % 2 == 0 else 0 for each in found.ids]
+    assert groups_of_agents(found, names, own, 1).tolist() == [
+        2 if each % 2 == 0 else 0 for each in found.ids
+    ]
     told = replace(ROWS, group=ROWS.id % 2)
-    assert groups_of_agents(tracks_of(told, "test"), names, own, 1).tolist() == [own[each % 2] for each in found.ids]
+    assert groups_of_agents(tracks_of(told, "test"), names, own, 1).tolist() == [
+        own[each % 2] for each in found.ids
+    ]
     drawn = groups_of_agents(tracks_of(ROWS, "test"), names, own, 1)
-    assert set(drawn.tolist()) == {0, 2} and drawn.tolist() != groups_of_agents(tracks_of(ROWS, "test"), names, own, 2).tolist()
+    assert (
+        set(drawn.tolist()) == {0, 2}
+        and drawn.tolist() != groups_of_agents(tracks_of(ROWS, "test"), names, own, 2).tolist()
+    )
 
 
 HEAD = "# framerate: 25 fps\n"
@@ -153,7 +175,11 @@ def test_a_bad_file_is_named_in_one_sentence(tmp_path, fault):
     path.write_bytes(content.encode() if isinstance(content, str) else content)
     with pytest.raises(CrowdError, match=said) as error:
         read_tracks(path, usual=25)
-    assert "bad.txt" in str(error.value) and str(error.value).endswith(".") and "\n" not in str(error.value)
+    assert (
+        "bad.txt" in str(error.value)
+        and str(error.value).endswith(".")
+        and "\n" not in str(error.value)
+    )
 
 
 def test_other_databases_are_named(tmp_path):
@@ -161,7 +187,9 @@ def test_other_databases_are_named(tmp_path):
     with sqlite3.connect(path) as made:
         made.execute("CREATE TABLE notes(a)")
     made.close()
-    with pytest.raises(CrowdError, match="other.sqlite is not one of JuPedSim's.*no such table: trajectory_data"):
+    with pytest.raises(
+        CrowdError, match="other.sqlite is not one of JuPedSim's.*no such table: trajectory_data"
+    ):
         read_rows(path)
     path = tmp_path / "newer.sqlite"
     database(path, 4)
@@ -175,7 +203,9 @@ def test_a_file_that_is_gone_or_without_a_rate_is_named(tmp_path):
     (tmp_path / "a.csv").write_text(GOOD)
     with pytest.raises(CrowdError, match="a.csv tells no frame rate: set Frame Rate"):
         read_tracks(tmp_path / "a.csv")
-    assert "each of its frames is one of the scene's" in read_tracks(tmp_path / "a.csv", usual=24).told
+    assert (
+        "each of its frames is one of the scene's" in read_tracks(tmp_path / "a.csv", usual=24).told
+    )
 
 
 def test_too_many_rows_or_agents_are_refused(tmp_path, monkeypatch):
@@ -229,13 +259,21 @@ def test_a_database_with_a_page_that_is_not_its_own_is_refused(tmp_path):
     pages = np.frombuffer(data, np.uint8).reshape(-1, int.from_bytes(data[16:18]))
     random, refused = np.random.default_rng(4), 0
     for k in range(1, len(pages)):
-        for other in (pages[k - 1], pages[(k + 1) % len(pages)], np.roll(pages[k], 7), random.integers(256, size=len(pages[k])), 0):
+        for other in (
+            pages[k - 1],
+            pages[(k + 1) % len(pages)],
+            np.roll(pages[k], 7),
+            random.integers(256, size=len(pages[k])),
+            0,
+        ):
             spoilt = pages.copy()
             spoilt[k] = other
             path.write_bytes(spoilt.tobytes())
             try:
                 found = read_rows(path)
-                assert all((found.columns[name] == wanted.columns[name]).all() for name in wanted.columns), k
+                assert all(
+                    (found.columns[name] == wanted.columns[name]).all() for name in wanted.columns
+                ), k
             except CrowdError as error:
                 assert "crowd.sqlite" in str(error)
                 refused += 1
@@ -247,7 +285,9 @@ def test_a_row_whose_place_is_told_twice_is_noticed(tmp_path):
     database(path)
     data = bytearray(path.read_bytes())
     size = int.from_bytes(data[16:18])
-    leaf = next(page for page in range(size, len(data), size) if data[page] == LEAF and data[page + 4] > 50)
+    leaf = next(
+        page for page in range(size, len(data), size) if data[page] == LEAF and data[page + 4] > 50
+    )
     data[leaf + 10 : leaf + 12] = data[leaf + 8 : leaf + 10]  # its second row is its first, too
     path.write_bytes(data)
     with pytest.raises(CrowdError, match="crowd.sqlite is not one of JuPedSim's, or damaged"):

@@ -26,8 +26,15 @@ def turning(way, edge="clamp", back=None, **more):
     way, back = list(way), list(back or (-way[0], -way[1]))
     return machine_of(
         {
-            "out": {"start": 1, **more, "on": {"ground": {"move": way}, "wall": {"next": "back", "move": back}}},
-            "back": {**more, "on": {"ground": {"move": back}, "wall": {"next": "out", "move": way}}},
+            "out": {
+                "start": 1,
+                **more,
+                "on": {"ground": {"move": way}, "wall": {"next": "back", "move": back}},
+            },
+            "back": {
+                **more,
+                "on": {"ground": {"move": back}, "wall": {"next": "out", "move": way}},
+            },
         },
         edge,
     )
@@ -54,14 +61,24 @@ def test_between_walls_that_touch_at_a_corner_agents_go_to_and_fro_or_stand(offs
     at = [world.area.x_min + world.cell[0], world.area.y_min + world.cell[1]]
     for away in 10.0 ** -np.arange(1, 9):
         way = random.uniform(0.2, 2, 2)
-        crowd = crowd_at(np.append(at + random.uniform(0.1, 1, (20, 2)) * (-away, away), np.zeros((20, 1)), axis=1))
+        crowd = crowd_at(
+            np.append(
+                at + random.uniform(0.1, 1, (20, 2)) * (-away, away), np.zeros((20, 1)), axis=1
+            )
+        )
         moved, tally = advance(crowd, turning(way), world, FRAME)
         assert tally.pieces <= PIECES + PIECES_A_CELL
-        expected = [to_and_fro(place, way, FRAME, at) for place in zip(crowd.x, crowd.y, strict=True)]
-        off = np.abs(np.array([place for place, _ in expected]) - np.array([moved.x, moved.y]).T).max(axis=1)
+        expected = [
+            to_and_fro(place, way, FRAME, at) for place in zip(crowd.x, crowd.y, strict=True)
+        ]
+        off = np.abs(
+            np.array([place for place, _ in expected]) - np.array([moved.x, moved.y]).T
+        ).max(axis=1)
         assert off.max() <= 2 * away * way.max() / way.min()
         # float64 knows places to a few units in the last place: that much a turn, more where the way is aslant
-        unsure = 8 * way.max() / way.min() * (np.spacing(abs(offset) + 2) + np.spacing(FRAME)) * PIECES
+        unsure = (
+            8 * way.max() / way.min() * (np.spacing(abs(offset) + 2) + np.spacing(FRAME)) * PIECES
+        )
         assert off[~tally.held].max(initial=0) <= unsure
         assert tally.held.all() or away > 1e-5
         assert not tally.held.any() or away < 5e-3
@@ -70,17 +87,30 @@ def test_between_walls_that_touch_at_a_corner_agents_go_to_and_fro_or_stand(offs
 @pytest.mark.once
 @pytest.mark.parametrize("edge", ["clamp", "wrap", "reflect", "stop"])
 @pytest.mark.parametrize(
-    "back, more", [(None, {"after": 50, "then": "out"}), ((-1, -0.7001), {}), ((-1, -0.69), {}), ((-1, -0.71), {})]
+    "back, more",
+    [
+        (None, {"after": 50, "then": "out"}),
+        ((-1, -0.7001), {}),
+        ((-1, -0.69), {}),
+        ((-1, -0.71), {}),
+    ],
 )
 def test_who_does_not_come_back_to_where_it_was_stands_after_so_many_turns(edge, back, more):
     machine, world = turning((1, 0.7), edge, back, **more), corner()
     for away in 10.0 ** -np.arange(2, 16, 3):
-        crowd = dataclasses.replace(crowd_at([(1 - away, 1 + away / 3, 0)]), wait=np.full(1, 50.0 if more else np.inf))
+        crowd = dataclasses.replace(
+            crowd_at([(1 - away, 1 + away / 3, 0)]), wait=np.full(1, 50.0 if more else np.inf)
+        )
         moved, tally = advance(crowd, machine, world, FRAME)
         assert tally.pieces <= PIECES + PIECES_A_CELL
         assert tally.held.all() or away > 1e-4
         assert np.hypot(moved.x - 1, moved.y - 1) < 10 * away + 0.05 * (not tally.held[0])
-        assert not more or moved.state[0] or moved.wait[0] == pytest.approx(50 - FRAME, abs=1e-12) or tally.reads > 1
+        assert (
+            not more
+            or moved.state[0]
+            or moved.wait[0] == pytest.approx(50 - FRAME, abs=1e-12)
+            or tally.reads > 1
+        )
         exact, caught = walk(crowd, machine, world, 60.0)
         assert np.isfinite(exact.x).all() and (caught.all() or away > 1e-3 or back)
 
@@ -130,7 +160,9 @@ def test_a_hundred_thousand_meters_a_second(edge, way):
         assert not tally.held.any() and tally.pieces < (200 if 0 in way else 2_000)
         if walls:  # straight back from the first wall on either side
             with np.errstate(divide="ignore"):
-                times = np.array([(np.array([[-31], [31]]) - x) / vx, (np.array([[1], [63]]) - y) / vy])
+                times = np.array(
+                    [(np.array([[-31], [31]]) - x) / vx, (np.array([[1], [63]]) - y) / vy]
+                )
             ahead = np.where(times > 0, times, np.inf).min(axis=(0, 1))
             behind = np.where(times < 0, times, -np.inf).max(axis=(0, 1))
             time, turned = mirrored(np.full(50, FRAME), behind, ahead)
@@ -181,8 +213,14 @@ def test_through_cells_of_one_label_at_once_is_through_each(seed):
 def test_along_the_axes_through_cells_of_one_label_the_way_is_the_same(seed):
     """Also from a border on, and between two rows of cells, in numbers that float64 never rounds."""
     random = np.random.default_rng(seed)
-    ways = [2.0 ** random.integers(3, 8) * np.array(way) for way in ((1, 0), (-1, 0), (0, 1), (0, -1)) * 2]
-    states = {f"s{i}": {"start": 1, "on": {"*": {"move": list(way)}, "l1": {"next": "stands"}}} for i, way in enumerate(ways)}
+    ways = [
+        2.0 ** random.integers(3, 8) * np.array(way)
+        for way in ((1, 0), (-1, 0), (0, 1), (0, -1)) * 2
+    ]
+    states = {
+        f"s{i}": {"start": 1, "on": {"*": {"move": list(way)}, "l1": {"next": "stands"}}}
+        for i, way in enumerate(ways)
+    }
     machine = machine_of(states | {"stands": {"on": {"*": {}}}}, labels=("l0", "l1", "l2"))
     world = patches(random)
     crowd = populate(300, seed, 1, machine, world)

@@ -1,6 +1,10 @@
 """The report of a proof: whole, verdict first, measured beside predicted, nothing of a name's own HTML."""
 
-from crowd_lod_extension.crowd_lod.reporting.verify_report import AGENT_COLUMNS, COLUMNS, verify_page
+from crowd_lod_extension.crowd_lod.reporting.verify_report import (
+    AGENT_COLUMNS,
+    COLUMNS,
+    verify_page,
+)
 from crowd_lod_extension.crowd_lod.validation.render_proof import verdict
 
 from ..support.pages import Reader
@@ -20,14 +24,36 @@ def test_the_verdict_leads_and_every_frame_has_its_row():
     bad = ROW | {"frame": 7, "b_pixels": 1234, "culling_ok": False, "predicted_shift": None}
     result = RESULT | {"frames": [ROW, bad], "ok": False}
     read = Reader(verify_page("plaza", result))
-    title, heading, said = (text for text in read.texts if "plaza" in text or text == verdict(result))
-    assert (title, heading, said) == ("plaza: proof by renders", "plaza: proof by renders", verdict(result))
+    title, heading, said = (
+        text for text in read.texts if "plaza" in text or text == verdict(result)
+    )
+    assert (title, heading, said) == (
+        "plaza: proof by renders",
+        "plaza: proof by renders",
+        verdict(result),
+    )
     assert read.cells == [
         *COLUMNS,
         *("3", "4,096", "1,000", "12", "0", "0", "40", "20", "1", "1.43", "2", "1.8", "yes"),
-        *("7", "4,096", "1,000", "12", "0", "1,234", "40", "20", "1", "-", "2", "1.8", "no: culling"),
+        *(
+            "7",
+            "4,096",
+            "1,000",
+            "12",
+            "0",
+            "1,234",
+            "40",
+            "20",
+            "1",
+            "-",
+            "2",
+            "1.8",
+            "no: culling",
+        ),
     ]
-    assert {"One eye.", "other frames", "denoising"} <= set(read.texts) and set(read.links) == {"contact_sheet.png"}
+    assert {"One eye.", "other frames", "denoising"} <= set(read.texts) and set(read.links) == {
+        "contact_sheet.png"
+    }
 
 
 def test_agents_that_were_rendered_alone_have_pictures_and_rows():

@@ -90,19 +90,33 @@ class Trial:
                 (os.killpg if group else os.kill)(process.pid, signal.SIGINT)
         sent = time.monotonic()
         self.out, self.err = process.communicate(timeout=300)
-        self.code, self.took, self.ended = process.returncode, time.monotonic() - begun, time.monotonic() - sent
-        self.lines = [line for line in self.err.replace("\r", "\n").split("\n") if line.strip() and "%|" not in line]
+        self.code, self.took, self.ended = (
+            process.returncode,
+            time.monotonic() - begun,
+            time.monotonic() - sent,
+        )
+        self.lines = [
+            line
+            for line in self.err.replace("\r", "\n").split("\n")
+            if line.strip() and "%|" not in line
+        ]
         self.after = self.files()
         self.left = [path.name for path in self.tmp.iterdir()]
 
     def files(self) -> dict[str, bytes]:
         every = (path for path in self.folder.rglob("*"))
-        return {str(p.relative_to(self.folder)): p.read_bytes() if p.is_file() else b"" for p in every}
+        return {
+            str(p.relative_to(self.folder)): p.read_bytes() if p.is_file() else b"" for p in every
+        }
 
     def complete(self, whole: "Trial") -> bool:
         """Are all files there that the `whole` run left, about as large, and no others?"""
-        sizes, other = ({name: len(data) for name, data in each.after.items()} for each in (self, whole))
-        return sizes.keys() == other.keys() and all(abs(sizes[name] - other[name]) <= 0.2 * other[name] + 64 for name in sizes)
+        sizes, other = (
+            {name: len(data) for name, data in each.after.items()} for each in (self, whole)
+        )
+        return sizes.keys() == other.keys() and all(
+            abs(sizes[name] - other[name]) <= 0.2 * other[name] + 64 for name in sizes
+        )
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -141,7 +155,9 @@ def renaming(folder: Path, seconds: float, sleep: float) -> tuple[int, str]:
     for k in range(FILES):
         (folder / f"{k:04}").write_text("old")
     command = [sys.executable, "-c", RENAMES, folder, str(sleep)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=heeding)
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=heeding
+    )
     for _ in range(1 + bool(sleep)):
         process.stdout.readline()
     time.sleep(seconds)
@@ -162,4 +178,7 @@ def test_all_files_are_renamed_or_none(tmp_path):
 
 def test_what_comes_too_late_says_so(tmp_path):
     code, err = renaming(tmp_path / "out", 0.0, sleep=60)
-    assert code == 130 and err == f"crowd-lod: stopped too late: the output in {tmp_path / 'out'} is complete.\n"
+    assert (
+        code == 130
+        and err == f"crowd-lod: stopped too late: the output in {tmp_path / 'out'} is complete.\n"
+    )

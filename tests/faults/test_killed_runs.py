@@ -11,7 +11,10 @@ import pytest
 from ..support.outputs import contents
 from .conftest import LAUNCHER
 
-pytestmark = [pytest.mark.faults, pytest.mark.skipif(os.name == "nt", reason="Windows kills otherwise")]
+pytestmark = [
+    pytest.mark.faults,
+    pytest.mark.skipif(os.name == "nt", reason="Windows kills otherwise"),
+]
 OPTIONS = ("--frames", "1,5,9,20", "--width", "96", "--engine", "cycles")
 
 
@@ -21,7 +24,9 @@ def test_a_killed_run_goes_on_and_ends_with_the_same_files(small, tmp_path, jobs
     words = [*LAUNCHER, "preview", str(small), *OPTIONS, "--jobs", str(jobs)]
 
     def start(out):
-        return subprocess.Popen([*words, "--out", str(out)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        return subprocess.Popen(
+            [*words, "--out", str(out)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
 
     first = start(tmp_path / "whole")
     assert (first.communicate(timeout=120), first.returncode)[1] == 0
@@ -32,12 +37,16 @@ def test_a_killed_run_goes_on_and_ends_with_the_same_files(small, tmp_path, jobs
     process.send_signal(signal.SIGKILL)
     process.communicate()
     (hidden,) = out.glob(".crowd-lod-*")
-    records = [json.loads(json.loads(path.read_text())[1]) for path in hidden.glob(".frames/*.json")]
+    records = [
+        json.loads(json.loads(path.read_text())[1]) for path in hidden.glob(".frames/*.json")
+    ]
     names = [name for record in records for name in record["files"]]
     before = {name: (hidden / name).stat().st_mtime_ns for name in names}
     assert before and [path for path in out.iterdir() if not path.name.startswith(".")] == []
     again = start(out)
     said = again.communicate(timeout=120)[1]
     assert again.returncode == 0 and "of 4 frames from a run that was ended" in said
-    assert {name: (out / name).stat().st_mtime_ns for name in before} == before  # they were not made again
+    assert {
+        name: (out / name).stat().st_mtime_ns for name in before
+    } == before  # they were not made again
     assert contents(out) == contents(tmp_path / "whole")

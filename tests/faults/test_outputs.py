@@ -13,23 +13,36 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = [pytest.mark.faults, pytest.mark.skipif(os.name == "nt", reason="Windows has no limits, signals, mounts like these")]
+pytestmark = [
+    pytest.mark.faults,
+    pytest.mark.skipif(os.name == "nt", reason="Windows has no limits, signals, mounts like these"),
+]
 
 COMMANDS = {  # words, and the output's name
     "preview": (["preview", "SCENE", "--frames", "1,9", "--width", "64", "--quiet"], "out"),
-    "verify": (["verify", "SCENE", "--frames", "1", "--width", "32", "--samples", "1", "--quiet"], "out"),
+    "verify": (
+        ["verify", "SCENE", "--frames", "1", "--width", "32", "--samples", "1", "--quiet"],
+        "out",
+    ),
     "build": (["build", "SCENE", "--quiet"], "crowd.blend"),
     "bake": (["build", "SCENE", "--bake", "--quiet"], "crowd.blend"),
     "sample": (["sample", "chapter"], "chapter.blend"),
     "error": (["report", "error", "SCENE", "--repeats", "1", "--quiet"], "out"),
     "extremes": (["report", "extremes", "--most", "1000", "--quiet"], "table.md"),
     "scene": (["scene", "TRACKS", "--characters", "SCENE", "--quiet"], "crowd.blend"),
-    "simulate": (["simulate", "SCENE", "--seconds", "1", "--agents", "20", "--quiet"], "crowd.blend"),
+    "simulate": (
+        ["simulate", "SCENE", "--seconds", "1", "--agents", "20", "--quiet"],
+        "crowd.blend",
+    ),
     "export": (["export", "SCENE", "--frames", "1,2", "--quiet"], "crowd.usdc"),
     "job": (["job", "SCENE", "--quiet"], "job"),
 }
-KILLED = [name for name in COMMANDS if name not in ("scene", "simulate", "export", "job")]  # these put files in place as others do
-TRACKS = "# framerate: 24\n" + "".join(f"{id} {frame} {id} {0.05 * frame}\n" for id in range(5) for frame in range(8))
+KILLED = [
+    name for name in COMMANDS if name not in ("scene", "simulate", "export", "job")
+]  # these put files in place as others do
+TRACKS = "# framerate: 24\n" + "".join(
+    f"{id} {frame} {id} {0.05 * frame}\n" for id in range(5) for frame in range(8)
+)
 
 
 class Trials:
@@ -47,7 +60,10 @@ class Trials:
 
     def words(self, name, out):
         """The command's words, with which it writes to the path `out`."""
-        return [str(self.places.get(word, word)) for word in COMMANDS[name][0]] + ["--out", str(out)]
+        return [str(self.places.get(word, word)) for word in COMMANDS[name][0]] + [
+            "--out",
+            str(out),
+        ]
 
     def run(self, name, out, limit=None):
         """(exit code, what was said on stderr) of the command, which writes to the path `out`."""
@@ -55,7 +71,11 @@ class Trials:
             words = ["operator", self.scene, out]
         else:
             words = self.words(name, out)
-        print(json.dumps({"words": [str(word) for word in words], "limit": limit}), file=self.process.stdin, flush=True)
+        print(
+            json.dumps({"words": [str(word) for word in words], "limit": limit}),
+            file=self.process.stdin,
+            flush=True,
+        )
         answer = json.loads(self.process.stdout.readline())
         return answer["status"], answer["said"]
 
@@ -70,7 +90,12 @@ def trials(tmp_path_factory):
 
 def start(trials, name, out):
     """The command as a process of its own."""
-    command = [sys.executable, "-m", "crowd_lod_extension.operators.cli.commands", *trials.words(name, out)]
+    command = [
+        sys.executable,
+        "-m",
+        "crowd_lod_extension.operators.cli.commands",
+        *trials.words(name, out),
+    ]
     return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
 
 
@@ -78,7 +103,10 @@ def content(folder):
     """What is in the folder, hidden files too: the name, size and hash of each."""
     files = {str(path.relative_to(folder)): path for path in Path(folder).rglob("*")}
     return {
-        name: (p.stat().st_size, hashlib.sha256(p.read_bytes()).hexdigest()) if p.is_file() else None for name, p in files.items()
+        name: (p.stat().st_size, hashlib.sha256(p.read_bytes()).hexdigest())
+        if p.is_file()
+        else None
+        for name, p in files.items()
     }
 
 
@@ -155,7 +183,11 @@ def test_killed_at_any_moment_the_outputs_are_of_one_run_and_the_next_cleans(tri
             time.sleep(random.uniform(0.3, 1) * seconds)
             run.send_signal(signal.SIGKILL)
             run.wait(60)
-            seen = {path: found for path, found in content(out.parent).items() if ".crowd-lod-" not in path}
+            seen = {
+                path: found
+                for path, found in content(out.parent).items()
+                if ".crowd-lod-" not in path
+            }
             assert run.returncode == 0 or seen == before or len(seen) == len(before), name
         status, said = trials.run(name, out)
         assert (status, said) == (0, ""), name
@@ -165,13 +197,21 @@ def test_killed_at_any_moment_the_outputs_are_of_one_run_and_the_next_cleans(tri
 
 
 def test_a_folder_in_a_files_place_leaves_all_as_before(trials, tmp_path):
-    for name, victim in {"preview": "report.html", "verify": "verify.json", "error": "error_levels.svg"}.items():
+    for name, victim in {
+        "preview": "report.html",
+        "verify": "verify.json",
+        "error": "error_levels.svg",
+    }.items():
         out = tmp_path / name
         (out / victim).mkdir(parents=True)
         (out / victim / "mine").write_text("mine")
         before = content(tmp_path)
         status, said = trials.run(name, out)
-        assert status == 1 and one_sentence(said) and f"{victim} cannot be written: it is a folder" in said, said
+        assert (
+            status == 1
+            and one_sentence(said)
+            and f"{victim} cannot be written: it is a folder" in said
+        ), said
         assert content(tmp_path) == before
 
 
@@ -193,7 +233,11 @@ def test_a_run_does_not_take_the_hidden_folder_of_another(trials, tmp_path):
     assert len(list(out.glob(".crowd-lod-*"))) == 1
     living.send_signal(signal.SIGCONT)
     assert living.wait(300) == 0, living.stderr.read()
-    assert (out / "verify.json").exists() and (out / "error_levels.svg").exists() and not list(out.glob(".*"))
+    assert (
+        (out / "verify.json").exists()
+        and (out / "error_levels.svg").exists()
+        and not list(out.glob(".*"))
+    )
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -205,7 +249,11 @@ def test_links_are_followed_and_what_is_no_file_or_folder_is_refused(trials, tmp
     link.symlink_to(far / file)
     assert trials.run(name, link) == (0, "")
     beside = ["crowd.sqlite"] * (name == "simulate")
-    assert link.is_symlink() and (far / file).is_file() == bool(suffix) and sorted(os.listdir(far)) == [file, *beside]
+    assert (
+        link.is_symlink()
+        and (far / file).is_file() == bool(suffix)
+        and sorted(os.listdir(far)) == [file, *beside]
+    )
     os.mkfifo(tmp_path / f"pipe{suffix}")
     (tmp_path / f"device{suffix}").symlink_to("/dev/null")
     wrong = tmp_path / f"wrong{suffix}"
@@ -227,7 +275,12 @@ def test_a_folder_with_an_undecodable_name_is_written(trials, tmp_path, name):
     out = folder / COMMANDS.get(name, (None, "out"))[1]
     status, said = trials.run(name, out)
     if name == "export":
-        assert status == 1 and one_sentence(said) and "which is no text in UTF-8" in said and os.listdir(folder) == []
+        assert (
+            status == 1
+            and one_sentence(said)
+            and "which is no text in UTF-8" in said
+            and os.listdir(folder) == []
+        )
     else:
         assert (status, said) == (0, "") and out.exists() and os.listdir(tmp_path) == [folder.name]
 
@@ -239,9 +292,18 @@ def test_names_too_long_and_a_working_folder_that_is_gone_are_one_sentence(trial
     assert status == 1 and one_sentence(said) and "cannot be written" in said, said
     gone = tmp_path / "gone"
     gone.mkdir()
-    command = [sys.executable, "-m", "crowd_lod_extension.operators.cli.commands", *trials.words(name, "out" + suffix)]
+    command = [
+        sys.executable,
+        "-m",
+        "crowd_lod_extension.operators.cli.commands",
+        *trials.words(name, "out" + suffix),
+    ]
     leave = lambda: os.rmdir(gone)  # noqa: E731
     run = subprocess.run(command, cwd=gone, preexec_fn=leave, capture_output=True, text=True)
-    said = run.stderr.removeprefix("sh: 0: getcwd() failed: No such file or directory\n")  # of a shell that Blender starts
-    assert run.returncode == 1 and one_sentence(said) and "The working folder, in which" in said, said
+    said = run.stderr.removeprefix(
+        "sh: 0: getcwd() failed: No such file or directory\n"
+    )  # of a shell that Blender starts
+    assert run.returncode == 1 and one_sentence(said) and "The working folder, in which" in said, (
+        said
+    )
     assert os.listdir(tmp_path) == []

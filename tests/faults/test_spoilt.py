@@ -23,8 +23,37 @@ scene, levelled, built = conftest.scene, conftest.levelled, conftest.built
 
 NAN, INF = float("nan"), float("inf")
 VALUES = (
-    *(0, -1, 7, 10**9, 2**31 - 1, 1.5, -2.0, NAN, INF, -INF, True, "", "x", "é" * 50, "d" * 2**20, b"\xff\x00"),
-    *([], [1, 2, 3], [0.5] * 40, ["a"], [10**9], [-1, -1], [NAN] * 2, [0, 0], [2.0, 3.0], [True, False], [1e30] * 4),
+    *(
+        0,
+        -1,
+        7,
+        10**9,
+        2**31 - 1,
+        1.5,
+        -2.0,
+        NAN,
+        INF,
+        -INF,
+        True,
+        "",
+        "x",
+        "é" * 50,
+        "d" * 2**20,
+        b"\xff\x00",
+    ),
+    *(
+        [],
+        [1, 2, 3],
+        [0.5] * 40,
+        ["a"],
+        [10**9],
+        [-1, -1],
+        [NAN] * 2,
+        [0, 0],
+        [2.0, 3.0],
+        [True, False],
+        [1e30] * 4,
+    ),
     *({}, {"a": 1}, {"diagonal": "x", "vertices": [1]}, {"diagonal": 1.0, "deviations": [[1]]}),
 )
 LITTLE = """
@@ -35,9 +64,23 @@ resource.setrlimit(resource.RLIMIT_AS, (taken + (400 << 20),) * 2)
 sys.exit(commands.main(sys.argv[1:]))
 """
 TRIALS = 8 * int(os.environ.get("CROWD_LOD_TRIALS", "1"))
-WORDS = ("scene {tracks} --characters {crowd}", "simulate {crowd} --seconds 1", "export {crowd} --frames 1,2", "job {crowd}")
+WORDS = (
+    "scene {tracks} --characters {crowd}",
+    "simulate {crowd} --seconds 1",
+    "export {crowd} --frames 1,2",
+    "job {crowd}",
+)
 FILE = {"scene": "x.blend", "simulate": "x.blend", "export": "x.usdc", "job": "job"}
-STEPS = ("build", "bake", "populate", "remove_build", "measure_levels", "make_levels", "frame", "look")
+STEPS = (
+    "build",
+    "bake",
+    "populate",
+    "remove_build",
+    "measure_levels",
+    "make_levels",
+    "frame",
+    "look",
+)
 
 
 def spoil_property(scene, dice):
@@ -45,7 +88,12 @@ def spoil_property(scene, dice):
     names = {}
     for block in [*bpy.data.user_map(), *scene.crowd_lod.characters.children]:
         for key in {*block.keys(), "stride"}:
-            if key.startswith("crowd_lod") or key == "version" or key == "stride" and isinstance(block, bpy.types.Collection):
+            if (
+                key.startswith("crowd_lod")
+                or key == "version"
+                or key == "stride"
+                and isinstance(block, bpy.types.Collection)
+            ):
                 names.setdefault(key, []).append(block)
     key = dice.choice(sorted(names))
     block, value = dice.choice(names[key]), dice.choice((None, scene, *VALUES))
@@ -60,11 +108,17 @@ def spoil_property(scene, dice):
 def spoil_setting(scene, dice):
     """Give a setting, or one of a group's, a value that Blender lets nobody set."""
     settings = dice.choice([scene.crowd_lod, scene.crowd_lod, *scene.crowd_lod.groups])
-    raw = settings.bl_system_properties_get(do_create=True) if bpy.app.version >= (5, 0, 0) else None
+    raw = (
+        settings.bl_system_properties_get(do_create=True) if bpy.app.version >= (5, 0, 0) else None
+    )
     if raw is None:
         raw = scene["crowd_lod"] if settings == scene.crowd_lod else scene["crowd_lod"]["groups"][0]
     setting = dice.choice(settings.bl_rna.properties[1:])
-    values = {"ENUM": (99, -1), "INT": (-(2**31), 2**31 - 1, 99, -5), "FLOAT": (NAN, INF, -1.0, 1e38)}.get(setting.type, VALUES)
+    values = {
+        "ENUM": (99, -1),
+        "INT": (-(2**31), 2**31 - 1, 99, -5),
+        "FLOAT": (NAN, INF, -1.0, 1e38),
+    }.get(setting.type, VALUES)
     value = dice.choice(values)
     if setting.type in ("INT", "FLOAT") and setting.is_array:
         value = [value] * setting.array_length
@@ -83,7 +137,9 @@ def spoil_structure(scene, dice):
     while home.children and dice.random() < 0.7:
         home = dice.choice(home.children)
     items = list(home.all_objects)
-    act = dice.choice(("remove", "empty", "rename", "remove object", "remove data", "unlink", "swap"))
+    act = dice.choice(
+        ("remove", "empty", "rename", "remove object", "remove data", "unlink", "swap")
+    )
     if act == "remove" and home != scene.collection:
         bpy.data.collections.remove(home)
     elif act == "empty":
@@ -116,22 +172,41 @@ def size():
     return sorted((type(block).__name__, block.name_full) for block in bpy.data.user_map())
 
 
-@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="the system does not tell how much memory is taken")
+@pytest.mark.skipif(
+    not Path("/proc/self/statm").exists(),
+    reason="the system does not tell how much memory is taken",
+)
 @pytest.mark.parametrize(
-    "command", ("preview {file} --frames 1 --out out", "build {file} --out x.blend", "report error {file} --out out")
+    "command",
+    (
+        "preview {file} --frames 1 --out out",
+        "build {file} --out x.blend",
+        "report error {file} --out out",
+    ),
 )
 def test_too_little_memory_is_one_sentence(tmp_path, levelled, command):
     levelled.crowd_lod.count = 9_000_000
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"), copy=True)
     (tmp_path / "work").mkdir()
-    words = [sys.executable, "-c", LITTLE, *command.format(file="../crowd.blend").split(), "--quiet"]
+    words = [
+        sys.executable,
+        "-c",
+        LITTLE,
+        *command.format(file="../crowd.blend").split(),
+        "--quiet",
+    ]
     run = subprocess.run(words, cwd=tmp_path / "work", capture_output=True, text=True, check=False)
     assert run.returncode == 1, run.stderr
-    assert run.stderr.startswith("crowd-lod: There is not enough memory") and run.stderr.count("\n") == 1, run.stderr
+    assert (
+        run.stderr.startswith("crowd-lod: There is not enough memory")
+        and run.stderr.count("\n") == 1
+    ), run.stderr
     assert not list((tmp_path / "work").iterdir())
 
 
-@pytest.mark.parametrize("spoil", (spoil_property, spoil_setting, spoil_structure), ids=lambda spoil: spoil.__name__)
+@pytest.mark.parametrize(
+    "spoil", (spoil_property, spoil_setting, spoil_structure), ids=lambda spoil: spoil.__name__
+)
 def test_what_is_spoilt_is_refused_in_one_sentence_and_nothing_is_left(built, kept, capfd, spoil):
     dice = random.Random(spoil.__name__)
     refused = 0
@@ -152,19 +227,32 @@ def test_what_is_spoilt_is_refused_in_one_sentence_and_nothing_is_left(built, ke
             said, refused = str(error), refused + 1
             left = sorted(set(size()) - set(before))
             assert not left and len(size()) == len(before), (trial, name, done, said, left[:5])
-            assert len(said.strip().splitlines()) == 1 and len(said) < 700, (trial, name, done, said)
+            assert len(said.strip().splitlines()) == 1 and len(said) < 700, (
+                trial,
+                name,
+                done,
+                said,
+            )
         assert "Traceback" not in said + capfd.readouterr().err, (trial, name, done, said)
     assert refused  # else nothing was spoilt
 
 
-@pytest.mark.parametrize("spoil", (spoil_property, spoil_setting, spoil_structure), ids=lambda spoil: spoil.__name__)
-def test_commands_refuse_a_spoilt_file_in_one_sentence_and_write_nothing(built, kept, tmp_path, capfd, spoil):
+@pytest.mark.parametrize(
+    "spoil", (spoil_property, spoil_setting, spoil_structure), ids=lambda spoil: spoil.__name__
+)
+def test_commands_refuse_a_spoilt_file_in_one_sentence_and_write_nothing(
+    built, kept, tmp_path, capfd, spoil
+):
     dice, crowd, out = random.Random(spoil.__name__), tmp_path / "crowd.blend", tmp_path / "out"
     (tmp_path / "tracks.txt").write_text(TRACKS)
     for trial in range(TRIALS // 2):
         bpy.ops.wm.open_mainfile(filepath=str(kept / "built.blend"), load_ui=False)
         opened = bpy.context.scene
-        opened.frame_end, opened.crowd_lod.count, opened.crowd_lod.goal_labels = 2, 20, "left edge, right edge"
+        opened.frame_end, opened.crowd_lod.count, opened.crowd_lod.goal_labels = (
+            2,
+            20,
+            "left edge, right edge",
+        )
         done = [spoil(opened, dice) for _ in range(3)]
         bpy.ops.wm.save_as_mainfile(filepath=str(crowd), copy=True)
         words = dice.choice(WORDS).format(crowd=crowd, tracks=tmp_path / "tracks.txt").split()

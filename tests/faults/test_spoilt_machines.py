@@ -29,9 +29,9 @@ def test_a_spoilt_state_machine(preset):
     dice, text = random.Random(preset), state_machine.preset_text(preset)
     machine, read = json.loads(text), 0
     for _ in range(TRIALS // 4):
-        spoilt = (spoilt_bytes(text.encode(), dice) if dice.random() < 0.5 else spoilt_text(machine, dice)).decode(
-            "utf-8", "replace"
-        )
+        spoilt = (
+            spoilt_bytes(text.encode(), dice) if dice.random() < 0.5 else spoilt_text(machine, dice)
+        ).decode("utf-8", "replace")
         read += refused(state_machine.parse, spoilt, "The file") is not None
         draft = refused(machine_draft.draft, spoilt, "The file")
         if draft is not None and draft.states and draft.labels:

@@ -21,7 +21,25 @@ pytestmark = pytest.mark.faults
 TRIALS = 200 * int(os.environ.get("CROWD_LOD_TRIALS", "1"))
 AGENTS = 50
 ODD = (
-    *(0, -1, 2, 10**15, 10**400, -(10**400), 1e308, 5e-324, True, None, "", "x", "\ud800", "é\n", "--help", "--part", "export"),
+    *(
+        0,
+        -1,
+        2,
+        10**15,
+        10**400,
+        -(10**400),
+        1e308,
+        5e-324,
+        True,
+        None,
+        "",
+        "x",
+        "\ud800",
+        "é\n",
+        "--help",
+        "--part",
+        "export",
+    ),
     *([], {}, [1], ["a"], [[1]], {"a": 1}, {"frame": 1}, [{"frame": 1}]),
 )
 
@@ -99,7 +117,11 @@ def spoilt_array(value, dice):
     if kind == 1:
         return np.resize(value, dice.choice(((0,), (3,), (4, 1), (1, 4), (2, 2, 2))))
     if kind == 2:
-        return value.astype(dice.choice(("U", "S", "f2", "c8", "O"))) if value.dtype.kind != "U" else value.astype("S")
+        return (
+            value.astype(dice.choice(("U", "S", "f2", "c8", "O")))
+            if value.dtype.kind != "U"
+            else value.astype("S")
+        )
     if kind == 3:
         return value.ravel()[::-1]
     return np.frombuffer(dice.randbytes(max(value.nbytes, 1)), np.uint8)
@@ -107,10 +129,16 @@ def spoilt_array(value, dice):
 
 def read_all(path):
     plan = plan_file.read(path)
-    return [plan.row(f, AGENTS) for f in range(len(plan.numbers)) if plan.place(plan.times[f]) is not None]
+    return [
+        plan.row(f, AGENTS)
+        for f in range(len(plan.numbers))
+        if plan.place(plan.times[f]) is not None
+    ]
 
 
-@pytest.mark.parametrize("method", (zipfile.ZIP_DEFLATED, zipfile.ZIP_STORED, zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2))
+@pytest.mark.parametrize(
+    "method", (zipfile.ZIP_DEFLATED, zipfile.ZIP_STORED, zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2)
+)
 def test_plan_npz_with_other_bytes(tmp_path, method):
     dice, path = random.Random(method), tmp_path / "plan.npz"
     np.savez(path, **plan_arrays())
@@ -148,7 +176,9 @@ def test_plan_npz_with_other_arrays_and_headers(tmp_path):
                     archive.writestr(name, content)
         rows = refused(read_all, path)
         refusals += rows is None
-        assert all(row.shape == (AGENTS,) and ((row & LEVEL) < MOST_LEVELS).all() for row in rows or ())
+        assert all(
+            row.shape == (AGENTS,) and ((row & LEVEL) < MOST_LEVELS).all() for row in rows or ()
+        )
     assert refusals > TRIALS / 2
 
 
@@ -159,7 +189,12 @@ def test_plan_json(tmp_path):
         "version": 2,
         "made_for": {"the crowd": "a", "the map": "b"},
         "frames": [row | {"frame": number} for number in (1, 2, 3)],
-        "shot": {"frames": [1, 2, 3], "engine": "CYCLES", "tolerance": 2.0, "plan": {"memory_mb": 8.0}},
+        "shot": {
+            "frames": [1, 2, 3],
+            "engine": "CYCLES",
+            "tolerance": 2.0,
+            "plan": {"memory_mb": 8.0},
+        },
     }
     whole = tmp_path / "whole.json"
     whole.write_text(json.dumps(plan))
@@ -197,7 +232,16 @@ def test_run_json_starts_nothing_but_preview_and_verify(tmp_path, capfd):
     run = {
         "key": "abc",
         "scene": "/tmp/crowd.blend",
-        "command": ["crowd-lod", "preview", "/tmp/crowd.blend", "--frames", "1,9", "--width", "96", "--quiet"],
+        "command": [
+            "crowd-lod",
+            "preview",
+            "/tmp/crowd.blend",
+            "--frames",
+            "1,9",
+            "--width",
+            "96",
+            "--quiet",
+        ],
     }
     args = argparse.Namespace(folder=tmp_path, scene=None, quiet=True, json=False)
     read = 0
@@ -206,7 +250,11 @@ def test_run_json_starts_nothing_but_preview_and_verify(tmp_path, capfd):
         found = refused(shared_runs.assembled, args, parser)
         if found is not None:
             read += 1
-            assert found[0].does in ("preview", "verify") and found[0].into == path.parent and found[0].part is None
+            assert (
+                found[0].does in ("preview", "verify")
+                and found[0].into == path.parent
+                and found[0].part is None
+            )
     assert 0 < read < TRIALS
     told = capfd.readouterr()
     assert not told.out and not told.err

@@ -40,7 +40,9 @@ def spoil(data, dice):
     data = bytearray(data)
     for _ in range(dice.randint(1, 4)):
         # every other fault lies in the head, where the layout is
-        place = dice.randrange(min(len(data), 300) if dice.random() < 0.5 else len(data)) if data else 0
+        place = (
+            dice.randrange(min(len(data), 300) if dice.random() < 0.5 else len(data)) if data else 0
+        )
         kind = dice.randrange(5)
         length = dice.choice((1, 1, 2, 8, 100))
         if kind == 0:
@@ -58,7 +60,10 @@ def spoil(data, dice):
 
 SOURCES = FORMATS | {
     "gzip": lambda path: (FORMATS["CSV"](path), path.write_bytes(gzip.compress(path.read_bytes()))),
-    "UTF-16": lambda path: (FORMATS["CSV"](path), path.write_bytes(path.read_bytes().decode().encode("utf-16"))),
+    "UTF-16": lambda path: (
+        FORMATS["CSV"](path),
+        path.write_bytes(path.read_bytes().decode().encode("utf-16")),
+    ),
     "NPZ, packed": lambda path: npz.write(path, ROWS),
 }
 

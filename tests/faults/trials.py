@@ -39,7 +39,9 @@ def trial(words: list[str], limit: int | None) -> dict:
     hard = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
     resource.setrlimit(resource.RLIMIT_FSIZE, (hard if limit is None else limit, hard))
     try:
-        status = operator(*words[1:]) if words[0] == "operator" else commands._run(words, "crowd-lod")
+        status = (
+            operator(*words[1:]) if words[0] == "operator" else commands._run(words, "crowd-lod")
+        )
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (hard, hard))
         sys.stderr.flush()

@@ -53,9 +53,14 @@ def sequence(seed: int, hands):
                 print(way, end=" ", flush=True)
                 yield from getattr(hands, way)()
                 use(chance)
-                if MARK in bpy.data.worlds and "step" in bpy.data.worlds[MARK]:  # else back before the first step
+                if (
+                    MARK in bpy.data.worlds and "step" in bpy.data.worlds[MARK]
+                ):  # else back before the first step
                     now, before = state(), states[bpy.data.worlds[MARK]["step"]]
-                    assert now in before, [[(a, b) for a, b in zip(now, each, strict=True) if a != b] for each in before]
+                    assert now in before, [
+                        [(a, b) for a, b in zip(now, each, strict=True) if a != b]
+                        for each in before
+                    ]
         else:
             name = chance.choices(names, [WEIGHTS.get(each, 1) for each in names])[0]
             if not getattr(bpy.ops.crowd_lod, name).poll():
@@ -123,11 +128,17 @@ def use(chance: random.Random) -> None:
 def state() -> list:
     """What the file holds: names by kind, what is in each collection and object, what the settings name."""
     found = [sorted(block.name_full for block in getattr(bpy.data, kind)) for kind in KINDS]
-    found.append(sorted(image.name_full for image in bpy.data.images if image.type != "RENDER_RESULT"))
+    found.append(
+        sorted(image.name_full for image in bpy.data.images if image.type != "RENDER_RESULT")
+    )
     inside = [
-        (each.name, sorted(o.name for o in each.objects), sorted(c.name for c in each.children)) for each in bpy.data.collections
+        (each.name, sorted(o.name for o in each.objects), sorted(c.name for c in each.children))
+        for each in bpy.data.collections
     ]
-    data = [(o.name, o.data.name if o.data else "", [m.name for m in o.modifiers]) for o in bpy.data.objects]
+    data = [
+        (o.name, o.data.name if o.data else "", [m.name for m in o.modifiers])
+        for o in bpy.data.objects
+    ]
     chosen = [_chosen(scene.crowd_lod) for scene in bpy.data.scenes]
     return [*found, sorted(inside), sorted(data), chosen]
 
@@ -147,7 +158,9 @@ def saved(folder: str) -> str:
     sample_scenes.make("chapter", scene)
     scene.crowd_lod.characters.children.unlink(bpy.data.collections["heavy"])
     for material in bpy.data.materials:
-        material.node_tree.nodes.new("ShaderNodeTexImage").image = bpy.data.images.new(f"{material.name} image", 256, 256)
+        material.node_tree.nodes.new("ShaderNodeTexImage").image = bpy.data.images.new(
+            f"{material.name} image", 256, 256
+        )
     scene.frame_end, settings = 5, scene.crowd_lod
     settings.scale_textures = True
     settings.count, settings.method, settings.frames, settings.width = 100, "DECIMATE", "1,5", 64

@@ -15,7 +15,9 @@ def extension(tmp_path_factory, rough_levels, rough_characters):
     os.environ["MESA_SHADER_CACHE_DIR"] = str(tmp_path_factory.getbasetemp() / "mesa")
     gpu.init()
     registration.register()
-    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)  # nothing of other files' tests
+    bpy.ops.wm.read_homefile(
+        use_empty=True, use_factory_startup=True
+    )  # nothing of other files' tests
     bpy.context.scene.crowd_lod.choice = "BY_RATIO"
     yield
     registration.unregister()

@@ -63,7 +63,9 @@ def test_an_open_shutter_is_read_outside_the_drawing_and_then_shown(scene, monke
     monkeypatch.setattr(viewport_overlay, "REST", 0.0)
     assert viewport_overlay._read_shutters() is None
     blurred = assert_as_planned(scene)
-    assert (blurred.visible >= still.frame.visible).all() and blurred.visible.sum() > 1.05 * still.frame.visible.sum()
+    assert (
+        blurred.visible >= still.frame.visible
+    ).all() and blurred.visible.sum() > 1.05 * still.frame.visible.sum()
     monkeypatch.setattr(viewport_overlay._faster, "plan_of", None)
     assert shown(scene).frame is blurred
 
@@ -74,7 +76,9 @@ def test_a_painted_detail_map_is_seen_and_one_that_stays_is_kept(scene, monkeypa
     monkeypatch.setattr(viewport_overlay, "LOOK_AGAIN", 0.0)
     assert shown(scene) is first
     scene.crowd_lod.bias_image.pixels.foreach_set(np.zeros(64, np.float32))
-    assert (shown(scene).frame.levels >= first.frame.levels).all() and shown(scene).frame.levels.sum() > first.frame.levels.sum()
+    assert (shown(scene).frame.levels >= first.frame.levels).all() and shown(
+        scene
+    ).frame.levels.sum() > first.frame.levels.sum()
 
 
 def test_hysteresis_holds_back_changes_of_lod_in_the_overlay_alone(scene):

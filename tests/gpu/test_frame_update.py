@@ -101,7 +101,9 @@ def test_meshes_stay_on_the_gpu_from_frame_to_frame(scene, monkeypatch):
     first = with_meshes(scene)
     assert first.notes == () and first.problem is None
     assert sum(count for *_, count in first.batches.draws) == first.frame.visible.sum()
-    assert [level for level, *_ in first.batches.draws] == sorted(level for level, *_ in first.batches.draws)
+    assert [level for level, *_ in first.batches.draws] == sorted(
+        level for level, *_ in first.batches.draws
+    )
     assert shown(scene).batches is first.batches
     monkeypatch.setattr(viewport_overlay, "Cast", None)
     monkeypatch.setattr(character_cache, "baking", None)
@@ -120,7 +122,12 @@ def test_meshes_follow_edits_of_meshes_actions_and_materials(scene, monkeypatch)
         material = bpy.data.materials.new("red")
         item.data.materials.append(material)
 
-    for change in (lambda: setattr(item.data.vertices[0].co, "z", 0.1), paint, lambda: animate(item), lambda: ease(item)):
+    for change in (
+        lambda: setattr(item.data.vertices[0].co, "z", 0.1),
+        paint,
+        lambda: animate(item),
+        lambda: ease(item),
+    ):
         before = shown(scene).cast
         change()
         scene.view_layers[0].update()
@@ -140,7 +147,9 @@ def animate(item):
 
 def ease(item):
     """Between its keys the action goes another way."""
-    key = item.animation_data.action.layers[0].strips[0].channelbags[0].fcurves[0].keyframe_points[0]
+    key = (
+        item.animation_data.action.layers[0].strips[0].channelbags[0].fcurves[0].keyframe_points[0]
+    )
     key.handle_right_type, key.handle_right.y = "FREE", 20.0
 
 
@@ -150,7 +159,11 @@ def test_every_mode_and_color_is_drawn(scene):
     for mode in ("MESHES", "BOXES", "POINTS"):
         for color in ("LOD", "STATE", "GROUP", "REASON", "MATERIAL"):
             for fade in (0.0, 0.3):
-                settings.overlay_mode, settings.overlay_color, settings.overlay_fade = mode, color, fade
+                settings.overlay_mode, settings.overlay_color, settings.overlay_fade = (
+                    mode,
+                    color,
+                    fade,
+                )
                 now = shown(scene)
                 assert now.problem is None and now.notes == ()
                 assert (now.cast is None) == (mode == "POINTS") == (now.batches.draws == ())
@@ -171,5 +184,9 @@ def test_another_file_lets_everything_go(scene):
     with_meshes(scene)
     assert scene_cache.forget in bpy.app.handlers.load_pre
     scene_cache.forget()
-    assert not viewport_overlay._shown and not character_cache._castings and not crowd_sources._trajectories
+    assert (
+        not viewport_overlay._shown
+        and not character_cache._castings
+        and not crowd_sources._trajectories
+    )
     assert viewport_overlay._faster._trajectory is None and character_cache.bake_some() is None

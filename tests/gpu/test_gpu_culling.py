@@ -60,7 +60,11 @@ def policy_of(random, groups, metric=None):
     metric = metric or str(random.choice(["AXIS", "RADIAL", "PIXELS"]))
     steps = tuple(np.sort(random.uniform(0.01, 1, random.integers(4))))
     steps = tuple(300 * step for step in reversed(steps)) if metric == "PIXELS" else steps
-    own = (steps, *(tuple(step * 0.9 for step in steps) for _ in groups[1:])) if random.random() < 0.3 else ()
+    own = (
+        (steps, *(tuple(step * 0.9 for step in steps) for _ in groups[1:]))
+        if random.random() < 0.3
+        else ()
+    )
     return LevelPolicy(steps, metric, random.choice([None, 0.5]), group_thresholds=own)
 
 
@@ -70,14 +74,25 @@ def test_random_shots_are_numpys_and_few_agents_are_left_open(lens, fewest, tall
     monkeypatch.setattr(morton_order, "FEWEST", fewest)
     random = np.random.default_rng(FLAT.index(lens))
     for _ in range(6):
-        groups = tuple(random.choice([walker(), IDLER, replace(walker(), radius=6.0)]) for _ in range(random.integers(1, 4)))
-        heights = HeightMap(random.random((4, 5)).astype(np.float32), AREA) if random.random() < 0.3 else None
+        groups = tuple(
+            random.choice([walker(), IDLER, replace(walker(), radius=6.0)])
+            for _ in range(random.integers(1, 4))
+        )
+        heights = (
+            HeightMap(random.random((4, 5)).astype(np.float32), AREA)
+            if random.random() < 0.3
+            else None
+        )
         count = int(random.choice([1, 63, 64, 65, 700, 5000]))
-        trajectory = shot(walking("reflect"), ground(), groups, count, int(random.integers(99)), heights=heights)
+        trajectory = shot(
+            walking("reflect"), ground(), groups, count, int(random.integers(99)), heights=heights
+        )
         policy, planner = policy_of(random, groups), gpu_culling.Planner(trajectory)
         for time in (1, 9, 9, 70.5):
             camera = random_camera(random, lens)
-            camera = replace(camera, origin=np.array([0, 50, 1]) - camera.Z * 10.0 ** random.uniform(0, 3))
+            camera = replace(
+                camera, origin=np.array([0, 50, 1]) - camera.Z * 10.0 ** random.uniform(0, 3)
+            )
             same(planner, trajectory, camera, policy, time)
     assert 0 < tally.asked and tally.open <= 2e-3 * tally.asked
 
@@ -92,15 +107,19 @@ def test_agents_on_planes_and_on_lod_borders_are_left_open_and_right(lens, tally
         radius = np.full(400, 10.0 ** random.uniform(-1, 1))
         group = replace(walker(), center=0.0, radius=float(radius[0]))
         points = scatter(camera, radius, random, 0.5)
-        on_border = points[:40] + np.outer(0.25 * camera.far - (points[:40] - camera.origin) @ camera.Z, camera.Z) / (
-            camera.Z @ camera.Z
-        )
+        on_border = points[:40] + np.outer(
+            0.25 * camera.far - (points[:40] - camera.origin) @ camera.Z, camera.Z
+        ) / (camera.Z @ camera.Z)
         points = np.concatenate([points, on_border])
         low, high = points.min(axis=0) - 1, points.max(axis=0) + 1
         table = machine()
         world = LabelMap(np.zeros((3, 3), np.uint8), Area(low[0], low[1], high[0], high[1]))
         trajectory = Walk(crowd_at(points), table, world, (group,), 1 / 24)
-        shown += len(same(gpu_culling.Planner(trajectory), trajectory, camera, LevelPolicy((0.25, 0.5))).buckets.order)
+        shown += len(
+            same(
+                gpu_culling.Planner(trajectory), trajectory, camera, LevelPolicy((0.25, 0.5))
+            ).buckets.order
+        )
     assert tally.open > 0.1 * tally.asked and shown > 0.1 * tally.asked
 
 
@@ -110,18 +129,25 @@ def test_places_that_float32_cannot_hold_are_left_to_numpy(tally):
     x, y = start.x.copy(), start.y.copy()
     x[:4], y[4:8], y[8] = (1e39, -1e200, 3e38, np.inf), (1e20, -1e-45, 0.0, 1e-300), np.nan
     odd = replace(trajectory, start=replace(start, x=x, y=y), _kept={})
-    camera, policy = replace(straight(), origin=np.array([0, -10, 0.0])), LevelPolicy((0.3, 0.6), drop_lost=True)
+    camera, policy = (
+        replace(straight(), origin=np.array([0, -10, 0.0])),
+        LevelPolicy((0.3, 0.6), drop_lost=True),
+    )
     frame = same(gpu_culling.Planner(odd), odd, camera, policy)
     assert frame.dropped == 2 and len(frame.buckets.order) > 50 and tally.open >= 4
     world = LabelMap(trajectory.world.labels, replace(AREA, x_min=1e7 - 40, x_max=1e7 + 40))
     far = replace(trajectory, start=replace(start, x=start.x + 1e7), world=world, _kept={})
-    frame = same(gpu_culling.Planner(far), far, replace(camera, origin=camera.origin + (1e7, 0, 0)), policy)
+    frame = same(
+        gpu_culling.Planner(far), far, replace(camera, origin=camera.origin + (1e7, 0, 0)), policy
+    )
     assert len(frame.buckets.order) > 50
 
 
 def test_what_a_sorter_cannot_do_is_done_without(tally):
     camera = random_camera(np.random.default_rng(1), "panoramic")
-    same(gpu_culling.Planner(trajectory := shot(count=500)), trajectory, camera, LevelPolicy((0.3,)))
+    same(
+        gpu_culling.Planner(trajectory := shot(count=500)), trajectory, camera, LevelPolicy((0.3,))
+    )
     assert tally.asked == 0
 
 
@@ -148,9 +174,15 @@ def test_both_ways_are_tried_for_each_crowd_but_for_a_software_renderers(tally, 
     monkeypatch.setattr(gpu_culling, "WORTH", 0.0)
     software = gpu.platform.device_type_get() == "SOFTWARE"
     camera = straight(offset=(0, -30, 0))
-    for faster, tried in ((gpu_culling.Faster(), not software), (gpu_culling.Faster(usable=True), True)):
+    for faster, tried in (
+        (gpu_culling.Faster(), not software),
+        (gpu_culling.Faster(usable=True), True),
+    ):
         for trajectory in (shot(walking(), count=3000), shot(walking(), count=300)):
-            assert ways_of(faster, trajectory, camera) == [False] * gpu_culling.TRIES + [tried] * gpu_culling.TRIES
+            assert (
+                ways_of(faster, trajectory, camera)
+                == [False] * gpu_culling.TRIES + [tried] * gpu_culling.TRIES
+            )
     assert tally.asked == (3300 if software else 6600) * gpu_culling.TRIES
 
 
@@ -162,4 +194,8 @@ def test_a_driver_that_fails_is_told_once_and_not_tried_again(tally, monkeypatch
     monkeypatch.setattr(gpu_culling, "_dispatch", broken)
     faster = gpu_culling.Faster(usable=True)
     assert not any(ways_of(faster, shot(walking(), count=3000), straight(offset=(0, -30, 0))))
-    assert capsys.readouterr().err.count("no such uniform") == 1 and not faster.usable and tally.asked == 0
+    assert (
+        capsys.readouterr().err.count("no such uniform") == 1
+        and not faster.usable
+        and tally.asked == 0
+    )

@@ -14,7 +14,13 @@ from crowd_lod_extension.operators.blender.cameras import camera_from
 from crowd_lod_extension.operators.blender.color_space import encoded
 from crowd_lod_extension.operators.lod_meshes.make_lods import TINTS
 from crowd_lod_extension.operators.overlay import hud, inset
-from crowd_lod_extension.operators.overlay.agent_colors import Colors, by_group, by_level, by_reason, by_state
+from crowd_lod_extension.operators.overlay.agent_colors import (
+    Colors,
+    by_group,
+    by_level,
+    by_reason,
+    by_state,
+)
 from crowd_lod_extension.operators.overlay.draw_data import Style, drawing
 from crowd_lod_extension.operators.overlay.gpu_draw import Batches
 from crowd_lod_extension.operators.overlay.viewport_camera import camera_of, viewpoint
@@ -30,13 +36,18 @@ def texts(said):
 
 def test_lines_tell_all_figures_of_the_frame():
     frame, what = planned()
-    frame = replace(frame, vertices=1_234_567, full_vertices=12_345_678, triangles=20_000, full_triangles=50_000)
+    frame = replace(
+        frame, vertices=1_234_567, full_vertices=12_345_678, triangles=20_000, full_triangles=50_000
+    )
     frame = replace(
         frame, milliseconds=dict.fromkeys(frame.milliseconds, 1.5), left_out=(STATIC, NO_HEIGHTS)
     )  # these are in a popover
     said = texts(hud.figures(frame, by_level(frame), 2.25, 131_000))
     assert said[:4] == ["6 agents, 4 visible, 33.3% culled", "LOD 0  2", "LOD 1  1", "LOD 2  1"]
-    assert said[4:6] == ["Vertices  1.23 M of 12.3 M without LOD", "Triangles  20 k of 50 k without LOD"]
+    assert said[4:6] == [
+        "Vertices  1.23 M of 12.3 M without LOD",
+        "Triangles  20 k of 50 k without LOD",
+    ]
     assert said[6] == "Behavior 1.50, Culling 1.50, Levels 1.50, Sorting 1.50, Drawing 2.25 ms"
     assert said[7] == f"{6 * 49} bytes of agents' state, 131 kB on the GPU"
     assert len(said) == 8
@@ -68,28 +79,46 @@ def test_other_colors_have_a_legend_and_lods_then_no_color(by):
     assert texts(lines) == [*names] and said[4 + len(names)].text == "A note."
     drawn = drawing(frame, Style("POINTS"), colors)
     shown = {tuple(color[:3]) for color in drawn.colors[: len(frame.buckets.order)].tolist()}
-    assert shown <= {line.color for line in lines}  # the swatches are the agents' own colors, to the bit
+    assert shown <= {
+        line.color for line in lines
+    }  # the swatches are the agents' own colors, to the bit
     for agent, color in zip(frame.buckets.order.tolist(), drawn.colors.tolist(), strict=False):
-        assert colors.of_agent(agent, True) == tuple(color[:3]) == lines[int(colors.index[agent])].color
+        assert (
+            colors.of_agent(agent, True)
+            == tuple(color[:3])
+            == lines[int(colors.index[agent])].color
+        )
 
 
 def test_a_long_legend_ends_with_how_many_are_left():
     names = tuple(f"group {k}" for k in range(40))
-    lines = hud.legend(Colors(np.zeros(1, np.uint8), np.float32([(1, 0, 0, 1), (0, 1, 0, 1)]), names=names))
+    lines = hud.legend(
+        Colors(np.zeros(1, np.uint8), np.float32([(1, 0, 0, 1), (0, 1, 0, 1)]), names=names)
+    )
     assert texts(lines) == [*names[:12], "and 28 more"]
-    assert [line.color for line in lines[:4]] == [(1, 0, 0), (0, 1, 0)] * 2 and lines[-1].color is None
+    assert [line.color for line in lines[:4]] == [(1, 0, 0), (0, 1, 0)] * 2 and lines[
+        -1
+    ].color is None
     assert hud.legend(Colors(np.zeros(1, np.uint8), np.ones((1, 4), np.float32))) == []
 
 
 def test_what_is_not_known_of_an_agent_is_said():
-    culled = dict(hud.told(replace(ACCOUNT, visible=False, reason="outside the frustum", pixels=None, error=None)))
-    assert culled["Culled"] == "outside the frustum" and culled["Size"] == culled["LOD error"] == "-"
+    culled = dict(
+        hud.told(
+            replace(ACCOUNT, visible=False, reason="outside the frustum", pixels=None, error=None)
+        )
+    )
+    assert (
+        culled["Culled"] == "outside the frustum" and culled["Size"] == culled["LOD error"] == "-"
+    )
     assert dict(hud.told(replace(ACCOUNT, error=None)))["LOD error"] == "not measured"
 
 
 def test_an_empty_crowd_has_its_lines_too():
     frame, _ = planned()
-    buckets = replace(frame.buckets, order=frame.buckets.order[:0], offsets=np.zeros_like(frame.buckets.offsets))
+    buckets = replace(
+        frame.buckets, order=frame.buckets.order[:0], offsets=np.zeros_like(frame.buckets.offsets)
+    )
     empty = replace(frame, crowd=frame.crowd.of(slice(0)), buckets=buckets)
     said = texts(hud.figures(empty, by_level(empty), 0.0, 0))
     assert said[0] == "0 agents, 0 visible, 0.0% culled"
@@ -110,7 +139,12 @@ def test_the_figures_keep_clear_of_what_lies_over_the_viewport():
         return SimpleNamespace(type=kind, x=x, y=y, width=width, height=height)
 
     window = region("WINDOW", 10, 20, 1000, 600)
-    over = [window, region("TOOLS", 10, 20, 50, 600), region("UI", 800, 20, 210, 600), region("HEADER", 10, 590, 1000, 30)]
+    over = [
+        window,
+        region("TOOLS", 10, 20, 50, 600),
+        region("UI", 800, 20, 210, 600),
+        region("HEADER", 10, 590, 1000, 30),
+    ]
     over += [region("TOOL_HEADER", 10, 560, 1000, 30), region("ASSET_SHELF", 10, 20, 1000, 1)]
     area = SimpleNamespace(x=10, y=20, width=1000, height=600, regions=over)
     plain = SimpleNamespace(show_text=False, show_stats=False)
@@ -161,11 +195,20 @@ def test_off_color_pixels_of_the_map_are_magenta_over_the_agents():
     _, what = planned()
     what = replace(what, lines=what.lines[:0], line_colors=what.line_colors[:0])
     (x, y, z), _, _ = AGENTS[0]
-    world = LabelMap(np.zeros((100, 100), np.uint8), Area(-50, -50, 50, 50), np.array([(int(y + 50), int(x + 50)), (90, 7)]))
-    marked = inset.with_strays(what, np.array([(*place, z) for place in zip(*world.middles(*world.strays.T), strict=True)]))
+    world = LabelMap(
+        np.zeros((100, 100), np.uint8),
+        Area(-50, -50, 50, 50),
+        np.array([(int(y + 50), int(x + 50)), (90, 7)]),
+    )
+    marked = inset.with_strays(
+        what, np.array([(*place, z) for place in zip(*world.middles(*world.strays.T), strict=True)])
+    )
     view, projection = inset.from_above(world.area, marked.origin, marked.positions)
     texture = inset.picture(Batches(marked), view, projection, 2.0)
-    seen = np.array(texture.read().to_list(), np.float32).reshape(texture.height, texture.width, 4) / 255
+    seen = (
+        np.array(texture.read().to_list(), np.float32).reshape(texture.height, texture.width, 4)
+        / 255
+    )
     for place in zip(*world.middles(*world.strays.T), strict=True):
         at = projection @ view @ (*place, z, 1.0)
         row, column = int((at[1] + 1) / 2 * texture.height), int((at[0] + 1) / 2 * texture.width)
@@ -191,8 +234,13 @@ def test_a_view_through_a_camera_is_the_cameras(filmed, kind):
     depsgraph, render = bpy.context.evaluated_depsgraph_get(), bpy.context.scene.render
     render.resolution_x, render.resolution_y, render.resolution_percentage = 640, 480, 100
     expected = camera_from(filmed, render, depsgraph)
-    view, projection = filmed.matrix_world.inverted(), filmed.calc_matrix_camera(depsgraph, x=640, y=480)
-    found = camera_of(np.array(view, np.float64), np.array(projection, np.float64), (640, 480), (0.1, 1000.0))
+    view, projection = (
+        filmed.matrix_world.inverted(),
+        filmed.calc_matrix_camera(depsgraph, x=640, y=480),
+    )
+    found = camera_of(
+        np.array(view, np.float64), np.array(projection, np.float64), (640, 480), (0.1, 1000.0)
+    )
     assert found.kind == expected.kind
     for name in ("origin", "X", "Y", "Z"):
         assert getattr(found, name) == pytest.approx(getattr(expected, name), abs=1e-4)
@@ -204,7 +252,9 @@ def test_a_view_through_a_camera_is_the_cameras(filmed, kind):
 def test_the_clip_range_is_the_viewports_or_that_of_the_camera_it_looks_through(filmed):
     bpy.context.view_layer.update()
     matrix = filmed.calc_matrix_camera(bpy.context.evaluated_depsgraph_get(), x=640, y=480)
-    view = SimpleNamespace(view_matrix=filmed.matrix_world.inverted(), window_matrix=matrix, view_perspective="PERSP")
+    view = SimpleNamespace(
+        view_matrix=filmed.matrix_world.inverted(), window_matrix=matrix, view_perspective="PERSP"
+    )
     space = SimpleNamespace(clip_start=0.5, clip_end=77.0, use_local_camera=False, camera=None)
     scene, region = SimpleNamespace(camera=filmed), SimpleNamespace(width=640, height=480)
     context = SimpleNamespace(space_data=space, region_data=view, scene=scene, region=region)

@@ -50,7 +50,9 @@ def test_unregistering_lets_go_of_what_is_on_the_gpu(scene):  # noqa: F811
     now = shown(scene)
     viewport_overlay._picture_from_above(now, 1.0)
     assert viewport_overlay._picture_from_above(now, 1.0) is now.above  # painted once
-    assert (now.above.width, now.above.height) == inset.SIZE and inset.nbytes(now.above) == 4 * inset.SIZE[0] * inset.SIZE[1]
+    assert (now.above.width, now.above.height) == inset.SIZE and inset.nbytes(
+        now.above
+    ) == 4 * inset.SIZE[0] * inset.SIZE[1]
     assert viewport_overlay._picture_from_above(now, 2.0).width == 2 * inset.SIZE[0]
     kept = weakref.ref(now.batches)
     shader_programs.points()
@@ -72,7 +74,14 @@ def test_the_account_is_of_the_agent_that_the_settings_name(scene):  # noqa: F81
     assert viewport_overlay.account_of(scene) is None
     scene.crowd_lod.agent = 5
     found = viewport_overlay.account_of(scene)
-    assert (found.agent, found.level, found.visible) == (5, now.frame.levels[5], now.frame.visible[5])
-    assert any(line.text.startswith("Agent 5,") for line in hud.figures(now.frame, now.colored, 0.0, 0, found))
+    assert (found.agent, found.level, found.visible) == (
+        5,
+        now.frame.levels[5],
+        now.frame.visible[5],
+    )
+    assert any(
+        line.text.startswith("Agent 5,")
+        for line in hud.figures(now.frame, now.colored, 0.0, 0, found)
+    )
     scene.crowd_lod.agent = 200  # of 200
     assert viewport_overlay.account_of(scene) is None

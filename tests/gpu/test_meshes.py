@@ -21,7 +21,17 @@ from mathutils import Matrix, kdtree
 from ..support.rotations import stance
 
 WIDTH, HEIGHT = 640, 480
-TINTS = np.array([(1, 0.1, 0.1, 1), (0.1, 1, 0.1, 1), (0.1, 0.1, 1, 1), (1, 1, 0.1, 1), (0.1, 1, 1, 1), (1, 0.1, 1, 1)], np.float32)
+TINTS = np.array(
+    [
+        (1, 0.1, 0.1, 1),
+        (0.1, 1, 0.1, 1),
+        (0.1, 0.1, 1, 1),
+        (1, 1, 0.1, 1),
+        (0.1, 1, 1, 1),
+        (1, 0.1, 1, 1),
+    ],
+    np.float32,
+)
 
 
 def bake(name, homes):
@@ -101,7 +111,10 @@ def placed(what, cast, group, level) -> np.ndarray:
     """Where the shader puts each vertex of the mesh, (agents, vertices, 3): the pixels of a float32 target."""
     mesh = cast.characters[group].meshes[level]
     kind = cast.kind(level, group)
-    info, between = shader_programs.mesh_interface(kind), gpu.types.GPUStageInterfaceInfo("crowd_lod_read_back")
+    info, between = (
+        shader_programs.mesh_interface(kind),
+        gpu.types.GPUStageInterfaceInfo("crowd_lod_read_back"),
+    )
     between.flat("VEC3", "world")
     info.vertex_out(between)
     info.fragment_out(0, "VEC4", "result")
@@ -120,7 +133,9 @@ def placed(what, cast, group, level) -> np.ndarray:
     shader = gpu.shader.create_from_info(info)
     batches = Batches(what, cast)
     columns_of = {name: getattr(mesh, name) for name in ("joints", "weights")}
-    points = gpu_side._batch({"position": mesh.points, "normal": mesh.normals, **columns_of}, None, "POINTS")
+    points = gpu_side._batch(
+        {"position": mesh.points, "normal": mesh.normals, **columns_of}, None, "POINTS"
+    )
     canvas = gpu.types.GPUOffScreen(columns, count, format="RGBA32F")
     try:
         with canvas.bind():
@@ -133,7 +148,9 @@ def placed(what, cast, group, level) -> np.ndarray:
             shader.uniform_sampler("palette", batches.palette)
             cast.bind(shader, level, group)
             shader.uniform_int("base", 0)
-            gpu.state.program_point_size_set(True)  # a viewport that was drawn before leaves a larger size
+            gpu.state.program_point_size_set(
+                True
+            )  # a viewport that was drawn before leaves a larger size
             points.draw_instanced(shader, instance_start=0, instance_count=count)
             gpu.state.program_point_size_set(False)
             pixels = buffer.read_color(0, 0, columns, count, 4, 0, "FLOAT")
@@ -186,8 +203,12 @@ def test_the_shader_skins_as_blender_does(scene, cast, group, level):
             mine = placed(what, cast, group, level)[0].astype(float)
             stage.frame_set(1 + frame)
             depsgraph = stage.view_layers[0].depsgraph
-            blenders = np.concatenate([mesh_data.world_points(item.evaluated_get(depsgraph)) for item in items])
-            blenders = blenders - home.instance_offset  # the cone swings below the ground, and the adult stands on it
+            blenders = np.concatenate(
+                [mesh_data.world_points(item.evaluated_get(depsgraph)) for item in items]
+            )
+            blenders = (
+                blenders - home.instance_offset
+            )  # the cone swings below the ground, and the adult stands on it
             diagonal = np.linalg.norm(np.ptp(blenders, axis=0))
             assert max(apart(mine, blenders), apart(blenders, mine)) < 1e-4 * diagonal
 
@@ -203,13 +224,21 @@ def apart(points, others) -> float:
 
 def test_baking_leaves_the_file_as_it_was(scene):
     before, frame = {block.name_full for block in bpy.data.user_map()}, scene.frame_current
-    poses = [bone.matrix.copy() for item in bpy.data.objects if item.pose for bone in item.pose.bones]
+    poses = [
+        bone.matrix.copy() for item in bpy.data.objects if item.pose for bone in item.pose.bones
+    ]
     bake("adult", homes(scene, 0))
-    assert {block.name_full for block in bpy.data.user_map()} == before and scene.frame_current == frame
-    assert [bone.matrix for item in bpy.data.objects if item.pose for bone in item.pose.bones] == poses
+    assert {
+        block.name_full for block in bpy.data.user_map()
+    } == before and scene.frame_current == frame
+    assert [
+        bone.matrix for item in bpy.data.objects if item.pose for bone in item.pose.bones
+    ] == poses
 
 
-def test_baking_in_steps_gives_the_same_and_leaves_nothing_in_between(scene, characters, monkeypatch):
+def test_baking_in_steps_gives_the_same_and_leaves_nothing_in_between(
+    scene, characters, monkeypatch
+):
     monkeypatch.setattr(skinned_characters, "TICK", 0.0)  # a frame at a time
     before = {block.name_full for block in bpy.data.user_map()}
     steps, progress = skinned_characters.baking("0", lambda: homes(scene, 0)), []
@@ -224,7 +253,10 @@ def test_baking_in_steps_gives_the_same_and_leaves_nothing_in_between(scene, cha
     assert progress == [k / frames for k in range(1, frames)]
     assert (stepped.frames == characters[0].frames).all() and stepped.off == characters[0].off
     for mine, whole in zip(stepped.meshes, characters[0].meshes, strict=True):
-        assert all(np.array_equal(a, b) for a, b in zip(vars(mine).values(), vars(whole).values(), strict=True))
+        assert all(
+            np.array_equal(a, b)
+            for a, b in zip(vars(mine).values(), vars(whole).values(), strict=True)
+        )
 
 
 def test_what_joints_cannot_express_is_measured_and_told(scene):
@@ -233,7 +265,9 @@ def test_what_joints_cannot_express_is_measured_and_told(scene):
     twist = item.modifiers.new("twist", "SIMPLE_DEFORM")
     item.modifiers.move(1, 0)
     twist.deform_method, twist.angle = "TWIST", 0.5
-    assert bake("twisted", homes(scene, 0)).told is None  # before the armature: a part of the rest pose
+    assert (
+        bake("twisted", homes(scene, 0)).told is None
+    )  # before the armature: a part of the rest pose
     item.modifiers.move(0, 1)
     try:
         character = bake("bent", homes(scene, 0))
@@ -242,13 +276,18 @@ def test_what_joints_cannot_express_is_measured_and_told(scene):
         item.modifiers.remove(twist)
 
 
-def picture(what, cast, eye=(0, -12, 1.0), background=(0, 0, 0, 1)) -> tuple[np.ndarray, np.ndarray]:
+def picture(
+    what, cast, eye=(0, -12, 1.0), background=(0, 0, 0, 1)
+) -> tuple[np.ndarray, np.ndarray]:
     """((HEIGHT, WIDTH, 3) float32 bottom row first, the matrix to clip space), seen along +y."""
     view = np.linalg.inv(np.array(Matrix.Translation(eye) @ Matrix.Rotation(np.pi / 2, 4, "X")))
     near, far, slope = 0.1, 200.0, 0.4
     projection = np.zeros((4, 4))
     projection[0, 0], projection[1, 1] = HEIGHT / WIDTH / slope, 1 / slope
-    projection[2, 2:], projection[3, 2] = ((far + near) / (near - far), 2 * far * near / (near - far)), -1
+    projection[2, 2:], projection[3, 2] = (
+        ((far + near) / (near - far), 2 * far * near / (near - far)),
+        -1,
+    )
     canvas = gpu.types.GPUOffScreen(WIDTH, HEIGHT, format="RGBA32F")
     try:
         with canvas.bind():
@@ -256,7 +295,9 @@ def picture(what, cast, eye=(0, -12, 1.0), background=(0, 0, 0, 1)) -> tuple[np.
             buffer.clear(color=background, depth=1.0)
             paint(Batches(what, cast), view, projection, (WIDTH, HEIGHT), 1.0)
             pixels = buffer.read_color(0, 0, WIDTH, HEIGHT, 4, 0, "FLOAT")
-        return np.asarray(memoryview(pixels), np.float32).reshape(HEIGHT, WIDTH, 4)[..., :3].copy(), projection @ view
+        return np.asarray(memoryview(pixels), np.float32).reshape(HEIGHT, WIDTH, 4)[
+            ..., :3
+        ].copy(), projection @ view
     finally:
         canvas.free()
 
@@ -289,7 +330,9 @@ def test_agents_stand_on_their_pixels_at_their_lod(cast):
         place = (clip[:, :2] / clip[:, 3:] + 1) / 2 * (WIDTH, HEIGHT)
         v, u = np.nonzero(found == k)
         box = u.min(), v.min(), u.max() + 1, v.max() + 1
-        assert box == pytest.approx((*place.min(axis=0), *place.max(axis=0)), abs=2)  # thin tips miss pixels
+        assert box == pytest.approx(
+            (*place.min(axis=0), *place.max(axis=0)), abs=2
+        )  # thin tips miss pixels
 
 
 def test_both_ways_of_skinning_draw_the_same(characters, monkeypatch):
@@ -299,7 +342,9 @@ def test_both_ways_of_skinning_draw_the_same(characters, monkeypatch):
     joints, _ = picture(what, Cast((), characters))
     off = np.abs(frames - joints).max(axis=-1)
     assert (joints > 0).any(axis=-1).sum() > 2000
-    assert (off > 2 / 255).sum() <= 10  # pixels on edges, which rounding gives to the one triangle or the other
+    assert (
+        off > 2 / 255
+    ).sum() <= 10  # pixels on edges, which rounding gives to the one triangle or the other
 
 
 def test_a_cross_fade_fills_every_pixel_once(cast):
@@ -324,7 +369,9 @@ def test_back_faces_of_closed_meshes_are_not_missed(cast):
     opened = Cast((), (replace(body, meshes=(replace(body.meshes[0], closed=False),)),))
     one, other = (picture(what, each, (0, -4, 1))[0] for each in (cast, opened))
     assert (one.any(axis=-1) == other.any(axis=-1)).all()
-    assert (np.abs(one - other) > 0.02).any(axis=-1).sum() <= 5  # where both faces of an edge are as near
+    assert (np.abs(one - other) > 0.02).any(
+        axis=-1
+    ).sum() <= 5  # where both faces of an edge are as near
 
 
 def test_boxes_are_as_high_as_the_characters():
@@ -332,16 +379,23 @@ def test_boxes_are_as_high_as_the_characters():
     pixels, matrix = picture(instances([row(0, 0)], [(0, 0, 0, 1)]), Cast(groups, ()))
     v, u = np.nonzero(hue(pixels) == 0)
     half = np.sqrt((1.0 - 0.81) / 2)
-    corners = np.array([(x, y, z, 1) for x in (-half, half) for y in (-half, half) for z in (0, 1.8)]) @ matrix.T
+    corners = (
+        np.array([(x, y, z, 1) for x in (-half, half) for y in (-half, half) for z in (0, 1.8)])
+        @ matrix.T
+    )
     place = (corners[:, :2] / corners[:, 3:] + 1) / 2 * (WIDTH, HEIGHT)
-    assert (u.min(), v.min(), u.max() + 1, v.max() + 1) == pytest.approx((*place.min(0), *place.max(0)), abs=1.1)
+    assert (u.min(), v.min(), u.max() + 1, v.max() + 1) == pytest.approx(
+        (*place.min(0), *place.max(0)), abs=1.1
+    )
 
 
 def test_boxes_drawn_in_runs_are_those_drawn_one_by_one():
     cast = Cast((Group("one", 0.9, 0.95, 0.0, 1.0),), ())
     rows = [row(x - 4.5, 9.0 - 1.5 * y) for y in range(7) for x in range(10)]  # a run and six more
     first, second = ((0, 0, 0, 3), (0, 0, 3, 67)), tuple((0, 0, k, 1) for k in range(70))
-    runs, single, short = (picture(instances(rows, draws), cast)[0] for draws in (first, second, second[:-1]))
+    runs, single, short = (
+        picture(instances(rows, draws), cast)[0] for draws in (first, second, second[:-1])
+    )
     assert (runs == single).all() and (short != single).any()
 
 
@@ -353,7 +407,9 @@ def quad_character(images, layers):
         np.tile(np.float32((0.6, 0.3, 0.1)), (4, 1)), np.full(4, layers, np.float32),
         np.array([(0, 1, 2), (0, 2, 3)], np.uint32),
     )  # fmt: skip
-    return Character("quad", np.eye(4, dtype=np.float32)[None, None, :3], (mesh,), images, np.ones(3), 0.0, None)
+    return Character(
+        "quad", np.eye(4, dtype=np.float32)[None, None, :3], (mesh,), images, np.ones(3), 0.0, None
+    )
 
 
 def test_materials_show_their_color_or_their_image():
@@ -365,9 +421,13 @@ def test_materials_show_their_color_or_their_image():
     images = np.zeros((2, 2, 2, 4), np.uint8)
     images[1] = ((255, 128, 0, 255), (255, 128, 0, 255)), ((0, 128, 255, 255), (0, 128, 255, 255))
     shown, _ = picture(what, Cast((), (quad_character(images, 1),)), (0, -4, 1))
-    below, above = (shown[int(HEIGHT * part), WIDTH // 2] / middle for part in (0.344, 0.657))  # the texels' middles
+    below, above = (
+        shown[int(HEIGHT * part), WIDTH // 2] / middle for part in (0.344, 0.657)
+    )  # the texels' middles
     green = ((128 / 255 + 0.055) / 1.055) ** 2.4
-    assert below == pytest.approx([1, green, 0], abs=0.01) and above == pytest.approx([0, green, 1], abs=0.01)
+    assert below == pytest.approx([1, green, 0], abs=0.01) and above == pytest.approx(
+        [0, green, 1], abs=0.01
+    )
 
 
 @pytest.mark.parametrize("kind", ["FRAMES", "JOINTS"])
@@ -375,8 +435,15 @@ def test_a_draw_shows_its_action_and_an_agent_its_size(kind, monkeypatch):
     if kind == "JOINTS":
         monkeypatch.setattr(gpu_side, "MOST_SKINNED", 0)
     frames = np.repeat(np.eye(4, dtype=np.float32)[None, None, :3], 4, axis=0)
-    frames[2:, 0, 2, 3] = 0.5, 1.0  # its second action, of the last three frames, lifts it by a meter
-    body = replace(quad_character(np.empty((0, 1, 1, 4), np.uint8), -1), frames=frames, rows={"": (0, 1), "lift": (1, 3)})
+    frames[2:, 0, 2, 3] = (
+        0.5,
+        1.0,
+    )  # its second action, of the last three frames, lifts it by a meter
+    body = replace(
+        quad_character(np.empty((0, 1, 1, 4), np.uint8), -1),
+        frames=frames,
+        rows={"": (0, 1), "lift": (1, 3)},
+    )
     cast = Cast((), (body,))
     for action, phase, size, low in (
         ("", 0.75, 1.0, 0.0),
@@ -387,6 +454,10 @@ def test_a_draw_shows_its_action_and_an_agent_its_size(kind, monkeypatch):
         what = instances([(*row(0, 0, phase=phase), size)], [(0, 0, 0, 1)], plays=(action,))
         pixels, matrix = picture(what, cast, (0, -6, 1))
         v, u = np.nonzero(pixels.any(axis=-1))
-        corners = np.array([(size * x, 0, low + size * z, 1) for x in (-1, 1) for z in (0, 2)]) @ matrix.T
+        corners = (
+            np.array([(size * x, 0, low + size * z, 1) for x in (-1, 1) for z in (0, 2)]) @ matrix.T
+        )
         place = (corners[:, :2] / corners[:, 3:] + 1) / 2 * (WIDTH, HEIGHT)
-        assert (u.min(), v.min(), u.max() + 1, v.max() + 1) == pytest.approx((*place.min(0), *place.max(0)), abs=1.1)
+        assert (u.min(), v.min(), u.max() + 1, v.max() + 1) == pytest.approx(
+            (*place.min(0), *place.max(0)), abs=1.1
+        )

@@ -141,7 +141,9 @@ def test_points_are_in_order_of_lod_and_those_culled_last():
 
 def test_of_many_culled_agents_a_part_shows_and_all_those_seen(monkeypatch):
     frame, every = planned()
-    monkeypatch.setattr(draw_data, "MOST_CULLED", 3)  # of six agents every second may show where it is culled, the fifth is
+    monkeypatch.setattr(
+        draw_data, "MOST_CULLED", 3
+    )  # of six agents every second may show where it is culled, the fifth is
     some = drawing(frame)
     assert len(every.positions) == 6 and (some.positions == every.positions[:5]).all()
     assert (some.colors == every.colors[:5]).all() and (some.sizes == every.sizes[:5]).all()

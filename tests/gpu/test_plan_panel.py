@@ -15,7 +15,12 @@ def test_the_panel_says_whether_the_plan_holds_in_the_frame_that_is_shown(tmp_pa
         seen = viewport_overlay.latest(scene).visible
         settings.agent, settings.level_count = int(seen.argmax()), 1
         entry = settings.exceptions.add()
-        entry.agents, entry.kind, settings.frames, settings.output_folder = str(settings.agent), "HIDE", "1:3", str(tmp_path)
+        entry.agents, entry.kind, settings.frames, settings.output_folder = (
+            str(settings.agent),
+            "HIDE",
+            "1:3",
+            str(tmp_path),
+        )
         with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
             assert bpy.ops.crowd_lod.plan_shot() == {"FINISHED"}
         scene.frame_set(2)
@@ -29,7 +34,10 @@ def test_the_panel_says_whether_the_plan_holds_in_the_frame_that_is_shown(tmp_pa
         shown(scene)
         assert shot_panels._held(scene) == ("Does not hold: see above", "ERROR")
         said = [sentence for sentence, _ in steps.messages(scene)]
-        assert any(each.startswith("The shot plan is not used, for the exceptions changed since") for each in said)
+        assert any(
+            each.startswith("The shot plan is not used, for the exceptions changed since")
+            for each in said
+        )
         assert "Shot plan" not in dict(told(viewport_overlay.account_of(scene)))
         entry.kind = "HIDE"
         shown(scene)

@@ -42,13 +42,17 @@ def boxes(scene):
     """The crowd as boxes in the tints of its LODs, alone."""
     groups = groups_of(scene.crowd_lod)
     what = drawing(frame_of(scene, scene.view_layers[0].depsgraph), Style("BOXES", culled=False))
-    return Batches(replace(what, lines=what.lines[:0], line_colors=what.line_colors[:0]), Cast(groups, ()))
+    return Batches(
+        replace(what, lines=what.lines[:0], line_colors=what.line_colors[:0]), Cast(groups, ())
+    )
 
 
 def matrices(scene):
     """View and projection of the scene's camera."""
     scene.view_layers[0].update()
-    return playblast.camera_matrices(scene.camera, scene.view_layers[0].depsgraph, scene.render, SIZE)
+    return playblast.camera_matrices(
+        scene.camera, scene.view_layers[0].depsgraph, scene.render, SIZE
+    )
 
 
 def pictured(canvas, scene, *more):
@@ -66,9 +70,13 @@ def test_agents_and_scenery_hide_each_other(scene, canvas):
     agents = (both != alone).any(axis=-1)
     assert 0.05 < agents.mean() < 0.9  # ground and sky are not hidden
     wall = mesh_data.new_mesh(
-        "wall", np.array([(0.0, -9, -2), (9, -9, -2), (9, 9, -2), (0, 9, -2)]), np.array([(0, 1, 2), (0, 2, 3)])
+        "wall",
+        np.array([(0.0, -9, -2), (9, -9, -2), (9, 9, -2), (0, 9, -2)]),
+        np.array([(0, 1, 2), (0, 2, 3)]),
     )
-    item = bpy.data.objects.new("wall", wall)  # over the right half of the picture, 2 m before the camera
+    item = bpy.data.objects.new(
+        "wall", wall
+    )  # over the right half of the picture, 2 m before the camera
     item.matrix_world = scene.camera.matrix_world
     scene.collection.objects.link(item)
     try:
@@ -86,7 +94,10 @@ def test_agents_have_the_colors_that_a_viewport_gives_them_to_the_bit(scene, can
 
     view, projection = matrices(scene)
     crowd = boxes(scene)
-    color, depth = GPUTexture(SIZE, format="SRGB8_A8"), GPUTexture(SIZE, format="DEPTH_COMPONENT32F")
+    color, depth = (
+        GPUTexture(SIZE, format="SRGB8_A8"),
+        GPUTexture(SIZE, format="DEPTH_COMPONENT32F"),
+    )
     buffer = GPUFrameBuffer(color_slots=color, depth_slot=depth)
     with buffer.bind():
         buffer.clear(color=(0, 0, 0, 0), depth=1.0)
@@ -111,7 +122,12 @@ def test_the_caption_is_in_its_corner_and_not_stretched(scene, canvas):
 
 
 def test_the_viewport_that_draws_is_left_as_it_was(scene, canvas):
-    spaces = [area.spaces[0] for screen in bpy.data.screens for area in screen.areas if area.type == "VIEW_3D"]
+    spaces = [
+        area.spaces[0]
+        for screen in bpy.data.screens
+        for area in screen.areas
+        if area.type == "VIEW_3D"
+    ]
     before = [state(space) for space in spaces]
     pictured(canvas, scene)
     assert [state(space) for space in spaces] == before
@@ -124,7 +140,12 @@ def test_the_viewport_that_draws_is_left_as_it_was(scene, canvas):
 def state(space):
     """All that an RNA struct of the viewport holds as plain values."""
     owners = space, space.shading, space.overlay
-    return [getattr(each, p.identifier) for each in owners for p in each.bl_rna.properties if p.type in ("BOOLEAN", "ENUM")]
+    return [
+        getattr(each, p.identifier)
+        for each in owners
+        for p in each.bl_rna.properties
+        if p.type in ("BOOLEAN", "ENUM")
+    ]
 
 
 def test_the_pictures_show_what_renders_show_and_only_that(tmp_path):
@@ -135,7 +156,9 @@ def test_the_pictures_show_what_renders_show_and_only_that(tmp_path):
     scene.camera.data.type, scene.camera.data.ortho_scale = "ORTHO", 8
     scene.collection.objects.link(scene.camera)
     panel = mesh_data.new_mesh(
-        "panel", np.array([(0.2, -1, -3), (0.8, -1, -3), (0.8, 1, -3), (0.2, 1, -3)]), np.array([(0, 1, 2), (0, 2, 3)])
+        "panel",
+        np.array([(0.2, -1, -3), (0.8, -1, -3), (0.8, 1, -3), (0.2, 1, -3)]),
+        np.array([(0, 1, 2), (0, 2, 3)]),
     )
     homes, items = [], []
     for x in range(-4, 4):
@@ -148,7 +171,9 @@ def test_the_pictures_show_what_renders_show_and_only_that(tmp_path):
     layer.update()
     places = [layer.layer_collection.children[home.name] for home in homes]
     homes[0].hide_render = items[1].hide_render = True
-    homes[2].hide_viewport = items[3].hide_viewport = places[4].hide_viewport = places[5].exclude = True
+    homes[2].hide_viewport = items[3].hide_viewport = places[4].hide_viewport = places[
+        5
+    ].exclude = True
     items[6].hide_set(True, view_layer=layer)
     for frame, hidden in ((1, False), (2, True)):
         items[7].hide_render = hidden
@@ -176,7 +201,11 @@ def test_the_pictures_show_what_renders_show_and_only_that(tmp_path):
     shown = np.abs(picture[HEIGHT // 2, columns] - picture[20, columns]).max(axis=1) > 2
     assert rendered.tolist() == [False, False, True, True, True, False, True, False]
     assert shown.tolist() == rendered.tolist()
-    assert [home.hide_viewport for home in homes].count(True) == [item.hide_viewport for item in items].count(True) == 1
+    assert (
+        [home.hide_viewport for home in homes].count(True)
+        == [item.hide_viewport for item in items].count(True)
+        == 1
+    )
     assert items[6].hide_get(view_layer=layer) and not places[0].exclude
     bpy.data.scenes.remove(scene)
 
@@ -185,10 +214,22 @@ def test_a_preview_is_drawn_by_the_overlay(tmp_path, capfd):
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     sample_scenes.make("chapter", bpy.context.scene)
     settings = bpy.context.scene.crowd_lod
-    settings.choice, settings.method, settings.group_names = "BY_RATIO", "DECIMATE", "adult"  # the quickest
+    settings.choice, settings.method, settings.group_names = (
+        "BY_RATIO",
+        "DECIMATE",
+        "adult",
+    )  # the quickest
     list(make_levels(bpy.context.scene))
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "chapter.blend"))
-    command = ["preview", str(tmp_path / "chapter.blend"), "--frames", "1,60", "--width", "160", "--quiet"]
+    command = [
+        "preview",
+        str(tmp_path / "chapter.blend"),
+        "--frames",
+        "1,60",
+        "--width",
+        "160",
+        "--quiet",
+    ]
 
     def run(*words):
         return commands._run([*command, *map(str, words)], "crowd-lod")
@@ -196,17 +237,25 @@ def test_a_preview_is_drawn_by_the_overlay(tmp_path, capfd):
     assert run("--engine", "overlay", "--out", tmp_path / "lod") == 0
     plan = json.loads((tmp_path / "lod" / "plan.json").read_text())
     assert plan["preview"]["engine"] == "OVERLAY" and plan["preview"]["notes"] == []
-    assert (tmp_path / "lod" / "contact_sheet.png").is_file() and (tmp_path / "lod" / "report.html").is_file()
+    assert (tmp_path / "lod" / "contact_sheet.png").is_file() and (
+        tmp_path / "lod" / "report.html"
+    ).is_file()
     first, later, above = (
-        image_data.load_pixels(tmp_path / "lod" / f"{name}.png") for name in ("main_0001", "main_0060", "above_0060")
+        image_data.load_pixels(tmp_path / "lod" / f"{name}.png")
+        for name in ("main_0001", "main_0060", "above_0060")
     )
     assert first.shape == later.shape == above.shape == (90, 160, 4)
     rgb = first[..., :3].astype(float)
     for channel in range(3):  # red, green and blue agents are seen
         others = np.delete(rgb, channel, axis=-1).max(axis=-1)
         assert (rgb[..., channel] > 1.6 * others).mean() > 0.005
-    assert (first != later).any() and not [s for s in bpy.data.scenes if s.name.startswith("Crowd LOD")]
-    assert run("--engine", "overlay", "--color", "group", "--frames", "1", "--out", tmp_path / "group") == 0
+    assert (first != later).any() and not [
+        s for s in bpy.data.scenes if s.name.startswith("Crowd LOD")
+    ]
+    assert (
+        run("--engine", "overlay", "--color", "group", "--frames", "1", "--out", tmp_path / "group")
+        == 0
+    )
     assert (image_data.load_pixels(tmp_path / "group" / "main_0001.png") != first).any()
     assert run("--engine", "workbench", "--color", "state", "--out", tmp_path / "state") == 1
     assert "has no color state" in capfd.readouterr().err and not (tmp_path / "state").exists()
@@ -214,8 +263,19 @@ def test_a_preview_is_drawn_by_the_overlay(tmp_path, capfd):
 
 def test_without_a_driver_it_is_said_in_a_sentence(tmp_path, capfd, monkeypatch):
     for name in ("__EGL_VENDOR_LIBRARY_DIRS", "LIBGL_DRIVERS_PATH"):
-        monkeypatch.setenv(name, str(tmp_path))  # where there is none; this process has its own already
-    words = ["preview", "chapter", "--engine", "overlay", "--frames", "1", "--out", str(tmp_path / "out")]
+        monkeypatch.setenv(
+            name, str(tmp_path)
+        )  # where there is none; this process has its own already
+    words = [
+        "preview",
+        "chapter",
+        "--engine",
+        "overlay",
+        "--frames",
+        "1",
+        "--out",
+        str(tmp_path / "out"),
+    ]
     assert commands._run(words, "crowd-lod") == 1
     said = capfd.readouterr().err
     assert "no driver for either starts here" in said and not (tmp_path / "out").exists()

@@ -18,7 +18,9 @@ def test_a_group_that_is_gone_is_named_until_the_crowd_is_populated_again(scene)
     assert missing_groups(scene.crowd_lod) == shown(scene).notes == ()
     bpy.data.objects.remove(scene.crowd_lod.characters.objects["two"])
     assert shown(scene).notes == missing_groups(scene.crowd_lod)
-    assert shown(scene).notes == ("No longer among the characters: two. Press Populate in the Crowd panel.",)
+    assert shown(scene).notes == (
+        "No longer among the characters: two. Press Populate in the Crowd panel.",
+    )
     with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
         bpy.ops.crowd_lod.populate()
     assert shown(scene).notes == ()

@@ -6,9 +6,14 @@ import numpy as np
 def drum(around, along):
     """A closed cylinder of radius 1 from z = -1 to 1."""
     angle = np.linspace(0, 2 * np.pi, around, endpoint=False)
-    rings = [np.column_stack([np.cos(angle), np.sin(angle), np.full(around, z)]) for z in np.linspace(-1, 1, along)]
+    rings = [
+        np.column_stack([np.cos(angle), np.sin(angle), np.full(around, z)])
+        for z in np.linspace(-1, 1, along)
+    ]
     points = np.concatenate([*rings, [[0, 0, -1], [0, 0, 1]]])
-    i, j = (grid.ravel() for grid in np.meshgrid(np.arange(along - 1), np.arange(around), indexing="ij"))
+    i, j = (
+        grid.ravel() for grid in np.meshgrid(np.arange(along - 1), np.arange(around), indexing="ij")
+    )
     k, first = (j + 1) % around, np.arange(around)
     a, b, c, d = i * around + j, i * around + k, (i + 1) * around + k, (i + 1) * around + j
     last = first + (along - 1) * around

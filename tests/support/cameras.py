@@ -17,4 +17,14 @@ def straight(far=100.0, kind="PERSP", offset=(0.0, 0.0, 0.0)):
     """A camera at `offset` that looks along +y, 90 degrees wide and high."""
     X, Y, Z = np.eye(3)[[0, 2, 1]]
     half = 1.0 if kind == "PERSP" else 5.0
-    return Camera(kind, np.array(offset, float), X, Y, Z, Window(-half, half, -half, half), 1.0, far, (100, 100))
+    return Camera(
+        kind,
+        np.array(offset, float),
+        X,
+        Y,
+        Z,
+        Window(-half, half, -half, half),
+        1.0,
+        far,
+        (100, 100),
+    )

@@ -6,7 +6,12 @@ from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
 
 
 def tube(
-    name: str, around: int = 24, along: int = 24, radius: float = 0.2, height: float = 2.0, split: bool = False
+    name: str,
+    around: int = 24,
+    along: int = 24,
+    radius: float = 0.2,
+    height: float = 2.0,
+    split: bool = False,
 ) -> bpy.types.Mesh:
     """An open upright tube of quads with one UV seam, u around and v along.
 
@@ -19,9 +24,15 @@ def tube(
         np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(columns, z)])
         for z in np.linspace(0, height, along + 1)
     ]
-    quads = [((j, i), (j, (i + 1) % columns), (j + 1, (i + 1) % columns), (j + 1, i)) for j in range(along) for i in range(around)]
+    quads = [
+        ((j, i), (j, (i + 1) % columns), (j + 1, (i + 1) % columns), (j + 1, i))
+        for j in range(along)
+        for i in range(around)
+    ]
     mesh = bpy.data.meshes.new(name)
-    mesh.from_pydata(np.concatenate(rows).tolist(), [], [[j * columns + i for j, i in quad] for quad in quads])
+    mesh.from_pydata(
+        np.concatenate(rows).tolist(), [], [[j * columns + i for j, i in quad] for quad in quads]
+    )
     uvs = [
         ((i + di) / around, (j + dj) / along)
         for j in range(along)
@@ -91,5 +102,7 @@ def painted(name, image, coordinates=None):
     node.image = image
     tree.links.new(node.outputs["Color"], tree.nodes["Principled BSDF"].inputs["Base Color"])
     if coordinates:
-        tree.links.new(tree.nodes.new("ShaderNodeTexCoord").outputs[coordinates], node.inputs["Vector"])
+        tree.links.new(
+            tree.nodes.new("ShaderNodeTexCoord").outputs[coordinates], node.inputs["Vector"]
+        )
     return material

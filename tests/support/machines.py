@@ -9,7 +9,9 @@ from crowd_lod_extension.crowd_lod.crowd.state_machine import parse
 
 def machine_of(states, edge="clamp", labels=("ground", "wall")):
     colors = {name: {"color": f"#0000{i:02x}"} for i, name in enumerate(labels)}
-    return parse(json.dumps({"version": 1, "edge": edge, "labels": colors, "states": states}), "test")
+    return parse(
+        json.dumps({"version": 1, "edge": edge, "labels": colors, "states": states}), "test"
+    )
 
 
 def random_machine(random, states=5, labels=3, speeds=(0.01, 30), edge="clamp"):
@@ -22,11 +24,15 @@ def random_machine(random, states=5, labels=3, speeds=(0.01, 30), edge="clamp"):
         where = {"next": names[random.integers(states)]} if random.random() < 0.5 else {}
         return {"speed": speed, "heading": random.uniform(0, 360), **where}
 
-    return machine_of({s: {"on": {label: rule() for label in label_names}} for s in names}, edge, label_names)
+    return machine_of(
+        {s: {"on": {label: rule() for label in label_names}} for s in names}, edge, label_names
+    )
 
 
 def random_world(random, labels=3, rows=9, columns=13, area=None):
-    return LabelMap(random.integers(labels, size=(rows, columns)).astype(np.uint8), area or Area(-3, 5, 23, 14))
+    return LabelMap(
+        random.integers(labels, size=(rows, columns)).astype(np.uint8), area or Area(-3, 5, 23, 14)
+    )
 
 
 def mirrored(value, low, high):

@@ -26,7 +26,9 @@ def nodes_modifier(item):
         group.interface.new_socket(kind, in_out="INPUT", socket_type=f"NodeSocket{kind}")
     ends = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
     group.links.new(ends[0].outputs[0], ends[1].inputs[0])
-    group.links.new(ends[0].outputs["Menu"], group.nodes.new("GeometryNodeMenuSwitch").inputs["Menu"])
+    group.links.new(
+        ends[0].outputs["Menu"], group.nodes.new("GeometryNodeMenuSwitch").inputs["Menu"]
+    )
     modifier = item.modifiers.new("Nodes", "NODES")
     modifier.node_group = group
     bpy.context.view_layer.update()

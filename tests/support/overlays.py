@@ -52,7 +52,10 @@ def planned(shift=(0.0, 0.0, 0.0)):
     what = drawing(frame)
     drawing(frame, Style("BOXES"))
     assert "levels" not in vars(frame)  # those of all agents, whom neither shows
-    found = [int(level) if seen else None for level, seen in zip(frame.levels, frame.visible, strict=True)]
+    found = [
+        int(level) if seen else None
+        for level, seen in zip(frame.levels, frame.visible, strict=True)
+    ]
     assert found == [level for _, _, level in AGENTS]
     return frame, what
 
@@ -66,7 +69,11 @@ def populated(count, **heights):
     scene.collection.children.link(characters)
     for name, height in heights.items():
         mesh = bpy.data.meshes.new(name)
-        mesh.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, height)], [], [(0, 1, 2), (0, 1, 3), (1, 2, 3), (2, 0, 3)])
+        mesh.from_pydata(
+            [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, height)],
+            [],
+            [(0, 1, 2), (0, 1, 3), (1, 2, 3), (2, 0, 3)],
+        )
         characters.objects.link(bpy.data.objects.new(name, mesh))
     camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
     camera.location, camera.rotation_euler = (0, -40, 2), (1.5708, 0, 0)

@@ -5,7 +5,9 @@ import numpy as np
 from mathutils import Matrix
 
 
-def scatter(scene, count=60, instances=False, attributes=(), where=(0.0, 0.0, 0.0)) -> bpy.types.Object:
+def scatter(
+    scene, count=60, instances=False, attributes=(), where=(0.0, 0.0, 0.0)
+) -> bpy.types.Object:
     """Return an object with `count` points in a row along x, which move by (0, 1, 0) meters a second.
 
     instances: cones on the points, turned by their index in radians, instead of the points.
@@ -23,7 +25,9 @@ def scatter(scene, count=60, instances=False, attributes=(), where=(0.0, 0.0, 0.
             own.foreach_set("vector" if kind == "FLOAT_VECTOR" else "value", np.ravel(values))
     item = bpy.data.objects.new("Scatter", mesh)
     scene.collection.objects.link(item)
-    item.matrix_world = Matrix.Translation(where) @ Matrix.Rotation(np.pi / 2, 4, "Z") @ Matrix.Scale(2, 4)
+    item.matrix_world = (
+        Matrix.Translation(where) @ Matrix.Rotation(np.pi / 2, 4, "Z") @ Matrix.Scale(2, 4)
+    )
     item.modifiers.new("Nodes", "NODES").node_group = _nodes(instances)
     return item
 
@@ -46,7 +50,12 @@ def _nodes(instances: bool) -> bpy.types.NodeTree:
     if instances:
         place, cone, turn, index = (
             tree.nodes.new(kind)
-            for kind in ("GeometryNodeInstanceOnPoints", "GeometryNodeMeshCone", "ShaderNodeCombineXYZ", "GeometryNodeInputIndex")
+            for kind in (
+                "GeometryNodeInstanceOnPoints",
+                "GeometryNodeMeshCone",
+                "ShaderNodeCombineXYZ",
+                "GeometryNodeInputIndex",
+            )
         )
         link(made, place.inputs["Points"])
         link(cone.outputs[0], place.inputs["Instance"])

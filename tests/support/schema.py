@@ -33,18 +33,37 @@ def faults(value, schema, root=None, at="$"):
         elif word == "not":
             found += [f"{at} is a form that is ruled out"] * (not inner(value, rule, at))
         elif word == "anyOf":
-            found += [f"{at} fits none of {len(rule)} forms"] * all(inner(value, each, at) for each in rule)
+            found += [f"{at} fits none of {len(rule)} forms"] * all(
+                inner(value, each, at) for each in rule
+            )
         elif word == "if":
-            found += inner(value, schema.get("then" if not inner(value, rule, at) else "else", {}), at)
+            found += inner(
+                value, schema.get("then" if not inner(value, rule, at) else "else", {}), at
+            )
         elif word == "required":
             found += [f"{at} lacks {name}" for name in rule if name not in value]
         elif word == "dependentRequired":
-            found += [f"{at} lacks {n}" for key, names in rule.items() if key in value for n in names if n not in value]
+            found += [
+                f"{at} lacks {n}"
+                for key, names in rule.items()
+                if key in value
+                for n in names
+                if n not in value
+            ]
         elif word == "properties":
-            found += [f for name, each in rule.items() if name in value for f in inner(value[name], each, f"{at}.{name}")]
+            found += [
+                f
+                for name, each in rule.items()
+                if name in value
+                for f in inner(value[name], each, f"{at}.{name}")
+            ]
         elif word == "additionalProperties":
             for name in value.keys() - schema.get("properties", {}).keys():
-                found += [f"{at} may not have {name}"] if rule is False else inner(value[name], rule, f"{at}.{name}")
+                found += (
+                    [f"{at} may not have {name}"]
+                    if rule is False
+                    else inner(value[name], rule, f"{at}.{name}")
+                )
         elif word == "minProperties":
             found += [f"{at} has too few"] * (len(value) < rule)
         elif word == "maxProperties":

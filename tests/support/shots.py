@@ -28,7 +28,9 @@ def machine(states=None, edge="clamp"):
     """Two labels, ground and wall. states: all else; standing if not given."""
     labels = {"ground": {"color": "#808080"}, "wall": {"color": "#202020", "spawn": False}}
     states = states or {"stand": {"color": "#ff0000", "on": {"*": {}}}}
-    return parse(json.dumps({"version": 1, "edge": edge, "labels": labels, "states": states}), "test")
+    return parse(
+        json.dumps({"version": 1, "edge": edge, "labels": labels, "states": states}), "test"
+    )
 
 
 def walking(edge="clamp", turn="on"):
@@ -47,12 +49,29 @@ def ground(walls=(), shape=(7, 9)):
 
 def shot(table=None, world=None, groups=ONE, count=400, seed=3, **more):
     table, world = table or machine(), world or ground()
-    return Walk(populate(count, seed, len(groups), table, world), table, world, groups, 1 / 24, **more)
+    return Walk(
+        populate(count, seed, len(groups), table, world), table, world, groups, 1 / 24, **more
+    )
 
 
 def raw(frame):
     """All that a frame says of the crowd, as bytes."""
     crowd = [column.tobytes() for column in frame.crowd.columns.values()]
-    seen = [a.tobytes() for a in (frame.visible, frame.levels, frame.buckets.order, frame.buckets.offsets)]
-    kinds = [str(a.dtype) for a in (frame.visible, frame.levels, frame.buckets.order, frame.buckets.offsets)]
-    return crowd, seen, kinds, frame.vertices, frame.triangles, frame.full_vertices, frame.full_triangles, frame.dropped
+    seen = [
+        a.tobytes()
+        for a in (frame.visible, frame.levels, frame.buckets.order, frame.buckets.offsets)
+    ]
+    kinds = [
+        str(a.dtype)
+        for a in (frame.visible, frame.levels, frame.buckets.order, frame.buckets.offsets)
+    ]
+    return (
+        crowd,
+        seen,
+        kinds,
+        frame.vertices,
+        frame.triangles,
+        frame.full_vertices,
+        frame.full_triangles,
+        frame.dropped,
+    )

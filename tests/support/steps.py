@@ -9,7 +9,9 @@ from .shots import AREA
 
 
 def same(one, other):
-    return all(column.tobytes() == other.columns[name].tobytes() for name, column in one.columns.items())
+    return all(
+        column.tobytes() == other.columns[name].tobytes() for name, column in one.columns.items()
+    )
 
 
 def odd(crowd, random, machine, world):
@@ -17,8 +19,18 @@ def odd(crowd, random, machine, world):
     x, y = crowd.x.copy(), crowd.y.copy()
     right = random.choice([AREA.x_max, np.nextafter(AREA.x_max, 0)])
     x[::11], x[1::11], y[2::11], y[3::11] = AREA.x_min, right, AREA.y_min, AREA.y_max
-    x[4::11], y[5::11] = AREA.x_min + 80 / 9 * random.integers(9, size=x[4::11].shape), AREA.y_min + 100 / 7 * 3
+    x[4::11], y[5::11] = (
+        AREA.x_min + 80 / 9 * random.integers(9, size=x[4::11].shape),
+        AREA.y_min + 100 / 7 * 3,
+    )
     x[6::101], y[7::101] = -70, 170
     mirror = random.integers(4, size=len(x)).astype(np.uint8)
     pace = pace_of(x, y, crowd.state, machine, world)
-    return replace(crowd, x=x, y=y, mirror=mirror, group=random.integers(3, size=len(x)).astype(np.uint8), pace=pace)
+    return replace(
+        crowd,
+        x=x,
+        y=y,
+        mirror=mirror,
+        group=random.integers(3, size=len(x)).astype(np.uint8),
+        pace=pace,
+    )

@@ -34,7 +34,10 @@ def tables(draw):
     names = ["a", "b", "c"][: draw(st.integers(1, 3))]
     still, constant = draw(st.booleans()), draw(st.booleans())
     part = st.integers(-3000, 3000).map(lambda hundredths: hundredths / 100)
-    move, any_of = st.just([0, 0]) if still else st.lists(part, min_size=2, max_size=2), st.sampled_from(names)
+    move, any_of = (
+        st.just([0, 0]) if still else st.lists(part, min_size=2, max_size=2),
+        st.sampled_from(names),
+    )
     weights = any_of | st.just({name: 1 for name in names})
     states = {}
     for k, name in enumerate(names):
@@ -59,7 +62,11 @@ def cameras_of_crowd(draw):
     camera = replace(camera, origin=np.array([0, 50, 1]) - camera.Z * draw(powers(0, 4)))
     if draw(st.booleans()):
         camera = lens_blur(camera, 0.05, 10.0)
-    return (camera, replace(camera, origin=camera.origin + camera.X * 0.1)) if draw(st.booleans()) else camera
+    return (
+        (camera, replace(camera, origin=camera.origin + camera.X * 0.1))
+        if draw(st.booleans())
+        else camera
+    )
 
 
 @st.composite
@@ -67,7 +74,9 @@ def policies(draw, groups=1):
     """Any LODs by distance, perhaps others for each group."""
     part = st.floats(0.01, 1)
     steps = tuple(sorted(draw(st.lists(part, max_size=3, unique=True))))
-    own = st.tuples(*(st.just(tuple(step**power for step in steps)) for power in range(1, groups + 1)))
+    own = st.tuples(
+        *(st.just(tuple(step**power for step in steps)) for power in range(1, groups + 1))
+    )
     margin, metric = draw(sometimes(st.just(0.5))), draw(st.sampled_from(["AXIS", "RADIAL"]))
     return LevelPolicy(steps, metric, margin, group_thresholds=draw(sometimes(own, ())))
 
@@ -76,8 +85,17 @@ def policies(draw, groups=1):
 def trajectories(draw, groups, counts):
     """A crowd of these groups, one or more, that does as any table says, on flat ground or on hills."""
     own = tuple(draw(st.lists(st.sampled_from(groups), min_size=1, max_size=3)))
-    heights = draw(sometimes(generators.map(lambda random: HeightMap(random.random((4, 5), np.float32), AREA))))
-    return shot(draw(tables()), draw(grounds), own, draw(st.sampled_from(counts)), draw(seeds), heights=heights)
+    heights = draw(
+        sometimes(generators.map(lambda random: HeightMap(random.random((4, 5), np.float32), AREA)))
+    )
+    return shot(
+        draw(tables()),
+        draw(grounds),
+        own,
+        draw(st.sampled_from(counts)),
+        draw(seeds),
+        heights=heights,
+    )
 
 
 @st.composite
@@ -86,7 +104,11 @@ def shots(draw, groups, counts):
     trajectory, camera = draw(trajectories(groups, counts)), draw(cameras_of_crowd())
     shutter, eyes = (), camera if isinstance(camera, tuple) else (camera,)
     if draw(st.booleans()):
-        moving = [[replace(eye, origin=eye.origin + eye.X * part) for part in (0, 0.1)] for eye in eyes]
-        shutter = list(zip((8.5, 9.0), zip(*(opened(each) for each in moving), strict=True), strict=True))
+        moving = [
+            [replace(eye, origin=eye.origin + eye.X * part) for part in (0, 0.1)] for eye in eyes
+        ]
+        shutter = list(
+            zip((8.5, 9.0), zip(*(opened(each) for each in moving), strict=True), strict=True)
+        )
     bias = draw(sometimes(generators.map(lambda random: Bias(random.random((3, 3)), AREA))))
     return trajectory, camera, draw(policies(len(trajectory.groups))), shutter, bias

@@ -22,7 +22,8 @@ def wanderers(agents=300, frames=200, rate=16.0, seed=1, gaps=True, z=False):
         speed[speed < 0.4] = 0
         angle = np.cumsum(random.normal(0, 0.1, len(frame))) + random.uniform(-3, 3)
         x, y = (
-            np.cumsum(speed / rate * of(angle)) + random.uniform(*span) for of, span in ((np.cos, (-40, 40)), (np.sin, (0, 90)))
+            np.cumsum(speed / rate * of(angle)) + random.uniform(*span)
+            for of, span in ((np.cos, (-40, 40)), (np.sin, (0, 90)))
         )
         height = np.cumsum(random.normal(0, 0.02, len(frame)))
         kept = np.ones(len(frame), bool)
@@ -30,11 +31,15 @@ def wanderers(agents=300, frames=200, rate=16.0, seed=1, gaps=True, z=False):
             lost = int(random.integers(1, len(frame) - 2))
             kept[lost : lost + int(random.integers(1, 60))] = False
             kept[-1] = True
-        parts.append(np.column_stack([np.full(len(frame), 7 * agent + 3), frame, x, y, height])[kept])
+        parts.append(
+            np.column_stack([np.full(len(frame), 7 * agent + 3), frame, x, y, height])[kept]
+        )
     found = np.concatenate(parts)
     found = found[random.permutation(len(found))]
     columns = [np.ascontiguousarray(column) for column in found.T]
-    return Rows(columns[0].astype(np.int64), *columns[1:4], z=columns[4] if z else None, rate=rate, unit="m")
+    return Rows(
+        columns[0].astype(np.int64), *columns[1:4], z=columns[4] if z else None, rate=rate, unit="m"
+    )
 
 
 def recorded(rows=None, fps=24.0, **more):

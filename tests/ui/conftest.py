@@ -43,7 +43,16 @@ def archive(tmp_path_factory):
 def installed(archive, tmp_path_factory):
     """The folder of a Blender's user who has the extension."""
     user = tmp_path_factory.mktemp("installed")
-    install = [BLENDER, "--command", "extension", "install-file", "-r", "user_default", "--enable", archive]
+    install = [
+        BLENDER,
+        "--command",
+        "extension",
+        "install-file",
+        "-r",
+        "user_default",
+        "--enable",
+        archive,
+    ]
     subprocess.run(install, check=True, env=os.environ | {"BLENDER_USER_RESOURCES": str(user)})
     return user
 
@@ -60,17 +69,41 @@ def used(installed, tmp_path_factory):
     shaders = tmp_path_factory.mktemp("shaders")
 
     def use(script: str, *words: str, small: bool = False) -> dict:
-        user = shutil.copytree(installed, tmp_path_factory.mktemp("user"), symlinks=True, dirs_exist_ok=True)
-        folder = Path(os.environ.get("CROWD_LOD_PICTURES") or tmp_path_factory.mktemp("window")).resolve()
+        user = shutil.copytree(
+            installed, tmp_path_factory.mktemp("user"), symlinks=True, dirs_exist_ok=True
+        )
+        folder = Path(
+            os.environ.get("CROWD_LOD_PICTURES") or tmp_path_factory.mktemp("window")
+        ).resolve()
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "results.json").unlink(missing_ok=True)
         # and a browser that shows nothing
-        own = {"BLENDER_USER_RESOURCES": str(user), "MESA_SHADER_CACHE_DIR": str(shaders), "BROWSER": "true"}
+        own = {
+            "BLENDER_USER_RESOURCES": str(user),
+            "MESA_SHADER_CACHE_DIR": str(shaders),
+            "BROWSER": "true",
+        }
         environment = os.environ | own
         size = ["--window-geometry", "0", "0", "800", "600"] if small else []
-        command = [*in_a_window(), *size, "--enable-event-simulate", "--python", HERE / script, "--", folder, *words]
+        command = [
+            *in_a_window(),
+            *size,
+            "--enable-event-simulate",
+            "--python",
+            HERE / script,
+            "--",
+            folder,
+            *words,
+        ]
         output = subprocess.PIPE
-        run = subprocess.run(command, env=environment, timeout=LIMIT, text=True, stdout=output, stderr=subprocess.STDOUT)
+        run = subprocess.run(
+            command,
+            env=environment,
+            timeout=LIMIT,
+            text=True,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+        )
         (folder / "console.txt").write_text(run.stdout, encoding="utf-8")
         assert (folder / "results.json").exists(), run.stdout[-4000:]
         results = json.loads((folder / "results.json").read_text(encoding="utf-8"))

@@ -25,13 +25,18 @@ def main_region():
 def clip(agent):
     """Where the agent's waist is in the viewport's clip space."""
     crowd = overlay().latest(scene()).crowd
-    return main_region().data.perspective_matrix @ Vector((crowd.x[agent], crowd.y[agent], crowd.z[agent] + 0.9, 1.0))
+    return main_region().data.perspective_matrix @ Vector(
+        (crowd.x[agent], crowd.y[agent], crowd.z[agent] + 0.9, 1.0)
+    )
 
 
 def mouse(kind, value, agent):
     """Send a mouse event where the agent is."""
     region, (x, y, _, w) = main_region(), clip(agent)
-    at = int(region.x + (x / w + 1) * region.width / 2), int(region.y + (y / w + 1) * region.height / 2)
+    at = (
+        int(region.x + (x / w + 1) * region.width / 2),
+        int(region.y + (y / w + 1) * region.height / 2),
+    )
     robot.window().event_simulate(type=kind, value=value, x=at[0], y=at[1])
 
 
@@ -43,7 +48,11 @@ def inspect():
     yield 1.0
     # the nearest ones that are seen: no other stands in front of them
     places = {int(agent): clip(agent) for agent in overlay().latest(scene()).buckets.order[:40]}
-    inside = [agent for agent, (x, y, _, w) in places.items() if -0.4 * w < x < 0 and -0.8 * w < y < 0.1 * w]
+    inside = [
+        agent
+        for agent, (x, y, _, w) in places.items()
+        if -0.4 * w < x < 0 and -0.8 * w < y < 0.1 * w
+    ]
     first, second = sorted(inside, key=lambda agent: places[agent].w)[:2]
     found = {"wanted": [first, second]}
     with robot.over():
@@ -141,7 +150,10 @@ def rendered(folder):
             if max(pixel) > 2 * sorted(pixel)[1]:  # of one hue: an agent
                 there = 4 * ((region.y + row) * width + region.x + column)
                 agents += 1
-                same += max(abs(a - b) for a, b in zip(pixel, whole[there : there + 3], strict=True)) <= 1
+                same += (
+                    max(abs(a - b) for a, b in zip(pixel, whole[there : there + 3], strict=True))
+                    <= 1
+                )
     found = {
         "status": status,
         "modal": len(robot.window().modal_operators),
@@ -159,7 +171,10 @@ def rendered(folder):
     (second,) = set(bpy.data.images) - before - {image}
     render = scene().render
     found["through the camera"] = list(second.size)
-    found["render"] = [side * render.resolution_percentage // 100 for side in (render.resolution_x, render.resolution_y)]
+    found["render"] = [
+        side * render.resolution_percentage // 100
+        for side in (render.resolution_x, render.resolution_y)
+    ]
     second.filepath_raw, second.file_format = str(folder / "24_render_viewport.png"), "PNG"
     second.save()
     yield from robot.close_window_of(second)
@@ -246,7 +261,12 @@ def repeat():
         if number % 20 == 19:
             yield from seen()
             memory.append(robot.memory())
-    return {"before": before, "after": robot.leftovers(), "seen": (yield from seen()), "memory": memory}
+    return {
+        "before": before,
+        "after": robot.leftovers(),
+        "seen": (yield from seen()),
+        "memory": memory,
+    }
 
 
 def lifecycle(folder):

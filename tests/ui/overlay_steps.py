@@ -57,9 +57,15 @@ def changes():
     yield 1.5  # whatever was late is drawn
     found["count"] = yield from followed(put("count", 500), lambda now: len(now.frame.crowd) == 500)
     first = shown().frame.trajectory
-    found["seed"] = yield from followed(put("seed", 9), lambda now: now.frame.trajectory is not first)
-    found["color"] = yield from followed(put("overlay_color", "GROUP"), lambda now: now.colored.names == names())
-    found["mode"] = yield from followed(put("overlay_mode", "POINTS"), lambda now: not now.batches.draws)
+    found["seed"] = yield from followed(
+        put("seed", 9), lambda now: now.frame.trajectory is not first
+    )
+    found["color"] = yield from followed(
+        put("overlay_color", "GROUP"), lambda now: now.colored.names == names()
+    )
+    found["mode"] = yield from followed(
+        put("overlay_mode", "POINTS"), lambda now: not now.batches.draws
+    )
     machine = settings().machine
     text = machine.as_string()
     found["text"] = yield from followed(
@@ -69,7 +75,9 @@ def changes():
     image, world = settings().map_image, shown().frame.trajectory.world
     pixels = image.pixels[:]
     yield from robot.drawn()  # looks at the image, and so does not at once again
-    found["image"] = yield from followed(lambda: paint_on(image, pixels), lambda now: now.frame.trajectory.world is not world)
+    found["image"] = yield from followed(
+        lambda: paint_on(image, pixels), lambda now: now.frame.trajectory.world is not world
+    )
     image.pixels[:] = pixels
     empty = bpy.data.objects.new("number", None)
     scene().collection.objects.link(empty)
@@ -77,12 +85,16 @@ def changes():
     variable = driver.variables.new()
     variable.name, variable.type, driver.expression = "x", "TRANSFORMS", "300 + x"
     variable.targets[0].id, variable.targets[0].transform_type = empty, "LOC_X"
-    found["driver"] = yield from followed(lambda: move(empty, 50.0), lambda now: len(now.frame.crowd) == 350)
+    found["driver"] = yield from followed(
+        lambda: move(empty, 50.0), lambda now: len(now.frame.crowd) == 350
+    )
     scene().driver_remove("crowd_lod.count")
     settings().keyframe_insert("count", frame=1)
     settings().count = 420
     settings().keyframe_insert("count", frame=30)
-    found["animation"] = yield from followed(lambda: scene().frame_set(30), lambda now: len(now.frame.crowd) == 420)
+    found["animation"] = yield from followed(
+        lambda: scene().frame_set(30), lambda now: len(now.frame.crowd) == 420
+    )
     scene().animation_data_clear()
     off = yield from switched()
     return found | {"switched": off}
@@ -121,7 +133,10 @@ def rest():
 def eyedropper():
     """The mark of the agent is drawn after the mouse moved, without anything else."""
     places = {int(agent): life.clip(agent) for agent in shown().frame.buckets.order[:40]}
-    agent = min((a for a, (x, y, _, w) in places.items() if abs(x) < 0.4 * w and abs(y) < 0.4 * w), key=lambda a: places[a].w)
+    agent = min(
+        (a for a, (x, y, _, w) in places.items() if abs(x) < 0.4 * w and abs(y) < 0.4 * w),
+        key=lambda a: places[a].w,
+    )
     yield 2.0
     before = len(painted)
     with robot.over():
@@ -145,7 +160,10 @@ def legends():
         yield from robot.picture(f"31_{color.lower()}")
         found[color] = [line.text for line in overlay().hud.legend(shown().colored)]
     settings().agent, settings().overlay_color = -1, "LOD"
-    return found | {"states": list(shown().frame.trajectory.machine.states), "groups": list(names())}
+    return found | {
+        "states": list(shown().frame.trajectory.machine.states),
+        "groups": list(names()),
+    }
 
 
 def characters_drawn():

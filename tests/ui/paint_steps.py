@@ -41,7 +41,10 @@ def session():
 def from_above():
     view = robot.view_3d().spaces[0].region_3d
     view.view_perspective, view.view_rotation = "ORTHO", (1, 0, 0, 0)
-    view.view_location, view.view_distance = settings().center, 2.4 * max(settings().size)  # clear of the shelf of brushes
+    view.view_location, view.view_distance = (
+        settings().center,
+        2.4 * max(settings().size),
+    )  # clear of the shelf of brushes
 
 
 def crowd() -> dict:
@@ -103,7 +106,9 @@ def wall():
     yield from robot.press("crowd_lod.refresh_areas")
     found = {"added": (yield from walls_after(lambda: None))}
     with robot.over():
-        found["moved"] = yield from walls_after(lambda: bpy.ops.transform.translate(value=(-5, 0, 0)))
+        found["moved"] = yield from walls_after(
+            lambda: bpy.ops.transform.translate(value=(-5, 0, 0))
+        )
         bpy.ops.ed.undo_push(message="move")
     yield from robot.picture("41_wall_moved")
     found["undone"] = yield from walls_after(lambda: robot.key("Z", ctrl=True))

@@ -22,26 +22,47 @@ from small_plaza import REST, opened, saved  # noqa: E402
 
 FOLDER, PORT = sys.argv[sys.argv.index("--") + 1 :]
 FOLDER, PORT = Path(FOLDER), int(PORT)
-KINDS_OF_DATA = {"Collection": "collections", "Mesh": "meshes", "Image": "images", "Text": "texts", "Object": "objects"}
+KINDS_OF_DATA = {
+    "Collection": "collections",
+    "Mesh": "meshes",
+    "Image": "images",
+    "Text": "texts",
+    "Object": "objects",
+}
 drawn: set[str] = set()  # panels, since the last answer
 
 
 def session():
     """Yields the seconds to wait before going on."""
-    sys.modules[f"{robot.MODULE}.operators.ui.step_panel"].Step.bl_options = set()  # all open: what is closed is not drawn
+    sys.modules[
+        f"{robot.MODULE}.operators.ui.step_panel"
+    ].Step.bl_options = set()  # all open: what is closed is not drawn
     robot.toggle()
     yield from saved(str(FOLDER / "panels.blend"), str(FOLDER / "panels_files"))
     (FOLDER / "garbage.npz").write_text("no plan")
     robot.view_3d().spaces[0].show_region_ui = True
     yield 0.5
     robot.sidebar(robot.view_3d()).active_panel_category = "Crowd LOD"
-    panels, menus = ([name for name in dir(bpy.types) if name.startswith(f"CROWDLOD_{kind}_")] for kind in ("PT", "MT"))
+    panels, menus = (
+        [name for name in dir(bpy.types) if name.startswith(f"CROWDLOD_{kind}_")]
+        for kind in ("PT", "MT")
+    )
     for name in panels:
         getattr(bpy.types, name).append(lambda _, __, name=name: drawn.add(name))
-    owners = {"settings": settings(), "group": settings().groups[0], "exception": settings().exceptions[0]}
+    owners = {
+        "settings": settings(),
+        "group": settings().groups[0],
+        "exception": settings().exceptions[0],
+    }
     owners["editor"] = scene().crowd_lod_editor
-    known = {owner: list(filter(None, map(told, values.bl_rna.properties))) for owner, values in owners.items()}
-    with socket.create_connection(("localhost", PORT)) as line, line.makefile("rw", encoding="utf-8") as talk:
+    known = {
+        owner: list(filter(None, map(told, values.bl_rna.properties)))
+        for owner, values in owners.items()
+    }
+    with (
+        socket.create_connection(("localhost", PORT)) as line,
+        line.makefile("rw", encoding="utf-8") as talk,
+    ):
         said: dict = {"known": known, "done": sorted(DONE), "panels": panels, "menus": menus}
         while True:
             talk.write(json.dumps(said) + "\n")
@@ -194,7 +215,9 @@ def filmed(item):
 DONE = {
     "characters removed": lambda: gone(settings().characters, bpy.data.collections),
     "characters emptied": lambda: emptied(settings().characters),
-    "character removed": lambda: gone(next(iter(children(settings().characters)), None), bpy.data.collections),
+    "character removed": lambda: gone(
+        next(iter(children(settings().characters)), None), bpy.data.collections
+    ),
     "characters renamed": renamed,
     "meshes removed": lambda: [bpy.data.meshes.remove(mesh) for mesh in [*bpy.data.meshes]],
     "LODs removed": lambda: gone(settings().levels, bpy.data.collections),
@@ -215,13 +238,19 @@ DONE = {
     "map lost": lambda: lost(settings().map_image),
     "map removed": lambda: gone(settings().map_image, bpy.data.images),
     "no camera": lambda: filmed(None),
-    "camera no camera": lambda: filmed(next(item for item in bpy.data.objects if item.type != "CAMERA")),
+    "camera no camera": lambda: filmed(
+        next(item for item in bpy.data.objects if item.type != "CAMERA")
+    ),
     "camera removed": lambda: gone(scene().camera, bpy.data.objects),
     "objects removed": lambda: [bpy.data.objects.remove(item) for item in [*bpy.data.objects]],
     "choice unknown": lambda: unknown(settings(), "choice"),
     "metric unknown": lambda: unknown(settings(), "metric"),
-    "exceptions by unknown": lambda: [unknown(entry, "chosen_by") for entry in settings().exceptions],
-    "kind of exception unknown": lambda: [unknown(entry, "kind") for entry in settings().exceptions],
+    "exceptions by unknown": lambda: [
+        unknown(entry, "chosen_by") for entry in settings().exceptions
+    ],
+    "kind of exception unknown": lambda: [
+        unknown(entry, "kind") for entry in settings().exceptions
+    ],
     "library missing": lambda: sys.modules.update(fast_simplification=None),
     "new scene": lambda: shown(bpy.data.scenes.new("New")),
     "copy of the scene": lambda: shown(scene().copy()),

@@ -15,7 +15,9 @@ import bpy
 
 MODULE = "bl_ext.user_default.crowd_lod"
 PATIENCE = 900.0  # seconds until a button's work counts as hung, on a machine with much else to do
-KINDS = ("actions armatures cameras collections images lights materials meshes node_groups objects scenes texts worlds").split()
+KINDS = (
+    "actions armatures cameras collections images lights materials meshes node_groups objects scenes texts worlds"
+).split()
 pictures = []
 _draws = []  # one for each drawing of a viewport's header: the last of it, also where overlays are hidden
 
@@ -94,8 +96,14 @@ def overlay():
 
 def window_of(image) -> bpy.types.Window | None:
     """The window that shows the image, or None."""
-    editors = ((w, area.spaces.active) for w in bpy.context.window_manager.windows for area in w.screen.areas)
-    return next((w for w, space in editors if space.type == "IMAGE_EDITOR" and space.image == image), None)
+    editors = (
+        (w, area.spaces.active)
+        for w in bpy.context.window_manager.windows
+        for area in w.screen.areas
+    )
+    return next(
+        (w for w, space in editors if space.type == "IMAGE_EDITOR" and space.image == image), None
+    )
 
 
 def close_window_of(image):
@@ -132,12 +140,16 @@ def press(button: str, /, escape_after: float | None = None, **properties):
     module, function = button.split(".")
     try:
         with over():
-            status = getattr(getattr(bpy.ops, module), function)("INVOKE_DEFAULT", True, **properties)
+            status = getattr(getattr(bpy.ops, module), function)(
+                "INVOKE_DEFAULT", True, **properties
+            )
     except RuntimeError as error:
         return f"CANCELLED: {error}"
     began = time.monotonic()
     escaped = False
-    while button in (f"{o.bl_idname.replace('_OT_', '.').lower()}" for o in window().modal_operators):
+    while button in (
+        f"{o.bl_idname.replace('_OT_', '.').lower()}" for o in window().modal_operators
+    ):
         if escape_after is not None and not escaped and time.monotonic() - began > escape_after:
             key("ESC")
             escaped = True
@@ -189,7 +201,9 @@ def scroll(notches: int):
     window().event_simulate(type="MOUSEMOVE", value="NOTHING", x=x, y=y)
     yield 0.3
     for _ in range(abs(notches)):
-        window().event_simulate(type="WHEELDOWNMOUSE" if notches > 0 else "WHEELUPMOUSE", value="PRESS", x=x, y=y)
+        window().event_simulate(
+            type="WHEELDOWNMOUSE" if notches > 0 else "WHEELUPMOUSE", value="PRESS", x=x, y=y
+        )
     yield 0.3
 
 
@@ -225,7 +239,9 @@ def snapshot() -> dict[str, list]:
     """The file's data-blocks by kind and name, and the crowd's settings."""
     found = {kind: sorted(block.name for block in getattr(bpy.data, kind)) for kind in KINDS}
     settings = window().scene.crowd_lod
-    found["settings"] = [f"{name}: {_value(settings, name)}" for name in settings.bl_rna.properties.keys()]
+    found["settings"] = [
+        f"{name}: {_value(settings, name)}" for name in settings.bl_rna.properties.keys()
+    ]
     return found
 
 

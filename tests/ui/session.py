@@ -30,7 +30,21 @@ def session():
     yield 0.5
     robot.sidebar(area).active_panel_category = "Crowd LOD"
     yield 0.5
-    steps = (empty, sample, timeline, levels, build, preview, escape, no_camera, breakage, repeat, plaza, lifecycle, leave)
+    steps = (
+        empty,
+        sample,
+        timeline,
+        levels,
+        build,
+        preview,
+        escape,
+        no_camera,
+        breakage,
+        repeat,
+        plaza,
+        lifecycle,
+        leave,
+    )
     for step in (step for step in steps if not CHOSEN or step.__name__ in CHOSEN):
         print(f"--- {step.__name__}", flush=True)
         started = time.monotonic()
@@ -142,7 +156,9 @@ def levels():
         "status": status,
         "levels": [sorted(group.name for group in level.children) for level in top.children],
         "groups": sorted(g.name for g in settings().groups),
-        "triangles": [[g.triangles[k] for k in range(settings().level_count)] for g in settings().groups],
+        "triangles": [
+            [g.triangles[k] for k in range(settings().level_count)] for g in settings().groups
+        ],
     }
 
 
@@ -154,7 +170,11 @@ def build():
     yield from robot.picture("07_built")
     robot.undo()
     yield 1.0
-    found["undone"] = {"build": settings().build is None, "levels": settings().levels is not None, "points": points()}
+    found["undone"] = {
+        "build": settings().build is None,
+        "levels": settings().levels is not None,
+        "points": points(),
+    }
     robot.redo()
     yield 1.0
     found["redone"] = points()
@@ -184,13 +204,19 @@ def painted():
     trajectory_of(scene())  # looks now, and so not again at once, however slow the machine
     image.pixels[:] = moved
     soon = []
-    yield from robot.until(lambda: soon.append(trajectory_of(scene()).world is world) or not soon[-1])
+    yield from robot.until(
+        lambda: soon.append(trajectory_of(scene()).world is world) or not soon[-1]
+    )
     with robot.over():
         bpy.ops.screen.animation_cancel(restore_frame=True)
     image.pixels[:] = pixels
     scene().frame_set(90)
     labels = trajectory_of(scene()).world.labels
-    return {"looks": len(soon), "other": not soon[-1], "again": labels.tobytes() == world.labels.tobytes()}
+    return {
+        "looks": len(soon),
+        "other": not soon[-1],
+        "again": labels.tobytes() == world.labels.tobytes(),
+    }
 
 
 def points():
@@ -198,11 +224,17 @@ def points():
     if settings().build is None:
         return None
     seen = (each for each in settings().build.objects if each.visible_camera)
-    return [len(each.data.vertices) for each in sorted(seen, key=lambda each: each["crowd_lod_level"])]
+    return [
+        len(each.data.vertices) for each in sorted(seen, key=lambda each: each["crowd_lod_level"])
+    ]
 
 
 def preview():
-    settings().output_folder, settings().frames, settings().width = str(FOLDER / "output"), "1,60", 320
+    settings().output_folder, settings().frames, settings().width = (
+        str(FOLDER / "output"),
+        "1,60",
+        320,
+    )
     before = robot.snapshot()
     status = yield from robot.press("crowd_lod.preview")
     yield from robot.picture("08_preview_done")
@@ -217,7 +249,11 @@ def escape():
     before = robot.snapshot()
     status = yield from robot.press("crowd_lod.preview", escape_after=3.0)
     yield from robot.picture("09_escaped")
-    return {"status": status, "changed": robot.changes(before), "folder": (FOLDER / "escaped").exists()}
+    return {
+        "status": status,
+        "changed": robot.changes(before),
+        "folder": (FOLDER / "escaped").exists(),
+    }
 
 
 def no_camera():
@@ -272,7 +308,12 @@ def repeat():
     robot.window().scene = others[0]
     bpy.data.scenes.remove(bpy.data.scenes[name])
     yield 1.0
-    return {"before": before, "after": after, "scene": scene().name, "cached": len(overlay()._shown)}
+    return {
+        "before": before,
+        "after": after,
+        "scene": scene().name,
+        "cached": len(overlay()._shown),
+    }
 
 
 def plaza():

@@ -12,7 +12,9 @@ worked: set[str] = set()  # the buttons that did their work, or at least began i
 
 def pressed(name: str):
     """Press a button of ours in the window; Esc ends what waits for the mouse, and closes a message."""
-    status = yield from robot.press(f"crowd_lod.{name}", escape_after=0.2 if name == "inspect" else None, **named(name))
+    status = yield from robot.press(
+        f"crowd_lod.{name}", escape_after=0.2 if name == "inspect" else None, **named(name)
+    )
     if status in ("FINISHED", "MODAL"):
         worked.add(name)
     robot.key("ESC")
@@ -28,14 +30,25 @@ def opened(path: str):
 def saved(path: str, folder: str):
     """Save a small plaza with all that our buttons need, whose shot plan and previews are in the folder."""
     rough.use(robot.MODULE)
-    bpy.context.preferences.system.viewport_aa = "OFF"  # software OpenGL draws sixteen samples a pixel otherwise
+    bpy.context.preferences.system.viewport_aa = (
+        "OFF"  # software OpenGL draws sixteen samples a pixel otherwise
+    )
     yield from robot.press("crowd_lod.sample", name="plaza")
     settings = robot.settings()
     settings.count, settings.choice, settings.level_count, settings.agent = AGENTS, "BY_RATIO", 2, 7
     for group in settings.characters.children[2:]:
         settings.characters.children.unlink(group)
     quicken(robot.scene(), folder)
-    needed = "add_crowd", "populate", "make_levels", "measure_levels", "except_agent", "except_agent", "plan_shot", "build"
+    needed = (
+        "add_crowd",
+        "populate",
+        "make_levels",
+        "measure_levels",
+        "except_agent",
+        "except_agent",
+        "plan_shot",
+        "build",
+    )
     for button in needed:
         yield from pressed(button)
     assert settings.shot_plan and settings.build, "a button that prepares the file failed"

@@ -25,7 +25,10 @@ def test_the_crowd_turns_at_the_painted_wall_without_populate(seen):
 
 def test_a_mesh_is_a_wall_where_it_stands_now(seen):
     wall, painted = seen["wall"], seen["paint"]["walls"]
-    own = {name: [a - b for a, b in zip(wall[name], painted, strict=True)] for name in ("added", "moved", "undone")}
+    own = {
+        name: [a - b for a, b in zip(wall[name], painted, strict=True)]
+        for name in ("added", "moved", "undone")
+    }
     assert sum(own["added"]) > 0 and own["undone"] == own["added"] and wall["place"] == 0
     moved = own["moved"].index(max(own["moved"])) - own["added"].index(max(own["added"]))
     assert moved == pytest.approx(-5 / seen["paint"]["cell"], abs=1)

@@ -73,7 +73,9 @@ def changes(knows: dict):
     """One change of the state, as panel_states.py understands it."""
     settings = [(owner, *each) for owner, several in knows["known"].items() for each in several]
     put = st.sampled_from(settings).flatmap(
-        lambda each: st.tuples(st.just("set"), st.just(each[0]), st.integers(0, 2), st.just(each[1]), values(*each[2:]))
+        lambda each: st.tuples(
+            st.just("set"), st.just(each[0]), st.integers(0, 2), st.just(each[1]), values(*each[2:])
+        )
     )
     return st.one_of(
         put,
@@ -96,22 +98,39 @@ def test_all_panels_are_drawn_in_the_sidebar_or_where_they_pop_up(window):
 
 def test_figures_of_groups_that_are_gone_are_not_drawn(window):
     popover = ("popover", "CROWDLOD_PT_statistics")
-    window.draw([("character removed",), ("press", "populate"), popover, ("undo",), ("undo",), popover, ("redo",), popover])
+    window.draw(
+        [
+            ("character removed",),
+            ("press", "populate"),
+            popover,
+            ("undo",),
+            ("undo",),
+            popover,
+            ("redo",),
+            popover,
+        ]
+    )
 
 
 @pytest.mark.parametrize("name", ["machine spoilt", "machine emptied", "machine removed"])
 def test_a_machine_that_cannot_be_read_is_drawn(window, name):
     rules = ("set", "editor", 0, "rule_index", 3)
-    window.draw([("machine of the market",), rules, (name,), ("press", "machine_add"), ("undo",), ("redo",)])
+    window.draw(
+        [("machine of the market",), rules, (name,), ("press", "machine_add"), ("undo",), ("redo",)]
+    )
 
 
-@pytest.mark.parametrize("name", ["LODs emptied", "more LODs", "kind of exception unknown", "exceptions by unknown"])
+@pytest.mark.parametrize(
+    "name", ["LODs emptied", "more LODs", "kind of exception unknown", "exceptions by unknown"]
+)
 def test_a_state_that_raised_once_is_drawn(window, name):
     window.draw([(name,), ("set", "settings", 0, "choice", "BY_TOLERANCE"), ("undo",)])
 
 
 def test_a_state_that_names_an_action_that_the_file_lacks_is_drawn(window):
-    window.draw([("redo",), ("set", "editor", 1, "action", "nowhere"), ("popover", "CROWDLOD_PT_crowd")])
+    window.draw(
+        [("redo",), ("set", "editor", 1, "action", "nowhere"), ("popover", "CROWDLOD_PT_crowd")]
+    )
 
 
 def test_every_state_is_drawn(window):

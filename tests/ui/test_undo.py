@@ -10,7 +10,15 @@ import pytest
 
 pytestmark = pytest.mark.faults
 # need another scene: a region, points, a mesh about agents, a state that follows, a selected part of a character
-ELSEWHERE = {"find_agents", "record_points", "simulate", "erase", "machine_follow", "machine_unfollow", "mark_as_prop"}
+ELSEWHERE = {
+    "find_agents",
+    "record_points",
+    "simulate",
+    "erase",
+    "machine_follow",
+    "machine_unfollow",
+    "mark_as_prop",
+}
 
 
 def test_no_buttons_undo_and_redo_crash_blender(used):

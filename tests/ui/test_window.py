@@ -14,7 +14,9 @@ AT_REST = ("populate", "make_levels", "build", "bake", "preview", "remove_build"
 def test_every_button_fails_well_in_an_empty_scene(seen):
     buttons = seen["empty"]["buttons"]
     assert set(buttons) == set(AT_REST)
-    assert {name: button["changed"] for name, button in buttons.items()} == {name: {} for name in AT_REST}
+    assert {name: button["changed"] for name, button in buttons.items()} == {
+        name: {} for name in AT_REST
+    }
     assert "The scene has no build" in buttons["remove_build"]["status"]
 
 
@@ -53,16 +55,34 @@ def test_the_build_holds_the_overlays_agents_and_follows_undo_redo_and_frame(see
     assert build["points"] == build["counts"] == build["redone"]
     assert build["undone"] == {"build": True, "levels": True, "points": None}
     assert build["frame 90"]["points"] == build["frame 90"]["counts"] != build["points"]
-    assert build["painted"]["looks"] >= 2 and build["painted"]["other"] and build["painted"]["again"]
+    assert (
+        build["painted"]["looks"] >= 2 and build["painted"]["other"] and build["painted"]["again"]
+    )
     assert build["removed"] == "FINISHED" and build["points removed"] is None
-    assert set(build["changed"]) == {"actions", "armatures", "collections", "meshes", "node_groups", "objects", "settings"}
+    assert set(build["changed"]) == {
+        "actions",
+        "armatures",
+        "collections",
+        "meshes",
+        "node_groups",
+        "objects",
+        "settings",
+    }
 
 
 def test_the_preview_leaves_its_files_and_nothing_in_the_scene(seen):
     pictures = [f"{view}_{frame}.png" for view in ("above", "main") for frame in ("0001", "0060")]
     chains = [f"levels_{name}.png" for name in ("adult", "child", "heavy")]
     assert seen["preview"]["files"] == sorted(
-        [*pictures, *chains, "contact_sheet.png", "frames.csv", "plan.json", "plan.npz", "report.html"]
+        [
+            *pictures,
+            *chains,
+            "contact_sheet.png",
+            "frames.csv",
+            "plan.json",
+            "plan.npz",
+            "report.html",
+        ]
     )
     assert seen["preview"]["changed"] == {}
 
@@ -117,7 +137,11 @@ def test_quad_view_windows_local_view_and_hidden_overlays(seen):
 
 def test_the_viewports_own_picture_has_the_colors_of_the_screen(seen):
     rendered = seen["lifecycle"]["rendered"]
-    assert rendered["status"] == "MODAL" and rendered["modal"] == 0 and rendered["size"] == rendered["region"]
+    assert (
+        rendered["status"] == "MODAL"
+        and rendered["modal"] == 0
+        and rendered["size"] == rendered["region"]
+    )
     assert rendered["through the camera"] == rendered["render"]
     # both draw the scenery, which hides some, in samples of their own
     assert rendered["agents"] > 1000 and rendered["same"] > 0.97 * rendered["agents"]
@@ -127,14 +151,21 @@ def test_what_is_deleted_comes_back_by_undo(seen):
     losses = seen["lifecycle"]["losses"]
     for name in ("camera", "redone"):
         lost = losses.pop(name)
-        assert "no active camera" in lost["problem"] and lost["handlers"] == 2 and lost["failure"] is None
+        assert (
+            "no active camera" in lost["problem"]
+            and lost["handlers"] == 2
+            and lost["failure"] is None
+        )
     assert losses == dict.fromkeys(losses, ALL_IS_WELL)
 
 
 def test_scenes_and_files_are_switched(seen):
     files = seen["lifecycle"]["files"]
     nothing = ALL_IS_WELL | {"agents": None}
-    assert files.pop("other scene") | {"agents": None} == nothing and files.pop("own scene") == ALL_IS_WELL
+    assert (
+        files.pop("other scene") | {"agents": None} == nothing
+        and files.pop("own scene") == ALL_IS_WELL
+    )
     assert files.pop("new") == nothing | {"kept": 0}
     assert files == dict.fromkeys(("opened", "opened again"), ALL_IS_WELL | {"kept": 1})
 
@@ -142,7 +173,10 @@ def test_scenes_and_files_are_switched(seen):
 def test_an_error_in_either_part_of_the_drawing_lets_all_go_and_is_told_once(seen):
     breakage = seen["lifecycle"]["breakage"]
     for part in ("plan", "figures"):
-        assert breakage[part]["handlers"] == 0 and f"made by the test in {part}" in breakage[part]["problem"]
+        assert (
+            breakage[part]["handlers"] == 0
+            and f"made by the test in {part}" in breakage[part]["problem"]
+        )
         assert seen["console"].count(f"ZeroDivisionError: made by the test in {part}") == 1
         assert breakage[f"after {part}"] == ALL_IS_WELL
 

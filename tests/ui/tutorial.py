@@ -30,7 +30,11 @@ def session():
     area = robot.view_3d()
     area.spaces[0].show_region_ui = True
     view = area.spaces[0].region_3d
-    view.view_perspective, view.view_camera_zoom, view.view_camera_offset = "CAMERA", 14, (0.09, 0.0)
+    view.view_perspective, view.view_camera_zoom, view.view_camera_offset = (
+        "CAMERA",
+        14,
+        (0.09, 0.0),
+    )
     yield 0.5
     robot.sidebar(area).active_panel_category = "Crowd LOD"
     yield 1.0
@@ -42,7 +46,9 @@ def session():
         yield from click(*blue_button(seen))
         seen = yield from picture(name)
         results["after"][name] = made()
-    results["verified"] = json.loads((FOLDER / "output" / "verify" / "verify.json").read_text(encoding="utf-8"))["ok"]
+    results["verified"] = json.loads(
+        (FOLDER / "output" / "verify" / "verify.json").read_text(encoding="utf-8")
+    )["ok"]
 
 
 def own_scene():
@@ -51,7 +57,9 @@ def own_scene():
     Few frames, agents and proofs, to be quick.
     """
     bpy.data.objects.remove(bpy.data.objects["Cube"])
-    characters, scenery = (import_module(f"{robot.MODULE}.sample_scenes.{name}") for name in ("characters", "scenery"))
+    characters, scenery = (
+        import_module(f"{robot.MODULE}.sample_scenes.{name}") for name in ("characters", "scenery")
+    )
     (group,) = characters.make_characters(scene().collection, builds=characters.BUILDS[:1])
     rig, mesh = group.objects
     for item in (rig, mesh):
@@ -73,9 +81,15 @@ def made():
         "agents": len(frame.crowd) if frame else 0,
         "visible": len(frame.buckets.order) if frame else 0,
         "lods": [int(count) for count in frame.buckets.counts] if frame else [],
-        "triangles": frame.triangles / frame.full_triangles if frame and frame.full_triangles else 1.0,
+        "triangles": frame.triangles / frame.full_triangles
+        if frame and frame.full_triangles
+        else 1.0,
         "planned": bool(frame and frame.planned),
-        "points": sum(len(each.data.vertices) for each in found.build.objects if each.visible_camera) if found.build else 0,
+        "points": sum(
+            len(each.data.vertices) for each in found.build.objects if each.visible_camera
+        )
+        if found.build
+        else 0,
     }
 
 

@@ -31,10 +31,21 @@ def session():
     """Yields the seconds to wait before going on."""
     path = str(FOLDER / "undo.blend")
     yield from saved(path, FILES)
-    names = results["operators"] = [name for name in sorted(dir(bpy.ops.crowd_lod)) if makes_a_step(name)]
+    names = results["operators"] = [
+        name for name in sorted(dir(bpy.ops.crowd_lod)) if makes_a_step(name)
+    ]
     # each operator once the first and once the second of a part's pairs
-    pairs = [(name, names[(n + by) % len(names)]) for by in CHOSEN if by < len(names) for n, name in enumerate(names)]
-    triples = [random.Random(seed).choices(names, k=3) for seed in range(TRIPLES) if seed % len(names) in CHOSEN]
+    pairs = [
+        (name, names[(n + by) % len(names)])
+        for by in CHOSEN
+        if by < len(names)
+        for n, name in enumerate(names)
+    ]
+    triples = [
+        random.Random(seed).choices(names, k=3)
+        for seed in range(TRIPLES)
+        if seed % len(names) in CHOSEN
+    ]
     known: list = []
     for number, chosen in enumerate([*pairs, *triples]):
         if number % FRESH == 0:
@@ -54,7 +65,9 @@ def makes_a_step(name: str) -> bool:
 
     After such a button Ctrl-Z takes back what was done before it.
     """
-    return not {"filepath", "remove_active"} & {*getattr(bpy.ops.crowd_lod, name).get_rna_type().properties.keys()}
+    return not {"filepath", "remove_active"} & {
+        *getattr(bpy.ops.crowd_lod, name).get_rna_type().properties.keys()
+    }
 
 
 def there_and_back(chosen, known: list):
@@ -72,8 +85,14 @@ def there_and_back(chosen, known: list):
             robot.key("Z", ctrl=True, shift=shift)
             yield from robot.drawn(REST)
             now = state()
-            assert now in known, [chosen, shift, [(a, b) for a, b in zip(now, known[-1], strict=True) if a != b]]
-    for extra in robot.windows()[1:]:  # of Render Viewport Image: till here they showed what undo took away
+            assert now in known, [
+                chosen,
+                shift,
+                [(a, b) for a, b in zip(now, known[-1], strict=True) if a != b],
+            ]
+    for extra in robot.windows()[
+        1:
+    ]:  # of Render Viewport Image: till here they showed what undo took away
         with bpy.context.temp_override(window=extra):
             bpy.ops.wm.window_close()
     yield REST  # Blender crashes where a scene is shown in the same round of its loop

@@ -59,7 +59,10 @@ def _wire(tree: bpy.types.GeometryNodeTree) -> None:
         store.data_type, store.domain = "FLOAT", "POINT"
         store.inputs["Name"].default_value = name
         tree.links.new(geometry, store.inputs["Geometry"])
-        tree.links.new(_math(tree, "ADD", attribute(tree, name, "FLOAT"), turned.outputs[axis]), store.inputs["Value"])
+        tree.links.new(
+            _math(tree, "ADD", attribute(tree, name, "FLOAT"), turned.outputs[axis]),
+            store.inputs["Value"],
+        )
         geometry = store.outputs["Geometry"]
         stores.append(store)
 
@@ -86,7 +89,9 @@ def _math(tree, operation: str, *values) -> bpy.types.NodeSocket:
     return node.outputs["Value"]
 
 
-def _velocity(tree, name: str, before: bpy.types.NodeSocket, away: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
+def _velocity(
+    tree, name: str, before: bpy.types.NodeSocket, away: bpy.types.NodeSocket
+) -> bpy.types.NodeSocket:
     """Return the displacement since the frame, by the velocity before or after it."""
     either = tree.nodes.new("GeometryNodeSwitch")
     either.input_type = "VECTOR"

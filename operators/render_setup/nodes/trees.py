@@ -32,7 +32,9 @@ def stale(kind: str, version: int) -> bool:
     return tree is not None and tree.get(TREE_VERSION) != version
 
 
-def current(kind: str, version: int, wire: Callable[[bpy.types.GeometryNodeTree], None]) -> bpy.types.GeometryNodeTree:
+def current(
+    kind: str, version: int, wire: Callable[[bpy.types.GeometryNodeTree], None]
+) -> bpy.types.GeometryNodeTree:
     """Return the tree of that kind and version; `wire` makes or remakes it if needed."""
     tree = made(kind)
     if tree is None:
