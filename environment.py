@@ -1,9 +1,10 @@
 """Make this checkout's own Python environment, once, and run a Crowd LOD command in it.
 
-The shell script crowd-lod starts this file with a Python that it found; on Windows, start it yourself:
-py -3.13 environment.py COMMAND. The environment is the folder .venv-3.13 (Blender 5.2's bpy module) or
-.venv-3.11 (Blender 4.5's), 1.2 GB. It is made again when pyproject.toml changes, when the checkout moves,
-and when an earlier try stopped half-way. Standard library only.
+The shell script crowd-lod starts this file with a Python that it found; on Windows, start it
+yourself:
+py -3.13 environment.py COMMAND. The environment is the folder .venv-3.13 (Blender 5.2's bpy module)
+or .venv-3.11 (Blender 4.5's), 1.2 GB. It is made again when pyproject.toml changes, when the
+checkout moves, and when an earlier try stopped half-way. Standard library only.
 """
 
 import hashlib
@@ -20,7 +21,10 @@ from importlib.util import find_spec
 from pathlib import Path
 
 BLENDERS = {"3.13": "5.2", "3.11": "4.5"}  # Python version: the Blender whose bpy module runs on it
-DEBIAN_LIBRARIES = "libegl1 libegl-mesa0 libgl1 libgl1-mesa-dri libice6 libsm6 libxfixes3 libxi6 libxkbcommon0 libxrender1 libxxf86vm1"
+DEBIAN_LIBRARIES = (
+    "libegl1 libegl-mesa0 libgl1 libgl1-mesa-dri libice6 libsm6 libxfixes3 libxi6 "
+    "libxkbcommon0 libxrender1 libxxf86vm1"
+)
 
 # For tests. With what it depends on it would bring Qt and VTK, 1.2 GB for a viewer of its own.
 ALONE = "jupedsim==1.4.*"
@@ -47,7 +51,8 @@ def main(arguments: list) -> None:
     command, *rest = arguments or [""]
     if command == "test":
         os.chdir(ROOT)
-        # a process a core, each with a Blender of its own (about 1 GB); one file's tests stay together
+        # a process a core, each with a Blender of its own (about 1 GB); one file's tests stay
+        # together
         run(
             PYTHON, "-m", "pytest", "-n", "auto", "--maxprocesses", "4", "--dist", "loadfile", *rest
         )

@@ -1,7 +1,8 @@
 """Build the extension's zip: `./crowd-lod package`.
 
-Fetches the wheels that blender_manifest.toml lists, then validates and builds with Blender's own tool: the one of the
-Blender that the environment variable BLENDER names, or else the copy that ships inside the bpy module.
+Fetches the wheels that blender_manifest.toml lists, then validates and builds with Blender's own
+tool: the one of the Blender that the environment variable BLENDER names, or else the copy that
+ships inside the bpy module.
 """
 
 import argparse
@@ -90,11 +91,13 @@ def download(names: list[str], folder: Path) -> None:
         )
         if not (folder / name).exists():
             raise Failure(
-                f"blender_manifest.toml lists {name}, and pip fetched another file of {package} {version}"
+                f"blender_manifest.toml lists {name}, and pip fetched another file of {package} "
+                f"{version}"
             )
         if not whole(folder / name):
             raise Failure(
-                f"{name} is not whole, as pip fetched it; empty its cache (pip cache purge) and try again"
+                f"{name} is not whole, as pip fetched it; empty its cache (pip cache purge) and "
+                f"try again"
             )
 
 

@@ -7,11 +7,13 @@ Prints the chapter's tables, and writes CSV, JSON and figure 1.6.
 ./crowd-lod bench --shots [--quick] [--out DIR]     shot plans instead: shots.py
 ./crowd-lod bench --costs                           what things cost engines: costs.py
 
-Test 1: milliseconds of each stage for 1 K to 1 M agents that walk, under a camera that moves, beside other ways to do the
-same (peers.py, loop.c, the GPU), each taken in turn in the same run. Test 2: the plan from perspective A, which sees nearly
-all, and B, which sees nearly none, with LOD meshes of 2,500, 1,000 and 118 vertices; then the same drawn (drawn.py), with
-and without LODs, with and without culling. The whole frame: from behavior to points in Blender, beside geometry nodes
-(walkers.py). Behavior where much happens. Growth: time and memory an agent from 100 K to 10 M agents. Medians, with the quartiles as the spread.
+Test 1: milliseconds of each stage for 1 K to 1 M agents that walk, under a camera that moves,
+beside other ways to do the same (peers.py, loop.c, the GPU), each taken in turn in the same run.
+Test 2: the plan from perspective A, which sees nearly all, and B, which sees nearly none, with LOD
+meshes of 2,500, 1,000 and 118 vertices; then the same drawn (drawn.py), with and without LODs, with
+and without culling. The whole frame: from behavior to points in Blender, beside geometry nodes
+(walkers.py). Behavior where much happens. Growth: time and memory an agent from 100 K to 10 M
+agents. Medians, with the quartiles as the spread.
 """
 
 import argparse
@@ -388,7 +390,8 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument(
         "--costs",
         action="store_true",
-        help="instead, fit what things cost engines (crowd_lod/levels/cost_model.py): about an hour",
+        help="instead, fit what things cost engines (crowd_lod/levels/cost_model.py): about an "
+        "hour",
     )
     parser.add_argument(
         "--out",
@@ -439,14 +442,16 @@ def measure(stage: Path, args: argparse.Namespace) -> None:
         if name in one[0]
     ]
     print(
-        "\nTest 1: milliseconds a stage (culling with LOD assignment); core: culling, LOD and sorting; peers do the same"
+        "\nTest 1: milliseconds a stage (culling with LOD assignment); core: culling, LOD and "
+        "sorting; peers do the same"
     )
     print(table(one, {name.replace("_", " "): name for name in heads}))
     ratios = [name for name in one[0] if "/" in name and not name.endswith(("q1", "q3"))]
     print(table(one, {"agents": "agents"} | {name: name for name in ratios}), flush=True)
     if not loop.library():
         print(
-            "Without the C loop: there is no C compiler (cc, gcc or clang, or the one that CC names), or it fails."
+            "Without the C loop: there is no C compiler (cc, gcc or clang, or the one that CC "
+            "names), or it fails."
         )
     two = [
         perspective(n, which, repeats, args.seed)
@@ -459,7 +464,8 @@ def measure(stage: Path, args: argparse.Namespace) -> None:
     ]
     for which in "AB":
         print(
-            f"\nTable 1.{1 + 'AB'.index(which)}: perspective {which}; t in ms, without drawing; vertices in millions"
+            f"\nTable 1.{1 + 'AB'.index(which)}: perspective {which}; t in ms, without drawing; "
+            f"vertices in millions"
         )
         print(table([row for row in two if row["perspective"] == which], CHAPTER), flush=True)
     runs = 16 if args.quick else 48  # rounds of the frames that work ahead
@@ -468,7 +474,8 @@ def measure(stage: Path, args: argparse.Namespace) -> None:
         for n in ((10_000, 100_000) if args.quick else (10_000, 100_000, 1_000_000))
     ]
     print(
-        f"\nThe whole frame, behavior to points in Blender: milliseconds, and of the processor's time; medians of {runs} runs"
+        f"\nThe whole frame, behavior to points in Blender: milliseconds, and of the processor's "
+        f"time; medians of {runs} runs"
     )
     print(
         table(
@@ -510,7 +517,8 @@ def measure(stage: Path, args: argparse.Namespace) -> None:
         ]
         for which in "AB":
             print(
-                f"\nTest 2, perspective {which}, drawn by {gpu_name()}, 900 x 900 pixels; t in ms; vertices in millions"
+                f"\nTest 2, perspective {which}, drawn by {gpu_name()}, 900 x 900 pixels; t in "
+                f"ms; vertices in millions"
             )
             print(
                 table([row for row in results["drawn"] if row["perspective"] == which], DRAWN),

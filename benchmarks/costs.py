@@ -4,9 +4,10 @@ The coefficients of crowd_lod/levels/cost_model.py, fitted to renders.
 
 ./crowd-lod bench --costs
 
-Crowds of few and many characters, triangles and agents, at full detail and with LODs, each a file that needs no Crowd LOD, are rendered
-in a process of their own. What a render takes beyond that of the empty ground is put down to the counts of Work by non-negative least
-squares of relative errors. Prints the rows, the coefficients and the residuals.
+Crowds of few and many characters, triangles and agents, at full detail and with LODs, each a file
+that needs no Crowd LOD, are rendered in a process of their own. What a render takes beyond that of
+the empty ground is put down to the counts of Work by non-negative least squares of relative errors.
+Prints the rows, the coefficients and the residuals.
 """
 
 import tempfile
@@ -17,8 +18,8 @@ import numpy as np
 from crowd_lod_extension.crowd_lod.levels.cost_model import Work
 from worth import LIMIT, PICTURE, job, show
 
-# Of each engine the characters, how often their faces are divided, pixels of a side of their images, and whether crowds of them have
-# LODs, too
+# Of each engine the characters, how often their faces are divided, pixels of a side of their
+# images, and whether crowds of them have LODs, too
 TEXTURED = (4, 0, 1024, False), (4, 0, 2048, False), (1, 0, 4096, False)
 CROWDS = {
     "CYCLES": (
@@ -124,7 +125,8 @@ def measured(engine: str, crowd: dict, lods: bool, scratch: str) -> list[dict]:
     )
     if "ended" in made:
         raise SystemExit(
-            f"crowd-lod bench: a crowd of {crowd['groups']} characters was not made ({made['ended']})."
+            f"crowd-lod bench: a crowd of {crowd['groups']} characters was not made "
+            f"({made['ended']})."
         )
     empty, *files = made["rows"]
     rows = []

@@ -2,8 +2,9 @@
 
 Prints Hausdorff distance and CPU time.
 
-The distance is measured at points spread over each of the two surfaces and at all their vertices, in percent of the
-bounding box's diagonal. "x" is the distance over that of fast-simplification with its default aggressiveness, 7.
+The distance is measured at points spread over each of the two surfaces and at all their vertices,
+in percent of the bounding box's diagonal. "x" is the distance over that of fast-simplification with
+its default aggressiveness, 7.
 """
 
 import argparse
@@ -177,7 +178,8 @@ def meshes(files: list[str]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 def main(picture: Path | None, files: list[str], other: bool) -> None:
     rows = []
     print(
-        f"{'mesh':14} {'ratio':>5}  {'method':20} {'triangles':>9} {'ms':>7} {'distance %':>10} {'x':>6}"
+        f"{'mesh':14} {'ratio':>5}  {'method':20} {'triangles':>9} {'ms':>7} {'distance %':>10} "
+        f"{'x':>6}"
     )
     for name, (points, triangles) in (other_meshes() if other else meshes(files)).items():
         source, diagonal = Surface(points, triangles), np.linalg.norm(np.ptp(points, axis=0))
@@ -198,7 +200,8 @@ def main(picture: Path | None, files: list[str], other: bool) -> None:
                 rows.append((ratio, method, ms, distance))
                 count, x = len(new_triangles), distance / base
                 print(
-                    f"{name:14} {ratio:5}  {method:20} {count:9,} {ms:7.0f} {distance:10.4f} {x:6.2f}",
+                    f"{name:14} {ratio:5}  {method:20} {count:9,} {ms:7.0f} {distance:10.4f} "
+                    f"{x:6.2f}",
                     flush=True,
                 )
     if picture:
@@ -208,7 +211,8 @@ def main(picture: Path | None, files: list[str], other: bool) -> None:
 def draw(picture: Path, rows: list[tuple]) -> None:
     figure = Figure(figsize=(12, 5.5), dpi=100, layout="constrained")
     figure.suptitle(
-        "Decimation: distance to the source against run time, a point a mesh; nearer to the lower left is better"
+        "Decimation: distance to the source against run time, a point a mesh; nearer to the lower "
+        "left is better"
     )
     for axes, ratio in zip(
         figure.subplots(1, len(RATIOS), sharex=True, sharey=True), RATIOS, strict=True

@@ -1,9 +1,10 @@
-"""What leaving out saves: of each part, the share of a frame that it would cost if it alone were done.
+"""What leaving out saves: of each part, the share of a frame that it would cost if it alone were
+done.
 
     python benchmarks/left_out.py [AGENTS]...    1000 10000 100000 1000000 if not given
 
-Of each part the best of the scenes below counts. A part that saves less than a tenth of a frame, at 10,000 agents and at a
-million, is not worth a branch.
+Of each part the best of the scenes below counts. A part that saves less than a tenth of a frame, at
+10,000 agents and at a million, is not worth a branch.
 """
 
 import sys
@@ -20,7 +21,10 @@ from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.sources.trajectory import Trajectory
 from crowd_lod_extension.crowd_lod.validation.leave_out_timing import plan_leaving
 
-STAND = '{"version": 1, "labels": {"ground": {"color": "#808080"}}, "states": {"stand": {"color": "#ff0000", "on": {"*": {}}}}}'
+STAND = (
+    '{"version": 1, "labels": {"ground": {"color": "#808080"}}, "states": {"stand": {"color": '
+    '"#ff0000", "on": {"*": {}}}}}'
+)
 WALK = STAND.replace('{"*": {}}', '{"*": {"move": [1.25, 0.5]}}').replace(
     '"labels"', '"edge": "wrap", "labels"'
 )

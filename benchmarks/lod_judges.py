@@ -164,10 +164,10 @@ def divide(
 ) -> tuple[float, tuple[np.ndarray, np.ndarray], np.ndarray]:
     """Find what shows of a surface that is farthest from another, by dividing its faces.
 
-    A face is divided while it may have a point NARROW farther than the farthest, or than `least`: no point
-    is farther than a corner and the way from there; nor than the corners, where all are nearest to
-    the same face, as the distance from a convex set is convex. Returns meters, and the samples that
-    were measured with their distances.
+    A face is divided while it may have a point NARROW farther than the farthest, or than `least`:
+    no point is farther than a corner and the way from there; nor than the corners, where all are
+    nearest to the same face, as the distance from a convex set is convex. Returns meters, and the
+    samples that were measured with their distances.
     """
     face = shown_faces(shape)
     weights = np.tile(np.eye(3), (len(face), 1, 1))

@@ -4,10 +4,11 @@ Both of the same LOD meshes, in a real window, playing.
 
 blender --python benchmarks/overlay.py -- [OUT.json]    with the extension enabled; it quits when it is done
 
-Prints, for 10,000 and 100,000 agents, the milliseconds of a frame (set, planned, drawn, shown), median and quartiles, of
-the empty window, the overlay and the build, taken in turns, and the ratio of build to overlay: as they are, and less the
-empty window; the same of the overlay with all agents at LOD 0, as without LODs. Likewise the processor's time, which on a
-software renderer is the whole work and which other programs disturb less. Then how the overlay grows to 1,000,000 agents: LOD
+Prints, for 10,000 and 100,000 agents, the milliseconds of a frame (set, planned, drawn, shown),
+median and quartiles, of the empty window, the overlay and the build, taken in turns, and the ratio
+of build to overlay: as they are, and less the empty window; the same of the overlay with all agents
+at LOD 0, as without LODs. Likewise the processor's time, which on a software renderer is the whole
+work and which other programs disturb less. Then how the overlay grows to 1,000,000 agents: LOD
 meshes, boxes and points.
 """
 

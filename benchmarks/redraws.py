@@ -4,10 +4,11 @@ It shows 10,000 agents of the plaza, in a real window.
 
 blender --python benchmarks/redraws.py    with the extension enabled; it quits when it is done
 
-Takes redraws without the overlay, with points and with boxes in turns. Prints the median and the 95th
-percentile, in milliseconds, of the overlay's own part (Python, and with what it gives the GPU), of the processor's time for it,
-and of the whole redraw, most of which is Blender's. The GPU is waited for before and after the overlay's part, by reading one
-pixel, so that it is charged for its own work alone.
+Takes redraws without the overlay, with points and with boxes in turns. Prints the median and the
+95th percentile, in milliseconds, of the overlay's own part (Python, and with what it gives the
+GPU), of the processor's time for it, and of the whole redraw, most of which is Blender's. The GPU
+is waited for before and after the overlay's part, by reading one pixel, so that it is charged for
+its own work alone.
 """
 
 import statistics

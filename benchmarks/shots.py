@@ -46,7 +46,8 @@ WIDTHS = 0.05, 0.1, 0.2, 0.4  # of hysteresis
 AVOID = 0.0, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0
 BAKED, SHOWN = "33:56", 44  # frames of the plaza with many switches, and that with the most
 RAYS = 64 * 0.2 * PIXELS[0] * PIXELS[1]  # samples of the pixels that agents cover
-# What Make LOD Meshes measured of the plaza's characters, all candidates: triangles, bounds in meters.
+# What Make LOD Meshes measured of the plaza's characters, all candidates: triangles, bounds in
+# meters.
 ADULT = (11456, 4582, 1832, 686, 286, 114), (0.0, 0.00359, 0.00811, 0.02018, 0.05482, 0.15541)
 CHILD = (11584, 4634, 1852, 694, 290, 116), (0.0, 0.00294, 0.00573, 0.01492, 0.02338, 0.05555)
 HEAVY = (11712, 4684, 1874, 702, 292, 116), (0.0, 0.00536, 0.01112, 0.0259, 0.04344, 0.16079)
@@ -159,10 +160,11 @@ def surveyed(
 def held_levels(
     survey: Survey, films: Sequence[Camera], width: float, keeps: bool = False
 ) -> np.ndarray:
-    """LODs (F, n) by thresholds, held by causal hysteresis of this width while an agent is in sight.
+    """LODs (F, n) by thresholds, held by causal hysteresis of this width while an agent is in
+    sight.
 
-    keeps: let LODs begin so much farther off that none deviates by more than the tolerance; else LODs are held on both sides of
-    where they begin, as engines do, and deviate by more.
+    keeps: let LODs begin so much farther off that none deviates by more than the tolerance; else
+    LODs are held on both sides of where they begin, as engines do, and deviate by more.
     """
     radius = np.array([group.radius for group in GROUPS])
     table, levels = deviations(GROUPS, POLICY), survey.coarsest.copy()
@@ -260,7 +262,9 @@ def growth(sizes: Sequence[tuple[int, int]]) -> list[dict]:
 
 
 def baked(folder: Path) -> list[dict]:
-    """What the plaza's baked frames take without and with a plan, and the latter's parts of the former."""
+    """What the plaza's baked frames take without and with a plan, and the latter's parts of the
+    former.
+    """
     command, scene, rows = Path(sys.executable).with_name("crowd-lod"), folder / "plaza.blend", []
 
     def run(*words: object) -> None:

@@ -130,7 +130,8 @@ class Walkers(Nodes):
             tree.math("MULTIPLY", state, np.pi),
             tree.math("FLOOR", tree.math("MULTIPLY", phase, POSES)),
         )
-        # all are read from the points as they were: what is written changes no field before the zone's end
+        # all are read from the points as they were: what is written changes no field before the
+        # zone's end
         captured = tree.node("GeometryNodeCaptureAttribute", tree.geometry, domain="POINT")
         tree.geometry = captured.outputs[0]
         kept = {}

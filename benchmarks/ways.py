@@ -11,7 +11,8 @@ by ratio          the build: it plans the frame and writes its points while it i
 1 px              the same, LODs by tolerance
 1 px, baked       that, baked over the frames with --render-only: it holds what these show and nothing else
 
-By ratio and 1 px are rendered with Crowd LOD; the others are files that need none, and hold the points of FRAMES.
+By ratio and 1 px are rendered with Crowd LOD; the others are files that need none, and hold the
+points of FRAMES.
 """
 
 import json

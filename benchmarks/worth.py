@@ -4,9 +4,10 @@ Beside what *Estimate Cost* says before.
 
 ./crowd-lod bench --worth [--quick] [--jobs N] [--out DIR]
 
-Each crowd of ROWS is rendered in each of the ways of ways.py, every render a process of its own: processor seconds, peak memory, and
-the file that is rendered; all less those of the same ground without a crowd, as parts of what everyone takes. Then: what was
-predicted, and which of GOALS are met.
+Each crowd of ROWS is rendered in each of the ways of ways.py, every render a process of its own:
+processor seconds, peak memory, and the file that is rendered; all less those of the same ground
+without a crowd, as parts of what everyone takes. Then: what was predicted, and which of GOALS are
+met.
 """
 
 import json
@@ -183,7 +184,8 @@ def beside(rows: list[dict], predicted: dict, files: dict[str, float]) -> dict:
             f"{predicted[name]['file_mb']:g} / {files[f'{way}_{agents}'] - ground:.2f}"
         )
     return found | {
-        "time": f"{predicted['By Tolerance']['time_share']:.2f} / {'-' if own['time'] is None else own['time']}"
+        "time": f"{predicted['By Tolerance']['time_share']:.2f} / "
+        f"{'-' if own['time'] is None else own['time']}"
     }
 
 
@@ -217,10 +219,12 @@ def judged(rows: list[dict]) -> list[dict]:
 def main(out: Path, quick: bool, jobs: int) -> None:
     if bpy.app.version < (5, 0, 0):  # a render that is told of by a handler never ends there
         raise SystemExit(
-            f"crowd-lod bench: --worth needs Blender 5, and this is {bpy.app.version_string}: run it with Python 3.13."
+            f"crowd-lod bench: --worth needs Blender 5, and this is {bpy.app.version_string}: run "
+            f"it with Python 3.13."
         )
     machine = (
-        f"{machine_name()}; {'one render each' if quick else f'medians of {REPEATS} renders by Cycles to {REPEATED:,} agents'}"
+        f"{machine_name()}; "
+        f"{'one render each' if quick else f'medians of {REPEATS} renders by Cycles to {REPEATED:,} agents'}"
         f"{f', {jobs} at a time' if jobs > 1 else ''}"
     )
     print(machine, flush=True)
@@ -247,7 +251,8 @@ def measure(
             )
             if "ended" in made:
                 raise SystemExit(
-                    f"crowd-lod bench: the files of {name_of(crowd)} were not made ({made['ended']})."
+                    f"crowd-lod bench: the files of {name_of(crowd)} were not made "
+                    f"({made['ended']})."
                 )
             show(f"{engine}, {name_of(crowd)}: builds", made["builds"])
             results["builds"] += [
@@ -257,7 +262,8 @@ def measure(
                 again = repeats if engine == "CYCLES" and agents <= REPEATED else 1
                 rows = costs(Path(scratch), engine, crowd, agents, made["files"], again, jobs)
                 show(
-                    f"{engine}, {name_of(crowd)}, {agents:,} agents, {PICTURE[engine]['width']} pixels wide",
+                    f"{engine}, {name_of(crowd)}, {agents:,} agents, {PICTURE[engine]['width']} "
+                    f"pixels wide",
                     rows,
                 )
                 results["ways"] += rows

@@ -30,6 +30,9 @@ def sentence(fault: CrowdError | OSError | MemoryError) -> str:
     if isinstance(fault, CrowdError):
         return str(fault)
     if isinstance(fault, MemoryError):
-        return "There is not enough memory: close other programs, or take fewer agents, frames or characters."
+        return (
+            "There is not enough memory: close other programs, or take fewer agents, frames or "
+            "characters."
+        )
     where = f"{fault.filename}: " if fault.filename else ""
     return str(CrowdError(f"{where}{fault.strerror or fault}: mend that, or choose another place."))

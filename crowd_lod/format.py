@@ -29,7 +29,9 @@ def printable(path: str | os.PathLike) -> str:
 
 
 def aligned(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """Return a table's lines, spaces between columns: the first column is set left, all others right."""
+    """Return a table's lines, spaces between columns: the first column is set left, all others
+    right.
+    """
     widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
     lines = []
     for first, *rest in (head, *rows):

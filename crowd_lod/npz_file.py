@@ -46,7 +46,8 @@ def read_arrays(
     if lacking:
         raise CrowdError(f"{where} lacks {', '.join(lacking)}: {remedy}.")
     raise CrowdError(
-        f"{where} unpacks to {size / 2**30:.1f} GiB, more than the {most_bytes / 2**30:.1f} GiB that are read at once: {remedy}."
+        f"{where} unpacks to {size / 2**30:.1f} GiB, more than the {most_bytes / 2**30:.1f} GiB "
+        f"that are read at once: {remedy}."
     )
 
 

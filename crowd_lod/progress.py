@@ -105,9 +105,9 @@ def breath() -> None:
 def at_once(work: Callable[..., Made], items: Iterable[tuple]) -> Iterator[Made]:
     """Yield the results of `work` on each of `items`, its arguments, in their order.
 
-    THREADS threads do some at a time, so it is for work in NumPy, which lets threads run beside each
-    other. Errors are raised in the order of the items. If the generator is closed early, what is not
-    begun is left out.
+    THREADS threads do some at a time, so it is for work in NumPy, which lets threads run beside
+    each other. Errors are raised in the order of the items. If the generator is closed early, what
+    is not begun is left out.
     """
     with ThreadPoolExecutor(THREADS) as pool:
         ahead: deque[Future[Made]] = deque()

@@ -2,7 +2,8 @@
 
     .venv-3.13/bin/python docs/architecture.py
 
-An arrow is left out where a longer way of arrows says the same. Imports are those that tests/core/test_house.py judges.
+An arrow is left out where a longer way of arrows says the same. Imports are those that
+tests/core/test_house.py judges.
 """
 
 import ast
@@ -72,7 +73,9 @@ def rows_of(below: dict[str, set[str]]) -> dict[str, int]:
 
 
 def told(package: str, floor: str) -> str:
-    """What the floor is, by its docstring up to the first colon or full stop; of own modules, their names."""
+    """What the floor is, by its docstring up to the first colon or full stop; of own modules, their
+    names.
+    """
     if not floor:
         return ", ".join(
             sorted(path.stem for path in (ROOT / package).glob("*.py") if path.stem != "__init__")

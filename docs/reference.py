@@ -36,6 +36,11 @@ UNTOLD = argparse._HelpAction, argparse._VersionAction, argparse._SubParsersActi
 HEAD = "| name | label | type | default | range | tells |\n| --- | --- | --- | --- | --- | --- |"
 
 
+def description(kind):
+    """What Blender shows for a class: its description, or its docstring."""
+    return getattr(kind, "bl_description", "") or (kind.__doc__ or "").strip()
+
+
 def number(value: float) -> str:
     """Return a number as a user types it; Blender keeps 0.05 as 0.05000000074505806."""
     return str(value) if isinstance(value, int) else f"{value:g}"
@@ -86,7 +91,10 @@ def rows(names: Iterable[str], kind: type) -> Iterator[str]:
                 for item in prop.enum_items
                 if item.description
             )
-        yield f"| `{name}` | {prop.name} | {type_of(prop)} | {default_of(prop)} | {range_of(prop)} | {told} |"
+        yield (
+            f"| `{name}` | {prop.name} | {type_of(prop)} | {default_of(prop)} | "
+            f"{range_of(prop)} | {told} |"
+        )
 
 
 def section(title: str, about: str, names: Iterable[str], kind: type) -> str:
@@ -108,7 +116,7 @@ def settings_page() -> str:
     ]
     for step, kinds in presets.STEPS.items():
         if step != "all":
-            about = " ".join((kind.__doc__ or "").strip() for kind in kinds)
+            about = " ".join(description(kind) for kind in kinds)
             parts.append(
                 section(
                     labels[step],
@@ -135,7 +143,8 @@ def settings_page() -> str:
             CrowdLodGroup.__annotations__,
             CrowdLodGroup,
         ),
-        f"## Each of crowds\n\nA further crowd has a `name`, and the settings above from `{own[0]}` to `{own[-1]}`.\n",
+        f"## Each of crowds\n\nA further crowd has a `name`, and the settings above from "
+        f"`{own[0]}` to `{own[-1]}`.\n",
         section(
             "Each of areas",
             "A mesh or a collection that lays a label over the map.",
@@ -163,12 +172,14 @@ def operators() -> str:
             for prop in own_type.properties[1:]
         ]  # but rna_type
         lines.append(
-            f"| `{kind.bl_idname}` | {kind.bl_label} | {(kind.__doc__ or '').strip()} | {'<br>'.join(options)} |"
+            f"| `{kind.bl_idname}` | {kind.bl_label} | {description(kind)} | "
+            f"{'<br>'.join(options)} |"
         )
     adding = ", ".join(f"`{kind.bl_idname}`" for kind in own if issubclass(kind, AddPresetBase))
     head = "| operator | label | does | properties |\n| --- | --- | --- | --- |"
     about = (
-        "Call them as `bpy.ops.crowd_lod.NAME()`. Where one cannot work, it raises a RuntimeError that says why. "
+        "Call them as `bpy.ops.crowd_lod.NAME()`. Where one cannot work, it raises a RuntimeError "
+        "that says why. "
         f"Those of the presets take a `name`: {adding}."
     )
     return (
@@ -231,13 +242,17 @@ def command_section(command: argparse.ArgumentParser) -> str:
     title = command.prog.removeprefix("crowd-lod ")
     table = "\n".join(["| option | default | does |", "| --- | --- | --- |", *map(option, actions)])
     example = (command.epilog or "").removeprefix("example: ")
-    return f"## {title}\n\n{command.description}\n\n```sh\n{usage(command, actions)}\n\n# for example\n{example}\n```\n\n{table}\n"
+    return (
+        f"## {title}\n\n{command.description}\n\n```sh\n{usage(command, actions)}\n\n# for "
+        f"example\n{example}\n```\n\n{table}\n"
+    )
 
 
 def commands_page() -> str:
     about = (
         f"# Commands and their options\n\n{WRITTEN}\n\n"
-        "[Commands](commands.md) tells what they write and what their options are for. `--help` after a\n"
+        "[Commands](commands.md) tells what they write and what their options are for. `--help` "
+        "after a\n"
         "command shows what stands here; `--version` shows the versions of Crowd LOD and Blender.\n"
     )
     return "\n".join([about, *map(command_section, commands_of(parser("crowd-lod")))])

@@ -59,7 +59,8 @@ def make(scene: bpy.types.Scene) -> None:
 
 
 def who_wait(text: str) -> str:
-    """Return the state machine `text` with a state more: one in five who enters a waiting area waits.
+    """Return the state machine `text` with a state more: one in five who enters a waiting area
+    waits.
 
     Who waits plays the action "idle", and then goes on in any direction.
     """

@@ -21,7 +21,8 @@ WARM_UP, FRAMES = 60 * FPS, 240  # frames before the shot, and in it
 TO_STAIRS = 0.08  # part of the people
 COUNT = 260  # people are let in while there are fewer
 RADIUS, TIME_GAP, ON_STAIRS = 0.2, 1.0, 0.55  # meters, seconds, part of the speed
-# Before the stairs the floors overlap: one goes over from the concourse in FOOT, and to it in BOTTOM.
+# Before the stairs the floors overlap: one goes over from the concourse in FOOT, and to it in
+# BOTTOM.
 APRON, FOOT, BOTTOM = (-5.2, 6.0, -3.0, 9.0), (-4.0, 6.4, -3.1, 8.6), (-5.2, 6.3, -4.6, 8.7)
 
 
@@ -148,5 +149,6 @@ if __name__ == "__main__":
     made = simulate()
     np.savez_compressed(FILE, fps=FPS, unit="cm", **made)
     print(
-        f"{FILE.name}: {made['id'].max() + 1} people, {len(made['id']):,} rows, {FILE.stat().st_size:,} bytes"
+        f"{FILE.name}: {made['id'].max() + 1} people, {len(made['id']):,} rows, "
+        f"{FILE.stat().st_size:,} bytes"
     )

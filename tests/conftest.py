@@ -6,8 +6,9 @@ tests/gpu      the bpy module of Blender 5.1 or later, and an OpenGL that starts
 tests/ui       a full Blender, named by the environment variable BLENDER
 tests/faults   the bpy module, and minutes: ./crowd-lod test tests/faults -m faults
 
-A file whose needs are not met is skipped with the reason, before it is imported. CROWD_LOD_REQUIRE=core,gpu makes it
-an error instead when none of a named group's tests can run: CI sets it, so that nothing is skipped in silence.
+A file whose needs are not met is skipped with the reason, before it is imported.
+CROWD_LOD_REQUIRE=core,gpu makes it an error instead when none of a named group's tests can run: CI
+sets it, so that nothing is skipped in silence.
 """
 
 import functools
@@ -23,7 +24,8 @@ from . import rough
 
 TESTS = Path(__file__).parent
 
-# Hypothesis tries the same examples each time, on each Python; others by --hypothesis-profile=search
+# Hypothesis tries the same examples each time, on each Python; others by
+# --hypothesis-profile=search
 settings.register_profile(
     "same",
     derandomize=True,

@@ -1,4 +1,6 @@
-"""Rough LOD meshes and sample characters, for tests that look at something else: session.py and others in a Blender read this, too."""
+"""Rough LOD meshes and sample characters, for tests that look at something else: session.py and
+others in a Blender read this, too.
+"""
 
 from dataclasses import replace
 from importlib import import_module

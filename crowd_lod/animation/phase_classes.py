@@ -74,7 +74,9 @@ class Gaits:
 
     @cached_property
     def which(self) -> np.ndarray:
-        """(G, P) intp: which of what it `plays` each group plays at each pace; 0 where it does not play."""
+        """(G, P) intp: which of what it `plays` each group plays at each pace; 0 where it does not
+        play.
+        """
         found = np.zeros(self.rates.shape, np.intp)
         for g, own in enumerate(self.plays):
             number = {pair: k for k, pair in enumerate(own)}
@@ -180,8 +182,8 @@ class Library:
     def moved_as(self, gaits: Gaits, leads: Sequence[int]) -> np.ndarray:
         """Return for each character that whose rigs move it, (N,) intp.
 
-        leads: (G,), for each group that whose rigs move it; they share those of one action, rate and
-            class.
+        leads: (G,), for each group that whose rigs move it; they share those of one action, rate
+            and class.
         """
         made: dict[tuple, int] = {}
         first = self.first(gaits)

@@ -28,7 +28,9 @@ def check_speeds(machine: StateMachine, world: LabelMap, seconds: float) -> None
     s, label = np.unravel_index(cells.argmax(), cells.shape)
     if not cells[s, label] <= MOST_CELLS:
         raise CrowdError(
-            f"The state machine {machine.name} moves {cells[s, label]:.3g} cells of the map in one step of {seconds:.3g} s "
-            f"in the state {machine.states[s]!r} on {machine.labels[label]!r}; {MOST_CELLS} are allowed: give it a lower "
+            f"The state machine {machine.name} moves {cells[s, label]:.3g} cells of the map in "
+            f"one step of {seconds:.3g} s "
+            f"in the state {machine.states[s]!r} on {machine.labels[label]!r}; {MOST_CELLS} are "
+            f"allowed: give it a lower "
             "speed, or the map fewer pixels."
         )

@@ -75,7 +75,8 @@ class Trouble:
         }[self.kind]
         where = f"most of them ({self.counts[0]}) at" if len(self.counts) > 1 else "at"
         return (
-            f"{counted(len(self.agents), one, many)}, {where} x {self.x[0]:.2f} m, y {self.y[0]:.2f} m "
+            f"{counted(len(self.agents), one, many)}, {where} x {self.x[0]:.2f} m, y "
+            f"{self.y[0]:.2f} m "
             f"(map column {self.column[0]}, row {self.row[0]} from the bottom)."
         )
 

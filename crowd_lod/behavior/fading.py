@@ -43,7 +43,9 @@ def fading(before: Crowd, after: Crowd, machine: StateMachine, seconds: float) -
 
 
 def _part(length: np.ndarray, crowd: Crowd, who: np.ndarray, seconds: float) -> np.ndarray:
-    """Return the part of a cross-fade, (k,) float32, that `seconds` are; inf where its length (S,) is 0."""
+    """Return the part of a cross-fade, (k,) float32, that `seconds` are; inf where its length (S,)
+    is 0.
+    """
     with np.errstate(divide="ignore"):
         return (seconds / length[crowd.state[who]]).astype(np.float32)
 

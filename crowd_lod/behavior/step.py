@@ -30,8 +30,8 @@ from .cell_borders import Walkers
 from .courant_number import check_speeds
 from .tabulated_step import Tables, mended, within
 
-# So many pieces may an agent take in a step, and so many more for each cell that it walks, but never
-# more than PIECES are left to it. One that has none left is stuck.
+# So many pieces may an agent take in a step, and so many more for each cell that it walks, but
+# never more than PIECES are left to it. One that has none left is stuck.
 PIECES = 64
 PIECES_A_CELL = 8
 # A crowd of fewer agents is stepped faster as a whole than in two ways.
@@ -334,8 +334,8 @@ def pace_of(
     """Return at which of the machine's paces agents walk on, (n,) uint8.
 
     x, y: (n,) world meters.
-    state: (n,) uint8. With the edge policy "stop", agents that stand at the map's border get the pace
-        at which their action stands.
+    state: (n,) uint8. With the edge policy "stop", agents that stand at the map's border get the
+        pace at which their action stands.
     """
     label = world.at(x, y)
     pace = machine.paces.of[state, label]

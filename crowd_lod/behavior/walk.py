@@ -1,4 +1,6 @@
-"""The crowd that the state machine moves: steps of behavior, cached forward from the first frame."""
+"""The crowd that the state machine moves: steps of behavior, cached forward from the first
+frame.
+"""
 
 import operator
 import threading
@@ -207,7 +209,9 @@ class Walk(Trajectory):
         return States(self.machine.states, self.machine.state_colors)
 
     def velocity(self, since: float, until: float) -> VelocityBounds:
-        """Return how fast the table lets agents walk, and the ground lets them climb, at any time."""
+        """Return how fast the table lets agents walk, and the ground lets them climb, at any
+        time.
+        """
         return self._velocity
 
     @cached_property
@@ -247,7 +251,9 @@ class Walk(Trajectory):
 
     @property
     def level(self) -> bool:
-        """Whether there is neither a height map nor a terrain, or all keep the height of their places."""
+        """Whether there is neither a height map nor a terrain, or all keep the height of their
+        places.
+        """
         return self.heights is None or self.seated
 
     @property
@@ -323,8 +329,9 @@ class Walk(Trajectory):
     def _keep(self, frame: int, crowd: Crowd) -> None:
         """Keep the crowd at `frame`; over MOST_KEPT bytes, drop every other part.
 
-        All crowds between two orders of the planner's blocks are a part and go together, but never the first part nor this one's: a later request
-        for a frame of a dropped part computes all of that part again.
+        All crowds between two orders of the planner's blocks are a part and go together, but never
+        the first part nor this one's: a later request for a frame of a dropped part computes all of
+        that part again.
         """
         self._kept[frame] = crowd
         own = sum(
@@ -377,7 +384,9 @@ class Walk(Trajectory):
 
 
 def _climbed(floors: Ground, before: Crowd, after: Crowd) -> np.ndarray:
-    """Return the heights of the crowd `after`, (n,), which stood on one of the `floors` as `before`."""
+    """Return the heights of the crowd `after`, (n,), which stood on one of the `floors` as
+    `before`.
+    """
     z, (agents,) = before.z.copy(), np.nonzero((after.x != before.x) | (after.y != before.y))
     z[agents] = floors.at(after.x[agents], after.y[agents], before.z[agents])
     return z

@@ -156,7 +156,8 @@ class Group:
                 else f"names the action {name}, which was"
             )
             raise CrowdError(
-                f"The state machine {what} not measured for the character group {self.name}: press Populate."
+                f"The state machine {what} not measured for the character group {self.name}: "
+                f"press Populate."
             )
         return found
 
@@ -229,9 +230,9 @@ class Crowd:
     faded: (n,) float32, the part of the agent's cross-fade that is over, 1 without one; None
         likewise.
 
-    These are 49 bytes per agent, and 5 more with cross-fades. All from `wait` on may be left out. Then
-    no timer runs, the keys are those of seed 0, no way is reflected, and all have the first pace and
-    are there.
+    These are 49 bytes per agent, and 5 more with cross-fades. All from `wait` on may be left out.
+    Then no timer runs, the keys are those of seed 0, no way is reflected, and all have the first
+    pace and are there.
     """
 
     x: np.ndarray
@@ -332,8 +333,8 @@ def populate(
     The same arguments give the same crowd, bit for bit.
     Position: uniform on the labels where `machine` lets agents start.
     State: by the start weights of `machine`.
-    Group: uniform, of as many as `groups` says, or by the weights in it; then its variant. Phase, of
-    `classes`: uniform.
+    Group: uniform, of as many as `groups` says, or by the weights in it; then its variant. Phase,
+    of `classes`: uniform.
     Heading: that of the first move; uniform for agents that stand.
     Agents of one group follow one another, so that the culling need not look up the sphere of each
     agent (see `runs`). From IN_PLACE agents on, each group follows a Morton curve.
@@ -377,7 +378,8 @@ def check_counts(count: int, groups: Shares = 1) -> None:
     groups = groups if isinstance(groups, int) else len(groups)
     if not 1 <= count <= MOST_AGENTS:
         raise CrowdError(
-            f"The crowd has {counted(count, 'agent')}: set Agents to a number from 1 to {MOST_AGENTS:,}."
+            f"The crowd has {counted(count, 'agent')}: set Agents to a number from 1 to "
+            f"{MOST_AGENTS:,}."
         )
     if not 1 <= groups <= MOST_GROUPS:
         raise CrowdError(f"The crowd has {groups} character groups; give it 1 to {MOST_GROUPS}.")

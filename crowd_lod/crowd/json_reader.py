@@ -40,7 +40,8 @@ class Reader:
         if halves:
             self.fail(
                 halves[0],
-                "holds half of a character, an escape from \\ud800 to \\udfff without its other half; write both",
+                "holds half of a character, an escape from \\ud800 to \\udfff without its other "
+                "half; write both",
             )
 
     def fail(self, path: FieldPath, problem: str) -> NoReturn:

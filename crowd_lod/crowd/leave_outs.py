@@ -37,7 +37,8 @@ NO_HEIGHTS = LeftOut("behavior", "There is no height map: agents keep the height
 ONE_PACE = LeftOut("behavior", "All walk at one pace: no agent ever changes its phase class.")
 BLOCKS = LeftOut(
     "culling",
-    "Agents are in blocks: those of a block outside the picture, or inside and in one LOD, are not tested.",
+    "Agents are in blocks: those of a block outside the picture, or inside and in one LOD, are "
+    "not tested.",
 )
 
 # Of the agents that the camera does not see (frame/shadows.py).
@@ -55,7 +56,8 @@ NOT_WANTED = LeftOut(
 )
 WORKBENCH = LeftOut(
     "surroundings",
-    "Workbench draws no shadows of lights and no reflections: agents that the camera does not see are left out.",
+    "Workbench draws no shadows of lights and no reflections: agents that the camera does not see "
+    "are left out.",
 )
 
 # In the order of the pipeline.
@@ -99,7 +101,8 @@ def needless(crowd: Crowd, machine: StateMachine, world: LabelMap) -> frozenset[
 
 
 def reachable_velocities(machine: StateMachine, world: LabelMap, states: np.ndarray) -> np.ndarray:
-    """Return the velocities (s, l, 2) m/s of the states that agents may be in, on the labels of the map.
+    """Return the velocities (s, l, 2) m/s of the states that agents may be in, on the labels of the
+    map.
 
     states: (n,), those in which they start.
     """

@@ -1,4 +1,6 @@
-"""What a state machine's JSON text says, as far as it can be read, for the editor in the sidebar."""
+"""What a state machine's JSON text says, as far as it can be read, for the editor in the
+sidebar.
+"""
 
 import math
 from dataclasses import dataclass
@@ -57,7 +59,9 @@ class Draft:
         return table_of(rules.get(label, rules.get("*")))
 
     def targets(self, state: str, label: str | None) -> list[tuple[str, float]]:
-        """Return the states that follow, and their weights: on a label, or where None after the timer."""
+        """Return the states that follow, and their weights: on a label, or where None after the
+        timer.
+        """
         value = (
             self.state(state).get("then", state)
             if label is None

@@ -75,7 +75,9 @@ def set_field(path: FieldPath, value: object) -> Edit:
 
 
 def set_timer(state: str, least: float, most: float) -> Edit:
-    """Set the seconds until the state ends; a timer that is new leads to the next state of the list."""
+    """Set the seconds until the state ends; a timer that is new leads to the next state of the
+    list.
+    """
 
     def edit(root: Table) -> None:
         table = root["states"][state]
@@ -144,7 +146,9 @@ def add_state(name: str) -> Edit:
 
 
 def add_label(name: str) -> Edit:
-    """Add a label after the others, in a color of its own; states that name every label stand on it."""
+    """Add a label after the others, in a color of its own; states that name every label stand on
+    it.
+    """
 
     def edit(root: Table) -> None:
         labels = root["labels"]

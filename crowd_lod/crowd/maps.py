@@ -13,8 +13,8 @@ from ..format import counted
 FARTHEST = 1e6
 # Agents that are looked up at a time: their columns stay in the processor's cache.
 LOOK_UPS = 8192
-# Distance in RGB, of 255, within which a pixel of a painted map still has a label's color. A JPEG of
-# quality 95 moves 94 % of the plaza's pixels by less than 8, and most others by less than this.
+# Distance in RGB, of 255, within which a pixel of a painted map still has a label's color. A JPEG
+# of quality 95 moves 94 % of the plaza's pixels by less than 8, and most others by less than this.
 NEAR = 32
 MOST_STRAYS = 0.01  # part of a map's pixels that may be of no label's color
 
@@ -35,7 +35,8 @@ class Area:
             self.x_min < self.x_max and self.y_min < self.y_max
         ):
             raise CrowdError(
-                f"The crowd's area {values} is not a rectangle: give it a finite center and a size above 0."
+                f"The crowd's area {values} is not a rectangle: give it a finite center and a "
+                f"size above 0."
             )
 
     @cached_property
@@ -73,8 +74,10 @@ class LabelMap:
         if min(self.cell) < 1e3 * np.spacing(np.abs(bounds).max()):
             rows, columns = self.labels.shape
             raise CrowdError(
-                f"The label map's cells, {columns} by {rows} over the area {bounds}, are too small to tell positions in them "
-                "apart: move the crowd nearer to the world's origin, enlarge its area, or use fewer pixels."
+                f"The label map's cells, {columns} by {rows} over the area {bounds}, are too "
+                f"small to tell positions in them "
+                "apart: move the crowd nearer to the world's origin, enlarge its area, or use "
+                "fewer pixels."
             )
 
     @cached_property
@@ -122,7 +125,9 @@ class LabelMap:
         return found.reshape(2, 2, -1)
 
     def middles(self, row: np.ndarray, column: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return world (x, y), each (n,) float64 meters, of the middles of the cells row, column (n,)."""
+        """Return world (x, y), each (n,) float64 meters, of the middles of the cells row, column
+        (n,).
+        """
         width, depth = self.cell
         return self.area.x_min + (column + 0.5) * width, self.area.y_min + (row + 0.5) * depth
 
@@ -202,7 +207,8 @@ class HeightMap:
         if len(wrong):
             row, column = wrong[0]
             raise CrowdError(
-                f"The height map holds {len(wrong)} values at NaN or infinity, the first at column {column}, row {row} from "
+                f"The height map holds {len(wrong)} values at NaN or infinity, the first at "
+                f"column {column}, row {row} from "
                 "the bottom: paint a height there."
             )
 
@@ -293,7 +299,8 @@ class HeightMap:
 def lean(
     along_x: np.ndarray, along_y: np.ndarray, heading: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return (pitch, roll) of agents that stand at right angles to ground of these slopes, each (n,).
+    """Return (pitch, roll) of agents that stand at right angles to ground of these slopes, each
+    (n,).
 
     Each is (n,) float32, radians. pitch: how far the ground rises ahead. roll: how far it rises
     to the agent's left.
@@ -345,7 +352,8 @@ def labels_from_colors(
         row, column = strays[0]
         table = ", ".join(f"{name} #{code:06x}" for name, code in zip(names, known, strict=True))
         raise CrowdError(
-            f"The map {where} holds colors that belong to no label of the state machine: {listed}{more}, the first at column "
+            f"The map {where} holds colors that belong to no label of the state machine: "
+            f"{listed}{more}, the first at column "
             f"{column}, row {row} from the bottom; paint only its labels' colors ({table})."
         )
     return labels, strays

@@ -98,7 +98,8 @@ def paces_of(
     count, steps = len(names), FADE_STEPS * len(pairs)
     if count + steps > MOST_NUMBERS:
         raise CrowdError(
-            f"The state machine has {count + steps} paces, {steps} of them steps of cross-fades, and can have {MOST_NUMBERS}: give "
+            f"The state machine has {count + steps} paces, {steps} of them steps of cross-fades, "
+            f"and can have {MOST_NUMBERS}: give "
             "fewer states an action or a fade."
         )
     fades = _fades(names, sorted(pairs))

@@ -10,8 +10,8 @@ import numpy as np
 
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)
 # Streams of draws from one key, far apart: what follows on a label, what follows a timer, how long
-# the timer runs, and from an agent's first key its looks, whether it is of a share that is chosen, its
-# size, and its props.
+# the timer runs, and from an agent's first key its looks, whether it is of a share that is chosen,
+# its size, and its props.
 STATE, THEN, TIME = np.uint64(0), np.uint64(0x14057B7EF767814F), np.uint64(0x5851F42D4C957F2D)
 LOOKS, CHOSEN, SIZE = (
     np.uint64(0x2545F4914F6CDD1D),

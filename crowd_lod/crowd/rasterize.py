@@ -30,7 +30,8 @@ def covered(triangles: np.ndarray, area: Area, rows: int, columns: int) -> np.nd
         found[cells[:, 1], cells[:, 0]] = True
     lines = np.zeros_like(found)
     for cells, touches, along_y in _pairs(corners[upright], rows, columns):
-        # a line on the border of two cells, such as the side of a block, adds none where one is covered
+        # a line on the border of two cells, such as the side of a block, adds none where one is
+        # covered
         before = cells - np.where(along_y[:, None], (1, 0), (0, 1))
         needless = touches & (before >= 0).all(axis=1) & found[before[:, 1], before[:, 0]]
         lines[cells[~needless, 1], cells[~needless, 0]] = True
@@ -42,8 +43,8 @@ def _pairs(
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Yield the cells that triangles overlap, some triangles at a time: (cells, touches, along_y).
 
-    cells: (m, 2), columns and rows. touches: (m,) bool, whether the triangle is a line on the border
-        of the cell. along_y: (m,) bool, whether that line runs along y.
+    cells: (m, 2), columns and rows. touches: (m,) bool, whether the triangle is a line on the
+        border of the cell. along_y: (m,) bool, whether that line runs along y.
     corners: (n, 3, 2), in cells.
     """
     low, high = corners.min(axis=1), corners.max(axis=1)

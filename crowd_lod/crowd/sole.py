@@ -14,7 +14,8 @@ HANGS = 0.03  # of the surface: what hangs below the soles, such as a sword in t
 
 
 def ground_of(soles: np.ndarray) -> float:
-    """Return the height of the ground on which a character walks, by that of its lowest sole in each pose.
+    """Return the height of the ground on which a character walks, by that of its lowest sole in
+    each pose.
 
     A toe may dip below it where the foot pushes off, and both feet leave it in a run.
 

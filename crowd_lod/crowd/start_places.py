@@ -24,8 +24,8 @@ SHARPEST = (
     2.0  # times as far as a row's depth lies its corner from the corner of the row before, at most
 )
 
-# Which share of the places at `points` (k, 3), on the triangles (k,) with the weights (k, 3) of their
-# corners, is kept: (k,) from 0 to 1.
+# Which share of the places at `points` (k, 3), on the triangles (k,) with the weights (k, 3) of
+# their corners, is kept: (k,) from 0 to 1.
 Density = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
@@ -53,7 +53,8 @@ class Spacing:
     """How agents stand in a grid or in rows.
 
     apart: meters between neighbors; 0 for such that there are as many places as agents.
-    jitter: part of that distance by which each is moved at most, along and across, half of it either way.
+    jitter: part of that distance by which each is moved at most, along and across, half of it
+    either way.
     rows: how many rows stand along each curve.
     depth, rise: meters from one row to the next, outward and up.
     turn: radians, added to the heading.
@@ -88,15 +89,18 @@ def on_surface(
     area = np.sqrt(normal[:, 0] ** 2 + normal[:, 1] ** 2 + normal[:, 2] ** 2)
     if not np.isfinite(area).all() or not np.isfinite(weights).all():
         raise CrowdError(
-            "The surface to start on has points or weights at NaN or infinity: mend its mesh or its modifiers."
+            "The surface to start on has points or weights at NaN or infinity: mend its mesh or "
+            "its modifiers."
         )
     if not area.any():
         raise CrowdError("The surface to start on has no faces: give it a mesh with faces.")
-    # a linear density is the sum of three, each of one corner: first a corner is drawn, then a place
+    # a linear density is the sum of three, each of one corner: first a corner is drawn, then a
+    # place
     until = np.cumsum((area[:, None] * weights).ravel())
     if not until[-1] > 0:
         raise CrowdError(
-            "The surface to start on has density 0 everywhere: paint its vertex group above 0 somewhere."
+            "The surface to start on has density 0 everywhere: paint its vertex group above 0 "
+            "somewhere."
         )
     random, found, have, tries = np.random.Generator(np.random.PCG64(seed)), [], 0, 0
     while have < count:
@@ -110,7 +114,8 @@ def on_surface(
         have, tries = have + len(points), tries + ask
         if tries > TRIES * (have + 100):
             raise CrowdError(
-                "The surface to start on has density 0 nearly everywhere: brighten the image, or move the volumes that give it."
+                "The surface to start on has density 0 nearly everywhere: brighten the image, or "
+                "move the volumes that give it."
             )
     return unturned(np.concatenate(found)[:count])
 
@@ -183,8 +188,8 @@ def in_rows(
 
     All face inward from a closed curve, and to the right of an open one.
 
-    The first row lies on the curve, and each further one behind it. With a distance the curves fix the number of places; without one there are
-    `count`, spread evenly over all rows.
+    The first row lies on the curve, and each further one behind it. With a distance the curves fix
+    the number of places; without one there are `count`, spread evenly over all rows.
 
     curves: of each its points (k, 3) float64, world meters, and whether it is closed.
     CrowdError if no curve has a length, a point is at NaN, or the count is out of range.
@@ -196,7 +201,8 @@ def in_rows(
     total = sum(float(lengths.sum()) for _, lengths in found)
     if not total > 0:
         raise CrowdError(
-            "The curves to start along have no length: give the object splines or edges that are longer than 0."
+            "The curves to start along have no length: give the object splines or edges that are "
+            "longer than 0."
         )
     if spacing.apart:
         counts = [max(int(lengths.sum() / spacing.apart * ENOUGH), 1) for _, lengths in found]
@@ -221,12 +227,13 @@ def in_rows(
 def chains(edges: np.ndarray, count: int) -> list[tuple[np.ndarray, bool]]:
     """Return the chains of a wire, each its points (k,) intp in order, and whether it is closed.
 
-    edges: (e, 2), the points that each joins; count: of all points. A chain ends where more than two edges meet. It
-        goes on from its end that was made first. CrowdError beyond MOST_EDGES.
+    edges: (e, 2), the points that each joins; count: of all points. A chain ends where more than
+        two edges meet. It goes on from its end that was made first. CrowdError beyond MOST_EDGES.
     """
     if len(edges) > MOST_EDGES:
         raise CrowdError(
-            f"The curves to start along have {len(edges):,} edges, more than {MOST_EDGES:,}: choose a curve or a wire."
+            f"The curves to start along have {len(edges):,} edges, more than {MOST_EDGES:,}: "
+            f"choose a curve or a wire."
         )
     beside: list[list[int]] = [[] for _ in range(count)]
     for a, b in edges.tolist():
@@ -258,7 +265,8 @@ def _row(
     """
     if not np.isfinite(points).all():
         raise CrowdError(
-            "The curves to start along have points at NaN or infinity: mend the object or its modifiers."
+            "The curves to start along have points at NaN or infinity: mend the object or its "
+            "modifiers."
         )
     points = np.concatenate([points, points[:1]]) if closed else points
     points = points[np.append(True, _lengths(points[:, :2]) > ONE_POINT)] if len(points) else points

@@ -99,7 +99,9 @@ class StateMachine:
 
     @cached_property
     def paces(self) -> Paces:
-        """The actions of the table at its speeds, and the steps of cross-fades between them; see paces_of."""
+        """The actions of the table at its speeds, and the steps of cross-fades between them; see
+        paces_of.
+        """
         pairs = {
             (self.actions[s], self.actions[t]) for s, t in zip(*np.nonzero(self.fades), strict=True)
         }
@@ -320,7 +322,8 @@ class _Table:
         if BETWEEN in self.actions[-1]:
             reader.fail(
                 (*path, "action"),
-                f"is {self.actions[-1]!r}; {BETWEEN!r} stands between two actions in names of cross-fades, rename it",
+                f"is {self.actions[-1]!r}; {BETWEEN!r} stands between two actions in names of "
+                f"cross-fades, rename it",
             )
         self.fade.append(reader.number(given.get("fade", 0), (*path, "fade"), least=0))
         reader.string(given.get("animation", ""), (*path, "animation"))

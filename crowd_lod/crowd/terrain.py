@@ -16,7 +16,8 @@ from .maps import LOOK_UPS, HeightMap, lean
 
 STEP = 0.5  # meters: how far an agent steps up at once
 HEADROOM = 1.8  # meters: nobody starts where another floor is as close above, as within stairs
-# Meters: a gap in the ground that is narrower is none; so wide is every triangle that carries anybody.
+# Meters: a gap in the ground that is narrower is none; so wide is every triangle that carries
+# anybody.
 CLOSE = 1e-4
 STEEP = 1.0  # rise over run: on steeper ground nobody leans
 MOST_CELLS = 2**21
@@ -44,12 +45,14 @@ class Terrain:
     def __post_init__(self) -> None:
         if not len(self.corners):
             raise CrowdError(
-                "The terrain has no face that one can stand on: give it a mesh with faces that are not upright."
+                "The terrain has no face that one can stand on: give it a mesh with faces that "
+                "are not upright."
             )
         if not np.isfinite(self.corners).all():
             wrong = int((~np.isfinite(self.corners).all(axis=2)).sum())
             raise CrowdError(
-                f"The terrain has {wrong} corners at NaN or infinity: mend its mesh or its modifiers."
+                f"The terrain has {wrong} corners at NaN or infinity: mend its mesh or its "
+                f"modifiers."
             )
 
     @cached_property
@@ -69,7 +72,8 @@ class Terrain:
     def layered(self) -> bool:
         """Whether floors lie over each other, so that an agent's height follows from its last one.
 
-        Where they do in a spot smaller than a cell, it may be overlooked; agents then are on the upper.
+        Where they do in a spot smaller than a cell, it may be overlooked; agents then are on the
+        upper.
         """
         middles = self.corners[:, :, :2].mean(axis=1)
         rows, columns = np.divmod(np.flatnonzero(np.diff(self._cells[0]) > 1), self._grid[0])
@@ -98,7 +102,9 @@ class Terrain:
         return z
 
     def start(self, x: np.ndarray, y: np.ndarray, last: np.ndarray) -> np.ndarray:
-        """Return world z (n,) float64 of where agents start: as `at`, but not where there is no HEADROOM."""
+        """Return world z (n,) float64 of where agents start: as `at`, but not where there is no
+        HEADROOM.
+        """
         z = np.full(len(x), float(self.z))
         for agents, height, _ in self._stood(x, y, last, HEADROOM / self.meters):
             z[agents] = height
@@ -107,7 +113,9 @@ class Terrain:
     def slope(
         self, x: np.ndarray, y: np.ndarray, last: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return (dz/dx, dz/dy), each (n,) float64, of the ground at x, y (n,); 0 where there is none."""
+        """Return (dz/dx, dz/dy), each (n,) float64, of the ground at x, y (n,); 0 where there is
+        none.
+        """
         slopes = np.zeros((2, len(x)))
         for agents, _, triangles in self._stood(x, y, last):
             slopes[:, agents] = self._heights[triangles, :2].T
@@ -208,7 +216,9 @@ class Terrain:
 
     @cached_property
     def _grid(self) -> np.ndarray:
-        """Columns and rows of the cells, (2,) intp: about four cells a triangle, as square as can be."""
+        """Columns and rows of the cells, (2,) intp: about four cells a triangle, as square as can
+        be.
+        """
         width, depth = self._extent
         count = np.clip(4 * len(self.corners), 4096, MOST_CELLS)
         columns = np.clip(np.sqrt(count * width / depth), 1, count)
@@ -234,7 +244,8 @@ class Terrain:
 
     @cached_property
     def _sides(self) -> np.ndarray:
-        """(m, 9) float64: three times (a, b, c); a u + b v + c is the distance from a side, above 0 within.
+        """(m, 9) float64: three times (a, b, c); a u + b v + c is the distance from a side, above 0
+        within.
 
         u, v: meters from the least x and y.
         """
@@ -245,7 +256,9 @@ class Terrain:
 
     @cached_property
     def _heights(self) -> np.ndarray:
-        """(m, 5) float64: slopes along x and y, height at u = v = 0, the least and the greatest height."""
+        """(m, 5) float64: slopes along x and y, height at u = v = 0, the least and the greatest
+        height.
+        """
         (x, y, along, up), z = self._plan, self.corners[:, :, 2]
         rise, double = z[:, NEXT] - z, _double(along, up)
         slope_x = (rise[:, 0] * up[:, 1] - up[:, 0] * rise[:, 1]) / double
@@ -331,7 +344,8 @@ def _begins(who: np.ndarray) -> np.ndarray:
 
 
 def _reached(z: np.ndarray, begin: np.ndarray, last: np.ndarray, step: float) -> np.ndarray:
-    """Return the height (a,) that each agent gets to from its `last` (a,) by steps up of at most `step`.
+    """Return the height (a,) that each agent gets to from its `last` (a,) by steps up of at most
+    `step`.
 
     z: heights of floors, agent by agent; begin: where each agent's begin.
     """

@@ -1,4 +1,6 @@
-"""Variants of character groups: the same character with some of its props and without the others."""
+"""Variants of character groups: the same character with some of its props and without the
+others.
+"""
 
 from dataclasses import dataclass
 

@@ -105,7 +105,8 @@ def blocks_of(
         it.
     wraps: (least, most) displacement (3,) within which the boxes will be used, if agents that leave
         the area come back at its other side.
-    span: the least and greatest z of the ground that agents climb; None if they stay at their own z.
+    span: the least and greatest z of the ground that agents climb; None if they stay at their own
+    z.
 
     Needs at most about 9 bytes an agent, of which the result keeps 5.
     """

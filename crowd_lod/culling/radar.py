@@ -123,6 +123,8 @@ def refuse_lost(agents: np.ndarray, count: int) -> None:
     """Raise CrowdError if there are `agents` (m,), from `lost`; count: all agents."""
     if len(agents):
         raise CrowdError(
-            f"{len(agents):,} of {counted(count, 'agent')} {'stands' if len(agents) == 1 else 'stand'} at NaN or infinity, the first is "
-            f"agent {agents[0]}: fix the points or the map that they come from, or turn on Drop Lost Agents."
+            f"{len(agents):,} of {counted(count, 'agent')} "
+            f"{'stands' if len(agents) == 1 else 'stand'} at NaN or infinity, the first is "
+            f"agent {agents[0]}: fix the points or the map that they come from, or turn on Drop "
+            f"Lost Agents."
         )

@@ -1,4 +1,6 @@
-"""The spaces that a camera sees, directly or in a flat mirror, and which spheres reach or shade them."""
+"""The spaces that a camera sees, directly or in a flat mirror, and which spheres reach or shade
+them.
+"""
 
 from dataclasses import dataclass, replace
 

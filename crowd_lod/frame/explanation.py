@@ -98,10 +98,12 @@ class Explanation:
         about = self.account
         x, y, z = self.place
         said = [
-            f"Agent {about.agent:,} of {about.group}: {about.state}, at ({x:.2f}, {y:.2f}, {z:.2f}).",
+            f"Agent {about.agent:,} of {about.group}: {about.state}, at ({x:.2f}, {y:.2f}, "
+            f"{z:.2f}).",
             f"{'Shown' if about.visible else 'Culled'}: {about.reason}."
             + f" {self.unseen}" * bool(self.unseen),
-            f"Its sphere of {number(self.radius)} m is {number(about.depth)} m along the view, {number(self.away)} m from the camera"
+            f"Its sphere of {number(self.radius)} m is {number(about.depth)} m along the view, "
+            f"{number(self.away)} m from the camera"
             + ("." if about.pixels is None else f", {number(about.pixels)} pixels wide."),
         ]
         for eye, sides in enumerate(self.eyes):
@@ -141,7 +143,8 @@ class Explanation:
             ),
         ]
         said += [
-            f"Seconds of {NAMES[self.engine]}: for one more agent, and once a frame for the mesh. Others show the same LOD."
+            f"Seconds of {NAMES[self.engine]}: for one more agent, and once a frame for the mesh. "
+            f"Others show the same LOD."
         ]
         return "\n".join(said)
 

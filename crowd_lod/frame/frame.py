@@ -248,7 +248,9 @@ def _milliseconds(ticks: list[float]) -> dict[str, float]:
 
 
 def tally(crowd: Crowd, buckets: Buckets, groups: int) -> tuple[np.ndarray, np.ndarray]:
-    """Count agents in the buckets, (n, G) by LOD and group, and those of the crowd that are there, (G,)."""
+    """Count agents in the buckets, (n, G) by LOD and group, and those of the crowd that are there,
+    (G,).
+    """
     if groups == 1:
         return buckets.counts[:, None], np.array([crowd.there])
     shown = [

@@ -44,7 +44,8 @@ def parse_frames(text: str, step: int = 1) -> list[int]:
     for before, after in zip(frames[:-1], frames[1:], strict=True):
         if after <= before:
             raise CrowdError(
-                f"The frames {text} are out of order: {after} follows {before}; list each once, in increasing order."
+                f"The frames {text} are out of order: {after} follows {before}; list each once, "
+                f"in increasing order."
             )
     return frames
 
@@ -67,7 +68,8 @@ def parse_part(text: str, frames: Sequence[int]) -> list[int]:
             wanted.update(set(named).intersection(frames) or named)
     if strange := sorted(wanted.difference(frames)):
         raise CrowdError(
-            f"{frames_are(strange, ' of --part')} not among the run's: name frames of {told_frames(frames)}."
+            f"{frames_are(strange, ' of --part')} not among the run's: name frames of "
+            f"{told_frames(frames)}."
         )
     return sorted(wanted)
 

@@ -9,7 +9,9 @@ from .planned import relevelled
 
 
 def held(frame: Frame, previous: np.ndarray) -> Frame:
-    """`frame` with the LODs `previous` (n,) uint8 held by its policy's hysteresis. Who is visible stays."""
+    """`frame` with the LODs `previous` (n,) uint8 held by its policy's hysteresis. Who is visible
+    stays.
+    """
     crowd, policy = frame.crowd, frame.policy
     levels = hold(
         previous, frame.distances, frame.begins, crowd.group, frame.factors, policy.hysteresis

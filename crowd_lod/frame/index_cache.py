@@ -1,13 +1,16 @@
-"""What the planner keeps of a crowd between frames: its blocks, and the last plan where nothing moves.
+"""What the planner keeps of a crowd between frames: its blocks, and the last plan where nothing
+moves.
 
 Caches, never the truth.
 
-Boxes of blocks are made anew every `Trajectory.every` frames, and the order of the agents in them every ORDERED makings: always at
-the same frames, so that a plan is the same whichever frame came before.
+Boxes of blocks are made anew every `Trajectory.every` frames, and the order of the agents in them
+every ORDERED makings: always at the same frames, so that a plan is the same whichever frame came
+before.
 
-Blender may ask from several threads, a viewport's and a render's, without a lock: whatever is kept is one tuple with what it was
-made for, read once and replaced as a whole, of values that nobody writes to afterwards. Who finds another frame's makes its own and
-answers with that, so that two threads may make the same at once, and no answer is another's. What is kept holds no Trajectory: it
+Blender may ask from several threads, a viewport's and a render's, without a lock: whatever is kept
+is one tuple with what it was made for, read once and replaced as a whole, of values that nobody
+writes to afterwards. Who finds another frame's makes its own and answers with that, so that two
+threads may make the same at once, and no answer is another's. What is kept holds no Trajectory: it
 would never let that go.
 """
 

@@ -62,7 +62,8 @@ class Instances:
     prototypes: np.ndarray
 
     def at(self, frame: Shown) -> tuple[np.ndarray, np.ndarray]:
-        """Return (which of `prototypes` each agent shows, (a,) int32; the agents that are not shown, int64).
+        """Return (which of `prototypes` each agent shows, (a,) int32; the agents that are not
+        shown, int64).
 
         An agent that is not shown has the first prototype.
         """
@@ -89,7 +90,8 @@ def _any(parts: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def turned(heading: np.ndarray, pitch: np.ndarray, roll: np.ndarray, turn: float) -> np.ndarray:
-    """Return the rotations Rz(heading) Ry(-pitch) Rx(roll) Rz(turn) as unit quaternions (m, 4) float64.
+    """Return the rotations Rz(heading) Ry(-pitch) Rx(roll) Rz(turn) as unit quaternions (m, 4)
+    float64.
 
     Columns x, y, z, w. Angles (m,) in radians.
     """

@@ -40,10 +40,12 @@ REASONS = (
 def reasons(frame: Frame) -> np.ndarray:
     """For each agent of `frame` an index (n,) uint8 into REASONS.
 
-    A culled agent lies before near or beyond far of the first camera by its sphere, or else beside the view. A LOD that
-    the distance alone does not give comes from the detail map, stands in for a finer one that builds leave out
-    (LevelPolicy.finest), or comes from the shot plan or from hysteresis. An exception from the shot plan is the reason
-    wherever it pins the LOD of a visible agent, or hides the agent. An agent that is not there has no other reason, unless an exception hides it.
+    A culled agent lies before near or beyond far of the first camera by its sphere, or else beside
+    the view. A LOD that the distance alone does not give comes from the detail map, stands in for a
+    finer one that builds leave out (LevelPolicy.finest), or comes from the shot plan or from
+    hysteresis. An exception from the shot plan is the reason wherever it pins the LOD of a visible
+    agent, or hides the agent. An agent that is not there has no other reason, unless an exception
+    hides it.
     """
     crowd, policy, camera = frame.crowd, frame.policy, frame.camera
     groups, spheres = frame.trajectory.groups, frame.trajectory.spheres

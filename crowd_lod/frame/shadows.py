@@ -60,8 +60,8 @@ class Surroundings:
 def surround(frame: Frame, around: Surroundings) -> Frame:
     """Return `frame` with the agents that it culled and that still matter.
 
-    In `shadow` are those that only cast a shadow into the picture or into what mirrors show of it, or that glow;
-    in `mirrored` those that mirrors show. A pure function of its arguments.
+    In `shadow` are those that only cast a shadow into the picture or into what mirrors show of it,
+    or that glow; in `mirrored` those that mirrors show. A pure function of its arguments.
     """
     begun = clock.perf_counter()
     trajectory, unseen = frame.trajectory, frame.culled

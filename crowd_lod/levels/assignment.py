@@ -77,7 +77,8 @@ class LevelPolicy:
         for number, own in enumerate(self.group_thresholds):
             if own and len(own) != len(self.thresholds):
                 raise CrowdError(
-                    f"Character group {number} has {len(own)} LOD thresholds of its own; give it {len(self.thresholds)}, "
+                    f"Character group {number} has {len(own)} LOD thresholds of its own; give it "
+                    f"{len(self.thresholds)}, "
                     "as many as the others have, or none."
                 )
             self._check(own, f" of character group {number}")
@@ -95,7 +96,8 @@ class LevelPolicy:
                     else "increase strictly within (0, 1]"
                 )
                 raise CrowdError(
-                    f"LOD threshold {number}{whose} is {threshold:g}; thresholds must {rule}, and the one before is {before:g}."
+                    f"LOD threshold {number}{whose} is {threshold:g}; thresholds must {rule}, and "
+                    f"the one before is {before:g}."
                 )
             before = threshold
 
@@ -109,8 +111,8 @@ def pushed(values: Sequence[float], kept: int, metric: str) -> np.ndarray:
     """Return thresholds (k,) float64 that LevelPolicy takes, as near as can be to `values` (k,).
 
     The value at index `kept` stays, and pushes the others along as far as it must, each a little
-    from the next (PUSHED_PARTS, PUSHED_PIXELS). Where no room is left for them, it stops itself. Values that are in order
-    stay to the bit.
+    from the next (PUSHED_PARTS, PUSHED_PIXELS). Where no room is left for them, it stops itself.
+    Values that are in order stay to the bit.
 
     metric: one of METRICS, as in LevelPolicy.
     """
@@ -292,9 +294,10 @@ class Bias:
 def deviations(groups: Sequence[Group], policy: LevelPolicy) -> np.ndarray | None:
     """Return how far each group's LODs deviate at most; None if one is not measured.
 
-    (G, n) float64, meters. Infinite for LODs that repeat the group's last: they never begin. If the policy counts shading, an entry is at least the tolerance times
-    Group.shaded: the length that shows as many pixels as the tolerance at the distance from which
-    the LOD's shaded picture is good enough.
+    (G, n) float64, meters. Infinite for LODs that repeat the group's last: they never begin. If the
+    policy counts shading, an entry is at least the tolerance times Group.shaded: the length that
+    shows as many pixels as the tolerance at the distance from which the LOD's shaded picture is
+    good enough.
     CrowdError if shading counts and the pictures were not compared.
     """
     count = policy.count
@@ -307,7 +310,8 @@ def deviations(groups: Sequence[Group], policy: LevelPolicy) -> np.ndarray | Non
         return table
     if not all(len(group.shaded) >= count for group in groups):
         raise CrowdError(
-            "Shading Counts needs LODs whose pictures were compared with their characters': press Measure LOD Meshes, or Make LOD Meshes."
+            "Shading Counts needs LODs whose pictures were compared with their characters': press "
+            "Measure LOD Meshes, or Make LOD Meshes."
         )
     return np.maximum(
         table, policy.tolerance * np.array([group.shaded[:count] for group in groups])
@@ -315,7 +319,9 @@ def deviations(groups: Sequence[Group], policy: LevelPolicy) -> np.ndarray | Non
 
 
 def _lods_of_its_own(group: Group, count: int) -> int:
-    """Return how many of `count` LODs the group has of its own; the others repeat the last of them."""
+    """Return how many of `count` LODs the group has of its own; the others repeat the last of
+    them.
+    """
     rows = [*zip(group.triangles[:count], group.bounds[:count], strict=False)]
     if len(rows) < count:
         return count

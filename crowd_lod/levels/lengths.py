@@ -10,8 +10,10 @@ from .selection import View
 MOST_LENGTHS = MOST_LEVELS - 1
 APART = 1.25  # times the length before, at least: with less, next to no triangles are saved
 COARSEST = 0.25  # of the radius: a LOD that deviates more is a few triangles whatever the length
-DARKER = 0.25  # of the nearest agent's length: where shading counts, LODs that are so much finer may be asked for
-# of a length, by which a LOD deviates that was made for another: it takes few triangles more than the length needs
+# of the nearest agent's length: where shading counts, LODs that are so much finer may be asked for
+DARKER = 0.25
+# of a length, by which a LOD deviates that was made for another: it takes few triangles more than
+# the length needs
 NEAR_ENOUGH = 0.87
 DIGITS = 4  # of a length, so that it is the same the next time
 
@@ -24,7 +26,8 @@ def allowed_lengths(
     higher: bool = False,
     finer: float = 1.0,
 ) -> list[float]:
-    """Return deviations that agents allow, in meters, rising: from the nearest agent's to the farthest's.
+    """Return deviations that agents allow, in meters, rising: from the nearest agent's to the
+    farthest's.
 
     They are a geometric series, of at most MOST_LENGTHS.
 
@@ -61,8 +64,9 @@ def read_curve(
 ) -> np.ndarray:
     """Return values (k,) at `at` of the falling or rising curve through the points `known`.
 
-    It is linear between the points' logarithms. Beyond the first and the last it goes as x ** power. Where points
-    contradict the sign of `power`, the least value counts. `known` has one point at least; all is positive.
+    It is linear between the points' logarithms. Beyond the first and the last it goes as x **
+    power. Where points contradict the sign of `power`, the least value counts. `known` has one
+    point at least; all is positive.
     """
     x, y = np.log(np.array(sorted(known))).T
     y = np.minimum.accumulate(y) if power < 0 else np.minimum.accumulate(y[::-1])[::-1]

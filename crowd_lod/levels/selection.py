@@ -40,7 +40,9 @@ class View:
     agents: np.ndarray | int = 1
 
     def counted(self) -> "View":
-        """Return the view with agents of a character together that stand within CLOSE of each other."""
+        """Return the view with agents of a character together that stand within CLOSE of each
+        other.
+        """
         steps = np.floor(np.log(self.distance.clip(1e-9)) / np.log(CLOSE)).astype(np.intp)
         cells = np.stack([steps, self.character])
         (steps, character), agents = np.unique(cells, axis=1, return_counts=True)
@@ -109,11 +111,20 @@ def _unused(j: int, edges: np.ndarray, views: Sequence[View], meters: float) -> 
         return "are more than the tolerance needs at any distance, for the camera is orthographic."
     if coarse.all():
         i = (begin / farthest).argmin()
-        return f"would begin {number(meters * begin[i])} m away, and the farthest agent is {number(meters * farthest[i])} m away."
+        return (
+            f"would begin {number(meters * begin[i])} m away, and the farthest agent is "
+            f"{number(meters * farthest[i])} m away."
+        )
     if not coarse.any():
         i = (end / nearest).argmax()
-        return f"would end {number(meters * end[i])} m away, and the nearest agent is {number(meters * nearest[i])} m away."
-    return f"are too few for all agents in {coarse.sum()} of the {len(views)} frames checked, and more than needed in the others."
+        return (
+            f"would end {number(meters * end[i])} m away, and the nearest agent is "
+            f"{number(meters * nearest[i])} m away."
+        )
+    return (
+        f"are too few for all agents in {coarse.sum()} of the {len(views)} frames checked, and "
+        f"more than needed in the others."
+    )
 
 
 @dataclass(frozen=True)
@@ -193,9 +204,9 @@ def cheapest(
 
     A reason is a sentence. The cost of a choice of `kept` is the sum of its memory and its time,
     each as a part of what the group takes at full detail. Of the choices that cost at most WORTH
-    more than the cheapest, the one with the fewest LODs is taken, and of these the one with the most
-    `measured` candidates. The first candidate is kept for agents that come nearer than the shot
-    shows. All are kept if the distances of the shot's agents are not known.
+    more than the cheapest, the one with the fewest LODs is taken, and of these the one with the
+    most `measured` candidates. The first candidate is kept for agents that come nearer than the
+    shot shows. All are kept if the distances of the shot's agents are not known.
     """
     if not any(len(view.distance) for view in shot.views):
         return list(kept), {}
@@ -211,7 +222,8 @@ def cheapest(
     )
     gone = [k for k in kept if k not in best]
     return list(best), {
-        k: f"{group.triangles[k]:,} triangles save too little memory and time in {NAMES[shot.engine]} to be worth a LOD."
+        k: f"{group.triangles[k]:,} triangles save too little memory and time in "
+        f"{NAMES[shot.engine]} to be worth a LOD."
         for k in gone
     }
 
@@ -262,5 +274,6 @@ def within(
                 [chosen for chosen, _ in found],
             )
     raise CrowdError(
-        f"The characters cannot take less than {np.ceil(least / 1e6):,.0f} MB: set Memory for Characters to that, or use fewer character groups."
+        f"The characters cannot take less than {np.ceil(least / 1e6):,.0f} MB: set Memory for "
+        f"Characters to that, or use fewer character groups."
     )

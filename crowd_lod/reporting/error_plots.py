@@ -52,7 +52,9 @@ def draw_plots(folder: Path, tables: dict[str, list[Row]], caption: str) -> None
 def _log_plot(
     x_title: str, y_title: str, rows: Sequence[svg.Series], floor: float = 0.0
 ) -> svg.Panel:
-    """Return the rows over axes by factors. floor: the line at which zeros are drawn; 0 for none."""
+    """Return the rows over axes by factors. floor: the line at which zeros are drawn; 0 for
+    none.
+    """
     points = np.concatenate([row.values for row in rows])
     across = np.concatenate(
         [points[:, 0], *[row.spread.ravel() for row in rows if row.spread is not None]]

@@ -23,7 +23,8 @@ class FarmJob:
     frames: first, last and step.
     chunk: frames of a task.
     preview: whether frames are previewed; they are rendered if not.
-    script: what plain Blender runs to render: it is handed frames such as 1-10, 1-41:10 or 5,9, engine, folder.
+    script: what plain Blender runs to render: it is handed frames such as 1-10, 1-41:10 or 5,9,
+    engine, folder.
     command: the words that start Crowd LOD's commands; the first is a parameter of the job.
     """
 
@@ -73,7 +74,8 @@ def _parameters(job: FarmJob) -> list[dict[str, Any]]:
             "name": "CrowdLod",
             "type": "STRING",
             "default": job.command[0],
-            "description": "Starts Crowd LOD: its command, or a Blender in which the extension is enabled",
+            "description": "Starts Crowd LOD: its command, or a Blender in which the extension is "
+            "enabled",
         },
     ]
     if not job.preview:

@@ -37,7 +37,8 @@ def check(path: Path) -> None:
         whole = False
     if not whole:
         raise CrowdError(
-            f"The file {printable(path.name)} was not written to its end ({size:,} bytes are there): free space on the "
+            f"The file {printable(path.name)} was not written to its end ({size:,} bytes are "
+            f"there): free space on the "
             "disk, lift the limit on the size of files, or choose another folder."
         )
 

@@ -69,14 +69,16 @@ def staged(folder: Path, *names: str, key: str = "") -> Iterator[Path]:
                 _try(hidden / name, place / name)
         except OSError as error:
             raise CrowdError(
-                f"The output folder {printable(folder)} cannot be written ({_reason(error)}): choose another."
+                f"The output folder {printable(folder)} cannot be written ({_reason(error)}): "
+                f"choose another."
             ) from None
         try:
             yield hidden
             _put_in_place(hidden, place)
         except OSError as error:
             raise CrowdError(
-                f"Writing to {printable(folder)} failed ({_reason(error)}): free space there, or choose another folder."
+                f"Writing to {printable(folder)} failed ({_reason(error)}): free space there, or "
+                f"choose another folder."
             ) from None
 
 
@@ -112,7 +114,8 @@ def absolute(path: Path) -> Path:
         return path.absolute()
     except OSError:
         raise CrowdError(
-            f"The working folder, in which {printable(path)} is, was deleted: change to another, or give a path from the root."
+            f"The working folder, in which {printable(path)} is, was deleted: change to another, "
+            f"or give a path from the root."
         ) from None
 
 
@@ -149,7 +152,8 @@ def _try(part: Path, path: Path) -> None:
         part.unlink()
     except OSError as error:
         raise CrowdError(
-            f"The file {printable(path)} cannot be written ({_reason(error)}): give it another name."
+            f"The file {printable(path)} cannot be written ({_reason(error)}): give it another "
+            f"name."
         ) from None
 
 
@@ -172,7 +176,9 @@ def _hidden_folder(place: Path, stack: ExitStack, key: str) -> Path:
 
 
 def killed_runs(folder: Path, key: str) -> tuple[int, int]:
-    """Return the numbers of whole frames that killed runs left for `folder`: with this key, with others."""
+    """Return the numbers of whole frames that killed runs left for `folder`: with this key, with
+    others.
+    """
     place, own, others = Path(os.path.realpath(folder)), 0, 0
     for hidden in _hidden_folders(place):
         with suppress(OSError), (hidden / LOCK).open("r+b", buffering=0) as lock:

@@ -61,7 +61,9 @@ class FrameParts:
         return json.loads(text)["told"]
 
     def claim(self, number: int) -> bool:
-        """Take the frame `number` on for this process; return False if a process has done so before."""
+        """Take the frame `number` on for this process; return False if a process has done so
+        before.
+        """
         record = self._record(number)
         record.parent.mkdir(exist_ok=True)
         try:
@@ -81,7 +83,9 @@ class FrameParts:
 
 
 def whole_frames(folder: Path) -> list[int]:
-    """Return the numbers of the frames that have a record in `folder`, of whichever state, increasing."""
+    """Return the numbers of the frames that have a record in `folder`, of whichever state,
+    increasing.
+    """
     found = []
     for record in (folder / RECORDS).glob("*.json"):
         with suppress(ValueError):

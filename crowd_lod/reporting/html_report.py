@@ -66,19 +66,26 @@ def parts_of(plan: dict, above: str = "contact_sheet.png") -> list[str]:
         (f"{len(rows)}", "frames previewed"),
     ]
     parts = [
-        f"<h1>{name_of(plan)}</h1><p>Crowd LOD {escape(plan['made_with']['crowd_lod'])}, Blender {escape(plan['made_with']['blender'])}. "
+        f"<h1>{name_of(plan)}</h1><p>Crowd LOD {escape(plan['made_with']['crowd_lod'])}, Blender "
+        f"{escape(plan['made_with']['blender'])}. "
         f"{escape(_rule(levels))}</p>",
         cards(figures),
         f"<p>{escape(plan['trouble_says'])}</p>" if plan["trouble_says"] else "",
-        f'<section><a href="{quote(above)}"><img src="{quote(above)}" alt="All frames, tinted by LOD and from above"></a></section>',
+        f'<section><a href="{quote(above)}"><img src="{quote(above)}" alt="All frames, tinted by '
+        f'LOD and from above"></a></section>',
         "<h2>Levels of detail</h2>",
-        f"<p>Deviation is the largest distance between the surfaces of LOD and character, both ways, over the action: "
+        f"<p>Deviation is the largest distance between the surfaces of LOD and character, both "
+        f"ways, over the action: "
         f"at least what was found, at most its bound; the "
-        f"distances are those of the camera {escape(plan['camera'])} at frame {rows[0]['frame']}, and its pixels those of "
+        f"distances are those of the camera {escape(plan['camera'])} at frame {rows[0]['frame']}, "
+        f"and its pixels those of "
         f"renders {' x '.join(map(str, levels['pixels']))} large. Predicted is what the "
-        "bound shows where the LOD begins; measured, how far its rendered outline lies from the character's there, "
-        "the worst of all directions. Picture off is the mean difference there of the shaded pictures, with materials' colors and "
-        "images, in percent of white; Similar is their structural similarity (SSIM), 1 for equal pictures.</p>",
+        "bound shows where the LOD begins; measured, how far its rendered outline lies from the "
+        "character's there, "
+        "the worst of all directions. Picture off is the mean difference there of the shaded "
+        "pictures, with materials' colors and "
+        "images, in percent of white; Similar is their structural similarity (SSIM), 1 for equal "
+        "pictures.</p>",
     ]
     parts += [_character(entry, tints) for entry in levels["characters"]]
     if levels["dropped"]:
@@ -100,7 +107,8 @@ def parts_of(plan: dict, above: str = "contact_sheet.png") -> list[str]:
     ]
     command = escape(" ".join(plan["command"]))
     parts.append(
-        f"<footer>Made in {plan['seconds']:.1f} s by <code>{command}</code>; plan.json holds all that repeats it.</footer>"
+        f"<footer>Made in {plan['seconds']:.1f} s by <code>{command}</code>; plan.json holds all "
+        f"that repeats it.</footer>"
     )
     return parts
 
@@ -108,7 +116,8 @@ def parts_of(plan: dict, above: str = "contact_sheet.png") -> list[str]:
 def document(title: str, style: str, parts: Sequence[str]) -> str:
     """Return a web page; `title` and `parts` are HTML."""
     return (
-        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
+        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
+        f'content="width=device-width">'
         f"<title>{title}</title><style>{style}</style></head><body>\n"
         + "\n".join(parts)
         + "\n</body></html>\n"
@@ -134,7 +143,10 @@ def _rule(levels: dict) -> str:
             if levels.get("shading_counts")
             else ""
         )
-        return f"LODs are chosen so that no surface lies off its character's by more than {levels['tolerance']:g} pixels{shading}."
+        return (
+            f"LODs are chosen so that no surface lies off its character's by more than "
+            f"{levels['tolerance']:g} pixels{shading}."
+        )
     by = {"AXIS": "depth", "RADIAL": "distance from the camera", "PIXELS": "size in pixels"}[
         levels["metric"]
     ]

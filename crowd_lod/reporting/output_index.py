@@ -1,4 +1,6 @@
-"""The page index.html of an output folder: what lies there, when it was made, and for which file."""
+"""The page index.html of an output folder: what lies there, when it was made, and for which
+file.
+"""
 
 import json
 from collections.abc import Sequence

@@ -1,4 +1,6 @@
-"""Two plans side by side: what they were made for, and what they cost in total and frame by frame."""
+"""Two plans side by side: what they were made for, and what they cost in total and frame by
+frame.
+"""
 
 import json
 import math
@@ -166,7 +168,8 @@ def read_plan(path: Path) -> Plan:
             total |= _numbers(shot["plan"], IN_TOTAL)
     if not total:
         raise CrowdError(
-            f"The plan {where} has neither frames nor a shot: give a folder that crowd-lod plan or preview wrote."
+            f"The plan {where} has neither frames nor a shot: give a folder that crowd-lod plan "
+            f"or preview wrote."
         )
     numbers = frozenset(frames) or frozenset(each for each in planned if type(each) is int)
     return Plan(path, numbers, frames, total, content)
@@ -204,7 +207,9 @@ def _differs(a: Plan, b: Plan) -> list[str]:
 
 
 def _same_views(a: plan_file.StoredPlan, b: plan_file.StoredPlan) -> bool:
-    """Return whether all frames that both plans have are seen by the same cameras, as wide in pixels."""
+    """Return whether all frames that both plans have are seen by the same cameras, as wide in
+    pixels.
+    """
     place = {number: f for f, number in enumerate(b.numbers.tolist())}
     pairs = [
         (a.cameras[f], b.cameras[place[number]])

@@ -50,7 +50,9 @@ def shot_facts(
 
 
 def shot_rows(told: Told) -> list[dict[str, int | float]]:
-    """Return a row of each frame: those of a preview's frames.csv without times, and the switches."""
+    """Return a row of each frame: those of a preview's frames.csv without times, and the
+    switches.
+    """
     survey, plan, meshes = told.shot.survey, told.plan, told.shot.meshes
     full = [float(sizes[survey.group, 0].sum()) for sizes in (meshes.vertices, meshes.triangles)]
     rows = []

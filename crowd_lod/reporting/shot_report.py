@@ -125,7 +125,8 @@ def shot_parts(told: Told) -> list[str]:
         _switch_table(told),
         _frame_table(told),
         _curve_table(told),
-        "<footer>switches.csv has every switch and entry, frames.csv a row of each frame, plan.json the figures, plan.npz the LODs.</footer>",
+        "<footer>switches.csv has every switch and entry, frames.csv a row of each frame, "
+        "plan.json the figures, plan.npz the LODs.</footer>",
     ]
 
 
@@ -135,9 +136,12 @@ def lead(told: Told) -> str:
     _, triangles, memory = of_full_detail(told.shot, found)
     frames, engine = len(told.numbers), NAMES[told.shot.engine]
     return (
-        f"{counted(frames, 'frame')} of {counted(len(survey.group), 'agent')} for {engine}. The plan takes "
-        f"{triangles:.1%} of the triangles and {memory:.0%} of the memory that full detail takes, and changes LODs "
-        f"{int(found.switches.sum()):,} times in sight. Thresholds, frame by frame, change them {int(before.switches.sum()):,} times "
+        f"{counted(frames, 'frame')} of {counted(len(survey.group), 'agent')} for {engine}. The "
+        f"plan takes "
+        f"{triangles:.1%} of the triangles and {memory:.0%} of the memory that full detail takes, "
+        f"and changes LODs "
+        f"{int(found.switches.sum()):,} times in sight. Thresholds, frame by frame, change them "
+        f"{int(before.switches.sum()):,} times "
         f"and cost {_less(found.above(before))}."
     )
 
@@ -169,16 +173,20 @@ def _warnings(told: Told) -> list[str]:
     survey, plan, found = told.shot.survey, told.plan, []
     if told.raised:
         found.append(
-            f"LODs deviate by up to {number(told.raised)} pixels, for the budget allows no finer ones."
+            f"LODs deviate by up to {number(told.raised)} pixels, for the budget allows no finer "
+            f"ones."
         )
     if survey.cuts.any():
         found.append(
-            f"Another camera films from {_frames(survey.numbers[survey.cuts])} on: switches there do not count."
+            f"Another camera films from {_frames(survey.numbers[survey.cuts])} on: switches there "
+            f"do not count."
         )
     if entries := int(told.entries.sum()):
         found.append(
-            f"{entries:,} {'agent appears' if entries == 1 else 'agents appear'} at once, by the near or far clip of the camera, "
-            f"in {_frames(told.numbers[told.entries > 0])}: change the clip, or where the crowd starts."
+            f"{entries:,} {'agent appears' if entries == 1 else 'agents appear'} at once, by the "
+            f"near or far clip of the camera, "
+            f"in {_frames(told.numbers[told.entries > 0])}: change the clip, or where the crowd "
+            f"starts."
         )
     if (
         plan.thresholds.switches.sum()
@@ -190,7 +198,8 @@ def _warnings(told: Told) -> list[str]:
         found.append(f"No character is seen in {_frames(survey.numbers[empty])}.")
     if (np.diff(survey.numbers) > 1).any():
         found.append(
-            "The frames are not all frames of the shot: a switch between two of them may be one in any frame between."
+            "The frames are not all frames of the shot: a switch between two of them may be one "
+            "in any frame between."
         )
     return found
 
@@ -210,7 +219,9 @@ def _legend(rows: Sequence[svg.Series]) -> str:
 
 
 def _strip(told: Told) -> str:
-    """Return the timeline with a tick for each frame with a switch or an entry, high as its largest."""
+    """Return the timeline with a tick for each frame with a switch or an entry, high as its
+    largest.
+    """
     numbers, found, (wide, high) = told.numbers, told.noticed, STRIP
     at = svg.edges(numbers)
     most = found["change"].max(initial=0.0)
@@ -224,17 +235,24 @@ def _strip(told: Told) -> str:
         says = f"Frame {frame}: {len(rows):,} of {number(float(largest))} pixels at most"
         ticks.append(
             f'<a class="tick" href="#f{frame}"><title>{says}</title>'
-            f'<path stroke="{color}" d="M{place:.1f},{y.begin:g}V{min(float(y.place(largest)), y.begin - 3):.1f}"/></a>'
+            f'<path stroke="{color}" '
+            f'd="M{place:.1f},{y.begin:g}V{min(float(y.place(largest)), y.begin - 3):.1f}"/></a>'
         )
     column = (x.end - x.begin) / len(numbers)
     marks = f'<g style="--wide:{max(min(0.7 * column, 8), 1.5):.1f}">' + "\n".join(ticks) + "</g>"
-    said = "Each tick is a frame in which LODs change in sight, as high as the largest change. Click it to see its rows in the table."
+    said = (
+        "Each tick is a frame in which LODs change in sight, as high as the largest change. "
+        "Click it to see its rows in the table."
+    )
     colors = [
         svg.Series(name, at, f"var(--{key})")
         for name, key in (("switches", "plan"), ("an agent appears at once", "entry"))
     ]
     legend = _legend(colors if told.entries.any() else colors[:1])
-    return f"<h2>Switches in sight</h2><section><p>{said}</p>{svg.plot(said, x, y, marks)}{legend}</section>"
+    return (
+        f"<h2>Switches in "
+        f"sight</h2><section><p>{said}</p>{svg.plot(said, x, y, marks)}{legend}</section>"
+    )
 
 
 def _plots(told: Told) -> list[str]:
@@ -332,7 +350,10 @@ def _error_plot(curve: Curve, agents: int) -> str:
         for point in shown:
             if point.error > 0:
                 part = 100 * getattr(point, key)
-                says = f"{point.kind}: {part:.1f} % of the {key}, {number(point.error)} pixels, {point.switches:,} switches"
+                says = (
+                    f"{point.kind}: {part:.1f} % of the {key}, {number(point.error)} pixels, "
+                    f"{point.switches:,} switches"
+                )
                 marks.append(
                     svg.mark(
                         x,
@@ -345,10 +366,16 @@ def _error_plot(curve: Curve, agents: int) -> str:
     held = f", diamonds hysteresis that holds a LOD for {HELD:.0%} of its distance" * any(
         p.kind == "hysteresis" for p in shown
     )
-    said = f"Lines: other tolerances, frame by frame. Marks: circles the plan, squares thresholds{held}."
+    said = (
+        f"Lines: other tolerances, frame by frame. Marks: circles the plan, squares "
+        f"thresholds{held}."
+    )
     if curve.agents < agents:
         said += f" From {curve.agents:,} of the agents."
-    return f"<h3>Error against cost</h3><p>{said}</p>{svg.plot('Error against cost', x, y, ''.join(marks))}{_legend(rows)}"
+    return (
+        f"<h3>Error against "
+        f"cost</h3><p>{said}</p>{svg.plot('Error against cost', x, y, ''.join(marks))}{_legend(rows)}"
+    )
 
 
 def _avoid_plot(curve: Curve) -> str:
@@ -378,7 +405,10 @@ def _avoid_plot(curve: Curve) -> str:
         )
     said = "What other values of Avoid Pops would cost. The blue mark is this plan."
     legend = _legend([svg.Series(kind, np.empty(0), color) for kind, color in colors.items()])
-    return f"<h3>Switches against cost</h3><p>{said}</p>{svg.plot('Switches against cost', x, y, marks)}{legend}"
+    return (
+        f"<h3>Switches against "
+        f"cost</h3><p>{said}</p>{svg.plot('Switches against cost', x, y, marks)}{legend}"
+    )
 
 
 def _stage_plot(milliseconds: Mapping[str, float]) -> str:
@@ -393,14 +423,18 @@ def _stage_plot(milliseconds: Mapping[str, float]) -> str:
     for k, (name, ms) in enumerate(milliseconds.items()):
         top, end = svg.TOP + 26 * k + 4, float(x.place(ms))
         bars.append(
-            f'<rect x="{x.begin:g}" y="{top}" width="{max(end - x.begin, 0.5):.1f}" height="18" fill="var(--plan)"/>'
+            f'<rect x="{x.begin:g}" y="{top}" width="{max(end - x.begin, 0.5):.1f}" height="18" '
+            f'fill="var(--plan)"/>'
         )
         bars.append(
             f'<text x="{x.begin - 7:g}" y="{top + 13}" text-anchor="end">{escape(name)}</text>'
         )
         bars.append(f'<text x="{end + 5:.1f}" y="{top + 13}">{number(ms)}</text>')
     said = "Means of the survey's frames; time to decide comes on top."
-    return f"<h3>Milliseconds by stage</h3><p>{said}</p>{svg.plot('Milliseconds by stage', x, y, ''.join(bars))}"
+    return (
+        f"<h3>Milliseconds by "
+        f"stage</h3><p>{said}</p>{svg.plot('Milliseconds by stage', x, y, ''.join(bars))}"
+    )
 
 
 HEAD = ("Frame", "Agent", "From", "To", "Size, px", "Change, px")

@@ -42,7 +42,8 @@ def put(text: str) -> None:
     except OSError as error:
         _to_nowhere(sys.stdout)
         raise CrowdError(
-            f"Standard output cannot be written ({error.strerror}): finished files stay; free space there."
+            f"Standard output cannot be written ({error.strerror}): finished files stay; free "
+            f"space there."
         ) from None
 
 

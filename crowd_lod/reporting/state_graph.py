@@ -45,7 +45,8 @@ def svg(machine: StateMachine) -> str:
     legend, bottom = _legend(machine, used, width, 2 * radius + 150)
     return "\n".join(
         [
-            f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0f} {bottom:.0f}" role="img" '
+            f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0f} {bottom:.0f}" '
+            f'role="img" '
             f'style="max-width:{width:.0f}px;display:block;margin:0 auto">',
             f"<title>The state machine {escape(machine.name)}</title>",
             f'<rect width="{width:.0f}" height="{bottom:.0f}" rx="10" fill="{PAPER}"/>',
@@ -95,7 +96,10 @@ def _arrow(
     begin, end = _toward((ax, ay), (x, y), NODE + 2), _toward((bx, by), (x, y), NODE + 4)
     head = _toward(end, (x, y), 9)
     dx, dy = 0.45 * (end[0] - head[0]), 0.45 * (end[1] - head[1])
-    path = f'd="M{begin[0]:.1f} {begin[1]:.1f}Q{x:.1f} {y:.1f} {head[0]:.1f} {head[1]:.1f}" fill="none"'
+    path = (
+        f'd="M{begin[0]:.1f} {begin[1]:.1f}Q{x:.1f} {y:.1f} {head[0]:.1f} {head[1]:.1f}" '
+        f'fill="none"'
+    )
     names = ["after its time" if label is None else machine.labels[label] for label in labels]
     told = f"{machine.states[pair[0]]} to {machine.states[pair[1]]}: {', '.join(names)}"
     yield f"<g><title>{escape(told)}</title>"
@@ -107,13 +111,19 @@ def _arrow(
             dash = f' stroke-dasharray="8 {8 * (len(labels) - 1)}" stroke-dashoffset="{-8 * k}"'
         yield f'<path {path} stroke="{_color(machine, label)}" stroke-width="1.8"{dash}/>'
     corners = end, (head[0] - dy, head[1] + dx), (head[0] + dy, head[1] - dx)
-    yield f'<polygon points="{" ".join(f"{px:.1f},{py:.1f}" for px, py in corners)}" fill="{_color(machine, labels[0])}"/></g>'
+    yield (
+        f'<polygon points="{" ".join(f"{px:.1f},{py:.1f}" for px, py in corners)}" '
+        f'fill="{_color(machine, labels[0])}"/></g>'
+    )
 
 
 def _state(machine: StateMachine, s: int, turn: float, place: Point) -> Iterator[str]:
     x, y = place
     rim = 3.5 if machine.start[s] > 0 else 1
-    yield f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{NODE}" fill="#{bytes(machine.state_colors[s]).hex()}" stroke="{INK}" stroke-width="{rim}"/>'
+    yield (
+        f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{NODE}" '
+        f'fill="#{bytes(machine.state_colors[s]).hex()}" stroke="{INK}" stroke-width="{rim}"/>'
+    )
     across, up = math.cos(turn), math.sin(turn)
     anchor = "middle" if abs(across) < 0.25 else "start" if across > 0 else "end"
     tx, ty = x + (NODE + 9) * across, y + (NODE + 15) * up + 1
@@ -167,7 +177,8 @@ def _toward(begin: Point, end: Point, length: float) -> Point:
 def _text(at: Point, text: str, anchor: str, color: str, size: int) -> str:
     # a halo in the paper's color keeps it readable over arrows
     return (
-        f'<text x="{at[0]:.1f}" y="{at[1]:.1f}" text-anchor="{anchor}" style="font:{size}px system-ui,sans-serif;fill:{color};'
+        f'<text x="{at[0]:.1f}" y="{at[1]:.1f}" text-anchor="{anchor}" style="font:{size}px '
+        f"system-ui,sans-serif;fill:{color};"
         f'stroke:{PAPER};stroke-width:3;paint-order:stroke">{escape(text)}</text>'
     )
 

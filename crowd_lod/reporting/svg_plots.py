@@ -66,7 +66,9 @@ class Panel:
 
 @dataclass(frozen=True)
 class Scale:
-    """An axis from `low` to `high`; `begin` to `end` are its pixels. log: by factors, for values above 0."""
+    """An axis from `low` to `high`; `begin` to `end` are its pixels. log: by factors, for values
+    above 0.
+    """
 
     title: str
     low: float
@@ -171,7 +173,8 @@ def plot(about: str, x: Scale, y: Scale, inside: str) -> str:
 
 
 def edges(numbers: np.ndarray) -> np.ndarray:
-    """Return where each frame's column begins, and the last ends, (F + 1,): half-way between frames.
+    """Return where each frame's column begins, and the last ends, (F + 1,): half-way between
+    frames.
 
     numbers: (F,) of the timeline, increasing.
     """
@@ -207,7 +210,8 @@ def steps(x: Scale, y: Scale, at: np.ndarray, rows: Sequence[Series]) -> str:
     """
     places = x.place(at)
     return "\n".join(
-        f'<path class="line" stroke="{row.color}" d="M{_stairs(places, y.place(row.values))}">{_hover(row.name)}</path>'
+        f'<path class="line" stroke="{row.color}" '
+        f'd="M{_stairs(places, y.place(row.values))}">{_hover(row.name)}</path>'
         for row in rows
     )
 
@@ -231,7 +235,8 @@ def mark(x: Scale, y: Scale, row: Series, shape: str, says: Sequence[str]) -> st
     places = zip(x.place(row.values[:, 0]), y.place(row.values[:, 1]), says, strict=True)
     paint = _paint(row)
     return "\n".join(
-        f'<path class="mark" {paint} d="{MARKS[shape]}" transform="translate({_text(a)},{_text(b)})">{_hover(text)}</path>'
+        f'<path class="mark" {paint} d="{MARKS[shape]}" '
+        f'transform="translate({_text(a)},{_text(b)})">{_hover(text)}</path>'
         for a, b, text in places
     )
 
@@ -272,7 +277,8 @@ def sheet(title: str, caption: str, panels: Sequence[Panel]) -> str:
     height = top + max(panel.height + LEGEND_ROW * (len(panel.rows) + 1) for panel in panels)
     width = WIDTH * len(panels)
     parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height:g}" width="{width}" height="{height:g}">',
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height:g}" '
+        f'width="{width}" height="{height:g}">',
         f'<style>{SHEET_STYLE}</style><rect width="100%" height="100%" fill="#fff"/>',
         f'<text class="title" x="{width / 2:g}" y="22" text-anchor="middle">{escape(title)}</text>',
     ]
@@ -297,7 +303,9 @@ def _legend_entry(row: Series) -> str:
 
 
 def _stairs(places: np.ndarray, levels: np.ndarray) -> str:
-    """Return the path along columns from places (F + 1,) at levels (F,), without its first command."""
+    """Return the path along columns from places (F + 1,) at levels (F,), without its first
+    command.
+    """
     parts = [f"{_text(places[0])},{_text(levels[0])}"]
     for k, end in enumerate(places[1:]):
         if k and levels[k] != levels[k - 1]:

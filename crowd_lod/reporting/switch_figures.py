@@ -20,7 +20,8 @@ def figures(titles: Sequence[str], crops: Sequence[tuple[np.ndarray, np.ndarray]
     """Return the HTML of pictures before, after, and of their difference.
 
     titles: text above each crop.
-    crops: pairs of pictures (rows, columns, 3) float64, sRGB, bottom row first; None where nothing could be drawn.
+    crops: pairs of pictures (rows, columns, 3) float64, sRGB, bottom row first; None where nothing
+    could be drawn.
     """
     if not crops:
         return ""
@@ -30,7 +31,8 @@ def figures(titles: Sequence[str], crops: Sequence[tuple[np.ndarray, np.ndarray]
         if crop is not None
     ]
     said = (
-        f"Each agent alone, with the LOD before and after: as large as in the picture, enlarged pixel by pixel, in light of our own "
+        f"Each agent alone, with the LOD before and after: as large as in the picture, enlarged "
+        f"pixel by pixel, in light of our own "
         f"and without blur. The difference is shown {STRONGER} times as strong."
     )
     if len(drawn) < len(crops):
@@ -46,7 +48,8 @@ def _section(title: str, before: np.ndarray, after: np.ndarray) -> str:
     }
     times = max(1, -(-SMALLEST // before.shape[0]))
     shown = "".join(
-        f'<figure><img src="{data_uri(picture)}" width="{times * picture.shape[1]}" height="{times * picture.shape[0]}" '
+        f'<figure><img src="{data_uri(picture)}" width="{times * picture.shape[1]}" '
+        f'height="{times * picture.shape[0]}" '
         f'alt="{name}"><figcaption>{name}</figcaption></figure>'
         for name, picture in named.items()
     )

@@ -77,7 +77,8 @@ def largest_switches(path: Path, most: int = 100) -> list[dict[str, str]]:
             )
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise CrowdError(
-            f"The switches {printable(path)} of the shot plan cannot be read ({error}): press Plan Shot again."
+            f"The switches {printable(path)} of the shot plan cannot be read ({error}): press "
+            f"Plan Shot again."
         ) from None
 
 

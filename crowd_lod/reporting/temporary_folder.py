@@ -1,4 +1,6 @@
-"""A command's own folder for temporary files, Blender's too: nothing of it is left, not after Ctrl-C either."""
+"""A command's own folder for temporary files, Blender's too: nothing of it is left, not after
+Ctrl-C either.
+"""
 
 import os
 import shutil
@@ -15,7 +17,8 @@ VARIABLES = ("TMPDIR", "TEMP", "TMP")  # where programs look for the place of te
 
 @contextmanager
 def own_temporary_folder() -> Iterator[None]:
-    """Let all temporary files inside the block, of this process and those that it starts, lie in one folder.
+    """Let all temporary files inside the block, of this process and those that it starts, lie in
+    one folder.
 
     It is removed at the end. Where no folder can be made the files lie where they would.
     """

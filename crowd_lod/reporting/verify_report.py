@@ -52,16 +52,21 @@ def verify_page(title: str, result: dict) -> str:
             cards(_figures(rows)),
             "<h2>Pictures</h2>",
             f"<p>{escape(_columns(result))}</p>",
-            '<section><a href="contact_sheet.png"><img src="contact_sheet.png" alt="The pictures of each frame and their differences"></a></section>',
+            '<section><a href="contact_sheet.png"><img src="contact_sheet.png" alt="The pictures '
+            'of each frame and their differences"></a></section>',
             "<h2>Frames</h2>",
-            "<p>Agents outside the picture are kept for their shadows and reflections in it; without those kept, other pixels change. "
-            "A pixel is visibly other from 2 of 255 on, shading included, which nothing predicts.</p>",
+            "<p>Agents outside the picture are kept for their shadows and reflections in it; "
+            "without those kept, other pixels change. "
+            "A pixel is visibly other from 2 of 255 on, shading included, which nothing "
+            "predicts.</p>",
             table_of(COLUMNS, [_cells(row) for row in rows]),
             *_agents(result),
             list_of("What was left out", result["left_out"]),
             list_of("What is not proved", result["not_proved"]),
-            f"<footer>{frames}, {result['width']} pixels wide, {result['samples']} samples a pixel, by "
-            f"<code>{escape(' '.join(result['command']))}</code>. verify.csv has all figures of each frame, verify.json too.</footer>",
+            f"<footer>{frames}, {result['width']} pixels wide, {result['samples']} samples a "
+            f"pixel, by "
+            f"<code>{escape(' '.join(result['command']))}</code>. verify.csv has all figures of "
+            f"each frame, verify.json too.</footer>",
         ],
     )
 
@@ -72,15 +77,19 @@ def _agents(result: dict) -> list[str]:
     if not agents:
         return []
     pictures = [
-        f'<section><a href="{name}"><img src="{name}" alt="Agents of frame {frame}: full detail, as built"></a></section>'
+        f'<section><a href="{name}"><img src="{name}" alt="Agents of frame {frame}: full detail, '
+        f'as built"></a></section>'
         for frame in dict.fromkeys(agent["frame"] for agent in agents)
         for name in [f"frame_{frame:04d}_agents.png"]
     ]
     return [
         "<h2>Agents</h2>",
-        "<p>Of each frame the agents that are predicted worst, and others drawn by chance, were rendered alone, at full detail (left) "
-        "and as built (right), at the size of the final picture or finer. A silhouette's shift is the largest distance from "
-        "one to the other, in pixels of the final picture. Agents that exceptions pin, that blur lets be coarser, or that are in a cross-fade, stand apart.</p>",
+        "<p>Of each frame the agents that are predicted worst, and others drawn by chance, were "
+        "rendered alone, at full detail (left) "
+        "and as built (right), at the size of the final picture or finer. A silhouette's shift is "
+        "the largest distance from "
+        "one to the other, in pixels of the final picture. Agents that exceptions pin, that blur "
+        "lets be coarser, or that are in a cross-fade, stand apart.</p>",
         *pictures,
         table_of(AGENT_COLUMNS, [_agent_cells(agent) for agent in agents]),
     ]
@@ -117,7 +126,8 @@ def _columns(result: dict) -> str:
         " Its second row has the light of the sky and of bounces, too." if result["bounces"] else ""
     )
     return (
-        f"Each row is a frame, from the left: {'; '.join(result['pictures'].values())}. Then how the last three differ from the "
+        f"Each row is a frame, from the left: {'; '.join(result['pictures'].values())}. Then how "
+        f"the last three differ from the "
         f"first, {result['amplified']} times as bright; black is no difference.{more}"
     )
 

@@ -35,7 +35,9 @@ def _moved(frame: Frame, agents: np.ndarray, eye: int) -> np.ndarray:
 
 
 def _pixels(camera: Camera, crowd: Crowd, height: np.ndarray, agents: np.ndarray) -> np.ndarray:
-    """Return where the centers of `agents` lie in the picture, (2, m) pixels; NaN behind the camera."""
+    """Return where the centers of `agents` lie in the picture, (2, m) pixels; NaN behind the
+    camera.
+    """
     v = np.stack(crowd.places(height, agents, camera.origin))
     across, depth = np.stack([camera.X @ v, camera.Y @ v]), camera.Z @ v
     if camera.kind == "PERSP":

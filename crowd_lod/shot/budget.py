@@ -44,7 +44,8 @@ class Budget:
 class BudgetPlan(ShotPlan):
     """The decision on a shot within a budget.
 
-    tolerance: pixels that LODs may deviate, where the policy allows less. 0 if the policy's LODs fit.
+    tolerance: pixels that LODs may deviate, where the policy allows less. 0 if the policy's LODs
+    fit.
     bound: as in ShotPlan, of all plans within this tolerance and the budget. Infinite where a
         budget of memory leaves LODs out.
     thresholds: of the policy as it is, which may be over the budget.
@@ -140,12 +141,14 @@ def _check(shot: Shot, limits: _Limits) -> None:
         worst = int(loads.argmax())
         if not loads[worst] <= most:
             raise CrowdError(
-                f"The budget of {most:,.0f} {name} is impossible: frame {shot.survey.numbers[worst]} takes "
+                f"The budget of {most:,.0f} {name} is impossible: frame "
+                f"{shot.survey.numbers[worst]} takes "
                 f"{loads[worst]:,.0f} at least, {everyone}"
             )
     if not (least := _memory(shot, shown)) <= limits.memory:
         raise CrowdError(
-            f"The budget of {limits.memory / 1e6:,.1f} MB is impossible: the shot takes {np.ceil(least / 1e5) / 10:,.1f} MB at least, "
+            f"The budget of {limits.memory / 1e6:,.1f} MB is impossible: the shot takes "
+            f"{np.ceil(least / 1e5) / 10:,.1f} MB at least, "
             f"{everyone}"
         )
 
@@ -276,7 +279,8 @@ class _Search:
         return self.shot.carried(levels)
 
     def coarsened(self, levels: np.ndarray, table: np.ndarray, f: int) -> bool:
-        """Give those agents coarser LODs in frame f that lose least for the load they relieve it of.
+        """Give those agents coarser LODs in frame f that lose least for the load they relieve it
+        of.
 
         Returns whether the frame may still be over a limit.
         """
@@ -315,7 +319,9 @@ class _Search:
         return True
 
     def changes(self, levels: np.ndarray, f: int, agents: np.ndarray) -> np.ndarray:
-        """Return the seconds as which switches of `agents` (m,) would count with each LOD in frame f, (K, m)."""
+        """Return the seconds as which switches of `agents` (m,) would count with each LOD in frame
+        f, (K, m).
+        """
         survey = self.shot.survey
         bounds = self.shot.meshes.bounds.T[:, survey.group[agents]]
         columns, numbers = np.arange(len(agents)), np.arange(len(bounds))[:, None]

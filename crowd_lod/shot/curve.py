@@ -51,8 +51,8 @@ class Curve:
 def curve_of(shot: Shot, plan: ShotPlan, tolerance: float | None) -> Generator[float, None, Curve]:
     """Find the curve of a planned shot: yield the progress, return it.
 
-    tolerance: pixels, in the middle of the sweep. Hysteresis has it, too. None where LODs are chosen otherwise: the middle is then
-        one pixel, and no hysteresis is told.
+    tolerance: pixels, in the middle of the sweep. Hysteresis has it, too. None where LODs are
+        chosen otherwise: the middle is then one pixel, and no hysteresis is told.
     A plan with another weight that is the same as one before has no point.
     """
     some, agents = sampled(shot, max(MOST_LOOKED_AT // len(shot.survey.times), 1))
@@ -87,7 +87,9 @@ def curve_of(shot: Shot, plan: ShotPlan, tolerance: float | None) -> Generator[f
 
 
 def of_full_detail(shot: Shot, found: Bill) -> tuple[float, float, float]:
-    """Return the parts that `found` takes of the (seconds, triangles, memory) of the same agents at LOD 0."""
+    """Return the parts that `found` takes of the (seconds, triangles, memory) of the same agents at
+    LOD 0.
+    """
     shown = np.zeros_like(found.shown)
     shown[:, 0] = found.shown.sum(axis=1)
     part = found.price.share(price(work_in(shot, shown), shot.engine))

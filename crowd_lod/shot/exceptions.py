@@ -67,8 +67,8 @@ def parse_agents(text: str, count: int, name: str, ids: np.ndarray | None = None
     count: agents of the crowd.
     name: of the exception.
     ids: (n,) int64, Trajectory.ids.
-    CrowdError if it names none, an index that is not there, numbers of a file of which none is there,
-    or a range that runs backwards.
+    CrowdError if it names none, an index that is not there, numbers of a file of which none is
+    there, or a range that runs backwards.
     """
     if not text.strip():
         raise CrowdError(
@@ -82,12 +82,14 @@ def parse_agents(text: str, count: int, name: str, ids: np.ndarray | None = None
         match = re.fullmatch(r"\s*(#?)(\d{1,18})\s*(?:-\s*(\d{1,18})\s*)?", part)
         if match is None:
             raise CrowdError(
-                f"The exception {name} names agents by {part.strip()!r}: write numbers and ranges, such as 12, 40-50."
+                f"The exception {name} names agents by {part.strip()!r}: write numbers and "
+                f"ranges, such as 12, 40-50."
             )
         mark, first, last = match[1], int(match[2]), int(match[3] or match[2])
         if first > last:
             raise CrowdError(
-                f"The exception {name} has agents {mark}{first}-{last}, a range that runs backwards: write {mark}{last}-{first}."
+                f"The exception {name} has agents {mark}{first}-{last}, a range that runs "
+                f"backwards: write {mark}{last}-{first}."
             )
         if mark:
             begin, end = np.searchsorted(own, (first, last + 1)).tolist()
@@ -95,12 +97,14 @@ def parse_agents(text: str, count: int, name: str, ids: np.ndarray | None = None
             continue
         if last >= count:
             raise CrowdError(
-                f"The exception {name} names agent {last}: the crowd has {count:,}, numbered from 0 on."
+                f"The exception {name} names agent {last}: the crowd has {count:,}, numbered from "
+                f"0 on."
             )
         chosen[first : last + 1] = True
     if not chosen.any():
         raise CrowdError(
-            f"The exception {name} names {text.strip()}: no agent has that number in its file or object."
+            f"The exception {name} names {text.strip()}: no agent has that number in its file or "
+            f"object."
         )
     return np.flatnonzero(chosen)
 
@@ -149,13 +153,16 @@ def check_level(
     ]
     if lacks:
         raise CrowdError(
-            f"The exception {name} asks for LOD {level} of {names[lacks[0]]}, which Memory for Characters leaves out: ask for LOD "
+            f"The exception {name} asks for LOD {level} of {names[lacks[0]]}, which Memory for "
+            f"Characters leaves out: ask for LOD "
             f"{finest[lacks[0]]}, or raise that limit and make the LOD meshes again."
         )
 
 
 def in_force(exemptions: Sequence[Exemption], number: int, count: int) -> np.ndarray:
-    """Return the index of the exception that holds for each agent in a frame, (count,) intp; -1 for none."""
+    """Return the index of the exception that holds for each agent in a frame, (count,) intp; -1 for
+    none.
+    """
     found = np.full(count, -1, np.intp)
     for index, each in enumerate(exemptions):
         if each.holds(number):

@@ -7,7 +7,8 @@ cameras: (F, E, 21) float64, of frame.planned.numbers_of.
 made_for: texts: pairs of what the plan was made for and its digest.
 blend_file: the name of the .blend file that it was made for; "" if that was not saved.
 tolerance: the most pixels that LODs may deviate, or NaN if thresholds by distance chose them.
-levels_N: (n,) uint8 of frame N, of LEVEL, PINNED and HIDDEN in frame/planned.py. Each is read only when its frame is shown.
+levels_N: (n,) uint8 of frame N, of LEVEL, PINNED and HIDDEN in frame/planned.py. Each is read only
+when its frame is shown.
 """
 
 from collections.abc import Mapping, Sequence
@@ -70,12 +71,14 @@ class StoredPlan:
         row = _read(self.path, (name,))[name]
         if row.shape != (agents,) or row.dtype != np.uint8:
             raise CrowdError(
-                f"The shot plan {printable(self.path)} does not have {agents:,} agents in {name}: {AGAIN}."
+                f"The shot plan {printable(self.path)} does not have {agents:,} agents in {name}: "
+                f"{AGAIN}."
             )
         coarsest = int((row & LEVEL).max(initial=0))
         if coarsest >= levels:
             raise CrowdError(
-                f"The shot plan {printable(self.path)} has a LOD {coarsest} in {name}, and there are {levels}: {AGAIN}."
+                f"The shot plan {printable(self.path)} has a LOD {coarsest} in {name}, and there "
+                f"are {levels}: {AGAIN}."
             )
         return row
 
@@ -163,5 +166,6 @@ def _read(path: Path, names: Sequence[str]) -> dict[str, np.ndarray]:
         ) from None
     except OSError as error:
         raise CrowdError(
-            f"The shot plan {printable(path)} cannot be read ({error.strerror}): {AGAIN}, or press Remove Plan."
+            f"The shot plan {printable(path)} cannot be read ({error.strerror}): {AGAIN}, or "
+            f"press Remove Plan."
         ) from None

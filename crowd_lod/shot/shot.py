@@ -218,7 +218,8 @@ def solved(
 
 
 def shared_table(shot: Shot, thresholds: Bill, found: Bill) -> np.ndarray | None:
-    """Return (F, K, L) float32 seconds of an agent if meshes that `found` shows cost next to nothing.
+    """Return (F, K, L) float32 seconds of an agent if meshes that `found` shows cost next to
+    nothing.
 
     None where meshes cost so little that it does not matter.
     """
@@ -266,7 +267,8 @@ def lower_bound(
 
 
 def floor(shot: Shot) -> tuple[float, float, np.ndarray]:
-    """Return (fixed, least, table (F, K, L) float32), all in seconds, which bound every plan from below.
+    """Return (fixed, least, table (F, K, L) float32), all in seconds, which bound every plan from
+    below.
 
     A plan costs `fixed` and, besides, no less than `least`, nor than a program by the table.
     Each frame shows of each character a LOD as fine as the finest that one of its agents needs, at

@@ -12,7 +12,8 @@ from ..crowd.agents import Group
 from ..levels.cost_model import SECONDS, Actors, Price, Work, price, work_of
 from .survey import SEEN, Survey
 
-NOTICED = 0.25  # pixels as which any switch in sight counts, besides those by which it changes the picture
+# pixels as which any switch in sight counts, besides those by which it changes the picture
+NOTICED = 0.25
 UNSEEN = 255  # the LOD of an agent that is not seen
 
 
@@ -109,7 +110,9 @@ class Shot:
         return self.carried(self.allowed)
 
     def carried(self, levels: np.ndarray) -> np.ndarray:
-        """Return `levels` (F, n); where an agent is not seen, the LOD with which it is seen next, or 0."""
+        """Return `levels` (F, n); where an agent is not seen, the LOD with which it is seen next,
+        or 0.
+        """
         found = np.where(self.survey.seen, levels, UNSEEN)
         found[-1][found[-1] == UNSEEN] = 0
         for f in range(len(found) - 2, -1, -1):
@@ -197,7 +200,9 @@ def bill(shot: Shot, levels: np.ndarray) -> Bill:
 
 
 def shown_by(shot: Shot, levels: np.ndarray) -> np.ndarray:
-    """Return how many seen agents show each LOD of each character by `levels` (F, n), (F, K, L) int64."""
+    """Return how many seen agents show each LOD of each character by `levels` (F, n), (F, K, L)
+    int64.
+    """
     survey, characters = shot.survey, len(shot.survey.owner)
     shown = np.zeros((len(survey.times), shot.meshes.count, characters), np.int64)
     for f in range(len(shown)):

@@ -42,8 +42,8 @@ class Survey:
     rays: (F,) float64, samples of the pixels that agents cover (levels/cost_model.py).
     entered: for each frame the agents (m,) intp that it shows, and that the near or the far clip
         culled in the frame before, or an exception hid: they appear at once.
-    blurred: pixels of tolerance; above 0, a LOD may deviate by so many pixels and as many more as its
-        agent is blurred wide. `scale` then counts as many pixels less in proportion.
+    blurred: pixels of tolerance; above 0, a LOD may deviate by so many pixels and as many more as
+        its agent is blurred wide. `scale` then counts as many pixels less in proportion.
     bounds: (G, K) meters, of the LODs, where `blurred` is above 0.
     finest, limit: (F, n) uint8, the finest and the coarsest LOD that exceptions allow seen agents,
         whatever the policy does; None without exceptions (shot/exceptions.py).
@@ -113,11 +113,13 @@ def empty(
         raise CrowdError("The shot has no frames: give a range such as 1:120.")
     if characters > np.iinfo(np.uint16).max:
         raise CrowdError(
-            f"The crowd shows {characters:,} characters in all their phases: use fewer character groups or speeds."
+            f"The crowd shows {characters:,} characters in all their phases: use fewer character "
+            f"groups or speeds."
         )
     if frames * agents * 7 > MOST_BYTES:
         raise CrowdError(
-            f"A plan of {agents:,} agents in {frames:,} frames takes over {MOST_BYTES / 2**30:.0f} GB of memory: plan fewer frames."
+            f"A plan of {agents:,} agents in {frames:,} frames takes over "
+            f"{MOST_BYTES / 2**30:.0f} GB of memory: plan fewer frames."
         )
     shape = frames, agents
     return Survey(
@@ -149,7 +151,9 @@ class Recorder:
         self._pool.shutdown(cancel_futures=True)
 
     def add(self, *about: Any) -> None:
-        """Record one frame; `about` are the arguments of `record`. Errors are those of the frame before."""
+        """Record one frame; `about` are the arguments of `record`. Errors are those of the frame
+        before.
+        """
         self.finish()
         self._last = self._pool.submit(record, *about)
 
@@ -178,7 +182,8 @@ def record(  # noqa: PLR0913 - what a frame tells, and what it follows
     """
     if len(frame.crowd) != len(survey.group):
         raise CrowdError(
-            f"The crowd has {len(frame.crowd):,} agents in frame {survey.numbers[f]}, and {len(survey.group):,} before: "
+            f"The crowd has {len(frame.crowd):,} agents in frame {survey.numbers[f]}, and "
+            f"{len(survey.group):,} before: "
             "its number must not change during a shot."
         )
     trajectory, seen = frame.trajectory, frame.buckets.order
@@ -246,7 +251,9 @@ def _rounded_up(values: np.ndarray) -> np.ndarray:
 
 
 def _coarsest(survey: Survey, f: int, agents: np.ndarray, tolerance: float) -> np.ndarray:
-    """Return the coarsest LODs of `agents` (m,) that show at most `tolerance` pixels, (m,) uint8."""
+    """Return the coarsest LODs of `agents` (m,) that show at most `tolerance` pixels, (m,)
+    uint8.
+    """
     assert survey.bounds is not None
     group, scale = survey.group[agents], survey.scale[f, agents].astype(np.float64)
     found = np.zeros(len(agents), np.uint8)

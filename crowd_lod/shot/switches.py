@@ -1,4 +1,6 @@
-"""What a viewer may notice in a shot: switches of LODs in sight, and characters that appear at once."""
+"""What a viewer may notice in a shot: switches of LODs in sight, and characters that appear at
+once.
+"""
 
 import numpy as np
 

@@ -8,7 +8,8 @@ from .survey import CULLED, MIRRORED, SHADOW
 
 
 def unneeded(shot: Shot, shown: np.ndarray, names: list[str]) -> list[str]:
-    """Return a sentence on each thing that the shot does not need, with its reason and what it saves.
+    """Return a sentence on each thing that the shot does not need, with its reason and what it
+    saves.
 
     shown: (F, K, L), seen agents of each LOD of each character.
     names: of the G groups.
@@ -20,7 +21,8 @@ def unneeded(shot: Shot, shown: np.ndarray, names: list[str]) -> list[str]:
         each = meshes.triangles[group]
         if not needed[:, own].any():
             found.append(
-                f"{name}: no frame shows it, its shadow or its mirror image; {_saves(shot, len(own) * each.sum())}."
+                f"{name}: no frame shows it, its shadow or its mirror image; "
+                f"{_saves(shot, len(own) * each.sum())}."
             )
             continue
         repeated = np.diff(each, prepend=-1) == 0  # the last LOD of a group that has fewer
@@ -30,12 +32,14 @@ def unneeded(shot: Shot, shown: np.ndarray, names: list[str]) -> list[str]:
             )
         if idle := int((~needed[:, own].any(axis=0)).sum()):
             found.append(
-                f"{idle:,} of {name}'s {len(own):,} poses: no frame shows {'it' if idle == 1 else 'them'}; "
+                f"{idle:,} of {name}'s {len(own):,} poses: no frame shows "
+                f"{'it' if idle == 1 else 'them'}; "
                 f"{_saves(shot, idle * each.sum())}."
             )
     if never := int((survey.kind == CULLED).all(axis=0).sum()):
         found.append(
-            f"{never:,} of {len(survey.group):,} agents: outside of all frames, with no shadow or mirror image in them."
+            f"{never:,} of {len(survey.group):,} agents: outside of all frames, with no shadow or "
+            f"mirror image in them."
         )
     return found
 

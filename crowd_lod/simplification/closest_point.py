@@ -13,8 +13,8 @@ def walk(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The mesh's points closest to `points`, by walks from vertex to vertex.
 
-    A walk goes from its vertex to the closest face at it, to the closest vertex of that face, and on until it comes back. It may
-    end where it is closest only nearby: see doubt().
+    A walk goes from its vertex to the closest face at it, to the closest vertex of that face, and
+    on until it comes back. It may end where it is closest only nearby: see doubt().
 
     start: (k,) vertices; points: (3, k). Returns faces (k,) and barycentric weights on them (3, k).
     """
@@ -41,9 +41,11 @@ def follow(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The closest points again, after the mesh or the points have moved a little.
 
-    face: (k,), weights: (3, k), the closest points before; points: (3, k). Only points farther off than a part of the largest
-    distance are brought up to date: on the same face, and if `walking` by a walk from its edge.
-    Returns faces, weights, the offsets (3, k) from the closest points to `points`, and their lengths (k,).
+    face: (k,), weights: (3, k), the closest points before; points: (3, k). Only points farther off
+    than a part of the largest distance are brought up to date: on the same face, and if `walking`
+    by a walk from its edge.
+    Returns faces, weights, the offsets (3, k) from the closest points to `points`, and their
+    lengths (k,).
     """
     off = points - mesh.at(face, weights)
     distance = length(off)
@@ -68,8 +70,8 @@ def doubt(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Search again, on all faces near enough, for the points that are farthest off.
 
-    face: (k,), weights: (3, k), the closest points as known; points: (3, k); count: how many to doubt at a time. It goes on while
-    any of them was wrong. Returns faces and weights.
+    face: (k,), weights: (3, k), the closest points as known; points: (3, k); count: how many to
+    doubt at a time. It goes on while any of them was wrong. Returns faces and weights.
     """
     face, weights, count = face.copy(), weights.copy(), count or settings.CURRENT.doubt_points
     sorted_by, along, middle, radius = mesh.spheres
@@ -106,7 +108,8 @@ def beyond(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Which points are farther from the mesh than `least`, and their closest points.
 
-    face: (k,) where the walks begin; points: (3, k). Returns the indices of those points (j,), faces (j,), weights (3, j).
+    face: (k,) where the walks begin; points: (3, k). Returns the indices of those points (j,),
+    faces (j,), weights (3, j).
     """
     far = np.flatnonzero(distances(points, *mesh.vertices(face)) > least)
     points = points.take(far, 1)
@@ -210,8 +213,9 @@ def _planes_and_sides(
 ) -> tuple[tuple, np.ndarray, np.ndarray, tuple, tuple]:
     """What closest points of triangles are computed from, each (k,).
 
-    Returns: the squared distance to a and what to add for that to the plane; the weights of b and c on the plane; the place of the
-    closest point along the edges ab, ac, bc; what to add to the squared distance to a for that to each edge.
+    Returns: the squared distance to a and what to add for that to the plane; the weights of b and c
+    on the plane; the place of the closest point along the edges ab, ac, bc; what to add to the
+    squared distance to a for that to each edge.
     Source: Ericson, "Real-Time Collision Detection", 2005, section 5.1.5.
     """
     uu, uv, vv, wu, wv, ww = products = _products(p, a, b, c)

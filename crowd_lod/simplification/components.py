@@ -18,8 +18,8 @@ def grown(
     """Widen parts that show too little, and return the points (n, 3).
 
     A part is widened about its middle, along each of its own axes as far as along the others.
-    points: (n, 3); triangles: (m, 3); part: (n,) each one's number; wanted: (p,) area that each part should show; most: how far
-    a part may be widened.
+    points: (n, 3); triangles: (m, 3); part: (n,) each one's number; wanted: (p,) area that each
+    part should show; most: how far a part may be widened.
     """
     count = len(wanted)
     middle = (
@@ -54,7 +54,8 @@ def areas(
 ) -> np.ndarray:
     """The area (count,) of each part's silhouette, in the mean of DIRECTIONS.
 
-    points: (n, 3); triangles: (m, 3); part: (m,) of each triangle, one at least of each part; cell: pixels across a part.
+    points: (n, 3); triangles: (m, 3); part: (m,) of each triangle, one at least of each part; cell:
+    pixels across a part.
     """
     total, across = np.zeros(count), int(np.ceil(np.sqrt(count)))
     for axes in DIRECTIONS:

@@ -1,7 +1,7 @@
 """LOD meshes by decimation.
 
-fast-simplification makes the many cheap collapses, quadric collapses the last; then the vertices left are moved until the largest
-distance to the source is least.
+fast-simplification makes the many cheap collapses, quadric collapses the last; then the vertices
+left are moved until the largest distance to the source is least.
 """
 
 import threading
@@ -33,7 +33,8 @@ class LodMesh:
     """A LOD's mesh.
 
     points: (k, 3) float64, meters; triangles: (m, 3) int32.
-    source: (k,) intp, the source's point whose weights each takes: the nearest of those that collapsed into it.
+    source: (k,) intp, the source's point whose weights each takes: the nearest of those that
+    collapsed into it.
     """
 
     points: np.ndarray
@@ -46,7 +47,10 @@ def missing_library() -> str | None:
     try:
         import fast_simplification  # noqa: F401 - imported to see whether it can be
     except ImportError as error:
-        return f"LOD meshes need the fast-simplification package ({error}): reinstall the Crowd LOD extension from its zip."
+        return (
+            f"LOD meshes need the fast-simplification package ({error}): reinstall the Crowd "
+            f"LOD extension from its zip."
+        )
     return None
 
 
@@ -66,15 +70,17 @@ def decimating(  # noqa: PLR0913 - what a mesh is decimated by
 ) -> Generator[None, None, LodMesh]:
     """Make the mesh with about `ratio` of its triangles; yields between its steps.
 
-    shape: points (n, 3) meters and triangles (m, 3) indices; ratio: in (0, 1], 1 gives the mesh itself; name: of the mesh, for
-    errors.
-    seams: (k, 2) indices of points, edges to be kept in place as open borders are, such as UV seams and where materials meet.
+    shape: points (n, 3) meters and triangles (m, 3) indices; ratio: in (0, 1], 1 gives the mesh
+    itself; name: of the mesh, for errors.
+    seams: (k, 2) indices of points, edges to be kept in place as open borders are, such as UV seams
+    and where materials meet.
     skin: how its points move, if they do: the poses count as much as the rest.
     effort: what part of Settings.moves it may do, as one of a character's meshes.
     weight: (n,), how much the planes at each point count when edges collapse; 1 each if None.
 
-    Returns the LodMesh. Points without a triangle are dropped, open borders at the same points become one. Loose parts become
-    cards, or go, where that shows less than what collapses elsewhere, see LooseParts. CrowdError for bad input.
+    Returns the LodMesh. Points without a triangle are dropped, open borders at the same points
+    become one. Loose parts become cards, or go, where that shows less than what collapses
+    elsewhere, see LooseParts. CrowdError for bad input.
     """
     _check(shape, ratio, name)
     used, triangles = np.unique(shape[1], return_inverse=True)
@@ -144,11 +150,13 @@ def _best(
 ) -> Generator[None, None, Collapsed]:
     """Collapse edges, then fit the surface; yields between the steps.
 
-    shape: points (n, 3), of unit size, and triangles (m, 3); seams: (k, 2); target: triangles wanted; effort: part of
-    Settings.moves; weight: (n,), see decimating(). Returns the points left; `follows` tells something with a skin only.
+    shape: points (n, 3), of unit size, and triangles (m, 3); seams: (k, 2); target: triangles
+    wanted; effort: part of Settings.moves; weight: (n,), see decimating(). Returns the points left;
+    `follows` tells something with a skin only.
 
-    Work is counted, not timed: the same mesh gives the same LOD. fast-simplification knows no poses, and takes the rings of a
-    straight elbow first: it goes less far, in the pose that bends most.
+    Work is counted, not timed: the same mesh gives the same LOD. fast-simplification knows no
+    poses, and takes the rings of a straight elbow first: it goes less far, in the pose that bends
+    most.
     """
     points, triangles = shape
     part, facing = connected_components(len(points), triangles), normals_of(points, triangles)
@@ -231,7 +239,8 @@ def _widened(
 ) -> np.ndarray:
     """The LOD's points (k, 3) at rest, its loose parts widened if there are several.
 
-    Each part is as wide as it must be to show as much as the source's: points (n, 3), triangles (m, 3), part (n,).
+    Each part is as wide as it must be to show as much as the source's: points (n, 3), triangles (m,
+    3), part (n,).
     """
     new_points = fit.points.T / fit.copies.rest
     if (part[triangles[:, 0]] == part[triangles[0, 0]]).all():
@@ -247,8 +256,9 @@ def _bulk(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """About `target` triangles by fast-simplification.
 
-    points: (n, 3); triangles: (m, 3); part: (n,); seen: (n, 3), the points by which it chooses what to collapse. Loose parts that it
-    would lose, or whose faces it would open, double or join, stay as they are.
+    points: (n, 3); triangles: (m, 3); part: (n,); seen: (n, 3), the points by which it chooses what
+    to collapse. Loose parts that it would lose, or whose faces it would open, double or join, stay
+    as they are.
     Returns points (n, 3), triangles, collapse_map (n,).
     """
     import fast_simplification
@@ -304,8 +314,9 @@ def _without_flat_and_doubled(triangles: np.ndarray) -> np.ndarray:
 def _join_borders(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Make one of open borders at the same points, or they would part.
 
-    glTF has such along UV seams. No edge gets more than two triangles by it. points: (n, 3); triangles: (m, 3).
-    Returns the point that each is joined to (n,), and the edges (k, 2) that were open.
+    glTF has such along UV seams. No edge gets more than two triangles by it. points: (n, 3);
+    triangles: (m, 3). Returns the point that each is joined to (n,), and the edges (k, 2) that were
+    open.
     """
     n, half = len(points), half_edges(triangles)
     joined = np.arange(n)

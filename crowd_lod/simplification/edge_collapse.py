@@ -1,8 +1,9 @@
 """Quadric edge collapse, in rounds.
 
 Each round collapses, the cheapest first, edges so far apart that they share no face at their ends.
-Sources: Garland, Heckbert, "Surface simplification using quadric error metrics", 1997; the link condition is that of Dey,
-Edelsbrunner, Guha, Nekhayev, "Topology preserving edge contraction", 1999.
+Sources: Garland, Heckbert, "Surface simplification using quadric error metrics", 1997; the link
+condition is that of Dey, Edelsbrunner, Guha, Nekhayev, "Topology preserving edge contraction",
+1999.
 """
 
 from collections.abc import Generator, Iterable
@@ -34,7 +35,8 @@ class Poses:
 class _Mesh:
     """A mesh as far as it has collapsed.
 
-    points: (3, n); corners: (3, m); normals: (3, n), the sums of those of the source's vertices that each stands for.
+    points: (3, n); corners: (3, m); normals: (3, n), the sums of those of the source's vertices
+    that each stands for.
     """
 
     points: np.ndarray
@@ -46,7 +48,8 @@ class _Mesh:
 class _Edges:
     """Edges that may collapse.
 
-    ends: (2, k) vertices; faces: (k,) how many have the edge; at: (3, k), where it would collapse to.
+    ends: (2, k) vertices; faces: (k,) how many have the edge; at: (3, k), where it would collapse
+    to.
     """
 
     ends: np.ndarray
@@ -65,8 +68,9 @@ def quadrics_of(
 ) -> np.ndarray:
     """Each vertex's quadric (11, n): xx, xy, xz, yy, yz, zz, xd, yd, zd, dd, area.
 
-    It sums the planes of the faces at the vertex, by their areas, and the planes upright on its constrained edges, by their lengths
-    squared. points: (n, 3); triangles: (m, 3); held: see constrained_edges(); hold: weight of seams, of that of borders.
+    It sums the planes of the faces at the vertex, by their areas, and the planes upright on its
+    constrained edges, by their lengths squared. points: (n, 3); triangles: (m, 3); held: see
+    constrained_edges(); hold: weight of seams, of that of borders.
     """
     n, (side, border) = len(points), held
     a, b, c = (points[triangles[:, i]] for i in range(3))
@@ -89,7 +93,8 @@ def normals_of(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 class Collapsed(NamedTuple):
     """A mesh with fewer triangles than its source, of n points.
 
-    points: (k, 3); triangles: (m, 3). collapse_map: (n,), the point that each of the source's collapsed into, or -1.
+    points: (k, 3); triangles: (m, 3). collapse_map: (n,), the point that each of the source's
+    collapsed into, or -1.
     follows: (k,), the source's point that each moves with.
     """
 
@@ -104,12 +109,14 @@ def collapse(
 ) -> Generator[None, None, Collapsed]:
     """Collapse edges until at most `target` faces are left, or as few as may be.
 
-    shape: points (n, 3), about of unit size, and triangles (m, 3); quadrics: (11, n); normals: (n, 3). With `poses` the errors in
-    these add to that at rest. Source: Mohr, Gleicher, "Deformation sensitive decimation", 2003.
+    shape: points (n, 3), about of unit size, and triangles (m, 3); quadrics: (11, n); normals: (n,
+    3). With `poses` the errors in these add to that at rest. Source: Mohr, Gleicher, "Deformation
+    sensitive decimation", 2003.
 
-    Yields between the rounds. Returns the mesh with all n points, whose indices stay; of an edge's two it moves with the nearer. No
-    collapse opens, closes, pinches or folds the surface; each part keeps a triangle, or four where it is closed. Loose parts
-    become cards, or go, where that costs less than the next collapses (see LooseParts).
+    Yields between the rounds. Returns the mesh with all n points, whose indices stay; of an edge's
+    two it moves with the nearer. No collapse opens, closes, pinches or folds the surface; each part
+    keeps a triangle, or four where it is closed. Loose parts become cards, or go, where that costs
+    less than the next collapses (see LooseParts).
     """
     points, triangles = shape
     all_points, all_landed, all_follow = points.copy(), *np.tile(np.arange(len(points)), (2, 1))
@@ -241,8 +248,8 @@ def _taken_over(
 ) -> np.ndarray:
     """What is known of edges from the round before.
 
-    before: (j,) keys, in order; known: (r, j), of these; keys: (k,), in order; changed: (k,) bool. Returns (r, k): NaN for edges
-    that are new or have changed.
+    before: (j,) keys, in order; known: (r, j), of these; keys: (k,), in order; changed: (k,) bool.
+    Returns (r, k): NaN for edges that are new or have changed.
     """
     found = np.full((len(known), len(keys)), np.nan)
     if len(before):
@@ -273,7 +280,8 @@ def _choose(
 ) -> tuple[np.ndarray, np.ndarray]:
     """(which of `order` to collapse together, which must not collapse), as indices.
 
-    edges: (2, j) all the mesh's edges; order: those that may collapse, the cheapest first; facing: see _valid().
+    edges: (2, j) all the mesh's edges; order: those that may collapse, the cheapest first; facing:
+    see _valid().
     """
     n = mesh.points.shape[1]
     near = np.zeros(n, bool)
@@ -378,7 +386,8 @@ class _PoseErrors:
     def add(self, cost: np.ndarray, error: np.ndarray, edges: _Edges, most: int) -> None:
         """Add the errors in all poses to the `cost` (k,) of edges that may be cheapest.
 
-        error: (k,), known from the round before, or NaN; it takes up what is new. most: how many of the cheapest are wanted.
+        error: (k,), known from the round before, or NaN; it takes up what is new. most: how many of
+        the cheapest are wanted.
         """
         known = ~np.isnan(error)
         cost[known] += error[known]
@@ -425,8 +434,8 @@ def _ring(corners: np.ndarray, ends: np.ndarray, n: int) -> np.ndarray:
 def _apart(ends: np.ndarray, free: np.ndarray, corners: np.ndarray, n: int) -> np.ndarray:
     """The free edges that share no face at their ends with a cheaper free edge.
 
-    ends: (2, k) vertices, the cheapest edge first; free: (k,) bool; corners: (3, m), of n vertices. Returns indices: all of these
-    may collapse at once.
+    ends: (2, k) vertices, the cheapest edge first; free: (k,) bool; corners: (3, m), of n vertices.
+    Returns indices: all of these may collapse at once.
     """
     edge = np.flatnonzero(free)
     cheapest, reach = np.full((2, n), len(free))
@@ -441,7 +450,8 @@ def _apart(ends: np.ndarray, free: np.ndarray, corners: np.ndarray, n: int) -> n
 def _valid(mesh: _Mesh, edges: np.ndarray, chosen: _Edges, facing: float) -> np.ndarray:
     """Whether each of the edges `chosen`, which lie apart, may collapse, (k,) bool.
 
-    edges: (2, j) all of the mesh; facing: the least cosine between a face's normals before and after.
+    edges: (2, j) all of the mesh; facing: the least cosine between a face's normals before and
+    after.
     """
     points, corners, normals = mesh.points, mesh.corners, mesh.normals
     ends, at, faces = chosen.ends, chosen.at, chosen.faces

@@ -1,10 +1,12 @@
 """An interval of the Hausdorff distance of two moving surfaces, over all poses.
 
-Each triangle of one surface is mapped onto the other, linearly on each of a few pieces. A piece's largest distance from its
-image is at a corner, and the other surface is no farther off than the image. The map is found in one pose and holds in all:
-there only its corners are measured. Where that says too much it is found anew in that pose, and pieces are divided. Sources:
-Guthe, Borodin, Klein, "Fast and accurate Hausdorff distance calculation between meshes", 2005; Sacht, Jacobson, "Cascading
-upper bounds for triangle soup Pompeiu-Hausdorff distance", 2024.
+Each triangle of one surface is mapped onto the other, linearly on each of a few pieces. A piece's
+largest distance from its image is at a corner, and the other surface is no farther off than the
+image. The map is found in one pose and holds in all:
+there only its corners are measured. Where that says too much it is found anew in that pose, and
+pieces are divided. Sources:
+Guthe, Borodin, Klein, "Fast and accurate Hausdorff distance calculation between meshes", 2005;
+Sacht, Jacobson, "Cascading upper bounds for triangle soup Pompeiu-Hausdorff distance", 2024.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -65,8 +67,8 @@ class Moving:
 class Interval:
     """What is known of the distance over all poses, meters.
 
-    It is at least `measured`, as at `place`, (3,) meters, in `pose`, and at most `bound`. floor: a bound need not be
-    lower.
+    It is at least `measured`, as at `place`, (3,) meters, in `pose`, and at most `bound`. floor: a
+    bound need not be lower.
     """
 
     floor: float
@@ -90,7 +92,8 @@ class Interval:
 class _Points:
     """Points of one surface, mapped to the other.
 
-    at: (n, poses, 3); to: (n,), triangles; weights: (n, 3), barycentric, on these; off: (n, poses) meters from there.
+    at: (n, poses, 3); to: (n,), triangles; weights: (n, 3), barycentric, on these; off: (n, poses)
+    meters from there.
     near: (n, poses), meters: each is no farther from the other surface.
     """
 
@@ -113,8 +116,8 @@ class _Points:
 class _Pairs:
     """Points of pieces, and the points of the other surface that they map to.
 
-    piece: (q,); weights: (q, 3), barycentric, on the piece; to: (q, 3), points of the other surface; to_weights: (q, 3), NaN where
-    there is no map.
+    piece: (q,); weights: (q, 3), barycentric, on the piece; to: (q, 3), points of the other
+    surface; to_weights: (q, 3), NaN where there is no map.
     """
 
     piece: np.ndarray
@@ -199,11 +202,13 @@ def estimate(
 ) -> tuple[list[float], np.ndarray]:
     """Estimate what `interval` measures, part by part and point by point.
 
-    parts: of each, such as an object, the Places of `one` and those of `other`, whose distances from the whole of the
-        other surface count. Those of `other` count where what is nearest of `one` counts.
+    parts: of each, such as an object, the Places of `one` and those of `other`, whose distances
+        from the whole of the other surface count. Those of `other` count where what is nearest of
+        `one` counts.
 
-    Returns the distance of each part, and that of each point of `one`, (n,) meters: the largest of places nearest to
-    it, of either surface. Of a point that is no farther off than `beyond` this may be too much.
+    Returns the distance of each part, and that of each point of `one`, (n,) meters: the largest of
+    places nearest to it, of either surface. Of a point that is no farther off than `beyond` this
+    may be too much.
     """
     poses = slice(0, one.points.shape[1])
     away = np.zeros(len(one.points))
@@ -425,8 +430,9 @@ class _Way:
     def to_neighbors(self, at: np.ndarray, beneath: np.ndarray) -> _Pairs:
         """Map each corner's part of a piece to the triangle beneath it.
 
-        at: (p, 3, 3) corners; beneath: (p, 3) triangles, which must have a corner in common, the hub. Edges of the piece are cut where
-        they cross spokes, the edges that meet in the hub. Where they go all round the hub, it is mapped as well.
+        at: (p, 3, 3) corners; beneath: (p, 3) triangles, which must have a corner in common, the
+        hub. Edges of the piece are cut where they cross spokes, the edges that meet in the hub.
+        Where they go all round the hub, it is mapped as well.
         """
         to, every = self.other.triangles[beneath], np.arange(len(at))
         common = (to[:, 0, :, None, None] == to[:, None, 1:, :]).any(axis=3).all(axis=2)
@@ -466,7 +472,8 @@ class _Way:
     ) -> Iterator[tuple[_Pairs, np.ndarray]]:
         """The spokes that an edge of the pieces `some` crosses, one after another.
 
-        side: the edge's two corners. Yields _Pairs where it crosses, and 1 or -1 for each: the way round the hub.
+        side: the edge's two corners. Yields _Pairs where it crosses, and 1 or -1 for each: the way
+        round the hub.
         """
         i, j = side
         face, last, middle = (

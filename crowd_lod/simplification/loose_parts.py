@@ -15,20 +15,24 @@ GOLDEN = (np.sqrt(5) - 1) / 2  # fractions of its multiples spread evenly from 0
 
 
 class LooseParts:
-    """The loose parts of a mesh, each of which but the largest may become a card of two triangles, or go.
+    """The loose parts of a mesh, each of which but the largest may become a card of two triangles,
+    or go.
 
-    A closed part collapses to four triangles, one with holes to more: beside many small ones the largest alone would go on
-    collapsing, until nothing is left of it. So what a part would be off as a card, or if it were gone, is compared with
-    what collapses elsewhere cost: squared distances in all copies, weighed by its area as quadrics are. Planes tell nothing
-    of how much shorter a thin end gets, so that a point of the source which each point stands for is followed, too.
+    A closed part collapses to four triangles, one with holes to more: beside many small ones the
+    largest alone would go on collapsing, until nothing is left of it. So what a part would be off
+    as a card, or if it were gone, is compared with what collapses elsewhere cost: squared distances
+    in all copies, weighed by its area as quadrics are. Planes tell nothing of how much shorter a
+    thin end gets, so that a point of the source which each point stands for is followed, too.
 
-    part: (n,) the number of each point's part, from the largest on; is_card: (parts,) bool, which are cards by now.
+    part: (n,) the number of each point's part, from the largest on; is_card: (parts,) bool, which
+    are cards by now.
     """
 
     def __init__(self, copies: list[np.ndarray], corners: np.ndarray, area: np.ndarray):
         """The parts of a mesh, none given up.
 
-        copies: its points (3, n) at rest, then in each pose; corners: (3, m), of its triangles, which have all points; area:
+        copies: its points (3, n) at rest, then in each pose; corners: (3, m), of its triangles,
+        which have all points; area:
         (n,), that each point stands for in quadrics.
         """
         rest = copies[0]
@@ -37,8 +41,8 @@ class LooseParts:
         self.is_card = np.zeros(count, bool)
         self._cards, thickness = _cards(rest, self.part, count)
         gap, lost = _lost_distances(rest, self.part, self._cards, middle, radius)
-        # Seen edge on a card shows nothing: it is half a loss, unless the part is so thin that a LOD which errs as much
-        # need not show it.
+        # Seen edge on a card shows nothing: it is half a loss, unless the part is so thin that a
+        # LOD which errs as much need not show it.
         unseen = np.minimum((gap + radius) / 2, thickness / settings.CURRENT.thin_least)
         off = [
             np.maximum(unseen, _card_distances(points, corners, self.part, self._cards))
@@ -68,8 +72,8 @@ class LooseParts:
     ) -> np.ndarray:
         """What collapses cost by the points of the source that they leave behind, (k,).
 
-        points: (3, n), corners: (3, m), as they are; ends: (2, k) edges without a common face; at: (3, k), where they collapse
-        to; area: (n,), that each point stands for in quadrics.
+        points: (3, n), corners: (3, m), as they are; ends: (2, k) edges without a common face; at:
+        (3, k), where they collapse to; area: (n,), that each point stands for in quadrics.
         """
         edge_of = np.full(points.shape[1], -1)
         edge_of[ends] = np.arange(ends.shape[1])
@@ -97,8 +101,9 @@ class LooseParts:
     def give_up(self, corners: np.ndarray, limit: float, excess: int) -> np.ndarray:
         """Let parts become cards, or go, that cost `limit` at most.
 
-        corners: (3, m), of the triangles there are; excess: how many of them are too many. The cheapest parts go first, and
-        no more than free as many. Returns the corners (3, k) that are left.
+        corners: (3, m), of the triangles there are; excess: how many of them are too many. The
+        cheapest parts go first, and no more than free as many. Returns the corners (3, k) that are
+        left.
         """
         count = len(self.is_card)
         part = self.part[corners[0]]
@@ -125,10 +130,11 @@ class LooseParts:
     def restore_cards(
         self, points: np.ndarray, collapse_map: np.ndarray, follows: np.ndarray, own: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Put the corners of cards back to where the source has them, and let their parts collapse into them.
+        """Put the corners of cards back to where the source has them, and let their parts collapse
+        into them.
 
-        points: (3, n), collapse_map: (n,), follows: (n,), of the mesh as it has collapsed; own: (n,), what each point of the
-        source moves with. Returns the same, changed.
+        points: (3, n), collapse_map: (n,), follows: (n,), of the mesh as it has collapsed; own:
+        (n,), what each point of the source moves with. Returns the same, changed.
         """
         flat = self.is_card[self.part]
         away = [
@@ -145,8 +151,8 @@ class LooseParts:
 def _parts(points: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The loose parts of a mesh, numbered from the largest on.
 
-    points: (3, n); corners: (3, m). Returns the number of each point's part (n,), and the middles (3, parts) and radii
-    (parts,) of their bounding boxes.
+    points: (3, n); corners: (3, m). Returns the number of each point's part (n,), and the middles
+    (3, parts) and radii (parts,) of their bounding boxes.
     """
     first, part = np.unique(connected_components(points.shape[1], corners.T), return_inverse=True)
     low = np.full((3, len(first)), np.inf)
@@ -162,8 +168,8 @@ def _parts(points: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndar
 def _cards(points: np.ndarray, part: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """A card for each part, between the points that reach farthest along its two longest axes.
 
-    points: (3, n); part: (n,), numbers below `count`. Returns the corners (4, count) in the order in which they lie around
-    the card, and how far the parts reach along the third axis (count,).
+    points: (3, n); part: (n,), numbers below `count`. Returns the corners (4, count) in the order
+    in which they lie around the card, and how far the parts reach along the third axis (count,).
     """
     size = np.bincount(part, minlength=count)
     off = points - (np.stack([np.bincount(part, x, count) for x in points]) / size)[:, part]
@@ -200,15 +206,18 @@ def _card_distances(
 def _lost_distances(
     points: np.ndarray, part: np.ndarray, cards: np.ndarray, middle: np.ndarray, radius: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """How far each part is from larger ones, and how far what it shows is from what is left once it is gone.
+    """How far each part is from larger ones, and how far what it shows is from what is left once it
+    is gone.
 
-    points: (3, n); part: (n,), cards: (4, parts); middle: (3, parts), radius: (parts,). Returns (parts,) each, infinite for
-    the largest part.
+    points: (3, n); part: (n,), cards: (4, parts); middle: (3, parts), radius: (parts,). Returns
+    (parts,) each, infinite for the largest part.
 
-    A part counts on a larger one to be left: on one of many times its size if it is at such a one, else on the nearest.
-    Where that goes before, it counts on the one that that counted on. What went before and counts on it is as much farther
-    off. So of parts that are alike first every second goes, then every second of those left.
-    Source: Gonzalez, "Clustering to minimize the maximum intercluster distance", 1985, has the measure.
+    A part counts on a larger one to be left: on one of many times its size if it is at such a one,
+    else on the nearest. Where that goes before, it counts on the one that that counted on. What
+    went before and counts on it is as much farther off. So of parts that are alike first every
+    second goes, then every second of those left.
+    Source: Gonzalez, "Clustering to minimize the maximum intercluster distance", 1985, has the
+    measure.
     """
     now, order = settings.CURRENT, np.argsort(part, kind="stable")
     points, first = points.take(order, 1), np.searchsorted(part[order], np.arange(len(radius)))
@@ -229,7 +238,8 @@ def _nearest_points(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Of the first `count` points the one nearest to each of those `wanted`.
 
-    points: (3, n); count: (k,), ascending; wanted: (3, k). Returns indices and distances (k,): 0 and infinite of none.
+    points: (3, n); count: (k,), ascending; wanted: (3, k). Returns indices and distances (k,): 0
+    and infinite of none.
     """
     nearest, away = np.zeros(len(count), np.intp), np.full(len(count), np.inf)
     square = np.einsum("dn,dn->n", points, points)
@@ -246,7 +256,8 @@ def _nearest_points(
 
 
 def _lost_in_turn(off: np.ndarray, counts_on: np.ndarray) -> np.ndarray:
-    """How far off each part is once it is gone, (parts,), if the least goes first: see _lost_distances().
+    """How far off each part is once it is gone, (parts,), if the least goes first: see
+    _lost_distances().
 
     off: (parts,) from the larger part that it counts on, counts_on: (parts,).
     """

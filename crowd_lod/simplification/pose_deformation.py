@@ -13,8 +13,10 @@ from .triangle_mesh import length
 class Skin:
     """How points move that are near to those of a mesh.
 
-    A point that moves with the mesh's point i and lies at p at rest lies at place[j, i] + frame[j, i] @ (p - rest[i]) in pose j.
-    rest: (n, 3) meters; place: (k, n, 3) meters; frame: (k, n, 3, 3), the derivative of the place by where it lies at rest.
+    A point that moves with the mesh's point i and lies at p at rest lies at place[j, i] + frame[j,
+    i] @ (p - rest[i]) in pose j.
+    rest: (n, 3) meters; place: (k, n, 3) meters; frame: (k, n, 3, 3), the derivative of the place
+    by where it lies at rest.
     """
 
     rest: np.ndarray
@@ -41,7 +43,8 @@ class Skin:
     def back(self, pose: int, ways: np.ndarray, follows: np.ndarray) -> np.ndarray:
         """Offsets in the pose taken back to rest, (3, m).
 
-        They are the right side of least squares, `stretch` the left. ways: (3, m) offsets, weighed; follows: (m,) what each point moves with.
+        They are the right side of least squares, `stretch` the left. ways: (3, m) offsets, weighed;
+        follows: (m,) what each point moves with.
         """
         x, y, z = ways
         xx, yx, zx, xy, yy, zy, xz, yz, zz = self._rows[pose, 6:].take(follows, 1)
@@ -75,7 +78,8 @@ class Skin:
     def telling(self, triangles: np.ndarray, most: int | None = None) -> "Skin | None":
         """The poses that tell most: each bends the mesh most unlike those before.
 
-        triangles: (m, 3); most: how many, or Settings.poses. None is like the rest or another. Returns None if nothing bends.
+        triangles: (m, 3); most: how many, or Settings.poses. None is like the rest or another.
+        Returns None if nothing bends.
         """
         a, b = triangles[:: len(triangles) // settings.CURRENT.pose_triangles + 1, [0, 1]].T
         # from one end of a side to the other: what a turn of all together leaves as it is
@@ -95,7 +99,8 @@ class Skin:
 def frames_of(rest: np.ndarray, place: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """The derivatives (k, n, 3, 3) of a mesh whose points move on their own.
 
-    See Skin. By least squares: what the edges of a point's triangles become in each pose, and its normal the normal there.
+    See Skin. By least squares: what the edges of a point's triangles become in each pose, and its
+    normal the normal there.
     rest: (n, 3) meters; place: (k, n, 3) meters; triangles: (m, 3).
     """
     ends = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
@@ -105,7 +110,8 @@ def frames_of(rest: np.ndarray, place: np.ndarray, triangles: np.ndarray) -> np.
     def vectors(points: np.ndarray) -> np.ndarray:
         """Vectors (s + 4 n, 3) that the derivatives must map.
 
-        The edges from each point, its normal as long as an edge, and a little of each axis, so that each point has enough.
+        The edges from each point, its normal as long as an edge, and a little of each axis, so that
+        each point has enough.
         """
         a, b, c = (points[triangles[:, i]] for i in range(3))
         normal = np.zeros((n, 3))
@@ -133,8 +139,9 @@ def frames_of(rest: np.ndarray, place: np.ndarray, triangles: np.ndarray) -> np.
 class Copies:
     """A mesh at rest and in its poses, side by side as one mesh.
 
-    Whatever measures it measures all of them at once. Copy j of point, or triangle, i is number i * count + j; the first is at rest,
-    and Settings.rest_scale times as large if there are others: there distances count more.
+    Whatever measures it measures all of them at once. Copy j of point, or triangle, i is number i *
+    count + j; the first is at rest, and Settings.rest_scale times as large if there are others:
+    there distances count more.
     """
 
     def __init__(self, skin: Skin | None):
@@ -180,8 +187,8 @@ class Copies:
     ) -> tuple[np.ndarray, np.ndarray]:
         """The offsets at rest that come nearest to those wanted in all copies.
 
-        weight: (k * count,); ways: (3, k * count), weighed. Returns the weight (k,) and weighed offsets (3, k) of the larger copy at
-        rest.
+        weight: (k * count,); ways: (3, k * count), weighed. Returns the weight (k,) and weighed
+        offsets (3, k) of the larger copy at rest.
         """
         weight, ways = weight.reshape(-1, self.count), ways.reshape(3, -1, self.count)
         total, way = weight[:, 0].copy(), ways[..., 0].copy()

@@ -15,9 +15,10 @@ def cover(
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """The pixels whose centers each triangle covers, some triangles at a time.
 
-    corners: (m, 3, 2) float64, in pixels: x from the left edge, y from the edge of row 0. shape: rows and columns.
-    Yields pixels (k,) intp, each row x columns + column; triangles (k,) intp; barycentric weights (k, 3) float64. Triangles seen
-    edge on cover nothing; those that share an edge both cover the centers on it.
+    corners: (m, 3, 2) float64, in pixels: x from the left edge, y from the edge of row 0. shape:
+    rows and columns. Yields pixels (k,) intp, each row x columns + column; triangles (k,) intp;
+    barycentric weights (k, 3) float64. Triangles seen edge on cover nothing; those that share an
+    edge both cover the centers on it.
     """
     rows, columns = shape
     low = np.ceil(corners.min(axis=1) - 0.5).clip(0, (columns, rows)).astype(np.intp)
@@ -48,7 +49,8 @@ def cover(
 def mask(corners: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     """The pixels that triangles cover, (rows, columns) bool.
 
-    Each triangle covers a row from where it begins in it to where it ends; centers on edges are covered. corners, shape: see `cover`.
+    Each triangle covers a row from where it begins in it to where it ends; centers on edges are
+    covered. corners, shape: see `cover`.
     """
     rows, columns = shape
     u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
@@ -81,8 +83,8 @@ def mask(corners: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
 def edges(corners: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
     """The pixels along the longest edges of triangles less than a pixel high.
 
-    `mask` may miss parts of such: what is seen edge on. corners, shape: see `cover`; what lies outside is moved to the border.
-    Returns rows (k,) and columns (k,).
+    `mask` may miss parts of such: what is seen edge on. corners, shape: see `cover`; what lies
+    outside is moved to the border. Returns rows (k,) and columns (k,).
     """
     sides = np.roll(corners, -1, axis=1) - corners
     squares = np.einsum("mkd,mkd->mk", sides, sides)
@@ -102,7 +104,8 @@ def nearest(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The triangle of the least depth at each covered pixel.
 
-    corners, shape: see `cover`; depth: (m, 3), of the corners. Returns pixels (k,), triangles (k,), barycentric weights (k, 3).
+    corners, shape: see `cover`; depth: (m, 3), of the corners. Returns pixels (k,), triangles (k,),
+    barycentric weights (k, 3).
     """
     parts = list(cover(corners, shape))
     if not parts:

@@ -21,10 +21,12 @@ class FitState:
     """A fit at one moment: a value, whose arrays are never written to.
 
     lod: the LOD, in all copies. worst: the largest distance.
-    Of the source's k samples: there (3, k), where they lie; face (k,), weights (3, k): the closest points of the LOD; off
-    (3, k), distance (k,): from these to the samples; pull (k,): their weights in the next move.
-    Of the LOD's j samples: own_face (j,), own_weights (3, j): where they lie on it; hit (j,), hit_weights (3, j): the closest
-    points of the source; own_off (3, j), own_distance (j,): from the samples to these; own_pull (j,).
+    Of the source's k samples: there (3, k), where they lie; face (k,), weights (3, k): the closest
+    points of the LOD; off (3, k), distance (k,): from these to the samples; pull (k,): their
+    weights in the next move.
+    Of the LOD's j samples: own_face (j,), own_weights (3, j): where they lie on it; hit (j,),
+    hit_weights (3, j): the closest points of the source; own_off (3, j), own_distance (j,): from
+    the samples to these; own_pull (j,).
     """
 
     lod: TriangleMesh
@@ -54,9 +56,9 @@ class FitState:
 class SurfaceFit:
     """The surface of a LOD against its source's, to be moved nearer.
 
-    state: as it is now; best: the state with the least worst distance so far, in which no face is turned() unless some were at
-    first, as of a `rough` source; least: that distance. Distances are those of the source's vertices to the LOD, and of points
-    spread over the LOD to the source.
+    state: as it is now; best: the state with the least worst distance so far, in which no face is
+    turned() unless some were at first, as of a `rough` source; least: that distance. Distances are
+    those of the source's vertices to the LOD, and of points spread over the LOD to the source.
     """
 
     def __init__(
@@ -74,8 +76,9 @@ class SurfaceFit:
         source: points (k, 3) and triangles (j, 3) that the LOD was made of.
         collapse_map: (k,) the LOD's point that each of the source's collapsed into, or -1.
         seams: (s, 2) edges of the source; the LOD's points on them stay on them.
-        skin: how the source moves, if it does; follows: (n,) the source's point that each of the LOD's moves with. Both surfaces are
-        then in Copies, at rest and in each pose, and so are vertices, faces and samples hereafter.
+        skin: how the source moves, if it does; follows: (n,) the source's point that each of the
+        LOD's moves with. Both surfaces are then in Copies, at rest and in each pose, and so are
+        vertices, faces and samples hereafter.
         """
         (points, triangles), (source_points, source_triangles) = lod, source
         self.copies = copies = Copies(skin)
@@ -156,8 +159,9 @@ class SurfaceFit:
     def measure(self, walking: bool = True) -> None:
         """Bring the closest points, the distances and the best state up to date.
 
-        A worst distance that is no less than before may be that of a walk which ended at a wrong place: then the points that are
-        farthest off are doubted, and all is measured once more. walking: see follow().
+        A worst distance that is no less than before may be that of a walk which ended at a wrong
+        place: then the points that are farthest off are doubted, and all is measured once more.
+        walking: see follow().
         """
         state = self.state
         lod, here = state.lod, state.lod.at(state.own_face, state.own_weights)
@@ -207,7 +211,8 @@ class SurfaceFit:
     def turned(self) -> np.ndarray:
         """The faces of the LOD, at rest, that face away from the source.
 
-        A face is compared with the source's face that is closest to its middle. Returns their indices.
+        A face is compared with the source's face that is closest to its middle. Returns their
+        indices.
         """
         every = np.arange(0, self.lod.corners.shape[1], self.copies.count)  # the first samples
         away = every[self.lean(every) < 0]
@@ -260,7 +265,8 @@ class SurfaceFit:
     def look(self) -> bool:
         """Sample the LOD's surface more finely, where it is far from the source.
 
-        Returns whether there was anything as far off as the worst distance, about. No edge may be flipped afterwards.
+        Returns whether there was anything as far off as the worst distance, about. No edge may be
+        flipped afterwards.
         """
         state, now = self.state, settings.CURRENT
         if self.fine == now.samples_finest:
@@ -297,9 +303,10 @@ class SurfaceFit:
     def move(self, steps: int) -> None:
         """Move the LOD's vertices `steps` times; undo what turns a face.
 
-        The moves are least squares. Each sample weighs by how far off it was at this and the moves before, compared with others near it:
-        that leads to the least worst distance everywhere at once. Source: Lawson, "Contributions to the theory of linear least
-        maximum approximation", 1961.
+        The moves are least squares. Each sample weighs by how far off it was at this and the moves
+        before, compared with others near it:
+        that leads to the least worst distance everywhere at once. Source: Lawson, "Contributions to
+        the theory of linear least maximum approximation", 1961.
         """
         before, facing = self.lod.points, self.facing()
         for step in range(steps):
@@ -360,7 +367,8 @@ class SurfaceFit:
     def _along(self, corners: np.ndarray, move: np.ndarray) -> np.ndarray:
         """Where the vertices at rest get to by `move` (3, n).
 
-        Vertices on seams move along their normal and the seam only, or faces would reach across it. corners: (3, m).
+        Vertices on seams move along their normal and the seam only, or faces would reach across it.
+        corners: (3, m).
         """
         points, seams = self.points, self.copies.one(self.seams)
         a, b = seams
@@ -453,8 +461,8 @@ class SurfaceFit:
     def _flipped(self, corners: np.ndarray, faces: np.ndarray, most: np.ndarray) -> np.ndarray:
         """The worst distance (k,) near each of k edges, if it were flipped.
 
-        corners: (4, k), a to d: the edge from a to b becomes that from c to d; faces: (2, k), the two at the edge. Where the distance
-        is no less than `most` (k,), only some of it is known.
+        corners: (4, k), a to d: the edge from a to b becomes that from c to d; faces: (2, k), the
+        two at the edge. Where the distance is no less than `most` (k,), only some of it is known.
         """
         (a, b, c, d), (one, two) = corners, faces
         state, points, every = self.state, self.lod.points, np.arange(len(a))
@@ -490,8 +498,8 @@ def _unfolded(
 ) -> np.ndarray:
     """The vertices `new`, moved back where a face would turn or become a sliver.
 
-    old, new: (3, n); corners: (3, m); facing: (3, m), where faces that look that way must go on to. Vertices of such faces go half
-    as far, and in the end not at all.
+    old, new: (3, n); corners: (3, m); facing: (3, m), where faces that look that way must go on to.
+    Vertices of such faces go half as far, and in the end not at all.
     """
     was = normals(*(old.take(c, 1) for c in corners))
     size = np.einsum("dn,dn->n", was, was)

@@ -10,8 +10,8 @@ PARTS = 60  # of a side: all samples of a lattice lie at whole ones
 def lattice(fine: int, whole: bool = False) -> np.ndarray:
     """Barycentric weights (3, g) of a grid on a triangle.
 
-    Its middle, points inside it, and points on each edge up to its middle, or on the `whole` edge: where two triangles meet, each
-    has the other's half. fine: points along an edge.
+    Its middle, points inside it, and points on each edge up to its middle, or on the `whole` edge:
+    where two triangles meet, each has the other's half. fine: points along an edge.
     """
     inside = [
         (i, j, fine - i - j)

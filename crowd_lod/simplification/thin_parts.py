@@ -1,10 +1,11 @@
 """Thin parts of a surface that another one shows from some sides alone.
 
-The Hausdorff distance of two surfaces bounds how far apart their silhouettes are only where both have a thickness. A rod may
-become a flat strip within it: no point is farther off than its radius, but seen edge on the strip covers nothing, and what the
-picture shows nearest to the rod is where the strip ends. So where the surface is thinner than the distance could hide, it is asked
-how much of the thickness the other one has. Where that is too little, lines of sight along the other surface tell how far away it
-shows in the picture, and that distance counts, too.
+The Hausdorff distance of two surfaces bounds how far apart their silhouettes are only where both
+have a thickness. A rod may become a flat strip within it: no point is farther off than its radius,
+but seen edge on the strip covers nothing, and what the picture shows nearest to the rod is where
+the strip ends. So where the surface is thinner than the distance could hide, it is asked how much
+of the thickness the other one has. Where that is too little, lines of sight along the other surface
+tell how far away it shows in the picture, and that distance counts, too.
 """
 
 from collections.abc import Callable
@@ -24,7 +25,8 @@ GROWTH = 1.2  # of a circle of lines of sight to the next one
 Through = Callable[[np.ndarray, np.ndarray], np.ndarray]
 # points (k, 3), directions (k, 3) to whether the lines through them meet a surface, (k,) bool
 Meets = Callable[[np.ndarray, np.ndarray], np.ndarray]
-# points (k, 3) to the points (k, 3) of a surface nearest to them, and the surface's normals (k, 3) there, of unit length
+# points (k, 3) to the points (k, 3) of a surface nearest to them, and the surface's normals (k, 3)
+# there, of unit length
 Nearest = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
@@ -32,9 +34,10 @@ Nearest = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 class Samples:
     """Points of a surface, and how thick it is there.
 
-    at: (n, 3) meters; inwards: (n, 3), against the normal, of unit length; thickness: (n,) meters, how long the way inwards is to
-    where it leaves the inside, infinite where it does not.
-    through(points, directions): how far it is from points inside the surface, or on it, to where they leave the inside.
+    at: (n, 3) meters; inwards: (n, 3), against the normal, of unit length; thickness: (n,) meters,
+    how long the way inwards is to where it leaves the inside, infinite where it does not.
+    through(points, directions): how far it is from points inside the surface, or on it, to where
+    they leave the inside.
     """
 
     at: np.ndarray
@@ -80,9 +83,11 @@ def samples(points: np.ndarray, triangles: np.ndarray, through: Through) -> Samp
 
 @dataclass
 class _Comparison:
-    """What of the samples of a surface another one shows, whose Hausdorff distance is `deviation` meters.
+    """What of the samples of a surface another one shows, whose Hausdorff distance is `deviation`
+    meters.
 
-    normals: (n, 3), of the other surface where a sample is narrow along it, else 0; lost: (n,) bool.
+    normals: (n, 3), of the other surface where a sample is narrow along it, else 0; lost: (n,)
+    bool.
     """
 
     thin: Samples
@@ -94,7 +99,9 @@ class _Comparison:
 
     @property
     def most(self) -> float:
-        """Meters beyond which a part shows: the other surface has points on either side of its middle."""
+        """Meters beyond which a part shows: the other surface has points on either side of its
+        middle.
+        """
         return 2 * self.deviation / (1 - settings.CURRENT.thin_shown)
 
     def look(self, some: np.ndarray) -> None:
@@ -167,13 +174,15 @@ class _Comparison:
 
 
 def unseen(thin: Samples, nearest: Nearest, meets: Meets, deviation: float) -> float:
-    """How far the surface is, at most, from where another one shows: meters, 0 where that shows all of it.
+    """How far the surface is, at most, from where another one shows: meters, 0 where that shows all
+    of it.
 
     nearest, meets: of the other surface; deviation: the Hausdorff distance of the two, meters.
 
-    The other surface covers least in views along itself. There its own width counts, against that of the surface: both along the
-    normal of the other. Where the surface is thicker than twice the distance, the other has points on either side of its middle,
-    and so shows in all views. Where it is thinner and shows, it does so in views along the same normal.
+    The other surface covers least in views along itself. There its own width counts, against that
+    of the surface: both along the normal of the other. Where the surface is thicker than twice the
+    distance, the other has points on either side of its middle, and so shows in all views. Where it
+    is thinner and shows, it does so in views along the same normal.
     """
     found = _Comparison(thin, nearest, deviation)
     thick = (thin.thickness > found.most) | (

@@ -15,7 +15,8 @@ class TriangleMesh:
     """A triangle mesh, and which faces meet at its vertices and edges.
 
     points: (3, n) float64; corners: (3, m) vertices of the faces. Nobody writes to its arrays.
-    vertex_faces: (3 m,) the faces at each vertex, one vertex after another; first: (n + 1,) where those of each begin.
+    vertex_faces: (3 m,) the faces at each vertex, one vertex after another; first: (n + 1,) where
+    those of each begin.
     """
 
     def __init__(self, points: np.ndarray, corners: np.ndarray):
@@ -73,7 +74,8 @@ class TriangleMesh:
     def neighbors(self) -> np.ndarray:
         """The face (m, 3) across each face's edge from corner i to the next.
 
-        -1 where there is none, where there are several, and where the other runs the edge the same way.
+        -1 where there is none, where there are several, and where the other runs the edge the same
+        way.
         """
         sides = np.stack([self.corners.T, self.corners.T[:, [1, 2, 0]]]).reshape(2, -1)
         n = self.points.shape[1]
@@ -97,8 +99,8 @@ def constrained_edges(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The half edges that are open borders or seams.
 
-    triangles: (m, 3), of n vertices; seams: (k, 2). Returns their indices in half_edges() (h,), and which of them are borders
-    (h,) bool.
+    triangles: (m, 3), of n vertices; seams: (k, 2). Returns their indices in half_edges() (h,), and
+    which of them are borders (h,) bool.
     """
     keys = edge_keys(half_edges(triangles).T, n)
     _, inverse, count = np.unique(keys, return_inverse=True, return_counts=True)
@@ -115,7 +117,8 @@ def edge_keys(ends: np.ndarray, n: int) -> np.ndarray:
 def edges_of(corners: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The edges of triangles, each once.
 
-    corners: (3, m), of n vertices. Returns keys (k,) as in edge_keys(), ends (2, k), and how many triangles have each (k,).
+    corners: (3, m), of n vertices. Returns keys (k,) as in edge_keys(), ends (2, k), and how many
+    triangles have each (k,).
     """
     keys = np.sort(edge_keys(np.stack([corners, np.roll(corners, 1, axis=0)]).reshape(2, -1), n))
     first = np.flatnonzero(np.diff(keys, prepend=-1))
@@ -126,8 +129,9 @@ def edges_of(corners: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.nd
 def sides_of_two(corners: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The edges between two triangles, as seen from each.
 
-    Side i m + t is that of triangle t opposite its corner i. corners: (3, m), of n vertices. Returns the sides (k,) of the one
-    triangle, those of the other (k,), and the keys of all sides (3 m,).
+    Side i m + t is that of triangle t opposite its corner i. corners: (3, m), of n vertices.
+    Returns the sides (k,) of the one triangle, those of the other (k,), and the keys of all sides
+    (3 m,).
     """
     keys = edge_keys(
         np.stack([np.roll(corners, -1, axis=0).ravel(), np.roll(corners, -2, axis=0).ravel()]), n

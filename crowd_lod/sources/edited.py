@@ -66,7 +66,8 @@ class Edited(Trajectory):
             own.every,
             own.first_frame,
         )
-        # of each column, what it was made of, and itself: of a crowd that stands still it stays the same
+        # of each column, what it was made of, and itself: of a crowd that stands still it stays the
+        # same
         self._made: dict[str, tuple[list[Any], np.ndarray]] = {}
         self.start = self._of(own.start)
         self.leave = own.leave
@@ -75,7 +76,8 @@ class Edited(Trajectory):
         self.left_out = self.leave & (
             behavior | {item for item in places if item.stage != "behavior"}
         )
-        # blocks count on agents that are taken onto the area, or to its other side, where they cross its border
+        # blocks count on agents that are taken onto the area, or to its other side, where they
+        # cross its border
         self._leaves_area = bool(len(self._moved)) and (
             own.wraps or not _within(own.start, self._moved, own.area)
         )
@@ -108,7 +110,8 @@ class Edited(Trajectory):
     def velocity(self, since: float, until: float) -> VelocityBounds | None:
         """Return the trajectory's bounds.
 
-        None if they are not known, or if agents who are moved may be taken from one side of the area to another.
+        None if they are not known, or if agents who are moved may be taken from one side of the
+        area to another.
         """
         return None if self._leaves_area else self.own.velocity(since, until)
 

@@ -77,7 +77,9 @@ def drawn_for(found: Snapshot, seed: int, draw: Draw) -> Drawn:
 
 
 def dressed(found: Snapshot, seed: int, draw: Draw) -> Snapshot:
-    """Return the agents `found` with the variants of their groups, where these are known and have some."""
+    """Return the agents `found` with the variants of their groups, where these are known and have
+    some.
+    """
     if found.group is None or all(len(own) == 1 for own in draw.variants):
         return found
     return replace(found, group=draw.dressed(found.group, _keys(found, seed)))
@@ -92,10 +94,12 @@ def _keys(found: Snapshot, seed: int) -> np.ndarray:
 
 
 class Points(Trajectory):
-    """Agents that stand where an object's points are now; where they are at any other time is not known.
+    """Agents that stand where an object's points are now; where they are at any other time is not
+    known.
 
     Agents whose group is not known get one at random, of those chosen. If the phase is not known
-    they play by time, however they move; if the heading is not, they face +x. Velocities are not known, so there are no blocks: every agent is tested.
+    they play by time, however they move; if the heading is not, they face +x. Velocities are not
+    known, so there are no blocks: every agent is tested.
 
     found: the points.
     drawn: see `drawn_for`.
@@ -169,7 +173,8 @@ class Points(Trajectory):
         """Return the crowd at `time`, in frames; CrowdError if it is not the time of the points."""
         if abs(time - self.time) > SAME_TIME:
             raise CrowdError(
-                f"Where the points of {self.name} are at frame {time:g} is not known at frame {self.time:g}: press Record Points, "
+                f"Where the points of {self.name} are at frame {time:g} is not known at frame "
+                f"{self.time:g}: press Record Points, "
                 "which writes down where they are in all frames of the shot."
             )
         return self.start
@@ -188,7 +193,9 @@ class Points(Trajectory):
         return other
 
     def digests(self) -> dict[str, bytes]:
-        """Return which points they are, not where: they follow the object, and no shot plan is made for them."""
+        """Return which points they are, not where: they follow the object, and no shot plan is made
+        for them.
+        """
         return {
             "the points": repr(
                 (self.name, self.drawn.seed, tuple(self.drawn.draw.groups.tolist()))

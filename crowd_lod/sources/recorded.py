@@ -24,7 +24,8 @@ FINEST = 10**6  # the largest whole number that file frames a scene's frame are 
 
 @dataclass(eq=False)
 class Recorded(Trajectory):
-    """The agents of tracks, each at the place that its rows tell, in a straight line between two of them.
+    """The agents of tracks, each at the place that its rows tell, in a straight line between two of
+    them.
 
     The first frame of the file is played at `first_frame`; before it, and after the last, the crowd
     stands as in it. Agents are in the order of their ids.
@@ -89,7 +90,9 @@ class Recorded(Trajectory):
         self.left_out = self.leave & needless_of_places(self.start, not self.level)
 
     def file_frame(self, time: float) -> float:
-        """Return the frame of the file, whole or not, that is played at `time`, in frames of the scene."""
+        """Return the frame of the file, whole or not, that is played at `time`, in frames of the
+        scene.
+        """
         times, by = self._ratio
         return self.tracks.first + (time - self.first_frame) * times / by
 
@@ -151,7 +154,9 @@ class Recorded(Trajectory):
         return f"{self.tracks.told} It plays from frame {since} to {until} of the scene."
 
     def velocity(self, since: float, until: float) -> VelocityBounds:
-        """Return the bounds of the steps between rows in that time, and of the climbing of who makes them."""
+        """Return the bounds of the steps between rows in that time, and of the climbing of who
+        makes them.
+        """
         found = self.tracks.bounds.between(self.file_frame(since), self.file_frame(until))
         if isinstance(self.heights, Terrain):  # which may have steps of any height
             flat = found.low * (1, 1, 0), found.high * (1, 1, 0)
@@ -258,7 +263,8 @@ class Recorded(Trajectory):
     def _classes(self, way: np.ndarray, pace: np.ndarray, time: float) -> np.ndarray:
         """Return the phase classes (n,) uint8 whose poses at `time` are nearest to those walked.
 
-        way: (n,), as in Samples. A group without a stride plays by time, and its agents keep their class.
+        way: (n,), as in Samples. A group without a stride plays by time, and its agents keep their
+        class.
         """
         seconds = self.seconds(time)
         if self.tracks.phased:

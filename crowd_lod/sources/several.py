@@ -24,7 +24,8 @@ class Several(Trajectory):
 
     The first trajectory's agents keep their numbers; each other's are moved up by those before.
 
-    members: trajectories with the same groups, at least one. Of each group the largest radius holds.
+    members: trajectories with the same groups, at least one. Of each group the largest radius
+    holds.
     names: of the crowds, for their states.
     shown: which of them are there. Agents of others keep their numbers and are absent.
     """
@@ -50,7 +51,8 @@ class Several(Trajectory):
         for what, sizes in (("states", states), ("paces", paces)):
             if sum(sizes) > MOST:
                 raise CrowdError(
-                    f"The crowds have {sum(sizes)} {what} together: use at most {MOST}, or fewer crowds."
+                    f"The crowds have {sum(sizes)} {what} together: use at most {MOST}, or fewer "
+                    f"crowds."
                 )
         counts_of = (("state", states), ("pace", paces), ("played", paces))
         self._moved_up = {
@@ -113,7 +115,9 @@ class Several(Trajectory):
         return found
 
     def at(self, time: float) -> Crowd:
-        """Return the crowd at `time`, in frames. Crowds that are not shown stand as at their start."""
+        """Return the crowd at `time`, in frames. Crowds that are not shown stand as at their
+        start.
+        """
         return self._together(
             [
                 each.at(time) if shown else each.start
@@ -244,7 +248,8 @@ class Several(Trajectory):
     def _by_member(
         self, agents: np.ndarray, ask: Callable, kind: type, width: int = 0
     ) -> np.ndarray | None:
-        """Return what `ask` (member, its slice of all agents, its own agents) finds, for each of `agents`.
+        """Return what `ask` (member, its slice of all agents, its own agents) finds, for each of
+        `agents`.
 
         0 for members where it finds None; None if all do.
         """

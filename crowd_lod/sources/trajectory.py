@@ -73,7 +73,9 @@ class Trajectory(ABC):
 
     @abstractmethod
     def velocity(self, since: float, until: float) -> VelocityBounds | None:
-        """Return bounds of all agents' velocities between two times, in frames; None if they are not known."""
+        """Return bounds of all agents' velocities between two times, in frames; None if they are
+        not known.
+        """
 
     @abstractmethod
     def at(self, time: float) -> Crowd:
@@ -149,7 +151,9 @@ class Trajectory(ABC):
 
     @property
     def told(self) -> str:
-        """A sentence on where the agents come from, for who populates; "" if there is nothing to say."""
+        """A sentence on where the agents come from, for who populates; "" if there is nothing to
+        say.
+        """
         return ""
 
     @property
@@ -168,7 +172,8 @@ class Trajectory(ABC):
         return (self,)
 
     def jumped(self, now: Crowd, before: Crowd, agents: np.ndarray) -> np.ndarray | None:
-        """Return which of `agents` (m,) came back at the other side of their area since `before`, (m,) bool.
+        """Return which of `agents` (m,) came back at the other side of their area since `before`,
+        (m,) bool.
 
         None where that cannot happen.
         """

@@ -40,7 +40,8 @@ def read_jupedsim(path: Path, tell: Callable[[float], None] = lambda _: None) ->
             known = dict(database.execute("SELECT key, value FROM metadata LIMIT 1000"))
             if str(known.get("version")) not in VERSIONS:
                 raise CrowdError(
-                    f"The database {where} has version {known.get('version')} of JuPedSim's format: versions 1 to 3 are read."
+                    f"The database {where} has version {known.get('version')} of JuPedSim's "
+                    f"format: versions 1 to 3 are read."
                 )
             rows = np.concatenate([np.empty(0, ROW), *_read_rows(database, where, tell)])
     except (sqlite3.Error, TypeError, ValueError, OverflowError, MemoryError) as error:
@@ -68,12 +69,14 @@ def _is_unwanted() -> bool:
 
 
 def _check_tables(database: sqlite3.Connection, where: str) -> None:
-    """Raise CrowdError if the tables are views, and sqlite3.DatabaseError if their pages are not in order.
+    """Raise CrowdError if the tables are views, and sqlite3.DatabaseError if their pages are not in
+    order.
 
     A view may have no end, and SQLite itself reads other pages as if they were the table's.
     """
     views = database.execute(
-        "SELECT name FROM sqlite_master WHERE type = 'view' AND name IN ('metadata', 'trajectory_data')"
+        "SELECT name FROM sqlite_master WHERE type = 'view' AND name IN ('metadata', "
+        "'trajectory_data')"
     )
     view = views.fetchone()
     if view is not None:
@@ -92,10 +95,12 @@ def _read_rows(
     (count,) = database.execute("SELECT count(*) FROM trajectory_data").fetchone()
     if count > MOST_ROWS:
         raise CrowdError(
-            f"The database {where} has {count:,} rows: use at most {MOST_ROWS:,}, of fewer agents or frames."
+            f"The database {where} has {count:,} rows: use at most {MOST_ROWS:,}, of fewer agents "
+            f"or frames."
         )
     fraction = database.execute(
-        "SELECT id FROM trajectory_data WHERE typeof(id) = 'real' AND (id <> CAST(id AS INTEGER) OR abs(id) >= 9007199254740992)"
+        "SELECT id FROM trajectory_data WHERE typeof(id) = 'real' AND (id <> CAST(id AS INTEGER) "
+        "OR abs(id) >= 9007199254740992)"
     ).fetchone()
     if fraction is not None:
         raise CrowdError(

@@ -14,7 +14,8 @@ IN = re.compile(r"\bin\s+(\w+)", re.IGNORECASE)
 NUMBER = re.compile(r"[-+]?[0-9.,]+(?:[eE][-+]?[0-9]+)?|[-+]?nan|[-+]?inf")
 COMMENTS = ("#", "%", "//", "*", "$VISION")
 OBSMAT = {"frame": 0, "id": 1, "x": 2, "y": 4}
-WIDEST = 8  # columns of a table without titles, that of ETH's obsmat; those of boxes in pictures have more
+# columns of a table without titles, that of ETH's obsmat; those of boxes in pictures have more
+WIDEST = 8
 PLAIN = {"id": 0, "frame": 1, "x": 2, "y": 3, "z": 4}
 TEXTS = ("id", "group")  # columns that may have texts
 ENDS = {"time": "endtime", "x": "endx", "y": "endy"}  # of Vadere's steps
@@ -50,7 +51,8 @@ class Table:
 def long_line(where: str) -> CrowdError:
     """Return the error of a file with a line longer than LONGEST_LINE."""
     return CrowdError(
-        f"The file {where} has a line of more than {LONGEST_LINE:,} bytes: give each row a line of its own."
+        f"The file {where} has a line of more than {LONGEST_LINE:,} bytes: give each row a line "
+        f"of its own."
     )
 
 
@@ -63,7 +65,8 @@ def _lines(data: bytearray, where: str) -> Iterator[bytearray]:
         end = end or len(data)
         if b"\0" in data[at:end]:
             raise CrowdError(
-                f"The file {where} is neither text nor NPZ nor a database: choose a file of trajectories."
+                f"The file {where} is neither text nor NPZ nor a database: choose a file of "
+                f"trajectories."
             )
         yield data[at:end]
         at = end
@@ -155,41 +158,49 @@ def _check_titles(
         told = told_of_places(titles) if "x" in lacks or "y" in lacks else ""
         wanted = f"These are {told}; give it" if told else "give it"
         raise CrowdError(
-            f"The table {where} has the columns {', '.join(titles[:12])}, and none for {', '.join(lacks)}: {wanted} columns id, frame "
+            f"The table {where} has the columns {', '.join(titles[:12])}, and none for "
+            f"{', '.join(lacks)}: {wanted} columns id, frame "
             "(or time, in seconds), x and y."
         )
     if not values:
         raise CrowdError(f"The file {where} has no rows: choose a file of trajectories.")
     if not titles and len(values) < 4:
         raise CrowdError(
-            f"The table {where} has {len(values)} column{'s' * (len(values) > 1)}: give it id, frame, x and y, and titles."
+            f"The table {where} has {len(values)} column{'s' * (len(values) > 1)}: give it id, "
+            f"frame, x and y, and titles."
         )
     if not titles and len(values) > WIDEST:
         raise CrowdError(
-            f"The table {where} has {len(values)} columns without titles, as those of boxes in pictures: give it columns id, frame, "
+            f"The table {where} has {len(values)} columns without titles, as those of boxes in "
+            f"pictures: give it columns id, frame, "
             "x and y, in places on the ground, and titles."
         )
     if titles and max(
         columns[name] for name in columns.keys() & {"id", "frame", "time", "x", "y"}
     ) >= len(values):
         raise CrowdError(
-            f"The table {where} has {len(titles)} titles ({', '.join(titles[:12])}) and {len(values)} values in its first row: "
+            f"The table {where} has {len(titles)} titles ({', '.join(titles[:12])}) and "
+            f"{len(values)} values in its first row: "
             "give each column one title."
         )
     for name, units in (("time", SECONDS), ("heading", RADIANS)):
         if titles and name in columns and unit_of(titles[columns[name]], units) is None:
             raise CrowdError(
-                f"The table {where} has the column {titles[columns[name]]}: give {name} in one of {', '.join(units)}."
+                f"The table {where} has the column {titles[columns[name]]}: give {name} in one of "
+                f"{', '.join(units)}."
             )
 
 
 def _unit(titles: list[str], columns: dict[str, int], where: str) -> str:
-    """Return the unit that the titles of places name, or "". CrowdError if they name several, or another."""
+    """Return the unit that the titles of places name, or "". CrowdError if they name several, or
+    another.
+    """
     named = {axis: unit_of(titles[columns[axis]]) for axis in "xyz" if axis in columns}
     for axis, unit in named.items():
         if unit is None:
             raise CrowdError(
-                f"The table {where} has the column {titles[columns[axis]]}: give places in one of {', '.join(dict.fromkeys(LENGTHS.values()))}."
+                f"The table {where} has the column {titles[columns[axis]]}: give places in one of "
+                f"{', '.join(dict.fromkeys(LENGTHS.values()))}."
             )
     known = {axis: LENGTHS[unit] for axis, unit in named.items() if unit}
     if len(set(known.values())) > 1:
@@ -238,6 +249,8 @@ def _numeric(row: str) -> bool:
 
 
 def _numeric_places(row: str, titles: list[str]) -> bool:
-    """Return whether the row has numbers where the titles have places, as beside ids that are texts."""
+    """Return whether the row has numbers where the titles have places, as beside ids that are
+    texts.
+    """
     columns, values = columns_of(titles), _split(row)
     return all(columns[axis] < len(values) and _is_number(values[columns[axis]]) for axis in "xy")

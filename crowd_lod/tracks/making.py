@@ -79,7 +79,9 @@ def tracks_of(rows: Rows, where: str) -> Tracks:
 
 
 def _by_agent(rows: Rows, agent: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the columns of `rows` in the order of agents, and of each agent in the order of frames."""
+    """Return the columns of `rows` in the order of agents, and of each agent in the order of
+    frames.
+    """
     columns = {name: column for name, column in rows.columns.items() if name != "id"} | {
         "agent": agent
     }
@@ -111,7 +113,8 @@ def _check_once(
     if twice.any():
         row = int(twice.argmax())
         raise CrowdError(
-            f"The agent {ids[agent[row]]} is in frame {frame[row]:g} of {where} more than once, as in "
+            f"The agent {ids[agent[row]]} is in frame {frame[row]:g} of {where} more than once, "
+            f"as in "
             f"{counted(int(twice.sum()), 'row')}: give each agent one place a frame."
         )
 
@@ -145,7 +148,8 @@ def _check_speeds(
         else "set Frame Rate to frames a second, or Unit to the file's"
     )
     raise CrowdError(
-        f"The agent {ids[worst]} of {where} moves at {speed[worst]:,.0f} m/s from frame {frame[since]:g} to {frame[until]:g}, "
+        f"The agent {ids[worst]} of {where} moves at {speed[worst]:,.0f} m/s from frame "
+        f"{frame[since]:g} to {frame[until]:g}, "
         f"taken in {rows.unit or 'm'} at {rows.rate:g} frames a second: {better}."
     )
 
@@ -223,7 +227,8 @@ def _told(
     )
     gaps += (
         [
-            f"{long:,} gap{'s' if long > 1 else ''} of more than {HIDES:g} seconds hide{'' if long > 1 else 's'} the agent"
+            f"{long:,} gap{'s' if long > 1 else ''} of more than {HIDES:g} seconds "
+            f"hide{'' if long > 1 else 's'} the agent"
         ]
         if long
         else []

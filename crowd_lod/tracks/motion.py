@@ -1,4 +1,5 @@
-"""What a track tells of an agent's motion: how fast it walks, where it faces, and how far it has come.
+"""What a track tells of an agent's motion: how fast it walks, where it faces, and how far it has
+come.
 
 Rows are in the order of agents, and of each agent in the order of frames. A run is a stretch of an
 agent's rows, without a gap that hides it.
@@ -110,7 +111,8 @@ def summed(change: np.ndarray, begins: np.ndarray) -> np.ndarray:
 
 
 def ladder(speed: np.ndarray) -> np.ndarray:
-    """Return the paces at which agents play their walk, (P,) float64 m/s, increasing, the first of them 0.
+    """Return the paces at which agents play their walk, (P,) float64 m/s, increasing, the first of
+    them 0.
 
     speed: (k,) m/s of rows at which agents walk.
     """

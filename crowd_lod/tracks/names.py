@@ -4,7 +4,8 @@ import math
 import re
 from collections.abc import Container
 
-# for each column the names that programs give it, in lower case without anything but letters and digits
+# for each column the names that programs give it, in lower case without anything but letters and
+# digits
 KNOWN = {
     "id": (
         "id",
@@ -119,7 +120,8 @@ UNIT = re.compile(r"[\[({](?P<inside>[^\])}]*)|/(?P<after>.*)$|[\s_](?P<word>[A-
 def columns_of(titles: list[str]) -> dict[str, int]:
     """Return, for each of KNOWN that is among the titles of a table's columns, which it is.
 
-    A title counts without what follows a bracket or slash, which is its unit, and else as a whole, as in P[x].
+    A title counts without what follows a bracket or slash, which is its unit, and else as a whole,
+    as in P[x].
     """
     bare = [_letters(re.split(r"[/\[({]|-PID", title)[0]) for title in titles]
     whole = [_letters(title) for title in titles]

@@ -38,7 +38,8 @@ def order_by(keys: np.ndarray, among: np.ndarray | None = None) -> np.ndarray:
 
 
 def numbered(ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (found, which): the different `ids`, increasing, and each one's place there, (k,) intp.
+    """Return (found, which): the different `ids`, increasing, and each one's place there, (k,)
+    intp.
 
     ids: (k,) int64.
     """

@@ -33,7 +33,9 @@ OTHERS = {
 LOOK = 2**16  # bytes in which a zero tells that it is no text
 CHUNK = (
     2**22
-)  # bytes that are read between two looks at whether anybody still waits; more than layout.LONGEST_LINE
+    # bytes that are read between two looks at whether anybody still waits; more than
+    # layout.LONGEST_LINE
+)
 HEADS = 1.0, 2.3  # meters, where the heads of people are
 
 
@@ -70,7 +72,8 @@ def _refuse_folder(path: Path) -> None:
     names = sorted(file.name for file in path.iterdir() if file.is_file())
     holds = f" of {len(names):,} files, such as {names[0]}" if names else ""
     raise CrowdError(
-        f"{printable(path)} is a folder{holds}: choose one file of all agents; join tables of one agent each, with a column id, "
+        f"{printable(path)} is a folder{holds}: choose one file of all agents; join tables of one "
+        f"agent each, with a column id, "
         "by pandas.concat(tables, keys=ids, names=['id']), say."
     )
 
@@ -88,7 +91,8 @@ def _text_of(path: Path, is_packed: bool) -> bytearray:
                     raise layout.long_line(where)
                 if len(data) > MOST_BYTES:
                     raise CrowdError(
-                        f"The file {where} has more than the {MOST_BYTES / 2**30:.1f} GiB that are read at once: "
+                        f"The file {where} has more than the {MOST_BYTES / 2**30:.1f} GiB that "
+                        f"are read at once: "
                         "give fewer agents or frames, or write it as NPZ."
                     )
                 if len(data) == len(part):
@@ -102,7 +106,8 @@ def _text_of(path: Path, is_packed: bool) -> bytearray:
             return bytearray(data.decode("utf-16").encode())
         except UnicodeError as error:
             raise CrowdError(
-                f"The file {where} is not the UTF-16 that its head tells ({error}): save it as UTF-8."
+                f"The file {where} is not the UTF-16 that its head tells ({error}): save it as "
+                f"UTF-8."
             ) from None
     if data.startswith(UTF_8):
         del data[: len(UTF_8)]
@@ -117,7 +122,8 @@ def _check_kind(data: bytes, where: str) -> None:
             raise CrowdError(f"The file {where} is {kind}, which is not read: {remedy}.")
     if not data.startswith(UTF_16) and b"\0" in data[:LOOK]:
         raise CrowdError(
-            f"The file {where} is neither text nor NPZ nor a database: choose a file of trajectories."
+            f"The file {where} is neither text nor NPZ nor a database: choose a file of "
+            f"trajectories."
         )
 
 
@@ -141,14 +147,16 @@ def read_tracks(
     rows = read_rows(path, lambda part: tell(0.6 * part)).in_meters(unit)
     if up != "Z" and rows.z is None:
         raise CrowdError(
-            f"The file {printable(path)} has no z, and y is up: set Up to Z, or give it columns x, y and z."
+            f"The file {printable(path)} has no z, and y is up: set Up to Z, or give it columns "
+            f"x, y and z."
         )
     rows = rows.with_z_up(up)
     notes = rows.notes
     if not rate and not rows.rate:
         if not usual:
             raise CrowdError(
-                f"The file {printable(path)} tells no frame rate: set Frame Rate to its frames a second."
+                f"The file {printable(path)} tells no frame rate: set Frame Rate to its frames a "
+                f"second."
             )
         notes += ("It tells no frame rate: each of its frames is one of the scene's.",)
     rows = replace(rows, rate=rate or rows.rate or usual, notes=notes)
@@ -165,13 +173,18 @@ def _standing(rows: Rows) -> Rows:
         return replace(rows, z=None)
     low, high = float(rows.z.min()), float(rows.z.max())
     if rows.heading is None and not rows.feet and HEADS[0] <= low and high <= HEADS[1]:
-        told = f"Its z of {low:.3g} to {high:.3g} m is taken for the height of heads: agents stand at the height of Center."
+        told = (
+            f"Its z of {low:.3g} to {high:.3g} m is taken for the height of heads: agents "
+            f"stand at the height of Center."
+        )
         return replace(rows, z=None, notes=(*rows.notes, told))
     return rows
 
 
 def content_of(path: Path) -> bytes:
-    """Return the digest of the file's content. OSError if it cannot be read, CrowdError if it is a folder."""
+    """Return the digest of the file's content. OSError if it cannot be read, CrowdError if it is a
+    folder.
+    """
     _refuse_folder(path)
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").digest()

@@ -15,7 +15,8 @@ MOST_ROWS = 200_000_000
 UNITS = {"m": (1.0, 1.0), "cm": (1.0, 100.0), "mm": (1.0, 1000.0), "ft": (0.3048, 1.0)}
 UNITS |= {"km": (1000.0, 1.0), "dm": (1.0, 10.0), "in": (0.0254, 1.0), "yd": (0.9144, 1.0)}
 ASKED = ("m", "cm", "mm", "ft")  # of UNITS, those that a user may set; the others only a file names
-# the greatest amount of a value in any unit: beyond it a file is damaged, and what follows overflows
+# the greatest amount of a value in any unit: beyond it a file is damaged, and what follows
+# overflows
 GREATEST = {"frame": 1e14, "time": 1e19, "endtime": 1e19, "heading": 1e6, "phase": 1e9}
 GREATEST |= dict.fromkeys(("x", "y", "z", "endx", "endy"), 1e12)
 RATES = 1e-3, 1e6  # frames a second, that a file may tell
@@ -63,7 +64,8 @@ class Rows:
     def in_meters(self, unit: str = "") -> "Rows":
         """Return the rows with places in meters.
 
-        unit: one of UNITS that holds whatever the file tells; "" for the file's own, or else meters.
+        unit: one of UNITS that holds whatever the file tells; "" for the file's own, or else
+        meters.
         """
         unit = unit or self.unit or "m"
         times, by = UNITS[unit]
@@ -87,20 +89,23 @@ class Rows:
 def check_rows(rows: Rows, path: Path) -> Rows:
     """Return `rows`, with columns of the types that Rows names.
 
-    CrowdError if there are none or too many, a column has another length, or a value cannot be used.
+    CrowdError if there are none or too many, a column has another length, or a value cannot be
+    used.
     """
     where, count = printable(path), len(rows)
     if not count:
         raise CrowdError(f"The file {where} has no rows: choose a file of trajectories.")
     if count > MOST_ROWS:
         raise CrowdError(
-            f"The file {where} has {count:,} rows: use at most {MOST_ROWS:,}, of fewer agents or frames."
+            f"The file {where} has {count:,} rows: use at most {MOST_ROWS:,}, of fewer agents or "
+            f"frames."
         )
     found: dict[str, Any] = {}
     for name, column in rows.columns.items():
         if column.shape != (count,):
             raise CrowdError(
-                f"The file {where} has {count:,} ids, and its column {name} has the shape {column.shape}: one value each."
+                f"The file {where} has {count:,} ids, and its column {name} has the shape "
+                f"{column.shape}: one value each."
             )
         found[name] = _checked(name, column, where)
     agents = 1 + int(np.count_nonzero(np.diff(np.sort(found["id"])))) if count > MOST_AGENTS else 0
@@ -113,7 +118,9 @@ def check_rows(rows: Rows, path: Path) -> Rows:
 
 
 def check_rate(rate: float, where: str) -> None:
-    """Raise CrowdError unless the file `where` may have the `rate`, in frames a second; 0 for none."""
+    """Raise CrowdError unless the file `where` may have the `rate`, in frames a second; 0 for
+    none.
+    """
     if rate and not RATES[0] <= rate <= RATES[1]:
         raise CrowdError(
             f"The file {where} tells the frame rate {rate}: correct it to frames a second."
@@ -121,13 +128,16 @@ def check_rate(rate: float, where: str) -> None:
 
 
 def check_range(name: str, column: np.ndarray, where: str) -> None:
-    """Raise CrowdError if a value of the column (k,) is not finite, or greater than GREATEST has it."""
+    """Raise CrowdError if a value of the column (k,) is not finite, or greater than GREATEST has
+    it.
+    """
     most = GREATEST[name]
     wrong = ~((column >= -most) & (column <= most))
     if wrong.any():
         row = int(wrong.argmax())
         raise CrowdError(
-            f"Row {row + 1:,} of {where} has {name} {column[row]}, one of {np.count_nonzero(wrong):,} such rows: "
+            f"Row {row + 1:,} of {where} has {name} {column[row]}, one of "
+            f"{np.count_nonzero(wrong):,} such rows: "
             f"remove them, or give them values of at most {most:g}."
         )
 
@@ -136,7 +146,8 @@ def _checked(name: str, column: np.ndarray, where: str) -> np.ndarray:
     if name == "group":
         if column.dtype.kind not in "iuUS":
             raise CrowdError(
-                f"The groups in {where} are of the kind {column.dtype}: give whole numbers or names."
+                f"The groups in {where} are of the kind {column.dtype}: give whole numbers or "
+                f"names."
             )
         return column.astype(str) if column.dtype.kind == "S" else column
     if column.dtype.kind not in "iufb":

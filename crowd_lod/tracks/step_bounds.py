@@ -29,7 +29,8 @@ class StepBounds:
         self.samples, self.first, self.rate = samples, frames[0], rate
         whole = frames[1] - frames[0]
         self.width = max(SPAN * rate, whole / MOST)
-        # least x, y, z; the greatest; the greatest horizontal speed, squared; each as large as can be
+        # least x, y, z; the greatest; the greatest horizontal speed, squared; each as large as can
+        # be
         self.spans = np.zeros((7, int(whole / self.width) + 1))
         for begin, end, longest in classes:
             own = np.zeros_like(self.spans)
@@ -51,7 +52,9 @@ class StepBounds:
         return VelocityBounds(-own[:3] * more, own[3:6] * more, float(np.sqrt(own[6])) * more)
 
     def _add(self, spans: np.ndarray, some: slice) -> None:
-        """Count the samples `some`, which are in order of frames, in the spans in which they begin."""
+        """Count the samples `some`, which are in order of frames, in the spans in which they
+        begin.
+        """
         samples = self.samples
         frame, after = samples.frame[some], samples.after[some]
         passed = (samples.frame[after] - frame) / self.rate

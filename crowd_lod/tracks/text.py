@@ -1,4 +1,5 @@
-"""Tracks in text: CSV and TSV with titles, PedPy, PeTrack, and tables of ETH and UCY without titles.
+"""Tracks in text: CSV and TSV with titles, PedPy, PeTrack, and tables of ETH and UCY without
+titles.
 
 Columns go by their titles, in any order; a title may name a unit, such as x/cm. Without titles they
 are: four, frame id x y or id frame x y, whichever moves less from row to row; eight, the obsmat of
@@ -80,7 +81,9 @@ def _check_ranges(columns: dict[str, Any], where: str) -> None:
 
 
 def _number_texts(columns: dict[str, Any], table: Table, notes: list[str]) -> None:
-    """Turn texts in `columns` that are all numbers to numbers, and ids such as ped0 to whole numbers."""
+    """Turn texts in `columns` that are all numbers to numbers, and ids such as ped0 to whole
+    numbers.
+    """
     for name in table.texts:
         try:
             columns[name] = columns[name].astype(np.float64)
@@ -88,12 +91,15 @@ def _number_texts(columns: dict[str, Any], table: Table, notes: list[str]) -> No
             if name == "id":
                 names, columns["id"] = np.unique(columns["id"], return_inverse=True)
                 notes.append(
-                    f'Its ids are texts, and agents are numbered in their order: "{names[0][:40]}" is 0.'
+                    f"Its ids are texts, and agents are numbered in their order: "
+                    f'"{names[0][:40]}" is 0.'
                 )
 
 
 def _with_ends(columns: dict[str, Any]) -> dict[str, Any]:
-    """Return `columns` with the end of each agent's last step as a row, where steps have ends, as Vadere's."""
+    """Return `columns` with the end of each agent's last step as a row, where steps have ends, as
+    Vadere's.
+    """
     if not set(ENDS.values()) <= columns.keys():
         return columns
     last = order_by(columns["id"], order_by(columns["time"]))
@@ -144,7 +150,8 @@ def _values(
         if re.search(rb"\d,\d", part):
             if re.search(rb"\d\.\d", part):
                 raise CrowdError(
-                    f"The table {where} has both commas and dots in its numbers: remove those that part thousands."
+                    f"The table {where} has both commas and dots in its numbers: remove those "
+                    f"that part thousands."
                 )
             commas.add(re.search(rb"\d,(?:\d{0,2}|\d{4,})(?!\d)", part) is None)
         part = part.replace(b",", b".")
@@ -162,13 +169,16 @@ def _values(
             columns[name] = _load(lines, table, str, [table.columns[name]])[:, 0]
     except ValueError as error:
         raise CrowdError(
-            f"The table {where} cannot be read after line {line:,} ({error}): give each row its numbers."
+            f"The table {where} cannot be read after line {line:,} ({error}): give each row its "
+            f"numbers."
         ) from None
     return columns
 
 
 def _numbers_alone(lines: list[str], table: Table) -> dict[str, np.ndarray] | None:
-    """Return the columns of rows in which all values are numbers; None if there are others, which takes a closer look."""
+    """Return the columns of rows in which all values are numbers; None if there are others, which
+    takes a closer look.
+    """
     try:
         values = _load(lines, table, float, None)
     except ValueError:
@@ -179,7 +189,9 @@ def _numbers_alone(lines: list[str], table: Table) -> dict[str, np.ndarray] | No
 
 
 def _without_nobodies(lines: list[str], table: Table) -> list[str]:
-    """Return `lines` with those left empty that have neither id nor place, as SUMO's times without a person."""
+    """Return `lines` with those left empty that have neither id nor place, as SUMO's times without
+    a person.
+    """
     told = [table.columns[name] for name in ("id", "x", "y")]
 
     def tells(line: str) -> bool:
@@ -204,7 +216,9 @@ def _load(lines: list[str], table: Table, type: type, columns: Sequence[int] | N
 
 
 def _check_rows(lines: list[str], table: Table, where: str, line: int) -> None:
-    """Raise CrowdError on the first row with more or fewer values than others, or a value that is no number."""
+    """Raise CrowdError on the first row with more or fewer values than others, or a value that is
+    no number.
+    """
     for number, row in enumerate(lines, line + 1):
         row = row.partition("#")[0].strip(" \r\n" if table.split else None)
         if not row:
@@ -212,7 +226,8 @@ def _check_rows(lines: list[str], table: Table, where: str, line: int) -> None:
         values = split_row(row, table.split)
         if len(values) != table.width:
             raise CrowdError(
-                f"Line {number:,} of {where} has {len(values)} values, and the table {table.width} columns: give each row as many."
+                f"Line {number:,} of {where} has {len(values)} values, and the table "
+                f"{table.width} columns: give each row as many."
             )
         for name, place in table.columns.items():
             try:
@@ -221,7 +236,8 @@ def _check_rows(lines: list[str], table: Table, where: str, line: int) -> None:
             except ValueError:
                 text = values[place].strip()[:40]
                 raise CrowdError(
-                    f'Line {number:,} of {where} has {name} "{text}": give a number, or remove the row.'
+                    f'Line {number:,} of {where} has {name} "{text}": give a number, or remove '
+                    f"the row."
                 ) from None
 
 
@@ -259,7 +275,10 @@ def _untitled(
         )
     frames = np.unique(columns["frame"])
     rate = table.rate or (float(np.diff(frames).min()) / ANNOTATED if len(frames) > 1 else 0.0)
-    note = f"Its columns have no titles and are taken for those of {'ETH and UCY' if table.width == 4 else 'an obsmat'}"
+    note = (
+        f"Its columns have no titles and are taken for those of "
+        f"{'ETH and UCY' if table.width == 4 else 'an obsmat'}"
+    )
     return (
         columns,
         rate,

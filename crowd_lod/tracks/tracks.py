@@ -72,7 +72,9 @@ class Tracks:
 
     @cached_property
     def spread(self) -> np.ndarray:
-        """(2, 3) float64 meters, the least and the greatest x, y and z; z is 0 if the file has none."""
+        """(2, 3) float64 meters, the least and the greatest x, y and z; z is 0 if the file has
+        none.
+        """
         places = [
             self.samples.x,
             self.samples.y,

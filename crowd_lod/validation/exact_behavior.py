@@ -1,8 +1,8 @@
 """The judge of behavior: agents walk one by one, cell by cell, in rational arithmetic.
 
 Slow and plain. It has the state machine's table, the map and the random draws in common with
-`behavior`, and not a line of its steps. Nothing is rounded, so no place on a border is ever in doubt,
-and an agent that comes back to where it was is known to go on in rounds.
+`behavior`, and not a line of its steps. Nothing is rounded, so no place on a border is ever in
+doubt, and an agent that comes back to where it was is known to go on in rounds.
 """
 
 from dataclasses import dataclass

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-# Part of a value above 1, or of 1, by which renderers may round it: of two renders whose meshes have
-# other instances, single pixels were off by 3.8e-6.
+# Part of a value above 1, or of 1, by which renderers may round it: of two renders whose meshes
+# have other instances, single pixels were off by 3.8e-6.
 NOISE = 1e-5
 VISIBLE = 2 / 255
 

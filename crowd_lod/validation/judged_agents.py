@@ -29,7 +29,8 @@ class JudgedAgent:
     window: of that camera, around the agent.
     predicted: pixels by which its LOD shifts its silhouette at most; None if that is not known.
     allowed: pixels; None if neither a tolerance nor the prediction is known.
-    apart: why it is not held to that, one of PINNED_APART, BLURRED_APART, FADING_APART; "" if it is.
+    apart: why it is not held to that, one of PINNED_APART, BLURRED_APART, FADING_APART; "" if it
+    is.
     """
 
     agent: int

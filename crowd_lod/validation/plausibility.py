@@ -78,7 +78,8 @@ def check_climbs(
     """Find that z rises as the ground's second axis would: another axis is up.
 
     ways, rises: (k,) of each step, in the plane and along z.
-    sides, heights: the y and the z of the places, of which one is flat where the axes are exchanged.
+    sides, heights: the y and the z of the places, of which one is flat where the axes are
+    exchanged.
     """
     way, rise = float(ways.sum()), float(np.abs(rises).sum())
     is_flat = np.ptp(sides) < FLAT[0] and np.ptp(heights) > FLAT[1]
@@ -114,7 +115,8 @@ def check_poses(seconds: np.ndarray) -> Finding | None:
 def median_speeds(
     agents: np.ndarray, ways: np.ndarray, seconds: np.ndarray, count: int
 ) -> np.ndarray:
-    """Return how fast each of `count` agents walks while it does, (count,) m/s; 0 for one that never does.
+    """Return how fast each of `count` agents walks while it does, (count,) m/s; 0 for one that
+    never does.
 
     agents, ways, seconds: (k,), of each step the agent, its meters in the plane, and its time.
     """

@@ -67,7 +67,8 @@ def verdict(result: dict) -> str:
         *_build(build),
         f"{culling} in {where}",
         *[
-            f"{counted(strangers, 'point')} of it {'is no agent' if strangers == 1 else 'are no agents'}"
+            f"{counted(strangers, 'point')} of it "
+            f"{'is no agent' if strangers == 1 else 'are no agents'}"
         ]
         * (strangers > 0),
         *_shifts(result),
@@ -88,7 +89,9 @@ def _build(build: dict) -> list[str]:
 
 
 def _shifts(result: dict) -> list[str]:
-    """Return by how many pixels LODs shift silhouettes, who shifts further, and who stands apart."""
+    """Return by how many pixels LODs shift silhouettes, who shifts further, and who stands
+    apart.
+    """
     rows = result["frames"]
     judged = sum(row["judged"] for row in rows)
     shifts = [row["silhouette_shift"] for row in rows if row["silhouette_shift"] is not None]
@@ -139,10 +142,16 @@ def _culling(rows: list[dict], bounces: int) -> str:
     differ, bare = (sum(row[f"{name}_pixels"] for row in rows) for name in ("b", "bare"))
     strangers = sum(row["strangers"] for row in rows)
     if wrong:
-        said = f"Culling: WRONG, {counted(differ, 'pixel differs', 'pixels differ')} in {_frames(wrong)}"
+        said = (
+            f"Culling: WRONG, {counted(differ, 'pixel differs', 'pixels differ')} in "
+            f"{_frames(wrong)}"
+        )
     elif differ:
         most = max(row["b_largest"] for row in rows)
-        said = f"Culling: {counted(differ, 'pixel differs', 'pixels differ')} in {_frames(rows)}, by {most:.1g} at most"
+        said = (
+            f"Culling: {counted(differ, 'pixel differs', 'pixels differ')} in {_frames(rows)}, "
+            f"by {most:.1g} at most"
+        )
     else:
         said = f"Culling: no pixel differs in {_frames(rows)}"
     said += (
@@ -155,7 +164,10 @@ def _culling(rows: list[dict], bounces: int) -> str:
     )
     if bounces:
         row = max(rows, key=lambda row: row["b_bounces_share"])
-        said += f" With the sky and {counted(bounces, 'bounce')} up to {row['b_bounces_share']:.2%} differ visibly "
+        said += (
+            f" With the sky and {counted(bounces, 'bounce')} up to "
+            f"{row['b_bounces_share']:.2%} differ visibly "
+        )
         said += f"(frame {row['frame']})."
     return said
 
@@ -167,7 +179,10 @@ def _levels(result: dict) -> str:
     found = "; ".join(_shifts(result)).replace("LODs shift silhouettes", "silhouettes shift", 1)
     said = f"LODs: {f'WRONG in {_frames(wrong)}, ' if wrong else ''}{found}"
     row = max(rows, key=lambda row: row["c_share"])
-    said += f"; {row['c_share']:.2%} of the pixels differ visibly, shading included, by {row['c_mean']:.2g} on average"
+    said += (
+        f"; {row['c_share']:.2%} of the pixels differ visibly, shading included, by "
+        f"{row['c_mean']:.2g} on average"
+    )
     return f"{said} (frame {row['frame']}; not predicted)."
 
 

@@ -298,7 +298,8 @@ def _judge_case(case: StiffCase) -> StiffRow:
 
 
 def _is_broken(case: StiffCase, crowd: Crowd, start: Crowd) -> np.ndarray:
-    """Return (n,) bool: agents that are nowhere, off the map, in a wall, or walled off from their start.
+    """Return (n,) bool: agents that are nowhere, off the map, in a wall, or walled off from their
+    start.
 
     An agent may stand on the border of a wall, which counts as the ground beside it.
     """

@@ -33,11 +33,13 @@ def active_camera(scene: bpy.types.Scene) -> bpy.types.Object:
     """Return the scene's active camera; CrowdError if it has none or it is no camera."""
     if scene.camera is None:
         raise CrowdError(
-            f"The scene {scene.name} has no active camera: add one, or set one in the scene's properties."
+            f"The scene {scene.name} has no active camera: add one, or set one in the scene's "
+            f"properties."
         )
     if scene.camera.type != "CAMERA":
         raise CrowdError(
-            f"{scene.camera.name}, the active camera of {scene.name}, is not a camera: choose a camera object."
+            f"{scene.camera.name}, the active camera of {scene.name}, is not a camera: choose a "
+            f"camera object."
         )
     return scene.camera
 
@@ -130,7 +132,8 @@ def camera_from(
     if not 0 <= data.clip_start < data.clip_end:
         unit = meters(depsgraph.scene)
         raise CrowdError(
-            f"The camera {camera.name} clips from {data.clip_start * unit:g} to {data.clip_end * unit:g} m: the end must exceed the start."
+            f"The camera {camera.name} clips from {data.clip_start * unit:g} to "
+            f"{data.clip_end * unit:g} m: the end must exceed the start."
         )
     kind = data.type if data.type in ("PERSP", "ORTHO") else "PANO"
     eyes = stereo.Stereo(

@@ -44,16 +44,19 @@ def parts(
         if block.is_missing:
             path = block.library.filepath if block.library else "its library"
             raise CrowdError(
-                f"{block.name}, of the character group {owner.name}, is missing: restore {path}, or link it again."
+                f"{block.name}, of the character group {owner.name}, is missing: restore {path}, "
+                f"or link it again."
             )
     for item in objects:
         if item.type == "META":
             raise CrowdError(
-                f"{item.name}, of the character group {owner.name}, is a metaball: turn it into a mesh (Object > Convert)."
+                f"{item.name}, of the character group {owner.name}, is a metaball: turn it into a "
+                f"mesh (Object > Convert)."
             )
         if item.instance_type == "COLLECTION" and item.instance_collection is not None:
             raise CrowdError(
-                f"{item.name}, of the character group {owner.name}, instances the collection {item.instance_collection.name}: put that "
+                f"{item.name}, of the character group {owner.name}, instances the collection "
+                f"{item.instance_collection.name}: put that "
                 "collection in its place, or make the instance real (Object > Apply)."
             )
     bones = [bone for item in objects if item.type == "ARMATURE" for bone in item.pose.bones]

@@ -114,6 +114,7 @@ def unbaked(scene: bpy.types.Scene) -> str:
         return ""
     start = world.point_cache.frame_start
     return (
-        f"The rigid bodies of {scene.name} are unbaked, played from frame {start}: bake their cache, or render from that frame on, "
+        f"The rigid bodies of {scene.name} are unbaked, played from frame {start}: bake their "
+        f"cache, or render from that frame on, "
         "so that renders show the same."
     )

@@ -73,7 +73,8 @@ def _tell(key: tuple[int, str], scene: bpy.types.Scene | None, error: Exception)
         told = sentence(error)
     else:
         told = (
-            f"{key[1].rpartition('.')[2].strip('_')} failed in Crowd LOD ({type(error).__name__}: {error}): "
+            f"{key[1].rpartition('.')[2].strip('_')} failed in Crowd LOD ({type(error).__name__}: "
+            f"{error}): "
             "the console has the details; save the file, start Blender again, and report it."
         )
     if troubles.get(key) == told:

@@ -35,7 +35,8 @@ def read_values(image: bpy.types.Image) -> np.ndarray:
             image.source, "a render"
         )
         raise CrowdError(
-            f"The image {image.name} is {kind}, not a still image: set its Source to Single Image, or choose another image."
+            f"The image {image.name} is {kind}, not a still image: set its Source to Single "
+            f"Image, or choose another image."
         )
     width, height = image.size
     if not width * height or not image.has_data and not len(image.pixels):
@@ -85,7 +86,8 @@ def check_finite(image: bpy.types.Image, values: np.ndarray) -> None:
     if image.is_float and not np.isfinite(values).all():
         wrong = np.argwhere(~np.isfinite(values).all(axis=2))
         raise CrowdError(
-            f"The image {image.name} holds {counted(len(wrong), 'pixel')} at NaN or infinity, the first at column {wrong[0][1]}, row "
+            f"The image {image.name} holds {counted(len(wrong), 'pixel')} at NaN or infinity, the "
+            f"first at column {wrong[0][1]}, row "
             f"{wrong[0][0]} from the bottom: paint them again."
         )
 

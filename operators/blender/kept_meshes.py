@@ -31,7 +31,9 @@ SAMPLED = 500  # vertices of a mesh that are looked at to tell whether it change
 
 @contextmanager
 def taken_back(crowds: Sequence[bpy.types.PropertyGroup]) -> Iterator[None]:
-    """Give the crowds their old meshes back if the block raises or is closed early; else remove those."""
+    """Give the crowds their old meshes back if the block raises or is closed early; else remove
+    those.
+    """
     before = [{name: getattr(crowd, name) for name in NAMES} for crowd in crowds]
     unused = {mesh for own in before for mesh in own.values()}
     try:
@@ -55,7 +57,9 @@ def keep(crowd: bpy.types.PropertyGroup, name: str, mesh: bpy.types.Mesh, made_o
 
 
 def shape_marks(objects: Sequence[bpy.types.Object]) -> str:
-    """Return what changes, most likely, when one of the objects looks or stands otherwise; it is quick."""
+    """Return what changes, most likely, when one of the objects looks or stands otherwise; it is
+    quick.
+    """
     return repr([_marks(item) for item in objects])
 
 
@@ -82,7 +86,9 @@ def _marks(item: bpy.types.Object) -> tuple:
 
 
 def _modifier(modifier: bpy.types.Modifier) -> tuple:
-    """Return the settings of a modifier that are numbers or choices, and the inputs of its nodes."""
+    """Return the settings of a modifier that are numbers or choices, and the inputs of its
+    nodes.
+    """
     names = [
         each.identifier
         for each in modifier.bl_rna.properties
@@ -101,7 +107,9 @@ def _modifier(modifier: bpy.types.Modifier) -> tuple:
 
 
 def moving(objects: Sequence[bpy.types.Object]) -> list[str]:
-    """Return the names of objects that may move: they, or one above them, are animated or constrained."""
+    """Return the names of objects that may move: they, or one above them, are animated or
+    constrained.
+    """
     found = []
     for item in objects:
         above: bpy.types.Object | None = item
@@ -119,8 +127,9 @@ def evaluated_triangles(
 
     The points are in world space.
 
-    These are those of the objects themselves, and of all that they instance. The mesh is valid until the next.
-    Triangles of mirrored objects are turned, so that they face as Blender shows them.
+    These are those of the objects themselves, and of all that they instance. The mesh is valid
+    until the next. Triangles of mirrored objects are turned, so that they face as Blender shows
+    them.
     CrowdError if a vertex is at NaN or infinity.
     """
     wanted, seen = set(objects), set()
@@ -149,7 +158,8 @@ def _shape(item: bpy.types.Object, matrix: np.ndarray) -> Iterator[tuple]:
         wrong = int((~np.isfinite(points).all(axis=1)).sum())
         if wrong:
             raise CrowdError(
-                f"The object {item.name} has {counted(wrong, 'vertex', 'vertices')} at NaN or infinity: mend its mesh or its "
+                f"The object {item.name} has {counted(wrong, 'vertex', 'vertices')} at NaN or "
+                f"infinity: mend its mesh or its "
                 "modifiers, then press Populate."
             )
         flipped = np.linalg.det(matrix[:3, :3]) < 0

@@ -99,7 +99,8 @@ def write_points(mesh: bpy.types.Mesh, columns: dict[str, np.ndarray]) -> None:
     """
     if mesh.is_editmode:
         raise CrowdError(
-            f"The points {mesh.name} are in Edit Mode: leave it, and the crowd follows the frame again."
+            f"The points {mesh.name} are in Edit Mode: leave it, and the crowd follows the frame "
+            f"again."
         )
     mesh.clear_geometry()
     mesh.vertices.add(len(columns["position"]))
@@ -173,7 +174,9 @@ def world_faces(evaluated: bpy.types.Object) -> tuple[np.ndarray, np.ndarray, np
 
 
 def some_vertices(mesh: bpy.types.Mesh, about: int) -> list[tuple[float, float, float]]:
-    """Return where roughly `about` of the mesh's vertices are, evenly chosen; all of a small one."""
+    """Return where roughly `about` of the mesh's vertices are, evenly chosen; all of a small
+    one.
+    """
     count = len(mesh.vertices)
     return [tuple(mesh.vertices[k].co) for k in range(0, count, max(1, count // about))]
 

@@ -9,7 +9,8 @@ from mathutils.bvhtree import BVHTree
 
 from ...crowd_lod.errors import CrowdError
 
-# along no edge or face of what users model; a ray goes on so far behind where it met the surface, in parts of the mesh's size
+# along no edge or face of what users model; a ray goes on so far behind where it met the surface,
+# in parts of the mesh's size
 ALONG, ONWARD = Vector((0.1737, 0.0931, 0.9804)), 1e-6
 
 
@@ -31,7 +32,8 @@ def in_volume(item: bpy.types.Object, points: np.ndarray, told: str) -> np.ndarr
     matrix = np.array(item.matrix_world, np.float64)
     if not closed(item.data) or not np.linalg.cond(matrix) < 1e9:
         raise CrowdError(
-            f"{told} is no closed mesh: fill its holes, give it a scale above 0, or set Agents By to Region."
+            f"{told} is no closed mesh: fill its holes, give it a scale above 0, or set Agents By "
+            f"to Region."
         )
     corners = _corners(item.data)
     low, high = corners.min(axis=0)[:, None], corners.max(axis=0)[:, None]

@@ -65,7 +65,8 @@ def _temporary(text: str) -> Path:
 
 
 def output_path(scene: bpy.types.Scene, part: str = "") -> str:
-    """Return the folder of a step's output as a path for settings; in it full_path finds the folder.
+    """Return the folder of a step's output as a path for settings; in it full_path finds the
+    folder.
 
     part: of the folder; "" is the whole. Where several scenes of the file have crowds and the same
         folder, each has one of its own in it.
@@ -89,7 +90,8 @@ def output_path(scene: bpy.types.Scene, part: str = "") -> str:
 def saved_path(text: str) -> str:
     """Return a path to keep in a setting, at which there is output now.
 
-    It names the saved file that owns the output, also in one that is saved under another name later.
+    It names the saved file that owns the output, also in one that is saved under another name
+    later.
     """
     if bpy.data.filepath:
         return _named(text, Path(bpy.data.filepath).stem)
@@ -168,7 +170,9 @@ def _seen_from(text: str, path: Path) -> str:
 
 @handler
 def after_saving(path: str, *_) -> None:
-    """Move the output of a file that has a place now (save_post); a saved copy gets a copy of it."""
+    """Move the output of a file that has a place now (save_post); a saved copy gets a copy of
+    it.
+    """
     copied = path != bpy.data.filepath
     if copied:
         not_saved()

@@ -45,7 +45,8 @@ class Part:
 
     name: as states name it; "" for the character's own, whatever that is.
     first, last: its frames.
-    action, handle, player: the action, its slot's handle, and the object that plays it; None for the own.
+    action, handle, player: the action, its slot's handle, and the object that plays it; None for
+    the own.
     root: how it moves the character as a whole; taken out when it is played.
     stride: meters walked in a cycle as its custom property says, or as far as it travels; 0 if
         neither says.
@@ -108,7 +109,8 @@ class Performance:
         return all(part.first == part.last for part in self.parts)
 
     def keys(self, each: int) -> np.ndarray:
-        """Return the moments of `each` keys a frame of the first part, (k,) float64, its ends among them.
+        """Return the moments of `each` keys a frame of the first part, (k,) float64, its ends among
+        them.
 
         A step of a cross-fade has those of both its actions: their keys bend its curves.
         """
@@ -123,7 +125,9 @@ class Performance:
         )
 
     def curves_on(self, item: bpy.types.Object) -> list[bpy.types.FCurve]:
-        """Return the curves that move the object `item` in any of the parts, or its own animation."""
+        """Return the curves that move the object `item` in any of the parts, or its own
+        animation.
+        """
         named = [
             _curves(part.action, part.handle)
             for part in self.parts
@@ -134,7 +138,9 @@ class Performance:
         ]
 
     def only(self, name: str) -> "Performance":
-        """Return the performance of one action alone; of the character's own if it plays none of that `name`."""
+        """Return the performance of one action alone; of the character's own if it plays none of
+        that `name`.
+        """
         return Performance(
             [next((part for part in self.parts if part.name == name), self.parts[0])]
         )
@@ -290,7 +296,8 @@ def performance_of(
 
 
 def group_performance(group: Group, objects: list[bpy.types.Object]) -> Performance:
-    """Return the performance of the character group's own action and of those that it was measured with.
+    """Return the performance of the character group's own action and of those that it was measured
+    with.
 
     objects, errors: see performance_of.
     """
@@ -311,7 +318,8 @@ def _mixed(group: str, name: str, mixed: tuple[Part, Part, float]) -> Part:
     one, other, _ = mixed
     if one.player != other.player:
         raise CrowdError(
-            f"The actions {one.action.name} and {other.action.name} move two objects of {group}, {one.player.name} and "
+            f"The actions {one.action.name} and {other.action.name} move two objects of {group}, "
+            f"{one.player.name} and "
             f"{other.player.name}: no state can fade from one to the other; set its fade to 0."
         )
     longer = max(one, other, key=lambda part: part.last - part.first)
@@ -334,7 +342,8 @@ def _own_action(group: str, objects: list[bpy.types.Object]) -> Part:
                 player=player,
             )
     raise CrowdError(
-        f"A state fades from or to the own action of the character group {group}, whose animation is not one action of one object: "
+        f"A state fades from or to the own action of the character group {group}, whose animation "
+        f"is not one action of one object: "
         "name an action for each of these states, or set their fade to 0."
     )
 
@@ -345,20 +354,23 @@ def _named(group: str, objects: list[bpy.types.Object], name: str) -> Part:
     )
     if action is None:
         raise CrowdError(
-            f"The state machine names the action {name}, and the file has none for the character group {group}: call one "
+            f"The state machine names the action {name}, and the file has none for the character "
+            f"group {group}: call one "
             f"{' or '.join(called(group, name))}."
         )
     found = _player(objects, action)
     if found is None:
         raise CrowdError(
-            f"The action {action.name} is of another rig: most of its curves move nothing of the character group {group}. "
+            f"The action {action.name} is of another rig: most of its curves move nothing of the "
+            f"character group {group}. "
             f"Name its own action {called(group, name)[0]}."
         )
     player, handle = found
     first, last = span_of(action, _curves(action, handle))
     if first == last:
         raise CrowdError(
-            f"The action {action.name} has one frame: key it at two frames or more, for {group} to play it in a cycle."
+            f"The action {action.name} has one frame: key it at two frames or more, for {group} "
+            f"to play it in a cycle."
         )
     root = of_action(player, objects, action, handle, (first, last))
     return Part(name, first, last, action, handle, player, root, _stride(action) or root.way)
@@ -395,7 +407,8 @@ def _stride(action: bpy.types.Action) -> float:
     value = action.get("stride", 0)
     if not isinstance(value, int | float) or not 0 <= value < np.inf:
         raise CrowdError(
-            f"The property stride of the action {action.name} is {value!r}: set a number of meters, or remove it."
+            f"The property stride of the action {action.name} is {value!r}: set a number of "
+            f"meters, or remove it."
         )
     return float(value)
 

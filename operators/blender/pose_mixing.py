@@ -32,12 +32,13 @@ class _Channel:
 
 
 class Mixture:
-    """Two actions on `player`. It must play no action itself, and `restore` gives back how it stood.
+    """Two actions on `player`. It must play no action itself, and `restore` gives back how it
+    stood.
 
     actions: the curves of both.
     share: of the second action, 0 to 1.
-    moved: the paths of what its own animation moves: an action that leaves that alone has it at rest,
-        and all else as it stands.
+    moved: the paths of what its own animation moves: an action that leaves that alone has it at
+        rest, and all else as it stands.
     """
 
     def __init__(

@@ -11,7 +11,8 @@ from ...crowd_lod.errors import CrowdError
 from . import stored_values
 from .character_objects import may_have_faces
 
-PROP = "prop"  # custom property of an object: the chance that an agent has it, and all that is parented to it
+# custom property of an object: the chance that an agent has it, and all that is parented to it
+PROP = "prop"
 JOINT = " + "  # in a variant's name, between the group and its props
 MOST_PROPS = 3  # of a group, which are eight variants
 
@@ -51,7 +52,8 @@ def variants_of(
             may_have_faces(each) for each, prop in of.items() if prop is item
         ):
             raise CrowdError(
-                f"The prop {item.name} of the character group {name} has no mesh with faces: give it one, or remove its custom "
+                f"The prop {item.name} of the character group {name} has no mesh with faces: give "
+                f"it one, or remove its custom "
                 f'property "{PROP}".'
             )
     drawn = sorted(
@@ -60,7 +62,8 @@ def variants_of(
     )
     if len(drawn) > MOST_PROPS:
         raise CrowdError(
-            f"The character group {name} has {len(drawn)} props ({', '.join(map(_called, drawn))}), and {2 ** len(drawn)} variants "
+            f"The character group {name} has {len(drawn)} props "
+            f"({', '.join(map(_called, drawn))}), and {2 ** len(drawn)} variants "
             f"of it: use at most {MOST_PROPS}, or make it several groups."
         )
     for worn in product((False, True), repeat=len(drawn)):
@@ -70,7 +73,8 @@ def variants_of(
         objects = [item for item in shapes if of[item] not in left]
         if not any(map(may_have_faces, objects)) and any(map(may_have_faces, shapes)):
             raise CrowdError(
-                f"All meshes of the character group {name} are props: leave it one that all its agents have."
+                f"All meshes of the character group {name} are props: leave it one that all its "
+                f"agents have."
             )
         with_props = JOINT.join(
             [name, *(_called(prop) for prop, has in zip(drawn, worn, strict=True) if has)]

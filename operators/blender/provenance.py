@@ -37,7 +37,9 @@ READ = bpy.types.Material | bpy.types.Action | bpy.types.Mesh | bpy.types.Armatu
 
 @dataclass
 class _Known:
-    """A digest, and when it holds: while the print is the same, and no block was told to have changed."""
+    """A digest, and when it holds: while the print is the same, and no block was told to have
+    changed.
+    """
 
     digest: str
     print: object
@@ -76,7 +78,8 @@ def kept_in(holder: bpy.types.ID, key: str) -> dict[str, str]:
 def character_digest(
     objects: Sequence[bpy.types.Object], actions: Callable[[], list] = list
 ) -> str:
-    """Return the digest of a character: shapes, weights, which materials are where, rig, and what it plays.
+    """Return the digest of a character: shapes, weights, which materials are where, rig, and what
+    it plays.
 
     It is the same in all frames.
 
@@ -102,7 +105,8 @@ def character_digest(
 
 
 def level_digest(home: bpy.types.Collection, characters: Sequence[bpy.types.Object]) -> str:
-    """Return the digest of a LOD: shapes, places, modifiers, weights, and which of its character's materials are where.
+    """Return the digest of a LOD: shapes, places, modifiers, weights, and which of its character's
+    materials are where.
 
     home: the LOD's collection.
     characters: the objects that it was made of. Meshes that the LOD shares with them are theirs.
@@ -150,7 +154,8 @@ def _called(block: bpy.types.ID | None, order: Mapping[bpy.types.ID, str]) -> st
 def _digest_of(
     items: Sequence[bpy.types.Object], read: Callable[[], list], follow: Callable, *more
 ) -> str:
-    """Return the digest of what `read` returns of the objects, from before where nothing has changed.
+    """Return the digest of what `read` returns of the objects, from before where nothing has
+    changed.
 
     follow: items -> all data-blocks that are read.
     """
@@ -210,7 +215,9 @@ def _place(item: bpy.types.Object) -> list[float]:
 
 
 def _own(item: bpy.types.Object, shared: Container[bpy.types.ID] = ()) -> str:
-    """Return the digest of the object itself, without its materials and what moves it; of `shared` data it has nothing."""
+    """Return the digest of the object itself, without its materials and what moves it; of `shared`
+    data it has nothing.
+    """
     data = "" if item.data in shared else _data(item)
     modifiers = [(m.type, m.show_render, m.show_viewport) for m in item.modifiers]
     groups = [group.name for group in getattr(item, "vertex_groups", ())]
@@ -257,7 +264,9 @@ def _data(item: bpy.types.Object) -> str:
 
 
 def _read_data(data: bpy.types.ID, weighted: bool) -> str:
-    """Return the digest of data: attributes, faces, shape keys, weights; of others than meshes settings and points."""
+    """Return the digest of data: attributes, faces, shape keys, weights; of others than meshes
+    settings and points.
+    """
     hashed = hashlib.sha256()
     for attribute in getattr(data, "attributes", ()):
         if attribute.data_type in mesh_data.ATTRIBUTES and (
@@ -285,7 +294,9 @@ def _read_data(data: bpy.types.ID, weighted: bool) -> str:
 
 
 def _weights(mesh: bpy.types.Mesh) -> bytes:
-    """Return the weights of vertices, of MOST_WEIGHED at most: Python reads 10 microseconds a vertex."""
+    """Return the weights of vertices, of MOST_WEIGHED at most: Python reads 10 microseconds a
+    vertex.
+    """
     vertices, count = mesh.vertices, len(mesh.vertices)
     chosen = range(0, count, -(-count // MOST_WEIGHED) or 1)
     table = [
@@ -298,7 +309,9 @@ def _weights(mesh: bpy.types.Mesh) -> bytes:
 
 
 def look_afresh() -> None:
-    """Read everything again when it is next asked for, also what a script has changed without a word to Blender."""
+    """Read everything again when it is next asked for, also what a script has changed without a
+    word to Blender.
+    """
     global changes
     changes += 1
     _known.clear()

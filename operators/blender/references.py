@@ -23,7 +23,8 @@ def reached(item: bpy.types.Object) -> set[bpy.types.ID]:
 
 
 def blocks_of(objects: Iterable[bpy.types.Object], look: bool = True) -> list[bpy.types.ID]:
-    """Return `objects` and all data-blocks that they refer to, directly or not: what they are made of.
+    """Return `objects` and all data-blocks that they refer to, directly or not: what they are made
+    of.
 
     Blender itself says what refers to what: by parents, modifiers, constraints, drivers, nodes,
     particles, instances, data, or by anything else that a version of it knows. `objects` come

@@ -319,7 +319,9 @@ def custom(item: bpy.types.Object) -> list[tuple[str, str]]:
 
 
 def moved_values(item: bpy.types.Object) -> set[tuple[str, int]]:
-    """Return (path, index) of all values of the object, its data and its shape keys that animation or drivers change."""
+    """Return (path, index) of all values of the object, its data and its shape keys that animation
+    or drivers change.
+    """
     return {place for data in _animated([item]) for place in _moved(data)}
 
 

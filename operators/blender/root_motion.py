@@ -80,7 +80,8 @@ def of_action(
     handle: int,
     span: tuple[float, float],
 ) -> RootMotion:
-    """Return the root motion of an `action` that `owner` plays, one of a character's `objects` or their rig.
+    """Return the root motion of an `action` that `owner` plays, one of a character's `objects` or
+    their rig.
 
     What the character follows, such as a parent, plays on: its own travel is taken out as well.
 
@@ -177,7 +178,8 @@ def _with_parents(item: bpy.types.Object | None) -> Iterator[bpy.types.Object]:
 
 
 def _playing(owner: bpy.types.Object, cycle: tuple[float, float]) -> Iterator[list[_Playing]]:
-    """Yield what the object plays one after the other: its action, and the strips of each NLA track.
+    """Yield what the object plays one after the other: its action, and the strips of each NLA
+    track.
 
     cycle: the first and the last frame in which it is played.
     """

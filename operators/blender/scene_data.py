@@ -84,7 +84,9 @@ def node_inputs(modifier: bpy.types.NodesModifier) -> dict[str, Any]:
 
 
 def plain(value) -> Any:
-    """Return a value of a node: a number, text, data-block or None as it is, and a vector as a tuple."""
+    """Return a value of a node: a number, text, data-block or None as it is, and a vector as a
+    tuple.
+    """
     return tuple(value) if hasattr(value, "__len__") and not isinstance(value, str) else value
 
 
@@ -118,7 +120,8 @@ def check_own(scene: bpy.types.Scene) -> None:
     """Raise CrowdError if the scene is linked: Blender allows no changes to it."""
     if scene.library is not None:
         raise CrowdError(
-            f"The scene {scene.name} is linked from {scene.library.filepath}: work in that file, or make the scene local in "
+            f"The scene {scene.name} is linked from {scene.library.filepath}: work in that file, "
+            f"or make the scene local in "
             "the Outliner (ID Data, Make Local)."
         )
 

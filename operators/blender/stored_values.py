@@ -46,7 +46,8 @@ def read(
     asked = {str: "a text", int: "whole numbers", float: "numbers", bool: "true or false"}[kind]
     many = f", {' or '.join(map(str, counts))} of them" if counts else ""
     raise CrowdError(
-        f'The custom property "{key}" of {block.name} is {"missing" if value is None else repr(values)}, and must be '
+        f'The custom property "{key}" of {block.name} is '
+        f"{'missing' if value is None else repr(values)}, and must be "
         f"{asked}{_range(*bounds)}{many}: {remedy}."
     )
 
@@ -85,14 +86,16 @@ def check(settings: bpy.types.PropertyGroup, names: Sequence[str] = ()) -> None:
             raise CrowdError(f"{where} holds bytes that are not text: set it again.") from None
         if setting.type == "ENUM" and value not in setting.enum_items:
             raise CrowdError(
-                f"{where} has no known value: choose one of {', '.join(item.name for item in setting.enum_items)}."
+                f"{where} has no known value: choose one of "
+                f"{', '.join(item.name for item in setting.enum_items)}."
             )
         elif setting.type in NUMBERS:
             bounds = setting.hard_min, setting.hard_max
             for number in value if setting.is_array else (value,):
                 if not bounds[0] <= number <= bounds[1]:
                     raise CrowdError(
-                        f"{where} is {number:g}: set it to {NUMBERS[setting.type]}{_range(*bounds)}."
+                        f"{where} is {number:g}: set it to "
+                        f"{NUMBERS[setting.type]}{_range(*bounds)}."
                     )
         elif setting.type == "POINTER" and not isinstance(
             value, (type(None), getattr(bpy.types, setting.fixed_type.identifier))

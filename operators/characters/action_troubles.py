@@ -37,7 +37,8 @@ def told_of_actions(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator
 def _root_motion(scene: bpy.types.Scene, group: Group, what: str, way: float) -> Iterator[str]:
     if way:
         yield (
-            f"The {what} moves {group.name} by {number(way * scene_data.meters(scene))} m in a cycle: that is taken out, because "
+            f"The {what} moves {group.name} by {number(way * scene_data.meters(scene))} m in a "
+            f"cycle: that is taken out, because "
             "the crowd moves its agents."
         )
 
@@ -66,8 +67,10 @@ def _slides(
             else ""
         )
         yield (
-            f"In the state {state} at {number(speed * meters)} m/s the feet of {group.name} slide by {number(slide * meters)} m in a cycle of "
-            f"{_title(group, action)}: they walk {number(action.feet * meters)} m in it{says}; {fits}."
+            f"In the state {state} at {number(speed * meters)} m/s the feet of {group.name} slide "
+            f"by {number(slide * meters)} m in a cycle of "
+            f"{_title(group, action)}: they walk {number(action.feet * meters)} m in it{says}; "
+            f"{fits}."
         )
 
 

@@ -19,8 +19,8 @@ from ..blender.rig_dependencies import armatures_of
 # The bounding sphere is measured at every whole frame of the action, or at this many times evenly
 # over a longer one.
 MOST_POSES = 120
-# Poses of an action in which soles are looked for: first, and where something hangs below them. They
-# take a third of all measuring if looked for in nine at once.
+# Poses of an action in which soles are looked for: first, and where something hangs below them.
+# They take a third of all measuring if looked for in nine at once.
 SOLES = 3, 9
 TICK = 0.25  # seconds of measuring at a time
 OFF_GROUND = 0.02  # of a character's largest extent: nearer to the ground it stands on it
@@ -65,14 +65,17 @@ def extents(actors: Actors, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
 def _finite(item: bpy.types.Object, points: np.ndarray) -> np.ndarray:
     if not np.isfinite(points).all():
         raise CrowdError(
-            f"The object {item.name} has points at NaN or infinity in its action: mend its mesh, its modifiers, its constraints or "
+            f"The object {item.name} has points at NaN or infinity in its action: mend its mesh, "
+            f"its modifiers, its constraints or "
             "its rig."
         )
     return points
 
 
 def sole(actors: Actors, depsgraph: bpy.types.Depsgraph) -> tuple[float, float]:
-    """Return the height of a character's soles, and of its lowest point, world space; see sole_of."""
+    """Return the height of a character's soles, and of its lowest point, world space; see
+    sole_of.
+    """
     count, points, triangles = 0, [np.empty((0, 3))], [np.empty((0, 3), np.int32)]
     for actor in actors.values():
         places, sides = mesh_data.world_triangles(actor.evaluated_get(depsgraph))
@@ -128,7 +131,8 @@ def ground_below(act: Act) -> float:
 
 
 def standing(acts: Sequence[Act], origin: float) -> float:
-    """Return the height above `origin` of the lowest ground that a character walks on in its actions.
+    """Return the height above `origin` of the lowest ground that a character walks on in its
+    actions.
 
     0 if it is within OFF_GROUND of the character's size, as it may be in a step, or if there are no
     points. A flat character has no height to measure it by.
@@ -179,7 +183,8 @@ def bounds(name: str, origin, *acts: list[np.ndarray]) -> tuple[float, float]:
     )
     if not len(points):
         raise CrowdError(
-            f"The character {name} has no vertices, modifiers applied: give it a mesh, or take it out."
+            f"The character {name} has no vertices, modifiers applied: give it a mesh, or take it "
+            f"out."
         )
     center, radius = bounding_sphere(points - origin, reach[:, 0])
     threes = [three for poses in acts for three in zip(poses, poses[1:], poses[2:], strict=False)]
@@ -353,4 +358,7 @@ def unknown(objects: list[bpy.types.Object]) -> Iterator[str]:
             yield f"the nodes of {item.name} use the node Is Viewport"
         for material in found:
             if isinstance(material, bpy.types.Material) and displacement(material) is None:
-                yield f"the material {material.name} displaces {item.name} by an unlimited height (set its Max Vertex Displacement)"
+                yield (
+                    f"the material {material.name} displaces {item.name} by an unlimited height "
+                    f"(set its Max Vertex Displacement)"
+                )

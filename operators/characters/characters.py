@@ -15,7 +15,8 @@ from ..blender.props import variants_of
 from ..blender.references import closure_of
 from ..machine import terrain_source
 
-GROUP = "crowd_lod_group"  # custom property of a LOD's collection of one character group: the group's name
+# custom property of a LOD's collection of one character group: the group's name
+GROUP = "crowd_lod_group"
 FINE = 1e-5  # of a chance: Blender keeps float32
 
 
@@ -52,20 +53,23 @@ def all_characters(scene: bpy.types.Scene) -> list[Character]:
     top = scene.crowd_lod.characters
     if top is None:
         raise CrowdError(
-            f"The scene {scene.name} has no characters: choose a collection in the Crowd panel whose children are the characters."
+            f"The scene {scene.name} has no characters: choose a collection in the Crowd panel "
+            f"whose children are the characters."
         )
     groups = sorted(groups_in(scene, top), key=lambda group: group[0].name.casefold())
     if not groups:
         state = "holds lamps, cameras and empties alone" if top.all_objects else "is empty"
         raise CrowdError(
-            f"The collection {top.name} {state}: put the characters in it, one child collection or object each."
+            f"The collection {top.name} {state}: put the characters in it, one child collection "
+            f"or object each."
         )
     found = []
     for owner, members, origin in groups:
         shapes = parts(owner, members)
         if not any(map(may_have_faces, shapes)):
             raise CrowdError(
-                f"The character group {owner.name} in {top.name} holds no mesh with faces: give it one, or take it out."
+                f"The character group {owner.name} in {top.name} holds no mesh with faces: give "
+                f"it one, or take it out."
             )
         for name, objects, chance in variants_of(owner.name, members, shapes):
             found.append(
@@ -79,7 +83,8 @@ def all_characters(scene: bpy.types.Scene) -> list[Character]:
             )
     if len(found) > MOST_GROUPS:
         raise CrowdError(
-            f"The collection {top.name} holds {len(found)} character groups; use at most {MOST_GROUPS}."
+            f"The collection {top.name} holds {len(found)} character groups; use at most "
+            f"{MOST_GROUPS}."
         )
     return found
 
@@ -103,7 +108,9 @@ def groups_in(
 
 
 def told_of_left_out(scene: bpy.types.Scene) -> Iterator[str]:
-    """Yield a sentence on what renders show of the characters and no crowd does, because it has no faces."""
+    """Yield a sentence on what renders show of the characters and no crowd does, because it has no
+    faces.
+    """
     members = [
         item for _, group, _ in groups_in(scene, scene.crowd_lod.characters) for item in group
     ]
@@ -113,18 +120,24 @@ def told_of_left_out(scene: bpy.types.Scene) -> Iterator[str]:
         if item.type in WITHOUT_FACES and not item.hide_render
     ]
     if names:
-        yield f"Left out of the crowd, which shows faces and hair: {', '.join(sorted(names))}. Convert to meshes what is needed."
+        yield (
+            f"Left out of the crowd, which shows faces and hair: {', '.join(sorted(names))}. "
+            f"Convert to meshes what is needed."
+        )
 
 
 def told_of_unsaved(scene: bpy.types.Scene) -> Iterator[str]:
-    """Yield a sentence on objects that the characters are made of and that Blender drops when it saves the file."""
+    """Yield a sentence on objects that the characters are made of and that Blender drops when it
+    saves the file.
+    """
     shapes = [item for _, objects, _ in characters_of(scene) for item in objects]
     names = sorted(
         item.name for item in closure_of(shapes) if not item.users and item.library is None
     )
     if names:
         yield (
-            f"No collection holds {', '.join(names)}, on which the characters depend: Blender does not save such objects, so link "
+            f"No collection holds {', '.join(names)}, on which the characters depend: Blender "
+            f"does not save such objects, so link "
             "them to a collection."
         )
 
@@ -133,12 +146,15 @@ def check_measured(cast: Sequence[tuple], groups: Sequence[Group]) -> None:
     """Raise CrowdError if `cast`, the scene's characters, are others than the measured groups."""
     if [each[0] for each in cast] != [group.name for group in groups]:
         raise CrowdError(
-            "The character groups or their props have changed: press Populate, then Make LOD Meshes."
+            "The character groups or their props have changed: press Populate, then Make LOD "
+            "Meshes."
         )
 
 
 def props_outdated(scene: bpy.types.Scene) -> Iterator[str]:
-    """Yield a sentence if the props are others, or have other chances, than when the scene was populated."""
+    """Yield a sentence if the props are others, or have other chances, than when the scene was
+    populated.
+    """
     groups = scene.crowd_lod.groups
     with suppress(CrowdError):  # Populate tells
         cast = all_characters(scene) if len(groups) else []

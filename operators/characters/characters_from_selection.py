@@ -1,4 +1,6 @@
-"""Characters from Selection: the characters' collection and its groups, made of what is selected."""
+"""Characters from Selection: the characters' collection and its groups, made of what is
+selected.
+"""
 
 from collections.abc import Iterable, Iterator, Sequence
 
@@ -50,7 +52,9 @@ def characters_in(
 def _empties_above(
     items: Sequence[bpy.types.Object], shapes: Iterable[bpy.types.Object]
 ) -> list[bpy.types.Object]:
-    """Return the empties that `items` alone of all `shapes` are parented to, such as importers make."""
+    """Return the empties that `items` alone of all `shapes` are parented to, such as importers
+    make.
+    """
     others = set(shapes).difference(items)
     above = dict.fromkeys(
         parent for item in items for parent in _parents(item) if parent.type == "EMPTY"
@@ -77,7 +81,9 @@ def _root(item: bpy.types.Object, empties: Iterable[bpy.types.Object]) -> bpy.ty
 
 
 def _home(top: bpy.types.Collection, root: bpy.types.Object) -> bpy.types.Collection:
-    """Return the collection in `top` of the group that the `root` is in, or a new one at its feet."""
+    """Return the collection in `top` of the group that the `root` is in, or a new one at its
+    feet.
+    """
     for child in top.children:
         if root in child.all_objects[:]:
             return child
@@ -134,14 +140,22 @@ def _notes(selected: Sequence[bpy.types.Object], characters: dict, moved: dict) 
     if left - instances:
         yield f"Left where they are: {_listed(left - instances)}."
     if instances:
-        yield f"Instances of collections, left until you make them real (Object > Apply): {_listed(instances)}."
+        yield (
+            f"Instances of collections, left until you make them real (Object > Apply): "
+            f"{_listed(instances)}."
+        )
     if fixed := characters.keys() - moved.keys():
-        yield f"Left in linked collections, which you can drag into the characters' collection: {_listed(fixed)}."
+        yield (
+            f"Left in linked collections, which you can drag into the characters' collection: "
+            f"{_listed(fixed)}."
+        )
 
 
 class CROWDLOD_OT_characters_from_selection(Reporting, bpy.types.Operator):
-    """Move the selected rigs and meshes to the crowd's characters, a collection for each rig with its meshes"""
-
+    bl_description = (
+        "Move the selected rigs and meshes to the crowd's characters, a collection for each rig "
+        "with its meshes"
+    )
     bl_idname = "crowd_lod.characters_from_selection"
     bl_label = "Characters from Selection"
 
@@ -157,7 +171,8 @@ class CROWDLOD_OT_characters_from_selection(Reporting, bpy.types.Operator):
         top = scene.crowd_lod.characters
         if top is not None and (top.library or top.override_library):
             raise CrowdError(
-                f"The characters' collection {top.name} is linked from another file and cannot be added to: clear Characters first."
+                f"The characters' collection {top.name} is linked from another file and cannot be "
+                f"added to: clear Characters first."
             )
         context.view_layer.update()  # a script may have moved something
         characters = characters_in(scene, selected)

@@ -43,6 +43,7 @@ def told_of_glow(scene: bpy.types.Scene) -> Iterator[str]:
         else "without Shadows and Reflections culling takes it away"
     )
     yield (
-        f"In Cycles these characters light what is around them: {names}; {kept}. If that is not meant, mix the emission with "
+        f"In Cycles these characters light what is around them: {names}; {kept}. If that is not "
+        f"meant, mix the emission with "
         "Transparent by Light Path > Is Camera Ray."
     )

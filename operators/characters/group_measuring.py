@@ -20,7 +20,8 @@ from .character_extent import SOLES, Act, bounds, frames_of, hangs, posing, sole
 from .characters import Character, all_characters
 from .stored_groups import OF_EACH_LEVEL, groups_of
 
-STANDS = 0.01  # of a character's size: feet that walk less in a cycle stand, and the action plays by time
+# of a character's size: feet that walk less in a cycle stand, and the action plays by time
+STANDS = 0.01
 KEPT = (*OF_EACH_LEVEL, "diagonal", "shaded", "share", "scale")  # of groups that are measured again
 
 
@@ -116,7 +117,9 @@ def _actions(
 def _acted(
     objects: list[bpy.types.Object], performance: Performance
 ) -> Generator[float, None, list[Act]]:
-    """Measure the extent and the soles of `objects` over each action of the performance; see `posing`."""
+    """Measure the extent and the soles of `objects` over each action of the performance; see
+    `posing`.
+    """
     acts, count = [], len(performance.spans)
     for k, span in enumerate(performance.spans):
         poses = yield from share(
@@ -148,7 +151,9 @@ def _action(part: Part, act: Act, fps: float, size: float, meters: float) -> Act
 
 
 def stands(settings, name: str) -> bool:
-    """Return whether the group `name`, or that which it is a variant of, is to stand on its lowest point."""
+    """Return whether the group `name`, or that which it is a variant of, is to stand on its lowest
+    point.
+    """
     entry = settings.groups.get(name) or settings.groups.get(group_of(name))
     return entry is None or entry.on_ground
 

@@ -46,8 +46,10 @@ def mark(scene: bpy.types.Scene, objects: Sequence[bpy.types.Object], chance: fl
 
 
 class CROWDLOD_OT_mark_as_prop(Reporting, bpy.types.Operator):
-    """Let only some agents have the selected objects of character groups, and what is parented to them"""
-
+    bl_description = (
+        "Let only some agents have the selected objects of character groups, and what is "
+        "parented to them"
+    )
     bl_idname = "crowd_lod.mark_as_prop"
     bl_label = "Mark as Prop"
     needs = (needs.characters,)
@@ -71,7 +73,8 @@ class CROWDLOD_OT_mark_as_prop(Reporting, bpy.types.Operator):
         ]
         if not chosen:
             raise CrowdError(
-                "Select an object of a character group first: one that only some of its agents are to have."
+                "Select an object of a character group first: one that only some of its agents "
+                "are to have."
             )
         mark(scene, chosen, round(self.chance, 6))
         names = ", ".join(sorted(item.name for item in chosen))

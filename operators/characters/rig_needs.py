@@ -45,7 +45,10 @@ def refusal(objects: Sequence[bpy.types.Object]) -> str:
 
 def stands_for(frames: float, fps: float) -> str:
     """Return how long each of POSES even poses of an action of so many `frames` stands, as text."""
-    return f"each of which stands for {number(frames / POSES)} frames ({number(frames / POSES / fps)} s) of its action"
+    return (
+        f"each of which stands for {number(frames / POSES)} frames "
+        f"({number(frames / POSES / fps)} s) of its action"
+    )
 
 
 def deforming(rig: bpy.types.Object, objects: Sequence[bpy.types.Object]) -> list[str]:
@@ -67,7 +70,8 @@ def deforming(rig: bpy.types.Object, objects: Sequence[bpy.types.Object]) -> lis
 
 
 def leads(characters: Characters, groups: Sequence[Group]) -> list[int]:
-    """Return for each group the number of that whose rigs move it: for a variant its group's, if they can.
+    """Return for each group the number of that whose rigs move it: for a variant its group's, if
+    they can.
 
     groups: as they were measured, of the `characters`.
     CrowdError if a group has no such action any more.

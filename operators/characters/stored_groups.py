@@ -26,7 +26,9 @@ def groups_of(settings) -> tuple[Group, ...]:
 
 
 def lead_of(entry: bpy.types.PropertyGroup) -> bpy.types.PropertyGroup:
-    """Return the entry of the settings that an entry of a group is a variant of; itself if of none."""
+    """Return the entry of the settings that an entry of a group is a variant of; itself if of
+    none.
+    """
     return entry.variant_of and entry.id_data.crowd_lod.groups.get(entry.variant_of) or entry
 
 
@@ -82,7 +84,8 @@ def _group(entry, lead, count: int) -> Group:
         or not np.isfinite([group.center, group.lowest, *group.worst]).all()
     ):
         raise CrowdError(
-            f"The measurements of the character group {group.name} are damaged: press Populate, then Make LOD Meshes."
+            f"The measurements of the character group {group.name} are damaged: press Populate, "
+            f"then Make LOD Meshes."
         )
     return group
 

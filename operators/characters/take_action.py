@@ -165,7 +165,9 @@ def _sources(rig: bpy.types.Object, action: bpy.types.Action) -> Iterator[bpy.ty
 
 
 def _turned(rig: bpy.types.Object, source: bpy.types.Object, bones: dict[str, str]) -> float:
-    """Return by how many radians one of the bones rests otherwise in `rig` than in `source`, at most."""
+    """Return by how many radians one of the bones rests otherwise in `rig` than in `source`, at
+    most.
+    """
     pairs = [
         (source.data.bones[name], rig.data.bones[bone])
         for name, bone in bones.items()
@@ -220,7 +222,8 @@ def _chosen(rig: bpy.types.Object, group: str, name: str) -> Fit:
     """Return the action `name`, or the best one; CrowdError if it does not fit."""
     if name and name not in bpy.data.actions:
         raise CrowdError(
-            f"The file has no action {name}: name one of it, or leave Action empty for the one that fits best."
+            f"The file has no action {name}: name one of it, or leave Action empty for the one "
+            f"that fits best."
         )
     turned: list[str] = []
     fit = fit_of(rig, bpy.data.actions[name], turned) if name else best(rig, turned)
@@ -228,16 +231,19 @@ def _chosen(rig: bpy.types.Object, group: str, name: str) -> Fit:
         return fit
     if turned:
         raise CrowdError(
-            f"The bones of {', '.join(turned[:3])} have the names of {group}'s, but rest turned otherwise: the character "
+            f"The bones of {', '.join(turned[:3])} have the names of {group}'s, but rest turned "
+            f"otherwise: the character "
             "would be twisted. Retarget the action to its rig."
         )
     bones = _some(rig.data.bones.keys())
     if name:
         raise CrowdError(
-            f"The action {name} moves other bones than {group} has ({bones}): retarget it to this rig."
+            f"The action {name} moves other bones than {group} has ({bones}): retarget it to this "
+            f"rig."
         )
     raise CrowdError(
-        f"No action of the file moves the bones of {group} ({bones}): import the file of the pack that holds its motion, or "
+        f"No action of the file moves the bones of {group} ({bones}): import the file of the pack "
+        f"that holds its motion, or "
         "retarget an action to its rig."
     )
 
@@ -265,7 +271,8 @@ class CROWDLOD_OT_take_action(Reporting, bpy.types.Operator):
         rigs = motionless(scene)
         if self.group and self.group not in rigs:
             raise CrowdError(
-                f"The character group {self.group} has an action, or no rig: there is nothing to give it."
+                f"The character group {self.group} has an action, or no rig: there is nothing to "
+                f"give it."
             )
         chosen = {self.group: rigs[self.group]} if self.group else rigs
         if not chosen:

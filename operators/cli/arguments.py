@@ -16,7 +16,10 @@ def parser(program: str) -> argparse.ArgumentParser:
 
     It gives the name of the command as `does`, and its arguments.
     """
-    checkout = "In a checkout ./crowd-lod also takes test, bench and package; --python 3.11 before the command takes Blender 4.5."
+    checkout = (
+        "In a checkout ./crowd-lod also takes test, bench and package; --python 3.11 "
+        "before the command takes Blender 4.5."
+    )
     made = argparse.ArgumentParser(
         prog=program,
         description="Plan and preview level of detail for crowds.",
@@ -85,7 +88,8 @@ def _preview(commands, program: str) -> None:
     command.add_argument(
         "--color",
         choices=("lod", "material", "state", "group", "reason"),
-        help="colors of the characters; state, group and reason need --engine overlay (default: the scene's)",
+        help="colors of the characters; state, group and reason need --engine overlay (default: "
+        "the scene's)",
     )
 
 
@@ -196,7 +200,8 @@ def _job(commands, program: str) -> None:
         commands,
         program,
         "job",
-        "write a job for render farms: an Open Job Description template, and a job type for Flamenco",
+        "write a job for render farms: an Open Job Description template, and a job type for "
+        "Flamenco",
         "job plaza.blend --frames 1:120 --chunk 10 --out plaza_job",
     )
     _scene(command, program)
@@ -389,7 +394,8 @@ def _new_scene(commands, program: str) -> None:
         "--up",
         choices=("z", "y", "y-left"),
         default="z",
-        help="axis that is up in TRACKS; y-left as in Unity, whose axes are left-handed (default: z)",
+        help="axis that is up in TRACKS; y-left as in Unity, whose axes are left-handed (default: "
+        "z)",
     )
     command.add_argument(
         "--out",

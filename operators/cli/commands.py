@@ -130,7 +130,8 @@ def _preview(args, command: list[str]) -> dict:
     ).upper()
     if engine != "OVERLAY" and color not in COLOR_MODES:
         raise CrowdError(
-            f"The engine {engine.lower()} has no color {color.lower()}: take --engine overlay, or --color lod or material."
+            f"The engine {engine.lower()} has no color {color.lower()}: take --engine overlay, or "
+            f"--color lod or material."
         )
     wanted = Preview(
         frames=_frames(args, scene),
@@ -155,7 +156,8 @@ def _preview(args, command: list[str]) -> dict:
         "seconds": plan["seconds"],
         "trouble": plan["trouble"],
         "summary": (
-            f"{counted(len(rows), 'frame')} of {counted(rows[0]['agents'], 'agent')} in {plan['seconds']:.1f} s: from "
+            f"{counted(len(rows), 'frame')} of {counted(rows[0]['agents'], 'agent')} in "
+            f"{plan['seconds']:.1f} s: from "
             f"{least['visible']:,} visible (frame {least['frame']}) to {most['visible']:,} "
             f"(frame {most['frame']}).\n{told}{printable(folder)}"
         ),

@@ -34,7 +34,8 @@ UNFIT = re.compile(
 PICTURES = (".png", ".exr", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp")
 COLUMNS = ("frame", "agents", "visible", "culled", "triangles", "full_triangles")
 
-# Runs in plain Blender, which has opened the baked file; after "--": frames such as 1-10, 1-41:10 or 5,9, engine, folder.
+# Runs in plain Blender, which has opened the baked file; after "--": frames such as 1-10, 1-41:10
+# or 5,9, engine, folder.
 RENDER = """import sys
 
 import bpy
@@ -65,18 +66,21 @@ def write_job(args, command: Sequence[str]) -> dict[str, Any]:
     scene = open_scene(args.scene)
     if scene.crowd_lod.characters is None:
         raise CrowdError(
-            f"The scene {scene.name} has no crowd: choose its characters in the Crowd panel, and save it."
+            f"The scene {scene.name} has no crowd: choose its characters in the Crowd panel, and "
+            f"save it."
         )
     path = Path(bpy.data.filepath)
     if not path.is_file():
         raise CrowdError(
-            "A farm opens the scene as a file: save it, or write the sample with the command sample."
+            "A farm opens the scene as a file: save it, or write the sample with the command "
+            "sample."
         )
     starts = _command()
     for place in (str(path), starts[0]):
         if UNFIT.search(place):
             raise CrowdError(
-                f"The path {printable(place)} has a line break or another character that a job cannot hold: rename it, and open it again."
+                f"The path {printable(place)} has a line break or another character that a job "
+                f"cannot hold: rename it, and open it again."
             )
     step = args.step
     if step is None:
@@ -108,7 +112,10 @@ def write_job(args, command: Sequence[str]) -> dict[str, Any]:
         shutil.copyfile(FLAMENCO, part / "crowd_lod.js")
     out, tasks = printable(folder), -(-len(frames) // args.chunk)
     steps = f" in steps of {step}" if (step := job.frames[2]) > 1 else ""
-    said = f"{shot_frames(frames).capitalize()}{steps}: {counted(tasks, 'task')} of up to {counted(args.chunk, 'frame')}."
+    said = (
+        f"{shot_frames(frames).capitalize()}{steps}: {counted(tasks, 'task')} of up to "
+        f"{counted(args.chunk, 'frame')}."
+    )
     return {
         "out": out,
         "frames": [frames[0], frames[-1]],
@@ -126,7 +133,8 @@ def _command() -> tuple[str, ...]:
 
 
 def assemble_frames(folder: Path, frames: Sequence[int], command: Sequence[str]) -> dict[str, Any]:
-    """Write contact sheet, table and report of the `frames` that were rendered into `folder`/frames.
+    """Write contact sheet, table and report of the `frames` that were rendered into
+    `folder`/frames.
 
     CrowdError if one is missing or was not written to its end.
     """
@@ -138,7 +146,8 @@ def assemble_frames(folder: Path, frames: Sequence[int], command: Sequence[str])
     missing = [number for number in frames if number not in found]
     if missing:
         raise CrowdError(
-            f"{frames_are(missing)} not in {printable(folder / 'frames')}: render what is missing, then assemble again."
+            f"{frames_are(missing)} not in {printable(folder / 'frames')}: render what is "
+            f"missing, then assemble again."
         )
     for number in frames:
         file_checks.check(found[number])
@@ -203,10 +212,14 @@ def _page(name: str, frames: Sequence[int], rows: Sequence[dict], command: Seque
         figures.append((f"{share:.0%}", "of all triangles"))
         head = [column.replace("_", " ").capitalize() for column in COLUMNS]
         parts = [
-            '<h2>Frames</h2><p><a href="plan/report.html">The plan of the shot</a> has more of them.</p>',
+            '<h2>Frames</h2><p><a href="plan/report.html">The plan of the shot</a> has more of '
+            "them.</p>",
             table_of(head, [[f"{row[column]:,}" for column in COLUMNS] for row in rows]),
         ]
-    sheet = '<section><a href="contact_sheet.png"><img src="contact_sheet.png" alt="The rendered frames"></a></section>'
+    sheet = (
+        '<section><a href="contact_sheet.png"><img src="contact_sheet.png" alt="The rendered '
+        'frames"></a></section>'
+    )
     footer = f"<footer>By <code>{escape(' '.join(command))}</code>.</footer>"
     return document(
         f"{escape(name)}: frames",

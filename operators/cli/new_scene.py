@@ -61,7 +61,9 @@ LOOKS, MOST_PLACES = (
 
 
 def made(args, command: list[str]) -> dict:
-    """Write a scene of the trajectories, or of the points of an object, and return what the command tells."""
+    """Write a scene of the trajectories, or of the points of an object, and return what the command
+    tells.
+    """
     if (args.tracks is None) == (args.source is None):
         raise CrowdError(
             "Give either a file of trajectories, TRACKS, or --source with the name of an object."
@@ -105,7 +107,8 @@ def made(args, command: list[str]) -> dict:
         "out": printable(path),
         "frames": [scene.frame_start, scene.frame_end],
         "camera": [round(each, 3) for each in scene.camera.matrix_world.translation],
-        "summary": f"{said}\n{counted(count, 'frame')} at {scene.render.fps / scene.render.fps_base:g} a second.\n{printable(path)}",
+        "summary": f"{said}\n{counted(count, 'frame')} at "
+        f"{scene.render.fps / scene.render.fps_base:g} a second.\n{printable(path)}",
     }
 
 
@@ -122,7 +125,8 @@ def _object(name: str | None, path: Path) -> bpy.types.Object | None:
     """Return the object of that name in the open file; CrowdError if there is none."""
     if name is not None and name not in bpy.data.objects:
         raise CrowdError(
-            f"There is no object {name} in {printable(path)}: give the name of one whose points are the agents."
+            f"There is no object {name} in {printable(path)}: give the name of one whose points "
+            f"are the agents."
         )
     return None if name is None else bpy.data.objects[name]
 
@@ -218,12 +222,14 @@ def _add_ground(scene: bpy.types.Scene, path: Path) -> bpy.types.Collection:
     )
     if found is None:
         raise CrowdError(
-            f"No scene of {printable(path)} shows a mesh: give a file with the ground, or leave out --ground."
+            f"No scene of {printable(path)} shows a mesh: give a file with the ground, or leave "
+            f"out --ground."
         )
     own, meters = scene_data.meters(found), scene_data.meters(scene)
     if abs(own / meters - 1) > 1e-5:
         raise CrowdError(
-            f"A unit of the scene {found.name} in {printable(path.name)} is {own:g} m, and one of the characters' scene {meters:g} m: "
+            f"A unit of the scene {found.name} in {printable(path.name)} is {own:g} m, and one of "
+            f"the characters' scene {meters:g} m: "
             "give both files the same Unit Scale."
         )
     for child in found.collection.children:
@@ -238,14 +244,17 @@ def _add_ground(scene: bpy.types.Scene, path: Path) -> bpy.types.Collection:
 
 
 def _filled(scene: bpy.types.Scene) -> Generator[float, None, str]:
-    """Populate the scene, and add what it takes to render it: yield the progress, return a sentence."""
+    """Populate the scene, and add what it takes to render it: yield the progress, return a
+    sentence.
+    """
     said, _ = yield from share(populating(scene, bpy.context.evaluated_depsgraph_get()), 0.0, 0.5)
     if scene.crowd_lod.source == "FILE":
         trajectory = trajectory_of(scene)
         last = _last(trajectory)
         if last > MOST_FRAME:
             raise CrowdError(
-                f"The file plays until frame {last:,}, and Blender's timeline ends at {MOST_FRAME:,}: give rows of a shorter time, "
+                f"The file plays until frame {last:,}, and Blender's timeline ends at "
+                f"{MOST_FRAME:,}: give rows of a shorter time, "
                 "or the right --fps."
             )
         scene.frame_start, scene.frame_end = trajectory.first_frame, last
@@ -268,7 +277,9 @@ def _last(trajectory: Recorded) -> int:
 
 
 def _places(scene: bpy.types.Scene) -> Generator[float, None, np.ndarray]:
-    """Find where agents are at frames all over the shot: yield the progress, return (n, 3) float64."""
+    """Find where agents are at frames all over the shot: yield the progress, return (n, 3)
+    float64.
+    """
     frames = evenly(range(scene.frame_start, scene.frame_end + 1), LOOKS)
     found = []
     for k, frame in enumerate(frames):

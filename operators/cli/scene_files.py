@@ -33,7 +33,8 @@ def open_scene(name: str | None) -> bpy.types.Scene:
         path = Path(name)
         if not path.is_file():
             raise CrowdError(
-                f"There is no file {name}, and no sample of that name: give a .blend file, or one of {', '.join(sample_scenes.NAMES)}."
+                f"There is no file {name}, and no sample of that name: give a .blend file, or one "
+                f"of {', '.join(sample_scenes.NAMES)}."
             )
         try:
             with console.quiet():

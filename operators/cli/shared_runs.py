@@ -27,7 +27,8 @@ from ...crowd_lod.shot import plan_file
 from ..runs.shared_frames import Sharing, allowed
 
 PARTS, RUN = "parts", "run.json"  # of a folder: its parts, and which run they are of
-# options with the number of their values: of a process that makes a part; that do not change what is made
+# options with the number of their values: of a process that makes a part; that do not change what
+# is made
 SHARED = "preview", "verify"  # the commands that are made in parts
 OF_PART = {"--part": 1, "--into": 1, "--threads": 1}
 ASIDE = {**OF_PART, "--out": 1, "--jobs": 1, "--quiet": 0, "--json": 0}
@@ -72,7 +73,8 @@ def sharing_of(
     if others:
         _say(
             args,
-            f"{counted(others, 'frame is', 'frames are')} not used, of another run into this folder that was ended: "
+            f"{counted(others, 'frame is', 'frames are')} not used, of another run into this "
+            f"folder that was ended: "
             "it had other arguments.",
         )
     if jobs > 1:
@@ -192,8 +194,10 @@ def _refuse_others(folder: Path, key: str) -> None:
     """Raise CrowdError if the parts in `folder` are not of the run with this key."""
     if read_run(folder)["key"] != key:
         raise CrowdError(
-            f"The folder {printable(folder)} holds parts of another run, or of another state of the scene, of Blender or of "
-            f"Crowd LOD: make all parts of one state, in a folder of their own, or remove {printable(folder / PARTS)}."
+            f"The folder {printable(folder)} holds parts of another run, or of another state of "
+            f"the scene, of Blender or of "
+            f"Crowd LOD: make all parts of one state, in a folder of their own, or remove "
+            f"{printable(folder / PARTS)}."
         )
 
 
@@ -208,7 +212,8 @@ def read_run(folder: Path) -> dict[str, Any]:
     except FileNotFoundError:
         rendered = ", or add --frames A:B for the frames of a job" * (folder / "frames").is_dir()
         raise CrowdError(
-            f"There are no parts in {printable(folder)}: make them with preview or verify and --part{rendered}."
+            f"There are no parts in {printable(folder)}: make them with preview or verify and "
+            f"--part{rendered}."
         ) from None
     except (OSError, ValueError, LookupError, TypeError):
         pass
@@ -218,7 +223,8 @@ def read_run(folder: Path) -> dict[str, Any]:
 def _damaged(folder: Path) -> CrowdError:
     parts = folder / PARTS
     return CrowdError(
-        f"The file {printable(parts / RUN)} is damaged: remove {printable(parts)} and make the parts again."
+        f"The file {printable(parts / RUN)} is damaged: remove {printable(parts)} and make the "
+        f"parts again."
     )
 
 

@@ -32,9 +32,10 @@ BEYOND = 5.0  # how many sizes of a triangle beyond it its UVs are continued
 class Charts:
     """The source's triangles cut into charts: islands of its UVs and its surface.
 
-    label: (m,) chart of each triangle; members: per chart its triangles; surfaces: per chart, made when first asked for.
-    vertex, chart: (k,) the pairs of a vertex and a chart around it, by vertex. seams: (s, 2) vertices of the edges whose
-    two sides differ in UVs, material or smoothness.
+    label: (m,) chart of each triangle; members: per chart its triangles; surfaces: per chart, made
+    when first asked for.
+    vertex, chart: (k,) the pairs of a vertex and a chart around it, by vertex. seams: (s, 2)
+    vertices of the edges whose two sides differ in UVs, material or smoothness.
     """
 
     label: np.ndarray
@@ -111,8 +112,8 @@ def unique_rows(rows: np.ndarray) -> np.ndarray:
 class Place:
     """Where points lie on the source.
 
-    triangle: (n,); weights: (n, 3) barycentric, within it; outside: the same where the point itself is, which may lie beyond the
-    chart's edge.
+    triangle: (n,); weights: (n, 3) barycentric, within it; outside: the same where the point itself
+    is, which may lie beyond the chart's edge.
     """
 
     triangle: np.ndarray
@@ -128,7 +129,8 @@ def locate(
 ) -> tuple[Place, np.ndarray]:
     """The places of points in their charts.
 
-    chart: (n,); points: (n, 3); `outside` is of the points `beyond`, if given. Returns the Place and distances (n,).
+    chart: (n,); points: (n, 3); `outside` is of the points `beyond`, if given. Returns the Place
+    and distances (n,).
     """
     charts = charts_of(source)
     at_points, triangles = source.geometry[:2]
@@ -151,8 +153,8 @@ def locate(
 def charts_chosen(source: Source, result: LodMesh) -> tuple[np.ndarray, Place]:
     """The chart of each triangle of the LOD, and the place of its center there.
 
-    Of the charts around the source's vertices that its corners stand for, it is the one nearest to its center: so a sleeve takes
-    nothing from the arm in it. Returns charts (m,) and the Place.
+    Of the charts around the source's vertices that its corners stand for, it is the one nearest to
+    its center: so a sleeve takes nothing from the arm in it. Returns charts (m,) and the Place.
     """
     charts = charts_of(source)
     first = np.searchsorted(charts.vertex, result.source)
@@ -174,10 +176,11 @@ def charts_chosen(source: Source, result: LodMesh) -> tuple[np.ndarray, Place]:
 def dress(name: str, result: LodMesh, source: Source) -> Generator[None, None, bpy.types.Mesh]:
     """Make the decimated mesh with the source's materials and attributes.
 
-    Points take those of the source's vertex that they stand for, faces those of the source's face nearest to their
-    center. Each triangle is in one chart: UVs of its corners are those of the nearest points in it, continued beyond its
-    edge; colors and normals those a little inwards, so that each side of a sharp edge keeps its own. Weights are the object's
-    to take. Yields between the steps and returns the mesh.
+    Points take those of the source's vertex that they stand for, faces those of the source's face
+    nearest to their center. Each triangle is in one chart: UVs of its corners are those of the
+    nearest points in it, continued beyond its edge; colors and normals those a little inwards, so
+    that each side of a sharp edge keeps its own. Weights are the object's to take. Yields between
+    the steps and returns the mesh.
     """
     mesh = mesh_data.new_mesh(name, result.points, result.triangles)
     for material in source.mesh.materials:
@@ -259,7 +262,8 @@ def dress(name: str, result: LodMesh, source: Source) -> Generator[None, None, b
 def _shading(source: Source, result: LodMesh, chart: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """Normals of the LOD's corners (3 m, 3) that suit all of each triangle.
 
-    They come nearest, by least squares, to the source's all over the triangle; those of a vertex that are alike become one.
+    They come nearest, by least squares, to the source's all over the triangle; those of a vertex
+    that are alike become one.
     chart: (m,) of its triangles; normals: (loops, 3) of the source's corners.
     """
     _, triangles, corners, _ = source.geometry
@@ -277,8 +281,8 @@ def _shading(source: Source, result: LodMesh, chart: np.ndarray, normals: np.nda
 def shade(mesh: bpy.types.Mesh, source: Source) -> None:
     """Give a mesh from Blender's Decimate better normals than it has mixed.
 
-    With few triangles those that suit each. With many the mixture is worse than none: it stays only where the source had custom
-    normals.
+    With few triangles those that suit each. With many the mixture is worse than none: it stays only
+    where the source had custom normals.
     """
     if NORMALS not in mesh.attributes:
         return
@@ -316,7 +320,8 @@ def unit(vectors: np.ndarray) -> np.ndarray:
 def _same_side(nearest: np.ndarray, inwards: np.ndarray, centers: np.ndarray) -> np.ndarray:
     """UVs of the LOD's corners (n, 2): the `nearest`, unless across a seam.
 
-    Across a seam within the chart they are far from those continued from a little `inwards`, which are taken then.
+    Across a seam within the chart they are far from those continued from a little `inwards`, which
+    are taken then.
     """
     jump = np.linalg.norm(nearest - inwards, axis=1) > JUMP * np.linalg.norm(
         inwards - centers.repeat(3, axis=0), axis=1
@@ -399,8 +404,8 @@ def weights_of(result: LodMesh, source: Source) -> tuple[np.ndarray, np.ndarray,
 def set_weights(item: bpy.types.Object, names: list[str], rigs: list[set[str]], weights) -> None:
     """Give `item` the vertex groups `names` with these weights.
 
-    rigs: sets of bones that deform it one after the other. Of each, a vertex keeps the MOST_INFLUENCES largest weights, which sum
-    to one.
+    rigs: sets of bones that deform it one after the other. Of each, a vertex keeps the
+    MOST_INFLUENCES largest weights, which sum to one.
     """
     vertex, group, weight = weights
     item.vertex_groups.clear()

@@ -83,8 +83,8 @@ def _untouched(home: bpy.types.Collection) -> bool:
 class Ladder:
     """The candidates for the LODs of one character group, one for each of `goals`.
 
-    A goal is the part of the triangles that a candidate keeps; by tolerance the length in meters by which it may
-    deviate, 0 of the character itself.
+    A goal is the part of the triangles that a candidate keeps; by tolerance the length in meters by
+    which it may deviate, 0 of the character itself.
 
     Order of calls:
     read() reads the source meshes and sets `digest`, a hash of everything that candidates depend
@@ -140,7 +140,8 @@ class Ladder:
             yield (number + 1) / len(self.objects)
         if not any(source.mesh for source in self.sources):
             raise CrowdError(
-                f"The character group {self.name} has no faces, modifiers applied: give it a mesh, or take it out."
+                f"The character group {self.name} has no faces, modifiers applied: give it a "
+                f"mesh, or take it out."
             )
         named = digest_of(self.by.performance.parts)
         self.digest = text_digest(
@@ -166,8 +167,8 @@ class Ladder:
     def aim(self, group: Group, views: Sequence[View], tolerance: float, higher: bool) -> None:
         """Set as goals the lengths that the agents seen in `views` allow.
 
-        tolerance: pixels. higher: whether also those that a higher tolerance allows. A goal of before that fits about as
-        well stands for a length.
+        tolerance: pixels. higher: whether also those that a higher tolerance allows. A goal of
+        before that fits about as well stands for a length.
         """
         size = group.scale[1]
         finest = self.diagonal / self._value(0.0, "triangles")
@@ -182,7 +183,9 @@ class Ladder:
         self.goals = [0.0, *(self._known_goal(length) for length in lengths)]
 
     def _known_goal(self, length: float) -> float:
-        """Return the goal of a measured LOD that deviates by about `length`, but no more; `length` if there is none."""
+        """Return the goal of a measured LOD that deviates by about `length`, but no more; `length`
+        if there is none.
+        """
         near = [
             goal
             for goal in self.rows
@@ -249,7 +252,9 @@ class Ladder:
             self._note(goal, counts, measured)
 
     def _make(self, goal: float) -> Generator[float, None, tuple[int, int]]:
-        """Make the LOD that keeps the part `goal` of the triangles; return its (vertices, triangles)."""
+        """Make the LOD that keeps the part `goal` of the triangles; return its (vertices,
+        triangles).
+        """
         yield from self._read_skins()
         whole = goal == self.goals[0] and goal in (0.0, 1.0)
         made = []
@@ -285,7 +290,10 @@ class Ladder:
         for attempt, source in zip(tries, self.sources, strict=True):
             if WHY in attempt.item and attempt.ratio < 1.0:
                 name = "Pose-Aware" if attempt.method == "POSE_AWARE" else "Decimate Modifier"
-                reason = f"{name}: the fewest triangles of those tried that deviate no more than agents allow."
+                reason = (
+                    f"{name}: the fewest triangles of those tried that deviate no more than "
+                    f"agents allow."
+                )
                 attempt.item[WHY] = " ".join([reason, *source.notes])
         self._keep(length, [attempt.item for attempt in tries])
         self._note(

@@ -36,8 +36,8 @@ class Estimate:
 
     deviations: for each of its objects meters from all of the character, and of the character's
         object from all of the LOD, of what is visible, as far as some poses and points tell.
-    away: for each object of the character that of each of its vertices, (k,) meters. What is no more than was asked for
-        may be less.
+    away: for each object of the character that of each of its vertices, (k,) meters. What is no
+        more than was asked for may be less.
     """
 
     deviations: list[float]
@@ -85,7 +85,8 @@ class Measure:
         shown = [each.points for each in map(surface_of, shapes) if each]
         if not shown:
             raise CrowdError(
-                f"The character {self.name} shows no face in any pose of its action: check its modifiers."
+                f"The character {self.name} shows no face in any pose of its action: check its "
+                f"modifiers."
             )
         self.diagonal = max(float(np.linalg.norm(np.ptp(points, axis=0))) for points in shown)
         self.character = PosedSurface(shapes, self.hidden_counts)
@@ -118,7 +119,8 @@ class Measure:
         )
 
     def worst_vertices(self) -> tuple[float, int, np.ndarray]:
-        """Return how far the LOD measured last is off at most, and the vertices (k,) around that place.
+        """Return how far the LOD measured last is off at most, and the vertices (k,) around that
+        place.
 
         They are the character's, of the object whose number comes before them.
         """
@@ -156,7 +158,8 @@ class Measure:
     ) -> Generator[float, None, Measured]:
         """Measure LOD k: all `objects` together against all of the character's.
 
-        Returns (deviation, bound, root mean square, moment of the worst pose), meters. CrowdError if either has no face in any pose.
+        Returns (deviation, bound, root mean square, moment of the worst pose), meters. CrowdError
+        if either has no face in any pose.
         """
         yield from share(self.read(), 0.0, 0.2)
         shapes = yield from share(read_shapes(objects, self.frames, self.performance), 0.2, 0.4)
@@ -174,10 +177,11 @@ class Measure:
     def look_between(
         self, levels: Sequence[Sequence[bpy.types.Object]], found: Sequence[Measured]
     ) -> Generator[float, None, list[Measured]]:
-        """Look at LODs in frames that no pose has, where their places deviate most; yields the progress.
+        """Look at LODs in frames that no pose has, where their places deviate most; yields the
+        progress.
 
-        levels: the objects of each; found: what `level` returned of them. Those that another Measure
-        has measured stay as they are.
+        levels: the objects of each; found: what `level` returned of them. Those that another
+        Measure has measured stay as they are.
         Returns the same, with greater bounds where a frame exceeds them.
         """
         found, moments = list(found), moments_between(self.performance)
@@ -213,7 +217,9 @@ class Measure:
         return found
 
     def _learn(self, posed: Posed, moments: Sequence[float]) -> None:
-        """Measure LODs at further moments from now on, as one was farther off there than in any pose."""
+        """Measure LODs at further moments from now on, as one was farther off there than in any
+        pose.
+        """
         for moment in moments:
             shape = posed.shapes(moment)[0]
             self.performance.rest()
@@ -234,8 +240,8 @@ def measure(
 ) -> Generator[float, None, Group]:
     """Measure the LODs of `group`; yields the progress, 0 to 1.
 
-    objects: the character's; levels: those of each LOD; actions, hidden_counts: see Measure. Returns the group with deviations and
-    bounds.
+    objects: the character's; levels: those of each LOD; actions, hidden_counts: see Measure.
+    Returns the group with deviations and bounds.
     """
     by, found = Measure(group.name, objects, actions, hidden_counts), []
     for k, level in enumerate(levels):
@@ -268,8 +274,8 @@ def compare(
 ) -> float:
     """What the shaded pictures of a LOD and its character say, see Group.shaded.
 
-    objects: the character's; level: the LOD's; at: what it plays, and a moment of that; diagonal: meters, of the character's bounding
-    box; looks: of all objects.
+    objects: the character's; level: the LOD's; at: what it plays, and a moment of that; diagonal:
+    meters, of the character's bounding box; looks: of all objects.
     """
     with Posed(objects, [level], at[0]) as posed:
         posed.shapes(at[1])
@@ -305,7 +311,8 @@ def measure_levels(scene: bpy.types.Scene) -> Iterator[float]:
     for g, (name, objects, _) in enumerate(characters):
         if name not in known:
             raise CrowdError(
-                f"The character group {name} has no LOD meshes in {settings.levels.name}: press Make LOD Meshes again."
+                f"The character group {name} has no LOD meshes in {settings.levels.name}: press "
+                f"Make LOD Meshes again."
             )
         meshes, actions = meshes_of(settings.levels, g, name), actions_named(scene, name)
         steps = measure(known[name], objects, meshes, actions, settings.hidden_surface_counts)
@@ -334,7 +341,10 @@ class CROWDLOD_OT_measure_levels(Stepwise, bpy.types.Operator):
 
     def steps(self, context) -> Generator[float, None, str]:
         yield from measure_levels(context.scene)
-        return f"The LODs of {counted(len(context.scene.crowd_lod.groups), 'character group')} are measured."
+        return (
+            f"The LODs of {counted(len(context.scene.crowd_lod.groups), 'character group')} "
+            f"are measured."
+        )
 
 
 CLASSES = (CROWDLOD_OT_measure_levels,)

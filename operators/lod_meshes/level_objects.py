@@ -22,7 +22,8 @@ TINTS = (
     (0.60, 0.19, 0.38),
     (0.85, 0.85, 0.85),
 )
-# Custom properties of objects: the hash of what was made; how, why so, and the milliseconds it took.
+# Custom properties of objects: the hash of what was made; how, why so, and the milliseconds it
+# took.
 AS_MADE, WAY, WHY, MILLISECONDS = (
     "crowd_lod_as_made",
     "crowd_lod_method",
@@ -49,10 +50,11 @@ def hash_made(item: bpy.types.Object) -> str:
 def make_object(
     source: sources.Source, ratio: float, method: str
 ) -> Generator[None, None, tuple[bpy.types.Object, int, int]]:
-    """Make the object of a LOD with about `ratio` of its triangles; return it and its (vertices, triangles).
+    """Make the object of a LOD with about `ratio` of its triangles; return it and its (vertices,
+    triangles).
 
-    method: AUTO, POSE_AWARE or DECIMATE. Yields between its steps. The object is in no collection. One without faces is
-    copied, with the character's data.
+    method: AUTO, POSE_AWARE or DECIMATE. Yields between its steps. The object is in no collection.
+    One without faces is copied, with the character's data.
     """
     item = source.item
     if source.mesh is None:
@@ -78,7 +80,9 @@ def make_object(
 
 
 def share_object(source: sources.Source) -> tuple[bpy.types.Object, int, int]:
-    """Return a copy of the source's object with the same data, and its (vertices, triangles), modifiers applied."""
+    """Return a copy of the source's object with the same data, and its (vertices, triangles),
+    modifiers applied.
+    """
     mesh = source.mesh
     return _copy(source.item), len(mesh.vertices) if mesh else 0, _triangles(mesh) if mesh else 0
 

@@ -1,4 +1,6 @@
-"""For which settings and shot LODs were made, and what another shot would change in those by tolerance."""
+"""For which settings and shot LODs were made, and what another shot would change in those by
+tolerance.
+"""
 
 import base64
 import json
@@ -47,7 +49,9 @@ class Forecast:
 
     @property
     def short(self) -> str:
-        """Return the change in a line of the sidebar: how many groups would have coarser LODs, finer ones or none."""
+        """Return the change in a line of the sidebar: how many groups would have coarser LODs,
+        finer ones or none.
+        """
         without = sum(len(then) == 1 for _, _, then in self.rows)
         coarser = sum(_mean(then) < _mean(now) for _, now, then in self.rows)
         counts = {
@@ -176,7 +180,9 @@ def changed(scene: bpy.types.Scene) -> dict[str, tuple[str, str]]:
 
 
 def edited(scene: bpy.types.Scene) -> list[str]:
-    """Return the names of characters that were edited since LODs were made of them, such as "the character adult"."""
+    """Return the names of characters that were edited since LODs were made of them, such as "the
+    character adult".
+    """
     if scene.crowd_lod.levels is None:
         return []
     before = of_characters(provenance.kept_in(scene.crowd_lod.levels, MADE_FOR))
@@ -218,9 +224,15 @@ def to_make_again(scene: bpy.types.Scene) -> str:
     """Return a sentence on why a build should wait until LODs are made again; "" if it need not."""
     settings = scene.crowd_lod
     if settings.choice == "BY_TOLERANCE" and settings.memory != settings.memory_made:
-        return "Memory for Characters has changed since the LOD meshes were made: press Make LOD Meshes, and Build again."
+        return (
+            "Memory for Characters has changed since the LOD meshes were made: press Make LOD "
+            "Meshes, and Build again."
+        )
     if names := edited(scene):
-        return f"Since the LOD meshes were made, {provenance.named(names)} changed: press Make LOD Meshes, and Build again."
+        return (
+            f"Since the LOD meshes were made, {provenance.named(names)} changed: press Make "
+            f"LOD Meshes, and Build again."
+        )
     return ""
 
 

@@ -29,8 +29,8 @@ from .made_for import note_shot
 class Outcome:
     """What make_levels did, by names of character groups.
 
-    made: those whose LOD meshes it made; kept: those whose it kept as they were; edited: of those made, the ones made anew only
-    because their LOD meshes had been edited or deleted.
+    made: those whose LOD meshes it made; kept: those whose it kept as they were; edited: of those
+    made, the ones made anew only because their LOD meshes had been edited or deleted.
     """
 
     made: tuple[str, ...]
@@ -46,7 +46,8 @@ class Outcome:
             )
         if self.edited:
             parts.append(
-                f"Made again, because they were edited or deleted by hand: {', '.join(self.edited)}."
+                f"Made again, because they were edited or deleted by hand: "
+                f"{', '.join(self.edited)}."
             )
         return " ".join(parts)
 
@@ -54,12 +55,13 @@ class Outcome:
 def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
     """Make the LOD collections of `scene`; yields the progress, 0 to 1.
 
-    "Crowd LOD" holds a collection a LOD, which holds one a character group, named so that their natural order is the
-    groups'. LOD 0 shares the characters' own meshes; the others are decimated from the character as modified, at rest,
-    follow its armature, and are measured over its action. By tolerance candidates are made, as far as they may be used, and
-    those kept that pay; a group with fewer than others repeats its last. Groups whose LODs were made from just what there is now,
-    and were not edited since, are kept. Nothing of the user's is changed. If it fails or is closed early, the LODs that
-    were there stay. Returns the Outcome.
+    "Crowd LOD" holds a collection a LOD, which holds one a character group, named so that their
+    natural order is the groups'. LOD 0 shares the characters' own meshes; the others are decimated
+    from the character as modified, at rest, follow its armature, and are measured over its action.
+    By tolerance candidates are made, as far as they may be used, and those kept that pay; a group
+    with fewer than others repeats its last. Groups whose LODs were made from just what there is
+    now, and were not edited since, are kept. Nothing of the user's is changed. If it fails or is
+    closed early, the LODs that were there stay. Returns the Outcome.
     """
     scene_data.check_own(scene)
     settings = scene.crowd_lod
@@ -130,7 +132,8 @@ def _read(
 ) -> Iterator[float]:
     """Read and measure the characters; yields the progress.
 
-    Returns a Ladder each, a Group each, and by tolerance what the camera sees of each, else None each.
+    Returns a Ladder each, a Group each, and by tolerance what the camera sees of each, else None
+    each.
     """
     settings = scene.crowd_lod
     ladders, reaches, ratios = [], {}, selection.ratios_of(settings)
@@ -163,8 +166,8 @@ def _chosen(
 ) -> Iterator[float]:
     """Choose LODs, some by what is guessed of them; yields the progress.
 
-    One that was chosen by a guess is measured, and all are chosen again, until all that are chosen are measured. Returns the
-    choice, and the groups with values of all their candidates.
+    One that was chosen by a guess is measured, and all are chosen again, until all that are chosen
+    are measured. Returns the choice, and the groups with values of all their candidates.
     """
     chosen, guesses, missing, total = None, [], True, sum(len(ladder.goals) for ladder in ladders)
     while missing:
@@ -197,7 +200,8 @@ def _made(
 ) -> Iterator[float]:
     """Find the candidates to `keep` of each ladder, or make them.
 
-    Yields the progress. Returns their collections by ladder, and the names of groups whose LODs were edited.
+    Yields the progress. Returns their collections by ladder, and the names of groups whose LODs
+    were edited.
     """
     homes, edited, taken = [], [], set()
     for g, (ladder, kept) in enumerate(zip(ladders, keep, strict=True)):
@@ -221,8 +225,8 @@ def _linked(
 ) -> tuple[bpy.types.Collection, list]:
     """Link the groups' collections into those of the LODs; remove the earlier ones.
 
-    homes: by group, then LOD; feet: where each group stands; before: the data-blocks that there were. Returns the collection of
-    all LODs, and those of each.
+    homes: by group, then LOD; feet: where each group stands; before: the data-blocks that there
+    were. Returns the collection of all LODs, and those of each.
     """
     top, levels = bpy.data.collections.new("Crowd LOD"), []
     for k in range(max(map(len, homes))):

@@ -15,8 +15,8 @@ from .surface import has_area
 def mend(mesh: bpy.types.Mesh, split_sharp: bool) -> None:
     """Remove loose vertices and edges, and sew borders that lie on each other.
 
-    Importers split meshes along UV seams: apart, such borders would gape when decimated. split_sharp: whether sewn borders are to
-    look split as before.
+    Importers split meshes along UV seams: apart, such borders would gape when decimated.
+    split_sharp: whether sewn borders are to look split as before.
     """
     points, triangles = mesh_data.read_triangles(mesh)[:2]
     target = _sewn(points, triangles)
@@ -82,8 +82,8 @@ def _edited(mesh: bpy.types.Mesh) -> Iterator[bmesh.types.BMesh]:
 def _sewn(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """The point that each of the points is to be joined to, (n,).
 
-    Only border edges are joined, of which just two lie at the same place, run against each other, and have triangles that do not
-    lie on each other, as those of a card's two sides do.
+    Only border edges are joined, of which just two lie at the same place, run against each other,
+    and have triangles that do not lie on each other, as those of a card's two sides do.
     """
     count = len(points)
     half = (

@@ -39,7 +39,8 @@ MOST_PRECISE = 300_000
 class Made:
     """A LOD's mesh (its caller's to remove).
 
-    weights: as read_weights gives them; method: FAST, PRECISE or WHOLE; why: sentences; milliseconds: that it took to make.
+    weights: as read_weights gives them; method: FAST, PRECISE or WHOLE; why: sentences;
+    milliseconds: that it took to make.
     """
 
     mesh: bpy.types.Mesh
@@ -73,7 +74,10 @@ def make(source: Source, ratio: float, method: str, name: str) -> Generator[None
     if method == "POSE_AWARE":
         return fast
     if len(triangles) > MOST_PRECISE:
-        fast.why = f"Pose-Aware: the mesh has {len(triangles):,} triangles; Decimate Modifier is tried only up to {MOST_PRECISE:,}."
+        fast.why = (
+            f"Pose-Aware: the mesh has {len(triangles):,} triangles; Decimate Modifier is "
+            f"tried only up to {MOST_PRECISE:,}."
+        )
         return fast
     yield
     precise = _precise(source, ratio, name, "")
@@ -92,14 +96,20 @@ def make(source: Source, ratio: float, method: str, name: str) -> Generator[None
     best, other = (fast, precise) if better else (precise, fast)
     where = " in motion" if one.motion else ""
     best.why = (
-        f"{'Pose-Aware' if best is fast else 'Decimate Modifier'}, as {reason}: Pose-Aware is up to {one.near:.2%} of the size away{where}, "
-        f"with wrong UVs on {one.off:.1%} of the surface, {one.area:.0%} of the silhouette's area, in {fast.milliseconds:.0f} ms; "
-        f"Decimate Modifier {two.near:.2%}, {two.off:.1%}, {two.area:.0%}, {precise.milliseconds:.0f} ms."
+        f"{'Pose-Aware' if best is fast else 'Decimate Modifier'}, as {reason}: Pose-Aware is up "
+        f"to {one.near:.2%} of the size away{where}, "
+        f"with wrong UVs on {one.off:.1%} of the surface, {one.area:.0%} of the silhouette's "
+        f"area, in {fast.milliseconds:.0f} ms; "
+        f"Decimate Modifier {two.near:.2%}, {two.off:.1%}, {two.area:.0%}, "
+        f"{precise.milliseconds:.0f} ms."
     )
     bpy.data.meshes.remove(other.mesh)
     wanted = round(ratio * len(triangles))
     if len(best.mesh.polygons) > MISSED * wanted:
-        best.why += f" It has {len(best.mesh.polygons):,} triangles, not {wanted:,}: with fewer, loose parts of the mesh would be lost."
+        best.why += (
+            f" It has {len(best.mesh.polygons):,} triangles, not {wanted:,}: with fewer, "
+            f"loose parts of the mesh would be lost."
+        )
     return best
 
 
@@ -107,9 +117,10 @@ def make(source: Source, ratio: float, method: str, name: str) -> Generator[None
 class Errors:
     """What is wrong with a LOD's mesh.
 
-    rest: symmetric Hausdorff distance at rest, as part of the source's diagonal. off: largest part of the surface at rest, over the
-    UV maps, whose UVs are off by more than UV_OFF. area: of its silhouette, as part of the source's. similar: structural similarity
-    of its picture, where it was looked at. motion: like rest, the largest in the poses; 0 if nothing deforms the source.
+    rest: symmetric Hausdorff distance at rest, as part of the source's diagonal. off: largest part
+    of the surface at rest, over the UV maps, whose UVs are off by more than UV_OFF. area: of its
+    silhouette, as part of the source's. similar: structural similarity of its picture, where it was
+    looked at. motion: like rest, the largest in the poses; 0 if nothing deforms the source.
     """
 
     rest: float
@@ -135,8 +146,9 @@ def _alike(one: float, other: float) -> bool:
 def chosen_method(fast: Errors, precise: Errors) -> tuple[bool, str]:
     """(whether the fast way is to be taken, why).
 
-    The distance in motion decides, unless only one of them keeps the silhouette and is at most TWICE as far off. Where both are as
-    far off in motion, or nothing moves, UVs, pictures and the distance at rest do.
+    The distance in motion decides, unless only one of them keeps the silhouette and is at most
+    TWICE as far off. Where both are as far off in motion, or nothing moves, UVs, pictures and the
+    distance at rest do.
     """
     kept = [abs(each.area - 1) <= KEPT for each in (fast, precise)]
     near = [each.near + NEAR_ENOUGH for each in (fast, precise)]
@@ -148,7 +160,8 @@ def chosen_method(fast: Errors, precise: Errors) -> tuple[bool, str]:
         if abs(fast.similar - precise.similar) > AS_SIMILAR and fast.as_near_as(precise):
             return (
                 fast.similar > precise.similar,
-                f"its picture is more similar ({max(fast.similar, precise.similar):.2f} for {min(fast.similar, precise.similar):.2f})",
+                f"its picture is more similar ({max(fast.similar, precise.similar):.2f} for "
+                f"{min(fast.similar, precise.similar):.2f})",
             )
         better = fast.rest <= SLACK * precise.rest + NEAR_ENOUGH
         return better, "it is no worse" if better else "it is closer"
@@ -234,7 +247,8 @@ def errors(source: Source, mesh: bpy.types.Mesh) -> Generator[None, None, Errors
 def uv_error(source: Source, mesh: bpy.types.Mesh, surface: Surface, corners: np.ndarray) -> float:
     """The largest part, over the UV maps, of the surface whose UVs are off.
 
-    Off by more than UV_OFF from those of the nearest point of the source. surface: the mesh's; corners: (m, 3), of its triangles.
+    Off by more than UV_OFF from those of the nearest point of the source. surface: the mesh's;
+    corners: (m, 3), of its triangles.
     """
     if not mesh.uv_layers or not surface.area.any():
         return 0.0

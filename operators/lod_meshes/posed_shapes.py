@@ -33,8 +33,9 @@ class Shape(NamedTuple):
 class Posed:
     """A character and its LODs in a scene of their own, as they are rendered.
 
-    A context: the scene is gone afterwards. character: its objects; levels: the objects of each LOD; performance: what it plays, its
-    own action if None. Let the performance rest before anything yields.
+    A context: the scene is gone afterwards. character: its objects; levels: the objects of each
+    LOD; performance: what it plays, its own action if None. Let the performance rest before
+    anything yields.
     """
 
     def __init__(
@@ -51,7 +52,8 @@ class Posed:
         ]
 
     def at(self, frame: float) -> tuple[Surface | None, list[Surface | None]]:
-        """The surfaces of the character and of each LOD at `frame`, a moment of the performance, world space.
+        """The surfaces of the character and of each LOD at `frame`, a moment of the performance,
+        world space.
 
         None where there is no face.
         """
@@ -112,7 +114,9 @@ def surface_of(shape: Shape) -> Surface | None:
 def read_shapes(
     objects: Sequence[bpy.types.Object], frames: Sequence[float], performance: Performance
 ) -> Generator[float, None, list[Shape]]:
-    """Return the Shape of `objects` at each of `frames`, moments of the performance; yield the progress."""
+    """Return the Shape of `objects` at each of `frames`, moments of the performance; yield the
+    progress.
+    """
     found = []
     with Posed(objects, (), performance) as posed:
         for frame in frames:

@@ -90,7 +90,9 @@ class PosedSurface:
         return True
 
     def counts_nearest(self, pose: int, points: np.ndarray) -> np.ndarray:
-        """Return which points (n, 3) are nearest to a triangle that counts, in a pose, (n,) bool."""
+        """Return which points (n, 3) are nearest to a triangle that counts, in a pose, (n,)
+        bool.
+        """
         run = next(run for run in self.runs if pose in run)
         surface = self.surface(run)
         if surface is None:
@@ -114,7 +116,9 @@ class PosedSurface:
         return surface
 
     def samples(self, pose: int) -> thin_parts.Samples:
-        """Return points of the surface in the pose, and how thick it is there. It must have a face."""
+        """Return points of the surface in the pose, and how thick it is there. It must have a
+        face.
+        """
         if pose not in self._samples:
             surface = surface_of(self.shapes[pose])
             whole = self.surface([pose]).moving
@@ -206,7 +210,8 @@ def _count_shown(character: Moving, surface: Merged, hiding: np.ndarray, apart: 
 
 
 def _lost(character: PosedSurface, other: PosedSurface, poses: list[int], bound: float) -> float:
-    """How far thin parts of the character are from where a LOD shows, meters: see thin_parts.unseen.
+    """How far thin parts of the character are from where a LOD shows, meters: see
+    thin_parts.unseen.
 
     What is lost is so in all poses, and only far from what shows do some poses tell how far.
     """

@@ -1,7 +1,8 @@
 """Search for the LOD with the fewest triangles that deviates by a length at most.
 
-Each object of a character has a curve of its own, triangles over deviation: one that is smooth, or that others hide,
-takes few. All are tried at once, and measured together, as they are seen together.
+Each object of a character has a curve of its own, triangles over deviation: one that is smooth, or
+that others hide, takes few. All are tried at once, and measured together, as they are seen
+together.
 """
 
 from collections.abc import Callable, Generator, Sequence
@@ -25,13 +26,17 @@ SAFE = 1.3  # times as near as is estimated to do, a LOD is tried last where non
 STEP = 1.08  # times the triangles, that a try must differ by from those before
 MOST_STEP = 6.0  # times the triangles, that it may differ by
 USUAL = 1.08  # times the deviation as estimated, that a bound is
-WIDE = 2.0  # times the triangles, within which a method does about as well against the other; and that a step is at most
+# times the triangles, within which a method does about as well against the other; and that a step
+# is at most
+WIDE = 2.0
 WORSE = 1.3  # times the triangles, from which on a method is not tried
 BETTER = 1.1  # times the triangles that Pose-Aware may take, which keeps UV seams
-# A try that is too far off at FEW_SPOTS of its vertices alone is made AGAIN so often with as many triangles, and these
-# vertices count HEAVIER each time. Where more are, what is won at them is lost beside them.
+# A try that is too far off at FEW_SPOTS of its vertices alone is made AGAIN so often with as many
+# triangles, and these vertices count HEAVIER each time. Where more are, what is won at them is lost
+# beside them.
 FEW_SPOTS, AGAIN, HEAVIER = 0.003, 2, 32.0
-WON = 0.95  # of the deviation before, that is left once it was made again; with more, it is not made once more
+# of the deviation before, that is left once it was made again; with more, it is not made once more
+WON = 0.95
 METHODS = "POSE_AWARE", "DECIMATE"
 
 Figures = tuple[float, float, float, float]  # see Measure.level
@@ -42,7 +47,8 @@ Make = Callable[[Source, float, str], Generator[Any, None, tuple[bpy.types.Objec
 class Try:
     """An object of a LOD that was made.
 
-    item: it; vertices, triangles: how many it has; method, ratio: how it was made; deviation: meters, as estimated.
+    item: it; vertices, triangles: how many it has; method, ratio: how it was made; deviation:
+    meters, as estimated.
     away: (n,) meters, that of each vertex of the source; poses: in how many.
     """
 
@@ -57,7 +63,9 @@ class Try:
 
     @property
     def reachable(self) -> float:
-        """Return the deviation but for a few spots, if these can be mended: with as many triangles."""
+        """Return the deviation but for a few spots, if these can be mended: with as many
+        triangles.
+        """
         most = (
             float(np.quantile(self.away, 1 - FEW_SPOTS)) if self.method == "POSE_AWARE" else np.inf
         )
@@ -68,8 +76,10 @@ class Try:
 class Curve:
     """What is known of an object's LODs.
 
-    source: the object's; known: each method's tries; tries: of this length, whose objects are still there.
-    evaluated: (n,) which vertex of the evaluated object each of the source's is; None before that is asked for.
+    source: the object's; known: each method's tries; tries: of this length, whose objects are still
+    there.
+    evaluated: (n,) which vertex of the evaluated object each of the source's is; None before that
+    is asked for.
     """
 
     source: Source
@@ -83,7 +93,8 @@ class Curve:
         return len(self.source.geometry[1]) if self.source.mesh else 0
 
     def ratio_for(self, method: str, length: float, about: float) -> float:
-        """Return the part of the triangles with which the method's LOD deviates by `length`, in meters.
+        """Return the part of the triangles with which the method's LOD deviates by `length`, in
+        meters.
 
         about: that part if nothing is known.
         """
@@ -98,7 +109,9 @@ class Curve:
         return min(max(ratio, LEAST / max(self.count, 1)), 1.0)
 
     def best(self, length: float) -> Try:
-        """Return the try of fewest triangles that deviates by `length` at most, else the nearest."""
+        """Return the try of fewest triangles that deviates by `length` at most, else the
+        nearest.
+        """
         fitting = [attempt for attempt in self.tries if attempt.deviation <= length]
         if not fitting:
             return min(self.tries, key=lambda attempt: attempt.deviation)
@@ -183,8 +196,8 @@ class Curve:
 class Search:
     """The search of one character's LODs, which learns from each.
 
-    sources: the character's objects. method: AUTO, POSE_AWARE or DECIMATE. make: makes an object of a source with a
-    ratio and a method, and yields between its steps. by: measures.
+    sources: the character's objects. method: AUTO, POSE_AWARE or DECIMATE. make: makes an object of
+    a source with a ratio and a method, and yields between its steps. by: measures.
     """
 
     def __init__(self, sources: Sequence[Source], method: str, make: Make, by: Measure):
@@ -195,10 +208,12 @@ class Search:
     def find(
         self, length: float, about: float
     ) -> Generator[float, None, tuple[list[Try], Figures]]:
-        """Find the LOD of fewest triangles whose bound is `length` meters at most; yields the progress.
+        """Find the LOD of fewest triangles whose bound is `length` meters at most; yields the
+        progress.
 
         about: the part of the triangles that it takes, as far as is known.
-        Returns its objects and what was measured of them. Where none fits, these are the character's own.
+        Returns its objects and what was measured of them. Where none fits, these are the
+        character's own.
         """
         fitting: list[tuple[int, list[Try], Figures]] = []
         before: list[list[Try]] = []
@@ -231,7 +246,9 @@ class Search:
         return objects, measured
 
     def _measure(self, objects: list[Try], length: float) -> Generator[float, None, Figures]:
-        """Measure a LOD, in frames between the poses as well if it fits `length` in these; yields the progress."""
+        """Measure a LOD, in frames between the poses as well if it fits `length` in these; yields
+        the progress.
+        """
         items = [attempt.item for attempt in objects]
         measured = yield from share(self.by.level(items, 1), 0.0, 0.5)
         if measured[1] <= length:
@@ -239,7 +256,9 @@ class Search:
         return measured
 
     def _learn(self, objects: list[Try], length: float) -> None:
-        """Note what a whole measure says of a LOD: its worst place may be one that no estimate looks at."""
+        """Note what a whole measure says of a LOD: its worst place may be one that no estimate
+        looks at.
+        """
         estimate = self.by.estimate([attempt.item for attempt in objects], length)
         deviation, number, vertices = self.by.worst_vertices()
         estimate.deviations[number] = max(estimate.deviations[number], deviation)
@@ -247,7 +266,9 @@ class Search:
         self._note_all(objects, estimate)
 
     def _note_all(self, objects: list[Try], estimate: Estimate) -> None:
-        """Note what was estimated of a LOD in more poses than before; what is coarser is no nearer."""
+        """Note what was estimated of a LOD in more poses than before; what is coarser is no
+        nearer.
+        """
         for index, (attempt, curve) in enumerate(zip(objects, self.curves, strict=True)):
             self._note(index, attempt, estimate)
             for other in curve.tries:
@@ -260,7 +281,9 @@ class Search:
         return [attempt for (attempt,) in made]
 
     def _fit(self, length: float, about: float) -> Generator[float, None, None]:
-        """Try until each object's best try deviates by about `length`, as estimated; yields the progress."""
+        """Try until each object's best try deviates by about `length`, as estimated; yields the
+        progress.
+        """
         for k in range(ROUNDS):
             wanted = [curve.next_tries(self.methods, length, about) for curve in self.curves]
             # each object by one method at a time

@@ -37,7 +37,8 @@ def ratios_of(settings) -> list[float]:
     for k in range(1, len(ratios)):
         if ratios[k] >= ratios[k - 1]:
             raise CrowdError(
-                f"The ratio of LOD {k}, {ratios[k]:g}, is not below that of LOD {k - 1}, {ratios[k - 1]:g}: lower it."
+                f"The ratio of LOD {k}, {ratios[k]:g}, is not below that of LOD {k - 1}, "
+                f"{ratios[k - 1]:g}: lower it."
             )
     return ratios
 
@@ -47,8 +48,9 @@ def views(
 ) -> Generator[float, None, list[Shot]]:
     """Find where the shot of `scene` has agents: yield the progress, return the Shots.
 
-    settings: of the crowd that `trajectory` is. There is one Shot for each group, from up to MOST_FRAMES of the shot's frames. A group that no
-    frame shows counts as anywhere within the camera's clip range.
+    settings: of the crowd that `trajectory` is. There is one Shot for each group, from up to
+    MOST_FRAMES of the shot's frames. A group that no frame shows counts as anywhere within the
+    camera's clip range.
     """
     frames = scene_data.frames_of(scene, settings.step)
     chosen = evenly(frames, MOST_FRAMES)

@@ -51,7 +51,8 @@ class Source:
     body: (Body, Looks) for the shaded pictures, made by shaded_pictures.similarity; None before.
     skin: how its points move in the poses (see pose_deformation.skin_of); None if they do not.
     share: its part of the character's triangles, from 0 to 1.
-    weight: (n,) how much each vertex counts in decimation, see simplification.decimate; None: all alike.
+    weight: (n,) how much each vertex counts in decimation, see simplification.decimate; None: all
+    alike.
     """
 
     item: bpy.types.Object
@@ -186,7 +187,8 @@ def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
         )
         if any(offset is None for offset in offsets.values()):
             notes.append(
-                "Its shape keys are baked at their current values: with them, a modifier changes the number of vertices."
+                "Its shape keys are baked at their current values: with them, a modifier changes "
+                "the number of vertices."
             )
             bpy.data.meshes.remove(mesh)
             for name, value in values.items():
@@ -215,7 +217,8 @@ def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
     if wrong.any():
         bpy.data.meshes.remove(mesh)
         raise CrowdError(
-            f"The object {item.name} has {counted(int(wrong.sum()), 'vertex', 'vertices')} at NaN or infinity: mend its "
+            f"The object {item.name} has {counted(int(wrong.sum()), 'vertex', 'vertices')} at NaN "
+            f"or infinity: mend its "
             "mesh or its modifiers."
         )
     if not offsets:

@@ -115,10 +115,12 @@ class Surface:
             yield hit
 
     def through(self, points: np.ndarray, ways: np.ndarray) -> np.ndarray:
-        """Return how far it is from `points` (k, 3) inside the surface, or on it, to the outside: (k,) meters.
+        """Return how far it is from `points` (k, 3) inside the surface, or on it, to the outside:
+        (k,) meters.
 
-        ways: (k, 3), of unit length. They end at the first triangle seen from its back; infinite where there is none. Triangles
-        seen from their front lie inside, as a body does in its clothes.
+        ways: (k, 3), of unit length. They end at the first triangle seen from its back; infinite
+        where there is none. Triangles seen from their front lie inside, as a body does in its
+        clothes.
         """
         found, step, cast = (
             np.full(len(points), np.inf),

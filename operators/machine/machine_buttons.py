@@ -126,7 +126,8 @@ class CROWDLOD_OT_machine_unfollow(_Following, bpy.types.Operator):
         known = [name for name, _ in targets]
         if self.state not in known:
             raise CrowdError(
-                f"{self.state or 'No state'} does not follow {state}: set State to one of {', '.join(known)}."
+                f"{self.state or 'No state'} does not follow {state}: set State to one of "
+                f"{', '.join(known)}."
             )
         change(
             context.scene,
@@ -172,7 +173,10 @@ class CROWDLOD_OT_machine_import(_File, Reporting, bpy.types.Operator):
         text = bpy.data.texts.new(path.name)
         text.from_string(content)
         context.scene.crowd_lod.machine = text
-        return f"{text.name}: {counted(len(machine.states), 'state')}, {counted(len(machine.labels), 'label')}."
+        return (
+            f"{text.name}: {counted(len(machine.states), 'state')}, "
+            f"{counted(len(machine.labels), 'label')}."
+        )
 
 
 class CROWDLOD_OT_machine_export(_File, _Editing, bpy.types.Operator):

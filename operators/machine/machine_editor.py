@@ -39,7 +39,9 @@ def draft_of(scene: bpy.types.Scene) -> Draft:
 
 
 def problem_of(scene: bpy.types.Scene) -> str:
-    """Return a sentence on the edit that was just refused, or on the text's first mistake; else ""."""
+    """Return a sentence on the edit that was just refused, or on the text's first mistake; else
+    "".
+    """
     text = scene.crowd_lod.machine
     if text is None:
         return ""
@@ -82,7 +84,9 @@ def change(scene: bpy.types.Scene, edit: Edit) -> None:
 
 
 def change_or_tell(scene: bpy.types.Scene, edit: Edit) -> None:
-    """Make the edit; if it is refused, have the sidebar say why. For fields, which cannot report."""
+    """Make the edit; if it is refused, have the sidebar say why. For fields, which cannot
+    report.
+    """
     try:
         change(scene, edit)
     except CrowdError as error:

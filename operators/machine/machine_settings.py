@@ -207,7 +207,9 @@ def _edge(self) -> int:
 
 
 class CrowdLodMachineEditor(bpy.types.PropertyGroup):
-    """A view of the scene's state machine: what is selected, and fields that read and write its text."""
+    """A view of the scene's state machine: what is selected, and fields that read and write its
+    text.
+    """
 
     state_index: IntProperty(
         name="State", min=0, description="The state that is selected in the list"
@@ -223,7 +225,8 @@ class CrowdLodMachineEditor(bpy.types.PropertyGroup):
     )
     show_map: BoolProperty(
         name="Show on Ground",
-        description="Show the label map on a plane over the crowd's ground, which renders leave out",
+        description="Show the label map on a plane over the crowd's ground, which renders leave "
+        "out",
         get=lambda self: map_painting.shown(self.id_data),
         set=_show_map,
     )
@@ -257,12 +260,14 @@ class CrowdLodMachineEditor(bpy.types.PropertyGroup):
     )
     action: StringProperty(
         name="Action",
-        description="Action that agents in this state play; each character group plays its own of that name",
+        description="Action that agents in this state play; each character group plays its own of "
+        "that name",
         **_text_field("states", "action"),
     )
     fade: FloatProperty(
         name="Fade",
-        description="Seconds in which agents who come into this state from another action pass over to its action; 0 changes at once",
+        description="Seconds in which agents who come into this state from another action pass "
+        "over to its action; 0 changes at once",
         min=0,
         soft_max=1,
         step=5,

@@ -19,8 +19,8 @@ from .scene_world import MADE_FOR, area_of, areas_depend_on, machine_of
 
 LONGER_SIDE = 256  # cells along the ground's longer side, where no image says how many
 REST = 0.1  # seconds from a change to the new image
-# Of each scene whose meshes have changed: True. What its image depended on when last asked, and what
-# was wrong when it was last made.
+# Of each scene whose meshes have changed: True. What its image depended on when last asked, and
+# what was wrong when it was last made.
 _due: dict[int, bool] = scene_cache.kept({}, by_scene=True)
 _asked: dict[int, tuple] = scene_cache.kept({}, by_scene=True)
 _trouble: dict[int, str] = scene_cache.kept({}, by_scene=True)
@@ -40,7 +40,8 @@ def meshes_in(entry) -> list[bpy.types.Object]:
 
 
 def make(crowd, depsgraph: bpy.types.Depsgraph) -> int:
-    """Rasterize the areas of the settings `crowd` into their image; return how many cells they cover.
+    """Rasterize the areas of the settings `crowd` into their image; return how many cells they
+    cover.
 
     A later area lies over an earlier one. CrowdError, before anything changes, if an area names no
     label, or has nothing to rasterize.
@@ -57,13 +58,15 @@ def make(crowd, depsgraph: bpy.types.Depsgraph) -> int:
     for entry in entries:
         if entry.label not in machine.labels:
             raise CrowdError(
-                f"The area {entry.name} lays the label {entry.label or 'without a name'}, and the state machine has none such: "
+                f"The area {entry.name} lays the label {entry.label or 'without a name'}, and the "
+                f"state machine has none such: "
                 f"choose one of {', '.join(machine.labels)}."
             )
         shapes = list(_triangles(meshes_in(entry), depsgraph))
         if not shapes:
             raise CrowdError(
-                f"The area {entry.name} has no object with a surface: choose a mesh, or a collection that holds some."
+                f"The area {entry.name} has no object with a surface: choose a mesh, or a "
+                f"collection that holds some."
             )
         for shape in shapes:
             pixels[covered(shape, area, rows, columns)] = (

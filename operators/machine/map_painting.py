@@ -17,7 +17,8 @@ from . import map_areas
 from .scene_world import area_of, machine_of
 
 MARK = "crowd_lod_map"  # custom property of the plane
-COLORS = "crowd_lod_colors"  # custom property of the plane: what solid viewports were colored by, before it was shown
+# custom property of the plane: what solid viewports were colored by, before it was shown
+COLORS = "crowd_lod_colors"
 ABOVE = 0.02  # meters of the plane above the ground, so that it does not flicker with it
 BRUSH = "Crowd LOD Label"
 
@@ -66,7 +67,9 @@ def show(scene: bpy.types.Scene) -> bpy.types.Object:
 
 
 def hide(scene: bpy.types.Scene) -> None:
-    """Hide the plane, out of the mode in which it is painted; viewports look as before it was shown."""
+    """Hide the plane, out of the mode in which it is painted; viewports look as before it was
+    shown.
+    """
     plane = plane_of(scene)
     if plane is None:
         return
@@ -88,7 +91,9 @@ def _square() -> bpy.types.Mesh:
 
 
 def _stretch(mesh: bpy.types.Mesh, size: tuple[float, float]) -> None:
-    """Give the square another width and depth. A scale of the object would do, but brushes warn of it."""
+    """Give the square another width and depth. A scale of the object would do, but brushes warn of
+    it.
+    """
     for vertex in mesh.vertices:
         vertex.co = (
             math.copysign(size[0] / 2, vertex.co.x),
@@ -99,7 +104,9 @@ def _stretch(mesh: bpy.types.Mesh, size: tuple[float, float]) -> None:
 
 
 def _show_image(material: bpy.types.Material, image: bpy.types.Image) -> None:
-    """Have the material glow in the image's colors, pixel by pixel, as what Texture Paint paints on."""
+    """Have the material glow in the image's colors, pixel by pixel, as what Texture Paint paints
+    on.
+    """
     tree = switch_nodes_on(material)
     texture = next((node for node in tree.nodes if node.type == "TEX_IMAGE"), None)
     if texture is None:
@@ -124,7 +131,9 @@ def _viewports(scene: bpy.types.Scene) -> Iterator[tuple[str, bpy.types.View3DSh
 
 
 def _textured(scene: bpy.types.Scene, plane: bpy.types.Object) -> None:
-    """Have solid viewports show textures, else the plane is gray there; the plane notes what they showed."""
+    """Have solid viewports show textures, else the plane is gray there; the plane notes what they
+    showed.
+    """
     for name, shading in _viewports(scene):
         if shading.type == "SOLID" and shading.color_type != "TEXTURE":
             plane[COLORS] = dict(plane.get(COLORS, {})) | {name: shading.color_type}
@@ -142,8 +151,10 @@ def _untextured(scene: bpy.types.Scene, plane: bpy.types.Object) -> None:
 
 
 class CROWDLOD_OT_new_map(Reporting, bpy.types.Operator):
-    """Make a label map over the crowd's ground, all of the first label, and show it on a plane to paint on"""
-
+    bl_description = (
+        "Make a label map over the crowd's ground, all of the first label, and show it on a "
+        "plane to paint on"
+    )
     bl_idname = "crowd_lod.new_map"
     bl_label = "New Map"
 
@@ -164,7 +175,10 @@ class CROWDLOD_OT_new_map(Reporting, bpy.types.Operator):
         settings.map_image = image_data.write_image("Label Map", colors)
         show(context.scene)
         cell = area.size[0] / columns * scene_data.meters(context.scene)
-        return f"{settings.map_image.name}: {columns} by {rows} pixels of {cell:.3g} m, all {machine.labels[0]}."
+        return (
+            f"{settings.map_image.name}: {columns} by {rows} pixels of {cell:.3g} m, all "
+            f"{machine.labels[0]}."
+        )
 
 
 def _unmapped(scene: bpy.types.Scene) -> str:
@@ -187,7 +201,8 @@ class CROWDLOD_OT_paint_label(Reporting, bpy.types.Operator):
         machine = machine_of(scene.crowd_lod)
         if self.label not in machine.labels:
             raise CrowdError(
-                f"The state machine has no label {self.label}: choose one of {', '.join(machine.labels)}."
+                f"The state machine has no label {self.label}: choose one of "
+                f"{', '.join(machine.labels)}."
             )
         plane = show(scene)
         if context.view_layer.objects.get(plane.name) is None or not plane.visible_get():

@@ -48,7 +48,8 @@ def actions_named(scene: bpy.types.Scene, group: str) -> tuple[str, ...]:
 
     States name them; the steps of cross-fades are among them.
 
-    They are those of the crowds that have agents of the `group`. CrowdError if a state machine is bad.
+    They are those of the crowds that have agents of the `group`. CrowdError if a state machine is
+    bad.
     """
     crowds = [
         crowd
@@ -65,7 +66,9 @@ def actions_named(scene: bpy.types.Scene, group: str) -> tuple[str, ...]:
 
 
 def names_in(crowd) -> set[str]:
-    """Return the names of the groups that the crowd's agents are drawn from; none where they are all."""
+    """Return the names of the groups that the crowd's agents are drawn from; none where they are
+    all.
+    """
     return {name.strip() for name in crowd.group_names.split(",")} - {""}
 
 
@@ -89,15 +92,16 @@ def area_of(settings) -> Area:
 def world_of(settings, machine: machines.StateMachine) -> LabelMap:
     """Return the label map of the settings.
 
-    Without an image it is edge_map's. The labels of meshes lie over it. CrowdError if it lies too far from the world's origin, or if
-    too many of the image's colors are not those of the labels.
+    Without an image it is edge_map's. The labels of meshes lie over it. CrowdError if it lies too
+    far from the world's origin, or if too many of the image's colors are not those of the labels.
     """
     area, over = area_of(settings), settings.areas_image if len(settings.areas) else None
     if settings.map_image is None and over is None:
         return edge_map(area, machine.labels)
     if over is not None and over.get(MADE_FOR) != areas_depend_on(settings, machine):
         raise CrowdError(
-            "The walls and areas were laid over another ground, map or state machine: press Refresh Walls and Areas, or Populate."
+            "The walls and areas were laid over another ground, map or state machine: press "
+            "Refresh Walls and Areas, or Populate."
         )
     image, meshes = settings.map_image or over, over and image_data.read_pixels(over)
     if settings.map_image is not None:
@@ -150,7 +154,8 @@ def _check_reach(scene: bpy.types.Scene, what: str, reach: float, setting: str) 
     reach *= scene_data.meters(scene)
     if reach > FARTHEST:
         raise CrowdError(
-            f"{what} lies up to {reach:.3g} m from the world's origin, where Blender's positions are too coarse to show a walk: "
+            f"{what} lies up to {reach:.3g} m from the world's origin, where Blender's positions "
+            f"are too coarse to show a walk: "
             f"change its {setting} so that it stays within {FARTHEST:,.0f} m."
         )
 

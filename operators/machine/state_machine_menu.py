@@ -20,7 +20,10 @@ class CROWDLOD_OT_machine_preset(Reporting, bpy.types.Operator):
         text = bpy.data.texts.new(f"{self.name}.json")
         text.from_string(machine.text)
         context.scene.crowd_lod.machine = text
-        return f"{text.name}: {len(machine.states)} states; its labels are {', '.join(machine.labels)}."
+        return (
+            f"{text.name}: {len(machine.states)} states; its labels are "
+            f"{', '.join(machine.labels)}."
+        )
 
 
 class CROWDLOD_MT_machine_presets(bpy.types.Menu):

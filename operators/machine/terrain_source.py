@@ -13,7 +13,8 @@ from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import kept_meshes, mesh_data, scene_cache, scene_data
 from ..blender.ownership import OWNED
 
-# By the session_uid of the kept mesh, the height where there is no ground, and the meters in a unit.
+# By the session_uid of the kept mesh, the height where there is no ground, and the meters in a
+# unit.
 _terrains: dict[tuple[int, float, float], Terrain] = scene_cache.kept({})
 MOST_TERRAINS = 4
 
@@ -54,20 +55,23 @@ def read_terrain(crowd, depsgraph: bpy.types.Depsgraph) -> None:
     which = np.concatenate(triangles) if triangles else np.empty((0, 3), np.int32)
     if not len(which):
         raise CrowdError(
-            f"The terrain {_name(crowd)} has no face that one can stand on: choose one with faces that are not upright."
+            f"The terrain {_name(crowd)} has no face that one can stand on: choose one with faces "
+            f"that are not upright."
         )
     used, which = np.unique(which, return_inverse=True)
     places = np.concatenate(points)[used]
     if np.abs(places).max() * meters > FARTHEST:
         raise CrowdError(
-            f"The terrain {_name(crowd)} reaches beyond {FARTHEST:,.0f} m from the world's origin: move or shrink it."
+            f"The terrain {_name(crowd)} reaches beyond {FARTHEST:,.0f} m from the world's "
+            f"origin: move or shrink it."
         )
     mesh = mesh_data.new_mesh("Crowd LOD terrain", places, which.reshape(-1, 3))
     kept_meshes.keep(crowd, "terrain_mesh", mesh, kept_meshes.shape_marks(objects))
 
 
 def terrain_of(crowd, z: float) -> Terrain | None:
-    """Return the terrain that the file keeps of the crowd, with height `z` where there is no ground.
+    """Return the terrain that the file keeps of the crowd, with height `z` where there is no
+    ground.
 
     None without one.
 
@@ -108,7 +112,9 @@ def _unread(crowd) -> str:
 
 
 def terrain_notes(crowd, trajectory: Trajectory) -> Iterator[str]:
-    """Yield sentences on agents that have no ground under them at the start, and on ground that may move."""
+    """Yield sentences on agents that have no ground under them at the start, and on ground that may
+    move.
+    """
     ground, start = trajectory.heights, trajectory.start
     if not isinstance(ground, Terrain):
         return
@@ -117,7 +123,8 @@ def terrain_notes(crowd, trajectory: Trajectory) -> Iterator[str]:
         if over:
             have, them, stand = ("has", "it", "stands") if over == 1 else ("have", "them", "stand")
             yield (
-                f"{over:,} of {len(start):,} agents {have} no ground of the terrain {_name(crowd)} under {them}, and {stand} at the "
+                f"{over:,} of {len(start):,} agents {have} no ground of the terrain "
+                f"{_name(crowd)} under {them}, and {stand} at the "
                 f"crowd's height, {number(ground.z * ground.meters)} m."
             )
     top = crowd.id_data.crowd_lod.characters
@@ -127,12 +134,16 @@ def terrain_notes(crowd, trajectory: Trajectory) -> Iterator[str]:
     )
     if inside:
         yield (
-            f"The terrain lies in the collection {top.name} of the characters ({', '.join(inside[:3])}), which renders leave out: "
+            f"The terrain lies in the collection {top.name} of the characters "
+            f"({', '.join(inside[:3])}), which renders leave out: "
             "move it to another."
         )
     names = kept_meshes.moving(objects_of(crowd))
     if names:
-        yield f"The terrain moves ({', '.join(names[:3])}): agents stand on it as it is now, in all frames."
+        yield (
+            f"The terrain moves ({', '.join(names[:3])}): agents stand on it as it is now, in "
+            f"all frames."
+        )
 
 
 def _name(crowd) -> str:

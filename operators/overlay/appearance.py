@@ -53,7 +53,9 @@ def style_of(scene, levels: int) -> tuple[Style, tuple[Character, ...], tuple[st
 
 
 def missing_groups(settings) -> tuple[str, ...]:
-    """Return a sentence on populated groups that are no longer among the characters; () if all are."""
+    """Return a sentence on populated groups that are no longer among the characters; () if all
+    are.
+    """
     top = settings.characters
     here = (
         {*top.objects.keys(), *(child.name for child in top.children if child.all_objects)}

@@ -146,7 +146,8 @@ def _bake_on(scene: bpy.types.Scene, casting: Casting) -> None:
     except Exception as error:
         traceback.print_exc()
         casting.give_up(
-            f"The overlay cannot draw the LOD meshes of {name} ({error}): see the console for details."
+            f"The overlay cannot draw the LOD meshes of {name} ({error}): see the console for "
+            f"details."
         )
 
 
@@ -210,7 +211,9 @@ def _key(scene: bpy.types.Scene) -> tuple[bytes, Looks]:
 
 
 def _named(group: str, items: list[bpy.types.Object], names: tuple[str, ...]) -> list | str:
-    """Return what the actions `names` of the `group` are; or why it has none such, which baking will tell."""
+    """Return what the actions `names` of the `group` are; or why it has none such, which baking
+    will tell.
+    """
     try:
         return performance.digest(performance.performance_of(group, items, names).parts)
     except CrowdError as error:

@@ -46,8 +46,9 @@ class Drawing:
 
     origin: (3,) float64, world meters, the camera's position.
     agents: (m, 8) float32, the instances, sorted by draw: x, y, z of the feet, heading, phase,
-        look, pitch, roll (radians); (m, 9) with their scale, where they are of several sizes. look is 4 * color index + 2 + share. share selects the part of
-        a dither pattern that is drawn: above 0 the pattern below it, below 0 the rest, at 0 all.
+        look, pitch, roll (radians); (m, 9) with their scale, where they are of several sizes. look
+        is 4 * color index + 2 + share. share selects the part of a dither pattern that is drawn:
+        above 0 the pattern below it, below 0 the rest, at 0 all.
     draws: (LOD, group, first instance, count) each, the finest LOD first.
     plays: the name of the action that each draw shows; () if all show their groups' own.
     palette: (p, 4) float32, linear.

@@ -192,9 +192,11 @@ def _paint_lines(
 
 
 def _farther(projection: np.ndarray) -> np.ndarray:
-    """Return the `projection` (4, 4) without an end: all that it shows lies behind what the viewport has drawn.
+    """Return the `projection` (4, 4) without an end: all that it shows lies behind what the
+    viewport has drawn.
 
-    With it a frustum that reaches beyond the viewport's clip end is drawn whole, where nothing is in front.
+    With it a frustum that reaches beyond the viewport's clip end is drawn whole, where nothing is
+    in front.
     """
     lens = np.array(projection, np.float64)
     # the last term keeps what is behind the viewer away
@@ -320,8 +322,8 @@ def _line_batch(lines: np.ndarray, colors: np.ndarray) -> "GPUBatch | None":
 def _agent_texture(agents: np.ndarray, turn: np.ndarray) -> "GPUTexture":
     """Return the texture of instances, three texels each.
 
-    The texels hold what every vertex would compute again: the axes, position, phase, look and scale.
-    Texels follow one another, shader_programs.TEXELS to a row.
+    The texels hold what every vertex would compute again: the axes, position, phase, look and
+    scale. Texels follow one another, shader_programs.TEXELS to a row.
 
     agents: (m, 8) or (m, 9) float32, of a Drawing.
     turn: () radians, of a Drawing.

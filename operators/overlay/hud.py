@@ -86,14 +86,17 @@ def figures(
     if frame.dropped:
         said.append(
             Line(
-                f"{counted(frame.dropped, 'agent')} at NaN or infinity {'is' if frame.dropped == 1 else 'are'} left out."
+                f"{counted(frame.dropped, 'agent')} at NaN or infinity "
+                f"{'is' if frame.dropped == 1 else 'are'} left out."
             )
         )
     return tuple(said)
 
 
 def legend(colors: Colors) -> list[Line]:
-    """Return a line for each name of the colors, at most MOST_NAMES of them, and how many are left."""
+    """Return a line for each name of the colors, at most MOST_NAMES of them, and how many are
+    left.
+    """
     more = len(colors.names) - MOST_NAMES
     lines = [Line(name, colors.of_name(k)) for k, name in enumerate(colors.names[:MOST_NAMES])]
     return [*lines, Line(f"and {more} more")] if more > 0 else lines

@@ -26,7 +26,9 @@ STRAY = 1.0, 0.0, 1.0, 1.0  # linear RGBA, of the map's off-color pixels
 
 
 def with_strays(what: Drawing, strays: np.ndarray) -> Drawing:
-    """Return the drawing of points with a point more for each stray of the maps (k, 3), over all agents."""
+    """Return the drawing of points with a point more for each stray of the maps (k, 3), over all
+    agents.
+    """
     if not len(strays):
         return what
     marks = (strays - what.origin).astype(np.float32)

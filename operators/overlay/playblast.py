@@ -25,7 +25,8 @@ from .visibility import revealed, show_as_rendered
 
 # What a viewport is lent for a picture, from the scene's own shading of its Workbench renders.
 SHADING = (
-    "light color_type show_shadows show_cavity show_object_outline show_xray show_specular_highlight show_backface_culling"
+    "light color_type show_shadows show_cavity show_object_outline show_xray "
+    "show_specular_highlight show_backface_culling"
 ).split()
 GAMMA = 2.2  # of the picture, where Blender's viewports lay overlays over it
 
@@ -143,7 +144,8 @@ def solid_viewport(scene: bpy.types.Scene) -> Iterator[tuple]:
     area = next((area for area in whole if not area.spaces[0].region_3d.use_clip_planes), None)
     if area is None:
         raise CrowdError(
-            "The overlay's preview draws with a 3D viewport, and there is none that shows the whole scene: open one "
+            "The overlay's preview draws with a 3D viewport, and there is none that shows the "
+            "whole scene: open one "
             "without local view, local collections and clipping region, or choose another engine."
         )
     space, own = area.spaces[0], scene.display.shading
@@ -265,7 +267,8 @@ def need_gpu() -> None:
 
     if bpy.app.version < (5, 1, 0):
         raise CrowdError(
-            f"Blender {bpy.app.version_string} has no GPU in background mode: use Blender 5.1 or later for the engine overlay, "
+            f"Blender {bpy.app.version_string} has no GPU in background mode: use Blender 5.1 or "
+            f"later for the engine overlay, "
             "or another engine."
         )
     code = "import bpy, gpu; gpu.init()"
@@ -275,7 +278,8 @@ def need_gpu() -> None:
         failed = trial.wait()
     if failed:
         raise CrowdError(
-            "The engine overlay needs OpenGL or Vulkan, and no driver for either starts here: install one (Mesa works without "
+            "The engine overlay needs OpenGL or Vulkan, and no driver for either starts here: "
+            "install one (Mesa works without "
             "a graphics card), or choose another engine."
         )
     with console.quiet():

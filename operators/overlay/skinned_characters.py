@@ -53,7 +53,9 @@ class Character:
     rows: dict[str, tuple[int, int]] = field(default_factory=dict)
 
     def rows_of(self, action: str) -> tuple[int, int]:
-        """Return the first of the frames of `action` and their number; those of its own if it has none such."""
+        """Return the first of the frames of `action` and their number; those of its own if it has
+        none such.
+        """
         return self.rows.get(action) or self.rows.get("") or (0, len(self.frames))
 
 
@@ -153,7 +155,8 @@ def _character(
     frames = joints.frames()
     if frames.shape[1] > MOST_JOINTS:
         raise CrowdError(
-            f"it has {frames.shape[1]:,} joints, counting the bones of all its objects; use at most {MOST_JOINTS:,}"
+            f"it has {frames.shape[1]:,} joints, counting the bones of all its objects; use at "
+            f"most {MOST_JOINTS:,}"
         )
     off = _compare(played, [part for part, _ in levels[0]], sources[0], frames, recorder.origin)
     points = skin(meshes[0], frames[:1])[0]
@@ -162,8 +165,10 @@ def _character(
     told = None
     if off > TOLERANCE * diagonal:
         told = (
-            f"{name} moves in ways that joints cannot express (shape keys, other modifiers than armatures, or more than four "
-            f"bones a vertex): the overlay shows it {'at rest there' if np.isinf(off) else f'up to {off / diagonal:.1%} of its size off'}."
+            f"{name} moves in ways that joints cannot express (shape keys, other modifiers than "
+            f"armatures, or more than four "
+            f"bones a vertex): the overlay shows it "
+            f"{'at rest there' if np.isinf(off) else f'up to {off / diagonal:.1%} of its size off'}."
         )
     return Character(name, frames, tuple(meshes), looks.images(), color, off, told)
 

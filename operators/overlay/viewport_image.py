@@ -88,7 +88,8 @@ def _seen(context, space, region) -> tuple[np.ndarray, np.ndarray, tuple[int, in
 def _show(name: str) -> None:
     """Open the image, if it is still there, in a new window.
 
-    A timer calls this. An operator with a progress bar that opens a window never ends, in Blender 5.2.
+    A timer calls this. An operator with a progress bar that opens a window never ends, in Blender
+    5.2.
     """
     image = bpy.data.images.get(name)
     if image is None:

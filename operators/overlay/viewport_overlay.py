@@ -158,7 +158,8 @@ def account_of(scene: bpy.types.Scene) -> Account | None:
 
 
 def steps_back(context) -> str:
-    """Return a sentence if the context's viewport shows the build, and so no characters of the overlay.
+    """Return a sentence if the context's viewport shows the build, and so no characters of the
+    overlay.
 
     Else "".
     """
@@ -178,7 +179,10 @@ def _draw(part) -> None:
             part(context)
     except Exception as error:
         traceback.print_exc()
-        _failure = f"The overlay stopped ({error}): disable and enable Crowd LOD to start it again; see the console for details."
+        _failure = (
+            f"The overlay stopped ({error}): disable and enable Crowd LOD to start it "
+            f"again; see the console for details."
+        )
         print(f"Crowd LOD: {_failure}", file=sys.stderr)
         bpy.app.timers.register(_stop)
 

@@ -1,4 +1,6 @@
-"""What shows beside the overlay: whether a viewport shows its characters, and what its pictures show."""
+"""What shows beside the overlay: whether a viewport shows its characters, and what its pictures
+show.
+"""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -57,7 +59,8 @@ def revealed(scene: bpy.types.Scene) -> Iterator[None]:
 def show_as_rendered(layer: bpy.types.ViewLayer) -> None:
     """Let viewports show of the view layer only what its renders show, and what `revealed` shows.
 
-    The view layer's own settings change. Those of objects may be animated: they count as they are now.
+    The view layer's own settings change. Those of objects may be animated: they count as they are
+    now.
     """
     _show(layer.layer_collection)
     layer.depsgraph.update()
@@ -67,7 +70,9 @@ def show_as_rendered(layer: bpy.types.ViewLayer) -> None:
 
 
 def _show(place: bpy.types.LayerCollection) -> None:
-    """Exclude from the view layer the collections in `place` that renders hide, and show the others."""
+    """Exclude from the view layer the collections in `place` that renders hide, and show the
+    others.
+    """
     for child in place.children:
         if child.exclude:
             continue

@@ -27,7 +27,8 @@ def standing_still(scene: bpy.types.Scene) -> str:
         told = ""
         if names:
             told = (
-                f"The build {' and '.join(names[:3])} came from another file without its scene's settings, so it stands "
+                f"The build {' and '.join(names[:3])} came from another file without its scene's "
+                f"settings, so it stands "
                 "still: append its scene in place of it, or remove it and press Build."
             )
         scene_cache.tidy()

@@ -63,7 +63,8 @@ def bake(
     check_build(scene)
     if scene.render.use_motion_blur and scene.render.motion_blur_shutter >= LONGEST:
         raise CrowdError(
-            f"The shutter of {scene.name} is open for {scene.render.motion_blur_shutter:g} frames: baked points show one frame at "
+            f"The shutter of {scene.name} is open for {scene.render.motion_blur_shutter:g} "
+            f"frames: baked points show one frame at "
             "a time, so set it below 1, or render with Crowd LOD installed."
         )
     read, rows = (yield from share(read_library(scene, scene.crowd_lod), 0.0, 0.2)), None
@@ -120,7 +121,10 @@ def keep_what_renders(scene: bpy.types.Scene) -> str:
                 parent.children.unlink(characters)
     bpy.data.orphans_purge(do_local_ids=True, do_linked_ids=True, do_recursive=True)
     stay = f" The characters are still in it: {needed}." if needed else ""
-    return f"The file holds only what its frames need to render; to build again, open the file that it was baked from.{stay}"
+    return (
+        f"The file holds only what its frames need to render; to build again, open the file "
+        f"that it was baked from.{stay}"
+    )
 
 
 def _used(characters: bpy.types.Collection) -> str:
@@ -186,7 +190,8 @@ def _rows(
                 points[name] += len(agents)
                 if points[name] > MOST_POINTS:
                     raise CrowdError(
-                        f"The frames {frames[0]} to {number} hold over {MOST_POINTS:,} points of one LOD: bake fewer frames at a time."
+                        f"The frames {frames[0]} to {number} hold over {MOST_POINTS:,} points of "
+                        f"one LOD: bake fewer frames at a time."
                     )
             yield (done + 1) / len(frames)
     return rows

@@ -83,7 +83,8 @@ def cameras_digest(cameras: Iterable[Camera]) -> str:
 def lights_digest(around: Surroundings) -> str:
     """Return a hash of a frame's lights and mirrors, in any order.
 
-    How far an engine lets a light reach is left out: a proof in Cycles is of builds for all engines.
+    How far an engine lets a light reach is left out: a proof in Cycles is of builds for all
+    engines.
     """
     lamps = [
         (

@@ -129,7 +129,8 @@ def choices_of(settings) -> dict[str, Choice]:
     made = [group.triangles for group in groups]
     if not made or not all(made):
         raise CrowdError(
-            f"The LOD meshes of {settings.id_data.name} are not made: press Make LOD Meshes, then Estimate Cost."
+            f"The LOD meshes of {settings.id_data.name} are not made: press Make LOD Meshes, then "
+            f"Estimate Cost."
         )
     full = np.array([each[0] for each in made], np.float64)[:, None]
     found = {FULL: Choice(LevelPolicy(()), full)}

@@ -328,7 +328,8 @@ def _planned(
         )
     if top.get(MADE_FROM, made := made_from(scene)) != made:
         raise CrowdError(
-            f"The LOD meshes of {scene.name} have changed since its build was made: press Build again."
+            f"The LOD meshes of {scene.name} have changed since its build was made: press Build "
+            f"again."
         )
     whole = scene_data.remapped(scene.render, number)
     with frame_stepping.stage(_stages if _rendering and len(bpy.data.scenes) > 1 else None) as at:
@@ -370,8 +371,10 @@ def _compare(
     if any(map(differs, planned, cameras.cameras_from(scene, camera, depsgraph))):
         _told.add(scene.session_uid)
         print(
-            f"Crowd LOD, frame {number:g}: while the shutter is open, the camera {camera.name} moves as only playback of the scene "
-            "shows (drivers, physics, other add-ons), so agents at the picture's edges may be missing: bake, and render the bake.",
+            f"Crowd LOD, frame {number:g}: while the shutter is open, the camera {camera.name} "
+            f"moves as only playback of the scene "
+            "shows (drivers, physics, other add-ons), so agents at the picture's edges may be "
+            "missing: bake, and render the bake.",
             file=sys.stderr,
         )
 
@@ -399,7 +402,8 @@ def _show(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
 def follow_points(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Update the build to an edited object whose points are agents (depsgraph_update_post handler).
 
-    Our own points are updated, too, but are no crowd's source: that would call this again and again.
+    Our own points are updated, too, but are no crowd's source: that would call this again and
+    again.
     """
     settings = scene.crowd_lod
     if settings.build is None or at_work or not live(settings):

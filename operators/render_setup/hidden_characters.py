@@ -63,7 +63,10 @@ def _shown_for(scene: bpy.types.Scene) -> str:
     """Return why the scene's characters cannot be hidden as a whole; "" if they can."""
     characters = scene.crowd_lod.characters
     if characters.library is not None:
-        return f"the collection is linked from {characters.library.filepath}; hide it there, or exclude it from the view layers"
+        return (
+            f"the collection is linked from {characters.library.filepath}; hide it there, or "
+            f"exclude it from the view layers"
+        )
     users = bpy.data.user_map(subset={characters})[characters]
     names = [user.name for user in users if isinstance(user, bpy.types.Object | bpy.types.NodeTree)]
     others = (other for other in bpy.data.scenes if other.crowd_lod.characters != characters)
@@ -72,7 +75,9 @@ def _shown_for(scene: bpy.types.Scene) -> str:
 
 
 def told_of_characters(scene: bpy.types.Scene) -> str:
-    """Return sentences on the characters in renders of the built scene: where they went, and who glows."""
+    """Return sentences on the characters in renders of the built scene: where they went, and who
+    glows.
+    """
     glow = told_of_glow(scene) if scene.render.engine == "CYCLES" else ()
     return " ".join(filter(None, (_told_of_hiding(scene), *glow)))
 
@@ -82,7 +87,10 @@ def _told_of_hiding(scene: bpy.types.Scene) -> str:
     characters = scene.crowd_lod.characters
     if HIDDEN in scene.crowd_lod.build:
         lamps = [item.name for item in characters.all_objects if item.type == "LIGHT"]
-        return f"The characters in {characters.name} are hidden from renders{', with ' + ' and '.join(lamps) if lamps else ''}."
+        return (
+            f"The characters in {characters.name} are hidden from "
+            f"renders{', with ' + ' and '.join(lamps) if lamps else ''}."
+        )
     if scene.crowd_lod.keep_characters or not shows_characters(scene):
         return ""
     return f"The characters in {characters.name} stay in renders: {_shown_for(scene)}."

@@ -76,14 +76,14 @@ class _Actors:
     made: dict[tuple[int, float, int], dict[str, bpy.types.Object]]
 
 
-# Of each group, see Library, and the model of each action, if rigs can show it; sentences on what does not show as
-# it is; the new data-blocks and what they are to be called.
+# Of each group, see Library, and the model of each action, if rigs can show it; sentences on what
+# does not show as it is; the new data-blocks and what they are to be called.
 LibraryRead = tuple[np.ndarray, list[list[rigs.Model]], list[str], dict[bpy.types.ID, str]]
 
 
 def read_library(scene: bpy.types.Scene, settings) -> Generator[float, None, LibraryRead]:
-    """Find out which groups of `scene` rigs can show; yields the progress and returns what it found.
-    Closed early, it leaves nothing behind."""
+    """Find out which groups of `scene` rigs can show; yields the progress and returns what it
+    found. Closed early, it leaves nothing behind."""
     characters, levels, played = (
         characters_of(scene),
         settings.levels.children,
@@ -127,7 +127,10 @@ def read_library(scene: bpy.types.Scene, settings) -> Generator[float, None, Lib
                         for first, last in performance.only(action).spans
                     )
                     stands = stands_for(frames, scene.render.fps / scene.render.fps_base)
-                    reason = f"{name} is shown as {POSES} still poses, {stands}, so its limbs have no motion blur: {reasons[-1]}."
+                    reason = (
+                        f"{name} is shown as {POSES} still poses, {stands}, so its limbs "
+                        f"have no motion blur: {reasons[-1]}."
+                    )
             if reason:
                 notes.append(reason)
             models.append(own)
@@ -271,7 +274,9 @@ def _rig(
 def _pose(
     cast: Cast, group: _Actors, number: int, shown: tuple[Performance, float], of_levels: list[int]
 ) -> None:
-    """Put character `number` into the LODs of `cast`: the group in an action at a phase, `shown`."""
+    """Put character `number` into the LODs of `cast`: the group in an action at a phase,
+    `shown`.
+    """
     act, phase = shown
     ((first, last),) = act.spans
     act.go_to(group.stage, first + (last - first) * phase)

@@ -35,7 +35,8 @@ POSED, PLAYED = "crowd_lod_posed", "crowd_lod_played"
 ACTIONS = "crowd_lod_actions"  # of the build's collection: see played_by.actions
 # of the build's collection: see _made_of; what it does not show
 MADE_OF, NOTES = "crowd_lod_made_of", "crowd_lod_notes"
-# of the build's collection: Rate and Opens (render_setup/nodes/baked.py), the first and the last frame
+# of the build's collection: Rate and Opens (render_setup/nodes/baked.py), the first and the last
+# frame
 BAKED = "crowd_lod_baked"
 CAMERAS, LIGHTS = "crowd_lod_cameras", "crowd_lod_lights"  # of a bake: digests for each frame
 
@@ -50,7 +51,8 @@ def library_of(top: bpy.types.Collection, trajectory: Trajectory) -> Library:
     is_played = np.ravel(top.get(PLAYED, [])).tolist() == played_by.numbers(trajectory)
     if not is_played or top.get(ACTIONS) != played_by.actions(trajectory):
         raise CrowdError(
-            "The agents' speeds, their actions or the frame rate have changed since the build was made: press Build again."
+            "The agents' speeds, their actions or the frame rate have changed since the build was "
+            "made: press Build again."
         )
     groups = len(trajectory.gaits.rates)
     return Library(np.array(stored_values.read(top, POSED, int, REMEDY, (groups,), (0, np.inf))))
@@ -89,13 +91,15 @@ def check_levels(scene: bpy.types.Scene) -> int:
     settings = scene.crowd_lod
     if settings.levels is None:
         raise CrowdError(
-            f"The scene {scene.name} has no LOD meshes: press Make LOD Meshes in the Levels of Detail panel."
+            f"The scene {scene.name} has no LOD meshes: press Make LOD Meshes in the Levels of "
+            f"Detail panel."
         )
     levels, count = settings.levels.children, policy_of(settings).count
     made = len(levels[0].children) if levels else 0
     if len(levels) < count or made != len(settings.groups):
         raise CrowdError(
-            f"The LOD meshes of {scene.name} ({len(levels)} LODs of {made} character groups) do not fit the settings "
+            f"The LOD meshes of {scene.name} ({len(levels)} LODs of {made} character groups) do "
+            f"not fit the settings "
             f"({count} of {len(settings.groups)}): press Make LOD Meshes and Build again."
         )
     for level in levels[:count]:
@@ -151,7 +155,10 @@ def _made_of(scene: bpy.types.Scene, top: bpy.types.Collection) -> str:
         home for level in levels[: policy_of(scene.crowd_lod).count] for home in level.children
     ]
     played = played_by.inputs(homes, trajectory_of(scene))
-    return f"{made_of(homes, played)} {policy_of(scene.crowd_lod).finest} {scene.crowd_lod.scale_textures} {shown_by(top)}"
+    return (
+        f"{made_of(homes, played)} {policy_of(scene.crowd_lod).finest} "
+        f"{scene.crowd_lod.scale_textures} {shown_by(top)}"
+    )
 
 
 def _as_it_is(scene: bpy.types.Scene) -> Cast | None:
@@ -216,15 +223,18 @@ def told_of_cast(scene: bpy.types.Scene, cast: Cast) -> str:
     ):
         pixels = figure(settings.memory_tolerance)
         found.append(
-            f"To fit in {settings.memory:g} MB, LODs deviate by up to {pixels} pixels in the frames that were looked at."
+            f"To fit in {settings.memory:g} MB, LODs deviate by up to {pixels} pixels in the "
+            f"frames that were looked at."
         )
         if limited:
             found.append(
-                f"Nearer to the camera these look coarser, for their finest LODs are not built: {', '.join(limited)}."
+                f"Nearer to the camera these look coarser, for their finest LODs are not built: "
+                f"{', '.join(limited)}."
             )
     if slides:
         found.append(
-            f"The state machine has more speeds than characters have walk cycles: feet slide by up to {slides:.0%} of the way."
+            f"The state machine has more speeds than characters have walk cycles: feet slide by "
+            f"up to {slides:.0%} of the way."
         )
     return " ".join(found)
 

@@ -417,7 +417,8 @@ def _drop(model: Model | None, made: dict[bpy.types.ID, str]) -> None:
 def _looks(times: np.ndarray, bones: dict[str, Bones]) -> np.ndarray:
     """Return the moments at which rigs are compared with the character, up to ten of them.
 
-    Halfway between keys: five evenly over all, and four where the bones turn off their way most; and a recorded one.
+    Halfway between keys: five evenly over all, and four where the bones turn off their way most;
+    and a recorded one.
 
     times: (k,), at which `bones` were recorded.
     """
@@ -440,7 +441,9 @@ def _looks(times: np.ndarray, bones: dict[str, Bones]) -> np.ndarray:
 
 
 def _off(model: Model, who: Acting, performance: Performance, looks: np.ndarray) -> float:
-    """Return how far off a rig of `model` shows the character at the moments `looks`, at most, meters."""
+    """Return how far off a rig of `model` shows the character at the moments `looks`, at most,
+    meters.
+    """
     (span,), origin = performance.spans, np.array(who.homes[0].instance_offset, np.float64)
     length = max(span[1] - span[0], 1.0)
     rigs = perform(model, "Crowd LOD trial", 1 / length, -span[0] / length, span)

@@ -113,7 +113,8 @@ def scale_textures(
         before,
         after,
         [
-            f"Images of the characters take {after / 1e6:,.1f} MB, unscaled {before / 1e6:,.1f} MB.",
+            f"Images of the characters take {after / 1e6:,.1f} MB, unscaled {before / 1e6:,.1f} "
+            f"MB.",
             *said,
         ],
     )

@@ -1,4 +1,6 @@
-"""Shelves: the collections of a build that hold its characters, one for each LOD, and their rigs."""
+"""Shelves: the collections of a build that hold its characters, one for each LOD, and their
+rigs.
+"""
 
 import bpy
 

@@ -44,7 +44,8 @@ def note_build(scene: bpy.types.Scene) -> None:
 
 
 def changed(scene: bpy.types.Scene) -> list[str]:
-    """Return what has changed since the scene's build was made; none without one, or if it does not say.
+    """Return what has changed since the scene's build was made; none without one, or if it does not
+    say.
 
     The answer may be a second old: the sidebar asks whenever it is drawn.
     """

@@ -42,9 +42,9 @@ def show_in(scene: bpy.types.Scene, names: Sequence[str]) -> None:
 def show_where_characters_are(scene: bpy.types.Scene) -> None:
     """Show a new build of the scene as its view layers show the characters.
 
-    A layer that excludes the characters excludes the build; one where they are held out, or in sight
-    of indirect rays alone, treats the build alike. Characters that no layer shows are hidden for
-    being the build's source: it is then shown in all layers.
+    A layer that excludes the characters excludes the build; one where they are held out, or in
+    sight of indirect rays alone, treats the build alike. Characters that no layer shows are hidden
+    for being the build's source: it is then shown in all layers.
     """
     characters = {
         layer.name: _ways_to(layer.layer_collection, scene.crowd_lod.characters)

@@ -36,7 +36,9 @@ def watch_points(scene: bpy.types.Scene) -> None:
 
 
 def _nodes() -> bpy.types.NodeTree:
-    """Return a node group that hands its geometry on; that an object is among its inputs is enough."""
+    """Return a node group that hands its geometry on; that an object is among its inputs is
+    enough.
+    """
     for tree in bpy.data.node_groups:
         if WATCHED in tree and tree.library is None:
             return tree

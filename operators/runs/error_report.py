@@ -62,7 +62,8 @@ def error(
         walks = walks_of(trajectory)
         if not walks:
             raise CrowdError(
-                f"The crowd of the scene {scene.name} has no agents that a state machine moves, whose steps could be wrong: run "
+                f"The crowd of the scene {scene.name} has no agents that a state machine moves, "
+                f"whose steps could be wrong: run "
                 "crowd-lod error on another scene."
             )
         walk = walks[0]
@@ -96,7 +97,10 @@ def error(
                 tables[name].append(row)
                 yield begun + (1 - begun) * min(done + share * len(tables[name]) / about, 0.99)
             done += share
-        machine = f"{machine_name()}; {len(crowd):,} of {len(trajectory.start):,} agents, medians of {counted(repeats, 'run')}"
+        machine = (
+            f"{machine_name()}; {len(crowd):,} of {len(trajectory.start):,} agents, medians "
+            f"of {counted(repeats, 'run')}"
+        )
         for name, rows in tables.items():
             (stage / f"error_{name}.csv").write_text(
                 f"# {machine}\n{report.to_csv(rows)}", encoding="utf-8"
@@ -140,8 +144,14 @@ def _policies(policy: LevelPolicy) -> list[LevelPolicy]:
 
 def machine_name() -> str:
     """Return the machine and the versions that times are measured with, as one line."""
-    versions = f"Python {platform.python_version()}, NumPy {np.__version__}, Blender {bpy.app.version_string}, Crowd LOD {__version__}"
-    return f"{platform.system()} {platform.machine()} {_processor()}, {os.cpu_count()} CPUs; {versions}"
+    versions = (
+        f"Python {platform.python_version()}, NumPy {np.__version__}, Blender "
+        f"{bpy.app.version_string}, Crowd LOD {__version__}"
+    )
+    return (
+        f"{platform.system()} {platform.machine()} {_processor()}, {os.cpu_count()} CPUs; "
+        f"{versions}"
+    )
 
 
 def _processor() -> str:
@@ -191,14 +201,20 @@ def cases(most: int, seed: int, out: Path | None = None) -> Generator[float, Non
 def _cases_text(name: str, rows: ExtremeRows) -> str:
     made = f"Made with `crowd-lod report extremes --out {name}` on {machine_name()}."
     culling = (
-        "Each is judged by exact rational arithmetic: `missed` are agents that can be seen and were culled; "
-        "`surplus` were kept for nothing; `grazing` likewise, but within the roundings of a plane, where a quarter of the agents "
-        "are put on purpose; `depth error` is the distance's as a part of the bound that `levels.assign` states."
+        "Each is judged by exact rational arithmetic: `missed` are agents that can be seen and "
+        "were culled; "
+        "`surplus` were kept for nothing; `grazing` likewise, but within the roundings of a "
+        "plane, where a quarter of the agents "
+        "are put on purpose; `depth error` is the distance's as a part of the bound that "
+        "`levels.assign` states."
     )
     behavior = (
-        "A slow judge walks each agent cell by cell in rational arithmetic. `stand` are agents that turned too often in a step, "
-        "and stood until it ended; `chatter` are those of all agents for whom no time can pass, as their state changes for ever in "
-        "one place; on `unknown` ones the judge gave up; `broken` are at NaN, off the map, in a wall or behind it. The error is the "
+        "A slow judge walks each agent cell by cell in rational arithmetic. `stand` are agents "
+        "that turned too often in a step, "
+        "and stood until it ended; `chatter` are those of all agents for whom no time can pass, "
+        "as their state changes for ever in "
+        "one place; on `unknown` ones the judge gave up; `broken` are at NaN, off the map, in a "
+        "wall or behind it. The error is the "
         "distance from where the judge sees the agent; `ms` is the time of the longest step."
     )
     parts = ["# Extreme cases", _filled(made)]
@@ -248,13 +264,15 @@ def lenses_text(rows: list[dict]) -> str:
         f"{'lens':16} {'pairs':>11} {'visible':>11} {'missed':>6} {'surplus %':>9} {'beside %':>9}"
     )
     lines = [
-        f"{r['lens']:16} {r['pairs']:11,} {r['visible']:11,} {r['missed']:6} {r['surplus_percent']:9.4f} {r['beside_percent']:9.3f}"
+        f"{r['lens']:16} {r['pairs']:11,} {r['visible']:11,} {r['missed']:6} "
+        f"{r['surplus_percent']:9.4f} {r['beside_percent']:9.3f}"
         for r in rows
     ]
     return "\n".join(
         [
             head,
             *lines,
-            "surplus: part of the kept agents that are not visible; beside: part of the agents visible by the planes that miss the frustum's body",
+            "surplus: part of the kept agents that are not visible; beside: part of the agents "
+            "visible by the planes that miss the frustum's body",
         ]
     )

@@ -68,7 +68,8 @@ def tables(
         found.append(entry)
         if g >= MOST_SHOWN:
             continue
-        # the group's figures are those of its largest agents, whose size the character itself has not
+        # the group's figures are those of its largest agents, whose size the character itself has
+        # not
         largest, feet = group.scale[1], np.array(origin) + (0, 0, group.feet)
         center = feet + (0, 0, group.center)
         with Posed(objects, meshes, performance) as posed:
@@ -163,7 +164,9 @@ def _worst(group: Group, k: int, performance: Performance) -> dict:
 
 
 def at_size(points: np.ndarray, feet: np.ndarray, size: float) -> np.ndarray:
-    """Return points (n, 3) scaled by `size` about `feet` (3,), as an agent of that size has them."""
+    """Return points (n, 3) scaled by `size` about `feet` (3,), as an agent of that size has
+    them.
+    """
     return feet + size * (points - feet)
 
 

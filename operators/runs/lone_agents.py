@@ -1,4 +1,6 @@
-"""Crops of single agents at the size of the final picture: at full detail, and as they were built."""
+"""Crops of single agents at the size of the final picture: at full detail, and as they were
+built.
+"""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -23,8 +25,8 @@ SAMPLES = 4  # a pixel
 ACROSS, LARGEST = 8, 600
 MOST_FINER = 32  # pixels of a crop in one of the final picture, along each axis
 ERROR = 1.0  # pixels of a crop by which a shift between two of them errs, see silhouette.shift
-# of 1, encoded as sRGB: by how much the mean color of an agent may be off. LODs of textured and plain
-# characters are off by 0.003 (docs/notes/verify.md)
+# of 1, encoded as sRGB: by how much the mean color of an agent may be off. LODs of textured and
+# plain characters are off by 0.003 (docs/notes/verify.md)
 COLOR_OFF = 0.05
 TILE = 160  # pixels of a crop's larger side in the picture of all of them
 BEHIND = 0.4  # behind the agents in that picture, sRGB
@@ -101,7 +103,8 @@ class LoneStage:
         self.stage.render.resolution_x, self.stage.render.resolution_y = size
 
     def render(self, number: int, agent: Shown | None) -> np.ndarray:
-        """Return the picture of the agent at the frame `number`, (rows, columns, 4) float32, linear.
+        """Return the picture of the agent at the frame `number`, (rows, columns, 4) float32,
+        linear.
 
         None is nobody.
         """

@@ -50,7 +50,8 @@ class CROWDLOD_OT_open_report(Reporting, bpy.types.Operator):
         path = report_path(context.scene, self.which)
         if not path.is_file():
             raise CrowdError(
-                f"There is no report {printable(path)} yet: press {TITLES.get(REPORTS[self.which], 'Plan Shot')}."
+                f"There is no report {printable(path)} yet: press "
+                f"{TITLES.get(REPORTS[self.which], 'Plan Shot')}."
             )
         bpy.ops.wm.url_open(url=path.as_uri())
         return f"The web browser shows {printable(path)}."

@@ -154,7 +154,8 @@ def preview(
 
 
 def _with_levels(stage: bpy.types.Scene) -> Generator[float, None, float]:
-    """Measure the characters, and make or measure LODs where they lack: yield the progress, return it.
+    """Measure the characters, and make or measure LODs where they lack: yield the progress, return
+    it.
 
     CrowdError if something is wrong with the scene: it is said before the work begins.
     """
@@ -177,9 +178,11 @@ def _with_levels(stage: bpy.types.Scene) -> Generator[float, None, float]:
 def _planned_shot(
     stage: bpy.types.Scene, wanted: Preview, folder: Path
 ) -> Generator[float, None, Planned | None]:
-    """Plan the shot of the preview's frames, unless the scene has a plan: yield the progress, return it.
+    """Plan the shot of the preview's frames, unless the scene has a plan: yield the progress,
+    return it.
 
-    The stage then shows its LODs. None if there is nothing to plan: one frame, one LOD, or too much.
+    The stage then shows its LODs. None if there is nothing to plan: one frame, one LOD, or too
+    much.
     """
     settings = stage.crowd_lod
     frames = range(wanted.frames[0], wanted.frames[-1] + 1)
@@ -288,7 +291,10 @@ class _Run:
 def _caption(frame: Frame) -> str:
     seen = int(frame.visible.sum())
     counts = "  ".join(f"LOD{k} {n:,}" for k, n in enumerate(frame.buckets.counts))
-    return f"{frame.crowd.there:,} agents  {seen:,} visible ({seen / max(frame.crowd.there, 1):.1%})  {counts}  {frame.triangles:,} tris"
+    return (
+        f"{frame.crowd.there:,} agents  {seen:,} visible "
+        f"({seen / max(frame.crowd.there, 1):.1%})  {counts}  {frame.triangles:,} tris"
+    )
 
 
 def _sheet(pictures: list[tuple[Path, Path]]) -> np.ndarray:

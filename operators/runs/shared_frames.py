@@ -54,7 +54,9 @@ class Sharing:
 
     @contextmanager
     def opened(self, folder: Path) -> Iterator[Path]:
-        """Yield the folder to make the run's files in; those of a whole run are put into `folder` at the end."""
+        """Yield the folder to make the run's files in; those of a whole run are put into `folder`
+        at the end.
+        """
         with ExitStack() as stack:
             if self.part is not None and self.into is not None:
                 self.into.mkdir(parents=True, exist_ok=True)
@@ -104,7 +106,8 @@ ALONE = Sharing()
 
 
 def state_of(scene: bpy.types.Scene, wanted: object) -> str:
-    """Return a digest of what the frames of a run follow from: the crowd, its LODs, and what is wanted.
+    """Return a digest of what the frames of a run follow from: the crowd, its LODs, and what is
+    wanted.
 
     wanted: Preview or Verify; its folder and frames do not count.
     """
@@ -137,7 +140,8 @@ def made(
     missing = [number for number in wanted if told[number] is None]
     if missing and sharing.part is None and sharing.into is not None:
         raise CrowdError(
-            f"{frames_are(missing)} not in {printable(sharing.into)}, or made of another scene: make them with "
+            f"{frames_are(missing)} not in {printable(sharing.into)}, or made of another scene: "
+            f"make them with "
             "--part, then assemble again."
         )
     prepared = False
@@ -174,7 +178,9 @@ def _whole(parts: FrameParts, numbers: Sequence[int]) -> set[int]:
 
 
 def allowed(jobs: int) -> int:
-    """Return how many of `jobs` processes like this one, which is one of them, the machine's memory holds."""
+    """Return how many of `jobs` processes like this one, which is one of them, the machine's memory
+    holds.
+    """
     free, own = _free_memory(), _own_memory()
     return jobs if free is None or own is None else min(jobs, 1 + int(free / max(own, 1)))
 

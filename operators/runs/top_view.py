@@ -109,7 +109,9 @@ def _arrows(frame: Frame, view: Camera, meters: float) -> tuple[np.ndarray, np.n
 
 
 def _strays(frame: Frame, view: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Return corners (k, 3, 3) float64 and color (k, 3) of a triangle on each off-color pixel of the map."""
+    """Return corners (k, 3, 3) float64 and color (k, 3) of a triangle on each off-color pixel of
+    the map.
+    """
     height = float(frame.trajectory.spheres.center.max())
     at = stray_places(frame.trajectory) + (0.0, 0.0, height) - view.Z
     cell = max((max(walk.world.cell) for walk in walks_of(frame.trajectory)), default=0.0)

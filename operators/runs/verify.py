@@ -79,7 +79,8 @@ def verify(
     """
     if not hasattr(scene, "cycles"):
         raise CrowdError(
-            "The frames are rendered with Cycles: enable the add-on Cycles Render Engine in the preferences."
+            "The frames are rendered with Cycles: enable the add-on Cycles Render Engine in the "
+            "preferences."
         )
     own, groups = scene.crowd_lod, groups_of(scene.crowd_lod)
     with ExitStack() as opened:
@@ -195,7 +196,9 @@ class _Run:
     full: bpy.types.Collection | None = None
 
     def prepare(self) -> Generator[float, None, None]:
-        """Build the crowd at full detail, and with its LODs if no build is there: yield the progress."""
+        """Build the crowd at full detail, and with its LODs if no build is there: yield the
+        progress.
+        """
         scene, own = self.scene, self.scene.crowd_lod
         every, count = range(2**31), policy_of(own).count
         # also of LODs that are left out to save memory: they are what is proved
@@ -223,7 +226,9 @@ class _Run:
         ]
 
     def prove(self, number: int) -> Generator[float, None, tuple[dict[str, Any], list[Path]]]:
-        """Verify one frame: yield the progress, return (what is told of it, its pictures); see FrameParts.put."""
+        """Verify one frame: yield the progress, return (what is told of it, its pictures); see
+        FrameParts.put.
+        """
         scene, trajectory = self.scene, trajectory_of(self.scene)
         time = scene_data.remapped(scene.render, number)
         yield from share(approach(trajectory, time), 0.0, 0.1)
@@ -273,7 +278,8 @@ class _Run:
         rows: dict[str, Columns],
         seen: dict[str, np.ndarray],
     ) -> Generator[float, None, dict[str, Any]]:
-        """Render the whole pictures of a frame: yield the progress, return how they differ from the first.
+        """Render the whole pictures of a frame: yield the progress, return how they differ from the
+        first.
 
         rows: the points that the build shows.
         seen: its agents by kind of bucket.
@@ -376,7 +382,9 @@ def _tolerance(scene: bpy.types.Scene, planned: Frame) -> float | None:
 
 
 def told_of_build(proved: ProvedBuild, rows: list[dict]) -> dict[str, Any]:
-    """Return what verify.json tells of the build: its kind, and what has changed since it was made."""
+    """Return what verify.json tells of the build: its kind, and what has changed since it was
+    made.
+    """
     older = [name for row in rows for name in row["older_than"].split(", ") if name]
     changed = list(dict.fromkeys([*proved.changed, *older]))
     return {"kind": proved.kind, "older_than": changed, "hidden": proved.hidden}
@@ -387,7 +395,8 @@ def _never_shown(scene: bpy.types.Scene) -> list[str]:
     render, said = scene.render, []
     if render.use_motion_blur and render.motion_blur_shutter > LONGEST_SHUTTER:
         said.append(
-            f"The shutter was open for {LONGEST_SHUTTER:g} frames, not {render.motion_blur_shutter:g}."
+            f"The shutter was open for {LONGEST_SHUTTER:g} frames, not "
+            f"{render.motion_blur_shutter:g}."
         )
     if render.use_multiview and not PAIRS:
         said.append(
@@ -459,12 +468,14 @@ def _left_out(scene: bpy.types.Scene, rows: list[dict], wanted: Verify) -> list[
     said = list(filter(None, [tables.nobody_seen(row["visible"] for row in rows)]))
     if any(row["predicted_shift"] is None for row in rows):
         said.append(
-            "Silhouettes were not judged: an agent stands at the camera, a LOD is not measured, or the lens bends the picture."
+            "Silhouettes were not judged: an agent stands at the camera, a LOD is not measured, "
+            "or the lens bends the picture."
         )
     displaced = _displaced(scene)
     if displaced:
         said.append(
-            f"Meshes of {', '.join(displaced[:3])} are displaced by Cycles where one of their instances stands, another one with "
+            f"Meshes of {', '.join(displaced[:3])} are displaced by Cycles where one of their "
+            f"instances stands, another one with "
             f"culling, so differences of up to {DISPLACED:g} were not counted."
         )
     mirrors = lights.read_surroundings(

@@ -66,7 +66,9 @@ class ProvedBuild:
         }
 
     def older_than(self, number: int, film: Sequence, around) -> list[str]:
-        """Return what of a bake's frame `number` was other when it was baked: the camera, the lights."""
+        """Return what of a bake's frame `number` was other when it was baked: the camera, the
+        lights.
+        """
         if self.kind != BAKE:
             return []
         now = {
@@ -110,7 +112,8 @@ def build_of(scene: bpy.types.Scene, frames: Sequence[int]) -> ProvedBuild:
         missing = sorted(set(frames).difference(baked_frames(scene) or frames))
         if missing:
             raise CrowdError(
-                f"The bake of {scene.name} has {shot_frames(sorted(baked_frames(scene)))}, and {frames_are(missing)} not in it: "
+                f"The bake of {scene.name} has {shot_frames(sorted(baked_frames(scene)))}, and "
+                f"{frames_are(missing)} not in it: "
                 "verify frames that are, or bake again."
             )
     else:
@@ -131,13 +134,16 @@ def baked_frames(scene: bpy.types.Scene) -> set[int]:
 
 
 def frames_to_verify(scene: bpy.types.Scene, frames: Sequence[int]) -> list[int]:
-    """Return those of the shot's `frames` that the scene's bake has; all of its own if it has none of them."""
+    """Return those of the shot's `frames` that the scene's bake has; all of its own if it has none
+    of them.
+    """
     baked = baked_frames(scene)
     return [number for number in frames if number in baked] or sorted(baked) or list(frames)
 
 
 def seen_by_kind(rows: Mapping[str, Columns], count: int) -> tuple[dict[str, np.ndarray], int]:
-    """Return (the agents of each kind of bucket, (m,) intp, increasing; how many points are no agents).
+    """Return (the agents of each kind of bucket, (m,) intp, increasing; how many points are no
+    agents).
 
     count: agents of the crowd.
     """

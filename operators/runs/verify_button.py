@@ -21,7 +21,9 @@ _verdicts: dict[int, tuple[str, object]] = scene_cache.kept({}, by_scene=True)
 
 
 def verdict_of(scene: bpy.types.Scene) -> str:
-    """Return what the last proof of the scene found; "" if there is none, or the build is another one now."""
+    """Return what the last proof of the scene found; "" if there is none, or the build is another
+    one now.
+    """
     said, build = _verdicts.get(scene.session_uid, ("", None))
     return said if build == _build_of(scene) else ""
 
@@ -33,8 +35,10 @@ def _build_of(scene: bpy.types.Scene) -> object:
 
 
 class CROWDLOD_OT_verify(Stepwise, bpy.types.Operator):
-    """Render a few frames of the build beside everyone at full detail, compare them, and write a report"""
-
+    bl_description = (
+        "Render a few frames of the build beside everyone at full detail, compare them, and "
+        "write a report"
+    )
     bl_idname = "crowd_lod.verify"
     bl_label = "Verify"
     bl_options = {"REGISTER"}

@@ -29,8 +29,8 @@ class Verify:
     bounces: above 0, each picture is rendered a second time, with the light of the sky and this
         many bounces of light and reflections.
     strict: a frame without the LODs of the scene's shot plan is an error.
-    agents: so many of each frame are rendered alone because they are predicted worst, as many others
-        by chance, and as many of those apart.
+    agents: so many of each frame are rendered alone because they are predicted worst, as many
+        others by chance, and as many of those apart.
     """
 
     frames: list[int]

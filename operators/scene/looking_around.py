@@ -1,4 +1,6 @@
-"""How a crowd's agents stand to what the scene shows: above or below its ground, within its walls."""
+"""How a crowd's agents stand to what the scene shows: above or below its ground, within its
+walls.
+"""
 
 from collections.abc import Container, Iterator
 from dataclasses import dataclass, field
@@ -134,7 +136,8 @@ def _hits(shape: _Shape, start: Vector, way: Vector) -> Iterator[tuple[Vector, V
 def _ground(
     shape: _Shape, place: tuple[float, float, float], side: int, room: float = np.inf
 ) -> float | None:
-    """Return the world z of the first ground above (`side` 1) or below (-1) a place; None without one.
+    """Return the world z of the first ground above (`side` 1) or below (-1) a place; None without
+    one.
 
     A ground faces up. The first surface below may be of an open mesh that is inside out; above,
     the underside of a slab is passed, and a roof with more `room` below it is that of a hall.
@@ -155,7 +158,9 @@ def _ground(
 
 
 def _inside(shape: _Shape, places: np.ndarray, under: np.ndarray) -> np.ndarray:
-    """Return which of the places (n, 3) lie within a closed mesh, (n,) bool; only those `under` are looked at."""
+    """Return which of the places (n, 3) lie within a closed mesh, (n,) bool; only those `under` are
+    looked at.
+    """
     found = np.zeros(len(places), bool)
     back = shape.matrix.inverted()
     for index in np.flatnonzero(under):

@@ -75,7 +75,8 @@ def told_of_extent(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[
     if found:
         margin = number(MARGIN * max(group.radius for group in groups) * scene_data.meters(scene))
         yield (
-            f"Renders may show more than was measured: {'; '.join(found)}. If something is missing at the picture's border, "
+            f"Renders may show more than was measured: {'; '.join(found)}. If something is "
+            f"missing at the picture's border, "
             f"set Margin to Fixed, {margin} m or more."
         )
 
@@ -89,7 +90,10 @@ def _heights(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
             for g in found.which
             if not groups[g].variant_of
         ]
-        yield f"{', '.join(texts)}: if these are people, scale them to about 1.7 m, or set Unit Scale in the scene's Units."
+        yield (
+            f"{', '.join(texts)}: if these are people, scale them to about 1.7 m, or set Unit "
+            f"Scale in the scene's Units."
+        )
 
 
 def _motion(crowd, part: Trajectory) -> Iterator[str]:
@@ -109,7 +113,10 @@ def _motion(crowd, part: Trajectory) -> Iterator[str]:
                 low, high = (
                     number(height * meters) for height in (samples.z.min(), samples.z.max())
                 )
-                yield f"The z of the file goes from {low} to {high} m as agents walk: if y is up in it, set Up to Y."
+                yield (
+                    f"The z of the file goes from {low} to {high} m as agents walk: if y is up "
+                    f"in it, set Up to Y."
+                )
     elif isinstance(part, Walk):
         paces = part.gaits.paces.speeds * meters
         if paces.any():  # else they are seated
@@ -128,7 +135,9 @@ def _speeds(found: judge.Finding | None, remedy: str) -> Iterator[str]:
 
 
 def _steps(part: Recorded) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return of the steps between rows of a file the agents (k,), the ways (3, k) in units, and seconds (k,)."""
+    """Return of the steps between rows of a file the agents (k,), the ways (3, k) in units, and
+    seconds (k,).
+    """
     samples = part.tracks.samples
     rows = np.flatnonzero(~samples.hidden & (samples.after != np.arange(len(samples.x))))
     rows = rows[:: -(-len(rows) // MOST_STEPS) or 1]
@@ -162,7 +171,8 @@ def _around(
             ground = max(sorted(set(names)), key=names.count)
             side = "above" if found.kind == "floats" else "below"
             yield (
-                f"{found.share:.0%} of the agents stand {number(found.value)} m {side} the ground {ground}: choose it as Terrain "
+                f"{found.share:.0%} of the agents stand {number(found.value)} m {side} the ground "
+                f"{ground}: choose it as Terrain "
                 "Object, or change the z of Center."
             )
     if within.any():
@@ -205,4 +215,7 @@ def _poses(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
     for g in found.which if found is not None else ():
         if not groups[g].variant_of:
             stands = stands_for(cycles[g] * fps, fps)
-            yield f"{groups[g].name} is built as {POSES} still poses, {stands}: {reasons[g]}. Take that out, or shorten the action."
+            yield (
+                f"{groups[g].name} is built as {POSES} still poses, {stands}: {reasons[g]}. "
+                f"Take that out, or shorten the action."
+            )

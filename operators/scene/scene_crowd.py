@@ -58,7 +58,8 @@ def home_of(level: bpy.types.Collection, g: int, name: str) -> bpy.types.Collect
     home = level.children[g] if g < len(level.children) else None
     if home is None or not home.objects or home.get(GROUP, name) != name:
         raise CrowdError(
-            f"The character group {name} has no LOD meshes in {level.name}: press Make LOD Meshes again."
+            f"The character group {name} has no LOD meshes in {level.name}: press Make LOD Meshes "
+            f"again."
         )
     return home
 
@@ -115,7 +116,8 @@ def trajectory_of(
     groups = groups or groups_of(scene.crowd_lod)
     if not groups:
         raise CrowdError(
-            f"The crowd of the scene {scene.name} is not populated: press Populate in the Crowd panel."
+            f"The crowd of the scene {scene.name} is not populated: press Populate in the Crowd "
+            f"panel."
         )
     return crowd_sources.together(scene, groups, depsgraph)
 

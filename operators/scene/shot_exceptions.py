@@ -28,7 +28,8 @@ from ..sources import hand_edits
 # Of painted maps: the values, and their digest.
 _painted: dict[int, tuple[np.ndarray, str]] = scene_cache.kept({})
 
-# Of each scene what was asked last, and (the exceptions that hold without a shot plan, what is wrong).
+# Of each scene what was asked last, and (the exceptions that hold without a shot plan, what is
+# wrong).
 _numbered: dict[int, tuple] = scene_cache.kept({}, by_scene=True)
 
 
@@ -63,7 +64,8 @@ def exemptions_of(
             )
             if begin is not None and not len(agents):
                 raise CrowdError(
-                    f"The exception {entry.name} chooses nobody: no agent stands in its {_place(entry)} at frame {begin}; move or "
+                    f"The exception {entry.name} chooses nobody: no agent stands in its "
+                    f"{_place(entry)} at frame {begin}; move or "
                     "paint it elsewhere, or switch the exception off."
                 )
             found[index] = Exemption(
@@ -127,7 +129,8 @@ def find_agents(
 
 
 def digest_of(settings) -> str:
-    """Return what changes when an exception that is switched on would choose or ask for anything else.
+    """Return what changes when an exception that is switched on would choose or ask for anything
+    else.
 
     "" without any. An object that is animated counts as unchanged while it is the same object.
     """
@@ -135,7 +138,9 @@ def digest_of(settings) -> str:
 
 
 def drawn_inputs(settings) -> tuple:
-    """Return the same as `digest_of` for the overlay, which must not read images at each drawing."""
+    """Return the same as `digest_of` for the overlay, which must not read images at each
+    drawing.
+    """
     return tuple(
         _marks(entry, lambda image: str(image.session_uid))
         for entry in settings.exceptions
@@ -192,7 +197,8 @@ def _whom(entry, trajectory: Trajectory) -> Callable[[float, frame_stepping.At],
     stored_values.check(entry)
     if not entry.all_frames and entry.first_frame > entry.last_frame:
         raise CrowdError(
-            f"The exception {entry.name} runs backwards, from frame {entry.first_frame} to {entry.last_frame}: give the first "
+            f"The exception {entry.name} runs backwards, from frame {entry.first_frame} to "
+            f"{entry.last_frame}: give the first "
             "frame first."
         )
     if entry.chosen_by == "NUMBERS":
@@ -201,18 +207,21 @@ def _whom(entry, trajectory: Trajectory) -> Callable[[float, frame_stepping.At],
     if entry.chosen_by == "REGION":
         if entry.region is None or entry.region.type not in REGIONS:
             raise CrowdError(
-                f"The exception {entry.name} has no region: choose a mesh or an empty about the agents it means."
+                f"The exception {entry.name} has no region: choose a mesh or an empty about the "
+                f"agents it means."
             )
         return partial(_inside, entry.region, entry.name, trajectory)
     if entry.chosen_by == "VOLUME":
         if entry.region is None or entry.region.type != "MESH":
             raise CrowdError(
-                f"The exception {entry.name} has no volume: choose a closed mesh about the agents it means."
+                f"The exception {entry.name} has no volume: choose a closed mesh about the agents "
+                f"it means."
             )
         return partial(_in_volume, entry.region, entry.name, trajectory)
     if entry.map_image is None:
         raise CrowdError(
-            f"The exception {entry.name} has no map: choose an image that is white where the agents stand it means."
+            f"The exception {entry.name} has no map: choose an image that is white where the "
+            f"agents stand it means."
         )
     light = LabelMap(_light(entry.map_image), area_of(entry.id_data.crowd_lod))
     return lambda time, at: _painted_on(light, trajectory.at(time))

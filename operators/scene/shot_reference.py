@@ -43,7 +43,8 @@ class Use:
     """How a frame uses the scene's shot plan.
 
     row: (n,) uint8, of the plan's file, or None if it gives no LODs.
-    unplanned: sentences why the scene's plan gives none, or on exceptions that are wrong; "" without.
+    unplanned: sentences why the scene's plan gives none, or on exceptions that are wrong; ""
+    without.
     exceptions: those that hold without the plan, in the frame `number` of the timeline.
     """
 
@@ -172,7 +173,9 @@ def _for_another(stored: StoredPlan) -> str:
 
 
 def told_of_file(settings) -> str:
-    """Return a sentence if the plan in use was made for another file; "" else, or if it cannot be read."""
+    """Return a sentence if the plan in use was made for another file; "" else, or if it cannot be
+    read.
+    """
     with suppress(CrowdError):
         stored = stored_plan(settings)
         if stored is not None and (other := _for_another(stored)):
@@ -183,7 +186,8 @@ def told_of_file(settings) -> str:
 def told_of_shot(
     scene: bpy.types.Scene, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | None
 ) -> str:
-    """Return a sentence on what has changed since the scene's plan was made, in any of its frames; "" if nothing.
+    """Return a sentence on what has changed since the scene's plan was made, in any of its frames;
+    "" if nothing.
 
     CrowdError if the plan cannot be read.
     """
@@ -201,7 +205,10 @@ def told_of_shot(
 
 
 def _not_used(stored: StoredPlan, changed: Sequence[str]) -> str:
-    return f"The shot plan is not used, for {named(changed)} changed since it was made{_for_another(stored)}: {AGAIN}."
+    return (
+        f"The shot plan is not used, for {named(changed)} changed since it was "
+        f"made{_for_another(stored)}: {AGAIN}."
+    )
 
 
 def made_for(

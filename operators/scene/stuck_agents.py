@@ -47,8 +47,10 @@ class OffColor:
             f"{count:,} pixels of the label map are" if count > 1 else "A pixel of the label map is"
         )
         return (
-            f"{many} far from every label's color and taken for {self.label}, the first at x {self.x[0]:.2f} m, "
-            f"y {self.y[0]:.2f} m (map column {self.column[0]}, row {self.row[0]} from the bottom): paint over."
+            f"{many} far from every label's color and taken for {self.label}, the first at x "
+            f"{self.x[0]:.2f} m, "
+            f"y {self.y[0]:.2f} m (map column {self.column[0]}, row {self.row[0]} from the "
+            f"bottom): paint over."
         )
 
 
@@ -83,7 +85,8 @@ class Troubles:
         parts = [str(each) for each in self.found]
         if self.agents < self.count or self.seconds < SECONDS:
             parts.append(
-                f"Only the first {self.agents:,} of {self.count:,} agents were checked for chattering or being stuck, {self.seconds:.3g} s ahead."
+                f"Only the first {self.agents:,} of {self.count:,} agents were checked for "
+                f"chattering or being stuck, {self.seconds:.3g} s ahead."
             )
         return " ".join(parts)
 

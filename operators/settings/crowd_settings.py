@@ -28,7 +28,8 @@ class CharacterSettings:
     )
     keep_characters: BoolProperty(
         name="Keep in Renders",
-        description="Build and Preview leave the characters themselves in the picture, where they stand, besides the crowd",
+        description="Build and Preview leave the characters themselves in the picture, where they "
+        "stand, besides the crowd",
     )
     forward: EnumProperty(
         name="Forward",
@@ -63,7 +64,8 @@ class CrowdSettings:
         name="File",
         subtype="FILE_PATH",
         options={"PATH_SUPPORTS_BLEND_RELATIVE"},
-        description="Trajectories: a table of text (CSV, PedPy, PeTrack, ETH and UCY), NPZ, or JuPedSim's SQLite",
+        description="Trajectories: a table of text (CSV, PedPy, PeTrack, ETH and UCY), NPZ, or "
+        "JuPedSim's SQLite",
     )
     tracks_unit: EnumProperty(
         name="Unit",
@@ -80,11 +82,13 @@ class CrowdSettings:
         name="Frame Rate",
         min=0,
         max=10_000,
-        description="Frames a second of the file's frame numbers; 0 for the rate that the file names",
+        description="Frames a second of the file's frame numbers; 0 for the rate that the file "
+        "names",
     )
     tracks_up: EnumProperty(
         name="Up",
-        description="Axis that is up in the file; its headings are counter-clockwise from +X as seen from above",
+        description="Axis that is up in the file; its headings are counter-clockwise from +X as "
+        "seen from above",
         items=[
             ("Z", "Z", "As in Blender and in programs for pedestrians: X and Y are the ground"),
             ("Y", "Y", "Right-handed axes, as in Houdini and Maya: X and -Z are the ground"),
@@ -94,14 +98,16 @@ class CrowdSettings:
     points: PointerProperty(
         type=bpy.types.Object,
         name="Object",
-        description="Object whose points or instances are the agents. Attributes: id, group, heading, phase",
+        description="Object whose points or instances are the agents. Attributes: id, group, "
+        "heading, phase",
     )
     points_count: IntProperty(
         options={"HIDDEN"}, description="How many points the object had at Populate; 0 if not known"
     )
     group_names: StringProperty(
         name="Groups",
-        description="Character groups that this crowd's agents are drawn from, such as Robot, Woman; all if empty",
+        description="Character groups that this crowd's agents are drawn from, such as Robot, "
+        "Woman; all if empty",
     )
     count: IntProperty(
         update=outdate,
@@ -135,7 +141,8 @@ class CrowdSettings:
     )
     density_group: StringProperty(
         name="Vertex Group",
-        description="Vertex group of the object whose weights give the density of agents; even if empty",
+        description="Vertex group of the object whose weights give the density of agents; even if "
+        "empty",
     )
     density_image: PointerProperty(
         type=bpy.types.Image,
@@ -152,7 +159,8 @@ class CrowdSettings:
         name="Spacing",
         min=0,
         unit="LENGTH",
-        description="Distance between neighbors, which then fixes how many agents there are; 0 to place as many as Agents says",
+        description="Distance between neighbors, which then fixes how many agents there are; 0 to "
+        "place as many as Agents says",
     )
     jitter: FloatProperty(
         name="Jitter",
@@ -174,7 +182,8 @@ class CrowdSettings:
         default=0.9,
         min=0,
         unit="LENGTH",
-        description="Distance from one row to the next: outward from a closed curve, to the left of an open one",
+        description="Distance from one row to the next: outward from a closed curve, to the left "
+        "of an open one",
     )
     row_rise: FloatProperty(
         name="Row Rise", unit="LENGTH", description="Height of each row above the one before"
@@ -182,7 +191,8 @@ class CrowdSettings:
     row_turn: FloatProperty(
         name="Turn",
         subtype="ANGLE",
-        description="Angle added to where agents face: inward from a closed curve, to the right of an open one",
+        description="Angle added to where agents face: inward from a closed curve, to the right "
+        "of an open one",
     )
     start_places: PointerProperty(
         type=bpy.types.Mesh,
@@ -210,7 +220,8 @@ class BehaviorSettings:
     map_image: PointerProperty(
         type=bpy.types.Image,
         name="Map",
-        description="Label map over the ground: each pixel in the color of a label. None is open ground between two edges",
+        description="Label map over the ground: each pixel in the color of a label. None is open "
+        "ground between two edges",
     )
     areas: CollectionProperty(
         type=CrowdLodArea,
@@ -225,7 +236,8 @@ class BehaviorSettings:
     height_image: PointerProperty(
         type=bpy.types.Image,
         name="Height Map",
-        description="Heights over the ground, from the first channel; agents stand on it. None is level ground",
+        description="Heights over the ground, from the first channel; agents stand on it. None is "
+        "level ground",
     )
     height_scale: FloatProperty(
         name="Height",
@@ -236,7 +248,8 @@ class BehaviorSettings:
     terrain: PointerProperty(
         type=bpy.types.Collection,
         name="Terrain",
-        description="Collection of meshes that agents stand on, with any number of floors. It takes the place of a height map",
+        description="Collection of meshes that agents stand on, with any number of floors. It "
+        "takes the place of a height map",
     )
     terrain_object: PointerProperty(
         type=bpy.types.Object,
@@ -250,12 +263,14 @@ class BehaviorSettings:
     )
     tilt: BoolProperty(
         name="Align to Slope",
-        description="Agents on a height map or a terrain stand square on its slope instead of upright",
+        description="Agents on a height map or a terrain stand square on its slope instead of "
+        "upright",
     )
     machine: PointerProperty(
         type=bpy.types.Text,
         name="State Machine",
-        description="What agents do on each label, as JSON. None lets them walk to and fro between the edges",
+        description="What agents do on each label, as JSON. None lets them walk to and fro "
+        "between the edges",
     )
     first_frame: IntProperty(
         name="Start Frame",
@@ -270,7 +285,8 @@ class SimulationSettings:
 
     start_labels: StringProperty(
         name="Starts",
-        description="Labels that agents start on, such as platform, hall; where the state machine lets them if empty",
+        description="Labels that agents start on, such as platform, hall; where the state machine "
+        "lets them if empty",
     )
     goal_labels: StringProperty(
         name="Goals",
@@ -291,7 +307,8 @@ class SimulationSettings:
     obstacles: PointerProperty(
         type=bpy.types.Collection,
         name="Obstacles",
-        description="Collection of meshes that agents walk around, by their outlines half a meter above the ground",
+        description="Collection of meshes that agents walk around, by their outlines half a meter "
+        "above the ground",
     )
     simulated_seconds: FloatProperty(
         name="Duration",
@@ -321,7 +338,8 @@ class CameraSettings:
     )
     margin_kind: EnumProperty(
         name="Margin",
-        description="By how much the camera's frustum is widened, for characters that reach into it from outside",
+        description="By how much the camera's frustum is widened, for characters that reach into "
+        "it from outside",
         items=[
             (
                 "DERIVED",
@@ -341,7 +359,8 @@ class CameraSettings:
     shadows: BoolProperty(
         name="Shadows and Reflections",
         default=True,
-        description="Keep characters outside the picture whose shadows fall into it, or that mirrors show; the camera itself "
+        description="Keep characters outside the picture whose shadows fall into it, or that "
+        "mirrors show; the camera itself "
         "does not see them",
     )
     mirrors: PointerProperty(
@@ -354,5 +373,6 @@ class CameraSettings:
         default=MOST_LEVELS - 1,
         min=0,
         max=MOST_LEVELS - 1,
-        description="Level of detail of characters kept for their shadow or reflection alone, or the coarsest there is",
+        description="Level of detail of characters kept for their shadow or reflection alone, or "
+        "the coarsest there is",
     )

@@ -51,7 +51,8 @@ class CrowdLodException(bpy.types.PropertyGroup):
     turn: FloatProperty(
         name="Turn",
         subtype="ANGLE",
-        description="By which angle they face beside their own heading, counter-clockwise from above",
+        description="By which angle they face beside their own heading, counter-clockwise from "
+        "above",
     )
     group_name: StringProperty(name="Group", description="The character group that they are of")
     share: FloatProperty(
@@ -89,13 +90,15 @@ class CrowdLodException(bpy.types.PropertyGroup):
     )
     agents: StringProperty(
         name="Agents",
-        description="Numbers and ranges of agents, such as 12, 40-50; after # the numbers of a file's own, such as #1007",
+        description="Numbers and ranges of agents, such as 12, 40-50; after # the numbers of a "
+        "file's own, such as #1007",
     )
     region: PointerProperty(
         type=bpy.types.Object,
         name="Region",
         poll=lambda _, candidate: candidate.type in REGIONS,
-        description="A mesh or an empty. Its box in its own space chooses agents, a flat one at every height; or its volume",
+        description="A mesh or an empty. Its box in its own space chooses agents, a flat one at "
+        "every height; or its volume",
     )
     map_image: PointerProperty(
         type=bpy.types.Image,

@@ -22,7 +22,8 @@ METHODS = (
     (
         "AUTO",
         "Automatic",
-        "Make each mesh by both methods, measure how far it is off in motion, and take the closer one",
+        "Make each mesh by both methods, measure how far it is off in motion, and take the closer "
+        "one",
     ),
     (
         "POSE_AWARE",
@@ -116,7 +117,8 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
         name="Deviation",
         size=MOST_LEVELS,
         unit="LENGTH",
-        description="Largest distance found of each LOD's surface from the character's, both ways, over its action",
+        description="Largest distance found of each LOD's surface from the character's, both "
+        "ways, over its action",
     )
     bounds: FloatVectorProperty(
         name="Bound",
@@ -137,7 +139,8 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
         name="Shaded",
         size=MOST_LEVELS,
         default=(-1.0,) * MOST_LEVELS,
-        description="Length per pixel from which on each LOD's shaded picture matches the character's; below 0 if not known",
+        description="Length per pixel from which on each LOD's shaded picture matches the "
+        "character's; below 0 if not known",
     )
     diagonal: FloatProperty(
         name="Diagonal",
@@ -202,7 +205,8 @@ class LevelSettings:
         soft_min=0.1,
         soft_max=10,
         subtype="PIXEL",
-        description="Pixels of the rendered picture by which a LOD's surface may lie off the character's",
+        description="Pixels of the rendered picture by which a LOD's surface may lie off the "
+        "character's",
     )
     memory: FloatProperty(
         update=outdate,
@@ -210,15 +214,18 @@ class LevelSettings:
         min=0,
         soft_max=16_000,
         precision=0,
-        description="Megabytes that the characters may take in a render: LODs are chosen to fit, where they deviate least. 0 is no limit",
+        description="Megabytes that the characters may take in a render: LODs are chosen to fit, "
+        "where they deviate least. 0 is no limit",
     )
     shading_counts: BoolProperty(
         name="Shading Counts",
-        description="By tolerance, a LOD also begins only where its shaded picture differs by 2 % of white at most",
+        description="By tolerance, a LOD also begins only where its shaded picture differs by 2 % "
+        "of white at most",
     )
     hidden_surface_counts: BoolProperty(
         name="Hidden Surface Counts",
-        description="Deviations heed surface that no direction shows in any pose, such as a body within clothes: for characters "
+        description="Deviations heed surface that no direction shows in any pose, such as a body "
+        "within clothes: for characters "
         "that are cut open or looked into",
     )
     level_count: IntProperty(
@@ -231,7 +238,8 @@ class LevelSettings:
     )
     scale_textures: BoolProperty(
         name="Scale Textures",
-        description="Build and Bake show far LODs with images scaled down to what can be seen of them where each begins",
+        description="Build and Bake show far LODs with images scaled down to what can be seen of "
+        "them where each begins",
     )
     ratios: FloatVectorProperty(
         update=outdate,
@@ -277,5 +285,6 @@ class LevelSettings:
     bias_image: PointerProperty(
         type=bpy.types.Image,
         name="Detail Map",
-        description="Painted over the ground: white gives the LOD of a quarter of the distance, black of four times, gray no change",
+        description="Painted over the ground: white gives the LOD of a quarter of the distance, "
+        "black of four times, gray no change",
     )

@@ -49,7 +49,8 @@ class OverlaySettings:
     )
     inset: BoolProperty(
         name="Inset From Above",
-        description="Show the crowd, the camera's frustum and the LOD ranges from above in a corner",
+        description="Show the crowd, the camera's frustum and the LOD ranges from above in a "
+        "corner",
     )
     agent: IntProperty(
         name="Agent",
@@ -60,20 +61,23 @@ class OverlaySettings:
     overlay_culled: BoolProperty(
         name="Culled Agents",
         default=True,
-        description="Show culled agents as faint points; of a crowd of more than 100,000 every second, third, and so on",
+        description="Show culled agents as faint points; of a crowd of more than 100,000 every "
+        "second, third, and so on",
     )
     overlay_fade: FloatProperty(
         name="Cross-Fade",
         min=0,
         max=0.5,
         subtype="FACTOR",
-        description="Part of a LOD's distance over which it dissolves into the next one, in a dither pattern; 0 switches at once",
+        description="Part of a LOD's distance over which it dissolves into the next one, in a "
+        "dither pattern; 0 switches at once",
     )
     hysteresis: FloatProperty(
         name="Hysteresis",
         min=0,
         max=0.5,
         subtype="FACTOR",
-        description="How far an agent must pass a LOD's distance before it changes LOD in the overlay, as a part of that "
+        description="How far an agent must pass a LOD's distance before it changes LOD in the "
+        "overlay, as a part of that "
         "distance. Preview and build have none",
     )

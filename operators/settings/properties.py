@@ -66,7 +66,8 @@ class CrowdLodSettings(
         name="Tolerance for Memory",
         min=0,
         subtype="PIXEL",
-        description="Pixels that LODs deviate so that they fit in Memory for Characters, as Make LOD Meshes found; 0 without a limit",
+        description="Pixels that LODs deviate so that they fit in Memory for Characters, as Make "
+        "LOD Meshes found; 0 without a limit",
     )
     memory_made: FloatProperty(
         name="Memory Limit of LODs",

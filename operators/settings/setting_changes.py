@@ -1,4 +1,6 @@
-"""What follows when a setting changes: the rooms above say it, as the settings lie below them all."""
+"""What follows when a setting changes: the rooms above say it, as the settings lie below them
+all.
+"""
 
 from collections.abc import Callable
 from typing import Any

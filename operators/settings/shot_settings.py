@@ -28,7 +28,8 @@ class FrameSettings:
         default=f"//{BLEND_NAME}_crowd_lod",
         subtype="DIR_PATH",
         options={"PATH_SUPPORTS_BLEND_RELATIVE"},
-        description="Folder for plan, previews, proofs and exports, with a page index.html on all of them. "
+        description="Folder for plan, previews, proofs and exports, with a page index.html on all "
+        "of them. "
         f"{BLEND_NAME} is the name of the .blend file",
     )
 
@@ -44,7 +45,8 @@ class FrameSettings:
     )
     frames: StringProperty(
         name="Frame List",
-        description="Frames as text, a range 1:120 or a list 1,40,80, in place of the range above; empty takes the range",
+        description="Frames as text, a range 1:120 or a list 1,40,80, in place of the range "
+        "above; empty takes the range",
     )
 
 
@@ -57,29 +59,34 @@ class PlanSettings:
         min=0,
         soft_max=1,
         subtype="FACTOR",
-        description="Part by which a shot's time, memory and triangles may grow so that fewer characters change their LOD in sight",
+        description="Part by which a shot's time, memory and triangles may grow so that fewer "
+        "characters change their LOD in sight",
     )
     plan_blurred: BoolProperty(
         name="Coarser Where Blurred",
-        description="With motion blur or depth of field, LODs may deviate by as many pixels more as the character is blurred wide",
+        description="With motion blur or depth of field, LODs may deviate by as many pixels more "
+        "as the character is blurred wide",
     )
     budget_triangles: IntProperty(
         name="Triangles",
         min=0,
-        description="Triangles that the visible characters of any frame may have at most; the tolerance rises until they fit. 0 is no limit",
+        description="Triangles that the visible characters of any frame may have at most; the "
+        "tolerance rises until they fit. 0 is no limit",
     )
     budget_memory: FloatProperty(
         name="Memory",
         min=0,
         soft_max=16_000,
         precision=0,
-        description="Megabytes that the characters may take in any frame of the shot; the tolerance rises until they fit. 0 is no limit",
+        description="Megabytes that the characters may take in any frame of the shot; the "
+        "tolerance rises until they fit. 0 is no limit",
     )
     shot_plan: StringProperty(
         name="Shot Plan",
         subtype="FILE_PATH",
         options={"PATH_SUPPORTS_BLEND_RELATIVE"},
-        description="File with the LODs of every character in every frame, as Plan Shot made it; none takes LODs by distance",
+        description="File with the LODs of every character in every frame, as Plan Shot made it; "
+        "none takes LODs by distance",
     )
     use_shot_plan: BoolProperty(
         name="Use Shot Plan",
@@ -89,7 +96,8 @@ class PlanSettings:
     exceptions: CollectionProperty(
         type=CrowdLodException,
         name="Exceptions",
-        description="From the crowd and its LODs as they follow from the settings; of two for the same agent, the lower one holds",
+        description="From the crowd and its LODs as they follow from the settings; of two for the "
+        "same agent, the lower one holds",
     )
     exception_index: IntProperty(
         name="Exception", min=0, description="The exception that is selected in the list"
@@ -112,7 +120,8 @@ class PreviewSettings:
             (
                 "OVERLAY",
                 "Overlay",
-                "A playblast: the picture of the viewport's overlay, in its color; by far the fastest",
+                "A playblast: the picture of the viewport's overlay, in its color; by far the "
+                "fastest",
             ),
         ],
     )
@@ -164,10 +173,12 @@ class ExportSettings:
     usd_file: StringProperty(
         name="USD File",
         default="crowd.usdc",
-        description="Name of the file for the crowd of the shot, in the folder usd of Output Folder: .usdc, .usda or .usd",
+        description="Name of the file for the crowd of the shot, in the folder usd of Output "
+        "Folder: .usdc, .usda or .usd",
     )
     usd_animated: BoolProperty(
         name="Moving Prototypes",
-        description="Each of 16 phases of an action is a prototype that moves, instead of poses between which agents change: exact "
+        description="Each of 16 phases of an action is a prototype that moves, instead of poses "
+        "between which agents change: exact "
         "phases and blurred limbs, but a larger file",
     )

@@ -14,7 +14,9 @@ BEFORE = "crowd_lod_before_{}"
 
 
 def push(name: str) -> Callable:
-    """Return an update callback of the property `name`, a key of METRIC_OF, of settings or a group."""
+    """Return an update callback of the property `name`, a key of METRIC_OF, of settings or a
+    group.
+    """
 
     def update(owner: bpy.types.PropertyGroup, _) -> None:
         owner.id_data.crowd_lod.estimate = ""

@@ -85,7 +85,8 @@ def plan_shot(scene: bpy.types.Scene, wanted: Wanted) -> Generator[float, None, 
     """
     if not 0 <= wanted.avoid < 1e6:
         raise CrowdError(
-            f"Avoid Pops is {wanted.avoid:g}; give the part of the cost that it may add, such as 0.05."
+            f"Avoid Pops is {wanted.avoid:g}; give the part of the cost that it may add, such as "
+            f"0.05."
         )
     check_recorded(scene, "Plan Shot")
     provenance.look_afresh()
@@ -203,8 +204,10 @@ def sentence(planned: Planned) -> str:
         else ""
     )
     return (
-        f"{counted(frames, 'frame')} of {counted(len(planned.shot.survey.group), 'agent')} planned. LODs change in sight "
-        f"{int(found.switches.sum()):,} times, by distance {int(before.switches.sum()):,} times, for "
+        f"{counted(frames, 'frame')} of {counted(len(planned.shot.survey.group), 'agent')} "
+        f"planned. LODs change in sight "
+        f"{int(found.switches.sum()):,} times, by distance {int(before.switches.sum()):,} times, "
+        f"for "
         f"{max(found.above(before), 0.0):.1%} more cost at most{bound}.{raised}"
     )
 
@@ -259,8 +262,10 @@ class CROWDLOD_OT_remove_plan(Reporting, bpy.types.Operator):
 
 
 class CROWDLOD_OT_go_to_switch(Reporting, bpy.types.Operator):
-    """Go to the frame of the largest change by a LOD switch, and mark its agent; again, to the next largest"""
-
+    bl_description = (
+        "Go to the frame of the largest change by a LOD switch, and mark its agent; again, to "
+        "the next largest"
+    )
     bl_idname = "crowd_lod.go_to_switch"
     bl_label = "Go to Largest Switch"
     needs = (needs.plan,)
@@ -276,7 +281,10 @@ class CROWDLOD_OT_go_to_switch(Reporting, bpy.types.Operator):
         scene.frame_current, settings.agent = places[at]
         own = rows[at]
         lods = f"LOD {own['from']} to {own['to']}" if own["from"] else f"appears at LOD {own['to']}"
-        return f"Frame {places[at][0]}, agent {places[at][1]}: {lods}, changes up to {float(own['change_px']):.2f} pixels."
+        return (
+            f"Frame {places[at][0]}, agent {places[at][1]}: {lods}, changes up to "
+            f"{float(own['change_px']):.2f} pixels."
+        )
 
 
 CLASSES = (CROWDLOD_OT_plan_shot, CROWDLOD_OT_remove_plan, CROWDLOD_OT_go_to_switch)

@@ -62,7 +62,8 @@ def survey_of(
     if blurred:
         if policy.tolerance is None:
             raise CrowdError(
-                "Coarser Where Blurred needs LODs by tolerance: set Choose LODs to By Tolerance, or switch it off."
+                "Coarser Where Blurred needs LODs by tolerance: set Choose LODs to By Tolerance, "
+                "or switch it off."
             )
         survey = replace(
             survey,
@@ -78,7 +79,8 @@ def survey_of(
             eyes, around, shutter = lights.read_moment(scene, time, at)
             if trajectory_of(scene) is not trajectory or policy_of(settings) != policy:
                 raise CrowdError(
-                    f"The crowd's settings change at frame {frames[f]}: a shot needs one crowd and one choice of LODs, so remove "
+                    f"The crowd's settings change at frame {frames[f]}: a shot needs one crowd "
+                    f"and one choice of LODs, so remove "
                     "their animation and drivers, or plan the frames before and after apart."
                 )
             frame = surround(
@@ -108,7 +110,8 @@ def survey_of(
         recorder.finish()
     if len({each.shape for each in parts.cameras}) > 1:
         raise CrowdError(
-            "The number of the camera's eyes changes during the shot: plan the frames of each apart."
+            "The number of the camera's eyes changes during the shot: plan the frames of each "
+            "apart."
         )
     planned = max(len(frames) - begin, 1)
     return Surveyed(

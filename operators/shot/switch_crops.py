@@ -36,7 +36,8 @@ def crops_of(
     """Draw the agents of `rows`: yield the progress, return a crop for each.
 
     Both pictures are of the same pose, camera and window, at the size of renders. Before an entry
-    there is nothing. None where nothing can be drawn: the camera is panoramic, or the LOD has no faces.
+    there is nothing. None where nothing can be drawn: the camera is panoramic, or the LOD has no
+    faces.
 
     rows: (s,) of shot.switches.ROW, of the shot that `through` has surveyed.
     """
@@ -53,7 +54,9 @@ def crops_of(
 def _posed(
     scene: bpy.types.Scene, agent: int, time: float, levels: Sequence[int]
 ) -> tuple[list[Body | None], Looks]:
-    """Return the agent at `time` with each of `levels`, in world space, and the images of its materials."""
+    """Return the agent at `time` with each of `levels`, in world space, and the images of its
+    materials.
+    """
     settings, trajectory, characters = scene.crowd_lod, trajectory_of(scene), characters_of(scene)
     crowd, looks = trajectory.at(time), Looks()
     g = int(crowd.group[agent])

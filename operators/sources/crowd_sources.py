@@ -1,4 +1,6 @@
-"""From a scene's crowds to one trajectory: who moves the agents of each, and all of them together."""
+"""From a scene's crowds to one trajectory: who moves the agents of each, and all of them
+together.
+"""
 
 import hashlib
 import time as clock
@@ -33,7 +35,8 @@ from .points_source import points_of_crowd
 # Trajectories by the digest of all they depend on.
 _trajectories: dict[bytes, Trajectory] = scene_cache.kept({})
 MOST_TRAJECTORIES = 8
-# Of each crowd of a scene what was asked last: (numbers and texts, the images' values, the trajectory).
+# Of each crowd of a scene what was asked last: (numbers and texts, the images' values, the
+# trajectory).
 _latest: dict[int, dict[int, tuple]] = scene_cache.kept({}, by_scene=True)
 # Of each scene the crowds that were put together last, and the trajectory of all.
 _together: dict[int, tuple[tuple, Trajectory]] = scene_cache.kept({}, by_scene=True)
@@ -51,7 +54,9 @@ def crowds_of(settings) -> list[bpy.types.PropertyGroup]:
 
 
 def inputs_of(scene: bpy.types.Scene) -> tuple:
-    """Return all that the trajectory depends on but the character groups and the pixels of images."""
+    """Return all that the trajectory depends on but the character groups and the pixels of
+    images.
+    """
     found = [_asked(crowd) for crowd in crowds_of(scene.crowd_lod)]
     images = [
         tuple(image and image.session_uid for image in _images(crowd))
@@ -121,7 +126,8 @@ def notes(crowds: Sequence, trajectory: Trajectory) -> Iterator[str]:
             lost = len(places or ()) - len(part.start)
             if lost:
                 yield (
-                    f"{lost:,} of {counted(len(places or ()), 'place')} {'is' if lost == 1 else 'are'} left out: off the label map, or "
+                    f"{lost:,} of {counted(len(places or ()), 'place')} "
+                    f"{'is' if lost == 1 else 'are'} left out: off the label map, or "
                     "where its labels let nobody start."
                 )
 
@@ -175,7 +181,9 @@ def _asked(crowd) -> tuple:
 
 
 def is_live(crowd) -> bool:
-    """Return whether the agents of the settings `crowd` are where Blender has an object's points now."""
+    """Return whether the agents of the settings `crowd` are where Blender has an object's points
+    now.
+    """
     return crowd.source == "POINTS"
 
 
@@ -185,10 +193,13 @@ def live(settings) -> bool:
 
 
 def check_recorded(scene: bpy.types.Scene, what: str) -> None:
-    """Raise CrowdError if agents are an object's points, which `what` would need in other frames, too."""
+    """Raise CrowdError if agents are an object's points, which `what` would need in other frames,
+    too.
+    """
     for crowd in filter(is_live, crowds_of(scene.crowd_lod)):
         raise CrowdError(
-            f"{what} needs to know where the points of {crowd.points.name if crowd.points else 'an object'} are at other times: "
+            f"{what} needs to know where the points of "
+            f"{crowd.points.name if crowd.points else 'an object'} are at other times: "
             "press Record Points first."
         )
 
@@ -344,7 +355,8 @@ def _start(crowd, machine: StateMachine, world: LabelMap, groups: Draw) -> tuple
         able = start_places.allowed(places, machine, world)
         if not able.any():
             raise CrowdError(
-                f"None of the {len(places):,} places of the crowd {crowd.name or 1} lies on the label map where its labels let "
+                f"None of the {len(places):,} places of the crowd {crowd.name or 1} lies on the "
+                f"label map where its labels let "
                 "agents start: move Center, enlarge Size, or paint such a label there."
             )
         places = places.of(np.flatnonzero(able))
@@ -367,12 +379,14 @@ def draw_of(crowd, groups: Sequence[Group]) -> Draw:
 
     The groups are those that it names, or all.
 
-    A variant may be named, too: who is named without its group stands alone. CrowdError if there is no such group.
+    A variant may be named, too: who is named without its group stands alone. CrowdError if there is
+    no such group.
     """
     chosen = names_in(crowd)
     for name in sorted(chosen - {group.name for group in groups}):
         raise CrowdError(
-            f"The crowd {crowd.name or 1} asks for the character group {name}, and there is none: its Groups may name "
+            f"The crowd {crowd.name or 1} asks for the character group {name}, and there is none: "
+            f"its Groups may name "
             f"{', '.join(group.name for group in groups)}; with none, all are used."
         )
     found: dict[str, list[int]] = {}

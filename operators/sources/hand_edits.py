@@ -11,7 +11,8 @@ from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_cache, stored_values
 
 EDITS = ("NUDGE", "TURN", "GROUP")  # kinds of exceptions that only edit
-# Of each scene the trajectory and the edits that were asked last, and (the edited crowd, what is wrong).
+# Of each scene the trajectory and the edits that were asked last, and (the edited crowd, what is
+# wrong).
 _edited: dict[int, tuple] = scene_cache.kept({}, by_scene=True)
 
 
@@ -33,7 +34,8 @@ def marks_of(entry) -> tuple:
 
 
 def with_edits(scene: bpy.types.Scene, trajectory: Trajectory) -> Trajectory:
-    """Return `trajectory` with the edits of the scene's exceptions; cached while both stay the same.
+    """Return `trajectory` with the edits of the scene's exceptions; cached while both stay the
+    same.
 
     Those that are wrong are left out; see `troubles_of`.
     """
@@ -90,7 +92,8 @@ def _edit(entry, trajectory: Trajectory) -> Edit:
     names = [group.name for group in trajectory.groups]
     if entry.kind == "GROUP" and entry.group_name not in names:
         raise CrowdError(
-            f"The exception {entry.name} asks for the character group {entry.group_name or 'of no name'}, and there is none: "
+            f"The exception {entry.name} asks for the character group "
+            f"{entry.group_name or 'of no name'}, and there is none: "
             f"choose one of {', '.join(names)}."
         )
     return Edit(

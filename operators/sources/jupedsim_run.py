@@ -31,7 +31,8 @@ class Wanted:
     """What to simulate.
 
     world: the label map.
-    walls, starts, goals: (L,) bool, which labels nobody enters, agents start on, and agents walk to.
+    walls, starts, goals: (L,) bool, which labels nobody enters, agents start on, and agents walk
+    to.
     obstacles: (k, 2, 2) float64, world meters: segments of lines that nobody crosses, such as
         outlines of meshes. What closed ones enclose is not entered either.
     nearest: whether agents walk to the nearest goal; else each draws one.
@@ -53,7 +54,8 @@ class Wanted:
 
 
 def simulating(wanted: Wanted, path: Path) -> Generator[float, None, int]:
-    """Simulate, and write JuPedSim's own SQLite file of trajectories to `path`, which must not exist.
+    """Simulate, and write JuPedSim's own SQLite file of trajectories to `path`, which must not
+    exist.
 
     Positions are in meters from the middle of the map's area.
     Yields the progress, 0 to 1, and returns how many agents arrived at a goal, where they leave.
@@ -88,12 +90,15 @@ def simulating(wanted: Wanted, path: Path) -> Generator[float, None, int]:
 
 
 def _module(name: str) -> Any:
-    """Return the module of that name; CrowdError with the command that installs it, if it is missing."""
+    """Return the module of that name; CrowdError with the command that installs it, if it is
+    missing.
+    """
     try:
         return import_module(name)
     except ImportError as error:
         raise CrowdError(
-            f"Simulating needs JuPedSim, which this Python lacks ({error}): run {_remedy()} in a terminal, then start "
+            f"Simulating needs JuPedSim, which this Python lacks ({error}): run {_remedy()} in a "
+            f"terminal, then start "
             "Blender again."
         ) from None
 
@@ -107,7 +112,9 @@ def _remedy() -> str:
 
 
 def _site(wanted: Wanted) -> tuple[Any, Any, list[Any]]:
-    """Return where agents walk (a Polygon), may start, and the convex Polygons that they walk to."""
+    """Return where agents walk (a Polygon), may start, and the convex Polygons that they walk
+    to.
+    """
     shapely = _module("shapely")
 
     def polygons(chosen: np.ndarray) -> list[Any]:
@@ -128,7 +135,8 @@ def _site(wanted: Wanted) -> tuple[Any, Any, list[Any]]:
             best = part, here, targets
     if best[0] is None:
         raise CrowdError(
-            "No ground has both a place to start and a goal: paint a goal's label that the starts are not walled off from, or "
+            "No ground has both a place to start and a goal: paint a goal's label that the starts "
+            "are not walled off from, or "
             "name other labels in Goals and Starts."
         )
     return best
@@ -212,7 +220,8 @@ def _places(starts: Any, count: int, draws: np.random.Generator) -> np.ndarray:
             return draws.permutation(places)[:count]
         if between == APART:
             raise CrowdError(
-                f"The crowd has {count:,} agents, and only {len(places):,} find room to start {APART} m apart: lower Agents, or "
+                f"The crowd has {count:,} agents, and only {len(places):,} find room to start "
+                f"{APART} m apart: lower Agents, or "
                 "paint more ground to start on."
             )
         between = max(0.9 * between, APART)
@@ -225,7 +234,9 @@ def _enter(
     nearest: bool,
     draws: np.random.Generator,
 ) -> list[int]:
-    """Add an agent at each of `places` (n, 2), on the way to one of `targets`, and return their ids."""
+    """Add an agent at each of `places` (n, 2), on the way to one of `targets`, and return their
+    ids.
+    """
     jupedsim, shapely = _module("jupedsim"), _module("shapely")
     stages = [simulation.add_exit_stage(each) for each in targets]
     journeys = [simulation.add_journey(jupedsim.JourneyDescription([stage])) for stage in stages]

@@ -52,8 +52,10 @@ def points_of_crowd(  # noqa: PLR0913 - what a crowd of points depends on
     )
     if found.ids is None and crowd.points_count not in (0, len(found.x)):
         raise CrowdError(
-            f"The object {crowd.points.name} has {counted(len(found.x), 'point')}, and had {crowd.points_count:,} at Populate: give its "
-            "points an attribute id of whole numbers, by which agents are known, or press Populate again."
+            f"The object {crowd.points.name} has {counted(len(found.x), 'point')}, and had "
+            f"{crowd.points_count:,} at Populate: give its "
+            "points an attribute id of whole numbers, by which agents are known, or press "
+            "Populate again."
         )
     time = scene_data.time_of(depsgraph.scene_eval)
     same = before is not None and before.found.same(found)
@@ -91,7 +93,8 @@ def read_points(
     """
     if item is None:
         raise CrowdError(
-            "The crowd takes its agents from the points of an object, and has none: choose one in the Crowd panel."
+            "The crowd takes its agents from the points of an object, and has none: choose one in "
+            "the Crowd panel."
         )
     evaluated = item.evaluated_get(depsgraph)
     shapes = _shapes(item, evaluated, depsgraph)  # its parts live as long as it does
@@ -108,7 +111,8 @@ def read_points(
         found = {}
     if not found or not len(found["x"]):
         raise NoPoints(
-            f"The object {item.name} has no points, instances or particles in this frame: choose another, or another frame."
+            f"The object {item.name} has no points, instances or particles in this frame: choose "
+            f"another, or another frame."
         )
     _check(item, found, scene_data.meters(depsgraph.scene))
     return Snapshot(**found)
@@ -120,14 +124,16 @@ def _shapes(
     """Return the geometry of `item`; CrowdError if it is of a kind without, or is not evaluated."""
     if item.type not in KINDS:
         raise CrowdError(
-            f"The object {item.name} is of a kind that has no points: choose a mesh, a point cloud or a curve."
+            f"The object {item.name} is of a kind that has no points: choose a mesh, a point "
+            f"cloud or a curve."
         )
     try:
         return evaluated.evaluated_geometry()
     except TypeError:  # says Blender of objects that it does not evaluate
         where = "in renders" if depsgraph.mode == "RENDER" else "in viewports"
         raise CrowdError(
-            f"The object {item.name} is disabled {where}, or in no collection of this view layer: enable it in the Outliner, so "
+            f"The object {item.name} is disabled {where}, or in no collection of this view layer: "
+            f"enable it in the Outliner, so "
             "that Blender computes its points."
         ) from None
 
@@ -173,7 +179,8 @@ def _attributes(
 
 
 def _values(item: bpy.types.Object, shape, name: str) -> np.ndarray | None:
-    """Return the point attribute `name`, (m,) or (m, width) float32 or int32; None if there is none.
+    """Return the point attribute `name`, (m,) or (m, width) float32 or int32; None if there is
+    none.
 
     CrowdError if it is not a number, or for id not a whole one, at each point.
     """
@@ -205,19 +212,22 @@ def _groups(
         kinds, which = np.unique(told, return_inverse=True)
         for name in set(kinds.tolist()) - set(names):
             raise CrowdError(
-                f"The points of {item.name} name a group {name or 'without a name'}: the crowd has {', '.join(names)}."
+                f"The points of {item.name} name a group {name or 'without a name'}: the crowd "
+                f"has {', '.join(names)}."
             )
         return {"group": chosen[[names.index(name) for name in kinds]][which]}
     values = np.empty(len(attribute.data), np.int32 if attribute.data_type in WHOLE else np.float32)
     if attribute.data_type not in (*WHOLE, "FLOAT"):
         raise CrowdError(
-            f"The attribute group of the points of {item.name} is not a number or a name: store it as such."
+            f"The attribute group of the points of {item.name} is not a number or a name: store "
+            f"it as such."
         )
     attribute.data.foreach_get("value", values)
     wrong = np.flatnonzero(~((values >= 0) & (values < len(names)) & (values == np.floor(values))))
     if len(wrong):
         raise CrowdError(
-            f"Point {wrong[0]} of {item.name} has the group {values[wrong[0]]:g}: the crowd has {len(names)}, numbered from 0 on "
+            f"Point {wrong[0]} of {item.name} has the group {values[wrong[0]]:g}: the crowd has "
+            f"{len(names)}, numbered from 0 on "
             f"({', '.join(names)})."
         )
     return {"group": chosen[values.astype(np.intp)]}
@@ -246,7 +256,8 @@ def _check(item: bpy.types.Object, found: dict[str, np.ndarray], meters: float) 
     count = len(found["x"])
     if count > MOST_AGENTS:
         raise CrowdError(
-            f"The object {item.name} has {count:,} points: a crowd has at most {MOST_AGENTS:,} agents."
+            f"The object {item.name} has {count:,} points: a crowd has at most {MOST_AGENTS:,} "
+            f"agents."
         )
     for name in ("x", "y", "z", "heading", "phase"):
         values = found.get(name, np.zeros(1))
@@ -254,11 +265,13 @@ def _check(item: bpy.types.Object, found: dict[str, np.ndarray], meters: float) 
         if not np.isfinite(reach):
             wrong = np.flatnonzero(~np.isfinite(values))[0]
             raise CrowdError(
-                f"Point {wrong} of the object {item.name} has {name} {values[wrong]}: give it a finite value."
+                f"Point {wrong} of the object {item.name} has {name} {values[wrong]}: give it a "
+                f"finite value."
             )
         if name in "xyz" and reach * meters > FARTHEST:
             raise CrowdError(
-                f"Points of {item.name} lie up to {reach * meters:.3g} m from the world's origin: move them to within {FARTHEST:,.0f} m."
+                f"Points of {item.name} lie up to {reach * meters:.3g} m from the world's origin: "
+                f"move them to within {FARTHEST:,.0f} m."
             )
 
 

@@ -223,11 +223,13 @@ def _rows(
     item, counts = crowd.points, [len(each.x) for each in found]
     if not found:
         raise NoPoints(
-            f"The object {item.name} has no points in any frame of the scene: choose another, or set the frame range."
+            f"The object {item.name} has no points in any frame of the scene: choose another, or "
+            f"set the frame range."
         )
     if sum(counts) > MOST_ROWS:
         raise CrowdError(
-            f"The object {item.name} has {sum(counts):,} points in all frames: record at most {MOST_ROWS:,}."
+            f"The object {item.name} has {sum(counts):,} points in all frames: record at most "
+            f"{MOST_ROWS:,}."
         )
     if any(each.ids is None for each in found) and (len(set(counts)) > 1 or len(found) < frames):
         k = next((k for k, count in enumerate(counts) if count != counts[0]), 0)
@@ -237,7 +239,8 @@ def _rows(
             else "no points in some frames"
         )
         raise CrowdError(
-            f"The object {item.name} has {other}: give its points an attribute id of whole numbers, so that agents are known."
+            f"The object {item.name} has {other}: give its points an attribute id of whole "
+            f"numbers, so that agents are known."
         )
 
     def column(name: str) -> np.ndarray | None:
@@ -260,8 +263,10 @@ def _rows(
 
 
 class CROWDLOD_OT_record_points(Stepwise, bpy.types.Operator):
-    """Write where the points are in all frames of the scene to a file beside the .blend file, which the crowd then follows"""
-
+    bl_description = (
+        "Write where the points are in all frames of the scene to a file beside the .blend "
+        "file, which the crowd then follows"
+    )
     bl_idname = "crowd_lod.record_points"
     bl_label = "Record Points"
     needs = (needs.characters, needs.points)

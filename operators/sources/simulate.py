@@ -35,7 +35,10 @@ def simulating_crowd(scene: bpy.types.Scene, index: int, path: Path) -> Generato
     """
     wanted = _wanted(scene, index)
     arrived = yield from simulating(wanted, path)
-    return f"{counted(wanted.count, 'agent was', 'agents were')} simulated for {number(wanted.seconds)} s; {arrived:,} arrived."
+    return (
+        f"{counted(wanted.count, 'agent was', 'agents were')} simulated for "
+        f"{number(wanted.seconds)} s; {arrived:,} arrived."
+    )
 
 
 def follow(scene: bpy.types.Scene, index: int, path: str) -> None:
@@ -64,7 +67,8 @@ def _wanted(scene: bpy.types.Scene, index: int) -> Wanted:
     goals = _named(machine, "Goals", crowd.goal_labels, "exit")
     if not goals.any():
         raise CrowdError(
-            f"Name the labels that agents walk to in Goals: the state machine has {', '.join(machine.labels)}."
+            f"Name the labels that agents walk to in Goals: the state machine has "
+            f"{', '.join(machine.labels)}."
         )
     starts = (
         _named(machine, "Starts", crowd.start_labels)
@@ -91,14 +95,16 @@ def _in_meters(world: LabelMap, meters: float) -> LabelMap:
 
 
 def _named(machine: StateMachine, setting: str, text: str, usual: str = "") -> np.ndarray:
-    """Return which labels the text names, (L,) bool; if it is empty, the label `usual` if there is one.
+    """Return which labels the text names, (L,) bool; if it is empty, the label `usual` if there is
+    one.
 
     CrowdError if the state machine has no label of a name.
     """
     names = {name.strip() for name in text.split(",")} - {""}
     for name in sorted(names - set(machine.labels)):
         raise CrowdError(
-            f"{setting} names the label {name}, and there is none: the state machine has {', '.join(machine.labels)}."
+            f"{setting} names the label {name}, and there is none: the state machine has "
+            f"{', '.join(machine.labels)}."
         )
     return np.array([label in (names or {usual}) for label in machine.labels])
 
@@ -126,8 +132,10 @@ def _saved(scene: bpy.types.Scene) -> str:
 
 
 class CROWDLOD_OT_simulate(Stepwise, bpy.types.Operator):
-    """Simulate people who walk to their goals, around walls and each other, and let the crowd follow them"""
-
+    bl_description = (
+        "Simulate people who walk to their goals, around walls and each other, and let the "
+        "crowd follow them"
+    )
     bl_idname = "crowd_lod.simulate"
     bl_label = "Simulate with JuPedSim"
     needs = (_saved,)

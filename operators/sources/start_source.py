@@ -34,7 +34,8 @@ def read_places(crowd, forward: str, depsgraph: bpy.types.Depsgraph) -> None:
     item = crowd.start_object
     if item is None:
         raise CrowdError(
-            f"The crowd {crowd.name or 1} starts on an object, and has none: choose it below Start On."
+            f"The crowd {crowd.name or 1} starts on an object, and has none: choose it below "
+            f"Start On."
         )
     ways = {
         "SURFACE": _on_surface,
@@ -100,7 +101,10 @@ def places_outdated(crowd) -> Iterator[str]:
     if mesh is None:
         yield _undrawn(crowd)
     elif mesh.get(kept_meshes.MADE_OF) != _made_of(crowd):
-        yield f"What the places on {crowd.start_object.name} were drawn from has changed: press Populate."
+        yield (
+            f"What the places on {crowd.start_object.name} were drawn from has changed: press "
+            f"Populate."
+        )
 
 
 def _undrawn(crowd) -> str:
@@ -206,7 +210,9 @@ def _along_curves(crowd, item: bpy.types.Object, depsgraph: bpy.types.Depsgraph)
 def _curves(
     item: bpy.types.Object, depsgraph: bpy.types.Depsgraph
 ) -> Iterator[tuple[np.ndarray, bool]]:
-    """Yield (points (k, 3) world meters, whether closed) of the object's splines or chains of edges."""
+    """Yield (points (k, 3) world meters, whether closed) of the object's splines or chains of
+    edges.
+    """
     evaluated = item.evaluated_get(depsgraph)
     matrix = np.array(evaluated.matrix_world, np.float64)
     bare = _without_bevel(item) if item.type == "CURVE" else None

@@ -25,7 +25,8 @@ def tracks_path(crowd) -> Path:
     """Return the path of the crowd's file. CrowdError if none is chosen."""
     if not crowd.tracks_file.strip():
         raise CrowdError(
-            f"The crowd {crowd.name or 1} follows a file, and none is chosen: choose a File in the Crowd panel."
+            f"The crowd {crowd.name or 1} follows a file, and none is chosen: choose a File in "
+            f"the Crowd panel."
         )
     return full_path(crowd.tracks_file, crowd.id_data.library)
 
@@ -42,7 +43,8 @@ def stamp_of(crowd) -> tuple:
         found = os.stat(path)
     except OSError as error:
         raise CrowdError(
-            f"The file of trajectories {printable(path)} cannot be read ({error.strerror}): choose another."
+            f"The file of trajectories {printable(path)} cannot be read ({error.strerror}): "
+            f"choose another."
         ) from None
     return str(path), found.st_mtime_ns, found.st_size
 
@@ -78,7 +80,10 @@ def told_of_frames(crowd) -> str:
         tracks = None
     if tracks is None:
         return "Populate tells the file's frames"
-    return f"{counted(len(tracks.ids), 'agent')}, {tracks.first:g} to {tracks.last:g} at {tracks.rate:g} fps"
+    return (
+        f"{counted(len(tracks.ids), 'agent')}, {tracks.first:g} to {tracks.last:g} at "
+        f"{tracks.rate:g} fps"
+    )
 
 
 def reading_files(crowds: list, usual: float) -> Generator[float, None, None]:
@@ -104,7 +109,9 @@ def reading_files(crowds: list, usual: float) -> Generator[float, None, None]:
 
 
 def _told(crowd, usual: float) -> tuple[str, float, float, str, float]:
-    """Return how the crowd's file is read: unit, rate, the rate if it tells none, what is up, the scene's meters."""
+    """Return how the crowd's file is read: unit, rate, the rate if it tells none, what is up, the
+    scene's meters.
+    """
     rate = round(float(crowd.tracks_rate), 6)
     return (
         UNITS[crowd.tracks_unit],
@@ -126,7 +133,8 @@ def _read(stamp: tuple, told: tuple, progress: list[float]) -> Tracks:
         content = content_of(path)
     except OSError as error:
         raise CrowdError(
-            f"The file of trajectories {printable(path)} cannot be read ({error.strerror}): choose another."
+            f"The file of trajectories {printable(path)} cannot be read ({error.strerror}): "
+            f"choose another."
         ) from None
     _contents[stamp] = content
     key = content, *told
@@ -150,6 +158,8 @@ def check_places(tracks: Tracks, crowd) -> None:
     if reach > FARTHEST:
         x, y = ((tracks.spread[0] + tracks.spread[1]) / 2 * tracks.meters)[:2].tolist()
         raise CrowdError(
-            f"The file {printable(tracks_path(crowd))} lies up to {reach:.3g} m from the world's origin: set Center to about "
-            f"({-x:.0f}, {-y:.0f}), or choose another Unit, so that it stays within {FARTHEST:,.0f} m."
+            f"The file {printable(tracks_path(crowd))} lies up to {reach:.3g} m from the world's "
+            f"origin: set Center to about "
+            f"({-x:.0f}, {-y:.0f}), or choose another Unit, so that it stays within "
+            f"{FARTHEST:,.0f} m."
         )

@@ -1,4 +1,6 @@
-"""Buttons that edit agents by hand: each adds to the list of exceptions, where its values can be set."""
+"""Buttons that edit agents by hand: each adds to the list of exceptions, where its values can be
+set.
+"""
 
 from math import pi
 
@@ -32,8 +34,10 @@ BUTTONS = {
 
 
 class CROWDLOD_OT_edit_agent(Reporting, bpy.types.Operator):
-    """Change the picked agent in all frames; the list of exceptions holds the change, its value and its switch"""
-
+    bl_description = (
+        "Change the picked agent in all frames; the list of exceptions holds the change, its "
+        "value and its switch"
+    )
     bl_idname = "crowd_lod.edit_agent"
     bl_label = "Edit Agent"
     needs = needs.crowd, needs.picked
@@ -55,14 +59,18 @@ class CROWDLOD_OT_edit_agent(Reporting, bpy.types.Operator):
 
     @classmethod
     def description(cls, context, properties) -> str:
-        return f"{properties.bl_rna.properties['kind'].enum_items[properties.kind].description}, in all frames"
+        return (
+            f"{properties.bl_rna.properties['kind'].enum_items[properties.kind].description}, "
+            f"in all frames"
+        )
 
     def run(self, context) -> str:
         scene, settings = context.scene, context.scene.crowd_lod
         trajectory, agent = trajectory_of(scene), settings.agent
         if agent >= len(trajectory.start):
             raise CrowdError(
-                f"There is no agent {agent}: the crowd has {len(trajectory.start):,}, numbered from 0 on."
+                f"There is no agent {agent}: the crowd has {len(trajectory.start):,}, numbered "
+                f"from 0 on."
             )
         entry = _entry(
             settings,
@@ -85,7 +93,8 @@ class CROWDLOD_OT_edit_agent(Reporting, bpy.types.Operator):
 
 
 def _entry(settings, kind: str, name: str, agents: str) -> bpy.types.PropertyGroup:
-    """Return the exception of this kind for these agents alone, in all frames; a new one if there is none.
+    """Return the exception of this kind for these agents alone, in all frames; a new one if there
+    is none.
 
     It is selected and on.
     """
@@ -107,27 +116,33 @@ def _next_group(trajectory: Trajectory, agent: int) -> str:
     groups = trajectory.groups
     if len(groups) < 2:
         raise CrowdError(
-            "There is one character group: add another to the collection of characters, and press Populate."
+            "There is one character group: add another to the collection of characters, and press "
+            "Populate."
         )
     return groups[(int(trajectory.start.group[agent]) + 1) % len(groups)].name
 
 
 def _found(context, entry) -> str:
-    """Write the agents that the entry's region or map chooses now as its numbers; return a sentence."""
+    """Write the agents that the entry's region or map chooses now as its numbers; return a
+    sentence.
+    """
     trajectory = unedited(trajectory_of(context.scene))
     agents = find_agents(context.scene, entry, trajectory, context.evaluated_depsgraph_get())
     if not len(agents):
         where = entry.map_image if entry.chosen_by == "MAP" else entry.region
         raise CrowdError(
-            f"The exception {entry.name} finds nobody: no agent stands in {where.name} at this frame, or the share is 0."
+            f"The exception {entry.name} finds nobody: no agent stands in {where.name} at this "
+            f"frame, or the share is 0."
         )
     entry.agents, entry.chosen_by = named(agents, trajectory.ids), "NUMBERS"
     return f"{entry.name}: {counted(len(agents), 'agent')} found, the same in all frames."
 
 
 class CROWDLOD_OT_find_agents(Reporting, bpy.types.Operator):
-    """Find who stands in the region or on the map at this frame, without edits, and keep their numbers"""
-
+    bl_description = (
+        "Find who stands in the region or on the map at this frame, without edits, and keep "
+        "their numbers"
+    )
     bl_idname = "crowd_lod.find_agents"
     bl_label = "Find Agents"
     needs = needs.crowd, needs.place
@@ -138,8 +153,10 @@ class CROWDLOD_OT_find_agents(Reporting, bpy.types.Operator):
 
 
 class CROWDLOD_OT_erase(Reporting, bpy.types.Operator):
-    """Hide the agents who are in the active object's volume, or in the box about it if it is open, at this frame"""
-
+    bl_description = (
+        "Hide the agents who are in the active object's volume, or in the box about it if it is "
+        "open, at this frame"
+    )
     bl_idname = "crowd_lod.erase"
     bl_label = "Erase in Active Object"
     bl_options = {"REGISTER", "UNDO"}

@@ -23,8 +23,10 @@ def _some(scene: bpy.types.Scene) -> str:
 
 
 class CROWDLOD_OT_add_area(Reporting, bpy.types.Operator):
-    """Lay a label where the selected objects are; without a selection, choose an object or collection later"""
-
+    bl_description = (
+        "Lay a label where the selected objects are; without a selection, choose an object or "
+        "collection later"
+    )
     bl_idname = "crowd_lod.add_area"
     bl_label = "Add Wall or Area"
 
@@ -80,7 +82,10 @@ class CROWDLOD_OT_refresh_areas(Reporting, bpy.types.Operator):
 
     def run(self, context) -> str:
         cells = map_areas.make(context.scene.crowd_lod, context.evaluated_depsgraph_get())
-        return f"{counted(cells, 'cell of the map lies', 'cells of the map lie')} under walls and areas."
+        return (
+            f"{counted(cells, 'cell of the map lies', 'cells of the map lie')} under walls and "
+            f"areas."
+        )
 
 
 def draw_areas(layout, context, settings) -> None:

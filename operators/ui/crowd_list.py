@@ -176,7 +176,9 @@ def draw_behavior(layout, crowd) -> None:
 
 
 def draw_simulation(layout, crowd, index: int) -> None:
-    """Draw what Simulate with JuPedSim makes of the label map of the crowd `index`, and its button."""
+    """Draw what Simulate with JuPedSim makes of the label map of the crowd `index`, and its
+    button.
+    """
     for name in (
         "start_labels",
         "goal_labels",

@@ -217,7 +217,9 @@ class CROWDLOD_PT_rules(_Editor, bpy.types.Panel):
 
 
 def _draw_targets(context, column, targets: list, name: str) -> None:
-    """Draw the states that follow: one to choose, or several with their weights; and a menu to add one."""
+    """Draw the states that follow: one to choose, or several with their weights; and a menu to add
+    one.
+    """
     editor, rows = context.scene.crowd_lod_editor, context.window_manager.crowd_lod_rows
     if len(targets) == 1:
         row = column.row(align=True)

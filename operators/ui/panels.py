@@ -149,7 +149,8 @@ class CROWDLOD_PT_behavior(Step, bpy.types.Panel):
             next((walk.machine for walk in walks_of(frame.trajectory)), None) if frame else None
         )
         told = (
-            f"{counted(len(machine.states), 'state')}, {counted(len(machine.labels), 'label')}; edge: {machine.edge}"
+            f"{counted(len(machine.states), 'state')}, {counted(len(machine.labels), 'label')}; "
+            f"edge: {machine.edge}"
             if machine
             else "-"
         )
@@ -260,11 +261,16 @@ class CROWDLOD_PT_levels(Step, bpy.types.Panel):
 
 
 def _lods_of(group, without: str) -> str:
-    """Return in a line which LODs a group has, with their triangles; if none, the words `without`."""
+    """Return in a line which LODs a group has, with their triangles; if none, the words
+    `without`.
+    """
     counts = [*dict.fromkeys(count for count in group.triangles if count)][1:]
     if not counts:
         return f"{group.name}: full mesh, {without}"
-    return f"{group.name}: {counted(len(counts), 'LOD')}: {', '.join(f'{count:,}' for count in counts)} triangles"
+    return (
+        f"{group.name}: {counted(len(counts), 'LOD')}: "
+        f"{', '.join(f'{count:,}' for count in counts)} triangles"
+    )
 
 
 class CROWDLOD_PT_own_thresholds(Step, bpy.types.Panel):

@@ -1,4 +1,6 @@
-"""Lists of the settings in the sidebar, such as that of exceptions: their drawing and their buttons."""
+"""Lists of the settings in the sidebar, such as that of exceptions: their drawing and their
+buttons.
+"""
 
 import bpy
 
@@ -9,8 +11,8 @@ from ..blender.operator import Reporting
 class Listed(Reporting):
     """Mix-in for a button of a list.
 
-    kind: what a row is, such as "exception": the scene's settings have the rows as `exceptions`, and
-        `exception_index` of what `holder` returns is the selected one's.
+    kind: what a row is, such as "exception": the scene's settings have the rows as `exceptions`,
+        and `exception_index` of what `holder` returns is the selected one's.
     """
 
     kind = ""
@@ -59,7 +61,9 @@ class Moving(Listed):
 
 
 class SwitchedRow:
-    """A list whose rows are drawn with a switch, a name and a few words; `told(item)` returns the words."""
+    """A list whose rows are drawn with a switch, a name and a few words; `told(item)` returns the
+    words.
+    """
 
     def draw_item(  # noqa: PLR0913 - Blender's own signature
         self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0
@@ -73,7 +77,8 @@ class SwitchedRow:
 
 
 def draw_list(layout, settings, kind: str, holder: bpy.types.PropertyGroup, shown: int = 4) -> None:
-    """Draw a list of the settings and its buttons; those that move rows only where four of them are shown.
+    """Draw a list of the settings and its buttons; those that move rows only where four of them are
+    shown.
 
     kind, holder: see Listed.
     """

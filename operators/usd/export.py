@@ -39,7 +39,8 @@ class UsdExport:
 
     frames: increasing, of the timeline.
     path: of the file, absolute; it ends in .usd, .usdc or .usda.
-    animated: prototypes move with their phase class, instead of agents that change from pose to pose.
+    animated: prototypes move with their phase class, instead of agents that change from pose to
+    pose.
     strict: a frame without the LODs of the scene's shot plan is an error.
     """
 
@@ -63,7 +64,8 @@ class Exported:
         """The result in words."""
         return " ".join(
             (
-                f"{counted(self.agents, 'agent')} and {counted(self.prototypes, 'prototype')} are written.",
+                f"{counted(self.agents, 'agent')} and {counted(self.prototypes, 'prototype')} are "
+                f"written.",
                 *self.notes,
             )
         )
@@ -73,12 +75,14 @@ class Exported:
 def export_usd(scene: bpy.types.Scene, wanted: UsdExport) -> Generator[float, None, Exported]:
     """Write the crowd of `scene` as USD: yield the progress, return what was written.
 
-    LOD meshes that are missing are made. Nothing else in the scene changes. Closed early, it leaves no file.
+    LOD meshes that are missing are made. Nothing else in the scene changes. Closed early, it leaves
+    no file.
     """
     usd, path = openusd(), files.followed(wanted.path)
     if printable(path) != str(path):
         raise CrowdError(
-            f"OpenUSD cannot write to {printable(path)}, which is no text in UTF-8: choose another place."
+            f"OpenUSD cannot write to {printable(path)}, which is no text in UTF-8: choose "
+            f"another place."
         )
     with files.staged(path.parent, path.name) as hidden:
         yield from share(ready(scene), 0.0, READY)
@@ -121,7 +125,9 @@ def export_usd(scene: bpy.types.Scene, wanted: UsdExport) -> Generator[float, No
 def _plans(
     scene: bpy.types.Scene, wanted: UsdExport, library: Library
 ) -> Generator[float, None, tuple[dict[int, Shown], dict[int, Filmed], list[tuple[int, str]]]]:
-    """Plan all frames: who is shown as what, and what films; with what `told_unplanned` asks for."""
+    """Plan all frames: who is shown as what, and what films; with what `told_unplanned` asks
+    for.
+    """
     trajectory, frames = trajectory_of(scene), wanted.frames
     plans: dict[int, Shown] = {}
     films: dict[int, Filmed] = {}

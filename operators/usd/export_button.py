@@ -17,8 +17,10 @@ from .openusd import missing_openusd
 
 
 class CROWDLOD_OT_export_usd(Stepwise, bpy.types.Operator):
-    """Write the crowd of the shot as USD: a point instancer, LODs in poses, materials, the camera"""
-
+    bl_description = (
+        "Write the crowd of the shot as USD: a point instancer, LODs in poses, materials, the "
+        "camera"
+    )
     bl_idname = "crowd_lod.export_usd"
     bl_label = "Export USD"
     needs = (needs.characters, needs.camera, missing_openusd)
@@ -28,7 +30,8 @@ class CROWDLOD_OT_export_usd(Stepwise, bpy.types.Operator):
         name = settings.usd_file
         if Path(name).name != name:
             raise CrowdError(
-                f"USD File is {printable(name)}: give a name alone, such as crowd.usdc; Output Folder says where it goes."
+                f"USD File is {printable(name)}: give a name alone, such as crowd.usdc; Output "
+                f"Folder says where it goes."
             )
         path = with_ending(output_folder(scene, "usd") / name, *ENDINGS)
         found = yield from export_usd(

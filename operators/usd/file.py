@@ -29,7 +29,8 @@ PER = {"POINT": "vertex", "FACE": "uniform", "CORNER": "faceVarying"}  # Blender
 class CrowdFile:
     """A USD file while it is written. A context: it is closed at the end, saved or not.
 
-    usd: of openusd.openusd. path: where the file will be; hidden: the folder where it is until then.
+    usd: of openusd.openusd. path: where the file will be; hidden: the folder where it is until
+    then.
     cast: its agents and prototypes, and a name for each of these; no two are the same.
     """
 
@@ -136,8 +137,9 @@ class CrowdFile:
     def agents(self, number: float, **columns: np.ndarray | None) -> None:
         """Write the agents in a frame.
 
-        columns: positions (a, 3) float32, orientations (a, 4) x y z w, prototypes (a,) int32, hidden (h,)
-            int64 ids; scales (a,), velocities (a, 3) per second, or None; looks (a,) of all frames.
+        columns: positions (a, 3) float32, orientations (a, 4) x y z w, prototypes (a,) int32,
+            hidden (h,) int64 ids; scales (a,), velocities (a, 3) per second, or None; looks (a,) of
+            all frames.
         """
         vt, instancer = self.usd.Vt, self.instancer
         place = columns["positions"]
@@ -181,5 +183,6 @@ class CrowdFile:
                 0
             ].rpartition(": ")[2]
             raise CrowdError(
-                f"OpenUSD could not write {printable(self.path)} ({reason}): free space there, or choose another folder."
+                f"OpenUSD could not write {printable(self.path)} ({reason}): free space there, or "
+                f"choose another folder."
             ) from None

@@ -69,7 +69,9 @@ class Materials:
         return valid
 
     def _file(self, image: bpy.types.Image) -> str:
-        """Return the path of the image's file as the USD file names it; write one if it has none."""
+        """Return the path of the image's file as the USD file names it; write one if it has
+        none.
+        """
         if image not in self._files:
             own = Path(bpy.path.abspath(image.filepath, library=image.library))
             kept = (

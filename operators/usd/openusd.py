@@ -15,12 +15,15 @@ from ...crowd_lod.errors import CrowdError
 
 MISSING = (
     "This Blender comes without OpenUSD (the Python module pxr): install usd-core into its Python "
-    f"{sys.version_info.major}.{sys.version_info.minor} with pip, or export with Blender from blender.org."
+    f"{sys.version_info.major}.{sys.version_info.minor} with pip, or export with Blender from "
+    f"blender.org."
 )
 
 
 def missing_openusd(_: bpy.types.Scene) -> str:
-    """Return the sentence that `openusd` would raise, without a load of the module; "" if it is there."""
+    """Return the sentence that `openusd` would raise, without a load of the module; "" if it is
+    there.
+    """
     _look_beside_data()
     return "" if find_spec("pxr") is not None else MISSING
 

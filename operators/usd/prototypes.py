@@ -81,7 +81,8 @@ def write_prototypes(
 ) -> Generator[float, None, None]:
     """Pose all prototypes and hand their meshes to `write`; yield the progress.
 
-    cast: the trajectory; the library; the wanted prototypes, increasing (crowd_lod/frame/instances.py).
+    cast: the trajectory; the library; the wanted prototypes, increasing
+    (crowd_lod/frame/instances.py).
     frames, seconds: of the timeline, and after frame 0, at which moving prototypes are posed.
     """
     trajectory, library, wanted = cast
@@ -195,7 +196,8 @@ def _form(mesh: bpy.types.Mesh, matrix: np.ndarray, evaluated: bpy.types.Object)
     )
     if not np.isfinite(form.points).all():
         raise CrowdError(
-            f"The LOD mesh {evaluated.name} has a point that is not finite: check its modifiers, and make LODs again."
+            f"The LOD mesh {evaluated.name} has a point that is not finite: check its modifiers, "
+            f"and make LODs again."
         )
     return form
 

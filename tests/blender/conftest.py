@@ -48,7 +48,9 @@ def scene():
 
 @pytest.fixture
 def small_shot():
-    """A scene of two small frames with a camera and no characters yet, in which 6 agents are to be."""
+    """A scene of two small frames with a camera and no characters yet, in which 6 agents are to
+    be.
+    """
     scene = bpy.context.scene
     scene.render.resolution_x, scene.render.resolution_y = 80, 45
     scene.frame_start, scene.frame_end = 1, 2
@@ -62,7 +64,9 @@ def small_shot():
 
 @pytest.fixture
 def rendered():
-    """(scene, number, look) -> what look(scene) says at each time that Cycles asks for to render the frame."""
+    """(scene, number, look) -> what look(scene) says at each time that Cycles asks for to render
+    the frame.
+    """
 
     def render(scene, number, look):
         found = {}

@@ -1,4 +1,6 @@
-"""Actions that states name: what agents show, against the character with that action as Blender evaluates it."""
+"""Actions that states name: what agents show, against the character with that action as Blender
+evaluates it.
+"""
 
 import json
 
@@ -71,7 +73,9 @@ def ready(kept, request):
 
 
 def itself(scene, group, action, phase):
-    """The points (v, 3) of the character `group` that plays `action` at `phase`, evaluated alone, about its origin."""
+    """The points (v, 3) of the character `group` that plays `action` at `phase`, evaluated alone,
+    about its origin.
+    """
     _, objects, origin = characters_of(scene)[group]
     stage, (rig,) = bpy.data.scenes.new("itself"), {item.parent for item in objects}
     for item in (rig, *objects):
@@ -92,7 +96,9 @@ def itself(scene, group, action, phase):
 
 
 def agents_of(scene, number):
-    """(agent, its own action, its phase) of the first agents that the camera sees of each state and group."""
+    """(agent, its own action, its phase) of the first agents that the camera sees of each state and
+    group.
+    """
     trajectory, plan = trajectory_of(scene), frame_of(scene, bpy.context.evaluated_depsgraph_get())
     crowd, found = plan.crowd, {}
     for agent in plan.buckets.order:
@@ -110,7 +116,9 @@ def agents_of(scene, number):
 
 
 def worst(scene, number):
-    """Meters by which what the build shows of some agents is off the characters themselves, and how many actions they play."""
+    """Meters by which what the build shows of some agents is off the characters themselves, and how
+    many actions they play.
+    """
     crowd, shown = (
         trajectory_of(scene).at(number),
         [points for level, points in instances(scene) if level == 0],
@@ -255,13 +263,15 @@ def test_feet_that_slide_are_told_with_the_speed_that_fits(waiting):
 def test_actions_that_cannot_be_played_are_told_in_a_sentence(waiting):
     with pytest.raises(
         CrowdError,
-        match="names the action dance, and the file has none for the character group adult: call one",
+        match="names the action dance, and the file has none for the character group adult: call "
+        "one",
     ):
         group_of(waiting, dance=going("dance"))
     bpy.data.actions["idle child"].name = "idle adult 2"
     with pytest.raises(
         CrowdError,
-        match="the file has none for the character group child: call one child idle or idle child or idle",
+        match="the file has none for the character group child: call one child idle or idle child "
+        "or idle",
     ):
         group_of(waiting, wait=going("idle", 0))
     of_another = bpy.data.objects.new("other", bpy.data.armatures.new("other"))

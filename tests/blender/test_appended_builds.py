@@ -1,4 +1,6 @@
-"""A live build that is appended to another file: with its scene it follows the frame, without it it says that it stands still."""
+"""A live build that is appended to another file: with its scene it follows the frame, without it it
+says that it stands still.
+"""
 
 import bpy
 import pytest
@@ -45,7 +47,10 @@ def test_without_its_scene_it_says_that_it_stands_still_by_name(built, tmp_path,
     path = tmp_path / "live.blend"
     names = saved(built, path)
     scene = append(path, kind, names[kind])
-    told = f"The build {' and '.join(sorted(names[kind])[:3])} came from another file without its scene's settings"
+    told = (
+        f"The build {' and '.join(sorted(names[kind])[:3])} came from another file without its "
+        f"scene's settings"
+    )
     assert steps.messages(scene)[0][0].startswith(told) and steps.messages(scene)[0][1] == "ERROR"
     scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
     scene.collection.objects.link(scene.camera)

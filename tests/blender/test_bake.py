@@ -75,9 +75,10 @@ def test_a_farm_renders_the_pictures_of_the_live_build(built, tmp_path, engine, 
 
 
 def test_other_frames_show_nobody_and_a_new_build_is_live_again(built):
-    shown = lambda: sum(
-        each.is_instance for each in bpy.context.evaluated_depsgraph_get().object_instances
-    )  # noqa: E731
+    def shown():
+        instances = bpy.context.evaluated_depsgraph_get().object_instances
+        return sum(instance.is_instance for instance in instances)
+
     built.frame_set(12)
     live = shown()
     before = [len(item.data.vertices) for item in built.crowd_lod.build.objects]
@@ -221,7 +222,9 @@ def test_a_bake_needs_what_a_build_needs(scene):
 
 @pytest.mark.once
 def test_names_and_paths_of_any_script_and_scenes_with_more_than_the_crowd(scene, tmp_path, capfd):
-    """Other alphabets, blanks, a second scene, hidden collections: baked and opened, the crowd is the live one's."""
+    """Other alphabets, blanks, a second scene, hidden collections: baked and opened, the crowd is
+    the live one's.
+    """
     scene.name = "Сцена 1"
     scene.crowd_lod.characters.name = "Fußgänger 人群"
     for child, name in zip(scene.crowd_lod.characters.children, ("größer", "小"), strict=True):

@@ -117,7 +117,9 @@ def test_an_agents_looks_are_its_own_at_every_time_in_every_lod(built):
 
 
 def colored_by_looks(material, colors):
-    """Let `material` glow in one of `colors` (n, 3), by an image of n pixels that the agent's looks choose from."""
+    """Let `material` glow in one of `colors` (n, 3), by an image of n pixels that the agent's looks
+    choose from.
+    """
     image = bpy.data.images.new("choices", len(colors), 1, float_buffer=True)
     image.pixels.foreach_set(np.float32([(*color, 1) for color in colors]).ravel())
     tree = switch_nodes_on(material)
@@ -180,7 +182,9 @@ def test_a_material_picks_from_an_image_by_the_agents_looks(built, tmp_path):
 
 @pytest.mark.parametrize("blur", [False, True])
 def test_headless_animation_renders_show_each_frame_at_its_place(built, tmp_path, blur):
-    """One agent, rendered by Cycles from the moving camera: its pixels lie where Blender projects it."""
+    """One agent, rendered by Cycles from the moving camera: its pixels lie where Blender projects
+    it.
+    """
     built.crowd_lod.count = 1
     built.crowd_lod.size = (4, 4)
     built.render.engine, built.cycles.samples, built.cycles.use_denoising = "CYCLES", 4, False

@@ -57,7 +57,9 @@ def test_remove_brings_the_file_back(levelled):
 
 @pytest.mark.once
 def test_what_undo_loses_of_a_build_is_put_back_and_nothing_else(built):
-    """Blender's undo loses one of many now and then (docs/notes/undo.md); here it is taken out by hand."""
+    """Blender's undo loses one of many now and then (docs/notes/undo.md); here it is taken out by
+    hand.
+    """
 
     def held():
         inside = [built.crowd_lod.build, *built.crowd_lod.build.children_recursive]

@@ -1,4 +1,6 @@
-"""A first build is shown as the view layers show the characters; a later one stays as the user has it."""
+"""A first build is shown as the view layers show the characters; a later one stays as the user has
+it.
+"""
 
 import bpy
 import pytest

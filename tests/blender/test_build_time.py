@@ -32,7 +32,9 @@ def columns(scene, *names):
 
 @pytest.fixture
 def cut(built):
-    """From frame 11 on another camera films, which looks the other way; until then the first marker's."""
+    """From frame 11 on another camera films, which looks the other way; until then the first
+    marker's.
+    """
     other = bpy.data.objects.new("Other camera", built.camera.data.copy())
     built.collection.objects.link(other)
     other.location, other.rotation_euler = (0, 25, 2), (1.5, 0, np.pi)
@@ -201,7 +203,9 @@ def test_who_comes_back_on_the_other_side_is_not_drawn_across_the_picture(built,
 
 @pytest.mark.parametrize("position", ["START", "CENTER", "END"])
 def test_cycles_blurs_an_agent_over_the_way_it_walks(built, tmp_path, position):
-    """Seen from above, one agent walks along x at 1.25 m/s: it is as much longer as it walks in 4 frames."""
+    """Seen from above, one agent walks along x at 1.25 m/s: it is as much longer as it walks in 4
+    frames.
+    """
     built.crowd_lod.count, built.crowd_lod.size = 1, (4, 4)
     built.camera.animation_data_clear()
     built.camera.data.type, built.camera.data.ortho_scale = "ORTHO", 8
@@ -285,7 +289,10 @@ def test_a_repainted_map_or_an_edited_number_is_never_missed_and_nothing_is_kept
     pixels = np.full((8, 8, 3), 128, np.uint8)
     settings.map_image = image_data.write_image("ground", pixels)
     settings.machine = bpy.data.texts.new("east")
-    table = '{"version": 1, "labels": {"ground": {"color": "#808080"}, "wall": {"color": "#202020", "spawn": false}}, '
+    table = (
+        '{"version": 1, "labels": {"ground": {"color": "#808080"}, "wall": {"color": '
+        '"#202020", "spawn": false}}, '
+    )
     table += '"states": {"go": {"on": {"*": {"move": [1.5, 0]}}}}}'
     settings.machine.from_string(table)
     first = trajectory_of(built)

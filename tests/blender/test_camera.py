@@ -101,7 +101,9 @@ def matrices(scene, depsgraph, side=None):
 
 
 def shows(points, view, clip):
-    """(n,) bool: whether the world points (n, 3) lie within the image and clip range, by a float32's margin."""
+    """(n,) bool: whether the world points (n, 3) lie within the image and clip range, by a
+    float32's margin.
+    """
     at = np.concatenate([points, np.ones((len(points), 1))], axis=1) @ (clip @ view).T
     inside = np.abs(at[:, :2]).max(axis=1) < at[:, 3] * (1 - 1e-4)
     depth = at[:, 2] / np.where(at[:, 3] == 0, 1, at[:, 3])
@@ -230,7 +232,9 @@ def test_views_with_cameras_of_their_own(scene):
 
 
 def lit(scene, point, folder, engine, size=(96, 64)):
-    """(x, y) in parts of the image of the middle of what is lit in a render of one small bright ball at `point`."""
+    """(x, y) in parts of the image of the middle of what is lit in a render of one small bright
+    ball at `point`.
+    """
     mesh = bpy.data.meshes.new("ball")
     ball = bpy.data.objects.new("ball", mesh)
     corners = 0.15 * np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)])
@@ -414,7 +418,9 @@ def test_the_bounding_sphere_holds_the_action_between_frames_too(scene):
 
 
 def test_handlers_of_ours_move_no_camera(scene):
-    """A camera that nothing else moves is read where it stands: stepping the scene takes seconds."""
+    """A camera that nothing else moves is read where it stands: stepping the scene takes
+    seconds.
+    """
     from crowd_lod_extension.operators.blender import cameras
 
     assert bpy.app.handlers.frame_change_post and cameras._stands(scene.camera)

@@ -1,5 +1,6 @@
-"""Whom the culling drops, no render shows: of every way to film, the dropped spheres alone are rendered by Cycles, and the
-picture is black. That it can show them is seen with spheres that are dropped by their centers."""
+"""Whom the culling drops, no render shows: of every way to film, the dropped spheres alone are
+rendered by Cycles, and the picture is black. That it can show them is seen with spheres that are
+dropped by their centers."""
 
 from dataclasses import replace
 
@@ -46,7 +47,9 @@ def scene():
 
 @pytest.fixture
 def lit(scene, tmp_path):
-    """(points (n, 3), radius (n,)) -> how many pixels show the spheres, over all of the picture's views."""
+    """(points (n, 3), radius (n,)) -> how many pixels show the spheres, over all of the picture's
+    views.
+    """
     glow = bpy.data.materials.new("glow")
     nodes = switch_nodes_on(glow).nodes
     light = nodes.new("ShaderNodeEmission")
@@ -83,7 +86,9 @@ def lit(scene, tmp_path):
 
 
 def scattered(eye, random):
-    """(points (n, 3), radius (n,)): spheres about the edges of what the camera `eye` sees, of its near and far end, too."""
+    """(points (n, 3), radius (n,)): spheres about the edges of what the camera `eye` sees, of its
+    near and far end, too.
+    """
     depth = 10.0 ** random.uniform(
         np.log10(max(eye.near / 2, 1e-2)), np.log10(min(eye.far * 1.3, 1e5)), SPHERES
     )
@@ -289,13 +294,16 @@ WAYS = {
     "Blackman-Harris": filtered("BLACKMAN_HARRIS", 10.0),
 }
 PANORAMAS = (
-    "EQUIRECTANGULAR EQUIANGULAR_CUBEMAP_FACE MIRRORBALL FISHEYE_EQUIDISTANT FISHEYE_EQUISOLID FISHEYE_LENS_POLYNOMIAL "
+    "EQUIRECTANGULAR EQUIANGULAR_CUBEMAP_FACE MIRRORBALL FISHEYE_EQUIDISTANT FISHEYE_EQUISOLID "
+    "FISHEYE_LENS_POLYNOMIAL "
     "CENTRAL_CYLINDRICAL"
 ).split()
 
 
 def judged(scene, lit, seed):
-    """(pixels that show dropped spheres, pixels that show those dropped by their centers, how many are dropped and kept)."""
+    """(pixels that show dropped spheres, pixels that show those dropped by their centers, how many
+    are dropped and kept).
+    """
     scene.view_layers[0].update()
     eyes = cameras.read_cameras(scene, scene.view_layers[0].depsgraph)
     random = np.random.default_rng(seed)

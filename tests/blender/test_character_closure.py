@@ -1,4 +1,6 @@
-"""What a character is made of may lie outside of its collection: parents, targets, node inputs, and what these need."""
+"""What a character is made of may lie outside of its collection: parents, targets, node inputs, and
+what these need.
+"""
 
 from math import pi
 
@@ -36,7 +38,9 @@ def empty(name, parent=None, **values):
 
 
 def box(name):
-    """0.5 x 0.3 x 1.8 m by an empty of scale 0.01 turned by 90 degrees: in itself in centimeters with y up."""
+    """0.5 x 0.3 x 1.8 m by an empty of scale 0.01 turned by 90 degrees: in itself in centimeters
+    with y up.
+    """
     mesh = bpy.data.meshes.new(name)
     corners = [(x, y, z) for z in (-15.0, 15.0) for y in (0.0, 180.0) for x in (-25.0, 25.0)]
     mesh.from_pydata(
@@ -50,7 +54,9 @@ def box(name):
 
 
 def knight():
-    """A rig and its mesh, 5.47 m high but for the two empties of an importer that they are below."""
+    """A rig and its mesh, 5.47 m high but for the two empties of an importer that they are
+    below.
+    """
     item, armature = (
         new("knight", tube("knight", 6, 4, radius=0.5, height=5.47)),
         rig("knight's rig"),
@@ -65,7 +71,9 @@ def knight():
 
 
 def turned():
-    """A tube 2 m long, of which a constraint that looks at an empty 30 degrees above the ground leaves 1 m of height."""
+    """A tube 2 m long, of which a constraint that looks at an empty 30 degrees above the ground
+    leaves 1 m of height.
+    """
     item = new("turned", tube("turned", 6, 4, radius=0.0001))
     item.constraints.new("DAMPED_TRACK").target = empty("target", location=(100 * 3**0.5, 0, 100))
     item.constraints[0].track_axis = "TRACK_Z"
@@ -73,7 +81,9 @@ def turned():
 
 
 def brought(path, link):
-    """The box that the user links or appends from another file: its parent comes along, and is in no collection."""
+    """The box that the user links or appends from another file: its parent comes along, and is in
+    no collection.
+    """
     with bpy.data.libraries.load(str(path), link=link) as (_, wanted):
         wanted.objects = ["box"]
     return wanted.objects[0]
@@ -120,7 +130,10 @@ def test_characters_have_their_size_in_spheres_build_bake_and_export(
     settings.count, settings.level_count, settings.thresholds[0] = 30, 2, 0.9
     settings.output_folder = str(tmp_path)
     bpy.ops.crowd_lod.populate()
-    told = "Warning: No collection holds root of box.001, on which the characters depend: Blender does not save such objects"
+    told = (
+        "Warning: No collection holds root of box.001, on which the characters depend: Blender "
+        "does not save such objects"
+    )
     assert told in capfd.readouterr().out  # it has been appended by a script
     bpy.ops.crowd_lod.make_levels()
     spheres = {group.name: (group.center, group.radius) for group in settings.groups}
@@ -173,7 +186,9 @@ def test_the_root_motion_of_a_rig_of_another_file_is_taken_out(small_shot, tmp_p
 
 
 def depending():
-    """A character that depends on much outside of its collection: its objects, and what they depend on: (data-block, path, index)."""
+    """A character that depends on much outside of its collection: its objects, and what they depend
+    on: (data-block, path, index).
+    """
     item, armature = new("item", tube("item", 4, 3)), rig()
     skin(item, armature)
     armature.animation_data_clear()

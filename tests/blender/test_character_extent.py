@@ -19,7 +19,9 @@ PIXELS, WIDTH = 64, 12.0  # of the picture; meters that it shows
 
 
 def lit(tmp_path, height, frames=(1,)):
-    """(n, 2) meters to the right and up from the `height` above the scene's origin: the pixels that renders from the side show."""
+    """(n, 2) meters to the right and up from the `height` above the scene's origin: the pixels that
+    renders from the side show.
+    """
     scene = bpy.context.scene
     eye = new("eye", bpy.data.cameras.new("eye"))
     eye.data.type, eye.data.ortho_scale = "ORTHO", WIDTH

@@ -1,4 +1,6 @@
-"""A character may have any modifier, constraint and kind of data that Blender knows, by whatever button."""
+"""A character may have any modifier, constraint and kind of data that Blender knows, by whatever
+button.
+"""
 
 import bpy
 import pytest
@@ -77,7 +79,9 @@ RIGS = "ARMATURE", "ACTION"
 
 
 def with_constraints():
-    """A tube for each type of constraint, and a skinned one with its rig, whose bone has them all; their targets are outside."""
+    """A tube for each type of constraint, and a skinned one with its rig, whose bone has them all;
+    their targets are outside.
+    """
     armature, items = rig(), []
     targets = new("mesh", tube("mesh", 3, 1)), new("path", curve()), rig("other")
     for target in targets:
@@ -176,7 +180,10 @@ def test_all_kinds_of_characters_go_through_all_buttons(small_shot, tmp_path, ca
     settings.output_folder = str(tmp_path)
     for name in BUTTONS:
         assert getattr(bpy.ops.crowd_lod, name)() == {"FINISHED"}, name
-    told = "Left out of the crowd, which shows faces and hair: cloud (point cloud), drawing (Grease Pencil), volume (volume)."
+    told = (
+        "Left out of the crowd, which shows faces and hair: cloud (point cloud), drawing "
+        "(Grease Pencil), volume (volume)."
+    )
     assert told in capfd.readouterr().out  # of Populate
 
 

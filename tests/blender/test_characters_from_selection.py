@@ -1,4 +1,6 @@
-"""Characters from Selection: select rigs and meshes, press once, and the characters' collection stands."""
+"""Characters from Selection: select rigs and meshes, press once, and the characters' collection
+stands.
+"""
 
 import bpy
 import pytest
@@ -81,7 +83,10 @@ def test_all_selected_is_a_group_for_each_character_and_names_what_is_left(stage
         "Bert": ["Bert", "other"],
         "statue": ["statue"],
     }
-    told = "3 characters in the collection Characters: Anna, Bert, statue. Left where they are: Camera, Lamp, stand."
+    told = (
+        "3 characters in the collection Characters: Anna, Bert, statue. Left where they are: "
+        "Camera, Lamp, stand."
+    )
     assert told in capfd.readouterr().out
     assert homes()["Lamp"] == homes()["Camera"] == homes()["stand"] == ["Collection"]
     before = homes(), [each.name for each in bpy.data.collections]

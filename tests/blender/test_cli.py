@@ -73,7 +73,8 @@ def test_preview_of_a_sample_leaves_pictures_table_and_plan(tmp_path, capfd):
 def test_preview_tells_who_is_stuck_in_words_and_in_the_plan(levelled, tmp_path, capfd):
     levelled.crowd_lod.machine = bpy.data.texts.new("east")
     levelled.crowd_lod.machine.from_string(
-        '{"version": 1, "labels": {"ground": {"color": "#808080"}}, "states": {"go": {"on": {"*": {"move": [1.5, 0]}}}}}'
+        '{"version": 1, "labels": {"ground": {"color": "#808080"}}, "states": {"go": {"on": {"*": '
+        '{"move": [1.5, 0]}}}}}'
     )
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "stuck.blend"))
     assert run("preview", tmp_path / "stuck.blend", *SHORT, "--out", tmp_path / "out") == 0

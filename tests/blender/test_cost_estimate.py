@@ -24,7 +24,9 @@ def triangles(item):
 
 
 def shown(scene):
-    """(agents, their triangles, the triangles of the characters that they show, each once) of the evaluated scene."""
+    """(agents, their triangles, the triangles of the characters that they show, each once) of the
+    evaluated scene.
+    """
     found = []
     for each in bpy.context.evaluated_depsgraph_get().object_instances:
         if (

@@ -1,4 +1,6 @@
-"""Cross-fades between states' actions: what agents show, against poses mixed of Blender's own evaluations of both actions."""
+"""Cross-fades between states' actions: what agents show, against poses mixed of Blender's own
+evaluations of both actions.
+"""
 
 import bpy
 import numpy as np
@@ -42,7 +44,8 @@ def fading(kept, request):
 def mixed(scene, group, actions, phase, share):
     """Points (v, 3) of the character between two actions at one phase, about its origin.
 
-    Each action is evaluated by Blender alone. The bones' bases are then mixed by quaternions here and set by hand.
+    Each action is evaluated by Blender alone. The bones' bases are then mixed by quaternions here
+    and set by hand.
     """
     _, objects, origin = characters_of(scene)[group]
     stage, (rig,) = bpy.data.scenes.new("mixed"), {item.parent for item in objects}
@@ -215,7 +218,8 @@ def test_what_cannot_be_faded_is_one_sentence(waiting):  # noqa: F811
     name_actions(waiting, FADING)
     with pytest.raises(
         CrowdError,
-        match="A state fades from or to the own action of the character group adult, whose animation is not one",
+        match="A state fades from or to the own action of the character group adult, whose "
+        "animation is not one",
     ):
         measure_groups(waiting)
     rig.animation_data.nla_tracks[0].mute = True
@@ -232,7 +236,8 @@ def test_what_cannot_be_faded_is_one_sentence(waiting):  # noqa: F811
     name_actions(waiting, waving)
     with pytest.raises(
         CrowdError,
-        match="move two objects of adult, .*: no state can fade from one to the other; set its fade to 0",
+        match="move two objects of adult, .*: no state can fade from one to the other; set its "
+        "fade to 0",
     ):
         measure_groups(waiting)
 

@@ -1,4 +1,6 @@
-"""Deviation measured over the action, and the thresholds that follow from it, against known shapes and Blender's camera."""
+"""Deviation measured over the action, and the thresholds that follow from it, against known shapes
+and Blender's camera.
+"""
 
 from dataclasses import replace
 
@@ -16,7 +18,9 @@ GROUP = Group("one", 0, 1, 0, 1)
 
 
 def sphere(rings, segments, radius=1.0):
-    """An object whose mesh has all its vertices on the sphere: rings of `segments`, and two poles."""
+    """An object whose mesh has all its vertices on the sphere: rings of `segments`, and two
+    poles.
+    """
     mesh = bpy.data.meshes.new("sphere")
     theta, phi = np.meshgrid(
         np.linspace(0, np.pi, rings + 1)[1:-1],
@@ -47,7 +51,8 @@ def test_a_sphere_deviates_from_its_inscribed_octahedron_as_geometry_says():
     assert found.deviations[0] == found.rms[0] == 0
     assert found.deviations[1] == pytest.approx(2 - inside, rel=2e-3)
     assert found.diagonal == pytest.approx(np.sqrt(3) * 4, rel=1e-3)
-    # the octahedron's even samples, by rejection-free integration over one face: distance to the sphere is 2 - |p|
+    # the octahedron's even samples, by rejection-free integration over one face: distance to the
+    # sphere is 2 - |p|
     u, v = np.random.default_rng(0).random((2, 400_000))
     u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
     away = 2 - np.linalg.norm(2 * np.stack([u, v, 1 - u - v]), axis=0)
@@ -56,7 +61,9 @@ def test_a_sphere_deviates_from_its_inscribed_octahedron_as_geometry_says():
 
 
 def test_a_hole_in_one_of_many_triangles_is_found_and_measured():
-    """A triangle of 800 lacks its middle, 0.6 of its size: nothing is farther off than that hole's inscribed circle is wide."""
+    """A triangle of 800 lacks its middle, 0.6 of its size: nothing is farther off than that hole's
+    inscribed circle is wide.
+    """
     n, size = 21, 0.05
     x, y = (each.ravel() * size for each in np.meshgrid(np.arange(n), np.arange(n)))
     points = np.stack([x, y, np.zeros(n * n)], axis=1)
@@ -92,7 +99,9 @@ def test_a_plane_deviates_by_what_it_was_moved_in_world_space(scale):
 
 
 def cylinder(name, armature, upper):
-    """A tube along z from 0 to 2, 0.2 wide, skinned: vertices above the height `upper` follow the bone "upper"."""
+    """A tube along z from 0 to 2, 0.2 wide, skinned: vertices above the height `upper` follow the
+    bone "upper".
+    """
     heights, around = np.linspace(0, 2, 41), np.linspace(0, 2 * np.pi, 16, endpoint=False)
     points = [(0.1 * np.cos(a), 0.1 * np.sin(a), z) for z in heights for a in around]
     faces = [
@@ -140,7 +149,8 @@ def test_wrong_weights_show_in_motion_alone():
     with deviation.Posed([right], [[wrong]]) as posed:
         at_rest, (other,) = posed.at(1)
         assert surface.deviation(at_rest, other, posed_surface.SAMPLES)[0] < 1e-6
-    # bent square, the part from 1 to 1.5 stands up where the right one lies flat: its end is half a meter off
+    # bent square, the part from 1 to 1.5 stands up where the right one lies flat: its end is half a
+    # meter off
     assert found.deviations[1] == pytest.approx(0.5, abs=0.12)
     assert 15 < found.worst[1] < 27 and found.rms[1] < found.deviations[1]
 
@@ -207,7 +217,9 @@ def test_what_shows_no_face_is_named():
 
 @pytest.mark.parametrize("height", [1e-5, 1e-4, 1e-3, 1e-2, 0.1])
 def test_thin_triangles_are_as_near_as_others(height):
-    """As n-gons and long strips are cut to: Blender's tree alone errs by up to the triangles' length."""
+    """As n-gons and long strips are cut to: Blender's tree alone errs by up to the triangles'
+    length.
+    """
     random, apart = np.random.default_rng(0), 0.2
     turn = np.linalg.qr(random.normal(size=(3, 3)))[0]
     flat = np.array(

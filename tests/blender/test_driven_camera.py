@@ -16,7 +16,9 @@ from crowd_lod_extension.operators.scene.scene_crowd import frame_of
 
 
 class Film(bpy.types.RenderEngine):
-    """A render engine that renders nothing, and notes where the camera stands, and its lens, at the times that it asks for."""
+    """A render engine that renders nothing, and notes where the camera stands, and its lens, at the
+    times that it asks for.
+    """
 
     bl_idname = "CROWD_LOD_FILM"
     bl_label = "Film"

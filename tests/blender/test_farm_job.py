@@ -1,4 +1,6 @@
-"""A farm's job: the template is valid and runs, chunks in parallel, one of which fails and is tried again."""
+"""A farm's job: the template is valid and runs, chunks in parallel, one of which fails and is tried
+again.
+"""
 
 import json
 import os
@@ -16,7 +18,8 @@ pytestmark = pytest.mark.once  # long, and the same on every Blender
 
 
 OPENJD = Path(sys.executable).with_name("openjd")
-# Blender as a module in the place of Blender's own program: it opens the file and runs the script. Once it fails.
+# Blender as a module in the place of Blender's own program: it opens the file and runs the script.
+# Once it fails.
 BLENDER = """import runpy, sys
 from pathlib import Path
 
@@ -144,7 +147,8 @@ def test_what_cannot_be_a_job_is_told(job, tmp_path, words, said, capfd):
     assert said in capfd.readouterr().err and not (tmp_path / "other").exists()
 
 
-# Flamenco's own side, as its manual describes it: author makes tasks and commands, jobs and tasks collect them.
+# Flamenco's own side, as its manual describes it: author makes tasks and commands, jobs and tasks
+# collect them.
 AUTHOR = """
 const author = {
     Task: (name, type) => ({ name, type, commands: [], after: [],

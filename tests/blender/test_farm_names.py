@@ -19,7 +19,9 @@ def run(*words):
 
 
 def parts_of(folder, scene):
-    """Return the words of the tasks of the job's preview, as openjd starts them; it refuses a job that is not valid."""
+    """Return the words of the tasks of the job's preview, as openjd starts them; it refuses a job
+    that is not valid.
+    """
     given = ("-p", f"Scene={scene}", "-p", "CrowdLod=echo")
     told = subprocess.run(
         [OPENJD, "run", folder / "template.json", *given, "--step", "Preview"],

@@ -1,4 +1,6 @@
-"""While frames are stepped through, the build is not evaluated; it comes back as it was, whatever happens."""
+"""While frames are stepped through, the build is not evaluated; it comes back as it was, whatever
+happens.
+"""
 
 import bpy
 import pytest

@@ -1,4 +1,6 @@
-"""Characters that glow light the picture from outside it; those whose emission is for the camera alone do not."""
+"""Characters that glow light the picture from outside it; those whose emission is for the camera
+alone do not.
+"""
 
 import json
 
@@ -61,7 +63,9 @@ def bare():
 
 
 def unlit(camera=2):
-    """Emission and Transparent mixed by Is Camera Ray, as glTF's importer wires KHR_materials_unlit."""
+    """Emission and Transparent mixed by Is Camera Ray, as glTF's importer wires
+    KHR_materials_unlit.
+    """
     made, tree, output = empty("Unlit")
     mix, path = tree.nodes.new("ShaderNodeMixShader"), tree.nodes.new("ShaderNodeLightPath")
     shown, other = tree.nodes.new("ShaderNodeEmission"), tree.nodes.new("ShaderNodeBsdfTransparent")

@@ -1,4 +1,6 @@
-"""No exception leaves what Blender calls: it is told once in a sentence, and a build shows nobody rather than another frame's crowd."""
+"""No exception leaves what Blender calls: it is told once in a sentence, and a build shows nobody
+rather than another frame's crowd.
+"""
 
 from pathlib import Path
 
@@ -134,7 +136,10 @@ def test_a_live_build_whose_points_are_in_edit_mode_shows_nobody_and_says_why(bu
     bpy.context.view_layer.objects.active = points
     bpy.ops.object.mode_set(mode="EDIT")
     built.frame_set(3)
-    told = f"The points {points.data.name} are in Edit Mode: leave it, and the crowd follows the frame again."
+    told = (
+        f"The points {points.data.name} are in Edit Mode: leave it, and the crowd follows the "
+        f"frame again."
+    )
     assert capfd.readouterr().err == f"Crowd LOD, frame 3: {told}\n"
     assert agents_in_points(built) == 0 and troubles_of(built) == [told]
     bpy.ops.object.mode_set(mode="OBJECT")

@@ -1,4 +1,6 @@
-"""Agents edited by hand in a scene: every button, every user of the crowd, and what is said of wrong ones."""
+"""Agents edited by hand in a scene: every button, every user of the crowd, and what is said of
+wrong ones.
+"""
 
 import bpy
 import numpy as np

@@ -1,4 +1,6 @@
-"""Labels have Crowd LOD's own translation context, and texts of the panels are not translated at all."""
+"""Labels have Crowd LOD's own translation context, and texts of the panels are not translated at
+all.
+"""
 
 import ast
 from pathlib import Path

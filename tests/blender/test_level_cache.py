@@ -1,4 +1,6 @@
-"""LOD meshes are made once: kept while nothing they depend on changes, and replaced where it does."""
+"""LOD meshes are made once: kept while nothing they depend on changes, and replaced where it
+does.
+"""
 
 import bpy
 import numpy as np

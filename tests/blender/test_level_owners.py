@@ -1,4 +1,6 @@
-"""Making LOD meshes again replaces what was made for these characters of this scene, and nothing else."""
+"""Making LOD meshes again replaces what was made for these characters of this scene, and nothing
+else.
+"""
 
 import bpy
 import pytest

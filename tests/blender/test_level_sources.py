@@ -71,7 +71,8 @@ def test_curves_and_text_become_meshes_where_they_stand_with_their_own_materials
         ("metaball", "mine, of the character group someone, is a metaball: turn it into a mesh"),
         (
             "instance",
-            "mine, of the character group someone, instances the collection inner: put that collection",
+            "mine, of the character group someone, instances the collection inner: put that "
+            "collection",
         ),
         ("no faces", "someone in People holds no mesh with faces"),
         ("hair", "has no faces"),

@@ -345,7 +345,9 @@ def test_the_choice_counts_what_shows(fast, precise, takes_fast):
 @pytest.mark.usefixtures("exact_levels")
 @pytest.mark.parametrize("way", ["POSE_AWARE", "DECIMATE"])
 def test_normals_of_few_triangles_are_the_source_s_under_posing_too(way):
-    """A smooth egg without custom normals, which a bone turns: of its LODs normals are those of the egg at each place."""
+    """A smooth egg without custom normals, which a bone turns: of its LODs normals are those of the
+    egg at each place.
+    """
     size = np.array([0.3, 0.2, 0.5])
     bpy.ops.mesh.primitive_uv_sphere_add(segments=48, ring_count=32)
     item = bpy.context.object

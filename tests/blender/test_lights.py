@@ -193,7 +193,9 @@ def test_with_an_open_shutter_a_light_holds_itself_at_all_its_times(lit):
 
 
 def unseen(scene):
-    """(positions as bytes, number) of the points of the build's objects that the camera does not see."""
+    """(positions as bytes, number) of the points of the build's objects that the camera does not
+    see.
+    """
     found = {}
     for name, item in render_setup.points_of(scene.crowd_lod.build).items():
         assert item.visible_camera == name.startswith("LOD") and item.visible_shadow

@@ -36,7 +36,9 @@ def instancer(scene, kind="NONE"):
 
 
 def tree(item, *kinds):
-    """The nodes of these kinds, between the input and the output of a new node group of the item's new modifier."""
+    """The nodes of these kinds, between the input and the output of a new node group of the item's
+    new modifier.
+    """
     group = bpy.data.node_groups.new("made", "GeometryNodeTree")
     for way in ("INPUT", "OUTPUT"):
         group.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
@@ -121,7 +123,9 @@ WAYS = [
 
 
 def held(lights, x):
-    """Of each of the places, `x` meters further along x, the sizes of the small lights that hold it."""
+    """Of each of the places, `x` meters further along x, the sizes of the small lights that hold
+    it.
+    """
     places = np.array(PLACES) + (x, 0, 0)
     return [
         [light.size for light in lights if np.linalg.norm(light.origin - place) < light.size + 0.1]

@@ -22,7 +22,9 @@ def ball():
 
 @pytest.mark.parametrize("length", (0.03, 0.006))
 def test_a_lod_has_about_the_fewest_triangles_whose_bound_is_the_length(exact_levels, ball, length):
-    """Equal triangles that lie half within and half without a ball of 1 m are 4 pi / (3 sqrt(3) length) many."""
+    """Equal triangles that lie half within and half without a ball of 1 m are 4 pi / (3 sqrt(3)
+    length) many.
+    """
     search = Search([read_source(ball)], "AUTO", make_object, Measure("ball", [ball]))
     (attempt,), (_, bound, *_) = finished(search.find(length, 0.1))
     assert 0.8 * length < bound <= length

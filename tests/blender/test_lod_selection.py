@@ -1,4 +1,6 @@
-"""LODs by tolerance in a scene: as many as pay, of each character, and nothing of the others left."""
+"""LODs by tolerance in a scene: as many as pay, of each character, and nothing of the others
+left.
+"""
 
 import bpy
 import numpy as np

@@ -1,4 +1,6 @@
-"""What the user is told of the LODs: the table, the rendered silhouettes against the prediction, the pictures."""
+"""What the user is told of the LODs: the table, the rendered silhouettes against the prediction,
+the pictures.
+"""
 
 import json
 import re
@@ -96,7 +98,9 @@ def test_rendered_silhouettes_stay_within_what_the_deviation_predicts(
 @pytest.mark.parametrize("kind", ["PERSP", "ORTHO"])
 @pytest.mark.usefixtures("exact_levels")
 def test_a_group_of_small_agents_is_measured_at_their_size(scene, tmp_path, kind):
-    """Predictions hold for the largest agent; a character pictured at its own size shows 1 / 0.44 of its error."""
+    """Predictions hold for the largest agent; a character pictured at its own size shows 1 / 0.44
+    of its error.
+    """
     settings = scene.crowd_lod
     settings.characters.children.unlink(settings.characters.children["adult"])
     scene.camera.data.type, scene.camera.data.ortho_scale, scene.render.resolution_x = (

@@ -72,7 +72,8 @@ def test_weights_are_fields_and_a_state_is_added_to_them_and_removed(market):
     assert bpy.ops.crowd_lod.machine_follow(state="buy") == {"FINISHED"}
     bpy.ops.crowd_lod.machine_unfollow(state="stroll south")
     assert changed(market) == [
-        '"crossing": {"next": {"stroll east": 2, "stroll north": 2.3, "buy": 1}, "speed": 1.1, "heading": 0},'
+        '"crossing": {"next": {"stroll east": 2, "stroll north": 2.3, "buy": 1}, "speed": 1.1, '
+        '"heading": 0},'
     ]
     editor.state_index = 4
     bpy.ops.crowd_lod.machine_follow(state="browse", timer=True)

@@ -1,4 +1,6 @@
-"""Blender without the fast-simplification wheel: the extension is there, and says what is missing."""
+"""Blender without the fast-simplification wheel: the extension is there, and says what is
+missing.
+"""
 
 import subprocess
 import sys

@@ -1,4 +1,6 @@
-"""The command scene: a scene of trajectories or points, whose camera sees the crowd, ready for preview, plan and build."""
+"""The command scene: a scene of trajectories or points, whose camera sees the crowd, ready for
+preview, plan and build.
+"""
 
 import json
 import re
@@ -21,7 +23,9 @@ def run(*words):
 
 @pytest.fixture
 def people(levelled, tmp_path):
-    """A file of characters with LODs, in a scene that has much else: a set, another scene, a build, settings of its own."""
+    """A file of characters with LODs, in a scene that has much else: a set, another scene, a build,
+    settings of its own.
+    """
     settings = levelled.crowd_lod
     settings.count, settings.center, settings.thresholds[0] = 77, (9, 9, 9), 0.25
     settings.crowds.add().name = "Crowd 2"
@@ -118,7 +122,9 @@ def test_points_of_an_object_get_a_scene_that_films_them(people, ground, tmp_pat
 
 @pytest.fixture
 def corridor(tmp_path):
-    """Walkers in two streams, as PeTrack and PedPy write them: 25 frames a second, centimeters, heights of heads."""
+    """Walkers in two streams, as PeTrack and PedPy write them: 25 frames a second, centimeters,
+    heights of heads.
+    """
     rows = ["# framerate: 25 fps", "# id frame x/cm y/cm z/cm"]
     for agent in range(40):
         way, lane, late = (-1) ** agent, 40 * (agent // 2 % 5) - 100, 9 * (agent // 2)
@@ -246,7 +252,9 @@ def test_bad_input_is_one_sentence_and_writes_no_file(people, tmp_path, capfd):
 def test_characters_keep_the_size_that_empties_outside_their_collection_give_them(
     tmp_path, corridor, rigged
 ):
-    """As importers leave them: a mesh in centimeters, Y up, below an empty, which is below another that moves."""
+    """As importers leave them: a mesh in centimeters, Y up, below an empty, which is below another
+    that moves.
+    """
     scene = bpy.context.scene
     mount, root = new("mount", None), new("root", None)
     for item in (mount, root):

@@ -20,7 +20,9 @@ COLORS = state_machine.load_preset("chapter").label_colors
 
 
 def paint(scene, odd=()):
-    """Ground between two edges, 40 x 40 pixels over the area; `odd` are (row, column) of yellow ones."""
+    """Ground between two edges, 40 x 40 pixels over the area; `odd` are (row, column) of yellow
+    ones.
+    """
     labels = np.zeros((40, 40), int)
     labels[:, 0], labels[:, -1] = 1, 2
     pixels = COLORS[labels]
@@ -40,7 +42,10 @@ def test_ten_off_color_pixels_leave_the_crowd_and_are_told(scene, capfd):
     assert (spoilt.world.labels == clean.world.labels).all() and (
         spoilt.start.x == clean.start.x
     ).all()
-    told = "10 pixels of the label map are far from every label's color and taken for ground, the first at x -16.50 m, y -12.50 m (map "
+    told = (
+        "10 pixels of the label map are far from every label's color and taken for ground, the "
+        "first at x -16.50 m, y -12.50 m (map "
+    )
     assert (
         scene.crowd_lod.trouble.startswith(told + "column 3, row 7 from the bottom)")
         and told in capfd.readouterr().out

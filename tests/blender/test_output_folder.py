@@ -1,4 +1,6 @@
-"""One folder of output for each file: where it is, what moves when the file is saved, and its index."""
+"""One folder of output for each file: where it is, what moves when the file is saved, and its
+index.
+"""
 
 import os
 import shutil

@@ -22,7 +22,9 @@ def few(levelled):
 
 @pytest.fixture
 def planned(levelled, tmp_path, capfd):
-    """The small crowd's file, with a plan of frames 1 to 6 in tmp_path / "plan" that hides the first visible agent."""
+    """The small crowd's file, with a plan of frames 1 to 6 in tmp_path / "plan" that hides the
+    first visible agent.
+    """
     levelled.frame_set(3)
     seen = frame_of(levelled, bpy.context.evaluated_depsgraph_get()).visible
     entry = levelled.crowd_lod.exceptions.add()

@@ -32,7 +32,9 @@ def block(name, low, high):
 
 @pytest.fixture(params=[1])
 def scene(request):
-    """A crowd of fifty boxes of a person's size on a square of 20 m, in a unit of so many meters."""
+    """A crowd of fifty boxes of a person's size on a square of 20 m, in a unit of so many
+    meters.
+    """
     scene, meters = bpy.context.scene, request.param
     scene.unit_settings.scale_length = meters
     scene.render.fps = 25
@@ -119,7 +121,10 @@ def test_who_stands_off_the_ground_of_the_scene_is_told_with_the_height(scene, h
         ),
         scene,
     )
-    wanted = f"100% of the agents stand {abs(height)} m {side} the ground floor: choose it as Terrain Object"
+    wanted = (
+        f"100% of the agents stand {abs(height)} m {side} the ground floor: choose it as "
+        f"Terrain Object"
+    )
     assert wanted in told(scene)
     assert told(scene, terrain_object=ground) == ""
 
@@ -214,8 +219,8 @@ def test_poses_that_stand_are_told_in_frames_and_seconds(scene):
         key.keyframe_insert("value", frame=frame)
     trouble = told(scene)
     assert (
-        "someone is built as 32 still poses, each of which stands for 86 frames (3.44 s) of its action: the shape keys"
-        in trouble
+        "someone is built as 32 still poses, each of which stands for 86 frames (3.44 s) of its "
+        "action: the shape keys" in trouble
     )
     assert np.isclose(2752 / 32 / 25, 3.44)
 

@@ -402,7 +402,8 @@ def test_points_are_recorded_once_for_all_that_a_bake_needs(scene, tmp_path):
         assert commands._run([*words, "--quiet"], "crowd-lod") == 0
     finally:
         bpy.app.handlers.frame_change_post.remove(note)
-    # LODs by tolerance, the estimate and the bake each follow a record; none looks at frame 6 itself
+    # LODs by tolerance, the estimate and the bake each follow a record; none looks at frame 6
+    # itself
     assert seen.count(("Scene", 6)) == 1
     assert bpy.context.scene.crowd_lod.source == "POINTS"
 
@@ -438,7 +439,8 @@ def test_bake_records_first_and_leaves_the_source_as_it_was(moving):
 def test_what_needs_other_frames_says_so(moving):
     with pytest.raises(
         RuntimeError,
-        match="Plan Shot needs to know where the points of Scatter are .*: press Record Points first",
+        match="Plan Shot needs to know where the points of Scatter are .*: press Record Points "
+        "first",
     ):
         bpy.ops.crowd_lod.plan_shot()
     moving.render.use_motion_blur = True

@@ -89,7 +89,9 @@ def test_lods_bend_as_the_character_does():
 
 
 def bowed(keyed=True):
-    """An upright tube without an armature that a shape key, of 12 frames, bends into an arc, and another lets lean."""
+    """An upright tube without an armature that a shape key, of 12 frames, bends into an arc, and
+    another lets lean.
+    """
     item = new("trunk", tube("trunk", around=32, along=48))
     character(item, name="trunk")
     item.shape_key_add(name="Basis", from_mix=False)
@@ -161,7 +163,9 @@ def test_keys_that_nothing_moves_count_at_their_full_value():
 
 @pytest.mark.usefixtures("exact_levels")
 def test_poses_of_shape_keys_are_told_apart():
-    """A key that rises between frames 20 and 24 of 60: poses are there, where the character changes."""
+    """A key that rises between frames 20 and 24 of 60: poses are there, where the character
+    changes.
+    """
     item = bowed()
     for curve in (
         item.data.shape_keys.animation_data.action.layers[0].strips[0].channelbags[0].fcurves

@@ -1,4 +1,6 @@
-"""Work that takes long because a frame is far away or agents are fast: it goes on by steps, and Esc ends it between them."""
+"""Work that takes long because a frame is far away or agents are fast: it goes on by steps, and Esc
+ends it between them.
+"""
 
 import time
 from types import SimpleNamespace

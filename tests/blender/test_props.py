@@ -57,7 +57,9 @@ def populated(scene):
 
 @pytest.fixture
 def dressed(scene):
-    """Adults of whom some have a bag in the hand, and some a large hat that is higher than all else."""
+    """Adults of whom some have a bag in the hand, and some a large hat that is higher than all
+    else.
+    """
     ball("bag", 0.15, (0, -0.35, 0.7), "hand.L", 0.3)
     ball("hat", 0.4, (0, 0, 1.8), "head", 0.6)
     return scene
@@ -157,7 +159,8 @@ def test_build_bake_and_overlay_show_who_has_what(ready):
         if baked:
             finished(bake.bake(scene, [50]))
         rigs = [item for item in scene.crowd_lod.build.all_objects if item.type == "ARMATURE"]
-        # of adults one for the body and one for what hangs on bones, whoever has that; of children one
+        # of adults one for the body and one for what hangs on bones, whoever has that; of children
+        # one
         assert len({item.data for item in rigs}) == 3 and (baked or len(rigs) == 3 * 16)
         scene.frame_set(50)
         trajectory, plan = (

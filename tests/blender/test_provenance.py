@@ -1,4 +1,6 @@
-"""What plans, builds and LODs were made of is known by content: edits are named, renaming is none."""
+"""What plans, builds and LODs were made of is known by content: edits are named, renaming is
+none.
+"""
 
 import bpy
 import pytest

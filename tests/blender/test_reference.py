@@ -1,4 +1,6 @@
-"""The pages of reference are those that docs/reference.py writes from the code, in either Blender."""
+"""The pages of reference are those that docs/reference.py writes from the code, in either
+Blender.
+"""
 
 import importlib.util
 from pathlib import Path

@@ -41,7 +41,8 @@ def test_error_report_leaves_tables_and_plots(tmp_path, capfd):
         if name != "drift":
             drawn = ElementTree.parse(tmp_path / "out" / f"error_{name}.svg").iter(f"{SVG}path")
             assert sum(path.get("class") == "mark" for path in drawn) > len(tables[name])
-    # derived Delta and exact planes agree; no Delta misses agents, a huge one keeps some for nothing
+    # derived Delta and exact planes agree; no Delta misses agents, a huge one keeps some for
+    # nothing
     derived = [row for row in tables["culling"] if row["method"] == "derived Delta"]
     assert derived and all(float(row["missed"]) == 0 == float(row["surplus"]) for row in derived)
     fixed = {

@@ -104,7 +104,9 @@ def body():
 
 
 def driven(body):
-    """A constraint follows a custom property of the rig, as a Rigify rig's IK and FK do, and a bone an empty."""
+    """A constraint follows a custom property of the rig, as a Rigify rig's IK and FK do, and a bone
+    an empty.
+    """
     pose, empty = body.parent.pose.bones, new("handle", None)
     bpy.context.scene.collection.objects.link(empty)
     body.parent["ik"] = 0.0

@@ -1,4 +1,6 @@
-"""What the build's agents show, against the characters themselves as Blender evaluates them at the agents' phases."""
+"""What the build's agents show, against the characters themselves as Blender evaluates them at the
+agents' phases.
+"""
 
 import bpy
 import numpy as np
@@ -40,7 +42,9 @@ def instances(scene):
 
 
 def itself(scene, group, phase):
-    """The points (v, 3) of the character `group` at `phase` of its action, evaluated alone, about its origin."""
+    """The points (v, 3) of the character `group` at `phase` of its action, evaluated alone, about
+    its origin.
+    """
     name, objects, origin = characters_of(scene)[group]
     first, last = action_range(objects)
     stage = bpy.data.scenes.new("itself")
@@ -61,7 +65,9 @@ def itself(scene, group, phase):
 
 
 def worst(scene, frame, agents=4):
-    """Meters by which LOD 0 of the first `agents` that the camera sees is off the character itself, at most."""
+    """Meters by which LOD 0 of the first `agents` that the camera sees is off the character itself,
+    at most.
+    """
     trajectory, plan = trajectory_of(scene), frame_of(scene, bpy.context.evaluated_depsgraph_get())
     crowd, chosen = plan.crowd, plan.buckets[0][:agents]
     assert len(chosen)
@@ -148,7 +154,9 @@ def test_rigs_play_before_the_first_frame_and_after_hours(built):
 
 
 def test_poses_are_held_while_the_shutter_is_open(built):
-    """Cycles blurs an instance by its matrices at several times: it must be the same one at them all."""
+    """Cycles blurs an instance by its matrices at several times: it must be the same one at them
+    all.
+    """
     built.render.use_motion_blur = True
     held = []
     for time in (10.75, 11.0, 11.25):
@@ -249,7 +257,9 @@ def test_why_a_character_is_posed_is_said(scene, why):
 
 
 def test_bones_that_shear_are_shown_as_near_as_can_be_and_it_is_said(scene):
-    """A bone below one that is scaled along one axis, and turns: its matrix is a shear, which a bone of its own cannot have."""
+    """A bone below one that is scaled along one axis, and turns: its matrix is a shear, which a
+    bone of its own cannot have.
+    """
     data = bpy.data.armatures.new("rig")
     rig = bpy.data.objects.new("rig", data)
     scene.collection.objects.link(rig)
@@ -392,7 +402,9 @@ def test_another_frame_rate_asks_for_another_build(built, capfd):
 
 @pytest.mark.parametrize("engine", ["CYCLES", "BLENDER_WORKBENCH"])
 def test_neighbors_are_drawn_in_different_poses(built, tmp_path, engine):
-    """Two agents side by side, of one group: with the same phase their silhouettes are the same, with others not."""
+    """Two agents side by side, of one group: with the same phase their silhouettes are the same,
+    with others not.
+    """
     settings = built.crowd_lod
     settings.count, settings.size, settings.center = 2, (3, 3), (0, 0, 0)
     settings.characters.children.unlink(settings.characters.children["child"])

@@ -1,4 +1,6 @@
-"""Root motion of a character's own animation: taken out wherever it is keyed, told, and walked by."""
+"""Root motion of a character's own animation: taken out wherever it is keyed, told, and walked
+by.
+"""
 
 import bpy
 import numpy as np
@@ -18,7 +20,9 @@ WAY, LAST = 1.2, 25
 
 
 def travel(owner, place=None):
-    """Key the location of `place`, the object itself or a bone of it, so that it goes along the world's x."""
+    """Key the location of `place`, the object itself or a bone of it, so that it goes along the
+    world's x.
+    """
     place = place or owner
     for frame, x in ((1, 0.0), (LAST, WAY)):
         place.location = (x, 0, 0)

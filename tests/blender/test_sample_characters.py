@@ -43,7 +43,9 @@ def weights(item):
 
 
 def walked(item, frames):
-    """(frames, V, 3) evaluated vertices in world space; the characters stand at the world's origin."""
+    """(frames, V, 3) evaluated vertices in world space; the characters stand at the world's
+    origin.
+    """
     out = []
     for frame in frames:
         bpy.context.scene.frame_set(frame)

@@ -36,7 +36,9 @@ def picture(name, size=SIZE, **kind):
 
 @pytest.fixture
 def crowd():
-    """A crowd of one character with an image, three LODs by distance, in front of a camera that looks down a long field."""
+    """A crowd of one character with an image, three LODs by distance, in front of a camera that
+    looks down a long field.
+    """
     scene = bpy.context.scene
     item = new("body", tube("body"))
     item.data.materials.append(painted("skin", picture("cloth")))
@@ -182,7 +184,9 @@ def test_bake_of_far_agents_renders_without_the_full_image(crowd, tmp_path):
 
 
 def test_what_cannot_be_scaled_stays_and_is_named(crowd):
-    """A normal map in a group, floats, an image placed by a group's input, a palette, and five kinds that stay."""
+    """A normal map in a group, floats, an image placed by a group's input, a palette, and five
+    kinds that stay.
+    """
     material, stays = bpy.data.materials["skin"], {}
     tree = material.node_tree
     group = bpy.data.node_groups.new("inner", "ShaderNodeTree")
@@ -212,7 +216,8 @@ def test_what_cannot_be_scaled_stays_and_is_named(crowd):
     crowd.crowd_lod.scale_textures = True
     cast = finished(render_setup.build(crowd))
     assert cast.notes[-1] == (
-        "Images in full: tiles (UDIM tiles), film (a movie), frames (a sequence), lost (no pixels), round (not placed by a UV map alone)."
+        "Images in full: tiles (UDIM tiles), film (a movie), frames (a sequence), lost (no "
+        "pixels), round (not placed by a UV map alone)."
     )
     assert set(stays.values()) <= used(crowd)[2]
     assert {inner.image.name for inner in group.nodes if inner.type == "TEX_IMAGE"} == set(scaling)

@@ -1,4 +1,6 @@
-"""What is kept of the scene from frame to frame is what reading it anew finds, whatever was changed meanwhile."""
+"""What is kept of the scene from frame to frame is what reading it anew finds, whatever was changed
+meanwhile.
+"""
 
 import bpy
 import crowd_lod_extension
@@ -10,7 +12,9 @@ from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
 
 @pytest.fixture
 def stage():
-    """A set of props: plain ones, one animated with its child, one that glows, an instanced collection, lamps, a mirror."""
+    """A set of props: plain ones, one animated with its child, one that glows, an instanced
+    collection, lamps, a mirror.
+    """
     scene = bpy.context.scene
     mesh = bpy.data.meshes.new("prop")
     mesh.from_pydata([(0, 0, 0), (1, 0, 0), (0, 2, 0), (0, 0, 3)], [], [(0, 1, 2), (0, 1, 3)])
@@ -312,7 +316,9 @@ def test_what_is_gone_before_the_next_update(stage):
 
 
 def test_instances_of_a_collection_that_moves_its_origin(stage):
-    """Blender says that the collection has changed, and nothing of what instances it or is in it."""
+    """Blender says that the collection has changed, and nothing of what instances it or is in
+    it.
+    """
     outer = bpy.data.collections.new("outer")
     outer.children.link(bpy.data.collections["parts"])
     thing("crane").instance_collection = outer

@@ -1,4 +1,6 @@
-"""Presets and Reset to Defaults of each step, and what buttons say in a scene with nothing in it."""
+"""Presets and Reset to Defaults of each step, and what buttons say in a scene with nothing in
+it.
+"""
 
 import os
 import subprocess

@@ -1,4 +1,6 @@
-"""Settings reach the method, and what it finds reaches the user: tilt, trouble, own thresholds, presets."""
+"""Settings reach the method, and what it finds reaches the user: tilt, trouble, own thresholds,
+presets.
+"""
 
 import bpy
 import numpy as np
@@ -29,7 +31,9 @@ def relief(scene, scale=6.0):
 
 
 def turns(scene):
-    """{agent: (3, 3)} the rotation of each instance's matrix, from the depsgraph, by the point's id."""
+    """{agent: (3, 3)} the rotation of each instance's matrix, from the depsgraph, by the point's
+    id.
+    """
     found = {}
     for each in bpy.context.evaluated_depsgraph_get().object_instances:
         if (

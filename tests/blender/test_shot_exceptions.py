@@ -1,4 +1,6 @@
-"""Exceptions from the shot plan: whom they mean, what the plan does with them, and what is said of wrong ones."""
+"""Exceptions from the shot plan: whom they mean, what the plan does with them, and what is said of
+wrong ones.
+"""
 
 import json
 
@@ -169,7 +171,8 @@ def test_a_region_means_those_inside_its_box_when_it_begins(levelled):
 
     assert chosen(levelled) == [inside(1), inside(8)] and inside(1) != inside(8)
     assert chosen(levelled, range(2, 7)) == [inside(2), []]
-    # turned by a quarter about its middle, its box is the other way round; flat, it counts at every height
+    # turned by a quarter about its middle, its box is the other way round; flat, it counts at every
+    # height
     region.rotation_euler.z, region.scale.z, region.location.z = np.pi / 2, 1, 40
     for vertex in region.data.vertices:
         vertex.co.z = 0

@@ -119,7 +119,8 @@ def test_a_plan_that_does_not_fit_is_not_used_and_says_why(zoomed, tmp_path, wha
     assert not frame.planned
     assert (
         frame.unplanned
-        == f"The shot plan is not used, for {what} changed since it was made: press Plan Shot again."
+        == f"The shot plan is not used, for {what} changed since it was made: press Plan Shot "
+        f"again."
     )
     zoomed.crowd_lod.use_shot_plan = False
     assert shown(frame) == shown(frame_at(zoomed, 6))

@@ -17,7 +17,9 @@ from ..support.pages import Reader
 
 
 def files_of(scene, folder):
-    """The names and bytes of the files that Plan Shot writes into the folder, of a zoom towards the crowd."""
+    """The names and bytes of the files that Plan Shot writes into the folder, of a zoom towards the
+    crowd.
+    """
     settings, lens = scene.crowd_lod, scene.camera.data
     settings.choice, settings.tolerance = "BY_TOLERANCE", 4.0
     for frame, lens.lens in ((1, 15), (12, 200)):
@@ -85,7 +87,9 @@ def test_largest_changes_are_drawn_into_the_report_and_leave_nothing_in_the_file
 
 
 def shown_of(scene):
-    """The points (n, 3) of each instance of the build, world space, by the place of its agent, rounded."""
+    """The points (n, 3) of each instance of the build, world space, by the place of its agent,
+    rounded.
+    """
     found = {}
     for each in bpy.context.evaluated_depsgraph_get().object_instances:
         if (

@@ -1,4 +1,6 @@
-"""Simulate with JuPedSim: the real engine, on a label map, meshes and settings as a user has them."""
+"""Simulate with JuPedSim: the real engine, on a label map, meshes and settings as a user has
+them.
+"""
 
 import sqlite3
 import sys
@@ -241,7 +243,9 @@ def test_command_writes_a_scene_that_follows_the_trajectories_beside_it(hall, tm
 
 
 def test_polygons_hold_the_cells_that_hang_together_and_nothing_else():
-    """A ring that touches itself in a corner, whose hole is closed, and three cells apart from it by a corner."""
+    """A ring that touches itself in a corner, whose hole is closed, and three cells apart from it
+    by a corner.
+    """
     shapely = pytest.importorskip("shapely")
     cells = np.array([[1, 1, 1, 0], [1, 0, 1, 0], [1, 1, 0, 1], [0, 0, 1, 1]], bool)
     world = LabelMap(cells.astype(np.uint8), Area(-4, -2, 4, 2))

@@ -1,4 +1,6 @@
-"""Characters whose rig plays nothing: told at Populate, and given an action whose bones are theirs."""
+"""Characters whose rig plays nothing: told at Populate, and given an action whose bones are
+theirs.
+"""
 
 import bpy
 import numpy as np
@@ -10,7 +12,9 @@ from ..support.characters import character, new, rig, skin, tube
 
 
 def bent(name):
-    """A rig that bends from frame 1 to 10, as the motion's file of a pack brings it, and its action."""
+    """A rig that bends from frame 1 to 10, as the motion's file of a pack brings it, and its
+    action.
+    """
     armature = rig(name)
     bpy.context.scene.collection.objects.link(armature)
     armature.animation_data.action.name = f"{name} walk"
@@ -105,7 +109,8 @@ def test_who_stands_in_a_stadium_does_not_glide(skinned):
     settings = bpy.context.scene.crowd_lod
     text = bpy.data.texts.new("sit")
     text.from_string(
-        '{"version": 1, "labels": {"ground": {"color": "#808080"}}, "states": {"sit": {"start": 1, "on": {"*": {}}}}}'
+        '{"version": 1, "labels": {"ground": {"color": "#808080"}}, "states": {"sit": {"start": '
+        '1, "on": {"*": {}}}}}'
     )
     settings.machine = text
     bpy.ops.crowd_lod.populate()

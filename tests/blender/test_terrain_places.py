@@ -14,7 +14,10 @@ from crowd_lod_extension.operators.sources import crowd_sources
 from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 
-SIT = '{"version": 1, "labels": {"ground": {"color": "#808080"}}, "states": {"sit": {"color": "#ff0000", "on": {"*": {}}}}}'
+SIT = (
+    '{"version": 1, "labels": {"ground": {"color": "#808080"}}, "states": {"sit": {"color": '
+    '"#ff0000", "on": {"*": {}}}}}'
+)
 
 
 @pytest.fixture(autouse=True)
@@ -204,8 +207,8 @@ def test_holes_and_moving_terrain_are_told(scene, capfd):
     over = int(((np.abs(crowd.start.x) > 10) | (np.abs(crowd.start.y) > 10)).sum())
     said = capfd.readouterr().out
     assert (
-        f"{over} of 300 agents have no ground of the terrain Waves under them, and stand at the crowd's height, 0 m."
-        in said
+        f"{over} of 300 agents have no ground of the terrain Waves under them, and stand at the "
+        f"crowd's height, 0 m." in said
     )
     assert "The terrain moves (Waves): agents stand on it as it is now, in all frames." in said
     assert over > 100 and (crowd.at(1).z[np.abs(crowd.start.x) > 10] == 0).all()
@@ -218,8 +221,8 @@ def test_terrain_among_the_characters_is_none_of_them(scene, capfd):
     assert [group.name for group in populated(scene).groups] == ["adult", "child"]
     assert not item.hide_render and item.name in scene.collection.objects
     assert (
-        "The terrain lies in the collection People of the characters (Waves), which renders leave out"
-        in capfd.readouterr().out
+        "The terrain lies in the collection People of the characters (Waves), which renders leave "
+        "out" in capfd.readouterr().out
     )
 
 
@@ -327,8 +330,11 @@ WRONG = {
         lambda s: setattr(s.crowd_lod, "terrain_object", add(s, "Wall", [(0, 0, 0), (1, 0, 0), (1, 0, 1)], [(0, 1, 2)])),
         "no face that one can stand on",
     ),
-    "terrain at nan": (lambda s: setattr(s.crowd_lod, "terrain_object", nan(s)), "Waves.001 has 1 vertex at NaN or infinity"),
-    "no object": (lambda s: setattr(s.crowd_lod, "start_on", "SURFACE"), "starts on an object, and has none"),
+    "terrain at nan": (lambda s: setattr(s.crowd_lod, "terrain_object", nan(s)), "Waves.001 has 1 "
+                                                                                 "vertex at NaN "
+                                                                                 "or infinity"),
+    "no object": (lambda s: setattr(s.crowd_lod, "start_on", "SURFACE"), "starts on an object, "
+                                                                         "and has none"),
     "off the map": (away, "None of the 300 places .* lies on the label map"),
 }  # fmt: skip
 

@@ -1,4 +1,6 @@
-"""Thin parts that a LOD shows from some sides alone: the deviation holds in pictures from all around, drawn here by brute force."""
+"""Thin parts that a LOD shows from some sides alone: the deviation holds in pictures from all
+around, drawn here by brute force.
+"""
 
 import bmesh
 import bpy
@@ -85,7 +87,8 @@ def cover(flat, size):
 
 
 def shift(one, other, body, along):
-    """Pixels from one that `one` half covers to the nearest with some of `other` or of the body, at most.
+    """Pixels from one that `one` half covers to the nearest with some of `other` or of the body, at
+    most.
 
     In views across `along` from 12 sides. body: (k, 3) dense points of it.
     """

@@ -1,4 +1,6 @@
-"""A crowd that follows a file: populated, planned, built and told as any other; bad files are named."""
+"""A crowd that follows a file: populated, planned, built and told as any other; bad files are
+named.
+"""
 
 import os
 from dataclasses import replace

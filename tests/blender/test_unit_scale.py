@@ -1,4 +1,6 @@
-"""The same crowd in scenes whose unit is a centimeter, a meter and a kilometer: the same figures in meters."""
+"""The same crowd in scenes whose unit is a centimeter, a meter and a kilometer: the same figures in
+meters.
+"""
 
 import json
 import re
@@ -27,7 +29,9 @@ SCALES = 0.01, 1.0, 1000.0
 
 @pytest.fixture
 def scaled(kept):
-    """(scale) -> the scene of a file whose unit is `scale` meters: characters with LODs and a camera."""
+    """(scale) -> the scene of a file whose unit is `scale` meters: characters with LODs and a
+    camera.
+    """
 
     def opened(scale):
         path = kept / f"unit{scale:g}.blend"

@@ -1,4 +1,6 @@
-"""Characters, cameras and times that no sample has: the build shows them as they are, a bake as the build does."""
+"""Characters, cameras and times that no sample has: the build shows them as they are, a bake as the
+build does.
+"""
 
 import bpy
 import numpy as np
@@ -75,7 +77,9 @@ def shown(scene, number):
 
 @pytest.mark.parametrize(("parts", "blur"), [(two_armatures, True), (mirrored, False)])
 def test_poses_stand_as_the_character_does_and_a_bake_is_as_the_build(bare, parts, blur):
-    """From frame 1001 on, in steps of 2, at twice the speed, from a camera that an empty carries."""
+    """From frame 1001 on, in steps of 2, at twice the speed, from a camera that an empty
+    carries.
+    """
     character(*parts())
     bare.frame_start, bare.frame_end, bare.frame_step = 1001, 1011, 2
     bare.render.frame_map_new, bare.crowd_lod.first_frame = 50, 2001

@@ -239,7 +239,8 @@ def test_blender_imports_camera_and_agents_as_in_the_build_and_openusd_finds_no_
             and own.shift_x == pytest.approx(0.1, rel=1e-5)
             and own.clip_start == pytest.approx(0.25)
         )
-        # Blender takes the aperture of an orthographic camera for meters, others for tenths as OpenUSD does
+        # Blender takes the aperture of an orthographic camera for meters, others for tenths as
+        # OpenUSD does
         assert kind == "ORTHO" or own.lens / own.sensor_width == pytest.approx(35 / 36)
         assert (dof.use_dof, dof.focus_distance) == (
             True,

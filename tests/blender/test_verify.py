@@ -132,7 +132,9 @@ def test_without_the_option_pixels_differ_and_with_a_margin_that_drops_agents_th
 
 @pytest.mark.parametrize("method", ["BUMP", "DISPLACEMENT"])
 def test_displacement_is_no_false_alarm(lit, tmp_path, method):
-    """Cycles displaces a mesh where the first of its instances stands, which culling may make another one: bits differ."""
+    """Cycles displaces a mesh where the first of its instances stands, which culling may make
+    another one: bits differ.
+    """
     for each in {
         slot.material
         for item in lit.crowd_lod.characters.all_objects
@@ -172,7 +174,9 @@ def test_reflections_come_back_with_their_bucket(lit, tmp_path):
 
 
 def test_far_from_the_origin_no_shadow_is_missed(lit, tmp_path):
-    """Cycles starts its rays to lamps up to 256 spacings of float32 beside the surface that they leave: up to 16 m here."""
+    """Cycles starts its rays to lamps up to 256 spacings of float32 beside the surface that they
+    leave: up to 16 m here.
+    """
     away = 9.9e5
     for item in lit.objects:
         if item.parent is None and item.name not in lit.crowd_lod.characters.all_objects:
@@ -247,7 +251,9 @@ def test_every_way_to_film_is_proven_as_it_is_rendered(lit, plain, tmp_path, fil
 
 
 def test_fast_agents_are_blurred_and_more_of_them_are_kept(lit, tmp_path):
-    """They cross the picture's edge while the shutter is open, and come back from the other side of the map."""
+    """They cross the picture's edge while the shutter is open, and come back from the other side of
+    the map.
+    """
     blurred(lit)
     lit.camera.animation_data_clear()
     lit.crowd_lod.machine = bpy.data.texts.new("fast")
@@ -320,7 +326,9 @@ def test_what_is_wrong_is_one_sentence(tmp_path, capfd):
 
 @pytest.mark.parametrize("more", [(), ("--triangles", "budget"), ("--blur",)])
 def test_predictions_hold_where_planned_lods_switch(levelled, tmp_path, capfd, more):
-    """In the frame with the most switches and in the one before it, also where a budget or blur lets LODs deviate by more."""
+    """In the frame with the most switches and in the one before it, also where a budget or blur
+    lets LODs deviate by more.
+    """
     settings, lens = levelled.crowd_lod, levelled.camera.data
     settings.choice, settings.tolerance = "BY_TOLERANCE", 2.0
     levelled.render.use_motion_blur = "--blur" in more

@@ -1,4 +1,6 @@
-"""Verify proves the build that is there: what is spoilt in a bake, or older than its scene, is not OK."""
+"""Verify proves the build that is there: what is spoilt in a bake, or older than its scene, is not
+OK.
+"""
 
 import bpy
 import numpy as np
@@ -20,7 +22,9 @@ pytestmark = pytest.mark.once  # long, and the same on every Blender
 
 @pytest.fixture
 def street(kept):
-    """Forty wavy tubes on a ground, seen by a camera; LOD 1 from 8 m on. Its LOD meshes are made."""
+    """Forty wavy tubes on a ground, seen by a camera; LOD 1 from 8 m on. Its LOD meshes are
+    made.
+    """
     path = kept / "street.blend"
     if not path.exists():
         _make_street()

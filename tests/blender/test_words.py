@@ -1,4 +1,6 @@
-"""What the sidebar says agrees with the button that it draws as the next one, and with the scene."""
+"""What the sidebar says agrees with the button that it draws as the next one, and with the
+scene.
+"""
 
 import sys
 

@@ -1,4 +1,6 @@
-"""The agent under the cursor against a plain loop over all, and what is told of an agent against first principles."""
+"""The agent under the cursor against a plain loop over all, and what is told of an agent against
+first principles.
+"""
 
 import numpy as np
 import pytest
@@ -67,7 +69,8 @@ GROUPS = (
     Group("adult", 1.0, 1.0, 0.0, 1.0, deviations=(0.0, 0.02, 0.1)),
     Group("child", 0.5, 0.5, 0.0, 1.0, deviations=(0.0, 0.01, 0.05)),
 )
-# x, y, group of agents on the ground before a camera at (0, 0, 1) that looks along +y and is 2 units wide, from 1 to 40 m
+# x, y, group of agents on the ground before a camera at (0, 0, 1) that looks along +y and is 2
+# units wide, from 1 to 40 m
 AGENTS = ((0, 5, 0), (1, 20, 0), (0, 30, 1), (0, 39.9, 0), (-30, 10, 0), (0, -10, 1), (0, 50, 0))
 
 
@@ -112,7 +115,10 @@ def test_an_account_says_what_the_plan_made_of_an_agent():
     assert [each.depth for each in found] == pytest.approx([y for _, y, _ in AGENTS])
     assert [each.visible for each in found] == [True, True, True, True, False, False, False]
     assert [each.reason for each in found] == [
-        "near enough", "far away", "far away", "far away", "outside the frustum", "clipped before the near plane", "clipped beyond the far plane"
+        "near enough", "far away", "far away", "far away", "outside the "
+                                                           "frustum", "clipped before the near "
+                                                                      "plane", "clipped beyond "
+                                                                               "the far plane"
     ]  # fmt: skip
 
 
@@ -138,13 +144,17 @@ def test_an_account_tells_what_the_shot_plan_has_of_the_agent():
     )
     assert frame.planned and {each.planned for each in accounts()[0]} == {""}
     assert [each.planned for each in found] == [
-        "LOD 1, by an exception", "LOD 0", "hidden by an exception", "LOD 1", "LOD 2, by an exception", "hidden by an exception", "LOD 1"
+        "LOD 1, by an "
+        "exception", "LOD 0", "hidden by an "
+                              "exception", "LOD 1", "LOD 2, by an "
+                                                    "exception", "hidden by an exception", "LOD 1"
     ]  # fmt: skip
     assert [each.level for each in found[:2]] == [1, 0] and [
         each.visible for each in found[:4]
     ] == [True, True, False, True]
     assert [each.reason for each in found] == [
-        "exception", "near enough", "exception", "shot plan", "outside the frustum", "exception", "clipped beyond the far plane"
+        "exception", "near enough", "exception", "shot plan", "outside the "
+                                                              "frustum", "exception", "clipped beyond the far plane"
     ]  # fmt: skip
 
 

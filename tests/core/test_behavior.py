@@ -114,7 +114,8 @@ def test_a_diagonal_wall_of_cells_that_touch_at_corners_is_never_crossed(rising,
             for _ in range(3):
                 crowd = step(crowd, machine, world, 1.0)
             after = side(crowd)
-            # an agent stops on entering the wall's cell, at its border: the rounding of the border may fall to either
+            # an agent stops on entering the wall's cell, at its border: the rounding of the border
+            # may fall to either
             assert (after * before >= 0).all(), (speed, way)
 
 
@@ -173,7 +174,9 @@ def test_absurd_speeds_are_refused_by_name():
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("edge", ["clamp", "wrap", "reflect", "stop"])
 def test_edge_policies_at_any_speed(edge, seed):
-    """One label, one velocity: the way has a closed form. From a thousandth to hundreds of cells a step."""
+    """One label, one velocity: the way has a closed form. From a thousandth to hundreds of cells a
+    step.
+    """
     random = np.random.default_rng(seed)
     area = Area(-4, 1, 8, 10)
     world = LabelMap(np.zeros((7, 11), np.uint8), area)
@@ -283,7 +286,9 @@ def test_an_agents_chances_do_not_depend_on_the_rest_of_the_crowd():
 
 
 def test_timers_and_chances_do_not_depend_on_the_length_of_the_step():
-    """Here no label changes the state, so stepping is exact: any step gives the same events at the same times."""
+    """Here no label changes the state, so stepping is exact: any step gives the same events at the
+    same times.
+    """
     machine = machine_of(
         {
             "go": {
@@ -335,7 +340,9 @@ def test_timers_end_after_their_seconds():
 @pytest.mark.once
 @pytest.mark.parametrize("after, fps", [(3600, 10), (3600, 1000 / 30), (1000.1, 60)])
 def test_a_long_timer_ends_on_time(after, fps):
-    """Who goes when the timer ends is as far as the time since then: to a microsecond, by whatever steps."""
+    """Who goes when the timer ends is as far as the time since then: to a microsecond, by whatever
+    steps.
+    """
     machine = machine_of(
         {
             "a": {"start": 1, "after": after, "then": "b", "on": {"*": {}}},
@@ -394,7 +401,9 @@ def test_chances_follow_their_weights_and_fall_once_a_label():
 
 
 def test_a_label_is_drawn_for_anew_each_time_it_is_entered():
-    """Round a ring with one crossing, where one in two turns off: after three rounds one in eight still walks."""
+    """Round a ring with one crossing, where one in two turns off: after three rounds one in eight
+    still walks.
+    """
     states = {
         "on": {
             "start": 1,
@@ -441,7 +450,8 @@ def test_a_reflected_agent_walks_mirrored_until_its_state_changes():
     for _ in range(8):
         crowd = step(crowd, machine, world, 0.5)
         seen.append((crowd.x[0], int(crowd.state[0]), int(crowd.mirror[0])))
-    # to the edge at 4 m, mirrored back to the label at 2 m and on to the step's end, then east as the table says
+    # to the edge at 4 m, mirrored back to the label at 2 m and on to the step's end, then east as
+    # the table says
     expected = [
         (3.1, 0, 0),
         (3.6, 0, 0),

@@ -190,7 +190,8 @@ def test_a_crowd_seen_wholly_or_not_at_all_is_decided_by_few_blocks():
             found, *blocks.decide(found, trajectory.at(9), [[look]], np.array([[400.0]]))
         )
         assert len(places) == 0 and (levels == 0).sum() == seen
-    # where a side of the picture cuts the crowd, some blocks are open: only with a lens are their agents left to the radar
+    # where a side of the picture cuts the crowd, some blocks are open: only with a lens are their
+    # agents left to the radar
     cut = replace(inside, window=replace(inside.window, left=0.0))
     for camera, least, most in ((cut, 0, 0), (lens_blur(cut, 1e-9, 1.0), 1, 500)):
         look = blocks.Look(camera, *index_cache.moved(trajectory, 9, since))

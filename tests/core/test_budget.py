@@ -1,4 +1,6 @@
-"""Shot plans within a budget, against all that could be decided, and against a greedy that decides frame by frame."""
+"""Shot plans within a budget, against all that could be decided, and against a greedy that decides
+frame by frame.
+"""
 
 import hashlib
 from dataclasses import replace
@@ -51,7 +53,9 @@ def loads(shot, levels, table):
 
 
 def between(shot, part):
-    """A budget of triangles: the least that is possible at 0, what a plan takes without one at 1."""
+    """A budget of triangles: the least that is possible at 0, what a plan takes without one at
+    1.
+    """
     least = loads(
         shot, np.full(shot.survey.kind.shape, shot.meshes.count - 1), shot.meshes.triangles
     ).max()
@@ -75,7 +79,8 @@ def least_within(shot, weight, limit):
     """The least cost of all assignments that take at most `limit` thousand triangles in each frame.
 
     All assignments of three agents become a table: the least cost for each load of the six frames.
-    The same for the other three. A minimum over all smaller loads then finds the best match of each.
+    The same for the other three. A minimum over all smaller loads then finds the best match of
+    each.
     """
     tables, side = [], limit + 1
     for half in (range(3), range(3, 6)):
@@ -127,7 +132,9 @@ def test_plan_lies_between_its_bound_and_the_best_of_all_assignments(seed, limit
 
 
 def greedy(shot, limit):
-    """LODs of Funkhouser and Sequin (1993): in each frame the most error less per triangle first, until the budget is spent."""
+    """LODs of Funkhouser and Sequin (1993): in each frame the most error less per triangle first,
+    until the budget is spent.
+    """
     levels, (triangles, bounds) = shot.coarsest, (shot.meshes.triangles, shot.meshes.bounds)
     for f in range(len(levels)):
         agents = np.flatnonzero(shot.survey.kind[f] == SEEN)

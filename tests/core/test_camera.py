@@ -100,7 +100,8 @@ def test_crop_is_that_part_of_the_image():
 
 
 def test_depth_of_field_is_kept_where_its_rays_reach():
-    # rays from a lens of radius 0.2 through points of the focal plane at 5 m, to 40 m; none may be culled
+    # rays from a lens of radius 0.2 through points of the focal plane at 5 m, to 40 m; none may be
+    # culled
     random = np.random.default_rng(8)
     blurred = lens_blur(straight(), 0.2, 5.0)
     lens = random.uniform(-0.2, 0.2, (5000, 2)) / np.sqrt(2)

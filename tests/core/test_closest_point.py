@@ -9,7 +9,9 @@ from .test_decimate import sphere, terrain
 
 
 def least_by_samples(corners, others, fine=60):
-    """The least distance (k,) from others (3, k) to a grid of points on the triangle `corners` (3, 3)."""
+    """The least distance (k,) from others (3, k) to a grid of points on the triangle `corners` (3,
+    3).
+    """
     i, j = np.meshgrid(np.arange(fine + 1), np.arange(fine + 1), indexing="ij")
     at = np.stack([i, j, fine - i - j])[:, i + j <= fine] / fine
     return np.linalg.norm((corners @ at)[:, None] - others[..., None], axis=0).min(axis=1)
@@ -45,7 +47,9 @@ def test_a_walk_that_began_on_the_far_side_is_found_out():
 
 
 def test_flips_mend_sides_across_a_valley_but_no_seam():
-    """A roof of two slopes whose LOD has its sides across the ridge: flipped along it, unless they are a seam."""
+    """A roof of two slopes whose LOD has its sides across the ridge: flipped along it, unless they
+    are a seam.
+    """
     points, triangles = terrain(13)
     points[:, 2] = -np.abs(points[:, 0] - 5)
     corners = np.array(

@@ -26,7 +26,9 @@ def robot(count=60):
 
 
 def shown(points, triangles, samples):
-    """How many of samples (k, 2), seen along four directions, some triangle covers: by the signs of its sides, all tried."""
+    """How many of samples (k, 2), seen along four directions, some triangle covers: by the signs of
+    its sides, all tried.
+    """
     found = 0
     for seed in range(4):
         axes = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0][:2]

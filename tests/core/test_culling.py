@@ -63,7 +63,8 @@ def test_gap_is_the_distance_to_the_frustums_body():
 
 
 def test_agents_exactly_on_planes_are_visible():
-    # exactly representable: unit sphere on the near, far and side planes of a camera 90 degrees wide
+    # exactly representable: unit sphere on the near, far and side planes of a camera 90 degrees
+    # wide
     on = [(0, 0, 0), (0, 101, 0), (10, 10, 0), (-10, 10, 0), (0, 10, 10), (0, 10, -10)]
     visible, distance = radar(crowd_at(on), straight(), ONE, np.array([1.0]))
     assert visible.all()

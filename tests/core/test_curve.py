@@ -1,4 +1,6 @@
-"""The curve of a shot: its points against sums over all agents, and hysteresis against one agent at a time."""
+"""The curve of a shot: its points against sums over all agents, and hysteresis against one agent at
+a time.
+"""
 
 from dataclasses import replace
 

@@ -132,7 +132,9 @@ def edge_counts(triangles):
 
 
 def farthest(points, triangles, others):
-    """The farthest that a point of `others` lies from the surface: every point against every triangle."""
+    """The farthest that a point of `others` lies from the surface: every point against every
+    triangle.
+    """
     a, b, c = (points[triangles[:, k]] for k in range(3))
     normal = np.cross(b - a, c - a)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
@@ -150,7 +152,9 @@ def farthest(points, triangles, others):
 
 
 def spread(points, triangles, count):
-    """The corners and about `count` more points on each triangle's inside and sides, on a barycentric grid."""
+    """The corners and about `count` more points on each triangle's inside and sides, on a
+    barycentric grid.
+    """
     i, j = np.meshgrid(np.arange(count + 1), np.arange(count + 1), indexing="ij")
     at = np.stack([i, j, count - i - j], -1)[i + j <= count] / count
     return np.unique(
@@ -167,7 +171,9 @@ def hausdorff(one, other):
 @pytest.mark.parametrize("ratio", [0.4, 0.12, 0.03])
 @pytest.mark.parametrize(("make", "share"), [(terrain, 0.5), (sphere, 1)])
 def test_distance_against_fast_simplification_alone(make, share, ratio):
-    """At most half of its distance on ground with hills; evenly curved bodies leave less to gain."""
+    """At most half of its distance on ground with hills; evenly curved bodies leave less to
+    gain.
+    """
     import fast_simplification
 
     points, triangles = make()
@@ -278,8 +284,8 @@ def test_cards_stay_while_there_are_triangles_and_are_spread_out_after(columns, 
 
 @pytest.mark.parametrize(("ratio", "parts"), [(0.05, 40), (0.01, 8)])
 def test_closed_parts_become_cards_before_any_goes(ratio, parts):
-    """Forty balls: 96 triangles are too few for tetrahedra of all, but enough for cards of all but the largest;
-    19 are enough for seven."""
+    """Forty balls: 96 triangles are too few for tetrahedra of all, but enough for cards of all but
+    the largest; 19 are enough for seven."""
     one, triangles = sphere(8)
     place = 4 * np.stack(np.meshgrid(np.arange(5), np.arange(8)), -1).reshape(-1, 2)
     points = np.concatenate([one * (0.5 + k / 40) + (x, y, 0) for k, (x, y) in enumerate(place)])

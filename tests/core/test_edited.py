@@ -1,4 +1,6 @@
-"""Agents changed by hand: they are where, how and who they are asked to be, nobody is missed, and the others are as before."""
+"""Agents changed by hand: they are where, how and who they are asked to be, nobody is missed, and
+the others are as before.
+"""
 
 from dataclasses import replace
 

@@ -1,4 +1,6 @@
-"""The way in: what ./crowd-lod says when it cannot go on, and that the project's two descriptions agree."""
+"""The way in: what ./crowd-lod says when it cannot go on, and that the project's two descriptions
+agree.
+"""
 
 import os
 import shutil
@@ -20,7 +22,9 @@ posix = pytest.mark.skipif(os.name == "nt", reason="crowd-lod is a POSIX shell s
 
 @pytest.fixture
 def checkout(tmp_path):
-    """A new checkout, as far as making its environment goes, in a folder with a space in its name."""
+    """A new checkout, as far as making its environment goes, in a folder with a space in its
+    name.
+    """
     folder = tmp_path / "new checkout"
     folder.mkdir()
     for name in "crowd-lod", "environment.py", "pyproject.toml":
@@ -56,7 +60,8 @@ def test_without_python_it_says_what_to_install(checkout, bare, tmp_path):
     result = run("/bin/sh", link, "test", **bare)
     assert (result.returncode, result.stdout) == (1, "")
     assert result.stderr == (
-        "crowd-lod: install Python 3.13 or 3.11 with its venv module (Debian: apt-get install -y python3-venv) or uv.\n"
+        "crowd-lod: install Python 3.13 or 3.11 with its venv module (Debian: apt-get install -y "
+        "python3-venv) or uv.\n"
     )
 
 

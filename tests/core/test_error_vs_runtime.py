@@ -1,4 +1,6 @@
-"""The report's figures against independent counts: brute rational arithmetic, another way to the same number."""
+"""The report's figures against independent counts: brute rational arithmetic, another way to the
+same number.
+"""
 
 from fractions import Fraction as F
 

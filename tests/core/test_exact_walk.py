@@ -44,7 +44,9 @@ def against_the_judge(crowd, machine, world, seconds, steps, method=step):
 
 
 def late_turn():
-    """The chapter's walk, but who comes to an edge stands for a step before the new state walks back."""
+    """The chapter's walk, but who comes to an edge stands for a step before the new state walks
+    back.
+    """
     states = {
         "right": {"start": 1, "on": {"*": {"move": [1.25, 0.1]}, "right edge": {"next": "left"}}},
         "left": {"on": {"*": {"move": [-1.25, -0.1]}, "left edge": {"next": "right"}}},
@@ -60,7 +62,8 @@ def test_stepping_converges_with_order_one(method):
     found = against_the_judge(*late_turn(), 20.0, (32, 64, 128, 256, 512, 1024), method)
     assert found.order == pytest.approx(1, abs=0.15)
     assert (np.diff(found.mean) < 0).all() and found.agents == 500
-    # three turns fit into 20 s; at each, up to two steps' way is lost, and by the letter two more are walked beyond
+    # three turns fit into 20 s; at each, up to two steps' way is lost, and by the letter two more
+    # are walked beyond
     assert (found.worst <= 3 * (2 if method is step else 4) * 1.26 * found.dt).all()
     assert (found.median > 0).all() and (found.apart == 0).all()
     assert found.dt == pytest.approx(20 / 2.0 ** np.arange(5, 11))
@@ -149,7 +152,9 @@ def test_a_crowd_that_walks_is_in_no_trouble():
 
 
 def test_a_table_that_turns_at_each_read_has_no_limit_and_convergence_says_so():
-    """In one read the agent turns further in, in the next out again: how many it meets hangs on the step's phase."""
+    """In one read the agent turns further in, in the next out again: how many it meets hangs on the
+    step's phase.
+    """
     names = [f"{i}" for i in range(9)]
     states = {
         n: {"start": int(i == 1), "on": {"ground": {"speed": 1, "heading": 180 - 22.5 * i},

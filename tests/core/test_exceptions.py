@@ -54,7 +54,8 @@ def test_agents_of_a_file_are_found_by_its_numbers():
     for text, own in (("#8", ids), ("#7", None)):
         with pytest.raises(
             CrowdError,
-            match=f"The exception Hero names {text}: no agent has that number in its file or object",
+            match=f"The exception Hero names {text}: no agent has that number in its file or "
+            f"object",
         ):
             parse_agents(text, 6, "Hero", own)
 

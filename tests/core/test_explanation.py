@@ -1,4 +1,6 @@
-"""What is explained of an agent, against the planes of a camera worked out by hand, and against the radar."""
+"""What is explained of an agent, against the planes of a camera worked out by hand, and against the
+radar.
+"""
 
 import json
 from dataclasses import replace

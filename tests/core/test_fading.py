@@ -1,4 +1,6 @@
-"""Cross-fades between the actions of states: who shows which step when, told frame by frame for each agent."""
+"""Cross-fades between the actions of states: who shows which step when, told frame by frame for
+each agent.
+"""
 
 from dataclasses import replace
 
@@ -30,7 +32,9 @@ ACTIONS = {"walk": "", "wait": "idle", "wave": "wave"}
 
 
 def walker(machine):
-    """A group that knows all actions of the machine, cross-fades too, at the periods of the actions to come."""
+    """A group that knows all actions of the machine, cross-fades too, at the periods of the actions
+    to come.
+    """
     periods = {"": 1.0, "idle": 3.2, "wave": 2.0}
     names = sorted({*machine.paces.actions} - {""})
     into = {name: (mixed_in(name) or ("", name))[1] for name in names}
@@ -51,7 +55,9 @@ def shown(trajectory, crowd):
 
 
 def expected(states, steps=3):
-    """What an agent of these states (names, a frame each) shows, frame by frame: a listing of its own."""
+    """What an agent of these states (names, a frame each) shows, frame by frame: a listing of its
+    own.
+    """
     before, into, since, seen = ACTIONS[states[0]], ACTIONS[states[0]], None, []
     for frame, state in enumerate(states):
         action = ACTIONS[state]

@@ -1,4 +1,6 @@
-"""Far from the origin: positions that Blender has are float32, and nobody whom these show may be culled."""
+"""Far from the origin: positions that Blender has are float32, and nobody whom these show may be
+culled.
+"""
 
 from dataclasses import replace
 from fractions import Fraction
@@ -40,7 +42,9 @@ def in_float32(camera):
 
 
 def at_the_planes(camera, random, count):
-    """Feet (count, 3) of agents whose spheres touch the camera's planes, to within the spacing of float32."""
+    """Feet (count, 3) of agents whose spheres touch the camera's planes, to within the spacing of
+    float32.
+    """
     if camera.kind == "PANO":
         way = random.normal(size=(count, 3))
         way /= np.linalg.norm(way, axis=1, keepdims=True)
@@ -64,7 +68,9 @@ def at_the_planes(camera, random, count):
 
 
 def seen_in_blender(camera, feet):
-    """(n,) bool: whose sphere the camera sees, about the feet (n, 3) in float32, in rational arithmetic."""
+    """(n,) bool: whose sphere the camera sees, about the feet (n, 3) in float32, in rational
+    arithmetic.
+    """
     found = np.zeros(len(feet), bool)
     for i, foot in enumerate(np.float32(feet)):
         center = [
@@ -132,8 +138,9 @@ def test_who_is_clearly_outside_is_culled_all_the_same(away, meters):
 
 
 def where_rays_start(points, normals):
-    """Where Cycles starts the rays that leave a surface at `points` (n, 3) float32 with the unit `normals`, once they would hit
-    it again: so many representable numbers away along each axis (Ray Tracing Gems, chapter 6; Cycles' ray_offset)."""
+    """Where Cycles starts the rays that leave a surface at `points` (n, 3) float32 with the unit
+    `normals`, once they would hit it again: so many representable numbers away along each axis (Ray
+    Tracing Gems, chapter 6; Cycles' ray_offset)."""
     steps = np.trunc(256 * normals).astype(np.int32)
     moved = (points.view(np.int32) + np.where(points < 0, -steps, steps)).view(np.float32)
     return np.where(np.abs(points) < 1 / 32, points + np.float32(normals / 65536), moved).astype(
@@ -144,7 +151,9 @@ def where_rays_start(points, normals):
 @pytest.mark.parametrize("away", [0.0, 1e3, 1e5, 9e5])
 @pytest.mark.parametrize("kind", ["sun", "spot"])
 def test_no_shadow_is_missed_by_rays_that_start_beside_their_surface(kind, away):
-    """Of points at a side of the picture, lit along it, so that a ray beside them never comes into the picture."""
+    """Of points at a side of the picture, lit along it, so that a ray beside them never comes into
+    the picture.
+    """
     random, asked, missed = np.random.default_rng([kind == "sun", int(away)]), 0, 0
     for _ in range(10):
         camera = random_camera(random, "normal")

@@ -16,7 +16,8 @@ from crowd_lod_extension.crowd_lod.reporting import file_checks, files
 
 posix = pytest.mark.skipif(os.name == "nt", reason="Windows has none of these")
 
-# Writes the files 0 to 4 with the text "new" into the folder argv[1]; argv[2] is what happens at rename number argv[3].
+# Writes the files 0 to 4 with the text "new" into the folder argv[1]; argv[2] is what happens at
+# rename number argv[3].
 RUN = """
 import os, signal, sys
 from pathlib import Path
@@ -57,9 +58,11 @@ def content(folder):
 
 def png(rows=5, columns=7):
     """An RGB picture of noise."""
-    chunk = lambda kind, body: (
-        struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
-    )  # noqa: E731
+
+    def chunk(kind, body):
+        check = struct.pack(">I", zlib.crc32(kind + body))
+        return struct.pack(">I", len(body)) + kind + body + check
+
     pixels = b"".join(b"\0" + os.urandom(3 * columns) for _ in range(rows))
     header = struct.pack(">IIBBBBB", columns, rows, 8, 2, 0, 0, 0)
     return (
@@ -129,7 +132,9 @@ def test_a_folder_in_a_files_place_keeps_all_out(tmp_path):
 
 @posix
 def test_a_rename_that_fails_half_way_is_taken_back(tmp_path):
-    """A file mounted over another can be written, but not replaced: the system says that it is busy."""
+    """A file mounted over another can be written, but not replaced: the system says that it is
+    busy.
+    """
     for name in ("0", "1", "3"):
         (tmp_path / name).write_text("old")
     busy, before = tmp_path / "3", content(tmp_path)
@@ -307,7 +312,10 @@ def test_a_working_folder_that_is_gone_is_one_sentence(tmp_path, monkeypatch):
 @pytest.mark.once
 @posix
 def test_many_runs_at_once_leave_the_files_of_one(tmp_path):
-    code = "import sys; from pathlib import Path; from crowd_lod_extension.crowd_lod.reporting.files import staged\n"
+    code = (
+        "import sys; from pathlib import Path; from "
+        "crowd_lod_extension.crowd_lod.reporting.files import staged\n"
+    )
     code += "for turn in range(10):\n  with staged(Path(sys.argv[1])) as stage:\n"
     code += "    for n in range(50): (stage / str(n)).write_text(f'{sys.argv[2]} {turn}')"
     runs = [subprocess.Popen([sys.executable, "-c", code, tmp_path, str(who)]) for who in range(4)]

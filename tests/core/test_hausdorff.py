@@ -1,4 +1,6 @@
-"""The interval of the Hausdorff distance over poses, against exact shapes and against brute force that shares no code with it."""
+"""The interval of the Hausdorff distance over poses, against exact shapes and against brute force
+that shares no code with it.
+"""
 
 from dataclasses import replace
 
@@ -8,7 +10,9 @@ from crowd_lod_extension.crowd_lod.simplification import hausdorff, settings
 
 
 def away(points, corners):
-    """(k, m) distances of points (k, 3) to triangles (m, 3, 3): by the plane where the foot is inside, else by the sides."""
+    """(k, m) distances of points (k, 3) to triangles (m, 3, 3): by the plane where the foot is
+    inside, else by the sides.
+    """
     a, b, c = corners.transpose(1, 0, 2)
     normal = np.cross(b - a, c - a)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
@@ -26,7 +30,9 @@ def away(points, corners):
 
 
 def brute(one, other, parts):
-    """(least, most) that the Hausdorff distance of triangles (m, 3, 3) and (n, 3, 3) is, from a lattice of `parts` a side."""
+    """(least, most) that the Hausdorff distance of triangles (m, 3, 3) and (n, 3, 3) is, from a
+    lattice of `parts` a side.
+    """
     i, j = (each.ravel() for each in np.meshgrid(np.arange(parts + 1), np.arange(parts + 1)))
     weights = np.stack([i, j, parts - i - j], axis=1)[i + j <= parts] / parts
     least, between = 0.0, 0.0
@@ -74,7 +80,9 @@ def ball(rings, segments):
     ("seed", "tolerance"), [(0, 0.1), (0, 0.01), (1, 0.01), (2, 0.01), (3, 0.01)]
 )
 def test_the_true_distance_over_all_poses_lies_in_the_interval(seed, tolerance, monkeypatch):
-    """Bent and bumpy tubes, the coarse one with weights of its own: each is off most in another pose."""
+    """Bent and bumpy tubes, the coarse one with weights of its own: each is off most in another
+    pose.
+    """
     monkeypatch.setattr(settings, "CURRENT", replace(settings.CURRENT, bound_tolerance=tolerance))
     random = np.random.default_rng(seed)
     surfaces = []
@@ -98,7 +106,9 @@ def test_the_true_distance_over_all_poses_lies_in_the_interval(seed, tolerance, 
 
 
 def test_what_lies_between_the_vertices_counts():
-    """A roof over a square whose corners it shares: only its ridge is off, and only from the middle of the square's sides."""
+    """A roof over a square whose corners it shares: only its ridge is off, and only from the middle
+    of the square's sides.
+    """
     square = np.array([(0, 0, 0), (2, 0, 0), (2, 2, 0), (0, 2, 0)], float)[:, None]
     roof = np.concatenate([square, [[(0.0, 1.0, 0.3)], [(2.0, 1.0, 0.3)]]])
     faces = np.array([(0, 1, 5), (0, 5, 4), (4, 5, 2), (4, 2, 3)])
@@ -109,7 +119,9 @@ def test_what_lies_between_the_vertices_counts():
 
 
 def test_a_map_of_one_pose_that_says_too_much_in_another_is_found_anew():
-    """Two fingers that touch at first: what is nearest then is on the wrong one, and a meter off when they part."""
+    """Two fingers that touch at first: what is nearest then is on the wrong one, and a meter off
+    when they part.
+    """
     one, faces = ball(6, 8)
     low, _ = ball(6, 8)
     both, triangles = (
@@ -142,7 +154,9 @@ def test_equal_surfaces_are_off_by_no_more_than_the_floor():
 
 @pytest.mark.parametrize("flat", [False, True])
 def test_what_lies_beneath_a_triangle_s_middle_counts(flat):
-    """A floor beneath a roof with one peak, or a flat top: the outline of the floor is the roof's too."""
+    """A floor beneath a roof with one peak, or a flat top: the outline of the floor is the roof's
+    too.
+    """
     corners = np.array([(1, 0, 0), (-0.5, 3**0.5 / 2, 0), (-0.5, -(3**0.5) / 2, 0)])
     faces, more = (
         [(0, 3, 6), (3, 1, 6), (1, 4, 6), (4, 2, 6), (2, 5, 6), (5, 0, 6)],

@@ -1,4 +1,6 @@
-"""The report's page: well-formed, self-contained, all of the plan's tables in it, nothing of a name's own HTML."""
+"""The report's page: well-formed, self-contained, all of the plan's tables in it, nothing of a
+name's own HTML.
+"""
 
 import pytest
 from crowd_lod_extension.crowd_lod.reporting.html_report import page

@@ -1,4 +1,6 @@
-"""Who is judged alone, and what they are held to: no point off by its LOD's deviation shows more than predicted."""
+"""Who is judged alone, and what they are held to: no point off by its LOD's deviation shows more
+than predicted.
+"""
 
 from dataclasses import replace
 

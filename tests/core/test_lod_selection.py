@@ -20,7 +20,8 @@ from hypothesis import strategies as st
 
 from ..support.cameras import straight
 
-# 50 pixels a unit slope, so that at 1 pixel a LOD begins 50 times its deviation away, and the radius
+# 50 pixels a unit slope, so that at 1 pixel a LOD begins 50 times its deviation away, and the
+# radius
 LODS = Group(
     "one",
     1,
@@ -88,8 +89,10 @@ def test_the_reason_holds_in_every_frame_and_in_an_orthographic_view():
     assert choose(group, 3.0, [flat]) == (
         [0, 2],
         {
-            1: "500 triangles are more than the tolerance needs at any distance, for the camera is orthographic.",
-            3: "40 triangles show more than the tolerance at any distance, for the camera is orthographic.",
+            1: "500 triangles are more than the tolerance needs at any distance, for the camera "
+            "is orthographic.",
+            3: "40 triangles show more than the tolerance at any distance, for the camera is "
+            "orthographic.",
         },
     )
 

@@ -32,7 +32,9 @@ def every_crowd_looks_ahead(monkeypatch):
 
 
 def check(crowd, machine, world, seconds, steps):
-    """The steps of `crowd` are those of the long way; the part of all steps that was known ahead."""
+    """The steps of `crowd` are those of the long way; the part of all steps that was known
+    ahead.
+    """
     tables, part = Tables(machine, seconds), Tables(machine, 0.37 * seconds)
     way = partial(step, machine=machine, world=world)
     known, there = 0.0, look(crowd, machine, world, tables)
@@ -97,7 +99,9 @@ def test_through_cells_of_one_label_goes_on_who_skips_none(axis, cells):
 
 @pytest.mark.parametrize("turn, cells", [(1, 0.1), (2, 0.1), (2, 0.9), (3, 0.03), (6, 0.03)])
 def test_aslant_among_cells_of_one_label(turn, cells):
-    """In sixteenths of a turn; some start on corners and borders, from where both are crossed at once."""
+    """In sixteenths of a turn; some start on corners and borders, from where both are crossed at
+    once.
+    """
     world = LabelMap(np.kron(ground([(2, 4)]).labels, np.ones((6, 6), int)).astype(np.uint8), AREA)
     machine, way = walking(), np.array([np.cos(turn * np.pi / 8), np.sin(turn * np.pi / 8)])
     velocity = (

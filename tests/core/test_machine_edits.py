@@ -1,4 +1,6 @@
-"""The editor's edits of a state machine: exact texts, and any sequence of edits leaves a machine or says why not."""
+"""The editor's edits of a state machine: exact texts, and any sequence of edits leaves a machine or
+says why not.
+"""
 
 import json
 

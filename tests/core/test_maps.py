@@ -159,7 +159,9 @@ def test_slope_is_the_derivative_of_the_height():
 
 
 def test_a_tilted_agent_stands_square_on_the_ground():
-    """Turned by heading, pitch and roll, an agent's own up axis is the surface's normal, and it still faces its way."""
+    """Turned by heading, pitch and roll, an agent's own up axis is the surface's normal, and it
+    still faces its way.
+    """
     random = np.random.default_rng(3)
     x, y, heading = (
         random.uniform(11, 23, 200),

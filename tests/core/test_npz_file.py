@@ -1,4 +1,6 @@
-"""NPZ files that are spoilt in any way: one sentence that names the file, whatever zlib, zipfile, lzma or NumPy raise."""
+"""NPZ files that are spoilt in any way: one sentence that names the file, whatever zlib, zipfile,
+lzma or NumPy raise.
+"""
 
 import zipfile
 from pathlib import Path

@@ -1,4 +1,6 @@
-"""The plaza's state machine on the plaza's plan: a complete table, and a crowd that stays out of its walls."""
+"""The plaza's state machine on the plaza's plan: a complete table, and a crowd that stays out of
+its walls.
+"""
 
 import numpy as np
 import pytest

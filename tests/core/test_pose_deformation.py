@@ -39,14 +39,18 @@ def tube(rings=40, around=24):
 
 
 def bent(points, angles, blend=0.3):
-    """Linear blend skinning by two bones that meet at the origin, the upper one turned by each of `angles`."""
+    """Linear blend skinning by two bones that meet at the origin, the upper one turned by each of
+    `angles`.
+    """
     upper = np.clip(points[:, 2] / blend + 0.5, 0, 1)[:, None, None]
     frame = np.stack([(1 - upper) * np.eye(3) + upper * turn(np.array(angle)) for angle in angles])
     return Skin(points, np.einsum("knij,nj->kni", frame, points), frame)
 
 
 def distance(samples, points, triangles):
-    """From each of samples (k, 3) to the surface, all triangles tried: to a plane where it falls inside, else to the sides."""
+    """From each of samples (k, 3) to the surface, all triangles tried: to a plane where it falls
+    inside, else to the sides.
+    """
     corners = points[triangles]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
@@ -132,7 +136,8 @@ def test_copies_lie_apart_and_what_all_of_them_ask_for_comes_back_to_rest():
         )
     boxes = sorted((every[0, :, j].min(), every[0, :, j].max()) for j in range(3))
     assert all(high + 2 < low for (_, high), (low, _) in zip(boxes[:-1], boxes[1:], strict=True))
-    # a way that all copies of a rigid point ask for, even if the poses are larger, is the way at rest that leads along it in all
+    # a way that all copies of a rigid point ask for, even if the poses are larger, is the way at
+    # rest that leads along it in all
     copies = Copies(Skin(points, 3 * skin.place, 3 * skin.frame))
     rigid = np.flatnonzero(np.abs(points[:, 2]) > 0.3)
     way = rng.normal(0, 1, (3, len(rigid)))
@@ -161,7 +166,9 @@ def test_moves_bring_a_lod_nearer_in_all_its_poses():
     )
 
     def farthest():
-        """Of the source's points and the LOD's, at rest and in each pose, from the other surface: all triangles tried."""
+        """Of the source's points and the LOD's, at rest and in each pose, from the other surface:
+        all triangles tried.
+        """
         at = fit.lod.points[:, ::3].T / fit.copies.rest
         posed = [
             (points, at),

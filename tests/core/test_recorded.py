@@ -1,4 +1,6 @@
-"""A crowd of tracks: the file's places to the bit, linear between them, nobody missed, one answer for a frame."""
+"""A crowd of tracks: the file's places to the bit, linear between them, nobody missed, one answer
+for a frame.
+"""
 
 from dataclasses import replace
 

@@ -37,10 +37,12 @@ def test_pixels_that_differ_visibly_are_told_beside_silhouettes_that_do_not():
     culling, levels, left_open = said()
     assert (
         culling
-        == "Culling: no pixel differs in 1 frame (40 would differ without the agents kept for shadows and mirrors)."
+        == "Culling: no pixel differs in 1 frame (40 would differ without the agents kept for "
+        "shadows and mirrors)."
     )
     assert levels == (
-        "LODs: silhouettes shift at most 0.35 px, 1.00 allowed, 20 agents; 1.80% of the pixels differ visibly, shading "
+        "LODs: silhouettes shift at most 0.35 px, 1.00 allowed, 20 agents; 1.80% of the pixels "
+        "differ visibly, shading "
         "included, by 0.0021 on average (frame 3; not predicted)."
     )
     assert left_open == "Not proved: other frames; denoising. One eye was looked at."
@@ -96,35 +98,41 @@ BAD = {"ok": False, "shift_px": 10.38}
         (
             {"lod_ok": False, "silhouette_shift": 10.38},
             {"agent": BAD},
-            "Not OK: culling changes no pixel in 2 frames; LODs shift silhouettes at most 10.38 px, 1.00 allowed, 21 agents; agent 7 at "
+            "Not OK: culling changes no pixel in 2 frames; LODs shift silhouettes at most 10.38 "
+            "px, 1.00 allowed, 21 agents; agent 7 at "
             "LOD 2 in frame 3 shifts 10.38 px, 1.04 allowed there.",
         ),
         (
             {"lod_ok": False},
             {"agent": {"ok": False, "color_off": 0.5}},
-            f"Not OK: culling changes no pixel in 2 frames; {FINE}; agent 7 at LOD 2 in frame 3 has another color than the character, "
+            f"Not OK: culling changes no pixel in 2 frames; {FINE}; agent 7 at LOD 2 in frame 3 "
+            f"has another color than the character, "
             "50% off on average.",
         ),
         (
             {"apart": 2, "apart_shift": 10.4},
             {"agent": {"apart": "pinned", "ok": None}},
-            f"OK: culling changes no pixel in 2 frames; {FINE}; 2 agents apart (pinned) at most 10.40 px.",
+            f"OK: culling changes no pixel in 2 frames; {FINE}; 2 agents apart (pinned) at most "
+            f"10.40 px.",
         ),
         (
             {},
             {"build": {"kind": "bake", "older_than": ["the lights", "the camera"]}},
-            "Not OK for the bake: the bake is older than the lights and the camera: bake again; culling changes no pixel in 2 frames; "
+            "Not OK for the bake: the bake is older than the lights and the camera: bake again; "
+            "culling changes no pixel in 2 frames; "
             f"{FINE}.",
         ),
         (
             {},
             {"build": {"kind": "build", "hidden": True}},
-            f"Not OK for the build: the build is hidden from renders; culling changes no pixel in 2 frames; {FINE}.",
+            f"Not OK for the build: the build is hidden from renders; culling changes no pixel in "
+            f"2 frames; {FINE}.",
         ),
         (
             {"strangers": 3, "culling_ok": False},
             {"build": {"kind": "bake"}},
-            f"Not OK for the bake: culling changes no pixel in frame 3; 3 points of it are no agents; {FINE}.",
+            f"Not OK for the bake: culling changes no pixel in frame 3; 3 points of it are no "
+            f"agents; {FINE}.",
         ),
     ],
 )

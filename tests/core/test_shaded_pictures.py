@@ -1,4 +1,6 @@
-"""Shaded pictures of a body, and how alike two are: against the formula of Lambert and sums pixel by pixel."""
+"""Shaded pictures of a body, and how alike two are: against the formula of Lambert and sums pixel
+by pixel.
+"""
 
 from dataclasses import replace
 
@@ -138,7 +140,9 @@ def test_a_thinner_ball_and_one_lit_otherwise_are_less_alike():
 
 
 def test_what_differs_in_detail_alone_is_alike_from_afar():
-    """Stripes of 2 pixels, and the same moved by a stripe: no pixel is alike, and of the means of 4 x 4 each is."""
+    """Stripes of 2 pixels, and the same moved by a stripe: no pixel is alike, and of the means of 4
+    x 4 each is.
+    """
     one = np.full((100, 90, 3), shaded_pictures.PAPER)
     rows = np.arange(32)
     one[32:64, 20:52] = np.where(rows // 2 % 2, 0.6, 0.4)[:, None, None]

@@ -53,8 +53,9 @@ def emitter(light, random, n):
 
 
 def hidden_from(light, points, random, centers, radius):
-    """(n,) bool: spheres at centers (n, 3) that stand between some of the points (m, 3) and a random place of the light.
-    By distance of a center from the ray's segment: another way than sweeping spheres."""
+    """(n,) bool: spheres at centers (n, 3) that stand between some of the points (m, 3) and a
+    random place of the light. By distance of a center from the ray's segment: another way than
+    sweeping spheres."""
     found = np.zeros(len(centers), bool)
     for point, place in zip(points, emitter(light, random, len(points)), strict=True):
         if light.origin is None:
@@ -161,7 +162,8 @@ def test_a_mirror_shows_what_its_reflection_shows():
         for camera in (straight(), straight(kind="ORTHO"), straight(kind="PANO")):
             points = random.uniform((-60, -80, -10), (60, 40, 20), (20_000, 3))
             kept = within(mirrored(camera, mirror), points, np.zeros(20_000))
-            # by hand: the ray from the eye to the point's image meets the rectangle, and the point stands before it
+            # by hand: the ray from the eye to the point's image meets the rectangle, and the point
+            # stands before it
             image = points * (1, -1, 1) + (0, 60, 0)
             if camera.kind == "ORTHO":
                 hit = image

@@ -1,4 +1,6 @@
-"""The report of a shot plan: one whole file that needs no other, whose figures are those of the data."""
+"""The report of a shot plan: one whole file that needs no other, whose figures are those of the
+data.
+"""
 
 import base64
 import re

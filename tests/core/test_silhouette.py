@@ -31,7 +31,9 @@ def test_a_mask_is_the_triangle_s_pixels_by_half_planes():
 
 @pytest.mark.parametrize("seed", range(8))
 def test_a_mask_has_no_holes_where_centers_lie_on_edges(seed):
-    """Corners on whole and half pixels, slivers, and triangles seen edge on: the pixels that `cover` finds one by one."""
+    """Corners on whole and half pixels, slivers, and triangles seen edge on: the pixels that
+    `cover` finds one by one.
+    """
     random = np.random.default_rng(seed)
     corners = random.integers(-20, 100, (40, 3, 2)) / 2
     corners[::4, 2] = corners[::4, 1] + 0.3 * (corners[::4, 0] - corners[::4, 1])
@@ -143,7 +145,9 @@ def test_directions_go_all_around_and_some_look_down():
 
 
 def test_a_sheet_seen_edge_on_is_off_by_no_more_than_it_deviates():
-    """As wings, hair cards and cloth: one lies in the direction of a view, the other is tilted by 1 cm a meter."""
+    """As wings, hair cards and cloth: one lies in the direction of a view, the other is tilted by 1
+    cm a meter.
+    """
     camera = replace(straight(), pixels=(2000, 2000))
     flat = np.array([(0, -1, -0.1), (0, 1, -0.1), (0, 1, 0.1), (0, -1, 0.1)], float)
     tilted, quad = flat + flat[:, [1]] * (0.01, 0, 0), np.array([(0, 1, 2), (0, 2, 3)])

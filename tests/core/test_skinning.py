@@ -1,4 +1,6 @@
-"""Joint frames, skinning, stances, cross-fades and reasons, against sums written out and against geometry."""
+"""Joint frames, skinning, stances, cross-fades and reasons, against sums written out and against
+geometry.
+"""
 
 from dataclasses import replace
 

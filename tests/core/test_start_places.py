@@ -1,4 +1,6 @@
-"""Places to start: on the surface by area and density, evenly in grids and rows, the same for the same seed."""
+"""Places to start: on the surface by area and density, evenly in grids and rows, the same for the
+same seed.
+"""
 
 import hashlib
 
@@ -40,7 +42,9 @@ def bowl():
 
 
 def closest(points, triangle):
-    """The distance of each point (n, 3) to a triangle (3, 3), by least squares on barycentric weights."""
+    """The distance of each point (n, 3) to a triangle (3, 3), by least squares on barycentric
+    weights.
+    """
     a, b, c = triangle
     basis = np.stack([b - a, c - a], axis=1)
     weights = np.linalg.lstsq(basis, (points - a).T, rcond=None)[0]

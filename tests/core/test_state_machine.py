@@ -71,7 +71,9 @@ def test_timers_choices_and_actions_become_tables():
 
 
 def test_the_hash_is_splitmix64():
-    """The first numbers of the published generator from the seed 0 (Java's SplittableRandom, Vigna's splitmix64.c)."""
+    """The first numbers of the published generator from the seed 0 (Java's SplittableRandom,
+    Vigna's splitmix64.c).
+    """
     key, drawn = np.zeros(1, np.uint64), []
     for _ in range(3):
         key = random_streams.moved_on(key, np.ones(1))
@@ -227,7 +229,10 @@ def test_the_line_of_the_mistake_is_named(text, line, ends):
 
 
 def test_a_missing_field_has_the_line_of_its_parent():
-    text = '{"version": 1, "labels": {"a": {"color": "#000000"}},\n"states": {\n"w": {"on":\n {"*": {"speed": 1}}}}}'
+    text = (
+        '{"version": 1, "labels": {"a": {"color": "#000000"}},\n"states": {\n"w": {"on":\n '
+        '{"*": {"speed": 1}}}}}'
+    )
     with pytest.raises(CrowdError, match="line 4: states.w.on.\\*.heading is missing"):
         parse(text, "t")
 

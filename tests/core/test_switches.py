@@ -18,7 +18,9 @@ RADIUS = np.array([0.75, 1.25])
 
 
 def with_entries(shot, seed):
-    """The shot; of the agents that a frame shows and the one before does not, half came through a clip."""
+    """The shot; of the agents that a frame shows and the one before does not, half came through a
+    clip.
+    """
     random, seen = np.random.default_rng(seed), shot.survey.seen
     for f in range(1, len(seen)):
         new = np.flatnonzero(seen[f] & ~seen[f - 1])

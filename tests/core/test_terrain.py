@@ -1,4 +1,6 @@
-"""Terrain: heights are those of the triangles, floors are climbed by steps, and nobody on it is missed."""
+"""Terrain: heights are those of the triangles, floors are climbed by steps, and nobody on it is
+missed.
+"""
 
 from dataclasses import replace
 
@@ -21,7 +23,9 @@ GROUPS = (IDLER, IDLER)
 
 
 def quad(x, y, z):
-    """Two triangles over the rectangle x by y, (2, 2): at height z, one number or a function of x and y."""
+    """Two triangles over the rectangle x by y, (2, 2): at height z, one number or a function of x
+    and y.
+    """
     points = [
         (a, b, z(a, b) if callable(z) else z)
         for a, b in ((x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1]))
@@ -57,7 +61,9 @@ def soup(count=200, seed=1):
 
 
 def by_rays(corners, x, y):
-    """All heights at which a vertical ray meets the triangles, by Cramer's rule on the ray's equations, and whether it is near a side."""
+    """All heights at which a vertical ray meets the triangles, by Cramer's rule on the ray's
+    equations, and whether it is near a side.
+    """
     found, near = [], False
     for a, b, c in corners:
         matrix = np.array([[*(b - a)[:2]], [*(c - a)[:2]]]).T
@@ -213,7 +219,9 @@ def test_nobody_on_terrain_is_missed(fewest, edge, monkeypatch):
 
 
 def test_who_falls_from_a_floor_into_the_picture_is_seen(monkeypatch):
-    """Blocks made on the upper floor would not hold them, if the ground were as gentle as the walk."""
+    """Blocks made on the upper floor would not hold them, if the ground were as gentle as the
+    walk.
+    """
     monkeypatch.setattr(morton_order, "FEWEST", 1)
     table, random = walking(), np.random.default_rng(7)
     table.velocity[:] = 0, -1.5

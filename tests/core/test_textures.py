@@ -12,7 +12,9 @@ LIGHT = np.where(BYTES <= 0.04045, BYTES / 12.92, ((BYTES + 0.055) / 1.055) ** 2
 
 
 def square(width, height):
-    """A rectangle of these meters, on which the whole of an image lies: corners and UVs of its triangles."""
+    """A rectangle of these meters, on which the whole of an image lies: corners and UVs of its
+    triangles.
+    """
     corners = np.array([[(0, 0), (1, 0), (1, 1)], [(0, 0), (1, 1), (0, 1)]], np.float64)
     return np.concatenate([corners * (width, height), np.zeros((2, 3, 1))], axis=2), corners
 

@@ -1,4 +1,6 @@
-"""Files of tracks as programs write them: known by content, with their units; what is not read is named."""
+"""Files of tracks as programs write them: known by content, with their units; what is not read is
+named.
+"""
 
 import gzip
 import sqlite3
@@ -97,24 +99,32 @@ def test_sumos_ids_are_texts_and_vaderes_last_steps_end(tmp_path):
     nobody = "timestep_time;person_id;person_x;person_y;vehicle_id;vehicle_x\n0.00;;;;;\n0.50;7;1;2;;\n0.50;;;;car;5\n1.00;7;2;2;;\n"
     rows = read(tmp_path, nobody)
     assert rows.id.tolist() == [7, 7] and rows.x.tolist() == [1, 2] and rows.rate == 2
-    vadere = "pedestrianId simTime endTime-PID1 startX-PID1 startY-PID1 endX-PID1 endY-PID1\n1 0 0.5 0 0 1 0\n1 0.5 1 1 0 2 0\n"
+    vadere = (
+        "pedestrianId simTime endTime-PID1 startX-PID1 startY-PID1 endX-PID1 endY-PID1\n1 0 "
+        "0.5 0 0 1 0\n1 0.5 1 1 0 2 0\n"
+    )
     rows = read(tmp_path, vadere)
     assert rows.x.tolist() == [0, 1, 2] and rows.frame.tolist() == [0, 1, 2] and rows.rate == 2
 
 
 REFUSED = {
-    "HDF5": (b"\x89HDF\r\n\x1a\n" + bytes(99), "is HDF5, which is not read: write its table as CSV"),
+    "HDF5": (b"\x89HDF\r\n\x1a\n" + bytes(99), "is HDF5, which is not read: write its table as "
+                                               "CSV"),
     "XML": ("<?xml version='1.0'?><fcd/>", "is XML, which is not read"),
     "JSON": (' [{"id": 1}]', "is JSON, which is not read"),
-    "furlongs": ("id,frame,x [furlong],y [furlong]\n1,0,1,1\n", r"has the column x \[furlong\]: give places in one of m"),
+    "furlongs": ("id,frame,x [furlong],y "
+                 "[furlong]\n1,0,1,1\n", r"has the column x \[furlong\]: give places in one of m"),
     "pixels": ("id,frame,x [px],y [px]\n1,0,1,1\n", r"has the column x \[px\]"),
     "weeks": ("id,time/weeks,x,y\n1,0,1,1\n", "has the column time/weeks: give time in one of s"),
-    "boxes of MOT": ("1,1,912,484,97,109,0,-1,-1,-1\n", "10 columns without titles, as those of boxes in pictures"),
+    "boxes of MOT": ("1,1,912,484,97,109,0,-1,-1,-1\n", "10 columns without titles, as those of "
+                                                        "boxes in pictures"),
     "boxes of SDD": ('0 789 399 815 436 0 0 0 0 "Cart"\n', "10 columns without titles"),
     "boxes": ("id,frame,xmin,ymin,xmax,ymax\n1,0,1,1,2,2\n", "boxes in a picture"),
     "a globe": ("id,frame,lon,lat\n1,0,1,1\n", "longitude and latitude, not lengths"),
-    "more titles": ("id,when,frame,x,y\n1,0,1,1\n", r"has 5 titles .* and 4 values in its first row"),
-    "two ids in one float": ("id,frame,x,y\n9007199254740992,0,1,1\n9007199254740993,1,1,1\n", "has the id 9.*whole numbers"),
+    "more titles": ("id,when,frame,x,y\n1,0,1,1\n", r"has 5 titles .* and 4 values in its first "
+                                                    r"row"),
+    "two ids in one "
+    "float": ("id,frame,x,y\n9007199254740992,0,1,1\n9007199254740993,1,1,1\n", "has the id 9.*whole numbers"),
     "comments": ("# framerate: 25\n# nothing\n", "has no rows"),
     "thousands": ('id,frame,x,y\n1,0,"1,500",0\n', 'Line 2 of .* has x "1,500"'),
     "one line": ("id,frame,x,y\n" + "1," * 2**20, "has a line of more than"),
@@ -190,7 +200,10 @@ def test_ids_of_a_database_are_exact_or_refused(tmp_path):
         read_rows(path)
 
 
-ENDLESS = "WITH RECURSIVE up(n) AS (SELECT 1 UNION ALL SELECT n + 1 FROM up) SELECT n AS frame, n AS id, 1.0 AS pos_x, 1.0 AS pos_y FROM up"
+ENDLESS = (
+    "WITH RECURSIVE up(n) AS (SELECT 1 UNION ALL SELECT n + 1 FROM up) SELECT n AS frame, n "
+    "AS id, 1.0 AS pos_x, 1.0 AS pos_y FROM up"
+)
 
 
 def test_a_view_without_an_end_is_refused_and_reading_ends_when_nobody_waits(tmp_path):

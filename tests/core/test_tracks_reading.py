@@ -1,4 +1,6 @@
-"""Files of tracks: the same crowd in every format, to the bit; what cannot be used is one sentence."""
+"""Files of tracks: the same crowd in every format, to the bit; what cannot be used is one
+sentence.
+"""
 
 import csv
 import sqlite3
@@ -33,7 +35,9 @@ def database(
     fps="16.0",
     columns="frame INTEGER NOT NULL, id INTEGER NOT NULL, pos_x REAL NOT NULL, pos_y REAL NOT NULL",
 ):
-    """A database as JuPedSim's writer makes it: version 1 and 2 have orientations, and 2 and 3 a geometry for each frame."""
+    """A database as JuPedSim's writer makes it: version 1 and 2 have orientations, and 2 and 3 a
+    geometry for each frame.
+    """
     if version < 3:
         columns += ", ori_x REAL NOT NULL, ori_y REAL NOT NULL"
     with sqlite3.connect(path) as made:
@@ -58,7 +62,9 @@ def table(path, found, titles, split=",", **more):
 
 FORMATS = {
     "PedPy and PeTrack": lambda path: path.write_text(
-        lines(BY_ID, "{} {:.0f} {} {} 1.76", "# PeTrack project: a.pet\n# framerate: 16 fps\n# id frame x/m y/m z/m\n")
+        lines(BY_ID, "{} {:.0f} {} {} "
+                     "1.76", "# PeTrack project: a.pet\n# framerate: 16 fps\n# id frame x/m y/m "
+                             "z/m\n")
     ),
     "PeTrack, tabs": lambda path: path.write_text(
         lines([(i, f, f"{x:.4f}", f"{y:.4f}") for i, f, x, y in BY_ID], "{}\t{:.0f}\t{}\t{}\t1.76", "#framerate: 16.00\n#ID\tFR\tX\tY\tZ\n#X,Y,Z: coordinates (in meters)\n")
@@ -73,7 +79,8 @@ FORMATS = {
         path, [(i, int(f), str(x).replace(".", ","), str(y).replace(".", ",")) for i, f, x, y in COLUMNS], ["id", "frame", "x", "y"], ";"
     ),
     "ETH and UCY": lambda path: path.write_text(lines(BY_FRAME, "{1:.1f}\t{0:.1f}\t{2}\t{3}")),
-    "obsmat": lambda path: path.write_text(lines(BY_FRAME, "  {1:.7e}   {0:.7e}   {2}   0.0   {3}  0.1 0.0 0.2")),
+    "obsmat": lambda path: path.write_text(lines(BY_FRAME, "  {1:.7e}   {0:.7e}   {2}   0.0   {3} "
+                                                           " 0.1 0.0 0.2")),
     "Windows": lambda path: path.write_bytes(lines(BY_ID, "{},{:.0f},{},{}\r", "\ufeffid,frame,x,y\r\n\r\n").encode()),
     "NPZ": lambda path: npz.write(path, ROWS),
     "JuPedSim 1": lambda path: database(path, 1),
@@ -161,7 +168,9 @@ BAD = {
     "NaN": (GOOD + "1,2,nan,0\n", "Row 3 of .* has x nan"),
     "a broken id": ("id,frame,x,y\n1.5,0,0,0\n", "has the id 1.5"),
     "twice": (GOOD + "1,1,0.05,0\n", "The agent 1 is in frame 1 of .* more than once"),
-    "centimeters": ("id,frame,x,y\n7,0,0,0\n7,1,5,0\n7,2,10,0\n", r"The agent 7 of .* moves at 125 m/s from frame 0 to 2.*cm \(1.2 m/s\)"),
+    "centimeters": ("id,frame,x,y\n7,0,0,0\n7,1,5,0\n7,2,10,0\n", r"The agent 7 of .* moves at "
+                                                                  r"125 m/s from frame 0 to 2.*cm "
+                                                                  r"\(1.2 m/s\)"),
     "two units": ("id,frame,x [mm],y/cm\n7,0,0,0\n", "has x in mm and y in cm"),
     "a wrong rate": ("id,frame,x,y\n7,0,0,0\n7,1,5000,0\n", "moves at 125,000 m/s.*set Frame Rate"),
     "a short database": (b"SQLite format 3\0" + bytes(200), "not one of JuPedSim's, or damaged"),

@@ -46,7 +46,9 @@ def corner(x=0.0, y=0.0):
 
 
 def to_and_fro(place, way, seconds, at):
-    """Where an agent is that turns at the walls below left and right of the corner `at` (2,), exactly."""
+    """Where an agent is that turns at the walls below left and right of the corner `at` (2,),
+    exactly.
+    """
     place, way, at = ([Fraction(float(value)) for value in pair] for pair in (place, way, at))
     ahead, behind = (at[0] - place[0]) / way[0], (place[1] - at[1]) / way[1]
     turn, offset = divmod(Fraction(seconds) + behind, ahead + behind)
@@ -75,7 +77,8 @@ def test_between_walls_that_touch_at_a_corner_agents_go_to_and_fro_or_stand(offs
             np.array([place for place, _ in expected]) - np.array([moved.x, moved.y]).T
         ).max(axis=1)
         assert off.max() <= 2 * away * way.max() / way.min()
-        # float64 knows places to a few units in the last place: that much a turn, more where the way is aslant
+        # float64 knows places to a few units in the last place: that much a turn, more where the
+        # way is aslant
         unsure = (
             8 * way.max() / way.min() * (np.spacing(abs(offset) + 2) + np.spacing(FRAME)) * PIECES
         )
@@ -149,7 +152,9 @@ def test_agents_caught_between_walls_are_in_trouble_and_others_are_not():
 @pytest.mark.parametrize("way", [(1, 0), (0, -1), (1, 0.6), (-0.37, 1)])
 @pytest.mark.parametrize("edge", ["clamp", "wrap", "reflect"])
 def test_a_hundred_thousand_meters_a_second(edge, way):
-    """Between walls all around, and where there are none: where a straight line leads that is folded at the walls."""
+    """Between walls all around, and where there are none: where a straight line leads that is
+    folded at the walls.
+    """
     random, speed = np.random.default_rng(0), 1e5
     vx, vy = speed * np.array(way)
     for walls in (0, 1):
@@ -211,7 +216,9 @@ def test_through_cells_of_one_label_at_once_is_through_each(seed):
 
 @pytest.mark.parametrize("seed", range(2))
 def test_along_the_axes_through_cells_of_one_label_the_way_is_the_same(seed):
-    """Also from a border on, and between two rows of cells, in numbers that float64 never rounds."""
+    """Also from a border on, and between two rows of cells, in numbers that float64 never
+    rounds.
+    """
     random = np.random.default_rng(seed)
     ways = [
         2.0 ** random.integers(3, 8) * np.array(way)

@@ -1,4 +1,6 @@
-"""The report of a proof: whole, verdict first, measured beside predicted, nothing of a name's own HTML."""
+"""The report of a proof: whole, verdict first, measured beside predicted, nothing of a name's own
+HTML.
+"""
 
 from crowd_lod_extension.crowd_lod.reporting.verify_report import (
     AGENT_COLUMNS,

@@ -1,4 +1,5 @@
-"""Ctrl-C at any moment of any command: exit code 130, one line, and the disk as before, or all of the output.
+"""Ctrl-C at any moment of any command: exit code 130, one line, and the disk as before, or all of
+the output.
 
 CROWD_LOD_TRIALS=10 tries ten times as many moments of each command, and more commands.
 """
@@ -58,12 +59,16 @@ time.sleep(float(sys.argv[2]))
 
 
 def heeding() -> None:
-    """In the process to come: Ctrl-C may be ignored where the tests run, in a shell's background."""
+    """In the process to come: Ctrl-C may be ignored where the tests run, in a shell's
+    background.
+    """
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 class Trial:
-    """A command that runs in a folder in which there are older results, until it ends or is sent the signal."""
+    """A command that runs in a folder in which there are older results, until it ends or is sent
+    the signal.
+    """
 
     def __init__(self, folder: Path, words: list[str], moment: float | None = None, group=True):
         self.folder, self.tmp = folder / "work", folder / "tmp"
@@ -131,7 +136,10 @@ def test_ctrl_c(name, small, tmp_path):
     for k in range(TRIALS):
         moment = 0.02 + (whole.took - 0.02) * (k + chance.random()) / TRIALS
         trial = Trial(tmp_path / str(k), words, moment, group=k % 2 == 0)
-        about = f"{name} at {moment:.2f} of {whole.took:.2f} s: {trial.code} after {trial.ended:.2f} s, {trial.lines}"
+        about = (
+            f"{name} at {moment:.2f} of {whole.took:.2f} s: {trial.code} after "
+            f"{trial.ended:.2f} s, {trial.lines}"
+        )
         print(about)
         told.append(trial.ended)
         assert "Traceback" not in trial.err and trial.ended < SOON, about
@@ -149,8 +157,8 @@ def test_ctrl_c(name, small, tmp_path):
 
 
 def renaming(folder: Path, seconds: float, sleep: float) -> tuple[int, str]:
-    """(exit code, stderr) of a process that puts FILES in place over older ones and sleeps, sent the signal `seconds` after it
-    begins, or, where it sleeps, after it is done."""
+    """(exit code, stderr) of a process that puts FILES in place over older ones and sleeps, sent
+    the signal `seconds` after it begins, or, where it sleeps, after it is done."""
     folder.mkdir()
     for k in range(FILES):
         (folder / f"{k:04}").write_text("old")

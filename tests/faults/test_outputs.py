@@ -1,4 +1,6 @@
-"""Whatever a disk, a limit or a kill does to a run: its outputs are there as a whole, or as before."""
+"""Whatever a disk, a limit or a kill does to a run: its outputs are there as a whole, or as
+before.
+"""
 
 import csv
 import hashlib
@@ -115,7 +117,9 @@ def one_sentence(said):
 
 
 def same_run(folder):
-    """Whether the preview's files are of one run: the table's times are in the plan, too, and the pictures those of its frames."""
+    """Whether the preview's files are of one run: the table's times are in the plan, too, and the
+    pictures those of its frames.
+    """
     plan = json.loads((folder / "plan.json").read_text())
     with (folder / "frames.csv").open() as file:
         rows = list(csv.DictReader(file))

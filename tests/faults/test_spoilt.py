@@ -1,4 +1,6 @@
-"""Files that a script, a hand or another version has spoilt: every step refuses in one sentence, and leaves nothing behind."""
+"""Files that a script, a hand or another version has spoilt: every step refuses in one sentence,
+and leaves nothing behind.
+"""
 
 import os
 import random
@@ -84,7 +86,9 @@ STEPS = (
 
 
 def spoil_property(scene, dice):
-    """Give a custom property of ours another value, of any type, or none; each name as often as another."""
+    """Give a custom property of ours another value, of any type, or none; each name as often as
+    another.
+    """
     names = {}
     for block in [*bpy.data.user_map(), *scene.crowd_lod.characters.children]:
         for key in {*block.keys(), "stride"}:
@@ -131,7 +135,9 @@ def spoil_setting(scene, dice):
 
 
 def spoil_structure(scene, dice):
-    """Remove, empty, rename or move something that Crowd LOD made, or the characters are made of."""
+    """Remove, empty, rename or move something that Crowd LOD made, or the characters are made
+    of.
+    """
     tops = [scene.crowd_lod.levels, scene.crowd_lod.build, scene.crowd_lod.characters]
     home = dice.choice([top for top in tops if top] or [scene.collection])
     while home.children and dice.random() < 0.7:

@@ -1,4 +1,6 @@
-"""Undo and redo after our operators, in random orders. CROWD_LOD_TRIALS=10 takes ten times as many."""
+"""Undo and redo after our operators, in random orders. CROWD_LOD_TRIALS=10 takes ten times as
+many.
+"""
 
 import os
 import subprocess

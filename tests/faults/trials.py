@@ -1,7 +1,9 @@
-"""A Blender that runs one command after another, each under a limit on the size of files, and says how it went.
+"""A Blender that runs one command after another, each under a limit on the size of files, and says
+how it went.
 
-Reads trials as lines of JSON, {"words": [...], "limit": bytes or null}, and answers each with {"status": ..., "said": ...},
-what came on stderr. The word "operator" stands for the sidebar's Preview: operator FILE FOLDER.
+Reads trials as lines of JSON, {"words": [...], "limit": bytes or null}, and answers each with
+{"status": ..., "said": ...}, what came on stderr. The word "operator" stands for the sidebar's
+Preview: operator FILE FOLDER.
 """
 
 import json

@@ -1,8 +1,9 @@
 """Random orders of our operators, undo and redo: python undo_sequences.py FOLDER FIRST_SEED COUNT.
 
-FOLDER takes the file that each sequence starts from, a small crowd, and previews. Each step is printed before it is taken, so that the last line
-names the step that crashed Blender. Every state that an undo or a redo leads to must be one that the file was in
-before. tests/ui/undo_keys.py takes the same steps in a window.
+FOLDER takes the file that each sequence starts from, a small crowd, and previews. Each step is
+printed before it is taken, so that the last line names the step that crashed Blender. Every state
+that an undo or a redo leads to must be one that the file was in before. tests/ui/undo_keys.py takes
+the same steps in a window.
 """
 
 import random
@@ -15,7 +16,9 @@ import bpy
 STEPS = 9
 IN_A_WINDOW = "inspect", "render_viewport"
 WEIGHTS = {"build": 6, "bake": 4, "make_levels": 3, "remove_build": 2}
-KINDS = "actions armatures cameras collections lights materials meshes node_groups objects scenes texts".split()
+KINDS = (
+    "actions armatures cameras collections lights materials meshes node_groups objects scenes texts"
+).split()
 MARK = "undo sequences"  # a world, whose property `step` tells in which step's state the file is
 
 
@@ -85,7 +88,9 @@ def named(name: str) -> dict:
 
 
 def quicken(scene: bpy.types.Scene, folder: str = "") -> None:
-    """Make a new sample scene quick to work with; what it writes goes to the folder, if there is one."""
+    """Make a new sample scene quick to work with; what it writes goes to the folder, if there is
+    one.
+    """
     settings = scene.crowd_lod
     scene.frame_end, settings.method, settings.count = 5, "DECIMATE", min(settings.count, 200)
     settings.frames, settings.width = "1,5", 64
@@ -126,7 +131,9 @@ def use(chance: random.Random) -> None:
 
 
 def state() -> list:
-    """What the file holds: names by kind, what is in each collection and object, what the settings name."""
+    """What the file holds: names by kind, what is in each collection and object, what the settings
+    name.
+    """
     found = [sorted(block.name_full for block in getattr(bpy.data, kind)) for kind in KINDS]
     found.append(
         sorted(image.name_full for image in bpy.data.images if image.type != "RENDER_RESULT")
@@ -150,7 +157,9 @@ def _chosen(settings) -> list:
 
 
 def saved(folder: str) -> str:
-    """The path of a file with the sample scene `chapter`, of rough characters and few frames, populated."""
+    """The path of a file with the sample scene `chapter`, of rough characters and few frames,
+    populated.
+    """
     from crowd_lod_extension import sample_scenes
 
     bpy.ops.wm.read_homefile(use_empty=True)

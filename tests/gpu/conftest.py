@@ -7,7 +7,8 @@ import pytest
 
 @pytest.fixture(scope="module", autouse=True)
 def extension(tmp_path_factory, rough_levels, rough_characters):
-    import bpy  # not above: this file is read where there is no Blender, too, and gpu comes with bpy
+    # not above: this file is read where there is no Blender, too, and gpu comes with bpy
+    import bpy
     import gpu
     from crowd_lod_extension.operators import registration
 

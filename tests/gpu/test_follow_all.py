@@ -1,4 +1,6 @@
-"""The overlay follows everything that the plan follows: eyes, shutter, height and detail maps, hysteresis."""
+"""The overlay follows everything that the plan follows: eyes, shutter, height and detail maps,
+hysteresis.
+"""
 
 import bpy
 import numpy as np

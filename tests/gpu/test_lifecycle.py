@@ -1,4 +1,6 @@
-"""Enabled and disabled a hundred times, the extension leaves nothing: handlers, timers, classes, things on the GPU."""
+"""Enabled and disabled a hundred times, the extension leaves nothing: handlers, timers, classes,
+things on the GPU.
+"""
 
 import gc
 import weakref

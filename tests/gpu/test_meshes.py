@@ -1,4 +1,6 @@
-"""LOD meshes as the overlay draws them: skinning against NumPy and Blender, places, dither and colors by pixels."""
+"""LOD meshes as the overlay draws them: skinning against NumPy and Blender, places, dither and
+colors by pixels.
+"""
 
 from dataclasses import replace
 
@@ -83,7 +85,9 @@ def characters(scene):
 
 @pytest.fixture(scope="module", params=["FRAMES", "JOINTS"])
 def cast(characters, request):
-    """Meshes skinned at each frame of the action beforehand, and skinned while they are drawn, as very large ones are."""
+    """Meshes skinned at each frame of the action beforehand, and skinned while they are drawn, as
+    very large ones are.
+    """
     with pytest.MonkeyPatch.context() as patch:
         if request.param == "JOINTS":
             patch.setattr(gpu_side, "MOST_SKINNED", 0)
@@ -108,7 +112,9 @@ def row(x, y, z=0.0, heading=0.0, phase=0.0, color=0, share=0.0, pitch=0.0, roll
 
 
 def placed(what, cast, group, level) -> np.ndarray:
-    """Where the shader puts each vertex of the mesh, (agents, vertices, 3): the pixels of a float32 target."""
+    """Where the shader puts each vertex of the mesh, (agents, vertices, 3): the pixels of a float32
+    target.
+    """
     mesh = cast.characters[group].meshes[level]
     kind = cast.kind(level, group)
     info, between = (

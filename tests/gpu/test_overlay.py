@@ -54,7 +54,9 @@ def viewer():
 
 
 def picture(what, viewer, depth=1.0):
-    """What the overlay draws, (HEIGHT, WIDTH, 4) float32, bottom row first, over black at this depth."""
+    """What the overlay draws, (HEIGHT, WIDTH, 4) float32, bottom row first, over black at this
+    depth.
+    """
     depsgraph = bpy.context.evaluated_depsgraph_get()
     canvas = gpu.types.GPUOffScreen(WIDTH, HEIGHT, format="RGBA32F")
     try:

@@ -89,7 +89,9 @@ def test_agents_and_scenery_hide_each_other(scene, canvas):
 
 
 def test_agents_have_the_colors_that_a_viewport_gives_them_to_the_bit(scene, canvas):
-    """A viewport's overlays are painted into an sRGB texture, whose light is then shown with a gamma of 2.2."""
+    """A viewport's overlays are painted into an sRGB texture, whose light is then shown with a
+    gamma of 2.2.
+    """
     from gpu.types import GPUFrameBuffer, GPUTexture
 
     view, projection = matrices(scene)

@@ -45,7 +45,9 @@ def tube(
 
 
 def rig(name: str = "rig") -> bpy.types.Object:
-    """An armature with a lower and an upper bone; the upper one bends forward from frame 1 to 10."""
+    """An armature with a lower and an upper bone; the upper one bends forward from frame 1 to
+    10.
+    """
     armature = bpy.data.objects.new(name, bpy.data.armatures.new(name))
     bpy.context.scene.collection.objects.link(armature)
     bpy.context.view_layer.objects.active = armature

@@ -3,7 +3,8 @@
 import bpy
 from crowd_lod_extension.operators.blender.scene_data import set_node_input
 
-# kind of socket -> its value at first, and another one; those that name data-blocks have none at first
+# kind of socket -> its value at first, and another one; those that name data-blocks have none at
+# first
 INPUTS = {
     "Float": (1.0, 2.0),
     "Int": (1, 2),

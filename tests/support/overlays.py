@@ -21,7 +21,8 @@ GROUPS = (Group("adult", 0.9, 1.0, 0.0, 1.0), Group("child", 0.6, 0.7, 0.0, 1.0)
 POLICY = LevelPolicy((0.25, 0.5))
 
 
-# Feet, group, and the LOD, None for culled, seen by a camera at (0, 0, 1) that looks along +y as far as 40 m.
+# Feet, group, and the LOD, None for culled, seen by a camera at (0, 0, 1) that looks along +y as
+# far as 40 m.
 AGENTS = (
     ((0.0, 5.0, 0.0), 0, 0),
     ((2.0, 9.0, 0.0), 1, 0),

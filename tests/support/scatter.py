@@ -8,7 +8,8 @@ from mathutils import Matrix
 def scatter(
     scene, count=60, instances=False, attributes=(), where=(0.0, 0.0, 0.0)
 ) -> bpy.types.Object:
-    """Return an object with `count` points in a row along x, which move by (0, 1, 0) meters a second.
+    """Return an object with `count` points in a row along x, which move by (0, 1, 0) meters a
+    second.
 
     instances: cones on the points, turned by their index in radians, instead of the points.
     attributes: (name, data type, values) that the points get.

@@ -15,7 +15,9 @@ def same(one, other):
 
 
 def odd(crowd, random, machine, world):
-    """With agents on the map's border or next to it, on cells' borders, beyond the map, and mirrored."""
+    """With agents on the map's border or next to it, on cells' borders, beyond the map, and
+    mirrored.
+    """
     x, y = crowd.x.copy(), crowd.y.copy()
     right = random.choice([AREA.x_max, np.nextafter(AREA.x_max, 0)])
     x[::11], x[1::11], y[2::11], y[3::11] = AREA.x_min, right, AREA.y_min, AREA.y_max

@@ -30,7 +30,9 @@ def sometimes(strategy, otherwise=None):
 
 @st.composite
 def tables(draw):
-    """A table of one to three states over two labels: who stands, walks, changes, draws or is timed."""
+    """A table of one to three states over two labels: who stands, walks, changes, draws or is
+    timed.
+    """
     names = ["a", "b", "c"][: draw(st.integers(1, 3))]
     still, constant = draw(st.booleans()), draw(st.booleans())
     part = st.integers(-3000, 3000).map(lambda hundredths: hundredths / 100)
@@ -83,7 +85,9 @@ def policies(draw, groups=1):
 
 @st.composite
 def trajectories(draw, groups, counts):
-    """A crowd of these groups, one or more, that does as any table says, on flat ground or on hills."""
+    """A crowd of these groups, one or more, that does as any table says, on flat ground or on
+    hills.
+    """
     own = tuple(draw(st.lists(st.sampled_from(groups), min_size=1, max_size=3)))
     heights = draw(
         sometimes(generators.map(lambda random: HeightMap(random.random((4, 5), np.float32), AREA)))
@@ -100,7 +104,9 @@ def trajectories(draw, groups, counts):
 
 @st.composite
 def shots(draw, groups, counts):
-    """(trajectory, camera, policy, shutter, bias) as `plan` takes them, before and after the time."""
+    """(trajectory, camera, policy, shutter, bias) as `plan` takes them, before and after the
+    time.
+    """
     trajectory, camera = draw(trajectories(groups, counts)), draw(cameras_of_crowd())
     shutter, eyes = (), camera if isinstance(camera, tuple) else (camera,)
     if draw(st.booleans()):

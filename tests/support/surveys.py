@@ -20,7 +20,8 @@ BOUNDS = (
 
 
 def some_shot(seed, agents=3, frames=5, lods=3, engine="EEVEE", tolerance=None, seen=0.7, each=1):
-    """Agents of two groups, with `each` characters a group, that come and go before a camera that cuts.
+    """Agents of two groups, with `each` characters a group, that come and go before a camera that
+    cuts.
 
     Their scales are whole pixels a meter, and sometimes double in a frame.
     tolerance: pixels; None for LODs that are allowed at random.
@@ -49,7 +50,9 @@ def some_shot(seed, agents=3, frames=5, lods=3, engine="EEVEE", tolerance=None, 
 
 
 def pixels_of(shot, f, agent, before, after):
-    """By how many pixels a switch of the agent in frame f changes the picture; 0 where nobody sees it."""
+    """By how many pixels a switch of the agent in frame f changes the picture; 0 where nobody sees
+    it.
+    """
     survey = shot.survey
     if (
         f == 0

@@ -12,7 +12,9 @@ GROUPS = (walker(), IDLER, walker(stride=0.7))
 
 
 def wanderers(agents=300, frames=200, rate=16.0, seed=1, gaps=True, z=False):
-    """Rows of agents who enter and leave, walk at speeds that change, stand now and then, and are lost for some frames."""
+    """Rows of agents who enter and leave, walk at speeds that change, stand now and then, and are
+    lost for some frames.
+    """
     random = np.random.default_rng(seed)
     parts = []
     for agent in range(agents):

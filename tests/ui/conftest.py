@@ -1,8 +1,8 @@
 """A real Blender, installed from the zip, whose window a script uses.
 
-BLENDER names the executable. BLENDER_UI names one that runs Blender in a window; without it BLENDER itself does where
-there is a display, or else xvfb-run. CROWD_LOD_ZIP is the extension's zip; without it one is built. CROWD_LOD_PICTURES
-is the folder that keeps results and pictures.
+BLENDER names the executable. BLENDER_UI names one that runs Blender in a window; without it BLENDER
+itself does where there is a display, or else xvfb-run. CROWD_LOD_ZIP is the extension's zip;
+without it one is built. CROWD_LOD_PICTURES is the folder that keeps results and pictures.
 """
 
 import json
@@ -59,13 +59,14 @@ def installed(archive, tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def used(installed, tmp_path_factory):
-    """(script, word ...) -> the results that the script wrote, what Blender printed, and its exit status.
+    """(script, word ...) -> the results that the script wrote, what Blender printed, and its exit
+    status.
 
     small: in a small window, which software OpenGL draws several times as fast.
     """
 
-    # A cache of shaders of this process's Blenders alone, which start one after the other: two versions of Mesa
-    # truncate each other's, under a Blender that has it mapped.
+    # A cache of shaders of this process's Blenders alone, which start one after the other: two
+    # versions of Mesa truncate each other's, under a Blender that has it mapped.
     shaders = tmp_path_factory.mktemp("shaders")
 
     def use(script: str, *words: str, small: bool = False) -> dict:

@@ -1,4 +1,6 @@
-"""Steps of session.py: pointing at agents, and all that may happen to a scene, a file or a window while the overlay is on."""
+"""Steps of session.py: pointing at agents, and all that may happen to a scene, a file or a window
+while the overlay is on.
+"""
 
 import bpy
 import robot

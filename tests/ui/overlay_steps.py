@@ -40,7 +40,9 @@ def shown():
 
 
 def followed(change, condition):
-    """Whether the condition on what is shown came to hold after the change, all by itself, and did not before."""
+    """Whether the condition on what is shown came to hold after the change, all by itself, and did
+    not before.
+    """
     before = condition(shown())
     change()
     yield from robot.until(lambda: shown().frame is not None and condition(shown()), 10.0)

@@ -1,7 +1,7 @@
 """A wall painted in Blender's window: blender --python paint_steps.py -- FOLDER.
 
-Presses New Map and a label, paints with the mouse in Texture Paint, and sees what the crowd does; then moves a mesh that lays
-a label over the map. Populate is pressed once, before all of it.
+Presses New Map and a label, paints with the mouse in Texture Paint, and sees what the crowd does;
+then moves a mesh that lays a label over the map. Populate is pressed once, before all of it.
 """
 
 import sys

@@ -1,8 +1,10 @@
-"""Draws our panels in any state of file and settings: blender --python panel_states.py -- FOLDER PORT.
+"""Draws our panels in any state of file and settings: blender --python panel_states.py -- FOLDER
+PORT.
 
-test_panels.py listens on the PORT of this machine. It gets one line that says what settings there are, and sends the
-changes that make a state, a line each. After each change all panels are drawn and all polls asked; the answer to a line
-is what was said on stderr, and which panels were drawn. All panels are open.
+test_panels.py listens on the PORT of this machine. It gets one line that says what settings there
+are, and sends the changes that make a state, a line each. After each change all panels are drawn
+and all polls asked; the answer to a line is what was said on stderr, and which panels were drawn.
+All panels are open.
 """
 
 import contextlib

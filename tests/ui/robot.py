@@ -1,4 +1,6 @@
-"""Eyes and hands of session.py: presses buttons and keys in Blender's window, takes pictures, compares."""
+"""Eyes and hands of session.py: presses buttons and keys in Blender's window, takes pictures,
+compares.
+"""
 
 import faulthandler
 import json
@@ -16,10 +18,12 @@ import bpy
 MODULE = "bl_ext.user_default.crowd_lod"
 PATIENCE = 900.0  # seconds until a button's work counts as hung, on a machine with much else to do
 KINDS = (
-    "actions armatures cameras collections images lights materials meshes node_groups objects scenes texts worlds"
+    "actions armatures cameras collections images lights materials meshes node_groups objects "
+    "scenes texts worlds"
 ).split()
 pictures = []
-_draws = []  # one for each drawing of a viewport's header: the last of it, also where overlays are hidden
+# one for each drawing of a viewport's header: the last of it, also where overlays are hidden
+_draws = []
 
 
 class Counted:
@@ -132,7 +136,8 @@ def over(kind="WINDOW"):
 
 
 def press(button: str, /, escape_after: float | None = None, **properties):
-    """Press the button of the operator; wait until its work is done, or press Esc after some seconds.
+    """Press the button of the operator; wait until its work is done, or press Esc after some
+    seconds.
 
     Returns FINISHED or CANCELLED, MODAL where Blender keeps to itself how it ended, or what it
     raised.
@@ -224,7 +229,9 @@ def toggle():
 
 
 def picture(name: str):
-    """Save a picture of the window, or, where there is no ImageMagick, the one that Blender takes of itself."""
+    """Save a picture of the window, or, where there is no ImageMagick, the one that Blender takes
+    of itself.
+    """
     yield 0.4
     path = _folder / f"{name}.png"
     if shutil.which("import") and os.environ.get("DISPLAY"):

@@ -1,7 +1,8 @@
 """What a user does, in a real Blender window: blender --python session.py -- FOLDER [STEP ...].
 
-Presses every button, as the sidebar does, waits until its work is done, looks at what came of it, takes a picture, and
-writes all it saw to FOLDER/results.json, which test_window.py judges. Only bpy and the standard library.
+Presses every button, as the sidebar does, waits until its work is done, looks at what came of it,
+takes a picture, and writes all it saw to FOLDER/results.json, which test_window.py judges. Only bpy
+and the standard library.
 """
 
 import shutil
@@ -110,7 +111,9 @@ def sample():
 
 
 def timeline():
-    """The overlay follows the frame, the camera and the settings, and computes nothing while all stands still."""
+    """The overlay follows the frame, the camera and the settings, and computes nothing while all
+    stands still.
+    """
     found = {"frame 60": (yield from after(lambda: scene().frame_set(60)))}
     first = overlay().latest(scene())
     for _ in range(5):

@@ -1,4 +1,6 @@
-"""A small crowd in a saved file that has all that our buttons need, for undo_keys.py and panel_states.py."""
+"""A small crowd in a saved file that has all that our buttons need, for undo_keys.py and
+panel_states.py.
+"""
 
 import bpy
 import robot
@@ -11,7 +13,9 @@ worked: set[str] = set()  # the buttons that did their work, or at least began i
 
 
 def pressed(name: str):
-    """Press a button of ours in the window; Esc ends what waits for the mouse, and closes a message."""
+    """Press a button of ours in the window; Esc ends what waits for the mouse, and closes a
+    message.
+    """
     status = yield from robot.press(
         f"crowd_lod.{name}", escape_after=0.2 if name == "inspect" else None, **named(name)
     )
@@ -28,7 +32,9 @@ def opened(path: str):
 
 
 def saved(path: str, folder: str):
-    """Save a small plaza with all that our buttons need, whose shot plan and previews are in the folder."""
+    """Save a small plaza with all that our buttons need, whose shot plan and previews are in the
+    folder.
+    """
     rough.use(robot.MODULE)
     bpy.context.preferences.system.viewport_aa = (
         "OFF"  # software OpenGL draws sixteen samples a pixel otherwise

@@ -1,4 +1,6 @@
-"""The overlay in a real Blender's window: what it shows is never old, and it draws nothing where it should not. overlay_steps.py."""
+"""The overlay in a real Blender's window: what it shows is never old, and it draws nothing where it
+should not. overlay_steps.py.
+"""
 
 import pytest
 

@@ -1,4 +1,6 @@
-"""A wall painted with the real brush in a real Blender's window, and a mesh as a wall: paint_steps.py."""
+"""A wall painted with the real brush in a real Blender's window, and a mesh as a wall:
+paint_steps.py.
+"""
 
 import pytest
 

@@ -1,4 +1,5 @@
-"""No state of file and settings makes a panel, a list, a menu or a poll raise, in a real Blender's window: panel_states.py.
+"""No state of file and settings makes a panel, a list, a menu or a poll raise, in a real Blender's
+window: panel_states.py.
 
 CROWD_LOD_TRIALS=10 takes ten times as many states.
 """
@@ -13,8 +14,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 STATES = 15 * int(os.environ.get("CROWD_LOD_TRIALS", "1"))
-BUTTONS = "populate remove_build remove_plan add_exception remove_exception move_exception except_agent edit_agent find_agents erase go_to_switch machine_preset".split()
-BUTTONS += "machine_add machine_remove machine_duplicate machine_move new_map add_area remove_area move_area refresh_areas".split()
+BUTTONS = (
+    "populate remove_build remove_plan add_exception remove_exception move_exception "
+    "except_agent edit_agent find_agents erase go_to_switch machine_preset"
+).split()
+BUTTONS += (
+    "machine_add machine_remove machine_duplicate machine_move new_map add_area "
+    "remove_area move_area refresh_areas"
+).split()
 TEXTS = "", "garbage.npz", "plan.npz", "//gone/plan.npz", "a\tb\nc", "\n", "1,5", "x" * 300
 
 

@@ -1,4 +1,6 @@
-"""What session.py saw in a real Blender's window is judged here; conftest.py says what that needs."""
+"""What session.py saw in a real Blender's window is judged here; conftest.py says what that
+needs.
+"""
 
 import pytest
 

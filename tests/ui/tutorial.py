@@ -1,7 +1,8 @@
 """The five minutes of docs/tutorial.md: blender --python tutorial.py -- FOLDER.
 
-Starts where a user starts: Blender's default scene, with a character of their own in place of the cube. Then clicks the
-blue button of the sidebar, again and again, and takes a picture after each step.
+Starts where a user starts: Blender's default scene, with a character of their own in place of the
+cube. Then clicks the blue button of the sidebar, again and again, and takes a picture after each
+step.
 """
 
 import json
@@ -104,7 +105,9 @@ def click(x: int, y: int):
 
 
 def blue_button(seen: np.ndarray) -> tuple[int, int]:
-    """Where the topmost button is that is drawn as the default one, near its upper left end: in the window, from below."""
+    """Where the topmost button is that is drawn as the default one, near its upper left end: in the
+    window, from below.
+    """
     region = robot.sidebar(robot.view_3d())
     blue = bpy.context.preferences.themes[0].user_interface.wcol_tool.inner_sel[:3]
     part = seen[region.y : region.y + region.height, region.x : region.x + region.width, :3]

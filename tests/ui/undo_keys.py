@@ -1,10 +1,12 @@
-"""Two and three buttons, Ctrl-Z and Ctrl-Shift-Z: blender --python undo_keys.py -- FOLDER FIRST COUNT.
+"""Two and three buttons, Ctrl-Z and Ctrl-Shift-Z: blender --python undo_keys.py -- FOLDER FIRST
+COUNT.
 
-All pairs of our operators, and fifty random triples, are in as many parts as there are operators; COUNT parts are taken,
-from the FIRST on, which is 0. They are taken in a saved file of the plaza that has a build, a shot plan and exceptions,
-with the overlay on, after Render Viewport Image and Preview. After each pair or triple all is undone, redone and undone
-again by keys; every state must be one that the file was in before. A crash ends Blender before results.json is written;
-the last line printed then names what crashed it.
+All pairs of our operators, and fifty random triples, are in as many parts as there are operators;
+COUNT parts are taken, from the FIRST on, which is 0. They are taken in a saved file of the plaza
+that has a build, a shot plan and exceptions, with the overlay on, after Render Viewport Image and
+Preview. After each pair or triple all is undone, redone and undone again by keys; every state must
+be one that the file was in before. A crash ends Blender before results.json is written; the last
+line printed then names what crashed it.
 """
 
 import random
@@ -61,7 +63,8 @@ def session():
 
 
 def makes_a_step(name: str) -> bool:
-    """Whether the button can make an undo step: not if it asks for a file, or adds a preset, which is a file of the user.
+    """Whether the button can make an undo step: not if it asks for a file, or adds a preset, which
+    is a file of the user.
 
     After such a button Ctrl-Z takes back what was done before it.
     """

@@ -12,8 +12,8 @@ def instances() -> bpy.types.GeometryNodeTree:
     """Return the node group that instances characters on points, in this version.
 
     Points: with the attributes heading, pitch, roll (radians) and pose (index). Instances of
-    collections come out, turned by Rz(heading) Ry(-pitch) Rx(roll) Rz(Turn), and scaled by 1 + size.
-    Points without pitch and roll stand upright; without size they have the character's.
+    collections come out, turned by Rz(heading) Ry(-pitch) Rx(roll) Rz(Turn), and scaled by 1 +
+    size. Points without pitch and roll stand upright; without size they have the character's.
 
     Inputs: Geometry, Characters (a collection with one child per character, in natural order of
     names), Turn (radians about z that turn a character to +x).
