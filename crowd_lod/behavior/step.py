@@ -21,7 +21,7 @@ import numpy as np
 
 from ..crowd import random_streams
 from ..crowd.agents import Crowd
-from ..crowd.leave_outs import NOTHING, ONE_LABEL, ONE_PACE, UNCHANGING, LeftOut
+from ..crowd.leave_outs import NOTHING, ONE_LABEL, LeftOut
 from ..crowd.maps import LabelMap
 from ..crowd.state_machine import StateMachine
 from ..progress import breath
@@ -101,8 +101,7 @@ def advance(
         breath()
         way.go()
     now = way.now
-    if ONE_PACE not in leave:
-        now.pace[:] = pace_of(now.x, now.y, now.state, machine, world)
+    now.pace[:] = pace_of(now.x, now.y, now.state, machine, world)
     return now, Tally(way.reads, way.held, way.pieces)
 
 
@@ -161,7 +160,7 @@ class _Way:
             wait=crowd.wait.copy() if machine.timed else crowd.wait,
             key=crowd.key.copy() if self.draws else crowd.key,
             mirror=crowd.mirror.copy() if self.reflects else crowd.mirror,
-            pace=crowd.pace if ONE_PACE in leave else np.empty_like(crowd.pace),
+            pace=np.empty_like(crowd.pace),
         )
         self.agents: np.ndarray | slice = slice(None)
         self.cell = np.array(world.cells(now.x, now.y))
@@ -210,12 +209,9 @@ class _Way:
             self.world.labels[:1, 0] if ONE_LABEL in self.leave else self.world.labels[row, column]
         )
         velocity = self.table.take(old.astype(np.intp) * len(machine.labels) + label, axis=1)
-        if UNCHANGING in self.leave:
-            changed = np.zeros(len(old), bool)
-        else:
-            new = machine.following(old, label, now.key[agents])
-            changed = new != old
-            now.state[agents] = new
+        new = machine.following(old, label, now.key[agents])
+        changed = new != old
+        now.state[agents] = new
         if self.reflects:
             velocity = velocity * np.stack(
                 [1.0 - 2 * (now.mirror[agents] & 1), 1.0 - (now.mirror[agents] & 2)]
