@@ -281,6 +281,12 @@ def _plan(commands, program: str) -> None:
         help="part by which the cost may grow to avoid switches in sight (default: the scene's)",
     )
     command.add_argument(
+        "--variety",
+        type=float,
+        metavar="PART",
+        help="part of close neighbors that may walk in step at most (default: the scene's)",
+    )
+    command.add_argument(
         "--blur",
         action="store_true",
         help="let LODs be as many pixels coarser as motion and focus blur them",

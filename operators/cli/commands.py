@@ -177,6 +177,7 @@ def _plan(args, command: list[str]) -> dict:
         budget=_budget(args, settings),
         keeps=True,
         blurred=args.blur or settings.plan_blurred,
+        variety=settings.variety if args.variety is None else args.variety,
     )
     with files.staged(folder) as part:
 

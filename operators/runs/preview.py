@@ -190,7 +190,8 @@ def _planned_shot(
     if settings.shot_plan or policy_of(settings).count < 2 or not 1 < len(frames) <= most:
         return None
     planned = yield from plan_shot(
-        stage, Wanted(frames, folder, settings.avoid_pops, budget_of(settings))
+        stage,
+        Wanted(frames, folder, settings.avoid_pops, budget_of(settings), variety=settings.variety),
     )
     write_levels(folder, planned)
     settings.shot_plan, settings.use_shot_plan = str(folder / plan_file.NAME), True
