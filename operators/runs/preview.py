@@ -40,7 +40,7 @@ from ..shot.shot_plan import Planned, Wanted, budget_of, plan_shot, shot_json, w
 from ..sources.record_points import on_record
 from . import lod_table, top_view
 from .preview_plan import plan_json
-from .preview_stage import Preview, Rendered, Staged, leaves_out, shade, sized, staged
+from .preview_stage import Preview, Rendered, Staged, color_of, leaves_out, shade, sized, staged
 from .shared_frames import ALONE, Sharing, made, state_of
 
 MOST_IN_SHEET = 24  # frames on the contact sheet
@@ -328,7 +328,7 @@ class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
             folder=output_folder(context.scene, "preview"),
             width=settings.width,
             engine=settings.engine,
-            color=settings.overlay_color if settings.engine == "OVERLAY" else settings.color,
+            color=color_of(settings),
         )
         yield from preview(context.scene, wanted, ["sidebar"])
         note_output(context.scene, "preview")
