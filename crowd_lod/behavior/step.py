@@ -12,7 +12,8 @@ sides of cells, never through a corner, and passes no wall, not even one whose c
 their corners. A timer that ends within a step cuts it too.
 
 The cost of a step is bounded. Cells of one label are passed at once. An agent that turns more often
-than its way is worth is stuck, in a corner between walls, say: it stands until the step ends.
+than its way is worth is stuck, in a corner between walls, say: it stands until the step ends. So does one
+that the table leads round and round in place.
 """
 
 from dataclasses import dataclass, replace
@@ -21,7 +22,7 @@ import numpy as np
 
 from ..crowd import random_streams
 from ..crowd.agents import Crowd
-from ..crowd.leave_outs import NOTHING, ONE_LABEL, ONE_PACE, UNCHANGING, LeftOut
+from ..crowd.leave_outs import NOTHING, ONE_LABEL, LeftOut
 from ..crowd.maps import LabelMap
 from ..crowd.state_machine import StateMachine
 from ..progress import breath
@@ -101,8 +102,7 @@ def advance(
         breath()
         way.go()
     now = way.now
-    if ONE_PACE not in leave:
-        now.pace[:] = pace_of(now.x, now.y, now.state, machine, world)
+    now.pace[:] = pace_of(now.x, now.y, now.state, machine, world)
     return now, Tally(way.reads, way.held, way.pieces)
 
 
@@ -161,7 +161,7 @@ class _Way:
             wait=crowd.wait.copy() if machine.timed else crowd.wait,
             key=crowd.key.copy() if self.draws else crowd.key,
             mirror=crowd.mirror.copy() if self.reflects else crowd.mirror,
-            pace=crowd.pace if ONE_PACE in leave else np.empty_like(crowd.pace),
+            pace=np.empty_like(crowd.pace),
         )
         self.agents: np.ndarray | slice = slice(None)
         self.cell = np.array(world.cells(now.x, now.y))
@@ -170,6 +170,9 @@ class _Way:
         # for longer, it has met one twice
         self.patience = max(PIECES, 4 * len(machine.states) + 4) if exact else PIECES
         self.left = np.full(len(crowd), float(self.patience))
+        self.idle = np.zeros(len(crowd), np.intp)
+        self.mark = np.full(len(crowd), -1)
+        self.rounding = 4 * np.spacing(np.abs(area.bounds).max())
         self.held, self.reads, self.pieces = np.zeros(len(crowd), bool), 0, 0
         self.size = np.array(world.cell)[:, None]
         # NumPy is several times faster along rows than across pairs
@@ -210,12 +213,9 @@ class _Way:
             self.world.labels[:1, 0] if ONE_LABEL in self.leave else self.world.labels[row, column]
         )
         velocity = self.table.take(old.astype(np.intp) * len(machine.labels) + label, axis=1)
-        if UNCHANGING in self.leave:
-            changed = np.zeros(len(old), bool)
-        else:
-            new = machine.following(old, label, now.key[agents])
-            changed = new != old
-            now.state[agents] = new
+        new = machine.following(old, label, now.key[agents])
+        changed = new != old
+        now.state[agents] = new
         if self.reflects:
             velocity = velocity * np.stack(
                 [1.0 - 2 * (now.mirror[agents] & 1), 1.0 - (now.mirror[agents] & 2)]
@@ -309,17 +309,41 @@ class _Way:
         on = np.flatnonzero(self.rest > 0)
         cells = piece.span[on] * np.abs(piece.walkers.velocity.take(on, 1) / self.size).max(axis=0)
         left = np.minimum(self.left[on] + PIECES_A_CELL * cells, self.patience) - 1
-        stuck = left <= 0
+        stuck = (left <= 0) | self._goes_in_rounds(piece, on)
         if stuck.any():
             stand = self.who(on[stuck])
             self.held[stand] = True
             if self.machine.timed:
                 self.now.wait[stand] -= self.rest[on[stuck]]
             on, left = on[~stuck], left[~stuck]
+            self.idle = self.idle[~stuck]
+            self.mark = self.mark[~stuck]
         self.agents = self.who(on)
         self.cell = self.cell.take(on, 1)
         self.rest = self.rest[on]
         self.left = left
+
+    def _goes_in_rounds(self, piece: _Piece, on: np.ndarray) -> np.ndarray:
+        """Return (j,) bool, agents that came back in place to a cell and state they were in.
+
+        The table leads them round and round in next to no time, so they never leave the place. Each
+        agent's condition is compared with the one it had 1, 2, 4, 8 ... pieces ago (Brent 1980).
+
+        on: (j,) intp, which of those on their way have time left.
+        """
+        machine = self.machine
+        span = piece.span[on]
+        moved = (np.abs(piece.walkers.velocity.take(on, 1)) * span).max(axis=0)
+        in_place = (moved <= self.rounding) & (PIECES * span < self.rest[on])
+        column, row = self.cell.take(on, 1)
+        state = self.now.state[self.who(on)]
+        condition = (row * self.world.labels.shape[1] + column) * len(machine.states) + state
+        condition = 4 * condition + self.now.mirror[self.who(on)]
+        rounds = in_place & (condition == self.mark[on])
+        self.idle = np.where(in_place, self.idle[on] + 1, 0)
+        is_power_of_two = (self.idle & (self.idle - 1)) == 0
+        self.mark = np.where(is_power_of_two, condition, self.mark[on])
+        return rounds & (not machine.chancy)  # a draw may lead out
 
 
 def _put(into: np.ndarray, some: np.ndarray, values: np.ndarray) -> None:

@@ -16,7 +16,7 @@ from .json_reader import FieldPath
 from .machine_draft import Draft, Table, draft, table_of
 
 # the usual order of a state's and of a rule's fields
-STATE_FIELDS = ("color", "start", "action", "animation", "fade", "after", "then", "on")
+STATE_FIELDS = ("color", "start", "action", "fade", "after", "then", "on")
 RULE_FIELDS = ("next", "move", "speed", "heading")
 LABEL_FIELDS = ("color", "spawn")
 ROOT_FIELDS = ("$schema", "version", "name", "edge", "labels", "states")

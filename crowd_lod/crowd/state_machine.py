@@ -16,7 +16,6 @@
 `then`: the state that follows when it ends, or an object of states and weights.
 `action`: the name of the action that agents in the state play; their group's own if left out.
 `fade`: seconds in which agents who come into the state pass over to its action; 0 if left out.
-`animation`: a note of the same, from before actions were played; it changes nothing.
 `start`: the weight of the state in the draw for the first frame.
 `spawn`: false keeps the first positions off a label.
 
@@ -314,7 +313,7 @@ class _Table:
     def read_state(self, s: int, state: str, entry: object) -> None:
         reader, path = self.reader, ("states", state)
         given = reader.table(
-            entry, path, {"color", "start", "action", "animation", "fade", "after", "then", "on"}
+            entry, path, {"color", "start", "action", "fade", "after", "then", "on"}
         )
         self.colors.append(reader.color(given.get("color", "#808080"), (*path, "color")))
         self.start.append(reader.number(given.get("start", 0), (*path, "start"), least=0))
@@ -326,7 +325,6 @@ class _Table:
                 f"cross-fades, rename it",
             )
         self.fade.append(reader.number(given.get("fade", 0), (*path, "fade"), least=0))
-        reader.string(given.get("animation", ""), (*path, "animation"))
         for one, other in (("after", "then"), ("then", "after")):
             if one in given and other not in given:
                 reader.fail((*path, other), f"is missing beside {one}; a timer needs both")

@@ -45,7 +45,6 @@ def timed(**changes):
         "after": [2, 5],
         "then": {"turn": 3, "walk": 1},
         "action": "stroll",
-        "animation": "run",
         "on": {"*": {"move": [1, 0]}},
     } | changes
     turn = {"after": 4, "then": "walk", "on": {"*": {"next": {"turn": 0, "walk": 2}}}}
@@ -172,7 +171,6 @@ MALFORMED = {
     ),
     "huge": (table(states={"w": WALK | {"start": 10**400}}), "finite number"),
     "action": (timed(action=3), "states.walk.action is 3"),
-    "animation": (timed(animation=3), "states.walk.animation is 3"),
     "no then": (table(states={"w": WALK | {"after": 3}}), "states.w.then is missing beside after"),
     "no after": (
         table(states={"w": WALK | {"then": "w"}}),

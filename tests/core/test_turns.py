@@ -185,6 +185,35 @@ def test_a_hundred_thousand_meters_a_second(edge, way):
         np.testing.assert_allclose(moved.y, expected[1], atol=1e-6)
 
 
+def wheel(turns):
+    """`turns` states that follow one another at each read, whose moves lead to one border."""
+    return {
+        f"s{k}": {
+            "start": int(k == 0),
+            "on": {
+                "ground": {"next": f"s{(k + 1) % turns}", "move": [1, 0]},
+                "wall": {"next": f"s{(k + 1) % turns}", "move": [-1, 0]},
+            },
+        }
+        for k in range(turns)
+    }
+
+
+@pytest.mark.parametrize("turns", [1, 2, 7])
+def test_who_goes_in_rounds_in_place_stands_after_few_pieces(turns):
+    world = LabelMap(np.array([[0, 1]], np.uint8), Area(0, 0, 2, 1))
+    crowd = crowd_at([(0.99, 0.5, 0), (0.2, 0.5, 0)])
+    moved, tally = advance(crowd, machine_of(wheel(turns)), world, FRAME)
+    assert tally.held.tolist() == [True, False] and tally.pieces <= 4 * 2 * turns
+    assert moved.x[0] == pytest.approx(1, abs=1e-12)
+
+
+def test_who_turns_many_times_in_place_and_then_walks_out_does_not_stand():
+    world = LabelMap(np.array([[0, 1]], np.uint8), Area(0, 0, 2, 1))
+    states = wheel(40) | {"s39": {"on": {"*": {"move": [-1, 0]}}}}
+    go_like_the_judge(crowd_at([(0.999, 0.5, 0)]), machine_of(states), world, FRAME, 1)
+
+
 def patches(random):
     """A map of large patches of three labels, with some cells of one strewn in."""
     labels = np.kron(random.integers(3, size=(4, 5)), np.ones((9, 7), int)).astype(np.uint8)
