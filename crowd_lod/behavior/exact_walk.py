@@ -6,7 +6,7 @@ agent reads the table until its state no longer changes, then walks to the next 
 reads it does not move, with one exception: a rule that heads out over the border on which the agent
 stands, as a wall's rule does, moves it out.
 
-A step (behavior/step.py) reads once in each piece. So the two agree, up to rounding, wherever a
+A step (behavior/plain_step.py) reads once in each piece. So the two agree, up to rounding, wherever a
 rule moves as the state that it leads to. Elsewhere an agent keeps the rule's own velocity for at
 most a step, and the error is of first order in the step.
 
@@ -25,7 +25,7 @@ from ..crowd.agents import Crowd
 from ..crowd.maps import LabelMap
 from ..crowd.state_machine import StateMachine
 from ..format import counted
-from .step import advance
+from .plain_step import advance
 
 
 def walk(
@@ -42,7 +42,7 @@ def walk(
         for ever. Agents between walls that touch at a corner and leave nearly no room are included.
     """
     moved, tally = advance(crowd, machine, world, seconds, exact=True)
-    return moved, tally.held
+    return moved, tally.stuck
 
 
 @dataclass(frozen=True)

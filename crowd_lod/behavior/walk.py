@@ -7,7 +7,7 @@ import threading
 import time as clock
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache, partial
+from functools import cached_property
 
 import numpy as np
 
@@ -20,11 +20,8 @@ from ..crowd.terrain import Ground, Terrain
 from ..crowd.velocity_bounds import STANDING, VelocityBounds
 from ..progress import aside
 from ..sources.trajectory import PART, States, Trajectory
-from .courant_number import check_speeds
-from .fading import fading
-from .lookahead import Ahead, look, onward, opened
-from .step import advance, pace_of, step
-from .tabulated_step import Tables
+from .plain_step import look_up_paces
+from .step import Steps
 
 # Bytes of the crowds that a trajectory keeps to go back to, beyond which it keeps fewer.
 MOST_KEPT = 2**30
@@ -51,11 +48,6 @@ def bounds_of_walk(machine: StateMachine, heights: Ground | None) -> VelocityBou
     if heights is not None:
         climb = (np.array(heights.steepest) * np.maximum(-low, high)).sum()
     return VelocityBounds(np.append(low, -climb), np.append(high, climb), fastest)
-
-
-def _tables(machine: StateMachine, world: LabelMap, seconds: float) -> Tables:
-    check_speeds(machine, world, seconds)
-    return Tables(machine, seconds)
 
 
 @dataclass(eq=False)
@@ -96,7 +88,7 @@ class Walk(Trajectory):
             if np.isinf(place).any():
                 self.start = replace(self.start, **{axis: np.where(np.isinf(place), np.nan, place)})
         self.gaits = gaits_of(self.groups, self.machine.paces, self.classes, self.start.group)
-        pace = pace_of(self.start.x, self.start.y, self.start.state, self.machine, self.world)
+        pace = look_up_paces(self.start.x, self.start.y, self.start.state, self.machine, self.world)
         self.start = replace(self.start, pace=pace)
         # on several floors the height is part of each step
         self._floors = (
@@ -123,11 +115,9 @@ class Walk(Trajectory):
         self._recent: tuple[tuple[int, Crowd], ...] = ((0, self._first),)
         self._looks_back = False
         self._ground: tuple[np.ndarray, np.ndarray] | None = None  # x, and the ground's z there
-        self._tables = lru_cache(maxsize=16)(partial(_tables, self.machine, self.world))
+        row = self.seconds_per_frame if self.leave else None
+        self._steps = Steps(self.machine, self.world, row, self.left_out)
         self._regrouped: Walk | None = None  # the last that was asked for
-        # a crowd, and what is known of its next steps
-        self._ahead: tuple[Crowd | None, Ahead | None] = None, None
-        self._looks_ahead = bool(self.leave)
 
     def at(self, time: float) -> Crowd:
         """Return the crowd at `time`, in frames."""
@@ -187,8 +177,8 @@ class Walk(Trajectory):
         walk = replace(
             self, start=bare, leave=leave, first_frame=int(time), _kept={}, _lock=threading.Lock()
         )
-        walk._looks_ahead = False
         walk.left_out = leave & self.left_out  # of the whole shot, not of what is still to come
+        walk._steps = Steps(self.machine, self.world, None, walk.left_out)
         return walk
 
     @cached_property
@@ -294,36 +284,10 @@ class Walk(Trajectory):
         # the first step takes who stands off the map onto it
         if STILL in self.left_out and crowd is not self._first:
             return crowd
-        seconds = frames * self.seconds_per_frame
-        tables, (known, ahead) = self._tables(seconds), self._ahead
-
-        about = self.machine, self.world
-
-        def long(some: Crowd, seconds: float) -> Crowd:
-            return advance(some, *about, seconds, leave=self.left_out)[0]
-
-        if known is not crowd:
-            ahead = (
-                look(crowd, self.machine, self.world, tables)
-                if frames == 1 and self._looks_ahead
-                else None
-            )
-        if ahead is not None and not ahead.turns:
-            whole = self._tables(self.seconds_per_frame)
-            ahead = opened(
-                crowd, ahead, self.machine, self.world, whole, partial(long, seconds=whole.seconds)
-            )
-            self._ahead = crowd, ahead
-        if ahead is None:
-            moved = step(crowd, *about, seconds, self.left_out, tables)
-        else:
-            moved, ahead = onward(crowd, ahead, tables, partial(long, seconds=seconds))
-        moved = fading(crowd, moved, self.machine, seconds)
+        moved = self._steps.after(crowd, frames * self.seconds_per_frame)
         moved = self.gaits.joined(crowd, moved, self.seconds(self.first_frame + since + frames))
         if self._floors is not None:
             moved = replace(moved, z=_climbed(self._floors, crowd, moved))
-        if frames == 1:
-            self._ahead = moved, ahead
         return moved
 
     def _keep(self, frame: int, crowd: Crowd) -> None:
@@ -377,8 +341,6 @@ class Walk(Trajectory):
             before, frame, crowd = (frame, crowd), frame + 1, self._step(crowd, 1.0, frame)
             if frame % self.every == 0 or (frame == 1 and STILL in self.left_out):
                 self._keep(frame, crowd)
-                if self._ahead[1] is None:
-                    self._ahead = None, None  # to look again
             self._recent = ((frame, crowd), before) if self._looks_back else ((frame, crowd),)
         return frame, crowd
 
