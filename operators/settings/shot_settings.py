@@ -141,7 +141,7 @@ class PreviewSettings:
         description="Camera of the second picture; none looks straight down on crowd and frustum",
     )
     step: IntProperty(
-        name="Step", default=10, min=1, description="Preview every so many frames of a range"
+        name="Step", default=10, min=1, description="Take every so many frames of a range"
     )
     width: IntProperty(
         name="Width",

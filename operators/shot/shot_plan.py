@@ -92,11 +92,6 @@ def plan_shot(scene: bpy.types.Scene, wanted: Wanted) -> Generator[float, None, 
 
     LOD meshes that are missing are made. Nothing else in the scene changes.
     """
-    if not 0 <= wanted.variety <= 1:
-        raise CrowdError(
-            f"Variety is {wanted.variety:g}; give the part of close neighbors that may be in step, "
-            f"such as 0.05."
-        )
     if not 0 <= wanted.avoid < 1e6:
         raise CrowdError(
             f"Avoid Pops is {wanted.avoid:g}; give the part of the cost that it may add, such as "
@@ -249,7 +244,21 @@ def sentence(planned: Planned) -> str:
 def budget_of(settings) -> Budget:
     """Return the budget that the settings give; 0 is no limit."""
     return Budget(
-        triangles=settings.budget_triangles or inf, memory=1e6 * settings.budget_memory or inf
+        triangles=settings.budget_triangles or inf,
+        memory=1e6 * round(settings.budget_memory, 3) or inf,
+    )
+
+
+def wanted_of(scene: bpy.types.Scene, folder: Path, frames: Sequence[int]) -> Wanted:
+    """Return what the scene's settings ask of a plan of the `frames`."""
+    settings = scene.crowd_lod
+    return Wanted(
+        frames,
+        folder,
+        avoid=round(settings.avoid_pops, 6),
+        budget=budget_of(settings),
+        blurred=settings.plan_blurred,
+        variety=round(settings.variety, 6),
     )
 
 
@@ -268,14 +277,7 @@ class CROWDLOD_OT_plan_shot(Stepwise, bpy.types.Operator):
         place = output_path(scene, "plan")
         folder = full_path(place)
         with files.staged(folder, plan_file.NAME) as part:
-            wanted = Wanted(
-                scene_data.frames_of(scene),
-                folder,
-                settings.avoid_pops,
-                budget_of(settings),
-                blurred=settings.plan_blurred,
-                variety=settings.variety,
-            )
+            wanted = wanted_of(scene, folder, scene_data.frames_of(scene))
             planned = yield from share(plan_shot(scene, wanted), 0.0, 0.99)
             yield from standing(write_plan(scene, part, planned, ["sidebar"]), 0.99)
         settings.shot_plan = f"{place}/{plan_file.NAME}"
