@@ -13,11 +13,11 @@ import numpy as np
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
-from . import mesh_data
+from . import mesh_data, provenance
 from .ownership import OWNED
 from .scene_data import node_inputs
 
-MADE_OF = "crowd_lod_made_of"  # custom property of such a mesh: what it was made of, as text
+MADE_OF = "crowd_lod_made_of"  # custom property of such a mesh; see provenance.keep
 NAMES = "start_places", "terrain_mesh"  # the settings that refer to one
 SETTINGS = {"BOOLEAN", "INT", "FLOAT", "ENUM"}
 PASSING = {
@@ -50,39 +50,37 @@ def taken_back(crowds: Sequence[bpy.types.PropertyGroup]) -> Iterator[None]:
                 bpy.data.meshes.remove(mesh)
 
 
-def keep(crowd: bpy.types.PropertyGroup, name: str, mesh: bpy.types.Mesh, made_of: str) -> None:
-    """Let the setting `name` of the crowd refer to `mesh`, which was made of `made_of`."""
-    mesh[OWNED], mesh[MADE_OF] = True, made_of
+def keep(
+    crowd: bpy.types.PropertyGroup, name: str, mesh: bpy.types.Mesh, inputs: dict[str, str]
+) -> None:
+    """Let the setting `name` of the crowd refer to `mesh`, which was made of these inputs."""
+    mesh[OWNED] = True
+    provenance.keep(mesh, MADE_OF, inputs)
     setattr(crowd, name, mesh)
 
 
-def shape_marks(objects: Sequence[bpy.types.Object]) -> str:
-    """Return what changes, most likely, when one of the objects looks or stands otherwise; it is
-    quick.
+def shape_digest(objects: Sequence[bpy.types.Object]) -> str:
+    """Return a digest that changes, most likely, when an object looks or stands otherwise.
+
+    It is quick: of a mesh about SAMPLED vertices are read. No name is in it.
     """
-    return repr([_marks(item) for item in objects])
+    return provenance.text_digest(sorted(repr(_marks(item)) for item in objects))
 
 
 def _marks(item: bpy.types.Object) -> tuple:
+    """Return the object's place, shape and modifiers."""
     data = item.data
-    shape: tuple = (data and data.name_full,)
+    shape: tuple = ()
     if item.type == "MESH":
-        some = np.array(mesh_data.some_vertices(data, SAMPLED), np.float32)
-        shape = *shape, len(data.vertices), len(data.polygons), some.tobytes()
+        sample = np.array(mesh_data.some_vertices(data, SAMPLED), np.float32)
+        shape = (len(data.vertices), len(data.polygons), sample.tobytes())
     elif item.type == "CURVE":
-        shape = (
-            *shape,
-            [
-                [tuple(p.co) for p in (*spline.points, *spline.bezier_points)]
-                for spline in data.splines
-            ],
+        shape = tuple(
+            [tuple(point.co) for point in (*spline.points, *spline.bezier_points)]
+            for spline in data.splines
         )
-    return (
-        item.name_full,
-        np.array(item.matrix_world).round(5).tolist(),
-        shape,
-        [_modifier(m) for m in item.modifiers],
-    )
+    place = np.array(item.matrix_world).round(5).tolist()
+    return place, shape, [_modifier(modifier) for modifier in item.modifiers]
 
 
 def _modifier(modifier: bpy.types.Modifier) -> tuple:
@@ -90,9 +88,9 @@ def _modifier(modifier: bpy.types.Modifier) -> tuple:
     nodes.
     """
     names = [
-        each.identifier
-        for each in modifier.bl_rna.properties
-        if each.type in SETTINGS and not getattr(each, "is_array", False)
+        setting.identifier
+        for setting in modifier.bl_rna.properties
+        if setting.type in SETTINGS and not getattr(setting, "is_array", False)
     ]
     inputs = (
         sorted((path, repr(value)) for path, value in node_inputs(modifier).items())
@@ -100,7 +98,6 @@ def _modifier(modifier: bpy.types.Modifier) -> tuple:
         else []
     )
     return (
-        modifier.name,
         [(name, getattr(modifier, name)) for name in names if name not in PASSING],
         inputs,
     )

@@ -75,6 +75,11 @@ def kept_in(holder: bpy.types.ID, key: str) -> dict[str, str]:
     return {}
 
 
+def is_made_of(holder: bpy.types.ID, key: str, inputs: Mapping[str, str]) -> bool:
+    """Return whether `keep` has kept just these inputs there."""
+    return kept_in(holder, key) == inputs
+
+
 def character_digest(
     objects: Sequence[bpy.types.Object], actions: Callable[[], list] = list
 ) -> str:

@@ -23,6 +23,7 @@ from ...crowd_lod.reporting.farm_job import FarmJob, template, values
 from ...crowd_lod.reporting.html_report import STYLE, cards, document, table_of
 from ...crowd_lod.reporting.plan_comparison import MOST_FIGURE
 from ..blender import image_data
+from .options import add_command, add_out, add_scene
 from .scene_files import open_scene
 
 FLAMENCO = Path(__file__).with_name("flamenco_job.js")
@@ -57,6 +58,31 @@ for piece in frames.split(","):
     scene.frame_step = int(step or 1)
     bpy.ops.render.render(animation=True)
 """
+
+
+def add_job(commands, program: str) -> None:
+    """Add the command job to the program's."""
+    command = add_command(
+        commands,
+        program,
+        "job",
+        write_job,
+        "write a job for render farms: an Open Job Description template, and a job type for "
+        "Flamenco",
+        "job plaza.blend --frames 1:120 --chunk 10 --out plaza_job",
+    )
+    add_scene(command, program)
+    command.add_argument("--frames", metavar="A:B", help="the frames (default: the scene's)")
+    command.add_argument(
+        "--step", type=int, metavar="N", help="every N-th of them (default: the scene's)"
+    )
+    command.add_argument(
+        "--chunk", type=int, default=10, metavar="N", help="frames of a task (default: 10)"
+    )
+    command.add_argument(
+        "--preview", action="store_true", help="preview the frames in place of rendering them"
+    )
+    add_out(command, "DIR", "the folder for the job and its output (default: SCENE_job)")
 
 
 def write_job(args, command: Sequence[str]) -> dict[str, Any]:

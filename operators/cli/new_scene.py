@@ -20,57 +20,66 @@ from ..blender.references import closure_of
 from ..render_setup.render_setup import remove_build
 from ..scene.populate import populating
 from ..scene.scene_crowd import characters_of, trajectory_of
+from ..settings.crowd_settings import CharacterSettings
+from ..settings.level_settings import LevelSettings
+from .options import add_command, add_out, add_setting, apply_settings, to_path
 from .scene_files import blend_path, finish, first_line, open_scene, save
 
 # What the new scene keeps of the settings: the characters and their LOD meshes.
 KEPT = {
-    *(
-        "characters",
-        "keep_characters",
-        "forward",
-        "groups",
-        "levels",
-        "choice",
-        "tolerance",
-        "memory",
-        "shading_counts",
-    ),
-    "hidden_surface_counts",
-    *(
-        "level_count",
-        "scale_textures",
-        "ratios",
-        "method",
-        "thresholds",
-        "metric",
-        "sizes",
-        "memory_tolerance",
-        "memory_made",
-        "dropped",
-    ),
-}
+    *CharacterSettings.__annotations__,
+    *LevelSettings.__annotations__,
+    *("groups", "levels", "memory_tolerance", "memory_made", "dropped"),
+} - {"bias_image"}  # which is painted over another ground
 LENS = 28.0  # millimeters
 DOWN = 0.2  # part of the picture's height by which the horizon is above the middle
 BORDER = 0.95  # part of the picture that the crowd is framed in
 MOST_FRAME = 1_048_574  # that Blender's timeline holds
-MOST_RATE = 10_000  # frames a second, as the setting Frame Rate has it
-LOOKS, MOST_PLACES = (
-    40,
-    400_000,
-)  # frames, and places of agents in them, that the camera is placed by
+LOOKS = 40  # frames that the camera is placed by
+MOST_PLACES = 400_000  # of agents in them
 
 
-def made(args, command: list[str]) -> dict:
+def add_new_scene(commands, program: str) -> None:
+    """Add the command scene to the program's."""
+    command = add_command(
+        commands,
+        program,
+        "scene",
+        new_scene,
+        "make a scene of trajectories, or of an object's points, with the characters of a file",
+        "scene bottleneck.txt --unit cm --fps 25 --characters people.blend --out bottleneck.blend",
+    )
+    command.add_argument(
+        "tracks", type=to_path, metavar="TRACKS", nargs="?", help="a file of trajectories"
+    )
+    command.add_argument(
+        "--characters",
+        type=to_path,
+        required=True,
+        metavar="FILE",
+        help="a .blend file; those that its scene has set are taken",
+    )
+    command.add_argument(
+        "--source",
+        metavar="OBJECT",
+        help="in place of TRACKS: the points of this object in FILE are the agents",
+    )
+    command.add_argument(
+        "--ground", type=to_path, metavar="FILE", help="a .blend file whose scene is the ground"
+    )
+    add_setting(command, "--fps", "tracks_rate", "N", usual="0")
+    add_setting(command, "--unit", "tracks_unit", usual="auto")
+    add_setting(command, "--up", "tracks_up", usual="z")
+    add_out(command, "FILE", "the .blend file (default: TRACKS.blend, or OBJECT.blend)")
+
+
+def new_scene(args, command: list[str]) -> dict:
     """Write a scene of the trajectories, or of the points of an object, and return what the command
     tells.
     """
     if (args.tracks is None) == (args.source is None):
         raise CrowdError(
             "Give either a file of trajectories, TRACKS, or --source with the name of an object."
-        )
-    if args.fps is not None and not 0 < args.fps <= MOST_RATE:
-        raise CrowdError(
-            f"The frame rate is {args.fps:g}; give a number above 0, at most {MOST_RATE:,}."
         )
     path = blend_path(args.out or Path(f"{args.source or args.tracks.stem}.blend"))
     tracks, characters, ground = (
@@ -86,15 +95,12 @@ def made(args, command: list[str]) -> dict:
         if ground is not None:
             settings.terrain = left if own else _add_ground(scene, ground)
         if source is None:
-            settings.source, settings.tracks_file, settings.tracks_unit = (
-                "FILE",
-                str(tracks),
-                (args.unit or "auto").upper(),
-            )
-            settings.tracks_rate = args.fps or 0
-            settings.tracks_up = args.up.upper().replace("-", "_")
+            settings.source = "FILE"
+            settings.tracks_file = str(tracks)
+            apply_settings(args, settings)
         else:
-            settings.source, settings.points = "POINTS", source
+            settings.source = "POINTS"
+            settings.points = source
         said = finish(_filled(scene), f"scene of {path.stem}", args.quiet)
         if source is None:
             with suppress(ValueError):  # on another drive

@@ -17,7 +17,7 @@ from ...crowd_lod.crowd.maps import (
 )
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.levels.assignment import Bias
-from ..blender import image_data, scene_data, stored_values
+from ..blender import image_data, provenance, scene_data, stored_values
 from ..blender.props import group_of
 
 MADE_FOR = "crowd_lod_made_for"  # custom property of a map of walls and areas
@@ -98,7 +98,7 @@ def world_of(settings, machine: machines.StateMachine) -> LabelMap:
     area, over = area_of(settings), settings.areas_image if len(settings.areas) else None
     if settings.map_image is None and over is None:
         return edge_map(area, machine.labels)
-    if over is not None and over.get(MADE_FOR) != areas_depend_on(settings, machine):
+    if over is not None and not areas_hold(settings, machine):
         raise CrowdError(
             "The walls and areas were laid over another ground, map or state machine: press "
             "Refresh Walls and Areas, or Populate."
@@ -115,14 +115,25 @@ def world_of(settings, machine: machines.StateMachine) -> LabelMap:
     return LabelMap(labels, area, strays)
 
 
-def areas_depend_on(settings, machine: machines.StateMachine) -> str:
-    """Return what a map of walls and areas depends on beside its meshes, as text."""
+def areas_hold(settings, machine: machines.StateMachine) -> bool:
+    """Return whether the map of walls and areas was made of what the settings have now.
+
+    Its meshes do not count: it follows them.
+    """
+    image = settings.areas_image
+    inputs = areas_inputs(settings, machine)
+    return image is not None and provenance.is_made_of(image, MADE_FOR, inputs)
+
+
+def areas_inputs(settings, machine: machines.StateMachine) -> dict[str, str]:
+    """Return digests of what a map of walls and areas is made of besides its meshes, by name."""
     size = settings.map_image and tuple(settings.map_image.size)
-    labels = [
-        f"{name} {bytes(color).hex()}"
-        for name, color in zip(machine.labels, machine.label_colors, strict=True)
-    ]
-    return f"{area_of(settings)} {size} {labels}"
+    labels = [*zip(machine.labels, machine.label_colors.tolist(), strict=True)]
+    return {
+        "the ground": provenance.text_digest(area_of(settings)),
+        "the map": provenance.text_digest(size),
+        "the state machine": provenance.text_digest(labels),
+    }
 
 
 def heights_of(settings, area: Area) -> HeightMap | None:

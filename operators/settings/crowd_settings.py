@@ -321,7 +321,10 @@ class SimulationSettings:
     )
 
 
-class CrowdLodCrowd(CrowdSettings, BehaviorSettings, SimulationSettings, bpy.types.PropertyGroup):
+CROWD = (CrowdSettings, BehaviorSettings, SimulationSettings)  # what each crowd of a scene has
+
+
+class CrowdLodCrowd(*CROWD, bpy.types.PropertyGroup):
     """A further crowd of a scene, called `name`, beside the one of the scene's own settings."""
 
 

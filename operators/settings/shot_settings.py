@@ -62,6 +62,15 @@ class PlanSettings:
         description="Part by which a shot's time, memory and triangles may grow so that fewer "
         "characters change their LOD in sight",
     )
+    variety: FloatProperty(
+        name="Variety",
+        default=0.05,
+        min=0,
+        max=1,
+        subtype="FACTOR",
+        description="Part of close neighbors that may walk in step at most: the less, the more "
+        "phases of their walk a shot plan lets characters show, and the more memory they take",
+    )
     plan_blurred: BoolProperty(
         name="Coarser Where Blurred",
         description="With motion blur or depth of field, LODs may deviate by as many pixels more "
@@ -132,7 +141,7 @@ class PreviewSettings:
         description="Camera of the second picture; none looks straight down on crowd and frustum",
     )
     step: IntProperty(
-        name="Step", default=10, min=1, description="Preview every so many frames of a range"
+        name="Step", default=10, min=1, description="Take every so many frames of a range"
     )
     width: IntProperty(
         name="Width",

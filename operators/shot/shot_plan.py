@@ -18,6 +18,13 @@ from ...crowd_lod.reporting.shot_json import shot_facts
 from ...crowd_lod.reporting.shot_report import Told, shot_page
 from ...crowd_lod.shot import plan_file
 from ...crowd_lod.shot.budget import Budget, BudgetPlan, decide_within
+from ...crowd_lod.shot.coloring import (
+    VARIETY,
+    plan_phases,
+    recast,
+    shown_characters,
+    strides_of,
+)
 from ...crowd_lod.shot.curve import curve_of
 from ...crowd_lod.shot.exceptions import Exemption, excepted, marked
 from ...crowd_lod.shot.shot_cost import Shot, meshes_of
@@ -54,6 +61,7 @@ class Wanted:
     folder: where the plan goes.
     avoid: the part by which the shot may cost more, to avoid switches in sight.
     budget: what each frame may take.
+    variety: the part of close neighbors that may be in step.
     blurred: whether LODs may be as many pixels coarser as their agents are blurred wide.
     keeps: whether the survey so far is kept in the folder, for a run that is killed.
     """
@@ -64,6 +72,7 @@ class Wanted:
     budget: Budget = Budget()
     keeps: bool = False
     blurred: bool = False
+    variety: float = VARIETY
 
 
 @dataclass(frozen=True)
@@ -98,7 +107,13 @@ def plan_shot(scene: bpy.types.Scene, wanted: Wanted) -> Generator[float, None, 
         READY,
         SURVEYED,
     )
-    survey = through.survey
+    phases = plan_phases(
+        through.survey,
+        strides_of(trajectory.groups, trajectory.gaits),
+        policy.tolerance,
+        wanted.variety,
+    )
+    survey = recast(through.survey, phases.phases)
     characters = characters_of(scene)
     rigs = rigs_of(characters, trajectory, cast_of(characters, trajectory))
     shot = Shot(
@@ -109,16 +124,23 @@ def plan_shot(scene: bpy.types.Scene, wanted: Wanted) -> Generator[float, None, 
     )
     found = yield from share(decide_within(shot, wanted.budget, wanted.avoid), SURVEYED, DECIDED)
     changes = noticed(shot, found.levels, trajectory.spheres.radius)
+    names = [group.name for group in trajectory.groups]
     told = Told(
         title=Path(bpy.data.filepath).stem or scene.name,
         shot=shot,
         plan=found,
         noticed=changes,
         curve=(yield from share(curve_of(shot, found, policy.tolerance), DECIDED, CURVED)),
-        names=[group.name for group in trajectory.groups],
+        names=names,
+        phases=phases,
+        classes=phases.rows(names, trajectory.gaits),
         tints=TINTS,
         milliseconds=through.milliseconds,
-        crops=(yield from share(crops_of(scene, through, largest(changes, WORST)), CURVED, 1.0)),
+        crops=(
+            yield from share(
+                crops_of(scene, through, phases.phases, largest(changes, WORST)), CURVED, 1.0
+            )
+        ),
     )
     bias = bias_of(scene.crowd_lod)
     stored = plan_file.StoredPlan(
@@ -128,6 +150,8 @@ def plan_shot(scene: bpy.types.Scene, wanted: Wanted) -> Generator[float, None, 
         cameras=through.cameras,
         made_for=shot_reference.made_for(scene.crowd_lod, trajectory, policy, bias),
         tolerance=max(found.tolerance, policy.tolerance or 0.0) or None,
+        phases=phases.phases,
+        cast=shown_characters(survey),
         blend_file=printable(Path(bpy.data.filepath).name),
     )
     return Planned(shot, found, stored, told, wanted, exemptions)
@@ -187,7 +211,12 @@ def shot_json(planned: Planned) -> dict[str, Any]:
         for name, value in vars(planned.wanted.budget).items()
         if value not in (None, inf)
     }
-    asked = {"avoid_pops": planned.wanted.avoid, "blur": planned.wanted.blurred, "budget": budget}
+    asked = {
+        "avoid_pops": planned.wanted.avoid,
+        "variety": planned.wanted.variety,
+        "blur": planned.wanted.blurred,
+        "budget": budget,
+    }
     return shot_facts(
         planned.told, planned.stored, asked, [each.as_json for each in planned.exemptions]
     )
@@ -215,7 +244,21 @@ def sentence(planned: Planned) -> str:
 def budget_of(settings) -> Budget:
     """Return the budget that the settings give; 0 is no limit."""
     return Budget(
-        triangles=settings.budget_triangles or inf, memory=1e6 * settings.budget_memory or inf
+        triangles=settings.budget_triangles or inf,
+        memory=1e6 * round(settings.budget_memory, 3) or inf,
+    )
+
+
+def wanted_of(scene: bpy.types.Scene, folder: Path, frames: Sequence[int]) -> Wanted:
+    """Return what the scene's settings ask of a plan of the `frames`."""
+    settings = scene.crowd_lod
+    return Wanted(
+        frames,
+        folder,
+        avoid=round(settings.avoid_pops, 6),
+        budget=budget_of(settings),
+        blurred=settings.plan_blurred,
+        variety=round(settings.variety, 6),
     )
 
 
@@ -234,13 +277,7 @@ class CROWDLOD_OT_plan_shot(Stepwise, bpy.types.Operator):
         place = output_path(scene, "plan")
         folder = full_path(place)
         with files.staged(folder, plan_file.NAME) as part:
-            wanted = Wanted(
-                scene_data.frames_of(scene),
-                folder,
-                settings.avoid_pops,
-                budget_of(settings),
-                blurred=settings.plan_blurred,
-            )
+            wanted = wanted_of(scene, folder, scene_data.frames_of(scene))
             planned = yield from share(plan_shot(scene, wanted), 0.0, 0.99)
             yield from standing(write_plan(scene, part, planned, ["sidebar"]), 0.99)
         settings.shot_plan = f"{place}/{plan_file.NAME}"

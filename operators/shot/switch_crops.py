@@ -13,6 +13,7 @@ from mathutils import Euler, Matrix
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import camera_of
 from ...crowd_lod.progress import share
+from ...crowd_lod.shot.phases import Phases
 from ...crowd_lod.shot.switches import NOTHING
 from ...crowd_lod.validation.shaded_pictures import Body, pictures
 from ..blender import scene_data
@@ -31,7 +32,7 @@ Crop = tuple[np.ndarray, np.ndarray]  # before and after, (rows, columns, 3) flo
 
 
 def crops_of(
-    scene: bpy.types.Scene, through: Surveyed, rows: np.ndarray
+    scene: bpy.types.Scene, through: Surveyed, phases: Phases, rows: np.ndarray
 ) -> Generator[float, None, list[Crop | None]]:
     """Draw the agents of `rows`: yield the progress, return a crop for each.
 
@@ -39,6 +40,7 @@ def crops_of(
     there is nothing. None where nothing can be drawn: the camera is panoramic, or the LOD has no
     faces.
 
+    phases: the shot's phase classes.
     rows: (s,) of shot.switches.ROW, of the shot that `through` has surveyed.
     """
     trajectory, found = trajectory_of(scene), []
@@ -47,23 +49,25 @@ def crops_of(
         time = float(through.survey.times[f])
         yield from share(approach(trajectory, time), done / len(rows), (done + 1) / len(rows))
         levels = [int(row["before"]), int(row["after"])]
-        found.append(_crop(_posed(scene, int(row["agent"]), time, levels), through.cameras[f, 0]))
+        crowd = phases.applied(trajectory.at(time), trajectory.gaits)
+        bodies = posed_agent(scene, int(row["agent"]), Held(crowd, time), levels)
+        found.append(_crop(bodies, through.cameras[f, 0]))
     return found
 
 
-def _posed(
-    scene: bpy.types.Scene, agent: int, time: float, levels: Sequence[int]
+def posed_agent(
+    scene: bpy.types.Scene, agent: int, held: Held, levels: Sequence[int]
 ) -> tuple[list[Body | None], Looks]:
-    """Return the agent at `time` with each of `levels`, in world space, and the images of its
+    """Return the agent of the crowd `held` with each of `levels`, in world space, and the images of its
     materials.
     """
     settings, trajectory, characters = scene.crowd_lod, trajectory_of(scene), characters_of(scene)
-    crowd, looks = trajectory.at(time), Looks()
+    crowd, looks = held.crowd, Looks()
     g = int(crowd.group[agent])
     name, objects, _ = characters[g]
     homes = [home_of(settings.levels.children[max(k, 0)], g, name) for k in levels]
     columns = columns_of(
-        trajectory, crowd, Held(crowd, time), np.array([agent]), cast_of(characters, trajectory)
+        trajectory, crowd, held, np.array([agent]), cast_of(characters, trajectory)
     )
     own = {key: values[0].tolist() for key, values in columns.items()}
     stance = (

@@ -17,7 +17,7 @@ class Sidebar:
 class Step(Sidebar):
     """The panel of one step of the work; `body(context, layout, settings)` draws it.
 
-    step: of ui.presets.STEPS; "" for a panel without presets.
+    step: a key of settings.presets.PARTS; "" for a panel without presets.
     main: (operator, text) of the button in the header; () for none.
     """
 
