@@ -70,17 +70,17 @@ def clear_troubles(scene: bpy.types.Scene) -> None:
 def _tell(key: tuple[int, str], scene: bpy.types.Scene | None, error: Exception) -> None:
     """Note what a call raised, and print it unless the call before raised the same."""
     if isinstance(error, FAULTS):
-        told = sentence(error)
+        message = sentence(error)
     else:
-        told = (
+        message = (
             f"{key[1].rpartition('.')[2].strip('_')} failed in Crowd LOD ({type(error).__name__}: "
             f"{error}): "
             "the console has the details; save the file, start Blender again, and report it."
         )
-    if troubles.get(key) == told:
+    if troubles.get(key) == message:
         return
-    troubles[key] = told
+    troubles[key] = message
     if not isinstance(error, FAULTS):
         traceback.print_exception(error)
     where = f", frame {scene.frame_current}" if scene is not None else ""
-    print(f"Crowd LOD{where}: {told}", file=sys.stderr)
+    print(f"Crowd LOD{where}: {message}", file=sys.stderr)

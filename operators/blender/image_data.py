@@ -42,10 +42,12 @@ def read_values(image: bpy.types.Image) -> np.ndarray:
     if not width * height or not image.has_data and not len(image.pixels):
         path = bpy.path.abspath(image.filepath) or "no file"
         raise CrowdError(f"The image {image.name} has no pixels ({path}): load or paint it again.")
-    shape, now = (height, width, image.channels), clock.monotonic()
+    shape = (height, width, image.channels)
+    now = clock.monotonic()
     before, looked = _values.pop(image.session_uid, (None, -np.inf))
     if before is not None and before.shape == shape and now < looked + LOOK_AGAIN and playing():
-        values, now = before, looked
+        values = before
+        now = looked
     else:
         values = np.empty(shape, np.float32)
         image.pixels.foreach_get(values.ravel())
@@ -121,7 +123,8 @@ def save_png(path: Path, pixels: np.ndarray) -> None:
     image = bpy.data.images.new("Crowd LOD", columns, rows, alpha=True)
     try:
         image.pixels.foreach_set((pixels / np.float32(255)).ravel())
-        image.filepath_raw, image.file_format = str(path), "PNG"
+        image.filepath_raw = str(path)
+        image.file_format = "PNG"
         with writing(path):
             image.save()
     finally:

@@ -75,13 +75,14 @@ def _base_color(material: bpy.types.Material) -> bpy.types.NodeSocket | None:
 
 def _image_behind(socket: bpy.types.NodeSocket) -> bpy.types.Image | None:
     """Return the first image with pixels that the socket's links reach, or None."""
-    waiting, seen = [socket], set()
+    waiting = [socket]
+    visited = set()
     while waiting:
         for link in waiting.pop(0).links:
             node = link.from_node
-            if node in seen:
+            if node in visited:
                 continue
-            seen.add(node)
+            visited.add(node)
             image = node.image if node.type == "TEX_IMAGE" else None
             if image is not None and (image.has_data or len(image.pixels)):
                 return image

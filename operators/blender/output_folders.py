@@ -78,10 +78,12 @@ def output_path(scene: bpy.types.Scene, part: str = "") -> str:
         raise CrowdError(
             f"Output Folder is empty: give a folder, such as //{BLEND_NAME}_crowd_lod."
         )
-    others = [
+    neighbors = [
         other.crowd_lod for other in bpy.data.scenes if other != scene and other.library is None
     ]
-    shared = any(other.characters is not None and other.output_folder == text for other in others)
+    shared = any(
+        other.characters is not None and other.output_folder == text for other in neighbors
+    )
     names = [bpy.path.clean_name(scene.name)] * shared + [part] * bool(part)
     top = text if text.endswith(("/", "\\")) else f"{text}/"
     return saved_path(top + "/".join(names))

@@ -25,7 +25,8 @@ def remove_owned(top: bpy.types.Collection, heirs: Sequence[bpy.types.Collection
     heirs: one for each child of `top`, in order; whatever refers to a child, such as a build, then
         refers to its heir.
     """
-    inside, left = {top}, [top]
+    inside = {top}
+    left = [top]
     while left:
         ours = {child for child in left.pop().children if child.get(OWNED)} - inside
         inside |= ours

@@ -114,7 +114,8 @@ class Performance:
 
         A step of a cross-fade has those of both its actions: their keys bend its curves.
         """
-        part, (first, last) = self.parts[0], self.spans[0]
+        part = self.parts[0]
+        first, last = self.spans[0]
         lengths = {
             max(own.last - own.first, 1.0) for own in (part.mixed[:2] if part.mixed else (part,))
         }
@@ -128,13 +129,15 @@ class Performance:
         """Return the curves that move the object `item` in any of the parts, or its own
         animation.
         """
-        named = [
+        of_action = [
             _curves(part.action, part.handle)
             for part in self.parts
             if part.player is item and part.action is not None
         ]
         return [
-            curve for curves in (*map(curves_of, players_of([item])), *named) for curve in curves
+            curve
+            for curves in (*map(curves_of, players_of([item])), *of_action)
+            for curve in curves
         ]
 
     def only(self, name: str) -> "Performance":
@@ -200,7 +203,10 @@ class Performance:
         self._root.restore()
         if self._before:
             self._take_off()
-        self._playing, self._before, self._root, self._mixture = None, [], None, None
+        self._playing = None
+        self._before = []
+        self._root = None
+        self._mixture = None
 
     def _take_off(self) -> None:
         (player, new, action, handle, before), *bones = self._before
@@ -231,18 +237,18 @@ def _unkeyed(player: bpy.types.Object, part: Part) -> list[tuple[bpy.types.PoseB
         return []
     parts = part.mixed[:2] if part.mixed else (part,)
     put = {curve.data_path for each in parts for curve in _curves(each.action, each.handle)}
-    found = (
+    keyed = (
         (BONE.match(path), path.rpartition(".")[2]) for path in sorted(_paths_moved(player) - put)
     )
-    named = [
+    animated = [
         (bpy.utils.unescape_identifier(bone[1]), name)
-        for bone, name in found
+        for bone, name in keyed
         if bone and name in AT_REST
     ]
     bones = player.pose.bones
     return [
         (bones[bone], name, tuple(getattr(bones[bone], name)))
-        for bone, name in named
+        for bone, name in animated
         if bone in bones
     ]
 
@@ -284,15 +290,15 @@ def performance_of(
             *(each for mixed in steps.values() for each in mixed[:2]),
         ]
     )
-    known = {
+    parts = {
         name: _named(group, objects, name) if name else _own_action(group, objects)
         for name in needed
     }
-    known |= {
-        name: _mixed(group, name, (known[before], known[after], share))
+    parts |= {
+        name: _mixed(group, name, (parts[before], parts[after], share))
         for name, (before, after, share) in steps.items()
     }
-    return Performance([*own(objects).parts, *(known[name] for name in names)])
+    return Performance([*own(objects).parts, *(parts[name] for name in names)])
 
 
 def group_performance(group: Group, objects: list[bpy.types.Object]) -> Performance:
@@ -315,15 +321,15 @@ def _mixed(group: str, name: str, mixed: tuple[Part, Part, float]) -> Part:
 
     mixed: see Part.
     """
-    one, other, _ = mixed
-    if one.player != other.player:
+    first, second, _ = mixed
+    if first.player != second.player:
         raise CrowdError(
-            f"The actions {one.action.name} and {other.action.name} move two objects of {group}, "
-            f"{one.player.name} and "
-            f"{other.player.name}: no state can fade from one to the other; set its fade to 0."
+            f"The actions {first.action.name} and {second.action.name} move two objects of {group}, "
+            f"{first.player.name} and "
+            f"{second.player.name}: no state can fade from one to the other; set its fade to 0."
         )
-    longer = max(one, other, key=lambda part: part.last - part.first)
-    return Part(name, longer.first, longer.last, player=one.player, mixed=mixed)
+    longer = max(first, second, key=lambda part: part.last - part.first)
+    return Part(name, longer.first, longer.last, player=first.player, mixed=mixed)
 
 
 def _own_action(group: str, objects: list[bpy.types.Object]) -> Part:
@@ -358,14 +364,14 @@ def _named(group: str, objects: list[bpy.types.Object], name: str) -> Part:
             f"group {group}: call one "
             f"{' or '.join(called(group, name))}."
         )
-    found = _player(objects, action)
-    if found is None:
+    player_and_slot = _player(objects, action)
+    if player_and_slot is None:
         raise CrowdError(
             f"The action {action.name} is of another rig: most of its curves move nothing of the "
             f"character group {group}. "
             f"Name its own action {called(group, name)[0]}."
         )
-    player, handle = found
+    player, handle = player_and_slot
     first, last = span_of(action, _curves(action, handle))
     if first == last:
         raise CrowdError(

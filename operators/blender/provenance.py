@@ -57,10 +57,10 @@ def differences(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
 
 def named(names: Sequence[str]) -> str:
     """Return the names of inputs in words, such as "the camera and LOD 1 of adult"."""
-    shown = (
+    listed = (
         list(names) if len(names) <= NAMED + 1 else [*names[:NAMED], f"{len(names) - NAMED} more"]
     )
-    return " and ".join(filter(None, [", ".join(shown[:-1]), shown[-1]])) if shown else ""
+    return " and ".join(filter(None, [", ".join(listed[:-1]), listed[-1]])) if listed else ""
 
 
 def keep(holder: bpy.types.ID, key: str, inputs: Mapping[str, str]) -> None:
@@ -98,10 +98,10 @@ def character_digest(
         ]
         order = {mover: f"object {k:04}" for k, mover in enumerate(sorted(movers, key=_own))}
         palette = palette_of(items)
-        looks = [[palette[slot.material] for slot in item.material_slots] for item in items]
+        materials = [[palette[slot.material] for slot in item.material_slots] for item in items]
         return [
             *map(_own, items),
-            looks,
+            materials,
             stance(*items, called=lambda block: _called(block, order)),
             actions(),
         ]
@@ -120,14 +120,14 @@ def level_digest(home: bpy.types.Collection, characters: Sequence[bpy.types.Obje
     shared = {item.data for item in characters}
 
     def read() -> list:
-        told = []
+        objects = []
         for item in home.objects:
             materials = [slot.material for slot in item.material_slots]
-            looks = [
+            numbers = [
                 palette.get(material, material and material.name_full) for material in materials
             ]
-            told.append((_own(item, shared), looks))
-        return sorted(told, key=repr)
+            objects.append((_own(item, shared), numbers))
+        return sorted(objects, key=repr)
 
     return text_digest(
         _digest_of([*home.objects], read, list, *map(_uid, palette)), tuple(home.instance_offset)
@@ -166,10 +166,10 @@ def _digest_of(
     """
     key = tuple(item.session_uid for item in items)
     stamp = ([_print(item) for item in items], more)
-    known = _known.get(key)
-    if known is None or known.print != stamp:
-        known = _known[key] = _Known(text_digest(read()), stamp, frozenset(_uids(follow(items))))
-    return known.digest
+    latest = _known.get(key)
+    if latest is None or latest.print != stamp:
+        latest = _known[key] = _Known(text_digest(read()), stamp, frozenset(_uids(follow(items))))
+    return latest.digest
 
 
 def _uids(blocks: Sequence[bpy.types.ID]) -> Iterator[int]:
@@ -247,25 +247,27 @@ def _inputs(item: bpy.types.Object) -> list[tuple[str, str]]:
         for path, value in scene_data.node_inputs(m).items()
     }
     moved = {curve.data_path for curve in _curves(item)} if values else set()
-    told = {
+    texts = {
         path: _called(value, {}) if isinstance(value, bpy.types.ID) else repr(value)
         for path, value in values.items()
     }
-    return sorted((path, text) for path, text in told.items() if path not in moved)
+    return sorted((path, text) for path, text in texts.items() if path not in moved)
 
 
 def _data(item: bpy.types.Object) -> str:
     """Return the digest of the object's data, from before where it has not changed."""
-    data, weighted = item.data, bool(len(getattr(item, "vertex_groups", ())))
+    data = item.data
+    weighted = bool(len(getattr(item, "vertex_groups", ())))
     if data is None:
         return ""
-    key, stamp = (data.session_uid, weighted), _points(data)
-    known = _known.get(key)
-    if known is None or known.print != stamp:
+    key = (data.session_uid, weighted)
+    stamp = _points(data)
+    latest = _known.get(key)
+    if latest is None or latest.print != stamp:
         keys = getattr(data, "shape_keys", None)
         blocks = frozenset(block.session_uid for block in (data, keys) if block is not None)
-        known = _known[key] = _Known(_read_data(data, weighted), stamp, blocks)
-    return known.digest
+        latest = _known[key] = _Known(_read_data(data, weighted), stamp, blocks)
+    return latest.digest
 
 
 def _read_data(data: bpy.types.ID, weighted: bool) -> str:
@@ -302,11 +304,12 @@ def _weights(mesh: bpy.types.Mesh) -> bytes:
     """Return the weights of vertices, of MOST_WEIGHED at most: Python reads 10 microseconds a
     vertex.
     """
-    vertices, count = mesh.vertices, len(mesh.vertices)
-    chosen = range(0, count, -(-count // MOST_WEIGHED) or 1)
+    vertices = mesh.vertices
+    count = len(mesh.vertices)
+    sample = range(0, count, -(-count // MOST_WEIGHED) or 1)
     table = [
         number
-        for k in chosen
+        for k in sample
         for entry in vertices[k].groups
         for number in (k, entry.group, entry.weight)
     ]
@@ -354,7 +357,7 @@ def note_undo(*_) -> None:
 
 def _drop(edited: set[int]) -> None:
     global changes
-    gone = [key for key, known in _known.items() if not edited.isdisjoint(known.blocks)]
-    for key in gone:
+    outdated = [key for key, known in _known.items() if not edited.isdisjoint(known.blocks)]
+    for key in outdated:
         del _known[key]
-    changes += bool(gone)
+    changes += bool(outdated)

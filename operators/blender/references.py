@@ -13,13 +13,14 @@ def reached(item: bpy.types.Object) -> set[bpy.types.ID]:
 
     These are node groups, materials, objects and collections.
     """
-    found, left = set(), list(_named(item))
+    blocks = set()
+    left = list(_named(item))
     while left:
         block = left.pop()
-        if block not in found:
-            found.add(block)
+        if block not in blocks:
+            blocks.add(block)
             left += _named(block)
-    return found
+    return blocks
 
 
 def blocks_of(objects: Iterable[bpy.types.Object], look: bool = True) -> list[bpy.types.ID]:

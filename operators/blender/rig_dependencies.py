@@ -64,12 +64,12 @@ BEZIERS = (
 
 def armatures_of(objects: list[bpy.types.Object]) -> list[bpy.types.Object]:
     """Return the armatures that deform `objects`, by modifier or parent."""
-    found = {}
+    armatures = {}
     for item in objects:
         for armature in (item.parent, *(m.object for m in item.modifiers if m.type == "ARMATURE")):
             if armature is not None and armature.type == "ARMATURE":
-                found[armature] = None
-    return list(found)
+                armatures[armature] = None
+    return list(armatures)
 
 
 def places(curve: bpy.types.FCurve) -> bool:
@@ -225,7 +225,9 @@ def _read(target: bpy.types.DriverTarget, called: Called) -> tuple:
 
     Includes the value if it is a custom property that nothing animates.
     """
-    block, path, value = target.id, target.data_path.replace("'", '"'), None
+    block = target.id
+    path = target.data_path.replace("'", '"')
+    value = None
     if block is not None and path.endswith('"]'):
         data = block.animation_data
         curves = (
@@ -249,7 +251,7 @@ def stance(*items: bpy.types.Object, called: Called = full_name) -> list:
     called: what the list has for the name of a data-block, which may be None; it is sorted by that.
     """
     blocks = blocks_of(items, look=False)
-    found = sorted(
+    facts = sorted(
         (
             read_tree(tree, called)
             for tree in blocks
@@ -262,10 +264,10 @@ def stance(*items: bpy.types.Object, called: Called = full_name) -> list:
     ):
         data = _animated([mover])
         curves = [curve for player in players_of([mover]) for curve in curves_of(player)]
-        drivers = [driver for each in data for driver in each.drivers]
+        drivers = [driver for item in data for driver in item.drivers]
         moved = moved_values(mover)
         keys = getattr(mover.data, "shape_keys", None)
-        found += [
+        facts += [
             (called(mover), mover.type, called(mover.parent), mover.parent_type, mover.parent_bone),
             [tuple(row) for row in mover.matrix_parent_inverse],
             settings_of(mover, moved, (*PLACE, *DELTAS), called),
@@ -279,33 +281,33 @@ def stance(*items: bpy.types.Object, called: Called = full_name) -> list:
             [_run(curve) for curve in curves],
             [_driver(driver, called) for driver in drivers],
             list(_spans([mover])),
-            [settings_of(each, moved, PLAYED) for each in data],
+            [settings_of(item, moved, PLAYED) for item in data],
             [
                 _strip(strip, called)
-                for each in data
-                for track in tracks_of(each)
+                for item in data
+                for track in tracks_of(item)
                 for strip in _strips(track.strips)
             ],
         ]
         if mover in items:  # LODs copy these; of others' all that counts is what drivers read
             still = [
-                each
-                for each in custom(mover)
-                if (f'["{bpy.utils.escape_identifier(each[0])}"]', 0) not in moved
+                item
+                for item in custom(mover)
+                if (f'["{bpy.utils.escape_identifier(item[0])}"]', 0) not in moved
             ]
-            found += [still] if still else []
+            facts += [still] if still else []
         if mover.type == "ARMATURE":
-            found += [
+            facts += [
                 _bone(bone, mover.data.bones[bone.name], moved, called) for bone in mover.pose.bones
             ]
-            found += [
+            facts += [
                 mover.data.pose_position,
                 mover.pose.ik_solver,
                 mover.pose.ik_param and settings_of(mover.pose.ik_param),
             ]
         elif mover not in items and mover.data is not None:
-            found += [settings_of(mover.data, moved, (), called), *shape_of(mover.data)]
-    return found
+            facts += [settings_of(mover.data, moved, (), called), *shape_of(mover.data)]
+    return facts
 
 
 def custom(item: bpy.types.Object) -> list[tuple[str, str]]:
@@ -411,19 +413,19 @@ def _bone(
 def settings_of(
     struct,
     moved: set[tuple[str, int]] = frozenset(),
-    some: tuple[str, ...] = (),
+    prefixes: tuple[str, ...] = (),
     called: Called = full_name,
 ) -> tuple:
     """Return the settings of a struct, such as a modifier or a constraint.
 
     moved: (path, index) of animated values; None stands for each of these.
-    some: prefixes of the names to take; () takes all but those that change no shape.
+    prefixes: of the names to take; () takes all but those that change no shape.
     called: see stance.
     """
     path = ""
     with suppress(ValueError):
         path = struct.path_from_id() if moved else ""
-    found = [getattr(struct, "type", None)]
+    facts = [getattr(struct, "type", None)]
     for name, kind in struct.bl_rna.properties.items():
         passing = (
             name in OF_THE_WINDOW
@@ -433,20 +435,21 @@ def settings_of(
         if (
             kind.type == "COLLECTION"
             or kind.is_readonly
-            or (not name.startswith(some) if some else passing)
+            or (not name.startswith(prefixes) if prefixes else passing)
         ):
             continue
-        value, place = getattr(struct, name), f"{path}.{name}" if path else name
+        value = getattr(struct, name)
+        place = f"{path}.{name}" if path else name
         if isinstance(value, bpy.types.ID):
-            found.append((name, called(value)))
+            facts.append((name, called(value)))
         elif kind.type == "ENUM" and kind.is_enum_flag:
-            found.append((name, sorted(value)))
+            facts.append((name, sorted(value)))
         elif kind.type != "POINTER":
             values = np.ravel(value).tolist() if getattr(kind, "is_array", False) else [value]
-            found.append(
+            facts.append(
                 (name, [None if (place, k) in moved else each for k, each in enumerate(values)])
             )
-    found += [
+    facts += [
         (called(target.target), target.subtarget) for target in getattr(struct, "targets", ())
     ]
-    return tuple(found)
+    return tuple(facts)

@@ -156,9 +156,8 @@ def _write(curve: bpy.types.FCurve, name: str, values: np.ndarray) -> None:
     if curve.id_data.library is None:
         curve.keyframe_points.foreach_set(name, values.ravel())
         return
-    for key, value in zip(
-        curve.keyframe_points, values.tolist(), strict=True
-    ):  # foreach_set leaves linked data as it is
+    # foreach_set leaves linked data as it is
+    for key, value in zip(curve.keyframe_points, values.tolist(), strict=True):
         setattr(key, name, value)
 
 
@@ -288,7 +287,8 @@ def _travels(
 ) -> Iterator[Travel]:
     for curve in curves:
         keys = curve.range()
-        first, last = max(playing.span[0], keys[0]), min(playing.span[1], keys[1])
+        first = max(playing.span[0], keys[0])
+        last = min(playing.span[1], keys[1])
         if last > first:
             slope = (curve.evaluate(last) - curve.evaluate(first)) / (last - first)
             yield Travel(

@@ -46,14 +46,14 @@ class Scenery:
     """
 
     def __init__(self, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None):
-        shown = list(_shown(scene, depsgraph))
+        visible_things = list(_shown(scene, depsgraph))
         self._hides = {
             item.session_uid: _evaluated(item, depsgraph).hide_render
-            for item in {item for item, _ in shown}
+            for item in {item for item, _ in visible_things}
         }
         self.things = [
             placed
-            for placed in shown
+            for placed in visible_things
             if not self._hides[placed[0].session_uid] and not placed[0].get(OWNED)
         ]
         self.lights = [placed for placed in self.things if placed[0].type == "LIGHT"]
@@ -65,28 +65,27 @@ class Scenery:
         self._reached: set[int] | None = None  # the objects, by session_uid, that those depend on
         # what `depsgraph` does not hold has the values of the file's own data, which other scenes
         # and layers may change
-        own = {
+        members = {
             item
-            for item, _ in shown
+            for item, _ in visible_things
             if depsgraph is not None and not item.evaluated_get(depsgraph).is_evaluated
         }
-        self._elsewhere = [(item, item.hide_render) for item in own]
-        homes = {each.instance_collection for _, inside in self.things for each in inside}
+        self._elsewhere = [(item, item.hide_render) for item in members]
+        homes = {block.instance_collection for _, inside in self.things for block in inside}
         self._offsets = {home.session_uid: tuple(home.instance_offset) for home in homes}
         # of each object, by session_uid, which of the solid it is, or instances
         self._rows: dict[int, list[int]] = {}
         # of the solid, what is in other view layers alone: nothing of it is noticed in this one
         self._unwatched = set()
         for row, (item, inside) in enumerate(self.solid):
-            for each in (item, *inside):
-                self._rows.setdefault(each.session_uid, []).append(row)
-                if depsgraph is not None and not each.evaluated_get(depsgraph).is_evaluated:
+            for block in (item, *inside):
+                self._rows.setdefault(block.session_uid, []).append(row)
+                if depsgraph is not None and not block.evaluated_get(depsgraph).is_evaluated:
                     self._unwatched.add(row)
-        self._moved, self._glowing = set(range(len(self.solid))), None
-        self._ends, self._matrices = (
-            np.empty((len(self.solid), 2, 3)),
-            np.empty((len(self.solid), 4, 4)),
-        )
+        self._moved = set(range(len(self.solid)))
+        self._glowing = None
+        self._ends = np.empty((len(self.solid), 2, 3))
+        self._matrices = np.empty((len(self.solid), 4, 4))
 
     def lamps(self, depsgraph: bpy.types.Depsgraph | None) -> list[Placed]:
         """Return what casts shadows: lamps that are on, and glowing objects.
@@ -95,7 +94,7 @@ class Scenery:
         """
         if self._glowing is None or self._unwatched:
             worn = [[slot.material for slot in item.material_slots] for item, _ in self.solid]
-            materials = {each for own in worn for each in own} - {None}
+            materials = {each for materials_of_item in worn for each in materials_of_item} - {None}
             glowing = {
                 material
                 for material in materials
@@ -103,8 +102,8 @@ class Scenery:
             }
             self._glowing = [
                 placed
-                for placed, own in zip(self.solid, worn, strict=True)
-                if not glowing.isdisjoint(own)
+                for placed, materials_of_item in zip(self.solid, worn, strict=True)
+                if not glowing.isdisjoint(materials_of_item)
             ]
         return [
             placed for placed in self.lights if casts(_evaluated(placed[0], depsgraph).data)
@@ -115,7 +114,8 @@ class Scenery:
 
         The children that they instance are included.
         """
-        found, self._reached = set(), set()
+        items = set()
+        self._reached = set()
         for item, inside in self._makers:
             blocks = {item, *inside, *reached(item)}
             self._reached |= {block.session_uid for block in blocks}
@@ -126,11 +126,11 @@ class Scenery:
             if lamps or any(
                 emits(_evaluated(material, depsgraph).node_tree) for material in materials
             ):
-                found |= {
+                items |= {
                     inside[0] if inside else item,
                     *(block for block in blocks if getattr(block, "parent", None) in blocks),
                 }
-        return found
+        return items
 
     def within(self, collection: bpy.types.Collection | None) -> list[Placed]:
         """Return the things whose object is in the `collection`."""
@@ -150,12 +150,11 @@ class Scenery:
         for row in self._unwatched | self._moved:
             placed = self.solid[row]
             least, *_, most, _ = placed[0].evaluated_get(depsgraph).bound_box
-            self._ends[row], self._matrices[row] = (
-                (tuple(least), tuple(most)),
-                matrix_of(placed, depsgraph),
-            )
+            self._ends[row] = (tuple(least), tuple(most))
+            self._matrices[row] = matrix_of(placed, depsgraph)
         self._moved = set()
-        turn, ends = self._matrices[:, :3, :3], self._ends
+        turn = self._matrices[:, :3, :3]
+        ends = self._ends
         middle = np.einsum("nij,nj->ni", turn, ends.mean(axis=1)) + self._matrices[:, :3, 3]
         half = np.einsum("nij,nj->ni", np.abs(turn), (ends[:, 1] - ends[:, 0]) / 2)
         return np.array([(middle - half).min(axis=0), (middle + half).max(axis=0)])
@@ -185,11 +184,9 @@ class Scenery:
             if self._reached is None or uid in self._reached:
                 self.instanced = None
         elif kind == "COLLECTION":
-            uid, offset, self.instanced = (
-                item.original.session_uid,
-                tuple(item.original.instance_offset),
-                None,
-            )
+            uid = item.original.session_uid
+            offset = tuple(item.original.instance_offset)
+            self.instanced = None
             if self._offsets.get(uid, offset) != offset:
                 return False
         elif kind in ("MATERIAL", "NODETREE"):
@@ -210,11 +207,11 @@ def _shown(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None) -> Ite
     Objects in instanced collections come once for each instance. Objects hidden by themselves are
     included, those hidden by their collections are not.
     """
-    found = {}
+    items = {}
     for layer in scene.view_layers:
         if layer.use:
-            found |= dict.fromkeys(_in_layer(layer.layer_collection))
-    for item in found:
+            items |= dict.fromkeys(_in_layer(layer.layer_collection))
+    for item in items:
         yield from _with_instances(item, (), depsgraph)
 
 
@@ -252,14 +249,14 @@ def _in_collection(collection: bpy.types.Collection) -> Iterator[bpy.types.Objec
 def matrix_of(placed: Placed, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
     """Return the evaluated world matrix (4, 4) float64 of `placed`."""
     item, inside = placed
-    own = np.array([tuple(row) for row in item.evaluated_get(depsgraph).matrix_world])
+    local = np.array([tuple(row) for row in item.evaluated_get(depsgraph).matrix_world])
     if not inside:
-        return own
+        return local
     matrix = np.eye(4)
     for instancer in inside:
         matrix = matrix @ np.array(instancer.evaluated_get(depsgraph).matrix_world, np.float64)
         matrix[:3, 3] -= matrix[:3, :3] @ np.array(instancer.instance_collection.instance_offset)
-    return matrix @ own
+    return matrix @ local
 
 
 def _makes_instances(item: bpy.types.Object) -> bool:
@@ -295,15 +292,15 @@ def emits(tree: bpy.types.NodeTree | None) -> bool:
         if node.type in ends
         for socket in node.inputs
     ]
-    known: set[bpy.types.Node] = set()
+    visited: set[bpy.types.Node] = set()
     while sockets:
         socket = sockets.pop()
         for link in socket.links:
             node = link.from_node
             if socket.type == "SHADER" and link.from_socket.type != "SHADER":
                 return True  # a color that is no shader shows as emission
-            if node not in known:
-                known.add(node)
+            if node not in visited:
+                visited.add(node)
                 if _emits_itself(node):
                     return True
                 sockets += _seen_by_all(node)
@@ -377,24 +374,24 @@ def scenery_of(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None) ->
     return _kept[key]
 
 
-def _alone(own, event: str) -> bool:
-    """Return whether `own` handles the `event` and all its other handlers are ours.
+def _alone(handler_of_ours, event: str) -> bool:
+    """Return whether `handler_of_ours` handles the `event` and all its other handlers are ours.
 
     What handlers of others change in such an event, Blender evaluates without reporting it.
     """
     handlers = getattr(bpy.app.handlers, event)
-    return own in handlers and all(map(is_ours, handlers))
+    return handler_of_ours in handlers and all(map(is_ours, handlers))
 
 
 @handler
 def noticed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Handle frame_change_post: update the cached Scenery, or drop it."""
     key = scene.session_uid, depsgraph.view_layer_eval.name
-    known = _kept.get(key)
+    scenery = _kept.get(key)
     if (
-        known is not None
+        scenery is not None
         and depsgraph.mode == "VIEWPORT"
-        and not all(map(known.notice, depsgraph.updates))
+        and not all(map(scenery.notice, depsgraph.updates))
     ):
         _kept.pop(key, None)
 

@@ -29,9 +29,8 @@ from .scene_files import open_scene
 FLAMENCO = Path(__file__).with_name("flamenco_job.js")
 MOST_SHOWN = 24  # frames on the contact sheet
 WIDTH = 480  # pixels of one of them, at least
-UNFIT = re.compile(
-    r"[\x00-\x1f\x7f-\x9f\ud800-\udfff]"
-)  # in paths: controls, and bytes that are no text
+# in paths: controls, and bytes that are no text
+UNFIT = re.compile(r"[\x00-\x1f\x7f-\x9f\ud800-\udfff]")
 PICTURES = (".png", ".exr", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp")
 COLUMNS = ("frame", "agents", "visible", "culled", "triangles", "full_triangles")
 
@@ -136,9 +135,10 @@ def write_job(args, command: Sequence[str]) -> dict[str, Any]:
             json.dumps(values(job), indent=2) + "\n", encoding="utf-8"
         )
         shutil.copyfile(FLAMENCO, part / "crowd_lod.js")
-    out, tasks = printable(folder), -(-len(frames) // args.chunk)
+    out = printable(folder)
+    tasks = -(-len(frames) // args.chunk)
     steps = f" in steps of {step}" if (step := job.frames[2]) > 1 else ""
-    said = (
+    summary = (
         f"{shot_frames(frames).capitalize()}{steps}: {counted(tasks, 'task')} of up to "
         f"{counted(args.chunk, 'frame')}."
     )
@@ -147,7 +147,7 @@ def write_job(args, command: Sequence[str]) -> dict[str, Any]:
         "frames": [frames[0], frames[-1]],
         "step": step,
         "tasks": tasks,
-        "summary": f"{said}\n{out}",
+        "summary": f"{summary}\n{out}",
     }
 
 
@@ -164,23 +164,23 @@ def assemble_frames(folder: Path, frames: Sequence[int], command: Sequence[str])
 
     CrowdError if one is missing or was not written to its end.
     """
-    found = {
+    pictures = {
         number: path
         for path in sorted(folder.glob("frames/*"))
         if (number := _number(path)) is not None
     }
-    missing = [number for number in frames if number not in found]
+    missing = [number for number in frames if number not in pictures]
     if missing:
         raise CrowdError(
             f"{frames_are(missing)} not in {printable(folder / 'frames')}: render what is "
             f"missing, then assemble again."
         )
     for number in frames:
-        file_checks.check(found[number])
+        file_checks.check(pictures[number])
     rows = _planned_rows(folder / "plan" / "plan.json", frames)
     with files.staged(folder) as part:
         shrunk = [
-            tables.shrink(image_data.load_pixels(found[number]), WIDTH)
+            tables.shrink(image_data.load_pixels(pictures[number]), WIDTH)
             for number in evenly(list(frames), MOST_SHOWN)
         ]
         image_data.save_png(

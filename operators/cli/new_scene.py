@@ -26,11 +26,12 @@ from .options import add_command, add_out, add_setting, apply_settings, to_path
 from .scene_files import blend_path, finish, first_line, open_scene, save
 
 # What the new scene keeps of the settings: the characters and their LOD meshes.
+# which is painted over another ground
 KEPT = {
     *CharacterSettings.__annotations__,
     *LevelSettings.__annotations__,
     *("groups", "levels", "memory_tolerance", "memory_made", "dropped"),
-} - {"bias_image"}  # which is painted over another ground
+} - {"bias_image"}
 LENS = 28.0  # millimeters
 DOWN = 0.2  # part of the picture's height by which the horizon is above the middle
 BORDER = 0.95  # part of the picture that the crowd is framed in
@@ -89,11 +90,11 @@ def new_scene(args, command: list[str]) -> dict:
         scene = open_scene(str(characters))
         characters_of(scene)  # says what is wrong with them
         source = _object(args.source, characters)
-        own = ground is not None and ground.samefile(characters)
-        left = _empty(scene, source, own)
+        is_own_ground = ground is not None and ground.samefile(characters)
+        scenery = _empty(scene, source, is_own_ground)
         settings = scene.crowd_lod
         if ground is not None:
-            settings.terrain = left if own else _add_ground(scene, ground)
+            settings.terrain = scenery if is_own_ground else _add_ground(scene, ground)
         if source is None:
             settings.source = "FILE"
             settings.tracks_file = str(tracks)
@@ -101,19 +102,18 @@ def new_scene(args, command: list[str]) -> dict:
         else:
             settings.source = "POINTS"
             settings.points = source
-        said = finish(_filled(scene), f"scene of {path.stem}", args.quiet)
+        sentence = finish(_filled(scene), f"scene of {path.stem}", args.quiet)
         if source is None:
             with suppress(ValueError):  # on another drive
-                settings.tracks_file = bpy.path.relpath(
-                    str(tracks)
-                )  # saving makes it relative to the new file
+                # saving makes it relative to the new file
+                settings.tracks_file = bpy.path.relpath(str(tracks))
         save(part, path)
     count = scene.frame_end - scene.frame_start + 1
     return {
         "out": printable(path),
         "frames": [scene.frame_start, scene.frame_end],
         "camera": [round(each, 3) for each in scene.camera.matrix_world.translation],
-        "summary": f"{said}\n{counted(count, 'frame')} at "
+        "summary": f"{sentence}\n{counted(count, 'frame')} at "
         f"{scene.render.fps / scene.render.fps_base:g} a second.\n{printable(path)}",
     }
 
@@ -160,14 +160,15 @@ def _empty(
     scene.camera = scene.background_set = None
     for other in [other for other in bpy.data.scenes if other != scene]:
         bpy.data.scenes.remove(other)
-    top, home = scene.collection, bpy.data.collections.new("Ground")
-    own = {
+    top = scene.collection
+    home = bpy.data.collections.new("Ground")
+    homes = {
         settings.characters,
         *([settings.levels] if settings.levels in top.children_recursive else []),
     }
-    own |= _homes_of_needed(own, source)
+    homes |= _homes_of_needed(homes, source)
     for parent in (top, *bpy.data.collections):
-        for child in own & set(parent.children):
+        for child in homes & set(parent.children):
             parent.children.unlink(child)
     for child in list(top.children):
         home.children.link(child)
@@ -176,7 +177,7 @@ def _empty(
         if item != source:
             home.objects.link(item)
         top.objects.unlink(item)
-    for child in (*own, *([home] if keeps else [])):
+    for child in (*homes, *([home] if keeps else [])):
         top.children.link(child)
     settings.characters.hide_render = True
     if source is not None:
@@ -217,34 +218,36 @@ def _add_ground(scene: bpy.types.Scene, path: Path) -> bpy.types.Collection:
     Returns its collection.
     """
     try:
-        with console.quiet(), bpy.data.libraries.load(str(path), link=False) as (there, wanted):
-            wanted.scenes = there.scenes
+        with console.quiet(), bpy.data.libraries.load(str(path), link=False) as (there, loaded):
+            loaded.scenes = there.scenes
     except (OSError, RuntimeError) as error:
         raise CrowdError(f"Blender cannot read {printable(path)}: {first_line(error)}") from None
     home = bpy.data.collections.new("Ground")
     scene.collection.children.link(home)
-    found = next(
-        (each for each in wanted.scenes if any(item.type == "MESH" for item in each.objects)), None
+    ground = next(
+        (other for other in loaded.scenes if any(item.type == "MESH" for item in other.objects)),
+        None,
     )
-    if found is None:
+    if ground is None:
         raise CrowdError(
             f"No scene of {printable(path)} shows a mesh: give a file with the ground, or leave "
             f"out --ground."
         )
-    own, meters = scene_data.meters(found), scene_data.meters(scene)
-    if abs(own / meters - 1) > 1e-5:
+    its_meters = scene_data.meters(ground)
+    meters = scene_data.meters(scene)
+    if abs(its_meters / meters - 1) > 1e-5:
         raise CrowdError(
-            f"A unit of the scene {found.name} in {printable(path.name)} is {own:g} m, and one of "
+            f"A unit of the scene {ground.name} in {printable(path.name)} is {its_meters:g} m, and one of "
             f"the characters' scene {meters:g} m: "
             "give both files the same Unit Scale."
         )
-    for child in found.collection.children:
+    for child in ground.collection.children:
         home.children.link(child)
-    for item in found.collection.objects:
+    for item in ground.collection.objects:
         home.objects.link(item)
-    scene.world = scene.world or found.world
-    for each in wanted.scenes:
-        bpy.data.scenes.remove(each)
+    scene.world = scene.world or ground.world
+    for other in loaded.scenes:
+        bpy.data.scenes.remove(other)
     bpy.data.orphans_purge(do_recursive=True)
     return home
 
@@ -253,7 +256,9 @@ def _filled(scene: bpy.types.Scene) -> Generator[float, None, str]:
     """Populate the scene, and add what it takes to render it: yield the progress, return a
     sentence.
     """
-    said, _ = yield from share(populating(scene, bpy.context.evaluated_depsgraph_get()), 0.0, 0.5)
+    sentence, _ = yield from share(
+        populating(scene, bpy.context.evaluated_depsgraph_get()), 0.0, 0.5
+    )
     if scene.crowd_lod.source == "FILE":
         trajectory = trajectory_of(scene)
         last = _last(trajectory)
@@ -263,7 +268,8 @@ def _filled(scene: bpy.types.Scene) -> Generator[float, None, str]:
                 f"{MOST_FRAME:,}: give rows of a shorter time, "
                 "or the right --fps."
             )
-        scene.frame_start, scene.frame_end = trajectory.first_frame, last
+        scene.frame_start = trajectory.first_frame
+        scene.frame_end = last
     _film(scene, (yield from share(_places(scene), 0.5, 1.0)))
     if not any(item.type == "LIGHT" for item in scene.objects):
         _add(scene, "Sun", bpy.data.lights.new("Sun", "SUN")).rotation_euler = (
@@ -274,7 +280,7 @@ def _filled(scene: bpy.types.Scene) -> Generator[float, None, str]:
     if scene.world is None:
         scene.world = bpy.data.worlds.new("World")
     scene.frame_set(scene.frame_start)
-    return said
+    return sentence
 
 
 def _last(trajectory: Recorded) -> int:
@@ -287,7 +293,7 @@ def _places(scene: bpy.types.Scene) -> Generator[float, None, np.ndarray]:
     float64.
     """
     frames = evenly(range(scene.frame_start, scene.frame_end + 1), LOOKS)
-    found = []
+    places = []
     for k, frame in enumerate(frames):
         scene.frame_set(frame)
         trajectory = trajectory_of(scene)
@@ -296,15 +302,16 @@ def _places(scene: bpy.types.Scene) -> Generator[float, None, np.ndarray]:
         there = np.stack([crowd.x, crowd.y, crowd.z], axis=1)[
             slice(None) if crowd.present is None else crowd.present
         ]
-        found.append(there[:: max(1, len(there) * len(frames) // MOST_PLACES)])
-    return np.concatenate(found)
+        places.append(there[:: max(1, len(there) * len(frames) // MOST_PLACES)])
+    return np.concatenate(places)
 
 
 def _film(scene: bpy.types.Scene, places: np.ndarray) -> None:
     """Add a camera that frames the `places` (n, 3)."""
     camera = _add(scene, "Camera", bpy.data.cameras.new("Camera"))
     width, height = cameras.image_size(scene.render)
-    camera.data.lens, camera.data.shift_y = LENS, -DOWN * height / max(width, height)
+    camera.data.lens = LENS
+    camera.data.shift_y = -DOWN * height / max(width, height)
     scene.camera = camera
     window = cameras.camera_from(camera, scene.render, bpy.context.evaluated_depsgraph_get()).window
     meters = scene_data.meters(scene)
@@ -313,7 +320,8 @@ def _film(scene: bpy.types.Scene, places: np.ndarray) -> None:
     )
     x, y = view.ahead
     scene_data.look_at(camera, view.eye / meters, (y, -x, 0), (0, 0, 1), (x, y, 0))
-    camera.data.clip_start, camera.data.clip_end = 0.1 / meters, view.far / meters
+    camera.data.clip_start = 0.1 / meters
+    camera.data.clip_end = view.far / meters
 
 
 def _add(scene: bpy.types.Scene, name: str, data: bpy.types.ID) -> bpy.types.Object:

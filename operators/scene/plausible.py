@@ -54,12 +54,12 @@ def told_of_feet(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[st
         (True, "Moved to stand on the ground"),
         (False, "Off the ground (see Stand on Ground)"),
     ):
-        chosen = [group for group in groups if group.lowest and group.on_ground == moved]
-        heights = [number(abs(group.lowest) * scene_data.meters(scene)) for group in chosen]
-        sides = ["below" if group.lowest < 0 else "above" for group in chosen]
+        lifted = [group for group in groups if group.lowest and group.on_ground == moved]
+        heights = [number(abs(group.lowest) * scene_data.meters(scene)) for group in lifted]
+        sides = ["below" if group.lowest < 0 else "above" for group in lifted]
         texts = [
             f"{group.name} (feet {height} m {side} its origin)"
-            for group, height, side in zip(chosen, heights, sides, strict=True)
+            for group, height, side in zip(lifted, heights, sides, strict=True)
         ]
         if texts:
             yield f"{begin}: {', '.join(texts)}."
@@ -67,15 +67,15 @@ def told_of_feet(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[st
 
 def told_of_extent(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
     """Yield a sentence on what renders may show beyond the measured spheres."""
-    found = [
+    extents = [
         f"of {name}, {what}"
         for name, objects, _ in characters_of(scene)
         for what in dict.fromkeys(unknown(objects))
     ]
-    if found:
+    if extents:
         margin = number(MARGIN * max(group.radius for group in groups) * scene_data.meters(scene))
         yield (
-            f"Renders may show more than was measured: {'; '.join(found)}. If something is "
+            f"Renders may show more than was measured: {'; '.join(extents)}. If something is "
             f"missing at the picture's border, "
             f"set Margin to Fixed, {margin} m or more."
         )
@@ -83,11 +83,11 @@ def told_of_extent(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[
 
 def _heights(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
     heights = np.array([group.height for group in groups]) * scene_data.meters(scene)
-    found = judge.check_heights(heights)
-    if found is not None:
+    finding = judge.check_heights(heights)
+    if finding is not None:
         texts = [
             f"{groups[g].name} is {number(heights[g])} m tall"
-            for g in found.which
+            for g in finding.which
             if not groups[g].variant_of
         ]
         yield (
@@ -125,13 +125,13 @@ def _motion(crowd, part: Trajectory) -> Iterator[str]:
             yield from _speeds(found, "check the speeds of the state machine, which are in m/s")
 
 
-def _speeds(found: judge.Finding | None, remedy: str) -> Iterator[str]:
-    if found is None:
+def _speeds(finding: judge.Finding | None, remedy: str) -> Iterator[str]:
+    if finding is None:
         return
-    if found.kind == "nobody moves":
+    if finding.kind == "nobody moves":
         yield f"Nobody moves: {remedy}."
     else:
-        yield f"Agents walk at a median of {number(found.value)} m/s: {remedy}."
+        yield f"Agents walk at a median of {number(finding.value)} m/s: {remedy}."
 
 
 def _steps(part: Recorded) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -166,12 +166,12 @@ def _around(
     within = np.any([np.zeros(len(places), bool), *around.walls.values()], axis=0)
     if not isinstance(part.heights, Terrain):
         above = np.where(within, np.nan, places[:, 2] - around.ground)
-        for found in judge.check_ground(above * meters):
-            names = [around.names[index] for index in found.which]
+        for finding in judge.check_ground(above * meters):
+            names = [around.names[index] for index in finding.which]
             ground = max(sorted(set(names)), key=names.count)
-            side = "above" if found.kind == "floats" else "below"
+            side = "above" if finding.kind == "floats" else "below"
             yield (
-                f"{found.share:.0%} of the agents stand {number(found.value)} m {side} the ground "
+                f"{finding.share:.0%} of the agents stand {number(finding.value)} m {side} the ground "
                 f"{ground}: choose it as Terrain "
                 "Object, or change the z of Center."
             )

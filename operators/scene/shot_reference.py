@@ -218,10 +218,10 @@ def made_for(
 
     settings: of the crowd, for their exceptions.
     """
-    known = _crowds.get(trajectory)
-    if known is None:
-        known = _crowds[trajectory] = _of_crowd(trajectory)
-    chosen = {
+    digests = _crowds.get(trajectory)
+    if digests is None:
+        digests = _crowds[trajectory] = _of_crowd(trajectory)
+    of_settings = {
         "the choice of LODs": _digest(repr(policy)),
         "the detail map": _digest(
             "" if bias is None else f"{bias.area}", b"" if bias is None else bias.values.tobytes()
@@ -229,11 +229,12 @@ def made_for(
         # with the crowd's own digests these tell the edits, too
         "the exceptions": _digest(digest_of(settings)),
     }
-    return known | chosen | cast_inputs(settings.id_data)
+    return digests | of_settings | cast_inputs(settings.id_data)
 
 
 def _of_crowd(trajectory: Trajectory) -> dict[str, str]:
-    groups, parts = trajectory.groups, trajectory.digests()
+    groups = trajectory.groups
+    parts = trajectory.digests()
     bodies = [
         (g.name, g.center, g.radius, g.stride, g.period, *g.actions, *_sizes(g)) for g in groups
     ]

@@ -17,7 +17,8 @@ from ...crowd_lod.sources.trajectory import Trajectory
 SECONDS = 60.0  # how far ahead is looked
 MOST_AGENTS = 200_000
 # Reads of the table, and so the time, about two seconds; borders that one agent may cross.
-MOST_READS, MOST_BORDERS = 4_000_000, 4_000
+MOST_READS = 4_000_000
+MOST_BORDERS = 4_000
 
 
 @dataclass(frozen=True)
@@ -116,15 +117,17 @@ def find(trajectory: Trajectory, meters: float = 1.0) -> Troubles:
     meters: in a unit of the scene. Places of what is found are in meters.
     """
     parts = [_of_walk(walk) for walk in walks_of(trajectory)]
-    found = tuple(
+    findings = tuple(
         replace(each, x=each.x * meters, y=each.y * meters) for part in parts for each in part.found
     )
     agents, count = (sum(getattr(part, name) for part in parts) for name in ("agents", "count"))
-    return Troubles(found, agents, count, min((part.seconds for part in parts), default=SECONDS))
+    return Troubles(findings, agents, count, min((part.seconds for part in parts), default=SECONDS))
 
 
 def _of_walk(walk: Walk) -> Troubles:
-    crowd, machine, world = walk.start, walk.machine, walk.world
+    crowd = walk.start
+    machine = walk.machine
+    world = walk.world
     borders = max(float(courant(machine, world, 1.0).max()), 1 / SECONDS)
     seconds = min(SECONDS, MOST_BORDERS / borders)
     count = min(len(crowd), MOST_AGENTS, max(1, int(MOST_READS / (borders * seconds))))

@@ -46,18 +46,19 @@ def _put_in_order(owner: bpy.types.PropertyGroup, name: str) -> None:
     Blender does not tell which value of an array has changed, so the values before are kept beside.
     A value that is not a number becomes what it was.
     """
-    values, before = np.array(getattr(owner, name), np.float64), _before(owner, name)
+    values = np.array(getattr(owner, name), np.float64)
+    before = _before(owner, name)
     changed = np.flatnonzero(values != before)
-    found = np.where(np.isfinite(values), values, before)
+    ordered = np.where(np.isfinite(values), values, before)
     count = owner.id_data.crowd_lod.level_count - 1
     if count:
-        kept = min(changed[0], count - 1) if len(changed) else 0
-        found[:count] = pushed(found[:count].tolist(), kept, METRIC_OF[name])
-    found = found.astype(np.float32)
+        pushing = min(changed[0], count - 1) if len(changed) else 0
+        ordered[:count] = pushed(ordered[:count].tolist(), pushing, METRIC_OF[name])
+    ordered = ordered.astype(np.float32)
     # before the property, which calls this again and then finds nothing to do
-    owner[BEFORE.format(name)] = found.tolist()
-    if (found != values).any():
-        setattr(owner, name, found)
+    owner[BEFORE.format(name)] = ordered.tolist()
+    if (ordered != values).any():
+        setattr(owner, name, ordered)
 
 
 def _before(owner: bpy.types.PropertyGroup, name: str) -> np.ndarray:

@@ -55,8 +55,10 @@ def survey_of(
     folder: keeps what is surveyed so far, for a run that is killed; None keeps nothing.
     CrowdError if the crowd or its choice of LODs changes on the way.
     """
-    settings, trajectory = scene.crowd_lod, trajectory_of(scene)
-    policy, library = policy_of(settings), cast_of(characters_of(scene), trajectory)
+    settings = scene.crowd_lod
+    trajectory = trajectory_of(scene)
+    policy = policy_of(settings)
+    library = cast_of(characters_of(scene), trajectory)
     times = [scene_data.remapped(scene.render, number) for number in frames]
     survey = empty(frames, times, trajectory.start.group, library.first(trajectory.gaits))
     if blurred:
@@ -71,7 +73,10 @@ def survey_of(
             bounds=meshes_of(trajectory.groups, policy.count).bounds,
         )
     parts = Parts(survey, folder, _key(scene, frames) + "b" * blurred)
-    begin, before, took, saved = parts.taken_up(), None, Counter(), clock.monotonic()
+    begin = parts.taken_up()
+    before = None
+    took = Counter()
+    saved = clock.monotonic()
     with frame_stepping.stepped(scene) as at, Recorder() as recorder:
         for f in range(max(begin - 1, 0), len(frames)):
             time = times[f]
@@ -121,7 +126,8 @@ def survey_of(
 
 def _key(scene: bpy.types.Scene, frames: Sequence[int]) -> str:
     """Return a text that tells surveys apart: of the file, the crowd, the frames."""
-    settings, trajectory = scene.crowd_lod, trajectory_of(scene)
+    settings = scene.crowd_lod
+    trajectory = trajectory_of(scene)
     file = Path(bpy.data.filepath)
     data = file.read_bytes() if bpy.data.filepath and file.is_file() else b""
     about = shot_reference.made_for(settings, trajectory, policy_of(settings), bias_of(settings))
@@ -136,7 +142,10 @@ class Parts:
     """
 
     def __init__(self, survey: Survey, folder: Path | None, key: str):
-        self.survey, self.folder, self.key, self.done = survey, folder, key, 0
+        self.survey = survey
+        self.folder = folder
+        self.key = key
+        self.done = 0
         self.cameras: list[np.ndarray] = []
 
     def taken_up(self) -> int:
@@ -159,10 +168,8 @@ class Parts:
         if self.folder is None or end <= self.done:
             return
         rows = slice(self.done, end)
-        path, entered = (
-            self.folder / f"{PARTS}-{self.key}-{self.done}-{end}.npz",
-            self.survey.entered[rows],
-        )
+        path = self.folder / f"{PARTS}-{self.key}-{self.done}-{end}.npz"
+        entered = self.survey.entered[rows]
         with suppress(OSError):  # the run itself needs none of it
             self.folder.mkdir(parents=True, exist_ok=True)
             with path.with_suffix(".part").open("wb") as file:

@@ -41,14 +41,15 @@ def crops_of(
 
     rows: (s,) of shot.switches.ROW, of the shot that `through` has surveyed.
     """
-    trajectory, found = trajectory_of(scene), []
-    for done, row in enumerate(rows):
+    trajectory = trajectory_of(scene)
+    crops = []
+    for count, row in enumerate(rows):
         f = int(np.searchsorted(through.survey.numbers, row["frame"]))
         time = float(through.survey.times[f])
-        yield from share(approach(trajectory, time), done / len(rows), (done + 1) / len(rows))
+        yield from share(approach(trajectory, time), count / len(rows), (count + 1) / len(rows))
         levels = [int(row["before"]), int(row["after"])]
-        found.append(_crop(_posed(scene, int(row["agent"]), time, levels), through.cameras[f, 0]))
-    return found
+        crops.append(_crop(_posed(scene, int(row["agent"]), time, levels), through.cameras[f, 0]))
+    return crops
 
 
 def _posed(
@@ -57,8 +58,11 @@ def _posed(
     """Return the agent at `time` with each of `levels`, in world space, and the images of its
     materials.
     """
-    settings, trajectory, characters = scene.crowd_lod, trajectory_of(scene), characters_of(scene)
-    crowd, looks = trajectory.at(time), Looks()
+    settings = scene.crowd_lod
+    trajectory = trajectory_of(scene)
+    characters = characters_of(scene)
+    crowd = trajectory.at(time)
+    materials = Looks()
     g = int(crowd.group[agent])
     name, objects, _ = characters[g]
     homes = [home_of(settings.levels.children[max(k, 0)], g, name) for k in levels]
@@ -70,7 +74,8 @@ def _posed(
         Euler((own.get("roll", 0.0), -own.get("pitch", 0.0), own["heading"])).to_matrix().to_4x4()
     )
     turn = Matrix.Rotation(scene_data.rotation(settings.forward), 4, "Z")
-    gaits, bodies = trajectory.gaits, []
+    gaits = trajectory.gaits
+    bodies = []
     action = gaits.actions[gaits.action[crowd.playing[agent]]]
     act = performance_of(name, objects, filter(None, [action])).only(action)
     ((first, last),) = act.spans
@@ -78,7 +83,7 @@ def _posed(
         act.go_to(stage, first + (last - first) * own["phase"])
         for k, home in zip(levels, homes, strict=True):
             body = bodies_of(
-                [actors[item] for item in home.objects], stage.view_layers[0].depsgraph, looks
+                [actors[item] for item in home.objects], stage.view_layers[0].depsgraph, materials
             )
             size = Matrix.Scale(1 + own.get("size", 0.0), 4)
             placed = np.array(
@@ -91,7 +96,7 @@ def _posed(
             bodies.append(
                 body and _only(_moved(body, placed), np.full(len(body.triangles), k != NOTHING))
             )
-    return bodies, looks
+    return bodies, materials
 
 
 def _moved(body: Body, matrix: np.ndarray) -> Body:
@@ -101,19 +106,21 @@ def _moved(body: Body, matrix: np.ndarray) -> Body:
     return replace(body, points=body.points @ turn + matrix[:3, 3], normals=normals)
 
 
-def _only(body: Body, which: np.ndarray) -> Body:
+def _only(body: Body, triangles: np.ndarray) -> Body:
     """Return `body` with the triangles `which` (m,) bool."""
     names = ("triangles", "normals", "uvs", "colors", "image")
-    return replace(body, **{name: getattr(body, name)[which] for name in names})
+    return replace(body, **{name: getattr(body, name)[triangles] for name in names})
 
 
 def _crop(posed: tuple[list[Body | None], Looks], numbers: np.ndarray) -> Crop | None:
     """Return both bodies as the camera of `numbers` (21,) sees them, or None."""
-    bodies, looks = posed
+    bodies, materials = posed
     camera = camera_of(numbers)
     if camera.kind == "PANO" or None in bodies:
         return None
-    axes, flat, shown = np.stack([camera.X, camera.Y, camera.Z]), [], []
+    axes = np.stack([camera.X, camera.Y, camera.Z])
+    flat = []
+    bodies_ahead = []
     for body in bodies:
         at = (body.points - camera.origin) @ axes.T
         ahead = at[:, 2] > camera.near
@@ -122,9 +129,12 @@ def _crop(posed: tuple[list[Body | None], Looks], numbers: np.ndarray) -> Crop |
         at[~ahead] = at[ahead][0]  # what the near clip cuts off widens no window
         at[:, :2] *= camera.pixels_per_unit / (1.0 if camera.kind == "ORTHO" else at[:, 2:])
         flat.append(at)
-        shown.append(_only(body, ahead[body.triangles].all(axis=1)))
+        bodies_ahead.append(_only(body, ahead[body.triangles].all(axis=1)))
     smaller = min(1.0, MOST / max(float(np.ptp(np.concatenate(flat)[:, :2], axis=0).max()), 1e-9))
     before, after = pictures(
-        shown, looks.images(), [at * (smaller, smaller, 1) for at in flat], axes * [[1], [1], [-1]]
+        bodies_ahead,
+        materials.images(),
+        [at * (smaller, smaller, 1) for at in flat],
+        axes * [[1], [1], [-1]],
     )
     return before, after

@@ -22,8 +22,14 @@ class Materials:
     """
 
     def __init__(self, usd, stage, home: str, place: Path, hidden: Path):
-        self.usd, self.stage, self.home, self.place, self.hidden = usd, stage, home, place, hidden
-        self._looks, self._made, self._files = Looks(), {}, {}
+        self.usd = usd
+        self.stage = stage
+        self.home = home
+        self.place = place
+        self.hidden = hidden
+        self._looks = Looks()
+        self._made = {}
+        self._files = {}
 
     def of(self, material: bpy.types.Material | None) -> Any:
         """Return the UsdShade.Material of `material`."""
@@ -32,7 +38,8 @@ class Materials:
         return self._made[material]
 
     def _write(self, material: bpy.types.Material | None) -> Any:
-        shade, types = self.usd.UsdShade, self.usd.Sdf.ValueTypeNames
+        shade = self.usd.UsdShade
+        types = self.usd.Sdf.ValueTypeNames
         path = f"{self.home}/{self.name(material.name if material else 'Gray')}"
         made = shade.Material.Define(self.stage, path)
         surface = shade.Shader.Define(self.stage, f"{path}/Surface")
@@ -73,16 +80,16 @@ class Materials:
         none.
         """
         if image not in self._files:
-            own = Path(bpy.path.abspath(image.filepath, library=image.library))
-            kept = (
+            path = Path(bpy.path.abspath(image.filepath, library=image.library))
+            is_named = (
                 image.source == "FILE"
                 and not image.packed_file
                 and not image.is_dirty
-                and own.is_file()
+                and path.is_file()
             )
             self._files[image] = (
-                self._named(own)
-                if kept and own.suffix.lower() in READ_BY_ALL
+                self._named(path)
+                if is_named and path.suffix.lower() in READ_BY_ALL
                 else self._saved(image)
             )
         return self._files[image]

@@ -48,7 +48,8 @@ def library_of_poses(
     poses: even phases of each action in which a group is posed, unless it does not move.
     animated: a character for each of a group's phase classes instead.
     """
-    played, posed = trajectory.gaits.actions, []
+    played = trajectory.gaits.actions
+    posed = []
     check_measured(characters_of(scene), trajectory.groups)
     for group, (_, objects, _) in zip(trajectory.groups, characters_of(scene), strict=True):
         performance = group_performance(group, objects)
@@ -86,10 +87,8 @@ def write_prototypes(
     frames, seconds: of the timeline, and after frame 0, at which moving prototypes are posed.
     """
     trajectory, library, wanted = cast
-    gaits, levels = (
-        trajectory.gaits,
-        scene.crowd_lod.levels.children[: policy_of(scene.crowd_lod).count],
-    )
+    gaits = trajectory.gaits
+    levels = scene.crowd_lod.levels.children[: policy_of(scene.crowd_lod).count]
     first = library.first(gaits)
     for g, (name, objects, _) in enumerate(characters_of(scene)):
         mine = wanted[(wanted % first[-1] >= first[g]) & (wanted % first[-1] < first[g + 1])]
@@ -99,7 +98,7 @@ def write_prototypes(
         with as_rendered(item for home in homes for item in home.objects) as (stage, actors):
             performance = group_performance(trajectory.groups[g], objects)
             numbers = np.unique(mine % first[-1])
-            for done, number in enumerate(numbers.tolist()):
+            for count, number in enumerate(numbers.tolist()):
                 prototypes = mine[mine % first[-1] == number].tolist()
                 act, moments = _moments(
                     performance, trajectory, library, (g, number - int(first[g])), (frames, seconds)
@@ -118,7 +117,7 @@ def write_prototypes(
                                 )
                                 if form is not None:
                                     write(prototype, item.name, form, frame)
-                    yield (g + (done + 1) / len(numbers)) / len(first)
+                    yield (g + (count + 1) / len(numbers)) / len(first)
     yield 1.0
 
 
@@ -126,19 +125,21 @@ def _moments(
     performance: Performance,
     trajectory: Trajectory,
     library: Library,
-    whose: tuple[int, int],
+    prototype: tuple[int, int],
     times: tuple,
 ) -> tuple[Performance, list[tuple[float | None, float]]]:
     """Return the action of a character, and (frame or None, moment of the action) of all its poses.
 
-    whose: its group, its number in the group. times: frames and seconds.
+    prototype: its group, its number in the group.
+    times: frames and seconds.
     """
-    gaits, (g, own) = trajectory.gaits, whose
+    gaits = trajectory.gaits
+    g, number = prototype
     if library.posed[g]:
-        action, pose = divmod(own, int(library.posed[g]))
+        action, pose = divmod(number, int(library.posed[g]))
         phases = [(None, pose / int(library.posed[g]))]
     else:
-        which, phase_class = divmod(own, gaits.classes)
+        which, phase_class = divmod(number, gaits.classes)
         action, rate = gaits.plays[g][which]
         phases = [
             (frame, (phase_class / gaits.classes + rate * s) % 1.0)
