@@ -15,7 +15,7 @@ from . import scene_cache
 from .console import quiet
 
 # The values last read of each image, and when.
-_values: dict[int, tuple[np.ndarray, float]] = scene_cache.kept({})
+_values: dict[int, tuple[np.ndarray, float]] = scene_cache.add_cache({})
 MOST_IMAGES = 8
 # seconds between two looks at what has no cheap mark of change, where a look at each frame would
 # take too long

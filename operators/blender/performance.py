@@ -108,8 +108,8 @@ class Performance:
         """Whether every part lasts one frame."""
         return all(part.first == part.last for part in self.parts)
 
-    def keys(self, each: int) -> np.ndarray:
-        """Return the moments of `each` keys a frame of the first part, (k,) float64, its ends among
+    def keys(self, per_frame: int) -> np.ndarray:
+        """Return the moments of `per_frame` keys a frame of the first part, (k,) float64, its ends among
         them.
 
         A step of a cross-fade has those of both its actions: their keys bend its curves.
@@ -121,7 +121,10 @@ class Performance:
         }
         return np.unique(
             np.concatenate(
-                [np.linspace(first, last, int(np.ceil(each * length)) + 1) for length in lengths]
+                [
+                    np.linspace(first, last, int(np.ceil(per_frame * length)) + 1)
+                    for length in lengths
+                ]
             ).round(6)
         )
 
@@ -162,7 +165,7 @@ class Performance:
         if self._mixture is not None and part.mixed:
             phase = (frame - part.first) / max(part.last - part.first, 1e-9)
             one, other = (each.first + phase * (each.last - each.first) for each in part.mixed[:2])
-            self._mixture.put((one, other))
+            self._mixture.set_pose((one, other))
         stage.frame_set(int(frame // 1), subframe=float(frame % 1))
 
     def _play(self, part: Part) -> None:
@@ -261,7 +264,7 @@ def _curves(action: bpy.types.Action, handle: int) -> list[bpy.types.FCurve]:
     return curves_of(SimpleNamespace(action=action, action_slot_handle=handle))
 
 
-def own(objects: list[bpy.types.Object]) -> Performance:
+def own_performance(objects: list[bpy.types.Object]) -> Performance:
     """Return the performance of the character's own action alone."""
     return Performance([_own_part(objects)])
 
@@ -298,7 +301,7 @@ def performance_of(
         name: _mixed(group, name, (parts[before], parts[after], share))
         for name, (before, after, share) in steps.items()
     }
-    return Performance([*own(objects).parts, *(parts[name] for name in names)])
+    return Performance([*own_performance(objects).parts, *(parts[name] for name in names)])
 
 
 def group_performance(group: Group, objects: list[bpy.types.Object]) -> Performance:

@@ -63,7 +63,7 @@ class Mixture:
                     self.channels[path] = channel
                 self.channels[path].sides[side][curve.array_index] = curve
 
-    def put(self, frames: tuple[float, float]) -> None:
+    def set_pose(self, frames: tuple[float, float]) -> None:
         """Set the pose between the actions, each at its own frame."""
         for channel in self.channels.values():
             ends = []

@@ -46,7 +46,7 @@ class _Known:
     blocks: frozenset[int]
 
 
-_known: dict[tuple, _Known] = scene_cache.kept({})
+_known: dict[tuple, _Known] = scene_cache.add_cache({})
 changes = 0  # of data-blocks that Blender has told of, and of undo steps
 
 
@@ -55,7 +55,7 @@ def differences(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
     return [name for name in {**now, **before} if before.get(name) != now.get(name)]
 
 
-def named(names: Sequence[str]) -> str:
+def name_inputs(names: Sequence[str]) -> str:
     """Return the names of inputs in words, such as "the camera and LOD 1 of adult"."""
     listed = (
         list(names) if len(names) <= NAMED + 1 else [*names[:NAMED], f"{len(names) - NAMED} more"]

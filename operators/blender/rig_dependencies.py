@@ -195,12 +195,12 @@ def read_columns(
 
     columns: (property, numbers per point, NumPy type).
     """
-    found = []
+    contents = []
     for name, width, kind in columns:
         values = np.empty(width * len(points), kind)
         points.foreach_get(name, values)
-        found.append(values.tobytes())
-    return found
+        contents.append(values.tobytes())
+    return contents
 
 
 Called = Callable[[bpy.types.ID | None], str]
@@ -353,7 +353,7 @@ def read_tree(tree: bpy.types.NodeTree, called: Called = full_name) -> list:
         values = [
             getattr(socket, "default_value", None) for socket, path in places if path not in paths
         ]
-        told = [
+        facts = [
             called(value) if isinstance(value, bpy.types.ID) else plain(value) for value in values
         ]
         rows.append(
@@ -361,7 +361,7 @@ def read_tree(tree: bpy.types.NodeTree, called: Called = full_name) -> list:
                 node.name,
                 node.mute,
                 settings_of(node, moved, settings, called) if settings else (),
-                told,
+                facts,
             )
         )
     links = [

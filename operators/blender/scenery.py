@@ -349,7 +349,7 @@ def _set(socket: bpy.types.NodeSocket) -> bool:
 
 
 # What was last seen in each view layer that is played, by scene and name.
-_kept: dict[tuple[int, str], Scenery] = scene_cache.kept({})
+_kept: dict[tuple[int, str], Scenery] = scene_cache.add_cache({})
 MOST_KEPT = 8
 
 

@@ -15,7 +15,7 @@ from .characters import GROUP, characters_of
 CHARACTER = "the character "  # begins the names of their inputs
 PAUSE = 1.0  # seconds between two looks at a scene in which Blender tells of no edit
 SHARE = 0.05  # of the time that looks may take
-_known: dict[int, tuple[float, int, dict[str, str]]] = scene_cache.kept({}, by_scene=True)
+_known: dict[int, tuple[float, int, dict[str, str]]] = scene_cache.add_cache({}, by_scene=True)
 
 
 def cast_inputs(scene: bpy.types.Scene) -> dict[str, str]:

@@ -11,7 +11,7 @@ from ...crowd_lod.crowd.agents import bounding_sphere
 from ...crowd_lod.crowd.sole import ground_of, sole_of
 from ...crowd_lod.errors import CrowdError
 from ..blender import cleanup, mesh_data
-from ..blender.performance import Performance, own
+from ..blender.performance import Performance, own_performance
 from ..blender.references import reached
 from ..blender.render_evaluation import as_rendered
 from ..blender.rig_dependencies import armatures_of
@@ -100,7 +100,7 @@ def posing(
     Returns a measurement for each frame. Whenever it yields, the file holds none of its temporary
     data.
     """
-    performance, poses = performance or own(objects), []
+    performance, poses = performance or own_performance(objects), []
     while len(poses) < len(frames):
         with cleanup.scratch(), as_rendered(objects) as (stage, actors), performance:
             for item in armatures_of(objects):

@@ -84,7 +84,7 @@ def new_scene(args, command: list[str]) -> dict:
         )
     path = blend_path(args.out or Path(f"{args.source or args.tracks.stem}.blend"))
     tracks, characters, ground = (
-        _existing(each) for each in (args.tracks, args.characters, args.ground)
+        _existing(value) for value in (args.tracks, args.characters, args.ground)
     )
     with files.staged_file(path) as part:
         scene = open_scene(str(characters))
@@ -112,7 +112,7 @@ def new_scene(args, command: list[str]) -> dict:
     return {
         "out": printable(path),
         "frames": [scene.frame_start, scene.frame_end],
-        "camera": [round(each, 3) for each in scene.camera.matrix_world.translation],
+        "camera": [round(value, 3) for value in scene.camera.matrix_world.translation],
         "summary": f"{sentence}\n{counted(count, 'frame')} at "
         f"{scene.render.fps / scene.render.fps_base:g} a second.\n{printable(path)}",
     }
@@ -192,14 +192,14 @@ def _empty(
 
 
 def _homes_of_needed(
-    own: Iterable[bpy.types.Collection], source: bpy.types.Object | None
+    collections: Iterable[bpy.types.Collection], source: bpy.types.Object | None
 ) -> set[bpy.types.Collection]:
     """Return a new hidden collection of what the objects of `own` need from outside, if anything.
 
     Blender would purge parents and targets that no collection holds, and characters change their
     size and place without them.
     """
-    inside = {item for collection in own for item in collection.all_objects}
+    inside = {item for collection in collections for item in collection.all_objects}
     outside = set(closure_of(inside)) - inside - {source}
     if not outside:
         return set()

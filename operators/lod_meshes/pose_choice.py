@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 
 from ..blender import cleanup, mesh_data
-from ..blender.performance import Performance, own
+from ..blender.performance import Performance, own_performance
 from ..blender.rig_dependencies import armatures_of
 from .source_mesh import positions, read_weights
 
@@ -28,7 +28,7 @@ def poses(
     Some lie evenly over each action, half as many over those that states name. At the others its
     joints are farthest from where they are at any before, or are bent most unlike them, in turn.
     """
-    performance = performance or own(list(objects))
+    performance = performance or own_performance(list(objects))
     parts = [_frames(*span) for span in performance.spans]
     times, begins = np.concatenate(parts), np.cumsum([0, *map(len, parts)]).tolist()
     motions: tuple[np.ndarray, np.ndarray] | None = None

@@ -55,7 +55,7 @@ class Casting:
         self.characters, self.baking, self.ready, self.told = (), None, True, (why,)
 
 
-_castings: dict[int, Casting] = scene_cache.kept({}, by_scene=True)
+_castings: dict[int, Casting] = scene_cache.add_cache({}, by_scene=True)
 
 
 def casting_of(scene: bpy.types.Scene) -> Casting | None:
@@ -72,7 +72,7 @@ def casting_of(scene: bpy.types.Scene) -> Casting | None:
         key, looks = _key(scene)
         # to read pixels takes milliseconds
         seen = known is None or scene.crowd_lod.overlay_color == "MATERIAL"
-        painted = _painted(looks.found) if seen else known.painted
+        painted = _painted(looks.sources) if seen else known.painted
         if known is None or (known.key, known.painted) != (key, painted):
             known = _castings[scene.session_uid] = Casting(key, painted, now)
         known.looked = now
@@ -87,7 +87,9 @@ def read(scene: bpy.types.Scene) -> Iterator[float]:
     Call it outside drawing.
     """
     key, looks = _key(scene)
-    casting = _castings[scene.session_uid] = Casting(key, _painted(looks.found), clock.monotonic())
+    casting = _castings[scene.session_uid] = Casting(
+        key, _painted(looks.sources), clock.monotonic()
+    )
     while not casting.ready:
         _bake_on(scene, casting)
         yield casting.progress

@@ -253,10 +253,10 @@ def _through(
         for key, light in _instanced(makers, depsgraph, engine).items():
             by_key.setdefault(key, []).append(light)
     lights, mirrors = zip(*moments, strict=True)
-    lights = [_widened(each) for each in zip(*lights, strict=True)] + _few(
-        [_widened(tuple(each)) for each in by_key.values()]
+    lights = [_widened(group) for group in zip(*lights, strict=True)] + _few(
+        [_widened(tuple(group)) for group in by_key.values()]
     )
-    return lights, [mirror for each in mirrors for mirror in each]
+    return lights, [mirror for group in mirrors for mirror in group]
 
 
 def _widened(lights: tuple[Light, ...]) -> Light:

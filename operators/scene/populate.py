@@ -45,11 +45,11 @@ def populating(
         groups = yield from measuring_groups(scene)
         trajectory = crowd_sources.populated(scene, groups, depsgraph)
         troubles = yield from aside(lambda: find(trajectory, scene_data.meters(scene)), lambda: 1.0)
-        warnings = [troubles.sentence] if troubles.found else []
+        warnings = [troubles.sentence] if troubles.troubles else []
         warnings += _warnings(scene, groups, crowds, trajectory, depsgraph)
     store_groups(settings, groups)
     place_levels(scene)
-    notes = [] if troubles.found else [troubles.sentence]
+    notes = [] if troubles.troubles else [troubles.sentence]
     settings.trouble = "\n".join(filter(None, (*warnings, *notes)))
     sentences = [
         _result(groups, trajectory),

@@ -26,11 +26,11 @@ from ..settings.exception_settings import REGIONS
 from ..sources import hand_edits
 
 # Of painted maps: the values, and their digest.
-_painted: dict[int, tuple[np.ndarray, str]] = scene_cache.kept({})
+_painted: dict[int, tuple[np.ndarray, str]] = scene_cache.add_cache({})
 
 # Of each scene what was asked last, and (the exceptions that hold without a shot plan, what is
 # wrong).
-_numbered: dict[int, tuple] = scene_cache.kept({}, by_scene=True)
+_numbered: dict[int, tuple] = scene_cache.add_cache({}, by_scene=True)
 
 
 def exemptions_of(

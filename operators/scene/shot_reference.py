@@ -25,14 +25,14 @@ from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_cache, scene_data
 from ..blender.cameras import cameras_at
 from ..blender.output_folders import full_path
-from ..blender.provenance import differences, named, text_digest
+from ..blender.provenance import differences, name_inputs, text_digest
 from ..characters.cast_provenance import cast_inputs
 from ..sources import hand_edits
 from .shot_exceptions import digest_of, numbered_of
 
 # Plans by path, time of change and size.
-_stored: dict[tuple, StoredPlan] = scene_cache.kept({})
-_contents: dict[tuple, str] = scene_cache.kept({})  # digests of plans, by the same
+_stored: dict[tuple, StoredPlan] = scene_cache.add_cache({})
+_contents: dict[tuple, str] = scene_cache.add_cache({})  # digests of plans, by the same
 _crowds: WeakKeyDictionary[Trajectory, dict[str, str]] = WeakKeyDictionary()
 CAMERA = "the camera"
 ABOUT = "version", "blend_file", "made_for"  # arrays of a plan's file that say nothing of its LODs
@@ -206,7 +206,7 @@ def told_of_shot(
 
 def _not_used(stored: StoredPlan, changed: Sequence[str]) -> str:
     return (
-        f"The shot plan is not used, for {named(changed)} changed since it was "
+        f"The shot plan is not used, for {name_inputs(changed)} changed since it was "
         f"made{_for_another(stored)}: {AGAIN}."
     )
 

@@ -69,13 +69,13 @@ def off_color(world: LabelMap, machine: StateMachine) -> tuple[OffColor, ...]:
 class Troubles:
     """What was found.
 
-    found: a Trouble for each kind; first an OffColor if the map has such pixels.
+    troubles: a Trouble for each kind; first an OffColor if the map has such pixels.
     agents: how many agents were checked, the first ones of the crowd.
     count: all agents of the crowd.
     seconds: how far ahead of the first frame was checked.
     """
 
-    found: tuple[OffColor | Trouble, ...]
+    troubles: tuple[OffColor | Trouble, ...]
     agents: int
     count: int
     seconds: float
@@ -83,7 +83,7 @@ class Troubles:
     @property
     def sentence(self) -> str:
         """Return all of it as text for the user, "" if all is well and was checked."""
-        parts = [str(each) for each in self.found]
+        parts = [str(each) for each in self.troubles]
         if self.agents < self.count or self.seconds < SECONDS:
             parts.append(
                 f"Only the first {self.agents:,} of {self.count:,} agents were checked for "
@@ -96,14 +96,14 @@ class Troubles:
         """Return a dict for plan.json per kind, with the place where most agents have it."""
         return [
             {
-                "kind": each.kind,
-                "agents": len(each.agents),
-                "place": [float(each.x[0]), float(each.y[0])],
-                "column": int(each.column[0]),
-                "row": int(each.row[0]),
-                "count": int(each.counts[0]),
+                "kind": trouble.kind,
+                "agents": len(trouble.agents),
+                "place": [float(trouble.x[0]), float(trouble.y[0])],
+                "column": int(trouble.column[0]),
+                "row": int(trouble.row[0]),
+                "count": int(trouble.counts[0]),
             }
-            for each in self.found
+            for trouble in self.troubles
         ]
 
 
@@ -118,7 +118,9 @@ def find(trajectory: Trajectory, meters: float = 1.0) -> Troubles:
     """
     parts = [_of_walk(walk) for walk in walks_of(trajectory)]
     findings = tuple(
-        replace(each, x=each.x * meters, y=each.y * meters) for part in parts for each in part.found
+        replace(each, x=each.x * meters, y=each.y * meters)
+        for part in parts
+        for each in part.troubles
     )
     agents, count = (sum(getattr(part, name) for part in parts) for name in ("agents", "count"))
     return Troubles(findings, agents, count, min((part.seconds for part in parts), default=SECONDS))

@@ -77,8 +77,8 @@ class Planned:
     shot: Shot
     plan: BudgetPlan
     stored: plan_file.StoredPlan
-    told: Told
-    wanted: Wanted
+    report: Told
+    request: Wanted
     exemptions: tuple[Exemption, ...] = ()
 
 
@@ -168,9 +168,9 @@ def write_plan(
     (folder / "plan.json").write_text(tables.to_json(content), encoding="utf-8")
     (folder / "frames.csv").write_text(tables.to_csv(content["frames"]), encoding="utf-8")
     (folder / "switches.csv").write_text(
-        tables.switches_csv(planned.told.noticed), encoding="utf-8"
+        tables.switches_csv(planned.report.noticed), encoding="utf-8"
     )
-    (folder / "report.html").write_text(shot_page(planned.told), encoding="utf-8")
+    (folder / "report.html").write_text(shot_page(planned.report), encoding="utf-8")
     return content
 
 
@@ -189,12 +189,12 @@ def shot_json(planned: Planned) -> dict[str, Any]:
     """Return what plan.json tells of the shot."""
     budget = {
         name: value
-        for name, value in vars(planned.wanted.budget).items()
+        for name, value in vars(planned.request.budget).items()
         if value not in (None, inf)
     }
-    asked = {"avoid_pops": planned.wanted.avoid, "blur": planned.wanted.blurred, "budget": budget}
+    asked = {"avoid_pops": planned.request.avoid, "blur": planned.request.blurred, "budget": budget}
     return shot_facts(
-        planned.told, planned.stored, asked, [each.as_json for each in planned.exemptions]
+        planned.report, planned.stored, asked, [each.as_json for each in planned.exemptions]
     )
 
 

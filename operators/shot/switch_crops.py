@@ -69,10 +69,8 @@ def _posed(
     columns = columns_of(
         trajectory, crowd, Held(crowd, time), np.array([agent]), cast_of(characters, trajectory)
     )
-    own = {key: values[0].tolist() for key, values in columns.items()}
-    stance = (
-        Euler((own.get("roll", 0.0), -own.get("pitch", 0.0), own["heading"])).to_matrix().to_4x4()
-    )
+    at = {key: values[0].tolist() for key, values in columns.items()}
+    stance = Euler((at.get("roll", 0.0), -at.get("pitch", 0.0), at["heading"])).to_matrix().to_4x4()
     turn = Matrix.Rotation(scene_data.rotation(settings.forward), 4, "Z")
     gaits = trajectory.gaits
     bodies = []
@@ -80,14 +78,14 @@ def _posed(
     act = performance_of(name, objects, filter(None, [action])).only(action)
     ((first, last),) = act.spans
     with as_rendered(item for home in homes for item in home.objects) as (stage, actors), act:
-        act.go_to(stage, first + (last - first) * own["phase"])
+        act.go_to(stage, first + (last - first) * at["phase"])
         for k, home in zip(levels, homes, strict=True):
             body = bodies_of(
                 [actors[item] for item in home.objects], stage.view_layers[0].depsgraph, materials
             )
-            size = Matrix.Scale(1 + own.get("size", 0.0), 4)
+            size = Matrix.Scale(1 + at.get("size", 0.0), 4)
             placed = np.array(
-                Matrix.Translation(own["position"])
+                Matrix.Translation(at["position"])
                 @ stance
                 @ turn
                 @ size

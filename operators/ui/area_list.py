@@ -14,7 +14,7 @@ class CROWDLOD_UL_areas(SwitchedRow, bpy.types.UIList):
     """One area a row: its switch, its name and its label."""
 
     @staticmethod
-    def told(item) -> str:
+    def words(item) -> str:
         return item.label
 
 

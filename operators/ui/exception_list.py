@@ -11,7 +11,7 @@ class CROWDLOD_UL_exceptions(SwitchedRow, bpy.types.UIList):
     """One exception a row: its switch, its name and what it asks for."""
 
     @staticmethod
-    def told(item) -> str:
+    def words(item) -> str:
         return asks(item)
 
 

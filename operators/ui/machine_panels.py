@@ -23,7 +23,7 @@ from .swatches import swatch
 MOST_LETTERS = 180  # of a mistake; the message of Populate is longer
 ARROWS = "→↗↑↖←↙↓↘"  # from +x, counter-clockwise
 # Of each scene the frame whose agents were counted last, and how many are in each of its states.
-_counted: dict[int, tuple] = scene_cache.kept({}, by_scene=True)
+_counted: dict[int, tuple] = scene_cache.add_cache({}, by_scene=True)
 
 
 def counts_of(scene: bpy.types.Scene, states: list[str]) -> list[int]:

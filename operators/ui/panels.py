@@ -220,9 +220,9 @@ class CROWDLOD_PT_levels(Step, bpy.types.Panel):
             icon="MOD_DECIM",
             following=steps.following(context.scene),
         )
-        self.made(context, layout, settings)
+        self.draw_made(context, layout, settings)
 
-    def made(self, context, layout, settings) -> None:
+    def draw_made(self, context, layout, settings) -> None:
         """Draw two lines: what has changed since LODs were made, and about what others would be."""
         change = forecast(context.scene)
         line = letters_of(context)

@@ -63,7 +63,7 @@ class Moving(Listed):
 
 
 class SwitchedRow:
-    """A list whose rows are drawn with a switch, a name and a few words; `told(item)` returns the
+    """A list whose rows are drawn with a switch, a name and a few words; `words(item)` returns the
     words.
     """
 
@@ -75,7 +75,7 @@ class SwitchedRow:
         part = row.row(align=True)
         part.active = item.use
         part.prop(item, "name", text="", emboss=False)
-        part.label(text=self.told(item), translate=False)
+        part.label(text=self.words(item), translate=False)
 
 
 def draw_list(layout, settings, kind: str, holder: bpy.types.PropertyGroup, rows: int = 4) -> None:

@@ -47,7 +47,7 @@ class Materials:
         made.CreateSurfaceOutput().ConnectToSource(surface.ConnectableAPI(), "surface")
         *color, layer = self._looks.of(material)
         base = surface.CreateInput("diffuseColor", types.Color3f)
-        file = self._file(self._looks.found[int(layer)]) if layer >= 0 else ""
+        file = self._file(self._looks.sources[int(layer)]) if layer >= 0 else ""
         if file:
             reader, image = (
                 shade.Shader.Define(self.stage, f"{path}/{each}") for each in ("UV", "Image")

@@ -86,12 +86,15 @@ def write_prototypes(
     (crowd_lod/frame/instances.py).
     frames, seconds: of the timeline, and after frame 0, at which moving prototypes are posed.
     """
-    trajectory, library, wanted = cast
+    trajectory, library, prototype_numbers = cast
     gaits = trajectory.gaits
     levels = scene.crowd_lod.levels.children[: policy_of(scene.crowd_lod).count]
     first = library.first(gaits)
     for g, (name, objects, _) in enumerate(characters_of(scene)):
-        mine = wanted[(wanted % first[-1] >= first[g]) & (wanted % first[-1] < first[g + 1])]
+        mine = prototype_numbers[
+            (prototype_numbers % first[-1] >= first[g])
+            & (prototype_numbers % first[-1] < first[g + 1])
+        ]
         if not len(mine):
             continue
         homes = [home_of(level, g, name) for level in levels]

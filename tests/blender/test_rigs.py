@@ -109,7 +109,7 @@ def test_a_quick_swing_between_even_looks_gets_its_keys(scene):
     home.instance_offset = origin
     home.objects.link(objects[0])
     with as_rendered(home.objects) as (stage, actors):
-        act = performance.own(objects)
+        act = performance.own_performance(objects)
         model, why = finished(
             rigs.modeled(rigs.Acting("adult", [home], stage, actors, 1.9), act, {})
         )
