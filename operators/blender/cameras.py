@@ -132,19 +132,9 @@ def camera_from(
     evaluated = camera.evaluated_get(depsgraph)
     data = evaluated.data
     matrix = np.array(evaluated.matrix_world, np.float64)
-    if not 0 <= data.clip_start < data.clip_end:
-        unit = meters(depsgraph.scene)
-        raise CrowdError(
-            f"The camera {camera.name} clips from {data.clip_start * unit:g} to "
-            f"{data.clip_end * unit:g} m: the end must exceed the start."
-        )
+    _check_clip(camera.name, data, meters(depsgraph.scene))
     kind = data.type if data.type in ("PERSP", "ORTHO") else "PANO"
-    eyes = stereo.Stereo(
-        data.stereo.convergence_mode,
-        data.stereo.pivot,
-        data.stereo.interocular_distance,
-        data.stereo.convergence_distance,
-    )
+    eyes = _stereo_of(data)
     spherical = side is not None and data.stereo.use_spherical_stereo and kind != "ORTHO"
     shift_x = data.shift_x
     if side is not None and not spherical:
@@ -183,6 +173,27 @@ def camera_from(
     if data.dof.use_dof:
         film = _focused(film, data, depsgraph)
     return stereo.spherical(film, eyes) if spherical else film
+
+
+def _check_clip(name: str, data: bpy.types.Camera, unit: float) -> None:
+    """Raise CrowdError unless 0 <= clip start < clip end.
+
+    unit: meters in a unit of length of the scene.
+    """
+    if not 0 <= data.clip_start < data.clip_end:
+        raise CrowdError(
+            f"The camera {name} clips from {data.clip_start * unit:g} to "
+            f"{data.clip_end * unit:g} m: the end must exceed the start."
+        )
+
+
+def _stereo_of(data: bpy.types.Camera) -> stereo.Stereo:
+    return stereo.Stereo(
+        data.stereo.convergence_mode,
+        data.stereo.pivot,
+        data.stereo.interocular_distance,
+        data.stereo.convergence_distance,
+    )
 
 
 def filter_reach(render: bpy.types.RenderSettings) -> float:

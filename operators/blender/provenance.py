@@ -16,18 +16,11 @@ import bpy
 import numpy as np
 
 from . import mesh_data, scene_cache, scene_data
+from .animation import curves_and_drivers, players_of
 from .guard import handler
 from .props import PROP
 from .references import blocks_of
-from .rig_dependencies import (
-    curves_of,
-    places,
-    players_of,
-    read_columns,
-    settings_of,
-    shape_of,
-    stance,
-)
+from .rig_dependencies import places, read_columns, settings_of, shape_of, stance
 
 MOST_WEIGHED = 20_000  # vertices of a mesh whose weights are read, evenly
 NAMED = 3  # inputs that a sentence names; of more it tells the number
@@ -202,19 +195,9 @@ def _points(data: bpy.types.ID | None) -> tuple:
     return len(data.loops), zlib.crc32(points)
 
 
-def _curves(item: bpy.types.Object) -> list[bpy.types.FCurve]:
-    """Return the drivers and F-curves that animate the object itself."""
-    data = item.animation_data
-    return (
-        [*data.drivers, *(curve for player in players_of([item]) for curve in curves_of(player))]
-        if data is not None
-        else []
-    )
-
-
 def _place(item: bpy.types.Object) -> list[float]:
     """Return where the object stands, unless that is animated."""
-    if any(map(places, _curves(item))):
+    if any(map(places, curves_and_drivers(item.animation_data))):
         return []
     return np.array([*item.matrix_basis, *item.matrix_parent_inverse]).ravel().tolist()
 
@@ -246,7 +229,9 @@ def _inputs(item: bpy.types.Object) -> list[tuple[str, str]]:
         for m in modifiers
         for path, value in scene_data.node_inputs(m).items()
     }
-    moved = {curve.data_path for curve in _curves(item)} if values else set()
+    moved = (
+        {curve.data_path for curve in curves_and_drivers(item.animation_data)} if values else set()
+    )
     texts = {
         path: _called(value, {}) if isinstance(value, bpy.types.ID) else repr(value)
         for path, value in values.items()

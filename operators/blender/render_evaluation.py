@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 import bpy
 
-from .rig_dependencies import curves_of, players_of
+from .animation import curves_of, players_of
 
 # Settings of modifiers: of the viewport, of renders.
 PAIRS = {

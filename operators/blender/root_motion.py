@@ -14,7 +14,7 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
-from .rig_dependencies import action_range, armatures_of, curves_of, span_of, tracks_of
+from .animation import action_range, armatures_of, curves_of, span_of, tracks_of
 
 # of a character's size: an animation that ends farther from where it began moves the character
 TRAVELS = 0.01

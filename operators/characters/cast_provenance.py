@@ -8,7 +8,7 @@ from functools import partial
 import bpy
 
 from ...crowd_lod.errors import CrowdError
-from ..blender import performance, provenance, scene_cache
+from ..blender import named_actions, performance, provenance, scene_cache
 from ..machine.scene_world import actions_named
 from .characters import GROUP, characters_of
 
@@ -42,7 +42,7 @@ def of_characters(inputs: dict[str, str]) -> dict[str, str]:
 def _actions(scene: bpy.types.Scene, name: str, objects: list[bpy.types.Object]) -> list:
     """Return the digest of the actions that states name for a character, to compare as text."""
     return performance.digest(
-        performance.performance_of(name, objects, actions_named(scene, name)).parts
+        named_actions.performance_of(name, objects, actions_named(scene, name)).parts
     )
 
 

@@ -14,10 +14,12 @@ import numpy as np
 from mathutils import Quaternion
 
 from ...crowd_lod.errors import CrowdError
+from ..blender.animation import armatures_of, curves_of, players_of, span_of
 from ..blender.labeled_properties import StringProperty
+from ..blender.named_actions import own_performance
 from ..blender.operator import Reporting
-from ..blender.performance import BONE, own_performance
-from ..blender.rig_dependencies import PLACE, armatures_of, curves_of, players_of, span_of
+from ..blender.performance import BONE
+from ..blender.rig_dependencies import PLACE
 from ..machine.scene_world import machine_of
 from ..settings import needs
 from .characters import all_characters

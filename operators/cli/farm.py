@@ -89,24 +89,9 @@ def write_job(args, command: Sequence[str]) -> dict[str, Any]:
     if args.chunk < 1:
         raise CrowdError(f"A task has {args.chunk} frames: give --chunk a whole number from 1 on.")
     scene = open_scene(args.scene)
-    if scene.crowd_lod.characters is None:
-        raise CrowdError(
-            f"The scene {scene.name} has no crowd: choose its characters in the Crowd panel, and "
-            f"save it."
-        )
     path = Path(bpy.data.filepath)
-    if not path.is_file():
-        raise CrowdError(
-            "A farm opens the scene as a file: save it, or write the sample with the command "
-            "sample."
-        )
     starts = _command()
-    for place in (str(path), starts[0]):
-        if UNFIT.search(place):
-            raise CrowdError(
-                f"The path {printable(place)} has a line break or another character that a job "
-                f"cannot hold: rename it, and open it again."
-            )
+    _check_scene(scene, path, starts[0])
     step = args.step
     if step is None:
         step = scene.crowd_lod.step if args.preview else scene.frame_step
@@ -149,6 +134,26 @@ def write_job(args, command: Sequence[str]) -> dict[str, Any]:
         "tasks": tasks,
         "summary": f"{summary}\n{out}",
     }
+
+
+def _check_scene(scene: bpy.types.Scene, path: Path, program: str) -> None:
+    """Raise CrowdError unless a farm can open the scene's file `path` with `program`."""
+    if scene.crowd_lod.characters is None:
+        raise CrowdError(
+            f"The scene {scene.name} has no crowd: choose its characters in the Crowd panel, and "
+            f"save it."
+        )
+    if not path.is_file():
+        raise CrowdError(
+            "A farm opens the scene as a file: save it, or write the sample with the command "
+            "sample."
+        )
+    for place in (str(path), program):
+        if UNFIT.search(place):
+            raise CrowdError(
+                f"The path {printable(place)} has a line break or another character that a job "
+                f"cannot hold: rename it, and open it again."
+            )
 
 
 def _command() -> tuple[str, ...]:

@@ -6,8 +6,9 @@ import bpy
 import numpy as np
 
 from ..blender import cleanup, mesh_data
-from ..blender.performance import Performance, own_performance
-from ..blender.rig_dependencies import armatures_of
+from ..blender.animation import armatures_of
+from ..blender.named_actions import own_performance
+from ..blender.performance import Performance
 from .source_mesh import positions, read_weights
 
 # poses spread over the action, its ends included, and with those least like any before

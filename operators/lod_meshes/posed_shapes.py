@@ -7,7 +7,8 @@ import bpy
 import numpy as np
 
 from ..blender import mesh_data
-from ..blender.performance import Performance, own_performance
+from ..blender.named_actions import own_performance
+from ..blender.performance import Performance
 from ..blender.render_evaluation import as_rendered
 from .opacity import hiding_slots
 from .surface import Surface, has_area

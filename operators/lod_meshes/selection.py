@@ -16,7 +16,7 @@ from ...crowd_lod.levels.selection import Shot, View, cheapest, choose, counting
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_data
 from ..blender.cameras import cameras_at
-from ..blender.performance import own_performance
+from ..blender.named_actions import own_performance
 from ..characters.characters import check_measured
 from ..characters.rig_needs import Characters, armatures, leads
 from ..machine.scene_world import bias_of

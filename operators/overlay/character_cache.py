@@ -15,11 +15,12 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.errors import CrowdError
-from ..blender import performance, scene_cache
+from ..blender import named_actions, performance, scene_cache
+from ..blender.animation import armatures_of, curves_of, players_of
 from ..blender.guard import guarded
 from ..blender.image_data import LOOK_AGAIN
 from ..blender.material_colors import Looks
-from ..blender.rig_dependencies import KEYS, armatures_of, curves_of, players_of, read_columns
+from ..blender.rig_dependencies import KEYS, read_columns
 from ..characters.characters import GROUP
 from ..lod_meshes.cast_digest import cast_digest
 from ..machine.scene_world import actions_named
@@ -217,7 +218,7 @@ def _named(group: str, items: list[bpy.types.Object], names: tuple[str, ...]) ->
     will tell.
     """
     try:
-        return performance.digest(performance.performance_of(group, items, names).parts)
+        return performance.digest(named_actions.performance_of(group, items, names).parts)
     except CrowdError as error:
         return str(error)
 

@@ -15,8 +15,8 @@ import numpy as np
 from mathutils import Matrix
 
 from ..blender import mesh_data
+from ..blender.animation import armatures_of
 from ..blender.performance import Performance
-from ..blender.rig_dependencies import armatures_of
 from ..characters.rig_needs import deforming, refusal
 
 FARTHEST = 1_048_574  # frames: Blender's last

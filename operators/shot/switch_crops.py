@@ -17,7 +17,7 @@ from ...crowd_lod.shot.switches import NOTHING
 from ...crowd_lod.validation.shaded_pictures import Body, pictures
 from ..blender import scene_data
 from ..blender.material_colors import Looks
-from ..blender.performance import performance_of
+from ..blender.named_actions import performance_of
 from ..blender.render_evaluation import as_rendered
 from ..lod_meshes.selection import cast_of
 from ..lod_meshes.shaded_pictures import bodies_of

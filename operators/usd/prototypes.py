@@ -10,7 +10,8 @@ from mathutils import Matrix
 from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.sources.trajectory import Trajectory
-from ..blender.performance import Performance, group_performance
+from ..blender.named_actions import group_performance
+from ..blender.performance import Performance
 from ..blender.render_evaluation import as_rendered
 from ..characters.characters import check_measured
 from ..lod_meshes.deviation import SOLID

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.format import number
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.blender.performance import own_performance
-from crowd_lod_extension.operators.blender.rig_dependencies import curves_of
+from crowd_lod_extension.operators.blender.animation import curves_of
+from crowd_lod_extension.operators.blender.named_actions import own_performance
 from crowd_lod_extension.operators.characters.action_troubles import told_of_actions
 from crowd_lod_extension.operators.characters.character_extent import posing
 from crowd_lod_extension.operators.characters.group_measuring import measure_groups
