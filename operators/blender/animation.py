@@ -113,8 +113,9 @@ def curves_of(player: bpy.types.AnimData | bpy.types.NlaStrip) -> list[bpy.types
 
 
 def moved_values(item: bpy.types.Object) -> set[tuple[str, int]]:
-    """Return (path, index) of all values of the object, its data and its shape keys that animation
-    or drivers change.
+    """Return (path, index) of all values of the object that animation or drivers change.
+
+    Its data and its shape keys count as well.
     """
     return {place for data in animation_data_of([item]) for place in values_moved_by(data)}
 

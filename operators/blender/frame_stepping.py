@@ -121,6 +121,5 @@ def unbaked(scene: bpy.types.Scene) -> str:
     start = world.point_cache.frame_start
     return (
         f"The rigid bodies of {scene.name} are unbaked, played from frame {start}: bake their "
-        f"cache, or render from that frame on, "
-        "so that renders show the same."
+        "cache, or render from that frame on, so that renders show the same."
     )

@@ -89,8 +89,7 @@ def check_finite(image: bpy.types.Image, values: np.ndarray) -> None:
         wrong = np.argwhere(~np.isfinite(values).all(axis=2))
         raise CrowdError(
             f"The image {image.name} holds {counted(len(wrong), 'pixel')} at NaN or infinity, the "
-            f"first at column {wrong[0][1]}, row "
-            f"{wrong[0][0]} from the bottom: paint them again."
+            f"first at column {wrong[0][1]}, row {wrong[0][0]} from the bottom: paint them again."
         )
 
 

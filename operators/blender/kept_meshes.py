@@ -32,8 +32,9 @@ SAMPLED = 500  # vertices of a mesh that are looked at to tell whether it change
 
 @contextmanager
 def taken_back(crowds: Sequence[bpy.types.PropertyGroup]) -> Iterator[None]:
-    """Give the crowds their old meshes back if the block raises or is closed early; else remove
-    those.
+    """Give the crowds their old meshes back if the block fails; else remove the old ones.
+
+    To be closed early is to fail.
     """
     before = [{name: getattr(crowd, name) for name in NAMES} for crowd in crowds]
     unused = {mesh for meshes in before for mesh in meshes.values()}
@@ -85,9 +86,7 @@ def _marks(item: bpy.types.Object) -> tuple:
 
 
 def _modifier(modifier: bpy.types.Modifier) -> tuple:
-    """Return the settings of a modifier that are numbers or choices, and the inputs of its
-    nodes.
-    """
+    """Return the numbers and choices of a modifier, and the inputs of its nodes."""
     names = [
         setting.identifier
         for setting in modifier.bl_rna.properties
@@ -105,8 +104,9 @@ def _modifier(modifier: bpy.types.Modifier) -> tuple:
 
 
 def moving(objects: Sequence[bpy.types.Object]) -> list[str]:
-    """Return the names of objects that may move: they, or one above them, are animated or
-    constrained.
+    """Return the names of objects that may move.
+
+    These, or one of their parents, are animated or constrained.
     """
     names = []
     for item in objects:
@@ -158,8 +158,7 @@ def _shape(item: bpy.types.Object, matrix: np.ndarray) -> Iterator[tuple]:
         if wrong:
             raise CrowdError(
                 f"The object {item.name} has {counted(wrong, 'vertex', 'vertices')} at NaN or "
-                f"infinity: mend its mesh or its "
-                "modifiers, then press Populate."
+                "infinity: mend its mesh or its modifiers, then press Populate."
             )
         flipped = np.linalg.det(matrix[:3, :3]) < 0
         yield (

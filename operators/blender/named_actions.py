@@ -57,8 +57,7 @@ def performance_of(
 
 
 def group_performance(group: Group, objects: list[bpy.types.Object]) -> Performance:
-    """Return the performance of the character group's own action and of those that it was measured
-    with.
+    """Return the performance of a group's own action and of those that it was measured with.
 
     objects, errors: see performance_of.
     """
@@ -116,15 +115,13 @@ def _named(group: str, objects: list[bpy.types.Object], name: str) -> Part:
     if action is None:
         raise CrowdError(
             f"The state machine names the action {name}, and the file has none for the character "
-            f"group {group}: call one "
-            f"{' or '.join(called(group, name))}."
+            f"group {group}: call one {' or '.join(called(group, name))}."
         )
     player_and_slot = _player(objects, action)
     if player_and_slot is None:
         raise CrowdError(
             f"The action {action.name} is of another rig: most of its curves move nothing of the "
-            f"character group {group}. "
-            f"Name its own action {called(group, name)[0]}."
+            f"character group {group}. Name its own action {called(group, name)[0]}."
         )
     player, handle = player_and_slot
     first, last = span_of(action, slot_curves(action, handle))

@@ -9,9 +9,7 @@ FLAT = 1e-6  # of its largest size, below which a box has no thickness
 
 
 def box_of(item: bpy.types.Object) -> np.ndarray:
-    """Return the lowest and the highest corner of the object's box in its own space, (2, 3)
-    float64.
-    """
+    """Return the lowest and the highest corner of the object's box in its space, (2, 3) float64."""
     if item.type == "EMPTY":
         return np.array([[-1.0], [1.0]]) * np.full((2, 3), item.empty_display_size)
     corners = np.array(item.bound_box, np.float64)
@@ -19,11 +17,12 @@ def box_of(item: bpy.types.Object) -> np.ndarray:
 
 
 def in_box(item: bpy.types.Object, points: np.ndarray, title: str) -> np.ndarray:
-    """Return which of the points (n, 3) lie in the box about the evaluated object `item`, (n,)
-    bool.
+    """Return which of the points (n, 3) lie in the box about an evaluated object, (n,) bool.
 
     A flat box, such as a plane's, reaches up and down without end.
-    CrowdError if it has no area; `title` is what the error calls it.
+    CrowdError if the box has no area.
+
+    title: what the error calls the object.
     """
     low, high = box_of(item)
     size = high - low

@@ -65,11 +65,12 @@ def _temporary(text: str) -> Path:
 
 
 def output_path(scene: bpy.types.Scene, part: str = "") -> str:
-    """Return the folder of a step's output as a path for settings; in it full_path finds the
-    folder.
+    """Return the folder of a step's output, as a path that a setting can hold.
 
-    part: of the folder; "" is the whole. Where several scenes of the file have crowds and the same
-        folder, each has one of its own in it.
+    full_path finds the folder by it. Where several scenes of the file have crowds and the same
+    folder, each has one of its own within.
+
+    part: of the folder; "" is all of it.
 
     CrowdError if the setting is empty.
     """
@@ -172,9 +173,7 @@ def _seen_from(text: str, path: Path) -> str:
 
 @handler
 def after_saving(path: str, *_) -> None:
-    """Move the output of a file that has a place now (save_post); a saved copy gets a copy of
-    it.
-    """
+    """Move the output of a file that has a place now; for a saved copy, copy it (save_post)."""
     copied = path != bpy.data.filepath
     if copied:
         not_saved()

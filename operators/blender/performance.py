@@ -98,10 +98,11 @@ class Performance:
         return all(part.first == part.last for part in self.parts)
 
     def keys(self, per_frame: int) -> np.ndarray:
-        """Return the moments of `per_frame` keys a frame of the first part, (k,) float64, its ends among
-        them.
+        """Return the moments of keys of the first part, (k,) float64, its ends among them.
 
         A step of a cross-fade has those of both its actions: their keys bend its curves.
+
+        per_frame: how many in a frame.
         """
         part = self.parts[0]
         first, last = self.spans[0]
@@ -118,9 +119,7 @@ class Performance:
         )
 
     def curves_on(self, item: bpy.types.Object) -> list[bpy.types.FCurve]:
-        """Return the curves that move the object `item` in any of the parts, or its own
-        animation.
-        """
+        """Return the curves that move the object in any of the parts, or in its own animation."""
         of_action = [
             slot_curves(part.action, part.handle)
             for part in self.parts
@@ -133,9 +132,7 @@ class Performance:
         ]
 
     def only(self, name: str) -> "Performance":
-        """Return the performance of one action alone; of the character's own if it plays none of
-        that `name`.
-        """
+        """Return the performance of the action `name` alone; of the own one if it is not played."""
         return Performance(
             [next((part for part in self.parts if part.name == name), self.parts[0])]
         )

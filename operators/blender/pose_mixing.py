@@ -32,13 +32,14 @@ class _Channel:
 
 
 class Mixture:
-    """Two actions on `player`. It must play no action itself, and `restore` gives back how it
-    stood.
+    """Two actions on `player`, mixed.
+
+    The player must play no action itself. `restore` gives back how it stood.
 
     actions: the curves of both.
     share: of the second action, 0 to 1.
-    moved: the paths of what its own animation moves: an action that leaves that alone has it at
-        rest, and all else as it stands.
+    moved: the paths that its own animation moves. Where an action leaves one of these alone, it
+        counts as at rest; all other values stay as they are.
     """
 
     def __init__(

@@ -30,9 +30,7 @@ READ = bpy.types.Material | bpy.types.Action | bpy.types.Mesh | bpy.types.Armatu
 
 @dataclass
 class _Known:
-    """A digest, and when it holds: while the print is the same, and no block was told to have
-    changed.
-    """
+    """A digest, which holds while its print is the same and none of its blocks was edited."""
 
     digest: str
     print: object
@@ -76,8 +74,7 @@ def is_made_of(holder: bpy.types.ID, key: str, inputs: Mapping[str, str]) -> boo
 def character_digest(
     objects: Sequence[bpy.types.Object], actions: Callable[[], list] = list
 ) -> str:
-    """Return the digest of a character: shapes, weights, which materials are where, rig, and what
-    it plays.
+    """Return the digest of a character: shapes, weights, places of materials, rig, animation.
 
     It is the same in all frames.
 
@@ -103,8 +100,9 @@ def character_digest(
 
 
 def level_digest(home: bpy.types.Collection, characters: Sequence[bpy.types.Object]) -> str:
-    """Return the digest of a LOD: shapes, places, modifiers, weights, and which of its character's
-    materials are where.
+    """Return the digest of a LOD: shapes, places, modifiers, weights, places of materials.
+
+    Materials are told by their number among those of the character.
 
     home: the LOD's collection.
     characters: the objects that it was made of. Meshes that the LOD shares with them are theirs.
@@ -152,10 +150,10 @@ def _called(block: bpy.types.ID | None, order: Mapping[bpy.types.ID, str]) -> st
 def _digest_of(
     items: Sequence[bpy.types.Object], read: Callable[[], list], follow: Callable, *more
 ) -> str:
-    """Return the digest of what `read` returns of the objects, from before where nothing has
-    changed.
+    """Return the digest of what `read` returns; the known one where nothing has changed.
 
     follow: items -> all data-blocks that are read.
+    more: what else the digest depends on.
     """
     key = tuple(item.session_uid for item in items)
     stamp = ([_print(item) for item in items], more)
@@ -203,8 +201,9 @@ def _place(item: bpy.types.Object) -> list[float]:
 
 
 def _own(item: bpy.types.Object, shared: Container[bpy.types.ID] = ()) -> str:
-    """Return the digest of the object itself, without its materials and what moves it; of `shared`
-    data it has nothing.
+    """Return the digest of the object itself, without its materials and what moves it.
+
+    shared: data that does not count.
     """
     data = "" if item.data in shared else _data(item)
     modifiers = [(m.type, m.show_render, m.show_viewport) for m in item.modifiers]
@@ -256,8 +255,9 @@ def _data(item: bpy.types.Object) -> str:
 
 
 def _read_data(data: bpy.types.ID, weighted: bool) -> str:
-    """Return the digest of data: attributes, faces, shape keys, weights; of others than meshes
-    settings and points.
+    """Return the digest of an object's data.
+
+    Of a mesh: attributes, faces, shape keys, weights. Of other data: settings and points.
     """
     hashed = hashlib.sha256()
     for attribute in getattr(data, "attributes", ()):
@@ -286,8 +286,9 @@ def _read_data(data: bpy.types.ID, weighted: bool) -> str:
 
 
 def _weights(mesh: bpy.types.Mesh) -> bytes:
-    """Return the weights of vertices, of MOST_WEIGHED at most: Python reads 10 microseconds a
-    vertex.
+    """Return the weights of at most MOST_WEIGHED vertices, evenly chosen.
+
+    Python takes 10 microseconds to read a vertex.
     """
     vertices = mesh.vertices
     count = len(mesh.vertices)
@@ -302,8 +303,9 @@ def _weights(mesh: bpy.types.Mesh) -> bytes:
 
 
 def look_afresh() -> None:
-    """Read everything again when it is next asked for, also what a script has changed without a
-    word to Blender.
+    """Read everything again when it is next asked for.
+
+    So changes count that a script made without a word to Blender.
     """
     global changes
     changes += 1

@@ -24,8 +24,7 @@ def reached(item: bpy.types.Object) -> set[bpy.types.ID]:
 
 
 def blocks_of(objects: Iterable[bpy.types.Object], look: bool = True) -> list[bpy.types.ID]:
-    """Return `objects` and all data-blocks that they refer to, directly or not: what they are made
-    of.
+    """Return `objects` and all that they are made of: data-blocks that they refer to, at any depth.
 
     Blender itself says what refers to what: by parents, modifiers, constraints, drivers, nodes,
     particles, instances, data, or by anything else that a version of it knows. `objects` come

@@ -80,12 +80,13 @@ def of_action(
     handle: int,
     span: tuple[float, float],
 ) -> RootMotion:
-    """Return the root motion of an `action` that `owner` plays, one of a character's `objects` or
-    their rig.
+    """Return the root motion of an `action` that a character plays.
 
     What the character follows, such as a parent, plays on: its own travel is taken out as well.
 
-    handle: of the action's slot; span: its first and last frame.
+    owner: who plays it, one of the character's `objects` or their rig.
+    handle: of the action's slot.
+    span: its first and last frame.
     """
     travels, way = _motion(owner, _Playing(action, handle, span))
     root = _checked(objects, travels, way)
@@ -177,8 +178,7 @@ def _with_parents(item: bpy.types.Object | None) -> Iterator[bpy.types.Object]:
 
 
 def _playing(owner: bpy.types.Object, cycle: tuple[float, float]) -> Iterator[list[_Playing]]:
-    """Yield what the object plays one after the other: its action, and the strips of each NLA
-    track.
+    """Yield what the object plays, one after the other: its action, and its NLA strips.
 
     cycle: the first and the last frame in which it is played.
     """

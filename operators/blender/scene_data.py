@@ -86,9 +86,7 @@ def node_inputs(modifier: bpy.types.NodesModifier) -> dict[str, Any]:
 
 
 def plain(value) -> Any:
-    """Return a value of a node: a number, text, data-block or None as it is, and a vector as a
-    tuple.
-    """
+    """Return a node's value: a number, text, data-block or None as it is, a vector as a tuple."""
     return tuple(value) if hasattr(value, "__len__") and not isinstance(value, str) else value
 
 
@@ -126,8 +124,7 @@ def check_own(scene: bpy.types.Scene) -> None:
     if scene.library is not None:
         raise CrowdError(
             f"The scene {scene.name} is linked from {scene.library.filepath}: work in that file, "
-            f"or make the scene local in "
-            "the Outliner (ID Data, Make Local)."
+            "or make the scene local in the Outliner (ID Data, Make Local)."
         )
 
 

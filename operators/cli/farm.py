@@ -164,9 +164,9 @@ def _command() -> tuple[str, ...]:
 
 
 def assemble_frames(folder: Path, frames: Sequence[int], command: Sequence[str]) -> dict[str, Any]:
-    """Write contact sheet, table and report of the `frames` that were rendered into
-    `folder`/frames.
+    """Write contact sheet, table and report of rendered frames.
 
+    frames: numbers, of pictures in `folder`/frames.
     CrowdError if one is missing or was not written to its end.
     """
     pictures = {

@@ -75,9 +75,7 @@ def add_new_scene(commands, program: str) -> None:
 
 
 def new_scene(args, command: list[str]) -> dict:
-    """Write a scene of the trajectories, or of the points of an object, and return what the command
-    tells.
-    """
+    """Run the command scene: write a scene of trajectories, or of an object's points."""
     if (args.tracks is None) == (args.source is None):
         raise CrowdError(
             "Give either a file of trajectories, TRACKS, or --source with the name of an object."
@@ -237,9 +235,8 @@ def _add_ground(scene: bpy.types.Scene, path: Path) -> bpy.types.Collection:
     meters = scene_data.meters(scene)
     if abs(its_meters / meters - 1) > 1e-5:
         raise CrowdError(
-            f"A unit of the scene {ground.name} in {printable(path.name)} is {its_meters:g} m, and one of "
-            f"the characters' scene {meters:g} m: "
-            "give both files the same Unit Scale."
+            f"A unit of the scene {ground.name} in {printable(path.name)} is {its_meters:g} m, and "
+            f"one of the characters' scene {meters:g} m: give both files the same Unit Scale."
         )
     for child in ground.collection.children:
         home.children.link(child)
@@ -253,9 +250,7 @@ def _add_ground(scene: bpy.types.Scene, path: Path) -> bpy.types.Collection:
 
 
 def _filled(scene: bpy.types.Scene) -> Generator[float, None, str]:
-    """Populate the scene, and add what it takes to render it: yield the progress, return a
-    sentence.
-    """
+    """Populate the scene, add camera and light: yield the progress, return a sentence."""
     sentence, _ = yield from share(
         populating(scene, bpy.context.evaluated_depsgraph_get()), 0.0, 0.5
     )
@@ -265,8 +260,7 @@ def _filled(scene: bpy.types.Scene) -> Generator[float, None, str]:
         if last > MOST_FRAME:
             raise CrowdError(
                 f"The file plays until frame {last:,}, and Blender's timeline ends at "
-                f"{MOST_FRAME:,}: give rows of a shorter time, "
-                "or the right --fps."
+                f"{MOST_FRAME:,}: give rows of a shorter time, or the right --fps."
             )
         scene.frame_start = trajectory.first_frame
         scene.frame_end = last
@@ -289,9 +283,7 @@ def _last(trajectory: Recorded) -> int:
 
 
 def _places(scene: bpy.types.Scene) -> Generator[float, None, np.ndarray]:
-    """Find where agents are at frames all over the shot: yield the progress, return (n, 3)
-    float64.
-    """
+    """Find where agents are all over the shot: yield the progress, return (n, 3) float64."""
     frames = evenly(range(scene.frame_start, scene.frame_end + 1), LOOKS)
     places = []
     for k, frame in enumerate(frames):

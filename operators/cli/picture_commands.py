@@ -153,9 +153,8 @@ def _summary(plan: dict) -> str:
     agents = counted(rows[0]["agents"], "agent")
     return "".join(
         [
-            f"{frames} of {agents} in {plan['seconds']:.1f} s: from "
-            f"{least['visible']:,} visible (frame {least['frame']}) to {most['visible']:,} "
-            f"(frame {most['frame']}).\n",
+            f"{frames} of {agents} in {plan['seconds']:.1f} s: from {least['visible']:,} visible "
+            f"(frame {least['frame']}) to {most['visible']:,} (frame {most['frame']}).\n",
             *(f"{note}\n" for note in notes),
         ]
     )

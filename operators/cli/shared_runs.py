@@ -78,8 +78,7 @@ def sharing_of(
         _say(
             args,
             f"{counted(foreign, 'frame is', 'frames are')} not used, of another run into this "
-            f"folder that was ended: "
-            "it had other arguments.",
+            "folder that was ended: it had other arguments.",
         )
     if jobs > 1:
         scene.render.threads_mode = "FIXED"
@@ -201,9 +200,8 @@ def _refuse_others(folder: Path, key: str) -> None:
     if read_run(folder)["key"] != key:
         raise CrowdError(
             f"The folder {printable(folder)} holds parts of another run, or of another state of "
-            f"the scene, of Blender or of "
-            f"Crowd LOD: make all parts of one state, in a folder of their own, or remove "
-            f"{printable(folder / PARTS)}."
+            "the scene, of Blender or of Crowd LOD: make all parts of one state, in a folder of "
+            f"their own, or remove {printable(folder / PARTS)}."
         )
 
 

@@ -195,8 +195,7 @@ def _mirrors(placed: Placed, depsgraph) -> list[Mirror]:
     if len(sides) > MOST_SIDES:
         raise CrowdError(
             f"The mirror {placed[0].name} has {len(sides)} sides that are not in one plane: take "
-            f"it out of the mirrors, or "
-            f"give it a flat mesh (at most {MOST_SIDES} planes)."
+            f"it out of the mirrors, or give it a flat mesh (at most {MOST_SIDES} planes)."
         )
     return [_mirror(np.array(side[:3]), faces) for side, faces in sides.items()]
 

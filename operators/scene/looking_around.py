@@ -1,6 +1,4 @@
-"""How a crowd's agents stand to what the scene shows: above or below its ground, within its
-walls.
-"""
+"""Where agents stand in the scene: above or below its ground, within its walls."""
 
 from collections.abc import Container, Iterator
 from dataclasses import dataclass, field
@@ -143,11 +141,10 @@ def _hits(shape: _Shape, start: Vector, way: Vector) -> Iterator[tuple[Vector, V
 def _ground(
     shape: _Shape, place: tuple[float, float, float], side: int, room: float = np.inf
 ) -> float | None:
-    """Return the world z of the first ground above (`side` 1) or below (-1) a place; None without
-    one.
+    """Return the world z of the first ground above (`side` 1) or below (-1) a place, or None.
 
-    A ground faces up. The first surface below may be of an open mesh that is inside out; above,
-    the underside of a slab is passed, and a roof with more `room` below it is that of a hall.
+    A ground faces up. The first surface below may be of an open mesh that is inside out. Above, the
+    underside of a slab is passed. A roof with more than `room` below it is the roof of a hall.
     """
     back = shape.matrix.inverted()
     hits = _hits(shape, back @ Vector(place), back.to_3x3() @ Vector((0, 0, side)))
@@ -165,8 +162,9 @@ def _ground(
 
 
 def _inside(shape: _Shape, places: np.ndarray, under: np.ndarray) -> np.ndarray:
-    """Return which of the places (n, 3) lie within a closed mesh, (n,) bool; only those `under` are
-    looked at.
+    """Return which of the places (n, 3) lie within a closed mesh, (n,) bool.
+
+    under: (n,) bool, the places to look at; all others count as outside.
     """
     inside = np.zeros(len(places), bool)
     back = shape.matrix.inverted()

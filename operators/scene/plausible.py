@@ -76,8 +76,7 @@ def told_of_extent(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[
         margin = number(MARGIN * max(group.radius for group in groups) * scene_data.meters(scene))
         yield (
             f"Renders may show more than was measured: {'; '.join(extents)}. If something is "
-            f"missing at the picture's border, "
-            f"set Margin to Fixed, {margin} m or more."
+            f"missing at the picture's border, set Margin to Fixed, {margin} m or more."
         )
 
 
@@ -135,9 +134,7 @@ def _speeds(finding: judge.Finding | None, remedy: str) -> Iterator[str]:
 
 
 def _steps(part: Recorded) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return of the steps between rows of a file the agents (k,), the ways (3, k) in units, and
-    seconds (k,).
-    """
+    """Return the steps between rows of a file: agents (k,), ways (3, k) units, seconds (k,)."""
     samples = part.tracks.samples
     rows = np.flatnonzero(~samples.hidden & (samples.after != np.arange(len(samples.x))))
     rows = rows[:: -(-len(rows) // MOST_STEPS) or 1]
@@ -171,9 +168,8 @@ def _around(
             ground = max(sorted(set(names)), key=names.count)
             side = "above" if finding.kind == "floats" else "below"
             yield (
-                f"{finding.share:.0%} of the agents stand {number(finding.value)} m {side} the ground "
-                f"{ground}: choose it as Terrain "
-                "Object, or change the z of Center."
+                f"{finding.share:.0%} of the agents stand {number(finding.value)} m {side} the "
+                f"ground {ground}: choose it as Terrain Object, or change the z of Center."
             )
     if within.any():
         names = sorted(around.walls, key=lambda name: -np.count_nonzero(around.walls[name]))

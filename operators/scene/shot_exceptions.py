@@ -134,18 +134,16 @@ def find_agents(
 
 
 def digest_of(settings) -> str:
-    """Return what changes when an exception that is switched on would choose or ask for anything
-    else.
+    """Return a text that changes when an exception would choose or ask for anything else.
 
-    "" without any. An object that is animated counts as unchanged while it is the same object.
+    Exceptions that are switched off do not count; "" without any. An object that is animated
+    counts as unchanged while it is the same object.
     """
     return "".join(repr(_marks(entry, _map_digest)) for entry in settings.exceptions if entry.use)
 
 
 def drawn_inputs(settings) -> tuple:
-    """Return the same as `digest_of` for the overlay, which must not read images at each
-    drawing.
-    """
+    """Return what `digest_of` does, for the overlay, which must not read images at each redraw."""
     return tuple(
         _marks(entry, lambda image: str(image.session_uid))
         for entry in settings.exceptions
@@ -204,8 +202,7 @@ def _whom(entry, trajectory: Trajectory) -> Callable[[float, frame_stepping.At],
     if not entry.all_frames and entry.first_frame > entry.last_frame:
         raise CrowdError(
             f"The exception {entry.name} runs backwards, from frame {entry.first_frame} to "
-            f"{entry.last_frame}: give the first "
-            "frame first."
+            f"{entry.last_frame}: give the first frame first."
         )
     if entry.chosen_by == "NUMBERS":
         agents = parse_agents(entry.agents, len(trajectory.start), entry.name, trajectory.ids)

@@ -173,8 +173,9 @@ def _for_another(stored: StoredPlan) -> str:
 
 
 def told_of_file(settings) -> str:
-    """Return a sentence if the plan in use was made for another file; "" else, or if it cannot be
-    read.
+    """Return a sentence if the plan in use was made for another file.
+
+    "" if it was not, or if it cannot be read.
     """
     with suppress(CrowdError):
         stored = stored_plan(settings)
@@ -186,10 +187,9 @@ def told_of_file(settings) -> str:
 def told_of_shot(
     scene: bpy.types.Scene, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | None
 ) -> str:
-    """Return a sentence on what has changed since the scene's plan was made, in any of its frames;
-    "" if nothing.
+    """Return a sentence on what has changed since the scene's plan was made; "" if nothing.
 
-    CrowdError if the plan cannot be read.
+    All its frames are compared. CrowdError if the plan cannot be read.
     """
     stored = stored_plan(scene.crowd_lod)
     if stored is None:

@@ -49,9 +49,8 @@ class OffColor:
         )
         return (
             f"{many} far from every label's color and taken for {self.label}, the first at x "
-            f"{self.x[0]:.2f} m, "
-            f"y {self.y[0]:.2f} m (map column {self.column[0]}, row {self.row[0]} from the "
-            f"bottom): paint over."
+            f"{self.x[0]:.2f} m, y {self.y[0]:.2f} m (map column {self.column[0]}, row "
+            f"{self.row[0]} from the bottom): paint over."
         )
 
 

@@ -14,8 +14,9 @@ BEFORE = "crowd_lod_before_{}"
 
 
 def push(name: str) -> Callable:
-    """Return an update callback of the property `name`, a key of METRIC_OF, of settings or a
-    group.
+    """Return an update callback of the property `name`, a key of METRIC_OF.
+
+    The property is one of the settings or of a character group.
     """
 
     def update(owner: bpy.types.PropertyGroup, _) -> None:

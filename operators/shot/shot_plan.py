@@ -212,10 +212,9 @@ def sentence(planned: Planned) -> str:
     )
     return (
         f"{counted(frames, 'frame')} of {counted(len(planned.shot.survey.group), 'agent')} "
-        f"planned. LODs change in sight "
-        f"{int(bill.switches.sum()):,} times, by distance {int(before.switches.sum()):,} times, "
-        f"for "
-        f"{max(bill.above(before), 0.0):.1%} more cost at most{bound}.{raised}"
+        f"planned. LODs change in sight {int(bill.switches.sum()):,} times, by distance "
+        f"{int(before.switches.sum()):,} times, for {max(bill.above(before), 0.0):.1%} more cost "
+        f"at most{bound}.{raised}"
     )
 
 

@@ -55,8 +55,9 @@ def crops_of(
 def _posed(
     scene: bpy.types.Scene, agent: int, time: float, levels: Sequence[int]
 ) -> tuple[list[Body | None], Looks]:
-    """Return the agent at `time` with each of `levels`, in world space, and the images of its
-    materials.
+    """Return the agent at `time` once with each of `levels`, and its materials' images.
+
+    The bodies are in world space.
     """
     settings = scene.crowd_lod
     trajectory = trajectory_of(scene)

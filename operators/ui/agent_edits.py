@@ -1,5 +1,6 @@
-"""Buttons that edit agents by hand: each adds to the list of exceptions, where its values can be
-set.
+"""Buttons that edit agents by hand.
+
+Each adds to the list of exceptions, where its values can be set.
 """
 
 from math import pi
@@ -97,10 +98,9 @@ class CROWDLOD_OT_edit_agent(Reporting, bpy.types.Operator):
 
 
 def _entry(settings, kind: str, name: str, agents: str) -> bpy.types.PropertyGroup:
-    """Return the exception of this kind for these agents alone, in all frames; a new one if there
-    is none.
+    """Return the exception of this kind for these agents alone, in all frames.
 
-    It is selected and on.
+    It is added if there is none yet, and it is selected and switched on.
     """
     key = kind, "NUMBERS", agents, True
     keys = [
@@ -129,8 +129,9 @@ def _next_group(trajectory: Trajectory, agent: int) -> str:
 
 
 def _found(context, entry) -> str:
-    """Write the agents that the entry's region or map chooses now as its numbers; return a
-    sentence.
+    """Write the agents whom the entry's region or map chooses now as its numbers.
+
+    Returns a sentence; CrowdError if there are none.
     """
     trajectory = unedited(trajectory_of(context.scene))
     agents = find_agents(context.scene, entry, trajectory, context.evaluated_depsgraph_get())

@@ -180,9 +180,7 @@ def draw_behavior(layout, crowd) -> None:
 
 
 def draw_simulation(layout, crowd, index: int) -> None:
-    """Draw what Simulate with JuPedSim makes of the label map of the crowd `index`, and its
-    button.
-    """
+    """Draw the settings of Simulate with JuPedSim and its button, for the crowd `index`."""
     for name in (
         "start_labels",
         "goal_labels",

@@ -219,8 +219,9 @@ class CROWDLOD_PT_rules(_Editor, bpy.types.Panel):
 
 
 def _draw_targets(context, column, targets: list, name: str) -> None:
-    """Draw the states that follow: one to choose, or several with their weights; and a menu to add
-    one.
+    """Draw the states that follow, and a menu that adds one.
+
+    One state is drawn as a choice, several with their weights.
     """
     editor = context.scene.crowd_lod_editor
     rows = context.window_manager.crowd_lod_rows

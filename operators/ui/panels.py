@@ -266,9 +266,7 @@ class CROWDLOD_PT_levels(Step, bpy.types.Panel):
 
 
 def _lods_of(group, without: str) -> str:
-    """Return in a line which LODs a group has, with their triangles; if none, the words
-    `without`.
-    """
+    """Return a line on the LODs of a group with their triangles; `without` if it has none."""
     counts = [*dict.fromkeys(count for count in group.triangles if count)][1:]
     if not counts:
         return f"{group.name}: full mesh, {without}"

@@ -1,6 +1,4 @@
-"""Lists of the settings in the sidebar, such as that of exceptions: their drawing and their
-buttons.
-"""
+"""Lists of the settings in the sidebar, such as the exceptions, and their buttons."""
 
 import bpy
 
@@ -63,9 +61,7 @@ class Moving(Listed):
 
 
 class SwitchedRow:
-    """A list whose rows are drawn with a switch, a name and a few words; `words(item)` returns the
-    words.
-    """
+    """A list whose rows have a switch, a name, and the few words that `words(item)` returns."""
 
     def draw_item(  # noqa: PLR0913 - Blender's own signature
         self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0

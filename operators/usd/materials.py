@@ -76,9 +76,7 @@ class Materials:
         return valid
 
     def _file(self, image: bpy.types.Image) -> str:
-        """Return the path of the image's file as the USD file names it; write one if it has
-        none.
-        """
+        """Return the path that the USD file has of the image's file; write one if it has none."""
         if image not in self._files:
             path = Path(bpy.path.abspath(image.filepath, library=image.library))
             is_named = (
