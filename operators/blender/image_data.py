@@ -17,7 +17,7 @@ from .console import quiet
 # The values last read of each image, and when.
 _values: dict[int, tuple[np.ndarray, float]] = scene_cache.add_cache({})
 MOST_IMAGES = 8
-# seconds between two looks at what has no cheap mark of change, where a look at each frame would
+# seconds, while an animation plays, between two reads of an image: to read it at each frame would
 # take too long
 LOOK_AGAIN = 1.0
 

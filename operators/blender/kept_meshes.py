@@ -20,14 +20,14 @@ from .scene_data import node_inputs
 MADE_OF = "crowd_lod_made_of"  # custom property of such a mesh; see provenance.keep
 NAMES = "start_places", "terrain_mesh"  # the settings that refer to one
 SETTINGS = {"BOOLEAN", "INT", "FLOAT", "ENUM"}
-# of a modifier: these change nothing
+# settings of a modifier that change nothing of the shape
 PASSING = {
     "execution_time",
     "show_expanded",
     "is_active",
     "show_in_editmode",
 }
-SAMPLED = 500  # vertices of a mesh that are looked at to tell whether it changed, about
+SAMPLED = 500  # vertices of a mesh that a digest reads, about
 
 
 @contextmanager

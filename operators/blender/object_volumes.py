@@ -9,10 +9,8 @@ from mathutils.bvhtree import BVHTree
 
 from ...crowd_lod.errors import CrowdError
 
-# along no edge or face of what users model; a ray goes on so far behind where it met the surface,
-# in parts of the mesh's size
-ALONG = Vector((0.1737, 0.0931, 0.9804))
-ONWARD = 1e-6
+ALONG = Vector((0.1737, 0.0931, 0.9804))  # of rays: along no edge or face that users model
+ONWARD = 1e-6  # of the mesh's size: so far behind a surface that it met, a ray goes on
 
 
 def closed(mesh: bpy.types.Mesh) -> bool:

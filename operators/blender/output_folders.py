@@ -26,8 +26,8 @@ UNTITLED = "untitled"  # stands for it while the file was never saved
 class _File:
     """The open file.
 
-    number: in this session; an unsaved file has a folder of its own by it.
-    unsaved: paths of settings at which it has output that has no place yet.
+    number: of the file in this session; it names the temporary folder of a file without a place.
+    unsaved: paths in settings whose output still lies in that folder.
     before: (owner, name, text) of the settings that differ in the file that is being saved.
     """
 
@@ -91,7 +91,7 @@ def output_path(scene: bpy.types.Scene, part: str = "") -> str:
 
 
 def saved_path(text: str) -> str:
-    """Return a path to keep in a setting, at which there is output now.
+    """Return the path of existing output, to keep in a setting.
 
     It names the saved file that owns the output, also in one that is saved under another name
     later.
@@ -150,7 +150,7 @@ def _paths() -> Iterator[tuple[bpy.types.PropertyGroup, str]]:
 
 @handler
 def before_saving(path: str, *_) -> None:
-    """Make settings name, from the place where the file will be, what they name now (save_pre)."""
+    """Rewrite relative paths in settings so that they mean the same from the new place (save_pre)."""
     _file.before.clear()
     for owner, name in _paths() if path else ():
         text = getattr(owner, name)
@@ -185,7 +185,7 @@ def after_saving(path: str, *_) -> None:
 
 
 def _move(source: Path, target: Path, copied: bool) -> None:
-    """Move a file or folder; into a folder that is there already, too. Or copy it."""
+    """Move or copy a file or folder, also into a folder that exists."""
     if source.is_dir():
         shutil.copytree(source, target, dirs_exist_ok=True)
         if not copied:
@@ -196,7 +196,7 @@ def _move(source: Path, target: Path, copied: bool) -> None:
 
 @handler
 def not_saved(*_) -> None:
-    """Give the settings of the open file back what they were (save_post_fail)."""
+    """Take back what before_saving did to the settings of the open file (save_post_fail)."""
     for owner, name, text in _file.before:
         setattr(owner, name, text)
     _file.before.clear()
@@ -204,7 +204,7 @@ def not_saved(*_) -> None:
 
 @handler
 def opened(*_) -> None:
-    """Begin anew: output of the file before is not that of the new one (load_post)."""
+    """Forget the output of the file before: it is not that of the new one (load_post)."""
     _file.number += 1
     _file.unsaved.clear()
     _file.before.clear()

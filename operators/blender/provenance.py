@@ -1,7 +1,7 @@
-"""What something was made of: digests by content of named inputs, kept with what was made.
+"""What something was made of: digests of named inputs, kept with what was made.
 
-No digest has a data-block's name in it: what is renamed is what it was. docs/notes/provenance.md
-tells what is read, when, and what that costs.
+A digest is of content. No data-block's name is in it: renaming is no edit.
+docs/notes/provenance.md tells what is read, when, and what that costs.
 """
 
 import hashlib
@@ -23,8 +23,8 @@ from .references import blocks_of
 from .rig_dependencies import places, read_columns, settings_of, shape_of, stance
 
 MOST_WEIGHED = 20_000  # vertices of a mesh whose weights are read, evenly
-NAMED = 3  # inputs that a sentence names; of more it tells the number
-# What such data-blocks hold is read; the palette tells materials apart.
+NAMED = 3  # inputs that a sentence names; it counts the others
+# Data-blocks whose content is read, so that names do not count; the palette tells materials apart.
 READ = bpy.types.Material | bpy.types.Action | bpy.types.Mesh | bpy.types.Armature | bpy.types.Key
 
 
@@ -38,7 +38,7 @@ class _Known:
 
 
 _known: dict[tuple, _Known] = scene_cache.add_cache({})
-changes = 0  # of data-blocks that Blender has told of, and of undo steps
+changes = 0  # that Blender has reported so far, undo steps included
 
 
 def differences(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
@@ -141,7 +141,7 @@ def _uid(block: bpy.types.ID | None) -> int:
 
 
 def _called(block: bpy.types.ID | None, order: Mapping[bpy.types.ID, str]) -> str:
-    """Return what stands for the name of a data-block."""
+    """Return what stands for a data-block in a digest, in place of its name."""
     if block is None or isinstance(block, READ):
         return ""
     return order.get(block, "another") if isinstance(block, bpy.types.Object) else block.name_full
@@ -177,7 +177,7 @@ def _uids(blocks: Sequence[bpy.types.ID]) -> Iterator[int]:
 
 
 def _print(item: bpy.types.Object) -> tuple:
-    """Return what tells, at once, most changes of an object of which Blender does not tell."""
+    """Return what changes with most edits that Blender does not report; it is quick to read."""
     slots = [_uid(slot.material) for slot in item.material_slots]
     modifiers = [
         (modifier.type, modifier.show_render, modifier.show_viewport) for modifier in item.modifiers
@@ -239,7 +239,7 @@ def _inputs(item: bpy.types.Object) -> list[tuple[str, str]]:
 
 
 def _data(item: bpy.types.Object) -> str:
-    """Return the digest of the object's data, from before where it has not changed."""
+    """Return the digest of the object's data; the known one while it has not changed."""
     data = item.data
     weighted = bool(len(getattr(item, "vertex_groups", ())))
     if data is None:
@@ -338,7 +338,7 @@ def note_edits_of_frame(_, depsgraph: bpy.types.Depsgraph) -> None:
 
 @handler
 def note_undo(*_) -> None:
-    """Drop all digests: what is undone is not named (undo_post, redo_post)."""
+    """Drop all digests: Blender does not say what an undo changed (undo_post, redo_post)."""
     look_afresh()
 
 

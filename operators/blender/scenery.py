@@ -60,11 +60,11 @@ class Scenery:
         self.solid = [placed for placed in self.things if placed[0].type in SOLID]
         self._makers = [placed for placed in self.things if _makes_instances(placed[0])]
         self.bounded = not self._makers
-        # for scene/lights.py: what it read of the lights that `shining` makes, while that holds
+        # the lights that `shining` makes, which scene/lights.py reads; None when they are outdated
         self.instanced = None
-        self._reached: set[int] | None = None  # the objects, by session_uid, that those depend on
-        # what `depsgraph` does not hold has the values of the file's own data, which other scenes
-        # and layers may change
+        self._reached: set[int] | None = None  # session_uids of what these lights depend on
+        # objects that `depsgraph` does not hold have the values of the file's own data, which other
+        # scenes and layers may change
         members = {
             item
             for item, _ in visible_things
@@ -73,9 +73,9 @@ class Scenery:
         self._elsewhere = [(item, item.hide_render) for item in members]
         homes = {block.instance_collection for _, inside in self.things for block in inside}
         self._offsets = {home.session_uid: tuple(home.instance_offset) for home in homes}
-        # of each object, by session_uid, which of the solid it is, or instances
+        # session_uid of an object -> the rows of `solid` that it is, or instances
         self._rows: dict[int, list[int]] = {}
-        # of the solid, what is in other view layers alone: nothing of it is noticed in this one
+        # solid objects of other view layers alone: this one's depsgraph reports none of their edits
         self._unwatched = set()
         for row, (item, inside) in enumerate(self.solid):
             for block in (item, *inside):
@@ -193,7 +193,7 @@ class Scenery:
             self._glowing = self.instanced = None
         elif kind in ("LIGHT", "PARTICLE"):
             self.instanced = None
-        # whatever is added, taken away, or made into something else changes it, too
+        # an object that is added, removed or replaced changes its collection, too
         return kind != "SCENE"
 
 

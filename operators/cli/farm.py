@@ -1,4 +1,4 @@
-"""Commands for render farms: job writes what a farm takes, assemble puts rendered frames together.
+"""Commands for render farms: job writes what a farm takes, assemble joins rendered frames.
 
 See docs/farm.md.
 """

@@ -25,8 +25,8 @@ from ..settings.level_settings import LevelSettings
 from .options import add_command, add_out, add_setting, apply_settings, to_path
 from .scene_files import blend_path, finish, first_line, open_scene, save
 
-# What the new scene keeps of the settings: the characters and their LOD meshes.
-# which is painted over another ground
+# Settings that the new scene keeps: those of characters and their LOD meshes. The detail map is
+# painted over another ground.
 KEPT = {
     *CharacterSettings.__annotations__,
     *LevelSettings.__annotations__,
@@ -138,11 +138,11 @@ def _object(name: str | None, path: Path) -> bpy.types.Object | None:
 def _empty(
     scene: bpy.types.Scene, source: bpy.types.Object | None, keeps: bool
 ) -> bpy.types.Collection | None:
-    """Remove all from the open file but the object `source` and `scene`.
+    """Empty the open file but for `scene` and the object `source`.
 
-    Of the scene stay its characters, LOD meshes, world and how it renders.
+    Of the scene its characters, LOD meshes, world and render settings stay.
 
-    keeps: what else the scene shows stays, in a collection that is returned.
+    keeps: whether all else that the scene shows stays, too, in a collection that is returned.
     """
     settings = scene.crowd_lod
     if settings.build is not None:
@@ -192,10 +192,13 @@ def _empty(
 def _homes_of_needed(
     collections: Iterable[bpy.types.Collection], source: bpy.types.Object | None
 ) -> set[bpy.types.Collection]:
-    """Return a new hidden collection of what the objects of `own` need from outside, if anything.
+    """Return a new hidden collection of what the objects need from outside, if anything.
 
     Blender would purge parents and targets that no collection holds, and characters change their
     size and place without them.
+
+    collections: of the objects.
+    source: needs no home.
     """
     inside = {item for collection in collections for item in collection.all_objects}
     outside = set(closure_of(inside)) - inside - {source}
@@ -209,11 +212,9 @@ def _homes_of_needed(
 
 
 def _add_ground(scene: bpy.types.Scene, path: Path) -> bpy.types.Collection:
-    """Append all that the first scene with meshes in the file at `path` shows.
+    """Append all that the first scene with meshes in a file shows; return its collection.
 
-    Its world, too, if `scene` has none.
-
-    Returns its collection.
+    Its world comes along if `scene` has none.
     """
     try:
         with console.quiet(), bpy.data.libraries.load(str(path), link=False) as (there, loaded):

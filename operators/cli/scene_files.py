@@ -1,4 +1,4 @@
-"""Files of scenes: a command's own opening, saving and progress."""
+"""How commands open and save scenes, and show their progress."""
 
 import contextlib
 import threading

@@ -26,12 +26,11 @@ from ...crowd_lod.reporting import files
 from ...crowd_lod.shot import plan_file
 from ..runs.shared_frames import Sharing, allowed
 
-# of a folder: its parts, and which run they are of
-PARTS = "parts"
-RUN = "run.json"
-# options with the number of their values: of a process that makes a part; that do not change what
-# is made
+PARTS = "parts"  # the folder of a run's parts
+RUN = "run.json"  # in it: which run they are of
 SHARED = "preview", "verify"  # the commands that are made in parts
+# Options, with the number of their values: those of a process that makes a part, and all that do
+# not change what is made.
 OF_PART = {"--part": 1, "--into": 1, "--threads": 1}
 ASIDE = {**OF_PART, "--out": 1, "--jobs": 1, "--quiet": 0, "--json": 0}
 MOST_JOBS = 256
@@ -87,7 +86,7 @@ def sharing_of(
 
 
 def key_of(args, command: Sequence[str]) -> str:
-    """Return what fixes a run's output: the command, and the files that it reads, by content.
+    """Return a digest of what fixes a run's output: the command, and the content of its files.
 
     "" for a file that is open: it may have been changed since.
     """
@@ -235,7 +234,7 @@ def _damaged(folder: Path) -> CrowdError:
 def assembled(
     args, parser: Callable[[str], argparse.ArgumentParser]
 ) -> tuple[argparse.Namespace, list[str]]:
-    """Return (arguments, words) of the command whose parts `args` names, to finish it with these.
+    """Return (arguments, words) that finish the command whose parts `args` names.
 
     CrowdError if there are none, or the scene is another one now.
     """
@@ -263,7 +262,7 @@ def remove_parts(folder: Path) -> None:
 
 
 def told_of_part(sharing: Sharing, rows: Sequence[dict]) -> dict[str, Any]:
-    """Return a command's result that made a part of a run."""
+    """Return the result of a command that made a part of a run."""
     out = printable(sharing.into)
     frames = [row["frame"] for row in rows]
     return {"out": out, "frames": rows, "summary": f"{frames_are(frames)} in {out}."}

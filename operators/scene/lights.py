@@ -16,7 +16,7 @@ from ..blender.scenery import SOLID, Placed, matrix_of, scenery_of
 from ..characters.glow import glowing
 from .scene_crowd import policy_of
 
-# of lights that nodes or instancing make; of more one that holds them all is made
+# lights made by nodes or instancing; more are merged into one that holds them all
 MOST_INSTANCES = 64
 MOST_SIDES = 64  # flat sides of a mirror object; a curved one has more
 

@@ -13,18 +13,17 @@ from ..blender.ownership import OWNED
 HEAD = 1.0  # meters above the feet, from where the ground below is looked for
 ROOM = 2.0  # meters: who is within a closed mesh, with so much above the feet, is in a hall
 STEEP = 0.3  # of a normal's z: a surface that is steeper is no ground
-# that are looked at, and surfaces along a ray
-MOST_SHAPES = 20_000
-MOST_HITS = 1000
+MOST_SHAPES = 20_000  # that are looked at
+MOST_HITS = 1000  # surfaces along a ray
 
 
 @dataclass
 class Around:
-    """What n places have about them.
+    """What lies about n places.
 
-    ground: (n,) world z of the ground under their feet, or over them where there is none below; NaN
+    ground: (n,) world z of the ground under a place, or over it where there is none below; NaN
         without any.
-    names: of the objects that are the ground of each place, "" without.
+    names: of the objects that are the ground of each place; "" without.
     walls: of closed objects, which places are within, (n,) bool.
     """
 

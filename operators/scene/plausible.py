@@ -1,4 +1,4 @@
-"""What Populate tells of a crowd that is not as people are, each with the remedy, once.
+"""What Populate tells of a crowd that is not as people are, each with a remedy.
 
 crowd_lod/validation/plausibility.py judges; the scene is read here.
 """
@@ -22,9 +22,9 @@ from ..characters.rig_needs import POSES, refusal, stands_for
 from .looking_around import look_around
 
 MARGIN = 1.5  # of the largest sphere's radius, where a sphere is not known to hold all
-MOST_LOOKED_AT = 200  # that are looked at in the scene, of a crowd
-MOST_STEPS = 1_000_000  # of tracks that are judged
-TIMES = 3  # at which agents of a file are looked at
+MOST_LOOKED_AT = 200  # agents of a crowd, compared with the scene about them
+MOST_STEPS = 1_000_000  # between rows of a file, whose speeds are judged
+TIMES = 3  # of a file, at which its agents are compared with the scene
 
 
 def told_of_plausibility(
@@ -200,7 +200,7 @@ def _places(part: Trajectory) -> np.ndarray:
 
 
 def _poses(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
-    """Yield sentences on groups that builds show as poses that stand long."""
+    """Yield sentences on groups that builds show as still poses, each for a long time."""
     fps = scene.render.fps / scene.render.fps_base
     reasons = [refusal(objects) for _, objects, _ in characters_of(scene)]
     cycles = np.array(

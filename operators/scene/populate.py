@@ -31,8 +31,8 @@ def populating(
 ) -> Generator[float, None, tuple[str, list[str]]]:
     """Measure the characters of `scene` and place the crowd: yield the progress.
 
-    Returns a sentence on the result, and those that warn. CrowdError, before anything changes, if a
-    setting is bad.
+    Returns a sentence on the result, and the sentences that warn. CrowdError, before anything
+    changes, if a setting is bad.
     """
     settings = scene.crowd_lod
     crowds = crowd_sources.crowds_of(settings)
@@ -67,7 +67,7 @@ def _warnings(
     trajectory: Trajectory,
     depsgraph: bpy.types.Depsgraph,
 ) -> Iterator[str]:
-    """Yield what is not as people are, or as users mean it."""
+    """Yield sentences on what is probably not as the user means it."""
     yield from told_of_feet(scene, groups)
     yield from told_of_extent(scene, groups)
     yield from told_of_plausibility(scene, groups, crowds, trajectory.parts, depsgraph)

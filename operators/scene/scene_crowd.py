@@ -136,7 +136,7 @@ def frame_of(  # noqa: PLR0913 - most are at hand, and read if not
     time: frames of the animation; the scene's own if None (see scene_data.time_of).
     camera: one camera, or the eyes; the active ones as `depsgraph` has them if None.
     trajectory: the scene's, if it is at hand.
-    around: with it, agents that the camera does not see but that still matter are found, too.
+    around: lights and mirrors; with them, unseen agents that still matter are found, too.
     shutter: with motion blur, times and cameras of the open shutter; read from the scene if None.
     """
     if time is None:

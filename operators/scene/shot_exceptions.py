@@ -25,11 +25,10 @@ from ..machine.scene_world import area_of
 from ..settings.exception_settings import REGIONS
 from ..sources import hand_edits
 
-# Of painted maps: the values, and their digest.
+# session_uid of a painted map -> its values, and their digest
 _painted: dict[int, tuple[np.ndarray, str]] = scene_cache.add_cache({})
 
-# Of each scene what was asked last, and (the exceptions that hold without a shot plan, what is
-# wrong).
+# Of each scene the last inputs of numbered_of, and its result.
 _numbered: dict[int, tuple] = scene_cache.add_cache({}, by_scene=True)
 
 
@@ -55,7 +54,7 @@ def exemptions_of(
     names = [group.name for group in trajectory.groups]
     exemptions = {}
     with frame_stepping.stepped(scene, rest=False) as at:
-        # in the order of time, in which the crowd is known soonest
+        # in order of time: a crowd is computed forward
         for index in sorted(range(len(parts)), key=lambda index: parts[index][2] or 0):
             entry, choose, begin = parts[index]
             agents = (

@@ -32,7 +32,7 @@ from .shot_exceptions import digest_of, numbered_of
 
 # Plans by path, time of change and size.
 _stored: dict[tuple, StoredPlan] = scene_cache.add_cache({})
-_contents: dict[tuple, str] = scene_cache.add_cache({})  # digests of plans, by the same
+_contents: dict[tuple, str] = scene_cache.add_cache({})  # digests of plans, by the same key
 _crowds: WeakKeyDictionary[Trajectory, dict[str, str]] = WeakKeyDictionary()
 CAMERA = "the camera"
 ABOUT = "version", "blend_file", "made_for"  # arrays of a plan's file that say nothing of its LODs
@@ -42,9 +42,8 @@ ABOUT = "version", "blend_file", "made_for"  # arrays of a plan's file that say 
 class Use:
     """How a frame uses the scene's shot plan.
 
-    row: (n,) uint8, of the plan's file, or None if it gives no LODs.
-    unplanned: sentences why the scene's plan gives none, or on exceptions that are wrong; ""
-    without.
+    row: (n,) uint8, of the plan's file; None if the plan gives no LODs.
+    unplanned: sentences on why the plan gives none, and on exceptions that are wrong; "" without.
     exceptions: those that hold without the plan, in the frame `number` of the timeline.
     """
 
@@ -119,7 +118,7 @@ def use_of(
 ) -> Use:
     """Return how the frame at `time` uses the shot plan of the settings.
 
-    Where it does not, it has their exceptions.
+    Without a plan that holds, the frame has the settings' exceptions.
 
     policy, bias: those of the settings.
     time: in frames of the animation.
@@ -251,7 +250,7 @@ def _of_crowd(trajectory: Trajectory) -> dict[str, str]:
 
 
 def _sizes(group: Group) -> tuple[float, ...]:
-    """Return what an older plan knows nothing of: the scales of the group, where it has some."""
+    """Return the scales of the group, where it has some."""
     return () if group.scale == (1.0, 1.0) else group.scale
 
 

@@ -14,11 +14,10 @@ from ...crowd_lod.crowd.maps import LabelMap
 from ...crowd_lod.crowd.state_machine import StateMachine
 from ...crowd_lod.sources.trajectory import Trajectory
 
-SECONDS = 60.0  # how far ahead is looked
+SECONDS = 60.0  # that the search looks ahead
 MOST_AGENTS = 200_000
-# Reads of the table, and so the time, about two seconds; borders that one agent may cross.
-MOST_READS = 4_000_000
-MOST_BORDERS = 4_000
+MOST_READS = 4_000_000  # of the machine's table: about two seconds
+MOST_BORDERS = 4_000  # of cells that one agent may cross
 
 
 @dataclass(frozen=True)

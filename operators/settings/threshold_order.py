@@ -27,7 +27,7 @@ def push(name: str) -> Callable:
 
 
 def push_all(settings: bpy.types.PropertyGroup, _) -> None:
-    """Update callback of level_count: put in order what then counts."""
+    """Put thresholds and sizes in order after level_count has changed (update callback)."""
     settings.estimate = ""
     for owner in (settings, *settings.groups):
         for name in METRIC_OF:
@@ -35,14 +35,17 @@ def push_all(settings: bpy.types.PropertyGroup, _) -> None:
 
 
 def note_thresholds(settings: bpy.types.PropertyGroup) -> None:
-    """Remember thresholds and sizes as they are, where another version or a script set them."""
+    """Remember thresholds and sizes as they are now.
+
+    Needed where they were set without a call of their update callbacks.
+    """
     for owner in (settings, *settings.groups):
         for name in METRIC_OF:
             owner[BEFORE.format(name)] = list(getattr(owner, name))
 
 
 def _put_in_order(owner: bpy.types.PropertyGroup, name: str) -> None:
-    """Let the value of `name` that has changed push the others, of the LODs that there are.
+    """Let the changed value of `name` push the others, as far as there are LODs.
 
     Blender does not tell which value of an array has changed, so the values before are kept beside.
     A value that is not a number becomes what it was.

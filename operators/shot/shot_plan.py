@@ -43,7 +43,7 @@ from .scene_json import scene_json
 from .shot_survey import survey_of
 from .switch_crops import crops_of
 
-# of the progress
+# the progress at which each stage ends
 READY = 0.2
 SURVEYED = 0.6
 DECIDED = 0.9
@@ -59,7 +59,7 @@ class Wanted:
     avoid: the part by which the shot may cost more, to avoid switches in sight.
     budget: what each frame may take.
     blurred: whether LODs may be as many pixels coarser as their agents are blurred wide.
-    keeps: whether the survey so far is kept in the folder, for a run that is killed.
+    keeps: whether the survey so far is kept in the folder: a run after a killed one goes on with it.
     """
 
     frames: Sequence[int]
@@ -150,7 +150,7 @@ def ready(scene: bpy.types.Scene) -> Generator[float, None, None]:
         yield from share(make_levels(scene), 0.1, 1.0)
     elif deviations(groups_of(settings), policy_of(settings)) is None:
         yield from share(measure_levels(scene), 0.1, 1.0)
-    check_levels(scene)  # those of other settings may be fewer
+    check_levels(scene)  # those made for other settings may be fewer
 
 
 def write_plan(
@@ -199,7 +199,7 @@ def shot_json(planned: Planned) -> dict[str, Any]:
 
 
 def sentence(planned: Planned) -> str:
-    """Return a sentence on the plan beside the thresholds' own."""
+    """Return a sentence that compares the plan with LODs by thresholds."""
     plan = planned.plan
     frames = len(planned.stored.numbers)
     bill = plan.bill

@@ -30,7 +30,7 @@ from ..render_setup.cost_estimate import covered, samples_of
 from ..scene import lights, shot_reference
 from ..scene.scene_crowd import characters_of, policy_of, trajectory_of
 
-EVERY = 20.0  # seconds between two parts that are kept for a run that goes on
+EVERY = 20.0  # seconds between two saves, from which the next run goes on
 KEPT = "kind", "coarsest", "scale", "character", "cuts", "rays"
 PARTS = ".crowd-lod-survey"  # begins the names of the parts' files
 

@@ -29,8 +29,8 @@ from .prototypes import library_of_poses, names_of, write_prototypes
 from .shot_camera import Filmed, filmed, write_camera
 
 ENDINGS = (".usdc", ".usda", ".usd")
-POSES = 32  # of an action in a cycle, that static prototypes show
-# of the progress
+POSES = 32  # of an action's cycle that static prototypes show
+# the progress at which each stage ends
 READY = 0.2
 PLANNED = 0.5
 POSED = 0.7
@@ -42,8 +42,7 @@ class UsdExport:
 
     frames: increasing, of the timeline.
     path: of the file, absolute; it ends in .usd, .usdc or .usda.
-    animated: prototypes move with their phase class, instead of agents that change from pose to
-    pose.
+    animated: prototypes move with their phase class, instead of agents that change their pose.
     strict: a frame without the LODs of the scene's shot plan is an error.
     """
 
