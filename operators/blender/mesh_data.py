@@ -47,8 +47,20 @@ def fill_mesh(mesh: bpy.types.Mesh, points: np.ndarray, triangles: np.ndarray) -
 
 
 # what an object that takes another's place keeps of it
-SHOWN = ("hide_render", "hide_viewport", "visible_camera", "visible_diffuse", "visible_glossy", "visible_transmission",
-         "visible_volume_scatter", "visible_shadow", "is_holdout", "is_shadow_catcher", "pass_index", "color")  # fmt: skip
+SHOWN = (
+    "hide_render",
+    "hide_viewport",
+    "visible_camera",
+    "visible_diffuse",
+    "visible_glossy",
+    "visible_transmission",
+    "visible_volume_scatter",
+    "visible_shadow",
+    "is_holdout",
+    "is_shadow_catcher",
+    "pass_index",
+    "color",
+)
 
 
 def mesh_like(item: bpy.types.Object, mesh: bpy.types.Mesh) -> bpy.types.Object:

@@ -78,9 +78,9 @@ def _mixed(group: str, name: str, mixed: tuple[Part, Part, float]) -> Part:
     first, second, _ = mixed
     if first.player != second.player:
         raise CrowdError(
-            f"The actions {first.action.name} and {second.action.name} move two objects of {group}, "
-            f"{first.player.name} and "
-            f"{second.player.name}: no state can fade from one to the other; set its fade to 0."
+            f"The actions {first.action.name} and {second.action.name} move two objects of "
+            f"{group}, {first.player.name} and {second.player.name}: no state can fade from one "
+            f"to the other; set its fade to 0."
         )
     longer = max(first, second, key=lambda part: part.last - part.first)
     return Part(name, longer.first, longer.last, player=first.player, mixed=mixed)

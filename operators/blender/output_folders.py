@@ -111,7 +111,8 @@ def output_folder(scene: bpy.types.Scene, part: str = "") -> Path:
 def place_of(path: Path) -> str:
     """Return the place of output in words, with what becomes of it."""
     temporary = not bpy.data.filepath and path.is_relative_to(bpy.app.tempdir)
-    return f"{printable(path)}{', until Blender ends: save the file to keep it beside it' if temporary else ''}"
+    fate = ", until Blender ends: save the file to keep it beside it" if temporary else ""
+    return f"{printable(path)}{fate}"
 
 
 def output_file(path: Path, *endings: str) -> Path:
@@ -150,7 +151,7 @@ def _paths() -> Iterator[tuple[bpy.types.PropertyGroup, str]]:
 
 @handler
 def before_saving(path: str, *_) -> None:
-    """Rewrite relative paths in settings so that they mean the same from the new place (save_pre)."""
+    """Rewrite relative paths in settings so that they hold from the new place (save_pre)."""
     _file.before.clear()
     for owner, name in _paths() if path else ():
         text = getattr(owner, name)

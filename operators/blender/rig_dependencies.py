@@ -22,8 +22,18 @@ from .references import blocks_of
 from .scene_data import plain
 
 # Settings that change nothing of a shape, and what the names of such begin with.
-OF_THE_WINDOW = {"name", "active", "is_active", "on_cage", "use_pin_to_last", "execution_time", "persistent_uid", "tag",
-                 "use_fake_user", "use_extra_user"}  # fmt: skip
+OF_THE_WINDOW = {
+    "name",
+    "active",
+    "is_active",
+    "on_cage",
+    "use_pin_to_last",
+    "execution_time",
+    "persistent_uid",
+    "tag",
+    "use_fake_user",
+    "use_extra_user",
+}
 PASSING = (
     "show_",
     "open_",

@@ -71,7 +71,8 @@ def sharing_of(
     if finished:
         _say(
             args,
-            f"Going on with {finished} of {counted(len(frames), 'frame')} from a run that was ended.",
+            f"Going on with {finished} of {counted(len(frames), 'frame')} from a run that was "
+            "ended.",
         )
     if foreign:
         _say(

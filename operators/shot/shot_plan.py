@@ -59,7 +59,7 @@ class Wanted:
     avoid: the part by which the shot may cost more, to avoid switches in sight.
     budget: what each frame may take.
     blurred: whether LODs may be as many pixels coarser as their agents are blurred wide.
-    keeps: whether the survey so far is kept in the folder: a run after a killed one goes on with it.
+    keeps: whether the folder keeps the survey so far, for the run after one that is killed.
     """
 
     frames: Sequence[int]

@@ -9,8 +9,8 @@ from ..blender.operator import Reporting
 class Listed(Reporting):
     """Mix-in for a button of a list.
 
-    kind: what a row is, such as "exception". The scene's settings have the rows as `exceptions` then,
-        and what `holder` returns has the index of the selected row as `exception_index`.
+    kind: what a row is, such as "exception". Then the scene's settings have the rows as
+        `exceptions`, and what `holder` returns has the selected row's index as `exception_index`.
     """
 
     kind = ""

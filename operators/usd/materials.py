@@ -41,10 +41,10 @@ class Materials:
         shade = self.usd.UsdShade
         types = self.usd.Sdf.ValueTypeNames
         path = f"{self.home}/{self.name(material.name if material else 'Gray')}"
-        made = shade.Material.Define(self.stage, path)
+        usd_material = shade.Material.Define(self.stage, path)
         surface = shade.Shader.Define(self.stage, f"{path}/Surface")
         surface.CreateIdAttr("UsdPreviewSurface")
-        made.CreateSurfaceOutput().ConnectToSource(surface.ConnectableAPI(), "surface")
+        usd_material.CreateSurfaceOutput().ConnectToSource(surface.ConnectableAPI(), "surface")
         *color, layer = self._looks.of(material)
         base = surface.CreateInput("diffuseColor", types.Color3f)
         file = self._file(self._looks.sources[int(layer)]) if layer >= 0 else ""
@@ -66,7 +66,7 @@ class Materials:
             base.Set(self.usd.Gf.Vec3f(*map(float, color)))
         for name, value in _shine(material).items():
             surface.CreateInput(name, types.Float).Set(value)
-        return made
+        return usd_material
 
     def name(self, name: str) -> str:
         """Return a name for a material that USD takes, and that no other has."""

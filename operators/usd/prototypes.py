@@ -180,7 +180,8 @@ def form_of(
 def _form(mesh: bpy.types.Mesh, matrix: np.ndarray, evaluated: bpy.types.Object) -> Form | None:
     if not len(mesh.polygons):
         return None
-    points, vectors, per = _read(mesh.vertices, "co", 3), *_normals(mesh)
+    points = _read(mesh.vertices, "co", 3)
+    vectors, per = _normals(mesh)
     turn = np.linalg.det(matrix[:3, :3]) < 0
     inverse = np.linalg.pinv(matrix[:3, :3])
     vectors = vectors @ inverse
