@@ -36,7 +36,7 @@ from ..overlay.playblast import Playblast, need_gpu
 from ..scene import lights
 from ..scene.scene_crowd import characters_of, frame_of, policy_of, trajectory_of
 from ..settings import needs
-from ..shot.shot_plan import Planned, Wanted, budget_of, plan_shot, shot_json, write_levels
+from ..shot.shot_plan import Planned, plan_shot, shot_json, wanted_of, write_levels
 from ..sources.record_points import on_record
 from . import lod_table, top_view
 from .preview_plan import plan_json
@@ -189,9 +189,7 @@ def _planned_shot(
     most = MOST_PLANNED / max(len(trajectory_of(stage).start), 1)
     if settings.shot_plan or policy_of(settings).count < 2 or not 1 < len(frames) <= most:
         return None
-    planned = yield from plan_shot(
-        stage, Wanted(frames, folder, settings.avoid_pops, budget_of(settings))
-    )
+    planned = yield from plan_shot(stage, wanted_of(stage, folder, frames))
     write_levels(folder, planned)
     settings.shot_plan, settings.use_shot_plan = str(folder / plan_file.NAME), True
     return planned

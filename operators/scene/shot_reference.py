@@ -20,6 +20,7 @@ from ...crowd_lod.frame.planned import numbers_of, same_cameras, with_row
 from ...crowd_lod.levels.assignment import Bias, LevelPolicy
 from ...crowd_lod.npz_file import read_checksums
 from ...crowd_lod.shot.exceptions import Exemption, alone
+from ...crowd_lod.shot.phases import Phases
 from ...crowd_lod.shot.plan_file import AGAIN, StoredPlan, read
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_cache, scene_data
@@ -34,7 +35,7 @@ from .shot_exceptions import digest_of, numbered_of
 _stored: dict[tuple, StoredPlan] = scene_cache.add_cache({})
 _contents: dict[tuple, str] = scene_cache.add_cache({})  # digests of plans, by the same key
 _crowds: WeakKeyDictionary[Trajectory, dict[str, str]] = WeakKeyDictionary()
-CAMERA = "the camera"
+CAMERA, MESHES = "the camera", "the LOD meshes"
 ABOUT = "version", "blend_file", "made_for"  # arrays of a plan's file that say nothing of its LODs
 
 
@@ -45,15 +46,20 @@ class Use:
     row: (n,) uint8, of the plan's file; None if the plan gives no LODs.
     unplanned: sentences on why the plan gives none, and on exceptions that are wrong; "" without.
     exceptions: those that hold without the plan, in the frame `number` of the timeline.
+    phases: the plan's phase classes, which hold for the same crowd whatever the camera.
     """
 
     row: np.ndarray | None = None
     unplanned: str = ""
     exceptions: tuple[Exemption, ...] = ()
     number: float = 0.0
+    phases: Phases | None = None
 
     def applied(self, frame: Frame) -> Frame:
-        """Return `frame` with the plan's LODs, or else those of the exceptions."""
+        """Return `frame` with the plan's phases, and its LODs or else those of the exceptions."""
+        if self.phases is not None:
+            crowd = self.phases.applied(frame.crowd, frame.trajectory.gaits)
+            frame = replace(frame, crowd=crowd)
         frame = (
             alone(frame, self.exceptions, self.number)
             if self.row is None
@@ -128,7 +134,19 @@ def use_of(
     exceptions, wrong = numbered_of(settings, trajectory, policy)
     wrong = [*hand_edits.troubles_of(settings.id_data), *wrong]
     number = time / scene_data.remapped(settings.id_data.render, 1.0)
-    return Use(row, " ".join(filter(None, [why, *dict.fromkeys(wrong)])), exceptions, number)
+    unplanned = " ".join(filter(None, [why, *dict.fromkeys(wrong)]))
+    return Use(row, unplanned, exceptions, number, phases_of(settings, trajectory))
+
+
+def phases_of(settings, trajectory: Trajectory) -> Phases | None:
+    """Return the phase classes of the plan in use; None without one, or if the crowd changed."""
+    with suppress(CrowdError):
+        stored = stored_plan(settings)
+        if stored is not None and len(stored.phases.shift) == len(trajectory.start):
+            now = crowd_digests(trajectory)
+            if all(stored.made_for.get(name) == now[name] for name in now if name != MESHES):
+                return stored.phases
+    return None
 
 
 def _row(
@@ -217,9 +235,6 @@ def made_for(
 
     settings: of the crowd, for their exceptions.
     """
-    digests = _crowds.get(trajectory)
-    if digests is None:
-        digests = _crowds[trajectory] = _of_crowd(trajectory)
     of_settings = {
         "the choice of LODs": _digest(repr(policy)),
         "the detail map": _digest(
@@ -228,7 +243,14 @@ def made_for(
         # with the crowd's own digests these tell the edits, too
         "the exceptions": _digest(digest_of(settings)),
     }
-    return digests | of_settings | cast_inputs(settings.id_data)
+    return crowd_digests(trajectory) | of_settings | cast_inputs(settings.id_data)
+
+
+def crowd_digests(trajectory: Trajectory) -> dict[str, str]:
+    """Return those digests of `made_for` that tell of the crowd and its LOD meshes."""
+    if trajectory not in _crowds:
+        _crowds[trajectory] = _of_crowd(trajectory)
+    return _crowds[trajectory]
 
 
 def _of_crowd(trajectory: Trajectory) -> dict[str, str]:
@@ -243,9 +265,7 @@ def _of_crowd(trajectory: Trajectory) -> dict[str, str]:
             name: _digest(clock if name == "the crowd" else "", data)
             for name, data in parts.items()
         },
-        "the LOD meshes": _digest(
-            repr([(g.name, g.vertices, g.triangles, g.bounds) for g in groups])
-        ),
+        MESHES: _digest(repr([(g.name, g.vertices, g.triangles, g.bounds) for g in groups])),
     }
 
 

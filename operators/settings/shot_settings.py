@@ -61,6 +61,15 @@ class PlanSettings:
         description="Part by which a shot's time, memory and triangles may grow so that fewer "
         "characters change their LOD in sight",
     )
+    variety: FloatProperty(
+        name="Variety",
+        default=0.05,
+        min=0,
+        max=1,
+        subtype="FACTOR",
+        description="Part of close neighbors that may walk in step at most: the less, the more "
+        "phases of their walk a shot plan lets characters show, and the more memory they take",
+    )
     plan_blurred: BoolProperty(
         name="Coarser Where Blurred",
         description="With motion blur or depth of field, LODs may deviate by as many pixels more "

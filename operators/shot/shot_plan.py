@@ -18,6 +18,13 @@ from ...crowd_lod.reporting.shot_json import shot_facts
 from ...crowd_lod.reporting.shot_report import Told, shot_page
 from ...crowd_lod.shot import plan_file
 from ...crowd_lod.shot.budget import Budget, BudgetPlan, decide_within
+from ...crowd_lod.shot.coloring import (
+    VARIETY,
+    plan_phases,
+    recast,
+    shown_characters,
+    strides_of,
+)
 from ...crowd_lod.shot.curve import curve_of
 from ...crowd_lod.shot.exceptions import Exemption, excepted, marked
 from ...crowd_lod.shot.shot_cost import Shot, meshes_of
@@ -58,6 +65,7 @@ class Wanted:
     folder: where the plan goes.
     avoid: the part by which the shot may cost more, to avoid switches in sight.
     budget: what each frame may take.
+    variety: the part of close neighbors that may be in step.
     blurred: whether LODs may be as many pixels coarser as their agents are blurred wide.
     keeps: whether the folder keeps the survey so far, for the run after one that is killed.
     """
@@ -68,6 +76,7 @@ class Wanted:
     budget: Budget = Budget()
     keeps: bool = False
     blurred: bool = False
+    variety: float = VARIETY
 
 
 @dataclass(frozen=True)
@@ -105,7 +114,13 @@ def plan_shot(scene: bpy.types.Scene, request: Wanted) -> Generator[float, None,
         READY,
         SURVEYED,
     )
-    survey = through.survey
+    phases = plan_phases(
+        through.survey,
+        strides_of(trajectory.groups, trajectory.gaits),
+        policy.tolerance,
+        request.variety,
+    )
+    survey = recast(through.survey, phases.phases)
     characters = characters_of(scene)
     rigs = rigs_of(characters, trajectory, cast_of(characters, trajectory))
     shot = Shot(
@@ -116,16 +131,23 @@ def plan_shot(scene: bpy.types.Scene, request: Wanted) -> Generator[float, None,
     )
     plan = yield from share(decide_within(shot, request.budget, request.avoid), SURVEYED, DECIDED)
     changes = noticed(shot, plan.levels, trajectory.spheres.radius)
+    names = [group.name for group in trajectory.groups]
     report = Told(
         title=Path(bpy.data.filepath).stem or scene.name,
         shot=shot,
         plan=plan,
         noticed=changes,
         curve=(yield from share(curve_of(shot, plan, policy.tolerance), DECIDED, CURVED)),
-        names=[group.name for group in trajectory.groups],
+        names=names,
+        phases=phases,
+        classes=phases.rows(names, trajectory.gaits),
         tints=TINTS,
         milliseconds=through.milliseconds,
-        crops=(yield from share(crops_of(scene, through, largest(changes, WORST)), CURVED, 1.0)),
+        crops=(
+            yield from share(
+                crops_of(scene, through, phases.phases, largest(changes, WORST)), CURVED, 1.0
+            )
+        ),
     )
     bias = bias_of(scene.crowd_lod)
     stored = plan_file.StoredPlan(
@@ -135,6 +157,8 @@ def plan_shot(scene: bpy.types.Scene, request: Wanted) -> Generator[float, None,
         cameras=through.cameras,
         made_for=shot_reference.made_for(scene.crowd_lod, trajectory, policy, bias),
         tolerance=max(plan.tolerance, policy.tolerance or 0.0) or None,
+        phases=phases.phases,
+        cast=shown_characters(survey),
         blend_file=printable(Path(bpy.data.filepath).name),
     )
     return Planned(shot, plan, stored, report, request, exemptions)
@@ -192,7 +216,12 @@ def shot_json(planned: Planned) -> dict[str, Any]:
         for name, value in vars(planned.request.budget).items()
         if value not in (None, inf)
     }
-    asked = {"avoid_pops": planned.request.avoid, "blur": planned.request.blurred, "budget": budget}
+    asked = {
+        "avoid_pops": planned.request.avoid,
+        "variety": planned.request.variety,
+        "blur": planned.request.blurred,
+        "budget": budget,
+    }
     return shot_facts(
         planned.report, planned.stored, asked, [each.as_json for each in planned.exemptions]
     )
@@ -235,6 +264,7 @@ def wanted_of(scene: bpy.types.Scene, folder: Path, frames: Sequence[int]) -> Wa
         avoid=round(settings.avoid_pops, 6),
         budget=budget_of(settings),
         blurred=settings.plan_blurred,
+        variety=round(settings.variety, 6),
     )
 
 

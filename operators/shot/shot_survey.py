@@ -24,7 +24,7 @@ from ...crowd_lod.shot.shot_cost import meshes_of
 from ...crowd_lod.shot.survey import Recorder, Survey, empty
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import cameras, frame_stepping, scene_data
-from ..lod_meshes.selection import cast_of
+from ..lod_meshes.selection import cast_of, rigs_of
 from ..machine.scene_world import bias_of
 from ..render_setup.cost_estimate import covered, samples_of
 from ..scene import lights, shot_reference
@@ -32,6 +32,7 @@ from ..scene.scene_crowd import characters_of, policy_of, trajectory_of
 
 EVERY = 20.0  # seconds between two saves, from which the next run goes on
 KEPT = "kind", "coarsest", "scale", "character", "cuts", "rays"
+LISTS = "entered", "pairs", "nearness"  # of arrays, one for each frame
 PARTS = ".crowd-lod-survey"  # begins the names of the parts' files
 
 
@@ -62,7 +63,14 @@ def survey_of(
     policy = policy_of(settings)
     library = cast_of(characters_of(scene), trajectory)
     times = [scene_data.remapped(scene.render, number) for number in frames]
-    survey = empty(frames, times, trajectory.start.group, library.first(trajectory.gaits))
+    _, moved_as = rigs_of(characters_of(scene), trajectory, library)
+    survey = empty(
+        frames,
+        times,
+        trajectory.start.group,
+        library.first(trajectory.gaits),
+        library.roles(trajectory.gaits, moved_as),
+    )
     if blurred:
         survey = _coarser_where_blurred(survey, trajectory, policy)
     parts = Parts(survey, folder, _key(scene, frames) + "b" * blurred)
@@ -158,8 +166,9 @@ class Parts:
                 for name in KEPT:
                     getattr(self.survey, name)[self.done : end] = file[name]
                 self.cameras.extend(file["cameras"])
-                edges = np.cumsum(file["entered_counts"])[:-1]
-                self.survey.entered[self.done : end] = np.split(file["entered"], edges)
+                for name in LISTS:
+                    edges = np.cumsum(file[f"{name}_counts"])[:-1]
+                    getattr(self.survey, name)[self.done : end] = np.split(file[name], edges)
             self.done = end
         return self.done
 
@@ -169,19 +178,15 @@ class Parts:
             return
         rows = slice(self.done, end)
         path = self.folder / f"{PARTS}-{self.key}-{self.done}-{end}.npz"
-        entered = self.survey.entered[rows]
         with suppress(OSError):  # the run itself needs none of it
             self.folder.mkdir(parents=True, exist_ok=True)
             with path.with_suffix(".part").open("wb") as file:
                 columns = {name: getattr(self.survey, name)[rows] for name in KEPT}
-                counts = [len(each) for each in entered]
-                np.savez(
-                    file,
-                    cameras=self.cameras[rows],
-                    entered=np.concatenate(entered),
-                    entered_counts=counts,
-                    **columns,
-                )
+                for name in LISTS:
+                    of_frames = getattr(self.survey, name)[rows]
+                    columns[name] = np.concatenate(of_frames)
+                    columns[f"{name}_counts"] = np.array([len(part) for part in of_frames])
+                np.savez(file, cameras=self.cameras[rows], **columns)
                 file.flush()
                 os.fsync(file.fileno())
             path.with_suffix(".part").replace(path)

@@ -13,6 +13,7 @@ from mathutils import Euler, Matrix
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import camera_of
 from ...crowd_lod.progress import share
+from ...crowd_lod.shot.phases import Phases
 from ...crowd_lod.shot.switches import NOTHING
 from ...crowd_lod.validation.shaded_pictures import Body, pictures
 from ..blender import scene_data
@@ -31,7 +32,7 @@ Crop = tuple[np.ndarray, np.ndarray]  # before and after, (rows, columns, 3) flo
 
 
 def crops_of(
-    scene: bpy.types.Scene, through: Surveyed, rows: np.ndarray
+    scene: bpy.types.Scene, through: Surveyed, phases: Phases, rows: np.ndarray
 ) -> Generator[float, None, list[Crop | None]]:
     """Draw the agents of `rows`: yield the progress, return a crop for each.
 
@@ -39,6 +40,7 @@ def crops_of(
     there is nothing. None where nothing can be drawn: the camera is panoramic, or the LOD has no
     faces.
 
+    phases: the shot's phase classes.
     rows: (s,) of shot.switches.ROW, of the shot that `through` has surveyed.
     """
     trajectory = trajectory_of(scene)
@@ -48,27 +50,29 @@ def crops_of(
         time = float(through.survey.times[f])
         yield from share(approach(trajectory, time), count / len(rows), (count + 1) / len(rows))
         levels = [int(row["before"]), int(row["after"])]
-        crops.append(_crop(_posed(scene, int(row["agent"]), time, levels), through.cameras[f, 0]))
+        crowd = phases.applied(trajectory.at(time), trajectory.gaits)
+        bodies = posed_agent(scene, int(row["agent"]), Held(crowd, time), levels)
+        crops.append(_crop(bodies, through.cameras[f, 0]))
     return crops
 
 
-def _posed(
-    scene: bpy.types.Scene, agent: int, time: float, levels: Sequence[int]
+def posed_agent(
+    scene: bpy.types.Scene, agent: int, held: Held, levels: Sequence[int]
 ) -> tuple[list[Body | None], Looks]:
-    """Return the agent at `time` once with each of `levels`, and its materials' images.
+    """Return an agent of the crowd `held` once with each of `levels`, and its materials' images.
 
     The bodies are in world space.
     """
     settings = scene.crowd_lod
     trajectory = trajectory_of(scene)
     characters = characters_of(scene)
-    crowd = trajectory.at(time)
+    crowd = held.crowd
     materials = Looks()
     g = int(crowd.group[agent])
     name, objects, _ = characters[g]
     homes = [home_of(settings.levels.children[max(k, 0)], g, name) for k in levels]
     columns = columns_of(
-        trajectory, crowd, Held(crowd, time), np.array([agent]), cast_of(characters, trajectory)
+        trajectory, crowd, held, np.array([agent]), cast_of(characters, trajectory)
     )
     at = {key: values[0].tolist() for key, values in columns.items()}
     stance = Euler((at.get("roll", 0.0), -at.get("pitch", 0.0), at["heading"])).to_matrix().to_4x4()
@@ -106,7 +110,7 @@ def _moved(body: Body, matrix: np.ndarray) -> Body:
 
 
 def _only(body: Body, triangles: np.ndarray) -> Body:
-    """Return `body` with the triangles `which` (m,) bool."""
+    """Return `body` with some of its `triangles`, (m,) bool."""
     names = ("triangles", "normals", "uvs", "colors", "image")
     return replace(body, **{name: getattr(body, name)[triangles] for name in names})
 

@@ -26,6 +26,7 @@ class CROWDLOD_PT_plan(Step, bpy.types.Panel):
         column.prop(frames, "frame_start")
         column.prop(frames, "frame_end")
         layout.prop(settings, "avoid_pops")
+        layout.prop(settings, "variety")
         _with_report(layout, "crowd_lod.plan_shot", "TIME", "PLAN", steps.following(context.scene))
         row = layout.row(align=True)
         row.use_property_split = False

@@ -220,7 +220,6 @@ def test_agents_of_mixed_groups_at_nan_and_beyond_the_map():
     odd = replace(
         trajectory,
         start=replace(start, x=x, y=y, z=z, group=random.permutation(start.group)),
-        _kept={},
     )
     policy = LevelPolicy((0.3, 0.6), drop_lost=True)
     for time in (1, 1.5, 2, 17, 30):
@@ -228,7 +227,7 @@ def test_agents_of_mixed_groups_at_nan_and_beyond_the_map():
         assert frame.dropped == 4 and frame.visible.any()
     x[[9, 500]] = np.nan
     for more in (HeightMap(random.random((4, 5)).astype(np.float32), AREA), None):
-        gone = replace(odd, start=replace(odd.start, x=x), heights=more, _kept={})
+        gone = replace(odd, start=replace(odd.start, x=x), heights=more)
         for time in (1, 2.5, 17):
             assert compare(gone, straight(offset=(0, 30, 0)), policy, time).dropped == (
                 6 if more is None else 3

@@ -235,7 +235,7 @@ def test_nobody_is_missed_and_leave_outs_change_nothing_whatever_is_edited(block
             assert raw(frame) == raw(
                 plan(edited.leaving(NOTHING, 1), camera, POLICY, time, shutter)
             )
-            fresh = Edited(replace(own, _kept={}), edited.edits)
+            fresh = Edited(replace(own), edited.edits)
             assert raw(frame) == raw(plan(fresh, camera, POLICY, time, shutter))
 
     exact()

@@ -130,7 +130,7 @@ def test_agents_off_the_map_are_taken_onto_it_before_they_stand():
     trajectory = shot()
     x = trajectory.start.x.copy()
     x[:3] = -70, 90, -0.0
-    aside = replace(trajectory, start=replace(trajectory.start, x=x), _kept={})
+    aside = replace(trajectory, start=replace(trajectory.start, x=x))
     for time in (1, 1.5, 2, 5):
         assert leave_outs.STILL in left(aside, straight(offset=(0, 30, 0)), POLICY, time)
 
