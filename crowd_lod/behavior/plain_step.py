@@ -269,11 +269,11 @@ class _Way:
         leaving = piece.leaves
         walkers = piece.walkers.of(leaving)
         span = piece.span[leaving]
-        past = ~piece.changed[leaving] * cell_borders.past(walkers, span, world)
-        crossing = cell_borders.to_border(walkers, span, past, world, self.machine.edge)
+        ahead = ~piece.changed[leaving] * cell_borders.count_cells_ahead(walkers, span, world)
+        crossing = cell_borders.to_border(walkers, span, ahead, world, self.machine.edge)
         _put(piece.to, leaving, crossing.place)
         _put(self.cell, leaving, crossing.cell)
-        piece.span[leaving] = crossing.taken
+        piece.span[leaving] = crossing.seconds
         piece.reads[leaving] += crossing.crossed
         if self.reflects:
             now.mirror[self.indices(leaving)] ^= crossing.flips

@@ -9,7 +9,8 @@ import numpy as np
 
 from ..animation.phase_classes import Gaits
 from ..crowd import random_streams
-from ..crowd.agents import Crowd, Group, Spheres, spheres_of
+from ..crowd.agents import Crowd, Group
+from ..crowd.bounding_spheres import Spheres, spheres_of
 from ..crowd.leave_outs import LeftOut
 from ..crowd.maps import Area
 from ..crowd.terrain import Ground

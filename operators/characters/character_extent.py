@@ -7,7 +7,7 @@ from typing import NamedTuple, TypeVar
 import bpy
 import numpy as np
 
-from ...crowd_lod.crowd.agents import bounding_sphere
+from ...crowd_lod.crowd.bounding_spheres import bounding_sphere
 from ...crowd_lod.crowd.sole import ground_of, sole_of
 from ...crowd_lod.errors import CrowdError
 from ..blender import cleanup, mesh_data

@@ -11,7 +11,8 @@ import bpy
 import numpy as np
 from idprop.types import IDPropertyGroup
 
-from ...crowd_lod.crowd.agents import Group, varied
+from ...crowd_lod.crowd.agents import Group
+from ...crowd_lod.crowd.bounding_spheres import varied
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.levels.lengths import DARKER, NEAR_ENOUGH, allowed_lengths, read_curve
 from ...crowd_lod.levels.selection import View

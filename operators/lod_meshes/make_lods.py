@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import bpy
 
-from ...crowd_lod.crowd.agents import Group, varied
+from ...crowd_lod.crowd.agents import Group
+from ...crowd_lod.crowd.bounding_spheres import varied
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.progress import share, standing
 from ..blender import scene_data

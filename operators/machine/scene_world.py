@@ -6,10 +6,10 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.crowd import state_machine as machines
+from ...crowd_lod.crowd.height_map import HeightMap
 from ...crowd_lod.crowd.maps import (
     FARTHEST,
     Area,
-    HeightMap,
     LabelMap,
     edge_map,
     labels_from_colors,

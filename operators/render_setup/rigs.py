@@ -247,10 +247,10 @@ def _bake(action: bpy.types.Action, bone: str, basis: np.ndarray, times: np.ndar
             curve = curves.new(
                 f'pose.bones["{bpy.utils.escape_identifier(bone)}"].{path}', index=index
             )
-            _fill(curve, keys)
+            fill_curve(curve, keys)
 
 
-def _fill(curve: bpy.types.FCurve, keys: np.ndarray) -> None:
+def fill_curve(curve: bpy.types.FCurve, keys: np.ndarray) -> None:
     """Fill the curve with straight lines through `keys` (k, 2)."""
     points = curve.keyframe_points
     points.add(len(keys))
@@ -279,11 +279,11 @@ def perform(
         time = strip.fcurves.find("strip_time")
         if rate:
             begin = -phase / rate
-            _fill(time, np.array([(begin, first), (begin + 1 / rate, last)]))
+            fill_curve(time, np.array([(begin, first), (begin + 1 / rate, last)]))
             round_and_round = time.modifiers.new("CYCLES")
             round_and_round.mode_before = round_and_round.mode_after = "REPEAT"
         else:
-            _fill(time, np.array([(0.0, first + phase * (last - first))]))
+            fill_curve(time, np.array([(0.0, first + phase * (last - first))]))
     return made
 
 

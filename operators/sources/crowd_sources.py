@@ -12,7 +12,8 @@ import numpy as np
 
 from ...crowd_lod.behavior.walk import Walk
 from ...crowd_lod.crowd import random_streams, start_places
-from ...crowd_lod.crowd.agents import Crowd, Group, populate, varied
+from ...crowd_lod.crowd.agents import Crowd, Group, populate
+from ...crowd_lod.crowd.bounding_spheres import varied
 from ...crowd_lod.crowd.maps import LabelMap
 from ...crowd_lod.crowd.state_machine import StateMachine
 from ...crowd_lod.crowd.terrain import Ground, Terrain

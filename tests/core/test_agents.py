@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd import random_streams
-from crowd_lod_extension.crowd_lod.crowd.agents import Group, bounding_sphere, populate, varied
+from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
+from crowd_lod_extension.crowd_lod.crowd.bounding_spheres import bounding_sphere, varied
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.crowd.variants import Draw

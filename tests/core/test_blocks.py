@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd import leave_outs, morton_order
-from crowd_lod_extension.crowd_lod.crowd.agents import populate, spheres_of
-from crowd_lod_extension.crowd_lod.crowd.maps import HeightMap
+from crowd_lod_extension.crowd_lod.crowd.agents import populate
+from crowd_lod_extension.crowd_lod.crowd.bounding_spheres import spheres_of
+from crowd_lod_extension.crowd_lod.crowd.height_map import HeightMap
 from crowd_lod_extension.crowd_lod.culling import blocks
 from crowd_lod_extension.crowd_lod.culling.camera import lens_blur
 from crowd_lod_extension.crowd_lod.culling.radar import RadarOptions, radar

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd import leave_outs
 from crowd_lod_extension.crowd_lod.crowd.agents import Group
-from crowd_lod_extension.crowd_lod.crowd.maps import HeightMap, LabelMap
+from crowd_lod_extension.crowd_lod.crowd.height_map import HeightMap
+from crowd_lod_extension.crowd_lod.crowd.maps import LabelMap
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.levels.assignment import Bias

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd import morton_order
+from crowd_lod_extension.crowd_lod.crowd.height_map import HeightMap
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS, NOTHING
-from crowd_lod_extension.crowd_lod.crowd.maps import Area, HeightMap
+from crowd_lod_extension.crowd_lod.crowd.maps import Area
 from crowd_lod_extension.crowd_lod.crowd.terrain import STEP, Terrain, upward
 from crowd_lod_extension.crowd_lod.culling.camera import Window
 from crowd_lod_extension.crowd_lod.errors import CrowdError

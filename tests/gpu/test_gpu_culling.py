@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd import morton_order
-from crowd_lod_extension.crowd_lod.crowd.maps import Area, HeightMap, LabelMap
+from crowd_lod_extension.crowd_lod.crowd.height_map import HeightMap
+from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 from crowd_lod_extension.crowd_lod.frame.frame import plan_of
 from crowd_lod_extension.crowd_lod.frame.request import Request
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
