@@ -21,9 +21,9 @@ LONGER_SIDE = 256  # cells along the ground's longer side, where no image says h
 REST = 0.1  # seconds from a change to the new image
 # Of each scene whose meshes have changed: True. What its image depended on when last asked, and
 # what was wrong when it was last made.
-_due: dict[int, bool] = scene_cache.kept({}, by_scene=True)
-_asked: dict[int, tuple] = scene_cache.kept({}, by_scene=True)
-_trouble: dict[int, str] = scene_cache.kept({}, by_scene=True)
+_due: dict[int, bool] = scene_cache.add_cache({}, by_scene=True)
+_asked: dict[int, tuple] = scene_cache.add_cache({}, by_scene=True)
+_trouble: dict[int, str] = scene_cache.add_cache({}, by_scene=True)
 
 
 def cells_of(size: tuple[float, float], longer: int) -> tuple[int, int]:

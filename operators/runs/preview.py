@@ -144,7 +144,7 @@ def preview(
         (folder / "frames.csv").write_text(tables.to_csv(rows), encoding="utf-8")
         (folder / "plan.json").write_text(tables.to_json(plan), encoding="utf-8")
         (folder / "report.html").write_text(
-            page(plan) if planned is None else preview_page(planned.told, plan), encoding="utf-8"
+            page(plan) if planned is None else preview_page(planned.report, plan), encoding="utf-8"
         )
         image_data.save_png(
             folder / "contact_sheet.png", _sheet([run.pictures(number) for number in wanted.frames])

@@ -34,17 +34,17 @@ from . import hand_edits, start_source, tracks_source
 from .points_source import points_of_crowd
 
 # Trajectories by the digest of all they depend on.
-_trajectories: dict[bytes, Trajectory] = scene_cache.kept({})
+_trajectories: dict[bytes, Trajectory] = scene_cache.add_cache({})
 MOST_TRAJECTORIES = 8
 # Of each crowd of a scene what was asked last: (numbers and texts, the images' values, the
 # trajectory).
-_latest: dict[int, dict[int, tuple]] = scene_cache.kept({}, by_scene=True)
+_latest: dict[int, dict[int, tuple]] = scene_cache.add_cache({}, by_scene=True)
 # Of each scene the crowds that were put together last, and the trajectory of all.
-_together: dict[int, tuple[tuple, Trajectory]] = scene_cache.kept({}, by_scene=True)
+_together: dict[int, tuple[tuple, Trajectory]] = scene_cache.add_cache({}, by_scene=True)
 
 
 # Of each scene when `outdated` looked last, at what inputs, and what it found.
-_outdated: dict[int, tuple[float, tuple, list[str]]] = scene_cache.kept({}, by_scene=True)
+_outdated: dict[int, tuple[float, tuple, list[str]]] = scene_cache.add_cache({}, by_scene=True)
 LOOK = 1.0  # seconds between two looks
 ASKED = start_source.places_outdated, terrain_source.terrain_outdated
 

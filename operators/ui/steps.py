@@ -28,8 +28,9 @@ LABELS = {
 
 def following(scene: bpy.types.Scene) -> str:
     """Return the operator that comes next in the work; "" once the shot is proved."""
-    settings, frame = scene.crowd_lod, viewport_overlay.latest(scene)
-    done = {
+    settings = scene.crowd_lod
+    frame = viewport_overlay.latest(scene)
+    is_done = {
         "crowd_lod.characters_from_selection": settings.characters is not None,
         "crowd_lod.populate": len(settings.groups) > 0
         and not missing_groups(settings)
@@ -39,7 +40,7 @@ def following(scene: bpy.types.Scene) -> str:
         _built_by(settings): settings.build is not None and not staleness.changed(scene),
         "crowd_lod.verify": verdict_of(scene).startswith("OK"),
     }
-    return next((name for name, made in done.items() if not made), "")
+    return next((name for name, done in is_done.items() if not done), "")
 
 
 def _built_by(settings) -> str:
@@ -53,7 +54,8 @@ def _built_by(settings) -> str:
 
 def messages(scene: bpy.types.Scene) -> list[tuple[str, str]]:
     """Return (sentence, icon) of all that the user should know, the most urgent first."""
-    settings, shown = scene.crowd_lod, viewport_overlay.shown_of(scene)
+    settings = scene.crowd_lod
+    drawn_frame = viewport_overlay.shown_of(scene)
     errors = [
         viewport_overlay.problem(scene),
         missing_library(),
@@ -62,22 +64,22 @@ def messages(scene: bpy.types.Scene) -> list[tuple[str, str]]:
     ]
     if settings.characters is not None:
         errors.append(needs.camera(scene))
-    found = [(sentence, "ERROR") for sentence in dict.fromkeys(errors) if sentence]
+    lines = [(sentence, "ERROR") for sentence in dict.fromkeys(errors) if sentence]
     if following(scene):
-        found.append((f"Next: {LABELS[following(scene)]}", "FORWARD"))
+        lines.append((f"Next: {LABELS[following(scene)]}", "FORWARD"))
     if changed := staleness.changed(scene):
-        found.append((f"Changed since Build: {', '.join(changed)}", "FILE_REFRESH"))
-    found += [
+        lines.append((f"Changed since Build: {', '.join(changed)}", "FILE_REFRESH"))
+    lines += [
         (note, "FILE_REFRESH") for note in crowd_sources.outdated(scene) if note not in errors
     ]
     if lods := outdated(scene):
         change = forecast(scene)
-        found.append((f"{lods}. {change.sentence}" if change else lods, "FILE_REFRESH"))
-    if said := verdict_of(scene):
-        found.append((said, "CHECKMARK" if said.startswith("OK") else "ERROR"))
+        lines.append((f"{lods}. {change.sentence}" if change else lods, "FILE_REFRESH"))
+    if verdict := verdict_of(scene):
+        lines.append((verdict, "CHECKMARK" if verdict.startswith("OK") else "ERROR"))
     # what Populate found stops nobody: it never stands before the next step
     if settings.characters is not None:
-        found += [(warning, "ERROR") for warning in settings.trouble.splitlines()]
+        lines += [(warning, "ERROR") for warning in settings.trouble.splitlines()]
     if note := told_of_file(settings):
-        found.append((note, "INFO"))
-    return [*found, *((note, "INFO") for note in (shown.notes if shown else ()))]
+        lines.append((note, "INFO"))
+    return [*lines, *((note, "INFO") for note in (drawn_frame.notes if drawn_frame else ()))]
