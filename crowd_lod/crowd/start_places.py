@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import CrowdError
 from . import leave_outs
-from .agents import CLASSES, Crowd, Shares, check_counts, peopled
+from .agents import CLASSES, Crowd, Shares, check_counts, place_agents
 from .maps import Area, LabelMap
 from .state_machine import StateMachine
 
@@ -363,7 +363,7 @@ def settle(
     check_counts(len(places), groups)
     random = np.random.Generator(np.random.PCG64(seed))
     places = places.of(random.permutation(len(places)))
-    return peopled(
+    return place_agents(
         tuple(places.points.T.copy()),
         places.heading,
         random,

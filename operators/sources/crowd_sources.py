@@ -13,7 +13,7 @@ import numpy as np
 from ...crowd_lod.behavior.walk import Walk
 from ...crowd_lod.crowd import random_streams, start_places
 from ...crowd_lod.crowd.agents import Crowd, Group, populate
-from ...crowd_lod.crowd.bounding_spheres import varied
+from ...crowd_lod.crowd.bounding_spheres import cover_sizes
 from ...crowd_lod.crowd.maps import LabelMap
 from ...crowd_lod.crowd.state_machine import StateMachine
 from ...crowd_lod.crowd.terrain import Ground, Terrain
@@ -85,7 +85,7 @@ def together(
     crowds = crowds_of(scene.crowd_lod)
     if live(scene.crowd_lod):
         depsgraph = depsgraph or _depsgraph(scene)
-    groups = tuple(map(varied, groups))
+    groups = tuple(map(cover_sizes, groups))
     members = [_member(scene, k, crowd, groups, depsgraph) for k, crowd in enumerate(crowds)]
     if len(members) == 1 and crowds[0].use_crowd:
         return hand_edits.with_edits(scene, members[0])

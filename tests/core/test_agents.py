@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd import random_streams
 from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
-from crowd_lod_extension.crowd_lod.crowd.bounding_spheres import bounding_sphere, varied
+from crowd_lod_extension.crowd_lod.crowd.bounding_spheres import bounding_sphere, cover_sizes
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.crowd.variants import Draw
@@ -90,7 +90,7 @@ def test_bounding_sphere_holds_the_points_at_every_heading():
 
 def test_the_sphere_of_a_group_holds_its_agents_of_all_sizes():
     points = np.random.default_rng(3).normal(size=(500, 3)) * (0.3, 0.2, 0.9) + (0.1, 0, 0.9)
-    group = varied(
+    group = cover_sizes(
         Group(
             "one",
             *bounding_sphere(points),
