@@ -74,18 +74,18 @@ MODULES = (
 )
 CLASSES = tuple(c for module in MODULES for c in module.CLASSES)
 HANDLERS = {
-    "frame_change_post": [provenance.note_edits_of_frame, scenery.noticed, frame_update.follow],
+    "frame_change_post": [provenance.note_edits_of_frame, scenery.note_frame, frame_update.follow],
     "depsgraph_update_post": [
         provenance.note_edits,
-        scenery.edited,
+        scenery.note_edit,
         map_areas.moved_or_edited,
         frame_update.follow_points,
     ],
     "load_pre": [scene_cache.forget, frame_update.forget],
-    "load_post": [output_folders.opened],
+    "load_post": [output_folders.after_opening],
     "save_pre": [output_folders.before_saving],
     "save_post": [output_folders.after_saving],
-    "save_post_fail": [output_folders.not_saved],
+    "save_post_fail": [output_folders.after_failed_saving],
     "undo_pre": [scenery.forget],
     "redo_pre": [scenery.forget],
     "undo_post": [

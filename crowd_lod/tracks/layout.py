@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from ..errors import CrowdError
-from .names import LENGTHS, RADIANS, SECONDS, columns_of, told_of_places, unit_of
+from .names import LENGTHS, RADIANS, SECONDS, columns_of, notes_on_places, unit_of
 
 LONGEST_LINE = 2**20  # bytes
 RATE = re.compile(r"(?:frame\s*rate|fps)\s*[:=]?\s*([0-9]+(?:[.,][0-9]+)?)", re.IGNORECASE)
@@ -155,7 +155,7 @@ def _check_titles(
         if name not in columns and not (name == "frame" and "time" in columns)
     ]
     if titles and lacks:
-        told = told_of_places(titles) if "x" in lacks or "y" in lacks else ""
+        told = notes_on_places(titles) if "x" in lacks or "y" in lacks else ""
         wanted = f"These are {told}; give it" if told else "give it"
         raise CrowdError(
             f"The table {where} has the columns {', '.join(titles[:12])}, and none for "

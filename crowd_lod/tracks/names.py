@@ -166,7 +166,7 @@ def unit_of(title: str, units: Container[str] = LENGTHS) -> str | None:
     return "" if is_name or not words else None
 
 
-def told_of_places(titles: list[str]) -> str:
+def notes_on_places(titles: list[str]) -> str:
     """Return what the `titles` tell of places that cannot be used, or ""."""
     names = {_letters(title) for title in titles}
     return next((told for told, known in OTHER_PLACES.items() if names & set(known)), "")

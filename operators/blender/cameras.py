@@ -9,9 +9,9 @@ from ...crowd_lod.culling import stereo
 from ...crowd_lod.culling.camera import Camera, Window, crop, lens_blur, referential, window
 from ...crowd_lod.culling.shutter import opened
 from ...crowd_lod.errors import CrowdError
-from .frame_stepping import At, stage, stepped
+from .frame_stepping import At, stage, step_frames
 from .ownership import is_ours
-from .scene_data import EEVEE, meters, remapped
+from .scene_data import EEVEE, meters, remap
 
 # the part of the shutter that comes before the frame
 OPENS = {"START": 0.0, "CENTER": 0.5, "END": 1.0}
@@ -293,7 +293,7 @@ def camera_at(scene: bpy.types.Scene, time: float, at: At | None = None) -> tupl
     """Return the scene's cameras at `time`, as `read_cameras` gives them.
 
     time: in frames of the animation, see scene_data.time_of.
-    at: here and below, the value of an open frame_stepping.stepped. Where the scene must not be
+    at: here and below, the value of an open frame_stepping.step_frames. Where the scene must not be
         stepped (in a render, during playback), that of a frame_stepping.stage. None opens one of
         them.
     """
@@ -317,7 +317,9 @@ def cameras_at(
         for view in scene.render.views
     }
     if at is None:
-        with stage() if all(map(_stands, {*films, *eyes})) else stepped(scene, rest=False) as at:
+        with (
+            stage() if all(map(_stands, {*films, *eyes})) else step_frames(scene, rest=False) as at
+        ):
             return cameras_at(scene, times, camera, at)
     return [
         cameras_from(scene, film, at({*films, *eyes}, time))
@@ -373,7 +375,7 @@ def shutter_times(scene: bpy.types.Scene, time: float) -> list[float]:
     if not render.use_motion_blur or render.motion_blur_shutter <= 0:
         return []
     opens = OPENS[render.motion_blur_position]
-    length = remapped(render, render.motion_blur_shutter)
+    length = remap(render, render.motion_blur_shutter)
     return [time + length * (part - opens) for part in (0.0, 0.5, 1.0)]
 
 

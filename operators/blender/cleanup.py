@@ -36,7 +36,7 @@ def all_or_nothing() -> Iterator[None]:
 
 
 @contextmanager
-def lent(*owners: bpy.types.bpy_struct) -> Iterator[None]:
+def restore_settings(*owners: bpy.types.bpy_struct) -> Iterator[None]:
     """Restore the settings of `owners` at the end.
 
     Restored are each owner's own writable properties, except collections.

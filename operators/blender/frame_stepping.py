@@ -73,7 +73,7 @@ def _at_rest(scene: bpy.types.Scene) -> Iterator[None]:
 
 
 @contextmanager
-def stepped(scene: bpy.types.Scene, rest: bool = True) -> Iterator[At]:
+def step_frames(scene: bpy.types.Scene, rest: bool = True) -> Iterator[At]:
     """Yield a function `At` that evaluates objects by changing the scene's frame.
 
     As in playback and renders, drivers, physics and other add-ons take effect; in a `stage` they do
@@ -90,7 +90,7 @@ def stepped(scene: bpy.types.Scene, rest: bool = True) -> Iterator[At]:
     outer = is_stepped(scene)
     now = None
     world = scene.rigidbody_world
-    played = world.point_cache.frame_start - 1 if unbaked(scene) else None
+    played = world.point_cache.frame_start - 1 if describe_unbaked(scene) else None
 
     def at(objects: Iterable[bpy.types.Object], time: float) -> bpy.types.Depsgraph:
         nonlocal now, played
@@ -113,7 +113,7 @@ def stepped(scene: bpy.types.Scene, rest: bool = True) -> Iterator[At]:
             _stepped.discard(scene.session_uid)
 
 
-def unbaked(scene: bpy.types.Scene) -> str:
+def describe_unbaked(scene: bpy.types.Scene) -> str:
     """Return a sentence about the scene's unbaked rigid bodies, or "" without any."""
     world = scene.rigidbody_world
     if world is None or not world.enabled or world.collection is None or world.point_cache.is_baked:

@@ -20,10 +20,10 @@ troubles: dict[tuple[int, str], str] = {}
 
 def handler(function: Callable) -> Callable:
     """Decorate a handler for bpy.app.handlers: guarded, and kept when a file is loaded."""
-    return bpy.app.handlers.persistent(guarded(function))
+    return bpy.app.handlers.persistent(guard(function))
 
 
-def guarded(function: Callable | None = None, failed: Any = None) -> Callable:
+def guard(function: Callable | None = None, failed: Any = None) -> Callable:
     """Decorate a function that Blender calls: no exception leaves it.
 
     failed: what it returns after an exception; for a timer the seconds to its next call, or None to
@@ -32,7 +32,7 @@ def guarded(function: Callable | None = None, failed: Any = None) -> Callable:
     The first argument may be a scene or part of one. The trouble is then told of that scene alone.
     """
     if function is None:
-        return functools.partial(guarded, failed=failed)
+        return functools.partial(guard, failed=failed)
 
     @functools.wraps(function)
     def call(*arguments) -> Any:

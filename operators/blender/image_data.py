@@ -45,7 +45,7 @@ def read_values(image: bpy.types.Image) -> np.ndarray:
     shape = (height, width, image.channels)
     now = clock.monotonic()
     before, looked = _values.pop(image.session_uid, (None, -np.inf))
-    if before is not None and before.shape == shape and now < looked + LOOK_AGAIN and playing():
+    if before is not None and before.shape == shape and now < looked + LOOK_AGAIN and is_playing():
         values = before
         now = looked
     else:
@@ -60,7 +60,7 @@ def read_values(image: bpy.types.Image) -> np.ndarray:
     return values
 
 
-def playing() -> bool:
+def is_playing() -> bool:
     """Return whether an animation plays in a window."""
     return any(window.screen.is_animation_playing for window in bpy.context.window_manager.windows)
 
@@ -124,14 +124,14 @@ def save_png(path: Path, pixels: np.ndarray) -> None:
         image.pixels.foreach_set((pixels / np.float32(255)).ravel())
         image.filepath_raw = str(path)
         image.file_format = "PNG"
-        with writing(path):
+        with check_written(path):
             image.save()
     finally:
         bpy.data.images.remove(image)
 
 
 @contextmanager
-def writing(path: Path) -> Iterator[None]:
+def check_written(path: Path) -> Iterator[None]:
     """Check, after the block, that Blender wrote the file `path` completely.
 
     CrowdError if the file is missing or incomplete, whether or not Blender raised an error.

@@ -31,7 +31,7 @@ SAMPLED = 500  # vertices of a mesh that a digest reads, about
 
 
 @contextmanager
-def taken_back(crowds: Sequence[bpy.types.PropertyGroup]) -> Iterator[None]:
+def restore_on_failure(crowds: Sequence[bpy.types.PropertyGroup]) -> Iterator[None]:
     """Give the crowds their old meshes back if the block fails; else remove the old ones.
 
     To be closed early is to fail.
@@ -103,7 +103,7 @@ def _modifier(modifier: bpy.types.Modifier) -> tuple:
     )
 
 
-def moving(objects: Sequence[bpy.types.Object]) -> list[str]:
+def moving_names(objects: Sequence[bpy.types.Object]) -> list[str]:
     """Return the names of objects that may move.
 
     These, or one of their parents, are animated or constrained.

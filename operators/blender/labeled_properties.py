@@ -10,7 +10,7 @@ from typing import Any
 
 from bpy import props
 
-from .guard import guarded
+from .guard import guard
 
 CONTEXT = "Crowd LOD"
 
@@ -18,7 +18,7 @@ CONTEXT = "Crowd LOD"
 def _labeled(make: Callable) -> Callable:
     def property_of(**options) -> Any:
         if "update" in options:
-            update = guarded(options["update"])
+            update = guard(options["update"])
             # bpy.props counts the parameters
             options["update"] = lambda owner, context: update(owner, context)
         return make(translation_context=CONTEXT, **options)

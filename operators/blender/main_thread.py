@@ -13,7 +13,7 @@ import bpy
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.progress import Made
-from .guard import guarded
+from .guard import guard
 
 PAUSE = 0.01  # seconds between two looks at what there is to do
 # seconds; the main thread may itself wait for the render to end, when it is stopped
@@ -40,7 +40,7 @@ def on_main_thread(work: Callable[[], Made]) -> Made:
         return task.result()
 
 
-@guarded(failed=PAUSE)
+@guard(failed=PAUSE)
 def _work() -> float:
     while not _waiting.empty():
         task, work = _waiting.get()

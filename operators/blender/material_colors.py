@@ -4,7 +4,7 @@ import bpy
 import numpy as np
 
 from . import image_data
-from .color_space import encoded
+from .color_space import to_srgb
 
 GRAY = (0.8, 0.8, 0.8)
 SIZE = 1024  # most pixels of an image along a side
@@ -50,7 +50,7 @@ class Looks:
             rows, columns = ((np.arange(size) + 0.5) * n // size for n in values.shape[:2])
             values = values[rows.astype(int)[:, None], columns.astype(int)]
             picture[..., :3] = np.rint(
-                255 * (encoded(values) if _is_linear(image) else values).clip(0, 1)
+                255 * (to_srgb(values) if _is_linear(image) else values).clip(0, 1)
             )
         self._pictures = pictures
         return pictures

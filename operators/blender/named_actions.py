@@ -64,7 +64,7 @@ def group_performance(group: Group, objects: list[bpy.types.Object]) -> Performa
     return performance_of(group.name, objects, [action.name for action in group.actions])
 
 
-def called(group: str, name: str) -> list[str]:
+def action_names(group: str, name: str) -> list[str]:
     """Return the names in the file of an action that the group plays as `name`, the best first."""
     owners = dict.fromkeys((group, group_of(group)))
     return [*(each for owner in owners for each in (f"{owner} {name}", f"{name} {owner}")), name]
@@ -110,18 +110,19 @@ def _own_action(group: str, objects: list[bpy.types.Object]) -> Part:
 
 def _named(group: str, objects: list[bpy.types.Object], name: str) -> Part:
     action = next(
-        (bpy.data.actions[each] for each in called(group, name) if each in bpy.data.actions), None
+        (bpy.data.actions[each] for each in action_names(group, name) if each in bpy.data.actions),
+        None,
     )
     if action is None:
         raise CrowdError(
             f"The state machine names the action {name}, and the file has none for the character "
-            f"group {group}: call one {' or '.join(called(group, name))}."
+            f"group {group}: call one {' or '.join(action_names(group, name))}."
         )
     player_and_slot = _player(objects, action)
     if player_and_slot is None:
         raise CrowdError(
             f"The action {action.name} is of another rig: most of its curves move nothing of the "
-            f"character group {group}. Name its own action {called(group, name)[0]}."
+            f"character group {group}. Name its own action {action_names(group, name)[0]}."
         )
     player, handle = player_and_slot
     first, last = span_of(action, slot_curves(action, handle))

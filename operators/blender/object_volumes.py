@@ -13,7 +13,7 @@ ALONG = Vector((0.1737, 0.0931, 0.9804))  # of rays: along no edge or face that 
 ONWARD = 1e-6  # of the mesh's size: so far behind a surface that it met, a ray goes on
 
 
-def closed(mesh: bpy.types.Mesh) -> bool:
+def is_closed(mesh: bpy.types.Mesh) -> bool:
     """Return whether each edge of the mesh is between two faces, so that it has an inside."""
     edges = np.empty(len(mesh.loops), np.int32)
     mesh.loops.foreach_get("edge_index", edges)
@@ -29,7 +29,7 @@ def in_volume(item: bpy.types.Object, points: np.ndarray, title: str) -> np.ndar
     CrowdError if the mesh has no inside; `title` is what the error calls it.
     """
     matrix = np.array(item.matrix_world, np.float64)
-    if not closed(item.data) or not np.linalg.cond(matrix) < 1e9:
+    if not is_closed(item.data) or not np.linalg.cond(matrix) < 1e9:
         raise CrowdError(
             f"{title} is no closed mesh: fill its holes, give it a scale above 0, or set Agents By "
             f"to Region."

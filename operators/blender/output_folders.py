@@ -177,7 +177,7 @@ def after_saving(path: str, *_) -> None:
     """Move the output of a file that has a place now; for a saved copy, copy it (save_post)."""
     copied = path != bpy.data.filepath
     if copied:
-        not_saved()
+        after_failed_saving()
     for text in sorted(_file.unsaved) if path else ():
         target = Path(bpy.path.abspath(_named(text, Path(path).stem), start=os.path.dirname(path)))
         _move(_temporary(text), target, copied)
@@ -196,7 +196,7 @@ def _move(source: Path, target: Path, copied: bool) -> None:
 
 
 @handler
-def not_saved(*_) -> None:
+def after_failed_saving(*_) -> None:
     """Take back what before_saving did to the settings of the open file (save_post_fail)."""
     for owner, name, text in _file.before:
         setattr(owner, name, text)
@@ -204,7 +204,7 @@ def not_saved(*_) -> None:
 
 
 @handler
-def opened(*_) -> None:
+def after_opening(*_) -> None:
     """Forget the output of the file before: it is not that of the new one (load_post)."""
     _file.number += 1
     _file.unsaved.clear()

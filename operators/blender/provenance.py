@@ -20,7 +20,7 @@ from .animation import curves_and_drivers, players_of
 from .guard import handler
 from .props import PROP
 from .references import blocks_of
-from .rig_dependencies import places, read_columns, settings_of, shape_of, stance
+from .rig_dependencies import moves_whole, read_columns, settings_of, shape_of, stance
 
 MOST_WEIGHED = 20_000  # vertices of a mesh whose weights are read, evenly
 NAMED = 3  # inputs that a sentence names; it counts the others
@@ -59,7 +59,7 @@ def keep(holder: bpy.types.ID, key: str, inputs: Mapping[str, str]) -> None:
     holder[key] = json.dumps(inputs)
 
 
-def kept_in(holder: bpy.types.ID, key: str) -> dict[str, str]:
+def read_inputs(holder: bpy.types.ID, key: str) -> dict[str, str]:
     """Return what `keep` has kept there; nothing if a script has put anything else there."""
     with suppress(TypeError, ValueError):
         return dict(json.loads(holder.get(key, "{}")))
@@ -68,7 +68,7 @@ def kept_in(holder: bpy.types.ID, key: str) -> dict[str, str]:
 
 def is_made_of(holder: bpy.types.ID, key: str, inputs: Mapping[str, str]) -> bool:
     """Return whether `keep` has kept just these inputs there."""
-    return kept_in(holder, key) == inputs
+    return read_inputs(holder, key) == inputs
 
 
 def character_digest(
@@ -195,7 +195,7 @@ def _points(data: bpy.types.ID | None) -> tuple:
 
 def _place(item: bpy.types.Object) -> list[float]:
     """Return where the object stands, unless that is animated."""
-    if any(map(places, curves_and_drivers(item.animation_data))):
+    if any(map(moves_whole, curves_and_drivers(item.animation_data))):
         return []
     return np.array([*item.matrix_basis, *item.matrix_parent_inverse]).ravel().tolist()
 

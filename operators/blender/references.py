@@ -8,7 +8,7 @@ from bpy_extras.id_map_utils import get_id_reference_map
 from .scene_data import node_inputs
 
 
-def reached(item: bpy.types.Object) -> set[bpy.types.ID]:
+def reached_blocks(item: bpy.types.Object) -> set[bpy.types.ID]:
     """Return all data-blocks that `item` shows or instances, also indirectly.
 
     These are node groups, materials, objects and collections.

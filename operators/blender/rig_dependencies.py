@@ -83,7 +83,7 @@ BEZIERS = (
 )
 
 
-def places(curve: bpy.types.FCurve) -> bool:
+def moves_whole(curve: bpy.types.FCurve) -> bool:
     """Return whether an object's own F-curve, or that of a driver, moves the object as a whole."""
     return curve.data_path in (*PLACE, *DELTAS)
 
@@ -212,7 +212,7 @@ def _facts_of(mover: bpy.types.Object, is_own: bool, called: Called) -> list:
     if is_own:
         still = [
             item
-            for item in custom(mover)
+            for item in custom_properties(mover)
             if (f'["{bpy.utils.escape_identifier(item[0])}"]', 0) not in moved
         ]
         facts += [still] if still else []
@@ -230,7 +230,7 @@ def _facts_of(mover: bpy.types.Object, is_own: bool, called: Called) -> list:
     return facts
 
 
-def custom(item: bpy.types.Object) -> list[tuple[str, str]]:
+def custom_properties(item: bpy.types.Object) -> list[tuple[str, str]]:
     """Return (name, value as text) of the object's custom properties, sorted."""
 
     def read(value) -> Any:

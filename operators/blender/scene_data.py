@@ -21,7 +21,7 @@ def engine_of(scene: bpy.types.Scene) -> str:
     return "CYCLES" if scene.render.engine == "CYCLES" else "EEVEE"
 
 
-def remapped(render: bpy.types.RenderSettings, frames: float) -> float:
+def remap(render: bpy.types.RenderSettings, frames: float) -> float:
     """Convert frames of the timeline to frames of the animation (Time Stretching)."""
     return frames * render.frame_map_old / render.frame_map_new
 
@@ -31,7 +31,7 @@ def time_of(scene: bpy.types.Scene) -> float:
 
     Keyframes are evaluated at these frames.
     """
-    return remapped(scene.render, scene.frame_current + scene.frame_subframe)
+    return remap(scene.render, scene.frame_current + scene.frame_subframe)
 
 
 def frames_of(scene: bpy.types.Scene, step: int = 1) -> list[int]:
@@ -128,7 +128,7 @@ def check_own(scene: bpy.types.Scene) -> None:
         )
 
 
-def shared(scene: bpy.types.Scene, name: str) -> bool:
+def is_shared(scene: bpy.types.Scene, name: str) -> bool:
     """Return whether another scene or file has the collection of the setting `name`.
 
     True if another scene has the same collection in that setting (one of the scenes may be a linked

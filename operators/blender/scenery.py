@@ -1,6 +1,6 @@
 """What a render shows besides the crowd: lamps, glowing and solid objects.
 
-Scenery is cached for each view layer that is played. `noticed` gets the changes of the depsgraph.
+Scenery is cached for each view layer that is played. `note_frame` gets the changes of the depsgraph.
 It updates the cache where only places and shapes changed, and drops it otherwise. Renders read
 everything anew. So does a session that has frame handlers of others.
 """
@@ -14,7 +14,7 @@ from . import scene_cache
 from .emission import casts, emits
 from .guard import handler
 from .ownership import OWNED, is_ours
-from .references import reached
+from .references import reached_blocks
 
 SOLID = {
     "MESH",
@@ -117,7 +117,7 @@ class Scenery:
         items = set()
         self._reached = set()
         for item, inside in self._makers:
-            blocks = {item, *inside, *reached(item)}
+            blocks = {item, *inside, *reached_blocks(item)}
             self._reached |= {block.session_uid for block in blocks}
             lamps = any(
                 isinstance(block, bpy.types.Object) and block.type == "LIGHT" for block in blocks
@@ -282,11 +282,11 @@ def scenery_of(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None) ->
     if depsgraph is None or depsgraph.mode != "VIEWPORT" or depsgraph.scene != scene:
         return Scenery(scene, depsgraph)
     if (
-        not _alone(noticed, "frame_change_post")
-        or edited not in bpy.app.handlers.depsgraph_update_post
+        not _alone(note_frame, "frame_change_post")
+        or note_edit not in bpy.app.handlers.depsgraph_update_post
     ):
         forget()
-    noticed(scene, depsgraph)  # what was changed since its last update, too
+    note_frame(scene, depsgraph)  # what was changed since its last update, too
     key = scene.session_uid, depsgraph.view_layer_eval.name
     if key not in _kept or not _kept[key].holds():
         while len(_kept) >= MOST_KEPT:
@@ -305,7 +305,7 @@ def _alone(handler_of_ours, event: str) -> bool:
 
 
 @handler
-def noticed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+def note_frame(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Handle frame_change_post: update the cached Scenery, or drop it."""
     key = scene.session_uid, depsgraph.view_layer_eval.name
     scenery = _kept.get(key)
@@ -318,10 +318,10 @@ def noticed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
 
 
 @handler
-def edited(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+def note_edit(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Handle depsgraph_update_post: update the cached Scenery, or drop the caches."""
-    if _alone(edited, "depsgraph_update_post"):
-        noticed(scene, depsgraph)
+    if _alone(note_edit, "depsgraph_update_post"):
+        note_frame(scene, depsgraph)
     else:
         forget()
 

@@ -2,10 +2,10 @@
 
 import bpy
 
-from .guard import guarded
+from .guard import guard
 
 
-@guarded
+@guard
 def redraw() -> None:
     """Have Blender draw the sidebars anew."""
     for window in bpy.context.window_manager.windows:

@@ -9,13 +9,13 @@ from ...crowd_lod.crowd.agents import Action, Group
 from ...crowd_lod.crowd.state_machine import StateMachine
 from ...crowd_lod.format import number
 from ..blender import scene_data
-from ..blender.named_actions import called
+from ..blender.named_actions import action_names
 from ..machine.scene_world import machine_of
 
 SLIDES = 0.01  # meters in a cycle: feet that slide less do not count
 
 
-def told_of_actions(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
+def notes_on_actions(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
     """Yield sentences on the characters' own actions, and on those that states of the crowds name.
 
     groups: as just measured.
@@ -76,5 +76,6 @@ def _slides(
 
 def _title(group: Group, action: Action) -> str:
     return next(
-        (name for name in called(group.name, action.name) if name in bpy.data.actions), action.name
+        (name for name in action_names(group.name, action.name) if name in bpy.data.actions),
+        action.name,
     )

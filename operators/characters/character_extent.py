@@ -14,7 +14,7 @@ from ..blender import cleanup, mesh_data
 from ..blender.animation import armatures_of
 from ..blender.named_actions import own_performance
 from ..blender.performance import Performance
-from ..blender.references import reached
+from ..blender.references import reached_blocks
 from ..blender.render_evaluation import as_rendered
 
 # The bounding sphere is measured at every whole frame of the action, or at this many times evenly
@@ -349,7 +349,7 @@ def _ends(value) -> tuple[float, float]:
 def unknown(objects: list[bpy.types.Object]) -> Iterator[str]:
     """Yield a clause for each part of the extent that only a render knows."""
     for item in objects:
-        found = sorted(reached(item), key=lambda block: block.name)
+        found = sorted(reached_blocks(item), key=lambda block: block.name)
         trees = [block for block in found if isinstance(block, bpy.types.GeometryNodeTree)]
         if any(
             node.bl_idname == "GeometryNodeIsViewport" and not node.mute

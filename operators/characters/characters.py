@@ -107,7 +107,7 @@ def groups_in(
                 yield root, members, tuple(root.matrix_world.translation)
 
 
-def told_of_left_out(scene: bpy.types.Scene) -> Iterator[str]:
+def notes_on_left_out(scene: bpy.types.Scene) -> Iterator[str]:
     """Yield a sentence on what renders show of the characters and no crowd does, because it has no
     faces.
     """
@@ -126,7 +126,7 @@ def told_of_left_out(scene: bpy.types.Scene) -> Iterator[str]:
         )
 
 
-def told_of_unsaved(scene: bpy.types.Scene) -> Iterator[str]:
+def notes_on_unsaved(scene: bpy.types.Scene) -> Iterator[str]:
     """Yield a sentence on objects that the characters are made of and that Blender drops when it
     saves the file.
     """

@@ -31,7 +31,7 @@ def glowing(scene: bpy.types.Scene) -> dict[str, list[bpy.types.Material]]:
     return found
 
 
-def told_of_glow(scene: bpy.types.Scene) -> Iterator[str]:
+def notes_on_glow(scene: bpy.types.Scene) -> Iterator[str]:
     """Yield a sentence on characters whose materials light others."""
     found = glowing(scene)
     if not found:

@@ -10,7 +10,7 @@ from ...crowd_lod.format import number
 from ..blender.animation import armatures_of
 from ..blender.named_actions import group_performance
 from ..blender.performance import Performance
-from ..blender.rig_dependencies import places
+from ..blender.rig_dependencies import moves_whole
 
 SIMULATED = {
     "CLOTH",
@@ -122,7 +122,7 @@ def _carried(item: bpy.types.Object | None, act: Performance) -> bool:
 def _placed(item: bpy.types.Object, act: Performance) -> bool:
     """Return whether drivers or curves that vary place the object."""
     data = item.animation_data
-    if data is not None and any(map(places, data.drivers)):
+    if data is not None and any(map(moves_whole, data.drivers)):
         return True
     steady = {
         (travel.path, travel.index)
@@ -130,7 +130,7 @@ def _placed(item: bpy.types.Object, act: Performance) -> bool:
         for travel in part.root.travels
         if travel.owner is item
     }
-    placing = filter(places, act.curves_on(item))
+    placing = filter(moves_whole, act.curves_on(item))
     return any(
         (curve.data_path, curve.array_index) not in steady and _varies(curve) for curve in placing
     )

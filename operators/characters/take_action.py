@@ -76,7 +76,7 @@ def _walks(crowd: bpy.types.PropertyGroup) -> bool:
     return any(not name and machine.velocity[s].any() for s, name in enumerate(machine.actions))
 
 
-def told_of_gliding(scene: bpy.types.Scene) -> Iterator[str]:
+def notes_on_gliding(scene: bpy.types.Scene) -> Iterator[str]:
     """Yield a sentence on characters that glide in their bind pose, with the way out."""
     found = gliding(scene)
     if not found:

@@ -37,7 +37,7 @@ def assemble(args, command: list[str]) -> dict:
     if args.frames is not None:
         frames = parse_frames(args.frames, args.step)
         return farm.assemble_frames(files.absolute(args.folder), frames, command)
-    again, words = shared_runs.assembled(args, args.parser)
+    again, words = shared_runs.finishing_command(args, args.parser)
     result = again.run(again, words)
     shared_runs.remove_parts(args.folder)
     return result

@@ -26,9 +26,9 @@ def explain(
     """
     yield from share(ready(scene), 0.0, 0.5)
     trajectory = trajectory_of(scene)
-    time = scene_data.remapped(scene.render, number)
+    time = scene_data.remap(scene.render, number)
     yield from share(approach(trajectory, time), 0.5, 0.9)
-    with frame_stepping.stepped(scene, rest=False) as at:
+    with frame_stepping.step_frames(scene, rest=False) as at:
         eyes, around, shutter = lights.read_moment(scene, time, at)
         frame = frame_of(scene, at((), time), time, eyes, trajectory, around, shutter)
     yield 1.0

@@ -20,10 +20,10 @@ from ..machine.scene_world import bias_of
 from ..render_setup import bake, render_setup, view_layers
 from ..render_setup.buttons import check_blur, prepared
 from ..render_setup.cost_estimate import Estimate, estimate
-from ..render_setup.hidden_characters import told_of_characters
+from ..render_setup.hidden_characters import notes_on_characters
 from ..render_setup.phase_characters import Cast
 from ..scene.scene_crowd import policy_of, trajectory_of
-from ..scene.shot_reference import told_of_shot
+from ..scene.shot_reference import notes_on_shot
 from ..usd import export as usd
 from .options import (
     add_command,
@@ -136,11 +136,11 @@ def build(args, command: list[str]) -> dict:
         notes = [
             tables.nobody_seen(points.values()),
             unplanned,
-            render_setup.told_of_cast(scene, cast),
-            told_of_characters(scene),
+            render_setup.notes_on_cast(scene, cast),
+            notes_on_characters(scene),
         ]
         if args.bake:
-            notes.append(frame_stepping.unbaked(scene))
+            notes.append(frame_stepping.describe_unbaked(scene))
         if args.render_only:
             notes.append(bake.keep_what_renders(scene))
         save(part, path, compress=True)
@@ -204,16 +204,16 @@ def _building(
     steps = bake.bake(scene, frames, args.strict) if args.bake else render_setup.build(scene)
     cast = yield from share(steps, 0.3, 1.0)
     # a live build looks the plan up when its frames are shown
-    return predicted, cast, "" if args.bake else _told_of_plan(scene, args.strict)
+    return predicted, cast, "" if args.bake else _note_on_plan(scene, args.strict)
 
 
-def _told_of_plan(scene: bpy.types.Scene, strict: bool) -> str:
+def _note_on_plan(scene: bpy.types.Scene, strict: bool) -> str:
     """Return a sentence if the scene's shot plan does not hold; "" if it does, or there is none.
 
     CrowdError in its place if that is `strict`.
     """
     settings = scene.crowd_lod
-    sentence = told_of_shot(scene, trajectory_of(scene), policy_of(settings), bias_of(settings))
+    sentence = notes_on_shot(scene, trajectory_of(scene), policy_of(settings), bias_of(settings))
     if sentence and strict:
         raise CrowdError(sentence)
     return sentence

@@ -18,7 +18,7 @@ from ...crowd_lod.sources.recorded import Recorded
 from ..blender import cameras, console, scene_data
 from ..blender.references import closure_of
 from ..render_setup.render_setup import remove_build
-from ..scene.populate import populating
+from ..scene.populate import populate_scene
 from ..scene.scene_crowd import characters_of, trajectory_of
 from ..settings.crowd_settings import CharacterSettings
 from ..settings.level_settings import LevelSettings
@@ -253,7 +253,7 @@ def _add_ground(scene: bpy.types.Scene, path: Path) -> bpy.types.Collection:
 def _filled(scene: bpy.types.Scene) -> Generator[float, None, str]:
     """Populate the scene, add camera and light: yield the progress, return a sentence."""
     sentence, _ = yield from share(
-        populating(scene, bpy.context.evaluated_depsgraph_get()), 0.0, 0.5
+        populate_scene(scene, bpy.context.evaluated_depsgraph_get()), 0.0, 0.5
     )
     if scene.crowd_lod.source == "FILE":
         trajectory = trajectory_of(scene)

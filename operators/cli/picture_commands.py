@@ -119,7 +119,7 @@ def preview_shot(args, command: list[str]) -> dict:
     sharing = shared_runs.sharing_of(args, command, scene, folder, request.frames)
     plan = finish(preview(scene, request, command, sharing), f"preview of {stem}", args.quiet)
     if sharing.part is not None:
-        return shared_runs.told_of_part(sharing, plan["frames"])
+        return shared_runs.part_result(sharing, plan["frames"])
     return {
         "out": printable(folder),
         "frames": plan["frames"],
@@ -180,6 +180,6 @@ def verify_shot(args, command: list[str]) -> dict:
     sharing = shared_runs.sharing_of(args, command, scene, request.folder, request.frames)
     result = finish(verify(scene, request, command, sharing), f"verify {stem}", args.quiet)
     if sharing.part is not None:
-        return shared_runs.told_of_part(sharing, result["frames"])
+        return shared_runs.part_result(sharing, result["frames"])
     out = printable(request.folder)
     return {**result, "out": out, "summary": f"{to_text(result)}\n{out}"}

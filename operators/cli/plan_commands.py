@@ -109,7 +109,7 @@ def plan_shot(args, command: list[str]) -> dict:
     )
     with files.staged(folder) as part:
 
-        def work() -> Generator[float, None, tuple[shot_plan.Planned, dict]]:
+        def work() -> Generator[float, None, tuple[shot_plan.PlannedShot, dict]]:
             planned = yield from share(shot_plan.plan_shot(scene, request), 0.0, 0.99)
             writing = shot_plan.write_plan(scene, part, planned, command)
             return planned, (yield from share(writing, 0.99, 1.0))

@@ -94,7 +94,7 @@ def key_of(args, command: Sequence[str]) -> str:
     if args.scene is None:
         return ""
     hashed = hashlib.sha256(
-        repr((without(command, ASIDE), __version__, bpy.app.version_string)).encode()
+        repr((remove_options(command, ASIDE), __version__, bpy.app.version_string)).encode()
     )
     plan = [args.plan, args.plan / plan_file.NAME] if args.plan is not None else []
     linked = [
@@ -111,7 +111,7 @@ def key_of(args, command: Sequence[str]) -> str:
     return hashed.hexdigest()
 
 
-def without(command: Sequence[str], options: Mapping[str, int]) -> list[str]:
+def remove_options(command: Sequence[str], options: Mapping[str, int]) -> list[str]:
     """Return the words of a command without these options and their values.
 
     options: the number of values of each.
@@ -133,7 +133,7 @@ def worker_of(
     args, command: Sequence[str], jobs: int
 ) -> Callable[[Path, Sequence[int]], list[str]]:
     """Return the function that gives the command of a process of --jobs; see Sharing.worker."""
-    words = without(command, ASIDE)[1:]
+    words = remove_options(command, ASIDE)[1:]
     words = [word for k, word in enumerate(words) if k != _place(words, args)]
 
     def worker(file: Path, frames: Sequence[int]) -> list[str]:
@@ -183,7 +183,7 @@ def _parts(folder: Path, args, command: Sequence[str], key: str) -> Path:
         )
     run = {
         "key": key,
-        "command": without(command, OF_PART),
+        "command": remove_options(command, OF_PART),
         "scene": printable(Path(args.scene).absolute()),
     }
     path = folder / PARTS / RUN
@@ -232,7 +232,7 @@ def _damaged(folder: Path) -> CrowdError:
     )
 
 
-def assembled(
+def finishing_command(
     args, parser: Callable[[str], argparse.ArgumentParser]
 ) -> tuple[argparse.Namespace, list[str]]:
     """Return (arguments, words) that finish the command whose parts `args` names.
@@ -262,7 +262,7 @@ def remove_parts(folder: Path) -> None:
     shutil.rmtree(folder / PARTS)
 
 
-def told_of_part(sharing: Sharing, rows: Sequence[dict]) -> dict[str, Any]:
+def part_result(sharing: Sharing, rows: Sequence[dict]) -> dict[str, Any]:
     """Return the result of a command that made a part of a run."""
     out = printable(sharing.into)
     frames = [row["frame"] for row in rows]

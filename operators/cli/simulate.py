@@ -15,7 +15,7 @@ def add_simulate(commands, program: str) -> None:
         commands,
         program,
         "simulate",
-        simulated,
+        simulate_scene,
         "write the scene with its crowd simulated by JuPedSim, and the trajectories beside it",
         "simulate hall.blend --seconds 60 --out hall_simulated.blend",
     )
@@ -26,7 +26,7 @@ def add_simulate(commands, program: str) -> None:
     add_out(command, "FILE", "the .blend file (default: SCENE_simulated.blend)")
 
 
-def simulated(args, command: list[str]) -> dict:
+def simulate_scene(args, command: list[str]) -> dict:
     """Write the scene with its crowd simulated, and the trajectories beside it."""
     stem = stem_of(args)
     path = files.followed(blend_path(args.out or Path(f"{stem}_simulated.blend")))

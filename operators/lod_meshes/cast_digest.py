@@ -9,7 +9,7 @@ from ..blender import mesh_data, scene_data
 from ..blender.animation import curves_and_drivers, moved_values, players_of
 from ..blender.provenance import text_digest
 from ..blender.references import blocks_of
-from ..blender.rig_dependencies import places, read_tree, settings_of, shape_of
+from ..blender.rig_dependencies import moves_whole, read_tree, settings_of, shape_of
 
 SAMPLED = 200  # vertices of a mesh, roughly
 
@@ -36,7 +36,7 @@ def cast_digest(items: Iterable[bpy.types.Object]) -> str:
 
 def _moves(item: bpy.types.Object) -> bool:
     """Return whether the object's own place is animated, and so tells the frame."""
-    return any(map(places, curves_and_drivers(item.animation_data)))
+    return any(map(moves_whole, curves_and_drivers(item.animation_data)))
 
 
 def _node_inputs(item: bpy.types.Object) -> list[tuple[str, str]]:

@@ -171,7 +171,7 @@ def changed(scene: bpy.types.Scene) -> dict[str, tuple[str, str]]:
     settings = scene.crowd_lod
     if settings.levels is None:
         return {}
-    before, now = provenance.kept_in(settings.levels, MADE_FOR), _facts(scene)
+    before, now = provenance.read_inputs(settings.levels, MADE_FOR), _facts(scene)
     return _lacks(settings) | {
         name: (before[name], now[name])
         for name in now
@@ -185,7 +185,7 @@ def edited(scene: bpy.types.Scene) -> list[str]:
     """
     if scene.crowd_lod.levels is None:
         return []
-    before = of_characters(provenance.kept_in(scene.crowd_lod.levels, MADE_FOR))
+    before = of_characters(provenance.read_inputs(scene.crowd_lod.levels, MADE_FOR))
     now = of_characters(cast_inputs(scene)) if before else {}
     return [name for name in now if name in before and before[name] != now[name]]
 
@@ -299,7 +299,7 @@ def _forecast(scene: bpy.types.Scene, stored: dict) -> Forecast | None:
         before, after = _ratios(own["triangles"], own["keep"]), _ratios(group.triangles, then)
         if before != after:
             rows.append((own["name"], before, after))
-    tolerance = provenance.kept_in(settings.levels, MADE_FOR)["tolerance"]
+    tolerance = provenance.read_inputs(settings.levels, MADE_FOR)["tolerance"]
     return Forecast(closer * float(tolerance.split()[0]) / settings.tolerance, tuple(rows))
 
 

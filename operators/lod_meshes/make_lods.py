@@ -70,7 +70,7 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
     if settings.choice == "BY_TOLERANCE":
         check_maps(settings)  # where agents are is asked after the meshes were read
     # a linked copy begins with the LODs of the other scene, which stay that one's
-    copied = scene_data.shared(scene, "levels")
+    copied = scene_data.is_shared(scene, "levels")
     earlier = None if copied else settings.levels
     before = set(bpy.data.user_map())
     done = False

@@ -14,7 +14,7 @@ from ...crowd_lod.crowd.maps import FARTHEST
 from ...crowd_lod.crowd.rasterize import cover_cells
 from ...crowd_lod.errors import CrowdError
 from ..blender import image_data, kept_meshes, provenance, scene_cache, scene_data
-from ..blender.guard import guarded, handler
+from ..blender.guard import guard, handler
 from .scene_world import MADE_FOR, area_of, areas_hold, areas_inputs, machine_of
 
 LONGER_SIDE = 256  # cells along the ground's longer side, where no image says how many
@@ -169,7 +169,7 @@ def follow_soon(scene: bpy.types.Scene) -> None:
         bpy.app.timers.register(_follow, first_interval=REST)
 
 
-@guarded
+@guard
 def _follow() -> None:
     """Timer: make the images of scenes whose areas have changed."""
     for scene in [each for each in bpy.data.scenes if _due.pop(each.session_uid, False)]:

@@ -142,7 +142,7 @@ def terrain_notes(crowd, trajectory: Trajectory) -> Iterator[str]:
             f"({', '.join(inside[:3])}), which renders leave out: "
             "move it to another."
         )
-    names = kept_meshes.moving(objects_of(crowd))
+    names = kept_meshes.moving_names(objects_of(crowd))
     if names:
         yield (
             f"The terrain moves ({', '.join(names[:3])}): agents stand on it as it is now, in "

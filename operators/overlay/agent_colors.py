@@ -7,7 +7,7 @@ import numpy as np
 
 from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.reasons import REASONS, reasons
-from ..blender.color_space import linear
+from ..blender.color_space import to_linear
 from ..lod_meshes.make_lods import TINTS
 from .skinned_characters import Character
 
@@ -58,7 +58,7 @@ def by_level(frame: Frame) -> Colors:
 def by_state(frame: Frame) -> Colors:
     """Color agents by state, in the colors of their states."""
     states = frame.trajectory.states
-    return Colors(frame.crowd.state, _opaque(linear(states.colors / 255)), names=states.names)
+    return Colors(frame.crowd.state, _opaque(to_linear(states.colors / 255)), names=states.names)
 
 
 def by_group(frame: Frame) -> Colors:

@@ -17,7 +17,7 @@ import numpy as np
 from ...crowd_lod.errors import CrowdError
 from ..blender import named_actions, performance, scene_cache
 from ..blender.animation import armatures_of, curves_of, players_of
-from ..blender.guard import guarded
+from ..blender.guard import guard
 from ..blender.image_data import LOOK_AGAIN
 from ..blender.material_colors import Looks
 from ..blender.rig_dependencies import KEYS, read_columns
@@ -101,7 +101,7 @@ def drop(scene: bpy.types.Scene) -> None:
     _castings.pop(scene.session_uid, None)
 
 
-@guarded
+@guard
 def bake_some() -> float | None:
     """Timer: bake a few frames.
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...crowd_lod.animation.skinning import SkinnedMesh, axes
 from ...crowd_lod.crowd.agents import Group
-from ..blender.color_space import encoded
+from ..blender.color_space import to_srgb
 from . import shader_programs
 from .draw_data import Drawing
 from .skinned_characters import Character
@@ -315,7 +315,7 @@ def _line_batch(lines: np.ndarray, colors: np.ndarray) -> "GPUBatch | None":
     """Return the batch of a Drawing's lines, or None without lines."""
     from gpu_extras.batch import batch_for_shader
 
-    columns = {"pos": lines.reshape(-1, 3), "color": encoded(colors).reshape(-1, 4)}
+    columns = {"pos": lines.reshape(-1, 3), "color": to_srgb(colors).reshape(-1, 4)}
     return batch_for_shader(shader_programs.lines(), "LINES", columns) if len(lines) else None
 
 

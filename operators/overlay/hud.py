@@ -10,7 +10,7 @@ import numpy as np
 from ...crowd_lod.format import counted
 from ...crowd_lod.frame.agent_under_cursor import Account
 from ...crowd_lod.frame.frame import Frame
-from ..blender.color_space import encoded
+from ..blender.color_space import to_srgb
 from . import shader_programs
 from .agent_colors import Colors
 from .gpu_draw import LINE_PIXELS
@@ -177,7 +177,7 @@ def write(
     for number, each in enumerate(fitting, start=1):
         base = top - number * line
         if each.color is not None:
-            color = encoded(np.array([*each.color, 1.0], np.float32))
+            color = to_srgb(np.array([*each.color, 1.0], np.float32))
             _fill(left + 2 * edge, base, left + 2 * edge + line / 2, base + line / 2, color)
         blf.color(0, *WHITE)
         blf.position(0, left + indent + edge, base, 0)

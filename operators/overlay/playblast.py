@@ -16,7 +16,7 @@ from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.reporting.quiet_process import quiet_process
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import console, image_data
-from ..blender.color_space import linear
+from ..blender.color_space import to_linear
 from ..scene.scene_crowd import policy_of
 from . import character_cache, hud
 from .appearance import cast_of, colors_of, drawing_of, style_of
@@ -124,7 +124,7 @@ def _merged(below: np.ndarray, over: np.ndarray) -> np.ndarray:
     below, over: (n, 4) uint8, sRGB; `over` has its alpha multiplied in.
     """
     over = over / np.float32(255)
-    light = (below / np.float32(255)) ** GAMMA * (1 - over[:, 3:]) + linear(over)
+    light = (below / np.float32(255)) ** GAMMA * (1 - over[:, 3:]) + to_linear(over)
     return np.rint(255 * light.clip(0, 1) ** (1 / GAMMA)).astype(np.uint8)
 
 

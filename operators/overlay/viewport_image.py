@@ -12,7 +12,7 @@ import numpy as np
 
 from ...crowd_lod.errors import CrowdError
 from ..blender import cameras, image_data
-from ..blender.guard import guarded
+from ..blender.guard import guard
 from ..blender.operator import Stepwise
 from ..settings import needs
 from . import viewport_overlay, visibility
@@ -84,7 +84,7 @@ def _seen(context, space, region) -> tuple[np.ndarray, np.ndarray, tuple[int, in
     return view, projection, (region.width, region.height)
 
 
-@guarded
+@guard
 def _show(name: str) -> None:
     """Open the image, if it is still there, in a new window.
 

@@ -19,12 +19,12 @@ from ...crowd_lod.frame.request import Request
 from ...crowd_lod.levels.assignment import Bias
 from ..blender import frame_stepping, image_data, scene_cache, scene_data, sidebars
 from ..blender.cameras import read_cameras, read_shutter
-from ..blender.guard import guarded
+from ..blender.guard import guard
 from ..blender.image_data import LOOK_AGAIN
 from ..characters.stored_groups import groups_of
 from ..machine.scene_world import bias_of
 from ..scene.scene_crowd import policy_of, trajectory_of
-from ..scene.shot_exceptions import drawn_inputs
+from ..scene.shot_exceptions import overlay_inputs
 from ..scene.shot_reference import reference, use_of
 from ..sources.crowd_sources import inputs_of, live
 from . import (
@@ -116,7 +116,7 @@ def _let_go() -> None:
     shader_programs.forget()
 
 
-@guarded
+@guard
 def _stop() -> None:
     """Timer: remove the draw handlers, which must not be done while Blender draws."""
     _let_go()
@@ -287,7 +287,7 @@ def _shown_now(context, before: Shown | None) -> Shown:
             round(settings.overlay_fade, 6),
             reference(settings),
         )
-        frame_inputs += drawn_inputs(settings)
+        frame_inputs += overlay_inputs(settings)
         known = before.frame if before is not None and before.crowd_inputs == crowd_inputs else None
         if known is not None and looked < before.looked + LOOK_AGAIN and not live(settings):
             trajectory, bias, looked = known.trajectory, known.bias, before.looked
@@ -376,14 +376,14 @@ def _open_shutter(scene, time: float, eyes: tuple[Camera, ...]) -> tuple:
     return key, ()
 
 
-@guarded
+@guard
 def _read_shutters() -> float | None:
     """Timer: read the shutters asked for.
 
     Returns seconds to the next call, or None if done.
     Waits while an animation plays or the frame has just changed: the next frame would ask again.
     """
-    if image_data.playing():
+    if image_data.is_playing():
         return LOOK_AGAIN
     rest = max((since for _, since in _asked.values()), default=-np.inf) + REST - clock.monotonic()
     if rest > 0:
@@ -402,7 +402,7 @@ def _read_shutters() -> float | None:
     return None
 
 
-@guarded(failed=WATCH)
+@guard(failed=WATCH)
 def _watch() -> float:
     """Timer: have viewports drawn again that are old without Blender's notice.
 

@@ -79,7 +79,7 @@ def bake(
         if rows is None:
             bpy.data.batch_remove(list(read[-1]))
     cast = yield from share(make_cast(scene, scene.crowd_lod, _kept(scene, rows), read), 0.8, 0.99)
-    trim_actions(cast.rigs, [scene_data.remapped(scene.render, number) for number in frames])
+    trim_actions(cast.rigs, [scene_data.remap(scene.render, number) for number in frames])
     top = install(scene, cast)
     cast.notes.extend(filter(None, [told_unplanned(unplanned)]))
     mark(scene, frames)
@@ -111,7 +111,7 @@ def keep_what_renders(scene: bpy.types.Scene) -> str:
     scene cannot be built again afterwards. Returns a sentence on it.
     """
     settings = scene.crowd_lod
-    if not scene_data.shared(scene, "levels"):
+    if not scene_data.is_shared(scene, "levels"):
         remove_owned(settings.levels)
     settings.levels = None
     needed = "renders show them" if shows_characters(scene) else _used(settings.characters)
@@ -174,9 +174,9 @@ def _rows(
     render, trajectory = scene.render, trajectory_of(scene)
     rows: dict[str, list[dict[str, np.ndarray]]] = {bucket.name: [] for bucket in buckets_of(scene)}
     points = dict.fromkeys(rows, 0)
-    with frame_stepping.stepped(scene) as at:
+    with frame_stepping.step_frames(scene) as at:
         for done, number in enumerate(frames):
-            time = scene_data.remapped(render, number)
+            time = scene_data.remap(render, number)
             yield from share(
                 approach(trajectory, time), done / len(frames), (done + 0.9) / len(frames)
             )

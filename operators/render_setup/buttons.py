@@ -20,8 +20,8 @@ from ..sources.crowd_sources import check_recorded
 from ..sources.record_points import shared_record
 from .bake import bake
 from .frame_update import update
-from .hidden_characters import hide_characters, told_of_characters
-from .render_setup import build, remove_build, told_of_cast
+from .hidden_characters import hide_characters, notes_on_characters
+from .render_setup import build, notes_on_cast, remove_build
 from .staleness import note_build
 from .watched_points import watch_points
 
@@ -97,7 +97,12 @@ class CROWDLOD_OT_build(Stepwise, bpy.types.Operator):
         return " ".join(
             filter(
                 None,
-                (f"{seen}.", frame.unplanned, told_of_cast(scene, cast), told_of_characters(scene)),
+                (
+                    f"{seen}.",
+                    frame.unplanned,
+                    notes_on_cast(scene, cast),
+                    notes_on_characters(scene),
+                ),
             )
         )
 
@@ -122,9 +127,9 @@ class CROWDLOD_OT_bake(Stepwise, bpy.types.Operator):
                 None,
                 (
                     baked,
-                    told_of_cast(scene, cast),
-                    told_of_characters(scene),
-                    frame_stepping.unbaked(scene),
+                    notes_on_cast(scene, cast),
+                    notes_on_characters(scene),
+                    frame_stepping.describe_unbaked(scene),
                 ),
             )
         )

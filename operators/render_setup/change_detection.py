@@ -11,7 +11,7 @@ from ...crowd_lod.frame.shadows import Surroundings
 from ..blender import mesh_data
 from ..blender.animation import curves_of, players_of
 from ..blender.provenance import text_digest
-from ..blender.rig_dependencies import custom, read_columns, stance
+from ..blender.rig_dependencies import custom_properties, read_columns, stance
 from ..lod_meshes.cast_digest import holds, slots
 
 CORNERS = (("co", 2, "f4"),)  # of a curve's keys: the rest is the same in all that rigs play
@@ -73,7 +73,7 @@ def _properties(item: bpy.types.Object) -> list:
         home and home.name_full
         for home in (item.light_linking.receiver_collection, item.light_linking.blocker_collection)
     ]
-    return [*custom(item), item.lightgroup, linked]
+    return [*custom_properties(item), item.lightgroup, linked]
 
 
 def cameras_digest(cameras: Iterable[Camera]) -> str:

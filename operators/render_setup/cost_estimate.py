@@ -177,9 +177,9 @@ def estimate(
     shown = {name: [] for name in choices}
     bias, samples = bias_of(settings), samples_of(scene)
     rays = []
-    with frame_stepping.stepped(scene) as at:
+    with frame_stepping.step_frames(scene) as at:
         for done, number in enumerate(looked_at):
-            time = scene_data.remapped(render, number)
+            time = scene_data.remap(render, number)
             yield from share(
                 approach(trajectory, time), done / len(looked_at), (done + 0.5) / len(looked_at)
             )

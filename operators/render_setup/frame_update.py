@@ -66,7 +66,7 @@ class Held:
 def held_by(scene: bpy.types.Scene, trajectory: Trajectory, number: float, crowd: Crowd) -> Held:
     """Return what the frame `number` of the timeline holds; crowd: at that frame."""
     render = scene.render
-    length, time = render.motion_blur_shutter, scene_data.remapped(render, number)
+    length, time = render.motion_blur_shutter, scene_data.remap(render, number)
     if not render.use_motion_blur or not length:
         return Held(crowd, time)
     opens = cameras.OPENS[render.motion_blur_position] * length
@@ -75,7 +75,7 @@ def held_by(scene: bpy.types.Scene, trajectory: Trajectory, number: float, crowd
         crowd,
         time,
         tuple(
-            (part, trajectory.at(scene_data.remapped(render, number + part)) if part else crowd)
+            (part, trajectory.at(scene_data.remap(render, number + part)) if part else crowd)
             for part in parts
         ),
     )
@@ -331,7 +331,7 @@ def _planned(
             f"The LOD meshes of {scene.name} have changed since its build was made: press Build "
             f"again."
         )
-    whole = scene_data.remapped(scene.render, number)
+    whole = scene_data.remap(scene.render, number)
     with frame_stepping.stage(_stages if _rendering and len(bpy.data.scenes) > 1 else None) as at:
         # a marker's camera becomes the active one only after the handlers of its frame
         if whole == time:
@@ -367,7 +367,7 @@ def _compare(
     planned = next((eyes for when, eyes in shutter if abs(when - time) < 1e-4), ())
     if not planned or scene.session_uid in _told:
         return
-    camera = cameras.bound_camera(scene, scene_data.remapped(scene.render, number))
+    camera = cameras.bound_camera(scene, scene_data.remap(scene.render, number))
     if any(map(differs, planned, cameras.cameras_from(scene, camera, depsgraph))):
         _told.add(scene.session_uid)
         print(

@@ -5,7 +5,7 @@ There they would stand in the picture, uncounted.
 
 import bpy
 
-from ..characters.glow import told_of_glow
+from ..characters.glow import notes_on_glow
 
 HIDDEN = (
     # custom property of the build's collection: the characters' collection, if the build hides it
@@ -74,11 +74,11 @@ def _shown_for(scene: bpy.types.Scene) -> str:
     return f"{' and '.join(sorted(names))} would no longer show them" if names else ""
 
 
-def told_of_characters(scene: bpy.types.Scene) -> str:
+def notes_on_characters(scene: bpy.types.Scene) -> str:
     """Return sentences on the characters in renders of the built scene: where they went, and who
     glows.
     """
-    glow = told_of_glow(scene) if scene.render.engine == "CYCLES" else ()
+    glow = notes_on_glow(scene) if scene.render.engine == "CYCLES" else ()
     return " ".join(filter(None, (_told_of_hiding(scene), *glow)))
 
 

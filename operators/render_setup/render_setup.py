@@ -171,7 +171,7 @@ def _as_it_is(scene: bpy.types.Scene) -> Cast | None:
     if (
         top is None
         or scene.crowd_lod.scale_textures
-        or scene_data.shared(scene, "build")
+        or scene_data.is_shared(scene, "build")
         or MADE_OF not in top
         or np.any(np.ravel(top.get(POSED, 1)))
     ):
@@ -209,7 +209,7 @@ def install(scene: bpy.types.Scene, cast: Cast) -> bpy.types.Collection:
     return top
 
 
-def told_of_cast(scene: bpy.types.Scene, cast: Cast) -> str:
+def notes_on_cast(scene: bpy.types.Scene, cast: Cast) -> str:
     """Return sentences on how the build differs from the characters; "" if nowhere.
 
     Also on edited characters, and on LODs that deviate to fit in Memory for Characters.
@@ -246,7 +246,7 @@ def _own(scene: bpy.types.Scene) -> bpy.types.Collection | None:
     A linked copy of a scene begins with the build of the other scene, which keeps it: here the copy
     lets it go.
     """
-    if scene_data.shared(scene, "build"):
+    if scene_data.is_shared(scene, "build"):
         scene_data.let_go(scene, "build")
     return scene.crowd_lod.build
 

@@ -135,7 +135,7 @@ def _pixels(scene: bpy.types.Scene, settings) -> dict[bpy.types.Object, float]:
     }
     grains = []
     for eyes in cameras.cameras_at(
-        scene, [scene_data.remapped(scene.render, frame) for frame in sorted(frames)]
+        scene, [scene_data.remap(scene.render, frame) for frame in sorted(frames)]
     ):
         for camera in eyes:
             begin = limits(policy, camera, radius, deviations(trajectory.groups, policy))
@@ -262,11 +262,11 @@ def _scaled(image: bpy.types.Image, times: int, names: dict) -> bpy.types.Image:
         values = np.concatenate([colors, np.ones((height, width, 1), np.float32)], axis=2)
     encoded = not image.is_float and space.name == "sRGB"
     bytes_ = np.arange(256) / 255
-    light = color_space.linear(bytes_[:, None].repeat(3, axis=1))[:, 0] if encoded else None
+    light = color_space.to_linear(bytes_[:, None].repeat(3, axis=1))[:, 0] if encoded else None
     straight = not image.is_float and image.alpha_mode == "STRAIGHT"
     pixels = scaled(values, times, light, straight)
     if encoded:
-        pixels = color_space.encoded(pixels)
+        pixels = color_space.to_srgb(pixels)
     title = f"{image.name} / {2**times}"
     made = bpy.data.images.new(
         title, *pixels.shape[1::-1], alpha=True, float_buffer=image.is_float, is_data=space.is_data

@@ -15,7 +15,7 @@ from ..blender.provenance import text_digest
 from ..machine.scene_world import bias_of
 from ..scene.lights import read_surroundings
 from ..scene.scene_crowd import policy_of, trajectory_of
-from ..scene.shot_reference import content_of, made_for
+from ..scene.shot_reference import content_of, plan_inputs
 from .change_detection import cameras_digest, lights_digest
 from .render_setup import BAKED, CAMERAS, LIGHTS
 
@@ -62,7 +62,7 @@ def changed(scene: bpy.types.Scene) -> list[str]:
 
 def _compared(scene: bpy.types.Scene, build: bpy.types.Collection) -> list[str]:
     try:
-        found = provenance.differences(provenance.kept_in(build, MADE_FOR), _now(scene))
+        found = provenance.differences(provenance.read_inputs(build, MADE_FOR), _now(scene))
         if BAKED in build and not scene.frame_subframe:
             found += _other_in_frame(scene, build)
         return found
@@ -73,7 +73,7 @@ def _compared(scene: bpy.types.Scene, build: bpy.types.Collection) -> list[str]:
 def _other_in_frame(scene: bpy.types.Scene, bake: bpy.types.Collection) -> list[str]:
     """Return what of the scene's frame is other than when it was baked: the camera, the lights."""
     frame, depsgraph = str(scene.frame_current), scene.view_layers[0].depsgraph
-    cameras, around = provenance.kept_in(bake, CAMERAS), provenance.kept_in(bake, LIGHTS)
+    cameras, around = provenance.read_inputs(bake, CAMERAS), provenance.read_inputs(bake, LIGHTS)
     found = []
     if frame in cameras and cameras[frame] != cameras_digest(read_cameras(scene, depsgraph)):
         found.append("the camera")
@@ -89,7 +89,7 @@ def _now(scene: bpy.types.Scene) -> dict[str, str]:
     """Return digests of what a build depends on, by name."""
     settings, render, trajectory = scene.crowd_lod, scene.render, trajectory_of(scene)
     bias = bias_of(settings)
-    known = made_for(settings, trajectory, policy_of(settings), bias)
+    known = plan_inputs(settings, trajectory, policy_of(settings), bias)
     mirrors = settings.mirrors and settings.mirrors.name
     known |= {
         "the settings": text_digest(mirrors, *(getattr(settings, name) for name in SETTINGS)),

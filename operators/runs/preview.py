@@ -36,7 +36,7 @@ from ..overlay.playblast import Playblast, need_gpu
 from ..scene import lights
 from ..scene.scene_crowd import characters_of, frame_of, policy_of, trajectory_of
 from ..settings import needs
-from ..shot.shot_plan import Planned, plan_shot, shot_json, wanted_of, write_levels
+from ..shot.shot_plan import PlannedShot, plan_shot, shot_json, wanted_of, write_levels
 from ..sources.record_points import on_record
 from . import lod_table, top_view
 from .preview_plan import plan_json
@@ -99,7 +99,7 @@ def preview(
             if drawn
             else Rendered(stage, wanted)
         )
-        at = opened.enter_context(frame_stepping.stepped(scene))
+        at = opened.enter_context(frame_stepping.step_frames(scene))
         run = _Run(on, folder, shots, at, top_view.drawing_in(stage))
         parts = FrameParts(folder, state_of(stage, wanted))
         with sharing.helped(parts, wanted.frames) as helpers:
@@ -129,7 +129,7 @@ def preview(
             told_unplanned(unplanned),
             to_make_again(stage),
             leaves_out(scene) and LEFT_OUT,
-            frame_stepping.unbaked(scene),
+            frame_stepping.describe_unbaked(scene),
         )
         plan = yield from standing(
             plan_json(on, command, rows, told, (*shots.notes, *filter(None, said))), 0.95
@@ -177,7 +177,7 @@ def _with_levels(stage: bpy.types.Scene) -> Generator[float, None, float]:
 
 def _planned_shot(
     stage: bpy.types.Scene, wanted: Preview, folder: Path
-) -> Generator[float, None, Planned | None]:
+) -> Generator[float, None, PlannedShot | None]:
     """Plan the shot of the preview's frames, unless the scene has a plan: yield the progress,
     return it.
 
@@ -246,7 +246,7 @@ class _Run:
     def approach(self, number: int) -> Generator[float, None, None]:
         """Let the crowd walk on to the frame: yield the progress."""
         return approach(
-            trajectory_of(self.on.stage), scene_data.remapped(self.on.scene.render, number)
+            trajectory_of(self.on.stage), scene_data.remap(self.on.scene.render, number)
         )
 
     def at_first(self) -> Generator[float, None, Frame]:
@@ -261,7 +261,7 @@ class _Run:
             self.on.stage,
             self.on.stage.view_layers[0].depsgraph,
         )
-        time = scene_data.remapped(scene.render, number)
+        time = scene_data.remap(scene.render, number)
         stage.camera = cameras.still(cameras.bound_camera(scene, time), self.at((), time))
         scene.update_tag()  # what is driven by the scene follows it in the stage, too
         self.drawing.hide_render = self.drawing.hide_viewport = True

@@ -187,7 +187,7 @@ def _render(stage: bpy.types.Scene, path: Path, engine: str) -> None:
     own, stage.render.engine, stage.render.filepath = stage.render.engine, engine, str(path)
     # by override: with the operator's own argument `scene`, Blender renders the frame of the scene
     # in the window
-    with image_data.writing(path), bpy.context.temp_override(scene=stage):
+    with image_data.check_written(path), bpy.context.temp_override(scene=stage):
         bpy.ops.render.render(write_still=True)
     stage.render.engine = own  # the plan is that of the scene's own renders
 

@@ -100,7 +100,9 @@ def verify(
             own,
             *scene.view_layers,
         )
-        opened.enter_context(cleanup.lent(*lent, *filter(None, (own.build, own.characters))))
+        opened.enter_context(
+            cleanup.restore_settings(*lent, *filter(None, (own.build, own.characters)))
+        )
         opened.callback(setattr, scene, "world", scene.world)
         # what is missing is named before anything is set
         cameras.active_camera(scene), characters_of(scene)
@@ -121,7 +123,7 @@ def verify(
             yield from share(make_levels(scene), 0.0, LODS_MADE)
         sharing.save(folder)
         # also of LODs that are left out to save memory: they are what is proved
-        at = opened.enter_context(frame_stepping.stepped(scene))
+        at = opened.enter_context(frame_stepping.step_frames(scene))
         run = _Run(scene, wanted, folder, at, size, proved, LoneStage(scene, folder))
         parts = FrameParts(folder, state_of(scene, wanted))
         with sharing.helped(parts, wanted.frames) as helpers:
@@ -138,7 +140,7 @@ def verify(
             why for _, why in unplanned
         )
         result = _result(found, wanted, command) | {
-            "build": told_of_build(proved, rows),
+            "build": notes_on_build(proved, rows),
             "left_out": left_out + told,
             "not_proved": not_proved,
         }
@@ -230,7 +232,7 @@ class _Run:
         FrameParts.put.
         """
         scene, trajectory = self.scene, trajectory_of(self.scene)
-        time = scene_data.remapped(scene.render, number)
+        time = scene_data.remap(scene.render, number)
         yield from share(approach(trajectory, time), 0.0, 0.1)
         film, around, shutter = lights.read_moment(scene, time, self.at)
         planned = frame_of(scene, self.at((), time), time, film, trajectory, around, shutter)
@@ -381,7 +383,7 @@ def _tolerance(scene: bpy.types.Scene, planned: Frame) -> float | None:
     return planned.policy.tolerance if stored is None else stored.tolerance
 
 
-def told_of_build(proved: ProvedBuild, rows: list[dict]) -> dict[str, Any]:
+def notes_on_build(proved: ProvedBuild, rows: list[dict]) -> dict[str, Any]:
     """Return what verify.json tells of the build: its kind, and what has changed since it was
     made.
     """
@@ -402,7 +404,7 @@ def _never_shown(scene: bpy.types.Scene) -> list[str]:
         said.append(
             "Only one eye was rendered: this Blender version cannot read stereo pictures back."
         )
-    return said + list(filter(None, [frame_stepping.unbaked(scene)]))
+    return said + list(filter(None, [frame_stepping.describe_unbaked(scene)]))
 
 
 def _unlike_renders(scene: bpy.types.Scene, proved: ProvedBuild) -> list[str]:

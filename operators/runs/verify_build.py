@@ -11,7 +11,7 @@ from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.frame_range import frames_are, shot_frames
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import mesh_data
-from ..blender.provenance import kept_in, look_afresh
+from ..blender.provenance import look_afresh, read_inputs
 from ..render_setup import bake, frame_update, render_setup, staleness
 from ..render_setup.change_detection import cameras_digest, lights_digest
 from ..render_setup.render_setup import BAKED, CAMERAS, LIGHTS, UNSEEN_BY
@@ -78,7 +78,7 @@ class ProvedBuild:
         return [
             name
             for key, (name, digest) in now.items()
-            if kept_in(self.top, key).get(str(number), digest) != digest
+            if read_inputs(self.top, key).get(str(number), digest) != digest
         ]
 
 
@@ -129,7 +129,7 @@ def build_of(scene: bpy.types.Scene, frames: Sequence[int]) -> ProvedBuild:
 def baked_frames(scene: bpy.types.Scene) -> set[int]:
     """Return the frames that the scene's bake has; none without a bake, or if it does not say."""
     top = scene.crowd_lod.build
-    noted = kept_in(top, CAMERAS) if top is not None and BAKED in top else {}
+    noted = read_inputs(top, CAMERAS) if top is not None and BAKED in top else {}
     return {int(number) for number in noted if number.lstrip("-").isdecimal()}
 
 

@@ -32,7 +32,7 @@ def small(scene: bpy.types.Scene, size: tuple[int, int]) -> Iterator[None]:
     """
     render, (width, height) = scene.render, size
     own_width, own_height = cameras.image_size(render)
-    with cleanup.lent(render, scene.cycles):
+    with cleanup.restore_settings(render, scene.cycles):
         scene.cycles.filter_width *= min(width / own_width, 1.0)
         render.resolution_x, render.resolution_y, render.resolution_percentage = width, height, 100
         taller = width * own_height / (own_width * height)  # the pixels, than the scene's own
@@ -70,7 +70,7 @@ def render_picture(stage: bpy.types.Scene, path: Path) -> np.ndarray:
         image = bpy.data.images.load(str(raw))
         try:
             values.append(image_data.read_values(image))
-            with image_data.writing(seen):
+            with image_data.check_written(seen):
                 image.save_render(str(seen), scene=stage)
             shown.append(image_data.load_pixels(seen))
         finally:

@@ -7,7 +7,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
-from ..blender.object_volumes import ALONG, ONWARD, closed
+from ..blender.object_volumes import ALONG, ONWARD, is_closed
 from ..blender.ownership import OWNED
 
 HEAD = 1.0  # meters above the feet, from where the ground below is looked for
@@ -120,7 +120,7 @@ def _shapes(
             continue
         key = item.data.as_pointer()
         if key not in solids:
-            solids[key] = closed(item.data)
+            solids[key] = is_closed(item.data)
         yield _Shape(item, item.original.name, matrix, box, solids[key])
 
 

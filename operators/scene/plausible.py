@@ -27,7 +27,7 @@ MOST_STEPS = 1_000_000  # between rows of a file, whose speeds are judged
 TIMES = 3  # of a file, at which its agents are compared with the scene
 
 
-def told_of_plausibility(
+def notes_on_plausibility(
     scene: bpy.types.Scene,
     groups: Sequence[Group],
     crowds: Sequence,
@@ -48,7 +48,7 @@ def told_of_plausibility(
     yield from _poses(scene, groups)
 
 
-def told_of_feet(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
+def notes_on_feet(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
     """Yield a sentence on groups moved to the ground, and one on groups left off it."""
     for moved, begin in (
         (True, "Moved to stand on the ground"),
@@ -65,7 +65,7 @@ def told_of_feet(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[st
             yield f"{begin}: {', '.join(texts)}."
 
 
-def told_of_extent(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
+def notes_on_extent(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
     """Yield a sentence on what renders may show beyond the measured spheres."""
     extents = [
         f"of {name}, {what}"

@@ -10,23 +10,23 @@ from ...crowd_lod.progress import aside
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import kept_meshes, scene_data
 from ..blender.operator import Stepwise
-from ..characters.action_troubles import told_of_actions
-from ..characters.characters import told_of_left_out, told_of_unsaved
-from ..characters.glow import told_of_glow
+from ..characters.action_troubles import notes_on_actions
+from ..characters.characters import notes_on_left_out, notes_on_unsaved
+from ..characters.glow import notes_on_glow
 from ..characters.group_measuring import measuring_groups
 from ..characters.stored_groups import store_groups
-from ..characters.take_action import told_of_gliding
+from ..characters.take_action import notes_on_gliding
 from ..machine import map_areas
 from ..machine.scene_world import check_maps
 from ..settings import needs
 from ..settings.lengths import set_lengths
 from ..sources import crowd_sources
-from .plausible import told_of_extent, told_of_feet, told_of_plausibility
+from .plausible import notes_on_extent, notes_on_feet, notes_on_plausibility
 from .scene_crowd import place_levels
 from .stuck_agents import find
 
 
-def populating(
+def populate_scene(
     scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph
 ) -> Generator[float, None, tuple[str, list[str]]]:
     """Measure the characters of `scene` and place the crowd: yield the progress.
@@ -40,7 +40,7 @@ def populating(
     for crowd in crowds:
         map_areas.make(crowd, depsgraph)
     check_maps(settings)
-    with kept_meshes.taken_back(crowds):
+    with kept_meshes.restore_on_failure(crowds):
         yield from crowd_sources.reading(crowds, settings.forward, depsgraph)
         groups = yield from measuring_groups(scene)
         trajectory = crowd_sources.populated(scene, groups, depsgraph)
@@ -68,15 +68,15 @@ def _warnings(
     depsgraph: bpy.types.Depsgraph,
 ) -> Iterator[str]:
     """Yield sentences on what is probably not as the user means it."""
-    yield from told_of_feet(scene, groups)
-    yield from told_of_extent(scene, groups)
-    yield from told_of_plausibility(scene, groups, crowds, trajectory.parts, depsgraph)
+    yield from notes_on_feet(scene, groups)
+    yield from notes_on_extent(scene, groups)
+    yield from notes_on_plausibility(scene, groups, crowds, trajectory.parts, depsgraph)
     yield from crowd_sources.notes(crowds, trajectory)
-    yield from told_of_left_out(scene)
-    yield from told_of_unsaved(scene)
-    yield from told_of_actions(scene, groups)
-    yield from told_of_gliding(scene)
-    yield from told_of_glow(scene)
+    yield from notes_on_left_out(scene)
+    yield from notes_on_unsaved(scene)
+    yield from notes_on_actions(scene, groups)
+    yield from notes_on_gliding(scene)
+    yield from notes_on_glow(scene)
 
 
 def _result(groups: Sequence[Group], trajectory: Trajectory) -> str:
@@ -93,7 +93,9 @@ class CROWDLOD_OT_populate(Stepwise, bpy.types.Operator):
     needs = (needs.characters,)
 
     def steps(self, context) -> Generator[float, None, str]:
-        result, warnings = yield from populating(context.scene, context.evaluated_depsgraph_get())
+        result, warnings = yield from populate_scene(
+            context.scene, context.evaluated_depsgraph_get()
+        )
         context.scene.crowd_lod.overlay = True
         for warning in warnings:
             self.report({"WARNING"}, warning)

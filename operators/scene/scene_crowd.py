@@ -37,7 +37,7 @@ def place_levels(scene: bpy.types.Scene) -> None:
     settings = scene.crowd_lod
     levels = (
         settings.levels.children
-        if settings.levels is not None and not scene_data.shared(scene, "levels")
+        if settings.levels is not None and not scene_data.is_shared(scene, "levels")
         else ()
     )
     origins = {name: origin for name, _, origin in characters_of(scene)} if levels else {}

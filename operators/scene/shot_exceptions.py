@@ -28,7 +28,7 @@ from ..sources import hand_edits
 # session_uid of a painted map -> its values, and their digest
 _painted: dict[int, tuple[np.ndarray, str]] = scene_cache.add_cache({})
 
-# Of each scene the last inputs of numbered_of, and its result.
+# Of each scene the last inputs of exceptions_by_number, and its result.
 _numbered: dict[int, tuple] = scene_cache.add_cache({}, by_scene=True)
 
 
@@ -53,14 +53,14 @@ def exemptions_of(
         return ()
     names = [group.name for group in trajectory.groups]
     exemptions = {}
-    with frame_stepping.stepped(scene, rest=False) as at:
+    with frame_stepping.step_frames(scene, rest=False) as at:
         # in order of time: a crowd is computed forward
         for index in sorted(range(len(parts)), key=lambda index: parts[index][2] or 0):
             entry, choose, begin = parts[index]
             agents = (
                 np.empty(0, np.intp)
                 if begin is None
-                else choose(scene_data.remapped(scene.render, begin), at)
+                else choose(scene_data.remap(scene.render, begin), at)
             )
             if begin is not None and not len(agents):
                 raise CrowdError(
@@ -77,7 +77,7 @@ def exemptions_of(
     return tuple(exemptions[index] for index in range(len(parts)))
 
 
-def numbered_of(
+def exceptions_by_number(
     settings, trajectory: Trajectory, policy: LevelPolicy
 ) -> tuple[tuple[Exemption, ...], list[str]]:
     """Return (the exceptions that hold without a shot plan, a sentence for each that is wrong).
@@ -141,7 +141,7 @@ def digest_of(settings) -> str:
     return "".join(repr(_marks(entry, _map_digest)) for entry in settings.exceptions if entry.use)
 
 
-def drawn_inputs(settings) -> tuple:
+def overlay_inputs(settings) -> tuple:
     """Return what `digest_of` does, for the overlay, which must not read images at each redraw."""
     return tuple(
         _marks(entry, lambda image: str(image.session_uid))

@@ -29,7 +29,7 @@ from ..blender.output_folders import full_path
 from ..blender.provenance import differences, name_inputs, text_digest
 from ..characters.cast_provenance import cast_inputs
 from ..sources import hand_edits
-from .shot_exceptions import digest_of, numbered_of
+from .shot_exceptions import digest_of, exceptions_by_number
 
 # Plans by path, time of change and size.
 _stored: dict[tuple, StoredPlan] = scene_cache.add_cache({})
@@ -131,9 +131,9 @@ def use_of(
     eyes: the frame's cameras; none for a view that has no plan.
     """
     row, why = _row(settings, trajectory, policy, bias, time, eyes) if eyes else (None, "")
-    exceptions, wrong = numbered_of(settings, trajectory, policy)
+    exceptions, wrong = exceptions_by_number(settings, trajectory, policy)
     wrong = [*hand_edits.troubles_of(settings.id_data), *wrong]
-    number = time / scene_data.remapped(settings.id_data.render, 1.0)
+    number = time / scene_data.remap(settings.id_data.render, 1.0)
     unplanned = " ".join(filter(None, [why, *dict.fromkeys(wrong)]))
     return Use(row, unplanned, exceptions, number, phases_of(settings, trajectory))
 
@@ -168,7 +168,7 @@ def _row(
                 None,
                 f"The shot plan covers {shot_frames(stored.numbers)}: here thresholds hold.",
             )
-        changed = differences(stored.made_for, made_for(settings, trajectory, policy, bias))
+        changed = differences(stored.made_for, plan_inputs(settings, trajectory, policy, bias))
         exact = abs(stored.times[f] - time) < 1e-6
         if not changed and exact and not same_cameras(stored.cameras[f], numbers_of(eyes)):
             changed = [CAMERA]
@@ -189,7 +189,7 @@ def _for_another(stored: StoredPlan) -> str:
     )
 
 
-def told_of_file(settings) -> str:
+def notes_on_file(settings) -> str:
     """Return a sentence if the plan in use was made for another file.
 
     "" if it was not, or if it cannot be read.
@@ -201,7 +201,7 @@ def told_of_file(settings) -> str:
     return ""
 
 
-def told_of_shot(
+def notes_on_shot(
     scene: bpy.types.Scene, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | None
 ) -> str:
     """Return a sentence on what has changed since the scene's plan was made; "" if nothing.
@@ -211,7 +211,7 @@ def told_of_shot(
     stored = stored_plan(scene.crowd_lod)
     if stored is None:
         return ""
-    changed = differences(stored.made_for, made_for(scene.crowd_lod, trajectory, policy, bias))
+    changed = differences(stored.made_for, plan_inputs(scene.crowd_lod, trajectory, policy, bias))
     films = cameras_at(scene, stored.times.tolist())
     if not all(
         same_cameras(planned, numbers_of(eyes))
@@ -228,7 +228,7 @@ def _not_used(stored: StoredPlan, changed: Sequence[str]) -> str:
     )
 
 
-def made_for(
+def plan_inputs(
     settings, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | None
 ) -> dict[str, str]:
     """Return digests of all that a plan depends on besides cameras, by their names.

@@ -64,7 +64,7 @@ def scene_json(
         "machine": json.loads(machine_of(settings).text) if walks_of(trajectory) else None,
         "trouble": troubles.rows,
         "trouble_says": troubles.sentence,
-        "camera": cameras.bound_camera(scene, scene_data.remapped(scene.render, last)).name,
+        "camera": cameras.bound_camera(scene, scene_data.remap(scene.render, last)).name,
         "levels": _levels_of(stage, characters),
     }
 

@@ -58,7 +58,7 @@ CURVED = 0.95
 
 
 @dataclass(frozen=True)
-class Wanted:
+class PlanRequest:
     """What to plan.
 
     frames: increasing, of the timeline.
@@ -80,18 +80,18 @@ class Wanted:
 
 
 @dataclass(frozen=True)
-class Planned:
+class PlannedShot:
     """A planned shot, what it was planned for, and what its report tells."""
 
     shot: Shot
     plan: BudgetPlan
     stored: plan_file.StoredPlan
     report: Told
-    request: Wanted
+    request: PlanRequest
     exemptions: tuple[Exemption, ...] = ()
 
 
-def plan_shot(scene: bpy.types.Scene, request: Wanted) -> Generator[float, None, Planned]:
+def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, None, PlannedShot]:
     """Plan the LODs of the shot: yield the progress, return it.
 
     LOD meshes that are missing are made. Nothing else in the scene changes.
@@ -155,13 +155,13 @@ def plan_shot(scene: bpy.types.Scene, request: Wanted) -> Generator[float, None,
         numbers=survey.numbers,
         times=survey.times,
         cameras=through.cameras,
-        made_for=shot_reference.made_for(scene.crowd_lod, trajectory, policy, bias),
+        made_for=shot_reference.plan_inputs(scene.crowd_lod, trajectory, policy, bias),
         tolerance=max(plan.tolerance, policy.tolerance or 0.0) or None,
         phases=phases.phases,
         cast=shown_characters(survey),
         blend_file=printable(Path(bpy.data.filepath).name),
     )
-    return Planned(shot, plan, stored, report, request, exemptions)
+    return PlannedShot(shot, plan, stored, report, request, exemptions)
 
 
 def ready(scene: bpy.types.Scene) -> Generator[float, None, None]:
@@ -178,7 +178,7 @@ def ready(scene: bpy.types.Scene) -> Generator[float, None, None]:
 
 
 def write_plan(
-    scene: bpy.types.Scene, folder: Path, planned: Planned, command: list[str]
+    scene: bpy.types.Scene, folder: Path, planned: PlannedShot, command: list[str]
 ) -> Generator[float, None, dict[str, Any]]:
     """Write the plan's files into `folder`: yield the progress, return the content of plan.json.
 
@@ -198,7 +198,7 @@ def write_plan(
     return content
 
 
-def write_levels(folder: Path, planned: Planned) -> None:
+def write_levels(folder: Path, planned: PlannedShot) -> None:
     """Write plan.npz into `folder`."""
     numbers = planned.stored.numbers.tolist()
     pinned = PINNED if planned.plan.tolerance or planned.shot.survey.blurred else 0
@@ -209,7 +209,7 @@ def write_levels(folder: Path, planned: Planned) -> None:
     plan_file.write(folder / plan_file.NAME, planned.stored, rows)
 
 
-def shot_json(planned: Planned) -> dict[str, Any]:
+def shot_json(planned: PlannedShot) -> dict[str, Any]:
     """Return what plan.json tells of the shot."""
     budget = {
         name: value
@@ -227,7 +227,7 @@ def shot_json(planned: Planned) -> dict[str, Any]:
     )
 
 
-def sentence(planned: Planned) -> str:
+def sentence(planned: PlannedShot) -> str:
     """Return a sentence that compares the plan with LODs by thresholds."""
     plan = planned.plan
     frames = len(planned.stored.numbers)
@@ -255,10 +255,10 @@ def budget_of(settings) -> Budget:
     )
 
 
-def wanted_of(scene: bpy.types.Scene, folder: Path, frames: Sequence[int]) -> Wanted:
+def wanted_of(scene: bpy.types.Scene, folder: Path, frames: Sequence[int]) -> PlanRequest:
     """Return what the scene's settings ask of a plan of the `frames`."""
     settings = scene.crowd_lod
-    return Wanted(
+    return PlanRequest(
         frames,
         folder,
         avoid=round(settings.avoid_pops, 6),

@@ -37,7 +37,7 @@ PARTS = ".crowd-lod-survey"  # begins the names of the parts' files
 
 
 @dataclass
-class Surveyed:
+class SurveyedShot:
     """A shot that was run through.
 
     cameras: (F, E, 21) float64, of frame.planned.numbers_of.
@@ -51,7 +51,7 @@ class Surveyed:
 
 def survey_of(
     scene: bpy.types.Scene, frames: Sequence[int], folder: Path | None = None, blurred: bool = False
-) -> Generator[float, None, Surveyed]:
+) -> Generator[float, None, SurveyedShot]:
     """Run through the shot: yield the progress, return it.
 
     blurred: let LODs be as many pixels coarser as their agents are blurred wide.
@@ -62,7 +62,7 @@ def survey_of(
     trajectory = trajectory_of(scene)
     policy = policy_of(settings)
     library = cast_of(characters_of(scene), trajectory)
-    times = [scene_data.remapped(scene.render, number) for number in frames]
+    times = [scene_data.remap(scene.render, number) for number in frames]
     _, moved_as = rigs_of(characters_of(scene), trajectory, library)
     survey = empty(
         frames,
@@ -78,7 +78,7 @@ def survey_of(
     before = None
     took = Counter()
     saved = clock.monotonic()
-    with frame_stepping.stepped(scene) as at, Recorder() as recorder:
+    with frame_stepping.step_frames(scene) as at, Recorder() as recorder:
         for f in range(max(begin - 1, 0), len(frames)):
             time = times[f]
             yield from share(approach(trajectory, time), f / len(frames), (f + 0.5) / len(frames))
@@ -108,7 +108,7 @@ def survey_of(
         )
     count = max(len(frames) - begin, 1)
     milliseconds = {name: total / count for name, total in took.items()}
-    return Surveyed(survey, np.array(parts.cameras), milliseconds)
+    return SurveyedShot(survey, np.array(parts.cameras), milliseconds)
 
 
 def _changes_at(frame: int) -> CrowdError:
@@ -138,7 +138,7 @@ def _key(scene: bpy.types.Scene, frames: Sequence[int]) -> str:
     trajectory = trajectory_of(scene)
     file = Path(bpy.data.filepath)
     data = file.read_bytes() if bpy.data.filepath and file.is_file() else b""
-    about = shot_reference.made_for(settings, trajectory, policy_of(settings), bias_of(settings))
+    about = shot_reference.plan_inputs(settings, trajectory, policy_of(settings), bias_of(settings))
     text = repr((__version__, scene.name, list(frames), about, scene.render.engine))
     return hashlib.sha256(text.encode() + data).hexdigest()[:16]
 

@@ -24,7 +24,7 @@ from ..lod_meshes.selection import cast_of
 from ..lod_meshes.shaded_pictures import bodies_of
 from ..render_setup.frame_update import Held, columns_of
 from ..scene.scene_crowd import characters_of, home_of, trajectory_of
-from .shot_survey import Surveyed
+from .shot_survey import SurveyedShot
 
 MOST = 320  # pixels of a crop's side; larger agents are drawn smaller
 
@@ -32,7 +32,7 @@ Crop = tuple[np.ndarray, np.ndarray]  # before and after, (rows, columns, 3) flo
 
 
 def crops_of(
-    scene: bpy.types.Scene, through: Surveyed, phases: Phases, rows: np.ndarray
+    scene: bpy.types.Scene, through: SurveyedShot, phases: Phases, rows: np.ndarray
 ) -> Generator[float, None, list[Crop | None]]:
     """Draw the agents of `rows`: yield the progress, return a crop for each.
 

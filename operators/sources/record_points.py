@@ -166,11 +166,11 @@ def recording(
         Group(each.name, 0.0, 0.0, 0.0, 0.0, variant_of=each.variant_of) for each in cast
     )  # nothing else counts
     ends = scene.frame_start, scene.frame_end, *frames
-    since, until = (scene_data.remapped(scene.render, frame) for frame in (min(ends), max(ends)))
+    since, until = (scene_data.remap(scene.render, frame) for frame in (min(ends), max(ends)))
     times = range(int(np.floor(since)), int(np.ceil(until)) + 1)
     found: list[list[Snapshot]] = [[] for _ in crowds]
     when: list[list[int]] = [[] for _ in crowds]
-    with frame_stepping.stepped(scene) as at:
+    with frame_stepping.step_frames(scene) as at:
         for done, time in enumerate(times):
             depsgraph = at((), time)
             for crowd, own, known in zip(crowds, found, when, strict=True):

@@ -68,7 +68,7 @@ def tracks_of_crowd(crowd, usual: float) -> Tracks:
     return _kept(stamp, told) or _read(stamp, told, [0.0])
 
 
-def told_of_frames(crowd) -> str:
+def notes_on_frames(crowd) -> str:
     """Return which frames the crowd's file has, as far as that is known without reading it.
 
     For the sidebar.

@@ -14,7 +14,7 @@ from ...crowd_lod.shot.exceptions import named
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_data
 from ..blender.labeled_properties import EnumProperty, FloatProperty
-from ..blender.object_volumes import closed
+from ..blender.object_volumes import is_closed
 from ..blender.operator import Reporting
 from ..overlay import viewport_overlay
 from ..scene.scene_crowd import trajectory_of
@@ -186,7 +186,7 @@ class CROWDLOD_OT_erase(Reporting, bpy.types.Operator):
                 if region.type == "MESH"
                 else None
             )
-            entry.chosen_by = "VOLUME" if shape is not None and closed(shape) else "REGION"
+            entry.chosen_by = "VOLUME" if shape is not None and is_closed(shape) else "REGION"
             entry.name = f"Erase {region.name}"
             entry.kind = "HIDE"
             entry.region = region

@@ -4,8 +4,8 @@ import bpy
 
 from ..blender.operator import Reporting
 from ..settings import needs
-from ..sources.tracks_source import told_of_frames
-from .drawing import button, grayed, label
+from ..sources.tracks_source import notes_on_frames
+from .drawing import active_column, button, label
 from .settings_list import Removing, draw_list
 from .step_panel import Step
 
@@ -121,7 +121,7 @@ def draw_source(layout, crowd) -> None:
     if crowd.source == "FILE":
         for name in ("tracks_file", "tracks_unit", "tracks_rate", "tracks_up"):
             layout.prop(crowd, name)
-        label(layout, told_of_frames(crowd), "INFO")
+        label(layout, notes_on_frames(crowd), "INFO")
     elif crowd.source == "POINTS":
         layout.prop(crowd, "points")
         button(layout, "crowd_lod.record_points", icon="REC")
@@ -130,9 +130,9 @@ def draw_source(layout, crowd) -> None:
         draw_start(layout, crowd)
     layout.prop(crowd, "seed")
     layout.prop(crowd, "group_names")
-    grayed(layout, crowd.source != "POINTS").prop(crowd, "center")
+    active_column(layout, crowd.source != "POINTS").prop(crowd, "center")
     stretched = crowd.source == "FILE" and crowd.height_image is not None  # over the crowd's ground
-    grayed(layout, crowd.source == "MACHINE" or stretched).prop(crowd, "size")
+    active_column(layout, crowd.source == "MACHINE" or stretched).prop(crowd, "size")
 
 
 def draw_start(layout, crowd) -> None:
@@ -156,27 +156,27 @@ def draw_start(layout, crowd) -> None:
 
 def draw_ground(layout, crowd) -> None:
     """Draw what the agents of a crowd stand on; grayed where their heights are those of points."""
-    whole = grayed(layout, crowd.source != "POINTS")
+    whole = active_column(layout, crowd.source != "POINTS")
     for name in ("terrain", "terrain_object"):
         whole.prop(crowd, name)
     terrain = crowd.terrain is not None or crowd.terrain_object is not None
-    column = grayed(whole, not terrain)
+    column = active_column(whole, not terrain)
     label(column, "Height Map")
     column.template_ID(crowd, "height_image", open="image.open")
-    grayed(column, crowd.height_image is not None).prop(crowd, "height_scale")
-    grayed(whole, terrain or crowd.height_image is not None).prop(crowd, "tilt")
+    active_column(column, crowd.height_image is not None).prop(crowd, "height_scale")
+    active_column(whole, terrain or crowd.height_image is not None).prop(crowd, "tilt")
     if crowd.source == "POINTS":
         label(layout, "The points have their heights", "INFO")
 
 
 def draw_behavior(layout, crowd) -> None:
     """Draw what the agents of a crowd do; grayed where a file or an object moves them."""
-    column = grayed(layout, crowd.source == "MACHINE")
+    column = active_column(layout, crowd.source == "MACHINE")
     label(column, "Label Map")
     column.template_ID(crowd, "map_image", open="image.open")
     label(column, "State Machine")
     column.template_ID(crowd, "machine", new="text.new", open="text.open")
-    grayed(layout, crowd.source != "POINTS").prop(crowd, "first_frame")
+    active_column(layout, crowd.source != "POINTS").prop(crowd, "first_frame")
 
 
 def draw_simulation(layout, crowd, index: int) -> None:

@@ -48,7 +48,7 @@ def button(
     return row.operator(name, icon=icon)
 
 
-def grayed(layout, active: bool) -> bpy.types.UILayout:
+def active_column(layout, active: bool) -> bpy.types.UILayout:
     """Return a column whose settings are grayed where they do not apply."""
     column = layout.column()
     column.active = active

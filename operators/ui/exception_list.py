@@ -12,10 +12,10 @@ class CROWDLOD_UL_exceptions(SwitchedRow, bpy.types.UIList):
 
     @staticmethod
     def words(item) -> str:
-        return asks(item)
+        return describe_exception(item)
 
 
-def asks(item) -> str:
+def describe_exception(item) -> str:
     """Return what an exception asks for, in few words."""
     words = {
         "NEVER_COARSER": f"LOD {item.level} or finer",

@@ -16,7 +16,7 @@ from ..machine.machine_settings import MOST_TARGETS, color_of, rows_of
 from ..overlay import viewport_overlay
 from .area_list import draw_areas
 from .crowd_list import MOVERS
-from .drawing import grayed, label, letters_of, paragraph
+from .drawing import active_column, label, letters_of, paragraph
 from .step_panel import Step
 from .swatches import swatch
 
@@ -160,7 +160,7 @@ class _Editor(Step):
         rows_of(context, "states", draft.states)
         self.editor(
             context,
-            grayed(layout, settings.source == "MACHINE"),
+            active_column(layout, settings.source == "MACHINE"),
             context.scene.crowd_lod_editor,
             draft,
         )
@@ -186,7 +186,7 @@ class CROWDLOD_PT_states(_Editor, bpy.types.Panel):
         field("action", "action")
         field("fade", "fade")
         field("use_timer", "after")
-        timer = grayed(layout, editor.use_timer)
+        timer = active_column(layout, editor.use_timer)
         column = timer.column(align=True)
         column.alert = draft.faulty("states", state, "after")
         column.prop(editor, "timer_least")
@@ -205,15 +205,15 @@ class CROWDLOD_PT_rules(_Editor, bpy.types.Panel):
         label(layout, state)
         _list(context, layout, "rules", draft.rows(state), 6)
         column = layout.column(align=True)
-        grayed(column, row != "*").prop(editor, "own_rule")
-        walk = grayed(column, draft.has_rule(state, row))
+        active_column(column, row != "*").prop(editor, "own_rule")
+        walk = active_column(column, draft.has_rule(state, row))
         walk.alert = any(
             draft.faulty("states", state, "on", row, field)
             for field in ("move", "speed", "heading")
         )
         walk.prop(editor, "speed")
         walk.prop(editor, "heading")
-        following = grayed(column, draft.has_rule(state, row))
+        following = active_column(column, draft.has_rule(state, row))
         following.alert = draft.faulty("states", state, "on", row, "next")
         _draw_targets(context, following, draft.targets(state, row), "next")
 
@@ -279,7 +279,9 @@ class CROWDLOD_PT_labels(_Editor, bpy.types.Panel):
             column.prop(editor, field)
         row = layout.row()
         row.operator("crowd_lod.new_map", icon="ADD")
-        grayed(layout, context.scene.crowd_lod.map_image is not None).prop(editor, "show_map")
+        active_column(layout, context.scene.crowd_lod.map_image is not None).prop(
+            editor, "show_map"
+        )
 
 
 class CROWDLOD_PT_areas(Step, bpy.types.Panel):
@@ -288,7 +290,7 @@ class CROWDLOD_PT_areas(Step, bpy.types.Panel):
 
     def body(self, context, layout, settings) -> None:
         rows_of(context, "labels", draft_of(context.scene).labels)
-        draw_areas(grayed(layout, settings.source == "MACHINE"), context, settings)
+        draw_areas(active_column(layout, settings.source == "MACHINE"), context, settings)
         _mover(layout, settings)
         if trouble := map_areas.trouble_of(context.scene):
             paragraph(layout, trouble, "ERROR", letters_of(context))

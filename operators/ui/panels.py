@@ -23,9 +23,9 @@ from .crowd_list import MOVERS, draw_behavior, draw_ground, draw_simulation, dra
 from .drawing import (
     LOD_COLORS,
     MOST_ROWS,
+    active_column,
     button,
     cells,
-    grayed,
     label,
     length,
     letters_of,
@@ -78,7 +78,7 @@ class CROWDLOD_PT_crowd(Step, bpy.types.Panel):
     step = "crowd"
 
     def draw_header_preset(self, context) -> None:
-        following = steps.following(context.scene)
+        following = steps.next_operator(context.scene)
         if context.scene.crowd_lod.characters is None:
             button(
                 self.layout,
@@ -90,7 +90,7 @@ class CROWDLOD_PT_crowd(Step, bpy.types.Panel):
             button(self.layout, "crowd_lod.populate", "Populate", following=following)
 
     def body(self, context, layout, settings) -> None:
-        following = steps.following(context.scene)
+        following = steps.next_operator(context.scene)
         layout.prop(settings, "characters")
         button(
             layout,
@@ -181,7 +181,7 @@ class CROWDLOD_PT_camera(Step, bpy.types.Panel):
     def body(self, context, layout, settings) -> None:
         layout.prop(context.scene, "camera", text="Active Camera", translate=False)
         wide(layout, settings, "shadows")
-        grayed(layout, settings.shadows).prop(settings, "mirrors")
+        active_column(layout, settings.shadows).prop(settings, "mirrors")
 
 
 class CROWDLOD_PT_culling(Step, bpy.types.Panel):
@@ -190,12 +190,12 @@ class CROWDLOD_PT_culling(Step, bpy.types.Panel):
 
     def body(self, context, layout, settings) -> None:
         layout.prop(settings, "margin_kind")
-        grayed(layout, settings.margin_kind == "FIXED").prop(
+        active_column(layout, settings.margin_kind == "FIXED").prop(
             settings, "margin", text="Distance", translate=False
         )
-        wide(grayed(layout, context.scene.render.use_border), settings, "cull_to_border")
+        wide(active_column(layout, context.scene.render.use_border), settings, "cull_to_border")
         wide(layout, settings, "drop_lost")
-        grayed(layout, settings.shadows).prop(settings, "unseen_level")
+        active_column(layout, settings.shadows).prop(settings, "unseen_level")
 
 
 class CROWDLOD_PT_levels(Step, bpy.types.Panel):
@@ -218,7 +218,7 @@ class CROWDLOD_PT_levels(Step, bpy.types.Panel):
             layout,
             "crowd_lod.make_levels",
             icon="MOD_DECIM",
-            following=steps.following(context.scene),
+            following=steps.next_operator(context.scene),
         )
         self.draw_made(context, layout, settings)
 
@@ -308,7 +308,7 @@ class CROWDLOD_PT_decimation(Step, bpy.types.Panel):
 
     def body(self, context, layout, settings) -> None:
         layout.prop(settings, "method")
-        grayed(layout, settings.choice == "BY_TOLERANCE").prop(settings, "shading_counts")
+        active_column(layout, settings.choice == "BY_TOLERANCE").prop(settings, "shading_counts")
         layout.prop(settings, "hidden_surface_counts")
         layout.prop(settings, "scale_textures")
         layout.prop(settings, "bias_image")
@@ -323,7 +323,7 @@ class CROWDLOD_PT_overlay(Step, bpy.types.Panel):
         self.layout.prop(context.scene.crowd_lod, "overlay", text="")
 
     def body(self, context, layout, settings) -> None:
-        column = grayed(layout, settings.overlay)
+        column = active_column(layout, settings.overlay)
         for name in ("overlay_camera", "overlay_mode", "overlay_color", "hud", "inset"):
             column.prop(settings, name)
         row = column.row(align=True)
@@ -339,7 +339,7 @@ class CROWDLOD_PT_drawing(Step, bpy.types.Panel):
     bl_parent_id = "CROWDLOD_PT_overlay"
 
     def body(self, context, layout, settings) -> None:
-        column = grayed(layout, settings.overlay)
+        column = active_column(layout, settings.overlay)
         for name in ("overlay_culled", "overlay_fade", "hysteresis"):
             column.prop(settings, name)
 

@@ -9,7 +9,7 @@ from ..render_setup.render_setup import BAKED, baked_of
 from ..render_setup.view_layers import layers_of
 from ..sources.hand_edits import EDITS
 from . import steps
-from .drawing import button, grayed, label, table, wide
+from .drawing import active_column, button, label, table, wide
 from .settings_list import draw_list
 from .step_panel import Step
 
@@ -21,13 +21,17 @@ class CROWDLOD_PT_plan(Step, bpy.types.Panel):
 
     def body(self, context, layout, settings) -> None:
         layout.prop(settings, "own_frames")
-        column = grayed(layout, settings.own_frames and not settings.frames).column(align=True)
+        column = active_column(layout, settings.own_frames and not settings.frames).column(
+            align=True
+        )
         frames = settings if settings.own_frames else context.scene
         column.prop(frames, "frame_start")
         column.prop(frames, "frame_end")
         layout.prop(settings, "avoid_pops")
         layout.prop(settings, "variety")
-        _with_report(layout, "crowd_lod.plan_shot", "TIME", "PLAN", steps.following(context.scene))
+        _with_report(
+            layout, "crowd_lod.plan_shot", "TIME", "PLAN", steps.next_operator(context.scene)
+        )
         row = layout.row(align=True)
         row.use_property_split = False
         row.enabled = bool(settings.shot_plan)
@@ -88,14 +92,14 @@ class CROWDLOD_PT_exceptions(Step, bpy.types.Panel):
 
     def entry(self, layout, entry) -> None:
         """Draw the settings of the selected exception."""
-        column = grayed(layout, entry.use)
+        column = active_column(layout, entry.use)
         column.prop(entry, "kind")
         if entry.kind == "GROUP":
             column.prop_search(entry, "group_name", entry.id_data.crowd_lod, "groups")
         elif entry.kind in ("NUDGE", "TURN"):
             column.prop(entry, {"NUDGE": "move", "TURN": "turn"}[entry.kind])
         else:
-            grayed(column, entry.kind != "HIDE").prop(entry, "level")
+            active_column(column, entry.kind != "HIDE").prop(entry, "level")
         column.prop(entry, "chosen_by")
         column.prop(
             entry,
@@ -103,13 +107,13 @@ class CROWDLOD_PT_exceptions(Step, bpy.types.Panel):
                 entry.chosen_by, "agents"
             ),
         )
-        by_place = grayed(column, entry.chosen_by != "NUMBERS")
+        by_place = active_column(column, entry.chosen_by != "NUMBERS")
         by_place.prop(entry, "share")
         by_place.prop(entry, "share_seed")
         by_place.operator("crowd_lod.find_agents", icon="VIEWZOOM")
-        span = grayed(column, entry.kind not in EDITS)
+        span = active_column(column, entry.kind not in EDITS)
         span.prop(entry, "all_frames")
-        frames = grayed(span, not entry.all_frames)
+        frames = active_column(span, not entry.all_frames)
         frames.prop(entry, "first_frame")
         frames.prop(entry, "last_frame")
 
@@ -135,7 +139,7 @@ class CROWDLOD_PT_preview(Step, bpy.types.Panel):
         for name in ("step", "width", "engine"):
             layout.prop(settings, name)
         # else its color is the overlay's
-        grayed(layout, settings.engine != "OVERLAY").prop(settings, "color")
+        active_column(layout, settings.engine != "OVERLAY").prop(settings, "color")
         layout.prop(settings, "above", text="From Above", translate=False)
         _with_report(layout, "crowd_lod.preview", "RENDER_ANIMATION", "PREVIEW", "")
 
@@ -149,7 +153,7 @@ class CROWDLOD_PT_build(Step, bpy.types.Panel):
             self.layout,
             steps.builder_of(context.scene),
             text,
-            following=steps.following(context.scene),
+            following=steps.next_operator(context.scene),
         )
 
     def body(self, context, layout, settings) -> None:
@@ -159,7 +163,7 @@ class CROWDLOD_PT_build(Step, bpy.types.Panel):
         for name, icon in (("Build", "GEOMETRY_NODES"), ("Bake", "FREEZE")):
             operator = f"crowd_lod.{name.lower()}"
             text = f"Update {name}" if changed and operator == builder else name
-            button(row, operator, text, icon, steps.following(context.scene))
+            button(row, operator, text, icon, steps.next_operator(context.scene))
         row.operator("crowd_lod.remove_build", text="", icon="TRASH")
         label(
             layout,
@@ -230,7 +234,7 @@ class CROWDLOD_PT_verify(Step, bpy.types.Panel):
         for name in ("verify_count", "verify_width", "verify_samples"):
             layout.prop(settings, name)
         _with_report(
-            layout, "crowd_lod.verify", "CHECKMARK", "VERIFY", steps.following(context.scene)
+            layout, "crowd_lod.verify", "CHECKMARK", "VERIFY", steps.next_operator(context.scene)
         )
 
 

@@ -28,7 +28,7 @@ class Step(Sidebar):
 
     def draw_header_preset(self, context) -> None:
         if self.main:
-            button(self.layout, *self.main, following=steps.following(context.scene))
+            button(self.layout, *self.main, following=steps.next_operator(context.scene))
 
     def draw(self, context) -> None:
         layout = self.layout

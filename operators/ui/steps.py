@@ -11,12 +11,12 @@ from ..render_setup import staleness
 from ..render_setup.appended_builds import standing_still
 from ..render_setup.render_setup import BAKED
 from ..runs.verify_button import verdict_of
-from ..scene.shot_reference import told_of_file
+from ..scene.shot_reference import notes_on_file
 from ..settings import needs
 from ..sources import crowd_sources
 
 
-def following(scene: bpy.types.Scene) -> str:
+def next_operator(scene: bpy.types.Scene) -> str:
     """Return the operator that comes next in the work; "" once the shot is proved."""
     settings = scene.crowd_lod
     frame = viewport_overlay.latest(scene)
@@ -57,7 +57,7 @@ def messages(scene: bpy.types.Scene) -> list[tuple[str, str]]:
     if settings.characters is not None:
         errors.append(needs.camera(scene))
     lines = [(sentence, "ERROR") for sentence in dict.fromkeys(errors) if sentence]
-    if operator := following(scene):
+    if operator := next_operator(scene):
         lines.append((f"Next: {label_of(operator)}", "FORWARD"))
     if changed := staleness.changed(scene):
         lines.append((f"Changed since Build: {', '.join(changed)}", "FILE_REFRESH"))
@@ -72,6 +72,6 @@ def messages(scene: bpy.types.Scene) -> list[tuple[str, str]]:
     # what Populate warns of stops nobody: the next step stands before it
     if settings.characters is not None:
         lines += [(warning, "ERROR") for warning in settings.trouble.splitlines()]
-    if note := told_of_file(settings):
+    if note := notes_on_file(settings):
         lines.append((note, "INFO"))
     return [*lines, *((note, "INFO") for note in (drawn_frame.notes if drawn_frame else ()))]

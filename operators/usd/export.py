@@ -26,7 +26,7 @@ from ..sources.record_points import on_record
 from .file import CrowdFile
 from .openusd import openusd
 from .prototypes import library_of_poses, names_of, write_prototypes
-from .shot_camera import Filmed, filmed, write_camera
+from .shot_camera import FilmedFrame, film_frame, write_camera
 
 ENDINGS = (".usdc", ".usda", ".usd")
 POSES = 32  # of an action's cycle that static prototypes show
@@ -53,7 +53,7 @@ class UsdExport:
 
 
 @dataclass(frozen=True)
-class Exported:
+class ExportResult:
     """What was exported: the counts, and a sentence on each thing that differs from the plan."""
 
     agents: int
@@ -74,7 +74,7 @@ class Exported:
 
 
 @on_record(lambda scene, request: request.frames)
-def export_usd(scene: bpy.types.Scene, request: UsdExport) -> Generator[float, None, Exported]:
+def export_usd(scene: bpy.types.Scene, request: UsdExport) -> Generator[float, None, ExportResult]:
     """Write the crowd of `scene` as USD: yield the progress, return what was written.
 
     LOD meshes that are missing are made. Nothing else in the scene changes. Closed early, it leaves
@@ -97,7 +97,7 @@ def export_usd(scene: bpy.types.Scene, request: UsdExport) -> Generator[float, N
             usd, scene, path, hidden, (cast, names_of(trajectory, library, cast.prototypes))
         ) as file:
             seconds = [
-                trajectory.seconds(scene_data.remapped(scene.render, frame))
+                trajectory.seconds(scene_data.remap(scene.render, frame))
                 for frame in request.frames
             ]
             posing = write_prototypes(
@@ -117,7 +117,7 @@ def export_usd(scene: bpy.types.Scene, request: UsdExport) -> Generator[float, N
     )
     if len(films) < len(request.frames):
         notes.append("USD has no panoramic cameras: the file has none for them.")
-    return Exported(
+    return ExportResult(
         len(cast.agents),
         len(cast.prototypes),
         off,
@@ -127,7 +127,7 @@ def export_usd(scene: bpy.types.Scene, request: UsdExport) -> Generator[float, N
 
 def _plans(
     scene: bpy.types.Scene, request: UsdExport, library: Library
-) -> Generator[float, None, tuple[dict[int, Shown], dict[int, Filmed], list[tuple[int, str]]]]:
+) -> Generator[float, None, tuple[dict[int, Shown], dict[int, FilmedFrame], list[tuple[int, str]]]]:
     """Plan all frames: yield the progress, return what is shown, what films, and what is unplanned.
 
     The last is what `told_unplanned` takes.
@@ -135,11 +135,11 @@ def _plans(
     trajectory = trajectory_of(scene)
     frames = request.frames
     plans: dict[int, Shown] = {}
-    films: dict[int, Filmed] = {}
+    films: dict[int, FilmedFrame] = {}
     unplanned = []
-    with frame_stepping.stepped(scene) as at:
+    with frame_stepping.step_frames(scene) as at:
         for count, number in enumerate(frames):
-            time = scene_data.remapped(scene.render, number)
+            time = scene_data.remap(scene.render, number)
             yield from share(
                 approach(trajectory, time), count / len(frames), (count + 0.9) / len(frames)
             )
@@ -147,7 +147,7 @@ def _plans(
             frame = frame_of(scene, None, time, film, trajectory, around, shutter)
             unplanned.append(noted(number, frame.unplanned, request.strict))
             plans[number] = shown(frame, library)
-            films[number] = filmed(scene, time, at((), time))
+            films[number] = film_frame(scene, time, at((), time))
             yield (count + 1) / len(frames)
     if not any(len(plan.agents) for plan in plans.values()):
         raise CrowdError(
@@ -169,7 +169,7 @@ def _instances(
     turn = float(scene_data.rotation(scene.crowd_lod.forward))
     speed = scene.render.fps / scene.render.fps_base
     for count, (number, plan) in enumerate(plans.items()):
-        time = scene_data.remapped(scene.render, number)
+        time = scene_data.remap(scene.render, number)
         yield from share(approach(trajectory, time), count / len(plans), (count + 0.9) / len(plans))
         crowd_held = held_by(scene, trajectory, number, trajectory.at(time))
         columns = columns_of(trajectory, crowd_held.crowd, crowd_held, agents, library)

@@ -10,7 +10,7 @@ from ..blender.cameras import OPENS, bound_camera, camera_from, focus_distance
 
 
 @dataclass(frozen=True)
-class Filmed:
+class FilmedFrame:
     """What films one frame, in the scene's units.
 
     matrix: (4, 4) float64, camera to world space. ortho: whether it is orthographic.
@@ -27,7 +27,9 @@ class Filmed:
     focus: float
 
 
-def filmed(scene: bpy.types.Scene, time: float, depsgraph: bpy.types.Depsgraph) -> Filmed | None:
+def film_frame(
+    scene: bpy.types.Scene, time: float, depsgraph: bpy.types.Depsgraph
+) -> FilmedFrame | None:
     """Return what films `scene` at `time` (scene_data.time_of), as `depsgraph` has it.
 
     None if it is panoramic.
@@ -41,7 +43,7 @@ def filmed(scene: bpy.types.Scene, time: float, depsgraph: bpy.types.Depsgraph) 
     w = film.window
     focused = data.dof.use_dof
     matrix[:3] = np.stack([film.X, film.Y, -film.Z, film.origin], axis=1)
-    return Filmed(
+    return FilmedFrame(
         matrix=matrix,
         ortho=film.kind == "ORTHO",
         lens=data.lens,
@@ -53,7 +55,7 @@ def filmed(scene: bpy.types.Scene, time: float, depsgraph: bpy.types.Depsgraph) 
 
 
 def write_camera(
-    usd, stage, path: str, scene: bpy.types.Scene, frames: dict[float, Filmed]
+    usd, stage, path: str, scene: bpy.types.Scene, frames: dict[float, FilmedFrame]
 ) -> None:
     """Write the camera of `frames` to `path` of the open stage; usd: of openusd.openusd.
 

@@ -13,7 +13,7 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import mesh_data, scene_data
 from crowd_lod_extension.operators.blender.named_actions import performance_of
-from crowd_lod_extension.operators.characters.action_troubles import told_of_actions
+from crowd_lod_extension.operators.characters.action_troubles import notes_on_actions
 from crowd_lod_extension.operators.characters.group_measuring import measure_groups
 from crowd_lod_extension.operators.characters.stored_groups import groups_of, store_groups
 from crowd_lod_extension.operators.lod_meshes import deviation
@@ -216,7 +216,7 @@ def test_root_motion_is_taken_out_and_is_the_stride(waiting):
     waiting.crowd_lod.characters.children.unlink(waiting.crowd_lod.characters.children["child"])
     group = group_of(waiting, go=going("stroll"))
     assert group.action("stroll").stride == pytest.approx(1.3541666, rel=1e-4)
-    told = list(told_of_actions(waiting, [group]))
+    told = list(notes_on_actions(waiting, [group]))
     assert (
         len(told) == 1
         and "stroll adult moves adult by 1.35 m in a cycle: that is taken out" in told[0]
@@ -245,18 +245,18 @@ def test_root_motion_is_taken_out_and_is_the_stride(waiting):
 
 def test_feet_that_slide_are_told_with_the_speed_that_fits(waiting):
     bpy.data.actions["walk adult"]["stride"] = 1.5
-    (told,) = told_of_actions(waiting, [group_of(waiting, walk=going("walk"))])
+    (told,) = notes_on_actions(waiting, [group_of(waiting, walk=going("walk"))])
     assert (
         "slide by 0.146 m in a cycle of walk adult" in told
         and "the speed that fits is 1.25 m/s" in told
     )
-    (told,) = told_of_actions(waiting, [group_of(waiting, wait=going("idle", 0.5))])
+    (told,) = notes_on_actions(waiting, [group_of(waiting, wait=going("idle", 0.5))])
     assert (
         "feet of adult slide by 2.17 m in a cycle of idle adult" in told and "fits is 0 m/s" in told
     )
     del bpy.data.actions["walk adult"]["stride"]
     assert not list(
-        told_of_actions(waiting, [group_of(waiting, walk=going("walk"), wait=going("idle", 0))])
+        notes_on_actions(waiting, [group_of(waiting, walk=going("walk"), wait=going("idle", 0))])
     )
 
 

@@ -218,7 +218,7 @@ def test_what_a_render_alone_knows_is_named_with_a_margin(case):
     named = case(body)
     assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
     said = " ".join(
-        plausible.told_of_extent(
+        plausible.notes_on_extent(
             bpy.context.scene, stored_groups.groups_of(bpy.context.scene.crowd_lod)
         )
     )
@@ -228,7 +228,7 @@ def test_what_a_render_alone_knows_is_named_with_a_margin(case):
     for made in bpy.data.node_groups:
         made.nodes.remove(made.nodes["Is Viewport"])
     assert not list(
-        plausible.told_of_extent(
+        plausible.notes_on_extent(
             bpy.context.scene, stored_groups.groups_of(bpy.context.scene.crowd_lod)
         )
     )
@@ -280,7 +280,7 @@ def test_new_crowds_stand_on_their_lowest_point(sunk, tmp_path):
         and entry.lowest == pytest.approx(-1)
         and entry.center == pytest.approx(1.0, abs=0.01)
     )
-    said = " ".join(plausible.told_of_feet(sunk, stored_groups.groups_of(settings)))
+    said = " ".join(plausible.notes_on_feet(sunk, stored_groups.groups_of(settings)))
     assert said == "Moved to stand on the ground: giraffe (feet 1 m below its origin)."
     bpy.ops.crowd_lod.build()
     settings.characters.hide_render = True
@@ -288,7 +288,7 @@ def test_new_crowds_stand_on_their_lowest_point(sunk, tmp_path):
     entry.on_ground = False
     assert entry.center == pytest.approx(0.0, abs=0.01)
     assert "Off the ground (see Stand on Ground): giraffe" in " ".join(
-        plausible.told_of_feet(sunk, stored_groups.groups_of(settings))
+        plausible.notes_on_feet(sunk, stored_groups.groups_of(settings))
     )
     with pytest.raises(CrowdError, match="press Build again"):
         frame_update.update(sunk, bpy.context.evaluated_depsgraph_get())

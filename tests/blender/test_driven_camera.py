@@ -216,9 +216,11 @@ def played(built, way, frames):
 
 
 def test_rigid_bodies_that_are_not_baked_are_told_of(scene):
-    assert frame_stepping.unbaked(scene) == ""
+    assert frame_stepping.describe_unbaked(scene) == ""
     by_rigid_body(scene)
-    assert "are unbaked, played from frame 1: bake their cache" in frame_stepping.unbaked(scene)
+    assert "are unbaked, played from frame 1: bake their cache" in frame_stepping.describe_unbaked(
+        scene
+    )
 
 
 @pytest.mark.parametrize("way", [None, by_property, by_frame])
@@ -305,7 +307,7 @@ def test_a_still_camera_is_the_one_it_was_made_of_in_any_scene(scene):
     for frame, x in ((1, 0.0), (21, 40.0)):
         target.location.x = x
         target.keyframe_insert("location", frame=frame)
-    with frame_stepping.stepped(scene) as at:
+    with frame_stepping.step_frames(scene) as at:
         depsgraph = at((), 9)
         wanted = cameras.cameras_from(scene, scene.camera, depsgraph)[0]
         found = cameras.still(scene.camera, depsgraph)

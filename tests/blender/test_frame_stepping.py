@@ -4,7 +4,7 @@ happens.
 
 import bpy
 import pytest
-from crowd_lod_extension.operators.blender.frame_stepping import stepped
+from crowd_lod_extension.operators.blender.frame_stepping import step_frames
 
 
 def instances(depsgraph):
@@ -13,9 +13,9 @@ def instances(depsgraph):
 
 def test_the_build_is_not_evaluated_while_frames_are_stepped(built):
     before = instances(bpy.context.evaluated_depsgraph_get())
-    with stepped(built) as at:
+    with step_frames(built) as at:
         assert instances(at((), 5)) == 0
-        with stepped(built) as again:  # as where a plan is made within a preview
+        with step_frames(built) as again:  # as where a plan is made within a preview
             assert instances(again((), 6)) == 0
         assert instances(at((), 7)) == 0
     assert instances(bpy.context.evaluated_depsgraph_get()) == before > 0
@@ -24,7 +24,7 @@ def test_the_build_is_not_evaluated_while_frames_are_stepped(built):
 def test_the_build_is_shown_and_selected_as_before_also_after_an_error(built):
     points, layer = built.crowd_lod.build.objects[0], built.view_layers[0]
     points.select_set(True)
-    with pytest.raises(ZeroDivisionError), stepped(built) as at:
+    with pytest.raises(ZeroDivisionError), step_frames(built) as at:
         at((), 5)
         raise ZeroDivisionError
     assert (
@@ -34,6 +34,6 @@ def test_the_build_is_shown_and_selected_as_before_also_after_an_error(built):
 
 def test_a_build_that_the_user_hid_stays_hidden(built):
     built.crowd_lod.build.hide_viewport = True
-    with stepped(built) as at:
+    with step_frames(built) as at:
         at((), 5)
     assert built.crowd_lod.build.hide_viewport

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender.emission import emits
-from crowd_lod_extension.operators.characters.glow import glowing, told_of_glow
+from crowd_lod_extension.operators.characters.glow import glowing, notes_on_glow
 from crowd_lod_extension.operators.characters.group_measuring import measure_groups
 from crowd_lod_extension.operators.characters.stored_groups import store_groups
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.render_setup.hidden_characters import told_of_characters
+from crowd_lod_extension.operators.render_setup.hidden_characters import notes_on_characters
 from crowd_lod_extension.operators.render_setup.render_setup import build
-from crowd_lod_extension.operators.scene.populate import populating
+from crowd_lod_extension.operators.scene.populate import populate_scene
 from crowd_lod_extension.sample_scenes.scenery import add, material, tile
 
 from ..support.characters import character, new, tube
@@ -192,20 +192,20 @@ def test_culling_leaves_the_light_of_characters_in_the_picture(name, tmp_path):
 def test_populate_and_build_name_the_characters_that_glow():
     scene = glow_scene(emission())
     assert glowing(scene) == {"someone": [bpy.data.materials["Emission"]]}
-    said, warnings = finished(populating(scene, bpy.context.evaluated_depsgraph_get()))
+    said, warnings = finished(populate_scene(scene, bpy.context.evaluated_depsgraph_get()))
     assert (
         any("someone (material Emission)" in warning for warning in warnings)
         and "someone (material Emission)" in said
     )
     list(build(scene))
-    assert "someone (material Emission)" in told_of_characters(scene)
+    assert "someone (material Emission)" in notes_on_characters(scene)
     scene.crowd_lod.shadows = False
-    assert "culling takes it away" in " ".join(told_of_glow(scene))
+    assert "culling takes it away" in " ".join(notes_on_glow(scene))
     for item in scene.crowd_lod.characters.all_objects:
         item.visible_diffuse = item.visible_glossy = item.visible_transmission = (
             item.visible_volume_scatter
         ) = False
-    assert not glowing(scene) and not list(told_of_glow(scene))
+    assert not glowing(scene) and not list(notes_on_glow(scene))
 
 
 @pytest.mark.once

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators import registration
-from crowd_lod_extension.operators.blender.guard import guarded, handler, troubles_of
+from crowd_lod_extension.operators.blender.guard import guard, handler, troubles_of
 from crowd_lod_extension.operators.blender.labeled_properties import IntProperty
 from crowd_lod_extension.operators.render_setup.render_setup import points_of
 from crowd_lod_extension.operators.ui import steps
@@ -64,7 +64,7 @@ def test_what_a_handler_raises_is_told_once_with_its_traceback_and_forgotten_whe
 
 
 def test_a_timer_that_fails_goes_on_if_it_says_so(capfd):
-    @guarded(failed=0.5)
+    @guard(failed=0.5)
     def tick():
         raise OSError(28, "No space left on device", "x.png")
 

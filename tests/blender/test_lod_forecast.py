@@ -96,11 +96,11 @@ def test_lods_that_lack_what_the_settings_ask_for_are_to_be_made_again(scene):
         "DECIMATE",
     )
     made(scene)
-    assert not told_of(scene) and steps.following(scene) != "crowd_lod.make_levels"
+    assert not told_of(scene) and steps.next_operator(scene) != "crowd_lod.make_levels"
     settings.choice, settings.level_count = "BY_RATIO", 6
     assert (
         f"levels {len(settings.levels.children)} (now 6)" in told_of(scene)
-        and steps.following(scene) == "crowd_lod.make_levels"
+        and steps.next_operator(scene) == "crowd_lod.make_levels"
     )
     settings.level_count = 2
     made(scene)
@@ -115,12 +115,12 @@ def test_lods_that_lack_what_the_settings_ask_for_are_to_be_made_again(scene):
         ("method", "DECIMATE", "POSE_AWARE", "decimation Decimate Modifier (now Pose-Aware)"),
     ):
         setattr(settings, name, other)
-        assert said in told_of(scene) and steps.following(scene) == "crowd_lod.make_levels"
+        assert said in told_of(scene) and steps.next_operator(scene) == "crowd_lod.make_levels"
         setattr(settings, name, own)
         assert not told_of(scene)
     settings.groups.add().name = "new"
     assert "character groups 2 (now 3)" in told_of(scene)
-    assert steps.following(scene) == "crowd_lod.populate"  # no such character is there
+    assert steps.next_operator(scene) == "crowd_lod.populate"  # no such character is there
 
 
 @pytest.mark.parametrize("spoilt", ["", "[]", "[1]", "{", 7, '{"ratios": 3}'])
@@ -158,10 +158,10 @@ def test_lods_of_characters_that_were_edited_are_to_be_made_again_and_those_that
     mesh.data.transform(Matrix.Scale(1.3, 4))
     assert (
         told_of(scene) == "LODs were made before the character adult changed"
-        and steps.following(scene) == "crowd_lod.make_levels"
+        and steps.next_operator(scene) == "crowd_lod.make_levels"
     )
     assert staleness.changed(scene) == ["the character adult"]
-    assert "the character adult changed" in render_setup.told_of_cast(
+    assert "the character adult changed" in render_setup.notes_on_cast(
         scene, finished(render_setup.build(scene))
     )
     made(scene)

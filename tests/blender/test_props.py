@@ -23,7 +23,7 @@ from crowd_lod_extension.operators.scene.scene_crowd import (
     policy_of,
     trajectory_of,
 )
-from crowd_lod_extension.operators.shot.shot_plan import Wanted, plan_shot
+from crowd_lod_extension.operators.shot.shot_plan import PlanRequest, plan_shot
 from crowd_lod_extension.operators.sources import crowd_sources
 from mathutils import Matrix
 
@@ -218,7 +218,7 @@ def test_rigs_are_estimated_and_planned_as_they_are_built(dressed, tmp_path, swa
     list(make_levels(scene))
     found = finished(estimate(scene, scene.crowd_lod, [50])).works
     known = finished(estimate(scene, scene.crowd_lod, [50], known=True)).works["By Ratio"]
-    plan = finished(plan_shot(scene, Wanted([50], tmp_path)))
+    plan = finished(plan_shot(scene, PlanRequest([50], tmp_path)))
     made = []
     for make in (lambda: list(render_setup.build(scene)), lambda: finished(bake.bake(scene, [50]))):
         make()

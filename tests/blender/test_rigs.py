@@ -250,7 +250,7 @@ def test_why_a_character_is_posed_is_said(scene, why):
         ball.modifiers.new("rig", "ARMATURE").object = rig
     props(scene, ball)
     cast = finished(make_cast(scene, scene.crowd_lod))
-    said = render_setup.told_of_cast(scene, cast)
+    said = render_setup.notes_on_cast(scene, cast)
     assert list(cast.posed) == [POSES] and why in said.lower()
     assert "each of which stands for 0.75 frames (0.0312 s) of its action" in said
     bpy.data.batch_remove(list(cast.names))

@@ -9,7 +9,7 @@ from crowd_lod_extension.crowd_lod.format import number
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender.animation import curves_of
 from crowd_lod_extension.operators.blender.named_actions import own_performance
-from crowd_lod_extension.operators.characters.action_troubles import told_of_actions
+from crowd_lod_extension.operators.characters.action_troubles import notes_on_actions
 from crowd_lod_extension.operators.characters.character_extent import posing
 from crowd_lod_extension.operators.characters.group_measuring import measure_groups
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
@@ -117,7 +117,7 @@ def test_the_way_is_taken_out_and_is_the_stride(place, cycles):
     assert np.abs(middles(item) - middles(item)[0]).max() < 1e-5
     assert group.radius < 1.5
     assert keys() == before
-    (told,) = told_of_actions(scene, [group])
+    (told,) = notes_on_actions(scene, [group])
     assert told.startswith(
         f"The own animation moves someone by {cycles * WAY:.3g} m in a cycle: that is taken out"
     )
@@ -143,7 +143,7 @@ def test_who_sits_down_or_shifts_a_little_is_left_alone():
     scene.view_layers[0].update()
     (group,) = measure_groups(scene)
     assert group.way == 0
-    assert not list(told_of_actions(scene, [group]))
+    assert not list(notes_on_actions(scene, [group]))
 
 
 @pytest.mark.parametrize("meters", [0.01, 1000])
@@ -152,7 +152,7 @@ def test_the_way_is_told_in_meters(meters):
     scene.unit_settings.scale_length = meters
     on_object()
     scene.view_layers[0].update()
-    (told,) = told_of_actions(scene, measure_groups(scene))
+    (told,) = notes_on_actions(scene, measure_groups(scene))
     assert f"by {number(WAY * meters)} m in a cycle" in told
 
 

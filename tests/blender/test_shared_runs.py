@@ -109,14 +109,14 @@ def test_only_options_that_change_nothing_are_left_out_of_the_key():
         "--width",
         "9",
     ]
-    assert shared_runs.without(words, shared_runs.ASIDE) == [
+    assert shared_runs.remove_options(words, shared_runs.ASIDE) == [
         "crowd-lod",
         "preview",
         "a.blend",
         "--width",
         "9",
     ]
-    assert shared_runs.without(words, shared_runs.OF_PART) == words[:5] + words[6:]
+    assert shared_runs.remove_options(words, shared_runs.OF_PART) == words[:5] + words[6:]
 
 
 @pytest.mark.parametrize(

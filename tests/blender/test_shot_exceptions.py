@@ -135,7 +135,7 @@ def test_who_is_hidden_casts_no_shadow(levelled, tmp_path):
     sun = bpy.data.objects.new("Sun", bpy.data.lights.new("Sun", "SUN"))
     sun.rotation_euler = (1.2, 0, 0.4)
     levelled.collection.objects.link(sun)
-    with frame_stepping.stepped(levelled) as at:
+    with frame_stepping.step_frames(levelled) as at:
         eyes, around, shutter = lights.read_moment(levelled, 3, at)
     trajectory = trajectory_of(levelled)
     plain = plan(trajectory, eyes, policy_of(levelled.crowd_lod), 3, shutter)

@@ -11,7 +11,7 @@ from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot import plan_file
 from crowd_lod_extension.operators.render_setup.frame_update import Held
 from crowd_lod_extension.operators.scene.scene_crowd import frame_of
-from crowd_lod_extension.operators.shot.shot_plan import Wanted, plan_shot
+from crowd_lod_extension.operators.shot.shot_plan import PlanRequest, plan_shot
 from crowd_lod_extension.operators.shot.switch_crops import posed_agent
 
 from ..support.pages import Reader
@@ -80,7 +80,7 @@ def test_largest_changes_are_drawn_into_the_report_and_leave_nothing_in_the_file
     assert {block.id_type for block in set(bpy.data.user_map()) - before} <= {
         "ACTION"
     }  # that of the zoom
-    told = finished(plan_shot(levelled, Wanted(range(1, 13), tmp_path / "again"))).report
+    told = finished(plan_shot(levelled, PlanRequest(range(1, 13), tmp_path / "again"))).report
     for one, other in told.crops:
         assert (
             one.shape == other.shape and (one != other).any() and (one[0, 0] == one[-1, -1]).all()

@@ -27,26 +27,26 @@ def plane(name):
 def test_who_is_told_to_populate_finds_that_button_next(levelled, setting):
     settings = levelled.crowd_lod
     assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
-    assert steps.following(levelled) != "crowd_lod.populate"
+    assert steps.next_operator(levelled) != "crowd_lod.populate"
     if setting == "start_object":
         settings.start_on = "SURFACE"
     setattr(settings, setting, plane("Ground"))
     asking = [sentence for sentence, _ in steps.messages(levelled) if "press Populate" in sentence]
-    assert len(asking) == 1 and steps.following(levelled) == "crowd_lod.populate"
+    assert len(asking) == 1 and steps.next_operator(levelled) == "crowd_lod.populate"
     assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
-    assert steps.following(levelled) != "crowd_lod.populate"
+    assert steps.next_operator(levelled) != "crowd_lod.populate"
     assert not any("press Populate" in sentence for sentence, _ in steps.messages(levelled))
 
 
 def test_a_character_of_another_name_asks_for_populate_and_then_for_its_lods(levelled):
     settings = levelled.crowd_lod
     settings.characters.children[0].name = "renamed"
-    assert steps.following(levelled) == "crowd_lod.populate"
+    assert steps.next_operator(levelled) == "crowd_lod.populate"
     assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
-    assert steps.following(levelled) == "crowd_lod.make_levels"
+    assert steps.next_operator(levelled) == "crowd_lod.make_levels"
     assert any("renamed)" in sentence for sentence, _ in steps.messages(levelled))
     assert bpy.ops.crowd_lod.make_levels() == {"FINISHED"}
-    assert steps.following(levelled) == "crowd_lod.plan_shot"
+    assert steps.next_operator(levelled) == "crowd_lod.plan_shot"
 
 
 def test_groups_that_lose_their_lods_are_not_called_finer():

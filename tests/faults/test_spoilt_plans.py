@@ -260,7 +260,7 @@ def test_run_json_starts_nothing_but_preview_and_verify(registered, tmp_path, ca
     read = 0
     for _ in range(TRIALS):
         path.write_bytes(spoilt_text(run, dice))
-        found = refused(shared_runs.assembled, args, parser)
+        found = refused(shared_runs.finishing_command, args, parser)
         if found is not None:
             read += 1
             assert (

@@ -11,7 +11,7 @@ from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 from crowd_lod_extension.crowd_lod.frame.agent_under_cursor import Account
 from crowd_lod_extension.crowd_lod.frame.reasons import REASONS
 from crowd_lod_extension.operators.blender.cameras import camera_from
-from crowd_lod_extension.operators.blender.color_space import encoded
+from crowd_lod_extension.operators.blender.color_space import to_srgb
 from crowd_lod_extension.operators.lod_meshes.make_lods import TINTS
 from crowd_lod_extension.operators.overlay import hud, inset
 from crowd_lod_extension.operators.overlay.agent_colors import (
@@ -186,7 +186,7 @@ def test_the_view_from_above_holds_every_agent_in_its_color():
         if level is None:
             assert near.max() > 0.2
         else:
-            tint = encoded(np.array([*TINTS[level], 1.0], np.float32))[:3]
+            tint = to_srgb(np.array([*TINTS[level], 1.0], np.float32))[:3]
             assert np.abs(near - tint).max(axis=1).min() < 0.01
     painted = (seen[..., :3].max(axis=-1) > 0.3).sum()
     assert 0 < painted < 100 * len(AGENTS)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from bpy_extras.object_utils import world_to_camera_view
 from crowd_lod_extension.crowd_lod.culling.camera import frustum_corners
-from crowd_lod_extension.operators.blender.color_space import encoded
+from crowd_lod_extension.operators.blender.color_space import to_srgb
 from crowd_lod_extension.operators.lod_meshes.make_lods import TINTS
 from crowd_lod_extension.operators.overlay import draw_data
 from crowd_lod_extension.operators.overlay.draw_data import CULLED, FRUSTUM, Style, drawing
@@ -112,7 +112,7 @@ def test_lines_run_along_the_frustum_and_where_each_lod_begins(viewer):
     camera = frame.camera
     expected = [(camera.far, FRUSTUM), (10.0, (*TINTS[1], 1.0)), (20.0, (*TINTS[2], 1.0))]
     for distance, linear in expected:
-        color = encoded(np.array(linear, np.float32))[:3]
+        color = to_srgb(np.array(linear, np.float32))[:3]
         left_bottom, right_bottom = frustum_corners(camera, distance)[:2]
         row, column = pixel(viewer, 0.7 * left_bottom + 0.3 * right_bottom)
         near = seen[row - 1 : row + 2, column - 1 : column + 2, :3].reshape(-1, 3)

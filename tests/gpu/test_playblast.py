@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension import sample_scenes
 from crowd_lod_extension.operators.blender import image_data, mesh_data
-from crowd_lod_extension.operators.blender.color_space import linear
+from crowd_lod_extension.operators.blender.color_space import to_linear
 from crowd_lod_extension.operators.characters.stored_groups import groups_of
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
@@ -112,7 +112,7 @@ def test_agents_have_the_colors_that_a_viewport_gives_them_to_the_bit(scene, can
         scene.view_settings.view_transform = transform
         mine = pictured(canvas, scene, crowd)
         opaque = viewport[..., 3] == 255
-        expected = np.rint(255 * linear(viewport[opaque] / 255) ** (1 / 2.2))
+        expected = np.rint(255 * to_linear(viewport[opaque] / 255) ** (1 / 2.2))
         assert opaque.mean() > 0.05 and (mine[opaque] == expected).all()
 
 
