@@ -39,7 +39,8 @@ class CROWDLOD_OT_inspect(Needing, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def modal(self, context, event) -> set[str]:
-        settings, shown = context.scene.crowd_lod, viewport_overlay.shown_of(context.scene)
+        settings = context.scene.crowd_lod
+        shown = viewport_overlay.shown_of(context.scene)
         if event.type in ("ESC", "RIGHTMOUSE") or shown is None or shown.frame is None:
             settings.agent = self._before
             redraw.viewports()

@@ -96,9 +96,11 @@ def drawing(
     fades: (finer, share) of all agents, from crowd_lod.frame.cross_fade.fades_of; None for no
         cross-fade.
     """
-    crowd, origin = frame.crowd, frame.camera.origin
+    crowd = frame.crowd
+    origin = frame.camera.origin
     colors = colors or by_level(frame)
-    center, radius = frame.trajectory.spheres.center, frame.trajectory.spheres.radius
+    center = frame.trajectory.spheres.center
+    radius = frame.trajectory.spheres.radius
     points = style.mode == "POINTS"
     seen = len(frame.buckets.order) if points else 0
     culled = np.arange(0, len(crowd) if style.culled else 0, -(-len(crowd) // MOST_CULLED) or 1)
@@ -145,8 +147,10 @@ def _instances(
     frame: Frame, colors: Colors, fades: tuple[np.ndarray, np.ndarray] | None
 ) -> tuple[np.ndarray, tuple, tuple]:
     """Return (agents, draws, plays) of a Drawing; cross-fading agents are in both LODs."""
-    crowd, order = frame.crowd, frame.buckets.order
-    levels, shares = frame.buckets.levels, np.zeros(len(order), np.float32)
+    crowd = frame.crowd
+    order = frame.buckets.order
+    levels = frame.buckets.levels
+    shares = np.zeros(len(order), np.float32)
     if fades is not None:
         finer, share = (values[order] for values in fades)
         # so that both LODs hold it to the bit
@@ -155,17 +159,16 @@ def _instances(
         levels = np.concatenate([finer, finer[both] + np.uint8(1)])
         shares = np.concatenate([-share, share[both]])
         order = np.concatenate([order, order[both]])
-    draw, gaits = (
-        levels.astype(np.uint16) * np.uint16(256) + crowd.group[order],
-        frame.trajectory.gaits,
-    )
+    draw = levels.astype(np.uint16) * np.uint16(256) + crowd.group[order]
+    gaits = frame.trajectory.gaits
     actions = len(gaits.actions)
     if actions > 1:
         draw = draw.astype(np.uint32) * np.uint32(actions) + gaits.action[
             crowd.playing[order]
         ].astype(np.uint32)
     by_draw = np.argsort(draw, kind="stable")
-    order, shares = order[by_draw], shares[by_draw]
+    order = order[by_draw]
+    shares = shares[by_draw]
     kinds, first, count = np.unique(draw[by_draw], return_index=True, return_counts=True)
 
     agents = np.zeros((len(order), 8), np.float32)
@@ -196,7 +199,8 @@ def frustum_lines(camera: Camera, begins: np.ndarray) -> tuple[np.ndarray, np.nd
     """
     if camera.kind == "PANO":
         return np.empty((0, 2, 3)), np.empty((0, 2, 4), np.float32)
-    near, far = frustum_corners(camera, camera.near), frustum_corners(camera, camera.far)
+    near = frustum_corners(camera, camera.near)
+    far = frustum_corners(camera, camera.far)
     ends = [np.stack([near, far], axis=1), _ring(near), _ring(far)]
     colors = [FRUSTUM] * 3
     for level, distances in enumerate(begins.T, start=1):

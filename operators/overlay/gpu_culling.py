@@ -38,9 +38,11 @@ THREADS = 64  # in a work group
 # Far more than all roundings of float32: some ten of them, each 2 ** -24 of the terms' sizes.
 SLACK = 2.0**-19
 # Meters: of what is larger, float32 loses the square; a slack is no smaller.
-HUGE, TINY = 1e15, 1e-20
+HUGE = 1e15
+TINY = 1e-20
 # Frames that each way is tried for, and milliseconds from which on a plan is worth trying another.
-TRIES, WORTH = 4, 1.0
+TRIES = 4
+WORTH = 1.0
 
 PLAN = "struct CrowdPlan { vec4 planes[6]; vec4 axis; vec4 origin; vec4 slack; };"
 # Of each pass, in their order: what it reads, what it writes, and the numbers that it is told.
@@ -105,8 +107,10 @@ class Planner:
             [(area.x_min + area.x_max) / 2, (area.y_min + area.y_max) / 2, area.z]
         )
         self.spheres = trajectory.spheres.center, trajectory.spheres.reach
-        self._agents, self._asked = None, (None, None)
-        self._places, self._columns = {}, (None,) * 3
+        self._agents = None
+        self._asked = (None, None)
+        self._places = {}
+        self._columns = (None,) * 3
 
     def __call__(self, asked: Unsorted) -> tuple[np.ndarray, np.ndarray]:
         """Return (places, offsets) of the visible agents' buckets.
@@ -115,7 +119,8 @@ class Planner:
         """
         from gpu.types import Buffer, GPUUniformBuf
 
-        count, levels = len(asked.crowd), asked.policy.count
+        count = len(asked.crowd)
+        levels = asked.policy.count
         self._upload(asked.crowd, asked.order)
         view, spheres = _inputs(self.middle, self.spheres, asked)
         runs = -(-count // RUN)
@@ -133,10 +138,8 @@ class Planner:
             "spheres": _texture(spheres.size // 4, "RGBA32F", spheres),
         }
         view = GPUUniformBuf(Buffer("FLOAT", view.size, view))
-        numbers, radial = (
-            {"runs": runs, "count": count, "total": total},
-            asked.policy.metric == "RADIAL",
-        )
+        numbers = {"runs": runs, "count": count, "total": total}
+        radial = asked.policy.metric == "RADIAL"
         for name in PASSES:
             threads = runs if "runs" in PASSES[name][2] else sizes["sums"]
             _dispatch(program(name, levels, radial), name, threads, textures, view, numbers)
@@ -151,7 +154,8 @@ class Planner:
             agents = np.empty((len(crowd), 2), np.float32)
             agents[:, 0] = np.arange(len(crowd)) if order is None else order
             agents[:, 1] = crowd.group if order is None else crowd.group[order]
-            self._agents, self._asked = _texture(len(crowd), "RG32F", agents), asked
+            self._agents = _texture(len(crowd), "RG32F", agents)
+            self._asked = asked
         columns = crowd.x, crowd.y, crowd.z
         for axis, new, old, at in zip("xyz", columns, self._columns, self.middle, strict=True):
             if new is not old:
@@ -167,10 +171,13 @@ def _inputs(middle, spheres: tuple, asked: Unsorted) -> tuple[np.ndarray, np.nda
     spheres: n rows per group. The first row holds the height of the center, the reach, and |height|
         + reach. Row k holds where LOD k begins.
     """
-    (center, radius), camera, policy = spheres, asked.camera, asked.policy
+    center, radius = spheres
+    camera = asked.camera
+    policy = asked.policy
     frustum = frustum_of(camera)
     reach = camera.pad + (radius if policy.margin is None else np.zeros_like(radius))
-    normals, origin = np.vstack([frustum.normals, camera.Z]), camera.origin - middle
+    normals = np.vstack([frustum.normals, camera.Z])
+    origin = camera.origin - middle
     offsets = np.append(frustum.limits(policy.margin), 0.0) + normals @ origin
     begin = np.clip(asked.begins, -HUGE, HUGE)
     largest = (
@@ -181,12 +188,10 @@ def _inputs(middle, spheres: tuple, asked: Unsorted) -> tuple[np.ndarray, np.nda
     slack = SLACK * max(1.0, frustum.rounding) * (1 + np.abs(camera.Z).sum())
     most = slack * largest + camera.grain * (np.abs(middle).sum() + 2 * np.abs(camera.origin).sum())
     view = np.zeros((9, 4), np.float32)
-    view[:7, :3], view[:7, 3], view[7, :3], view[8, :2] = (
-        normals,
-        offsets,
-        origin,
-        (slack + camera.grain, most + TINY),
-    )
+    view[:7, :3] = normals
+    view[:7, 3] = offsets
+    view[7, :3] = origin
+    view[8, :2] = (slack + camera.grain, most + TINY)
     rows = np.zeros((len(radius), policy.count, 4), np.float32)
     rows[:, 0, :3] = np.column_stack([center, reach, np.abs(center) + reach])
     rows[:, 1:, 0] = begin
@@ -242,7 +247,8 @@ def _settled(places, ends, spheres: tuple, asked: Unsorted) -> tuple[np.ndarray,
     places, open_, offsets = places[: ends[-2]], places[ends[-2] :], ends[:-1]
     if not len(open_):
         return places, offsets
-    crowd, policy = asked.crowd, asked.policy
+    crowd = asked.crowd
+    policy = asked.policy
     agents = open_ if asked.order is None else asked.order[open_]
     options = RadarOptions(policy.margin, policy.metric == "RADIAL")
     visible, distance = radar(crowd, asked.camera, *spheres, options, agents)

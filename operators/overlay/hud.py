@@ -22,10 +22,15 @@ STAGES = {
     "sorting": "Sorting",
     "drawing": "Drawing",
 }
-WHITE, RING, BEHIND = (0.9, 0.9, 0.9, 1.0), (1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.5)  # sRGB
+# sRGB
+WHITE = (0.9, 0.9, 0.9, 1.0)
+RING = (1.0, 1.0, 1.0, 1.0)
+BEHIND = (0.0, 0.0, 0.0, 0.5)
 SAMPLE = "Agents 0123456789, visible"  # of the figures' letters, for their mean width
 # nominal pixels; LINE is that of Blender's own text, the viewport's name and so on
-LETTERS, LINE, MARGIN = 11.0, 18.0, 10.0
+LETTERS = 11.0
+LINE = 18.0
+MARGIN = 10.0
 LEAST = 8.0  # nominal pixels, the ring's least radius
 CORNERS = 48
 NARROWEST = 120.0  # nominal pixels, below which nothing is written
@@ -59,7 +64,8 @@ def figures(
     account: of the picked agent, or None.
     notes: sentences for the user.
     """
-    agents, visible = frame.crowd.there, len(frame.buckets.order)
+    agents = frame.crowd.there
+    visible = len(frame.buckets.order)
     culled = (agents - visible) / agents if agents else 0.0
     said = [Line(f"{counted(agents, 'agent')}, {visible:,} visible, {culled:.1%} culled")]
     counts = enumerate(frame.buckets.counts)
@@ -165,7 +171,8 @@ def write(
     import blf
 
     left, bottom, right, top = box
-    indent, line = 2 * MARGIN * ui_scale, LINE * ui_scale
+    indent = 2 * MARGIN * ui_scale
+    line = LINE * ui_scale
     blf.size(0, LETTERS * ui_scale)
     letter = blf.dimensions(0, SAMPLE)[0] / len(SAMPLE)
     fitting = broken(said, int((right - left - 2 * indent) / letter), int((top - bottom) / line))
@@ -219,7 +226,10 @@ def free_box(area, region, overlay, ui_scale: float) -> tuple[float, float, floa
     writes at the top.
     Returns (left, bottom, right, top) in pixels of the region.
     """
-    left, bottom, right, top = region.x, region.y, region.x + region.width, region.y + region.height
+    left = region.x
+    bottom = region.y
+    right = region.x + region.width
+    top = region.y + region.height
     for other in area.regions:
         if other.width <= 1 or other.height <= 1:
             continue
@@ -248,10 +258,8 @@ def ring(frame: Frame, agent: int, region, ui_scale: float) -> None:
     """
     from gpu_extras.batch import batch_for_shader
 
-    matrix, group = (
-        np.array(region.data.perspective_matrix, np.float64),
-        frame.trajectory.groups[frame.crowd.group[agent]],
-    )
+    matrix = np.array(region.data.perspective_matrix, np.float64)
+    group = frame.trajectory.groups[frame.crowd.group[agent]]
     x, y, _, w = matrix @ (*frame.crowd.places(frame.trajectory.spheres.center, agent), 1.0)
     if w <= 0:
         return

@@ -55,7 +55,8 @@ def from_above(area: Area, eye: np.ndarray, places: np.ndarray) -> tuple[np.ndar
     width, height = 1.06 * np.maximum(high - low, 1e-3)
     width, height = max(width, height * aspect), max(height, width / aspect)
     bottom, top = (eye[2] + end(places[:, 2]) for end in (np.min, np.max))
-    view, projection = np.eye(4), np.eye(4)
+    view = np.eye(4)
+    projection = np.eye(4)
     view[:3, 3] = *-(low + high) / 2, -(bottom + top) / 2
     projection[[0, 1, 2], [0, 1, 2]] = 2 / width, 2 / height, -2 / (1.1 * (top - bottom) + 1.0)
     return view, projection
@@ -82,10 +83,8 @@ def picture(
     from gpu.types import GPUFrameBuffer, GPUTexture
 
     size = pixels(ui_scale)
-    color, depth = (
-        GPUTexture(size, format="SRGB8_A8"),
-        GPUTexture(size, format="DEPTH_COMPONENT32F"),
-    )
+    color = GPUTexture(size, format="SRGB8_A8")
+    depth = GPUTexture(size, format="DEPTH_COMPONENT32F")
     canvas = GPUFrameBuffer(color_slots=color, depth_slot=depth)
     with canvas.bind():
         canvas.clear(color=BACKGROUND, depth=1.0)

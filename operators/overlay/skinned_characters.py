@@ -92,7 +92,10 @@ def baking(
         the origin.
     actions: that states name, besides its own.
     """
-    looks, read, done, recorder = Looks(), [], 0, None
+    looks = Looks()
+    read = []
+    done = 0
+    recorder = None
     while True:
         homes = find()
         objects = [[item for item in home.all_objects if item.type == "MESH"] for home in homes]
@@ -148,7 +151,8 @@ def _character(
     levels: of each LOD, (part, what was read of it at rest).
     """
     joints = _Joints(recorder)
-    meshes, sources = [], []
+    meshes = []
+    sources = []
     for level in levels:
         pieces = [_piece(part, joints, read) for part, read in level]
         sources.append([source for source, _ in pieces])
@@ -270,7 +274,8 @@ def _read(part: _Part, depsgraph: bpy.types.Depsgraph, looks: Looks) -> tuple:
         points, triangles, corners, faces = mesh_data.read_triangles(mesh)
         solid = closed(points, triangles)
         if evaluated.matrix_world.is_negative:  # mirrored: keep the front in front
-            triangles, corners = triangles[:, ::-1], corners[:, ::-1]
+            triangles = triangles[:, ::-1]
+            corners = corners[:, ::-1]
         weights = np.zeros((len(points), len(part.bones)), np.float32)
         columns = {
             group.index: part.bones.index(group.name)
@@ -282,7 +287,8 @@ def _read(part: _Part, depsgraph: bpy.types.Depsgraph, looks: Looks) -> tuple:
                 if entry.group in columns:
                     weights[vertex.index, columns[entry.group]] = entry.weight
         loops = len(mesh.loops)
-        normals, uvs = np.zeros((loops, 3), np.float32), np.zeros((loops, 2), np.float32)
+        normals = np.zeros((loops, 3), np.float32)
+        uvs = np.zeros((loops, 2), np.float32)
         mesh.corner_normals.foreach_get("vector", normals.ravel())
         if mesh.uv_layers:
             layer = next((each for each in mesh.uv_layers if each.active_render), mesh.uv_layers[0])

@@ -150,7 +150,8 @@ def undrawn(scene: bpy.types.Scene) -> str:
 
 def account_of(scene: bpy.types.Scene) -> Account | None:
     """Return the account of the agent picked in the scene's settings, or None."""
-    shown, agent = shown_of(scene), scene.crowd_lod.agent
+    shown = shown_of(scene)
+    agent = scene.crowd_lod.agent
     if shown is None or shown.frame is None or not 0 <= agent < len(shown.frame.crowd):
         return None
     found = account(shown.frame, agent)
@@ -171,7 +172,8 @@ def _draw(part) -> None:
     """Draw handler: call `part`; on any error print it once and stop the overlay."""
     global _failure
     context = bpy.context
-    settings, space = context.scene.crowd_lod, context.space_data
+    settings = context.scene.crowd_lod
+    space = context.space_data
     if _failure or not settings.overlay or not space.overlay.show_overlays:
         return
     try:
@@ -193,7 +195,8 @@ def _draw_crowd(context) -> None:
     shown = _follow(context)
     shown.drawn = drawn
     if shown.batches is not None and not steps_back(context):
-        view, region = context.region_data, context.region
+        view = context.region_data
+        region = context.region
         began = clock.perf_counter()
         paint(
             shown.batches,
@@ -207,12 +210,11 @@ def _draw_crowd(context) -> None:
 
 def _draw_figures(context) -> None:
     """POST_PIXEL handler: draw text, ring and inset over the crowd just drawn."""
-    scene, region = context.scene, context.region
-    shown, settings, ui_scale = (
-        _shown.get(scene.session_uid),
-        scene.crowd_lod,
-        context.preferences.system.ui_scale,
-    )
+    scene = context.scene
+    region = context.region
+    shown = _shown.get(scene.session_uid)
+    settings = scene.crowd_lod
+    ui_scale = context.preferences.system.ui_scale
     if (
         shown is None
         or shown.frame is None
@@ -266,7 +268,9 @@ def _follow(context) -> Shown:
 
 
 def _shown_now(context, before: Shown | None) -> Shown:
-    scene, depsgraph, looked = context.scene, context.view_layer.depsgraph, clock.monotonic()
+    scene = context.scene
+    depsgraph = context.view_layer.depsgraph
+    looked = clock.monotonic()
     try:
         crowd_inputs = _crowd_inputs(scene)
         settings = scene.crowd_lod
@@ -290,7 +294,9 @@ def _shown_now(context, before: Shown | None) -> Shown:
         frame_inputs += drawn_inputs(settings)
         known = before.frame if before is not None and before.crowd_inputs == crowd_inputs else None
         if known is not None and looked < before.looked + LOOK_AGAIN and not live(settings):
-            trajectory, bias, looked = known.trajectory, known.bias, before.looked
+            trajectory = known.trajectory
+            bias = known.bias
+            looked = before.looked
         else:
             trajectory = trajectory_of(scene, depsgraph=depsgraph)
             bias = bias_of(settings)

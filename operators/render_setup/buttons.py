@@ -41,9 +41,12 @@ def prepared(
     Yields the progress and returns the result of the work. Closed early, it leaves the scene as it
     was.
     """
-    settings, layer = scene.crowd_lod, scene.view_layers[0]
+    settings = scene.crowd_lod
+    layer = scene.view_layers[0]
     layer.update()
-    known, made, dropped = groups_of(settings), settings.levels is None, settings.dropped
+    known = groups_of(settings)
+    made = settings.levels is None
+    dropped = settings.dropped
     groups = known or measure_groups(scene)
     trajectory = trajectory_of(scene, groups)
     yield from standing(approach(trajectory, scene_data.time_of(scene)), 0.0)

@@ -166,16 +166,16 @@ def estimate(
     render = scene.render
     frames = frames or range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
     looked_at = evenly(frames, MOST_FRAMES)
-    trajectory, choices = trajectory_of(scene), choices_of(settings)
+    trajectory = trajectory_of(scene)
+    choices = choices_of(settings)
     check_levels(scene)
     characters = characters_of(scene)
     library = cast_of(characters, trajectory)
-    owner, (rigs, moved_as) = (
-        library.owner(trajectory.gaits),
-        rigs_of(characters, trajectory, library),
-    )
+    owner = library.owner(trajectory.gaits)
+    rigs, moved_as = rigs_of(characters, trajectory, library)
     shown = {name: [] for name in choices}
-    bias, samples = bias_of(settings), samples_of(scene)
+    bias = bias_of(settings)
+    samples = samples_of(scene)
     rays = []
     with frame_stepping.stepped(scene) as at:
         for done, number in enumerate(looked_at):
@@ -190,7 +190,9 @@ def estimate(
                 shown[name].append(_shown(frame, library, trajectory, choice.policy.count))
             rays.append(samples * covered(frame, scene))
             yield (done + 1) / len(looked_at)
-    works, mine, pictures = {}, CHOICES[settings.choice], shown_images(scene, settings)
+    works = {}
+    mine = CHOICES[settings.choice]
+    pictures = shown_images(scene, settings)
     full = [(image, 0) for own in pictures.values() for image, _ in own]
     for name, choice in choices.items():
         # a last LOD is stored once
@@ -258,14 +260,14 @@ def samples_of(scene: bpy.types.Scene) -> int:
 
 def covered(frame: Frame, scene: bpy.types.Scene) -> float:
     """Return roughly how many pixels of the picture the frame's agents cover."""
-    camera, crowd, agents = frame.camera, frame.crowd, frame.buckets.order
+    camera = frame.camera
+    crowd = frame.crowd
+    agents = frame.buckets.order
     render = scene.render
     pixels = render.resolution_x * render.resolution_y * (render.resolution_percentage / 100) ** 2
     spheres = frame.trajectory.spheres
-    radius, away = (
-        spheres.radius[crowd.group[agents]],
-        np.stack(crowd.places(spheres.radius, agents, camera.origin)),
-    )
+    radius = spheres.radius[crowd.group[agents]]
+    away = np.stack(crowd.places(spheres.radius, agents, camera.origin))
     distance = 1.0 if camera.kind == "ORTHO" else np.maximum(np.sqrt((away**2).sum(axis=0)), radius)
     squares = (2 * radius * camera.pixels_per_unit / distance) ** 2
     return float(min(pixels, COVERS * squares.sum()))

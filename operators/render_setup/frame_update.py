@@ -66,7 +66,8 @@ class Held:
 def held_by(scene: bpy.types.Scene, trajectory: Trajectory, number: float, crowd: Crowd) -> Held:
     """Return what the frame `number` of the timeline holds; crowd: at that frame."""
     render = scene.render
-    length, time = render.motion_blur_shutter, scene_data.remapped(render, number)
+    length = render.motion_blur_shutter
+    time = scene_data.remapped(render, number)
     if not render.use_motion_blur or not length:
         return Held(crowd, time)
     opens = cameras.OPENS[render.motion_blur_position] * length
@@ -127,7 +128,8 @@ def columns_by_bucket(
         place[:, axis] = (
             there if stays is None else np.where(stays, of(getattr(held.crowd, name)), there)
         )
-    heading, seconds = of(crowd.heading), trajectory.seconds(held.time)
+    heading = of(crowd.heading)
+    seconds = trajectory.seconds(held.time)
     columns = {
         "position": place,
         "heading": heading,
@@ -141,7 +143,8 @@ def columns_by_bucket(
     leaning = trajectory.tilt(crowd, agents)
     if leaning is not None:
         columns |= dict(zip(("pitch", "roll"), leaning, strict=True))
-    found, at = [], 0
+    found = []
+    at = 0
     for bucket in buckets:
         found.append({name: values[at : at + len(bucket)] for name, values in columns.items()})
         at += len(bucket)
@@ -287,11 +290,9 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     # another scene's compositing nodes show this one, at the same frame
     if known is None and depsgraph.mode == "RENDER":
         known = next(iter(_rendering.values()), None)
-    number, time, own = (
-        shutter_frame(scene, known),
-        scene_data.time_of(scene),
-        (scene.session_uid, depsgraph.view_layer_eval.name),
-    )
+    number = shutter_frame(scene, known)
+    time = scene_data.time_of(scene)
+    own = (scene.session_uid, depsgraph.view_layer_eval.name)
     # a viewport shows no blur
     blurred = scene.render.use_motion_blur and depsgraph.mode == "RENDER"
     kept = known.planned if blurred and known is not None and known.number == number else {}
@@ -335,12 +336,11 @@ def _planned(
     with frame_stepping.stage(_stages if _rendering and len(bpy.data.scenes) > 1 else None) as at:
         # a marker's camera becomes the active one only after the handlers of its frame
         if whole == time:
-            film, own = (
-                cameras.cameras_from(scene, cameras.bound_camera(scene, whole), depsgraph),
-                [],
-            )
+            film = cameras.cameras_from(scene, cameras.bound_camera(scene, whole), depsgraph)
+            own = []
         else:
-            film, own = cameras.camera_at(scene, whole, at), [whole]
+            film = cameras.camera_at(scene, whole, at)
+            own = [whole]
         shutter = cameras.read_shutter(scene, whole, at) if blurred else []
         around = lights.read_surroundings(
             scene, depsgraph, whole, [part for part, _ in shutter] or own, at

@@ -16,10 +16,12 @@ HIDDEN = (
 
 def hide_characters(scene: bpy.types.Scene) -> None:
     """Hide the characters themselves from renders, unless something prevents it."""
-    top, characters = scene.crowd_lod.build, scene.crowd_lod.characters
+    top = scene.crowd_lod.build
+    characters = scene.crowd_lod.characters
     unhide_characters(top)
     if hides_characters(scene):
-        characters.hide_render, top[HIDDEN] = True, characters
+        characters.hide_render = True
+        top[HIDDEN] = characters
 
 
 def hides_characters(scene: bpy.types.Scene) -> bool:

@@ -85,14 +85,17 @@ LibraryRead = tuple[np.ndarray, list[list[rigs.Model]], list[str], dict[bpy.type
 def read_library(scene: bpy.types.Scene, settings) -> Generator[float, None, LibraryRead]:
     """Find out which groups of `scene` rigs can show; yields the progress and returns what it
     found. Closed early, it leaves nothing behind."""
-    characters, levels, played = (
-        characters_of(scene),
-        settings.levels.children,
-        trajectory_of(scene).gaits.actions,
-    )
-    count, measured = policy_of(settings).count, groups_of(settings)
+    characters = characters_of(scene)
+    levels = settings.levels.children
+    played = trajectory_of(scene).gaits.actions
+    count = policy_of(settings).count
+    measured = groups_of(settings)
     check_measured(characters, measured)
-    posed, models, notes, made, done = np.zeros(len(characters), np.intp), [], [], {}, False
+    posed = np.zeros(len(characters), np.intp)
+    models = []
+    notes = []
+    made = {}
+    done = False
     performances = [
         group_performance(group, own)
         for group, (_, own, _) in zip(measured, characters, strict=True)
@@ -100,14 +103,16 @@ def read_library(scene: bpy.types.Scene, settings) -> Generator[float, None, Lib
     lead = leads(characters, measured)
     try:
         for g, (name, _, _) in enumerate(characters):
-            performance, family = performances[g], [v for v, own in enumerate(lead) if own == g]
-            homes, own, reason = (
-                [home_of(level, v, characters[v][0]) for v in family for level in levels[:count]],
-                [],
-                "",
-            )
+            performance = performances[g]
+            family = [v for v, own in enumerate(lead) if own == g]
+            homes = [
+                home_of(level, v, characters[v][0]) for v in family for level in levels[:count]
+            ]
+            own = []
+            reason = ""
             if lead[g] != g:
-                posed[g], own = posed[lead[g]], models[lead[g]]
+                posed[g] = posed[lead[g]]
+                own = models[lead[g]]
             elif all(performance.only(action).still for action in played):
                 posed[g] = 1
             else:
@@ -121,7 +126,8 @@ def read_library(scene: bpy.types.Scene, settings) -> Generator[float, None, Lib
                     )
                 reason = " ".join(reasons)
                 if len(own) < len(played):
-                    posed[g], own = POSES, []
+                    posed[g] = POSES
+                    own = []
                     frames = max(
                         last - first
                         for action in played
@@ -150,7 +156,9 @@ def _models(
 
     Returns (models, sentences on how far they are off, or at the end why one cannot be shown).
     """
-    models, told, before = [], [], set(made)
+    models = []
+    told = []
+    before = set(made)
     for k, act in enumerate(acts):
         alike = [
             model for model, known in zip(models, acts, strict=False) if known.parts == act.parts
@@ -185,13 +193,14 @@ def make_cast(
     if read is None:
         read = yield from share(read_library(scene, settings), 0.0, 0.5)
     posed, models, notes, made = read
-    characters, levels = characters_of(scene), settings.levels.children
-    count, trajectory = policy_of(settings).count, trajectory_of(scene)
-    first, finest = (
-        Library(posed).first(trajectory.gaits),
-        policy_of(settings).finest or [0] * len(characters),
-    )
-    cast, done = Cast(posed, [[] for _ in range(count)], notes=notes, wanted=wanted), False
+    characters = characters_of(scene)
+    levels = settings.levels.children
+    count = policy_of(settings).count
+    trajectory = trajectory_of(scene)
+    first = Library(posed).first(trajectory.gaits)
+    finest = policy_of(settings).finest or [0] * len(characters)
+    cast = Cast(posed, [[] for _ in range(count)], notes=notes, wanted=wanted)
+    done = False
     cast.names.update(made)
     performed: dict = {}
     try:
@@ -245,7 +254,8 @@ def _rig(
     gaits = trajectory.gaits
     which, phase_class = divmod(own, gaits.classes)
     action, rate = gaits.plays[group.g][which]
-    model, (span,) = group.models[action], group.performance.only(gaits.actions[action]).spans
+    model = group.models[action]
+    (span,) = group.performance.only(gaits.actions[action]).spans
     title = f"{group.name} {number:05d}"
     key = id(model), rate, phase_class
     if key not in group.made:
@@ -256,14 +266,13 @@ def _rig(
         cast.rigs.extend(made.values())
         cast.names.update((rig, f"{title} {armature}") for armature, rig in made.items())
     made = group.made[key]
-    copies, shown = [], None
+    copies = []
+    shown = None
     for k in of_levels:
         # a group with fewer LODs than others shows its last in their place
         if group.homes[k] != shown:
-            copies, shown = (
-                [rigs.dress(item, model, made) for item in group.homes[k].objects],
-                group.homes[k],
-            )
+            copies = [rigs.dress(item, model, made) for item in group.homes[k].objects]
+            shown = group.homes[k]
             cast.stands_for.update(zip(copies, shown.objects, strict=True))
             cast.names.update(
                 (copy, f"{item.name} {number:05d}")
@@ -282,7 +291,8 @@ def _pose(
     ((first, last),) = act.spans
     act.go_to(group.stage, first + (last - first) * phase)
     depsgraph = group.stage.view_layers[0].depsgraph
-    stills, home = [], None
+    stills = []
+    home = None
     for k in of_levels:
         if group.homes[k] != home:
             home = group.homes[k]
@@ -317,7 +327,8 @@ def _still(
         )
     matrix = Matrix.Translation(-home.instance_offset) @ evaluated.matrix_world
     still = item.copy() if mesh is None or item.type == "MESH" else mesh_data.mesh_like(item, mesh)
-    cast.names[still], cast.stands_for[still] = f"{item.name} {number:05d}", item
+    cast.names[still] = f"{item.name} {number:05d}"
+    cast.stands_for[still] = item
     still.animation_data_clear()
     still.constraints.clear()
     still.parent = None

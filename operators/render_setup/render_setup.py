@@ -28,17 +28,22 @@ from .phase_characters import Cast, Wanted, make_cast
 from .shelves import REMEDY, fill_shelves, level_of, shelves_of
 
 # Custom properties. Of a point object: its LOD and its bucket.
-LEVEL, BUCKET = "crowd_lod_level", "crowd_lod_bucket"
+LEVEL = "crowd_lod_level"
+BUCKET = "crowd_lod_bucket"
 MADE_FROM = "crowd_lod_made_from"  # of the build's collection: the LOD meshes that it shows
 # of the build's collection: see Library, and played_by.numbers
-POSED, PLAYED = "crowd_lod_posed", "crowd_lod_played"
+POSED = "crowd_lod_posed"
+PLAYED = "crowd_lod_played"
 ACTIONS = "crowd_lod_actions"  # of the build's collection: see played_by.actions
 # of the build's collection: see _made_of; what it does not show
-MADE_OF, NOTES = "crowd_lod_made_of", "crowd_lod_notes"
+MADE_OF = "crowd_lod_made_of"
+NOTES = "crowd_lod_notes"
 # of the build's collection: Rate and Opens (render_setup/nodes/baked.py), the first and the last
 # frame
 BAKED = "crowd_lod_baked"
-CAMERAS, LIGHTS = "crowd_lod_cameras", "crowd_lod_lights"  # of a bake: digests for each frame
+# of a bake: digests for each frame
+CAMERAS = "crowd_lod_cameras"
+LIGHTS = "crowd_lod_lights"
 
 UNSEEN_BY = {"LOD": (), "Shadow": ("camera",), "Mirror": ("camera",)}  # kinds of buckets
 
@@ -94,7 +99,8 @@ def check_levels(scene: bpy.types.Scene) -> int:
             f"The scene {scene.name} has no LOD meshes: press Make LOD Meshes in the Levels of "
             f"Detail panel."
         )
-    levels, count = settings.levels.children, policy_of(settings).count
+    levels = settings.levels.children
+    count = policy_of(settings).count
     made = len(levels[0].children) if levels else 0
     if len(levels) < count or made != len(settings.groups):
         raise CrowdError(
@@ -203,7 +209,8 @@ def install(scene: bpy.types.Scene, cast: Cast) -> bpy.types.Collection:
     made = points_of(top)
     for bucket in buckets_of(scene):
         points = made.pop(bucket.name, None) or _points(top, bucket)
-        points[LEVEL], points[BUCKET] = bucket.level, bucket.name
+        points[LEVEL] = bucket.level
+        points[BUCKET] = bucket.name
     bpy.data.batch_remove([block for points in made.values() for block in (points, points.data)])
     dress_all(scene)
     return top
@@ -215,7 +222,8 @@ def told_of_cast(scene: bpy.types.Scene, cast: Cast) -> str:
     Also on edited characters, and on LODs that deviate to fit in Memory for Characters.
     """
     found = [*filter(None, [to_make_again(scene)]), *cast.notes]
-    settings, slides = scene.crowd_lod, trajectory_of(scene).gaits.paces.off
+    settings = scene.crowd_lod
+    slides = trajectory_of(scene).gaits.paces.off
     limited = [group.name for group in settings.groups if group.finest]
     if (
         settings.choice == "BY_TOLERANCE"
@@ -291,7 +299,8 @@ def dress_all(scene: bpy.types.Scene) -> None:
 
 def remove_build(settings) -> None:
     """Remove the build: points, characters, rigs, and otherwise unused node groups."""
-    top, settings.build = _own(settings.id_data), None
+    top = _own(settings.id_data)
+    settings.build = None
     if top is not None:
         unhide_characters(top)
         remove_owned(top)

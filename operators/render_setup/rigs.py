@@ -20,7 +20,9 @@ from ..blender.performance import Performance
 from ..characters.rig_needs import deforming, refusal
 
 FARTHEST = 1_048_574  # frames: Blender's last
-FINEST, MOST_KEYS = 16, 4096  # keys a frame of the action, and in all, at most
+# keys a frame of the action, and in all, at most
+FINEST = 16
+MOST_KEYS = 4096
 # of the character's diagonal: how far what rigs show should be from what the character is
 NEAR = 1e-4
 # of it: how far it may be, where more keys do not help; posed meshes of a long action are farther
@@ -75,13 +77,15 @@ def record(
 
     Yields the progress and returns (armature name -> Bones, object -> matrices (len(times), 4, 4)).
     """
-    armatures, stage = armatures_of(list(actors)), bpy.data.scenes.new("Crowd LOD record")
+    armatures = armatures_of(list(actors))
+    stage = bpy.data.scenes.new("Crowd LOD record")
     # nothing is deformed here, which would take the time
     bare = {item: _bare(actor) for item, actor in actors.items()}
     try:
         for block in (*armatures, *bare.values()):
             stage.collection.objects.link(block)
-        bones, places = {rig.name: Bones() for rig in armatures}, {item: [] for item in actors}
+        bones = {rig.name: Bones() for rig in armatures}
+        places = {item: [] for item in actors}
         wanted = {rig: deforming(rig, list(actors)) for rig in armatures}
         for number, time in enumerate(times):
             performance.go_to(stage, time)
@@ -120,7 +124,8 @@ def _note(own: Bones, rig: bpy.types.Object, wanted: list[str]) -> None:
     """Add the current motion of the evaluated rig's bones `wanted` to `own`."""
     if not wanted:
         return
-    world, bones = np.array(rig.matrix_world, np.float64), rig.pose.bones
+    world = np.array(rig.matrix_world, np.float64)
+    bones = rig.pose.bones
     if own.back is None:
         rests = [np.array(bones[name].bone.matrix_local, np.float64) for name in wanted]
         own.back = np.linalg.inv(rests)
@@ -138,7 +143,8 @@ def _plain(matrix: np.ndarray) -> tuple[np.ndarray, float]:
     left, scales, right = np.linalg.svd(matrix[:3, :3])
     turned = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
     plain = np.eye(4)
-    plain[:3, :3], plain[:3, 3] = turned, matrix[:3, 3]
+    plain[:3, :3] = turned
+    plain[:3, 3] = matrix[:3, 3]
     return plain, float(scales.mean())
 
 
@@ -159,7 +165,9 @@ def model_of(
     """
     shift = np.eye(4)
     shift[:3, 3] = -np.asarray(origin)
-    back, carried, tracks = np.linalg.inv(shift), {}, Bones()
+    back = np.linalg.inv(shift)
+    carried = {}
+    tracks = Bones()
     bones_of: dict[bytes, str] = {}  # LODs of one object move alike
     for number, (item, matrices) in enumerate(places.items()):
         moves = matrices @ np.linalg.pinv(matrices[0])
@@ -198,7 +206,8 @@ def _armature(
 ) -> bpy.types.Armature:
     """Return armature data with bones at `rest`, matrices (4, 4), none with a parent."""
     data = bpy.data.armatures.new(name)
-    holder, stage = bpy.data.objects.new(name, data), bpy.data.scenes.new("Crowd LOD rig")
+    holder = bpy.data.objects.new(name, data)
+    stage = bpy.data.scenes.new("Crowd LOD rig")
     try:
         stage.collection.objects.link(holder)
         layer = stage.view_layers[0]
@@ -274,8 +283,10 @@ def perform(
         track = rig.animation_data_create().nla_tracks.new()
         # which plays its one slot; to set that crashes Blender
         strip = track.strips.new("Phase", 0, action)
-        strip.use_animated_time, strip.extrapolation = True, "HOLD"
-        strip.frame_start_ui, strip.frame_end_ui = -FARTHEST, FARTHEST
+        strip.use_animated_time = True
+        strip.extrapolation = "HOLD"
+        strip.frame_start_ui = -FARTHEST
+        strip.frame_end_ui = FARTHEST
         time = strip.fcurves.find("strip_time")
         if rate:
             begin = -phase / rate
@@ -298,10 +309,14 @@ def dress(
     copy.animation_data_clear()
     copy.constraints.clear()
     bent_by = item.parent if item.parent_type == "ARMATURE" else None
-    copy.parent, copy.parent_type = None, "OBJECT"
+    copy.parent = None
+    copy.parent_type = "OBJECT"
     if item in model.carried:
-        rig, bone = rigs[TRACKS], model.carried[item]
-        copy.parent, copy.parent_type, copy.parent_bone = rig, "BONE", bone
+        rig = rigs[TRACKS]
+        bone = model.carried[item]
+        copy.parent = rig
+        copy.parent_type = "BONE"
+        copy.parent_bone = bone
         rest = rig.data.bones[bone]
         copy.matrix_parent_inverse = (
             rest.matrix_local @ Matrix.Translation((0.0, rest.length, 0.0))
@@ -324,7 +339,8 @@ def shown_off(copies: dict, actors: dict, stage: bpy.types.Scene, origin: np.nda
 
     Infinite if the numbers of vertices differ.
     """
-    depsgraph, worst = stage.view_layers[0].depsgraph, 0.0
+    depsgraph = stage.view_layers[0].depsgraph
+    worst = 0.0
     for item, copy in copies.items():
         mine, own = (
             mesh_data.world_points(each.evaluated_get(depsgraph)) for each in (copy, actors[item])
@@ -365,17 +381,19 @@ def modeled(
     Yields the progress. Returns (Model, a sentence on how far off it is if that is more than NEAR),
     or (None, the reason why no rigs can show it).
     """
-    actors, origin, diagonal = (
-        who.actors,
-        np.array(who.homes[0].instance_offset, np.float64),
-        who.diagonal,
-    )
-    (span,), (played,) = performance.spans, performance.names
+    actors = who.actors
+    origin = np.array(who.homes[0].instance_offset, np.float64)
+    diagonal = who.diagonal
+    (span,) = performance.spans
+    (played,) = performance.names
     name = f"{who.name} {played}".rstrip()
     reason = refusal(list(actors))
     if reason:
         return None, reason
-    frames, keys, best, nearest = max(span[1] - span[0], 1.0), 1, None, np.inf
+    frames = max(span[1] - span[0], 1.0)
+    keys = 1
+    best = None
+    nearest = np.inf
     most = int(np.clip(MOST_KEYS / frames, 1, FINEST))
     while True:
         times = performance.keys(keys)
@@ -444,7 +462,8 @@ def _off(model: Model, who: Acting, performance: Performance, looks: np.ndarray)
     """Return how far off a rig of `model` shows the character at the moments `looks`, at most,
     meters.
     """
-    (span,), origin = performance.spans, np.array(who.homes[0].instance_offset, np.float64)
+    (span,) = performance.spans
+    origin = np.array(who.homes[0].instance_offset, np.float64)
     length = max(span[1] - span[0], 1.0)
     rigs = perform(model, "Crowd LOD trial", 1 / length, -span[0] / length, span)
     copies = {item: dress(item, model, rigs, actor) for item, actor in who.actors.items()}

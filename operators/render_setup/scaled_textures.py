@@ -56,9 +56,11 @@ def shown_images(scene: bpy.types.Scene, settings) -> dict[bpy.types.Object, Lev
 
     They are halved if Scale Textures is on.
     """
-    pixels, found = _pixels(scene, settings) if settings.scale_textures else {}, {}
+    pixels = _pixels(scene, settings) if settings.scale_textures else {}
+    found = {}
     for item in settings.levels.all_objects:
-        far, own = item.type == "MESH" and pixels.get(item, 0) > 0, set()
+        far = item.type == "MESH" and pixels.get(item, 0) > 0
+        own = set()
         for number, slot in enumerate(item.material_slots):
             halved = dict(_levels(item, number, pixels[item], {})) if far else {}
             own |= {(image, halved.get(image, 0)) for image in _images([slot.material])}
@@ -88,7 +90,10 @@ def scale_textures(
     Yields 1.0; returns (bytes before, bytes after, sentences).
     """
     before = image_bytes({slot.material for copy in shown for slot in copy.material_slots})
-    pixels, levels, left, wanted = _pixels(scene, settings), {}, {}, {}
+    pixels = _pixels(scene, settings)
+    levels = {}
+    left = {}
+    wanted = {}
     yield 1.0
     for copy, item in shown.items():
         if copy.type == "MESH" and pixels[item] > 0 and item not in levels:
@@ -125,7 +130,9 @@ def _pixels(scene: bpy.types.Scene, settings) -> dict[bpy.types.Object, float]:
 
     0 for the finest LOD.
     """
-    policy, trajectory, found = policy_of(settings), trajectory_of(scene), {}
+    policy = policy_of(settings)
+    trajectory = trajectory_of(scene)
+    found = {}
     bias = bias_of(settings)
     farther = 1.0 if bias is None else 4.0 ** (1 - 2 * float(bias.values.min()))
     radius = trajectory.spheres.radius
@@ -203,9 +210,12 @@ def _levels(
 
     left: gets the images that cannot be halved, and why.
     """
-    material, found = copy.material_slots[slot].material, {}
+    material = copy.material_slots[slot].material
+    found = {}
     for node, path in _textures(material.node_tree) if material else ():
-        image, at, times = node.image, _coordinates(node.inputs["Vector"], path), 0
+        image = node.image
+        at = _coordinates(node.inputs["Vector"], path)
+        times = 0
         if image.source in UNSTILL:
             left[image] = UNSTILL[image.source]
         elif not image.size[0] * image.size[1] or not len(image.pixels):
@@ -271,7 +281,8 @@ def _scaled(image: bpy.types.Image, times: int, names: dict) -> bpy.types.Image:
     made = bpy.data.images.new(
         title, *pixels.shape[1::-1], alpha=True, float_buffer=image.is_float, is_data=space.is_data
     )
-    names[made], made[SCALED] = title, mark
+    names[made] = title
+    made[SCALED] = mark
     if not image.is_float:
         # floats are linear as they are held, and colors multiplied by alpha
         made.colorspace_settings.name = space.name

@@ -13,7 +13,8 @@ from .view_layers import exclude, show_where_characters_are
 
 # Custom properties: of the collection of all characters, and of a LOD's collection in it; of the
 # collection of all rigs in that.
-LIBRARY, RIGS = "crowd_lod_library", "crowd_lod_rigs"
+LIBRARY = "crowd_lod_library"
+RIGS = "crowd_lod_rigs"
 REMEDY = "press Remove Build, then Build again"  # where a custom property of a build is spoilt
 
 
@@ -28,8 +29,10 @@ def fill_shelves(scene: bpy.types.Scene, top: bpy.types.Collection, cast: Cast) 
             view_layer.update()  # a scene that was never evaluated has no layer collections yet
             exclude(view_layer.layer_collection, library)
         show_where_characters_are(scene)
-    shelves, levels = shelves_of(top), len(cast.collections)
-    gone, spare = bpy.data.collections.new("Crowd LOD"), {}
+    shelves = shelves_of(top)
+    levels = len(cast.collections)
+    gone = bpy.data.collections.new("Crowd LOD")
+    spare = {}
     # what the user put into characters is to stay in this scene
     scene.collection.children.link(gone)
     for level, shelf in list(shelves.items()):
@@ -38,10 +41,8 @@ def fill_shelves(scene: bpy.types.Scene, top: bpy.types.Collection, cast: Cast) 
             gone.children.link(shelves.pop(level))
     for level, characters in enumerate(cast.collections):
         if level not in shelves:
-            shelves[level], spare[level] = (
-                _library(library, f"Crowd LOD {level} characters", LIBRARY, level),
-                [],
-            )
+            shelves[level] = _library(library, f"Crowd LOD {level} characters", LIBRARY, level)
+            spare[level] = []
         for home in spare[level][len(characters) :]:
             shelves[level].children.unlink(home)
             gone.children.link(home)
@@ -74,7 +75,8 @@ def _fill(
         home.name = "Crowd LOD character"  # none keeps what another is to be called
     for number, (name, items) in enumerate(characters):
         home = homes[number] if number < len(homes) else bpy.data.collections.new(name)
-        home.name, home[OWNED] = name, True
+        home.name = name
+        home[OWNED] = True
         for item in items:
             home.objects.link(item)
         if number >= len(homes):
@@ -104,7 +106,8 @@ def _emptied(shelf: bpy.types.Collection, gone: bpy.types.Collection) -> list[bp
 
 def _library(parent: bpy.types.Collection, name: str, key: str, level: int) -> bpy.types.Collection:
     made = bpy.data.collections.new(name)
-    made[OWNED], made[key] = True, level
+    made[OWNED] = True
+    made[key] = level
     parent.children.link(made)
     return made
 

@@ -49,7 +49,8 @@ def changed(scene: bpy.types.Scene) -> list[str]:
 
     The answer may be a second old: the sidebar asks whenever it is drawn.
     """
-    build, now = scene.crowd_lod.build, clock.monotonic()
+    build = scene.crowd_lod.build
+    now = clock.monotonic()
     if build is None or not isinstance(build.get(MADE_FOR), str):
         return []
     looked, found = _known.get(scene.session_uid, (-LOOK, []))
@@ -72,8 +73,10 @@ def _compared(scene: bpy.types.Scene, build: bpy.types.Collection) -> list[str]:
 
 def _other_in_frame(scene: bpy.types.Scene, bake: bpy.types.Collection) -> list[str]:
     """Return what of the scene's frame is other than when it was baked: the camera, the lights."""
-    frame, depsgraph = str(scene.frame_current), scene.view_layers[0].depsgraph
-    cameras, around = provenance.kept_in(bake, CAMERAS), provenance.kept_in(bake, LIGHTS)
+    frame = str(scene.frame_current)
+    depsgraph = scene.view_layers[0].depsgraph
+    cameras = provenance.kept_in(bake, CAMERAS)
+    around = provenance.kept_in(bake, LIGHTS)
     found = []
     if frame in cameras and cameras[frame] != cameras_digest(read_cameras(scene, depsgraph)):
         found.append("the camera")
@@ -87,7 +90,9 @@ def _other_in_frame(scene: bpy.types.Scene, bake: bpy.types.Collection) -> list[
 
 def _now(scene: bpy.types.Scene) -> dict[str, str]:
     """Return digests of what a build depends on, by name."""
-    settings, render, trajectory = scene.crowd_lod, scene.render, trajectory_of(scene)
+    settings = scene.crowd_lod
+    render = scene.render
+    trajectory = trajectory_of(scene)
     bias = bias_of(settings)
     known = made_for(settings, trajectory, policy_of(settings), bias)
     mirrors = settings.mirrors and settings.mirrors.name

@@ -45,7 +45,8 @@ def error(
     with outputs.staged(folder) as stage:
         cameras.active_camera(scene)
         store_groups(scene.crowd_lod, measure_groups(scene))
-        trajectory, policy = trajectory_of(scene), policy_of(scene.crowd_lod)
+        trajectory = trajectory_of(scene)
+        policy = policy_of(scene.crowd_lod)
         frames = scene_data.frames_of(scene, scene.crowd_lod.step)
         chosen = evenly(frames, VIEWS)
         seen = cameras.cameras_at(scene, chosen)
@@ -58,7 +59,8 @@ def error(
             (error_vs_runtime.some(trajectory.at(f), MOST_AGENTS), c)
             for f, c in zip(chosen, seen, strict=True)
         ]
-        center, radius = trajectory.spheres.center, trajectory.spheres.radius
+        center = trajectory.spheres.center
+        radius = trajectory.spheres.radius
         walks = walks_of(trajectory)
         if not walks:
             raise CrowdError(
@@ -90,7 +92,8 @@ def error(
                 0.15,
             ),
         }
-        tables, done = {}, 0.0
+        tables = {}
+        done = 0.0
         for name, (rows, about, share) in parts.items():
             tables[name] = []
             for row in rows:
@@ -244,7 +247,8 @@ def lenses(pairs: int, seed: int) -> Generator[float, None, list[dict[str, Any]]
     rows = []
     for lens in culling_audit.LENSES:
         v = culling_audit.audit(lens, -(-pairs // len(culling_audit.LENSES)), seed)
-        surplus, beside = 100 * v.surplus / max(v.kept, 1), 100 * v.beside / max(v.visible, 1)
+        surplus = 100 * v.surplus / max(v.kept, 1)
+        beside = 100 * v.beside / max(v.visible, 1)
         counts = {"pairs": v.pairs, "visible": v.visible, "missed": v.missed}
         rows.append(
             {

@@ -22,7 +22,8 @@ from ..render_setup.nodes import trees
 SAMPLES = 4  # a pixel
 # pixels of a crop across the shift that is allowed, as far as its larger side then has no more than
 # LARGEST; a pixel of the final picture has one at least
-ACROSS, LARGEST = 8, 600
+ACROSS = 8
+LARGEST = 600
 MOST_FINER = 32  # pixels of a crop in one of the final picture, along each axis
 ERROR = 1.0  # pixels of a crop by which a shift between two of them errs, see silhouette.shift
 # of 1, encoded as sRGB: by how much the mean color of an agent may be off. LODs of textured and
@@ -68,15 +69,23 @@ class LoneStage:
         self.stage = bpy.data.scenes.new("Crowd LOD lone agent")
         self.path = folder / "lone_agent.exr"
         self.stage[STAGE] = True
-        render, cycles, own = self.stage.render, self.stage.cycles, scene.render
+        render = self.stage.render
+        cycles = self.stage.cycles
+        own = scene.render
         for name in ("fps", "fps_base", "frame_map_old", "frame_map_new"):
             setattr(render, name, getattr(own, name))
-        render.engine, render.film_transparent, render.resolution_percentage = "CYCLES", True, 100
+        render.engine = "CYCLES"
+        render.film_transparent = True
+        render.resolution_percentage = 100
         render.image_settings.file_format = "OPEN_EXR"
-        render.image_settings.color_mode, render.image_settings.color_depth = "RGBA", "32"
-        cycles.device, cycles.samples, cycles.max_bounces = "CPU", SAMPLES, 0
+        render.image_settings.color_mode = "RGBA"
+        render.image_settings.color_depth = "32"
+        cycles.device = "CPU"
+        cycles.samples = SAMPLES
+        cycles.max_bounces = 0
         cycles.use_adaptive_sampling = cycles.use_denoising = False
-        cycles.pixel_filter_type, cycles.seed = "BOX", 0
+        cycles.pixel_filter_type = "BOX"
+        cycles.seed = 0
         self.camera = bpy.data.objects.new("Crowd LOD lone", bpy.data.cameras.new("Crowd LOD lone"))
         self.sun = bpy.data.objects.new(
             "Crowd LOD lone", bpy.data.lights.new("Crowd LOD lone", "SUN")
@@ -88,9 +97,12 @@ class LoneStage:
 
     def look(self, camera: Camera, window: Window, size: tuple[int, int]) -> None:
         """Look through the `window` of a perspective or orthographic camera, with `size` pixels."""
-        data, wide = self.camera.data, window.right - window.left
-        data.type, data.sensor_fit = camera.kind, "HORIZONTAL"
-        data.clip_start, data.clip_end = camera.near, camera.far
+        data = self.camera.data
+        wide = window.right - window.left
+        data.type = camera.kind
+        data.sensor_fit = "HORIZONTAL"
+        data.clip_start = camera.near
+        data.clip_end = camera.far
         if camera.kind == "ORTHO":
             data.ortho_scale = wide
         else:
@@ -108,7 +120,8 @@ class LoneStage:
 
         None is nobody.
         """
-        width, height = self.stage.render.resolution_x, self.stage.render.resolution_y
+        width = self.stage.render.resolution_x
+        height = self.stage.render.resolution_y
         if agent is None:
             return np.zeros((height, width, 4), np.float32)
         with cleanup.scratch():
@@ -171,7 +184,8 @@ def lone_crops(
 
 def _finer(judged: JudgedAgent) -> tuple[float, Window, tuple[int, int]]:
     """Return (pixels of the crop in one of the final picture, the crop's window, its size)."""
-    window, density = judged.window, judged.camera.pixels_per_unit
+    window = judged.window
+    density = judged.camera.pixels_per_unit
     side = density * max(window.right - window.left, window.top - window.bottom)
     finer = min(MOST_FINER, ACROSS / max(judged.allowed or 1.0, 1e-6), LARGEST / side)
     finer = max(finer, 1.0)
@@ -179,7 +193,8 @@ def _finer(judged: JudgedAgent) -> tuple[float, Window, tuple[int, int]]:
         max(1, int(np.ceil(extent * density * finer)))
         for extent in (window.right - window.left, window.top - window.bottom)
     )
-    right, top = window.left + columns / density / finer, window.bottom + rows / density / finer
+    right = window.left + columns / density / finer
+    top = window.bottom + rows / density / finer
     return finer, Window(window.left, right, window.bottom, top), (columns, rows)
 
 

@@ -31,7 +31,8 @@ def plan_json(
     characters: of lod_table.tables.
     notes: sentences on what the pictures show.
     """
-    stage, wanted = staged.stage, staged.wanted
+    stage = staged.stage
+    wanted = staged.wanted
     told = yield from scene_json(staged.scene, stage, command, wanted.frames[-1], characters)
     return told | {
         "preview": {
@@ -57,7 +58,8 @@ def _left_out(
     engine: what renders the pictures.
     """
     stage.render.engine = engine
-    trajectory, settings = trajectory_of(stage), stage.crowd_lod
+    trajectory = trajectory_of(stage)
+    settings = stage.crowd_lod
     stage.frame_set(number)
     eyes = cameras.read_cameras(stage, stage.view_layers[0].depsgraph)
     bias = bias_of(settings)

@@ -96,15 +96,14 @@ def set_up(stage: bpy.types.Scene, wanted: Preview) -> None:
     stage[STAGE] = True
     render = stage.render
     height = max(1, round(wanted.width * render.resolution_y / render.resolution_x))
-    render.resolution_x, render.resolution_y, render.resolution_percentage = (
-        wanted.width,
-        height,
-        100,
-    )
+    render.resolution_x = wanted.width
+    render.resolution_y = height
+    render.resolution_percentage = 100
     render.use_border = render.use_multiview = render.use_compositing = render.use_sequencer = False
     render.use_motion_blur = False
     render.image_settings.file_format = "PNG"
-    render.image_settings.color_mode, render.image_settings.color_depth = "RGB", "8"
+    render.image_settings.color_mode = "RGB"
+    render.image_settings.color_depth = "8"
     for name in dir(render):
         if name.startswith("use_stamp_"):
             setattr(render, name, name in ("use_stamp_frame", "use_stamp_note"))
@@ -116,8 +115,10 @@ def set_up(stage: bpy.types.Scene, wanted: Preview) -> None:
     if wanted.engine == "OVERLAY":
         stage.crowd_lod.overlay_color = wanted.color
     if wanted.color != "MATERIAL":
-        stage.view_settings.view_transform, stage.view_settings.look = "Standard", "None"
-        stage.view_settings.exposure, stage.view_settings.gamma = 0, 1
+        stage.view_settings.view_transform = "Standard"
+        stage.view_settings.look = "None"
+        stage.view_settings.exposure = 0
+        stage.view_settings.gamma = 1
         stage.world = _world()
     if wanted.engine == "CYCLES":
         stage.cycles.samples = min(stage.cycles.samples, 16)
@@ -144,7 +145,8 @@ def sized(render: bpy.types.RenderSettings, size: tuple[int, int]) -> Iterator[N
 def shade(stage: bpy.types.Scene, color: str, light: str) -> None:
     """Set the solid shading of `stage`: its color type and its light, by Blender's names."""
     shading = stage.display.shading
-    shading.color_type, shading.light = color, light
+    shading.color_type = color
+    shading.light = light
     shading.show_shadows = shading.show_cavity = shading.show_object_outline = shading.show_xray = (
         False
     )
@@ -157,7 +159,10 @@ class Rendered:
     notes = ()
 
     def __init__(self, stage: bpy.types.Scene, wanted: Preview):
-        self.stage, self.layer, self.wanted, self.built = stage, stage.view_layers[0], wanted, None
+        self.stage = stage
+        self.layer = stage.view_layers[0]
+        self.wanted = wanted
+        self.built = None
         self.tint = (
             _tint_material() if wanted.color == "LOD" and wanted.engine != "WORKBENCH" else None
         )
@@ -165,7 +170,8 @@ class Rendered:
     def prepare(self) -> Iterator[float]:
         yield from render_setup.build(self.stage)
         # else it would follow each change of frame, and the frame's own times be those of a cache
-        self.built, self.stage.crowd_lod.build = self.stage.crowd_lod.build, None
+        self.built = self.stage.crowd_lod.build
+        self.stage.crowd_lod.build = None
 
     def place(self, frame: Frame) -> None:
         self.stage.crowd_lod.build = self.built

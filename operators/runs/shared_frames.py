@@ -181,7 +181,8 @@ def allowed(jobs: int) -> int:
     """Return how many of `jobs` processes like this one, which is one of them, the machine's memory
     holds.
     """
-    free, own = _free_memory(), _own_memory()
+    free = _free_memory()
+    own = _own_memory()
     return jobs if free is None or own is None else min(jobs, 1 + int(free / max(own, 1)))
 
 

@@ -82,7 +82,8 @@ def verify(
             "The frames are rendered with Cycles: enable the add-on Cycles Render Engine in the "
             "preferences."
         )
-    own, groups = scene.crowd_lod, groups_of(scene.crowd_lod)
+    own = scene.crowd_lod
+    groups = groups_of(scene.crowd_lod)
     with ExitStack() as opened:
         folder = opened.enter_context(sharing.opened(wanted.folder))
         layer = scene.view_layers[0]
@@ -104,7 +105,8 @@ def verify(
         opened.callback(setattr, scene, "world", scene.world)
         # what is missing is named before anything is set
         cameras.active_camera(scene), characters_of(scene)
-        left_out, not_proved = _never_shown(scene), _not_proved(scene, wanted)
+        left_out = _never_shown(scene)
+        not_proved = _not_proved(scene, wanted)
         proved = build_of(scene, wanted.frames if sharing.part is None else sharing.part)
         left_out += _unlike_renders(scene, proved)
         if proved.kind == BAKE and scene.render.engine == "BLENDER_WORKBENCH":
@@ -199,18 +201,19 @@ class _Run:
         """Build the crowd at full detail, and with its LODs if no build is there: yield the
         progress.
         """
-        scene, own = self.scene, self.scene.crowd_lod
-        every, count = range(2**31), policy_of(own).count
+        scene = self.scene
+        own = self.scene.crowd_lod
+        every = range(2**31)
+        count = policy_of(own).count
         # also of LODs that are left out to save memory: they are what is proved
         yield from render_setup.build(
             scene, [every, *([every if self.proved.kind == MADE else ()] * (count - 1))]
         )
         bake.mark(scene, self.wanted.frames)  # with motion blur its points move by themselves
         render_setup.dress_all(scene)
-        self.full, own.build = (
-            own.build,
-            None,
-        )  # it holds what is written here, not what the frame asks
+        # it holds what is written here, not what the frame asks
+        self.full = own.build
+        own.build = None
         add_twins(scene, self.full)
         if self.proved.kind == MADE:
             self.proved = ProvedBuild(self.full)
@@ -229,7 +232,8 @@ class _Run:
         """Verify one frame: yield the progress, return (what is told of it, its pictures); see
         FrameParts.put.
         """
-        scene, trajectory = self.scene, trajectory_of(self.scene)
+        scene = self.scene
+        trajectory = trajectory_of(self.scene)
         time = scene_data.remapped(scene.render, number)
         yield from share(approach(trajectory, time), 0.0, 0.1)
         film, around, shutter = lights.read_moment(scene, time, self.at)
@@ -284,7 +288,9 @@ class _Run:
         rows: the points that the build shows.
         seen: its agents by kind of bucket.
         """
-        scene, bounces, row = self.scene, self.wanted.bounces, {}
+        scene = self.scene
+        bounces = self.wanted.bounces
+        row = {}
         members = {
             "a": {"LOD 0": everyone_there(planned)},
             "b": {f"{kind} 0": agents for kind, agents in seen.items()},
@@ -293,7 +299,8 @@ class _Run:
         worlds = scene.world, dark_world(scene.world)
         for times, count in enumerate((0, bounces)[: 1 + (bounces > 0)]):
             light_by(scene, count, worlds)
-            ending, shot = "_bounces" if count else "", {}
+            ending = "_bounces" if count else ""
+            shot = {}
             for done, name in enumerate(PICTURES):
                 if name in members:
                     self._write(
@@ -349,10 +356,8 @@ class _Run:
         chosen = choose_agents(
             planned, agents[known], levels[known], tolerance, number, self.wanted.agents
         )
-        built, full = (
-            render_setup.points_of(self.proved.top),
-            render_setup.points_of(self.full)["LOD 0"],
-        )
+        built = render_setup.points_of(self.proved.top)
+        full = render_setup.points_of(self.full)["LOD 0"]
         pairs = []
         for judged in chosen:
             alone = columns_of_members(
@@ -392,7 +397,8 @@ def told_of_build(proved: ProvedBuild, rows: list[dict]) -> dict[str, Any]:
 
 def _never_shown(scene: bpy.types.Scene) -> list[str]:
     """Return sentences on what the pictures cannot show as renders of `scene` do."""
-    render, said = scene.render, []
+    render = scene.render
+    said = []
     if render.use_motion_blur and render.motion_blur_shutter > LONGEST_SHUTTER:
         said.append(
             f"The shutter was open for {LONGEST_SHUTTER:g} frames, not "
@@ -422,7 +428,8 @@ def _not_proved(scene: bpy.types.Scene, wanted: Verify) -> list[str]:
 
     Call it before the scene is set up.
     """
-    render, (width, height) = scene.render, cameras.image_size(scene.render)
+    render = scene.render
+    width, height = cameras.image_size(scene.render)
     found = ["other frames"]
     if wanted.bounces:
         found.append(f"more than {counted(wanted.bounces, 'bounce')} of light")
