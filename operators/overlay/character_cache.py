@@ -71,19 +71,19 @@ def casting_of(scene: bpy.types.Scene) -> Casting | None:
     if levels is None or not levels.children or not levels.children[0].children:
         _castings.pop(scene.session_uid, None)
         return None
-    known = _castings.get(scene.session_uid)
+    casting = _castings.get(scene.session_uid)
     now = clock.monotonic()
-    if known is None or now > known.looked + LOOK_AGAIN:
+    if casting is None or now > casting.looked + LOOK_AGAIN:
         key, looks = _key(scene)
         # to read pixels takes milliseconds
-        seen = known is None or scene.crowd_lod.overlay_color == "MATERIAL"
-        painted = _painted(looks.sources) if seen else known.painted
-        if known is None or (known.key, known.painted) != (key, painted):
-            known = _castings[scene.session_uid] = Casting(key, painted, now)
-        known.looked = now
-    if not known.ready and not bpy.app.timers.is_registered(bake_some):
+        seen = casting is None or scene.crowd_lod.overlay_color == "MATERIAL"
+        painted = _painted(looks.sources) if seen else casting.painted
+        if casting is None or (casting.key, casting.painted) != (key, painted):
+            casting = _castings[scene.session_uid] = Casting(key, painted, now)
+        casting.looked = now
+    if not casting.ready and not bpy.app.timers.is_registered(bake_some):
         bpy.app.timers.register(bake_some)
-    return known
+    return casting
 
 
 def read(scene: bpy.types.Scene) -> Iterator[float]:
@@ -235,9 +235,9 @@ def _named(group: str, items: list[bpy.types.Object], names: tuple[str, ...]) ->
 
 def _painted(images: list[bpy.types.Image]) -> int:
     """Return a checksum of the images' pixels."""
-    found = 0
+    total = 0
     for image in images:
         values = np.empty(len(image.pixels), np.float32)
         image.pixels.foreach_get(values)
-        found = zlib.crc32(values, found)
-    return found
+        total = zlib.crc32(values, total)
+    return total

@@ -102,10 +102,10 @@ def drawing(
     center = frame.trajectory.spheres.center
     radius = frame.trajectory.spheres.radius
     points = style.mode == "POINTS"
-    seen = len(frame.buckets.order) if points else 0
+    visible = len(frame.buckets.order) if points else 0
     culled = np.arange(0, len(crowd) if style.culled else 0, -(-len(crowd) // MOST_CULLED) or 1)
     culled = culled[frame.culled[culled]] if len(culled) else culled
-    order = np.concatenate([frame.buckets.order[:seen], culled])
+    order = np.concatenate([frame.buckets.order[:visible], culled])
     group = crowd.group[order]
     agents, draws, plays = (
         (np.empty((0, 8), np.float32), (), ()) if points else _instances(frame, colors, fades)
@@ -115,14 +115,14 @@ def drawing(
         crowd.places(center, order, origin), axis=1, dtype=np.float32, casting="same_kind"
     )
     tints = np.empty((len(order), 4), np.float32)
-    tints[:seen] = colors.palette[colors.index[order[:seen]]]
-    tints[seen:] = CULLED
+    tints[:visible] = colors.palette[colors.index[order[:visible]]]
+    tints[visible:] = CULLED
     if colors.culled:
-        tints[seen:, :3] = colors.palette[colors.index[order[seen:]], :3]
+        tints[visible:, :3] = colors.palette[colors.index[order[visible:]], :3]
 
     largest = float(radius.max()) or 1.0
     sizes = (radius / largest).astype(np.float32)[group]
-    sizes[seen:] *= CULLED_SIZE
+    sizes[visible:] *= CULLED_SIZE
 
     lines, line_colors = frustum_lines(frame.camera, frame.begins)
     return Drawing(
@@ -155,10 +155,10 @@ def _instances(
         finer, share = (values[order] for values in fades)
         # so that both LODs hold it to the bit
         share = (share * SHARES).round().clip(share > 0, SHARES - 1) / SHARES
-        both = np.flatnonzero(share > 0)
-        levels = np.concatenate([finer, finer[both] + np.uint8(1)])
-        shares = np.concatenate([-share, share[both]])
-        order = np.concatenate([order, order[both]])
+        fading = np.flatnonzero(share > 0)
+        levels = np.concatenate([finer, finer[fading] + np.uint8(1)])
+        shares = np.concatenate([-share, share[fading]])
+        order = np.concatenate([order, order[fading]])
     draw = levels.astype(np.uint16) * np.uint16(256) + crowd.group[order]
     gaits = frame.trajectory.gaits
     actions = len(gaits.actions)

@@ -98,33 +98,33 @@ class Batches:
     nbytes: bytes of the Drawing's arrays.
     """
 
-    def __init__(self, what: Drawing, cast: Cast | None = None, before: "Batches | None" = None):
-        """Upload the Drawing `what`.
+    def __init__(self, drawing: Drawing, cast: Cast | None = None, before: "Batches | None" = None):
+        """Upload the Drawing `drawing`.
 
         cast: the characters or boxes to instance; None draws points and lines alone.
         before: an earlier Batches; every texture or batch whose arrays are equal is reused from it.
         """
         from gpu.types import Buffer, GPUUniformBuf
 
-        self.origin = what.origin
-        self.diameter = what.diameter
+        self.origin = drawing.origin
+        self.diameter = drawing.diameter
         self.cast = cast
-        self.draws = what.draws if cast is not None else ()
-        self.materials = what.materials
-        self.plays = what.plays or ("",) * len(what.draws)
-        self.fading = what.fading
-        self.nbytes = what.nbytes
+        self.draws = drawing.draws if cast is not None else ()
+        self.materials = drawing.materials
+        self.plays = drawing.plays or ("",) * len(drawing.draws)
+        self.fading = drawing.fading
+        self.nbytes = drawing.nbytes
         self._made: dict[str, tuple] = {}
         if self.draws:
             self.agents = self._make(
-                "agents", before, _agent_texture, what.agents, np.array(what.turn)
+                "agents", before, _agent_texture, drawing.agents, np.array(drawing.turn)
             )
-            self.palette = self._make("palette", before, _palette_texture, what.palette)
+            self.palette = self._make("palette", before, _palette_texture, drawing.palette)
             self.view = GPUUniformBuf(Buffer("FLOAT", 20))
         self.points = self._make(
-            "points", before, _point_batch, what.positions, what.colors, what.sizes
+            "points", before, _point_batch, drawing.positions, drawing.colors, drawing.sizes
         )
-        self.lines = self._make("lines", before, _line_batch, what.lines, what.line_colors)
+        self.lines = self._make("lines", before, _line_batch, drawing.lines, drawing.line_colors)
 
     def _make(
         self, name: str, before: "Batches | None", make: Callable, *arrays: np.ndarray

@@ -67,36 +67,38 @@ def figures(
     agents = frame.crowd.there
     visible = len(frame.buckets.order)
     culled = (agents - visible) / agents if agents else 0.0
-    said = [Line(f"{counted(agents, 'agent')}, {visible:,} visible, {culled:.1%} culled")]
+    lines = [Line(f"{counted(agents, 'agent')}, {visible:,} visible, {culled:.1%} culled")]
     counts = enumerate(frame.buckets.counts)
-    said += [
+    lines += [
         Line(f"LOD {k}  {count:,}", colors.of_name(k) if colors.by_lod else None)
         for k, count in counts
     ]
-    said += [] if colors.by_lod else legend(colors)
-    said += map(Line, notes)
+    lines += [] if colors.by_lod else legend(colors)
+    lines += map(Line, notes)
     if frame.full_triangles:
-        said.append(Line(f"Vertices  {share(frame.vertices, frame.full_vertices)} without LOD"))
-        said.append(Line(f"Triangles  {share(frame.triangles, frame.full_triangles)} without LOD"))
+        lines.append(Line(f"Vertices  {share(frame.vertices, frame.full_vertices)} without LOD"))
+        lines.append(Line(f"Triangles  {share(frame.triangles, frame.full_triangles)} without LOD"))
     times = frame.milliseconds | {"drawing": drawing}
-    said.append(Line(", ".join(f"{STAGES[stage]} {ms:.2f}" for stage, ms in times.items()) + " ms"))
+    lines.append(
+        Line(", ".join(f"{STAGES[stage]} {ms:.2f}" for stage, ms in times.items()) + " ms")
+    )
     state = sum(column.nbytes for column in frame.crowd.columns.values())
-    said.append(Line(f"{size(state)} of agents' state, {size(gpu_bytes)} on the GPU"))
+    lines.append(Line(f"{size(state)} of agents' state, {size(gpu_bytes)} on the GPU"))
     if account is not None:
-        said.append(
+        lines.append(
             Line(
                 ", ".join(f"{name} {value}" for name, value in told(account)),
                 colors.of_agent(account.agent, account.visible),
             )
         )
     if frame.dropped:
-        said.append(
+        lines.append(
             Line(
                 f"{counted(frame.dropped, 'agent')} at NaN or infinity "
                 f"{'is' if frame.dropped == 1 else 'are'} left out."
             )
         )
-    return tuple(said)
+    return tuple(lines)
 
 
 def legend(colors: Colors) -> list[Line]:
@@ -147,20 +149,24 @@ def size(count: int) -> str:
     )
 
 
-def broken(said: Sequence[Line], letters: int, rows: int) -> list[Line]:
-    """Return `said` wrapped to lines of at most `letters` characters.
+def broken(lines: Sequence[Line], letters: int, rows: int) -> list[Line]:
+    """Return `lines` wrapped to lines of at most `letters` characters.
 
     rows: the most lines returned; if there are more, the last one is "...".
     """
-    found = []
-    for line in said:
+    broken_lines = []
+    for line in lines:
         first, *rest = textwrap.wrap(line.text, max(3, letters), subsequent_indent="  ") or [""]
-        found += [Line(first, line.color), *map(Line, rest)]
-    return found if len(found) <= rows else [*found[: max(0, rows - 1)], Line("...")][:rows]
+        broken_lines += [Line(first, line.color), *map(Line, rest)]
+    return (
+        broken_lines
+        if len(broken_lines) <= rows
+        else [*broken_lines[: max(0, rows - 1)], Line("...")][:rows]
+    )
 
 
 def write(
-    said: Sequence[Line], box: tuple[float, float, float, float], ui_scale: float
+    lines: Sequence[Line], box: tuple[float, float, float, float], ui_scale: float
 ) -> tuple[float, float]:
     """Write lines of text from the top down into a box of the region being drawn.
 
@@ -175,7 +181,7 @@ def write(
     line = LINE * ui_scale
     blf.size(0, LETTERS * ui_scale)
     letter = blf.dimensions(0, SAMPLE)[0] / len(SAMPLE)
-    fitting = broken(said, int((right - left - 2 * indent) / letter), int((top - bottom) / line))
+    fitting = broken(lines, int((right - left - 2 * indent) / letter), int((top - bottom) / line))
     if right - left < NARROWEST * ui_scale or not fitting:
         return left, top
     width = indent + max(blf.dimensions(0, each.text)[0] for each in fitting)
@@ -242,12 +248,12 @@ def free_box(area, region, overlay, ui_scale: float) -> tuple[float, float, floa
                 top = min(top, other.y)
             else:
                 bottom = max(bottom, other.y + other.height)
-    own = 3 * overlay.show_text + 6 * overlay.show_stats
+    lines = 3 * overlay.show_text + 6 * overlay.show_stats
     return (
         left - region.x,
         bottom - region.y,
         right - region.x,
-        top - region.y - (own * LINE + MARGIN) * ui_scale,
+        top - region.y - (lines * LINE + MARGIN) * ui_scale,
     )
 
 

@@ -34,10 +34,10 @@ class CROWDLOD_OT_render_viewport(Stepwise, bpy.types.Operator):
         return super().poll(context)
 
     def steps(self, context) -> Iterator[float]:
-        shown = viewport_overlay.shown_of(context.scene)
+        display = viewport_overlay.shown_of(context.scene)
         space = context.space_data
-        if shown.batches is None:
-            raise CrowdError(f"The viewport shows no crowd: {shown.problem}")
+        if display.batches is None:
+            raise CrowdError(f"The viewport shows no crowd: {display.problem}")
         region = next(region for region in context.area.regions if region.type == "WINDOW")
         view, projection, size = _seen(context, space, region)
         settings = context.scene.crowd_lod
@@ -47,7 +47,7 @@ class CROWDLOD_OT_render_viewport(Stepwise, bpy.types.Operator):
         )
         try:
             with _waiting(context.window):
-                batches = shown.batches if crowd else None
+                batches = display.batches if crowd else None
                 pixels = canvas.picture(
                     context.scene, context.view_layer, (space, region), (view, projection), batches
                 )

@@ -203,19 +203,19 @@ def _rows(
 
 
 def columns_in_time(
-    trajectory: Trajectory, held: Held, number: int, agents: np.ndarray, library: Library
+    trajectory: Trajectory, shutter: Held, number: int, agents: np.ndarray, library: Library
 ) -> dict[str, np.ndarray]:
     """Return the point attributes of `agents` (m,) for the group of nodes/baked.py.
 
     They are those of frame_update.columns_of, the frame's `number` and, from what the frame holds,
     velocities.
     """
-    columns = columns_of(trajectory, held.crowd, held, agents, library)
+    columns = columns_of(trajectory, shutter.crowd, shutter, agents, library)
     moving = {"frame": np.full(len(agents), number, np.int32)}
-    for part, crowd in held.ends:
+    for part, crowd in shutter.ends:
         if not part:
             continue
-        then = columns_of(trajectory, crowd, held, agents, library)
+        then = columns_of(trajectory, crowd, shutter, agents, library)
         when = "before" if part < 0 else "after"
         moving[f"move_{when}"] = (then["position"] - columns["position"]) / np.float32(part)
         moving[f"turn_{when}"] = _turn(columns, then) / np.float32(part)

@@ -51,12 +51,12 @@ def unhide_characters(top: bpy.types.Collection) -> None:
     hidden = top.pop(HIDDEN, None)
     if not isinstance(hidden, bpy.types.Collection):  # a script may have put anything there
         return
-    others = [
+    other_builds = [
         scene.crowd_lod.build for scene in bpy.data.scenes if scene.crowd_lod.characters == hidden
     ]
-    others = [other for other in others if other not in (None, top)]
-    if others:
-        others[0][HIDDEN] = hidden
+    other_builds = [other for other in other_builds if other not in (None, top)]
+    if other_builds:
+        other_builds[0][HIDDEN] = hidden
     else:
         hidden.hide_render = False
 

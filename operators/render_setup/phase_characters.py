@@ -94,7 +94,7 @@ def read_library(scene: bpy.types.Scene, settings) -> Generator[float, None, Lib
     posed = np.zeros(len(characters), np.intp)
     models = []
     notes = []
-    made = {}
+    blocks = {}
     done = False
     performances = [
         group_performance(group, own)
@@ -120,7 +120,7 @@ def read_library(scene: bpy.types.Scene, settings) -> Generator[float, None, Lib
                     who = rigs.Acting(
                         name, homes, *staged, measured[g].diagonal or 2 * measured[g].radius
                     )
-                    making = _models(who, [performance.only(action) for action in played], made)
+                    making = _models(who, [performance.only(action) for action in played], blocks)
                     own, reasons = yield from share(
                         making, g / len(characters), (g + 1) / len(characters)
                     )
@@ -145,19 +145,19 @@ def read_library(scene: bpy.types.Scene, settings) -> Generator[float, None, Lib
         done = True
     finally:
         if not done:
-            bpy.data.batch_remove(list(made))
-    return posed, models, notes, made
+            bpy.data.batch_remove(list(blocks))
+    return posed, models, notes, blocks
 
 
 def _models(
-    who: rigs.Acting, acts: list[Performance], made: dict
+    character: rigs.Acting, acts: list[Performance], made: dict
 ) -> Generator[float, None, tuple[list[rigs.Model], list[str]]]:
     """Make a model of each of `acts`, until rigs cannot show one; yields the progress.
 
     Returns (models, sentences on how far they are off, or at the end why one cannot be shown).
     """
     models = []
-    told = []
+    sentences = []
     before = set(made)
     for k, act in enumerate(acts):
         alike = [
@@ -167,17 +167,17 @@ def _models(
             models.append(alike[0])
             continue
         model, reason = yield from share(
-            rigs.modeled(who, act, made), k / len(acts), (k + 1) / len(acts)
+            rigs.modeled(character, act, made), k / len(acts), (k + 1) / len(acts)
         )
-        told += [reason] * bool(reason)
+        sentences += [reason] * bool(reason)
         if model is None:
             blocks = [block for block in made if block not in before]
             for block in blocks:
                 del made[block]
             bpy.data.batch_remove(blocks)
-            return [], told
+            return [], sentences
         models.append(model)
-    return models, told
+    return models, sentences
 
 
 def make_cast(
@@ -244,50 +244,59 @@ def make_cast(
 
 
 def _rig(
-    cast: Cast, group: _Actors, number: int, own: int, of_levels: list[int], trajectory: Trajectory
+    cast: Cast,
+    group: _Actors,
+    number: int,
+    place: int,
+    of_levels: list[int],
+    trajectory: Trajectory,
 ) -> None:
     """Put a character moved by a rig into the collections of LODs of `cast`.
 
     number: its number among all characters.
-    own: its number in the group.
+    place: its number in the group.
     """
     gaits = trajectory.gaits
-    which, phase_class = divmod(own, gaits.classes)
+    which, phase_class = divmod(place, gaits.classes)
     action, rate = gaits.plays[group.g][which]
     model = group.models[action]
     (span,) = group.performance.only(gaits.actions[action]).spans
     title = f"{group.name} {number:05d}"
     key = id(model), rate, phase_class
     if key not in group.made:
-        made = rigs.perform(
+        rig_of = rigs.perform(
             model, title, rate * trajectory.seconds_per_frame, phase_class / gaits.classes, span
         )
-        group.made[key] = made
-        cast.rigs.extend(made.values())
-        cast.names.update((rig, f"{title} {armature}") for armature, rig in made.items())
-    made = group.made[key]
+        group.made[key] = rig_of
+        cast.rigs.extend(rig_of.values())
+        cast.names.update((rig, f"{title} {armature}") for armature, rig in rig_of.items())
+    rig_of = group.made[key]
     copies = []
-    shown = None
+    home = None
     for k in of_levels:
         # a group with fewer LODs than others shows its last in their place
-        if group.homes[k] != shown:
-            copies = [rigs.dress(item, model, made) for item in group.homes[k].objects]
-            shown = group.homes[k]
-            cast.stands_for.update(zip(copies, shown.objects, strict=True))
+        if group.homes[k] != home:
+            copies = [rigs.dress(item, model, rig_of) for item in group.homes[k].objects]
+            home = group.homes[k]
+            cast.stands_for.update(zip(copies, home.objects, strict=True))
             cast.names.update(
                 (copy, f"{item.name} {number:05d}")
-                for copy, item in zip(copies, shown.objects, strict=True)
+                for copy, item in zip(copies, home.objects, strict=True)
             )
         cast.collections[k].append((f"{number:05d} {group.name} LOD {k}", copies))
 
 
 def _pose(
-    cast: Cast, group: _Actors, number: int, shown: tuple[Performance, float], of_levels: list[int]
+    cast: Cast,
+    group: _Actors,
+    number: int,
+    act_and_phase: tuple[Performance, float],
+    of_levels: list[int],
 ) -> None:
     """Put character `number` into the LODs of `cast`: the group in an action at a phase,
-    `shown`.
+    `act_and_phase`.
     """
-    act, phase = shown
+    act, phase = act_and_phase
     ((first, last),) = act.spans
     act.go_to(group.stage, first + (last - first) * phase)
     depsgraph = group.stage.view_layers[0].depsgraph

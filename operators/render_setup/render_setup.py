@@ -101,10 +101,10 @@ def check_levels(scene: bpy.types.Scene) -> int:
         )
     levels = settings.levels.children
     count = policy_of(settings).count
-    made = len(levels[0].children) if levels else 0
-    if len(levels) < count or made != len(settings.groups):
+    groups = len(levels[0].children) if levels else 0
+    if len(levels) < count or groups != len(settings.groups):
         raise CrowdError(
-            f"The LOD meshes of {scene.name} ({len(levels)} LODs of {made} character groups) do "
+            f"The LOD meshes of {scene.name} ({len(levels)} LODs of {groups} character groups) do "
             f"not fit the settings "
             f"({count} of {len(settings.groups)}): press Make LOD Meshes and Build again."
         )
@@ -221,7 +221,7 @@ def told_of_cast(scene: bpy.types.Scene, cast: Cast) -> str:
 
     Also on edited characters, and on LODs that deviate to fit in Memory for Characters.
     """
-    found = [*filter(None, [to_make_again(scene)]), *cast.notes]
+    sentences = [*filter(None, [to_make_again(scene)]), *cast.notes]
     settings = scene.crowd_lod
     slides = trajectory_of(scene).gaits.paces.off
     limited = [group.name for group in settings.groups if group.finest]
@@ -231,21 +231,21 @@ def told_of_cast(scene: bpy.types.Scene, cast: Cast) -> str:
         and settings.memory_tolerance
     ):
         pixels = figure(settings.memory_tolerance)
-        found.append(
+        sentences.append(
             f"To fit in {settings.memory:g} MB, LODs deviate by up to {pixels} pixels in the "
             f"frames that were looked at."
         )
         if limited:
-            found.append(
+            sentences.append(
                 f"Nearer to the camera these look coarser, for their finest LODs are not built: "
                 f"{', '.join(limited)}."
             )
     if slides:
-        found.append(
+        sentences.append(
             f"The state machine has more speeds than characters have walk cycles: feet slide by "
             f"up to {slides:.0%} of the way."
         )
-    return " ".join(found)
+    return " ".join(sentences)
 
 
 def _own(scene: bpy.types.Scene) -> bpy.types.Collection | None:
@@ -317,11 +317,11 @@ def upgrade(*_) -> None:
     The builds that use them get their inputs again, unless these are spoilt: then Build says so.
     """
     if trees.stale(instances.NAME, instances.VERSION) or trees.stale(baked.NAME, baked.VERSION):
-        both = trees.made(baked.NAME)
-        if both is not None:
-            both[trees.TREE_VERSION] = 0  # it holds the other, whose sockets are new
+        baked_tree = trees.made(baked.NAME)
+        if baked_tree is not None:
+            baked_tree[trees.TREE_VERSION] = 0  # it holds the other, whose sockets are new
         instances.instances()
-        if both is not None:
+        if baked_tree is not None:
             baked.baked()
         for scene in bpy.data.scenes:
             with suppress(CrowdError):

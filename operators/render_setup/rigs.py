@@ -86,14 +86,14 @@ def record(
             stage.collection.objects.link(block)
         bones = {rig.name: Bones() for rig in armatures}
         places = {item: [] for item in actors}
-        wanted = {rig: deforming(rig, list(actors)) for rig in armatures}
+        bone_names = {rig: deforming(rig, list(actors)) for rig in armatures}
         for number, time in enumerate(times):
             performance.go_to(stage, time)
             depsgraph = stage.view_layers[0].depsgraph
             for item, own in bare.items():
                 places[item].append(np.array(own.evaluated_get(depsgraph).matrix_world, np.float64))
             for rig in armatures:
-                _note(bones[rig.name], rig.evaluated_get(depsgraph), wanted[rig])
+                _note(bones[rig.name], rig.evaluated_get(depsgraph), bone_names[rig])
             performance.rest()
             yield (number + 1) / len(times)
         return bones, {item: np.array(found) for item, found in places.items()}
@@ -120,22 +120,22 @@ def _alone(item: bpy.types.Object) -> bpy.types.Object:
     return copy
 
 
-def _note(own: Bones, rig: bpy.types.Object, wanted: list[str]) -> None:
-    """Add the current motion of the evaluated rig's bones `wanted` to `own`."""
-    if not wanted:
+def _note(motion: Bones, rig: bpy.types.Object, names: list[str]) -> None:
+    """Add the current motion of the evaluated rig's bones `names` to `motion`."""
+    if not names:
         return
     world = np.array(rig.matrix_world, np.float64)
     bones = rig.pose.bones
-    if own.back is None:
-        rests = [np.array(bones[name].bone.matrix_local, np.float64) for name in wanted]
-        own.back = np.linalg.inv(rests)
-        for name, rest in zip(wanted, rests, strict=True):
-            own.rest[name], scale = _plain(world @ rest)
-            own.lengths.append(max(bones[name].bone.length * scale, 1e-4))
+    if motion.back is None:
+        rests = [np.array(bones[name].bone.matrix_local, np.float64) for name in names]
+        motion.back = np.linalg.inv(rests)
+        for name, rest in zip(names, rests, strict=True):
+            motion.rest[name], scale = _plain(world @ rest)
+            motion.lengths.append(max(bones[name].bone.length * scale, 1e-4))
     matrices = np.empty((len(bones), 4, 4), np.float32)
     bones.foreach_get("matrix", matrices.ravel())  # column by column
-    now = matrices[[bones.find(name) for name in wanted]].transpose(0, 2, 1).astype(np.float64)
-    own.moves.append(world @ now @ own.back @ np.linalg.pinv(world))
+    now = matrices[[bones.find(name) for name in names]].transpose(0, 2, 1).astype(np.float64)
+    motion.moves.append(world @ now @ motion.back @ np.linalg.pinv(world))
 
 
 def _plain(matrix: np.ndarray) -> tuple[np.ndarray, float]:
@@ -154,14 +154,14 @@ def model_of(
     places: dict,
     origin: np.ndarray,
     times: np.ndarray,
-    made: dict,
+    blocks: dict,
 ) -> Model:
     """Return the model of the character `name` from its recorded motion.
 
     bones, places: from `record`, at `times`.
     origin: (3,) meters, the character's origin.
     times: (k,) frames of its action, from its first to its last.
-    made: gets the new data-blocks with their final names.
+    blocks: gets the new data-blocks with their final names.
     """
     shift = np.eye(4)
     shift[:3, 3] = -np.asarray(origin)
@@ -181,14 +181,14 @@ def model_of(
             tracks.moves.append(moves)
     tracks.moves = np.moveaxis(tracks.moves, 0, 1) if carried else []
     rigs = {}
-    for armature, own in {**bones, **({TRACKS: tracks} if carried else {})}.items():
-        if not own.rest:
+    for armature, motion in {**bones, **({TRACKS: tracks} if carried else {})}.items():
+        if not motion.rest:
             continue
-        rest = {bone: shift @ matrix for bone, matrix in own.rest.items()}
-        data = _armature(f"{name} {armature}", rest, dict(zip(rest, own.lengths, strict=True)))
+        rest = {bone: shift @ matrix for bone, matrix in motion.rest.items()}
+        data = _armature(f"{name} {armature}", rest, dict(zip(rest, motion.lengths, strict=True)))
         action = bpy.data.actions.new(f"{name} {armature}")
-        made |= {data: f"{name} {armature}", action: f"{name} {armature}"}
-        for bone, moves in zip(rest, np.moveaxis(own.moves, 1, 0), strict=True):
+        blocks |= {data: f"{name} {armature}", action: f"{name} {armature}"}
+        for bone, moves in zip(rest, np.moveaxis(motion.moves, 1, 0), strict=True):
             _bake(
                 action, bone, np.linalg.inv(rest[bone]) @ (shift @ moves @ back) @ rest[bone], times
             )
@@ -276,10 +276,10 @@ def perform(
     A rig stands about the origin and plays its action from `span`, frames. It is at `phase` in
     frame 0 and advances by `rate` cycles a frame.
     """
-    made = {}
+    rigs = {}
     first, last = span
     for armature, (data, action) in model.rigs.items():
-        rig = made[armature] = bpy.data.objects.new(f"{title} {armature}", data)
+        rig = rigs[armature] = bpy.data.objects.new(f"{title} {armature}", data)
         track = rig.animation_data_create().nla_tracks.new()
         # which plays its one slot; to set that crashes Blender
         strip = track.strips.new("Phase", 0, action)
@@ -295,7 +295,7 @@ def perform(
             round_and_round.mode_before = round_and_round.mode_after = "REPEAT"
         else:
             fill_curve(time, np.array([(0.0, first + phase * (last - first))]))
-    return made
+    return rigs
 
 
 def dress(
@@ -342,12 +342,12 @@ def shown_off(copies: dict, actors: dict, stage: bpy.types.Scene, origin: np.nda
     depsgraph = stage.view_layers[0].depsgraph
     worst = 0.0
     for item, copy in copies.items():
-        mine, own = (
+        mine, original = (
             mesh_data.world_points(each.evaluated_get(depsgraph)) for each in (copy, actors[item])
         )
-        if mine.shape != own.shape:
+        if mine.shape != original.shape:
             return np.inf
-        worst = max(worst, float(np.linalg.norm(mine + origin - own, axis=1).max(initial=0.0)))
+        worst = max(worst, float(np.linalg.norm(mine + origin - original, axis=1).max(initial=0.0)))
     return worst
 
 
@@ -369,24 +369,24 @@ class Acting:
 
 
 def modeled(
-    who: Acting, performance: Performance, made: dict
+    character: Acting, performance: Performance, blocks: dict
 ) -> Generator[float, None, tuple[Model | None, str]]:
     """Make the model of one action of a character, with as many keys as it needs.
 
     The rigs should show it within NEAR of its diagonal; more keys are tried as long as they help.
 
     performance: that of this action alone.
-    made: gets the new data-blocks with their final names.
+    blocks: gets the new data-blocks with their final names.
 
     Yields the progress. Returns (Model, a sentence on how far off it is if that is more than NEAR),
     or (None, the reason why no rigs can show it).
     """
-    actors = who.actors
-    origin = np.array(who.homes[0].instance_offset, np.float64)
-    diagonal = who.diagonal
+    actors = character.actors
+    origin = np.array(character.homes[0].instance_offset, np.float64)
+    diagonal = character.diagonal
     (span,) = performance.spans
     (played,) = performance.names
-    name = f"{who.name} {played}".rstrip()
+    name = f"{character.name} {played}".rstrip()
     reason = refusal(list(actors))
     if reason:
         return None, reason
@@ -398,12 +398,12 @@ def modeled(
     while True:
         times = performance.keys(keys)
         bones, places = yield from record(actors, times, performance)
-        model = model_of(name, bones, places, origin, times, made)
-        off = _off(model, who, performance, _looks(times, bones)) / diagonal
+        model = model_of(name, bones, places, origin, times, blocks)
+        off = _off(model, character, performance, _looks(times, bones)) / diagonal
         gained = off < nearest / 2
         if off < nearest:
             best, model, nearest = model, best, off
-        _drop(model, made)  # the one that is farther off
+        _drop(model, blocks)  # the one that is farther off
         if nearest <= NEAR or keys == most or not gained:
             break
         # the chords' error falls by squares
@@ -415,7 +415,7 @@ def modeled(
             best,
             f"Between keyframes the rigs of {name} are off by up to {nearest:.2%} of its size.",
         )
-    _drop(best, made)
+    _drop(best, blocks)
     return (
         None,
         f"rigs would be off by {nearest:.2%} of its size"
@@ -441,39 +441,39 @@ def _looks(times: np.ndarray, bones: dict[str, Bones]) -> np.ndarray:
     times: (k,), at which `bones` were recorded.
     """
     bends = np.zeros(len(times) - 1)
-    for own in bones.values():
-        if own.rest and len(times) > 2:
-            rest = np.array(list(own.rest.values()))
-            ends = rest[:, None, :, 3] + np.array(own.lengths)[:, None, None] * np.concatenate(
+    for motion in bones.values():
+        if motion.rest and len(times) > 2:
+            rest = np.array(list(motion.rest.values()))
+            ends = rest[:, None, :, 3] + np.array(motion.lengths)[:, None, None] * np.concatenate(
                 [np.zeros((len(rest), 1, 4)), rest.transpose(0, 2, 1)[:, :3]], axis=1
             )
-            way = np.einsum("kbij,bpj->kbpi", np.array(own.moves), ends)
+            way = np.einsum("kbij,bpj->kbpi", np.array(motion.moves), ends)
             bend = np.linalg.norm(np.diff(way, 2, axis=0), axis=-1).max(axis=(1, 2))
             bends = np.maximum(
                 bends, np.maximum(np.append(bend[0], bend), np.append(bend, bend[-1]))
             )
-    chosen = np.union1d(
+    intervals = np.union1d(
         np.argsort(bends)[-4:], np.linspace(0, len(bends) - 1, 5).round().astype(int)
     )
-    return np.append((times[:-1] + times[1:])[chosen] / 2, times[len(times) // 2])
+    return np.append((times[:-1] + times[1:])[intervals] / 2, times[len(times) // 2])
 
 
-def _off(model: Model, who: Acting, performance: Performance, looks: np.ndarray) -> float:
-    """Return how far off a rig of `model` shows the character at the moments `looks`, at most,
+def _off(model: Model, character: Acting, performance: Performance, moments: np.ndarray) -> float:
+    """Return how far off a rig of `model` shows the character at the moments `moments`, at most,
     meters.
     """
     (span,) = performance.spans
-    origin = np.array(who.homes[0].instance_offset, np.float64)
+    origin = np.array(character.homes[0].instance_offset, np.float64)
     length = max(span[1] - span[0], 1.0)
     rigs = perform(model, "Crowd LOD trial", 1 / length, -span[0] / length, span)
-    copies = {item: dress(item, model, rigs, actor) for item, actor in who.actors.items()}
+    copies = {item: dress(item, model, rigs, actor) for item, actor in character.actors.items()}
     try:
         for block in (*rigs.values(), *copies.values()):
-            who.stage.collection.objects.link(block)
+            character.stage.collection.objects.link(block)
         worst = 0.0
-        for time in looks:
-            performance.go_to(who.stage, time)
-            worst = max(worst, shown_off(copies, who.actors, who.stage, origin))
+        for time in moments:
+            performance.go_to(character.stage, time)
+            worst = max(worst, shown_off(copies, character.actors, character.stage, origin))
         return worst
     finally:
         performance.rest()

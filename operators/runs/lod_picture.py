@@ -61,22 +61,22 @@ def draw_lods(
     towards = np.array([np.cos(azimuth) * 0.985, np.sin(azimuth) * 0.985, 0.17])
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     axes = np.stack([right, np.cross(towards, right), towards])
-    seen = [view.level.points @ axes.T for view in views]
+    flat_points = [view.level.points @ axes.T for view in views]
     # each in the middle of its cell: a pose may be elsewhere
-    low, high = ([getattr(at, end)(axis=0) for at in seen] for end in ("min", "max"))
+    low, high = ([getattr(at, end)(axis=0) for at in flat_points] for end in ("min", "max"))
     size = np.max([b - a for a, b in zip(low, high, strict=True)], axis=0)
     low = [(a + b - size) / 2 for a, b in zip(low, high, strict=True)]
     scale = TALL / max(size[1], size[0] / 1.5)
     width = int(size[0] * scale) + 2
     height = int(size[1] * scale) + 2
     fine = height * SUPERSAMPLING, width * SUPERSAMPLING
-    looks = [
+    drawings = [
         _look((at - corner) * scale * SUPERSAMPLING, view.level, fine)
-        for at, corner, view in zip(seen, low, views, strict=True)
+        for at, corner, view in zip(flat_points, low, views, strict=True)
     ]
     away = [
         _distances(view.character, view.level, *look[:3])
-        for view, look in zip(views, looks, strict=True)
+        for view, look in zip(views, drawings, strict=True)
     ]
     most = meters * max((float(d.max(initial=0)) for d in away), default=0.0)
 
@@ -86,7 +86,7 @@ def draw_lods(
     sheet = np.empty((2 * height + head + 4 * GAP, canvas_width, 3))
     sheet[:] = PAPER
     for k, (view, (pixel, _, _, shade, edge), off) in enumerate(
-        zip(views, looks, away, strict=True)
+        zip(views, drawings, away, strict=True)
     ):
         left = GAP + k * cell + (cell - GAP - width) // 2
         clay = (np.array(CLAY) * shade[:, None]) * (1 - edge[:, None]) + np.array(EDGE) * edge[

@@ -215,10 +215,10 @@ def _distance(camera: Camera, begin: float, radius: float) -> float | None:
     return float(begin) if radius < begin < np.inf else None
 
 
-def _file_name(name: str, g: int, taken: set[str]) -> str:
+def _file_name(name: str, g: int, names: set[str]) -> str:
     """Return a file name levels_NAME.png for a group, different for each."""
     safe = re.sub(r"[^A-Za-z0-9._-]+", "_", name).strip("._")[:60] or "group"
-    while safe.casefold() in taken:
+    while safe.casefold() in names:
         safe = f"{safe}_{g}"
-    taken.add(safe.casefold())
+    names.add(safe.casefold())
     return f"levels_{safe}.png"

@@ -168,17 +168,17 @@ def _natural(collection: bpy.types.Collection) -> list:
 def lone_crops(
     stage: LoneStage,
     number: int,
-    chosen: Sequence[JudgedAgent],
+    judged_agents: Sequence[JudgedAgent],
     pairs: Sequence[tuple[Shown, Shown | None]],
 ) -> Iterator[LoneCrop]:
     """Yield a LoneCrop of each of the chosen agents at the frame `number`.
 
     pairs: of each, at full detail and as it was built.
     """
-    for judged, (full, built) in zip(chosen, pairs, strict=True):
+    for judged, (full, lod_item) in zip(judged_agents, pairs, strict=True):
         finer, window, size = _finer(judged)
         stage.look(judged.camera, window, size)
-        pictures = [stage.render(number, each) for each in (full, built)]
+        pictures = [stage.render(number, each) for each in (full, lod_item)]
         yield LoneCrop(*pictures, told_of(judged, *pictures, finer))
 
 
@@ -198,9 +198,7 @@ def _finer(judged: JudgedAgent) -> tuple[float, Window, tuple[int, int]]:
     return finer, Window(window.left, right, window.bottom, top), (columns, rows)
 
 
-def told_of(
-    judged: JudgedAgent, full: np.ndarray, built: np.ndarray, finer: float
-) -> dict[str, Any]:
+def told_of(judged: JudgedAgent, full: np.ndarray, lod: np.ndarray, finer: float) -> dict[str, Any]:
     """Return what is told of an agent, for JSON.
 
     shift_px, error_px: by how many pixels of the final picture its silhouette lies off, and by how
@@ -208,15 +206,15 @@ def told_of(
     color_off: by how much its mean color is off, of 1, encoded as sRGB.
     ok: whether both are within what is allowed; None where that is not known, or it stands apart.
 
-    full, built: its pictures, `finer` times as fine as the final one.
+    full, lod: its pictures, `finer` times as fine as the final one.
     """
     most = float(np.hypot(*full.shape[:2]))
-    shift = min(silhouette.shift(full[..., 3], built[..., 3]), most) / finer
+    shift = min(silhouette.shift(full[..., 3], lod[..., 3]), most) / finer
     error = ERROR / finer
-    both = np.minimum(full[..., 3], built[..., 3]) >= silhouette.SOLID
+    solid = np.minimum(full[..., 3], lod[..., 3]) >= silhouette.SOLID
     colors = (
-        [encoded(each[both][:, :3].mean(axis=0).clip(0, 1)) for each in (full, built)]
-        if both.any()
+        [encoded(each[solid][:, :3].mean(axis=0).clip(0, 1)) for each in (full, lod)]
+        if solid.any()
         else [np.zeros(3)] * 2
     )
     color_off = float(np.abs(colors[0] - colors[1]).max())

@@ -177,7 +177,7 @@ def _with_levels(stage: bpy.types.Scene) -> Generator[float, None, float]:
 
 
 def _planned_shot(
-    stage: bpy.types.Scene, wanted: Preview, folder: Path
+    stage: bpy.types.Scene, task: Preview, folder: Path
 ) -> Generator[float, None, Planned | None]:
     """Plan the shot of the preview's frames, unless the scene has a plan: yield the progress,
     return it.
@@ -186,7 +186,7 @@ def _planned_shot(
     much.
     """
     settings = stage.crowd_lod
-    frames = range(wanted.frames[0], wanted.frames[-1] + 1)
+    frames = range(task.frames[0], task.frames[-1] + 1)
     most = MOST_PLANNED / max(len(trajectory_of(stage).start), 1)
     if settings.shot_plan or policy_of(settings).count < 2 or not 1 < len(frames) <= most:
         return None
@@ -290,11 +290,11 @@ class _Run:
 
 
 def _caption(frame: Frame) -> str:
-    seen = int(frame.visible.sum())
+    visible = int(frame.visible.sum())
     counts = "  ".join(f"LOD{k} {n:,}" for k, n in enumerate(frame.buckets.counts))
     return (
-        f"{frame.crowd.there:,} agents  {seen:,} visible "
-        f"({seen / max(frame.crowd.there, 1):.1%})  {counts}  {frame.triangles:,} tris"
+        f"{frame.crowd.there:,} agents  {visible:,} visible "
+        f"({visible / max(frame.crowd.there, 1):.1%})  {counts}  {frame.triangles:,} tris"
     )
 
 
@@ -304,11 +304,11 @@ def _sheet(pictures: list[tuple[Path, Path]]) -> np.ndarray:
     Each has its main picture and the picture from above. Of a long shot it has MOST_IN_SHEET
     frames, evenly spaced.
     """
-    chosen = evenly(pictures, MOST_IN_SHEET)
+    pairs = evenly(pictures, MOST_IN_SHEET)
     shrunk = [
-        tables.shrink(image_data.load_pixels(path), THUMBNAIL) for pair in chosen for path in pair
+        tables.shrink(image_data.load_pixels(path), THUMBNAIL) for pair in pairs for path in pair
     ]
-    return tables.contact_sheet(shrunk, columns=4 if len(chosen) > 1 else 2)
+    return tables.contact_sheet(shrunk, columns=4 if len(pairs) > 1 else 2)
 
 
 class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
@@ -324,19 +324,19 @@ class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
 
     def steps(self, context) -> Generator[float, None, str]:
         settings = context.scene.crowd_lod
-        wanted = Preview(
+        task = Preview(
             frames=scene_data.frames_of(context.scene, settings.step),
             folder=output_folder(context.scene, "preview"),
             width=settings.width,
             engine=settings.engine,
             color=color_of(settings),
         )
-        yield from preview(context.scene, wanted, ["sidebar"])
+        yield from preview(context.scene, task, ["sidebar"])
         note_output(context.scene, "preview")
-        said = (
-            f"{counted(len(wanted.frames), 'frame is', 'frames are')} in {place_of(wanted.folder)}."
+        sentence = (
+            f"{counted(len(task.frames), 'frame is', 'frames are')} in {place_of(task.folder)}."
         )
-        return f"{said} {LEFT_OUT}" if leaves_out(context.scene) else said
+        return f"{sentence} {LEFT_OUT}" if leaves_out(context.scene) else sentence
 
 
 CLASSES = (CROWDLOD_OT_preview,)

@@ -105,19 +105,19 @@ class Sharing:
 ALONE = Sharing()
 
 
-def state_of(scene: bpy.types.Scene, wanted: object) -> str:
+def state_of(scene: bpy.types.Scene, task: object) -> str:
     """Return a digest of what the frames of a run follow from: the crowd, its LODs, and what is
     wanted.
 
-    wanted: Preview or Verify; its folder and frames do not count.
+    task: Preview or Verify; its folder and frames do not count.
     """
-    asked = {
-        name: value for name, value in vars(wanted).items() if name not in ("folder", "frames")
+    options = {
+        name: value for name, value in vars(task).items() if name not in ("folder", "frames")
     }
-    found = hashlib.sha256(repr((policy_of(scene.crowd_lod), sorted(asked.items()))).encode())
+    digest = hashlib.sha256(repr((policy_of(scene.crowd_lod), sorted(options.items()))).encode())
     for name, data in sorted(trajectory_of(scene).digests().items()):
-        found.update(f"{name} {len(data)}\0".encode() + data)
-    return found.hexdigest()
+        digest.update(f"{name} {len(data)}\0".encode() + data)
+    return digest.hexdigest()
 
 
 def made(

@@ -150,12 +150,12 @@ def seen_by_kind(rows: Mapping[str, Columns], count: int) -> tuple[dict[str, np.
 
     count: agents of the crowd.
     """
-    found = {}
+    agents_of = {}
     strangers = 0
     for kind in UNSEEN_BY:
         ids = [columns["id"] for name, columns in rows.items() if name.startswith(f"{kind} ")]
         every = np.concatenate([np.empty(0, np.int32), *ids])
         known = every[(every >= 0) & (every < count)]
         strangers += len(every) - len(known)
-        found[kind] = np.unique(known).astype(np.intp)
-    return found, strangers
+        agents_of[kind] = np.unique(known).astype(np.intp)
+    return agents_of, strangers

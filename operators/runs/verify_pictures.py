@@ -69,22 +69,22 @@ def render_picture(stage: bpy.types.Scene, path: Path) -> np.ndarray:
     settings.file_format = "PNG"
     settings.color_depth = "8"
     values = []
-    shown = []
+    pixels = []
     for view in _views(render):
         raw = Path(f"{stem}{view}.exr")
-        seen = Path(f"{stem}{view}.png")
+        png = Path(f"{stem}{view}.png")
         file_checks.check(raw)
         image = bpy.data.images.load(str(raw))
         try:
             values.append(image_data.read_values(image))
-            with image_data.writing(seen):
-                image.save_render(str(seen), scene=stage)
-            shown.append(image_data.load_pixels(seen))
+            with image_data.writing(png):
+                image.save_render(str(png), scene=stage)
+            pixels.append(image_data.load_pixels(png))
         finally:
             bpy.data.images.remove(image)
         raw.unlink()
-        seen.unlink()
-    image_data.save_png(path, np.concatenate(shown, axis=1))
+        png.unlink()
+    image_data.save_png(path, np.concatenate(pixels, axis=1))
     return np.concatenate(values, axis=1)
 
 
@@ -104,7 +104,7 @@ def amplified(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     Black is no difference. Any other is at least FAINTEST.
     """
     off = np.abs(a - b)
-    shown = np.rint(255 * (AMPLIFIED * off).clip(0, 1)).astype(np.uint8)
-    shown[off > 0] = np.maximum(shown[off > 0], FAINTEST)
-    shown[..., 3] = 255
-    return shown
+    picture = np.rint(255 * (AMPLIFIED * off).clip(0, 1)).astype(np.uint8)
+    picture[off > 0] = np.maximum(picture[off > 0], FAINTEST)
+    picture[..., 3] = 255
+    return picture

@@ -42,7 +42,7 @@ class Verify:
     agents: int = JUDGED
 
 
-def set_up_cycles(scene: bpy.types.Scene, wanted: Verify) -> tuple[int, int]:
+def set_up_cycles(scene: bpy.types.Scene, task: Verify) -> tuple[int, int]:
     """Set up `scene` so that Cycles' pictures depend only on what its rays meet.
 
     That is: one seed, and no adaptive sampling, light tree, path guiding, fast GI, time limit or
@@ -64,7 +64,7 @@ def set_up_cycles(scene: bpy.types.Scene, wanted: Verify) -> tuple[int, int]:
         render.use_border and scene.crowd_lod.cull_to_border,
     )
     own = [getattr(render, name) for name in SIZE]
-    set_up(scene, Preview(wanted.frames, wanted.folder, wanted.width, "CYCLES", "MATERIAL"))
+    set_up(scene, Preview(task.frames, task.folder, task.width, "CYCLES", "MATERIAL"))
     size = render.resolution_x, render.resolution_y
     for name, value in zip(SIZE, own, strict=True):
         setattr(render, name, value)
@@ -74,7 +74,7 @@ def set_up_cycles(scene: bpy.types.Scene, wanted: Verify) -> tuple[int, int]:
     render.engine = "CYCLES"
     cycles.device = "CPU"
     render.use_stamp = render.use_persistent_data = render.use_simplify = False
-    cycles.samples = wanted.samples
+    cycles.samples = task.samples
     cycles.seed = 0
     cycles.use_animated_seed = False
     cycles.use_adaptive_sampling = cycles.use_denoising = cycles.use_light_tree = (
@@ -135,10 +135,10 @@ def add_twins(stage: bpy.types.Scene, top: bpy.types.Collection) -> None:
     for points in render_setup.points_of(top).values():
         tree = bpy.data.node_groups.new("Crowd LOD twin", "GeometryNodeTree")
         tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
-        shown = tree.nodes.new("GeometryNodeObjectInfo")
+        info = tree.nodes.new("GeometryNodeObjectInfo")
         leave = tree.nodes.new("NodeGroupOutput")
-        shown.inputs["Object"].default_value = points
-        tree.links.new(shown.outputs["Geometry"], leave.inputs["Geometry"])
+        info.inputs["Object"].default_value = points
+        tree.links.new(info.outputs["Geometry"], leave.inputs["Geometry"])
         twin = bpy.data.objects.new(tree.name, bpy.data.meshes.new(tree.name))
         twin[OWNED] = True
         twin.modifiers.new(tree.name, "NODES").node_group = tree
