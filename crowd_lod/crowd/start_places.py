@@ -68,7 +68,7 @@ class Spacing:
     turn: float = 0.0
 
 
-def unturned(points: np.ndarray) -> Places:
+def without_heading(points: np.ndarray) -> Places:
     """Return places without headings at `points` (n, 3)."""
     return Places(points, np.full(len(points), np.nan, np.float32))
 
@@ -117,7 +117,7 @@ def on_surface(
                 "The surface to start on has density 0 nearly everywhere: brighten the image, or "
                 "move the volumes that give it."
             )
-    return unturned(np.concatenate(found)[:count])
+    return without_heading(np.concatenate(found)[:count])
 
 
 def _drawn(
@@ -178,7 +178,7 @@ def on_grid(area: Area, count: int, seed: int, spacing: Spacing) -> Places:
         ],
         axis=1,
     )
-    return unturned(points)
+    return without_heading(points)
 
 
 def in_rows(

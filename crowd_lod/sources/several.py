@@ -120,7 +120,7 @@ class Several(Trajectory):
             own = each.velocity(since, until)
             if own is None or each.wraps:
                 return None
-            found = found.joined(own)
+            found = found.union(own)
         return found
 
     def at(self, time: float) -> Crowd:

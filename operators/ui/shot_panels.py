@@ -146,12 +146,15 @@ class CROWDLOD_PT_build(Step, bpy.types.Panel):
     def draw_header_preset(self, context) -> None:
         text = "Update" if staleness.changed(context.scene) else "Build"
         button(
-            self.layout, _build_of(context.scene), text, following=steps.following(context.scene)
+            self.layout,
+            steps.builder_of(context.scene),
+            text,
+            following=steps.following(context.scene),
         )
 
     def body(self, context, layout, settings) -> None:
         changed = staleness.changed(context.scene)
-        builder = _build_of(context.scene)
+        builder = steps.builder_of(context.scene)
         row = layout.row(align=True)
         for name, icon in (("Build", "GEOMETRY_NODES"), ("Bake", "FREEZE")):
             operator = f"crowd_lod.{name.lower()}"
@@ -164,12 +167,6 @@ class CROWDLOD_PT_build(Step, bpy.types.Panel):
             "FILE_REFRESH" if changed else "INFO",
         )
         layout.prop(settings, "keep_characters")
-
-
-def _build_of(scene: bpy.types.Scene) -> str:
-    """Return the operator that made the scene's build, or that makes one."""
-    build = scene.crowd_lod.build
-    return "crowd_lod.bake" if build is not None and BAKED in build else "crowd_lod.build"
 
 
 def _built(build: bpy.types.Collection | None) -> str:
