@@ -18,15 +18,14 @@ from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.reporting.state_graph import svg
 from crowd_lod_extension.operators import registration
 from crowd_lod_extension.operators.cli.arguments import parser
-from crowd_lod_extension.operators.settings import presets
 from crowd_lod_extension.operators.settings.area_settings import CrowdLodArea
-from crowd_lod_extension.operators.settings.crowd_settings import (
-    BehaviorSettings,
-    CrowdSettings,
-    SimulationSettings,
-)
+from crowd_lod_extension.operators.settings.crowd_settings import CROWD
 from crowd_lod_extension.operators.settings.exception_settings import CrowdLodException
-from crowd_lod_extension.operators.settings.properties import CrowdLodGroup, CrowdLodSettings
+from crowd_lod_extension.operators.settings.properties import (
+    STEPS,
+    CrowdLodGroup,
+    CrowdLodSettings,
+)
 from crowd_lod_extension.operators.ui import panels, shot_panels
 
 DOCS = Path(__file__).parent
@@ -114,22 +113,11 @@ def settings_page() -> str:
         "The settings are properties of `scene.crowd_lod`, in the order of the work.\n"
         "A number of a length is in the scene's units.\n"
     ]
-    for step, kinds in presets.STEPS.items():
-        if step != "all":
-            about = " ".join(description(kind) for kind in kinds)
-            parts.append(
-                section(
-                    labels[step],
-                    about,
-                    [name for kind in kinds for name in kind.__annotations__],
-                    CrowdLodSettings,
-                )
-            )
-    own = [
-        *CrowdSettings.__annotations__,
-        *BehaviorSettings.__annotations__,
-        *SimulationSettings.__annotations__,
-    ]
+    for step, kinds in STEPS.items():
+        about = " ".join(description(kind) for kind in kinds)
+        names = [name for kind in kinds for name in kind.__annotations__]
+        parts.append(section(labels[step], about, names, CrowdLodSettings))
+    names = [name for kind in CROWD for name in kind.__annotations__]
     parts += [
         section(
             "What the steps made",
@@ -144,7 +132,7 @@ def settings_page() -> str:
             CrowdLodGroup,
         ),
         f"## Each of crowds\n\nA further crowd has a `name`, and the settings above from "
-        f"`{own[0]}` to `{own[-1]}`.\n",
+        f"`{names[0]}` to `{names[-1]}`.\n",
         section(
             "Each of areas",
             "A mesh or a collection that lays a label over the map.",

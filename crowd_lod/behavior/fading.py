@@ -11,7 +11,7 @@ from ..crowd.state_machine import StateMachine
 EARLY = 1e-4  # of a cross-fade: by so much a step begins early, as shares add up with rounding
 
 
-def fading(before: Crowd, after: Crowd, machine: StateMachine, seconds: float) -> Crowd:
+def fade(before: Crowd, after: Crowd, machine: StateMachine, seconds: float) -> Crowd:
     """Return the crowd `after` with the paces that its agents show.
 
     before: the crowd `seconds` earlier, with the paces that it showed then.
@@ -22,43 +22,49 @@ def fading(before: Crowd, after: Crowd, machine: StateMachine, seconds: float) -
     """
     if before.played is None or before.faded is None:
         return after
-    goes = before.faded < 1
-    if after.pace is before.pace and not goes.any():
+    is_fading = before.faded < 1
+    if after.pace is before.pace and not is_fading.any():
         return after
-    paces, played, faded = machine.paces, after.pace.copy(), np.ones_like(before.faded)
-    (who,) = goes.nonzero()
-    _show(
-        played,
-        faded,
-        who,
-        paces.first_step(before.played[who]),
-        before.faded[who] + _part(machine.fading, after, who, seconds),
-    )
-    (who,) = np.nonzero(paces.action[after.pace] != paces.action[before.pace])
-    played[who], faded[who] = after.pace[who], 1
-    first = np.asarray(paces.fades)[before.played[who], after.pace[who]]
-    who, first = who[first >= 0], first[first >= 0]
-    _show(played, faded, who, first, _part(machine.fade, after, who, seconds / 2))
+    paces = machine.paces
+    played = after.pace.copy()
+    faded = np.ones_like(before.faded)
+
+    agents = np.flatnonzero(is_fading)
+    share = before.faded[agents] + _share_of(machine.fading, after, agents, seconds)
+    _show(played, faded, agents, paces.first_step(before.played[agents]), share)
+
+    agents = np.flatnonzero(paces.action[after.pace] != paces.action[before.pace])
+    played[agents] = after.pace[agents]
+    faded[agents] = 1
+    first = np.asarray(paces.fades)[before.played[agents], after.pace[agents]]
+    begins = first >= 0
+    agents = agents[begins]
+    share = _share_of(machine.fade, after, agents, seconds / 2)
+    _show(played, faded, agents, first[begins], share)
     return replace(after, played=played, faded=faded)
 
 
-def _part(length: np.ndarray, crowd: Crowd, who: np.ndarray, seconds: float) -> np.ndarray:
-    """Return the part of a cross-fade, (k,) float32, that `seconds` are; inf where its length (S,)
-    is 0.
+def _share_of(length: np.ndarray, crowd: Crowd, agents: np.ndarray, seconds: float) -> np.ndarray:
+    """Return the part of their cross-fades, (k,) float32, that `seconds` are.
+
+    length: (S,) seconds of a cross-fade in each state. The part is inf where it is 0.
+    agents: (k,) intp.
     """
     with np.errstate(divide="ignore"):
-        return (seconds / length[crowd.state[who]]).astype(np.float32)
+        return (seconds / length[crowd.state[agents]]).astype(np.float32)
 
 
 def _show(
-    played: np.ndarray, faded: np.ndarray, who: np.ndarray, first: np.ndarray, share: np.ndarray
+    played: np.ndarray, faded: np.ndarray, agents: np.ndarray, first: np.ndarray, share: np.ndarray
 ) -> None:
     """Write to `played` and `faded` what agents show whose cross-fades go on.
 
-    who: (k,) agents.
+    agents: (k,) intp.
     first: (k,) the first step of each one's cross-fade.
     share: (k,) float32, the part of it that is over; from 1 on it has ended.
     """
-    on = share < 1 - EARLY
-    who, first, share = who[on], first[on], share[on]
-    played[who], faded[who] = first + ((share + EARLY) * FADE_STEPS).astype(np.intp), share
+    goes_on = share < 1 - EARLY
+    agents = agents[goes_on]
+    share = share[goes_on]
+    faded[agents] = share
+    played[agents] = first[goes_on] + ((share + EARLY) * FADE_STEPS).astype(np.intp)

@@ -2,16 +2,17 @@
 
 Until an agent reaches another label, a corner of cells, or the end of its timer, each step adds the
 same displacement to its position. The number of such steps is computed once. While it lasts, a few
-additions step all agents at once, with the results of step.advance.
+additions step all agents at once, with the results of plain_step.advance.
 
 When an agent's known steps end, it is looked at again. An agent that only enters the next cell of
-its label goes on; every other one takes the long step (step.advance). Agents do not look at each
-other, so the long steps of several coming frames, each agent's at its own time, are computed
-together and kept until their frames: the calls of such a step cost more than its agents.
+its label goes on; every other one takes a plain step. Agents do not look at each other, so the
+plain steps of several coming frames, each agent's at its own time, are computed together and kept
+until their frames: the calls of such a step cost more than its agents.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,31 +20,34 @@ from ..crowd.agents import Crowd
 from ..crowd.leave_outs import NOTHING
 from ..crowd.maps import LabelMap
 from ..crowd.state_machine import StateMachine
-from .tabulated_step import BLOCK, Tables, mended, within
+from .tabulated_step import BLOCK, Tables, merge_columns, step_within_cells
 
 # The most steps that are known ahead.
 MOST = 4095
-# Steps whose long ones are made together: the most of which no more than this part of the crowd
-# makes one.
-TOGETHER, FEW = (16, 4), 1 / 16
+# Steps whose turns are computed together: the most of which no more than the part FEW of the crowd
+# turns.
+TOGETHER = (16, 4)
+FEW = 1 / 16
+# Where more than this part of a crowd turns in a step, it is stepped faster as a whole.
+MANY = 0.25
 # Borders along x that agents who walk aslant are followed across, at most.
 CROSSED = 4
-# Long steps of an agent that are made together, at most.
+# Turns of an agent that are computed together, at most.
 ROUNDS = 6
-# Where more than this part of a crowd makes a long step at a time, it is stepped faster as a whole.
-MANY = 0.25
 # Spacings of the map's largest coordinate by which a border counts as nearer than it is: more than
 # MOST roundings of a place.
 SLACK = 8192
 # Part of a timer by which it counts as shorter than it is: more than MOST roundings to float64.
 TICK = 1e-12
+# Parts of a cell that an agent walks in a step, at most, to be followed through cells of one label.
+SLOW = 0.99
 
 
 @dataclass(frozen=True)
 class Turn:
-    """The long steps of one frame.
+    """The agents that take a plain step in one frame, and what it makes of them.
 
-    agents: (m,) intp, the agents that make one.
+    agents: (m,) intp.
     after: column name -> (m,) values after the step, for the columns of Crowd that change.
     case: (m,), the case of Tables that each agent follows from then on.
     """
@@ -64,7 +68,7 @@ class Ahead:
     steps: (n,) uint16, for how many steps after those of `turns` the agent surely does this and
         nothing else.
     seconds: the length of a step.
-    turns: the long steps of the next frames, one Turn a frame.
+    turns: those of the next frames, one Turn a frame.
     """
 
     case: np.ndarray
@@ -73,58 +77,98 @@ class Ahead:
     turns: tuple[Turn, ...] = ()
 
 
+class _Round(NamedTuple):
+    """Plain steps of k agents, each at its own time.
+
+    step: (k,) intp, in how many steps from now.
+    agents: (k,) intp.
+    before, after: the k agents before and after it.
+    case: (k,), the case of Tables that each agent follows from then on.
+    """
+
+    step: np.ndarray
+    agents: np.ndarray
+    before: Crowd
+    after: Crowd
+    case: np.ndarray
+
+
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")
-def look(crowd: Crowd, machine: StateMachine, world: LabelMap, tables: Tables) -> Ahead:
+def look_ahead(crowd: Crowd, machine: StateMachine, world: LabelMap, tables: Tables) -> Ahead:
     """Return what is known of the crowd's next steps, as long as that of `tables`."""
-    case, steps = np.empty(len(crowd), tables.number), np.empty(len(crowd), np.uint16)
-    area, (rows, columns), (width, depth) = world.area, world.labels.shape, world.cell
-    sides = (
-        (crowd.x, tables.x, area.x_min, width, columns),
-        (crowd.y, tables.y, area.y_min, depth, rows),
-    )
+    cases = np.empty(len(crowd), tables.number)
+    steps = np.empty(len(crowd), np.uint16)
+    heading = tables.heading.view(np.int32)  # 0.0 and -0.0 are two
+    for start in range(0, len(crowd), BLOCK):
+        block = slice(start, start + BLOCK)
+        case, safe_steps = _look_at_block(crowd, block, world, tables)
+        if machine.timed:
+            until_timer = crowd.wait[block] / tables.seconds * (1 - TICK) - 2
+            safe_steps = np.minimum(safe_steps, until_timer)
+        turned = heading.take(case) != crowd.heading[block].view(np.int32)
+        safe_steps[tables.turns.take(case) & turned] = 0
+        cases[block] = case
+        steps[block] = np.where(safe_steps >= 1, safe_steps, 0)
+    return Ahead(cases, steps, tables.seconds)
+
+
+def _look_at_block(
+    crowd: Crowd, block: slice, world: LabelMap, tables: Tables
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return (case, safe_steps) of a block of agents.
+
+    case: (b,) intp, of Tables.
+    safe_steps: (b,) float64, for how many steps they stay in their label.
+    """
+    area = world.area
+    rows, columns = world.labels.shape
+    width, depth = world.cell
+    x = crowd.x[block]
+    y = crowd.y[block]
+    column = np.floor((x - area.x_min) / width)
+    row = np.floor((y - area.y_min) / depth)
+    cell = (row * columns + column).astype(np.intp)
+    case = tables.cases(crowd, block, world.labels.ravel().take(cell, mode="clip"))
     # by less than a cell a step, agents go on through cells of the same label, in one row or in one
     # column of them
-    across, up, aside = (
-        np.abs(tables.x) < 0.99 * width,
-        np.abs(tables.y) < 0.99 * depth,
-        tables.x != 0,
-    )
-    through, slanting = (across, up & ~aside), across & up & aside & (tables.y != 0)
-    heading = tables.heading.view(np.int32)  # 0.0 and -0.0 are two
-    slack = SLACK * np.spacing(np.abs((area.x_min, area.x_max, area.y_min, area.y_max)).max())
-    for at in range(0, len(crowd), BLOCK):
-        block = slice(at, at + BLOCK)
-        cells = [np.floor((old[block] - low) / size) for old, _, low, size, _ in sides]
-        at_cell = (cells[1] * columns + cells[0]).astype(np.intp)
-        of = tables.cases(crowd, block, world.labels.ravel().take(at_cell, mode="clip"))
-        least, bad, rooms = np.full(len(of), float(MOST)), np.zeros(len(of), bool), []
-        for (old, way, low, size, count), cell, runs, on in zip(
-            sides, cells, world.runs, through, strict=True
-        ):
-            place, by = old[block], way.take(of)
-            rooms.append(np.abs(low + (cell + (by > 0)) * size - place) - slack)
-            room = rooms[-1] + size * on.take(of) * runs.take(
-                (by > 0) * runs.shape[1] + at_cell, mode="clip"
-            )
-            np.minimum(least, room / np.abs(by), where=by != 0, out=least)
-            # -0.0 + 0.0 is another
-            bad |= ~((cell >= 0) & (cell < count)) | ((place == 0) & np.signbit(place))
-        some = slanting.take(of).nonzero()[0]
-        if len(some):
-            ways = np.array([tables.x, tables.y])[:, of[some]]
-            known = _across(np.array(rooms)[:, some], ways, at_cell[some], world, slack)
-            least[some] = np.maximum(least[some], known)
-        least[bad] = 0
-        if machine.timed:
-            least = np.minimum(least, crowd.wait[block] / tables.seconds * (1 - TICK) - 2)
-        turned = heading.take(of) != crowd.heading[block].view(np.int32)
-        least[tables.turns.take(of) & turned] = 0
-        case[block], steps[block] = of, np.where(least >= 1, least, 0)
-    return Ahead(case, steps, tables.seconds)
+    slow_x = np.abs(tables.x) < SLOW * width
+    slow_y = np.abs(tables.y) < SLOW * depth
+    upright = tables.x == 0
+    slack = _slack(world)
+    safe_steps = np.full(len(case), float(MOST))
+    rooms = []
+    for place, way, low, size, index, runs, through in (
+        (x, tables.x, area.x_min, width, column, world.runs[0], slow_x),
+        (y, tables.y, area.y_min, depth, row, world.runs[1], slow_y & upright),
+    ):
+        by = way.take(case)
+        room = np.abs(low + (index + (by > 0)) * size - place) - slack
+        run = runs.take((by > 0) * runs.shape[1] + cell, mode="clip")
+        steps = (room + size * through.take(case) * run) / np.abs(by)
+        np.minimum(safe_steps, steps, where=by != 0, out=safe_steps)
+        rooms.append(room)
+    slanting = slow_x & slow_y & ~upright & (tables.y != 0)
+    (aslant,) = slanting.take(case).nonzero()
+    if len(aslant):
+        ways = np.array([tables.x, tables.y])[:, case[aslant]]
+        steps = _look_aslant(np.array(rooms)[:, aslant], ways, cell[aslant], world)
+        safe_steps[aslant] = np.maximum(safe_steps[aslant], steps)
+    safe_steps[_is_odd(x, column, columns) | _is_odd(y, row, rows)] = 0
+    return case, safe_steps
 
 
-def _across(
-    rooms: np.ndarray, ways: np.ndarray, at_cell: np.ndarray, world: LabelMap, slack: float
+def _slack(world: LabelMap) -> float:
+    """Return the meters by which a border counts as nearer than it is."""
+    return SLACK * np.spacing(np.abs(world.area.bounds).max())
+
+
+def _is_odd(place: np.ndarray, index: np.ndarray, count: int) -> np.ndarray:
+    """Return (b,) bool: who is off the map, at NaN, or at -0.0, which a step turns to 0.0."""
+    return ~((index >= 0) & (index < count)) | ((place == 0) & np.signbit(place))
+
+
+def _look_aslant(
+    rooms: np.ndarray, ways: np.ndarray, cell: np.ndarray, world: LabelMap
 ) -> np.ndarray:
     """Return for how many steps agents that walk aslant stay in their label, (m,).
 
@@ -133,30 +177,27 @@ def _across(
 
     rooms: (2, m) meters to the borders ahead, along x and y.
     ways: (2, m) meters of a step.
-    at_cell: (m,) indices into the flat map.
-    slack: meters by which a border counts as nearer.
+    cell: (m,) indices into the flat map.
     """
-    (width, depth), pace = world.cell, np.abs(ways)
-    square = (
-        world.squares.reshape(-1).take(
-            (2 * (ways[1] > 0) + (ways[0] > 0)) * world.labels.size + at_cell, mode="clip"
-        )
-        - 1.0
-    )
-    until = (rooms + square * np.array([[width], [depth]])) / pace
-    known, (across, up) = np.minimum(until[0], until[1]), rooms / pace
-    apart, beside = np.array([[width], [depth]]) / pace
-    near = 1.01 + 2 * slack * (1 / pace).sum(axis=0)
+    size = np.array(world.cell)[:, None]
+    pace = np.abs(ways)
+    quadrant = 2 * (ways[1] > 0) + (ways[0] > 0)
+    side = world.squares.reshape(-1).take(quadrant * world.labels.size + cell, mode="clip")
+    safe_steps = ((rooms + (side - 1.0) * size) / pace).min(axis=0)
+    # steps to the next border along x and y, and between two of them
+    across, up = rooms / pace
+    apart, beside = size / pace
+    near = 1.01 + 2 * _slack(world) * (1 / pace).sum(axis=0)
     for _ in range(CROSSED):
         since = (up - across) / apart
         since -= np.floor(since)
         meet = np.minimum(since, 1 - since) * apart < near
-        known = np.where(meet, np.minimum(known, up - near), known)
+        safe_steps = np.where(meet, np.minimum(safe_steps, up - near), safe_steps)
         up = up + beside
-    return np.minimum(np.minimum(known, up), MOST)
+    return np.minimum(np.minimum(safe_steps, up), MOST)
 
 
-def opened(
+def plan_turns(
     crowd: Crowd,
     ahead: Ahead,
     machine: StateMachine,
@@ -166,65 +207,82 @@ def opened(
 ) -> Ahead | None:
     """Return `ahead` with new `turns`, where none were left.
 
-    Returns None if too many agents make long steps.
+    Returns None if too many agents turn.
 
     way: makes a step of the `tables` for agents of which nothing is known.
     """
-    for count, part in *((count, FEW) for count in TOGETHER), (1, MANY):
-        ends = ahead.steps < count
-        if np.count_nonzero(ends) <= part * len(crowd):
-            break
-    else:
+    choice = _choose_count(ahead.steps)
+    if choice is None:
         return None
-    agents, until, made, most, rounds = (
-        np.flatnonzero(ends),
-        ahead.steps.copy(),
-        [],
-        2 * part * len(crowd),
-        0,
-    )
-    some, case, when = crowd.of(agents), ahead.case[agents], ahead.steps[agents].astype(int)
-    at = np.zeros(len(agents), int)
-    while len(agents) and rounds < ROUNDS and most >= 0:
-        some = _on(some, case, when - at, tables) if (when > at).any() else some
-        moved, rest = within(some, machine, world, tables, NOTHING)
-        moved = mended(moved, some, rest, way)
-        turns = moved.heading.view(np.int32) != some.heading.view(np.int32)
-        turns[rest] = True
-        # the map's border may have stopped them, or a zero lost its sign
-        for name, by in (("x", tables.x), ("y", tables.y)):
-            old, new = getattr(some, name), getattr(moved, name)
-            straight = old + by.take(case) if name in tables.changing else old
-            turns |= straight.view(np.int64) != new.view(np.int64)
-        (turns,) = turns.nonzero()  # the others do what they did, into a cell of the same label
-        there = look(moved, machine, world, tables)
-        made.append(
-            (when[turns], agents[turns], some.of(turns), moved.of(turns), there.case[turns])
-        )
-        most, rounds = most - len(agents), rounds + 1
-        at, when = when + 1, when + 1 + there.steps
-        until[agents] = when
-        again = np.flatnonzero(when < count)
-        agents, some, case, at, when = (
-            agents[again],
-            moved.of(again),
-            there.case[again],
-            at[again],
-            when[again],
-        )
-    # up to the first end of what is known; those made that come later are forgotten
-    if len(agents):
-        count = int(when.min())
-        for late, who, *_ in reversed(made):
-            until[who[late >= count]] = late[late >= count]
-    return replace(
-        ahead,
-        steps=until - np.uint16(count),
-        turns=_turns(made, count, tables.changing) if made else (NOBODY,) * count,
-    )
+    count, part = choice
+    until = ahead.steps.copy()
+    agents = np.flatnonzero(until < count)
+    before = crowd.of(agents)
+    case = ahead.case[agents]
+    now = np.zeros(len(agents), int)
+    end = until[agents].astype(int)
+    rounds: list[_Round] = []
+    budget = 2 * part * len(crowd)
+    while len(agents) and len(rounds) < ROUNDS and budget >= 0:
+        before = _walk_known(before, case, end - now, tables)
+        moved, plain_agents = step_within_cells(before, machine, world, tables, NOTHING)
+        after = merge_columns(moved, before, plain_agents, way)
+        turning = _find_turns(before, after, case, plain_agents, tables)
+        onward = look_ahead(after, machine, world, tables)
+        turn = agents[turning], before.of(turning), after.of(turning), onward.case[turning]
+        rounds.append(_Round(end[turning], *turn))
+        budget -= len(agents)
+        now = end + 1
+        end = now + onward.steps
+        until[agents] = end
+        again = np.flatnonzero(end < count)
+        before = after.of(again)
+        agents = agents[again]
+        case = onward.case[again]
+        now = now[again]
+        end = end[again]
+    if len(agents):  # up to the first end of what is known; later turns are forgotten
+        count = int(end.min())
+        for turned in reversed(rounds):
+            late = turned.step >= count
+            until[turned.agents[late]] = turned.step[late]
+    turns = _turns(rounds, count, tables.changing) if rounds else (NOBODY,) * count
+    return replace(ahead, steps=until - np.uint16(count), turns=turns)
 
 
-def onward(
+def _choose_count(steps: np.ndarray) -> tuple[int, float] | None:
+    """Return (count, part): for how many steps turns are computed together.
+
+    part: of the crowd, the most that may turn in them.
+
+    None if more than MANY turn in the next step.
+    """
+    for count, part in *((count, FEW) for count in TOGETHER), (1, MANY):
+        if np.count_nonzero(steps < count) <= part * len(steps):
+            return count, part
+    return None
+
+
+def _find_turns(
+    before: Crowd, after: Crowd, case: np.ndarray, plain_agents: np.ndarray, tables: Tables
+) -> np.ndarray:
+    """Return (m,) intp, who did not do what its case says; the rest entered a cell of its label.
+
+    case: (n,), of Tables.
+    plain_agents: indices of those who took a plain step.
+    """
+    turns = after.heading.view(np.int32) != before.heading.view(np.int32)
+    turns[plain_agents] = True
+    # the map's border may have stopped them, or a zero lost its sign
+    for name, by in (("x", tables.x), ("y", tables.y)):
+        old = getattr(before, name)
+        new = getattr(after, name)
+        straight = old + by.take(case) if name in tables.changing else old
+        turns |= straight.view(np.int64) != new.view(np.int64)
+    return np.flatnonzero(turns)
+
+
+def step_ahead(
     crowd: Crowd, ahead: Ahead, tables: Tables, way: Callable[[Crowd], Crowd]
 ) -> tuple[Crowd, Ahead | None]:
     """Return (crowd, Ahead) one step of the `tables` later.
@@ -235,9 +293,9 @@ def onward(
     """
     turn, *turns = ahead.turns
     columns = {name: np.empty_like(getattr(crowd, name)) for name in tables.changing}
-    _go_on(crowd, ahead.case, tables, columns)
+    _add_step(crowd, ahead.case, tables, columns)
     if tables.seconds != ahead.seconds:
-        return mended(replace(crowd, **columns), crowd, turn.agents, way), None
+        return merge_columns(replace(crowd, **columns), crowd, turn.agents, way), None
     case = ahead.case
     if len(turn.agents):
         case = case.copy()
@@ -249,54 +307,56 @@ def onward(
     return replace(crowd, **columns), replace(ahead, case=case, turns=tuple(turns))
 
 
-def _turns(made: list[tuple], count: int, changing: list[str]) -> tuple[Turn, ...]:
+def _turns(rounds: list[_Round], count: int, changing: list[str]) -> tuple[Turn, ...]:
     """Return the turns of `count` steps, one Turn a step.
 
-    made: tuples (step (k,), agents (k,), Crowd before, Crowd after, case from then on (k,)).
     changing: columns that steps known ahead change.
     """
-    when, agents, case = (np.concatenate([each[k] for each in made]) for k in (0, 1, 4))
-    order = np.argsort(when, kind="stable")
-    ends = np.searchsorted(when[order], np.arange(count + 1)).tolist()
+    step = np.concatenate([turned.step for turned in rounds])
+    order = np.argsort(step, kind="stable")
+    ends = np.searchsorted(step[order], np.arange(count + 1)).tolist()
     parts = [slice(*ends[k : k + 2]) for k in range(count)]
-    agents, case = agents[order], case[order]
-    after: list[dict[str, np.ndarray]] = [{} for _ in parts]
-    for name in made[0][2].columns:
-        old, new = (np.concatenate([getattr(each[k], name) for each in made]) for k in (2, 3))
-        if name in changing or old.tobytes() != new.tobytes():
-            old, new = old[order], new[order]
-            for turn, part in zip(after, parts, strict=True):
-                if name in changing or old[part].tobytes() != new[part].tobytes():
-                    turn[name] = new[part]
+    agents = np.concatenate([turned.agents for turned in rounds])[order]
+    case = np.concatenate([turned.case for turned in rounds])[order]
+    columns: list[dict[str, np.ndarray]] = [{} for _ in parts]
+    for name in rounds[0].before.columns:
+        old = np.concatenate([getattr(turned.before, name) for turned in rounds])[order]
+        new = np.concatenate([getattr(turned.after, name) for turned in rounds])[order]
+        for after, part in zip(columns, parts, strict=True):
+            if name in changing or old[part].tobytes() != new[part].tobytes():
+                after[name] = new[part]
     return tuple(
-        Turn(agents[part], turn, case[part]) for turn, part in zip(after, parts, strict=True)
+        Turn(agents[part], after, case[part]) for after, part in zip(columns, parts, strict=True)
     )
 
 
-def _on(crowd: Crowd, case: np.ndarray, steps: np.ndarray, tables: Tables) -> Crowd:
+def _walk_known(crowd: Crowd, case: np.ndarray, steps: np.ndarray, tables: Tables) -> Crowd:
     """Return the crowd after `steps` (n,), each agent's own number of known steps."""
+    if not steps.any():
+        return crowd
     order = np.argsort(-steps, kind="stable")
-    crowd, case, steps = crowd.of(order), case[order], steps[order]
-    for count in np.searchsorted(-steps, -np.arange(steps.max()), side="left").tolist():
-        some = crowd.of(slice(count))
-        _go_on(some, case[:count], tables, vars(some))
+    crowd = crowd.of(order)
+    case = case[order]
+    counts = np.searchsorted(-steps[order], -np.arange(steps.max()), side="left")
+    for count in counts.tolist():
+        walking = crowd.of(slice(count))
+        _add_step(walking, case[:count], tables, vars(walking))
     back = np.empty_like(order)
     back[order] = np.arange(len(order))
     return crowd.of(back)
 
 
-def _go_on(crowd: Crowd, cases: np.ndarray, tables: Tables, into: dict[str, np.ndarray]) -> None:
+def _add_step(crowd: Crowd, cases: np.ndarray, tables: Tables, into: dict[str, np.ndarray]) -> None:
     """Write the columns that a step of the `tables` changes to `into`.
 
     The values are right only for agents whose step is known.
     """
-    for at in range(0, len(crowd), BLOCK):
-        block = slice(at, at + BLOCK)
+    for start in range(0, len(crowd), BLOCK):
+        block = slice(start, start + BLOCK)
         case = cases[block].astype(np.intp)
         for name, way in (("x", tables.x), ("y", tables.y)):
             if name in tables.changing:
-                np.add(
-                    getattr(crowd, name)[block], way.take(case, mode="clip"), out=into[name][block]
-                )
+                old = getattr(crowd, name)[block]
+                np.add(old, way.take(case, mode="clip"), out=into[name][block])
         if "wait" in tables.changing:
             np.subtract(crowd.wait[block], tables.seconds, out=into["wait"][block])

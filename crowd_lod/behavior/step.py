@@ -1,348 +1,117 @@
-"""Behavior: agents step through the state machine on the label map (listing 1.1).
+"""The one door to behavior: a crowd one step later (chapter listing 1.1).
 
-One read, one move: an agent reads the label under it. The OLD state and that label give both its
-next state and its velocity. It moves. A step that stays in one cell is exactly this. So is a step
-into a neighbor cell that shares a side and has the same label.
-
-Every other step that would leave the cell is cut at the cell's border (Amanatides and Woo 1987).
-Each piece is the listing again, with the label of the cell just entered. So no cell on an agent's
-way goes unread, at any speed: the substeps follow from the Courant number of each agent alone. If
-both borders are reached at once, the border in x is crossed first. So the way leads through the
-sides of cells, never through a corner, and passes no wall, not even one whose cells touch only at
-their corners. A timer that ends within a step cuts it too.
-
-The cost of a step is bounded. Cells of one label are passed at once. An agent that turns more often
-than its way is worth is stuck, in a corner between walls, say: it stands until the step ends.
+`plain_step` takes each agent's step piece by piece. Two fast paths give the same to the bit:
+`tabulated_step` looks once at the map for all who come to no other label, and `lookahead` knows for
+many steps in a row who need not look at the map at all. Callers do not choose: `Steps` does.
 """
 
-from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 
-import numpy as np
-
-from ..crowd import random_streams
 from ..crowd.agents import Crowd
-from ..crowd.leave_outs import NOTHING, ONE_LABEL, ONE_PACE, UNCHANGING, LeftOut
+from ..crowd.leave_outs import NOTHING, LeftOut
 from ..crowd.maps import LabelMap
 from ..crowd.state_machine import StateMachine
-from ..progress import breath
-from . import cell_borders
-from .cell_borders import Walkers
 from .courant_number import check_speeds
-from .tabulated_step import Tables, mended, within
+from .fading import fade
+from .lookahead import Ahead, look_ahead, plan_turns, step_ahead
+from .plain_step import advance
+from .tabulated_step import Tables, merge_columns, step_within_cells
 
-# So many pieces may an agent take in a step, and so many more for each cell that it walks, but
-# never more than PIECES are left to it. One that has none left is stuck.
-PIECES = 64
-PIECES_A_CELL = 8
 # A crowd of fewer agents is stepped faster as a whole than in two ways.
 FEW_AGENTS = 3000
+# Steps of a crowd that must look at the map too often, before the next try to look ahead.
+PAUSE = 16
+# The columns of a crowd that a step reads.
+READ = ("x", "y", "heading", "state", "wait", "key", "mirror")
 
 
-@dataclass(frozen=True)
-class Tally:
-    """The cost of one `advance`.
-
-    reads: table reads, summed over all agents.
-    held: (n,) bool, agents that were stuck and stood for the rest of the step.
-    pieces: pieces of the agent that took most.
-    """
-
-    reads: int
-    held: np.ndarray
-    pieces: int
-
-
-def step(
-    crowd: Crowd,
-    machine: StateMachine,
-    world: LabelMap,
-    seconds: float,
-    leave: frozenset[LeftOut] = NOTHING,
-    tables: Tables | None = None,
-) -> Crowd:
-    """Return the crowd `seconds` later, by listing 1.1 cut at the cell borders.
+class Steps:
+    """Steps of crowds by one state machine on one map.
 
     At the map's edge the machine's policy decides: `clamp` slides along it, `stop` stands, `wrap`
     goes on at the other side, `reflect` goes on mirrored until the state changes.
 
+    row: seconds of steps that follow each other, as those of a shot do; they are looked ahead. None
+        where each step stands alone.
     leave: parts to leave out, from leave_outs.needless.
-    tables: the tables of this step, if they exist already; their maker has checked the speeds.
 
-    Raises CrowdError if `tables` is None and the table moves more than courant_number.MOST_CELLS
-    cells in `seconds`.
-    """
-    if tables is None:
-        check_speeds(machine, world, seconds)
-    if len(crowd) < FEW_AGENTS:
-        return advance(crowd, machine, world, seconds, leave=leave)[0]
-    moved, rest = within(crowd, machine, world, tables or Tables(machine, seconds), leave)
-    return mended(
-        moved, crowd, rest, lambda some: advance(some, machine, world, seconds, leave=leave)[0]
-    )
-
-
-def advance(
-    crowd: Crowd,
-    machine: StateMachine,
-    world: LabelMap,
-    seconds: float,
-    exact: bool = False,
-    leave: frozenset[LeftOut] = NOTHING,
-) -> tuple[Crowd, Tally]:
-    """Return (crowd, Tally) `seconds` later, every agent stepped piece by piece.
-
-    exact: take the limit of ever shorter steps. An agent whose state changes then moves no further
-        than out of the cell on whose border it stands, and reads the table again
-        (behavior/exact_walk.py).
-    leave: parts to leave out, from leave_outs.needless.
-    """
-    way = _Way(crowd, machine, world, seconds, exact, leave)
-    while len(way.rest):
-        breath()
-        way.go()
-    now = way.now
-    if ONE_PACE not in leave:
-        now.pace[:] = pace_of(now.x, now.y, now.state, machine, world)
-    return now, Tally(way.reads, way.held, way.pieces)
-
-
-@dataclass
-class _Piece:
-    """One read of the table and one move of the k agents on their way.
-
-    walkers: where they are, and the velocity that they read.
-    label: (k,) uint8, of the cells they are in; (1,) if all of the map has one.
-    changed: (k,) bool, whose state the read has changed.
-    span: (k,) seconds that they walk.
-    to, to_cell: (2, k), where that leads, meters, and column and row of the cell there.
-    leaves: (c,) intp, which of them are stopped at a border.
-    reads: (k,) intp, table reads.
-    """
-
-    walkers: Walkers
-    label: np.ndarray
-    changed: np.ndarray
-    span: np.ndarray
-    to: np.ndarray
-    to_cell: np.ndarray
-    leaves: np.ndarray
-    reads: np.ndarray
-
-
-class _Way:
-    """The way of a crowd through one step, piece by piece, until no agent has time left.
-
-    now: the crowd, as far as it has come; its columns are written to.
-    agents: which of the crowd's n agents are still on their way: k indices, or at first all.
-    cell: (2, k) intp, column and row of the cells they are in.
-    rest: (k,) seconds they have left.
-    left: (k,) the pieces that each of them may still take.
-    held, reads, pieces: see Tally.
+    Several threads may ask at once.
     """
 
     def __init__(
         self,
-        crowd: Crowd,
         machine: StateMachine,
         world: LabelMap,
-        seconds: float,
-        exact: bool,
-        leave: frozenset[LeftOut],
+        row: float | None = None,
+        leave: frozenset[LeftOut] = NOTHING,
     ):
-        self.machine, self.world, self.exact, self.leave = machine, world, exact, leave
-        self.draws, self.reflects = machine.timed or machine.chancy, machine.edge == "reflect"
-        area = world.area
-        self.now = now = replace(
-            crowd,
-            x=np.clip(crowd.x, area.x_min, area.x_max),
-            y=np.clip(crowd.y, area.y_min, area.y_max),
-            heading=crowd.heading.copy(),
-            state=crowd.state.copy(),
-            wait=crowd.wait.copy() if machine.timed else crowd.wait,
-            key=crowd.key.copy() if self.draws else crowd.key,
-            mirror=crowd.mirror.copy() if self.reflects else crowd.mirror,
-            pace=crowd.pace if ONE_PACE in leave else np.empty_like(crowd.pace),
-        )
-        self.agents: np.ndarray | slice = slice(None)
-        self.cell = np.array(world.cells(now.x, now.y))
-        self.rest = np.full(len(crowd), float(seconds))
-        # in no time an agent sees at most the 4 cells round a corner in each state: if it goes on
-        # for longer, it has met one twice
-        self.patience = max(PIECES, 4 * len(machine.states) + 4) if exact else PIECES
-        self.left = np.full(len(crowd), float(self.patience))
-        self.held, self.reads, self.pieces = np.zeros(len(crowd), bool), 0, 0
-        self.size = np.array(world.cell)[:, None]
-        # NumPy is several times faster along rows than across pairs
-        self.table = np.ascontiguousarray(machine.velocity.reshape(-1, 2).T)
+        self.machine = machine
+        self.world = world
+        self.row = row
+        self.leave = leave
+        self._tables = lru_cache(maxsize=16)(partial(_make_tables, machine, world))
+        # a crowd, and what is known of its next steps
+        self._known: tuple[Crowd | None, Ahead | None] = None, None
+        self._pause = 0
 
-    def go(self) -> None:
-        """Take all who are on their way one piece further."""
-        if self.machine.timed:
-            self._time_out()
-        piece = self._aimed(*self._read())
-        if len(piece.leaves) and not self.exact:
-            self._enter_alike(piece)
-        if len(piece.leaves):
-            self._stop_at_border(piece)
-        self._move(piece)
-        self._go_on(piece)
+    def after(self, crowd: Crowd, seconds: float) -> Crowd:
+        """Return the crowd `seconds` later: at most `row`, if there is one.
 
-    def who(self, some: np.ndarray) -> np.ndarray:
-        """Return the crowd's indices of `some`, (j,) intp indices of those on their way."""
-        return some if isinstance(self.agents, slice) else self.agents[some]
-
-    def _time_out(self) -> None:
-        """Move those whose timer has run out into their next state."""
-        now, machine = self.now, self.machine
-        out = self.who(np.flatnonzero(now.wait[self.agents] <= 0))
-        now.state[out] = machine.timed_out(now.state[out], now.key[out])
-        now.key[out] = random_streams.moved_on(now.key[out], np.ones(len(out), bool))
-        now.wait[out] = machine.waits(now.state[out], now.key[out])
-
-    def _read(self) -> tuple[Walkers, np.ndarray, np.ndarray]:
-        """Read the table: the old state and the label give the velocity and the next state.
-
-        Returns walkers, label and changed, as in _Piece.
+        Raises CrowdError if the table moves more than courant_number.MOST_CELLS cells in `seconds`.
         """
-        now, machine, agents = self.now, self.machine, self.agents
-        old, (column, row) = now.state[agents], self.cell
-        label = (
-            self.world.labels[:1, 0] if ONE_LABEL in self.leave else self.world.labels[row, column]
-        )
-        velocity = self.table.take(old.astype(np.intp) * len(machine.labels) + label, axis=1)
-        if UNCHANGING in self.leave:
-            changed = np.zeros(len(old), bool)
+        tables = self._tables(seconds)
+        ahead = self._look_ahead(crowd, seconds)
+        if ahead is None:
+            moved = self._step_alone(crowd, tables)
         else:
-            new = machine.following(old, label, now.key[agents])
-            changed = new != old
-            now.state[agents] = new
-        if self.reflects:
-            velocity = velocity * np.stack(
-                [1.0 - 2 * (now.mirror[agents] & 1), 1.0 - (now.mirror[agents] & 2)]
-            )
-            now.mirror[agents] *= ~changed
-        if self.draws:
-            now.key[agents] = random_streams.moved_on(now.key[agents], changed)
-            into = self.who(np.flatnonzero(changed))
-            now.wait[into] = machine.waits(now.state[into], now.key[into])
-        place = np.array((now.x[agents], now.y[agents]))
-        if machine.edge == "stop":
-            velocity[:, cell_borders.leaves_map(place, velocity, self.world.area)] = 0
-        return Walkers(place, self.cell, velocity), label, changed
+            moved, ahead = step_ahead(crowd, ahead, tables, partial(self._advance, seconds=seconds))
+        moved = fade(crowd, moved, self.machine, seconds)
+        if seconds == self.row:
+            self._known = moved, ahead
+        return moved
 
-    def _aimed(self, walkers: Walkers, label: np.ndarray, changed: np.ndarray) -> _Piece:
-        """Return the piece up to the end of the step or of a timer, through any border."""
-        world, edge = self.world, self.machine.edge
-        span = (
-            np.minimum(self.rest, self.now.wait[self.agents])
-            if self.machine.timed
-            else self.rest.copy()
-        )
-        if self.exact:
-            span[changed] = 0
-        to = walkers.place + walkers.velocity * span
-        to_cell = np.array(world.cells(*to))
-        leaves = (to_cell[0] != walkers.cell[0]) | (to_cell[1] != walkers.cell[1])
-        if edge != "clamp":
-            leaves |= cell_borders.outside(to, world.area)
-        if self.exact or self.pieces:
-            # on a border and heading out: however short the move, even if rounding loses it, it
-            # leaves the cell
-            leaves |= cell_borders.on_border(walkers, world, edge)
-        return _Piece(
-            walkers,
-            label,
-            changed,
-            span,
-            to,
-            to_cell,
-            np.flatnonzero(leaves),
-            np.ones(len(span), np.intp),
-        )
+    def _look_ahead(self, crowd: Crowd, seconds: float) -> Ahead | None:
+        """Return what is known of the crowd's next steps, the next one at least.
 
-    def _enter_alike(self, piece: _Piece) -> None:
-        """Let go on who enters a cell of the same label at its side: its read is known."""
-        c, world = piece.leaves, self.world
-        on = (
-            cell_borders.same_beside(self.cell.take(c, 1), piece.to_cell.take(c, 1), world)
-            & ~piece.changed[c]
-        )
-        if self.machine.edge != "clamp":
-            on &= ~cell_borders.outside(piece.to.take(c, 1), world.area)
-        piece.leaves, on = c[~on], c[on]
-        _put(self.cell, on, piece.to_cell.take(on, 1))
-        piece.reads[on] += 1
+        None if nothing is, or if too many agents must look at the map.
+        """
+        known, ahead = self._known
+        if known is None or any(getattr(known, name) is not getattr(crowd, name) for name in READ):
+            ahead = None
+        if ahead is None:
+            if seconds != self.row:
+                return None
+            if self._pause:
+                self._pause -= 1
+                return None
+            ahead = look_ahead(crowd, self.machine, self.world, self._tables(seconds))
+        if ahead.turns:
+            return ahead
+        tables = self._tables(ahead.seconds)
+        way = partial(self._advance, seconds=ahead.seconds)
+        ahead = plan_turns(crowd, ahead, self.machine, self.world, tables, way)
+        self._known = crowd, ahead
+        if ahead is None:
+            self._pause = PAUSE
+        return ahead
 
-    def _stop_at_border(self, piece: _Piece) -> None:
-        """Stop who leaves its cell at the border, or at the end of cells of one label."""
-        c, now, world = piece.leaves, self.now, self.world
-        walkers, span = piece.walkers.of(c), piece.span[c]
-        past = ~piece.changed[c] * cell_borders.past(walkers, span, world)
-        crossing = cell_borders.to_border(walkers, span, past, world, self.machine.edge)
-        _put(piece.to, c, crossing.place)
-        _put(self.cell, c, crossing.cell)
-        piece.span[c] = crossing.taken
-        piece.reads[c] += crossing.crossed
-        if self.reflects:
-            now.mirror[self.who(c)] ^= crossing.flips
-        if self.draws:
-            entered, (column, row) = np.zeros(len(piece.span), bool), crossing.cell
-            entered[c] = ONE_LABEL not in self.leave and world.labels[row, column] != piece.label[c]
-            now.key[self.agents] = random_streams.moved_on(now.key[self.agents], entered)
+    def _step_alone(self, crowd: Crowd, tables: Tables) -> Crowd:
+        """Return the crowd one step of the `tables` later, by itself."""
+        way = partial(self._advance, seconds=tables.seconds)
+        if len(crowd) < FEW_AGENTS:
+            return way(crowd)
+        moved, plain_agents = step_within_cells(crowd, self.machine, self.world, tables, self.leave)
+        return merge_columns(moved, crowd, plain_agents, way)
 
-    def _move(self, piece: _Piece) -> None:
-        """Walk the piece."""
-        now, agents, area = self.now, self.agents, self.world.area
-        now.x[agents] = np.clip(piece.to[0], area.x_min, area.x_max)
-        now.y[agents] = np.clip(piece.to[1], area.y_min, area.y_max)
-        vx, vy = piece.walkers.velocity
-        now.heading[agents] = np.where(
-            np.hypot(vx, vy) > 0, np.arctan2(vy, vx), now.heading[agents]
-        )
-        if self.machine.timed:
-            now.wait[agents] -= piece.span
-        self.rest = self.rest - piece.span
-        self.pieces, self.reads = self.pieces + 1, self.reads + int(piece.reads.sum())
-
-    def _go_on(self, piece: _Piece) -> None:
-        """Keep those who have time left, less those who are stuck."""
-        on = np.flatnonzero(self.rest > 0)
-        cells = piece.span[on] * np.abs(piece.walkers.velocity.take(on, 1) / self.size).max(axis=0)
-        left = np.minimum(self.left[on] + PIECES_A_CELL * cells, self.patience) - 1
-        stuck = left <= 0
-        if stuck.any():
-            stand = self.who(on[stuck])
-            self.held[stand] = True
-            if self.machine.timed:
-                self.now.wait[stand] -= self.rest[on[stuck]]
-            on, left = on[~stuck], left[~stuck]
-        self.agents = self.who(on)
-        self.cell = self.cell.take(on, 1)
-        self.rest = self.rest[on]
-        self.left = left
+    def _advance(self, crowd: Crowd, seconds: float) -> Crowd:
+        return advance(crowd, self.machine, self.world, seconds, leave=self.leave)[0]
 
 
-def _put(into: np.ndarray, some: np.ndarray, values: np.ndarray) -> None:
-    """Write values (2, j) to the columns `some` (j,) of `into` (2, k)."""
-    for row, value in zip(into, values, strict=True):  # several times faster than into[:, some]
-        row[some] = value
+def step(crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float) -> Crowd:
+    """Return the crowd `seconds` later, in one step that stands alone (see Steps)."""
+    return Steps(machine, world).after(crowd, seconds)
 
 
-def pace_of(
-    x: np.ndarray, y: np.ndarray, state: np.ndarray, machine: StateMachine, world: LabelMap
-) -> np.ndarray:
-    """Return at which of the machine's paces agents walk on, (n,) uint8.
-
-    x, y: (n,) world meters.
-    state: (n,) uint8. With the edge policy "stop", agents that stand at the map's border get the
-        pace at which their action stands.
-    """
-    label = world.at(x, y)
-    pace = machine.paces.of[state, label]
-    if machine.edge == "stop":
-        # who stands
-        stand = cell_borders.leaves_map(
-            np.array((x, y)), machine.velocity[state, label].T, world.area
-        )
-        pace[stand] = machine.paces.slowest[state[stand]] if len(machine.paces.slowest) else 0
-    return pace
+def _make_tables(machine: StateMachine, world: LabelMap, seconds: float) -> Tables:
+    check_speeds(machine, world, seconds)
+    return Tables(machine, seconds)

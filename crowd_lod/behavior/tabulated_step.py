@@ -4,13 +4,14 @@ A step is looked up if it changes no state and leaves no cell, or only to a neig
 same label that shares a side. The agent then reads the table once and moves once, and its state and
 label give all of the result. The tables are made for the step and applied block by block.
 
-All other agents take the long step (step.advance), with the same result to the bit: those that
-change state, draw at random, wait less than a step, or reach another label or the border of the
-map.
+All other agents take the plain step (plain_step.advance), with the same result to the bit: those
+that change state, draw at random, wait less than a step, or reach another label or the border of
+the map.
 """
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,128 +36,186 @@ class Tables:
     heading: float32 radians.
     turns, stands: bool, speed above 0, speed 0.
     changing: names of the Crowd columns that a step within a cell changes.
+    number: the least type that holds a case.
     """
 
     def __init__(self, machine: StateMachine, seconds: float):
-        self.seconds, velocity = seconds, machine.velocity[None]
-        if machine.edge == "reflect":
+        self.seconds = seconds
+        velocity = machine.velocity[None]
+        self.mirrors = machine.edge == "reflect"
+        if self.mirrors:
             velocity = velocity * MIRRORED[:, None, None]
         vx, vy = velocity.reshape(-1, 2).T
         speed = np.hypot(vx, vy)
-        self.x, self.y = vx * seconds, vy * seconds
-        self.turns, self.stands = speed > 0, speed == 0
+        self.x = vx * seconds
+        self.y = vy * seconds
+        self.turns = speed > 0
+        self.stands = speed == 0
         self.heading = np.arctan2(vy, vx).astype(np.float32)
         states = np.arange(len(machine.states))[:, None]
         changes = (machine.next_state != states) | (machine.next_choice >= 0)
-        # who changes state is in no cell afterwards, so that one comparison finds all who go the
-        # long way
-        self.x[np.broadcast_to(changes, (len(velocity), *changes.shape)).ravel()] = np.nan
-        changing = {"x": self.x.any(), "y": self.y.any(), "wait": machine.timed}
-        # columns that a step within a cell changes
-        self.changing = [name for name, changes in changing.items() if changes]
-        self.labels, self.size, self.mirrors = (
-            len(machine.labels),
-            machine.next_state.size,
-            len(velocity) > 1,
-        )
+        # who changes state is in no cell afterwards: one comparison finds all who need a plain step
+        self.x[np.broadcast_to(changes, velocity.shape[:-1]).ravel()] = np.nan
+        is_changing = {"x": self.x.any(), "y": self.y.any(), "wait": machine.timed}
+        self.changing = [name for name, changing in is_changing.items() if changing]
+        self.labels = len(machine.labels)
+        self.rules = machine.next_state.size
         self.number = np.min_scalar_type(len(self.x))
 
     def cases(self, crowd: Crowd, block: slice, label: np.ndarray) -> np.ndarray:
         """Return the cases (b,) intp of the agents in `block`; label: (b,) or one."""
         case = np.multiply(crowd.state[block], self.labels, dtype=self.number)
         if self.mirrors:
-            case += np.multiply(crowd.mirror[block], self.size, dtype=self.number)
+            case += np.multiply(crowd.mirror[block], self.rules, dtype=self.number)
         case += label
         return case.astype(np.intp)
 
 
-def within(
+class _Axis(NamedTuple):
+    """x or y of a step of n agents.
+
+    old, new: (n,) meters, before and after the step; `new` is written to.
+    way: (cases,) meters, of Tables.
+    low, high: meters, the map's borders.
+    size: meters, of a cell.
+    cell_count: of the map's cells.
+    """
+
+    old: np.ndarray
+    new: np.ndarray
+    way: np.ndarray
+    low: float
+    high: float
+    size: float
+    cell_count: int
+
+    def holds(self, block: slice) -> bool:
+        """Whether all of a block are on the map, and none is at NaN."""
+        old = self.old[block]
+        return bool(self.low <= old.min() and old.max() <= self.high)
+
+    def cells(self, block: slice) -> np.ndarray:
+        """Return the column or row of the cells (b,) float64 of a block on the map."""
+        cell = np.floor((self.old[block] - self.low) / self.size)
+        # at the map's end, or so near that the quotient rounds up to it
+        if cell.max() >= self.cell_count:
+            np.minimum(cell, self.cell_count - 1, out=cell)
+        return cell
+
+
+def step_within_cells(
     crowd: Crowd, machine: StateMachine, world: LabelMap, tables: Tables, leave: frozenset[LeftOut]
 ) -> tuple[Crowd, np.ndarray]:
-    """Return (crowd, rest): the crowd one step of the `tables` later.
+    """Return (crowd, plain_agents): the crowd one step of the `tables` later.
 
-    rest: (m,) intp, increasing, the agents that need the long step; their values in the crowd are
-        not valid.
+    plain_agents: (m,) intp, increasing, the agents that need the plain step; their values in the crowd
+        are not valid.
 
-    Other arguments as in step.step. Columns that the step does not change are those of `crowd`.
+    Columns that the step does not change are those of `crowd`.
     """
-    x, y = np.empty_like(crowd.x), np.empty_like(crowd.y)
-    heading = np.empty_like(crowd.heading) if tables.turns.any() else crowd.heading
-    wait = np.empty_like(crowd.wait) if machine.timed else crowd.wait
-    area, (rows, columns), (width, depth) = world.area, world.labels.shape, world.cell
-    sides = (
-        (crowd.x, x, tables.x, area.x_min, area.x_max, width, columns),
-        (crowd.y, y, tables.y, area.y_min, area.y_max, depth, rows),
+    area = world.area
+    rows, columns = world.labels.shape
+    width, depth = world.cell
+    moved = replace(
+        crowd,
+        x=np.empty_like(crowd.x),
+        y=np.empty_like(crowd.y),
+        heading=np.empty_like(crowd.heading) if tables.turns.any() else crowd.heading,
+        wait=np.empty_like(crowd.wait) if machine.timed else crowd.wait,
     )
-    labels = world.labels.ravel()
-    rest = []
-    for at in range(0, len(x), BLOCK):
-        block = slice(at, at + BLOCK)
-        if not all(
-            low <= old[block].min() and old[block].max() <= high
-            for old, _, _, low, high, _, _ in sides
-        ):
-            rest.append(np.arange(at, min(at + BLOCK, len(x))))  # beyond the map, or at NaN
+    axes = (
+        _Axis(crowd.x, moved.x, tables.x, area.x_min, area.x_max, width, columns),
+        _Axis(crowd.y, moved.y, tables.y, area.y_min, area.y_max, depth, rows),
+    )
+    plain_agents = [np.empty(0, np.intp)]
+    for start in range(0, len(crowd), BLOCK):
+        block = slice(start, min(start + BLOCK, len(crowd)))
+        if not all(axis.holds(block) for axis in axes):
+            plain_agents.append(np.arange(block.start, block.stop))
             continue
-        cells = [np.floor((old[block] - low) / size) for old, _, _, low, _, size, _ in sides]
-        for (*_, count), cell in zip(sides, cells, strict=True):
-            # at the map's end, or so near that the quotient rounds up to it
-            if cell.max() >= count:
-                np.minimum(cell, count - 1, out=cell)
-        one = ONE_LABEL in leave
-        label = (
-            labels[0]
-            if one
-            else labels.take((cells[1] * columns + cells[0]).astype(np.intp), mode="clip")
-        )
-        case = tables.cases(crowd, block, label)
-        other, leaves = np.zeros((2, len(case)), bool)
-        for (old, new, way, low, high, size, _), cell in zip(sides, cells, strict=True):
-            to = np.add(old[block], way.take(case, mode="clip"), out=new[block])
-            if not (low <= to.min() and to.max() <= high):
-                if machine.edge == "clamp":
-                    np.clip(to, low, high, out=to)
-                else:
-                    other |= (to < low) | (to > high)
-            leaves |= np.floor((to - low) / size) != cell
-        if machine.edge == "stop":  # who stands on the map's border does not head out
-            for old, _, _, low, high, _, _ in sides:
-                other |= (old[block] <= low) | (old[block] >= high)
+        cells = [axis.cells(block) for axis in axes]
+        case = tables.cases(crowd, block, _labels(world, cells, leave))
+        needs_plain = _move(block, axes, cells, case, machine.edge, world)
         if machine.timed:
             waits = crowd.wait[block]
-            other |= waits < tables.seconds
-            np.subtract(waits, tables.seconds, out=wait[block])
-        if leaves.any():
-            c = np.flatnonzero(leaves & ~other)
-            c = c[~np.isnan(x[block][c])]  # their state changes
-            to_cell = np.array(world.cells(x[block][c], y[block][c]))
-            leaves[c] = ~same_beside(np.array([cell[c] for cell in cells], np.intp), to_cell, world)
-            other |= leaves
-        if heading is not crowd.heading:
-            _turn(crowd.heading[block], tables, case, heading[block])
-        rest.append(np.flatnonzero(other) + at)
-    moved = replace(crowd, x=x, y=y, heading=heading, wait=wait)
-    return moved, np.concatenate(rest) if rest else np.empty(0, np.intp)
+            needs_plain |= waits < tables.seconds
+            np.subtract(waits, tables.seconds, out=moved.wait[block])
+        if moved.heading is not crowd.heading:
+            _turn(crowd.heading[block], tables, case, moved.heading[block])
+        plain_agents.append(np.flatnonzero(needs_plain) + start)
+    return moved, np.concatenate(plain_agents)
 
 
-def mended(moved: Crowd, crowd: Crowd, agents: np.ndarray, way: Callable[[Crowd], Crowd]) -> Crowd:
+def merge_columns(
+    moved: Crowd, crowd: Crowd, agents: np.ndarray, way: Callable[[Crowd], Crowd]
+) -> Crowd:
     """Return `moved`, where `agents` (m,) get the result of `way` applied to `crowd`.
 
     Writes into those columns of `moved` that it does not share with `crowd`.
     """
     if not len(agents):
         return moved
-    taken = crowd.of(agents)
-    other, columns = way(taken), {}
+    before = crowd.of(agents)
+    after = way(before)
+    columns = {}
     for name, column in moved.columns.items():
-        own, before = getattr(other, name), getattr(crowd, name)
-        if column is not before or own.tobytes() != getattr(taken, name).tobytes():
-            columns[name] = column.copy() if column is before else column
-            columns[name][agents] = own
+        values = getattr(after, name)
+        is_shared = column is getattr(crowd, name)
+        if is_shared and values.tobytes() == getattr(before, name).tobytes():
+            continue
+        columns[name] = column.copy() if is_shared else column
+        columns[name][agents] = values
     return replace(moved, **columns)
 
 
+def _labels(world: LabelMap, cells: list[np.ndarray], leave: frozenset[LeftOut]) -> np.ndarray:
+    """Return the labels (b,) of these columns and rows; one where the map has one."""
+    if ONE_LABEL in leave:
+        return world.labels[0, 0]
+    column, row = cells
+    cell = (row * world.labels.shape[1] + column).astype(np.intp)
+    return world.labels.ravel().take(cell, mode="clip")
+
+
+def _move(
+    block: slice,
+    axes: tuple[_Axis, ...],
+    cells: list[np.ndarray],
+    case: np.ndarray,
+    edge: str,
+    world: LabelMap,
+) -> np.ndarray:
+    """Walk a block of agents; return which of them (b,) bool need the plain step instead.
+
+    cells: column and row of the cells that they are in.
+    case: (b,) of Tables.
+    """
+    needs_plain = np.zeros(len(case), bool)
+    leaves = np.zeros(len(case), bool)
+    for axis, cell in zip(axes, cells, strict=True):
+        old = axis.old[block]
+        to = np.add(old, axis.way.take(case, mode="clip"), out=axis.new[block])
+        if not (axis.low <= to.min() and to.max() <= axis.high):
+            if edge == "clamp":
+                np.clip(to, axis.low, axis.high, out=to)
+            else:
+                needs_plain |= (to < axis.low) | (to > axis.high)
+        leaves |= np.floor((to - axis.low) / axis.size) != cell
+        if edge == "stop":  # who stands on the map's border does not head out
+            needs_plain |= (old <= axis.low) | (old >= axis.high)
+    if leaves.any():
+        x, y = (axis.new[block] for axis in axes)
+        leaving = np.flatnonzero(leaves & ~needs_plain)
+        leaving = leaving[~np.isnan(x[leaving])]  # their state changes
+        to_cell = np.array(world.cells(x[leaving], y[leaving]))
+        cell = np.array([index[leaving] for index in cells], np.intp)
+        leaves[leaving] = ~same_beside(cell, to_cell, world)
+        needs_plain |= leaves
+    return needs_plain
+
+
 def _turn(old: np.ndarray, tables: Tables, case: np.ndarray, new: np.ndarray) -> None:
+    """Write the headings (b,) after the step to `new`; who stands keeps the `old` one."""
     tables.heading.take(case, mode="clip", out=new)
     if not tables.turns.all():
         stands = np.flatnonzero(tables.stands.take(case, mode="clip"))

@@ -13,7 +13,7 @@ from .maps import LabelMap
 from .state_machine import StateMachine
 
 
-# each is one of those below, and itself alone: asked for many times a frame
+# compared by identity: a frame asks for these many times
 @dataclass(frozen=True, eq=False)
 class LeftOut:
     """A part of the pipeline's `stage` that a scene does not need, and why."""
@@ -27,14 +27,12 @@ STILL = LeftOut(
     "behavior",
     "No agent ever moves or changes its state: behavior ran once, and only the action plays on.",
 )
-UNCHANGING = LeftOut("behavior", "No label on the map changes a state: no transition is looked up.")
 ONE_LABEL = LeftOut("behavior", "The map has one label: it is not looked up.")
 NO_FADES = LeftOut(
     "behavior",
     "No agent ever comes from another action into a state with a fade: none cross-fades.",
 )
 NO_HEIGHTS = LeftOut("behavior", "There is no height map: agents keep the height they start at.")
-ONE_PACE = LeftOut("behavior", "All walk at one pace: no agent ever changes its phase class.")
 BLOCKS = LeftOut(
     "culling",
     "Agents are in blocks: those of a block outside the picture, or inside and in one LOD, are "
@@ -62,7 +60,7 @@ WORKBENCH = LeftOut(
 
 # In the order of the pipeline.
 ITEMS = (
-    STATIC, STILL, UNCHANGING, ONE_LABEL, ONE_PACE, NO_FADES, NO_HEIGHTS,
+    STATIC, STILL, ONE_LABEL, NO_FADES, NO_HEIGHTS,
     BLOCKS,
 )  # fmt: skip
 ALL = frozenset(ITEMS)
@@ -82,22 +80,19 @@ def needless(crowd: Crowd, machine: StateMachine, world: LabelMap) -> frozenset[
     """Return the behavior that no frame of the crowd that starts as `crowd` needs."""
     labels = np.flatnonzero(np.bincount(world.labels.ravel(), minlength=len(machine.labels)))
     states = np.flatnonzero(_reached(machine, crowd.state, labels))
-    here = np.ix_(states, labels)
-    unchanging = (machine.next_state[here] == states[:, None]).all() and (
-        machine.next_choice[here] < 0
-    ).all()
+    rules = np.ix_(states, labels)
+    stays = bool((machine.next_state[rules] == states[:, None]).all())
+    draws = bool((machine.next_choice[rules] >= 0).any())
+    moves = bool(machine.velocity[rules].any())
     fading = crowd.faded is not None and bool((crowd.faded < 1).any())
-    if unchanging and not machine.timed and not machine.velocity[here].any() and not fading:
-        return frozenset([STILL])  # then there are no steps to make shorter
+    if stays and not (draws or moves or machine.timed or fading):
+        return frozenset([STILL])  # there are no steps to make shorter
+    could_fade = bool(machine.fades[np.ix_(states, states)].any())
     holds = {
-        UNCHANGING: unchanging,
         ONE_LABEL: len(labels) == 1,
-        ONE_PACE: len(machine.paces.speeds) == 1,
-        NO_FADES: bool(machine.fades.any())
-        and not machine.fades[np.ix_(states, states)].any()
-        and not fading,
+        NO_FADES: bool(machine.fades.any()) and not could_fade and not fading,
     }
-    return frozenset(item for item, true in holds.items() if true)
+    return frozenset(item for item, holding in holds.items() if holding)
 
 
 def reachable_velocities(machine: StateMachine, world: LabelMap, states: np.ndarray) -> np.ndarray:

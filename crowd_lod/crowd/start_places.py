@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import CrowdError
 from . import leave_outs
-from .agents import CLASSES, Crowd, Shares, check_counts, peopled
+from .agents import CLASSES, Crowd, Shares, check_counts, place_agents
 from .maps import Area, LabelMap
 from .state_machine import StateMachine
 
@@ -68,7 +68,7 @@ class Spacing:
     turn: float = 0.0
 
 
-def unturned(points: np.ndarray) -> Places:
+def without_heading(points: np.ndarray) -> Places:
     """Return places without headings at `points` (n, 3)."""
     return Places(points, np.full(len(points), np.nan, np.float32))
 
@@ -117,7 +117,7 @@ def on_surface(
                 "The surface to start on has density 0 nearly everywhere: brighten the image, or "
                 "move the volumes that give it."
             )
-    return unturned(np.concatenate(found)[:count])
+    return without_heading(np.concatenate(found)[:count])
 
 
 def _drawn(
@@ -178,7 +178,7 @@ def on_grid(area: Area, count: int, seed: int, spacing: Spacing) -> Places:
         ],
         axis=1,
     )
-    return unturned(points)
+    return without_heading(points)
 
 
 def in_rows(
@@ -363,7 +363,7 @@ def settle(
     check_counts(len(places), groups)
     random = np.random.Generator(np.random.PCG64(seed))
     places = places.of(random.permutation(len(places)))
-    return peopled(
+    return place_agents(
         tuple(places.points.T.copy()),
         places.heading,
         random,

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import CrowdError
 from ..progress import breath
-from .maps import LOOK_UPS, HeightMap, lean
+from .height_map import LOOK_UPS, HeightMap, lean
 
 STEP = 0.5  # meters: how far an agent steps up at once
 HEADROOM = 1.8  # meters: nobody starts where another floor is as close above, as within stairs

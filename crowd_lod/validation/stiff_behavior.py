@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..behavior.step import advance, step
+from ..behavior.plain_step import advance
+from ..behavior.step import step
 from ..connected_components import connected_components
 from ..crowd.agents import Crowd
 from ..crowd.maps import Area, LabelMap
@@ -271,7 +272,7 @@ def _judge_case(case: StiffCase) -> StiffRow:
         started = clock.perf_counter()
         crowd, tally = advance(crowd, case.machine, case.world, case.seconds)
         longest = max(longest, clock.perf_counter() - started)
-        stand |= tally.held
+        stand |= tally.stuck
     placed = np.flatnonzero(np.isfinite(case.crowd.x))
     truth = follow_exactly(
         case.crowd.of(placed), case.machine, case.world, case.seconds, case.steps

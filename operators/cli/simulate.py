@@ -2,11 +2,28 @@
 
 from pathlib import Path
 
-from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import printable
 from ...crowd_lod.reporting import files
 from ..sources import simulate
+from .options import add_command, add_out, add_scene, add_setting, apply_settings
 from .scene_files import blend_path, finish, open_scene, save, stem_of
+
+
+def add_simulate(commands, program: str) -> None:
+    """Add the command simulate to the program's."""
+    command = add_command(
+        commands,
+        program,
+        "simulate",
+        simulated,
+        "write the scene with its crowd simulated by JuPedSim, and the trajectories beside it",
+        "simulate hall.blend --seconds 60 --out hall_simulated.blend",
+    )
+    add_scene(command, program)
+    add_setting(command, "--seconds", "simulated_seconds", "S")
+    add_setting(command, "--agents", "count", "N")
+    add_setting(command, "--seed", "seed", "N")
+    add_out(command, "FILE", "the .blend file (default: SCENE_simulated.blend)")
 
 
 def simulated(args, command: list[str]) -> dict:
@@ -16,21 +33,12 @@ def simulated(args, command: list[str]) -> dict:
     tracks = path.with_suffix(".sqlite")
     with files.staged(path.parent, path.name, tracks.name) as hidden:
         settings = open_scene(args.scene).crowd_lod
-        for option, name, least in (
-            ("agents", "count", 1),
-            ("seed", "seed", 0),
-            ("seconds", "simulated_seconds", 0.1),
-        ):
-            value = getattr(args, option)
-            if value is not None:
-                if not least <= value < 2**31:
-                    raise CrowdError(f"--{option} is {value:g}: give a number from {least:g} on.")
-                setattr(settings, name, value)
+        apply_settings(args, settings)
         steps = simulate.simulating_crowd(settings.id_data, 0, hidden / tracks.name)
-        said = finish(steps, f"simulation of {stem}", args.quiet)
+        sentence = finish(steps, f"simulation of {stem}", args.quiet)
         simulate.follow(settings.id_data, 0, f"//{tracks.name}")
         part = hidden.with_suffix(".part")
         save(part, path)
         part.replace(hidden / path.name)
-    found = {"out": printable(path), "tracks": printable(tracks)}
-    return {**found, "summary": "\n".join((said, *found.values()))}
+    paths = {"out": printable(path), "tracks": printable(tracks)}
+    return {**paths, "summary": "\n".join((sentence, *paths.values()))}

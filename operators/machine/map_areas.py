@@ -11,19 +11,19 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.crowd.maps import FARTHEST
-from ...crowd_lod.crowd.rasterize import covered
+from ...crowd_lod.crowd.rasterize import cover_cells
 from ...crowd_lod.errors import CrowdError
-from ..blender import image_data, kept_meshes, scene_cache, scene_data
+from ..blender import image_data, kept_meshes, provenance, scene_cache, scene_data
 from ..blender.guard import guarded, handler
-from .scene_world import MADE_FOR, area_of, areas_depend_on, machine_of
+from .scene_world import MADE_FOR, area_of, areas_hold, areas_inputs, machine_of
 
 LONGER_SIDE = 256  # cells along the ground's longer side, where no image says how many
 REST = 0.1  # seconds from a change to the new image
 # Of each scene whose meshes have changed: True. What its image depended on when last asked, and
 # what was wrong when it was last made.
-_due: dict[int, bool] = scene_cache.kept({}, by_scene=True)
-_asked: dict[int, tuple] = scene_cache.kept({}, by_scene=True)
-_trouble: dict[int, str] = scene_cache.kept({}, by_scene=True)
+_due: dict[int, bool] = scene_cache.add_cache({}, by_scene=True)
+_asked: dict[int, tuple] = scene_cache.add_cache({}, by_scene=True)
+_trouble: dict[int, str] = scene_cache.add_cache({}, by_scene=True)
 
 
 def cells_of(size: tuple[float, float], longer: int) -> tuple[int, int]:
@@ -69,12 +69,12 @@ def make(crowd, depsgraph: bpy.types.Depsgraph) -> int:
                 f"collection that holds some."
             )
         for shape in shapes:
-            pixels[covered(shape, area, rows, columns)] = (
+            pixels[cover_cells(shape, area, rows, columns)] = (
                 *machine.label_colors[machine.labels.index(entry.label)],
                 255,
             )
     _store(crowd, pixels)
-    crowd.areas_image[MADE_FOR] = areas_depend_on(crowd, machine)
+    provenance.keep(crowd.areas_image, MADE_FOR, areas_inputs(crowd, machine))
     return int((pixels[..., 3] > 0).sum())
 
 
@@ -146,11 +146,8 @@ def _outdated(scene: bpy.types.Scene) -> bool:
     before, _asked[scene.session_uid] = _asked.get(scene.session_uid), asked
     if before == asked:
         return False
-    image = settings.areas_image
     try:
-        return image is None or image.get(MADE_FOR) != areas_depend_on(
-            settings, machine_of(settings)
-        )
+        return not areas_hold(settings, machine_of(settings))
     except CrowdError:  # who uses the map says so
         return False
 

@@ -6,18 +6,18 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.crowd import state_machine as machines
+from ...crowd_lod.crowd.height_map import HeightMap
 from ...crowd_lod.crowd.maps import (
     FARTHEST,
     Area,
-    HeightMap,
     LabelMap,
     edge_map,
     labels_from_colors,
-    laid_over,
+    lay_over,
 )
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.levels.assignment import Bias
-from ..blender import image_data, scene_data, stored_values
+from ..blender import image_data, provenance, scene_data, stored_values
 from ..blender.props import group_of
 
 MADE_FOR = "crowd_lod_made_for"  # custom property of a map of walls and areas
@@ -98,7 +98,7 @@ def world_of(settings, machine: machines.StateMachine) -> LabelMap:
     area, over = area_of(settings), settings.areas_image if len(settings.areas) else None
     if settings.map_image is None and over is None:
         return edge_map(area, machine.labels)
-    if over is not None and over.get(MADE_FOR) != areas_depend_on(settings, machine):
+    if over is not None and not areas_hold(settings, machine):
         raise CrowdError(
             "The walls and areas were laid over another ground, map or state machine: press "
             "Refresh Walls and Areas, or Populate."
@@ -110,19 +110,30 @@ def world_of(settings, machine: machines.StateMachine) -> LabelMap:
         open_ground = edge_map(area, machine.labels, meshes.shape[1]).labels
         pixels = machine.label_colors[open_ground.repeat(len(meshes), axis=0)]
     if meshes is not None:
-        pixels = laid_over(pixels, meshes)
+        pixels = lay_over(pixels, meshes)
     labels, strays = labels_from_colors(pixels, machine.label_colors, machine.labels, image.name)
     return LabelMap(labels, area, strays)
 
 
-def areas_depend_on(settings, machine: machines.StateMachine) -> str:
-    """Return what a map of walls and areas depends on beside its meshes, as text."""
+def areas_hold(settings, machine: machines.StateMachine) -> bool:
+    """Return whether the map of walls and areas was made of what the settings have now.
+
+    Its meshes do not count: it follows them.
+    """
+    image = settings.areas_image
+    inputs = areas_inputs(settings, machine)
+    return image is not None and provenance.is_made_of(image, MADE_FOR, inputs)
+
+
+def areas_inputs(settings, machine: machines.StateMachine) -> dict[str, str]:
+    """Return digests of what a map of walls and areas is made of besides its meshes, by name."""
     size = settings.map_image and tuple(settings.map_image.size)
-    labels = [
-        f"{name} {bytes(color).hex()}"
-        for name, color in zip(machine.labels, machine.label_colors, strict=True)
-    ]
-    return f"{area_of(settings)} {size} {labels}"
+    labels = [*zip(machine.labels, machine.label_colors.tolist(), strict=True)]
+    return {
+        "the ground": provenance.text_digest(area_of(settings)),
+        "the map": provenance.text_digest(size),
+        "the state machine": provenance.text_digest(labels),
+    }
 
 
 def heights_of(settings, area: Area) -> HeightMap | None:

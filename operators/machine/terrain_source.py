@@ -10,12 +10,12 @@ from ...crowd_lod.crowd.terrain import Terrain, upward
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number
 from ...crowd_lod.sources.trajectory import Trajectory
-from ..blender import kept_meshes, mesh_data, scene_cache, scene_data
+from ..blender import kept_meshes, mesh_data, provenance, scene_cache, scene_data
 from ..blender.ownership import OWNED
 
 # By the session_uid of the kept mesh, the height where there is no ground, and the meters in a
 # unit.
-_terrains: dict[tuple[int, float, float], Terrain] = scene_cache.kept({})
+_terrains: dict[tuple[int, float, float], Terrain] = scene_cache.add_cache({})
 MOST_TERRAINS = 4
 
 
@@ -66,7 +66,7 @@ def read_terrain(crowd, depsgraph: bpy.types.Depsgraph) -> None:
             f"origin: move or shrink it."
         )
     mesh = mesh_data.new_mesh("Crowd LOD terrain", places, which.reshape(-1, 3))
-    kept_meshes.keep(crowd, "terrain_mesh", mesh, kept_meshes.shape_marks(objects))
+    kept_meshes.keep(crowd, "terrain_mesh", mesh, _made_of(objects))
 
 
 def terrain_of(crowd, z: float) -> Terrain | None:
@@ -103,8 +103,12 @@ def terrain_outdated(crowd) -> Iterator[str]:
         return
     if mesh is None:
         yield _unread(crowd)
-    elif mesh.get(kept_meshes.MADE_OF) != kept_meshes.shape_marks(objects_of(crowd)):
+    elif not provenance.is_made_of(mesh, kept_meshes.MADE_OF, _made_of(objects_of(crowd))):
         yield f"The terrain {_name(crowd)} has changed: press Populate."
+
+
+def _made_of(objects: Sequence[bpy.types.Object]) -> dict[str, str]:
+    return {"the terrain": kept_meshes.shape_digest(objects)}
 
 
 def _unread(crowd) -> str:

@@ -15,11 +15,12 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.errors import CrowdError
-from ..blender import performance, scene_cache
+from ..blender import named_actions, performance, scene_cache
+from ..blender.animation import armatures_of, curves_of, players_of
 from ..blender.guard import guarded
 from ..blender.image_data import LOOK_AGAIN
 from ..blender.material_colors import Looks
-from ..blender.rig_dependencies import KEYS, armatures_of, curves_of, players_of, read_columns
+from ..blender.rig_dependencies import KEYS, read_columns
 from ..characters.characters import GROUP
 from ..lod_meshes.cast_digest import cast_digest
 from ..machine.scene_world import actions_named
@@ -55,7 +56,7 @@ class Casting:
         self.characters, self.baking, self.ready, self.told = (), None, True, (why,)
 
 
-_castings: dict[int, Casting] = scene_cache.kept({}, by_scene=True)
+_castings: dict[int, Casting] = scene_cache.add_cache({}, by_scene=True)
 
 
 def casting_of(scene: bpy.types.Scene) -> Casting | None:
@@ -72,7 +73,7 @@ def casting_of(scene: bpy.types.Scene) -> Casting | None:
         key, looks = _key(scene)
         # to read pixels takes milliseconds
         seen = known is None or scene.crowd_lod.overlay_color == "MATERIAL"
-        painted = _painted(looks.found) if seen else known.painted
+        painted = _painted(looks.sources) if seen else known.painted
         if known is None or (known.key, known.painted) != (key, painted):
             known = _castings[scene.session_uid] = Casting(key, painted, now)
         known.looked = now
@@ -87,7 +88,9 @@ def read(scene: bpy.types.Scene) -> Iterator[float]:
     Call it outside drawing.
     """
     key, looks = _key(scene)
-    casting = _castings[scene.session_uid] = Casting(key, _painted(looks.found), clock.monotonic())
+    casting = _castings[scene.session_uid] = Casting(
+        key, _painted(looks.sources), clock.monotonic()
+    )
     while not casting.ready:
         _bake_on(scene, casting)
         yield casting.progress
@@ -215,7 +218,7 @@ def _named(group: str, items: list[bpy.types.Object], names: tuple[str, ...]) ->
     will tell.
     """
     try:
-        return performance.digest(performance.performance_of(group, items, names).parts)
+        return performance.digest(named_actions.performance_of(group, items, names).parts)
     except CrowdError as error:
         return str(error)
 

@@ -11,7 +11,7 @@ import bpy
 from ..blender import scene_cache
 
 # What the settings of each scene held when `changed` was last asked.
-_known: dict[int, str] = scene_cache.kept({}, by_scene=True)
+_known: dict[int, str] = scene_cache.add_cache({}, by_scene=True)
 
 
 def viewports() -> None:

@@ -13,9 +13,10 @@ import numpy as np
 from ...crowd_lod.animation.skinning import SkinnedMesh, closed, merge, pose, skin, strongest
 from ...crowd_lod.errors import CrowdError
 from ..blender import cleanup, mesh_data
+from ..blender.animation import armatures_of
 from ..blender.material_colors import Looks
-from ..blender.performance import Performance, performance_of
-from ..blender.rig_dependencies import armatures_of
+from ..blender.named_actions import performance_of
+from ..blender.performance import Performance
 
 # in a row of a texture, which every GPU takes 16384 wide, three texels each
 MOST_JOINTS = 16384 // 3

@@ -81,14 +81,14 @@ class Shown:
 
 
 _handlers = []
-_shown: dict[int, Shown] = scene_cache.kept({}, by_scene=True)
+_shown: dict[int, Shown] = scene_cache.add_cache({}, by_scene=True)
 WATCH = 0.25  # seconds between two looks for changes that Blender does not tell
 REST = 0.3  # seconds that a frame is shown before its open shutter is asked for
 # Of scenes with motion blur: (what an open shutter is asked for, since when, seconds), and (that,
 # read_shutter's answer).
-_asked: dict[int, tuple] = scene_cache.kept({}, by_scene=True)
-_shutters: dict[int, tuple] = scene_cache.kept({}, by_scene=True)
-_faster = scene_cache.kept(gpu_culling.Faster())
+_asked: dict[int, tuple] = scene_cache.add_cache({}, by_scene=True)
+_shutters: dict[int, tuple] = scene_cache.add_cache({}, by_scene=True)
+_faster = scene_cache.add_cache(gpu_culling.Faster())
 _failure: str | None = None
 
 

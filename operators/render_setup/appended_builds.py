@@ -12,7 +12,7 @@ from .render_setup import LEVEL, MADE_FROM
 STAGE = "crowd_lod_stage"
 _LOOK = 1.0  # seconds between two looks: the sidebar asks whenever it is drawn
 # Of each scene: when it was looked at, and the sentence.
-_known: dict[int, tuple[float, str]] = scene_cache.kept({}, by_scene=True)
+_known: dict[int, tuple[float, str]] = scene_cache.add_cache({}, by_scene=True)
 
 
 def standing_still(scene: bpy.types.Scene) -> str:

@@ -21,6 +21,7 @@ from ..blender.ownership import remove_owned
 from ..scene import lights
 from ..scene.scene_crowd import frame_of, policy_of, trajectory_of
 from ..sources.record_points import on_record
+from .baked_actions import trim_actions
 from .change_detection import cameras_digest, lights_digest
 from .frame_update import Held, columns_of, held_by, members, opening
 from .hidden_characters import HIDDEN, shows_characters
@@ -78,6 +79,7 @@ def bake(
         if rows is None:
             bpy.data.batch_remove(list(read[-1]))
     cast = yield from share(make_cast(scene, scene.crowd_lod, _kept(scene, rows), read), 0.8, 0.99)
+    trim_actions(cast.rigs, [scene_data.remapped(scene.render, number) for number in frames])
     top = install(scene, cast)
     cast.notes.extend(filter(None, [told_unplanned(unplanned)]))
     mark(scene, frames)

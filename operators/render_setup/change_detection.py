@@ -9,8 +9,9 @@ from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.frame.planned import numbers_of
 from ...crowd_lod.frame.shadows import Surroundings
 from ..blender import mesh_data
+from ..blender.animation import curves_of, players_of
 from ..blender.provenance import text_digest
-from ..blender.rig_dependencies import curves_of, custom, players_of, read_columns, stance
+from ..blender.rig_dependencies import custom, read_columns, stance
 from ..lod_meshes.cast_digest import holds, slots
 
 CORNERS = (("co", 2, "f4"),)  # of a curve's keys: the rest is the same in all that rigs play

@@ -206,7 +206,7 @@ _rendering: dict[int, Rendering] = {}  # by the scene's session_uid
 # the session_uids of the scenes of whose camera this render has said that it was not foreseen
 _told: set[int] = set()
 # of each scene, why the frame shown last does not use the shot plan
-_unplanned: dict[int, str] = scene_cache.kept({}, by_scene=True)
+_unplanned: dict[int, str] = scene_cache.add_cache({}, by_scene=True)
 # The stepping.stage of a render in a file of several scenes, to be removed when it ends: Blender
 # crashes where anything is removed while it renders scenes that compositing nodes show.
 _stages: list[bpy.types.Scene] = []

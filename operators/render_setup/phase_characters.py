@@ -15,8 +15,9 @@ from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.progress import share
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import mesh_data
+from ..blender.named_actions import group_performance
 from ..blender.ownership import OWNED
-from ..blender.performance import Performance, group_performance
+from ..blender.performance import Performance
 from ..blender.render_evaluation import as_rendered
 from ..characters.characters import check_measured
 from ..characters.rig_needs import POSES, leads, stands_for

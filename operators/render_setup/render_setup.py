@@ -14,7 +14,7 @@ from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number as figure
 from ...crowd_lod.sources.trajectory import Trajectory
-from ..blender import scene_data, stored_values
+from ..blender import provenance, scene_data, stored_values
 from ..blender.ownership import OWNED, remove_owned
 from ..characters.stored_groups import groups_of
 from ..lod_meshes.made_for import to_make_again
@@ -144,21 +144,22 @@ def build(scene: bpy.types.Scene, wanted: Wanted | None = None) -> Generator[flo
         cast = yield from make_cast(scene, scene.crowd_lod, wanted)
     top = install(scene, cast)
     if wanted is None:
-        top[MADE_OF], top[NOTES] = _made_of(scene, top), "\n".join(cast.notes)
+        provenance.keep(top, MADE_OF, _made_of(scene, top))
+        top[NOTES] = "\n".join(cast.notes)
     return cast
 
 
-def _made_of(scene: bpy.types.Scene, top: bpy.types.Collection) -> str:
-    """Return hashes that change when the build's characters must be made anew."""
-    levels = scene.crowd_lod.levels.children
-    homes = [
-        home for level in levels[: policy_of(scene.crowd_lod).count] for home in level.children
-    ]
+def _made_of(scene: bpy.types.Scene, top: bpy.types.Collection) -> dict[str, str]:
+    """Return digests, by name, that change when the build's characters must be made anew."""
+    settings = scene.crowd_lod
+    policy = policy_of(settings)
+    homes = [home for level in settings.levels.children[: policy.count] for home in level.children]
     played = played_by.inputs(homes, trajectory_of(scene))
-    return (
-        f"{made_of(homes, played)} {policy_of(scene.crowd_lod).finest} "
-        f"{scene.crowd_lod.scale_textures} {shown_by(top)}"
-    )
+    return {
+        "the LOD meshes": made_of(homes, played),
+        "the settings": provenance.text_digest(policy.finest, settings.scale_textures),
+        "the build": shown_by(top),
+    }
 
 
 def _as_it_is(scene: bpy.types.Scene) -> Cast | None:
@@ -175,7 +176,7 @@ def _as_it_is(scene: bpy.types.Scene) -> Cast | None:
         or np.any(np.ravel(top.get(POSED, 1)))
     ):
         return None
-    if top[MADE_OF] != _made_of(scene, top):
+    if not provenance.is_made_of(top, MADE_OF, _made_of(scene, top)):
         return None
     return Cast(np.array(top[POSED], np.intp), [], notes=str(top.get(NOTES, "")).splitlines())
 

@@ -15,8 +15,8 @@ import numpy as np
 from mathutils import Matrix
 
 from ..blender import mesh_data
+from ..blender.animation import armatures_of
 from ..blender.performance import Performance
-from ..blender.rig_dependencies import armatures_of
 from ..characters.rig_needs import deforming, refusal
 
 FARTHEST = 1_048_574  # frames: Blender's last
@@ -247,10 +247,10 @@ def _bake(action: bpy.types.Action, bone: str, basis: np.ndarray, times: np.ndar
             curve = curves.new(
                 f'pose.bones["{bpy.utils.escape_identifier(bone)}"].{path}', index=index
             )
-            _fill(curve, keys)
+            fill_curve(curve, keys)
 
 
-def _fill(curve: bpy.types.FCurve, keys: np.ndarray) -> None:
+def fill_curve(curve: bpy.types.FCurve, keys: np.ndarray) -> None:
     """Fill the curve with straight lines through `keys` (k, 2)."""
     points = curve.keyframe_points
     points.add(len(keys))
@@ -279,11 +279,11 @@ def perform(
         time = strip.fcurves.find("strip_time")
         if rate:
             begin = -phase / rate
-            _fill(time, np.array([(begin, first), (begin + 1 / rate, last)]))
+            fill_curve(time, np.array([(begin, first), (begin + 1 / rate, last)]))
             round_and_round = time.modifiers.new("CYCLES")
             round_and_round.mode_before = round_and_round.mode_after = "REPEAT"
         else:
-            _fill(time, np.array([(0.0, first + phase * (last - first))]))
+            fill_curve(time, np.array([(0.0, first + phase * (last - first))]))
     return made
 
 

@@ -33,7 +33,7 @@ SETTINGS = (
     "scale_textures",
 )
 LOOK = 1.0  # seconds between two comparisons
-_known: dict[int, tuple[float, list[str]]] = scene_cache.kept({}, by_scene=True)
+_known: dict[int, tuple[float, list[str]]] = scene_cache.add_cache({}, by_scene=True)
 
 
 def note_build(scene: bpy.types.Scene) -> None:

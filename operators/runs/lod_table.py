@@ -15,7 +15,8 @@ from ...crowd_lod.levels.assignment import shown
 from ...crowd_lod.validation import silhouette
 from ..blender import image_data, scene_data
 from ..blender.material_colors import Looks
-from ..blender.performance import Performance, group_performance
+from ..blender.named_actions import group_performance
+from ..blender.performance import Performance
 from ..lod_meshes.deviation import meshes_of
 from ..lod_meshes.posed_shapes import Posed
 from ..lod_meshes.posed_surface import PosedSurface

@@ -36,11 +36,11 @@ from ..overlay.playblast import Playblast, need_gpu
 from ..scene import lights
 from ..scene.scene_crowd import characters_of, frame_of, policy_of, trajectory_of
 from ..settings import needs
-from ..shot.shot_plan import Planned, Wanted, budget_of, plan_shot, shot_json, write_levels
+from ..shot.shot_plan import Planned, plan_shot, shot_json, wanted_of, write_levels
 from ..sources.record_points import on_record
 from . import lod_table, top_view
 from .preview_plan import plan_json
-from .preview_stage import Preview, Rendered, Staged, leaves_out, shade, sized, staged
+from .preview_stage import Preview, Rendered, Staged, color_of, leaves_out, shade, sized, staged
 from .shared_frames import ALONE, Sharing, made, state_of
 
 MOST_IN_SHEET = 24  # frames on the contact sheet
@@ -144,7 +144,7 @@ def preview(
         (folder / "frames.csv").write_text(tables.to_csv(rows), encoding="utf-8")
         (folder / "plan.json").write_text(tables.to_json(plan), encoding="utf-8")
         (folder / "report.html").write_text(
-            page(plan) if planned is None else preview_page(planned.told, plan), encoding="utf-8"
+            page(plan) if planned is None else preview_page(planned.report, plan), encoding="utf-8"
         )
         image_data.save_png(
             folder / "contact_sheet.png", _sheet([run.pictures(number) for number in wanted.frames])
@@ -189,9 +189,7 @@ def _planned_shot(
     most = MOST_PLANNED / max(len(trajectory_of(stage).start), 1)
     if settings.shot_plan or policy_of(settings).count < 2 or not 1 < len(frames) <= most:
         return None
-    planned = yield from plan_shot(
-        stage, Wanted(frames, folder, settings.avoid_pops, budget_of(settings))
-    )
+    planned = yield from plan_shot(stage, wanted_of(stage, folder, frames))
     write_levels(folder, planned)
     settings.shot_plan, settings.use_shot_plan = str(folder / plan_file.NAME), True
     return planned
@@ -328,7 +326,7 @@ class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
             folder=output_folder(context.scene, "preview"),
             width=settings.width,
             engine=settings.engine,
-            color=settings.overlay_color if settings.engine == "OVERLAY" else settings.color,
+            color=color_of(settings),
         )
         yield from preview(context.scene, wanted, ["sidebar"])
         note_output(context.scene, "preview")

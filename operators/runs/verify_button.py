@@ -17,7 +17,7 @@ from .verify import Verify, verify
 from .verify_build import frames_to_verify
 
 # What the last proof of each scene found, and of which build.
-_verdicts: dict[int, tuple[str, object]] = scene_cache.kept({}, by_scene=True)
+_verdicts: dict[int, tuple[str, object]] = scene_cache.add_cache({}, by_scene=True)
 
 
 def verdict_of(scene: bpy.types.Scene) -> str:

@@ -321,7 +321,10 @@ class SimulationSettings:
     )
 
 
-class CrowdLodCrowd(CrowdSettings, BehaviorSettings, SimulationSettings, bpy.types.PropertyGroup):
+CROWD = (CrowdSettings, BehaviorSettings, SimulationSettings)  # what each crowd of a scene has
+
+
+class CrowdLodCrowd(*CROWD, bpy.types.PropertyGroup):
     """A further crowd of a scene, called `name`, beside the one of the scene's own settings."""
 
 
@@ -360,8 +363,7 @@ class CameraSettings:
         name="Shadows and Reflections",
         default=True,
         description="Keep characters outside the picture whose shadows fall into it, or that "
-        "mirrors show; the camera itself "
-        "does not see them",
+        "mirrors show; the camera itself does not see them",
     )
     mirrors: PointerProperty(
         type=bpy.types.Collection,

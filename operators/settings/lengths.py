@@ -1,11 +1,9 @@
 """Lengths whose defaults are meant in meters, in scenes whose unit is another."""
 
 import bpy
+import numpy as np
 
 from ..blender import scene_data
-
-# settings of crowds and of the scene: lengths whose default is in meters
-LENGTHS = "size", "row_depth", "height_scale", "margin"
 
 
 def set_lengths(scene: bpy.types.Scene) -> None:
@@ -17,11 +15,10 @@ def set_lengths(scene: bpy.types.Scene) -> None:
     if meters == 1:
         return
     for crowd in (scene.crowd_lod, *scene.crowd_lod.crowds):
-        kinds = crowd.bl_rna.properties
-        for name in LENGTHS:
-            if name in kinds and not crowd.is_property_set(name):
-                default = (
-                    kinds[name].default_array if kinds[name].is_array else [kinds[name].default]
-                )
-                lengths = [length / meters for length in default]
-                setattr(crowd, name, lengths if kinds[name].is_array else lengths[0])
+        for setting in crowd.bl_rna.properties:
+            if setting.type != "FLOAT" or setting.unit != "LENGTH":
+                continue
+            default = [*setting.default_array] if setting.is_array else setting.default
+            if np.any(default) and not crowd.is_property_set(setting.identifier):
+                lengths = np.divide(default, meters).tolist()
+                setattr(crowd, setting.identifier, lengths)

@@ -12,49 +12,22 @@ from bl_ui.utils import PresetPanel
 from ...crowd_lod.format import counted
 from ..blender.labeled_properties import CONTEXT, EnumProperty
 from ..blender.operator import Reporting
-from .crowd_settings import (
-    BehaviorSettings,
-    CameraSettings,
-    CharacterSettings,
-    CrowdSettings,
-    SimulationSettings,
-)
-from .level_settings import LevelSettings
 from .outdated_estimate import outdate
-from .overlay_settings import OverlaySettings
-from .properties import CrowdLodSettings
-from .shot_settings import (
-    ExportSettings,
-    FrameSettings,
-    PlanSettings,
-    PreviewSettings,
-    VerifySettings,
-)
+from .properties import ALL, STEPS, CrowdLodSettings
 from .threshold_order import note_thresholds
 
-STEPS: dict[str, tuple[type, ...]] = {
-    "crowd": (CharacterSettings, CrowdSettings),
-    "behavior": (BehaviorSettings, SimulationSettings),
-    "camera": (CameraSettings,),
-    "levels": (LevelSettings,),
-    "overlay": (OverlaySettings,),
-    "plan": (FrameSettings, PlanSettings),
-    "preview": (PreviewSettings,),
-    "verify": (VerifySettings,),
-    "export": (ExportSettings,),
-}
-STEPS["all"] = tuple(part for parts in list(STEPS.values()) for part in parts)
-# what the user looks at, not how the crowd is
+PARTS = STEPS | {"all": ALL}
+# settings of what the user looks at: no preset holds them
 PASSING = {"overlay", "agent", "exception_index", "use_shot_plan"}
 
 
 def names_of(step: str) -> list[str]:
     """Return the names of the settings that a preset of the step holds."""
     kinds: Any = CrowdLodSettings.bl_rna.properties
-    own = (name for part in STEPS[step] for name in part.__annotations__)
     return [
         name
-        for name in own
+        for part in PARTS[step]
+        for name in part.__annotations__
         if name not in PASSING and kinds[name].type in ("BOOLEAN", "INT", "FLOAT", "ENUM")
     ]
 
@@ -66,14 +39,15 @@ class CROWDLOD_OT_reset(Reporting, bpy.types.Operator):
     bl_label = "Reset to Defaults"
 
     step: EnumProperty(
-        name="Step", items=[(step, step.capitalize(), "") for step in STEPS], default="all"
+        name="Step", items=[(step, step.capitalize(), "") for step in PARTS], default="all"
     )
 
     def run(self, context) -> str:
-        names, settings = names_of(self.step), context.scene.crowd_lod
+        names = names_of(self.step)
+        settings = context.scene.crowd_lod
         for name in names:
             settings.property_unset(name)
-        # no setting's update callback is called
+        # property_unset calls no update callback
         note_thresholds(settings)
         outdate(settings, context)
         return (
@@ -105,7 +79,8 @@ class _Presets(PresetPanel):
 def _classes(step: str) -> tuple[type, type]:
     """Return the panel of the step's presets, and the operator that adds one."""
     shared = {"step": step, "preset_subdir": f"crowd_lod/{step}", "__doc__": _Adding.__doc__}
-    panel, adding = f"CROWDLOD_PT_{step}_presets", f"crowd_lod.{step}_preset_add"
+    panel = f"CROWDLOD_PT_{step}_presets"
+    adding = f"crowd_lod.{step}_preset_add"
     return (
         type(
             panel,
@@ -125,4 +100,4 @@ def _classes(step: str) -> tuple[type, type]:
     )
 
 
-CLASSES = (CROWDLOD_OT_reset, *(each for step in STEPS for each in _classes(step)))
+CLASSES = (CROWDLOD_OT_reset, *(kind for step in PARTS for kind in _classes(step)))

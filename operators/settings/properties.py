@@ -1,4 +1,8 @@
-"""Settings, stored in the scene."""
+"""Settings, stored in the scene.
+
+Each is described once, as a property of a class in this folder: its name, type, range, default and
+text. Presets, panels, commands and the pages of reference take them from there.
+"""
 
 import bpy
 
@@ -27,22 +31,22 @@ from .shot_settings import (
     VerifySettings,
 )
 
+# The settings of each step of the work, which has presets and a panel.
+STEPS: dict[str, tuple[type, ...]] = {
+    "crowd": (CharacterSettings, CrowdSettings),
+    "behavior": (BehaviorSettings, SimulationSettings),
+    "camera": (CameraSettings,),
+    "levels": (LevelSettings,),
+    "overlay": (OverlaySettings,),
+    "plan": (FrameSettings, PlanSettings),
+    "preview": (PreviewSettings,),
+    "verify": (VerifySettings,),
+    "export": (ExportSettings,),
+}
+ALL = tuple(part for parts in STEPS.values() for part in parts)
 
-class CrowdLodSettings(
-    CharacterSettings,
-    CrowdSettings,
-    BehaviorSettings,
-    SimulationSettings,
-    CameraSettings,
-    LevelSettings,
-    FrameSettings,
-    PlanSettings,
-    PreviewSettings,
-    VerifySettings,
-    ExportSettings,
-    OverlaySettings,
-    bpy.types.PropertyGroup,
-):
+
+class CrowdLodSettings(*ALL, bpy.types.PropertyGroup):
     """The crowd of a scene: all settings that its plan depends on, and what its steps made.
 
     Everything else that a plan depends on is in the scene itself.

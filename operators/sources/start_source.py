@@ -10,11 +10,11 @@ from ...crowd_lod.crowd import start_places
 from ...crowd_lod.crowd.maps import Area
 from ...crowd_lod.crowd.start_places import Places, Spacing
 from ...crowd_lod.errors import CrowdError
-from ..blender import image_data, kept_meshes, mesh_data, scene_cache, scene_data
+from ..blender import image_data, kept_meshes, mesh_data, provenance, scene_cache, scene_data
 from ..blender.object_boxes import in_box
 
 # By the session_uid of the kept mesh.
-_places: dict[int, Places] = scene_cache.kept({})
+_places: dict[int, Places] = scene_cache.add_cache({})
 MOST_PLACES = 8
 HEADING = "heading"  # attribute of the kept mesh, and of the user's points
 LIVE = "RECTANGLE", "GRID"  # these follow from the settings alone
@@ -100,7 +100,7 @@ def places_outdated(crowd) -> Iterator[str]:
         return
     if mesh is None:
         yield _undrawn(crowd)
-    elif mesh.get(kept_meshes.MADE_OF) != _made_of(crowd):
+    elif not provenance.is_made_of(mesh, kept_meshes.MADE_OF, _made_of(crowd)):
         yield (
             f"What the places on {crowd.start_object.name} were drawn from has changed: press "
             f"Populate."
@@ -111,11 +111,15 @@ def _undrawn(crowd) -> str:
     return f"The places where the crowd {crowd.name or 1} starts are not drawn yet: press Populate."
 
 
-def _made_of(crowd) -> str:
+def _made_of(crowd) -> dict[str, str]:
     volumes = () if crowd.density_volumes is None else crowd.density_volumes.all_objects
     image = crowd.density_image and crowd.density_image.name_full
     numbers = crowd.start_on, crowd.count, crowd.seed, spacing_of(crowd), crowd.density_group, image
-    return repr(numbers) + kept_meshes.shape_marks([crowd.start_object, *volumes])
+    return {
+        "the settings": provenance.text_digest(numbers),
+        "the object": kept_meshes.shape_digest([crowd.start_object]),
+        "the volumes": kept_meshes.shape_digest(volumes),
+    }
 
 
 def _on_surface(crowd, item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Places:
@@ -269,4 +273,4 @@ def _on_points(
         raise CrowdError(
             "it has neither instances nor points nor vertices to start on: choose another object."
         )
-    return start_places.unturned(found)
+    return start_places.without_heading(found)

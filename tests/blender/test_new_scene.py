@@ -236,8 +236,8 @@ def test_bad_input_is_one_sentence_and_writes_no_file(people, tmp_path, capfd):
         ),
         ((people, "--characters", people), "people.blend"),
         (
-            (people, "--characters", people, "--fps", "0"),
-            "The frame rate is 0; give a number above 0",
+            (people, "--characters", people, "--fps", "-1"),
+            "--fps is -1.0: give a number from 0 to 10,000",
         ),
     ):
         capfd.readouterr()

@@ -11,9 +11,9 @@ import bpy
 import pytest
 from bl_operators.presets import AddPresetBase
 from crowd_lod_extension.operators import registration
-from crowd_lod_extension.operators.settings import presets
+from crowd_lod_extension.operators.settings import presets, properties
 
-STEPS = [step for step in presets.STEPS if step != "all"]
+STEPS = list(properties.STEPS)
 
 
 def value(settings, name):
@@ -100,9 +100,9 @@ from test_setting_presets import change_all, presets, values
 crowd_lod_extension.register()
 settings = bpy.context.scene.crowd_lod
 usual, changed = values(settings), change_all(settings)
-for step in presets.STEPS:
+for step in presets.PARTS:
     getattr(bpy.ops.crowd_lod, step + "_preset_add")(name="Mine " + step)
-for step in presets.STEPS:
+for step in presets.PARTS:
     bpy.ops.crowd_lod.reset(step="all")
     assert values(settings) == usual
     path = bpy.utils.preset_find("Mine_" + step, "crowd_lod/" + step)
@@ -111,7 +111,7 @@ for step in presets.STEPS:
     own = set(presets.names_of(step))
     found = values(settings)
     assert found == {{name: changed[name] if name in own else usual[name] for name in usual}}, (step, found)
-print("restored", len(presets.STEPS))
+print("restored", len(presets.PARTS))
 crowd_lod_extension.unregister()
 """
 
@@ -125,7 +125,7 @@ def test_a_preset_restores_what_it_was_added_of(tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", script], env=os.environ | own, capture_output=True, text=True
     )
-    assert done.returncode == 0 and f"restored {len(presets.STEPS)}" in done.stdout, (
+    assert done.returncode == 0 and f"restored {len(presets.PARTS)}" in done.stdout, (
         done.stdout + done.stderr
     )
 
@@ -166,3 +166,16 @@ def test_no_poll_raises_without_a_scene():
             for kind in OPERATORS
         }
     assert polled == dict.fromkeys(polled, False)
+
+
+# what Populate and the handlers write; and lists, which have buttons of their own
+NOT_DRAWN = {"points_count", "start_places", "terrain_mesh", "areas_image"}
+LISTED = {"areas", "exceptions", "exception_index"}
+
+
+def test_the_sidebar_names_every_setting_of_the_steps():
+    pages = (Path(registration.__file__).parent / "ui").glob("*.py")
+    text = "".join(page.read_text(encoding="utf-8") for page in pages)
+    settings = [name for part in properties.ALL for name in part.__annotations__]
+    missing = {name for name in settings if f'"{name}"' not in text}
+    assert missing == NOT_DRAWN | LISTED

@@ -314,9 +314,9 @@ def test_what_is_wrong_is_one_sentence(tmp_path, capfd):
     for words, sentence in (
         (("nothing.blend",), "There is no file nothing.blend"),
         (("chapter", "--frames", "5:1"), "frames"),
-        (("chapter", "--samples", "0"), "The number of samples is 0"),
-        (("chapter", "--bounces", "-1"), "The number of bounces is -1"),
-        (("chapter", "--width", "1"), "The width is 1"),
+        (("chapter", "--samples", "0"), "--samples is 0: give a whole number from 1 to 4,096"),
+        (("chapter", "--bounces", "-1"), "--bounces is -1"),
+        (("chapter", "--width", "1"), "--width is 1"),
     ):
         assert run("verify", *words, "--quiet", "--out", tmp_path / "out") == 1
         said = capfd.readouterr()

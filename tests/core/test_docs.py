@@ -36,19 +36,22 @@ def test_readme_is_short():
 
 
 def test_commands_page_names_every_option_and_command():
-    tree = ast.parse((ROOT / "operators" / "cli" / "arguments.py").read_text(encoding="utf-8"))
-    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
-    added = [
-        call
-        for call in calls
-        if isinstance(call.func, ast.Attribute) and call.func.attr == "add_argument"
+    texts = [path.read_text(encoding="utf-8") for path in (ROOT / "operators" / "cli").glob("*.py")]
+    calls = [
+        (getattr(node.func, "id", "") or getattr(node.func, "attr", ""), node.args)
+        for text in texts
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.Call)
     ]
-    options = {each.value for call in added for each in call.args if each.value.startswith("--")}
-    commands = {
-        call.args[2].value
-        for call in calls
-        if isinstance(call.func, ast.Name) and call.func.id == "_command"
-    }
+    words = [
+        argument.value
+        for name, arguments in calls
+        if name in ("add_argument", "add_setting")
+        for argument in arguments
+        if isinstance(argument, ast.Constant)
+    ]
+    options = {word for word in words if word.startswith("--")}
+    commands = {arguments[2].value for name, arguments in calls if name == "add_command"}
     assert {"--tolerance", "--render-only"} <= options and {"preview", "extremes"} <= commands
     page = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
     assert [

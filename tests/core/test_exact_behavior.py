@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behavior.exact_walk import walk
-from crowd_lod_extension.crowd_lod.behavior.step import advance
+from crowd_lod_extension.crowd_lod.behavior.plain_step import advance
 from crowd_lod_extension.crowd_lod.crowd.agents import populate
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
@@ -88,7 +88,7 @@ def test_steps_and_the_exact_walk_are_the_judges_on_random_maps(kind, seed, edge
     moved = crowd
     for _ in range(4):
         moved, tally = advance(moved, machine, world, 0.25)
-    assert_same(moved, tally.held, follow_exactly(crowd, machine, world, 0.25, steps=4))
+    assert_same(moved, tally.stuck, follow_exactly(crowd, machine, world, 0.25, steps=4))
     assert_same(
         *walk(crowd, machine, world, 2.0), follow_exactly(crowd, machine, world, 2.0, limit=True)
     )

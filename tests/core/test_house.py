@@ -124,6 +124,14 @@ def test_no_files_import_each_other_in_a_circle():
     assert not known
 
 
+def test_behavior_has_one_door():
+    """Only `step` knows the fast paths of a step; `lookahead` uses the tables of the other."""
+    behavior = ROOT / "crowd_lod" / "behavior"
+    fast = {behavior / f"{name}.py" for name in ("tabulated_step", "lookahead", "fading")}
+    knowing = {path for *_, path in modules() if fast & set(imported(path))}
+    assert knowing == {behavior / "step.py", behavior / "lookahead.py"}
+
+
 @pytest.mark.parametrize("folder", ["crowd_lod", "operators", "sample_scenes"])
 def test_files_are_what_one_head_holds(folder):
     lengths = {

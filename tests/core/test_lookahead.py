@@ -1,4 +1,4 @@
-"""Steps known ahead against the long way, to the bit."""
+"""Steps known ahead against the plain step, to the bit."""
 
 import dataclasses
 from dataclasses import replace
@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behavior import lookahead
 from crowd_lod_extension.crowd_lod.behavior import step as step_
-from crowd_lod_extension.crowd_lod.behavior.lookahead import look, onward, opened
-from crowd_lod_extension.crowd_lod.behavior.step import advance, step
+from crowd_lod_extension.crowd_lod.behavior.lookahead import look_ahead, plan_turns, step_ahead
+from crowd_lod_extension.crowd_lod.behavior.plain_step import advance
+from crowd_lod_extension.crowd_lod.behavior.step import PAUSE, Steps
 from crowd_lod_extension.crowd_lod.behavior.tabulated_step import Tables
 from crowd_lod_extension.crowd_lod.crowd.agents import populate
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import ALL
@@ -32,22 +33,32 @@ def every_crowd_looks_ahead(monkeypatch):
 
 
 def check(crowd, machine, world, seconds, steps):
-    """The steps of `crowd` are those of the long way; the part of all steps that was known
-    ahead.
-    """
-    tables, part = Tables(machine, seconds), Tables(machine, 0.37 * seconds)
-    way = partial(step, machine=machine, world=world)
-    known, there = 0.0, look(crowd, machine, world, tables)
+    """The steps of `crowd` are plain ones, to the bit; return the part that was known ahead."""
+    whole = Tables(machine, seconds)
+    part = Tables(machine, 0.37 * seconds)
+
+    def plain(crowd, seconds):
+        return advance(crowd, machine, world, seconds)[0]
+
+    plain_whole = partial(plain, seconds=seconds)
+    plain_part = partial(plain, seconds=part.seconds)
+    known = 0.0
+    ahead = look_ahead(crowd, machine, world, whole)
     for _ in range(steps):
-        if not there.turns:
-            there = opened(crowd, there, machine, world, tables, partial(way, seconds=seconds))
-        known += 1 / steps - len(there.turns[0].agents) / len(crowd) / steps
-        between, nothing = onward(crowd, there, part, partial(way, seconds=part.seconds))
-        assert same(between, step(crowd, machine, world, part.seconds)) and nothing is None
-        long, _ = advance(crowd, machine, world, seconds)
-        crowd, there = onward(crowd, there, tables, partial(way, seconds=seconds))
-        assert same(crowd, long)
+        if not ahead.turns:
+            ahead = plan_turns(crowd, ahead, machine, world, whole, plain_whole)
+        known += (1 - len(ahead.turns[0].agents) / len(crowd)) / steps
+        between, nothing = step_ahead(crowd, ahead, part, plain_part)
+        assert same(between, plain_part(crowd)) and nothing is None
+        expected = plain_whole(crowd)
+        crowd, ahead = step_ahead(crowd, ahead, whole, plain_whole)
+        assert same(crowd, expected)
     return known
+
+
+def looks_ahead(trajectory):
+    """Whether the next step of the walk is known."""
+    return trajectory._steps._known[1] is not None
 
 
 @settings(max_examples=24)
@@ -60,7 +71,7 @@ def check(crowd, machine, world, seconds, steps):
     st.sampled_from([1 / 24, 0.3, 1e-9, 2.0]),
     st.sampled_from([0, 0.5, 1]),
 )
-def test_steps_are_the_long_way_to_the_bit(machine, world, seed, axis, strewn, seconds, few):
+def test_steps_are_plain_ones_to_the_bit(machine, world, seed, axis, strewn, seconds, few):
     if axis is not None:  # along one side of the cells
         machine = replace(machine, velocity=machine.velocity * np.eye(2)[axis])
     crowd = populate(400, seed, 3, machine, world)
@@ -125,7 +136,7 @@ def test_far_from_the_origin_and_at_nan_nothing_is_known_that_does_not_hold():
     crowd = populate(50, 1, 3, machine, world)
     crowd.x[:10], crowd.y[5:20] = np.nan, np.inf
     tables = Tables(machine, 1 / 24)
-    assert not look(crowd, machine, world, tables).steps[:20].any()
+    assert not look_ahead(crowd, machine, world, tables).steps[:20].any()
 
 
 @pytest.mark.parametrize("edge", ["clamp", "wrap", "reflect", "stop"])
@@ -136,14 +147,14 @@ def test_a_trajectory_is_the_same_whichever_frames_were_asked_for(edge, few, mon
     times = *range(1, 40), 12.5, 13, 14, 3.25, 70, 70.5, 69.75, 71, 30, 31, 32.5
     for time in times:
         assert same(trajectory.at(time), trajectory.full.at(time))
-    assert trajectory._ahead[1] is not None and trajectory.full._ahead[1] is None
+    assert looks_ahead(trajectory) and not looks_ahead(trajectory.full)
 
 
 def test_a_crowd_that_is_timed_makes_each_step_by_itself():
     trajectory = shot(walking(), ground([(3, slice(None))]), count=300)
     timed = trajectory.leaving(ALL, 9)
     assert timed.left_out and all(same(timed.at(time), trajectory.at(time)) for time in (9, 10, 11))
-    assert trajectory._ahead[1] is not None and timed._ahead[1] is None
+    assert looks_ahead(trajectory) and not looks_ahead(timed)
 
 
 def test_who_must_look_each_step_is_stepped_as_a_whole(monkeypatch):
@@ -152,7 +163,36 @@ def test_who_must_look_each_step_is_stepped_as_a_whole(monkeypatch):
     trajectory = shot(fast, ground(), count=300)
     for frame in range(2, 20):
         assert same(trajectory.at(frame), trajectory.full.at(frame))
-    assert trajectory._ahead[1] is None
+    assert not looks_ahead(trajectory)
+
+
+def test_one_door_gives_plain_steps_whatever_it_is_asked_for():
+    """Steps in a row, shorter ones between, others from other crowds, and back."""
+    machine, world = walking("wrap"), ground([(3, slice(None))])
+    steps = Steps(machine, world, 1 / 24)
+    first = populate(300, 1, 3, machine, world)
+    crowd = first
+    for number in range(40):
+        for seconds in (1 / 24, 0.01, 1 / 24):
+            moved = steps.after(crowd, seconds)
+            assert same(moved, advance(crowd, machine, world, seconds)[0])
+        if number % 8 == 5:
+            assert same(steps.after(first, 1 / 24), advance(first, machine, world, 1 / 24)[0])
+        crowd = replace(moved, phase_class=moved.phase_class.copy())
+    assert steps._known[1] is not None
+
+
+def test_who_looked_in_vain_looks_again_after_a_pause(monkeypatch):
+    monkeypatch.setattr(lookahead, "MANY", 0.2)
+    world = ground()
+    slow = walking()
+    fast = replace(slow, velocity=slow.velocity * 200)
+    steps = Steps(fast, world, 1 / 24)
+    crowd = populate(300, 1, 3, fast, world)
+    for number in range(PAUSE + 1):
+        assert steps._pause == (PAUSE + 1 - number if number else 0)
+        crowd = steps.after(crowd, 1 / 24)
+        assert steps._known[1] is None
 
 
 @pytest.mark.parametrize("shape", [(7, 9), (1, 64), (5, 1), (3, 600)])

@@ -45,7 +45,6 @@ def timed(**changes):
         "after": [2, 5],
         "then": {"turn": 3, "walk": 1},
         "action": "stroll",
-        "animation": "run",
         "on": {"*": {"move": [1, 0]}},
     } | changes
     turn = {"after": 4, "then": "walk", "on": {"*": {"next": {"turn": 0, "walk": 2}}}}
@@ -76,7 +75,7 @@ def test_the_hash_is_splitmix64():
     """
     key, drawn = np.zeros(1, np.uint64), []
     for _ in range(3):
-        key = random_streams.moved_on(key, np.ones(1))
+        key = random_streams.advance_keys(key, np.ones(1))
         drawn.append(int(random_streams.uniform(key, random_streams.STATE)[0] * 2**53))
     assert drawn == [0xE220A8397B1DCDAF >> 11, 0x6E789E6AA1B965F4 >> 11, 0x06C45D188009454F >> 11]
 
@@ -172,7 +171,6 @@ MALFORMED = {
     ),
     "huge": (table(states={"w": WALK | {"start": 10**400}}), "finite number"),
     "action": (timed(action=3), "states.walk.action is 3"),
-    "animation": (timed(animation=3), "states.walk.animation is 3"),
     "no then": (table(states={"w": WALK | {"after": 3}}), "states.w.then is missing beside after"),
     "no after": (
         table(states={"w": WALK | {"then": "w"}}),

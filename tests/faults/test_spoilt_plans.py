@@ -6,6 +6,7 @@ import os
 import random
 import zipfile
 
+import crowd_lod_extension
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
@@ -104,6 +105,10 @@ def plan_arrays():
         "numbers": numbers,
         "times": numbers.astype(float),
         "cameras": np.ones((4, 1, plan_file.CAMERA_SIZE)),
+        "shift": np.zeros(5, np.uint8),
+        "finer": np.zeros(5, np.uint8),
+        "counts": np.full(1, 4, np.uint8),
+        "cast": np.ones(16, bool),
         "made_for": np.array([("the crowd", "12"), ("the settings", "34")]),
         "tolerance": np.array(1.5),
         **{f"levels_{number}": np.full(AGENTS, number % 3, np.uint8) for number in numbers},
@@ -225,7 +230,15 @@ def test_records_of_frames(tmp_path):
         (tmp_path / "a.txt").write_text("picture")
 
 
-def test_run_json_starts_nothing_but_preview_and_verify(tmp_path, capfd):
+@pytest.fixture
+def registered():
+    """The settings, which the parser of the commands takes options from."""
+    crowd_lod_extension.register()
+    yield
+    crowd_lod_extension.unregister()
+
+
+def test_run_json_starts_nothing_but_preview_and_verify(registered, tmp_path, capfd):
     dice = random.Random(3)
     (tmp_path / shared_runs.PARTS).mkdir()
     path = tmp_path / shared_runs.PARTS / shared_runs.RUN

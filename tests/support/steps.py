@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from crowd_lod_extension.crowd_lod.behavior.step import pace_of
+from crowd_lod_extension.crowd_lod.behavior.plain_step import look_up_paces
 
 from .shots import AREA
 
@@ -27,7 +27,7 @@ def odd(crowd, random, machine, world):
     )
     x[6::101], y[7::101] = -70, 170
     mirror = random.integers(4, size=len(x)).astype(np.uint8)
-    pace = pace_of(x, y, crowd.state, machine, world)
+    pace = look_up_paces(x, y, crowd.state, machine, world)
     return replace(
         crowd,
         x=x,

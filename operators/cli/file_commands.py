@@ -1,0 +1,266 @@
+"""The commands build, export and sample: each writes one file."""
+
+import sys
+import time as clock
+from collections.abc import Generator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ... import sample_scenes
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import counted, printable
+from ...crowd_lod.frame.frame_range import parse_frames
+from ...crowd_lod.progress import share
+from ...crowd_lod.reporting import files, tables
+from ..blender import console, frame_stepping
+from ..blender.output_folders import output_file
+from ..machine.scene_world import bias_of
+from ..render_setup import bake, render_setup, view_layers
+from ..render_setup.buttons import check_blur, prepared
+from ..render_setup.cost_estimate import Estimate, estimate
+from ..render_setup.hidden_characters import told_of_characters
+from ..render_setup.phase_characters import Cast
+from ..scene.scene_crowd import policy_of, trajectory_of
+from ..scene.shot_reference import told_of_shot
+from ..usd import export as usd
+from .options import (
+    add_command,
+    add_frames,
+    add_out,
+    add_scene,
+    add_setting,
+    add_strict_plan,
+    apply_settings,
+    follow_plan,
+    frames_of_shot,
+)
+from .scene_files import blend_path, finish, open_scene, save, stem_of
+
+
+def add_build(commands, program: str) -> None:
+    """Add the command build to the program's."""
+    command = add_command(
+        commands,
+        program,
+        "build",
+        build,
+        "write the scene with its render set-up as a .blend file",
+        "build plaza --bake --frames 1:120 --out plaza_built.blend",
+    )
+    add_scene(command, program)
+    command.add_argument(
+        "--bake",
+        action="store_true",
+        help="put all frames into the file: it renders without Crowd LOD",
+    )
+    command.add_argument(
+        "--frames",
+        metavar="A:B|LIST",
+        help="the frames to bake (default: those that the scene renders)",
+    )
+    command.add_argument("--step", type=int, metavar="N", help="bake every N-th frame of a range")
+    command.add_argument(
+        "--render-only",
+        action="store_true",
+        help="with --bake: leave out characters and LODs that no frame shows; less memory and file",
+    )
+    command.add_argument(
+        "--view-layer",
+        action="append",
+        metavar="NAME",
+        help="show the crowd only there; repeat for more (default: those that show the characters)",
+    )
+    add_out(command, "FILE", "the .blend file (default: SCENE_built.blend)")
+    add_strict_plan(command)
+    add_setting(command, "--seed", "seed", "N")
+
+
+def add_export(commands, program: str) -> None:
+    """Add the command export to the program's."""
+    command = add_command(
+        commands,
+        program,
+        "export",
+        export,
+        "write the crowd of a shot as USD: a point instancer, LODs in poses, materials, the camera",
+        "export plaza --frames 1:48 --out plaza.usdc",
+    )
+    add_scene(command, program)
+    add_frames(command)
+    add_setting(command, "--animated", "usd_animated")
+    add_out(command, "FILE", "the .usdc, .usda or .usd file (default: SCENE.usdc)")
+    add_strict_plan(command)
+    add_setting(command, "--seed", "seed", "N")
+
+
+def add_sample(commands, program: str) -> None:
+    """Add the command sample to the program's."""
+    command = add_command(
+        commands,
+        program,
+        "sample",
+        sample,
+        "write a sample scene as a .blend file",
+        "sample plaza --out plaza.blend",
+    )
+    command.add_argument(
+        "name", metavar="NAME", choices=sample_scenes.NAMES, help=" or ".join(sample_scenes.NAMES)
+    )
+    add_out(command, "FILE", "the .blend file (default: NAME.blend)")
+
+
+def build(args, command: list[str]) -> dict:
+    """Run the command build."""
+    stem = stem_of(args)
+    path = blend_path(args.out or Path(f"{stem}_built.blend"))
+    _check_bake(args)
+    with files.staged_file(path) as part:
+        scene = open_scene(args.scene)
+        apply_settings(args, scene.crowd_lod)
+        follow_plan(args, scene.crowd_lod)
+        frames = _frames_to_bake(args, scene)
+        view_layers.check_layers(scene, args.view_layer or ())
+        if not args.bake:
+            check_blur(scene)
+        steps = prepared(scene, lambda: _building(args, scene, frames), frames or ())
+        what = f"{'bake' if args.bake else 'build'} of {stem}"
+        predicted, cast, unplanned = finish(steps, what, args.quiet)
+        if args.view_layer:
+            view_layers.show_in(scene, args.view_layer)
+        points = {
+            name: len(item.data.vertices)
+            for name, item in render_setup.points_of(scene.crowd_lod.build).items()
+        }
+        notes = [
+            tables.nobody_seen(points.values()),
+            unplanned,
+            render_setup.told_of_cast(scene, cast),
+            told_of_characters(scene),
+        ]
+        if args.bake:
+            notes.append(frame_stepping.unbaked(scene))
+        if args.render_only:
+            notes.append(bake.keep_what_renders(scene))
+        save(part, path, compress=True)
+    started = clock.perf_counter()
+    with console.quiet():
+        bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False)
+    seconds = clock.perf_counter() - started
+    size = path.stat().st_size
+    opened = f"{size / 1e6:,.1f} MB, opened in {seconds:.2f} s."
+    lines = [f"{_built(frames if args.bake else None, points)}; {opened}", *notes, printable(path)]
+    return {
+        "out": printable(path),
+        "frames": frames,
+        "points": points,
+        "bytes": size,
+        "predicted": predicted.as_json,
+        "load_seconds": round(seconds, 3),
+        "image_bytes": cast.images,
+        "summary": "\n".join(filter(None, lines)),
+    }
+
+
+def _check_bake(args) -> None:
+    """Raise CrowdError if options are given that only --bake has, and it is not."""
+    if args.bake:
+        return
+    if args.frames is not None or args.step is not None:
+        raise CrowdError(
+            "Without --bake all frames are built: leave out --frames and --step, or add --bake."
+        )
+    if args.render_only:
+        raise CrowdError(
+            "Without --bake a render needs all characters: leave out --render-only, or add --bake."
+        )
+
+
+def _frames_to_bake(args, scene: bpy.types.Scene) -> list[int] | None:
+    """Return the frames that the command gives, or else those that the scene renders.
+
+    None without --bake.
+    """
+    if not args.bake:
+        return None
+    if args.frames is not None:
+        return parse_frames(args.frames, 1 if args.step is None else args.step)
+    step = scene.frame_step if args.step is None else args.step
+    return parse_frames(f"{scene.frame_start}:{scene.frame_end}", step)
+
+
+def _building(
+    args, scene: bpy.types.Scene, frames: Sequence[int] | None
+) -> Generator[float, None, tuple[Estimate, Cast, str]]:
+    """Build or bake: yield the progress, return (estimate, characters, sentence).
+
+    The sentence says why the scene's shot plan does not hold; "" if it does.
+    """
+    costs = estimate(scene, scene.crowd_lod, frames or (), args.bake)
+    predicted = yield from share(costs, 0.0, 0.3)
+    if not args.quiet:
+        print(predicted.sentence, file=sys.stderr)
+    steps = bake.bake(scene, frames, args.strict) if args.bake else render_setup.build(scene)
+    cast = yield from share(steps, 0.3, 1.0)
+    # a live build looks the plan up when its frames are shown
+    return predicted, cast, "" if args.bake else _told_of_plan(scene, args.strict)
+
+
+def _told_of_plan(scene: bpy.types.Scene, strict: bool) -> str:
+    """Return a sentence if the scene's shot plan does not hold; "" if it does, or there is none.
+
+    CrowdError in its place if that is `strict`.
+    """
+    settings = scene.crowd_lod
+    sentence = told_of_shot(scene, trajectory_of(scene), policy_of(settings), bias_of(settings))
+    if sentence and strict:
+        raise CrowdError(sentence)
+    return sentence
+
+
+def _built(frames: Sequence[int] | None, points: Mapping[str, int]) -> str:
+    """Return in words how much was baked, or built if there are no `frames`."""
+    total = counted(sum(points.values()), "point")
+    return (
+        f"built, {total} now"
+        if frames is None
+        else f"{counted(len(frames), 'frame')} baked, {total}"
+    )
+
+
+def export(args, command: list[str]) -> dict:
+    """Run the command export."""
+    stem = stem_of(args)
+    path = output_file(args.out or Path(f"{stem}.usdc"), *usd.ENDINGS)
+    scene = open_scene(args.scene)
+    apply_settings(args, scene.crowd_lod)
+    follow_plan(args, scene.crowd_lod)
+    frames = frames_of_shot(args, scene)
+    wanted = usd.UsdExport(frames, path, scene.crowd_lod.usd_animated, args.strict)
+    exported = finish(usd.export_usd(scene, wanted), f"export of {stem}", args.quiet)
+    size = path.stat().st_size
+    out = printable(path)
+    facts: dict[str, Any] = {
+        "agents": exported.agents,
+        "prototypes": exported.prototypes,
+        "phase_off": exported.off,
+        "bytes": size,
+    }
+    line = f"{counted(len(frames), 'frame')}, {size / 1e6:,.1f} MB: {exported.sentence}"
+    return {
+        "out": out,
+        "frames": frames,
+        **facts,
+        "notes": exported.notes,
+        "summary": f"{line}\n{out}",
+    }
+
+
+def sample(args, command: list[str]) -> dict:
+    """Run the command sample."""
+    path = blend_path(args.out or Path(f"{args.name}.blend"))
+    with files.staged_file(path) as part:
+        open_scene(args.name)
+        save(part, path)
+    return {"out": printable(path), "summary": printable(path)}

@@ -1,0 +1,185 @@
+"""The commands preview and verify, which several processes may share."""
+
+import argparse
+from pathlib import Path
+
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import counted, printable
+from ...crowd_lod.reporting import files
+from ...crowd_lod.validation.render_proof import to_text
+from ..runs.preview import preview
+from ..runs.preview_stage import COLOR_MODES, Preview, color_of
+from ..runs.verify import Verify, verify
+from ..runs.verify_build import frames_to_verify
+from . import shared_runs
+from .options import (
+    add_command,
+    add_frames,
+    add_out,
+    add_scene,
+    add_setting,
+    add_strict_plan,
+    apply_settings,
+    check_range,
+    choices_of,
+    follow_plan,
+    frames_of_shot,
+    to_path,
+)
+from .scene_files import finish, open_scene, stem_of
+
+
+def add_preview(commands, program: str) -> None:
+    """Add the command preview to the program's."""
+    command = add_command(
+        commands,
+        program,
+        "preview",
+        preview_shot,
+        "render each frame by LOD and from above, with a table and a plan",
+        "preview plaza --frames 1:120 --step 10 --out plaza_preview",
+    )
+    _add_shot(command, program)
+    add_out(command, "DIR", "the folder for pictures, tables and report (default: SCENE_preview)")
+    add_setting(command, "--seed", "seed", "N")
+    add_setting(command, "--tolerance", "tolerance", "PX")
+    add_setting(command, "--width", "width", "PIXELS")
+    add_strict_plan(command)
+    add_setting(command, "--engine", "engine")
+    command.add_argument(
+        "--color",
+        choices=choices_of("overlay_color"),
+        help="colors of the characters; state, group and reason need --engine overlay (default: "
+        "the scene's)",
+    )
+
+
+def add_verify(commands, program: str) -> None:
+    """Add the command verify to the program's."""
+    command = add_command(
+        commands,
+        program,
+        "verify",
+        verify_shot,
+        "render frames of the build beside everyone at full detail, and compare the pictures",
+        "verify plaza --frames 1,60 --out plaza_verify",
+    )
+    _add_shot(command, program)
+    add_out(command, "DIR", "the folder for pictures and tables (default: SCENE_verify)")
+    add_setting(command, "--width", "verify_width", "PIXELS")
+    add_setting(command, "--samples", "verify_samples", "N")
+    add_strict_plan(command)
+    command.add_argument(
+        "--bounces",
+        type=int,
+        default=0,
+        metavar="N",
+        help="render again with the sky and N bounces (default: 0)",
+    )
+
+
+def _add_shot(command: argparse.ArgumentParser, program: str) -> None:
+    """Add scene and frames, and what divides the frames among processes."""
+    add_scene(command, program)
+    add_frames(command)
+    add_setting(command, "--step", "step", "N")
+    command.add_argument(
+        "--jobs",
+        type=int,
+        default=1,
+        metavar="N",
+        help="make the frames in N processes (default: 1)",
+    )
+    command.add_argument(
+        "--part",
+        metavar="A:B|LIST",
+        help="make only these of the frames, into DIR/parts; the command assemble does the rest",
+    )
+    # of the processes of --jobs
+    command.add_argument("--into", type=to_path, help=argparse.SUPPRESS)
+    command.add_argument("--threads", type=int, help=argparse.SUPPRESS)
+
+
+def preview_shot(args, command: list[str]) -> dict:
+    """Run the command preview."""
+    scene = open_scene(args.scene)
+    settings = scene.crowd_lod
+    apply_settings(args, settings)
+    follow_plan(args, settings)
+    stem = stem_of(args)
+    folder = files.absolute(args.out or Path(f"{stem}_preview"))
+    request = Preview(
+        frames=frames_of_shot(args, scene, settings.step),
+        folder=folder,
+        width=settings.width,
+        engine=settings.engine,
+        color=_color(args, settings),
+        strict=args.strict,
+    )
+    sharing = shared_runs.sharing_of(args, command, scene, folder, request.frames)
+    plan = finish(preview(scene, request, command, sharing), f"preview of {stem}", args.quiet)
+    if sharing.part is not None:
+        return shared_runs.told_of_part(sharing, plan["frames"])
+    return {
+        "out": printable(folder),
+        "frames": plan["frames"],
+        "seconds": plan["seconds"],
+        "trouble": plan["trouble"],
+        "summary": f"{_summary(plan)}{printable(folder)}",
+    }
+
+
+def _color(args, settings) -> str:
+    """Return the color that the command gives, or else the settings'.
+
+    CrowdError if the engine has no such color.
+    """
+    color = args.color.upper() if args.color else color_of(settings)
+    if settings.engine != "OVERLAY" and color not in COLOR_MODES:
+        raise CrowdError(
+            f"The engine {settings.engine.lower()} has no color {color.lower()}: take --engine "
+            f"overlay, or --color lod or material."
+        )
+    return color
+
+
+def _summary(plan: dict) -> str:
+    """Return lines on the previewed frames, and on what is to be known of them."""
+    rows = plan["frames"]
+    notes = [note for note in (plan["trouble_says"], *plan["preview"]["notes"]) if note]
+    least = min(rows, key=lambda row: row["visible"])
+    most = max(rows, key=lambda row: row["visible"])
+    frames = counted(len(rows), "frame")
+    agents = counted(rows[0]["agents"], "agent")
+    return "".join(
+        [
+            f"{frames} of {agents} in {plan['seconds']:.1f} s: from {least['visible']:,} visible "
+            f"(frame {least['frame']}) to {most['visible']:,} (frame {most['frame']}).\n",
+            *(f"{note}\n" for note in notes),
+        ]
+    )
+
+
+def verify_shot(args, command: list[str]) -> dict:
+    """Run the command verify."""
+    check_range("--bounces", args.bounces, 0, 64)
+    scene = open_scene(args.scene)
+    settings = scene.crowd_lod
+    apply_settings(args, settings)
+    follow_plan(args, settings)
+    stem = stem_of(args)
+    frames = frames_of_shot(args, scene, settings.step)
+    request = Verify(
+        frames=frames if args.frames is not None else frames_to_verify(scene, frames),
+        folder=files.absolute(args.out or Path(f"{stem}_verify")),
+        width=settings.verify_width,
+        samples=settings.verify_samples,
+        bounces=args.bounces,
+        strict=args.strict,
+    )
+    sharing = shared_runs.sharing_of(args, command, scene, request.folder, request.frames)
+    result = finish(verify(scene, request, command, sharing), f"verify {stem}", args.quiet)
+    if sharing.part is not None:
+        return shared_runs.told_of_part(sharing, result["frames"])
+    out = printable(request.folder)
+    return {**result, "out": out, "summary": f"{to_text(result)}\n{out}"}

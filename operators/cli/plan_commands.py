@@ -1,0 +1,159 @@
+"""The commands plan, explain and compare."""
+
+from collections.abc import Generator
+from dataclasses import replace
+from pathlib import Path
+
+from ...crowd_lod.format import printable
+from ...crowd_lod.progress import share
+from ...crowd_lod.reporting import files, plan_comparison
+from ...crowd_lod.shot import plan_file
+from ...crowd_lod.shot.budget import Budget
+from ..shot import shot_plan
+from ..shot.shot_survey import forget_parts
+from ..sources.record_points import with_record
+from .explain import explain
+from .options import (
+    add_command,
+    add_frames,
+    add_out,
+    add_plan,
+    add_scene,
+    add_setting,
+    apply_settings,
+    follow_plan,
+    frames_of_shot,
+    to_path,
+)
+from .scene_files import finish, open_scene, stem_of
+
+
+def add_plan_shot(commands, program: str) -> None:
+    """Add the command plan to the program's."""
+    command = add_command(
+        commands,
+        program,
+        "plan",
+        plan_shot,
+        "decide on all LODs of a shot at once, with few switches in sight",
+        "plan plaza --frames 1:120 --out plaza_plan",
+    )
+    add_scene(command, program)
+    add_frames(command)
+    add_out(command, "DIR", "the folder for the plan and its report (default: SCENE_plan)")
+    add_setting(command, "--seed", "seed", "N")
+    add_setting(command, "--tolerance", "tolerance", "PX")
+    add_setting(command, "--avoid-pops", "avoid_pops", "PART")
+    add_setting(command, "--variety", "variety", "PART")
+    add_setting(command, "--blur", "plan_blurred")
+    add_setting(command, "--triangles", "budget_triangles", "N")
+    command.add_argument(
+        "--vertices",
+        type=float,
+        metavar="N",
+        help="at most so many vertices of characters in each frame",
+    )
+    command.add_argument(
+        "--lod0", type=int, metavar="N", help="at most so many agents at full detail in each frame"
+    )
+    add_setting(command, "--memory", "budget_memory", "MB")
+
+
+def add_explain(commands, program: str) -> None:
+    """Add the command explain to the program's."""
+    command = add_command(
+        commands,
+        program,
+        "explain",
+        explain_agent,
+        "tell every test of one agent in one frame, and what its other LODs would cost",
+        "explain plaza.blend --agent 17 --frame 60 --plan plaza_plan",
+    )
+    add_scene(command, program)
+    command.add_argument(
+        "--agent", type=int, required=True, metavar="N", help="the agent's number, from 0 on"
+    )
+    command.add_argument(
+        "--frame", type=int, required=True, metavar="F", help="the frame on the timeline"
+    )
+    add_plan(command)
+
+
+def add_compare(commands, program: str) -> None:
+    """Add the command compare to the program's."""
+    command = add_command(
+        commands,
+        program,
+        "compare",
+        compare,
+        "set two plans side by side, in total and frame by frame",
+        "compare plaza_plan plaza_plan_2px",
+    )
+    command.add_argument(
+        "a", type=to_path, metavar="A", help="a folder with a plan, or its plan.json"
+    )
+    command.add_argument("b", type=to_path, metavar="B", help="another one")
+
+
+def plan_shot(args, command: list[str]) -> dict:
+    """Run the command plan."""
+    scene = open_scene(args.scene)
+    settings = scene.crowd_lod
+    apply_settings(args, settings)
+    stem = stem_of(args)
+    folder = files.absolute(args.out or Path(f"{stem}_plan"))
+    request = replace(
+        shot_plan.wanted_of(scene, folder, frames_of_shot(args, scene)),
+        budget=_budget(args, settings),
+        keeps=True,
+    )
+    with files.staged(folder) as part:
+
+        def work() -> Generator[float, None, tuple[shot_plan.Planned, dict]]:
+            planned = yield from share(shot_plan.plan_shot(scene, request), 0.0, 0.99)
+            writing = shot_plan.write_plan(scene, part, planned, command)
+            return planned, (yield from share(writing, 0.99, 1.0))
+
+        steps = with_record(scene, request.frames, work)
+        planned, content = finish(steps, f"plan of {stem}", args.quiet)
+    forget_parts(folder)
+    if args.scene is None:  # the open file goes on with it
+        settings.shot_plan = str(folder / plan_file.NAME)
+        settings.use_shot_plan = True
+    out = printable(folder)
+    return {
+        "out": out,
+        **content["shot"],
+        "frames": content["frames"],
+        "summary": f"{shot_plan.sentence(planned)}\n{out}",
+    }
+
+
+def _budget(args, settings) -> Budget:
+    """Return the budget of the settings, with the limits that only the command has."""
+    limits = {"vertices": args.vertices, "finest": args.lod0}
+    return replace(
+        shot_plan.budget_of(settings),
+        **{name: limit for name, limit in limits.items() if limit is not None},
+    )
+
+
+def explain_agent(args, command: list[str]) -> dict:
+    """Run the command explain."""
+    scene = open_scene(args.scene)
+    follow_plan(args, scene.crowd_lod)
+    steps = explain(scene, args.agent, args.frame)
+    explanation, unplanned = finish(steps, f"agent {args.agent}", args.quiet)
+    summary = "\n".join(filter(None, (explanation.text, unplanned)))
+    return {
+        "frame": args.frame,
+        **explanation.as_json,
+        "unplanned": unplanned,
+        "summary": summary,
+    }
+
+
+def compare(args, command: list[str]) -> dict:
+    """Run the command compare."""
+    comparison = plan_comparison.compare(args.a, args.b)
+    return {**comparison.as_json, "summary": comparison.text}
