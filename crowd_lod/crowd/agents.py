@@ -300,7 +300,7 @@ def _groups(groups: Shares, count: int, random: np.random.Generator, seed: int) 
     """Return a group for each of `count` agents, (n,) uint8, increasing; see populate."""
     if isinstance(groups, Draw):
         group = groups.groups[_groups(groups.weights, count, random, seed)]
-        return np.sort(groups.dressed(group, random_streams.keys(seed, count)))
+        return np.sort(groups.draw_variants(group, random_streams.keys(seed, count)))
     if isinstance(groups, int):
         return np.sort(random.integers(groups, size=count, dtype=np.uint8))
     until = np.cumsum(groups)

@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.crowd.maps import FARTHEST
-from ...crowd_lod.crowd.rasterize import covered
+from ...crowd_lod.crowd.rasterize import cover_cells
 from ...crowd_lod.errors import CrowdError
 from ..blender import image_data, kept_meshes, provenance, scene_cache, scene_data
 from ..blender.guard import guarded, handler
@@ -69,7 +69,7 @@ def make(crowd, depsgraph: bpy.types.Depsgraph) -> int:
                 f"collection that holds some."
             )
         for shape in shapes:
-            pixels[covered(shape, area, rows, columns)] = (
+            pixels[cover_cells(shape, area, rows, columns)] = (
                 *machine.label_colors[machine.labels.index(entry.label)],
                 255,
             )

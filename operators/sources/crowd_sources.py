@@ -336,7 +336,7 @@ def _recorded(crowd, groups: tuple[Group, ...], seconds: float) -> Trajectory:
     def made() -> Trajectory:
         lean = leaning(groups, heights) if crowd.tilt and heights is not None else groups
         shown = groups_of_agents(tracks, [group.name for group in groups], draw.groups, crowd.seed)
-        shown = draw.dressed(shown, random_streams.keys_of(crowd.seed, tracks.ids))
+        shown = draw.draw_variants(shown, random_streams.keys_of(crowd.seed, tracks.ids))
         place = crowd.first_frame, crowd.seed, tuple(crowd.center)
         return Recorded(tracks, lean, shown, seconds, *place, heights=heights, tilts=crowd.tilt)
 

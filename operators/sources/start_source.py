@@ -273,4 +273,4 @@ def _on_points(
         raise CrowdError(
             "it has neither instances nor points nor vertices to start on: choose another object."
         )
-    return start_places.unturned(found)
+    return start_places.without_heading(found)

@@ -65,8 +65,8 @@ def test_variants_are_drawn_within_their_group(count):
 def test_a_variant_depends_on_the_agents_key_alone():
     draw, keys = Draw(2, (((0, 0.5), (1, 0.5)), ((2, 1.0),))), random_streams.keys(3, 1000)
     group = np.repeat(np.array([0, 2], np.uint8), 500)
-    found, order = draw.dressed(group, keys), np.random.default_rng(1).permutation(1000)
-    assert (draw.dressed(group[order], keys[order]) == found[order]).all() and (
+    found, order = draw.draw_variants(group, keys), np.random.default_rng(1).permutation(1000)
+    assert (draw.draw_variants(group[order], keys[order]) == found[order]).all() and (
         found[500:] == 2
     ).all()
     assert 200 < np.count_nonzero(found[:500] == 1) < 300
