@@ -17,6 +17,7 @@ from .survey import CULLED, Survey
 
 VARIETY = 0.05  # of close neighbors, at most, in step: about what CLASSES random classes leave
 FEWEST = 3  # classes of a palette
+WHOLE = 3  # times a palette of FEWEST is doubled: it then has all CLASSES
 MOST_ROUNDS = 40  # of recoloring; some ten suffice where agents meet few others
 # A foot stands for more than half of a walk's cycle and swings forward in the rest: per cycle it
 # moves beside the body at this multiple of the stride at most.
@@ -94,7 +95,7 @@ def meetings_of(survey: Survey) -> Meetings:
 
 @dataclass(frozen=True)
 class Changes:
-    """Agents that begin to play something else in sight.
+    """Agents that take another class in sight, as most do that begin to play something else.
 
     agent: (m,) intp. block: (m, 2) uint16 and classes: (m, 2) uint8, before and after.
     pixels: (m,) float64, what a jump by a whole cycle would move a foot.
@@ -151,7 +152,7 @@ def changes_of(survey: Survey, strides: np.ndarray) -> Changes:
     for f in range(1, len(survey.times)):
         pair = survey.character[f - 1 : f + 1]
         block = of_block[pair]
-        changed = survey.joined(f) & (block[0] != block[1]) & (walks[block] > 0).all(axis=0)
+        changed = survey.joined(f) & (pair[0] != pair[1]) & (walks[block] > 0).all(axis=0)
         (agent,) = np.nonzero(changed)
         scale = survey.scale[f, agent].astype(np.float64)
         pixels = SWING * walks[block[1, agent]] * scale
@@ -190,12 +191,17 @@ class PhasePlan:
 
 
 def plan_phases(
-    survey: Survey, strides: np.ndarray, tolerance: float | None, variety: float = VARIETY
+    survey: Survey,
+    strides: np.ndarray,
+    tolerance: float | None,
+    variety: float = VARIETY,
+    given: np.ndarray | None = None,
 ) -> PhasePlan:
     """Return the fewest classes of each block with which few neighbors are in step.
 
     strides: of strides_of. tolerance: pixels; None counts as one.
     variety: the part of all close neighbors that may be in step.
+    given: (n,) bool, agents that keep the phases of their source; None for nobody.
 
     Blocks that the same rigs move have one palette. Agents that would jump by more than JUMP when
     they change what they play have finer ones.
@@ -211,11 +217,13 @@ def plan_phases(
     )
     limit = np.maximum(JUMP * (tolerance or 1.0), changes.pixels / CLASSES)
     counts = np.where(family >= 0, FEWEST, CLASSES).astype(np.uint8)
-    phases = everything
+    if given is None:
+        given = np.zeros(agents, bool)
+    phases = replace(everything, finer=np.where(given, WHOLE, 0).astype(np.uint8))
     while True:
-        phases = color(meetings, replace(phases, counts=counts))
+        phases = color(meetings, replace(phases, counts=counts), given)
         while (jumping := changes.jumps(phases) > limit).any():
-            phases = color(meetings, changes.refined(phases, jumping))
+            phases = color(meetings, changes.refined(phases, jumping), given)
         crowded = _crowded(meetings, phases, family, variety) & (counts < CLASSES)
         if not crowded.any():
             break
@@ -237,8 +245,10 @@ def _crowded(meetings: Meetings, phases: Phases, family: np.ndarray, variety: fl
     return (in_step > variety * frames)[family] & (family >= 0)
 
 
-def color(meetings: Meetings, phases: Phases) -> Phases:
+def color(meetings: Meetings, phases: Phases, given: np.ndarray | None = None) -> Phases:
     """Return `phases` with other shifts, with which fewer of the meetings are in step.
+
+    given: (n,) bool, agents that keep their shift; None for nobody.
 
     In each round those agents take another shift that gain more by it than all whom they meet. So
     each round lowers the weight of what is in step.
@@ -246,6 +256,8 @@ def color(meetings: Meetings, phases: Phases) -> Phases:
     agents, flat = np.unique(meetings.pair, return_inverse=True)
     place = flat.reshape(-1, 2)
     options = _options(meetings, phases, agents)
+    if given is not None:
+        options[:, given[agents]] = phases.shift[agents[given[agents]]]
     everyone = np.arange(len(agents))
     for _ in range(MOST_ROUNDS):
         cost = _costs(meetings, phases, place, options)

@@ -128,6 +128,7 @@ class Points(Trajectory):
             found.ids,
         )
         phased = found.phase is not None
+        self.given_phases = np.ones(len(found.x), bool) if phased else None
         per_second = [
             1 / group.period if group.period > 0 and not phased else 0.0 for group in groups
         ]

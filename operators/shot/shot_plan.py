@@ -119,6 +119,7 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
         strides_of(trajectory.groups, trajectory.gaits),
         policy.tolerance,
         request.variety,
+        trajectory.given_phases,
     )
     survey = recast(through.survey, phases.phases)
     characters = characters_of(scene)
