@@ -297,7 +297,7 @@ def _shown_now(context, before: Shown | None) -> Shown:
             round(settings.overlay_fade, 6),
             reference(settings),
         )
-        frame_inputs += drawn_inputs(settings)
+        frame_inputs += overlay_inputs(settings)
         same_frame = (
             before.frame if before is not None and before.crowd_inputs == crowd_inputs else None
         )

@@ -94,7 +94,7 @@ def _now(scene: bpy.types.Scene) -> dict[str, str]:
     render = scene.render
     trajectory = trajectory_of(scene)
     bias = bias_of(settings)
-    inputs = made_for(settings, trajectory, policy_of(settings), bias)
+    inputs = plan_inputs(settings, trajectory, policy_of(settings), bias)
     mirrors = settings.mirrors and settings.mirrors.name
     inputs |= {
         "the settings": text_digest(mirrors, *(getattr(settings, name) for name in SETTINGS)),

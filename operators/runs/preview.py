@@ -178,7 +178,7 @@ def _with_levels(stage: bpy.types.Scene) -> Generator[float, None, float]:
 
 def _planned_shot(
     stage: bpy.types.Scene, task: Preview, folder: Path
-) -> Generator[float, None, Planned | None]:
+) -> Generator[float, None, PlannedShot | None]:
     """Plan the shot of the preview's frames, unless the scene has a plan: yield the progress,
     return it.
 
