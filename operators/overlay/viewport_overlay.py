@@ -24,6 +24,7 @@ from ..blender.image_data import LOOK_AGAIN
 from ..characters.stored_groups import groups_of
 from ..machine.scene_world import bias_of
 from ..scene.scene_crowd import policy_of, trajectory_of
+from ..scene.shot_exceptions import overlay_inputs
 from ..scene.shot_reference import reference, use_of
 from ..sources.crowd_sources import inputs_of, live
 from . import (

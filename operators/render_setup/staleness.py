@@ -15,7 +15,7 @@ from ..blender.provenance import text_digest
 from ..machine.scene_world import bias_of
 from ..scene.lights import read_surroundings
 from ..scene.scene_crowd import policy_of, trajectory_of
-from ..scene.shot_reference import content_of
+from ..scene.shot_reference import content_of, plan_inputs
 from .change_detection import cameras_digest, lights_digest
 from .render_setup import BAKED, CAMERAS, LIGHTS
 

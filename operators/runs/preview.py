@@ -36,7 +36,7 @@ from ..overlay.playblast import Playblast, need_gpu
 from ..scene import lights
 from ..scene.scene_crowd import characters_of, frame_of, policy_of, trajectory_of
 from ..settings import needs
-from ..shot.shot_plan import plan_shot, shot_json, wanted_of, write_levels
+from ..shot.shot_plan import PlannedShot, plan_shot, shot_json, wanted_of, write_levels
 from ..sources.record_points import on_record
 from . import lod_table, top_view
 from .preview_plan import plan_json
