@@ -41,6 +41,7 @@ from crowd_lod_extension.operators.render_setup import (
     render_setup,
 )
 from crowd_lod_extension.operators.render_setup.hidden_characters import hide_characters
+from crowd_lod_extension.operators.render_setup.shelves import LIBRARY, RIGS
 from crowd_lod_extension.operators.scene.scene_crowd import frame_of, trajectory_of
 
 NOBODY, EVERYONE, CAMERA_CULL, NODES, BAKED = (
@@ -188,9 +189,7 @@ def counted(top: bpy.types.Collection) -> dict[str, int]:
     See crowd_lod/levels/cost_model.py.
     """
     (points,) = render_setup.points_of(top).values()
-    shelf = next(
-        child for child in top.children_recursive if child.get(render_setup.LIBRARY, -1) == 0
-    )
+    shelf = next(child for child in top.children_recursive if child.get(LIBRARY, -1) == 0)
     homes = sorted(shelf.children, key=lambda home: home.name)
     triangles = np.array(
         [
@@ -203,7 +202,7 @@ def counted(top: bpy.types.Collection) -> dict[str, int]:
     at = np.zeros(len(numbers), np.int32)
     points.data.attributes["frame"].data.foreach_get("value", at)
     shown = np.bincount(numbers[at == FRAMES[0]], minlength=len(homes))
-    rigs = next(child for child in top.children_recursive if render_setup.RIGS in child)
+    rigs = next(child for child in top.children_recursive if RIGS in child)
     return {
         "posed": int(triangles.sum()),
         "unique": int(triangles[shown > 0].sum()),
