@@ -98,7 +98,7 @@ class Gaits:
         phase[phase >= 1] = 0  # a float64 just below 1 may have rounded up
         return phase
 
-    def joined(self, before: Crowd, after: Crowd, seconds: float) -> Crowd:
+    def continue_phases(self, before: Crowd, after: Crowd, seconds: float) -> Crowd:
         """Return the crowd `after` with phases that continue those of `before`.
 
         before: the crowd whose paces held until now.

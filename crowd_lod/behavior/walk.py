@@ -280,7 +280,9 @@ class Walk(Trajectory):
         if STILL in self.left_out and crowd is not self._first:
             return crowd
         moved = self._steps.after(crowd, frames * self.seconds_per_frame)
-        moved = self.gaits.joined(crowd, moved, self.seconds(self.first_frame + since + frames))
+        moved = self.gaits.continue_phases(
+            crowd, moved, self.seconds(self.first_frame + since + frames)
+        )
         if self._floors is not None:
             moved = replace(moved, z=_climbed(self._floors, crowd, moved))
         return moved

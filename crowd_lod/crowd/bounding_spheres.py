@@ -23,12 +23,8 @@ class Spheres:
 
 def spheres_of(groups: Sequence[Group]) -> Spheres:
     """Return the bounding spheres of `groups`."""
-    return Spheres(
-        *(
-            np.array([getattr(group, each.name) for group in groups], np.float64)
-            for each in fields(Spheres)
-        )
-    )
+    columns = ([getattr(group, column.name) for group in groups] for column in fields(Spheres))
+    return Spheres(*(np.array(column, np.float64) for column in columns))
 
 
 def bounding_sphere(points: np.ndarray, reach: np.ndarray | float = 0.0) -> tuple[float, float]:
@@ -39,29 +35,34 @@ def bounding_sphere(points: np.ndarray, reach: np.ndarray | float = 0.0) -> tupl
     points: (n, 3) meters.
     reach: meters, (n,) or one number. The sphere holds all within `reach` of each point.
     """
-    low, high = (points[:, 2] - reach).min(), (points[:, 2] + reach).max()
+    low = (points[:, 2] - reach).min()
+    high = (points[:, 2] + reach).max()
     center = (low + high) / 2
     away = np.sqrt(points[:, 0] ** 2 + points[:, 1] ** 2 + (points[:, 2] - center) ** 2)
     return float(center), float((away + reach).max())
 
 
-def varied(group: Group) -> Group:
+def cover_sizes(group: Group) -> Group:
     """Return the measured `group` with figures that hold for its agents of all sizes.
 
-    The bounding sphere holds those of the least and of the greatest, so also those between. LODs of
-    the greatest deviate most.
+    The bounding sphere holds the smallest and the largest agent, so also those between. LODs of the
+    largest deviate most.
     """
     if group.scale == (1.0, 1.0):
         return group
-    most = group.scale[1]
     ends = [(group.center + side * group.radius) * size for side in (-1, 1) for size in group.scale]
-    low, high = min(ends), max(ends)
-    wide = most * (1 + 1e-6)  # scales are float32
+    low = min(ends)
+    high = max(ends)
+    rounding = 1e-6  # scales are float32
+    largest = group.scale[1] * (1 + rounding)
     lengths: dict[str, Any] = {
-        name: tuple(wide * each for each in getattr(group, name))
+        name: tuple(largest * length for length in getattr(group, name))
         for name in ("deviations", "bounds", "rms", "shaded")
     }
-    radius = (high - low) / 2 + 1e-6 * max(abs(low), abs(high))
     return replace(
-        group, center=(low + high) / 2, radius=radius, diagonal=wide * group.diagonal, **lengths
+        group,
+        center=(low + high) / 2,
+        radius=(high - low) / 2 + rounding * max(abs(low), abs(high)),
+        diagonal=largest * group.diagonal,
+        **lengths,
     )

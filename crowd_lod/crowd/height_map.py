@@ -32,8 +32,7 @@ class HeightMap:
             row, column = wrong[0]
             raise CrowdError(
                 f"The height map holds {len(wrong)} values at NaN or infinity, the first at "
-                f"column {column}, row {row} from "
-                "the bottom: paint a height there."
+                f"column {column}, row {row} from the bottom: paint a height there."
             )
 
     def digest(self) -> bytes:
@@ -50,11 +49,10 @@ class HeightMap:
         """The greatest slopes of the ground along x and along y, as rises over runs."""
         rows, columns = self.heights.shape
         width, depth = self.area.size
-        along_x, along_y = (
-            np.abs(np.diff(self.heights.astype(np.float64), axis=axis)).max(initial=0)
-            for axis in (1, 0)
-        )
-        return float(along_x * (columns / width)), float(along_y * (rows / depth))
+        heights = self.heights.astype(np.float64)
+        rise_x = np.abs(np.diff(heights, axis=1)).max(initial=0)
+        rise_y = np.abs(np.diff(heights, axis=0)).max(initial=0)
+        return float(rise_x * (columns / width)), float(rise_y * (rows / depth))
 
     def at(self, x: np.ndarray, y: np.ndarray, last: np.ndarray | None = None) -> np.ndarray:
         """Return world z (n,) float64 of the ground at world positions x, y (n,).
@@ -95,43 +93,47 @@ class HeightMap:
     def _corners(
         self, x: np.ndarray, y: np.ndarray
     ) -> tuple[list[np.ndarray], np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
-        """Return the heights about each position, its place between them, and if inside.
+        """Return (heights, u, v, inside) of positions x, y (n,).
 
-        Heights are those at the four pixel middles about it; inside: whether it lies between
-        middles, along x and y.
+        heights: those at the four pixel middles about each: lower left, lower right, upper left,
+            upper right.
+        u, v: the place between them, 0 to 1 along x and y.
+        inside: whether it lies between middles, along x and along y.
         """
         rows, columns = self.heights.shape
         width, depth = self.area.size
-        across, up = (
-            (x - self.area.x_min) * (columns / width) - 0.5,
-            (y - self.area.y_min) * (rows / depth) - 0.5,
-        )
-        inside = (across >= 0) & (across < columns - 1), (up >= 0) & (up < rows - 1)
+        u = (x - self.area.x_min) * (columns / width) - 0.5
+        v = (y - self.area.y_min) * (rows / depth) - 0.5
+        inside = (u >= 0) & (u < columns - 1), (v >= 0) & (v < rows - 1)
         # at NaN anywhere
-        across, up = np.fmin(np.fmax(across, 0), columns - 1), np.fmin(np.fmax(up, 0), rows - 1)
-        column, row = across.astype(np.intp), up.astype(np.intp)
-        right, above = np.minimum(column + 1, columns - 1), np.minimum(row + 1, rows - 1)
-        places = ((row, column), (row, right), (above, column), (above, right))
-        return (
-            [self.heights[place].astype(np.float64) for place in places],
-            across - column,
-            up - row,
-            inside,
-        )
+        u = np.fmin(np.fmax(u, 0), columns - 1)
+        v = np.fmin(np.fmax(v, 0), rows - 1)
+        left = u.astype(np.intp)
+        below = v.astype(np.intp)
+        right = np.minimum(left + 1, columns - 1)
+        above = np.minimum(below + 1, rows - 1)
+        pixels = ((below, left), (below, right), (above, left), (above, right))
+        heights = [self.heights[pixel].astype(np.float64) for pixel in pixels]
+        return heights, u - left, v - below, inside
 
 
 def lean(
     along_x: np.ndarray, along_y: np.ndarray, heading: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return (pitch, roll) of agents that stand at right angles to ground of these slopes, each
-    (n,).
+    """Return (pitch, roll) of agents that stand at right angles to the ground.
 
-    Each is (n,) float32, radians. pitch: how far the ground rises ahead. roll: how far it rises
-    to the agent's left.
+    along_x, along_y: (n,) slopes of the ground, rises over runs.
+
+    pitch: (n,) float32 radians, how far the ground rises ahead.
+    roll: likewise, how far it rises to the agent's left.
+
     To tilt an agent, rotate it about z by its heading, then about its own left axis by -pitch,
     then about its own forward axis by roll.
     """
-    cos, sin = np.cos(heading, dtype=np.float64), np.sin(heading, dtype=np.float64)
-    ahead, left = along_x * cos + along_y * sin, along_y * cos - along_x * sin
+    cos = np.cos(heading, dtype=np.float64)
+    sin = np.sin(heading, dtype=np.float64)
+    ahead = along_x * cos + along_y * sin
+    left = along_y * cos - along_x * sin
     pitch = np.arctan(ahead)
-    return pitch.astype(np.float32), np.arctan(left * np.cos(pitch)).astype(np.float32)
+    roll = np.arctan(left * np.cos(pitch))
+    return pitch.astype(np.float32), roll.astype(np.float32)

@@ -12,82 +12,107 @@ SHORTEST = 0.001  # seconds that a timer runs at least
 
 
 class MachineTable:
-    """The arrays of a state machine, filled state by state."""
+    """The arrays of a state machine of S states and L labels, filled state by state.
+
+    They are those of StateMachine, but:
+    colors, start, actions, fade: lists of S.
+    odds: cumulative weights -> the row of StateMachine.odds that they become.
+    """
 
     def __init__(self, reader: Reader, states: tuple[str, ...], labels: tuple[str, ...]) -> None:
-        self.reader, self.states, self.labels = reader, states, labels
-        shape = len(states), len(labels)
-        self.next_state, self.velocity = np.zeros(shape, np.uint8), np.zeros((*shape, 2))
-        self.next_choice, self.then_choice = (
-            np.full(shape, -1, np.int32),
-            np.full(shape[0], -1, np.int32),
-        )
-        self.after, self.then = np.full((shape[0], 2), np.inf), np.arange(shape[0], dtype=np.uint8)
+        self.reader = reader
+        self.states = states
+        self.labels = labels
+        rules = len(states), len(labels)
+        self.next_state = np.zeros(rules, np.uint8)
+        self.next_choice = np.full(rules, -1, np.int32)
+        self.velocity = np.zeros((*rules, 2))
+        self.after = np.full((len(states), 2), np.inf)
+        self.then = np.arange(len(states), dtype=np.uint8)
+        self.then_choice = np.full(len(states), -1, np.int32)
         self.colors: list[Color] = []
         self.start: list[float] = []
         self.actions: list[str] = []
         self.fade: list[float] = []
-        self.odds: dict[tuple[float, ...], int] = {}  # cumulative weights -> their row
+        self.odds: dict[tuple[float, ...], int] = {}
 
     def read_state(self, s: int, state: str, entry: object) -> None:
-        reader, path = self.reader, ("states", state)
-        given = reader.table(
-            entry, path, {"color", "start", "action", "fade", "after", "then", "on"}
-        )
-        self.colors.append(reader.color(given.get("color", "#808080"), (*path, "color")))
-        self.start.append(reader.number(given.get("start", 0), (*path, "start"), least=0))
-        self.actions.append(reader.string(given.get("action", ""), (*path, "action")))
-        if BETWEEN in self.actions[-1]:
+        """Read the `entry` of the state number `s`; CrowdError names what is wrong in it."""
+        path = ("states", state)
+        fields = {"color", "start", "action", "fade", "after", "then", "on"}
+        values = self.reader.table(entry, path, fields)
+        self._read_look(values, path)
+        self._read_timer(s, values, path)
+        self._read_rules(s, state, values, path)
+
+    def _read_look(self, values: dict[str, Any], path: FieldPath) -> None:
+        """Read color, start weight, action and fade."""
+        reader = self.reader
+        self.colors.append(reader.color(values.get("color", "#808080"), (*path, "color")))
+        self.start.append(reader.number(values.get("start", 0), (*path, "start"), least=0))
+        action = reader.string(values.get("action", ""), (*path, "action"))
+        if BETWEEN in action:
             reader.fail(
                 (*path, "action"),
-                f"is {self.actions[-1]!r}; {BETWEEN!r} stands between two actions in names of "
-                f"cross-fades, rename it",
+                f"is {action!r}; {BETWEEN!r} stands between two actions in names of cross-fades, "
+                f"rename it",
             )
-        self.fade.append(reader.number(given.get("fade", 0), (*path, "fade"), least=0))
-        for one, other in (("after", "then"), ("then", "after")):
-            if one in given and other not in given:
-                reader.fail((*path, other), f"is missing beside {one}; a timer needs both")
-        if "after" in given:
-            self.after[s] = self._seconds(given["after"], (*path, "after"))
-            self.then[s], self.then_choice[s] = self._target(given["then"], (*path, "then"))
+        self.actions.append(action)
+        self.fade.append(reader.number(values.get("fade", 0), (*path, "fade"), least=0))
+
+    def _read_timer(self, s: int, values: dict[str, Any], path: FieldPath) -> None:
+        for field, partner in (("after", "then"), ("then", "after")):
+            if field in values and partner not in values:
+                problem = f"is missing beside {field}; a timer needs both"
+                self.reader.fail((*path, partner), problem)
+        if "after" in values:
+            self.after[s] = self._seconds(values["after"], (*path, "after"))
+            self.then[s], self.then_choice[s] = self._target(values["then"], (*path, "then"))
+
+    def _read_rules(self, s: int, state: str, values: dict[str, Any], path: FieldPath) -> None:
+        """Read what the state does on each label."""
+        reader = self.reader
         on = (*path, "on")
-        rules = reader.table(given.get("on"), on, filled=True)
-        read = {name: self._rule(rule, (*on, name), state) for name, rule in rules.items()}
-        for label in rules:
+        entries = reader.table(values.get("on"), on, filled=True)
+        rules = {label: self._rule(entry, (*on, label), state) for label, entry in entries.items()}
+        for label in entries:
             if label != "*" and label not in self.labels:
-                reader.fail(
-                    (*on, label), f"names no label; the labels are {', '.join(self.labels)}"
-                )
+                problem = f"names no label; the labels are {', '.join(self.labels)}"
+                reader.fail((*on, label), problem)
         for i, label in enumerate(self.labels):
-            rule = read.get(label, read.get("*"))
+            rule = rules.get(label, rules.get("*"))
             if rule is None:
                 reader.fail(
                     on, f"says nothing of the label {label!r}; add it, or '*' for every other label"
                 )
-            (self.next_state[s, i], self.next_choice[s, i]), self.velocity[s, i] = rule
+            target, velocity = rule
+            self.next_state[s, i], self.next_choice[s, i] = target
+            self.velocity[s, i] = velocity
 
     def _rule(
         self, rule: object, path: FieldPath, state: str
     ) -> tuple[tuple[int, int], tuple[float, float]]:
-        given = self.reader.table(rule, path, {"next", "move", "speed", "heading"})
-        return self._target(given.get("next", state), (*path, "next")), self._velocity(given, path)
+        values = self.reader.table(rule, path, {"next", "move", "speed", "heading"})
+        target = self._target(values.get("next", state), (*path, "next"))
+        return target, self._velocity(values, path)
 
     def _target(self, value: object, path: FieldPath) -> tuple[int, int]:
         """Return (state, -1), or for weights (the likeliest state, the row of the odds)."""
-        reader, known = self.reader, f"the states are {', '.join(self.states)}"
+        reader = self.reader
+        states = f"the states are {', '.join(self.states)}"
         if isinstance(value, str):
             if value not in self.states:
-                reader.fail(path, f"is {value!r}; {known}")
+                reader.fail(path, f"is {value!r}; {states}")
             return self.states.index(value), -1
         if not isinstance(value, dict):
             reader.fail(
                 path,
-                f"is {value!r}, it must be a state, or an object of states and weights; {known}",
+                f"is {value!r}, it must be a state, or an object of states and weights; {states}",
             )
         weights = np.zeros(len(self.states))
         for name, weight in reader.table(value, path, filled=True).items():
             if name not in self.states:
-                reader.fail((*path, name), f"names no state; {known}")
+                reader.fail((*path, name), f"names no state; {states}")
             weights[self.states.index(name)] = reader.number(weight, (*path, name), least=0)
         if not 0 < weights.sum() < math.inf:
             reader.fail(
@@ -108,7 +133,8 @@ class MachineTable:
                 f"is {value!r}, it must be seconds, or the least and the greatest of them, [5, 20]",
             )
         least, most = (
-            self.reader.number(each, (*path, i), least=SHORTEST) for i, each in enumerate(value)
+            self.reader.number(seconds, (*path, i), least=SHORTEST)
+            for i, seconds in enumerate(value)
         )
         if least > most:
             self.reader.fail(path, f"is {value!r}, the first must be the lesser")
@@ -137,5 +163,6 @@ class MachineTable:
         if heading % 90 == 0:  # without rounding: who walks along a wall does not drift into it
             cos, sin = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[int(heading % 360 // 90)]
         else:
-            cos, sin = math.cos(math.radians(heading)), math.sin(math.radians(heading))
+            cos = math.cos(math.radians(heading))
+            sin = math.sin(math.radians(heading))
         return speed * cos, speed * sin

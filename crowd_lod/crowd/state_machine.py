@@ -97,33 +97,27 @@ class StateMachine:
 
     @cached_property
     def paces(self) -> Paces:
-        """The actions of the table at its speeds, and the steps of cross-fades between them; see
-        paces_of.
-        """
+        """The actions of the table at its speeds, and the steps of cross-fades: see paces_of."""
         pairs = {
             (self.actions[s], self.actions[t]) for s, t in zip(*np.nonzero(self.fades), strict=True)
         }
-        return paces_of(
-            self.actions, np.hypot(*np.moveaxis(self.velocity, 2, 0)), self.edge == "stop", pairs
-        )
+        speed = np.hypot(self.velocity[..., 0], self.velocity[..., 1])
+        return paces_of(self.actions, speed, self.edge == "stop", pairs)
 
     @cached_property
     def follows(self) -> np.ndarray:
         """(S, S) bool: which states may follow each one at once, by a label or by its timer."""
-        found, likely = (
-            np.zeros((len(self.states),) * 2, bool),
-            np.diff(self.odds, axis=1, prepend=0) > 0,
-        )
+        follows = np.zeros((len(self.states),) * 2, bool)
+        likely = np.diff(self.odds, axis=1, prepend=0) > 0
         timed = np.isfinite(self.after).any(axis=1)[:, None]
-        for next_state, choice, holds in (
-            (self.next_state, self.next_choice, True),
-            (self.then[:, None], self.then_choice[:, None], timed),
-        ):
+        by_label = self.next_state, self.next_choice, True
+        by_timer = self.then[:, None], self.then_choice[:, None], timed
+        for next_state, choice, holds in (by_label, by_timer):
             state, rule = np.nonzero((choice < 0) & holds)
-            found[state, next_state[state, rule]] = True
+            follows[state, next_state[state, rule]] = True
             state, rule = np.nonzero((choice >= 0) & holds)
-            np.logical_or.at(found, state, likely[choice[state, rule]])
-        return found
+            np.logical_or.at(follows, state, likely[choice[state, rule]])
+        return follows
 
     @cached_property
     def fades(self) -> np.ndarray:
@@ -144,7 +138,7 @@ class StateMachine:
     @cached_property
     def _alike(self) -> np.ndarray:
         """(S, S) bool: which states play the same action."""
-        return np.array([[one == other for other in self.actions] for one in self.actions])
+        return np.array([[action == other for other in self.actions] for action in self.actions])
 
     @cached_property
     def timed(self) -> bool:
@@ -241,27 +235,11 @@ def parse(text: str, where: str) -> StateMachine:
     edge = root.get("edge", "clamp")
     if edge not in EDGES:
         reader.fail(("edge",), f"is {edge!r}, it must be one of {', '.join(EDGES)}")
-    label_tables = reader.table(root.get("labels"), ("labels",), filled=True)
-    labels = tuple(label_tables)
-    label_colors: list[Color] = []
-    spawn: list[bool] = []
-    for label, entry in label_tables.items():
-        path = ("labels", label)
-        entry = reader.table(entry, path, {"color", "spawn"})
-        color = reader.color(entry.get("color"), (*path, "color"))
-        if color in label_colors:
-            other = labels[label_colors.index(color)]
-            reader.fail(
-                (*path, "color"),
-                f"is the same color as that of {other!r}, a map could not tell them apart",
-            )
-        label_colors.append(color)
-        spawn.append(reader.boolean(entry.get("spawn", True), (*path, "spawn")))
-    if not any(spawn):
-        reader.fail(("labels",), "leaves no label where agents may start: set spawn to true on one")
-    states = tuple(reader.table(root.get("states"), ("states",), filled=True))
+    labels, label_colors, spawn = _read_labels(reader, root.get("labels"))
+    entries = reader.table(root.get("states"), ("states",), filled=True)
+    states = tuple(entries)
     table = MachineTable(reader, states, labels)
-    for s, (state, entry) in enumerate(root["states"].items()):
+    for s, (state, entry) in enumerate(entries.items()):
         table.read_state(s, state, entry)
     start = table.start if any(table.start) else [1.0] * len(states)
     if sum(start) == math.inf:
@@ -289,3 +267,26 @@ def parse(text: str, where: str) -> StateMachine:
         next_choice=table.next_choice,
         then_choice=table.then_choice,
     )
+
+
+def _read_labels(reader: Reader, value: object) -> tuple[tuple[str, ...], list[Color], list[bool]]:
+    """Return the names of the labels, their colors, and whether agents may start on each."""
+    entries = reader.table(value, ("labels",), filled=True)
+    labels = tuple(entries)
+    colors: list[Color] = []
+    spawn: list[bool] = []
+    for label, entry in entries.items():
+        path = ("labels", label)
+        fields = reader.table(entry, path, {"color", "spawn"})
+        color = reader.color(fields.get("color"), (*path, "color"))
+        if color in colors:
+            twin = labels[colors.index(color)]
+            reader.fail(
+                (*path, "color"),
+                f"is the same color as that of {twin!r}, a map could not tell them apart",
+            )
+        colors.append(color)
+        spawn.append(reader.boolean(fields.get("spawn", True), (*path, "spawn")))
+    if not any(spawn):
+        reader.fail(("labels",), "leaves no label where agents may start: set spawn to true on one")
+    return labels, colors, spawn

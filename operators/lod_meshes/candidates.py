@@ -12,7 +12,7 @@ import numpy as np
 from idprop.types import IDPropertyGroup
 
 from ...crowd_lod.crowd.agents import Group
-from ...crowd_lod.crowd.bounding_spheres import varied
+from ...crowd_lod.crowd.bounding_spheres import cover_sizes
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.levels.lengths import DARKER, NEAR_ENOUGH, allowed_lengths, read_curve
 from ...crowd_lod.levels.selection import View
@@ -70,7 +70,7 @@ PLAIN = {
 USUALLY_LOST = 4.0
 OFTEN_LOST = 12.0  # the same in the middle
 MOST_GOALS = 100  # that measurements are kept of
-VERSION = 23  # of the code that makes LOD meshes: another one makes them anew
+VERSION = 24  # of the code that makes LOD meshes: another one makes them anew
 
 
 def _untouched(home: bpy.types.Collection) -> bool:
@@ -175,7 +175,7 @@ class Ladder:
         finest = self.diagonal / self._value(0.0, "triangles")
         lengths = allowed_lengths(
             views,
-            varied(group).radius,
+            cover_sizes(group).radius,
             tolerance / size,
             finest,
             higher,

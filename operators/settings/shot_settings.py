@@ -29,8 +29,7 @@ class FrameSettings:
         subtype="DIR_PATH",
         options={"PATH_SUPPORTS_BLEND_RELATIVE"},
         description="Folder for plan, previews, proofs and exports, with a page index.html on all "
-        "of them. "
-        f"{BLEND_NAME} is the name of the .blend file",
+        f"of them. {BLEND_NAME} is the name of the .blend file",
     )
 
     own_frames: BoolProperty(
@@ -194,6 +193,5 @@ class ExportSettings:
     usd_animated: BoolProperty(
         name="Moving Prototypes",
         description="Each of 16 phases of an action is a prototype that moves, instead of poses "
-        "between which agents change: exact "
-        "phases and blurred limbs, but a larger file",
+        "between which agents change: exact phases and blurred limbs, but a larger file",
     )

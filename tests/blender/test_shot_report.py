@@ -80,7 +80,7 @@ def test_largest_changes_are_drawn_into_the_report_and_leave_nothing_in_the_file
     assert {block.id_type for block in set(bpy.data.user_map()) - before} <= {
         "ACTION"
     }  # that of the zoom
-    told = finished(plan_shot(levelled, Wanted(range(1, 13), tmp_path / "again"))).told
+    told = finished(plan_shot(levelled, Wanted(range(1, 13), tmp_path / "again"))).report
     for one, other in told.crops:
         assert (
             one.shape == other.shape and (one != other).any() and (one[0, 0] == one[-1, -1]).all()

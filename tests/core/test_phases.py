@@ -202,3 +202,35 @@ def test_meetings_are_counted_by_frames(shot):
     meetings = meetings_of(survey)
     assert meetings.frames.sum() == sum(map(len, survey.pairs))
     assert len(meetings.pair) < meetings.frames.sum()
+
+
+def test_given_phases_stay(shot):
+    trajectory, survey = shot
+    given = np.arange(len(survey.group)) % 2 == 0
+    strides = strides_of(trajectory.groups, trajectory.gaits)
+    phases = plan_phases(survey, strides, 1.0, given=given).phases
+    crowd = trajectory.at(20)
+    shown = phases.applied(crowd, trajectory.gaits).phase_class
+    assert (shown == crowd.phase_class)[given].all()
+    assert (shown != crowd.phase_class)[~given].any()
+
+
+def test_agents_whose_class_drifts_in_sight_have_finer_palettes(shot):
+    """As recorded tracks do, whose speed varies: one class more in every second frame."""
+    trajectory, survey = shot
+    drift = np.arange(len(survey.times))[:, None] // 2
+    own = survey.roles.phase_class[survey.character]
+    drifted = survey.character - own + (own + drift) % CLASSES
+    seen = survey.kind != 0
+    survey = replace(survey, character=np.where(seen, drifted, 0).astype(np.uint16))
+    plan = plan_phases(survey, strides_of(trajectory.groups, trajectory.gaits), 1.0)
+    near = (survey.scale > 60).any(axis=0)
+    assert near.sum() > 20 and (plan.phases.finer[near] > 0).mean() > 0.9
+    assert plan.largest_jump < jump_of_block_palettes(survey, trajectory, plan)
+
+
+def jump_of_block_palettes(survey, trajectory, plan):
+    """The largest jump if all had the palettes of their blocks."""
+    changes = changes_of(survey, strides_of(trajectory.groups, trajectory.gaits))
+    coarse = replace(plan.phases, finer=np.zeros_like(plan.phases.finer))
+    return changes.jumps(coarse).max()
