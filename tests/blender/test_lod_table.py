@@ -96,6 +96,7 @@ def test_rendered_silhouettes_stay_within_what_the_deviation_predicts(
     assert json.loads(json.dumps(tables, allow_nan=False)) == tables
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("kind", ["PERSP", "ORTHO"])
 @pytest.mark.usefixtures("exact_levels")
 def test_a_group_of_small_agents_is_measured_at_their_size(scene, tmp_path, kind):
