@@ -141,6 +141,7 @@ class CROWDLOD_PT_preview(Step, bpy.types.Panel):
         # else its color is the overlay's
         active_column(layout, settings.engine != "OVERLAY").prop(settings, "color")
         layout.prop(settings, "above", text="From Above", translate=False)
+        layout.prop(settings, "lod_pictures")
         _with_report(layout, "crowd_lod.preview", "RENDER_ANIMATION", "PREVIEW", "")
 
 
