@@ -5,7 +5,7 @@ that others hide, takes few. All are tried at once, and measured together, as th
 together.
 """
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 from ...crowd_lod.levels.lengths import NEAR_ENOUGH, read_curve
 from ...crowd_lod.progress import share, standing
 from .deviation import Estimate, Measure
+from .dispensable import find_dispensable
 from .level_objects import discard
 from .methods import LEAST
 from .source_mesh import Source
@@ -37,6 +38,8 @@ BETTER = 1.1  # times the triangles that Pose-Aware may take, which keeps UV sea
 FEW_SPOTS, AGAIN, HEAVIER = 0.003, 2, 32.0
 # of the deviation before, that is left once it was made again; with more, it is not made once more
 WON = 0.95
+# of the length, that objects may deviate by which stand in for those left out, at least
+NEAREST = 0.1
 METHODS = "POSE_AWARE", "DECIMATE"
 
 Figures = tuple[float, float, float, float]  # see Measure.level
@@ -78,6 +81,7 @@ class Curve:
 
     source: the object's; known: each method's tries; tries: of this length, whose objects are still
     there.
+    dispensable: whether LODs of this length leave the object out.
     evaluated: (n,) which vertex of the evaluated object each of the source's is; None before that
     is asked for.
     """
@@ -85,6 +89,7 @@ class Curve:
     source: Source
     known: dict[str, list[Try]] = field(default_factory=lambda: {method: [] for method in METHODS})
     tries: list[Try] = field(default_factory=list)
+    dispensable: bool = False
     evaluated: np.ndarray | None = None
 
     @property
@@ -158,8 +163,8 @@ class Curve:
         self, methods: Sequence[str], length: float, about: float
     ) -> list[tuple[str, float]]:
         """Return (method, ratio) of what to try next; [] if the best try will do."""
-        if not self.count:
-            return [] if self.tries else [(methods[0], 1.0)]
+        if self.dispensable or not self.count:
+            return [] if self.tries else [(methods[0], 0.0 if self.dispensable else 1.0)]
         if self.tries and NEAR_ENOUGH * length <= self.best(length).deviation <= length:
             return []
         ratios = {method: self.ratio_for(method, length, about) for method in methods}
@@ -204,6 +209,7 @@ class Search:
         self.make, self.by = make, by
         self.methods = METHODS if method == "AUTO" else (method,)
         self.curves = [Curve(source) for source in sources]
+        self.nearness = 1.0  # see NEAREST
 
     def find(
         self, length: float, about: float
@@ -217,11 +223,12 @@ class Search:
         """
         fitting: list[tuple[int, list[Try], Figures]] = []
         before: list[list[Try]] = []
+        yield from self._leave_out(length / USUAL)
         for k in range(MOST_MEASURED):
             last = k + 1 == MOST_MEASURED and not fitting
             aim = length / (USUAL * (SAFE if last else 1.0))
             yield from share(self._fit(aim, about), k / MOST_MEASURED, (k + 0.7) / MOST_MEASURED)
-            objects = [curve.best(aim) for curve in self.curves]
+            objects = self._best(aim)
             if objects in before:
                 continue
             before.append(objects)
@@ -234,6 +241,7 @@ class Search:
             if NEAR_ENOUGH * length <= bound <= length or (k + 1 >= REFINED and fitting):
                 break
             self._learn(objects, length / USUAL)
+            self._mend_left_out(length / USUAL)
         if not fitting:
             objects = yield from self._whole()
             measured = yield from standing(self._measure(objects, length), 1.0)
@@ -285,14 +293,15 @@ class Search:
         progress.
         """
         for k in range(ROUNDS):
-            wanted = [curve.next_tries(self.methods, length, about) for curve in self.curves]
+            near = length * self.nearness
+            wanted = [curve.next_tries(self.methods, near, about) for curve in self.curves]
             # each object by one method at a time
             for number in range(max(map(len, wanted))):
                 made = yield from self._try(
                     [tries[number : number + 1] for tries in wanted], k / ROUNDS
                 )
                 objects = [
-                    own[0] if own else curve.best(length)
+                    own[0] if own else curve.best(near)
                     for own, curve in zip(made, self.curves, strict=True)
                 ]
                 yield from standing(self.by.read(), k / ROUNDS)
@@ -300,13 +309,60 @@ class Search:
                 for index, (own, curve) in enumerate(zip(made, self.curves, strict=True)):
                     for attempt in own:
                         self._note(index, attempt, estimate)
-                        curve.known[attempt.method].append(attempt)
+                        if not curve.dispensable:
+                            curve.known[attempt.method].append(attempt)
             if any(wanted):
                 continue
-            objects = [curve.best(length) for curve in self.curves]
-            if all(attempt.poses == len(self.by.frames) for attempt in objects):
+            objects = self._best(length)
+            is_known = all(attempt.poses == len(self.by.frames) for attempt in objects)
+            leaves_out = any(curve.dispensable for curve in self.curves)
+            if is_known and not leaves_out:
                 return
             self._note_all(objects, self.by.estimate([attempt.item for attempt in objects], length))
+            if not self._mend_left_out(length) and is_known:
+                return
+
+    def _leave_out(self, length: float) -> Iterator[float]:
+        """Find which objects LODs of the length may leave out."""
+        yield from standing(self.by.read(), 0.0)
+        if len(self.curves) > 1:
+            self.nearness = 1.0
+            dispensable = find_dispensable(self.by.character, length)
+            for curve, is_dispensable in zip(self.curves, dispensable, strict=True):
+                curve.dispensable = bool(is_dispensable) and curve.count > 0
+
+    def _best(self, length: float) -> list[Try]:
+        """Return the best try of each object for a LOD that deviates by `length` at most."""
+        return [curve.best(length * self.nearness) for curve in self.curves]
+
+    def _mend_left_out(self, length: float) -> bool:
+        """Mend a LOD that is farther than `length` from objects that it leaves out.
+
+        The worst of these come back, and the other objects come near enough for the rest: as many
+        come back as takes the fewest triangles, about. Returns whether there was anything to mend.
+        """
+        left_out = [curve for curve in self.curves if curve.dispensable and curve.tries]
+        left_out.sort(key=lambda curve: -curve.tries[0].deviation)
+        deviations = np.array([curve.tries[0].deviation for curve in left_out] + [0.0])
+        count = int((deviations > length).sum())
+        if not count:
+            return False
+        others = [
+            attempt for attempt in self._best(length) if attempt.triangles and attempt.deviation
+        ]
+        off = max((attempt.deviation for attempt in others), default=0.0)
+        nearness = np.ones(count + 1)
+        nearness[:count] = (off + length - deviations[:count]) / max(off, 1e-9 * length)
+        triangles = sum(attempt.triangles for attempt in others)
+        costs = np.arange(count + 1) * LEAST + triangles / nearness.clip(1e-9)
+        costs[self.nearness * nearness < NEAREST] = np.inf
+        back = int(costs.argmin())
+        self.nearness *= float(nearness[back])
+        for curve in left_out[:back]:
+            curve.dispensable = False
+            discard([attempt.item for attempt in curve.tries])
+            curve.tries = []
+        return True
 
     def _note(self, number: int, attempt: Try, estimate: Estimate) -> None:
         """Note what was estimated of the try of an object, and of each vertex of its source."""
