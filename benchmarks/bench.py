@@ -125,7 +125,7 @@ def stages(agents: int, repeats: int, seed: int) -> dict:
     float32 may put on the other side of a plane: the core keeps them (camera.pictured).
     """
     trajectory, side = crowd_of(agents, seed)
-    still = replace(trajectory, seconds_per_frame=0.0, _kept={})
+    still = replace(trajectory, seconds_per_frame=0.0)
     crowd, begin = trajectory.start, limits(POLICY, camera(side, 0), np.ones(1))[0]
     nodes = peers.Nodes(crowd, PERSON, begin)
     planner = Planner(trajectory) if peers.has_gpu() else None

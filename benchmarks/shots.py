@@ -146,6 +146,7 @@ def surveyed(
         range(1, frames + 1),
         trajectory.start.group,
         library.first(trajectory.gaits),
+        library.roles(trajectory.gaits),
     )
     films, before = [camera(f / max(frames - 1, 1)) for f in range(frames)], None
     with Recorder() as recorder:

@@ -98,7 +98,7 @@ class Gaits:
         phase[phase >= 1] = 0  # a float64 just below 1 may have rounded up
         return phase
 
-    def joined(self, before: Crowd, after: Crowd, seconds: float) -> Crowd:
+    def continue_phases(self, before: Crowd, after: Crowd, seconds: float) -> Crowd:
         """Return the crowd `after` with phases that continue those of `before`.
 
         before: the crowd whose paces held until now.
@@ -140,6 +140,14 @@ def gaits_of(
     return Gaits(classes, paces, rates, None if plays.all() else plays)
 
 
+def first_blocks(gaits: Gaits) -> np.ndarray:
+    """Return the first block of each group, (G + 1,) intp, and the number of blocks.
+
+    A group has one for each of the actions and rates that it plays (Gaits.plays).
+    """
+    return np.cumsum([0, *(len(played) for played in gaits.plays)])
+
+
 def cycles_of(groups: Sequence[Group], action: str = "") -> np.ndarray:
     """Return (G, 2) float64: cycles of each group's action per meter and per second.
 
@@ -154,6 +162,21 @@ def cycles_of(groups: Sequence[Group], action: str = "") -> np.ndarray:
         for a in played
     ]
     return np.array(found).reshape(-1, 2)
+
+
+@dataclass(frozen=True)
+class Roles:
+    """What the characters of a Library play. A block is what one group plays at one rate.
+
+    block: (N,) intp, the block of each character; -1 for those of groups that are posed.
+    phase_class: (N,) uint8, its class in the block.
+    family: (B,) intp, for each block a number that those share which the same rigs move; -1 for
+        those of groups that are posed.
+    """
+
+    block: np.ndarray
+    phase_class: np.ndarray
+    family: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -178,6 +201,23 @@ class Library:
     def owner(self, gaits: Gaits) -> np.ndarray:
         """Return the group of each character, (N,) intp."""
         return np.repeat(np.arange(len(self.posed)), np.diff(self.first(gaits)))
+
+    def roles(self, gaits: Gaits, moved_as: np.ndarray | None = None) -> Roles:
+        """Return what each character plays.
+
+        moved_as: (N,) intp, of the method of that name; None if no groups share rigs.
+        """
+        first, blocks = self.first(gaits), first_blocks(gaits)
+        block = np.full(first[-1], -1, np.intp)
+        phase_class = np.zeros(first[-1], np.uint8)
+        leaders = np.full(blocks[-1], -1, np.intp)  # the first character of each block
+        for g in np.flatnonzero(self.posed == 0):
+            own = np.arange(first[g + 1] - first[g])
+            block[first[g] : first[g + 1]] = blocks[g] + own // gaits.classes
+            phase_class[first[g] : first[g + 1]] = own % gaits.classes
+            leaders[blocks[g] : blocks[g + 1]] = first[g] + own[:: gaits.classes]
+        leads = leaders if moved_as is None else moved_as[leaders]
+        return Roles(block, phase_class, np.where(leaders >= 0, block[leads], -1))
 
     def moved_as(self, gaits: Gaits, leads: Sequence[int]) -> np.ndarray:
         """Return for each character that whose rigs move it, (N,) intp.

@@ -1,4 +1,4 @@
-"""Cut steps at the borders of map cells and of the map (for behavior/step.py)."""
+"""Cut steps at the borders of map cells and of the map (for behavior/plain_step.py)."""
 
 from typing import NamedTuple
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from ..crowd.maps import Area, LabelMap
 
-# Cells that an agent has to have before it in a step, to pass those of one label at once.
+# Agents that walk more cells than this in a step pass those of one label at once.
 FAR = 2
 
 
@@ -22,9 +22,9 @@ class Walkers(NamedTuple):
     cell: np.ndarray
     velocity: np.ndarray
 
-    def of(self, some: np.ndarray) -> "Walkers":
-        """Return those at the indices `some`, (k,) intp."""
-        return Walkers(*(each.take(some, 1) for each in self))
+    def of(self, agents: np.ndarray) -> "Walkers":
+        """Return those at the indices `agents`, (k,) intp."""
+        return Walkers(*(column.take(agents, 1) for column in self))
 
 
 class Borders(NamedTuple):
@@ -45,35 +45,34 @@ class Borders(NamedTuple):
 
 
 class Crossing(NamedTuple):
-    """What agents have done who went to the border of their cell.
+    """Where agents are who went to the border of their cell.
 
-    taken: (c,) seconds.
+    seconds: (c,) that they took.
     place: (2, c) world meters.
     cell: (2, c) column and row of the cell entered.
     flips: (c,) uint8, the bits of `mirror` that the map's edge flips.
     crossed: (c,) intp, the borders crossed before the last one.
     """
 
-    taken: np.ndarray
+    seconds: np.ndarray
     place: np.ndarray
     cell: np.ndarray
     flips: np.ndarray
     crossed: np.ndarray
 
 
-def _borders(walkers: Walkers, world: LabelMap, past: np.ndarray | int = 0) -> Borders:
+def _borders(walkers: Walkers, world: LabelMap, cells_ahead: np.ndarray | int = 0) -> Borders:
     """Return the borders that agents walk toward.
 
-    past: (2, c), cells beyond the agent's own that it may pass before the border, along x and y.
+    cells_ahead: (2, c), cells beyond the agent's own before the border, along x and y.
     """
     low, high = world.area.bounds
     way = np.sign(walkers.velocity).astype(np.intp)
-    last = walkers.cell + way * past
+    last = walkers.cell + way * cells_ahead
     beyond = last + way
     out = (beyond < 0) | (beyond >= np.array(world.labels.shape[::-1])[:, None])
-    at = np.where(
-        out, np.where(way > 0, high, low), low + (last + (way > 0)) * np.array(world.cell)[:, None]
-    )
+    inner = low + (last + (way > 0)) * np.array(world.cell)[:, None]
+    at = np.where(out, np.where(way > 0, high, low), inner)
     return Borders(last, way, beyond, out, at)
 
 
@@ -82,12 +81,16 @@ def on_border(walkers: Walkers, world: LabelMap, edge: str) -> np.ndarray:
 
     With the edge policy "clamp" the map's own border does not count.
     """
-    place, border = walkers.place, _borders(walkers, world)
-    touches = np.abs(border.at - place) <= 4 * np.spacing(np.abs(border.at) + np.abs(place))
-    return (touches & (border.way != 0) & ~(border.out & (edge == "clamp"))).any(axis=0)
+    place = walkers.place
+    border = _borders(walkers, world)
+    rounding = 4 * np.spacing(np.abs(border.at) + np.abs(place))
+    touches = (np.abs(border.at - place) <= rounding) & (border.way != 0)
+    if edge == "clamp":
+        touches &= ~border.out
+    return touches.any(axis=0)
 
 
-def past(walkers: Walkers, span: np.ndarray, world: LabelMap) -> np.ndarray:
+def count_cells_ahead(walkers: Walkers, span: np.ndarray, world: LabelMap) -> np.ndarray:
     """Return how many cells agents may pass before they reach another label.
 
     span: (c,) seconds that the agents walk on.
@@ -95,68 +98,84 @@ def past(walkers: Walkers, span: np.ndarray, world: LabelMap) -> np.ndarray:
     Returns (2, c) intp, cells beyond the agent's own along x and y; 0 for agents that walk no more
     than FAR cells in `span`.
     """
-    (vx, vy), (column, row) = walkers.velocity, walkers.cell
-    at, way = row * world.labels.shape[1] + column, (vx > 0, vy > 0)
-    found = np.zeros((2, len(at)), np.intp)
-    far = np.abs(walkers.velocity / np.array(world.cell)[:, None]).max(axis=0) * span > FAR
-    for axis, straight in enumerate((vy == 0, vx == 0)):
-        (some,) = (far & straight).nonzero()
-        if len(some):
-            found[axis, some] = world.runs[axis, way[axis][some].astype(np.intp), at[some]]
-    (some,) = (far & (vx != 0) & (vy != 0)).nonzero()
-    if len(some):
-        found[:, some] = (
-            world.squares[way[1][some].astype(np.intp), way[0][some].astype(np.intp), at[some]] - 1
-        )
-    return found
+    column, row = walkers.cell
+    cell = row * world.labels.shape[1] + column
+    right, up = (walkers.velocity > 0).astype(np.intp)
+    moves_x, moves_y = walkers.velocity != 0
+    size = np.array(world.cell)[:, None]
+    is_far = np.abs(walkers.velocity / size).max(axis=0) * span > FAR
+    cells = np.zeros((2, len(cell)), np.intp)
+    for axis, way, is_straight in ((0, right, ~moves_y), (1, up, ~moves_x)):
+        agents = np.flatnonzero(is_far & is_straight)
+        if len(agents):
+            cells[axis, agents] = world.runs[axis, way[agents], cell[agents]]
+    agents = np.flatnonzero(is_far & moves_x & moves_y)
+    if len(agents):
+        cells[:, agents] = world.squares[up[agents], right[agents], cell[agents]] - 1
+    return cells
 
 
 def to_border(
-    walkers: Walkers, span: np.ndarray, past: np.ndarray, world: LabelMap, edge: str
+    walkers: Walkers, span: np.ndarray, cells_ahead: np.ndarray, world: LabelMap, edge: str
 ) -> Crossing:
     """Move agents that leave their cell within `span` to the border of that cell.
 
     span: (c,) seconds.
-    past: (2, c), from `past`. An agent with `past` walks on through cells of its own label, to the
-        border behind them or as far as `span` lets it.
+    cells_ahead: (2, c), from count_cells_ahead. An agent with some walks on through cells of its
+        label, to the border behind them or as far as `span` lets it.
     edge: the machine's policy at the map's edge.
     """
-    own, cell, (low, high) = walkers.cell, walkers.cell.copy(), world.area.bounds
-    last, way, beyond, out, border = _borders(walkers, world, past)
+    border = _borders(walkers, world, cells_ahead)
     with np.errstate(divide="ignore", invalid="ignore"):
-        time = np.where(
-            way == 0, np.inf, np.maximum((border - walkers.place) / walkers.velocity, 0)
-        )
+        time = np.maximum((border.at - walkers.place) / walkers.velocity, 0)
+    time[border.way == 0] = np.inf
     if edge == "clamp":
-        time[out] = np.inf
+        time[border.out] = np.inf
+    agents = np.arange(len(span))
     axis = (time[1] < time[0]).astype(np.intp)  # x first where both are reached at once
-    one = np.arange(len(axis))
-    taken = np.minimum(time.min(axis=0), span)
-    place = walkers.place + walkers.velocity * taken
-    ends = past.any(axis=0) & (time.min(axis=0) > span)  # among cells of its label
-    if past.any():
-        at = (place - low) / np.array(world.cell)[:, None]
-        # who is on a border has crossed it only if that is the one in x, and the way ends at one in
-        # y
-        at = np.where((way > 0) == ((axis == 1) & ~ends), np.floor(at), np.ceil(at) - 1).astype(
-            np.intp
-        )
-        cell = np.clip(at, np.minimum(own, last), np.maximum(own, last))
-        cell[axis, one] = np.where(ends, cell, last)[axis, one]
-    crossed = np.abs(cell - own).sum(axis=0)
-    leaves_map = out[axis, one] & ~ends
+    crossed = axis, agents
+    until_border = time.min(axis=0)
+    seconds = np.minimum(until_border, span)
+    place = walkers.place + walkers.velocity * seconds
+    cell = walkers.cell.copy()
+    ends = cells_ahead.any(axis=0) & (until_border > span)  # among cells of its label
+    if cells_ahead.any():
+        cell = _cells_passed(walkers, border, place, (axis == 1) & ~ends, world)
+        cell[crossed] = np.where(ends, cell, border.last)[crossed]
+    borders_before = np.abs(cell - walkers.cell).sum(axis=0)
+
+    low, high = world.area.bounds
+    beyond = border.beyond
+    entry = border.at
     if edge == "wrap":
         beyond = beyond % np.array(world.labels.shape[::-1])[:, None]
-        border = np.where(out, np.where(way > 0, low, high), border)
-    place[axis, one] = np.where(ends, place, border)[axis, one]
-    enters = ~ends & (~leaves_map | (edge == "wrap"))
-    cell[axis, one] = np.where(enters, beyond[axis, one], cell[axis, one])
-    flips = (
-        (leaves_map << axis).astype(np.uint8)
-        if edge == "reflect"
-        else np.zeros(len(axis), np.uint8)
-    )
-    return Crossing(taken, np.array(world.into(*place, *cell)), cell, flips, crossed)
+        entry = np.where(border.out, np.where(border.way > 0, low, high), entry)
+    leaves_area = border.out[crossed] & ~ends
+    enters = ~ends & (~leaves_area | (edge == "wrap"))
+    place[crossed] = np.where(ends, place, entry)[crossed]
+    cell[crossed] = np.where(enters, beyond[crossed], cell[crossed])
+    flips = np.zeros(len(span), np.uint8)
+    if edge == "reflect":
+        flips = (leaves_area << axis).astype(np.uint8)
+    return Crossing(seconds, np.array(world.into(*place, *cell)), cell, flips, borders_before)
+
+
+def _cells_passed(
+    walkers: Walkers, border: Borders, place: np.ndarray, ends_at_y: np.ndarray, world: LabelMap
+) -> np.ndarray:
+    """Return (2, c) intp, the cells to which agents come on their way through cells of one label.
+
+    place: (2, c) world meters, where they end.
+    ends_at_y: (c,) bool, whether that is a border along y. An agent on a border along x has crossed
+        it only then.
+    """
+    low, _ = world.area.bounds
+    index = (place - low) / np.array(world.cell)[:, None]
+    rounds_down = (border.way > 0) == ends_at_y
+    cell = np.where(rounds_down, np.floor(index), np.ceil(index) - 1).astype(np.intp)
+    first = np.minimum(walkers.cell, border.last)
+    last = np.maximum(walkers.cell, border.last)
+    return np.clip(cell, first, last)
 
 
 def same_beside(cell: np.ndarray, to: np.ndarray, world: LabelMap) -> np.ndarray:
@@ -164,7 +183,8 @@ def same_beside(cell: np.ndarray, to: np.ndarray, world: LabelMap) -> np.ndarray
 
     cell, to: (2, c) intp, column and row of the first cells, and of the second.
     """
-    (column, row), (to_column, to_row) = cell, to
+    column, row = cell
+    to_column, to_row = to
     beside = np.abs(to_column - column) + np.abs(to_row - row) == 1
     return beside & (world.labels[row, column] == world.labels[to_row, to_column])
 
@@ -181,7 +201,8 @@ def leaves_map(place: np.ndarray, velocity: np.ndarray, area: Area) -> np.ndarra
     place: (2, m) world meters, on the area's border or beyond it; agents inside give False.
     velocity: (2, m) m/s.
     """
-    (x, y), (vx, vy) = place, velocity
+    x, y = place
+    vx, vy = velocity
     return (
         ((x <= area.x_min) & (vx < 0)) | ((x >= area.x_max) & (vx > 0))
         | ((y <= area.y_min) & (vy < 0)) | ((y >= area.y_max) & (vy > 0))

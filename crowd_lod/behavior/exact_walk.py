@@ -66,19 +66,18 @@ class Trouble:
     counts: np.ndarray
 
     def __str__(self) -> str:
-        one, many = {
+        singular, plural = {
             "chatters": (
                 "agent changes state endlessly and stays in place",
                 "agents change state endlessly and stay in place",
             ),
             "stuck": ("agent stands for good", "agents stand for good"),
         }[self.kind]
+        who = counted(len(self.agents), singular, plural)
         where = f"most of them ({self.counts[0]}) at" if len(self.counts) > 1 else "at"
-        return (
-            f"{counted(len(self.agents), one, many)}, {where} x {self.x[0]:.2f} m, y "
-            f"{self.y[0]:.2f} m "
-            f"(map column {self.column[0]}, row {self.row[0]} from the bottom)."
-        )
+        place = f"x {self.x[0]:.2f} m, y {self.y[0]:.2f} m"
+        cell = f"map column {self.column[0]}, row {self.row[0]} from the bottom"
+        return f"{who}, {where} {place} ({cell})."
 
 
 def trouble(
@@ -93,26 +92,29 @@ def trouble(
     state that never moves and never ends, on any label, rests there by design and is not counted.
     """
     later, chatters = walk(crowd, machine, world, seconds)
-    again, more = walk(later, machine, world, seconds / 60)
-    chatters |= more
-    still = (
-        (again.x == later.x)
-        & (again.y == later.y)
-        & (again.state == later.state)
-        & (again.mirror == later.mirror)
+    much_later, chatters_later = walk(later, machine, world, seconds / 60)
+    chatters |= chatters_later
+    stays = np.ones(len(crowd), bool)
+    for name in ("x", "y", "state", "mirror"):
+        stays &= getattr(much_later, name) == getattr(later, name)
+    stuck = stays & ~chatters & np.isinf(later.wait) & ~_rest_states(machine)[later.state]
+    troubles = (
+        _trouble_of("chatters", chatters, later, world),
+        _trouble_of("stuck", stuck, later, world),
     )
-    own = np.arange(len(machine.states))[:, None]
-    stays = (machine.next_state == own) & (machine.next_choice < 0) & ~machine.velocity.any(axis=2)
-    rests = stays.all(axis=1) & ~np.isfinite(machine.after[:, 0])
-    stuck = still & ~chatters & np.isinf(later.wait) & ~rests[later.state]
-    found = (
-        _places(kind, caught, later, world)
-        for kind, caught in (("chatters", chatters), ("stuck", stuck))
-    )
-    return tuple(each for each in found if len(each.agents))
+    return tuple(trouble for trouble in troubles if len(trouble.agents))
 
 
-def _places(kind: str, caught: np.ndarray, crowd: Crowd, world: LabelMap) -> Trouble:
+def _rest_states(machine: StateMachine) -> np.ndarray:
+    """Return (S,) bool: states that never move and never end, on any label."""
+    states = np.arange(len(machine.states))[:, None]
+    keeps = (machine.next_state == states) & (machine.next_choice < 0)
+    stands = ~machine.velocity.any(axis=2)
+    has_timer = np.isfinite(machine.after[:, 0])
+    return (keeps & stands).all(axis=1) & ~has_timer
+
+
+def _trouble_of(kind: str, caught: np.ndarray, crowd: Crowd, world: LabelMap) -> Trouble:
     agents = np.flatnonzero(caught)
     columns = world.labels.shape[1]
     column, row = world.cells(crowd.x[agents], crowd.y[agents])

@@ -193,7 +193,7 @@ class _Way:
         machine = self.machine
         ended = self.indices(np.flatnonzero(now.wait[self.agents] <= 0))
         now.state[ended] = machine.timed_out(now.state[ended], now.key[ended])
-        now.key[ended] = random_streams.moved_on(now.key[ended], np.ones(len(ended), bool))
+        now.key[ended] = random_streams.advance_keys(now.key[ended], np.ones(len(ended), bool))
         now.wait[ended] = machine.waits(now.state[ended], now.key[ended])
 
     def _read(self) -> tuple[Walkers, np.ndarray, np.ndarray]:
@@ -218,7 +218,7 @@ class _Way:
             velocity = velocity * np.stack([1.0 - 2 * (mirror & 1), 1.0 - (mirror & 2)])
             now.mirror[agents] *= ~changed
         if self.draws:
-            now.key[agents] = random_streams.moved_on(now.key[agents], changed)
+            now.key[agents] = random_streams.advance_keys(now.key[agents], changed)
             entrants = self.indices(np.flatnonzero(changed))
             now.wait[entrants] = machine.waits(now.state[entrants], now.key[entrants])
         place = np.array((now.x[agents], now.y[agents]))
@@ -269,11 +269,11 @@ class _Way:
         leaving = piece.leaves
         walkers = piece.walkers.of(leaving)
         span = piece.span[leaving]
-        past = ~piece.changed[leaving] * cell_borders.past(walkers, span, world)
-        crossing = cell_borders.to_border(walkers, span, past, world, self.machine.edge)
+        ahead = ~piece.changed[leaving] * cell_borders.count_cells_ahead(walkers, span, world)
+        crossing = cell_borders.to_border(walkers, span, ahead, world, self.machine.edge)
         _put(piece.to, leaving, crossing.place)
         _put(self.cell, leaving, crossing.cell)
-        piece.span[leaving] = crossing.taken
+        piece.span[leaving] = crossing.seconds
         piece.reads[leaving] += crossing.crossed
         if self.reflects:
             now.mirror[self.indices(leaving)] ^= crossing.flips
@@ -281,7 +281,7 @@ class _Way:
             column, row = crossing.cell
             entered = np.zeros(len(piece.span), bool)
             entered[leaving] = world.labels[row, column] != piece.label[leaving]
-            now.key[self.agents] = random_streams.moved_on(now.key[self.agents], entered)
+            now.key[self.agents] = random_streams.advance_keys(now.key[self.agents], entered)
 
     def _move(self, piece: _Piece) -> None:
         """Walk the piece."""

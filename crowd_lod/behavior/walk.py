@@ -1,19 +1,17 @@
-"""The crowd that the state machine moves: steps of behavior, cached forward from the first
-frame.
-"""
+"""The crowd that the state machine moves, cached forward from the first frame."""
 
 import operator
 import threading
 import time as clock
 from collections.abc import Callable, Generator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from ..animation.phase_classes import gaits_of
 from ..crowd.agents import CLASSES, Crowd, Group
-from ..crowd.leave_outs import ALL, NO_FADES, STILL, LeftOut, needless, needless_of_places
+from ..crowd.leave_outs import ALL, NO_FADES, NOTHING, STILL, LeftOut, needless, needless_of_places
 from ..crowd.maps import Area, LabelMap
 from ..crowd.state_machine import StateMachine
 from ..crowd.terrain import Ground, Terrain
@@ -23,11 +21,12 @@ from ..sources.trajectory import PART, States, Trajectory
 from .plain_step import look_up_paces
 from .step import Steps
 
-# Bytes of the crowds that a trajectory keeps to go back to, beyond which it keeps fewer.
+# Bytes of the crowds that a walk keeps to go back to, beyond which it keeps fewer.
 MOST_KEPT = 2**30
-# Seconds of a long way to a frame after which others, the drawing of a viewport among them, have
-# their turn, and how many of it.
-TURN, REST = 0.1, 0.001
+# A thread on a long way to a frame steps for TURN seconds, then lets others step for REST seconds,
+# the drawing of a viewport among them.
+TURN = 0.1
+REST = 0.001
 
 
 def bounds_of_walk(machine: StateMachine, heights: Ground | None) -> VelocityBounds:
@@ -37,14 +36,15 @@ def bounds_of_walk(machine: StateMachine, heights: Ground | None) -> VelocityBou
     """
     velocity = machine.velocity.reshape(-1, 2)
     fastest = float(np.linalg.norm(velocity, axis=-1).max())
-    low, high = velocity.min(axis=0, initial=0), velocity.max(axis=0, initial=0)
+    low = velocity.min(axis=0, initial=0)
+    high = velocity.max(axis=0, initial=0)
     if machine.edge == "reflect":
-        low, high = np.minimum(low, -high), np.maximum(high, -low)
-    climb = 0.0
+        high = np.maximum(high, -low)
+        low = -high
     if isinstance(heights, Terrain):
-        return VelocityBounds(
-            np.append(low, 0.0), np.append(high, 0.0), fastest, heights.span[1] - heights.span[0]
-        )
+        lowest, highest = heights.span
+        return VelocityBounds(np.append(low, 0.0), np.append(high, 0.0), fastest, highest - lowest)
+    climb = 0.0
     if heights is not None:
         climb = (np.array(heights.steepest) * np.maximum(-low, high)).sum()
     return VelocityBounds(np.append(low, -climb), np.append(high, climb), fastest)
@@ -58,8 +58,8 @@ class Walk(Trajectory):
     populated. On a height map or a terrain agents stand on the ground. Where floors lie over each
     other, an agent's height follows from its last one, step by step.
 
-    every: one crowd is kept each so many frames, so that going back is cheap; fewer in a long shot
-        of a large crowd (MOST_KEPT).
+    every: frames between two crowds that are kept, so that going back is cheap; fewer are kept in a
+        long shot of a large crowd (MOST_KEPT).
     tilts: whether agents stand square on the slopes of the ground.
     seated: whether all stay where they start, height and heading too, on the map or not; the state
         machine then only changes their states.
@@ -78,46 +78,50 @@ class Walk(Trajectory):
     leave: frozenset[LeftOut] = ALL
     classes: int = CLASSES
     seated: bool = False
-    _kept: dict[int, Crowd] = field(default_factory=dict, repr=False)
-    _lock: threading.Lock = field(default_factory=threading.Lock, repr=False)
 
     def __post_init__(self) -> None:
+        self.gaits = gaits_of(self.groups, self.machine.paces, self.classes, self.start.group)
+        # where floors lie over each other, the height is part of each step
+        layered = self.heights is not None and not self.seated and self.heights.layered
+        self._floors = self.heights if layered else None
+        self._place_start()
+        needless_items = needless_of_places(self.start, not self.level)
+        needless_items |= needless(self.start, self.machine, self.world)
+        self.left_out = self.leave & needless_items
+        self._fade_start()
+        # on the map, where the state machine knows them
+        self._first = _onto(self.world.area, self.start) if self.seated else self.start
+        self._lock = threading.Lock()
+        # frames, counted from 0, and their crowds
+        self._kept: dict[int, Crowd] = {0: self._first}
+        # the latest, and the one before it once that has been asked for, as open shutters do
+        self._recent: tuple[tuple[int, Crowd], ...] = ((0, self._first),)
+        self._looks_back = False
+        # of a crowd that stands still: its x, and the ground's z there
+        self._ground: tuple[np.ndarray, np.ndarray] | None = None
+        row = self.seconds_per_frame if self.leave else None
+        self._steps = Steps(self.machine, self.world, row, self.left_out)
+        self._regrouped: Walk | None = None  # the last that was asked for
+
+    def _place_start(self) -> None:
+        """Give the agents of the start their paces, and their heights on the floors."""
         for axis in "xy":
             place = getattr(self.start, axis)
             # who stands beyond the map is taken onto it, but from infinity nobody comes back
             if np.isinf(place).any():
                 self.start = replace(self.start, **{axis: np.where(np.isinf(place), np.nan, place)})
-        self.gaits = gaits_of(self.groups, self.machine.paces, self.classes, self.start.group)
-        pace = look_up_paces(self.start.x, self.start.y, self.start.state, self.machine, self.world)
-        self.start = replace(self.start, pace=pace)
-        # on several floors the height is part of each step
-        self._floors = (
-            None
-            if self.heights is None or self.seated or not self.heights.layered
-            else self.heights
-        )
-        if self._floors is not None:
-            self.start = replace(
-                self.start, z=self._floors.at(self.start.x, self.start.y, self.start.z)
-            )
-        found = needless_of_places(self.start, not self.level)
-        self.left_out = self.leave and self.leave & (
-            found | needless(self.start, self.machine, self.world)
-        )
+        start = self.start
+        pace = look_up_paces(start.x, start.y, start.state, self.machine, self.world)
+        z = start.z if self._floors is None else self._floors.at(start.x, start.y, start.z)
+        self.start = replace(start, pace=pace, z=z)
+
+    def _fade_start(self) -> None:
+        """Give the agents of the start the columns of cross-fades, if any agent ever fades."""
+        pace = self.start.pace
         if not len(self.machine.paces.fades) or NO_FADES in self.left_out:
             self.start = replace(self.start, played=None, faded=None)
         elif self.start.played is None:
             self.start = replace(self.start, played=pace, faded=np.ones(len(pace), np.float32))
-        # on the map, where the state machine knows them
-        self._first = _onto(self.world.area, self.start) if self.seated else self.start
-        self._kept[0] = self._first
-        # the latest, and the one before it once that has been asked for, as open shutters do
-        self._recent: tuple[tuple[int, Crowd], ...] = ((0, self._first),)
-        self._looks_back = False
-        self._ground: tuple[np.ndarray, np.ndarray] | None = None  # x, and the ground's z there
-        row = self.seconds_per_frame if self.leave else None
-        self._steps = Steps(self.machine, self.world, row, self.left_out)
-        self._regrouped: Walk | None = None  # the last that was asked for
 
     def at(self, time: float) -> Crowd:
         """Return the crowd at `time`, in frames."""
@@ -132,10 +136,10 @@ class Walk(Trajectory):
             return replace(crowd, x=start.x, y=start.y, z=start.z, heading=start.heading)
         if self.heights is None or self._floors is not None:
             return crowd
-        x, z = self._ground or (None, crowd.z)
-        if crowd.x is not x:  # who stands still, stands on the ground found before
-            z = self.heights.at(crowd.x, crowd.y)
-            self._ground = (crowd.x, z) if STILL in self.left_out else None
+        if self._ground is not None and self._ground[0] is crowd.x:
+            return replace(crowd, z=self._ground[1])
+        z = self.heights.at(crowd.x, crowd.y)
+        self._ground = (crowd.x, z) if STILL in self.left_out else None
         return replace(crowd, z=z)
 
     def approach(
@@ -147,20 +151,22 @@ class Walk(Trajectory):
         """
         target = int(max(time - self.first_frame, 0.0))
         with self._lock:
-            begun = self._nearest(target)[0]
+            begin = self._nearest(target)[0]
 
         def go() -> None:
             self.at(time)
             then()
 
-        yield from aside(
-            go, lambda: min(max(self._recent[0][0] - begun, 0) / max(target - begun, 1), 1.0)
-        )
+        def progress() -> float:
+            frames = self._recent[0][0] - begin
+            return min(max(frames, 0) / max(target - begin, 1), 1.0)
+
+        yield from aside(go, progress)
 
     @cached_property
     def full(self) -> "Trajectory":
         """Return the same trajectory with nothing left out."""
-        return replace(self, leave=frozenset(), _kept={}, _lock=threading.Lock())
+        return replace(self, leave=NOTHING)
 
     def kept_at(self, frame: int) -> Crowd:
         """Return the crowd at a whole `frame`, counted from 0."""
@@ -172,11 +178,9 @@ class Walk(Trajectory):
 
         It looks no step ahead, which would be work for later frames: each step is made by itself.
         """
-        bare = self._at_whole(int(max(time - self.first_frame, 0)))
-        bare = self._on_ground(bare) if self.seated else bare
-        walk = replace(
-            self, start=bare, leave=leave, first_frame=int(time), _kept={}, _lock=threading.Lock()
-        )
+        start = self._at_whole(int(max(time - self.first_frame, 0)))
+        start = self._on_ground(start) if self.seated else start
+        walk = replace(self, start=start, leave=leave, first_frame=int(time))
         walk.left_out = leave & self.left_out  # of the whole shot, not of what is still to come
         walk._steps = Steps(self.machine, self.world, None, walk.left_out)
         return walk
@@ -184,13 +188,13 @@ class Walk(Trajectory):
     @cached_property
     def area(self) -> Area:
         """The map's, or one about all places where agents stay."""
-        area, start = self.world.area, self.start
+        area = self.world.area
         if not self.seated:
             return area
-        x, y = (
-            np.append(place[np.isfinite(place)], ends)
-            for place, ends in zip((start.x, start.y), np.array(area.bounds)[..., 0].T, strict=True)
-        )
+        x = np.append(self.start.x, (area.x_min, area.x_max))
+        y = np.append(self.start.y, (area.y_min, area.y_max))
+        x = x[np.isfinite(x)]
+        y = y[np.isfinite(y)]
         return Area(x.min(), y.min(), x.max(), y.max(), area.z)
 
     @property
@@ -199,18 +203,14 @@ class Walk(Trajectory):
         return States(self.machine.states, self.machine.state_colors)
 
     def velocity(self, since: float, until: float) -> VelocityBounds:
-        """Return how fast the table lets agents walk, and the ground lets them climb, at any
-        time.
-        """
+        """Return how fast the table lets agents walk, and the ground climb: the same always."""
         return self._velocity
 
     @cached_property
     def _velocity(self) -> VelocityBounds:
-        return (
-            STANDING
-            if self.seated or STILL in self.left_out
-            else bounds_of_walk(self.machine, self.heights)
-        )
+        if self.seated or STILL in self.left_out:
+            return STANDING
+        return bounds_of_walk(self.machine, self.heights)
 
     def tilt(self, crowd: Crowd, agents: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """Return (pitch, roll) of `agents` on the ground, if they align to its slopes."""
@@ -233,17 +233,15 @@ class Walk(Trajectory):
         """
         if np.array_equal(group, self.start.group):
             return self
-        other = self._regrouped
-        if other is None or not np.array_equal(group, other.start.group):
-            start = replace(self.start, group=group)
-            other = self._regrouped = replace(self, start=start, _kept={}, _lock=threading.Lock())
-        return other
+        walk = self._regrouped
+        if walk is None or not np.array_equal(group, walk.start.group):
+            walk = replace(self, start=replace(self.start, group=group))
+            self._regrouped = walk
+        return walk
 
     @property
     def level(self) -> bool:
-        """Whether there is neither a height map nor a terrain, or all keep the height of their
-        places.
-        """
+        """Whether agents keep the height of their places: there is no ground, or they stay."""
         return self.heights is None or self.seated
 
     @property
@@ -256,28 +254,25 @@ class Walk(Trajectory):
         if now is before or not self.wraps:
             return None
         width, depth = self.area.size
-        aside, along = (
-            np.abs(getattr(now, name)[agents] - getattr(before, name)[agents]) for name in "xy"
-        )
-        return (aside > width / 2) | (along > depth / 2)
+        along_x = np.abs(now.x[agents] - before.x[agents])
+        along_y = np.abs(now.y[agents] - before.y[agents])
+        return (along_x > width / 2) | (along_y > depth / 2)
 
     def digests(self) -> dict[str, bytes]:
         """Return the start, the state machine, the map, and the ground."""
-        world, start, heights = (
-            self.world,
-            replace(self.start, played=None, faded=None),
-            self.heights,
-        )
-        own = {
-            "the crowd": b"".join(
-                [*(column.tobytes() for column in start.columns.values()), b"seated" * self.seated]
-            ),
+        world = self.world
+        start = replace(self.start, played=None, faded=None)
+        columns = [column.tobytes() for column in start.columns.values()]
+        digests = {
+            "the crowd": b"".join([*columns, b"seated" * self.seated]),
             "the state machine": self.machine.content.encode(),
             "the map": repr((world.area, world.labels.shape)).encode() + world.labels.tobytes(),
             "the height map": b"",
         }
-        ground = "the terrain" if isinstance(heights, Terrain) else "the height map"
-        return own if heights is None else own | {ground: heights.digest()}
+        if self.heights is not None:
+            ground = "the terrain" if isinstance(self.heights, Terrain) else "the height map"
+            digests[ground] = self.heights.digest()
+        return digests
 
     def _step(self, crowd: Crowd, frames: float, since: int) -> Crowd:
         """Return the crowd `frames`, at most 1, after frame `since`, counted from 0."""
@@ -285,60 +280,70 @@ class Walk(Trajectory):
         if STILL in self.left_out and crowd is not self._first:
             return crowd
         moved = self._steps.after(crowd, frames * self.seconds_per_frame)
-        moved = self.gaits.joined(crowd, moved, self.seconds(self.first_frame + since + frames))
+        moved = self.gaits.continue_phases(
+            crowd, moved, self.seconds(self.first_frame + since + frames)
+        )
         if self._floors is not None:
             moved = replace(moved, z=_climbed(self._floors, crowd, moved))
         return moved
 
     def _keep(self, frame: int, crowd: Crowd) -> None:
-        """Keep the crowd at `frame`; over MOST_KEPT bytes, drop every other part.
+        """Keep the crowd at `frame`; over MOST_KEPT bytes, drop every other run of frames.
 
-        All crowds between two orders of the planner's blocks are a part and go together, but never
-        the first part nor this one's: a later request for a frame of a dropped part computes all of
-        that part again.
+        A run has as many frames as the planner keeps one order of its blocks, and its crowds go
+        together: a later request for one of them computes all of the run again. The first run, and
+        the run of `frame`, stay.
         """
         self._kept[frame] = crowd
-        own = sum(
+        size = sum(
             column.nbytes
             for name, column in crowd.columns.items()
             if column is not getattr(self.start, name)
         )
-        if len(self._kept) * own > MOST_KEPT:
-            part = PART * self.every
-            parts = sorted({kept // part for kept in self._kept} - {0, frame // part})
-            for gone in parts[::2]:
-                for kept in [kept for kept in self._kept if kept // part == gone]:
-                    del self._kept[kept]
+        if len(self._kept) * size > MOST_KEPT:
+            frames_a_run = PART * self.every
+            runs = {kept_frame // frames_a_run for kept_frame in self._kept}
+            dropped = set(sorted(runs - {0, frame // frames_a_run})[::2])
+            for old_frame in list(self._kept):
+                if old_frame // frames_a_run in dropped:
+                    del self._kept[old_frame]
 
     def _at_whole(self, target: int) -> Crowd:
+        """Return the crowd at a whole frame, counted from 0."""
         latest = self._recent[0]
-        own: tuple[tuple[int, Crowd], ...] = ()
+        reached: tuple[tuple[int, Crowd], ...] = ()
         while True:
             with self._lock:
                 looked_back = latest[0] - target == 1
                 self._looks_back |= looked_back
-                frame, crowd = self._onward(target, own)
+                frame, crowd = self._step_toward(target, reached)
                 if frame == target:
                     if looked_back:
                         self._recent = latest, (frame, crowd)
                     return crowd
-            own = ((frame, crowd),)  # what others ask for in between does not throw it back
+            # what others ask for in between does not throw it back
+            reached = ((frame, crowd),)
             clock.sleep(REST)
 
-    def _nearest(self, target: int, *own: tuple[int, Crowd]) -> tuple[int, Crowd]:
+    def _nearest(self, target: int, *reached: tuple[int, Crowd]) -> tuple[int, Crowd]:
         """Return (frame, crowd) of the last known frame up to `target`, counted from 0.
 
-        own: further known (frame, crowd) pairs.
+        reached: further (frame, crowd) pairs.
         """
-        nearest = max(kept for kept in self._kept if kept <= target)
-        known = (nearest, self._kept[nearest]), *self._recent, *own
-        return max((each for each in known if each[0] <= target), key=operator.itemgetter(0))
+        frame = max(kept_frame for kept_frame in self._kept if kept_frame <= target)
+        crowds = (frame, self._kept[frame]), *self._recent, *reached
+        return max((pair for pair in crowds if pair[0] <= target), key=operator.itemgetter(0))
 
-    def _onward(self, target: int, own: tuple[tuple[int, Crowd], ...]) -> tuple[int, Crowd]:
+    def _step_toward(
+        self, target: int, reached: tuple[tuple[int, Crowd], ...]
+    ) -> tuple[int, Crowd]:
         """Return (frame, crowd) at `target`, or as far as one TURN of time reaches."""
-        (frame, crowd), until = self._nearest(target, *own), clock.monotonic() + TURN
+        frame, crowd = self._nearest(target, *reached)
+        until = clock.monotonic() + TURN
         while frame < target and clock.monotonic() < until:
-            before, frame, crowd = (frame, crowd), frame + 1, self._step(crowd, 1.0, frame)
+            before = frame, crowd
+            crowd = self._step(crowd, 1.0, frame)
+            frame += 1
             if frame % self.every == 0 or (frame == 1 and STILL in self.left_out):
                 self._keep(frame, crowd)
             self._recent = ((frame, crowd), before) if self._looks_back else ((frame, crowd),)
@@ -346,10 +351,9 @@ class Walk(Trajectory):
 
 
 def _climbed(floors: Ground, before: Crowd, after: Crowd) -> np.ndarray:
-    """Return the heights of the crowd `after`, (n,), which stood on one of the `floors` as
-    `before`.
-    """
-    z, (agents,) = before.z.copy(), np.nonzero((after.x != before.x) | (after.y != before.y))
+    """Return (n,) meters, the heights of the crowd `after`, which stood on `floors` as `before`."""
+    z = before.z.copy()
+    agents = np.flatnonzero((after.x != before.x) | (after.y != before.y))
     z[agents] = floors.at(after.x[agents], after.y[agents], before.z[agents])
     return z
 
@@ -370,9 +374,9 @@ def walks_of(trajectory: Trajectory) -> list[Walk]:
 
 def stray_places(trajectory: Trajectory) -> np.ndarray:
     """Return (k, 3) world meters of the middles of all cells painted in no label's color."""
-    worlds = [walk.world for walk in walks_of(trajectory)]
-    found = [
-        np.column_stack([*world.middles(*world.strays.T), np.full(len(world.strays), world.area.z)])
-        for world in worlds
-    ]
-    return np.concatenate(found) if found else np.empty((0, 3))
+    places = [np.empty((0, 3))]
+    for walk in walks_of(trajectory):
+        world = walk.world
+        x, y = world.middles(*world.strays.T)
+        places.append(np.column_stack([x, y, np.full(len(x), world.area.z)]))
+    return np.concatenate(places)

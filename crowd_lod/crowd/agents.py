@@ -4,7 +4,7 @@ The chapter calls the first frame "Populating".
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -58,13 +58,12 @@ class Group:
     period: seconds of one cycle.
     vertices, triangles: counts of each LOD mesh, finest first. A group with fewer LODs than others
         repeats its last.
-    lowest: meters from the group's origin up to its soles over the action; 0 if that is
-        near.
-    on_ground: whether the soles are the feet. If not, the origin is.
+    lowest: meters from the group's origin up to its soles over the action; 0 if that is near.
+    on_ground: whether the group stands on its soles, not on its origin.
     share: of the agents, in proportion to the other groups'.
-    scale: the least and the greatest of its agents, see `varied`.
-    actions: those besides its own action that states name. What is said of the action above and
-        below holds over all actions, but stride and period.
+    scale: the least and the greatest of its agents, see bounding_spheres.cover_sizes.
+    actions: those besides its own action that states name. All figures but stride and period hold
+        over all actions.
     way: meters that its own action travels in a cycle, as Action.way.
     height: meters, of the character as it stands in most of its own action; 0 if not measured.
     variant_of: the group that this is with props, "" if it has none (see variants.py).
@@ -121,12 +120,11 @@ class Group:
 
     def scaled(self, factor: float) -> "Group":
         """Return the group with all lengths multiplied by `factor`, as from units to meters."""
-        single = "center", "radius", "stride", "diagonal", "lowest", "way", "height"
-        several = "deviations", "bounds", "rms", "shaded"
-        lengths = {name: getattr(self, name) * factor for name in single}
-        lengths |= {
-            name: tuple(length * factor for length in getattr(self, name)) for name in several
-        }
+        lengths: dict[str, Any] = {}
+        for name in ("center", "radius", "stride", "diagonal", "lowest", "way", "height"):
+            lengths[name] = getattr(self, name) * factor
+        for name in ("deviations", "bounds", "rms", "shaded"):
+            lengths[name] = tuple(length * factor for length in getattr(self, name))
         actions = tuple(
             replace(
                 action,
@@ -147,67 +145,22 @@ class Group:
 
         CrowdError if it was not measured.
         """
-        own = Action("", self.stride, self.period)
-        found = next((action for action in (own, *self.actions) if action.name == name), None)
-        if found is None:
-            what = (
-                "has cross-fades, which were"
-                if mixed_in(name)
-                else f"names the action {name}, which was"
-            )
-            raise CrowdError(
-                f"The state machine {what} not measured for the character group {self.name}: "
-                f"press Populate."
-            )
-        return found
+        if name == "":
+            return Action("", self.stride, self.period)
+        for action in self.actions:
+            if action.name == name:
+                return action
+        reason = f"names the action {name}, which was"
+        if mixed_in(name):
+            reason = "has cross-fades, which were"
+        raise CrowdError(
+            f"The state machine {reason} not measured for the character group {self.name}: "
+            f"press Populate."
+        )
 
     def __post_init__(self) -> None:
         if len(self.bounds) != len(self.deviations):
             object.__setattr__(self, "bounds", self.deviations)
-
-
-def varied(group: Group) -> Group:
-    """Return the measured `group` with figures that hold for its agents of all sizes.
-
-    The bounding sphere holds those of the least and of the greatest, so also those between. LODs of
-    the greatest deviate most.
-    """
-    if group.scale == (1.0, 1.0):
-        return group
-    most = group.scale[1]
-    ends = [(group.center + side * group.radius) * size for side in (-1, 1) for size in group.scale]
-    low, high = min(ends), max(ends)
-    wide = most * (1 + 1e-6)  # scales are float32
-    lengths: dict[str, Any] = {
-        name: tuple(wide * each for each in getattr(group, name))
-        for name in ("deviations", "bounds", "rms", "shaded")
-    }
-    radius = (high - low) / 2 + 1e-6 * max(abs(low), abs(high))
-    return replace(
-        group, center=(low + high) / 2, radius=radius, diagonal=wide * group.diagonal, **lengths
-    )
-
-
-@dataclass(frozen=True)
-class Spheres:
-    """The groups' bounding spheres.
-
-    center, radius, reach: (G,) float64, meters, as in Group.
-    """
-
-    center: np.ndarray
-    radius: np.ndarray
-    reach: np.ndarray
-
-
-def spheres_of(groups: Sequence[Group]) -> Spheres:
-    """Return the bounding spheres of `groups`."""
-    return Spheres(
-        *(
-            np.array([getattr(group, each.name) for group in groups], np.float64)
-            for each in fields(Spheres)
-        )
-    )
 
 
 @dataclass(frozen=True)
@@ -298,26 +251,11 @@ class Crowd:
         Do not write to the arrays: they may be the crowd's own.
         """
         z = self.z[agents] if height is None else self.z[agents] + height[self.group[agents]]
-        found = self.x[agents], self.y[agents], z
-        return (
-            found
-            if origin is None
-            else tuple(place - start for place, start in zip(found, origin, strict=True))
-        )
-
-
-def bounding_sphere(points: np.ndarray, reach: np.ndarray | float = 0.0) -> tuple[float, float]:
-    """Return (center, radius) of a sphere on the z axis that holds the points.
-
-    The center is at half height; the radius is the smallest for that center. The sphere holds the
-    points under every rotation about z.
-    points: (n, 3) meters.
-    reach: meters, (n,) or one number. The sphere holds all within `reach` of each point.
-    """
-    low, high = (points[:, 2] - reach).min(), (points[:, 2] + reach).max()
-    center = (low + high) / 2
-    away = np.sqrt(points[:, 0] ** 2 + points[:, 1] ** 2 + (points[:, 2] - center) ** 2)
-    return float(center), float((away + reach).max())
+        x = self.x[agents]
+        y = self.y[agents]
+        if origin is None:
+            return x, y, z
+        return x - origin[0], y - origin[1], z - origin[2]
 
 
 def populate(
@@ -331,13 +269,16 @@ def populate(
     """Return the crowd's first frame: `count` agents at random positions.
 
     The same arguments give the same crowd, bit for bit.
+
     Position: uniform on the labels where `machine` lets agents start.
     State: by the start weights of `machine`.
-    Group: uniform, of as many as `groups` says, or by the weights in it; then its variant. Phase,
-    of `classes`: uniform.
+    Group: uniform, of as many as `groups` says, or by the weights in it; then its variant.
+    Phase: uniform, of `classes`.
     Heading: that of the first move; uniform for agents that stand.
-    Agents of one group follow one another, so that the culling need not look up the sphere of each
-    agent (see `runs`). From IN_PLACE agents on, each group follows a Morton curve.
+
+    Agents of one group follow one another. From IN_PLACE agents on, each group follows a Morton
+    curve.
+
     CrowdError if a count is out of range, or if no label lets agents start.
     """
     check_counts(count, groups)
@@ -351,26 +292,24 @@ def populate(
     row, column = np.divmod(cell, world.labels.shape[1])
     x = world.area.x_min + (column + random.random(count)) * world.cell[0]
     y = world.area.y_min + (row + random.random(count)) * world.cell[1]
-    return peopled(
-        (x, y, np.full(count, world.area.z)), None, random, (seed, groups, classes), machine, world
-    )
+    points = x, y, np.full(count, world.area.z)
+    return place_agents(points, None, random, (seed, groups, classes), machine, world)
 
 
 def _groups(groups: Shares, count: int, random: np.random.Generator, seed: int) -> np.ndarray:
     """Return a group for each of `count` agents, (n,) uint8, increasing; see populate."""
     if isinstance(groups, Draw):
-        drawn = groups.groups[_groups(groups.weights, count, random, seed)]
-        return np.sort(groups.dressed(drawn, random_streams.keys(seed, count)))
+        group = groups.groups[_groups(groups.weights, count, random, seed)]
+        return np.sort(groups.draw_variants(group, random_streams.keys(seed, count)))
     if isinstance(groups, int):
         return np.sort(random.integers(groups, size=count, dtype=np.uint8))
-    upto = np.cumsum(groups)
-    if not 0 < upto[-1] < np.inf:
+    until = np.cumsum(groups)
+    if not 0 < until[-1] < np.inf:
         raise CrowdError(
             "The shares of the crowd's character groups sum to nothing: give one a share above 0."
         )
-    return np.sort(
-        np.searchsorted(upto[:-1] / upto[-1], random.random(count), side="right").astype(np.uint8)
-    )
+    drawn = np.searchsorted(until[:-1] / until[-1], random.random(count), side="right")
+    return np.sort(drawn.astype(np.uint8))
 
 
 def check_counts(count: int, groups: Shares = 1) -> None:
@@ -385,7 +324,7 @@ def check_counts(count: int, groups: Shares = 1) -> None:
         raise CrowdError(f"The crowd has {groups} character groups; give it 1 to {MOST_GROUPS}.")
 
 
-def peopled(
+def place_agents(
     points: Sequence[np.ndarray],
     heading: np.ndarray | None,
     random: np.random.Generator,
@@ -399,25 +338,27 @@ def peopled(
     random: gives all that is drawn.
     numbers: seed of the agents' own streams, groups (see populate), classes.
     """
-    (x, y, z), (seed, groups, classes) = points, numbers
+    x, y, z = points
+    seed, groups, classes = numbers
     count = len(x)
-    state = np.searchsorted(
-        np.cumsum(machine.start)[:-1], random.random(count), side="right"
-    ).astype(np.uint8)
+    until = np.cumsum(machine.start)[:-1]
+    state = np.searchsorted(until, random.random(count), side="right").astype(np.uint8)
     group = _groups(groups, count, random, seed)
     phase = (random.random(count, dtype=np.float32) * np.float32(classes)).astype(np.uint8)
     label = world.at(x, y)
-    first_move, pace = machine.velocity[state, label], machine.paces.of[state, label]
-    drawn = np.where(
-        first_move.any(axis=1),
-        np.arctan2(first_move[:, 1], first_move[:, 0]),
-        random.uniform(-np.pi, np.pi, count),
-    ).astype(np.float32)
-    heading = drawn if heading is None else np.where(np.isnan(heading), drawn, heading)
+    pace = machine.paces.of[state, label]
+    vx, vy = machine.velocity[state, label].T
+    any_heading = random.uniform(-np.pi, np.pi, count)
+    moves = (vx != 0) | (vy != 0)
+    first_heading = np.where(moves, np.arctan2(vy, vx), any_heading).astype(np.float32)
+    if heading is None:
+        heading = first_heading
+    else:
+        heading = np.where(np.isnan(heading), first_heading, heading)
     if count >= IN_PLACE:
         order = morton_order.order_of(x, y, group, world.area)
         x, y, z, heading, state, group, phase, pace = (
-            each[order] for each in (x, y, z, heading, state, group, phase, pace)
+            column[order] for column in (x, y, z, heading, state, group, phase, pace)
         )
     key = random_streams.keys(seed, count)
     return Crowd(x, y, z, heading, state, group, phase, machine.waits(state, key), key, pace=pace)

@@ -18,7 +18,8 @@ def section(points: np.ndarray, triangles: np.ndarray, z: float) -> np.ndarray:
     begin = corners[through][crossed[through]]
     end = np.roll(corners[through], -1, axis=1)[crossed[through]]
     # from below, so that neighbors find the same point
-    down = begin[:, 2] >= z
-    begin[down], end[down] = end[down], begin[down]
-    part = (z - begin[:, 2:]) / (end[:, 2:] - begin[:, 2:])
-    return (begin + part * (end - begin))[:, :2].reshape(-1, 2, 2)
+    down = (begin[:, 2] >= z)[:, None]
+    low = np.where(down, end, begin)
+    high = np.where(down, begin, end)
+    part = (z - low[:, 2:]) / (high[:, 2:] - low[:, 2:])
+    return (low + part * (high - low))[:, :2].reshape(-1, 2, 2)

@@ -22,18 +22,19 @@ class FieldError(CrowdError):
 class Reader:
     """Checks one field of the JSON `text` at a time. A field is named by its path."""
 
-    def __init__(self, text: str, what: str) -> None:
-        self.text, self.what = text, what
+    def __init__(self, text: str, title: str) -> None:
+        self.text = text
+        self.title = title
         try:
             self.root = json.loads(text, parse_int=_whole)
             self._begins, twice, halves = _begins(text)
         except json.JSONDecodeError as error:
             raise CrowdError(
-                f"{what} is not JSON: line {error.lineno}, column {error.colno}: {error.msg}."
+                f"{title} is not JSON: line {error.lineno}, column {error.colno}: {error.msg}."
             ) from None
         except RecursionError:
             raise CrowdError(
-                f"{what} is nested too deep to be read: it needs no more than six levels."
+                f"{title} is nested too deep to be read: it needs no more than six levels."
             ) from None
         if twice:
             self.fail(twice[0], "is given twice in its object; keep one")
@@ -54,7 +55,7 @@ class Reader:
         )
         line = self.text.count("\n", 0, begin) + 1
         raise FieldError(
-            f"{self.what}, line {line}: {'.'.join(map(str, path)) or 'the file'} {problem}.", path
+            f"{self.title}, line {line}: {'.'.join(map(str, path)) or 'the file'} {problem}.", path
         )
 
     def table(
@@ -121,7 +122,7 @@ def _whole(digits: str) -> int | float:
 
 def _torn(value: object) -> bool:
     """Return whether `value` is a text with a lone surrogate, which nothing can show."""
-    return isinstance(value, str) and any("\ud800" <= each <= "\udfff" for each in value)
+    return isinstance(value, str) and any("\ud800" <= letter <= "\udfff" for letter in value)
 
 
 def _begins(text: str) -> tuple[dict[FieldPath, int], list[FieldPath], list[FieldPath]]:
@@ -151,13 +152,16 @@ def _begins(text: str) -> tuple[dict[FieldPath, int], list[FieldPath], list[Fiel
             halves.append(path)
         if end > i:
             return end
-        i, place = skip(i + 1), 0
+        i = skip(i + 1)
+        place = 0
         while text[i] not in "}]":
-            begin, key = i, place
+            begin = i
+            key: str | int = place
             if opening == "{":
                 key, i = scanstring(text, i + 1)
                 i = skip(skip(i) + 1)
-            i, place = skip(field(i, (*path, key), begin)), place + 1
+            i = skip(field(i, (*path, key), begin))
+            place += 1
             if text[i] == ",":
                 i = skip(i + 1)
         return i + 1

@@ -1,6 +1,4 @@
-"""What a state machine's JSON text says, as far as it can be read, for the editor in the
-sidebar.
-"""
+"""What a state machine's JSON text says, as far as it can be read, for the sidebar's editor."""
 
 import math
 from dataclasses import dataclass
@@ -47,7 +45,8 @@ class Draft:
 
     def rows(self, state: str) -> list[str]:
         """Return what a state may answer: "*", then each label, then names that are no labels."""
-        rules, labels = table_of(self.state(state).get("on")), self.labels
+        rules = table_of(self.state(state).get("on"))
+        labels = self.labels
         return ["*", *labels, *(name for name in rules if name != "*" and name not in labels)]
 
     def has_rule(self, state: str, label: str) -> bool:
@@ -59,14 +58,14 @@ class Draft:
         return table_of(rules.get(label, rules.get("*")))
 
     def targets(self, state: str, label: str | None) -> list[tuple[str, float]]:
-        """Return the states that follow, and their weights: on a label, or where None after the
-        timer.
+        """Return the states that follow and their weights.
+
+        label: on which they follow; None for those after the timer.
         """
-        value = (
-            self.state(state).get("then", state)
-            if label is None
-            else self.rule(state, label).get("next", state)
-        )
+        if label is None:
+            value = self.state(state).get("then", state)
+        else:
+            value = self.rule(state, label).get("next", state)
         if isinstance(value, dict):
             return [(name, _number(weight)) for name, weight in value.items()]
         return [(value if isinstance(value, str) else state, 1.0)]

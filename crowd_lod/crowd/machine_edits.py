@@ -75,8 +75,9 @@ def set_field(path: FieldPath, value: object) -> Edit:
 
 
 def set_timer(state: str, least: float, most: float) -> Edit:
-    """Set the seconds until the state ends; a timer that is new leads to the next state of the
-    list.
+    """Set the seconds until the state ends.
+
+    A timer that is new leads to the next state of the list.
     """
 
     def edit(root: Table) -> None:
@@ -146,8 +147,9 @@ def add_state(name: str) -> Edit:
 
 
 def add_label(name: str) -> Edit:
-    """Add a label after the others, in a color of its own; states that name every label stand on
-    it.
+    """Add a label after the others, in a color of its own.
+
+    States that name every label stand on it.
     """
 
     def edit(root: Table) -> None:
@@ -239,11 +241,13 @@ def move(kind: str, name: str, by: int) -> Edit:
     return edit
 
 
-def unused(name: str, taken: Sequence[str]) -> str:
-    """Return `name`, or with the first number that makes it a new one."""
+def unused(name: str, names: Sequence[str]) -> str:
+    """Return `name`, or where it is one of `names` with the first number that makes it new."""
+    if name not in names:
+        return name
     stem = name.rstrip("0123456789").rstrip() or name
-    numbered = (f"{stem} {n}" for n in range(2, len(taken) + 3))
-    return name if name not in taken else next(each for each in numbered if each not in taken)
+    numbered = (f"{stem} {n}" for n in range(2, len(names) + 3))
+    return next(candidate for candidate in numbered if candidate not in names)
 
 
 def plain(value: float) -> float | int:
@@ -326,37 +330,38 @@ def _followers(root: Table) -> Iterator[tuple[Table, str]]:
                 yield rule, "next"
 
 
-def _check_new_name(name: str, taken: Iterable[str], kind: str) -> None:
+def _check_new_name(name: str, names: Iterable[str], kind: str) -> None:
     if not name.strip():
         raise CrowdError(f"A {kind} needs a name: type one.")
     if name == "*" and kind == "label":
         raise CrowdError(
             "'*' stands for every label that is not named: choose another name for the label."
         )
-    if name in taken:
+    if name in names:
         raise CrowdError(f"There is a {kind} {name} already: choose another name.")
 
 
 def _unused_color(entries: Table) -> str:
     """Return a color "#rrggbb", far from those of these states or labels."""
-    taken = [table_of(entry).get("color") for entry in entries.values()]
-    known = [
-        bytes.fromhex(each[1:])
-        for each in taken
-        if isinstance(each, str) and len(each) == 7 and _is_hex(each[1:])
+    texts = [table_of(entry).get("color") for entry in entries.values()]
+    colors = [
+        bytes.fromhex(text[1:])
+        for text in texts
+        if isinstance(text, str) and len(text) == 7 and _is_hex(text[1:])
     ]
+
+    def distance(candidate: list[int]) -> float:
+        return min((math.dist(candidate, color) for color in colors), default=0)
+
     tones = [
-        colorsys.hsv_to_rgb(h / 24, s, v)
-        for v in (0.9, 0.6)
-        for s in (0.65, 0.9)
-        for h in range(24)
+        colorsys.hsv_to_rgb(hue / 24, saturation, value)
+        for value in (0.9, 0.6)
+        for saturation in (0.65, 0.9)
+        for hue in range(24)
     ]
-    colors = [[round(255 * c) for c in tone] for tone in tones]
-    best = max(
-        colors, key=lambda color: min((math.dist(color, other) for other in known), default=0)
-    )
-    return f"#{bytes(best).hex()}"
+    candidates = [[round(255 * channel) for channel in tone] for tone in tones]
+    return f"#{bytes(max(candidates, key=distance)).hex()}"
 
 
 def _is_hex(digits: str) -> bool:
-    return all(each in "0123456789abcdefABCDEF" for each in digits)
+    return all(digit in "0123456789abcdefABCDEF" for digit in digits)

@@ -11,8 +11,6 @@ from ..format import counted
 # Meters from the world's origin. Blender's positions are float32: from here on they lie 6 cm and
 # more apart, further than a walker's step from one frame to the next.
 FARTHEST = 1e6
-# Agents that are looked up at a time: their columns stay in the processor's cache.
-LOOK_UPS = 8192
 # Distance in RGB, of 255, within which a pixel of a painted map still has a label's color. A JPEG
 # of quality 95 moves 94 % of the plaza's pixels by less than 8, and most others by less than this.
 NEAR = 32
@@ -74,10 +72,9 @@ class LabelMap:
         if min(self.cell) < 1e3 * np.spacing(np.abs(bounds).max()):
             rows, columns = self.labels.shape
             raise CrowdError(
-                f"The label map's cells, {columns} by {rows} over the area {bounds}, are too "
-                f"small to tell positions in them "
-                "apart: move the crowd nearer to the world's origin, enlarge its area, or use "
-                "fewer pixels."
+                f"The label map's cells, {columns} by {rows} over the area {bounds}, are too small "
+                "to tell positions in them apart: move the crowd nearer to the world's origin, "
+                "enlarge its area, or use fewer pixels."
             )
 
     @cached_property
@@ -94,11 +91,12 @@ class LabelMap:
         (2, 2, rows * columns) uint8: along x and along y; toward lower and toward higher
         coordinates; for each cell.
         """
-        ways = self.labels[:, ::-1], self.labels, self.labels[::-1], self.labels
-        left, right, down, up = (
-            _run(way.T if axis else way) for axis, way in zip((1, 1, 0, 0), ways, strict=True)
-        )
-        return np.array([(left.T[:, ::-1], right.T), (down[::-1], up)]).reshape(2, 2, -1)
+        labels = self.labels
+        left = _run(labels[:, ::-1].T).T[:, ::-1]
+        right = _run(labels.T).T
+        down = _run(labels[::-1])[::-1]
+        up = _run(labels)
+        return np.array([(left, right), (down, up)]).reshape(2, 2, -1)
 
     @cached_property
     def squares(self) -> np.ndarray:
@@ -109,27 +107,31 @@ class LabelMap:
         1 and lower x if 0.
         """
         rows, columns = self.labels.shape
-        found = np.ones((2, 2, rows, columns), np.uint8)
-        alike, across = np.ones((rows, columns), bool), self.labels[:, 1:] == self.labels[:, :-1]
-        along = self.labels[1:] == self.labels[:-1]
-        two = across[1:] & across[:-1] & along[:, 1:]  # by their lowest corner, the squares of two
+        sides = np.ones((2, 2, rows, columns), np.uint8)
+        beside = self.labels[:, 1:] == self.labels[:, :-1]
+        above = self.labels[1:] == self.labels[:-1]
+        # by its lowest corner, whether a square of 2 by 2 cells is of one label, and of any size
+        pairs = beside[1:] & beside[:-1] & above[:, 1:]
+        alike = np.ones((rows, columns), bool)
         for size in range(2, min(MOST_SQUARE, rows, columns) + 1):
-            # alike: by its lowest corner, whether a square of that size is
-            four = alike[1:, 1:] & alike[1:, :-1] & alike[:-1, 1:] & alike[:-1, :-1]
-            alike = four & two[: len(four), : four.shape[1]]
+            smaller = alike[1:, 1:] & alike[1:, :-1] & alike[:-1, 1:] & alike[:-1, :-1]
+            alike = smaller & pairs[: smaller.shape[0], : smaller.shape[1]]
             for up, right in np.ndindex(2, 2):
-                row, column = (1 - up) * (size - 1), (1 - right) * (size - 1)
-                found[up, right, row : row + len(alike), column : column + alike.shape[1]][
-                    alike
-                ] = size
-        return found.reshape(2, 2, -1)
+                row = (1 - up) * (size - 1)
+                column = (1 - right) * (size - 1)
+                corner = sides[up, right, row:, column:][: alike.shape[0], : alike.shape[1]]
+                corner[alike] = size
+        return sides.reshape(2, 2, -1)
 
     def middles(self, row: np.ndarray, column: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return world (x, y), each (n,) float64 meters, of the middles of the cells row, column
-        (n,).
+        """Return the middles (x, y) of cells, each (n,) float64 world meters.
+
+        row, column: (n,).
         """
         width, depth = self.cell
-        return self.area.x_min + (column + 0.5) * width, self.area.y_min + (row + 0.5) * depth
+        x = self.area.x_min + (column + 0.5) * width
+        y = self.area.y_min + (row + 0.5) * depth
+        return x, y
 
     def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Return the labels (n,) uint8 under the world positions x, y (n,).
@@ -158,9 +160,9 @@ class LabelMap:
         """
         rows, columns = self.labels.shape
         width, depth = self.cell
-        return _into(x, column, self.area.x_min, width, columns), _into(
-            y, row, self.area.y_min, depth, rows
-        )
+        x = _into(x, column, self.area.x_min, width, columns)
+        y = _into(y, row, self.area.y_min, depth, rows)
+        return x, y
 
 
 def _run(labels: np.ndarray) -> np.ndarray:
@@ -172,7 +174,8 @@ def _run(labels: np.ndarray) -> np.ndarray:
 
 
 def _index(value: np.ndarray, low: float, size: float, count: int) -> np.ndarray:
-    # of few, sooner than np.clip
+    """Return the columns or rows (n,) intp of coordinates; at NaN any."""
+    # for few agents faster than np.clip
     return np.fmin(np.fmax((value - low) / size, 0), count - 1).astype(np.intp)
 
 
@@ -183,134 +186,9 @@ def _into(value: np.ndarray, index: np.ndarray, low: float, size: float, count: 
         off = index - _index(value, low, size, count)
         if not off.any():
             break
-        # near 0 of value - low, not its own
+        # the spacing of `value - low`, which near 0 is larger than that of the value
         value = value + np.sign(off) * np.spacing(np.abs(value) + abs(low))
     return value
-
-
-@dataclass(frozen=True)
-class HeightMap:
-    """Heights over an area; the ground is bilinear between them.
-
-    heights: (rows, columns) float32, meters above the area's z, at the middles of the pixels. Row 0
-        lies at y_min, column 0 at x_min, as in LabelMap.
-    From the outermost middles to the area's border, and beyond it, the ground continues level.
-    CrowdError if a height is NaN or infinite.
-    """
-
-    heights: np.ndarray
-    area: Area
-    layered = False  # there is one floor
-
-    def __post_init__(self) -> None:
-        wrong = np.argwhere(~np.isfinite(self.heights))
-        if len(wrong):
-            row, column = wrong[0]
-            raise CrowdError(
-                f"The height map holds {len(wrong)} values at NaN or infinity, the first at "
-                f"column {column}, row {row} from "
-                "the bottom: paint a height there."
-            )
-
-    def digest(self) -> bytes:
-        """Return all that the heights follow from, but for the area."""
-        return repr(self.heights.shape).encode() + self.heights.tobytes()
-
-    @cached_property
-    def span(self) -> tuple[float, float]:
-        """The least and the greatest world z of the ground."""
-        return self.area.z + float(self.heights.min()), self.area.z + float(self.heights.max())
-
-    @cached_property
-    def steepest(self) -> tuple[float, float]:
-        """The greatest slopes of the ground along x and along y, as rises over runs."""
-        rows, columns = self.heights.shape
-        width, depth = self.area.size
-        along_x, along_y = (
-            np.abs(np.diff(self.heights.astype(np.float64), axis=axis)).max(initial=0)
-            for axis in (1, 0)
-        )
-        return float(along_x * (columns / width)), float(along_y * (rows / depth))
-
-    def at(self, x: np.ndarray, y: np.ndarray, last: np.ndarray | None = None) -> np.ndarray:
-        """Return world z (n,) float64 of the ground at world positions x, y (n,).
-
-        last: where each agent stood before; it has no meaning on one floor.
-        """
-        z = np.empty(len(x))
-        for begin in range(0, len(x), LOOK_UPS):
-            block = slice(begin, begin + LOOK_UPS)
-            (a, b, c, d), u, v, _ = self._corners(x[block], y[block])
-            z[block] = (
-                self.area.z + a * (1 - u) * (1 - v) + b * u * (1 - v) + c * (1 - u) * v + d * u * v
-            )
-        return z
-
-    def slope(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return (dz/dx, dz/dy), each (n,) float64, of the ground at x, y (n,).
-
-        At the middle of a pixel, where four bilinear patches meet, the patch toward +x and +y
-        counts. The slope is 0 where the ground continues level.
-        """
-        (a, b, c, d), u, v, inside = self._corners(x, y)
-        rows, columns = self.heights.shape
-        width, depth = self.area.size
-        along_x = ((b - a) * (1 - v) + (d - c) * v) * (columns / width)
-        along_y = ((c - a) * (1 - u) + (d - b) * u) * (rows / depth)
-        return along_x * inside[0], along_y * inside[1]
-
-    def tilt(
-        self, x: np.ndarray, y: np.ndarray, heading: np.ndarray, last: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return (pitch, roll) of agents that stand at right angles to the ground: see `lean`.
-
-        x, y, heading: (n,); last: as in `at`.
-        """
-        return lean(*self.slope(x, y), heading)
-
-    def _corners(
-        self, x: np.ndarray, y: np.ndarray
-    ) -> tuple[list[np.ndarray], np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
-        """Return the heights about each position, its place between them, and if inside.
-
-        Heights are those at the four pixel middles about it; inside: whether it lies between
-        middles, along x and y.
-        """
-        rows, columns = self.heights.shape
-        width, depth = self.area.size
-        across, up = (
-            (x - self.area.x_min) * (columns / width) - 0.5,
-            (y - self.area.y_min) * (rows / depth) - 0.5,
-        )
-        inside = (across >= 0) & (across < columns - 1), (up >= 0) & (up < rows - 1)
-        # at NaN anywhere
-        across, up = np.fmin(np.fmax(across, 0), columns - 1), np.fmin(np.fmax(up, 0), rows - 1)
-        column, row = across.astype(np.intp), up.astype(np.intp)
-        right, above = np.minimum(column + 1, columns - 1), np.minimum(row + 1, rows - 1)
-        places = ((row, column), (row, right), (above, column), (above, right))
-        return (
-            [self.heights[place].astype(np.float64) for place in places],
-            across - column,
-            up - row,
-            inside,
-        )
-
-
-def lean(
-    along_x: np.ndarray, along_y: np.ndarray, heading: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return (pitch, roll) of agents that stand at right angles to ground of these slopes, each
-    (n,).
-
-    Each is (n,) float32, radians. pitch: how far the ground rises ahead. roll: how far it rises
-    to the agent's left.
-    To tilt an agent, rotate it about z by its heading, then about its own left axis by -pitch,
-    then about its own forward axis by roll.
-    """
-    cos, sin = np.cos(heading, dtype=np.float64), np.sin(heading, dtype=np.float64)
-    ahead, left = along_x * cos + along_y * sin, along_y * cos - along_x * sin
-    pitch = np.arctan(ahead)
-    return pitch.astype(np.float32), np.arctan(left * np.cos(pitch)).astype(np.float32)
 
 
 def labels_from_colors(
@@ -330,52 +208,59 @@ def labels_from_colors(
     CrowdError if more than MOST_STRAYS of the pixels are strays: a guess would put a wall where the
     artist painted none.
     """
-    codes = pixels.astype(np.uint32) @ np.array([65536, 256, 1], np.uint32)
-    known = colors.astype(np.uint32) @ np.array([65536, 256, 1], np.uint32)
-    by_code = np.argsort(known)
-    slot = np.searchsorted(known[by_code], codes).clip(max=len(known) - 1)
-    labels = by_code[slot].astype(np.uint8)
-    off = np.argwhere(known[labels] != codes)
+    codes = _code(pixels)
+    label_codes = _code(colors)
+    order = np.argsort(label_codes)
+    slot = np.searchsorted(label_codes[order], codes).clip(max=len(order) - 1)
+    labels = order[slot].astype(np.uint8)
+    off = np.argwhere(label_codes[labels] != codes)
     if not len(off):
         return labels, off
-    found, which, counts = np.unique(codes[*off.T], return_inverse=True, return_counts=True)
-    nearest, strange = _nearest(found, colors)
+    off_codes, which, counts = np.unique(codes[*off.T], return_inverse=True, return_counts=True)
+    nearest, is_strange = _nearest(off_codes, colors)
     labels[*off.T] = nearest[which]
-    strays = off[strange[which]]
+    strays = off[is_strange[which]]
     if len(strays) > MOST_STRAYS * labels.size:
-        found, counts = found[strange], counts[strange]
+        strange = list(zip(off_codes[is_strange], counts[is_strange], strict=True))
         listed = ", ".join(
-            f"#{code:06x} ({counted(int(count), 'pixel')})"
-            for code, count in zip(found[:4], counts[:4], strict=True)
+            f"#{code:06x} ({counted(int(count), 'pixel')})" for code, count in strange[:4]
         )
-        more = f" and {len(found) - 4} more" if len(found) > 4 else ""
+        more = f" and {len(strange) - 4} more" if len(strange) > 4 else ""
         row, column = strays[0]
-        table = ", ".join(f"{name} #{code:06x}" for name, code in zip(names, known, strict=True))
+        table = ", ".join(
+            f"{name} #{code:06x}" for name, code in zip(names, label_codes, strict=True)
+        )
         raise CrowdError(
             f"The map {where} holds colors that belong to no label of the state machine: "
-            f"{listed}{more}, the first at column "
-            f"{column}, row {row} from the bottom; paint only its labels' colors ({table})."
+            f"{listed}{more}, the first at column {column}, row {row} from the bottom; paint only "
+            f"its labels' colors ({table})."
         )
     return labels, strays
 
 
-def _nearest(codes: np.ndarray, colors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (label, strange), each (n,), of the colors codes (n,) uint32, 0xRRGGBB.
+def _code(colors: np.ndarray) -> np.ndarray:
+    """Return colors (..., 3) uint8 as numbers 0xRRGGBB, (...) uint32."""
+    return colors.astype(np.uint32) @ np.array([65536, 256, 1], np.uint32)
 
-    strange: whether it is near no label's color; its label is then 0.
+
+def _nearest(codes: np.ndarray, colors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return (label, is_strange), each (n,), of the colors codes (n,) uint32, 0xRRGGBB.
+
+    is_strange: whether it is near no label's color; its label is then 0.
     """
-    label, strange = np.zeros(len(codes), np.uint8), np.ones(len(codes), bool)
+    label = np.zeros(len(codes), np.uint8)
+    is_strange = np.ones(len(codes), bool)
     painted = (codes[:, None] >> np.array([16, 8, 0], np.uint32) & 255).astype(np.int64)
     for index, color in enumerate(colors.astype(np.int64)):
-        apart = (
-            ((np.delete(colors, index, axis=0) - color) ** 2).sum(axis=1).min(initial=4 * NEAR**2)
-        )
-        near = strange & (4 * ((painted - color) ** 2).sum(axis=1) <= apart)
-        label[near], strange[near] = index, False
-    return label, strange
+        others = np.delete(colors, index, axis=0)
+        apart = ((others - color) ** 2).sum(axis=1).min(initial=4 * NEAR**2)
+        near = is_strange & (4 * ((painted - color) ** 2).sum(axis=1) <= apart)
+        label[near] = index
+        is_strange[near] = False
+    return label, is_strange
 
 
-def laid_over(pixels: np.ndarray, over: np.ndarray) -> np.ndarray:
+def lay_over(pixels: np.ndarray, over: np.ndarray) -> np.ndarray:
     """Return painted pixels (rows, columns, 3) uint8 with those of a map of meshes over them.
 
     over: (rows, columns, 4) uint8, of this or another size; only where its last channel is not 0 is

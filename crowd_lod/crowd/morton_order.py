@@ -4,8 +4,10 @@ import numpy as np
 
 from .maps import Area
 
-# Agents that share a cell of the curve, about, and the most bits of a cell's column or row.
-SHARE, MOST_BITS = 4, 12
+# About so many agents share a cell of the curve.
+SHARE = 4
+# Bits of a cell's column or row, at most.
+MOST_BITS = 12
 # Agents whose places along the curve are found at a time.
 BLOCK = 16_384
 # A crowd of fewer agents is tested faster agent by agent: it needs no order.
@@ -22,9 +24,10 @@ def order_of(x: np.ndarray, y: np.ndarray, group: np.ndarray, area: Area) -> np.
     Takes at most 12 bytes per agent, the result included.
     """
     bits = int(np.clip(np.ceil(np.log2(max(1, len(x) / SHARE)) / 2), 1, MOST_BITS))
-    spread, sides = _spread(bits), []
-    for place, low, high in ((x, area.x_min, area.x_max), (y, area.y_min, area.y_max)):
-        low, high = np.clip((np.fmin.reduce(place), np.fmax.reduce(place)), low, high)
+    spread = _spread(bits)
+    sides = []
+    for place, least, most in ((x, area.x_min, area.x_max), (y, area.y_min, area.y_max)):
+        low, high = np.clip((np.fmin.reduce(place), np.fmax.reduce(place)), least, most)
         sides.append((place, low, high, (1 << bits) / ((high - low) or 1.0)))
     # group, place along the curve, and agent in one number: sorted in place, and in a defined order
     keys = np.empty(len(x), np.uint64)

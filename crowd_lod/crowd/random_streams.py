@@ -9,15 +9,15 @@ The hash is SplitMix64 (Steele, Lea, Flood 2014), one stream per agent.
 import numpy as np
 
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)
-# Streams of draws from one key, far apart: what follows on a label, what follows a timer, how long
-# the timer runs, and from an agent's first key its looks, whether it is of a share that is chosen,
-# its size, and its props.
-STATE, THEN, TIME = np.uint64(0), np.uint64(0x14057B7EF767814F), np.uint64(0x5851F42D4C957F2D)
-LOOKS, CHOSEN, SIZE = (
-    np.uint64(0x2545F4914F6CDD1D),
-    np.uint64(0x9FB21C651E98DF25),
-    np.uint64(0xD1342543DE82EF95),
-)
+# Streams of draws from one key, far apart: what follows on a label, what follows a timer, and how
+# long the timer runs.
+STATE = np.uint64(0)
+THEN = np.uint64(0x14057B7EF767814F)
+TIME = np.uint64(0x5851F42D4C957F2D)
+# From an agent's first key: its looks, whether it is of a chosen share, its size, its props.
+LOOKS = np.uint64(0x2545F4914F6CDD1D)
+CHOSEN = np.uint64(0x9FB21C651E98DF25)
+SIZE = np.uint64(0xD1342543DE82EF95)
 PROPS = np.uint64(0xDA942042E4DD58B5)
 
 
@@ -32,7 +32,7 @@ def keys_of(seed: int, ids: np.ndarray) -> np.ndarray:
     return _mixed(start ^ ids.astype(np.uint64))
 
 
-def moved_on(key: np.ndarray, events: np.ndarray) -> np.ndarray:
+def advance_keys(key: np.ndarray, events: np.ndarray) -> np.ndarray:
     """Return the keys (n,) uint64 after `events` (n,), 0 or 1 each."""
     return key + _GAMMA * events.astype(np.uint64)
 

@@ -1,6 +1,4 @@
-"""Variants of character groups: the same character with some of its props and without the
-others.
-"""
+"""Variants of character groups: the same character with some of its props, without others."""
 
 from dataclasses import dataclass
 
@@ -26,22 +24,21 @@ class Draw:
     @property
     def groups(self) -> np.ndarray:
         """The index of each group's first variant, (g,) uint8, increasing."""
-        return np.array([own[0][0] for own in self.variants], np.uint8)
+        return np.array([choices[0][0] for choices in self.variants], np.uint8)
 
-    def dressed(self, group: np.ndarray, key: np.ndarray) -> np.ndarray:
+    def draw_variants(self, group: np.ndarray, key: np.ndarray) -> np.ndarray:
         """Return the variant of each agent, (n,) uint8.
 
         group: (n,) uint8, the first variant of the agent's group; others stay.
         key: (n,) uint64, the agents' first keys. The answer depends on nothing else.
         """
-        found = group.copy()
-        for own in self.variants:
-            if len(own) > 1:
-                who = group == own[0][0]
-                indices, chances = zip(*own, strict=True)
-                upto = np.cumsum(chances)
-                drawn = random_streams.uniform(key[who], random_streams.PROPS)
-                found[who] = np.array(indices, np.uint8)[
-                    np.searchsorted(upto[:-1] / upto[-1], drawn, side="right")
-                ]
-        return found
+        variant = group.copy()
+        for choices in self.variants:
+            if len(choices) > 1:
+                indices, chances = zip(*choices, strict=True)
+                agents = group == indices[0]
+                until = np.cumsum(chances)
+                draw = random_streams.uniform(key[agents], random_streams.PROPS)
+                slot = np.searchsorted(until[:-1] / until[-1], draw, side="right")
+                variant[agents] = np.array(indices, np.uint8)[slot]
+        return variant

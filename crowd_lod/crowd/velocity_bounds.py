@@ -28,9 +28,9 @@ class VelocityBounds:
         """
         ways = np.multiply.outer((min(seconds), max(seconds)), (self.low, self.high))
         rise = np.array([0.0, 0.0, self.steps])
-        return np.minimum(ways.min(axis=(0, 1)), 0.0) - rise, np.maximum(
-            ways.max(axis=(0, 1)), 0.0
-        ) + rise
+        least = np.minimum(ways.min(axis=(0, 1)), 0.0) - rise
+        most = np.maximum(ways.max(axis=(0, 1)), 0.0) + rise
+        return least, most
 
     @property
     def climbs(self) -> bool:
@@ -43,11 +43,14 @@ class VelocityBounds:
         x, y, _ = np.maximum(-self.low, self.high).tolist()
         return min(self.fastest, float(np.hypot(x, y)))
 
-    def joined(self, other: "VelocityBounds") -> "VelocityBounds":
+    def union(self, other: "VelocityBounds") -> "VelocityBounds":
         """Return the bounds of both crowds."""
-        fastest = max(self.speed, other.speed)
-        low, high = np.minimum(self.low, other.low), np.maximum(self.high, other.high)
-        return VelocityBounds(low, high, fastest, max(self.steps, other.steps))
+        return VelocityBounds(
+            low=np.minimum(self.low, other.low),
+            high=np.maximum(self.high, other.high),
+            fastest=max(self.speed, other.speed),
+            steps=max(self.steps, other.steps),
+        )
 
 
 STANDING = VelocityBounds(np.zeros(3), np.zeros(3), 0.0)

@@ -19,7 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..crowd import morton_order
-from ..crowd.agents import Crowd, Spheres
+from ..crowd.agents import Crowd
+from ..crowd.bounding_spheres import Spheres
 from ..crowd.maps import Area
 from .frustum_box_test import COLUMNS, HUGE, SLACK, Look, Test
 

@@ -12,7 +12,8 @@ from .frame import Frame, cost, tally
 from .frame_range import shot_frames
 
 # Parts of a byte of the plan: the LOD; whether it holds although it is coarser than the tolerance
-# allows, or finer; whether an exception asks for that; whether the agent is hidden.
+# allows, or finer; whether an exception asks for that; whether the agent is hidden. 0x10 is left for
+# agents that scenery hides.
 LEVEL, EXCEPTED, PINNED, HIDDEN = 0x0F, 0x20, 0x40, 0x80
 CAMERA_KINDS = "PERSP", "ORTHO", "PANO"  # of cameras, by their number in a plan
 SAME = 1e-4  # part of a number by which two cameras that count as one may differ

@@ -45,6 +45,13 @@ def shot_facts(
             "thresholds": _totals(shot, plan.thresholds),
             "curve": asdict(told.curve),
             "exceptions": list(exceptions),
+            "phases": {
+                "in_step": told.phases.in_step,
+                "in_step_at_random": told.phases.at_random,
+                "largest_jump_pixels": told.phases.largest_jump,
+                "agents_with_finer_classes": int((told.phases.phases.finer > 0).sum()),
+                "classes": list(told.classes),
+            },
         },
     }
 

@@ -11,6 +11,7 @@ import numpy as np
 from ..format import counted, number
 from ..levels.cost_model import NAMES
 from ..shot.budget import BudgetPlan
+from ..shot.coloring import PhasePlan
 from ..shot.curve import WIDTH as HELD
 from ..shot.curve import Curve, of_full_detail
 from ..shot.shot import ShotPlan
@@ -47,6 +48,7 @@ class Told:
     title: of the scene.
     noticed: (s,) of shot.switches.ROW.
     names: of the G groups.
+    phases: the shot's phase classes. classes: rows of them, see PhasePlan.rows.
     tints: (r, g, b) linear, of each LOD.
     milliseconds: of each stage of the survey, the mean of a frame; empty if they were not taken.
     crops: of the largest changes, see switch_figures.figures; empty if none were drawn.
@@ -58,6 +60,8 @@ class Told:
     noticed: np.ndarray
     curve: Curve
     names: list[str]
+    phases: PhasePlan
+    classes: Sequence[Mapping[str, Any]]
     tints: Sequence[Sequence[float]]
     milliseconds: Mapping[str, float]
     crops: Sequence[tuple[np.ndarray, np.ndarray] | None] = ()
@@ -142,7 +146,19 @@ def lead(told: Told) -> str:
         f"and changes LODs "
         f"{int(found.switches.sum()):,} times in sight. Thresholds, frame by frame, change them "
         f"{int(before.switches.sum()):,} times "
-        f"and cost {_less(found.above(before))}."
+        f"and cost {_less(found.above(before))}. {_in_step(told)}"
+    )
+
+
+def _in_step(told: Told) -> str:
+    """Return a sentence on the phase classes; "" if nothing walks."""
+    counts = sorted({row["classes"] for row in told.classes})
+    if not counts:
+        return ""
+    numbers = f"{counts[0]} to {counts[-1]}" if len(counts) > 1 else f"{counts[0]}"
+    return (
+        f"Agents share {numbers} phase classes: {told.phases.in_step:.1%} of close neighbors walk "
+        f"in step, with sixteen at random {told.phases.at_random:.1%}."
     )
 
 
@@ -165,6 +181,11 @@ def _figures(told: Told) -> list[tuple[str, str]]:
         (bound, "above the least possible at most"),
         (f"{number(found.error)} px", "largest deviation of a LOD"),
         (f"{number(found.most)} px", "largest change by a switch"),
+        (f"{told.phases.in_step:.1%}", "of close neighbors in step"),
+        (
+            f"{number(told.phases.largest_jump)} px",
+            "largest jump of a foot at a change of pace, by shared phases",
+        ),
     ]
 
 

@@ -14,7 +14,7 @@ from ..format import printable
 from ..frame.frame import Frame
 from ..shot.switches import NOTHING
 
-PLAN_VERSION = 2  # of plan.json: 2 has all fields of 1, and `shot`
+PLAN_VERSION = 2  # of plan.json
 
 
 def nobody_seen(counts: Iterable[int]) -> str:

@@ -14,7 +14,16 @@ import numpy as np
 from ..errors import CrowdError
 from ..levels.cost_model import price
 from ..progress import share
-from .shot import ShotPlan, decide, decided, floor, objective, shared_table
+from .shot import (
+    ShotPlan,
+    by_character,
+    decide,
+    decided,
+    floor,
+    mesh_seconds,
+    objective,
+    shared_table,
+)
 from .shot_cost import NOTICED, Bill, Shot, bill, shown_by, work_in
 from .survey import SEEN, at_tolerance
 
@@ -224,6 +233,7 @@ class _Search:
         self.bound = fixed + max(least, dual)
         again = shared_table(shot, plan.thresholds, self.found[1])
         if again is not None:
+            self.keep(by_character(shot, mesh_seconds(shot, plan.thresholds), self.weight))
             yield from share(self.descend(again + banned, prices), 0.6, 1.0)
         return self.found
 

@@ -7,6 +7,8 @@ cameras: (F, E, 21) float64, of frame.planned.numbers_of.
 made_for: texts: pairs of what the plan was made for and its digest.
 blend_file: the name of the .blend file that it was made for; "" if that was not saved.
 tolerance: the most pixels that LODs may deviate, or NaN if thresholds by distance chose them.
+shift, finer: (n,) uint8; counts: (B,) uint8: the shot's phase classes, see phases.Phases.
+cast: (L,) bool, the characters that its frames show.
 levels_N: (n,) uint8 of frame N, of LEVEL, PINNED and HIDDEN in frame/planned.py. Each is read only
 when its frame is shown.
 """
@@ -18,13 +20,15 @@ from typing import Any
 
 import numpy as np
 
+from ..crowd.agents import CLASSES
 from ..errors import CrowdError
 from ..format import printable
 from ..frame.planned import LEVEL
 from ..levels.assignment import MOST_LEVELS
 from ..npz_file import read_arrays
+from .phases import Phases
 
-VERSION = 2
+VERSION = 3
 NAME = "plan.npz"
 CAMERA_SIZE = 21  # numbers of a camera, see frame.planned.numbers_of
 AGAIN = "press Plan Shot again"
@@ -37,6 +41,10 @@ FORM = {
     "made_for": ("U", 2),
     "blend_file": ("U", 0),
     "tolerance": ("f", 0),
+    "shift": ("u", 1),
+    "finer": ("u", 1),
+    "counts": ("u", 1),
+    "cast": ("b", 1),
 }
 
 
@@ -50,6 +58,8 @@ class StoredPlan:
     cameras: np.ndarray
     made_for: Mapping[str, str]
     tolerance: float | None
+    phases: Phases
+    cast: np.ndarray
     blend_file: str = ""
 
     def place(self, time: float) -> int | None:
@@ -98,6 +108,8 @@ def write(path: Path, stored: StoredPlan, levels: Sequence[np.ndarray]) -> None:
         "made_for": np.array(list(stored.made_for.items()), np.str_),
     }
     arrays |= {name: getattr(stored, name) for name in ("numbers", "times", "cameras")}
+    arrays |= {name: getattr(stored.phases, name) for name in ("shift", "finer", "counts")}
+    arrays["cast"] = stored.cast
     arrays["tolerance"] = np.array(np.nan if stored.tolerance is None else stored.tolerance)
     np.savez_compressed(path, **arrays)
 
@@ -107,12 +119,12 @@ def read(path: Path) -> StoredPlan:
 
     CrowdError if there is no such file, or it is of another version, or spoilt.
     """
-    arrays = _read(path, tuple(FORM))
-    version = arrays["version"]
+    version = _read(path, ("version",))["version"]
     if version.shape != () or version.dtype.kind not in "iu" or int(version) != VERSION:
         raise CrowdError(
             f"The shot plan {printable(path)} is of another version of Crowd LOD: {AGAIN}."
         )
+    arrays = _read(path, tuple(FORM))
     wrong = _wrong_in(arrays)
     if wrong:
         raise CrowdError(
@@ -126,6 +138,8 @@ def read(path: Path) -> StoredPlan:
         cameras=arrays["cameras"],
         made_for=dict(arrays["made_for"].tolist()),
         blend_file=str(arrays["blend_file"]),
+        phases=Phases(arrays["shift"], arrays["counts"], arrays["finer"]),
+        cast=arrays["cast"],
         tolerance=None if np.isnan(tolerance) else tolerance,
     )
 
@@ -151,6 +165,10 @@ def _wrong_in(arrays: Mapping[str, np.ndarray]) -> list[str]:
         wrong.append("cameras")
     if arrays["made_for"].shape[1] != 2:
         wrong.append("made_for")
+    if len(arrays["finer"]) != len(arrays["shift"]) or arrays["shift"].max(initial=0) >= CLASSES:
+        wrong.append("shift")
+    if not ((arrays["counts"] > 0) & (arrays["counts"] <= CLASSES)).all():
+        wrong.append("counts")
     return wrong
 
 

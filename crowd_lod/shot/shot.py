@@ -7,7 +7,7 @@ docs/notes/shot_plan.md on how that cost is shared, and on the lower bound.
 """
 
 import os
-from collections.abc import Generator
+from collections.abc import Generator, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -16,6 +16,7 @@ import numpy as np
 from ..levels.cost_model import SECONDS, Work, price
 from ..progress import share
 from .shot_cost import NOTICED, UNSEEN, Bill, Shot, bill, shown_by, work_in
+from .survey import SEEN
 
 TOGETHER = 8192  # agents decided together: their rows stay in the processor's cache
 # agents from which the weight of switches is found, or a hundredth of many; where they share meshes
@@ -35,40 +36,55 @@ def program(
     table: (1 or F, K, L) float32, the cost of an agent that shows a LOD of a character.
     weight: the cost of a pixel by which a switch changes the picture.
     """
-    survey, count = shot.survey, shot.meshes.count
-    frames, group = len(survey.times), survey.group[agents]
-    apart = shot.meshes.bounds.T[:, group].astype(np.float32)
-    cost = np.zeros((count, len(group)), np.float32)
-    came = np.empty((frames, count, len(group)), np.uint8)
-    numbers = np.arange(count, dtype=np.uint8)[:, None]
-    least, via = np.empty(len(group), np.float32), np.empty(len(group), np.uint8)
-    for f in range(frames):
-        joined = survey.joined(f, agents)
-        pixels = np.where(joined, survey.scale[f, agents], np.float16(0)).astype(
-            np.float32
-        ) * np.float32(weight)
-        change = apart * pixels
-        left = cost + change
+    survey = shot.survey
+    apart = shot.meshes.bounds.T[:, survey.group[agents]].astype(np.float32)
+    numbers = np.arange(shot.meshes.count, dtype=np.uint8)[:, None]
+
+    def steps() -> Iterator[Step]:
+        for f in range(len(survey.times)):
+            joined = survey.joined(f, agents)
+            scale = np.where(joined, survey.scale[f, agents], np.float16(0)).astype(np.float32)
+            allowed = shot.allowed[f, agents]
+            seen = allowed != UNSEEN
+            cost = table[min(f, len(table) - 1)].take(survey.character[f, agents], axis=1)
+            cost *= seen
+            np.copyto(cost, np.float32(np.inf), where=numbers > allowed)
+            if survey.finest is not None:
+                finer = (numbers < survey.finest[f, agents]) & seen
+                np.copyto(cost, np.float32(np.inf), where=finer)
+            yield cost, apart * (scale * np.float32(weight)), joined * np.float32(weight * NOTICED)
+
+    return cheapest_path(steps(), len(survey.times))
+
+
+# Of one frame: (K, m) float32 what each LOD costs; (K, m) float32 what a switch to it or from it
+# costs, so that one from i to j costs the sum of the two; (m,) float32 what any switch costs besides.
+Step = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+def cheapest_path(steps: Iterable[Step], frames: int) -> tuple[np.ndarray, float]:
+    """Return (the LODs (F, m) uint8 of least cost, their cost) of m that switch independently."""
+    total, came = np.zeros(0), np.empty(0)
+    for f, (cost, change, fee) in enumerate(steps):
+        if f == 0:
+            total = np.zeros_like(cost)
+            came = np.empty((frames, *cost.shape), np.uint8)
+            least, via = np.empty(cost.shape[1], np.float32), np.empty(cost.shape[1], np.uint8)
+            numbers = np.arange(len(cost), dtype=np.uint8)[:, None]
+        left = total + change
         np.copyto(least, left[0])
         via[:] = 0
-        for k in range(1, count):
+        for k in range(1, len(cost)):
             better = left[k] < least
             np.copyto(least, left[k], where=better)
             np.copyto(via, np.uint8(k), where=better)
-        least += joined * np.float32(weight * NOTICED)
+        least += fee
         change += least
-        switch = change < cost
-        np.copyto(cost, change, where=switch)
+        switch = change < total
+        np.copyto(total, change, where=switch)
         np.copyto(came[f], np.where(switch, via, numbers))
-        allowed = shot.allowed[f, agents]
-        seen = allowed != UNSEEN
-        own = table[min(f, len(table) - 1)].take(survey.character[f, agents], axis=1)
-        own *= seen
-        cost += own
-        np.copyto(cost, np.float32(np.inf), where=numbers > allowed)
-        if survey.finest is not None:
-            np.copyto(cost, np.float32(np.inf), where=(numbers < survey.finest[f, agents]) & seen)
-    return _traced(came, cost), float(cost.min(axis=0).sum(dtype=np.float64))
+        total += cost
+    return _traced(came, total), float(total.min(axis=0).sum(dtype=np.float64))
 
 
 def _traced(came: np.ndarray, cost: np.ndarray) -> np.ndarray:
@@ -83,6 +99,39 @@ def _traced(came: np.ndarray, cost: np.ndarray) -> np.ndarray:
         levels[f] = now
         now = came[f][now, agents]
     return levels
+
+
+def by_character(shot: Shot, unique: np.ndarray, weight: float) -> np.ndarray:
+    """Return the LODs (F, n) uint8 of least cost with one LOD of each character in a frame.
+
+    It is as fine as each of the character's agents needs, and its agents switch together.
+    unique: (F, K, L) seconds of each mesh. weight: as of `program`.
+    """
+    survey, bounds = shot.survey, shot.meshes.bounds.T[:, shot.survey.owner]
+    count, characters = bounds.shape
+    numbers = np.arange(count)[:, None]
+
+    def steps() -> Iterator[Step]:
+        for f in range(len(survey.times)):
+            (agents,) = np.nonzero(survey.kind[f] == SEEN)
+            character = survey.character[f, agents]
+            users = np.bincount(character, minlength=characters)
+            coarsest = np.full(characters, count - 1)
+            np.minimum.at(coarsest, character, shot.allowed[f, agents])
+            cost = np.where(users > 0, unique[f], 0.0) + users * shot.instance
+            cost[numbers > coarsest] = np.inf
+            stays = survey.joined(f) & (survey.character[f] == survey.character[f - 1])
+            character = survey.character[f, stays]
+            pixels = np.bincount(character, survey.scale[f, stays], characters)
+            switching = np.bincount(character, minlength=characters) * NOTICED
+            change = (weight * pixels * bounds).astype(np.float32)
+            yield cost.astype(np.float32), change, (weight * switching).astype(np.float32)
+
+    path, _ = cheapest_path(steps(), len(survey.times))
+    levels = np.take_along_axis(path, survey.character.astype(np.intp), axis=1)
+    if survey.finest is not None:
+        levels = np.maximum(levels, survey.finest)
+    return shot.carried(levels)
 
 
 def decided(
@@ -127,38 +176,56 @@ class ShotPlan:
 def decide(shot: Shot, avoid: float = 0.05) -> Generator[float, None, ShotPlan]:
     """Decide on all LODs of the shot: yield the progress, return the ShotPlan.
 
-    avoid: the part by which time, memory and instances may cost more than with thresholds, to avoid
-        switches in sight. 0 still avoids those that cost nothing. They cost more than that only
-        where all LODs that are allowed do.
+    avoid: the part by which time, memory and instances may cost more than the cheapest LODs, to
+        avoid switches in sight. 0 still avoids those that cost nothing.
     """
-    thresholds, avoid = _limit(shot, avoid)
-    weight = yield from share(_weight(shot, avoid, _matter(shot, thresholds)), 0.0, 0.4)
+    limit = _limit(shot, avoid)
+    weight = yield from share(_weight(shot, avoid, _matter(shot, limit.thresholds)), 0.0, 0.4)
     for step in range(STEPS):
-        levels, shared = yield from share(solved(shot, thresholds, weight), 0.4, 0.8)
+        levels, shared = yield from share(solved(shot, limit.thresholds, weight), 0.4, 0.8)
         found = bill(shot, levels)
-        if found.above(thresholds) <= avoid or step == STEPS - 1:
+        if limit.holds(found) or step == STEPS - 1:
             break
         weight /= 1.5  # the sample promised more than the whole keeps
-    if found.above(thresholds) > avoid:
-        levels = shot.coarsest
+    if not limit.holds(found):
+        levels = limit.levels
         found = bill(shot, levels)
     least = yield from share(lower_bound(shot, weight, shared), 0.8, 1.0)
     paid = objective(found, weight)
-    return ShotPlan(
-        levels, found, thresholds, weight, max(paid / least - 1, 0.0) if least > 0 else 0.0
-    )
+    bound = max(paid / least - 1, 0.0) if least > 0 else 0.0
+    return ShotPlan(levels, found, limit.thresholds, weight, bound)
 
 
-def _limit(shot: Shot, avoid: float) -> tuple[Bill, float]:
-    """Return the bill of thresholds, and the part by which a plan may cost more.
+@dataclass(frozen=True)
+class Limit:
+    """What a plan may cost.
 
-    That is more than `avoid` where the coarsest LODs that are allowed cost more, for thresholds
-    may switch by more than twice the tolerance.
+    thresholds: what the LODs cost that the policy gives frame by frame.
+    levels: (F, n) uint8, the cheapest LODs that are known.
+    cheapest: what they cost, or `thresholds` where one LOD a character costs more.
+    avoid: the part by which a plan may cost more than the cheapest.
     """
+
+    thresholds: Bill
+    levels: np.ndarray
+    cheapest: Bill
+    avoid: float
+
+    def holds(self, found: Bill) -> bool:
+        """Return whether a plan may cost as much as `found`."""
+        return found.above(self.cheapest) <= self.avoid
+
+
+def _limit(shot: Shot, avoid: float) -> Limit:
+    """Return what a plan may cost that may pay the part `avoid` to avoid switches in sight."""
     thresholds = bill(shot, shot.survey.coarsest)
-    if not ((shot.allowed != shot.survey.coarsest) & shot.survey.seen).any():
-        return thresholds, avoid
-    return thresholds, max(avoid, bill(shot, shot.coarsest).above(thresholds))
+    if _matter(shot, thresholds):
+        levels = by_character(shot, mesh_seconds(shot, thresholds), 0.0)
+        found = bill(shot, levels)
+        if found.above(thresholds) <= 0:
+            return Limit(thresholds, levels, found, avoid)
+    levels = shot.coarsest
+    return Limit(thresholds, levels, thresholds, max(avoid, bill(shot, levels).above(thresholds)))
 
 
 def objective(found: Bill, weight: float) -> float:
@@ -172,7 +239,8 @@ def _weight(shot: Shot, avoid: float, shared: bool) -> Generator[float, None, fl
     shared: whether agents share meshes that cost much: few agents would share them less.
     """
     some, _ = sampled(shot, max(SHARING if shared else SAMPLE, len(shot.survey.group) // 100))
-    thresholds, avoid = _limit(some, avoid)
+    limit = _limit(some, avoid)
+    thresholds = limit.thresholds
     unit = thresholds.price.seconds * len(some.survey.times) / max(thresholds.counts.sum(), 1)
     low, high = unit * FACTOR**-STEPS, unit * FACTOR**STEPS
     for step in range(2 * STEPS):
@@ -180,7 +248,7 @@ def _weight(shot: Shot, avoid: float, shared: bool) -> Generator[float, None, fl
         levels, _ = yield from share(
             solved(some, thresholds, middle), step / (2 * STEPS), (step + 1) / (2 * STEPS)
         )
-        if bill(some, levels).above(thresholds) <= avoid:
+        if limit.holds(bill(some, levels)):
             low = middle
         else:
             high = middle
@@ -206,7 +274,7 @@ def solved(
     that may show it did. In the second the meshes of the first cost next to nothing, and all others
     their whole price.
     """
-    unique = _unique(shot, thresholds)
+    unique = mesh_seconds(shot, thresholds)
     shares = unique / np.maximum(thresholds.shown.sum(axis=1), 1)[:, None, :]
     levels, shared = yield from share(decided(shot, _table(shot, shares), weight), 0.0, 0.5)
     if not _matter(shot, thresholds):
@@ -214,7 +282,8 @@ def solved(
     table = shared_table(shot, thresholds, bill(shot, levels))
     assert table is not None
     again, _ = yield from share(decided(shot, table, weight), 0.5, 1.0)
-    return min((levels, again), key=lambda each: objective(bill(shot, each), weight)), None
+    choices = levels, again, by_character(shot, unique, weight)
+    return min(choices, key=lambda choice: objective(bill(shot, choice), weight)), None
 
 
 def shared_table(shot: Shot, thresholds: Bill, found: Bill) -> np.ndarray | None:
@@ -225,18 +294,18 @@ def shared_table(shot: Shot, thresholds: Bill, found: Bill) -> np.ndarray | None
     """
     if not _matter(shot, thresholds):
         return None
-    unique = _unique(shot, thresholds)
+    unique = mesh_seconds(shot, thresholds)
     shares = unique / np.maximum(thresholds.shown.sum(axis=1), 1)[:, None, :]
     return _table(shot, np.where(found.shown > 0, NEARLY * shares, unique))
 
 
 def _matter(shot: Shot, thresholds: Bill) -> bool:
     """Return whether meshes cost so much, beside instances, that agents should share them."""
-    meshes = (_unique(shot, thresholds) * (thresholds.shown > 0)).sum()
+    meshes = (mesh_seconds(shot, thresholds) * (thresholds.shown > 0)).sum()
     return bool(meshes >= MATTERS * (shot.instance * thresholds.shown).sum())
 
 
-def _unique(shot: Shot, thresholds: Bill) -> np.ndarray:
+def mesh_seconds(shot: Shot, thresholds: Bill) -> np.ndarray:
     """Return the seconds that each mesh takes in a frame that shows it, (F, K, L).
 
     Also those of rays, which cost more among more triangles.

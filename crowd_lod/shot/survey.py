@@ -5,21 +5,28 @@ A shot is run through once, and decided on from this.
 
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from ..animation.phase_classes import Library
+from ..animation.phase_classes import Library, Roles
+from ..crowd.agents import Crowd
 from ..culling.radar import RadarOptions, radar
 from ..errors import CrowdError
 from ..frame.frame import Frame
 from .blur import blur_of
+from .neighbors import close_pairs
 
 # Kinds of agents in a frame.
 CULLED, SEEN, SHADOW, MIRRORED = range(4)
 EVERYONE = RadarOptions(cull=False)  # only their distances are asked for
 MOST_SCALE = float(np.finfo(np.float16).max)
+# Neighbors are looked for in every MEET_EVERY-th frame, among agents at LODs up to MEET_LEVEL, in
+# meters.
+MEET_EVERY, MEET_LEVEL, MEET_REACH = 4, 3, 2.0
+BESIDE = 0.3  # meters, below which no two are nearer
+MOST_MEETINGS = 1_000_000  # pairs of a shot that are kept
 MOST_BYTES = 16 * 2**30  # of a survey
 
 
@@ -45,6 +52,10 @@ class Survey:
     blurred: pixels of tolerance; above 0, a LOD may deviate by so many pixels and as many more as
         its agent is blurred wide. `scale` then counts as many pixels less in proportion.
     bounds: (G, K) meters, of the LODs, where `blurred` is above 0.
+    roles: what the characters play; None if no neighbors are to be found.
+    pairs: for each frame the agents (m, 2) int32 that are seen close to each other and play the
+        same.
+    nearness: for each frame how near those are, (m,) float32, 1 / meters.
     finest, limit: (F, n) uint8, the finest and the coarsest LOD that exceptions allow seen agents,
         whatever the policy does; None without exceptions (shot/exceptions.py).
     """
@@ -62,6 +73,9 @@ class Survey:
     entered: list[np.ndarray]
     blurred: float = 0.0
     bounds: np.ndarray | None = None
+    roles: Roles | None = None
+    pairs: list[np.ndarray] = field(default_factory=list)
+    nearness: list[np.ndarray] = field(default_factory=list)
     finest: np.ndarray | None = None
     limit: np.ndarray | None = None
 
@@ -100,7 +114,11 @@ class Survey:
 
 
 def empty(
-    numbers: Sequence[int], times: Sequence[float], group: np.ndarray, library: np.ndarray
+    numbers: Sequence[int],
+    times: Sequence[float],
+    group: np.ndarray,
+    library: np.ndarray,
+    roles: Roles | None = None,
 ) -> Survey:
     """Return a survey of these frames, to be filled by `record`.
 
@@ -134,6 +152,9 @@ def empty(
         owner=np.repeat(np.arange(len(library) - 1, dtype=np.uint8), np.diff(library)),
         rays=np.zeros(frames),
         entered=[np.empty(0, np.intp)] * frames,
+        roles=roles,
+        pairs=[np.empty((0, 2), np.int32)] * frames,
+        nearness=[np.empty(0, np.float32)] * frames,
     )
 
 
@@ -204,9 +225,23 @@ def record(  # noqa: PLR0913 - what a frame tells, and what it follows
         sharp = survey.scale[f, seen] / (1 + blur_of(frame, seen) / survey.blurred)
         survey.scale[f, seen] = _rounded_up(sharp)
         survey.coarsest[f, seen] = _coarsest(survey, f, seen, survey.blurred)
+    if survey.roles is not None and f % MEET_EVERY == 0:
+        survey.pairs[f], survey.nearness[f] = _close(survey, f, frame.crowd)
     survey.rays[f], survey.cuts[f] = rays, cut
     if before is not None and not cut:
         survey.entered[f] = _unclipped(before, seen[survey.kind[f - 1, seen] != SEEN])
+
+
+def _close(survey: Survey, f: int, crowd: Crowd) -> tuple[np.ndarray, np.ndarray]:
+    """Return the `pairs` and the `nearness` of frame f."""
+    assert survey.roles is not None
+    near = (survey.kind[f] == SEEN) & (survey.coarsest[f] <= MEET_LEVEL)
+    block = survey.roles.block[survey.character[f]]
+    (agents,) = np.nonzero(near & (block >= 0))
+    place = np.column_stack((crowd.x[agents], crowd.y[agents], crowd.z[agents]))
+    most = MOST_MEETINGS * MEET_EVERY // len(survey.times)
+    pairs, apart = close_pairs(place, survey.roles.family[block[agents]], MEET_REACH, most)
+    return agents[pairs].astype(np.int32), (1 / np.maximum(apart, BESIDE)).astype(np.float32)
 
 
 def _unclipped(before: Frame, agents: np.ndarray) -> np.ndarray:

@@ -20,6 +20,7 @@ from .closest_point import closest_weights, walk
 from .triangle_mesh import TriangleMesh, blocks, edges_of, normals
 
 TOGETHER = 4_000  # points, or pieces, in all poses that fit in the processor's cache
+HOPELESS = 2.0  # times the distance asked for, of which it does not matter how much more it is
 ALONG = (0.25, 0.5, 0.75)  # parts of an edge where Places lie
 
 
@@ -208,25 +209,24 @@ def estimate(
 
     Returns the distance of each part, and that of each point of `one`, (n,) meters: the largest of
     places nearest to it, of either surface. Of a point that is no farther off than `beyond` this
-    may be too much.
+    may be too much. A part that is HOPELESS in the first pose is not looked at in the others.
     """
-    poses = slice(0, one.points.shape[1])
+    every = slice(0, one.points.shape[1])
     away = np.zeros(len(one.points))
     distances = []
     for mine, theirs in parts:
         found = _nothing_known(one)
-
-        way = _Way(other, found, poses)
-        points = way.mapped(mine.at(one.points))
-        way.look_again(points, beyond)
-        np.maximum.at(away, _nearest_corner(mine.corners, mine.weights), points.near.max(axis=1))
-
-        way = _Way(one, found, poses)
-        points = way.mapped(theirs.at(other.points), one.counted)
-        way.look_again(points, beyond)
-        np.maximum.at(
-            away, _nearest_corner(one.triangles[points.to], points.weights), points.near.max(axis=1)
-        )
+        there = _Way(other, found, every)
+        back = _Way(one, found, every)
+        points = there.mapped(mine.at(one.points))
+        others = back.mapped(theirs.at(other.points), one.counted)
+        if found.measured <= HOPELESS * beyond:
+            there.look_again(points, beyond)
+            back.look_again(others, beyond)
+        nearest = _nearest_corner(mine.corners, mine.weights)
+        np.maximum.at(away, nearest, points.near.max(axis=1))
+        nearest = _nearest_corner(one.triangles[others.to], others.weights)
+        np.maximum.at(away, nearest, others.near.max(axis=1))
         distances.append(found.measured)
     return distances, away
 
@@ -289,13 +289,28 @@ class _Way:
         )
 
     def look_again(self, points: _Points, beyond: float = np.inf) -> None:
-        """Measure points in the poses where they may be farther off than any, or than `beyond`."""
-        for least in (settings.CURRENT.bound_first, None):
+        """Measure points in the poses where they may be farther off than any, or than `beyond`.
+
+        What is nearest to a point in one pose is held against it in all others: a point seldom
+        needs a search in more than two.
+        """
+        for most in (settings.CURRENT.bound_first, None):
             for k in range(1, points.off.shape[1]):
-                order = np.argsort(-points.near[:, k])[:least]
-                some = order[points.near[order, k] > min(self.found.enough, beyond)]
-                if len(some):
-                    points.near[some, k] = self.alone(k).mapped(points.at[some, k, None]).off[:, 0]
+                some = np.flatnonzero(points.near[:, k] > min(self.found.enough, beyond))
+                if most is not None and len(some) > most:
+                    some = some[np.argpartition(-points.near[some, k], most)[:most]]
+                for block in blocks(len(some), TOGETHER):
+                    self._search_again(points, k, some[block])
+
+    def _search_again(self, points: _Points, k: int, some: np.ndarray) -> None:
+        """Find what is nearest to some points (s,) in the k-th pose, and how far that is off in
+        all.
+        """
+        at = points.at[some]
+        again = self.alone(k).mapped(at[:, k, None])
+        image = self.mixed(self.other.triangles[again.to], again.weights, self.poses)
+        points.near[some] = np.minimum(points.near[some], _length(at - image))
+        points.near[some, k] = again.off[:, 0]
 
     def alone(self, k: int) -> "_Way":
         """The same in the k-th of the poses alone."""

@@ -61,6 +61,7 @@ class Edited(Trajectory):
             own.heights,
             own.ids,
         )
+        self.given_phases = own.given_phases
         self.seconds_per_frame, self.every, self.first_frame = (
             own.seconds_per_frame,
             own.every,

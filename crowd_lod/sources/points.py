@@ -73,7 +73,7 @@ def drawn_for(found: Snapshot, seed: int, draw: Draw) -> Drawn:
     key = _keys(found, seed)
     which = (random_streams.uniform(key, random_streams.THEN) * len(draw)).astype(np.intp)
     classes = _classes(random_streams.uniform(key, random_streams.STATE))
-    return Drawn(found.ids, seed, draw, key, draw.dressed(draw.groups[which], key), classes)
+    return Drawn(found.ids, seed, draw, key, draw.draw_variants(draw.groups[which], key), classes)
 
 
 def dressed(found: Snapshot, seed: int, draw: Draw) -> Snapshot:
@@ -82,7 +82,7 @@ def dressed(found: Snapshot, seed: int, draw: Draw) -> Snapshot:
     """
     if found.group is None or all(len(own) == 1 for own in draw.variants):
         return found
-    return replace(found, group=draw.dressed(found.group, _keys(found, seed)))
+    return replace(found, group=draw.draw_variants(found.group, _keys(found, seed)))
 
 
 def _keys(found: Snapshot, seed: int) -> np.ndarray:
@@ -128,6 +128,7 @@ class Points(Trajectory):
             found.ids,
         )
         phased = found.phase is not None
+        self.given_phases = np.ones(len(found.x), bool) if phased else None
         per_second = [
             1 / group.period if group.period > 0 and not phased else 0.0 for group in groups
         ]

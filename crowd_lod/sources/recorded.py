@@ -56,6 +56,7 @@ class Recorded(Trajectory):
         if samples.z is not None and not isinstance(self.heights, Terrain):
             self.heights = None  # the file tells where agents stand
         self.ids, count = tracks.ids, len(tracks.ids)
+        self.given_phases = np.ones(count, bool) if tracks.phased else None
         key = random_streams.keys_of(self.seed, tracks.ids)
         self.gaits = gaits_of(self.groups, Paces(tracks.paces, np.zeros((0, 0), np.uint8)), CLASSES)
         self._per_meter = cycles_of(self.groups)[self.group, 0]

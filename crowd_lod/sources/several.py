@@ -69,6 +69,15 @@ class Several(Trajectory):
             self.ids = np.concatenate(
                 [np.full(len(each.start), -1) if each.ids is None else each.ids for each in members]
             )
+        if any(each.given_phases is not None for each in members):
+            self.given_phases = np.concatenate(
+                [
+                    np.zeros(len(each.start), bool)
+                    if each.given_phases is None
+                    else each.given_phases
+                    for each in members
+                ]
+            )
         self.left_out = self.leave & self._needless()
 
     @property
@@ -111,7 +120,7 @@ class Several(Trajectory):
             own = each.velocity(since, until)
             if own is None or each.wraps:
                 return None
-            found = found.joined(own)
+            found = found.union(own)
         return found
 
     def at(self, time: float) -> Crowd:

@@ -9,7 +9,8 @@ import numpy as np
 
 from ..animation.phase_classes import Gaits
 from ..crowd import random_streams
-from ..crowd.agents import Crowd, Group, Spheres, spheres_of
+from ..crowd.agents import Crowd, Group
+from ..crowd.bounding_spheres import Spheres, spheres_of
 from ..crowd.leave_outs import LeftOut
 from ..crowd.maps import Area
 from ..crowd.terrain import Ground
@@ -48,6 +49,8 @@ class Trajectory(ABC):
     heights: the ground that agents stand on, a height map or a terrain; None if it is level.
     gaits: at which rates the groups play their actions.
     states: what agents do.
+    given_phases: (n,) bool, agents whose phases come from a file or from an object's points; None
+        if nobody's do.
     ids: (n,) int64, the numbers of a file or of an object's points, which agents keep when others
         are added; below 0 for agents without one. None where agents are known by their index alone.
     """
@@ -62,6 +65,7 @@ class Trajectory(ABC):
     heights: Ground | None
     gaits: Gaits
     ids: np.ndarray | None = None
+    given_phases: np.ndarray | None = None
 
     @property
     @abstractmethod

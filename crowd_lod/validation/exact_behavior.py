@@ -258,7 +258,7 @@ class ExactAgent:
 
     def _next_event(self) -> None:
         if self.rules.machine.chancy:
-            self.key = random_streams.moved_on(self.key, np.ones(1, bool))
+            self.key = random_streams.advance_keys(self.key, np.ones(1, bool))
 
     def _next_border(self, velocity: tuple[Fraction, ...]) -> NextBorder | None:
         """Return the first border ahead, that in x if both are as near; None if there is none."""

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from ..crowd.height_map import HeightMap
 from ..crowd.leave_outs import ALL, ITEMS, NO_HEIGHTS, STATIC, STILL, LeftOut
-from ..crowd.maps import HeightMap
 from ..culling.camera import Camera
 from ..frame.frame import Frame, plan
 from ..frame.index_cache import blocks_at

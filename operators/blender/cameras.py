@@ -83,20 +83,20 @@ def cameras_from(
     render = scene.render
     views = [view for view in render.views if view.use] if render.use_multiview else []
     if not views:
-        found = [camera_from(camera, render, depsgraph)]
+        cameras = [camera_from(camera, render, depsgraph)]
     elif render.views_format == "MULTIVIEW":
         eyes = dict.fromkeys(_view_camera(scene, camera, view.camera_suffix) for view in views)
-        found = [camera_from(eye, render, depsgraph) for eye in eyes]
+        cameras = [camera_from(eye, render, depsgraph) for eye in eyes]
     else:
-        found = [
+        cameras = [
             camera_from(camera, render, depsgraph, view.name)
             for view in views
             if view.name in stereo.EYES
         ]
     if scene.crowd_lod.cull_to_border and render.use_border:
         border = render.border_min_x, render.border_max_x, render.border_min_y, render.border_max_y
-        found = [crop(each, *border) for each in found]
-    return tuple(found)
+        cameras = [crop(film, *border) for film in cameras]
+    return tuple(cameras)
 
 
 def _view_camera(scene: bpy.types.Scene, camera: bpy.types.Object, suffix: str) -> bpy.types.Object:
@@ -104,13 +104,15 @@ def _view_camera(scene: bpy.types.Scene, camera: bpy.types.Object, suffix: str) 
 
     Its name is that of `camera` with the suffix replaced; `camera` itself if there is none.
     """
-    own = max(
+    camera_suffix = max(
         (v.camera_suffix for v in scene.render.views if camera.name.endswith(v.camera_suffix)),
         key=len,
         default=None,
     )
     return (
-        camera if own is None else scene.objects.get(camera.name.removesuffix(own) + suffix, camera)
+        camera
+        if camera_suffix is None
+        else scene.objects.get(camera.name.removesuffix(camera_suffix) + suffix, camera)
     )
 
 
@@ -128,20 +130,11 @@ def camera_from(
     side: None for the camera itself, or "left" or "right" for its eye in stereo.
     """
     evaluated = camera.evaluated_get(depsgraph)
-    data, matrix = evaluated.data, np.array(evaluated.matrix_world, np.float64)
-    if not 0 <= data.clip_start < data.clip_end:
-        unit = meters(depsgraph.scene)
-        raise CrowdError(
-            f"The camera {camera.name} clips from {data.clip_start * unit:g} to "
-            f"{data.clip_end * unit:g} m: the end must exceed the start."
-        )
+    data = evaluated.data
+    matrix = np.array(evaluated.matrix_world, np.float64)
+    _check_clip(camera.name, data, meters(depsgraph.scene))
     kind = data.type if data.type in ("PERSP", "ORTHO") else "PANO"
-    eyes = stereo.Stereo(
-        data.stereo.convergence_mode,
-        data.stereo.pivot,
-        data.stereo.interocular_distance,
-        data.stereo.convergence_distance,
-    )
+    eyes = _stereo_of(data)
     spherical = side is not None and data.stereo.use_spherical_stereo and kind != "ORTHO"
     shift_x = data.shift_x
     if side is not None and not spherical:
@@ -180,6 +173,27 @@ def camera_from(
     if data.dof.use_dof:
         film = _focused(film, data, depsgraph)
     return stereo.spherical(film, eyes) if spherical else film
+
+
+def _check_clip(name: str, data: bpy.types.Camera, unit: float) -> None:
+    """Raise CrowdError unless 0 <= clip start < clip end.
+
+    unit: meters in a unit of length of the scene.
+    """
+    if not 0 <= data.clip_start < data.clip_end:
+        raise CrowdError(
+            f"The camera {name} clips from {data.clip_start * unit:g} to "
+            f"{data.clip_end * unit:g} m: the end must exceed the start."
+        )
+
+
+def _stereo_of(data: bpy.types.Camera) -> stereo.Stereo:
+    return stereo.Stereo(
+        data.stereo.convergence_mode,
+        data.stereo.pivot,
+        data.stereo.interocular_distance,
+        data.stereo.convergence_distance,
+    )
 
 
 def filter_reach(render: bpy.types.RenderSettings) -> float:
@@ -316,7 +330,8 @@ def _stands(camera: bpy.types.Object) -> bool:
 
     The scene need not be stepped to find such a camera.
     """
-    data, handlers = camera.data, bpy.app.handlers
+    data = camera.data
+    handlers = bpy.app.handlers
     scripts = [
         f for f in (*handlers.frame_change_pre, *handlers.frame_change_post) if not is_ours(f)
     ]
@@ -340,15 +355,13 @@ def still(camera: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bpy.types
     data.animation_data_clear()
     if data.dof.focus_object is not None:
         origin, *_, ahead = referential(np.array(evaluated.matrix_world, np.float64), camera.name)
-        data.dof.focus_distance, data.dof.focus_object = (
-            _focus(data.dof, depsgraph, origin, ahead),
-            None,
-        )
-    found = bpy.data.objects.new(f"Crowd LOD {camera.name}", data)
+        data.dof.focus_distance = _focus(data.dof, depsgraph, origin, ahead)
+        data.dof.focus_object = None
+    copy = bpy.data.objects.new(f"Crowd LOD {camera.name}", data)
     # a camera's own transform has no shear; what a parent's inverse holds comes through as it is
-    found.parent = bpy.data.objects.new("Crowd LOD still", None)
-    found.matrix_parent_inverse = evaluated.matrix_world
-    return found
+    copy.parent = bpy.data.objects.new("Crowd LOD still", None)
+    copy.matrix_parent_inverse = evaluated.matrix_world
+    return copy
 
 
 def shutter_times(scene: bpy.types.Scene, time: float) -> list[float]:

@@ -61,12 +61,12 @@ def parts(
             )
     bones = [bone for item in objects if item.type == "ARMATURE" for bone in item.pose.bones]
     shapes = {bone.custom_shape for bone in bones}
-    found = [item for item in objects if item.type in GEOMETRY and item not in shapes]
+    surfaces = [item for item in objects if item.type in GEOMETRY and item not in shapes]
     inside = [] if isinstance(owner, bpy.types.Object) else owner.children_recursive
     hidden = {
         item for collection in inside if collection.hide_render for item in collection.all_objects
     }
-    return [item for item in found if not item.hide_render and item not in hidden] or found
+    return [item for item in surfaces if not item.hide_render and item not in hidden] or surfaces
 
 
 def may_have_faces(item: bpy.types.Object) -> bool:

@@ -42,10 +42,10 @@ def lent(*owners: bpy.types.bpy_struct) -> Iterator[None]:
     Restored are each owner's own writable properties, except collections.
     """
     with quiet():  # asked for its device, Cycles looks for all that there are, and says so
-        own = ((owner, prop) for owner in owners for prop in owner.bl_rna.properties)
+        pointers = ((owner, prop) for owner in owners for prop in owner.bl_rna.properties)
         names = [
             (owner, prop.identifier)
-            for owner, prop in own
+            for owner, prop in pointers
             if not prop.is_readonly and prop.type != "COLLECTION"
         ]
         before = [(owner, name, _plain(getattr(owner, name))) for owner, name in names]

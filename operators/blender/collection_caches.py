@@ -49,7 +49,8 @@ def restore(*_) -> None:
     """
     for collection in bpy.data.collections:
         for inside, blocks, key in HELD if collection.library is None else ():
-            names, there = collection.get(key), getattr(collection, inside)
+            names = collection.get(key)
+            there = getattr(collection, inside)
             for name in (
                 sorted(set(names.split("\n")) - {*there.keys()}) if isinstance(names, str) else ()
             ):

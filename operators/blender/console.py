@@ -28,7 +28,7 @@ def quiet() -> Iterator[None]:
     command's own output.
     """
     flush()
-    kept = [os.dup(1), os.dup(2)]
+    copies = [os.dup(1), os.dup(2)]
     with open(os.devnull, "w") as nowhere, tempfile.TemporaryFile() as errors:
         try:
             os.dup2(nowhere.fileno(), 1)
@@ -37,7 +37,7 @@ def quiet() -> Iterator[None]:
                 yield
         finally:
             flush()
-            for number, copy in enumerate(kept, start=1):
+            for number, copy in enumerate(copies, start=1):
                 os.dup2(copy, number)
                 os.close(copy)
             errors.seek(0)

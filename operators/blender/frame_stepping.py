@@ -10,29 +10,30 @@ At = Callable[[Iterable[bpy.types.Object], float], bpy.types.Depsgraph]
 
 
 @contextmanager
-def stage(kept: list[bpy.types.Scene] | None = None) -> Iterator[At]:
+def stage(stages: list[bpy.types.Scene] | None = None) -> Iterator[At]:
     """Yield a function `At` that evaluates objects in a temporary scene.
 
     The scene is made at the first call and removed at the end. Use one stage for many calls:
     whenever a scene is added or removed, Blender rebuilds the dependencies of all others.
 
-    kept: a list that keeps the scene for the next stage; the caller removes it.
+    stages: a list that keeps the scene for the next stage; the caller removes it.
     """
-    made = [] if kept is None else kept
+    scenes = [] if stages is None else stages
 
     def at(objects: Iterable[bpy.types.Object], time: float) -> bpy.types.Depsgraph:
-        if not made:
-            made.append(bpy.data.scenes.new("Crowd LOD stage"))  # its times are not remapped
-        for item in set(objects).difference(made[0].collection.objects):
-            made[0].collection.objects.link(item)
-        made[0].frame_set(int(time // 1), subframe=time % 1)
-        return made[0].view_layers[0].depsgraph
+        if not scenes:
+            scenes.append(bpy.data.scenes.new("Crowd LOD stage"))  # its times are not remapped
+        for item in set(objects).difference(scenes[0].collection.objects):
+            scenes[0].collection.objects.link(item)
+        scenes[0].frame_set(int(time // 1), subframe=time % 1)
+        return scenes[0].view_layers[0].depsgraph
 
     try:
         yield at
     finally:
-        if kept is None and made:  # asked to remove nothing, Blender goes through all the file, too
-            bpy.data.scenes.remove(*made)
+        # asked to remove nothing, Blender goes through all the file, too
+        if stages is None and scenes:
+            bpy.data.scenes.remove(*scenes)
 
 
 _stepped: set[int] = set()  # the session_uids of the scenes that are stepped now
@@ -56,10 +57,12 @@ def _at_rest(scene: bpy.types.Scene) -> Iterator[None]:
     if build is None or build.hide_viewport:
         yield
         return
-    layers, items = scene.view_layers, build.all_objects
+    layers = scene.view_layers
+    items = build.all_objects
+    # Blender lets go of it
     selected = [
         (layer, item) for layer in layers for item in items if item.select_get(view_layer=layer)
-    ]  # Blender lets go of it
+    ]
     build.hide_viewport = True
     try:
         yield
@@ -82,8 +85,11 @@ def stepped(scene: bpy.types.Scene, rest: bool = True) -> Iterator[At]:
     rest: the scene's build is out of sight and not evaluated meanwhile. For a few frames that takes
         longer than it saves.
     """
-    render, was = scene.render, (scene.frame_current, scene.frame_subframe)
-    outer, now, world = is_stepped(scene), None, scene.rigidbody_world
+    render = scene.render
+    was = (scene.frame_current, scene.frame_subframe)
+    outer = is_stepped(scene)
+    now = None
+    world = scene.rigidbody_world
     played = world.point_cache.frame_start - 1 if unbaked(scene) else None
 
     def at(objects: Iterable[bpy.types.Object], time: float) -> bpy.types.Depsgraph:
@@ -115,6 +121,5 @@ def unbaked(scene: bpy.types.Scene) -> str:
     start = world.point_cache.frame_start
     return (
         f"The rigid bodies of {scene.name} are unbaked, played from frame {start}: bake their "
-        f"cache, or render from that frame on, "
-        "so that renders show the same."
+        "cache, or render from that frame on, so that renders show the same."
     )

@@ -1,4 +1,4 @@
-"""The guard in which all that Blender calls of ours ends: handlers, timers, updates of properties.
+"""The guard around every function of ours that Blender calls: handlers, timers, updates.
 
 Whatever such a function raises, Blender would print as a traceback at each call, and show nowhere.
 The guard says it once, in a sentence: on stderr, and in the sidebar until a call succeeds.
@@ -26,9 +26,10 @@ def handler(function: Callable) -> Callable:
 def guarded(function: Callable | None = None, failed: Any = None) -> Callable:
     """Decorate a function that Blender calls: no exception leaves it.
 
-    failed: what it returns after one; of a timer the seconds to its next call, or None to end it.
+    failed: what it returns after an exception; for a timer the seconds to its next call, or None to
+        end it.
 
-    The first argument may be a scene or part of one: the trouble is then told of that scene alone.
+    The first argument may be a scene or part of one. The trouble is then told of that scene alone.
     """
     if function is None:
         return functools.partial(guarded, failed=failed)
@@ -62,7 +63,7 @@ def troubles_of(scene: bpy.types.Scene) -> list[str]:
 
 
 def clear_troubles(scene: bpy.types.Scene) -> None:
-    """Forget what failed in the scene: what follows it shows it again."""
+    """Forget what failed in the scene; what still fails is told again."""
     for key in [key for key in troubles if key[0] == scene.session_uid]:
         del troubles[key]
 
@@ -70,17 +71,17 @@ def clear_troubles(scene: bpy.types.Scene) -> None:
 def _tell(key: tuple[int, str], scene: bpy.types.Scene | None, error: Exception) -> None:
     """Note what a call raised, and print it unless the call before raised the same."""
     if isinstance(error, FAULTS):
-        told = sentence(error)
+        message = sentence(error)
     else:
-        told = (
+        message = (
             f"{key[1].rpartition('.')[2].strip('_')} failed in Crowd LOD ({type(error).__name__}: "
             f"{error}): "
             "the console has the details; save the file, start Blender again, and report it."
         )
-    if troubles.get(key) == told:
+    if troubles.get(key) == message:
         return
-    troubles[key] = told
+    troubles[key] = message
     if not isinstance(error, FAULTS):
         traceback.print_exception(error)
     where = f", frame {scene.frame_current}" if scene is not None else ""
-    print(f"Crowd LOD{where}: {told}", file=sys.stderr)
+    print(f"Crowd LOD{where}: {message}", file=sys.stderr)

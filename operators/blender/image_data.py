@@ -15,9 +15,9 @@ from . import scene_cache
 from .console import quiet
 
 # The values last read of each image, and when.
-_values: dict[int, tuple[np.ndarray, float]] = scene_cache.kept({})
+_values: dict[int, tuple[np.ndarray, float]] = scene_cache.add_cache({})
 MOST_IMAGES = 8
-# seconds between two looks at what has no cheap mark of change, where a look at each frame would
+# seconds, while an animation plays, between two reads of an image: to read it at each frame would
 # take too long
 LOOK_AGAIN = 1.0
 
@@ -42,10 +42,12 @@ def read_values(image: bpy.types.Image) -> np.ndarray:
     if not width * height or not image.has_data and not len(image.pixels):
         path = bpy.path.abspath(image.filepath) or "no file"
         raise CrowdError(f"The image {image.name} has no pixels ({path}): load or paint it again.")
-    shape, now = (height, width, image.channels), clock.monotonic()
+    shape = (height, width, image.channels)
+    now = clock.monotonic()
     before, looked = _values.pop(image.session_uid, (None, -np.inf))
     if before is not None and before.shape == shape and now < looked + LOOK_AGAIN and playing():
-        values, now = before, looked
+        values = before
+        now = looked
     else:
         values = np.empty(shape, np.float32)
         image.pixels.foreach_get(values.ravel())
@@ -87,8 +89,7 @@ def check_finite(image: bpy.types.Image, values: np.ndarray) -> None:
         wrong = np.argwhere(~np.isfinite(values).all(axis=2))
         raise CrowdError(
             f"The image {image.name} holds {counted(len(wrong), 'pixel')} at NaN or infinity, the "
-            f"first at column {wrong[0][1]}, row "
-            f"{wrong[0][0]} from the bottom: paint them again."
+            f"first at column {wrong[0][1]}, row {wrong[0][0]} from the bottom: paint them again."
         )
 
 
@@ -121,7 +122,8 @@ def save_png(path: Path, pixels: np.ndarray) -> None:
     image = bpy.data.images.new("Crowd LOD", columns, rows, alpha=True)
     try:
         image.pixels.foreach_set((pixels / np.float32(255)).ravel())
-        image.filepath_raw, image.file_format = str(path), "PNG"
+        image.filepath_raw = str(path)
+        image.file_format = "PNG"
         with writing(path):
             image.save()
     finally:

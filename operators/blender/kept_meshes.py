@@ -20,28 +20,30 @@ from .scene_data import node_inputs
 MADE_OF = "crowd_lod_made_of"  # custom property of such a mesh; see provenance.keep
 NAMES = "start_places", "terrain_mesh"  # the settings that refer to one
 SETTINGS = {"BOOLEAN", "INT", "FLOAT", "ENUM"}
+# settings of a modifier that change nothing of the shape
 PASSING = {
     "execution_time",
     "show_expanded",
     "is_active",
     "show_in_editmode",
-}  # of a modifier: these change nothing
-SAMPLED = 500  # vertices of a mesh that are looked at to tell whether it changed, about
+}
+SAMPLED = 500  # vertices of a mesh that a digest reads, about
 
 
 @contextmanager
 def taken_back(crowds: Sequence[bpy.types.PropertyGroup]) -> Iterator[None]:
-    """Give the crowds their old meshes back if the block raises or is closed early; else remove
-    those.
+    """Give the crowds their old meshes back if the block fails; else remove the old ones.
+
+    To be closed early is to fail.
     """
     before = [{name: getattr(crowd, name) for name in NAMES} for crowd in crowds]
-    unused = {mesh for own in before for mesh in own.values()}
+    unused = {mesh for meshes in before for mesh in meshes.values()}
     try:
         yield
     except BaseException:
         unused = {getattr(crowd, name) for crowd in crowds for name in NAMES}
-        for crowd, own in zip(crowds, before, strict=True):
-            for name, mesh in own.items():
+        for crowd, meshes in zip(crowds, before, strict=True):
+            for name, mesh in meshes.items():
                 setattr(crowd, name, mesh)
         raise
     finally:
@@ -84,9 +86,7 @@ def _marks(item: bpy.types.Object) -> tuple:
 
 
 def _modifier(modifier: bpy.types.Modifier) -> tuple:
-    """Return the settings of a modifier that are numbers or choices, and the inputs of its
-    nodes.
-    """
+    """Return the numbers and choices of a modifier, and the inputs of its nodes."""
     names = [
         setting.identifier
         for setting in modifier.bl_rna.properties
@@ -104,17 +104,18 @@ def _modifier(modifier: bpy.types.Modifier) -> tuple:
 
 
 def moving(objects: Sequence[bpy.types.Object]) -> list[str]:
-    """Return the names of objects that may move: they, or one above them, are animated or
-    constrained.
+    """Return the names of objects that may move.
+
+    These, or one of their parents, are animated or constrained.
     """
-    found = []
+    names = []
     for item in objects:
         above: bpy.types.Object | None = item
         while above is not None and not (above.animation_data or len(above.constraints)):
             above = above.parent
         if above is not None:
-            found.append(item.name)
-    return found
+            names.append(item.name)
+    return names
 
 
 def evaluated_triangles(
@@ -129,14 +130,15 @@ def evaluated_triangles(
     them.
     CrowdError if a vertex is at NaN or infinity.
     """
-    wanted, seen = set(objects), set()
-    for each in depsgraph.object_instances:
-        owner = each.parent.original if each.is_instance else each.object.original
-        if owner in wanted:
-            seen.add(owner)
-            yield from _shape(each.object, np.array(each.matrix_world, np.float64))
+    owners = set(objects)
+    instanced = set()
+    for instance in depsgraph.object_instances:
+        owner = instance.parent.original if instance.is_instance else instance.object.original
+        if owner in owners:
+            instanced.add(owner)
+            yield from _shape(instance.object, np.array(instance.matrix_world, np.float64))
     for item in objects:  # such as those hidden in the viewport
-        if item not in seen:
+        if item not in instanced:
             evaluated = item.evaluated_get(depsgraph)
             yield from _shape(evaluated, np.array(evaluated.matrix_world, np.float64))
 
@@ -156,8 +158,7 @@ def _shape(item: bpy.types.Object, matrix: np.ndarray) -> Iterator[tuple]:
         if wrong:
             raise CrowdError(
                 f"The object {item.name} has {counted(wrong, 'vertex', 'vertices')} at NaN or "
-                f"infinity: mend its mesh or its "
-                "modifiers, then press Populate."
+                "infinity: mend its mesh or its modifiers, then press Populate."
             )
         flipped = np.linalg.det(matrix[:3, :3]) < 0
         yield (

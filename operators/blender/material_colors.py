@@ -13,11 +13,11 @@ SIZE = 1024  # most pixels of an image along a side
 class Looks:
     """Collects the looks of one character's materials.
 
-    found: the materials' images.
+    sources: the materials' images.
     """
 
     def __init__(self):
-        self.found: list[bpy.types.Image] = []
+        self.sources: list[bpy.types.Image] = []
         self._pictures = np.empty((0, 1, 1, 4), np.uint8)
 
     def of(self, material: bpy.types.Material | None) -> tuple[float, float, float, float]:
@@ -30,20 +30,20 @@ class Looks:
         image = _image_behind(socket)
         if image is None:
             return *socket.default_value[:3], -1.0
-        if image not in self.found:
-            self.found.append(image)
-        return 1.0, 1.0, 1.0, float(self.found.index(image))
+        if image not in self.sources:
+            self.sources.append(image)
+        return 1.0, 1.0, 1.0, float(self.sources.index(image))
 
     def images(self) -> np.ndarray:
         """Return the images, (n, size, size, 4) uint8, sRGB, bottom row first.
 
         size: the longest side of all images, at most SIZE.
         """
-        if len(self._pictures) == len(self.found):
+        if len(self._pictures) == len(self.sources):
             return self._pictures
-        size = min(SIZE, max((max(image.size) for image in self.found), default=1))
-        pictures = np.full((len(self.found), size, size, 4), 255, np.uint8)
-        for picture, image in zip(pictures, self.found, strict=True):
+        size = min(SIZE, max((max(image.size) for image in self.sources), default=1))
+        pictures = np.full((len(self.sources), size, size, 4), 255, np.uint8)
+        for picture, image in zip(pictures, self.sources, strict=True):
             values = image_data.read_values(image)[..., : 3 if image.channels > 2 else 1]
             # the nearest pixel of each; a scaled copy of the image would lack what is painted and
             # not yet saved
@@ -75,13 +75,14 @@ def _base_color(material: bpy.types.Material) -> bpy.types.NodeSocket | None:
 
 def _image_behind(socket: bpy.types.NodeSocket) -> bpy.types.Image | None:
     """Return the first image with pixels that the socket's links reach, or None."""
-    waiting, seen = [socket], set()
+    waiting = [socket]
+    visited = set()
     while waiting:
         for link in waiting.pop(0).links:
             node = link.from_node
-            if node in seen:
+            if node in visited:
                 continue
-            seen.add(node)
+            visited.add(node)
             image = node.image if node.type == "TEX_IMAGE" else None
             if image is not None and (image.has_data or len(image.pixels)):
                 return image

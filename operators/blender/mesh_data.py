@@ -18,7 +18,8 @@ def read_triangles(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray, np.nda
     mesh.vertices.foreach_get("co", points.ravel())
     mesh.calc_loop_triangles()
     count = len(mesh.loop_triangles)
-    triangles, corners = np.empty((count, 3), np.int32), np.empty((count, 3), np.int32)
+    triangles = np.empty((count, 3), np.int32)
+    corners = np.empty((count, 3), np.int32)
     faces = np.empty(count, np.int32)
     mesh.loop_triangles.foreach_get("vertices", triangles.ravel())
     mesh.loop_triangles.foreach_get("loops", corners.ravel())
@@ -46,8 +47,20 @@ def fill_mesh(mesh: bpy.types.Mesh, points: np.ndarray, triangles: np.ndarray) -
 
 
 # what an object that takes another's place keeps of it
-SHOWN = ("hide_render", "hide_viewport", "visible_camera", "visible_diffuse", "visible_glossy", "visible_transmission",
-         "visible_volume_scatter", "visible_shadow", "is_holdout", "is_shadow_catcher", "pass_index", "color")  # fmt: skip
+SHOWN = (
+    "hide_render",
+    "hide_viewport",
+    "visible_camera",
+    "visible_diffuse",
+    "visible_glossy",
+    "visible_transmission",
+    "visible_volume_scatter",
+    "visible_shadow",
+    "is_holdout",
+    "is_shadow_catcher",
+    "pass_index",
+    "color",
+)
 
 
 def mesh_like(item: bpy.types.Object, mesh: bpy.types.Mesh) -> bpy.types.Object:
@@ -61,9 +74,10 @@ def mesh_like(item: bpy.types.Object, mesh: bpy.types.Mesh) -> bpy.types.Object:
         setattr(copy, name, getattr(item, name))
     for key, value in item.items():
         copy[key] = value
-    for slot, own in zip(copy.material_slots, item.material_slots, strict=False):
-        if own.link == "OBJECT":
-            slot.link, slot.material = "OBJECT", own.material
+    for slot, source in zip(copy.material_slots, item.material_slots, strict=False):
+        if source.link == "OBJECT":
+            slot.link = "OBJECT"
+            slot.material = source.material
     return copy
 
 
@@ -106,7 +120,8 @@ def write_points(mesh: bpy.types.Mesh, columns: dict[str, np.ndarray]) -> None:
     mesh.vertices.add(len(columns["position"]))
     for name, values in columns.items():
         if name == "position":
-            attribute, field = mesh.attributes["position"], "vector"
+            attribute = mesh.attributes["position"]
+            field = "vector"
         else:
             attribute = mesh.attributes.new(name, KINDS[values.dtype, values.ndim], "POINT")
             field = "vector" if values.ndim == 2 else "value"
@@ -174,9 +189,7 @@ def world_faces(evaluated: bpy.types.Object) -> tuple[np.ndarray, np.ndarray, np
 
 
 def some_vertices(mesh: bpy.types.Mesh, about: int) -> list[tuple[float, float, float]]:
-    """Return where roughly `about` of the mesh's vertices are, evenly chosen; all of a small
-    one.
-    """
+    """Return where about `about` of the mesh's vertices are, evenly chosen; all of a small mesh."""
     count = len(mesh.vertices)
     return [tuple(mesh.vertices[k].co) for k in range(0, count, max(1, count // about))]
 
@@ -205,12 +218,12 @@ def key_reaches(item: bpy.types.Object) -> np.ndarray:
 
     Of a mesh's keys but the first.
     """
-    found = []
+    reaches = []
     for key in (
         item.data.shape_keys.key_blocks[1:] if item.type == "MESH" and item.data.shape_keys else ()
     ):
         at = np.empty((2, len(key.data), 3), np.float32)
         for each, points in zip((key, key.relative_key), at, strict=True):
             each.data.foreach_get("co", points.ravel())
-        found.append(float(np.linalg.norm(at[0] - at[1], axis=1).max(initial=0)))
-    return np.array(found)
+        reaches.append(float(np.linalg.norm(at[0] - at[1], axis=1).max(initial=0)))
+    return np.array(reaches)

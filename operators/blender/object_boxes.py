@@ -9,27 +9,29 @@ FLAT = 1e-6  # of its largest size, below which a box has no thickness
 
 
 def box_of(item: bpy.types.Object) -> np.ndarray:
-    """Return the lowest and the highest corner of the object's box in its own space, (2, 3)
-    float64.
-    """
+    """Return the lowest and the highest corner of the object's box in its space, (2, 3) float64."""
     if item.type == "EMPTY":
         return np.array([[-1.0], [1.0]]) * np.full((2, 3), item.empty_display_size)
     corners = np.array(item.bound_box, np.float64)
     return np.array([corners.min(axis=0), corners.max(axis=0)])
 
 
-def in_box(item: bpy.types.Object, points: np.ndarray, told: str) -> np.ndarray:
-    """Return which of the points (n, 3) lie in the box about the evaluated object `item`, (n,)
-    bool.
+def in_box(item: bpy.types.Object, points: np.ndarray, title: str) -> np.ndarray:
+    """Return which of the points (n, 3) lie in the box about an evaluated object, (n,) bool.
 
     A flat box, such as a plane's, reaches up and down without end.
-    CrowdError if it has no area; `told` is what the error calls it.
+    CrowdError if the box has no area.
+
+    title: what the error calls the object.
     """
     low, high = box_of(item)
-    size, matrix = high - low, np.array(item.matrix_world, np.float64)
+    size = high - low
+    matrix = np.array(item.matrix_world, np.float64)
     flat = size <= FLAT * size.max()
     if flat.sum() > 1 or not np.linalg.cond(matrix) < 1e9:
-        raise CrowdError(f"{told} has no area: give it vertices that span one, or a scale above 0.")
+        raise CrowdError(
+            f"{title} has no area: give it vertices that span one, or a scale above 0."
+        )
     with np.errstate(invalid="ignore"):  # a point at NaN is in no box
         own = np.linalg.solve(matrix[:3, :3], points.T - matrix[:3, 3:])
         return (flat[:, None] | ((own >= low[:, None]) & (own <= high[:, None]))).all(axis=0)

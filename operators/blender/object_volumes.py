@@ -9,9 +9,8 @@ from mathutils.bvhtree import BVHTree
 
 from ...crowd_lod.errors import CrowdError
 
-# along no edge or face of what users model; a ray goes on so far behind where it met the surface,
-# in parts of the mesh's size
-ALONG, ONWARD = Vector((0.1737, 0.0931, 0.9804)), 1e-6
+ALONG = Vector((0.1737, 0.0931, 0.9804))  # of rays: along no edge or face that users model
+ONWARD = 1e-6  # of the mesh's size: so far behind a surface that it met, a ray goes on
 
 
 def closed(mesh: bpy.types.Mesh) -> bool:
@@ -21,35 +20,38 @@ def closed(mesh: bpy.types.Mesh) -> bool:
     return len(edges) > 0 and bool((np.bincount(edges, minlength=len(mesh.edges)) == 2).all())
 
 
-def in_volume(item: bpy.types.Object, points: np.ndarray, told: str) -> np.ndarray:
+def in_volume(item: bpy.types.Object, points: np.ndarray, title: str) -> np.ndarray:
     """Return which of the points (n, 3) lie inside the closed mesh of the object `item`, (n,) bool.
 
     The object is evaluated.
 
     A ray from a point inside meets the surface an odd number of times.
-    CrowdError if the mesh has no inside; `told` is what the error calls it.
+    CrowdError if the mesh has no inside; `title` is what the error calls it.
     """
     matrix = np.array(item.matrix_world, np.float64)
     if not closed(item.data) or not np.linalg.cond(matrix) < 1e9:
         raise CrowdError(
-            f"{told} is no closed mesh: fill its holes, give it a scale above 0, or set Agents By "
+            f"{title} is no closed mesh: fill its holes, give it a scale above 0, or set Agents By "
             f"to Region."
         )
     corners = _corners(item.data)
-    low, high = corners.min(axis=0)[:, None], corners.max(axis=0)[:, None]
+    low = corners.min(axis=0)[:, None]
+    high = corners.max(axis=0)[:, None]
     tree = BVHTree.FromPolygons(
         corners.tolist(), [tuple(face.vertices) for face in item.data.polygons]
     )
     with np.errstate(invalid="ignore"):  # a point at NaN is in no mesh
-        own = np.linalg.solve(matrix[:3, :3], points.T - matrix[:3, 3:])
-        found = ((own >= low) & (own <= high)).all(axis=0)
+        local = np.linalg.solve(matrix[:3, :3], points.T - matrix[:3, 3:])
+        inside = ((local >= low) & (local <= high)).all(axis=0)
     onward = ALONG * (ONWARD * float((high - low).max()))
-    for index in np.flatnonzero(found):
-        start, met = Vector(own[:, index]), 0
+    for index in np.flatnonzero(inside):
+        start = Vector(local[:, index])
+        met = 0
         while (hit := tree.ray_cast(start, ALONG)[0]) is not None:
-            start, met = hit + onward, met + 1
-        found[index] = met % 2 == 1
-    return found
+            start = hit + onward
+            met = met + 1
+        inside[index] = met % 2 == 1
+    return inside
 
 
 def shape_of(mesh: bpy.types.Mesh) -> str:

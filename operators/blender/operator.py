@@ -89,7 +89,8 @@ class Stepwise(Reporting):
         return finished(self.steps(context))
 
     def invoke(self, context, event) -> set[str]:
-        self._steps, self._started = self.steps(context), clock.monotonic()
+        self._steps = self.steps(context)
+        self._started = clock.monotonic()
         self._timer = context.window_manager.event_timer_add(0.01, window=context.window)
         context.window_manager.progress_begin(0, 100)
         context.window_manager.modal_handler_add(self)

@@ -26,8 +26,8 @@ UNTITLED = "untitled"  # stands for it while the file was never saved
 class _File:
     """The open file.
 
-    number: in this session; an unsaved file has a folder of its own by it.
-    unsaved: paths of settings at which it has output that has no place yet.
+    number: of the file in this session; it names the temporary folder of a file without a place.
+    unsaved: paths in settings whose output still lies in that folder.
     before: (owner, name, text) of the settings that differ in the file that is being saved.
     """
 
@@ -65,11 +65,12 @@ def _temporary(text: str) -> Path:
 
 
 def output_path(scene: bpy.types.Scene, part: str = "") -> str:
-    """Return the folder of a step's output as a path for settings; in it full_path finds the
-    folder.
+    """Return the folder of a step's output, as a path that a setting can hold.
 
-    part: of the folder; "" is the whole. Where several scenes of the file have crowds and the same
-        folder, each has one of its own in it.
+    full_path finds the folder by it. Where several scenes of the file have crowds and the same
+    folder, each has one of its own within.
+
+    part: of the folder; "" is all of it.
 
     CrowdError if the setting is empty.
     """
@@ -78,17 +79,19 @@ def output_path(scene: bpy.types.Scene, part: str = "") -> str:
         raise CrowdError(
             f"Output Folder is empty: give a folder, such as //{BLEND_NAME}_crowd_lod."
         )
-    others = [
+    neighbors = [
         other.crowd_lod for other in bpy.data.scenes if other != scene and other.library is None
     ]
-    shared = any(other.characters is not None and other.output_folder == text for other in others)
+    shared = any(
+        other.characters is not None and other.output_folder == text for other in neighbors
+    )
     names = [bpy.path.clean_name(scene.name)] * shared + [part] * bool(part)
     top = text if text.endswith(("/", "\\")) else f"{text}/"
     return saved_path(top + "/".join(names))
 
 
 def saved_path(text: str) -> str:
-    """Return a path to keep in a setting, at which there is output now.
+    """Return the path of existing output, to keep in a setting.
 
     It names the saved file that owns the output, also in one that is saved under another name
     later.
@@ -108,7 +111,8 @@ def output_folder(scene: bpy.types.Scene, part: str = "") -> Path:
 def place_of(path: Path) -> str:
     """Return the place of output in words, with what becomes of it."""
     temporary = not bpy.data.filepath and path.is_relative_to(bpy.app.tempdir)
-    return f"{printable(path)}{', until Blender ends: save the file to keep it beside it' if temporary else ''}"
+    fate = ", until Blender ends: save the file to keep it beside it" if temporary else ""
+    return f"{printable(path)}{fate}"
 
 
 def output_file(path: Path, *endings: str) -> Path:
@@ -147,7 +151,7 @@ def _paths() -> Iterator[tuple[bpy.types.PropertyGroup, str]]:
 
 @handler
 def before_saving(path: str, *_) -> None:
-    """Make settings name, from the place where the file will be, what they name now (save_pre)."""
+    """Rewrite relative paths in settings so that they hold from the new place (save_pre)."""
     _file.before.clear()
     for owner, name in _paths() if path else ():
         text = getattr(owner, name)
@@ -170,9 +174,7 @@ def _seen_from(text: str, path: Path) -> str:
 
 @handler
 def after_saving(path: str, *_) -> None:
-    """Move the output of a file that has a place now (save_post); a saved copy gets a copy of
-    it.
-    """
+    """Move the output of a file that has a place now; for a saved copy, copy it (save_post)."""
     copied = path != bpy.data.filepath
     if copied:
         not_saved()
@@ -184,7 +186,7 @@ def after_saving(path: str, *_) -> None:
 
 
 def _move(source: Path, target: Path, copied: bool) -> None:
-    """Move a file or folder; into a folder that is there already, too. Or copy it."""
+    """Move or copy a file or folder, also into a folder that exists."""
     if source.is_dir():
         shutil.copytree(source, target, dirs_exist_ok=True)
         if not copied:
@@ -195,7 +197,7 @@ def _move(source: Path, target: Path, copied: bool) -> None:
 
 @handler
 def not_saved(*_) -> None:
-    """Give the settings of the open file back what they were (save_post_fail)."""
+    """Take back what before_saving did to the settings of the open file (save_post_fail)."""
     for owner, name, text in _file.before:
         setattr(owner, name, text)
     _file.before.clear()
@@ -203,7 +205,7 @@ def not_saved(*_) -> None:
 
 @handler
 def opened(*_) -> None:
-    """Begin anew: output of the file before is not that of the new one (load_post)."""
+    """Forget the output of the file before: it is not that of the new one (load_post)."""
     _file.number += 1
     _file.unsaved.clear()
     _file.before.clear()

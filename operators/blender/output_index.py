@@ -9,12 +9,13 @@ from ...crowd_lod.format import printable
 from ...crowd_lod.reporting.output_index import Entry, add_to_index
 from .output_folders import output_folder
 
+# of the folder's parts
 TITLES = {
     "preview": "Preview",
     "plan": "Plan Shot",
     "verify": "Verify",
     "usd": "Export USD",
-}  # of the folder's parts
+}
 
 
 def note_output(scene: bpy.types.Scene, part: str) -> None:

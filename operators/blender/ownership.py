@@ -25,7 +25,8 @@ def remove_owned(top: bpy.types.Collection, heirs: Sequence[bpy.types.Collection
     heirs: one for each child of `top`, in order; whatever refers to a child, such as a build, then
         refers to its heir.
     """
-    inside, left = {top}, [top]
+    inside = {top}
+    left = [top]
     while left:
         ours = {child for child in left.pop().children if child.get(OWNED)} - inside
         inside |= ours
@@ -43,13 +44,13 @@ def remove_owned(top: bpy.types.Collection, heirs: Sequence[bpy.types.Collection
     objects = [o for o in top.all_objects if o.get(OWNED)]
     data = {o.data for o in objects if o.data is not None and o.data.get(OWNED)}
     users = bpy.data.user_map(subset=data)
-    # the user may have taken one
+    # the user may have put one into objects of their own
     data = [block for block in data if users[block].issubset(objects)]
     doomed = [*objects, *data, *inside]
     for child, heir in zip(list(top.children), heirs, strict=False):
         child.user_remap(heir)
     bpy.data.batch_remove(doomed)
-    # each may hold the next
+    # each kind may hold data of the next
     for kind in (bpy.data.actions, bpy.data.materials, bpy.data.node_groups, bpy.data.images):
         while unused := [block for block in kind if block.get(OWNED) and not block.users]:
             bpy.data.batch_remove(unused)

@@ -6,28 +6,17 @@ So it is with the steps of cross-fades, whose poses are mixed of two actions (po
 """
 
 import re
-from collections.abc import Iterable, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import bpy
 import numpy as np
 
-from ...crowd_lod.crowd.agents import Group
-from ...crowd_lod.crowd.paces import mixed_in
-from ...crowd_lod.errors import CrowdError
+from .animation import curves_of, players_of
 from .pose_mixing import AT_REST, Mixture
-from .props import group_of
-from .rig_dependencies import (
-    action_range,
-    armatures_of,
-    curves_of,
-    players_of,
-    read_columns,
-    span_of,
-)
-from .root_motion import RootMotion, TakenOut, of_action, of_character
+from .rig_dependencies import read_columns
+from .root_motion import RootMotion, TakenOut
 
 BONE = re.compile(r'pose\.bones\["(.*)"\]')
 # how an action is played, and how a bone stands
@@ -108,39 +97,42 @@ class Performance:
         """Whether every part lasts one frame."""
         return all(part.first == part.last for part in self.parts)
 
-    def keys(self, each: int) -> np.ndarray:
-        """Return the moments of `each` keys a frame of the first part, (k,) float64, its ends among
-        them.
+    def keys(self, per_frame: int) -> np.ndarray:
+        """Return the moments of keys of the first part, (k,) float64, its ends among them.
 
         A step of a cross-fade has those of both its actions: their keys bend its curves.
+
+        per_frame: how many in a frame.
         """
-        part, (first, last) = self.parts[0], self.spans[0]
+        part = self.parts[0]
+        first, last = self.spans[0]
         lengths = {
             max(own.last - own.first, 1.0) for own in (part.mixed[:2] if part.mixed else (part,))
         }
         return np.unique(
             np.concatenate(
-                [np.linspace(first, last, int(np.ceil(each * length)) + 1) for length in lengths]
+                [
+                    np.linspace(first, last, int(np.ceil(per_frame * length)) + 1)
+                    for length in lengths
+                ]
             ).round(6)
         )
 
     def curves_on(self, item: bpy.types.Object) -> list[bpy.types.FCurve]:
-        """Return the curves that move the object `item` in any of the parts, or its own
-        animation.
-        """
-        named = [
-            _curves(part.action, part.handle)
+        """Return the curves that move the object in any of the parts, or in its own animation."""
+        of_action = [
+            slot_curves(part.action, part.handle)
             for part in self.parts
             if part.player is item and part.action is not None
         ]
         return [
-            curve for curves in (*map(curves_of, players_of([item])), *named) for curve in curves
+            curve
+            for curves in (*map(curves_of, players_of([item])), *of_action)
+            for curve in curves
         ]
 
     def only(self, name: str) -> "Performance":
-        """Return the performance of one action alone; of the character's own if it plays none of
-        that `name`.
-        """
+        """Return the performance of the action `name` alone; of the own one if it is not played."""
         return Performance(
             [next((part for part in self.parts if part.name == name), self.parts[0])]
         )
@@ -159,7 +151,7 @@ class Performance:
         if self._mixture is not None and part.mixed:
             phase = (frame - part.first) / max(part.last - part.first, 1e-9)
             one, other = (each.first + phase * (each.last - each.first) for each in part.mixed[:2])
-            self._mixture.put((one, other))
+            self._mixture.set_pose((one, other))
         stage.frame_set(int(frame // 1), subframe=float(frame % 1))
 
     def _play(self, part: Part) -> None:
@@ -183,7 +175,7 @@ class Performance:
         if part.mixed:
             self._mixture = Mixture(
                 player,
-                [_curves(own.action, own.handle) for own in part.mixed[:2]],
+                [slot_curves(own.action, own.handle) for own in part.mixed[:2]],
                 part.mixed[2],
                 _paths_moved(player),
             )
@@ -200,7 +192,10 @@ class Performance:
         self._root.restore()
         if self._before:
             self._take_off()
-        self._playing, self._before, self._root, self._mixture = None, [], None, None
+        self._playing = None
+        self._before = []
+        self._root = None
+        self._mixture = None
 
     def _take_off(self) -> None:
         (player, new, action, handle, before), *bones = self._before
@@ -230,19 +225,19 @@ def _unkeyed(player: bpy.types.Object, part: Part) -> list[tuple[bpy.types.PoseB
     if player.pose is None or player.animation_data is None:
         return []
     parts = part.mixed[:2] if part.mixed else (part,)
-    put = {curve.data_path for each in parts for curve in _curves(each.action, each.handle)}
-    found = (
+    put = {curve.data_path for each in parts for curve in slot_curves(each.action, each.handle)}
+    keyed = (
         (BONE.match(path), path.rpartition(".")[2]) for path in sorted(_paths_moved(player) - put)
     )
-    named = [
+    animated = [
         (bpy.utils.unescape_identifier(bone[1]), name)
-        for bone, name in found
+        for bone, name in keyed
         if bone and name in AT_REST
     ]
     bones = player.pose.bones
     return [
         (bones[bone], name, tuple(getattr(bones[bone], name)))
-        for bone, name in named
+        for bone, name in animated
         if bone in bones
     ]
 
@@ -251,166 +246,8 @@ def _paths_moved(player: bpy.types.Object) -> set[str]:
     return {curve.data_path for each in players_of([player]) for curve in curves_of(each)}
 
 
-def _curves(action: bpy.types.Action, handle: int) -> list[bpy.types.FCurve]:
+def slot_curves(action: bpy.types.Action, handle: int) -> list[bpy.types.FCurve]:
     return curves_of(SimpleNamespace(action=action, action_slot_handle=handle))
-
-
-def own(objects: list[bpy.types.Object]) -> Performance:
-    """Return the performance of the character's own action alone."""
-    return Performance([_own_part(objects)])
-
-
-def _own_part(objects: list[bpy.types.Object]) -> Part:
-    root = of_character(objects)
-    return Part("", *action_range(objects), root=root, stride=root.way)
-
-
-def performance_of(
-    group: str, objects: list[bpy.types.Object], names: Iterable[str] = ()
-) -> Performance:
-    """Return the performance of the character group's own action and of those that states name.
-
-    group: its name.
-    objects: the character's.
-    names: of the actions, as states name them.
-
-    CrowdError if there is no such action, or if the character cannot play it.
-    """
-    names = list(names)
-    steps = {name: mixed for name in names if (mixed := mixed_in(name))}
-    needed = dict.fromkeys(
-        [
-            *(name for name in names if name not in steps),
-            *(each for mixed in steps.values() for each in mixed[:2]),
-        ]
-    )
-    known = {
-        name: _named(group, objects, name) if name else _own_action(group, objects)
-        for name in needed
-    }
-    known |= {
-        name: _mixed(group, name, (known[before], known[after], share))
-        for name, (before, after, share) in steps.items()
-    }
-    return Performance([*own(objects).parts, *(known[name] for name in names)])
-
-
-def group_performance(group: Group, objects: list[bpy.types.Object]) -> Performance:
-    """Return the performance of the character group's own action and of those that it was measured
-    with.
-
-    objects, errors: see performance_of.
-    """
-    return performance_of(group.name, objects, [action.name for action in group.actions])
-
-
-def called(group: str, name: str) -> list[str]:
-    """Return the names in the file of an action that the group plays as `name`, the best first."""
-    owners = dict.fromkeys((group, group_of(group)))
-    return [*(each for owner in owners for each in (f"{owner} {name}", f"{name} {owner}")), name]
-
-
-def _mixed(group: str, name: str, mixed: tuple[Part, Part, float]) -> Part:
-    """Return the step `name` of a cross-fade; it lasts as long as the longer of its actions.
-
-    mixed: see Part.
-    """
-    one, other, _ = mixed
-    if one.player != other.player:
-        raise CrowdError(
-            f"The actions {one.action.name} and {other.action.name} move two objects of {group}, "
-            f"{one.player.name} and "
-            f"{other.player.name}: no state can fade from one to the other; set its fade to 0."
-        )
-    longer = max(one, other, key=lambda part: part.last - part.first)
-    return Part(name, longer.first, longer.last, player=one.player, mixed=mixed)
-
-
-def _own_action(group: str, objects: list[bpy.types.Object]) -> Part:
-    """Return the action that the character plays of itself, if it is one action of one object."""
-    for player in (*armatures_of(objects), *objects):
-        data = player.animation_data
-        plain = data is not None and (data.action_blend_type, data.action_influence) == (
-            "REPLACE",
-            1,
-        )
-        if plain and data.action is not None and players_of([player]) == [data]:
-            return replace(
-                _own_part(objects),
-                action=data.action,
-                handle=data.action_slot_handle,
-                player=player,
-            )
-    raise CrowdError(
-        f"A state fades from or to the own action of the character group {group}, whose animation "
-        f"is not one action of one object: "
-        "name an action for each of these states, or set their fade to 0."
-    )
-
-
-def _named(group: str, objects: list[bpy.types.Object], name: str) -> Part:
-    action = next(
-        (bpy.data.actions[each] for each in called(group, name) if each in bpy.data.actions), None
-    )
-    if action is None:
-        raise CrowdError(
-            f"The state machine names the action {name}, and the file has none for the character "
-            f"group {group}: call one "
-            f"{' or '.join(called(group, name))}."
-        )
-    found = _player(objects, action)
-    if found is None:
-        raise CrowdError(
-            f"The action {action.name} is of another rig: most of its curves move nothing of the "
-            f"character group {group}. "
-            f"Name its own action {called(group, name)[0]}."
-        )
-    player, handle = found
-    first, last = span_of(action, _curves(action, handle))
-    if first == last:
-        raise CrowdError(
-            f"The action {action.name} has one frame: key it at two frames or more, for {group} "
-            f"to play it in a cycle."
-        )
-    root = of_action(player, objects, action, handle, (first, last))
-    return Part(name, first, last, action, handle, player, root, _stride(action) or root.way)
-
-
-def _player(
-    objects: list[bpy.types.Object], action: bpy.types.Action
-) -> tuple[bpy.types.Object, int] | None:
-    """Return the object that most curves of a slot of `action` move, and the slot's handle.
-
-    Of several objects of the character it is the first.
-    """
-    for player in (*armatures_of(objects), *objects):
-        for slot in sorted(action.slots, key=lambda slot: slot.identifier != f"OB{player.name}"):
-            curves = (
-                _curves(action, slot.handle)
-                if slot.target_id_type in ("OBJECT", "UNSPECIFIED")
-                else []
-            )
-            if 2 * sum(_moves(player, curve) for curve in curves) > len(curves):
-                return player, slot.handle
-    return None
-
-
-def _moves(player: bpy.types.Object, curve: bpy.types.FCurve) -> bool:
-    with suppress(ValueError):
-        player.path_resolve(curve.data_path)
-        return True
-    return False
-
-
-def _stride(action: bpy.types.Action) -> float:
-    """Return the custom property `stride` of the action, meters; 0 without one."""
-    value = action.get("stride", 0)
-    if not isinstance(value, int | float) or not 0 <= value < np.inf:
-        raise CrowdError(
-            f"The property stride of the action {action.name} is {value!r}: set a number of "
-            f"meters, or remove it."
-        )
-    return float(value)
 
 
 def digest(parts: Sequence[Part]) -> list:
@@ -429,7 +266,7 @@ def digest(parts: Sequence[Part]) -> list:
             (part.name, part.first, part.last, part.stride),
             [
                 (c.data_path, c.array_index, c.mute, read_columns(c.keyframe_points, columns))
-                for c in _curves(part.action, part.handle)
+                for c in slot_curves(part.action, part.handle)
             ],
         )
         for part in parts

@@ -32,13 +32,14 @@ class _Channel:
 
 
 class Mixture:
-    """Two actions on `player`. It must play no action itself, and `restore` gives back how it
-    stood.
+    """Two actions on `player`, mixed.
+
+    The player must play no action itself. `restore` gives back how it stood.
 
     actions: the curves of both.
     share: of the second action, 0 to 1.
-    moved: the paths of what its own animation moves: an action that leaves that alone has it at
-        rest, and all else as it stands.
+    moved: the paths that its own animation moves. Where an action leaves one of these alone, it
+        counts as at rest; all other values stay as they are.
     """
 
     def __init__(
@@ -48,7 +49,8 @@ class Mixture:
         share: float,
         moved: Container[str],
     ):
-        self.player, self.share = player, share
+        self.player = player
+        self.share = share
         self.channels: dict[str, _Channel] = {}
         for side, curves in enumerate(actions):
             for curve in curves:
@@ -56,23 +58,23 @@ class Mixture:
                 if curve.mute or (curve.group is not None and curve.group.mute):
                     continue
                 if path not in self.channels:
-                    found = _channel(player, path, path in moved)
-                    if found is None:
+                    channel = _channel(player, path, path in moved)
+                    if channel is None:
                         continue
-                    self.channels[path] = found
+                    self.channels[path] = channel
                 self.channels[path].sides[side][curve.array_index] = curve
 
-    def put(self, frames: tuple[float, float]) -> None:
+    def set_pose(self, frames: tuple[float, float]) -> None:
         """Set the pose between the actions, each at its own frame."""
         for channel in self.channels.values():
-            both = []
+            ends = []
             for frame, curves in zip(frames, channel.sides, strict=True):
                 values = channel.rest.copy()
                 for index, curve in curves.items():
                     if index < len(values):
                         values[index] = curve.evaluate(frame)
-                both.append(values)
-            _write(channel, _between(channel, *both, self.share))
+                ends.append(values)
+            _write(channel, _between(channel, *ends, self.share))
         self.player.update_tag()  # a custom property does not
 
     def restore(self) -> None:
@@ -88,11 +90,13 @@ def _channel(player: bpy.types.Object, path: str, moved: bool) -> _Channel | Non
     moved: by the player's own animation.
     """
     if path.endswith('"]'):
-        owner, name = path[: path.rindex('["')], path[path.rindex('["') :]
+        owner = path[: path.rindex('["')]
+        name = path[path.rindex('["') :]
     else:
         owner, _, name = path.rpartition(".")
     try:
-        holder, value = player.path_resolve(owner) if owner else player, player.path_resolve(path)
+        holder = player.path_resolve(owner) if owner else player
+        value = player.path_resolve(path)
     except ValueError:  # of another rig: it moves nothing
         return None
     if isinstance(value, str):
@@ -108,23 +112,23 @@ def _channel(player: bpy.types.Object, path: str, moved: bool) -> _Channel | Non
     )
 
 
-def _between(channel: _Channel, one: np.ndarray, other: np.ndarray, share: float) -> np.ndarray:
-    """Return the values between `one` and `other`; turns go the shorter way."""
-    if channel.name == "rotation_quaternion" and one.any() and other.any():
-        turns = [Quaternion(values).normalized() for values in (one, other)]
+def _between(channel: _Channel, before: np.ndarray, after: np.ndarray, share: float) -> np.ndarray:
+    """Return the values between `before` and `after`; turns go the shorter way."""
+    if channel.name == "rotation_quaternion" and before.any() and after.any():
+        turns = [Quaternion(values).normalized() for values in (before, after)]
         return np.array(turns[0].slerp(turns[1], share))
     if channel.name == "rotation_euler" and channel.holder.rotation_mode not in (
         "QUATERNION",
         "AXIS_ANGLE",
     ):
         order = channel.holder.rotation_mode
-        turns = [Euler(values, order).to_quaternion() for values in (one, other)]
-        return np.array(turns[0].slerp(turns[1], share).to_euler(order, Euler(one, order)))
-    if channel.name == "rotation_axis_angle" and one[1:].any() and other[1:].any():
-        turns = [Quaternion(values[1:], values[0]) for values in (one, other)]
+        turns = [Euler(values, order).to_quaternion() for values in (before, after)]
+        return np.array(turns[0].slerp(turns[1], share).to_euler(order, Euler(before, order)))
+    if channel.name == "rotation_axis_angle" and before[1:].any() and after[1:].any():
+        turns = [Quaternion(values[1:], values[0]) for values in (before, after)]
         axis, angle = turns[0].slerp(turns[1], share).to_axis_angle()
         return np.array([angle, *axis])
-    return (1 - share) * one + share * other
+    return (1 - share) * before + share * after
 
 
 def _write(channel: _Channel, values: np.ndarray) -> None:

@@ -56,18 +56,18 @@ def variants_of(
                 f"it one, or remove its custom "
                 f'property "{PROP}".'
             )
-    drawn = sorted(
+    props = sorted(
         {prop for prop in of.values() if prop is not None and 0 < chances.get(prop, 1) < 1},
         key=_called,
     )
-    if len(drawn) > MOST_PROPS:
+    if len(props) > MOST_PROPS:
         raise CrowdError(
-            f"The character group {name} has {len(drawn)} props "
-            f"({', '.join(map(_called, drawn))}), and {2 ** len(drawn)} variants "
+            f"The character group {name} has {len(props)} props "
+            f"({', '.join(map(_called, props))}), and {2 ** len(props)} variants "
             f"of it: use at most {MOST_PROPS}, or make it several groups."
         )
-    for worn in product((False, True), repeat=len(drawn)):
-        left = {prop for prop, has in zip(drawn, worn, strict=True) if not has} | {
+    for worn in product((False, True), repeat=len(props)):
+        left = {prop for prop, has in zip(props, worn, strict=True) if not has} | {
             prop for prop in chances if not chances[prop]
         }
         objects = [item for item in shapes if of[item] not in left]
@@ -77,12 +77,12 @@ def variants_of(
                 f"agents have."
             )
         with_props = JOINT.join(
-            [name, *(_called(prop) for prop, has in zip(drawn, worn, strict=True) if has)]
+            [name, *(_called(prop) for prop, has in zip(props, worn, strict=True) if has)]
         )
         yield Variant(
             with_props,
             objects,
-            prod(chances[p] if has else 1 - chances[p] for p, has in zip(drawn, worn, strict=True)),
+            prod(chances[p] if has else 1 - chances[p] for p, has in zip(props, worn, strict=True)),
         )
 
 
@@ -92,10 +92,11 @@ def _called(prop: bpy.types.Object) -> str:
 
 def _prop_of(item: bpy.types.Object) -> bpy.types.Object | None:
     """Return the outermost prop that the object is, or is parented to; None if it is of no prop."""
-    found = None
+    prop = None
     while item is not None:
-        found, item = item if PROP in item else found, item.parent
-    return found
+        prop = item if PROP in item else prop
+        item = item.parent
+    return prop
 
 
 def _chance(item: bpy.types.Object) -> float:

@@ -1,7 +1,7 @@
-"""What something was made of: digests by content of named inputs, kept with what was made.
+"""What something was made of: digests of named inputs, kept with what was made.
 
-No digest has a data-block's name in it: what is renamed is what it was. docs/notes/provenance.md
-tells what is read, when, and what that costs.
+A digest is of content. No data-block's name is in it: renaming is no edit.
+docs/notes/provenance.md tells what is read, when, and what that costs.
 """
 
 import hashlib
@@ -16,38 +16,29 @@ import bpy
 import numpy as np
 
 from . import mesh_data, scene_cache, scene_data
+from .animation import curves_and_drivers, players_of
 from .guard import handler
 from .props import PROP
 from .references import blocks_of
-from .rig_dependencies import (
-    curves_of,
-    places,
-    players_of,
-    read_columns,
-    settings_of,
-    shape_of,
-    stance,
-)
+from .rig_dependencies import places, read_columns, settings_of, shape_of, stance
 
 MOST_WEIGHED = 20_000  # vertices of a mesh whose weights are read, evenly
-NAMED = 3  # inputs that a sentence names; of more it tells the number
-# What such data-blocks hold is read; the palette tells materials apart.
+NAMED = 3  # inputs that a sentence names; it counts the others
+# Data-blocks whose content is read, so that names do not count; the palette tells materials apart.
 READ = bpy.types.Material | bpy.types.Action | bpy.types.Mesh | bpy.types.Armature | bpy.types.Key
 
 
 @dataclass
 class _Known:
-    """A digest, and when it holds: while the print is the same, and no block was told to have
-    changed.
-    """
+    """A digest, which holds while its print is the same and none of its blocks was edited."""
 
     digest: str
     print: object
     blocks: frozenset[int]
 
 
-_known: dict[tuple, _Known] = scene_cache.kept({})
-changes = 0  # of data-blocks that Blender has told of, and of undo steps
+_known: dict[tuple, _Known] = scene_cache.add_cache({})
+changes = 0  # that Blender has reported so far, undo steps included
 
 
 def differences(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
@@ -55,12 +46,12 @@ def differences(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
     return [name for name in {**now, **before} if before.get(name) != now.get(name)]
 
 
-def named(names: Sequence[str]) -> str:
+def name_inputs(names: Sequence[str]) -> str:
     """Return the names of inputs in words, such as "the camera and LOD 1 of adult"."""
-    shown = (
+    listed = (
         list(names) if len(names) <= NAMED + 1 else [*names[:NAMED], f"{len(names) - NAMED} more"]
     )
-    return " and ".join(filter(None, [", ".join(shown[:-1]), shown[-1]])) if shown else ""
+    return " and ".join(filter(None, [", ".join(listed[:-1]), listed[-1]])) if listed else ""
 
 
 def keep(holder: bpy.types.ID, key: str, inputs: Mapping[str, str]) -> None:
@@ -83,8 +74,7 @@ def is_made_of(holder: bpy.types.ID, key: str, inputs: Mapping[str, str]) -> boo
 def character_digest(
     objects: Sequence[bpy.types.Object], actions: Callable[[], list] = list
 ) -> str:
-    """Return the digest of a character: shapes, weights, which materials are where, rig, and what
-    it plays.
+    """Return the digest of a character: shapes, weights, places of materials, rig, animation.
 
     It is the same in all frames.
 
@@ -98,10 +88,10 @@ def character_digest(
         ]
         order = {mover: f"object {k:04}" for k, mover in enumerate(sorted(movers, key=_own))}
         palette = palette_of(items)
-        looks = [[palette[slot.material] for slot in item.material_slots] for item in items]
+        materials = [[palette[slot.material] for slot in item.material_slots] for item in items]
         return [
             *map(_own, items),
-            looks,
+            materials,
             stance(*items, called=lambda block: _called(block, order)),
             actions(),
         ]
@@ -110,8 +100,9 @@ def character_digest(
 
 
 def level_digest(home: bpy.types.Collection, characters: Sequence[bpy.types.Object]) -> str:
-    """Return the digest of a LOD: shapes, places, modifiers, weights, and which of its character's
-    materials are where.
+    """Return the digest of a LOD: shapes, places, modifiers, weights, places of materials.
+
+    Materials are told by their number among those of the character.
 
     home: the LOD's collection.
     characters: the objects that it was made of. Meshes that the LOD shares with them are theirs.
@@ -120,14 +111,14 @@ def level_digest(home: bpy.types.Collection, characters: Sequence[bpy.types.Obje
     shared = {item.data for item in characters}
 
     def read() -> list:
-        told = []
+        objects = []
         for item in home.objects:
             materials = [slot.material for slot in item.material_slots]
-            looks = [
+            numbers = [
                 palette.get(material, material and material.name_full) for material in materials
             ]
-            told.append((_own(item, shared), looks))
-        return sorted(told, key=repr)
+            objects.append((_own(item, shared), numbers))
+        return sorted(objects, key=repr)
 
     return text_digest(
         _digest_of([*home.objects], read, list, *map(_uid, palette)), tuple(home.instance_offset)
@@ -150,7 +141,7 @@ def _uid(block: bpy.types.ID | None) -> int:
 
 
 def _called(block: bpy.types.ID | None, order: Mapping[bpy.types.ID, str]) -> str:
-    """Return what stands for the name of a data-block."""
+    """Return what stands for a data-block in a digest, in place of its name."""
     if block is None or isinstance(block, READ):
         return ""
     return order.get(block, "another") if isinstance(block, bpy.types.Object) else block.name_full
@@ -159,17 +150,17 @@ def _called(block: bpy.types.ID | None, order: Mapping[bpy.types.ID, str]) -> st
 def _digest_of(
     items: Sequence[bpy.types.Object], read: Callable[[], list], follow: Callable, *more
 ) -> str:
-    """Return the digest of what `read` returns of the objects, from before where nothing has
-    changed.
+    """Return the digest of what `read` returns; the known one where nothing has changed.
 
     follow: items -> all data-blocks that are read.
+    more: what else the digest depends on.
     """
     key = tuple(item.session_uid for item in items)
     stamp = ([_print(item) for item in items], more)
-    known = _known.get(key)
-    if known is None or known.print != stamp:
-        known = _known[key] = _Known(text_digest(read()), stamp, frozenset(_uids(follow(items))))
-    return known.digest
+    latest = _known.get(key)
+    if latest is None or latest.print != stamp:
+        latest = _known[key] = _Known(text_digest(read()), stamp, frozenset(_uids(follow(items))))
+    return latest.digest
 
 
 def _uids(blocks: Sequence[bpy.types.ID]) -> Iterator[int]:
@@ -186,7 +177,7 @@ def _uids(blocks: Sequence[bpy.types.ID]) -> Iterator[int]:
 
 
 def _print(item: bpy.types.Object) -> tuple:
-    """Return what tells, at once, most changes of an object of which Blender does not tell."""
+    """Return what changes with most edits that Blender does not report; it is quick to read."""
     slots = [_uid(slot.material) for slot in item.material_slots]
     modifiers = [
         (modifier.type, modifier.show_render, modifier.show_viewport) for modifier in item.modifiers
@@ -202,26 +193,17 @@ def _points(data: bpy.types.ID | None) -> tuple:
     return len(data.loops), zlib.crc32(points)
 
 
-def _curves(item: bpy.types.Object) -> list[bpy.types.FCurve]:
-    """Return the drivers and F-curves that animate the object itself."""
-    data = item.animation_data
-    return (
-        [*data.drivers, *(curve for player in players_of([item]) for curve in curves_of(player))]
-        if data is not None
-        else []
-    )
-
-
 def _place(item: bpy.types.Object) -> list[float]:
     """Return where the object stands, unless that is animated."""
-    if any(map(places, _curves(item))):
+    if any(map(places, curves_and_drivers(item.animation_data))):
         return []
     return np.array([*item.matrix_basis, *item.matrix_parent_inverse]).ravel().tolist()
 
 
 def _own(item: bpy.types.Object, shared: Container[bpy.types.ID] = ()) -> str:
-    """Return the digest of the object itself, without its materials and what moves it; of `shared`
-    data it has nothing.
+    """Return the digest of the object itself, without its materials and what moves it.
+
+    shared: data that does not count.
     """
     data = "" if item.data in shared else _data(item)
     modifiers = [(m.type, m.show_render, m.show_viewport) for m in item.modifiers]
@@ -246,31 +228,36 @@ def _inputs(item: bpy.types.Object) -> list[tuple[str, str]]:
         for m in modifiers
         for path, value in scene_data.node_inputs(m).items()
     }
-    moved = {curve.data_path for curve in _curves(item)} if values else set()
-    told = {
+    moved = (
+        {curve.data_path for curve in curves_and_drivers(item.animation_data)} if values else set()
+    )
+    texts = {
         path: _called(value, {}) if isinstance(value, bpy.types.ID) else repr(value)
         for path, value in values.items()
     }
-    return sorted((path, text) for path, text in told.items() if path not in moved)
+    return sorted((path, text) for path, text in texts.items() if path not in moved)
 
 
 def _data(item: bpy.types.Object) -> str:
-    """Return the digest of the object's data, from before where it has not changed."""
-    data, weighted = item.data, bool(len(getattr(item, "vertex_groups", ())))
+    """Return the digest of the object's data; the known one while it has not changed."""
+    data = item.data
+    weighted = bool(len(getattr(item, "vertex_groups", ())))
     if data is None:
         return ""
-    key, stamp = (data.session_uid, weighted), _points(data)
-    known = _known.get(key)
-    if known is None or known.print != stamp:
+    key = (data.session_uid, weighted)
+    stamp = _points(data)
+    latest = _known.get(key)
+    if latest is None or latest.print != stamp:
         keys = getattr(data, "shape_keys", None)
         blocks = frozenset(block.session_uid for block in (data, keys) if block is not None)
-        known = _known[key] = _Known(_read_data(data, weighted), stamp, blocks)
-    return known.digest
+        latest = _known[key] = _Known(_read_data(data, weighted), stamp, blocks)
+    return latest.digest
 
 
 def _read_data(data: bpy.types.ID, weighted: bool) -> str:
-    """Return the digest of data: attributes, faces, shape keys, weights; of others than meshes
-    settings and points.
+    """Return the digest of an object's data.
+
+    Of a mesh: attributes, faces, shape keys, weights. Of other data: settings and points.
     """
     hashed = hashlib.sha256()
     for attribute in getattr(data, "attributes", ()):
@@ -299,14 +286,16 @@ def _read_data(data: bpy.types.ID, weighted: bool) -> str:
 
 
 def _weights(mesh: bpy.types.Mesh) -> bytes:
-    """Return the weights of vertices, of MOST_WEIGHED at most: Python reads 10 microseconds a
-    vertex.
+    """Return the weights of at most MOST_WEIGHED vertices, evenly chosen.
+
+    Python takes 10 microseconds to read a vertex.
     """
-    vertices, count = mesh.vertices, len(mesh.vertices)
-    chosen = range(0, count, -(-count // MOST_WEIGHED) or 1)
+    vertices = mesh.vertices
+    count = len(mesh.vertices)
+    sample = range(0, count, -(-count // MOST_WEIGHED) or 1)
     table = [
         number
-        for k in chosen
+        for k in sample
         for entry in vertices[k].groups
         for number in (k, entry.group, entry.weight)
     ]
@@ -314,8 +303,9 @@ def _weights(mesh: bpy.types.Mesh) -> bytes:
 
 
 def look_afresh() -> None:
-    """Read everything again when it is next asked for, also what a script has changed without a
-    word to Blender.
+    """Read everything again when it is next asked for.
+
+    So changes count that a script made without a word to Blender.
     """
     global changes
     changes += 1
@@ -348,13 +338,13 @@ def note_edits_of_frame(_, depsgraph: bpy.types.Depsgraph) -> None:
 
 @handler
 def note_undo(*_) -> None:
-    """Drop all digests: what is undone is not named (undo_post, redo_post)."""
+    """Drop all digests: Blender does not say what an undo changed (undo_post, redo_post)."""
     look_afresh()
 
 
 def _drop(edited: set[int]) -> None:
     global changes
-    gone = [key for key, known in _known.items() if not edited.isdisjoint(known.blocks)]
-    for key in gone:
+    outdated = [key for key, known in _known.items() if not edited.isdisjoint(known.blocks)]
+    for key in outdated:
         del _known[key]
-    changes += bool(gone)
+    changes += bool(outdated)

@@ -13,18 +13,18 @@ def reached(item: bpy.types.Object) -> set[bpy.types.ID]:
 
     These are node groups, materials, objects and collections.
     """
-    found, left = set(), list(_named(item))
+    blocks = set()
+    left = list(_named(item))
     while left:
         block = left.pop()
-        if block not in found:
-            found.add(block)
+        if block not in blocks:
+            blocks.add(block)
             left += _named(block)
-    return found
+    return blocks
 
 
 def blocks_of(objects: Iterable[bpy.types.Object], look: bool = True) -> list[bpy.types.ID]:
-    """Return `objects` and all data-blocks that they refer to, directly or not: what they are made
-    of.
+    """Return `objects` and all that they are made of: data-blocks that they refer to, at any depth.
 
     Blender itself says what refers to what: by parents, modifiers, constraints, drivers, nodes,
     particles, instances, data, or by anything else that a version of it knows. `objects` come

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 import bpy
 
-from .rig_dependencies import curves_of, players_of
+from .animation import curves_of, players_of
 
 # Settings of modifiers: of the viewport, of renders.
 PAIRS = {
@@ -29,15 +29,17 @@ def as_rendered(
     An object stands for itself if viewport and renders show it alike; else a copy stands for it.
     Scene and copies are removed at the end.
     """
-    stage, made, actors = bpy.data.scenes.new("Crowd LOD stage"), [], {}
-    made.append(stage)
+    stage = bpy.data.scenes.new("Crowd LOD stage")
+    temporary = []
+    actors = {}
+    temporary.append(stage)
     try:
         for item in dict.fromkeys(objects):
-            actors[item] = item if _alike(item) else _copy(item, made)
+            actors[item] = item if _alike(item) else _copy(item, temporary)
             stage.collection.objects.link(actors[item])
         yield stage, actors
     finally:
-        bpy.data.batch_remove(made)
+        bpy.data.batch_remove(temporary)
 
 
 def _pairs(modifier: bpy.types.Modifier) -> list[tuple[str, str]]:
@@ -78,13 +80,13 @@ def _alike(item: bpy.types.Object) -> bool:
     return all(viewport == render for viewport, render in values)
 
 
-def _copy(item: bpy.types.Object, made: list[bpy.types.ID]) -> bpy.types.Object:
+def _copy(item: bpy.types.Object, temporary: list[bpy.types.ID]) -> bpy.types.Object:
     """Return a copy that shows in the viewport as the object does in renders.
 
-    The copy and its actions are appended to `made`.
+    The copy and its actions are appended to `temporary`.
     """
     copy = item.copy()
-    made.append(copy)
+    temporary.append(copy)
     if copy.override_library:
         copy.make_local()
     # Blender puts a copy of a rigid body into the simulation
@@ -98,8 +100,9 @@ def _copy(item: bpy.types.Object, made: list[bpy.types.ID]) -> bpy.types.Object:
         if not _curves(copy, player):
             continue
         if player is not None:
-            handle, player.action = player.action_slot_handle, player.action.copy()
-            made.append(player.action)
+            handle = player.action_slot_handle
+            player.action = player.action.copy()
+            temporary.append(player.action)
             player.action_slot = next(slot for slot in player.action.slots if slot.handle == handle)
         for curve in _curves(copy, player):
             start, dot, name = curve.data_path.rpartition(".")

@@ -1,4 +1,4 @@
-"""What moves a character: armatures, parents, targets, actions, settings."""
+"""How characters are set up and what moves them, as facts to compare as text."""
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
@@ -7,12 +7,33 @@ from typing import Any
 import bpy
 import numpy as np
 
-from .references import blocks_of, closure_of
+from .animation import (
+    animation_data_of,
+    curves_and_drivers,
+    curves_of,
+    moved_values,
+    players_of,
+    spans_of,
+    strips_in,
+    tracks_of,
+    values_moved_by,
+)
+from .references import blocks_of
 from .scene_data import plain
 
 # Settings that change nothing of a shape, and what the names of such begin with.
-OF_THE_WINDOW = {"name", "active", "is_active", "on_cage", "use_pin_to_last", "execution_time", "persistent_uid", "tag",
-                 "use_fake_user", "use_extra_user"}  # fmt: skip
+OF_THE_WINDOW = {
+    "name",
+    "active",
+    "is_active",
+    "on_cage",
+    "use_pin_to_last",
+    "execution_time",
+    "persistent_uid",
+    "tag",
+    "use_fake_user",
+    "use_extra_user",
+}
 PASSING = (
     "show_",
     "open_",
@@ -62,114 +83,9 @@ BEZIERS = (
 )
 
 
-def armatures_of(objects: list[bpy.types.Object]) -> list[bpy.types.Object]:
-    """Return the armatures that deform `objects`, by modifier or parent."""
-    found = {}
-    for item in objects:
-        for armature in (item.parent, *(m.object for m in item.modifiers if m.type == "ARMATURE")):
-            if armature is not None and armature.type == "ARMATURE":
-                found[armature] = None
-    return list(found)
-
-
 def places(curve: bpy.types.FCurve) -> bool:
     """Return whether an object's own F-curve, or that of a driver, moves the object as a whole."""
     return curve.data_path in (*PLACE, *DELTAS)
-
-
-def action_range(objects: list[bpy.types.Object]) -> tuple[float, float]:
-    """Return the first and last frame of the animation that moves `objects`.
-
-    It spans the actions and NLA strips of the objects, their armatures and shape keys. If they have
-    none, it spans those of everything else that they are made of, but for their materials. (1, 1)
-    if there is no animation at all.
-    """
-    spans = list(_spans([*objects, *armatures_of(objects)])) or list(
-        _spans(closure_of(objects, look=False))
-    )
-    return (
-        (min(first for first, _ in spans), max(last for _, last in spans)) if spans else (1.0, 1.0)
-    )
-
-
-def tracks_of(data: bpy.types.AnimData) -> list[bpy.types.NlaTrack]:
-    """Return the NLA tracks that play: the solo one, or all that are not muted."""
-    tracks = list(data.nla_tracks) if data.use_nla else []
-    return [track for track in tracks if track.is_solo] or [
-        track for track in tracks if not track.mute
-    ]
-
-
-def _strips(strips: Iterable[bpy.types.NlaStrip]) -> Iterator[bpy.types.NlaStrip]:
-    """Yield the strips, and the strips within meta strips."""
-    for strip in strips:
-        yield strip
-        yield from _strips(strip.strips)
-
-
-def _animated(items: Iterable[bpy.types.Object]) -> list[bpy.types.AnimData]:
-    """Return the animation data of `items`, of their data and of their shape keys."""
-    blocks = dict.fromkeys(
-        b
-        for item in items
-        for b in (item, item.data, getattr(item.data, "shape_keys", None))
-        if b is not None
-    )
-    return [
-        block.animation_data
-        for block in blocks
-        if getattr(block, "animation_data", None) is not None
-    ]
-
-
-def _spans(items: Iterable[bpy.types.Object]) -> Iterator[tuple[float, float]]:
-    """Yield (first, last) frame of each action and each NLA strip of `items`."""
-    for data in _animated(items):
-        curves = curves_of(data)
-        if (data.action is not None and data.action.use_frame_range) or any(map(_keyed, curves)):
-            yield span_of(data.action, curves)
-        for track in tracks_of(data):
-            yield from (
-                (strip.frame_start, strip.frame_end) for strip in track.strips if not strip.mute
-            )
-
-
-def span_of(action: bpy.types.Action | None, curves: list[bpy.types.FCurve]) -> tuple[float, float]:
-    """Return the first and the last frame of `action`: as it says, or as its `curves` have keys.
-
-    (1, 1) without any.
-    """
-    if action is not None and action.use_frame_range:
-        return tuple(action.frame_range)
-    ends = [curve.range() for curve in curves if _keyed(curve)]
-    return (min(first for first, _ in ends), max(last for _, last in ends)) if ends else (1.0, 1.0)
-
-
-def _keyed(curve: bpy.types.FCurve) -> bool:
-    return bool(len(curve.keyframe_points) or len(curve.sampled_points))
-
-
-def players_of(items: Iterable[bpy.types.Object]) -> list[bpy.types.AnimData | bpy.types.NlaStrip]:
-    """Return the animation data and NLA strips that play actions on `items`."""
-    return [player for data in _animated(items) for player in _players(data)]
-
-
-def _players(data: bpy.types.AnimData) -> list[bpy.types.AnimData | bpy.types.NlaStrip]:
-    strips = (strip for track in tracks_of(data) for strip in _strips(track.strips))
-    return [player for player in (data, *strips) if player.action is not None]
-
-
-def curves_of(player: bpy.types.AnimData | bpy.types.NlaStrip) -> list[bpy.types.FCurve]:
-    """Return the F-curves of the action's slot that `player` plays, from all layers."""
-    layers = player.action.layers if player.action is not None else ()
-    strips = (strip for layer in layers for strip in layer.strips if strip.type == "KEYFRAME")
-    bags = (
-        bag
-        for strip in strips
-        for bag in strip.channelbags
-        if bag.slot_handle == player.action_slot_handle
-    )
-    return [curve for bag in bags for curve in bag.fcurves]
 
 
 def _run(curve: bpy.types.FCurve) -> tuple:
@@ -195,12 +111,12 @@ def read_columns(
 
     columns: (property, numbers per point, NumPy type).
     """
-    found = []
+    contents = []
     for name, width, kind in columns:
         values = np.empty(width * len(points), kind)
         points.foreach_get(name, values)
-        found.append(values.tobytes())
-    return found
+        contents.append(values.tobytes())
+    return contents
 
 
 Called = Callable[[bpy.types.ID | None], str]
@@ -225,15 +141,11 @@ def _read(target: bpy.types.DriverTarget, called: Called) -> tuple:
 
     Includes the value if it is a custom property that nothing animates.
     """
-    block, path, value = target.id, target.data_path.replace("'", '"'), None
+    block = target.id
+    path = target.data_path.replace("'", '"')
+    value = None
     if block is not None and path.endswith('"]'):
-        data = block.animation_data
-        curves = (
-            [*data.drivers, *(curve for player in _players(data) for curve in curves_of(player))]
-            if data is not None
-            else ()
-        )
-        if path not in {curve.data_path for curve in curves}:
+        if path not in {curve.data_path for curve in curves_and_drivers(block.animation_data)}:
             with suppress(ValueError):  # it is not there
                 value = repr(block.path_resolve(target.data_path))
     place = target.bone_target, target.transform_type, target.transform_space, target.rotation_mode
@@ -249,7 +161,7 @@ def stance(*items: bpy.types.Object, called: Called = full_name) -> list:
     called: what the list has for the name of a data-block, which may be None; it is sorted by that.
     """
     blocks = blocks_of(items, look=False)
-    found = sorted(
+    facts = sorted(
         (
             read_tree(tree, called)
             for tree in blocks
@@ -260,52 +172,62 @@ def stance(*items: bpy.types.Object, called: Called = full_name) -> list:
     for mover in sorted(
         (block for block in blocks if isinstance(block, bpy.types.Object)), key=called
     ):
-        data = _animated([mover])
-        curves = [curve for player in players_of([mover]) for curve in curves_of(player)]
-        drivers = [driver for each in data for driver in each.drivers]
-        moved = moved_values(mover)
-        keys = getattr(mover.data, "shape_keys", None)
-        found += [
-            (called(mover), mover.type, called(mover.parent), mover.parent_type, mover.parent_bone),
-            [tuple(row) for row in mover.matrix_parent_inverse],
-            settings_of(mover, moved, (*PLACE, *DELTAS), called),
-            [
-                settings_of(struct, moved, (), called)
-                for struct in (*mover.modifiers, *mover.constraints)
-            ],
-            [(settings_of(key, moved, SHAPED), key.relative_key.name) for key in keys.key_blocks]
-            if keys
-            else [],
-            [_run(curve) for curve in curves],
-            [_driver(driver, called) for driver in drivers],
-            list(_spans([mover])),
-            [settings_of(each, moved, PLAYED) for each in data],
-            [
-                _strip(strip, called)
-                for each in data
-                for track in tracks_of(each)
-                for strip in _strips(track.strips)
-            ],
+        facts += _facts_of(mover, mover in items, called)
+    return facts
+
+
+def _facts_of(mover: bpy.types.Object, is_own: bool, called: Called) -> list:
+    """Return how one object is set up; see stance.
+
+    is_own: whether it is one of the items themselves. LODs copy their custom properties; of other
+        objects' properties only what drivers read counts.
+    """
+    data = animation_data_of([mover])
+    curves = [curve for player in players_of([mover]) for curve in curves_of(player)]
+    drivers = [driver for item in data for driver in item.drivers]
+    moved = moved_values(mover)
+    keys = getattr(mover.data, "shape_keys", None)
+    facts = [
+        (called(mover), mover.type, called(mover.parent), mover.parent_type, mover.parent_bone),
+        [tuple(row) for row in mover.matrix_parent_inverse],
+        settings_of(mover, moved, (*PLACE, *DELTAS), called),
+        [
+            settings_of(struct, moved, (), called)
+            for struct in (*mover.modifiers, *mover.constraints)
+        ],
+        [(settings_of(key, moved, SHAPED), key.relative_key.name) for key in keys.key_blocks]
+        if keys
+        else [],
+        [_run(curve) for curve in curves],
+        [_driver(driver, called) for driver in drivers],
+        list(spans_of([mover])),
+        [settings_of(item, moved, PLAYED) for item in data],
+        [
+            _strip(strip, called)
+            for item in data
+            for track in tracks_of(item)
+            for strip in strips_in(track.strips)
+        ],
+    ]
+    if is_own:
+        still = [
+            item
+            for item in custom(mover)
+            if (f'["{bpy.utils.escape_identifier(item[0])}"]', 0) not in moved
         ]
-        if mover in items:  # LODs copy these; of others' all that counts is what drivers read
-            still = [
-                each
-                for each in custom(mover)
-                if (f'["{bpy.utils.escape_identifier(each[0])}"]', 0) not in moved
-            ]
-            found += [still] if still else []
-        if mover.type == "ARMATURE":
-            found += [
-                _bone(bone, mover.data.bones[bone.name], moved, called) for bone in mover.pose.bones
-            ]
-            found += [
-                mover.data.pose_position,
-                mover.pose.ik_solver,
-                mover.pose.ik_param and settings_of(mover.pose.ik_param),
-            ]
-        elif mover not in items and mover.data is not None:
-            found += [settings_of(mover.data, moved, (), called), *shape_of(mover.data)]
-    return found
+        facts += [still] if still else []
+    if mover.type == "ARMATURE":
+        facts += [
+            _bone(bone, mover.data.bones[bone.name], moved, called) for bone in mover.pose.bones
+        ]
+        facts += [
+            mover.data.pose_position,
+            mover.pose.ik_solver,
+            mover.pose.ik_param and settings_of(mover.pose.ik_param),
+        ]
+    elif not is_own and mover.data is not None:
+        facts += [settings_of(mover.data, moved, (), called), *shape_of(mover.data)]
+    return facts
 
 
 def custom(item: bpy.types.Object) -> list[tuple[str, str]]:
@@ -318,26 +240,12 @@ def custom(item: bpy.types.Object) -> list[tuple[str, str]]:
     return sorted((key, repr(read(value))) for key, value in item.items())
 
 
-def moved_values(item: bpy.types.Object) -> set[tuple[str, int]]:
-    """Return (path, index) of all values of the object, its data and its shape keys that animation
-    or drivers change.
-    """
-    return {place for data in _animated([item]) for place in _moved(data)}
-
-
-def _moved(data: bpy.types.AnimData | None) -> set[tuple[str, int]]:
-    if data is None:
-        return set()
-    curves = [*data.drivers, *(curve for player in _players(data) for curve in curves_of(player))]
-    return {(curve.data_path, curve.array_index) for curve in curves}
-
-
 def read_tree(tree: bpy.types.NodeTree, called: Called = full_name) -> list:
     """Return what `tree` does, to compare as text: its nodes' settings and values, and its links.
 
     Values that animation or drivers change are left out, and so is where nodes stand.
     """
-    moved = _moved(tree.animation_data)
+    moved = values_moved_by(tree.animation_data)
     paths = {path for path, _ in moved}
     rows: list = []
     for node in tree.nodes:
@@ -351,7 +259,7 @@ def read_tree(tree: bpy.types.NodeTree, called: Called = full_name) -> list:
         values = [
             getattr(socket, "default_value", None) for socket, path in places if path not in paths
         ]
-        told = [
+        facts = [
             called(value) if isinstance(value, bpy.types.ID) else plain(value) for value in values
         ]
         rows.append(
@@ -359,7 +267,7 @@ def read_tree(tree: bpy.types.NodeTree, called: Called = full_name) -> list:
                 node.name,
                 node.mute,
                 settings_of(node, moved, settings, called) if settings else (),
-                told,
+                facts,
             )
         )
     links = [
@@ -411,19 +319,19 @@ def _bone(
 def settings_of(
     struct,
     moved: set[tuple[str, int]] = frozenset(),
-    some: tuple[str, ...] = (),
+    prefixes: tuple[str, ...] = (),
     called: Called = full_name,
 ) -> tuple:
     """Return the settings of a struct, such as a modifier or a constraint.
 
     moved: (path, index) of animated values; None stands for each of these.
-    some: prefixes of the names to take; () takes all but those that change no shape.
+    prefixes: of the names to take; () takes all but those that change no shape.
     called: see stance.
     """
     path = ""
     with suppress(ValueError):
         path = struct.path_from_id() if moved else ""
-    found = [getattr(struct, "type", None)]
+    facts = [getattr(struct, "type", None)]
     for name, kind in struct.bl_rna.properties.items():
         passing = (
             name in OF_THE_WINDOW
@@ -433,20 +341,21 @@ def settings_of(
         if (
             kind.type == "COLLECTION"
             or kind.is_readonly
-            or (not name.startswith(some) if some else passing)
+            or (not name.startswith(prefixes) if prefixes else passing)
         ):
             continue
-        value, place = getattr(struct, name), f"{path}.{name}" if path else name
+        value = getattr(struct, name)
+        place = f"{path}.{name}" if path else name
         if isinstance(value, bpy.types.ID):
-            found.append((name, called(value)))
+            facts.append((name, called(value)))
         elif kind.type == "ENUM" and kind.is_enum_flag:
-            found.append((name, sorted(value)))
+            facts.append((name, sorted(value)))
         elif kind.type != "POINTER":
             values = np.ravel(value).tolist() if getattr(kind, "is_array", False) else [value]
-            found.append(
+            facts.append(
                 (name, [None if (place, k) in moved else each for k, each in enumerate(values)])
             )
-    found += [
+    facts += [
         (called(target.target), target.subtarget) for target in getattr(struct, "targets", ())
     ]
-    return tuple(found)
+    return tuple(facts)

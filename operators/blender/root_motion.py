@@ -14,7 +14,7 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
-from .rig_dependencies import action_range, armatures_of, curves_of, span_of, tracks_of
+from .animation import action_range, armatures_of, curves_of, span_of, tracks_of
 
 # of a character's size: an animation that ends farther from where it began moves the character
 TRAVELS = 0.01
@@ -80,12 +80,13 @@ def of_action(
     handle: int,
     span: tuple[float, float],
 ) -> RootMotion:
-    """Return the root motion of an `action` that `owner` plays, one of a character's `objects` or
-    their rig.
+    """Return the root motion of an `action` that a character plays.
 
     What the character follows, such as a parent, plays on: its own travel is taken out as well.
 
-    handle: of the action's slot; span: its first and last frame.
+    owner: who plays it, one of the character's `objects` or their rig.
+    handle: of the action's slot.
+    span: its first and last frame.
     """
     travels, way = _motion(owner, _Playing(action, handle, span))
     root = _checked(objects, travels, way)
@@ -156,9 +157,8 @@ def _write(curve: bpy.types.FCurve, name: str, values: np.ndarray) -> None:
     if curve.id_data.library is None:
         curve.keyframe_points.foreach_set(name, values.ravel())
         return
-    for key, value in zip(
-        curve.keyframe_points, values.tolist(), strict=True
-    ):  # foreach_set leaves linked data as it is
+    # foreach_set leaves linked data as it is
+    for key, value in zip(curve.keyframe_points, values.tolist(), strict=True):
         setattr(key, name, value)
 
 
@@ -178,8 +178,7 @@ def _with_parents(item: bpy.types.Object | None) -> Iterator[bpy.types.Object]:
 
 
 def _playing(owner: bpy.types.Object, cycle: tuple[float, float]) -> Iterator[list[_Playing]]:
-    """Yield what the object plays one after the other: its action, and the strips of each NLA
-    track.
+    """Yield what the object plays, one after the other: its action, and its NLA strips.
 
     cycle: the first and the last frame in which it is played.
     """
@@ -288,7 +287,8 @@ def _travels(
 ) -> Iterator[Travel]:
     for curve in curves:
         keys = curve.range()
-        first, last = max(playing.span[0], keys[0]), min(playing.span[1], keys[1])
+        first = max(playing.span[0], keys[0])
+        last = min(playing.span[1], keys[1])
         if last > first:
             slope = (curve.evaluate(last) - curve.evaluate(first)) / (last - first)
             yield Travel(

@@ -14,8 +14,8 @@ Cache = TypeVar("Cache")
 _caches: list[tuple] = [(troubles, False)]
 
 
-def kept(cache: Cache, by_scene: bool = False) -> Cache:
-    """Register `cache`, to be cleared with all others, and return it.
+def add_cache(cache: Cache, by_scene: bool = False) -> Cache:
+    """Add `cache` to those that are cleared together, and return it.
 
     by_scene: whether its keys are session_uids of scenes; then `tidy` drops the keys of scenes that
         are gone.

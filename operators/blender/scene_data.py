@@ -39,11 +39,13 @@ def frames_of(scene: bpy.types.Scene, step: int = 1) -> list[int]:
 
     step: every so many frames of a range.
     """
-    own = scene.crowd_lod
-    if own.frames:
-        return parse_frames(own.frames, step)
+    settings = scene.crowd_lod
+    if settings.frames:
+        return parse_frames(settings.frames, step)
     first, last = (
-        (own.frame_start, own.frame_end) if own.own_frames else (scene.frame_start, scene.frame_end)
+        (settings.frame_start, settings.frame_end)
+        if settings.own_frames
+        else (scene.frame_start, scene.frame_end)
     )
     return parse_frames(f"{first}:{last}", step)
 
@@ -84,9 +86,7 @@ def node_inputs(modifier: bpy.types.NodesModifier) -> dict[str, Any]:
 
 
 def plain(value) -> Any:
-    """Return a value of a node: a number, text, data-block or None as it is, and a vector as a
-    tuple.
-    """
+    """Return a node's value: a number, text, data-block or None as it is, a vector as a tuple."""
     return tuple(value) if hasattr(value, "__len__") and not isinstance(value, str) else value
 
 
@@ -112,7 +112,10 @@ def rotation(forward: str) -> float:
 def look_at(camera: bpy.types.Object, origin, X, Y, Z) -> None:
     """Place `camera` at `origin` (3,) with the axes X, Y, Z of its referential."""
     matrix = np.eye(4)
-    matrix[:3, 0], matrix[:3, 1], matrix[:3, 2], matrix[:3, 3] = X, Y, -np.asarray(Z), origin
+    matrix[:3, 0] = X
+    matrix[:3, 1] = Y
+    matrix[:3, 2] = -np.asarray(Z)
+    matrix[:3, 3] = origin
     camera.matrix_world = Matrix(matrix.tolist())
 
 
@@ -121,8 +124,7 @@ def check_own(scene: bpy.types.Scene) -> None:
     if scene.library is not None:
         raise CrowdError(
             f"The scene {scene.name} is linked from {scene.library.filepath}: work in that file, "
-            f"or make the scene local in "
-            "the Outliner (ID Data, Make Local)."
+            "or make the scene local in the Outliner (ID Data, Make Local)."
         )
 
 

@@ -11,10 +11,10 @@ import bpy
 import numpy as np
 
 from . import scene_cache
+from .emission import casts, emits
 from .guard import handler
 from .ownership import OWNED, is_ours
 from .references import reached
-from .shader_nodes import used_nodes
 
 SOLID = {
     "MESH",
@@ -46,47 +46,46 @@ class Scenery:
     """
 
     def __init__(self, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None):
-        shown = list(_shown(scene, depsgraph))
+        visible_things = list(_shown(scene, depsgraph))
         self._hides = {
             item.session_uid: _evaluated(item, depsgraph).hide_render
-            for item in {item for item, _ in shown}
+            for item in {item for item, _ in visible_things}
         }
         self.things = [
             placed
-            for placed in shown
+            for placed in visible_things
             if not self._hides[placed[0].session_uid] and not placed[0].get(OWNED)
         ]
         self.lights = [placed for placed in self.things if placed[0].type == "LIGHT"]
         self.solid = [placed for placed in self.things if placed[0].type in SOLID]
         self._makers = [placed for placed in self.things if _makes_instances(placed[0])]
         self.bounded = not self._makers
-        # for scene/lights.py: what it read of the lights that `shining` makes, while that holds
+        # the lights that `shining` makes, which scene/lights.py reads; None when they are outdated
         self.instanced = None
-        self._reached: set[int] | None = None  # the objects, by session_uid, that those depend on
-        # what `depsgraph` does not hold has the values of the file's own data, which other scenes
-        # and layers may change
-        own = {
+        self._reached: set[int] | None = None  # session_uids of what these lights depend on
+        # objects that `depsgraph` does not hold have the values of the file's own data, which other
+        # scenes and layers may change
+        members = {
             item
-            for item, _ in shown
+            for item, _ in visible_things
             if depsgraph is not None and not item.evaluated_get(depsgraph).is_evaluated
         }
-        self._elsewhere = [(item, item.hide_render) for item in own]
-        homes = {each.instance_collection for _, inside in self.things for each in inside}
+        self._elsewhere = [(item, item.hide_render) for item in members]
+        homes = {block.instance_collection for _, inside in self.things for block in inside}
         self._offsets = {home.session_uid: tuple(home.instance_offset) for home in homes}
-        # of each object, by session_uid, which of the solid it is, or instances
+        # session_uid of an object -> the rows of `solid` that it is, or instances
         self._rows: dict[int, list[int]] = {}
-        # of the solid, what is in other view layers alone: nothing of it is noticed in this one
+        # solid objects of other view layers alone: this one's depsgraph reports none of their edits
         self._unwatched = set()
         for row, (item, inside) in enumerate(self.solid):
-            for each in (item, *inside):
-                self._rows.setdefault(each.session_uid, []).append(row)
-                if depsgraph is not None and not each.evaluated_get(depsgraph).is_evaluated:
+            for block in (item, *inside):
+                self._rows.setdefault(block.session_uid, []).append(row)
+                if depsgraph is not None and not block.evaluated_get(depsgraph).is_evaluated:
                     self._unwatched.add(row)
-        self._moved, self._glowing = set(range(len(self.solid))), None
-        self._ends, self._matrices = (
-            np.empty((len(self.solid), 2, 3)),
-            np.empty((len(self.solid), 4, 4)),
-        )
+        self._moved = set(range(len(self.solid)))
+        self._glowing = None
+        self._ends = np.empty((len(self.solid), 2, 3))
+        self._matrices = np.empty((len(self.solid), 4, 4))
 
     def lamps(self, depsgraph: bpy.types.Depsgraph | None) -> list[Placed]:
         """Return what casts shadows: lamps that are on, and glowing objects.
@@ -95,7 +94,7 @@ class Scenery:
         """
         if self._glowing is None or self._unwatched:
             worn = [[slot.material for slot in item.material_slots] for item, _ in self.solid]
-            materials = {each for own in worn for each in own} - {None}
+            materials = {each for materials_of_item in worn for each in materials_of_item} - {None}
             glowing = {
                 material
                 for material in materials
@@ -103,8 +102,8 @@ class Scenery:
             }
             self._glowing = [
                 placed
-                for placed, own in zip(self.solid, worn, strict=True)
-                if not glowing.isdisjoint(own)
+                for placed, materials_of_item in zip(self.solid, worn, strict=True)
+                if not glowing.isdisjoint(materials_of_item)
             ]
         return [
             placed for placed in self.lights if casts(_evaluated(placed[0], depsgraph).data)
@@ -115,7 +114,8 @@ class Scenery:
 
         The children that they instance are included.
         """
-        found, self._reached = set(), set()
+        items = set()
+        self._reached = set()
         for item, inside in self._makers:
             blocks = {item, *inside, *reached(item)}
             self._reached |= {block.session_uid for block in blocks}
@@ -126,11 +126,11 @@ class Scenery:
             if lamps or any(
                 emits(_evaluated(material, depsgraph).node_tree) for material in materials
             ):
-                found |= {
+                items |= {
                     inside[0] if inside else item,
                     *(block for block in blocks if getattr(block, "parent", None) in blocks),
                 }
-        return found
+        return items
 
     def within(self, collection: bpy.types.Collection | None) -> list[Placed]:
         """Return the things whose object is in the `collection`."""
@@ -150,12 +150,11 @@ class Scenery:
         for row in self._unwatched | self._moved:
             placed = self.solid[row]
             least, *_, most, _ = placed[0].evaluated_get(depsgraph).bound_box
-            self._ends[row], self._matrices[row] = (
-                (tuple(least), tuple(most)),
-                matrix_of(placed, depsgraph),
-            )
+            self._ends[row] = (tuple(least), tuple(most))
+            self._matrices[row] = matrix_of(placed, depsgraph)
         self._moved = set()
-        turn, ends = self._matrices[:, :3, :3], self._ends
+        turn = self._matrices[:, :3, :3]
+        ends = self._ends
         middle = np.einsum("nij,nj->ni", turn, ends.mean(axis=1)) + self._matrices[:, :3, 3]
         half = np.einsum("nij,nj->ni", np.abs(turn), (ends[:, 1] - ends[:, 0]) / 2)
         return np.array([(middle - half).min(axis=0), (middle + half).max(axis=0)])
@@ -185,18 +184,16 @@ class Scenery:
             if self._reached is None or uid in self._reached:
                 self.instanced = None
         elif kind == "COLLECTION":
-            uid, offset, self.instanced = (
-                item.original.session_uid,
-                tuple(item.original.instance_offset),
-                None,
-            )
+            uid = item.original.session_uid
+            offset = tuple(item.original.instance_offset)
+            self.instanced = None
             if self._offsets.get(uid, offset) != offset:
                 return False
         elif kind in ("MATERIAL", "NODETREE"):
             self._glowing = self.instanced = None
         elif kind in ("LIGHT", "PARTICLE"):
             self.instanced = None
-        # whatever is added, taken away, or made into something else changes it, too
+        # an object that is added, removed or replaced changes its collection, too
         return kind != "SCENE"
 
 
@@ -210,11 +207,11 @@ def _shown(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None) -> Ite
     Objects in instanced collections come once for each instance. Objects hidden by themselves are
     included, those hidden by their collections are not.
     """
-    found = {}
+    items = {}
     for layer in scene.view_layers:
         if layer.use:
-            found |= dict.fromkeys(_in_layer(layer.layer_collection))
-    for item in found:
+            items |= dict.fromkeys(_in_layer(layer.layer_collection))
+    for item in items:
         yield from _with_instances(item, (), depsgraph)
 
 
@@ -252,14 +249,14 @@ def _in_collection(collection: bpy.types.Collection) -> Iterator[bpy.types.Objec
 def matrix_of(placed: Placed, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
     """Return the evaluated world matrix (4, 4) float64 of `placed`."""
     item, inside = placed
-    own = np.array([tuple(row) for row in item.evaluated_get(depsgraph).matrix_world])
+    local = np.array([tuple(row) for row in item.evaluated_get(depsgraph).matrix_world])
     if not inside:
-        return own
+        return local
     matrix = np.eye(4)
     for instancer in inside:
         matrix = matrix @ np.array(instancer.evaluated_get(depsgraph).matrix_world, np.float64)
         matrix[:3, 3] -= matrix[:3, :3] @ np.array(instancer.instance_collection.instance_offset)
-    return matrix @ own
+    return matrix @ local
 
 
 def _makes_instances(item: bpy.types.Object) -> bool:
@@ -272,87 +269,8 @@ def _makes_instances(item: bpy.types.Object) -> bool:
     )
 
 
-def casts(lamp: bpy.types.Light) -> bool:
-    """Return whether the lamp is on and casts shadows."""
-    return lamp.use_shadow and lamp.energy != 0 and any(lamp.color) and not _dark(used_nodes(lamp))
-
-
-def _dark(tree: bpy.types.NodeTree | None) -> bool:
-    """Return whether all emission nodes of a lamp have strength 0."""
-    emissions = [node for node in tree.nodes if node.type == "EMISSION"] if tree is not None else []
-    return bool(emissions) and not any(_set(node.inputs["Strength"]) for node in emissions)
-
-
-def emits(tree: bpy.types.NodeTree | None) -> bool:
-    """Return whether a material's nodes emit light that other surfaces receive.
-
-    What only camera rays see does not: "unlit" materials are wired so, glTF's among them.
-    """
-    ends = {"OUTPUT_MATERIAL", "GROUP_OUTPUT"}
-    sockets = [
-        socket
-        for node in (tree.nodes if tree is not None else ())
-        if node.type in ends
-        for socket in node.inputs
-    ]
-    known: set[bpy.types.Node] = set()
-    while sockets:
-        socket = sockets.pop()
-        for link in socket.links:
-            node = link.from_node
-            if socket.type == "SHADER" and link.from_socket.type != "SHADER":
-                return True  # a color that is no shader shows as emission
-            if node not in known:
-                known.add(node)
-                if _emits_itself(node):
-                    return True
-                sockets += _seen_by_all(node)
-    return False
-
-
-def _emits_itself(node: bpy.types.Node) -> bool:
-    if node.mute:
-        return False
-    if node.type == "GROUP":
-        return emits(node.node_tree)
-    if node.type in ("EMISSION", "BACKGROUND"):
-        return (
-            _set(node.inputs["Color"])
-            and _set(node.inputs["Strength"])
-            and not _of_camera(node.inputs["Strength"])
-        )
-    if node.type in ("BSDF_PRINCIPLED", "PRINCIPLED_VOLUME"):
-        strength = node.inputs["Emission Strength"]
-        return _set(strength) and _set(node.inputs["Emission Color"]) and not _of_camera(strength)
-    return False
-
-
-def _seen_by_all(node: bpy.types.Node) -> list[bpy.types.NodeSocket]:
-    """Return the inputs of `node` that other rays than the camera's may meet."""
-    inputs = list(node.inputs)
-    return (
-        inputs[:2]
-        if node.type == "MIX_SHADER" and not node.mute and _of_camera(inputs[0])
-        else inputs
-    )
-
-
-def _of_camera(socket: bpy.types.NodeSocket) -> bool:
-    """Return whether `socket` is 1 for camera rays and 0 for all others."""
-    return any(
-        link.from_node.type == "LIGHT_PATH" and link.from_socket.name == "Is Camera Ray"
-        for link in socket.links
-    )
-
-
-def _set(socket: bpy.types.NodeSocket) -> bool:
-    """Return whether a strength or color may differ from 0."""
-    value = socket.default_value
-    return socket.is_linked or (any(value[:3]) if hasattr(value, "__len__") else value != 0)
-
-
 # What was last seen in each view layer that is played, by scene and name.
-_kept: dict[tuple[int, str], Scenery] = scene_cache.kept({})
+_kept: dict[tuple[int, str], Scenery] = scene_cache.add_cache({})
 MOST_KEPT = 8
 
 
@@ -377,24 +295,24 @@ def scenery_of(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None) ->
     return _kept[key]
 
 
-def _alone(own, event: str) -> bool:
-    """Return whether `own` handles the `event` and all its other handlers are ours.
+def _alone(handler_of_ours, event: str) -> bool:
+    """Return whether `handler_of_ours` handles the `event` and all its other handlers are ours.
 
     What handlers of others change in such an event, Blender evaluates without reporting it.
     """
     handlers = getattr(bpy.app.handlers, event)
-    return own in handlers and all(map(is_ours, handlers))
+    return handler_of_ours in handlers and all(map(is_ours, handlers))
 
 
 @handler
 def noticed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Handle frame_change_post: update the cached Scenery, or drop it."""
     key = scene.session_uid, depsgraph.view_layer_eval.name
-    known = _kept.get(key)
+    scenery = _kept.get(key)
     if (
-        known is not None
+        scenery is not None
         and depsgraph.mode == "VIEWPORT"
-        and not all(map(known.notice, depsgraph.updates))
+        and not all(map(scenery.notice, depsgraph.updates))
     ):
         _kept.pop(key, None)
 

@@ -43,12 +43,12 @@ def read(
         and all(_is(each, kind, bounds) for each in values)
     ):
         return values
-    asked = {str: "a text", int: "whole numbers", float: "numbers", bool: "true or false"}[kind]
+    kinds = {str: "a text", int: "whole numbers", float: "numbers", bool: "true or false"}[kind]
     many = f", {' or '.join(map(str, counts))} of them" if counts else ""
     raise CrowdError(
         f'The custom property "{key}" of {block.name} is '
         f"{'missing' if value is None else repr(values)}, and must be "
-        f"{asked}{_range(*bounds)}{many}: {remedy}."
+        f"{kinds}{_range(*bounds)}{many}: {remedy}."
     )
 
 

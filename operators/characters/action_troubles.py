@@ -9,7 +9,7 @@ from ...crowd_lod.crowd.agents import Action, Group
 from ...crowd_lod.crowd.state_machine import StateMachine
 from ...crowd_lod.format import number
 from ..blender import scene_data
-from ..blender.performance import called
+from ..blender.named_actions import called
 from ..machine.scene_world import machine_of
 
 SLIDES = 0.01  # meters in a cycle: feet that slide less do not count

@@ -8,14 +8,14 @@ from functools import partial
 import bpy
 
 from ...crowd_lod.errors import CrowdError
-from ..blender import performance, provenance, scene_cache
+from ..blender import named_actions, performance, provenance, scene_cache
 from ..machine.scene_world import actions_named
 from .characters import GROUP, characters_of
 
 CHARACTER = "the character "  # begins the names of their inputs
 PAUSE = 1.0  # seconds between two looks at a scene in which Blender tells of no edit
 SHARE = 0.05  # of the time that looks may take
-_known: dict[int, tuple[float, int, dict[str, str]]] = scene_cache.kept({}, by_scene=True)
+_known: dict[int, tuple[float, int, dict[str, str]]] = scene_cache.add_cache({}, by_scene=True)
 
 
 def cast_inputs(scene: bpy.types.Scene) -> dict[str, str]:
@@ -42,7 +42,7 @@ def of_characters(inputs: dict[str, str]) -> dict[str, str]:
 def _actions(scene: bpy.types.Scene, name: str, objects: list[bpy.types.Object]) -> list:
     """Return the digest of the actions that states name for a character, to compare as text."""
     return performance.digest(
-        performance.performance_of(name, objects, actions_named(scene, name)).parts
+        named_actions.performance_of(name, objects, actions_named(scene, name)).parts
     )
 
 

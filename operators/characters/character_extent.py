@@ -7,14 +7,15 @@ from typing import NamedTuple, TypeVar
 import bpy
 import numpy as np
 
-from ...crowd_lod.crowd.agents import bounding_sphere
+from ...crowd_lod.crowd.bounding_spheres import bounding_sphere
 from ...crowd_lod.crowd.sole import ground_of, sole_of
 from ...crowd_lod.errors import CrowdError
 from ..blender import cleanup, mesh_data
-from ..blender.performance import Performance, own
+from ..blender.animation import armatures_of
+from ..blender.named_actions import own_performance
+from ..blender.performance import Performance
 from ..blender.references import reached
 from ..blender.render_evaluation import as_rendered
-from ..blender.rig_dependencies import armatures_of
 
 # The bounding sphere is measured at every whole frame of the action, or at this many times evenly
 # over a longer one.
@@ -100,7 +101,7 @@ def posing(
     Returns a measurement for each frame. Whenever it yields, the file holds none of its temporary
     data.
     """
-    performance, poses = performance or own(objects), []
+    performance, poses = performance or own_performance(objects), []
     while len(poses) < len(frames):
         with cleanup.scratch(), as_rendered(objects) as (stage, actors), performance:
             for item in armatures_of(objects):

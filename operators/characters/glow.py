@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import bpy
 
-from ..blender.scenery import emits
+from ..blender.emission import emits
 from .characters import characters_of
 
 LIT_BY = (

@@ -13,7 +13,8 @@ from ...crowd_lod.crowd.maps import FARTHEST
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.progress import finished, share
 from ..blender import scene_data, stored_values
-from ..blender.performance import Part, Performance, performance_of
+from ..blender.named_actions import performance_of
+from ..blender.performance import Part, Performance
 from ..blender.props import group_of
 from ..machine.scene_world import actions_named
 from .character_extent import SOLES, Act, bounds, frames_of, hangs, posing, sole, standing, walked

@@ -7,8 +7,10 @@ import numpy as np
 
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.format import number
-from ..blender.performance import Performance, group_performance
-from ..blender.rig_dependencies import armatures_of, places
+from ..blender.animation import armatures_of
+from ..blender.named_actions import group_performance
+from ..blender.performance import Performance
+from ..blender.rig_dependencies import places
 
 SIMULATED = {
     "CLOTH",

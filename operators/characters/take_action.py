@@ -14,10 +14,12 @@ import numpy as np
 from mathutils import Quaternion
 
 from ...crowd_lod.errors import CrowdError
+from ..blender.animation import armatures_of, curves_of, players_of, span_of
 from ..blender.labeled_properties import StringProperty
+from ..blender.named_actions import own_performance
 from ..blender.operator import Reporting
-from ..blender.performance import BONE, own
-from ..blender.rig_dependencies import PLACE, armatures_of, curves_of, players_of, span_of
+from ..blender.performance import BONE
+from ..blender.rig_dependencies import PLACE
 from ..machine.scene_world import machine_of
 from ..settings import needs
 from .characters import all_characters
@@ -57,7 +59,7 @@ def motionless(scene: bpy.types.Scene) -> dict[str, bpy.types.Object]:
     found = {}
     for name, objects, _, variant_of, _ in all_characters(scene):
         rigs = armatures_of(objects)
-        if rigs and not variant_of and own(objects).still:
+        if rigs and not variant_of and own_performance(objects).still:
             found[name] = rigs[0]
     return found
 

@@ -22,7 +22,7 @@ def from_blender(argv: list[str]) -> int:
     Without a SCENE the commands work on the open file.
     """
     interrupt.heed()
-    # Blender, which removes its session's folder at its end, has made it before
+    # Blender has made its session's folder before, and removes it only at a regular end
     with (
         own_temporary_folder(),
         interrupt.unfinished(partial(shutil.rmtree, bpy.app.tempdir, ignore_errors=True)),

@@ -25,7 +25,8 @@ def explain(
     LOD meshes that are missing are made.
     """
     yield from share(ready(scene), 0.0, 0.5)
-    trajectory, time = trajectory_of(scene), scene_data.remapped(scene.render, number)
+    trajectory = trajectory_of(scene)
+    time = scene_data.remapped(scene.render, number)
     yield from share(approach(trajectory, time), 0.5, 0.9)
     with frame_stepping.stepped(scene, rest=False) as at:
         eyes, around, shutter = lights.read_moment(scene, time, at)

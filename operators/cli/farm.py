@@ -1,4 +1,4 @@
-"""Commands for render farms: job writes what a farm takes, assemble puts rendered frames together.
+"""Commands for render farms: job writes what a farm takes, assemble joins rendered frames.
 
 See docs/farm.md.
 """
@@ -29,9 +29,8 @@ from .scene_files import open_scene
 FLAMENCO = Path(__file__).with_name("flamenco_job.js")
 MOST_SHOWN = 24  # frames on the contact sheet
 WIDTH = 480  # pixels of one of them, at least
-UNFIT = re.compile(
-    r"[\x00-\x1f\x7f-\x9f\ud800-\udfff]"
-)  # in paths: controls, and bytes that are no text
+# in paths: controls, and bytes that are no text
+UNFIT = re.compile(r"[\x00-\x1f\x7f-\x9f\ud800-\udfff]")
 PICTURES = (".png", ".exr", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp")
 COLUMNS = ("frame", "agents", "visible", "culled", "triangles", "full_triangles")
 
@@ -90,24 +89,9 @@ def write_job(args, command: Sequence[str]) -> dict[str, Any]:
     if args.chunk < 1:
         raise CrowdError(f"A task has {args.chunk} frames: give --chunk a whole number from 1 on.")
     scene = open_scene(args.scene)
-    if scene.crowd_lod.characters is None:
-        raise CrowdError(
-            f"The scene {scene.name} has no crowd: choose its characters in the Crowd panel, and "
-            f"save it."
-        )
     path = Path(bpy.data.filepath)
-    if not path.is_file():
-        raise CrowdError(
-            "A farm opens the scene as a file: save it, or write the sample with the command "
-            "sample."
-        )
     starts = _command()
-    for place in (str(path), starts[0]):
-        if UNFIT.search(place):
-            raise CrowdError(
-                f"The path {printable(place)} has a line break or another character that a job "
-                f"cannot hold: rename it, and open it again."
-            )
+    _check_scene(scene, path, starts[0])
     step = args.step
     if step is None:
         step = scene.crowd_lod.step if args.preview else scene.frame_step
@@ -136,9 +120,10 @@ def write_job(args, command: Sequence[str]) -> dict[str, Any]:
             json.dumps(values(job), indent=2) + "\n", encoding="utf-8"
         )
         shutil.copyfile(FLAMENCO, part / "crowd_lod.js")
-    out, tasks = printable(folder), -(-len(frames) // args.chunk)
+    out = printable(folder)
+    tasks = -(-len(frames) // args.chunk)
     steps = f" in steps of {step}" if (step := job.frames[2]) > 1 else ""
-    said = (
+    summary = (
         f"{shot_frames(frames).capitalize()}{steps}: {counted(tasks, 'task')} of up to "
         f"{counted(args.chunk, 'frame')}."
     )
@@ -147,8 +132,28 @@ def write_job(args, command: Sequence[str]) -> dict[str, Any]:
         "frames": [frames[0], frames[-1]],
         "step": step,
         "tasks": tasks,
-        "summary": f"{said}\n{out}",
+        "summary": f"{summary}\n{out}",
     }
+
+
+def _check_scene(scene: bpy.types.Scene, path: Path, program: str) -> None:
+    """Raise CrowdError unless a farm can open the scene's file `path` with `program`."""
+    if scene.crowd_lod.characters is None:
+        raise CrowdError(
+            f"The scene {scene.name} has no crowd: choose its characters in the Crowd panel, and "
+            f"save it."
+        )
+    if not path.is_file():
+        raise CrowdError(
+            "A farm opens the scene as a file: save it, or write the sample with the command "
+            "sample."
+        )
+    for place in (str(path), program):
+        if UNFIT.search(place):
+            raise CrowdError(
+                f"The path {printable(place)} has a line break or another character that a job "
+                f"cannot hold: rename it, and open it again."
+            )
 
 
 def _command() -> tuple[str, ...]:
@@ -159,28 +164,28 @@ def _command() -> tuple[str, ...]:
 
 
 def assemble_frames(folder: Path, frames: Sequence[int], command: Sequence[str]) -> dict[str, Any]:
-    """Write contact sheet, table and report of the `frames` that were rendered into
-    `folder`/frames.
+    """Write contact sheet, table and report of rendered frames.
 
+    frames: numbers, of pictures in `folder`/frames.
     CrowdError if one is missing or was not written to its end.
     """
-    found = {
+    pictures = {
         number: path
         for path in sorted(folder.glob("frames/*"))
         if (number := _number(path)) is not None
     }
-    missing = [number for number in frames if number not in found]
+    missing = [number for number in frames if number not in pictures]
     if missing:
         raise CrowdError(
             f"{frames_are(missing)} not in {printable(folder / 'frames')}: render what is "
             f"missing, then assemble again."
         )
     for number in frames:
-        file_checks.check(found[number])
+        file_checks.check(pictures[number])
     rows = _planned_rows(folder / "plan" / "plan.json", frames)
     with files.staged(folder) as part:
         shrunk = [
-            tables.shrink(image_data.load_pixels(found[number]), WIDTH)
+            tables.shrink(image_data.load_pixels(pictures[number]), WIDTH)
             for number in evenly(list(frames), MOST_SHOWN)
         ]
         image_data.save_png(

@@ -193,8 +193,9 @@ def _frames_to_bake(args, scene: bpy.types.Scene) -> list[int] | None:
 def _building(
     args, scene: bpy.types.Scene, frames: Sequence[int] | None
 ) -> Generator[float, None, tuple[Estimate, Cast, str]]:
-    """Build or bake: yield the progress, return what it costs, its characters, and why the shot
-    plan does not hold, or "".
+    """Build or bake: yield the progress, return (estimate, characters, sentence).
+
+    The sentence says why the scene's shot plan does not hold; "" if it does.
     """
     costs = estimate(scene, scene.crowd_lod, frames or (), args.bake)
     predicted = yield from share(costs, 0.0, 0.3)

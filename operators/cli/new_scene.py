@@ -25,12 +25,13 @@ from ..settings.level_settings import LevelSettings
 from .options import add_command, add_out, add_setting, apply_settings, to_path
 from .scene_files import blend_path, finish, first_line, open_scene, save
 
-# What the new scene keeps of the settings: the characters and their LOD meshes.
+# Settings that the new scene keeps: those of characters and their LOD meshes. The detail map is
+# painted over another ground.
 KEPT = {
     *CharacterSettings.__annotations__,
     *LevelSettings.__annotations__,
     *("groups", "levels", "memory_tolerance", "memory_made", "dropped"),
-} - {"bias_image"}  # which is painted over another ground
+} - {"bias_image"}
 LENS = 28.0  # millimeters
 DOWN = 0.2  # part of the picture's height by which the horizon is above the middle
 BORDER = 0.95  # part of the picture that the crowd is framed in
@@ -74,26 +75,24 @@ def add_new_scene(commands, program: str) -> None:
 
 
 def new_scene(args, command: list[str]) -> dict:
-    """Write a scene of the trajectories, or of the points of an object, and return what the command
-    tells.
-    """
+    """Run the command scene: write a scene of trajectories, or of an object's points."""
     if (args.tracks is None) == (args.source is None):
         raise CrowdError(
             "Give either a file of trajectories, TRACKS, or --source with the name of an object."
         )
     path = blend_path(args.out or Path(f"{args.source or args.tracks.stem}.blend"))
     tracks, characters, ground = (
-        _existing(each) for each in (args.tracks, args.characters, args.ground)
+        _existing(value) for value in (args.tracks, args.characters, args.ground)
     )
     with files.staged_file(path) as part:
         scene = open_scene(str(characters))
         characters_of(scene)  # says what is wrong with them
         source = _object(args.source, characters)
-        own = ground is not None and ground.samefile(characters)
-        left = _empty(scene, source, own)
+        is_own_ground = ground is not None and ground.samefile(characters)
+        scenery = _empty(scene, source, is_own_ground)
         settings = scene.crowd_lod
         if ground is not None:
-            settings.terrain = left if own else _add_ground(scene, ground)
+            settings.terrain = scenery if is_own_ground else _add_ground(scene, ground)
         if source is None:
             settings.source = "FILE"
             settings.tracks_file = str(tracks)
@@ -101,19 +100,18 @@ def new_scene(args, command: list[str]) -> dict:
         else:
             settings.source = "POINTS"
             settings.points = source
-        said = finish(_filled(scene), f"scene of {path.stem}", args.quiet)
+        sentence = finish(_filled(scene), f"scene of {path.stem}", args.quiet)
         if source is None:
             with suppress(ValueError):  # on another drive
-                settings.tracks_file = bpy.path.relpath(
-                    str(tracks)
-                )  # saving makes it relative to the new file
+                # saving makes it relative to the new file
+                settings.tracks_file = bpy.path.relpath(str(tracks))
         save(part, path)
     count = scene.frame_end - scene.frame_start + 1
     return {
         "out": printable(path),
         "frames": [scene.frame_start, scene.frame_end],
-        "camera": [round(each, 3) for each in scene.camera.matrix_world.translation],
-        "summary": f"{said}\n{counted(count, 'frame')} at "
+        "camera": [round(value, 3) for value in scene.camera.matrix_world.translation],
+        "summary": f"{sentence}\n{counted(count, 'frame')} at "
         f"{scene.render.fps / scene.render.fps_base:g} a second.\n{printable(path)}",
     }
 
@@ -140,11 +138,11 @@ def _object(name: str | None, path: Path) -> bpy.types.Object | None:
 def _empty(
     scene: bpy.types.Scene, source: bpy.types.Object | None, keeps: bool
 ) -> bpy.types.Collection | None:
-    """Remove all from the open file but the object `source` and `scene`.
+    """Empty the open file but for `scene` and the object `source`.
 
-    Of the scene stay its characters, LOD meshes, world and how it renders.
+    Of the scene its characters, LOD meshes, world and render settings stay.
 
-    keeps: what else the scene shows stays, in a collection that is returned.
+    keeps: whether all else that the scene shows stays, too, in a collection that is returned.
     """
     settings = scene.crowd_lod
     if settings.build is not None:
@@ -160,14 +158,15 @@ def _empty(
     scene.camera = scene.background_set = None
     for other in [other for other in bpy.data.scenes if other != scene]:
         bpy.data.scenes.remove(other)
-    top, home = scene.collection, bpy.data.collections.new("Ground")
-    own = {
+    top = scene.collection
+    home = bpy.data.collections.new("Ground")
+    homes = {
         settings.characters,
         *([settings.levels] if settings.levels in top.children_recursive else []),
     }
-    own |= _homes_of_needed(own, source)
+    homes |= _homes_of_needed(homes, source)
     for parent in (top, *bpy.data.collections):
-        for child in own & set(parent.children):
+        for child in homes & set(parent.children):
             parent.children.unlink(child)
     for child in list(top.children):
         home.children.link(child)
@@ -176,7 +175,7 @@ def _empty(
         if item != source:
             home.objects.link(item)
         top.objects.unlink(item)
-    for child in (*own, *([home] if keeps else [])):
+    for child in (*homes, *([home] if keeps else [])):
         top.children.link(child)
     settings.characters.hide_render = True
     if source is not None:
@@ -191,14 +190,17 @@ def _empty(
 
 
 def _homes_of_needed(
-    own: Iterable[bpy.types.Collection], source: bpy.types.Object | None
+    collections: Iterable[bpy.types.Collection], source: bpy.types.Object | None
 ) -> set[bpy.types.Collection]:
-    """Return a new hidden collection of what the objects of `own` need from outside, if anything.
+    """Return a new hidden collection of what the objects need from outside, if anything.
 
     Blender would purge parents and targets that no collection holds, and characters change their
     size and place without them.
+
+    collections: of the objects.
+    source: needs no home.
     """
-    inside = {item for collection in own for item in collection.all_objects}
+    inside = {item for collection in collections for item in collection.all_objects}
     outside = set(closure_of(inside)) - inside - {source}
     if not outside:
         return set()
@@ -210,60 +212,59 @@ def _homes_of_needed(
 
 
 def _add_ground(scene: bpy.types.Scene, path: Path) -> bpy.types.Collection:
-    """Append all that the first scene with meshes in the file at `path` shows.
+    """Append all that the first scene with meshes in a file shows; return its collection.
 
-    Its world, too, if `scene` has none.
-
-    Returns its collection.
+    Its world comes along if `scene` has none.
     """
     try:
-        with console.quiet(), bpy.data.libraries.load(str(path), link=False) as (there, wanted):
-            wanted.scenes = there.scenes
+        with console.quiet(), bpy.data.libraries.load(str(path), link=False) as (there, loaded):
+            loaded.scenes = there.scenes
     except (OSError, RuntimeError) as error:
         raise CrowdError(f"Blender cannot read {printable(path)}: {first_line(error)}") from None
     home = bpy.data.collections.new("Ground")
     scene.collection.children.link(home)
-    found = next(
-        (each for each in wanted.scenes if any(item.type == "MESH" for item in each.objects)), None
+    ground = next(
+        (other for other in loaded.scenes if any(item.type == "MESH" for item in other.objects)),
+        None,
     )
-    if found is None:
+    if ground is None:
         raise CrowdError(
             f"No scene of {printable(path)} shows a mesh: give a file with the ground, or leave "
             f"out --ground."
         )
-    own, meters = scene_data.meters(found), scene_data.meters(scene)
-    if abs(own / meters - 1) > 1e-5:
+    its_meters = scene_data.meters(ground)
+    meters = scene_data.meters(scene)
+    if abs(its_meters / meters - 1) > 1e-5:
         raise CrowdError(
-            f"A unit of the scene {found.name} in {printable(path.name)} is {own:g} m, and one of "
-            f"the characters' scene {meters:g} m: "
-            "give both files the same Unit Scale."
+            f"A unit of the scene {ground.name} in {printable(path.name)} is {its_meters:g} m, and "
+            f"one of the characters' scene {meters:g} m: give both files the same Unit Scale."
         )
-    for child in found.collection.children:
+    for child in ground.collection.children:
         home.children.link(child)
-    for item in found.collection.objects:
+    for item in ground.collection.objects:
         home.objects.link(item)
-    scene.world = scene.world or found.world
-    for each in wanted.scenes:
-        bpy.data.scenes.remove(each)
+    scene.world = scene.world or ground.world
+    for other in loaded.scenes:
+        bpy.data.scenes.remove(other)
     bpy.data.orphans_purge(do_recursive=True)
     return home
 
 
 def _filled(scene: bpy.types.Scene) -> Generator[float, None, str]:
-    """Populate the scene, and add what it takes to render it: yield the progress, return a
-    sentence.
-    """
-    said, _ = yield from share(populating(scene, bpy.context.evaluated_depsgraph_get()), 0.0, 0.5)
+    """Populate the scene, add camera and light: yield the progress, return a sentence."""
+    sentence, _ = yield from share(
+        populating(scene, bpy.context.evaluated_depsgraph_get()), 0.0, 0.5
+    )
     if scene.crowd_lod.source == "FILE":
         trajectory = trajectory_of(scene)
         last = _last(trajectory)
         if last > MOST_FRAME:
             raise CrowdError(
                 f"The file plays until frame {last:,}, and Blender's timeline ends at "
-                f"{MOST_FRAME:,}: give rows of a shorter time, "
-                "or the right --fps."
+                f"{MOST_FRAME:,}: give rows of a shorter time, or the right --fps."
             )
-        scene.frame_start, scene.frame_end = trajectory.first_frame, last
+        scene.frame_start = trajectory.first_frame
+        scene.frame_end = last
     _film(scene, (yield from share(_places(scene), 0.5, 1.0)))
     if not any(item.type == "LIGHT" for item in scene.objects):
         _add(scene, "Sun", bpy.data.lights.new("Sun", "SUN")).rotation_euler = (
@@ -274,7 +275,7 @@ def _filled(scene: bpy.types.Scene) -> Generator[float, None, str]:
     if scene.world is None:
         scene.world = bpy.data.worlds.new("World")
     scene.frame_set(scene.frame_start)
-    return said
+    return sentence
 
 
 def _last(trajectory: Recorded) -> int:
@@ -283,11 +284,9 @@ def _last(trajectory: Recorded) -> int:
 
 
 def _places(scene: bpy.types.Scene) -> Generator[float, None, np.ndarray]:
-    """Find where agents are at frames all over the shot: yield the progress, return (n, 3)
-    float64.
-    """
+    """Find where agents are all over the shot: yield the progress, return (n, 3) float64."""
     frames = evenly(range(scene.frame_start, scene.frame_end + 1), LOOKS)
-    found = []
+    places = []
     for k, frame in enumerate(frames):
         scene.frame_set(frame)
         trajectory = trajectory_of(scene)
@@ -296,15 +295,16 @@ def _places(scene: bpy.types.Scene) -> Generator[float, None, np.ndarray]:
         there = np.stack([crowd.x, crowd.y, crowd.z], axis=1)[
             slice(None) if crowd.present is None else crowd.present
         ]
-        found.append(there[:: max(1, len(there) * len(frames) // MOST_PLACES)])
-    return np.concatenate(found)
+        places.append(there[:: max(1, len(there) * len(frames) // MOST_PLACES)])
+    return np.concatenate(places)
 
 
 def _film(scene: bpy.types.Scene, places: np.ndarray) -> None:
     """Add a camera that frames the `places` (n, 3)."""
     camera = _add(scene, "Camera", bpy.data.cameras.new("Camera"))
     width, height = cameras.image_size(scene.render)
-    camera.data.lens, camera.data.shift_y = LENS, -DOWN * height / max(width, height)
+    camera.data.lens = LENS
+    camera.data.shift_y = -DOWN * height / max(width, height)
     scene.camera = camera
     window = cameras.camera_from(camera, scene.render, bpy.context.evaluated_depsgraph_get()).window
     meters = scene_data.meters(scene)
@@ -313,7 +313,8 @@ def _film(scene: bpy.types.Scene, places: np.ndarray) -> None:
     )
     x, y = view.ahead
     scene_data.look_at(camera, view.eye / meters, (y, -x, 0), (0, 0, 1), (x, y, 0))
-    camera.data.clip_start, camera.data.clip_end = 0.1 / meters, view.far / meters
+    camera.data.clip_start = 0.1 / meters
+    camera.data.clip_end = view.far / meters
 
 
 def _add(scene: bpy.types.Scene, name: str, data: bpy.types.ID) -> bpy.types.Object:

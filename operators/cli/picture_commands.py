@@ -108,7 +108,7 @@ def preview_shot(args, command: list[str]) -> dict:
     follow_plan(args, settings)
     stem = stem_of(args)
     folder = files.absolute(args.out or Path(f"{stem}_preview"))
-    wanted = Preview(
+    request = Preview(
         frames=frames_of_shot(args, scene, settings.step),
         folder=folder,
         width=settings.width,
@@ -116,8 +116,8 @@ def preview_shot(args, command: list[str]) -> dict:
         color=_color(args, settings),
         strict=args.strict,
     )
-    sharing = shared_runs.sharing_of(args, command, scene, folder, wanted.frames)
-    plan = finish(preview(scene, wanted, command, sharing), f"preview of {stem}", args.quiet)
+    sharing = shared_runs.sharing_of(args, command, scene, folder, request.frames)
+    plan = finish(preview(scene, request, command, sharing), f"preview of {stem}", args.quiet)
     if sharing.part is not None:
         return shared_runs.told_of_part(sharing, plan["frames"])
     return {
@@ -153,9 +153,8 @@ def _summary(plan: dict) -> str:
     agents = counted(rows[0]["agents"], "agent")
     return "".join(
         [
-            f"{frames} of {agents} in {plan['seconds']:.1f} s: from "
-            f"{least['visible']:,} visible (frame {least['frame']}) to {most['visible']:,} "
-            f"(frame {most['frame']}).\n",
+            f"{frames} of {agents} in {plan['seconds']:.1f} s: from {least['visible']:,} visible "
+            f"(frame {least['frame']}) to {most['visible']:,} (frame {most['frame']}).\n",
             *(f"{note}\n" for note in notes),
         ]
     )
@@ -170,7 +169,7 @@ def verify_shot(args, command: list[str]) -> dict:
     follow_plan(args, settings)
     stem = stem_of(args)
     frames = frames_of_shot(args, scene, settings.step)
-    wanted = Verify(
+    request = Verify(
         frames=frames if args.frames is not None else frames_to_verify(scene, frames),
         folder=files.absolute(args.out or Path(f"{stem}_verify")),
         width=settings.verify_width,
@@ -178,9 +177,9 @@ def verify_shot(args, command: list[str]) -> dict:
         bounces=args.bounces,
         strict=args.strict,
     )
-    sharing = shared_runs.sharing_of(args, command, scene, wanted.folder, wanted.frames)
-    result = finish(verify(scene, wanted, command, sharing), f"verify {stem}", args.quiet)
+    sharing = shared_runs.sharing_of(args, command, scene, request.folder, request.frames)
+    result = finish(verify(scene, request, command, sharing), f"verify {stem}", args.quiet)
     if sharing.part is not None:
         return shared_runs.told_of_part(sharing, result["frames"])
-    out = printable(wanted.folder)
+    out = printable(request.folder)
     return {**result, "out": out, "summary": f"{to_text(result)}\n{out}"}

@@ -44,6 +44,7 @@ def add_plan_shot(commands, program: str) -> None:
     add_setting(command, "--seed", "seed", "N")
     add_setting(command, "--tolerance", "tolerance", "PX")
     add_setting(command, "--avoid-pops", "avoid_pops", "PART")
+    add_setting(command, "--variety", "variety", "PART")
     add_setting(command, "--blur", "plan_blurred")
     add_setting(command, "--triangles", "budget_triangles", "N")
     command.add_argument(
@@ -101,7 +102,7 @@ def plan_shot(args, command: list[str]) -> dict:
     apply_settings(args, settings)
     stem = stem_of(args)
     folder = files.absolute(args.out or Path(f"{stem}_plan"))
-    wanted = replace(
+    request = replace(
         shot_plan.wanted_of(scene, folder, frames_of_shot(args, scene)),
         budget=_budget(args, settings),
         keeps=True,
@@ -109,11 +110,11 @@ def plan_shot(args, command: list[str]) -> dict:
     with files.staged(folder) as part:
 
         def work() -> Generator[float, None, tuple[shot_plan.Planned, dict]]:
-            planned = yield from share(shot_plan.plan_shot(scene, wanted), 0.0, 0.99)
+            planned = yield from share(shot_plan.plan_shot(scene, request), 0.0, 0.99)
             writing = shot_plan.write_plan(scene, part, planned, command)
             return planned, (yield from share(writing, 0.99, 1.0))
 
-        steps = with_record(scene, wanted.frames, work)
+        steps = with_record(scene, request.frames, work)
         planned, content = finish(steps, f"plan of {stem}", args.quiet)
     forget_parts(folder)
     if args.scene is None:  # the open file goes on with it

@@ -1,4 +1,4 @@
-"""Files of scenes: a command's own opening, saving and progress."""
+"""How commands open and save scenes, and show their progress."""
 
 import contextlib
 import threading
@@ -72,7 +72,7 @@ def save(part: Path, path: Path, compress: bool = False) -> None:
         ) from None
 
 
-def finish(steps: Generator[float, None, Made], what: str, quiet: bool) -> Made:
+def finish(steps: Generator[float, None, Made], title: str, quiet: bool) -> Made:
     """Run a progress generator with a bar on stderr, and return its result."""
     with contextlib.ExitStack() as stack:
         stack.callback(steps.close)
@@ -83,10 +83,10 @@ def finish(steps: Generator[float, None, Made], what: str, quiet: bool) -> Made:
 
                 # its own is of processes, and one of Python's would complain that it is left
                 tqdm.set_lock(threading.RLock())
-                looks = "{desc} {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
+                template = "{desc} {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
                 stack.callback(setattr, interrupt, "line", interrupt.line)
                 interrupt.line = "\n"  # before the bar draws itself for the first time
-                bar = stack.enter_context(tqdm(total=100, desc=what, bar_format=looks))
+                bar = stack.enter_context(tqdm(total=100, desc=title, bar_format=template))
         while True:
             try:
                 progress = next(steps)

@@ -26,10 +26,11 @@ from ...crowd_lod.reporting import files
 from ...crowd_lod.shot import plan_file
 from ..runs.shared_frames import Sharing, allowed
 
-PARTS, RUN = "parts", "run.json"  # of a folder: its parts, and which run they are of
-# options with the number of their values: of a process that makes a part; that do not change what
-# is made
+PARTS = "parts"  # the folder of a run's parts
+RUN = "run.json"  # in it: which run they are of
 SHARED = "preview", "verify"  # the commands that are made in parts
+# Options, with the number of their values: those of a process that makes a part, and all that do
+# not change what is made.
 OF_PART = {"--part": 1, "--into": 1, "--threads": 1}
 ASIDE = {**OF_PART, "--out": 1, "--jobs": 1, "--quiet": 0, "--json": 0}
 MOST_JOBS = 256
@@ -51,7 +52,8 @@ def sharing_of(
             f"The number of jobs is {args.jobs}; give a whole number from 1 to {MOST_JOBS}."
         )
     if args.threads is not None:
-        scene.render.threads_mode, scene.render.threads = "FIXED", args.threads
+        scene.render.threads_mode = "FIXED"
+        scene.render.threads = args.threads
     if args.into is not None and args.part is None:
         _refuse_others(folder, key_of(args, command))
         return Sharing(into=args.into)
@@ -61,35 +63,37 @@ def sharing_of(
         part = parse_part(args.part, frames)
         into = args.into or _parts(folder, args, command, key_of(args, command))
         return Sharing(part=tuple(part), into=into, parent=os.getppid() if args.into else 0)
-    key, jobs = key_of(args, command), allowed(args.jobs)
+    key = key_of(args, command)
+    jobs = allowed(args.jobs)
     if jobs < args.jobs:
         _say(args, f"Memory is free for {jobs} process{'es' * (jobs > 1)}, not for {args.jobs}.")
-    own, others = files.killed_runs(folder, key)
-    if own:
+    finished, foreign = files.killed_runs(folder, key)
+    if finished:
         _say(
             args,
-            f"Going on with {own} of {counted(len(frames), 'frame')} from a run that was ended.",
+            f"Going on with {finished} of {counted(len(frames), 'frame')} from a run that was "
+            "ended.",
         )
-    if others:
+    if foreign:
         _say(
             args,
-            f"{counted(others, 'frame is', 'frames are')} not used, of another run into this "
-            f"folder that was ended: "
-            "it had other arguments.",
+            f"{counted(foreign, 'frame is', 'frames are')} not used, of another run into this "
+            "folder that was ended: it had other arguments.",
         )
     if jobs > 1:
-        scene.render.threads_mode, scene.render.threads = "FIXED", _threads(jobs)
+        scene.render.threads_mode = "FIXED"
+        scene.render.threads = _threads(jobs)
     return Sharing(key=key, jobs=jobs, worker=worker_of(args, command, jobs))
 
 
 def key_of(args, command: Sequence[str]) -> str:
-    """Return what fixes a run's output: the command, and the files that it reads, by content.
+    """Return a digest of what fixes a run's output: the command, and the content of its files.
 
     "" for a file that is open: it may have been changed since.
     """
     if args.scene is None:
         return ""
-    found = hashlib.sha256(
+    hashed = hashlib.sha256(
         repr((without(command, ASIDE), __version__, bpy.app.version_string)).encode()
     )
     plan = [args.plan, args.plan / plan_file.NAME] if args.plan is not None else []
@@ -100,11 +104,11 @@ def key_of(args, command: Sequence[str]) -> str:
     for path in (
         Path(args.scene),
         *plan,
-        *(Path(bpy.path.abspath(each.filepath)) for each in linked),
+        *(Path(bpy.path.abspath(block.filepath)) for block in linked),
     ):
         if path.is_file():
-            found.update(path.read_bytes())
-    return found.hexdigest()
+            hashed.update(path.read_bytes())
+    return hashed.hexdigest()
 
 
 def without(command: Sequence[str], options: Mapping[str, int]) -> list[str]:
@@ -112,16 +116,17 @@ def without(command: Sequence[str], options: Mapping[str, int]) -> list[str]:
 
     options: the number of values of each.
     """
-    kept, skip = [], 0
+    words = []
+    skip = 0
     for word in command:
-        name, given, _ = word.partition("=")
+        name, has_value, _ = word.partition("=")
         if skip:
             skip -= 1
         elif name in options:
-            skip = 0 if given else options[name]
+            skip = 0 if has_value else options[name]
         else:
-            kept.append(word)
-    return kept
+            words.append(word)
+    return words
 
 
 def worker_of(
@@ -133,7 +138,7 @@ def worker_of(
 
     def worker(file: Path, frames: Sequence[int]) -> list[str]:
         into = file.parent.parent
-        own = [
+        arguments = [
             words[0],
             str(file),
             *words[1:],
@@ -142,8 +147,8 @@ def worker_of(
             str(into),
         ]
         if args.plan is None and (into / plan_file.NAME).exists():
-            own += "--plan", str(into)
-        return [*launcher(), *own, "--threads", str(_threads(jobs)), "--quiet"]
+            arguments += "--plan", str(into)
+        return [*launcher(), *arguments, "--threads", str(_threads(jobs)), "--quiet"]
 
     return worker
 
@@ -195,9 +200,8 @@ def _refuse_others(folder: Path, key: str) -> None:
     if read_run(folder)["key"] != key:
         raise CrowdError(
             f"The folder {printable(folder)} holds parts of another run, or of another state of "
-            f"the scene, of Blender or of "
-            f"Crowd LOD: make all parts of one state, in a folder of their own, or remove "
-            f"{printable(folder / PARTS)}."
+            "the scene, of Blender or of Crowd LOD: make all parts of one state, in a folder of "
+            f"their own, or remove {printable(folder / PARTS)}."
         )
 
 
@@ -231,7 +235,7 @@ def _damaged(folder: Path) -> CrowdError:
 def assembled(
     args, parser: Callable[[str], argparse.ArgumentParser]
 ) -> tuple[argparse.Namespace, list[str]]:
-    """Return (arguments, words) of the command whose parts `args` names, to finish it with these.
+    """Return (arguments, words) that finish the command whose parts `args` names.
 
     CrowdError if there are none, or the scene is another one now.
     """
@@ -243,11 +247,13 @@ def assembled(
     except SystemExit:  # what argparse would print is of no use here
         raise _damaged(args.folder) from None
     again.part = None
-    again.out, again.into = args.folder, args.folder / PARTS
+    again.out = args.folder
+    again.into = args.folder / PARTS
     again.scene = args.scene or (
         again.scene if again.scene in sample_scenes.NAMES else run["scene"]
     )
-    again.quiet, again.json = args.quiet, args.json
+    again.quiet = args.quiet
+    again.json = args.json
     return again, run["command"]
 
 
@@ -257,8 +263,9 @@ def remove_parts(folder: Path) -> None:
 
 
 def told_of_part(sharing: Sharing, rows: Sequence[dict]) -> dict[str, Any]:
-    """Return a command's result that made a part of a run."""
-    out, frames = printable(sharing.into), [row["frame"] for row in rows]
+    """Return the result of a command that made a part of a run."""
+    out = printable(sharing.into)
+    frames = [row["frame"] for row in rows]
     return {"out": out, "frames": rows, "summary": f"{frames_are(frames)} in {out}."}
 
 

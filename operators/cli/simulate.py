@@ -35,10 +35,10 @@ def simulated(args, command: list[str]) -> dict:
         settings = open_scene(args.scene).crowd_lod
         apply_settings(args, settings)
         steps = simulate.simulating_crowd(settings.id_data, 0, hidden / tracks.name)
-        said = finish(steps, f"simulation of {stem}", args.quiet)
+        sentence = finish(steps, f"simulation of {stem}", args.quiet)
         simulate.follow(settings.id_data, 0, f"//{tracks.name}")
         part = hidden.with_suffix(".part")
         save(part, path)
         part.replace(hidden / path.name)
-    found = {"out": printable(path), "tracks": printable(tracks)}
-    return {**found, "summary": "\n".join((said, *found.values()))}
+    paths = {"out": printable(path), "tracks": printable(tracks)}
+    return {**paths, "summary": "\n".join((sentence, *paths.values()))}

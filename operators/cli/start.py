@@ -1,4 +1,4 @@
-"""The start of a shell command: handle Ctrl-C before Blender's slow loading."""
+"""The start of a shell command: Ctrl-C is handled before Blender's slow loading."""
 
 import signal
 

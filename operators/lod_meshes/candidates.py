@@ -11,7 +11,8 @@ import bpy
 import numpy as np
 from idprop.types import IDPropertyGroup
 
-from ...crowd_lod.crowd.agents import Group, varied
+from ...crowd_lod.crowd.agents import Group
+from ...crowd_lod.crowd.bounding_spheres import cover_sizes
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.levels.lengths import DARKER, NEAR_ENOUGH, allowed_lengths, read_curve
 from ...crowd_lod.levels.selection import View
@@ -174,7 +175,7 @@ class Ladder:
         finest = self.diagonal / self._value(0.0, "triangles")
         lengths = allowed_lengths(
             views,
-            varied(group).radius,
+            cover_sizes(group).radius,
             tolerance / size,
             finest,
             higher,

@@ -6,17 +6,10 @@ import bpy
 import numpy as np
 
 from ..blender import mesh_data, scene_data
+from ..blender.animation import curves_and_drivers, moved_values, players_of
 from ..blender.provenance import text_digest
 from ..blender.references import blocks_of
-from ..blender.rig_dependencies import (
-    curves_of,
-    moved_values,
-    places,
-    players_of,
-    read_tree,
-    settings_of,
-    shape_of,
-)
+from ..blender.rig_dependencies import places, read_tree, settings_of, shape_of
 
 SAMPLED = 200  # vertices of a mesh, roughly
 
@@ -43,17 +36,7 @@ def cast_digest(items: Iterable[bpy.types.Object]) -> str:
 
 def _moves(item: bpy.types.Object) -> bool:
     """Return whether the object's own place is animated, and so tells the frame."""
-    return any(map(places, _curves(item)))
-
-
-def _curves(item: bpy.types.Object) -> list[bpy.types.FCurve]:
-    """Return the drivers and F-curves that animate the object itself."""
-    data = item.animation_data
-    return (
-        [*data.drivers, *(curve for player in players_of([item]) for curve in curves_of(player))]
-        if data is not None
-        else []
-    )
+    return any(map(places, curves_and_drivers(item.animation_data)))
 
 
 def _node_inputs(item: bpy.types.Object) -> list[tuple[str, str]]:
@@ -64,7 +47,7 @@ def _node_inputs(item: bpy.types.Object) -> list[tuple[str, str]]:
         for m in modifiers
         for path, value in scene_data.node_inputs(m).items()
     }
-    animated = {curve.data_path for curve in _curves(item)}
+    animated = {curve.data_path for curve in curves_and_drivers(item.animation_data)}
     return sorted((path, repr(value)) for path, value in inputs.items() if path not in animated)
 
 

@@ -13,8 +13,9 @@ from ...crowd_lod.format import counted
 from ...crowd_lod.progress import finished, share
 from ...crowd_lod.simplification import hausdorff
 from ..blender.material_colors import Looks
+from ..blender.named_actions import performance_of
 from ..blender.operator import Stepwise
-from ..blender.performance import Performance, performance_of
+from ..blender.performance import Performance
 from ..characters.stored_groups import groups_of, store_groups
 from ..machine.scene_world import actions_named
 from ..scene.scene_crowd import characters_of, home_of

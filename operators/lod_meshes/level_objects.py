@@ -5,8 +5,8 @@ from collections.abc import Generator, Sequence
 import bpy
 
 from ..blender import mesh_data
+from ..blender.animation import armatures_of
 from ..blender.ownership import OWNED
-from ..blender.rig_dependencies import armatures_of
 from . import attribute_transfer, methods
 from . import source_mesh as sources
 

@@ -32,7 +32,7 @@ from .selection import chosen
 MADE_FOR, CHOSEN_FROM = "crowd_lod_made_for", "crowd_lod_chosen_from"
 # changes after which the candidates are others than those that LODs were chosen from
 UNFORESEEN = {"actions", "decimation", "character groups"}
-_known: dict[int, tuple[tuple, "Forecast | None"]] = scene_cache.kept({}, by_scene=True)
+_known: dict[int, tuple[tuple, "Forecast | None"]] = scene_cache.add_cache({}, by_scene=True)
 
 
 @dataclass(frozen=True)
@@ -215,7 +215,7 @@ def _lacks(settings) -> dict[str, tuple[str, str]]:
 def outdated(scene: bpy.types.Scene) -> str:
     """Return a sentence on what has changed since the LODs were made; "" if nothing."""
     news = ", ".join(f"{name} {then} (now {now})" for name, (then, now) in changed(scene).items())
-    names = provenance.named(edited(scene))
+    names = provenance.name_inputs(edited(scene))
     told = [f"for {news}"] * bool(news) + [f"before {names} changed"] * bool(names)
     return f"LODs were made {', '.join(told)}" if told else ""
 
@@ -230,7 +230,7 @@ def to_make_again(scene: bpy.types.Scene) -> str:
         )
     if names := edited(scene):
         return (
-            f"Since the LOD meshes were made, {provenance.named(names)} changed: press Make "
+            f"Since the LOD meshes were made, {provenance.name_inputs(names)} changed: press Make "
             f"LOD Meshes, and Build again."
         )
     return ""

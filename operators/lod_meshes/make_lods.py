@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import bpy
 
-from ...crowd_lod.crowd.agents import Group, varied
+from ...crowd_lod.crowd.agents import Group
+from ...crowd_lod.crowd.bounding_spheres import cover_sizes
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.progress import share, standing
 from ..blender import scene_data
@@ -173,7 +174,7 @@ def _chosen(
     while missing:
         usual = [lost for ladder in ladders for lost in ladder.lost()]
         guesses = [
-            varied(ladder.guess(group, usual))
+            cover_sizes(ladder.guess(group, usual))
             for ladder, group in zip(ladders, groups, strict=True)
         ]
         measured = [

@@ -6,8 +6,9 @@ import bpy
 import numpy as np
 
 from ..blender import cleanup, mesh_data
-from ..blender.performance import Performance, own
-from ..blender.rig_dependencies import armatures_of
+from ..blender.animation import armatures_of
+from ..blender.named_actions import own_performance
+from ..blender.performance import Performance
 from .source_mesh import positions, read_weights
 
 # poses spread over the action, its ends included, and with those least like any before
@@ -28,7 +29,7 @@ def poses(
     Some lie evenly over each action, half as many over those that states name. At the others its
     joints are farthest from where they are at any before, or are bent most unlike them, in turn.
     """
-    performance = performance or own(list(objects))
+    performance = performance or own_performance(list(objects))
     parts = [_frames(*span) for span in performance.spans]
     times, begins = np.concatenate(parts), np.cumsum([0, *map(len, parts)]).tolist()
     motions: tuple[np.ndarray, np.ndarray] | None = None

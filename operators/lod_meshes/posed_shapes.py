@@ -7,7 +7,8 @@ import bpy
 import numpy as np
 
 from ..blender import mesh_data
-from ..blender.performance import Performance, own
+from ..blender.named_actions import own_performance
+from ..blender.performance import Performance
 from ..blender.render_evaluation import as_rendered
 from .opacity import hiding_slots
 from .surface import Surface, has_area
@@ -44,7 +45,7 @@ class Posed:
         levels: Sequence[Sequence[bpy.types.Object]],
         performance: Performance | None = None,
     ):
-        self.performance = performance or own(list(objects))
+        self.performance = performance or own_performance(list(objects))
         self._staged = as_rendered([item for each in (objects, *levels) for item in each])
         self.stage, actors = self._staged.__enter__()
         self.character, *self.levels = [

@@ -21,26 +21,22 @@ from .methods import LEAST
 from .source_mesh import Source
 
 ROUNDS = 5  # tries of a length, at most, before the whole is measured
-REFINED = 2  # times that the whole is measured, once something fits
-MOST_MEASURED = 4  # the same at most
+MOST_MEASURED = 4  # times that the whole is measured, at most
 SAFE = 1.3  # times as near as is estimated to do, a LOD is tried last where none fits
+AIM = 0.93  # of a length: the deviation that tries aim at, between NEAR_ENOUGH and 1
+USUALLY = 1.3  # times as far off Decimate's LODs are, of as many triangles
 STEP = 1.08  # times the triangles, that a try must differ by from those before
 MOST_STEP = 6.0  # times the triangles, that it may differ by
 USUAL = 1.08  # times the deviation as estimated, that a bound is
-# times the triangles, within which a method does about as well against the other; and that a step
-# is at most
-WIDE = 2.0
-WORSE = 1.3  # times the triangles, from which on a method is not tried
-BETTER = 1.1  # times the triangles that Pose-Aware may take, which keeps UV seams
-# A try that is too far off at FEW_SPOTS of its vertices alone is made AGAIN so often with as many
-# triangles, and these vertices count HEAVIER each time. Where more are, what is won at them is lost
-# beside them.
-FEW_SPOTS, AGAIN, HEAVIER = 0.003, 2, 32.0
-# of the deviation before, that is left once it was made again; with more, it is not made once more
-WON = 0.95
-# of the length, that objects may deviate by which stand in for those left out, at least
-NEAREST = 0.1
+WIDE = 2.0  # times the triangles, that a step is at most where it was tried before
+# Where a try is too far off at FEW_SPOTS of its vertices alone, these count HEAVIER in those after
+# it. Where more are, what is won at them is lost beside them; of a second time nothing is won.
+FEW_SPOTS, HEAVIER = 0.003, 32.0
+# By preference. Decimate is far quicker: what it says guides the other's first try.
+NEAREST = 0.1  # of the length: what stands in for objects left out may be off by so much at least
+BELOW = 1e-9  # a division by less says nothing
 METHODS = "POSE_AWARE", "DECIMATE"
+WORTH = {"POSE_AWARE": 1.0, "DECIMATE": 1.1}  # of a triangle: Pose-Aware keeps UV seams
 
 Figures = tuple[float, float, float, float]  # see Measure.level
 Make = Callable[[Source, float, str], Generator[Any, None, tuple[bpy.types.Object, int, int]]]
@@ -50,8 +46,8 @@ Make = Callable[[Source, float, str], Generator[Any, None, tuple[bpy.types.Objec
 class Try:
     """An object of a LOD that was made.
 
-    item: it; vertices, triangles: how many it has; method, ratio: how it was made; deviation:
-    meters, as estimated.
+    item: it; vertices, triangles: how many it has; method, ratio: how it was made; weighed: whether
+    spots were heavier; deviation: meters, as estimated.
     away: (n,) meters, that of each vertex of the source; poses: in how many.
     """
 
@@ -60,19 +56,27 @@ class Try:
     triangles: int
     method: str
     ratio: float
+    weighed: bool = False
     deviation: float = 0.0
     away: np.ndarray = field(default_factory=lambda: np.zeros(1))
     poses: int = 0
 
     @property
     def reachable(self) -> float:
-        """Return the deviation but for a few spots, if these can be mended: with as many
-        triangles.
-        """
-        most = (
-            float(np.quantile(self.away, 1 - FEW_SPOTS)) if self.method == "POSE_AWARE" else np.inf
-        )
-        return min(most, self.deviation)
+        """Return the deviation but for a few spots, if these can be mended."""
+        if self.method != "POSE_AWARE":
+            return self.deviation
+        return min(float(np.quantile(self.away, 1 - FEW_SPOTS)), self.deviation)
+
+    @property
+    def likely(self) -> float:
+        """Return about the deviation of a LOD with as many triangles, whose spots are heavier."""
+        return float(np.sqrt(self.reachable * self.deviation))
+
+    @property
+    def worth(self) -> float:
+        """Return the triangles as they compare with those of the other method."""
+        return self.triangles * WORTH[self.method]
 
 
 @dataclass
@@ -80,8 +84,8 @@ class Curve:
     """What is known of an object's LODs.
 
     source: the object's; known: each method's tries; tries: of this length, whose objects are still
-    there.
-    dispensable: whether LODs of this length leave the object out.
+    there; weighed: whether spots are heavier, for this length; dispensable: whether its LODs leave
+    the object out.
     evaluated: (n,) which vertex of the evaluated object each of the source's is; None before that
     is asked for.
     """
@@ -89,6 +93,7 @@ class Curve:
     source: Source
     known: dict[str, list[Try]] = field(default_factory=lambda: {method: [] for method in METHODS})
     tries: list[Try] = field(default_factory=list)
+    weighed: bool = False
     dispensable: bool = False
     evaluated: np.ndarray | None = None
 
@@ -103,15 +108,28 @@ class Curve:
 
         about: that part if nothing is known.
         """
-        least = length / MOST_STEP
-        tries = [
-            attempt for attempt in self.known[method] if attempt.deviation > least
-        ] or self.known[method]
-        known = [(max(attempt.reachable, least), attempt.ratio) for attempt in tries]
-        ratio = float(read_curve([length], known, -1.0)[0]) if known else about
-        if known:  # the whole itself would tell nothing: at most half the way there
+        known = self._known(method, length)
+        ratio = about
+        if known:
+            ratio = float(read_curve([AIM * length], known, -1.0)[0])
+            # the whole itself would tell nothing: at most half the way there
             ratio = min(ratio, max(part for _, part in known) ** 0.5)
+        elif others := [pair for other in METHODS for pair in self._known(other, length)]:
+            other = float(read_curve([AIM * USUALLY * length], others, -1.0)[0])
+            ratio = (about * other) ** 0.5
         return min(max(ratio, LEAST / max(self.count, 1)), 1.0)
+
+    def _known(self, method: str, length: float) -> list[tuple[float, float]]:
+        """Return (meters, part of the triangles) of a method's tries.
+
+        Those that deviate far less than `length` count as if it were a little less.
+        """
+        least = length / MOST_STEP
+        tries = [attempt for attempt in self.known[method] if attempt.deviation > least]
+        return [
+            (max(attempt.deviation if self.weighed else attempt.likely, least), attempt.ratio)
+            for attempt in tries or self.known[method]
+        ]
 
     def best(self, length: float) -> Try:
         """Return the try of fewest triangles that deviates by `length` at most, else the
@@ -120,44 +138,25 @@ class Curve:
         fitting = [attempt for attempt in self.tries if attempt.deviation <= length]
         if not fitting:
             return min(self.tries, key=lambda attempt: attempt.deviation)
-        return min(
-            fitting,
-            key=lambda attempt: (
-                attempt.triangles * (BETTER if attempt.method == "DECIMATE" else 1.0)
-            ),
-        )
+        return min(fitting, key=lambda attempt: attempt.worth)
 
-    def weigh_spots(self, length: float) -> list[tuple[str, float]]:
-        """Let the few places count more where the coarsest try that may be mended is too far off.
+    def weigh_spots(self, length: float) -> float:
+        """Let the places of the last try that are too far off count more, if they are few.
 
-        Returns (method, ratio) of that try, to be made again; [] if there is none.
+        Returns the part of the triangles that the next try is to have at least; 0 if there are
+        none.
         """
-        mended = [
-            attempt
-            for attempt in self.tries
-            if attempt.method == "POSE_AWARE" and attempt.reachable <= length
-        ]
-        deviations: dict[float, list[float]] = {}
-        for attempt in self.tries:
-            if attempt.method == "POSE_AWARE":
-                deviations.setdefault(attempt.ratio, []).append(attempt.deviation)
-        last = {attempt.ratio: attempt for attempt in mended}
-        weight = (
-            np.ones(len(self.source.geometry[0]))
-            if self.source.weight is None
-            else self.source.weight
-        )
+        last = self.tries[-1]
+        if not last.reachable <= length < last.deviation or self.weighed:
+            return 0.0
         triangles = self.source.geometry[1]
-        for ratio in sorted(last):
-            spots = (last[ratio].away > length) & (weight < HEAVIER**2)
-            *before, now = deviations[ratio]
-            is_won = not before or now <= WON * before[-1]
-            if spots.any() and is_won and len(before) < AGAIN:
-                around = np.unique(triangles[spots[triangles].any(axis=1)])
-                self.source.weight = weight.copy()
-                self.source.weight[around] *= HEAVIER
-                return [("POSE_AWARE", ratio)]
-        return []
+        weight = self.source.weight
+        weight = np.ones(len(self.source.geometry[0])) if weight is None else weight.copy()
+        spots = last.away > length
+        weight[np.unique(triangles[spots[triangles].any(axis=1)])] *= HEAVIER
+        self.source.weight = weight
+        self.weighed = True
+        return last.ratio
 
     def next_tries(
         self, methods: Sequence[str], length: float, about: float
@@ -165,31 +164,35 @@ class Curve:
         """Return (method, ratio) of what to try next; [] if the best try will do."""
         if self.dispensable or not self.count:
             return [] if self.tries else [(methods[0], 0.0 if self.dispensable else 1.0)]
-        if self.tries and NEAR_ENOUGH * length <= self.best(length).deviation <= length:
+        if not any(self.known.values()):
+            return [(methods[-1], about)]
+        untried = [method for method in methods if not self.known[method]]
+        near_enough = NEAR_ENOUGH * length <= self.best(length).deviation if self.tries else False
+        if near_enough and not untried and self.best(length).deviation <= length:
             return []
         ratios = {method: self.ratio_for(method, length, about) for method in methods}
-        least = min(ratios.values())
-        unknown = [method for method in methods if not self._known_near(method, ratios[method])]
-        promising = [method for method in unknown if ratios[method] <= WORSE * least]
-        best = min(
-            ratios, key=lambda method: ratios[method] * (BETTER if method == "DECIMATE" else 1.0)
-        )
-        if not promising and best == "POSE_AWARE" and (spotted := self.weigh_spots(length)):
-            return spotted
-        tries = promising or [best]
+        best = min(methods, key=lambda method: ratios[method] * WORTH[method])
+        if not untried and best == "POSE_AWARE" and self.tries:
+            ratios[best] = max(ratios[best], self.weigh_spots(length))
         return [
             (method, ratio)
-            for method in tries
+            for method in untried or [best]
             if (ratio := self._apart(method, ratios[method], length))
         ]
 
-    def _known_near(self, method: str, ratio: float) -> bool:
-        """Return whether a try of the method with about the ratio is known."""
-        return any(ratio / WIDE < attempt.ratio < ratio * WIDE for attempt in self.known[method])
+    def bring_back(self) -> None:
+        """Let LODs of this length have the object that those before left out."""
+        self.dispensable = False
+        discard([attempt.item for attempt in self.tries])
+        self.tries = []
 
     def _apart(self, method: str, ratio: float, length: float) -> float:
         """Return `ratio`, or a greater one if it was tried; 0 if there is nothing to try."""
-        tried = [attempt.ratio for attempt in self.tries if attempt.method == method]
+        tried = [
+            attempt.ratio
+            for attempt in self.tries
+            if attempt.method == method and attempt.weighed == self.weighed
+        ]
         if any(ratio / STEP < other < ratio * STEP for other in tried):
             if self.best(length).deviation <= length or max(tried) == 1.0:
                 return 0.0
@@ -221,36 +224,30 @@ class Search:
         Returns its objects and what was measured of them. Where none fits, these are the
         character's own.
         """
-        fitting: list[tuple[int, list[Try], Figures]] = []
         before: list[list[Try]] = []
         yield from self._leave_out(length / USUAL)
         for k in range(MOST_MEASURED):
-            last = k + 1 == MOST_MEASURED and not fitting
-            aim = length / (USUAL * (SAFE if last else 1.0))
-            yield from share(self._fit(aim, about), k / MOST_MEASURED, (k + 0.7) / MOST_MEASURED)
+            begin, end = k / MOST_MEASURED, (k + 1) / MOST_MEASURED
+            aim = length / (USUAL * (SAFE if k + 1 == MOST_MEASURED else 1.0))
+            yield from share(self._fit(aim, about), begin, 0.3 * begin + 0.7 * end)
             objects = self._best(aim)
             if objects in before:
                 continue
             before.append(objects)
-            measured = yield from share(
-                self._measure(objects, length), (k + 0.7) / MOST_MEASURED, (k + 1) / MOST_MEASURED
-            )
-            bound = measured[1]
-            if bound <= length:
-                fitting.append((sum(attempt.triangles for attempt in objects), objects, measured))
-            if NEAR_ENOUGH * length <= bound <= length or (k + 1 >= REFINED and fitting):
+            steps = self._measure(objects, length)
+            measured = yield from share(steps, 0.3 * begin + 0.7 * end, end)
+            if measured[1] <= length:
                 break
-            self._learn(objects, length / USUAL)
-            self._mend_left_out(length / USUAL)
-        if not fitting:
+            self._learn(objects, aim, measured[1] / USUAL)
+            self._mend_left_out(aim)
+        else:
             objects = yield from self._whole()
             measured = yield from standing(self._measure(objects, length), 1.0)
-            fitting.append((0, objects, measured))
-        _, objects, measured = min(fitting, key=lambda candidate: candidate[0])
         for curve in self.curves:
             curve.source.weight = None
             discard([attempt.item for attempt in curve.tries if attempt not in objects])
             curve.tries = []
+            curve.weighed = False
         return objects, measured
 
     def _measure(self, objects: list[Try], length: float) -> Generator[float, None, Figures]:
@@ -263,25 +260,32 @@ class Search:
             (measured,) = yield from share(self.by.look_between([items], [measured]), 0.5, 1.0)
         return measured
 
-    def _learn(self, objects: list[Try], length: float) -> None:
-        """Note what a whole measure says of a LOD: its worst place may be one that no estimate
-        looks at.
-        """
-        estimate = self.by.estimate([attempt.item for attempt in objects], length)
-        deviation, number, vertices = self.by.worst_vertices()
-        estimate.deviations[number] = max(estimate.deviations[number], deviation)
-        estimate.away[number][vertices] = np.maximum(estimate.away[number][vertices], deviation)
-        self._note_all(objects, estimate)
+    def _learn(self, objects: list[Try], aim: float, deviation: float) -> None:
+        """Note that the whole measure tells a greater deviation of a LOD than its estimate.
 
-    def _note_all(self, objects: list[Try], estimate: Estimate) -> None:
-        """Note what was estimated of a LOD in more poses than before; what is coarser is no
-        nearer.
+        Its worst place is in a frame that was found just now, or where no estimate looks. What is
+        coarser is no nearer.
+
+        aim, deviation: meters, as estimates are.
         """
-        for index, (attempt, curve) in enumerate(zip(objects, self.curves, strict=True)):
-            self._note(index, attempt, estimate)
-            for other in curve.tries:
-                if other.method == attempt.method and other.ratio < attempt.ratio:
-                    other.deviation = max(other.deviation, attempt.deviation)
+        known = [attempt.deviation for attempt in objects]
+        if any(attempt.poses < len(self.by.frames) for attempt in objects):
+            estimate = self.by.estimate([attempt.item for attempt in objects], aim)
+            for number, attempt in enumerate(objects):
+                self._note(number, attempt, estimate)
+            number = int(np.argmax(estimate.deviations))
+        else:
+            _, number, vertices = self.by.worst_vertices()
+            if self.curves[number].count:
+                around = np.isin(self.curves[number].evaluated, vertices)
+                objects[number].away[around] = deviation
+        worst = objects[number]
+        worst.deviation = max(worst.deviation, deviation)
+        for other in self.curves[number].tries:
+            if other.poses < len(self.by.frames):  # in a new frame it is as much farther off, about
+                other.deviation *= worst.deviation / max(known[number], aim / MOST_STEP)
+            if other.method == worst.method and other.ratio < worst.ratio:
+                other.deviation = max(other.deviation, worst.deviation)
 
     def _whole(self) -> Generator[float, None, list[Try]]:
         """Make the objects of the character itself, as no LOD fits."""
@@ -311,29 +315,34 @@ class Search:
                         self._note(index, attempt, estimate)
                         if not curve.dispensable:
                             curve.known[attempt.method].append(attempt)
-            if any(wanted):
-                continue
-            objects = self._best(length)
-            is_known = all(attempt.poses == len(self.by.frames) for attempt in objects)
-            leaves_out = any(curve.dispensable for curve in self.curves)
-            if is_known and not leaves_out:
+            if not any(wanted) and (k + 1 == ROUNDS or not self._miss_left_out(length)):
                 return
-            self._note_all(objects, self.by.estimate([attempt.item for attempt in objects], length))
-            if not self._mend_left_out(length) and is_known:
-                return
-
-    def _leave_out(self, length: float) -> Iterator[float]:
-        """Find which objects LODs of the length may leave out."""
-        yield from standing(self.by.read(), 0.0)
-        if len(self.curves) > 1:
-            self.nearness = 1.0
-            dispensable = find_dispensable(self.by.character, length)
-            for curve, is_dispensable in zip(self.curves, dispensable, strict=True):
-                curve.dispensable = bool(is_dispensable) and curve.count > 0
 
     def _best(self, length: float) -> list[Try]:
         """Return the best try of each object for a LOD that deviates by `length` at most."""
         return [curve.best(length * self.nearness) for curve in self.curves]
+
+    def _leave_out(self, length: float) -> Iterator[float]:
+        """Find which objects a LOD of the length may leave out; yield the progress."""
+        yield from standing(self.by.read(), 0.0)
+        self.nearness = 1.0
+        if len(self.curves) > 1:
+            dispensable = find_dispensable(self.by.character, length)
+            for curve, is_dispensable in zip(self.curves, dispensable, strict=True):
+                curve.dispensable = bool(is_dispensable) and curve.count > 0
+
+    def _miss_left_out(self, length: float) -> bool:
+        """Estimate how far a LOD is from what it leaves out, and mend it; return whether it was
+        too far.
+        """
+        if not any(curve.dispensable for curve in self.curves):
+            return False
+        objects = self._best(length)
+        estimate = self.by.estimate([attempt.item for attempt in objects], length)
+        for number, (attempt, curve) in enumerate(zip(objects, self.curves, strict=True)):
+            if curve.dispensable:
+                self._note(number, attempt, estimate)
+        return self._mend_left_out(length)
 
     def _mend_left_out(self, length: float) -> bool:
         """Mend a LOD that is farther than `length` from objects that it leaves out.
@@ -343,7 +352,7 @@ class Search:
         """
         left_out = [curve for curve in self.curves if curve.dispensable and curve.tries]
         left_out.sort(key=lambda curve: -curve.tries[0].deviation)
-        deviations = np.array([curve.tries[0].deviation for curve in left_out] + [0.0])
+        deviations = np.array([curve.tries[0].deviation for curve in left_out])
         count = int((deviations > length).sum())
         if not count:
             return False
@@ -351,17 +360,16 @@ class Search:
             attempt for attempt in self._best(length) if attempt.triangles and attempt.deviation
         ]
         off = max((attempt.deviation for attempt in others), default=0.0)
-        nearness = np.ones(count + 1)
-        nearness[:count] = (off + length - deviations[:count]) / max(off, 1e-9 * length)
         triangles = sum(attempt.triangles for attempt in others)
-        costs = np.arange(count + 1) * LEAST + triangles / nearness.clip(1e-9)
+        # by how many come back: how far others may then be off, of what they are now
+        nearness = np.ones(count + 1)
+        nearness[:count] = (off + length - deviations[:count]) / max(off, BELOW * length)
+        costs = np.arange(count + 1) * LEAST + triangles / nearness.clip(BELOW)
         costs[self.nearness * nearness < NEAREST] = np.inf
         back = int(costs.argmin())
         self.nearness *= float(nearness[back])
         for curve in left_out[:back]:
-            curve.dispensable = False
-            discard([attempt.item for attempt in curve.tries])
-            curve.tries = []
+            curve.bring_back()
         return True
 
     def _note(self, number: int, attempt: Try, estimate: Estimate) -> None:
@@ -388,7 +396,7 @@ class Search:
             for method, ratio in tries:
                 steps = self.make(curve.source, ratio, method)
                 item, vertices, triangles = yield from standing(steps, progress)
-                own.append(Try(item, vertices, triangles, method, ratio))
+                own.append(Try(item, vertices, triangles, method, ratio, curve.weighed))
             curve.tries += own
             made.append(own)
         return made

@@ -16,7 +16,7 @@ from ...crowd_lod.levels.selection import Shot, View, cheapest, choose, counting
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_data
 from ..blender.cameras import cameras_at
-from ..blender.performance import own
+from ..blender.named_actions import own_performance
 from ..characters.characters import check_measured
 from ..characters.rig_needs import Characters, armatures, leads
 from ..machine.scene_world import bias_of
@@ -101,7 +101,8 @@ def cast_of(characters: Characters, trajectory: Trajectory) -> Library:
     """
     check_measured(characters, trajectory.groups)
     still = [
-        own(objects).still and not any(trajectory.gaits.actions) for _, objects, _ in characters
+        own_performance(objects).still and not any(trajectory.gaits.actions)
+        for _, objects, _ in characters
     ]
     return Library(np.array(still, np.intp))
 

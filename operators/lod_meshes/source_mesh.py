@@ -13,8 +13,8 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
 from ...crowd_lod.simplification.pose_deformation import Skin
 from ..blender import mesh_data
+from ..blender.animation import armatures_of, curves_of
 from ..blender.references import closure_of
-from ..blender.rig_dependencies import armatures_of, curves_of
 from .mesh_repair import drop_flat_parts, mend
 from .surface import Surface
 

@@ -1,6 +1,6 @@
 """The visible surface of a character or a LOD: what some direction sees in some pose."""
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 import numpy as np
 from mathutils.bvhtree import BVHTree
@@ -11,7 +11,7 @@ DIRECTIONS = 50
 POSES_SEEN = 6  # poses that are looked at, at most
 # directions, those nearest to its normal, that every point tries in the first pose, and in each
 # other one
-FIRST, OTHERS = 4, 2
+FIRST, FURTHER = 4, 2
 ONE_IN = 8  # hidden points, far from seen ones, that try all directions
 OFF = 2e-4  # of the size: how far off the surface a ray begins
 SPACING = 1 / 32  # of the size: larger triangles have points within
@@ -34,13 +34,15 @@ def visible_points(points: np.ndarray, triangles: np.ndarray, hiding: np.ndarray
     face, weights = _samples(points[:, 0], triangles, SPACING * size)
     rays = _Rays(points, triangles, hiding, OFF * size)
     corner = np.unique(triangles)
-    vertices, inner = (np.arange(len(corner)), np.arange(len(corner), len(face)))
+    vertices = np.arange(len(corner))
     seen = np.zeros(len(points), bool)
     tried = np.zeros(len(points), bool)
 
-    seen[corner] = rays.leave(face[vertices], weights[vertices], few=True)
-    large = face[inner[rays.leave(face[inner], weights[inner])]]
-    seen[triangles[large]] = True
+    seen[corner] = rays.leave(face[vertices], weights[vertices], rays.nearest)
+    for ranks in (rays.nearest, rays.others):  # within triangles, until all their corners count
+        inner = len(corner) + np.flatnonzero(~seen[triangles[face[len(corner) :]]].all(axis=1))
+        large = face[inner[rays.leave(face[inner], weights[inner], ranks)]]
+        seen[triangles[large]] = True
     due = np.zeros(len(points), bool)
     due[corner[::ONE_IN]] = True
     while True:
@@ -49,7 +51,7 @@ def visible_points(points: np.ndarray, triangles: np.ndarray, hiding: np.ndarray
         if not len(some):
             return seen
         tried[corner[some]] = True
-        seen[corner[some]] = rays.leave(face[some], weights[some])
+        seen[corner[some]] = rays.leave(face[some], weights[some], rays.others)
 
 
 def visible_faces(
@@ -65,9 +67,13 @@ def visible_faces(
     face, weights = _samples(points[:, 0], triangles[some], SPACING * size)
     middles = np.arange(len(some)), np.full((len(some), 3), 1 / 3)
     face, weights = np.concatenate([face, middles[0]]), np.concatenate([weights, middles[1]])
+    rays = _Rays(points, triangles, hiding, OFF * size)
     seen = np.zeros(len(points), bool)
-    leaves = _Rays(points, triangles, hiding, OFF * size).leave(some[face], weights)
-    seen[triangles[some[face[leaves]]]] = True
+    for ranks in (rays.nearest, rays.others):
+        hidden = ~seen[triangles[some[face]]].any(axis=1)
+        face, weights = face[hidden], weights[hidden]
+        leaves = rays.leave(some[face], weights, ranks)
+        seen[triangles[some[face[leaves]]]] = True
     return seen[triangles[some]].any(axis=1)
 
 
@@ -75,6 +81,9 @@ class _Rays:
     """Rays from a surface in some poses, which may meet what hides.
 
     off: meters from the surface where they begin.
+    nearest, others: the directions that points try in each pose, by their ranks, 0 for that nearest
+    to the normal. Every point tries the nearest. The first pose has all others, the other poses
+    share those before the surface.
     """
 
     def __init__(self, points: np.ndarray, triangles: np.ndarray, hiding: np.ndarray, off: float):
@@ -84,21 +93,27 @@ class _Rays:
         self.at = [points[:, pose] - middles[pose] for pose in poses]
         faces = triangles[hiding].tolist()
         self.trees = [BVHTree.FromPolygons(at.tolist(), faces) for at in self.at]
+        further = len(poses) - 1
+        shared = [range(FURTHER + k, DIRECTIONS // 2, further) for k in range(further)]
+        self.nearest = [range(FIRST), *[range(FURTHER)] * further]
+        self.others = [range(FIRST, DIRECTIONS), *shared]
 
-    def leave(self, face: np.ndarray, weights: np.ndarray, few: bool = False) -> np.ndarray:
+    def leave(
+        self, face: np.ndarray, weights: np.ndarray, ranks: Sequence[Sequence[int]]
+    ) -> np.ndarray:
         """Return from which points some ray leaves, (s,) bool.
 
-        face: (s,) triangles; weights: (s, 3), barycentric, on these; few: whether to try only
-        directions near the normal.
+        face: (s,) triangles; weights: (s, 3), barycentric, on these; ranks: the directions to try
+        in each pose.
         """
         seen = np.zeros(len(face), bool)
-        for number, (at, tree) in enumerate(zip(self.at, self.trees, strict=True)):
+        for at, tree, tried in zip(self.at, self.trees, ranks, strict=True):
             some = np.flatnonzero(~seen)
             corners = at[self.triangles[face[some]]]
             start = np.einsum("sc,scd->sd", weights[some], corners)
             normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
             order = np.argsort(-normals @ SPHERE.T, axis=1)
-            for rank in self._ranks(number, few):
+            for rank in tried:
                 ways = SPHERE[order[:, rank]]
                 begins = start + self.off * ways
                 hits = map(tree.ray_cast, begins.tolist(), ways.tolist())
@@ -106,18 +121,6 @@ class _Rays:
                 seen[some[leaves]] = True
                 some, start, order = (each[~leaves] for each in (some, start, order))
         return seen
-
-    def _ranks(self, number: int, few: bool) -> Iterable[int]:
-        """Return which directions a pose tries, 0 for that nearest to the normal.
-
-        The first pose tries all, the others share those before the surface.
-        """
-        nearest = FIRST if number == 0 else OTHERS
-        if few:
-            return range(nearest)
-        if number == 0:
-            return range(DIRECTIONS)
-        return [*range(OTHERS), *range(OTHERS + number - 1, DIRECTIONS // 2, len(self.at) - 1)]
 
 
 def _samples(

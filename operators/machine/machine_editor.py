@@ -14,7 +14,7 @@ from ..blender import scene_cache
 from .scene_world import machine_text
 
 # Of each scene the edit that was refused last: the text that it left, and a sentence.
-_refused: dict[int, tuple[str, str]] = scene_cache.kept({}, by_scene=True)
+_refused: dict[int, tuple[str, str]] = scene_cache.add_cache({}, by_scene=True)
 
 
 def lacking(scene: bpy.types.Scene) -> str:

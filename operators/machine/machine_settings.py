@@ -11,7 +11,8 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.crowd import machine_edits as edits
-from ...crowd_lod.crowd.state_machine import EDGES, SHORTEST
+from ...crowd_lod.crowd.machine_table import SHORTEST
+from ...crowd_lod.crowd.state_machine import EDGES
 from ...crowd_lod.errors import CrowdError
 from ..blender.labeled_properties import (
     BoolProperty,

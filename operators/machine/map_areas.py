@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.crowd.maps import FARTHEST
-from ...crowd_lod.crowd.rasterize import covered
+from ...crowd_lod.crowd.rasterize import cover_cells
 from ...crowd_lod.errors import CrowdError
 from ..blender import image_data, kept_meshes, provenance, scene_cache, scene_data
 from ..blender.guard import guarded, handler
@@ -21,9 +21,9 @@ LONGER_SIDE = 256  # cells along the ground's longer side, where no image says h
 REST = 0.1  # seconds from a change to the new image
 # Of each scene whose meshes have changed: True. What its image depended on when last asked, and
 # what was wrong when it was last made.
-_due: dict[int, bool] = scene_cache.kept({}, by_scene=True)
-_asked: dict[int, tuple] = scene_cache.kept({}, by_scene=True)
-_trouble: dict[int, str] = scene_cache.kept({}, by_scene=True)
+_due: dict[int, bool] = scene_cache.add_cache({}, by_scene=True)
+_asked: dict[int, tuple] = scene_cache.add_cache({}, by_scene=True)
+_trouble: dict[int, str] = scene_cache.add_cache({}, by_scene=True)
 
 
 def cells_of(size: tuple[float, float], longer: int) -> tuple[int, int]:
@@ -69,7 +69,7 @@ def make(crowd, depsgraph: bpy.types.Depsgraph) -> int:
                 f"collection that holds some."
             )
         for shape in shapes:
-            pixels[covered(shape, area, rows, columns)] = (
+            pixels[cover_cells(shape, area, rows, columns)] = (
                 *machine.label_colors[machine.labels.index(entry.label)],
                 255,
             )

@@ -6,14 +6,14 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.crowd import state_machine as machines
+from ...crowd_lod.crowd.height_map import HeightMap
 from ...crowd_lod.crowd.maps import (
     FARTHEST,
     Area,
-    HeightMap,
     LabelMap,
     edge_map,
     labels_from_colors,
-    laid_over,
+    lay_over,
 )
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.levels.assignment import Bias
@@ -110,7 +110,7 @@ def world_of(settings, machine: machines.StateMachine) -> LabelMap:
         open_ground = edge_map(area, machine.labels, meshes.shape[1]).labels
         pixels = machine.label_colors[open_ground.repeat(len(meshes), axis=0)]
     if meshes is not None:
-        pixels = laid_over(pixels, meshes)
+        pixels = lay_over(pixels, meshes)
     labels, strays = labels_from_colors(pixels, machine.label_colors, machine.labels, image.name)
     return LabelMap(labels, area, strays)
 

@@ -15,7 +15,7 @@ from ..blender.ownership import OWNED
 
 # By the session_uid of the kept mesh, the height where there is no ground, and the meters in a
 # unit.
-_terrains: dict[tuple[int, float, float], Terrain] = scene_cache.kept({})
+_terrains: dict[tuple[int, float, float], Terrain] = scene_cache.add_cache({})
 MOST_TERRAINS = 4
 
 

@@ -15,11 +15,12 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.errors import CrowdError
-from ..blender import performance, scene_cache
+from ..blender import named_actions, performance, scene_cache
+from ..blender.animation import armatures_of, curves_of, players_of
 from ..blender.guard import guarded
 from ..blender.image_data import LOOK_AGAIN
 from ..blender.material_colors import Looks
-from ..blender.rig_dependencies import KEYS, armatures_of, curves_of, players_of, read_columns
+from ..blender.rig_dependencies import KEYS, read_columns
 from ..characters.characters import GROUP
 from ..lod_meshes.cast_digest import cast_digest
 from ..machine.scene_world import actions_named
@@ -52,10 +53,13 @@ class Casting:
 
     def give_up(self, why: str) -> None:
         """Bake no more, and show no characters."""
-        self.characters, self.baking, self.ready, self.told = (), None, True, (why,)
+        self.characters = ()
+        self.baking = None
+        self.ready = True
+        self.told = (why,)
 
 
-_castings: dict[int, Casting] = scene_cache.kept({}, by_scene=True)
+_castings: dict[int, Casting] = scene_cache.add_cache({}, by_scene=True)
 
 
 def casting_of(scene: bpy.types.Scene) -> Casting | None:
@@ -67,18 +71,19 @@ def casting_of(scene: bpy.types.Scene) -> Casting | None:
     if levels is None or not levels.children or not levels.children[0].children:
         _castings.pop(scene.session_uid, None)
         return None
-    known, now = _castings.get(scene.session_uid), clock.monotonic()
-    if known is None or now > known.looked + LOOK_AGAIN:
+    casting = _castings.get(scene.session_uid)
+    now = clock.monotonic()
+    if casting is None or now > casting.looked + LOOK_AGAIN:
         key, looks = _key(scene)
         # to read pixels takes milliseconds
-        seen = known is None or scene.crowd_lod.overlay_color == "MATERIAL"
-        painted = _painted(looks.found) if seen else known.painted
-        if known is None or (known.key, known.painted) != (key, painted):
-            known = _castings[scene.session_uid] = Casting(key, painted, now)
-        known.looked = now
-    if not known.ready and not bpy.app.timers.is_registered(bake_some):
+        seen = casting is None or scene.crowd_lod.overlay_color == "MATERIAL"
+        painted = _painted(looks.sources) if seen else casting.painted
+        if casting is None or (casting.key, casting.painted) != (key, painted):
+            casting = _castings[scene.session_uid] = Casting(key, painted, now)
+        casting.looked = now
+    if not casting.ready and not bpy.app.timers.is_registered(bake_some):
         bpy.app.timers.register(bake_some)
-    return known
+    return casting
 
 
 def read(scene: bpy.types.Scene) -> Iterator[float]:
@@ -87,7 +92,9 @@ def read(scene: bpy.types.Scene) -> Iterator[float]:
     Call it outside drawing.
     """
     key, looks = _key(scene)
-    casting = _castings[scene.session_uid] = Casting(key, _painted(looks.found), clock.monotonic())
+    casting = _castings[scene.session_uid] = Casting(
+        key, _painted(looks.sources), clock.monotonic()
+    )
     while not casting.ready:
         _bake_on(scene, casting)
         yield casting.progress
@@ -124,9 +131,11 @@ def _bake_on(scene: bpy.types.Scene, casting: Casting) -> None:
     """Bake some frames of the casting's next character."""
     levels = scene.crowd_lod.levels
     counts = set() if levels is None else {len(level.children) for level in levels.children}
-    number, of = len(casting.characters), max(counts, default=0)
+    number = len(casting.characters)
+    of = max(counts, default=0)
     if len(counts) != 1 or number >= of:  # the user has put collections in, or taken them out
-        casting.characters, casting.ready = (), True
+        casting.characters = ()
+        casting.ready = True
         return
     groups = scene.crowd_lod.groups
     home = levels.children[0].children[number]
@@ -138,7 +147,9 @@ def _bake_on(scene: bpy.types.Scene, casting: Casting) -> None:
     except StopIteration as end:
         casting.characters += (end.value,)
         casting.told += (end.value.told,) if end.value.told else ()
-        casting.baking, casting.progress, casting.ready = None, (number + 1) / of, number + 1 == of
+        casting.baking = None
+        casting.progress = (number + 1) / of
+        casting.ready = number + 1 == of
     except (
         CrowdError
     ) as error:  # what the user can mend, such as a state that names no action of the file
@@ -167,7 +178,9 @@ def _key(scene: bpy.types.Scene) -> tuple[bytes, Looks]:
     The pixels of the looks' images are left out. Weights are slow to read: they count as changed
     when an object enters or leaves a painting or edit mode.
     """
-    digest, looks, told = hashlib.sha256(), Looks(), set()
+    digest = hashlib.sha256()
+    looks = Looks()
+    told = set()
     homes = [home for level in scene.crowd_lod.levels.children for home in level.children]
     digest.update(cast_digest(item for home in homes for item in home.all_objects).encode())
     for home in homes:
@@ -215,16 +228,16 @@ def _named(group: str, items: list[bpy.types.Object], names: tuple[str, ...]) ->
     will tell.
     """
     try:
-        return performance.digest(performance.performance_of(group, items, names).parts)
+        return performance.digest(named_actions.performance_of(group, items, names).parts)
     except CrowdError as error:
         return str(error)
 
 
 def _painted(images: list[bpy.types.Image]) -> int:
     """Return a checksum of the images' pixels."""
-    found = 0
+    total = 0
     for image in images:
         values = np.empty(len(image.pixels), np.float32)
         image.pixels.foreach_get(values)
-        found = zlib.crc32(values, found)
-    return found
+        total = zlib.crc32(values, total)
+    return total

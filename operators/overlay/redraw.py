@@ -11,7 +11,7 @@ import bpy
 from ..blender import scene_cache
 
 # What the settings of each scene held when `changed` was last asked.
-_known: dict[int, str] = scene_cache.kept({}, by_scene=True)
+_known: dict[int, str] = scene_cache.add_cache({}, by_scene=True)
 
 
 def viewports() -> None:
@@ -28,7 +28,8 @@ def changed(scene: bpy.types.Scene) -> bool:
     False at the first call.
     """
     now = repr(_contents(scene.crowd_lod))  # as text, where NaN equals itself
-    before, _known[scene.session_uid] = _known.get(scene.session_uid, now), now
+    before = _known.get(scene.session_uid, now)
+    _known[scene.session_uid] = now
     return before != now
 
 

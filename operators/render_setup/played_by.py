@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.sources.trajectory import Trajectory
-from ..blender import performance
+from ..blender import named_actions, performance
 from ..characters.characters import GROUP
 
 
@@ -40,7 +40,7 @@ def inputs(homes: Sequence[bpy.types.Collection], trajectory: Trajectory) -> lis
     groups = {group.name: group for group in trajectory.groups}
     named = ((home.get(GROUP, home.name), list(home.objects)) for home in homes)
     acts = [
-        performance.group_performance(groups[name], own) for name, own in named if name in groups
+        named_actions.group_performance(groups[name], own) for name, own in named if name in groups
     ]
     return [
         *numbers(trajectory),

@@ -11,11 +11,12 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.shadows import Surroundings
 from ..blender import frame_stepping, mesh_data, scene_data
 from ..blender.cameras import camera_at, read_shutter, shutter_times
-from ..blender.scenery import SOLID, Placed, casts, emits, matrix_of, scenery_of
+from ..blender.emission import casts, emits
+from ..blender.scenery import SOLID, Placed, matrix_of, scenery_of
 from ..characters.glow import glowing
 from .scene_crowd import policy_of
 
-# of lights that nodes or instancing make; of more one that holds them all is made
+# lights made by nodes or instancing; more are merged into one that holds them all
 MOST_INSTANCES = 64
 MOST_SIDES = 64  # flat sides of a mirror object; a curved one has more
 
@@ -37,30 +38,29 @@ def read_surroundings(
     times: in place of the shutter's times.
     at: of an open frame_stepping.stepped or frame_stepping.stage; a stage is opened if None.
     """
-    settings, engine = scene.crowd_lod, scene.render.engine
+    settings = scene.crowd_lod
+    engine = scene.render.engine
     if not settings.shadows:
         return Surroundings(left_out=(NOT_WANTED,))
     if engine == "BLENDER_WORKBENCH":
         return Surroundings(left_out=(WORKBENCH,))
     times = shutter_times(scene, time) if times is None else times
-    shown = scenery_of(scene, depsgraph)
-    lamps, panes = (
-        shown.lamps(depsgraph),
-        [placed for placed in shown.within(settings.mirrors) if placed[0].type == "MESH"],
-    )
+    scenery = scenery_of(scene, depsgraph)
+    lamps = scenery.lamps(depsgraph)
+    panes = [placed for placed in scenery.within(settings.mirrors) if placed[0].type == "MESH"]
     if times or depsgraph is None:
         lights, mirrors = _through(
-            lamps, panes, shown.shining(depsgraph), times or [time], engine, at
+            lamps, panes, scenery.shining(depsgraph), times or [time], engine, at
         )
         box = None
     else:
-        if shown.instanced is None:
-            shown.instanced = _few(
-                list(_instanced(shown.shining(depsgraph), depsgraph, engine).values())
+        if scenery.instanced is None:
+            scenery.instanced = _few(
+                list(_instanced(scenery.shining(depsgraph), depsgraph, engine).values())
             )
         lights, mirrors = _read(lamps, panes, depsgraph, engine)
-        lights += shown.instanced
-        box = None if _foggy(scene.world) else shown.box(depsgraph)
+        lights += scenery.instanced
+        box = None if _foggy(scene.world) else scenery.box(depsgraph)
     left_out = (NO_SHADOWS,) * (not lights) + (NO_MIRRORS,) * (not mirrors)
     glows = glowing(scene) if engine == "CYCLES" else {}
     return Surroundings(
@@ -99,9 +99,10 @@ def _instanced(makers: set[bpy.types.Object], depsgraph, engine: str) -> dict[tu
 
     The keys identify an instance at all times. Lights are as `depsgraph` has evaluated them.
     """
-    found = {}
+    lights = {}
     for instance in depsgraph.object_instances if makers else ():
-        item, maker = instance.object, (instance.parent or instance.object).original
+        item = instance.object
+        maker = (instance.parent or instance.object).original
         if maker not in makers or (item.type == "LIGHT" and not instance.is_instance):
             continue
         glows = item.type in SOLID and any(
@@ -109,8 +110,8 @@ def _instanced(makers: set[bpy.types.Object], depsgraph, engine: str) -> dict[tu
         )
         if glows or (item.type == "LIGHT" and casts(item.data)):
             key = (maker.session_uid, item.name, *instance.persistent_id)
-            found[key] = _light(item, np.array(instance.matrix_world, np.float64), engine)
-    return found
+            lights[key] = _light(item, np.array(instance.matrix_world, np.float64), engine)
+    return lights
 
 
 def _few(lights: list[Light]) -> list[Light]:
@@ -120,17 +121,17 @@ def _few(lights: list[Light]) -> list[Light]:
     """
     if len(lights) <= MOST_INSTANCES:
         return lights
-    suns, others = (
+    suns, lamps = (
         [light for light in lights if (light.origin is None) == sun] for sun in (True, False)
     )
     merged = [_widened(tuple(suns))] if suns else []
-    if others:
-        middle = np.mean([light.origin for light in others], axis=0)
+    if lamps:
+        middle = np.mean([light.origin for light in lamps], axis=0)
         size, reach = (
-            max(getattr(o, n) + np.linalg.norm(o.origin - middle) for o in others)
+            max(getattr(o, n) + np.linalg.norm(o.origin - middle) for o in lamps)
             for n in ("size", "reach")
         )
-        merged.append(Light(middle, others[0].direction, float(size), reach=float(reach)))
+        merged.append(Light(middle, lamps[0].direction, float(size), reach=float(reach)))
     return merged
 
 
@@ -140,7 +141,8 @@ def _light(item: bpy.types.Object, matrix: np.ndarray, engine: str) -> Light:
     matrix: (4, 4), to world space.
     """
     scale = np.linalg.norm(matrix[:3, :3], axis=0)
-    axis, origin = -matrix[:3, 2] / max(scale[2], 1e-12), matrix[:3, 3]
+    axis = -matrix[:3, 2] / max(scale[2], 1e-12)
+    origin = matrix[:3, 3]
     if item.type != "LIGHT":
         corners = _corners(item, matrix)
         middle = corners.mean(axis=0)
@@ -193,8 +195,7 @@ def _mirrors(placed: Placed, depsgraph) -> list[Mirror]:
     if len(sides) > MOST_SIDES:
         raise CrowdError(
             f"The mirror {placed[0].name} has {len(sides)} sides that are not in one plane: take "
-            f"it out of the mirrors, or "
-            f"give it a flat mesh (at most {MOST_SIDES} planes)."
+            f"it out of the mirrors, or give it a flat mesh (at most {MOST_SIDES} planes)."
         )
     return [_mirror(np.array(side[:3]), faces) for side, faces in sides.items()]
 
@@ -204,24 +205,26 @@ def _mirror(normal: np.ndarray, faces: list[np.ndarray]) -> Mirror:
 
     It is the smallest rectangle with a side along an edge of the faces.
     """
-    normal, points = normal / np.linalg.norm(normal), np.concatenate(faces)
+    normal = normal / np.linalg.norm(normal)
+    points = np.concatenate(faces)
     edges = np.concatenate([np.roll(corners, -1, axis=0) - corners for corners in faces])
     edges -= np.outer(edges @ normal, normal)
     length = np.linalg.norm(edges, axis=1)
-    found = []
+    sides = []
     for along in np.unique((edges[length > 0] / length[length > 0, None]).round(3), axis=0):
         axes = np.array(
             [along / np.linalg.norm(along), np.cross(normal, along / np.linalg.norm(along))]
         )
         flat = (points - points[0]) @ axes.T
-        (x0, y0), (x1, y1) = flat.min(axis=0), flat.max(axis=0)
-        found.append(
+        x0, y0 = flat.min(axis=0)
+        x1, y1 = flat.max(axis=0)
+        sides.append(
             (
                 (x1 - x0) * (y1 - y0),
                 points[0] + np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)]) @ axes,
             )
         )
-    return Mirror(normal, min(found, key=lambda pair: pair[0])[1])
+    return Mirror(normal, min(sides, key=lambda pair: pair[0])[1])
 
 
 def _through(
@@ -242,30 +245,32 @@ def _through(
     if at is None:
         with frame_stepping.stage() as at:
             return _through(lamps, panes, makers, times, engine, at)
-    found, made = [], {}
+    moments = []
+    by_key = {}
     for time in times:
         depsgraph = at(items, time)
-        found.append(_read(lamps, panes, depsgraph, engine))
+        moments.append(_read(lamps, panes, depsgraph, engine))
         for key, light in _instanced(makers, depsgraph, engine).items():
-            made.setdefault(key, []).append(light)
-    lights, mirrors = zip(*found, strict=True)
-    lights = [_widened(each) for each in zip(*lights, strict=True)] + _few(
-        [_widened(tuple(each)) for each in made.values()]
+            by_key.setdefault(key, []).append(light)
+    lights, mirrors = zip(*moments, strict=True)
+    lights = [_widened(group) for group in zip(*lights, strict=True)] + _few(
+        [_widened(tuple(group)) for group in by_key.values()]
     )
-    return lights, [mirror for each in mirrors for mirror in each]
+    return lights, [mirror for group in mirrors for mirror in group]
 
 
-def _widened(each: tuple[Light, ...]) -> Light:
-    """Return one light that holds `each`: one light at several times, or many suns."""
-    first = each[0]
+def _widened(lights: tuple[Light, ...]) -> Light:
+    """Return one light that holds `lights`: one light at several times, or many suns."""
+    first = lights[0]
     turn = max(
-        float(np.arccos(np.clip(light.direction @ first.direction, -1, 1))) for light in each
+        float(np.arccos(np.clip(light.direction @ first.direction, -1, 1))) for light in lights
     )
-    angle = max(light.angle for light in each) + turn
+    angle = max(light.angle for light in lights) + turn
     if first.origin is None:
         return Light(None, first.direction, angle=min(angle, np.pi / 2))
-    moved = max(float(np.linalg.norm(light.origin - first.origin)) for light in each)
-    size, reach = max(light.size for light in each), max(light.reach for light in each)
+    moved = max(float(np.linalg.norm(light.origin - first.origin)) for light in lights)
+    size = max(light.size for light in lights)
+    reach = max(light.reach for light in lights)
     return Light(first.origin, first.direction, size + moved, min(angle, np.pi), reach + moved)
 
 

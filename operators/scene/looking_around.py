@@ -1,6 +1,4 @@
-"""How a crowd's agents stand to what the scene shows: above or below its ground, within its
-walls.
-"""
+"""Where agents stand in the scene: above or below its ground, within its walls."""
 
 from collections.abc import Container, Iterator
 from dataclasses import dataclass, field
@@ -15,16 +13,17 @@ from ..blender.ownership import OWNED
 HEAD = 1.0  # meters above the feet, from where the ground below is looked for
 ROOM = 2.0  # meters: who is within a closed mesh, with so much above the feet, is in a hall
 STEEP = 0.3  # of a normal's z: a surface that is steeper is no ground
-MOST_SHAPES, MOST_HITS = 20_000, 1000  # that are looked at, and surfaces along a ray
+MOST_SHAPES = 20_000  # that are looked at
+MOST_HITS = 1000  # surfaces along a ray
 
 
 @dataclass
 class Around:
-    """What n places have about them.
+    """What lies about n places.
 
-    ground: (n,) world z of the ground under their feet, or over them where there is none below; NaN
+    ground: (n,) world z of the ground under a place, or over it where there is none below; NaN
         without any.
-    names: of the objects that are the ground of each place, "" without.
+    names: of the objects that are the ground of each place; "" without.
     walls: of closed objects, which places are within, (n,) bool.
     """
 
@@ -59,40 +58,45 @@ def look_around(
     height: of the agents' middle above their feet; meters: in a unit of the scene.
     left_out: objects that are neither ground nor walls, such as characters.
     """
-    below, above = np.full(len(places), -np.inf), np.full(len(places), np.inf)
+    below = np.full(len(places), -np.inf)
+    above = np.full(len(places), np.inf)
     names = [["", ""] for _ in places]
-    found = Around(np.full(len(places), np.nan), [])
+    around = Around(np.full(len(places), np.nan), [])
     for shape in _shapes(depsgraph, places, left_out):
-        low, high = shape.box.min(axis=0), shape.box.max(axis=0)
+        low = shape.box.min(axis=0)
+        high = shape.box.max(axis=0)
         under = ((places[:, :2] >= low[:2]) & (places[:, :2] <= high[:2])).all(axis=1)
         for index in np.flatnonzero(under):
             x, y, z = places[index]
             down = _ground(shape, (x, y, z + HEAD / meters), -1)
             if down is not None and down > below[index]:
-                below[index], names[index][0] = down, shape.name
+                below[index] = down
+                names[index][0] = shape.name
             up = _ground(shape, (x, y, z), 1, ROOM / meters)
             if up is not None and up < above[index]:
-                above[index], names[index][1] = up, shape.name
+                above[index] = up
+                names[index][1] = shape.name
         if shape.solid:
             inside = _inside(shape, places + (0, 0, height), under)
             if inside.any() and (len(places) == 1 or not inside.all()):  # all in one are in a hall
-                found.walls[shape.name] = inside | found.walls.get(shape.name, False)
+                around.walls[shape.name] = inside | around.walls.get(shape.name, False)
     is_below = np.isfinite(below)
-    found.ground = np.where(is_below, below, np.where(np.isfinite(above), above, np.nan))
-    found.names = [pair[0] or pair[1] for pair in names]
-    return found
+    around.ground = np.where(is_below, below, np.where(np.isfinite(above), above, np.nan))
+    around.names = [pair[0] or pair[1] for pair in names]
+    return around
 
 
 def _shapes(
     depsgraph: bpy.types.Depsgraph, places: np.ndarray, left_out: Container[bpy.types.Object]
 ) -> Iterator[_Shape]:
     """Yield the meshes that stand above or below one of the places; each holds until the next."""
-    least, most = places[:, :2].min(axis=0), places[:, :2].max(axis=0)
+    least = places[:, :2].min(axis=0)
+    most = places[:, :2].max(axis=0)
     solids: dict[int, bool] = {}
     count = 0
-    for each in depsgraph.object_instances:
-        item = each.object
-        owner = each.parent.original if each.is_instance else item.original
+    for instance in depsgraph.object_instances:
+        item = instance.object
+        owner = instance.parent.original if instance.is_instance else item.original
         if (
             item.type != "MESH"
             or owner.get(OWNED)
@@ -106,7 +110,7 @@ def _shapes(
             return
         if owner.hide_render or item.hide_render or not len(item.data.polygons):
             continue
-        matrix = each.matrix_world.copy()
+        matrix = instance.matrix_world.copy()
         box = np.array([matrix @ Vector(corner) for corner in item.bound_box])
         if (
             (box[:, :2].max(axis=0) < least).any()
@@ -136,11 +140,10 @@ def _hits(shape: _Shape, start: Vector, way: Vector) -> Iterator[tuple[Vector, V
 def _ground(
     shape: _Shape, place: tuple[float, float, float], side: int, room: float = np.inf
 ) -> float | None:
-    """Return the world z of the first ground above (`side` 1) or below (-1) a place; None without
-    one.
+    """Return the world z of the first ground above (`side` 1) or below (-1) a place, or None.
 
-    A ground faces up. The first surface below may be of an open mesh that is inside out; above,
-    the underside of a slab is passed, and a roof with more `room` below it is that of a hall.
+    A ground faces up. The first surface below may be of an open mesh that is inside out. Above, the
+    underside of a slab is passed. A roof with more than `room` below it is the roof of a hall.
     """
     back = shape.matrix.inverted()
     hits = _hits(shape, back @ Vector(place), back.to_3x3() @ Vector((0, 0, side)))
@@ -158,11 +161,12 @@ def _ground(
 
 
 def _inside(shape: _Shape, places: np.ndarray, under: np.ndarray) -> np.ndarray:
-    """Return which of the places (n, 3) lie within a closed mesh, (n,) bool; only those `under` are
-    looked at.
+    """Return which of the places (n, 3) lie within a closed mesh, (n,) bool.
+
+    under: (n,) bool, the places to look at; all others count as outside.
     """
-    found = np.zeros(len(places), bool)
+    inside = np.zeros(len(places), bool)
     back = shape.matrix.inverted()
     for index in np.flatnonzero(under):
-        found[index] = sum(1 for _ in _hits(shape, back @ Vector(places[index]), ALONG)) % 2 == 1
-    return found
+        inside[index] = sum(1 for _ in _hits(shape, back @ Vector(places[index]), ALONG)) % 2 == 1
+    return inside

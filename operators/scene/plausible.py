@@ -1,4 +1,4 @@
-"""What Populate tells of a crowd that is not as people are, each with the remedy, once.
+"""What Populate tells of a crowd that is not as people are, each with a remedy.
 
 crowd_lod/validation/plausibility.py judges; the scene is read here.
 """
@@ -22,9 +22,9 @@ from ..characters.rig_needs import POSES, refusal, stands_for
 from .looking_around import look_around
 
 MARGIN = 1.5  # of the largest sphere's radius, where a sphere is not known to hold all
-MOST_LOOKED_AT = 200  # that are looked at in the scene, of a crowd
-MOST_STEPS = 1_000_000  # of tracks that are judged
-TIMES = 3  # at which agents of a file are looked at
+MOST_LOOKED_AT = 200  # agents of a crowd, compared with the scene about them
+MOST_STEPS = 1_000_000  # between rows of a file, whose speeds are judged
+TIMES = 3  # of a file, at which its agents are compared with the scene
 
 
 def told_of_plausibility(
@@ -54,12 +54,12 @@ def told_of_feet(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[st
         (True, "Moved to stand on the ground"),
         (False, "Off the ground (see Stand on Ground)"),
     ):
-        chosen = [group for group in groups if group.lowest and group.on_ground == moved]
-        heights = [number(abs(group.lowest) * scene_data.meters(scene)) for group in chosen]
-        sides = ["below" if group.lowest < 0 else "above" for group in chosen]
+        lifted = [group for group in groups if group.lowest and group.on_ground == moved]
+        heights = [number(abs(group.lowest) * scene_data.meters(scene)) for group in lifted]
+        sides = ["below" if group.lowest < 0 else "above" for group in lifted]
         texts = [
             f"{group.name} (feet {height} m {side} its origin)"
-            for group, height, side in zip(chosen, heights, sides, strict=True)
+            for group, height, side in zip(lifted, heights, sides, strict=True)
         ]
         if texts:
             yield f"{begin}: {', '.join(texts)}."
@@ -67,27 +67,26 @@ def told_of_feet(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[st
 
 def told_of_extent(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
     """Yield a sentence on what renders may show beyond the measured spheres."""
-    found = [
+    extents = [
         f"of {name}, {what}"
         for name, objects, _ in characters_of(scene)
         for what in dict.fromkeys(unknown(objects))
     ]
-    if found:
+    if extents:
         margin = number(MARGIN * max(group.radius for group in groups) * scene_data.meters(scene))
         yield (
-            f"Renders may show more than was measured: {'; '.join(found)}. If something is "
-            f"missing at the picture's border, "
-            f"set Margin to Fixed, {margin} m or more."
+            f"Renders may show more than was measured: {'; '.join(extents)}. If something is "
+            f"missing at the picture's border, set Margin to Fixed, {margin} m or more."
         )
 
 
 def _heights(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
     heights = np.array([group.height for group in groups]) * scene_data.meters(scene)
-    found = judge.check_heights(heights)
-    if found is not None:
+    finding = judge.check_heights(heights)
+    if finding is not None:
         texts = [
             f"{groups[g].name} is {number(heights[g])} m tall"
-            for g in found.which
+            for g in finding.which
             if not groups[g].variant_of
         ]
         yield (
@@ -125,19 +124,17 @@ def _motion(crowd, part: Trajectory) -> Iterator[str]:
             yield from _speeds(found, "check the speeds of the state machine, which are in m/s")
 
 
-def _speeds(found: judge.Finding | None, remedy: str) -> Iterator[str]:
-    if found is None:
+def _speeds(finding: judge.Finding | None, remedy: str) -> Iterator[str]:
+    if finding is None:
         return
-    if found.kind == "nobody moves":
+    if finding.kind == "nobody moves":
         yield f"Nobody moves: {remedy}."
     else:
-        yield f"Agents walk at a median of {number(found.value)} m/s: {remedy}."
+        yield f"Agents walk at a median of {number(finding.value)} m/s: {remedy}."
 
 
 def _steps(part: Recorded) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return of the steps between rows of a file the agents (k,), the ways (3, k) in units, and
-    seconds (k,).
-    """
+    """Return the steps between rows of a file: agents (k,), ways (3, k) units, seconds (k,)."""
     samples = part.tracks.samples
     rows = np.flatnonzero(~samples.hidden & (samples.after != np.arange(len(samples.x))))
     rows = rows[:: -(-len(rows) // MOST_STEPS) or 1]
@@ -166,14 +163,13 @@ def _around(
     within = np.any([np.zeros(len(places), bool), *around.walls.values()], axis=0)
     if not isinstance(part.heights, Terrain):
         above = np.where(within, np.nan, places[:, 2] - around.ground)
-        for found in judge.check_ground(above * meters):
-            names = [around.names[index] for index in found.which]
+        for finding in judge.check_ground(above * meters):
+            names = [around.names[index] for index in finding.which]
             ground = max(sorted(set(names)), key=names.count)
-            side = "above" if found.kind == "floats" else "below"
+            side = "above" if finding.kind == "floats" else "below"
             yield (
-                f"{found.share:.0%} of the agents stand {number(found.value)} m {side} the ground "
-                f"{ground}: choose it as Terrain "
-                "Object, or change the z of Center."
+                f"{finding.share:.0%} of the agents stand {number(finding.value)} m {side} the "
+                f"ground {ground}: choose it as Terrain Object, or change the z of Center."
             )
     if within.any():
         names = sorted(around.walls, key=lambda name: -np.count_nonzero(around.walls[name]))
@@ -204,7 +200,7 @@ def _places(part: Trajectory) -> np.ndarray:
 
 
 def _poses(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
-    """Yield sentences on groups that builds show as poses that stand long."""
+    """Yield sentences on groups that builds show as still poses, each for a long time."""
     fps = scene.render.fps / scene.render.fps_base
     reasons = [refusal(objects) for _, objects, _ in characters_of(scene)]
     cycles = np.array(

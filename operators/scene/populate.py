@@ -31,8 +31,8 @@ def populating(
 ) -> Generator[float, None, tuple[str, list[str]]]:
     """Measure the characters of `scene` and place the crowd: yield the progress.
 
-    Returns a sentence on the result, and those that warn. CrowdError, before anything changes, if a
-    setting is bad.
+    Returns a sentence on the result, and the sentences that warn. CrowdError, before anything
+    changes, if a setting is bad.
     """
     settings = scene.crowd_lod
     crowds = crowd_sources.crowds_of(settings)
@@ -45,11 +45,11 @@ def populating(
         groups = yield from measuring_groups(scene)
         trajectory = crowd_sources.populated(scene, groups, depsgraph)
         troubles = yield from aside(lambda: find(trajectory, scene_data.meters(scene)), lambda: 1.0)
-        warnings = [troubles.sentence] if troubles.found else []
+        warnings = [troubles.sentence] if troubles.troubles else []
         warnings += _warnings(scene, groups, crowds, trajectory, depsgraph)
     store_groups(settings, groups)
     place_levels(scene)
-    notes = [] if troubles.found else [troubles.sentence]
+    notes = [] if troubles.troubles else [troubles.sentence]
     settings.trouble = "\n".join(filter(None, (*warnings, *notes)))
     sentences = [
         _result(groups, trajectory),
@@ -67,7 +67,7 @@ def _warnings(
     trajectory: Trajectory,
     depsgraph: bpy.types.Depsgraph,
 ) -> Iterator[str]:
-    """Yield what is not as people are, or as users mean it."""
+    """Yield sentences on what is probably not as the user means it."""
     yield from told_of_feet(scene, groups)
     yield from told_of_extent(scene, groups)
     yield from told_of_plausibility(scene, groups, crowds, trajectory.parts, depsgraph)

@@ -73,7 +73,7 @@ def policy_of(settings, choice: str = "") -> LevelPolicy:
     """
     tolerant = (choice or settings.choice) == "BY_TOLERANCE"
     leads = [lead_of(group) for group in settings.groups]
-    own = [
+    group_thresholds = [
         _thresholds(group, settings) if group.own_thresholds and not tolerant else ()
         for group in leads
     ]
@@ -81,7 +81,7 @@ def policy_of(settings, choice: str = "") -> LevelPolicy:
         thresholds=(0.0,) * (count_of(settings, choice) - 1)
         if tolerant
         else _thresholds(settings, settings),
-        group_thresholds=tuple(own) if any(own) else (),
+        group_thresholds=tuple(group_thresholds) if any(group_thresholds) else (),
         metric="PIXELS" if tolerant else settings.metric,
         tolerance=round(max(settings.tolerance, settings.memory_tolerance), 6)
         if tolerant
@@ -136,12 +136,13 @@ def frame_of(  # noqa: PLR0913 - most are at hand, and read if not
     time: frames of the animation; the scene's own if None (see scene_data.time_of).
     camera: one camera, or the eyes; the active ones as `depsgraph` has them if None.
     trajectory: the scene's, if it is at hand.
-    around: with it, agents that the camera does not see but that still matter are found, too.
+    around: lights and mirrors; with them, unseen agents that still matter are found, too.
     shutter: with motion blur, times and cameras of the open shutter; read from the scene if None.
     """
     if time is None:
         time = scene_data.time_of(scene)
-    trajectory, settings = trajectory or trajectory_of(scene, depsgraph=depsgraph), scene.crowd_lod
+    trajectory = trajectory or trajectory_of(scene, depsgraph=depsgraph)
+    settings = scene.crowd_lod
     eyes = camera or read_cameras(scene, depsgraph)
     shutter = read_shutter(scene, time) if shutter is None else shutter
     bias = bias_of(settings)
@@ -154,6 +155,5 @@ def frame_of(  # noqa: PLR0913 - most are at hand, and read if not
         (eyes,) if isinstance(eyes, Camera) else eyes,
     )
     frame = plan(trajectory, eyes, policy_of(settings), time, shutter, bias)
-    return use.applied(
-        frame if around is None else surround(frame, around)
-    )  # who is hidden casts no shadow
+    # who is hidden casts no shadow
+    return use.applied(frame if around is None else surround(frame, around))

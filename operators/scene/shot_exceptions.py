@@ -25,12 +25,11 @@ from ..machine.scene_world import area_of
 from ..settings.exception_settings import REGIONS
 from ..sources import hand_edits
 
-# Of painted maps: the values, and their digest.
-_painted: dict[int, tuple[np.ndarray, str]] = scene_cache.kept({})
+# session_uid of a painted map -> its values, and their digest
+_painted: dict[int, tuple[np.ndarray, str]] = scene_cache.add_cache({})
 
-# Of each scene what was asked last, and (the exceptions that hold without a shot plan, what is
-# wrong).
-_numbered: dict[int, tuple] = scene_cache.kept({}, by_scene=True)
+# Of each scene the last inputs of numbered_of, and its result.
+_numbered: dict[int, tuple] = scene_cache.add_cache({}, by_scene=True)
 
 
 def exemptions_of(
@@ -49,14 +48,15 @@ def exemptions_of(
         for entry in scene.crowd_lod.exceptions
         if entry.use and entry.kind not in hand_edits.EDITS
     ]
-    asked = [(entry, _whom(entry, trajectory), _begins(entry, frames)) for entry in entries]
-    if not asked:
+    parts = [(entry, _whom(entry, trajectory), _begins(entry, frames)) for entry in entries]
+    if not parts:
         return ()
-    names, found = [group.name for group in trajectory.groups], {}
+    names = [group.name for group in trajectory.groups]
+    exemptions = {}
     with frame_stepping.stepped(scene, rest=False) as at:
-        # in the order of time, in which the crowd is known soonest
-        for index in sorted(range(len(asked)), key=lambda index: asked[index][2] or 0):
-            entry, choose, begin = asked[index]
+        # in order of time: a crowd is computed forward
+        for index in sorted(range(len(parts)), key=lambda index: parts[index][2] or 0):
+            entry, choose, begin = parts[index]
             agents = (
                 np.empty(0, np.intp)
                 if begin is None
@@ -68,11 +68,13 @@ def exemptions_of(
                     f"{_place(entry)} at frame {begin}; move or "
                     "paint it elsewhere, or switch the exception off."
                 )
-            found[index] = Exemption(
+            exemptions[index] = Exemption(
                 entry.name, entry.kind, entry.level, agents, _told(entry), *_span(entry)
             )
-            check_level(found[index], policy.count, policy.finest, trajectory.start.group, names)
-    return tuple(found[index] for index in range(len(asked)))
+            check_level(
+                exemptions[index], policy.count, policy.finest, trajectory.start.group, names
+            )
+    return tuple(exemptions[index] for index in range(len(parts)))
 
 
 def numbered_of(
@@ -83,33 +85,35 @@ def numbered_of(
     They are those that name their agents by numbers, and do not change the crowd itself. Cached
     while they stay the same.
     """
-    named = [
+    numbered = [
         entry
         for entry in settings.exceptions
         if entry.use and entry.kind in KINDS and entry.chosen_by == "NUMBERS"
     ]
-    entries, scene = [entry for entry in named if not hand_edits.edits(entry)], settings.id_data
+    entries = [entry for entry in numbered if not hand_edits.edits(entry)]
+    scene = settings.id_data
     key = (
         trajectory,
         policy,
         tuple((entry.name, entry.all_frames, _marks(entry, str)) for entry in entries),
     )
-    known = _numbered.get(scene.session_uid)
-    if known is None or known[0] != key:
-        found, wrong = [], []
+    latest = _numbered.get(scene.session_uid)
+    if latest is None or latest[0] != key:
+        exemptions = []
+        wrong = []
         names = [group.name for group in trajectory.groups]
         for entry in entries:
             try:
                 agents = _whom(entry, trajectory)(0.0, lambda *_: None)
-                each = Exemption(
+                exemption = Exemption(
                     entry.name, entry.kind, entry.level, agents, _told(entry), *_span(entry)
                 )
-                check_level(each, policy.count, policy.finest, trajectory.start.group, names)
-                found.append(each)
+                check_level(exemption, policy.count, policy.finest, trajectory.start.group, names)
+                exemptions.append(exemption)
             except CrowdError as error:
                 wrong.append(str(error))
-        known = _numbered[scene.session_uid] = key, (tuple(found), wrong)
-    return known[1]
+        latest = _numbered[scene.session_uid] = key, (tuple(exemptions), wrong)
+    return latest[1]
 
 
 def find_agents(
@@ -122,25 +126,23 @@ def find_agents(
     depsgraph: of the scene, at its frame.
     """
     agents = _whom(entry, trajectory)(scene_data.time_of(scene), lambda *_: depsgraph)
-    drawn = random_streams.uniform(
+    numbers = random_streams.uniform(
         trajectory.start.key[agents], random_streams.CHOSEN + np.uint64(entry.share_seed)
     )
-    return agents[drawn < entry.share]
+    return agents[numbers < entry.share]
 
 
 def digest_of(settings) -> str:
-    """Return what changes when an exception that is switched on would choose or ask for anything
-    else.
+    """Return a text that changes when an exception would choose or ask for anything else.
 
-    "" without any. An object that is animated counts as unchanged while it is the same object.
+    Exceptions that are switched off do not count; "" without any. An object that is animated
+    counts as unchanged while it is the same object.
     """
     return "".join(repr(_marks(entry, _map_digest)) for entry in settings.exceptions if entry.use)
 
 
 def drawn_inputs(settings) -> tuple:
-    """Return the same as `digest_of` for the overlay, which must not read images at each
-    drawing.
-    """
+    """Return what `digest_of` does, for the overlay, which must not read images at each redraw."""
     return tuple(
         _marks(entry, lambda image: str(image.session_uid))
         for entry in settings.exceptions
@@ -154,20 +156,21 @@ def _span(entry) -> tuple[int | None, int | None]:
 
 def _marks(entry, painted: Callable[[bpy.types.Image], str]) -> tuple:
     span = () if entry.all_frames else (entry.first_frame, entry.last_frame)
-    chosen: tuple = (entry.agents.strip(),)
+    marks: tuple = (entry.agents.strip(),)
     if entry.chosen_by in ("REGION", "VOLUME"):
-        chosen = () if entry.region is None else _region_marks(entry.region)
-    if entry.chosen_by == "VOLUME" and chosen and entry.region.type == "MESH":
-        chosen += (shape_of(entry.region.data),)
+        marks = () if entry.region is None else _region_marks(entry.region)
+    if entry.chosen_by == "VOLUME" and marks and entry.region.type == "MESH":
+        marks += (shape_of(entry.region.data),)
     elif entry.chosen_by == "MAP":
-        chosen = () if entry.map_image is None else (painted(entry.map_image),)
+        marks = () if entry.map_image is None else (painted(entry.map_image),)
     if entry.kind in hand_edits.EDITS:
         return hand_edits.marks_of(entry)
-    return entry.kind, 0 if entry.kind == "HIDE" else entry.level, entry.chosen_by, span, chosen
+    return entry.kind, 0 if entry.kind == "HIDE" else entry.level, entry.chosen_by, span, marks
 
 
 def _region_marks(region: bpy.types.Object) -> tuple:
-    chain, above = [], region
+    chain = []
+    above = region
     while above is not None:
         chain.append(above)
         above = above.parent
@@ -180,13 +183,13 @@ def _region_marks(region: bpy.types.Object) -> tuple:
 
 def _map_digest(image: bpy.types.Image) -> str:
     values = image_data.read_values(image)
-    known = _painted.get(image.session_uid)
-    if known is None or known[0] is not values:
-        known = _painted[image.session_uid] = (
+    latest = _painted.get(image.session_uid)
+    if latest is None or latest[0] is not values:
+        latest = _painted[image.session_uid] = (
             values,
             hashlib.sha256(values.tobytes()).hexdigest()[:16],
         )
-    return known[1]
+    return latest[1]
 
 
 def _whom(entry, trajectory: Trajectory) -> Callable[[float, frame_stepping.At], np.ndarray]:
@@ -198,8 +201,7 @@ def _whom(entry, trajectory: Trajectory) -> Callable[[float, frame_stepping.At],
     if not entry.all_frames and entry.first_frame > entry.last_frame:
         raise CrowdError(
             f"The exception {entry.name} runs backwards, from frame {entry.first_frame} to "
-            f"{entry.last_frame}: give the first "
-            "frame first."
+            f"{entry.last_frame}: give the first frame first."
         )
     if entry.chosen_by == "NUMBERS":
         agents = parse_agents(entry.agents, len(trajectory.start), entry.name, trajectory.ids)
@@ -248,7 +250,8 @@ def _inside(
 
     A flat box, such as a plane's, reaches up and down without end.
     """
-    crowd, told = trajectory.at(time), f"The region {region.name} of the exception {name}"
+    crowd = trajectory.at(time)
+    told = f"The region {region.name} of the exception {name}"
     places = np.stack([crowd.x, crowd.y, crowd.z], axis=1)
     return _present(in_box(region.evaluated_get(at([region], time)), places, told), crowd)
 
@@ -257,7 +260,8 @@ def _in_volume(
     region: bpy.types.Object, name: str, trajectory: Trajectory, time: float, at: frame_stepping.At
 ) -> np.ndarray:
     """Return the agents whose middle lies inside the closed mesh of `region`."""
-    crowd, told = trajectory.at(time), f"The region {region.name} of the exception {name}"
+    crowd = trajectory.at(time)
+    told = f"The region {region.name} of the exception {name}"
     places = np.stack(crowd.places(trajectory.spheres.center), axis=1)
     return _present(in_volume(region.evaluated_get(at([region], time)), places, told), crowd)
 

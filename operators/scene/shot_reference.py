@@ -20,21 +20,22 @@ from ...crowd_lod.frame.planned import numbers_of, same_cameras, with_row
 from ...crowd_lod.levels.assignment import Bias, LevelPolicy
 from ...crowd_lod.npz_file import read_checksums
 from ...crowd_lod.shot.exceptions import Exemption, alone
+from ...crowd_lod.shot.phases import Phases
 from ...crowd_lod.shot.plan_file import AGAIN, StoredPlan, read
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_cache, scene_data
 from ..blender.cameras import cameras_at
 from ..blender.output_folders import full_path
-from ..blender.provenance import differences, named, text_digest
+from ..blender.provenance import differences, name_inputs, text_digest
 from ..characters.cast_provenance import cast_inputs
 from ..sources import hand_edits
 from .shot_exceptions import digest_of, numbered_of
 
 # Plans by path, time of change and size.
-_stored: dict[tuple, StoredPlan] = scene_cache.kept({})
-_contents: dict[tuple, str] = scene_cache.kept({})  # digests of plans, by the same
+_stored: dict[tuple, StoredPlan] = scene_cache.add_cache({})
+_contents: dict[tuple, str] = scene_cache.add_cache({})  # digests of plans, by the same key
 _crowds: WeakKeyDictionary[Trajectory, dict[str, str]] = WeakKeyDictionary()
-CAMERA = "the camera"
+CAMERA, MESHES = "the camera", "the LOD meshes"
 ABOUT = "version", "blend_file", "made_for"  # arrays of a plan's file that say nothing of its LODs
 
 
@@ -42,19 +43,23 @@ ABOUT = "version", "blend_file", "made_for"  # arrays of a plan's file that say 
 class Use:
     """How a frame uses the scene's shot plan.
 
-    row: (n,) uint8, of the plan's file, or None if it gives no LODs.
-    unplanned: sentences why the scene's plan gives none, or on exceptions that are wrong; ""
-    without.
+    row: (n,) uint8, of the plan's file; None if the plan gives no LODs.
+    unplanned: sentences on why the plan gives none, and on exceptions that are wrong; "" without.
     exceptions: those that hold without the plan, in the frame `number` of the timeline.
+    phases: the plan's phase classes, which hold for the same crowd whatever the camera.
     """
 
     row: np.ndarray | None = None
     unplanned: str = ""
     exceptions: tuple[Exemption, ...] = ()
     number: float = 0.0
+    phases: Phases | None = None
 
     def applied(self, frame: Frame) -> Frame:
-        """Return `frame` with the plan's LODs, or else those of the exceptions."""
+        """Return `frame` with the plan's phases, and its LODs or else those of the exceptions."""
+        if self.phases is not None:
+            crowd = self.phases.applied(frame.crowd, frame.trajectory.gaits)
+            frame = replace(frame, crowd=crowd)
         frame = (
             alone(frame, self.exceptions, self.number)
             if self.row is None
@@ -119,7 +124,7 @@ def use_of(
 ) -> Use:
     """Return how the frame at `time` uses the shot plan of the settings.
 
-    Where it does not, it has their exceptions.
+    Without a plan that holds, the frame has the settings' exceptions.
 
     policy, bias: those of the settings.
     time: in frames of the animation.
@@ -129,7 +134,19 @@ def use_of(
     exceptions, wrong = numbered_of(settings, trajectory, policy)
     wrong = [*hand_edits.troubles_of(settings.id_data), *wrong]
     number = time / scene_data.remapped(settings.id_data.render, 1.0)
-    return Use(row, " ".join(filter(None, [why, *dict.fromkeys(wrong)])), exceptions, number)
+    unplanned = " ".join(filter(None, [why, *dict.fromkeys(wrong)]))
+    return Use(row, unplanned, exceptions, number, phases_of(settings, trajectory))
+
+
+def phases_of(settings, trajectory: Trajectory) -> Phases | None:
+    """Return the phase classes of the plan in use; None without one, or if the crowd changed."""
+    with suppress(CrowdError):
+        stored = stored_plan(settings)
+        if stored is not None and len(stored.phases.shift) == len(trajectory.start):
+            now = crowd_digests(trajectory)
+            if all(stored.made_for.get(name) == now[name] for name in now if name != MESHES):
+                return stored.phases
+    return None
 
 
 def _row(
@@ -173,8 +190,9 @@ def _for_another(stored: StoredPlan) -> str:
 
 
 def told_of_file(settings) -> str:
-    """Return a sentence if the plan in use was made for another file; "" else, or if it cannot be
-    read.
+    """Return a sentence if the plan in use was made for another file.
+
+    "" if it was not, or if it cannot be read.
     """
     with suppress(CrowdError):
         stored = stored_plan(settings)
@@ -186,10 +204,9 @@ def told_of_file(settings) -> str:
 def told_of_shot(
     scene: bpy.types.Scene, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | None
 ) -> str:
-    """Return a sentence on what has changed since the scene's plan was made, in any of its frames;
-    "" if nothing.
+    """Return a sentence on what has changed since the scene's plan was made; "" if nothing.
 
-    CrowdError if the plan cannot be read.
+    All its frames are compared. CrowdError if the plan cannot be read.
     """
     stored = stored_plan(scene.crowd_lod)
     if stored is None:
@@ -206,7 +223,7 @@ def told_of_shot(
 
 def _not_used(stored: StoredPlan, changed: Sequence[str]) -> str:
     return (
-        f"The shot plan is not used, for {named(changed)} changed since it was "
+        f"The shot plan is not used, for {name_inputs(changed)} changed since it was "
         f"made{_for_another(stored)}: {AGAIN}."
     )
 
@@ -218,10 +235,7 @@ def made_for(
 
     settings: of the crowd, for their exceptions.
     """
-    known = _crowds.get(trajectory)
-    if known is None:
-        known = _crowds[trajectory] = _of_crowd(trajectory)
-    chosen = {
+    of_settings = {
         "the choice of LODs": _digest(repr(policy)),
         "the detail map": _digest(
             "" if bias is None else f"{bias.area}", b"" if bias is None else bias.values.tobytes()
@@ -229,11 +243,19 @@ def made_for(
         # with the crowd's own digests these tell the edits, too
         "the exceptions": _digest(digest_of(settings)),
     }
-    return known | chosen | cast_inputs(settings.id_data)
+    return crowd_digests(trajectory) | of_settings | cast_inputs(settings.id_data)
+
+
+def crowd_digests(trajectory: Trajectory) -> dict[str, str]:
+    """Return those digests of `made_for` that tell of the crowd and its LOD meshes."""
+    if trajectory not in _crowds:
+        _crowds[trajectory] = _of_crowd(trajectory)
+    return _crowds[trajectory]
 
 
 def _of_crowd(trajectory: Trajectory) -> dict[str, str]:
-    groups, parts = trajectory.groups, trajectory.digests()
+    groups = trajectory.groups
+    parts = trajectory.digests()
     bodies = [
         (g.name, g.center, g.radius, g.stride, g.period, *g.actions, *_sizes(g)) for g in groups
     ]
@@ -243,14 +265,12 @@ def _of_crowd(trajectory: Trajectory) -> dict[str, str]:
             name: _digest(clock if name == "the crowd" else "", data)
             for name, data in parts.items()
         },
-        "the LOD meshes": _digest(
-            repr([(g.name, g.vertices, g.triangles, g.bounds) for g in groups])
-        ),
+        MESHES: _digest(repr([(g.name, g.vertices, g.triangles, g.bounds) for g in groups])),
     }
 
 
 def _sizes(group: Group) -> tuple[float, ...]:
-    """Return what an older plan knows nothing of: the scales of the group, where it has some."""
+    """Return the scales of the group, where it has some."""
     return () if group.scale == (1.0, 1.0) else group.scale
 
 

@@ -14,10 +14,10 @@ from ...crowd_lod.crowd.maps import LabelMap
 from ...crowd_lod.crowd.state_machine import StateMachine
 from ...crowd_lod.sources.trajectory import Trajectory
 
-SECONDS = 60.0  # how far ahead is looked
+SECONDS = 60.0  # that the search looks ahead
 MOST_AGENTS = 200_000
-# Reads of the table, and so the time, about two seconds; borders that one agent may cross.
-MOST_READS, MOST_BORDERS = 4_000_000, 4_000
+MOST_READS = 4_000_000  # of the machine's table: about two seconds
+MOST_BORDERS = 4_000  # of cells that one agent may cross
 
 
 @dataclass(frozen=True)
@@ -48,9 +48,8 @@ class OffColor:
         )
         return (
             f"{many} far from every label's color and taken for {self.label}, the first at x "
-            f"{self.x[0]:.2f} m, "
-            f"y {self.y[0]:.2f} m (map column {self.column[0]}, row {self.row[0]} from the "
-            f"bottom): paint over."
+            f"{self.x[0]:.2f} m, y {self.y[0]:.2f} m (map column {self.column[0]}, row "
+            f"{self.row[0]} from the bottom): paint over."
         )
 
 
@@ -68,13 +67,13 @@ def off_color(world: LabelMap, machine: StateMachine) -> tuple[OffColor, ...]:
 class Troubles:
     """What was found.
 
-    found: a Trouble for each kind; first an OffColor if the map has such pixels.
+    troubles: a Trouble for each kind; first an OffColor if the map has such pixels.
     agents: how many agents were checked, the first ones of the crowd.
     count: all agents of the crowd.
     seconds: how far ahead of the first frame was checked.
     """
 
-    found: tuple[OffColor | Trouble, ...]
+    troubles: tuple[OffColor | Trouble, ...]
     agents: int
     count: int
     seconds: float
@@ -82,7 +81,7 @@ class Troubles:
     @property
     def sentence(self) -> str:
         """Return all of it as text for the user, "" if all is well and was checked."""
-        parts = [str(each) for each in self.found]
+        parts = [str(each) for each in self.troubles]
         if self.agents < self.count or self.seconds < SECONDS:
             parts.append(
                 f"Only the first {self.agents:,} of {self.count:,} agents were checked for "
@@ -95,14 +94,14 @@ class Troubles:
         """Return a dict for plan.json per kind, with the place where most agents have it."""
         return [
             {
-                "kind": each.kind,
-                "agents": len(each.agents),
-                "place": [float(each.x[0]), float(each.y[0])],
-                "column": int(each.column[0]),
-                "row": int(each.row[0]),
-                "count": int(each.counts[0]),
+                "kind": trouble.kind,
+                "agents": len(trouble.agents),
+                "place": [float(trouble.x[0]), float(trouble.y[0])],
+                "column": int(trouble.column[0]),
+                "row": int(trouble.row[0]),
+                "count": int(trouble.counts[0]),
             }
-            for each in self.found
+            for trouble in self.troubles
         ]
 
 
@@ -116,15 +115,19 @@ def find(trajectory: Trajectory, meters: float = 1.0) -> Troubles:
     meters: in a unit of the scene. Places of what is found are in meters.
     """
     parts = [_of_walk(walk) for walk in walks_of(trajectory)]
-    found = tuple(
-        replace(each, x=each.x * meters, y=each.y * meters) for part in parts for each in part.found
+    findings = tuple(
+        replace(each, x=each.x * meters, y=each.y * meters)
+        for part in parts
+        for each in part.troubles
     )
     agents, count = (sum(getattr(part, name) for part in parts) for name in ("agents", "count"))
-    return Troubles(found, agents, count, min((part.seconds for part in parts), default=SECONDS))
+    return Troubles(findings, agents, count, min((part.seconds for part in parts), default=SECONDS))
 
 
 def _of_walk(walk: Walk) -> Troubles:
-    crowd, machine, world = walk.start, walk.machine, walk.world
+    crowd = walk.start
+    machine = walk.machine
+    world = walk.world
     borders = max(float(courant(machine, world, 1.0).max()), 1 / SECONDS)
     seconds = min(SECONDS, MOST_BORDERS / borders)
     count = min(len(crowd), MOST_AGENTS, max(1, int(MOST_READS / (borders * seconds))))

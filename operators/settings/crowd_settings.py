@@ -363,8 +363,7 @@ class CameraSettings:
         name="Shadows and Reflections",
         default=True,
         description="Keep characters outside the picture whose shadows fall into it, or that "
-        "mirrors show; the camera itself "
-        "does not see them",
+        "mirrors show; the camera itself does not see them",
     )
     mirrors: PointerProperty(
         type=bpy.types.Collection,

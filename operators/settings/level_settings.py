@@ -225,8 +225,7 @@ class LevelSettings:
     hidden_surface_counts: BoolProperty(
         name="Hidden Surface Counts",
         description="Deviations heed surface that no direction shows in any pose, such as a body "
-        "within clothes: for characters "
-        "that are cut open or looked into",
+        "within clothes: for characters that are cut open or looked into",
     )
     level_count: IntProperty(
         update=push_all,

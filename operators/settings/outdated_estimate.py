@@ -1,4 +1,4 @@
-"""The cost estimate is forgotten when a setting changes that it rests on."""
+"""The cost estimate is cleared when a setting changes that it rests on."""
 
 
 def outdate(owner, _) -> None:

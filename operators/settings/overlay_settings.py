@@ -78,6 +78,5 @@ class OverlaySettings:
         max=0.5,
         subtype="FACTOR",
         description="How far an agent must pass a LOD's distance before it changes LOD in the "
-        "overlay, as a part of that "
-        "distance. Preview and build have none",
+        "overlay, as a part of that distance. Preview and build have none",
     )

@@ -17,7 +17,7 @@ from .properties import ALL, STEPS, CrowdLodSettings
 from .threshold_order import note_thresholds
 
 PARTS = STEPS | {"all": ALL}
-# what the user looks at, not how the crowd is
+# settings of what the user looks at: no preset holds them
 PASSING = {"overlay", "agent", "exception_index", "use_shot_plan"}
 
 
@@ -47,7 +47,7 @@ class CROWDLOD_OT_reset(Reporting, bpy.types.Operator):
         settings = context.scene.crowd_lod
         for name in names:
             settings.property_unset(name)
-        # no setting's update callback is called
+        # property_unset calls no update callback
         note_thresholds(settings)
         outdate(settings, context)
         return (

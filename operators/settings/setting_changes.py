@@ -1,5 +1,6 @@
-"""What follows when a setting changes: the rooms above say it, as the settings lie below them
-all.
+"""What follows when a setting changes.
+
+Registration names the followers: the settings lie below all rooms that follow them.
 """
 
 from collections.abc import Callable

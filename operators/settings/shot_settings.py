@@ -29,8 +29,7 @@ class FrameSettings:
         subtype="DIR_PATH",
         options={"PATH_SUPPORTS_BLEND_RELATIVE"},
         description="Folder for plan, previews, proofs and exports, with a page index.html on all "
-        "of them. "
-        f"{BLEND_NAME} is the name of the .blend file",
+        f"of them. {BLEND_NAME} is the name of the .blend file",
     )
 
     own_frames: BoolProperty(
@@ -61,6 +60,15 @@ class PlanSettings:
         subtype="FACTOR",
         description="Part by which a shot's time, memory and triangles may grow so that fewer "
         "characters change their LOD in sight",
+    )
+    variety: FloatProperty(
+        name="Variety",
+        default=0.05,
+        min=0,
+        max=1,
+        subtype="FACTOR",
+        description="Part of close neighbors that may walk in step at most: the less, the more "
+        "phases of their walk a shot plan lets characters show, and the more memory they take",
     )
     plan_blurred: BoolProperty(
         name="Coarser Where Blurred",
@@ -179,6 +187,5 @@ class ExportSettings:
     usd_animated: BoolProperty(
         name="Moving Prototypes",
         description="Each of 16 phases of an action is a prototype that moves, instead of poses "
-        "between which agents change: exact "
-        "phases and blurred limbs, but a larger file",
+        "between which agents change: exact phases and blurred limbs, but a larger file",
     )

@@ -14,8 +14,9 @@ BEFORE = "crowd_lod_before_{}"
 
 
 def push(name: str) -> Callable:
-    """Return an update callback of the property `name`, a key of METRIC_OF, of settings or a
-    group.
+    """Return an update callback of the property `name`, a key of METRIC_OF.
+
+    The property is one of the settings or of a character group.
     """
 
     def update(owner: bpy.types.PropertyGroup, _) -> None:
@@ -26,7 +27,7 @@ def push(name: str) -> Callable:
 
 
 def push_all(settings: bpy.types.PropertyGroup, _) -> None:
-    """Update callback of level_count: put in order what then counts."""
+    """Put thresholds and sizes in order after level_count has changed (update callback)."""
     settings.estimate = ""
     for owner in (settings, *settings.groups):
         for name in METRIC_OF:
@@ -34,30 +35,34 @@ def push_all(settings: bpy.types.PropertyGroup, _) -> None:
 
 
 def note_thresholds(settings: bpy.types.PropertyGroup) -> None:
-    """Remember thresholds and sizes as they are, where another version or a script set them."""
+    """Remember thresholds and sizes as they are now.
+
+    Needed where they were set without a call of their update callbacks.
+    """
     for owner in (settings, *settings.groups):
         for name in METRIC_OF:
             owner[BEFORE.format(name)] = list(getattr(owner, name))
 
 
 def _put_in_order(owner: bpy.types.PropertyGroup, name: str) -> None:
-    """Let the value of `name` that has changed push the others, of the LODs that there are.
+    """Let the changed value of `name` push the others, as far as there are LODs.
 
     Blender does not tell which value of an array has changed, so the values before are kept beside.
     A value that is not a number becomes what it was.
     """
-    values, before = np.array(getattr(owner, name), np.float64), _before(owner, name)
+    values = np.array(getattr(owner, name), np.float64)
+    before = _before(owner, name)
     changed = np.flatnonzero(values != before)
-    found = np.where(np.isfinite(values), values, before)
+    ordered = np.where(np.isfinite(values), values, before)
     count = owner.id_data.crowd_lod.level_count - 1
     if count:
-        kept = min(changed[0], count - 1) if len(changed) else 0
-        found[:count] = pushed(found[:count].tolist(), kept, METRIC_OF[name])
-    found = found.astype(np.float32)
+        pushing = min(changed[0], count - 1) if len(changed) else 0
+        ordered[:count] = pushed(ordered[:count].tolist(), pushing, METRIC_OF[name])
+    ordered = ordered.astype(np.float32)
     # before the property, which calls this again and then finds nothing to do
-    owner[BEFORE.format(name)] = found.tolist()
-    if (found != values).any():
-        setattr(owner, name, found)
+    owner[BEFORE.format(name)] = ordered.tolist()
+    if (ordered != values).any():
+        setattr(owner, name, ordered)
 
 
 def _before(owner: bpy.types.PropertyGroup, name: str) -> np.ndarray:

@@ -39,7 +39,9 @@ def scene_json(
     last: frame of the timeline.
     characters: of lod_table.tables.
     """
-    settings, trajectory, meters = stage.crowd_lod, trajectory_of(stage), scene_data.meters(stage)
+    settings = stage.crowd_lod
+    trajectory = trajectory_of(stage)
+    meters = scene_data.meters(stage)
     troubles = yield from aside(lambda: find(trajectory, meters))
     return {
         "version": tables.PLAN_VERSION,
@@ -91,7 +93,8 @@ def _scene_of(scene: bpy.types.Scene) -> dict[str, Any]:
 
 
 def _crowd_of(settings, trajectory: Trajectory) -> dict[str, Any]:
-    area, meters = trajectory.area, scene_data.meters(settings.id_data)
+    area = trajectory.area
+    meters = scene_data.meters(settings.id_data)
     return {
         "count": len(trajectory.parts[0].start),
         "seed": settings.seed,
@@ -109,7 +112,8 @@ def _crowd_of(settings, trajectory: Trajectory) -> dict[str, Any]:
 
 
 def _levels_of(stage: bpy.types.Scene, characters: list[dict]) -> dict[str, Any]:
-    settings, policy = stage.crowd_lod, policy_of(stage.crowd_lod)
+    settings = stage.crowd_lod
+    policy = policy_of(stage.crowd_lod)
     return {
         "metric": policy.metric,
         "margin": policy.margin and policy.margin * scene_data.meters(stage),

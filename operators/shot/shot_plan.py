@@ -18,6 +18,13 @@ from ...crowd_lod.reporting.shot_json import shot_facts
 from ...crowd_lod.reporting.shot_report import Told, shot_page
 from ...crowd_lod.shot import plan_file
 from ...crowd_lod.shot.budget import Budget, BudgetPlan, decide_within
+from ...crowd_lod.shot.coloring import (
+    VARIETY,
+    plan_phases,
+    recast,
+    shown_characters,
+    strides_of,
+)
 from ...crowd_lod.shot.curve import curve_of
 from ...crowd_lod.shot.exceptions import Exemption, excepted, marked
 from ...crowd_lod.shot.shot_cost import Shot, meshes_of
@@ -43,7 +50,11 @@ from .scene_json import scene_json
 from .shot_survey import survey_of
 from .switch_crops import crops_of
 
-READY, SURVEYED, DECIDED, CURVED = 0.2, 0.6, 0.9, 0.95  # of the progress
+# the progress at which each stage ends
+READY = 0.2
+SURVEYED = 0.6
+DECIDED = 0.9
+CURVED = 0.95
 
 
 @dataclass(frozen=True)
@@ -54,8 +65,9 @@ class Wanted:
     folder: where the plan goes.
     avoid: the part by which the shot may cost more, to avoid switches in sight.
     budget: what each frame may take.
+    variety: the part of close neighbors that may be in step.
     blurred: whether LODs may be as many pixels coarser as their agents are blurred wide.
-    keeps: whether the survey so far is kept in the folder, for a run that is killed.
+    keeps: whether the folder keeps the survey so far, for the run after one that is killed.
     """
 
     frames: Sequence[int]
@@ -64,6 +76,7 @@ class Wanted:
     budget: Budget = Budget()
     keeps: bool = False
     blurred: bool = False
+    variety: float = VARIETY
 
 
 @dataclass(frozen=True)
@@ -73,32 +86,42 @@ class Planned:
     shot: Shot
     plan: BudgetPlan
     stored: plan_file.StoredPlan
-    told: Told
-    wanted: Wanted
+    report: Told
+    request: Wanted
     exemptions: tuple[Exemption, ...] = ()
 
 
-def plan_shot(scene: bpy.types.Scene, wanted: Wanted) -> Generator[float, None, Planned]:
+def plan_shot(scene: bpy.types.Scene, request: Wanted) -> Generator[float, None, Planned]:
     """Plan the LODs of the shot: yield the progress, return it.
 
     LOD meshes that are missing are made. Nothing else in the scene changes.
     """
-    if not 0 <= wanted.avoid < 1e6:
+    if not 0 <= request.avoid < 1e6:
         raise CrowdError(
-            f"Avoid Pops is {wanted.avoid:g}; give the part of the cost that it may add, such as "
+            f"Avoid Pops is {request.avoid:g}; give the part of the cost that it may add, such as "
             f"0.05."
         )
     check_recorded(scene, "Plan Shot")
     provenance.look_afresh()
     yield from share(ready(scene), 0.0, READY)
-    trajectory, policy = trajectory_of(scene), policy_of(scene.crowd_lod)
-    exemptions = exemptions_of(scene, trajectory, policy, wanted.frames)
+    trajectory = trajectory_of(scene)
+    policy = policy_of(scene.crowd_lod)
+    exemptions = exemptions_of(scene, trajectory, policy, request.frames)
     through = yield from share(
-        survey_of(scene, wanted.frames, wanted.folder if wanted.keeps else None, wanted.blurred),
+        survey_of(
+            scene, request.frames, request.folder if request.keeps else None, request.blurred
+        ),
         READY,
         SURVEYED,
     )
-    survey = through.survey
+    phases = plan_phases(
+        through.survey,
+        strides_of(trajectory.groups, trajectory.gaits),
+        policy.tolerance,
+        request.variety,
+        trajectory.given_phases,
+    )
+    survey = recast(through.survey, phases.phases)
     characters = characters_of(scene)
     rigs = rigs_of(characters, trajectory, cast_of(characters, trajectory))
     shot = Shot(
@@ -107,30 +130,39 @@ def plan_shot(scene: bpy.types.Scene, wanted: Wanted) -> Generator[float, None, 
         scene_data.engine_of(scene),
         *rigs,
     )
-    found = yield from share(decide_within(shot, wanted.budget, wanted.avoid), SURVEYED, DECIDED)
-    changes = noticed(shot, found.levels, trajectory.spheres.radius)
-    told = Told(
+    plan = yield from share(decide_within(shot, request.budget, request.avoid), SURVEYED, DECIDED)
+    changes = noticed(shot, plan.levels, trajectory.spheres.radius)
+    names = [group.name for group in trajectory.groups]
+    report = Told(
         title=Path(bpy.data.filepath).stem or scene.name,
         shot=shot,
-        plan=found,
+        plan=plan,
         noticed=changes,
-        curve=(yield from share(curve_of(shot, found, policy.tolerance), DECIDED, CURVED)),
-        names=[group.name for group in trajectory.groups],
+        curve=(yield from share(curve_of(shot, plan, policy.tolerance), DECIDED, CURVED)),
+        names=names,
+        phases=phases,
+        classes=phases.rows(names, trajectory.gaits),
         tints=TINTS,
         milliseconds=through.milliseconds,
-        crops=(yield from share(crops_of(scene, through, largest(changes, WORST)), CURVED, 1.0)),
+        crops=(
+            yield from share(
+                crops_of(scene, through, phases.phases, largest(changes, WORST)), CURVED, 1.0
+            )
+        ),
     )
     bias = bias_of(scene.crowd_lod)
     stored = plan_file.StoredPlan(
-        path=wanted.folder / plan_file.NAME,
+        path=request.folder / plan_file.NAME,
         numbers=survey.numbers,
         times=survey.times,
         cameras=through.cameras,
         made_for=shot_reference.made_for(scene.crowd_lod, trajectory, policy, bias),
-        tolerance=max(found.tolerance, policy.tolerance or 0.0) or None,
+        tolerance=max(plan.tolerance, policy.tolerance or 0.0) or None,
+        phases=phases.phases,
+        cast=shown_characters(survey),
         blend_file=printable(Path(bpy.data.filepath).name),
     )
-    return Planned(shot, found, stored, told, wanted, exemptions)
+    return Planned(shot, plan, stored, report, request, exemptions)
 
 
 def ready(scene: bpy.types.Scene) -> Generator[float, None, None]:
@@ -143,7 +175,7 @@ def ready(scene: bpy.types.Scene) -> Generator[float, None, None]:
         yield from share(make_levels(scene), 0.1, 1.0)
     elif deviations(groups_of(settings), policy_of(settings)) is None:
         yield from share(measure_levels(scene), 0.1, 1.0)
-    check_levels(scene)  # those of other settings may be fewer
+    check_levels(scene)  # those made for other settings may be fewer
 
 
 def write_plan(
@@ -154,25 +186,23 @@ def write_plan(
     command: the command line of the run.
     """
     write_levels(folder, planned)
-    told = yield from standing(
+    content = yield from standing(
         scene_json(scene, scene, command, int(planned.stored.numbers[-1]), []), 1.0
     )
-    told |= shot_json(planned)
-    (folder / "plan.json").write_text(tables.to_json(told), encoding="utf-8")
-    (folder / "frames.csv").write_text(tables.to_csv(told["frames"]), encoding="utf-8")
+    content |= shot_json(planned)
+    (folder / "plan.json").write_text(tables.to_json(content), encoding="utf-8")
+    (folder / "frames.csv").write_text(tables.to_csv(content["frames"]), encoding="utf-8")
     (folder / "switches.csv").write_text(
-        tables.switches_csv(planned.told.noticed), encoding="utf-8"
+        tables.switches_csv(planned.report.noticed), encoding="utf-8"
     )
-    (folder / "report.html").write_text(shot_page(planned.told), encoding="utf-8")
-    return told
+    (folder / "report.html").write_text(shot_page(planned.report), encoding="utf-8")
+    return content
 
 
 def write_levels(folder: Path, planned: Planned) -> None:
     """Write plan.npz into `folder`."""
-    numbers, pinned = (
-        planned.stored.numbers.tolist(),
-        PINNED if planned.plan.tolerance or planned.shot.survey.blurred else 0,
-    )
+    numbers = planned.stored.numbers.tolist()
+    pinned = PINNED if planned.plan.tolerance or planned.shot.survey.blurred else 0
     rows = [
         marked(row | pinned, number, planned.exemptions)
         for number, row in zip(numbers, planned.plan.levels, strict=True)
@@ -184,31 +214,37 @@ def shot_json(planned: Planned) -> dict[str, Any]:
     """Return what plan.json tells of the shot."""
     budget = {
         name: value
-        for name, value in vars(planned.wanted.budget).items()
+        for name, value in vars(planned.request.budget).items()
         if value not in (None, inf)
     }
-    asked = {"avoid_pops": planned.wanted.avoid, "blur": planned.wanted.blurred, "budget": budget}
+    asked = {
+        "avoid_pops": planned.request.avoid,
+        "variety": planned.request.variety,
+        "blur": planned.request.blurred,
+        "budget": budget,
+    }
     return shot_facts(
-        planned.told, planned.stored, asked, [each.as_json for each in planned.exemptions]
+        planned.report, planned.stored, asked, [each.as_json for each in planned.exemptions]
     )
 
 
 def sentence(planned: Planned) -> str:
-    """Return a sentence on the plan beside the thresholds' own."""
-    plan, frames = planned.plan, len(planned.stored.numbers)
-    found, before = plan.bill, plan.thresholds
+    """Return a sentence that compares the plan with LODs by thresholds."""
+    plan = planned.plan
+    frames = len(planned.stored.numbers)
+    bill = plan.bill
+    before = plan.thresholds
     bound = f"; {plan.bound:.1%} above the least possible at most" if isfinite(plan.bound) else ""
     raised = (
-        f" To fit in the budget, LODs deviate by up to {number(found.error)} pixels."
+        f" To fit in the budget, LODs deviate by up to {number(bill.error)} pixels."
         if plan.tolerance
         else ""
     )
     return (
         f"{counted(frames, 'frame')} of {counted(len(planned.shot.survey.group), 'agent')} "
-        f"planned. LODs change in sight "
-        f"{int(found.switches.sum()):,} times, by distance {int(before.switches.sum()):,} times, "
-        f"for "
-        f"{max(found.above(before), 0.0):.1%} more cost at most{bound}.{raised}"
+        f"planned. LODs change in sight {int(bill.switches.sum()):,} times, by distance "
+        f"{int(before.switches.sum()):,} times, for {max(bill.above(before), 0.0):.1%} more cost "
+        f"at most{bound}.{raised}"
     )
 
 
@@ -229,6 +265,7 @@ def wanted_of(scene: bpy.types.Scene, folder: Path, frames: Sequence[int]) -> Wa
         avoid=round(settings.avoid_pops, 6),
         budget=budget_of(settings),
         blurred=settings.plan_blurred,
+        variety=round(settings.variety, 6),
     )
 
 
@@ -243,12 +280,13 @@ class CROWDLOD_OT_plan_shot(Stepwise, bpy.types.Operator):
     )
 
     def steps(self, context) -> Generator[float, None, str]:
-        scene, settings = context.scene, context.scene.crowd_lod
+        scene = context.scene
+        settings = context.scene.crowd_lod
         place = output_path(scene, "plan")
         folder = full_path(place)
         with files.staged(folder, plan_file.NAME) as part:
-            wanted = wanted_of(scene, folder, scene_data.frames_of(scene))
-            planned = yield from share(plan_shot(scene, wanted), 0.0, 0.99)
+            request = wanted_of(scene, folder, scene_data.frames_of(scene))
+            planned = yield from share(plan_shot(scene, request), 0.0, 0.99)
             yield from standing(write_plan(scene, part, planned, ["sidebar"]), 0.99)
         settings.shot_plan = f"{place}/{plan_file.NAME}"
         settings.use_shot_plan = True
@@ -278,7 +316,8 @@ class CROWDLOD_OT_go_to_switch(Reporting, bpy.types.Operator):
     needs = (needs.plan,)
 
     def run(self, context) -> str:
-        scene, settings = context.scene, context.scene.crowd_lod
+        scene = context.scene
+        settings = context.scene.crowd_lod
         rows = tables.largest_switches(full_path(settings.shot_plan).with_name("switches.csv"))
         if not rows:
             return "No agent changes its LOD in sight."
@@ -286,11 +325,15 @@ class CROWDLOD_OT_go_to_switch(Reporting, bpy.types.Operator):
         now = scene.frame_current, settings.agent
         at = (places.index(now) + 1) % len(places) if now in places else 0
         scene.frame_current, settings.agent = places[at]
-        own = rows[at]
-        lods = f"LOD {own['from']} to {own['to']}" if own["from"] else f"appears at LOD {own['to']}"
+        switch = rows[at]
+        lods = (
+            f"LOD {switch['from']} to {switch['to']}"
+            if switch["from"]
+            else f"appears at LOD {switch['to']}"
+        )
         return (
             f"Frame {places[at][0]}, agent {places[at][1]}: {lods}, changes up to "
-            f"{float(own['change_px']):.2f} pixels."
+            f"{float(switch['change_px']):.2f} pixels."
         )
 
 

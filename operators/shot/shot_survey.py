@@ -18,18 +18,21 @@ from ...crowd_lod.frame.frame import Frame, plan
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import numbers_of
 from ...crowd_lod.frame.shadows import surround
+from ...crowd_lod.levels.assignment import LevelPolicy
 from ...crowd_lod.progress import share
 from ...crowd_lod.shot.shot_cost import meshes_of
 from ...crowd_lod.shot.survey import Recorder, Survey, empty
+from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import cameras, frame_stepping, scene_data
-from ..lod_meshes.selection import cast_of
+from ..lod_meshes.selection import cast_of, rigs_of
 from ..machine.scene_world import bias_of
 from ..render_setup.cost_estimate import covered, samples_of
 from ..scene import lights, shot_reference
 from ..scene.scene_crowd import characters_of, policy_of, trajectory_of
 
-EVERY = 20.0  # seconds between two parts that are kept for a run that goes on
+EVERY = 20.0  # seconds between two saves, from which the next run goes on
 KEPT = "kind", "coarsest", "scale", "character", "cuts", "rays"
+LISTS = "entered", "pairs", "nearness"  # of arrays, one for each frame
 PARTS = ".crowd-lod-survey"  # begins the names of the parts' files
 
 
@@ -55,50 +58,40 @@ def survey_of(
     folder: keeps what is surveyed so far, for a run that is killed; None keeps nothing.
     CrowdError if the crowd or its choice of LODs changes on the way.
     """
-    settings, trajectory = scene.crowd_lod, trajectory_of(scene)
-    policy, library = policy_of(settings), cast_of(characters_of(scene), trajectory)
+    settings = scene.crowd_lod
+    trajectory = trajectory_of(scene)
+    policy = policy_of(settings)
+    library = cast_of(characters_of(scene), trajectory)
     times = [scene_data.remapped(scene.render, number) for number in frames]
-    survey = empty(frames, times, trajectory.start.group, library.first(trajectory.gaits))
+    _, moved_as = rigs_of(characters_of(scene), trajectory, library)
+    survey = empty(
+        frames,
+        times,
+        trajectory.start.group,
+        library.first(trajectory.gaits),
+        library.roles(trajectory.gaits, moved_as),
+    )
     if blurred:
-        if policy.tolerance is None:
-            raise CrowdError(
-                "Coarser Where Blurred needs LODs by tolerance: set Choose LODs to By Tolerance, "
-                "or switch it off."
-            )
-        survey = replace(
-            survey,
-            blurred=policy.tolerance,
-            bounds=meshes_of(trajectory.groups, policy.count).bounds,
-        )
+        survey = _coarser_where_blurred(survey, trajectory, policy)
     parts = Parts(survey, folder, _key(scene, frames) + "b" * blurred)
-    begin, before, took, saved = parts.taken_up(), None, Counter(), clock.monotonic()
+    begin = parts.taken_up()
+    before = None
+    took = Counter()
+    saved = clock.monotonic()
     with frame_stepping.stepped(scene) as at, Recorder() as recorder:
         for f in range(max(begin - 1, 0), len(frames)):
             time = times[f]
             yield from share(approach(trajectory, time), f / len(frames), (f + 0.5) / len(frames))
             eyes, around, shutter = lights.read_moment(scene, time, at)
             if trajectory_of(scene) is not trajectory or policy_of(settings) != policy:
-                raise CrowdError(
-                    f"The crowd's settings change at frame {frames[f]}: a shot needs one crowd "
-                    f"and one choice of LODs, so remove "
-                    "their animation and drivers, or plan the frames before and after apart."
-                )
-            frame = surround(
-                plan(trajectory, eyes, policy, time, shutter, bias_of(settings)), around
-            )
+                raise _changes_at(frames[f])
+            planned = plan(trajectory, eyes, policy, time, shutter, bias_of(settings))
+            frame = surround(planned, around)
             if f >= begin:
-                cut = f > 0 and cameras.bound_camera(scene, time) != cameras.bound_camera(
-                    scene, times[f - 1]
-                )
-                recorder.add(
-                    survey,
-                    f,
-                    frame,
-                    library,
-                    before,
-                    samples_of(scene) * covered(frame, scene),
-                    cut,
-                )
+                film = cameras.bound_camera(scene, time)
+                cut = f > 0 and film != cameras.bound_camera(scene, times[f - 1])
+                samples = samples_of(scene) * covered(frame, scene)
+                recorder.add(survey, f, frame, library, before, samples, cut)
                 parts.cameras.append(numbers_of(eyes))
                 took.update(frame.milliseconds)
             before: Frame | None = frame
@@ -113,15 +106,36 @@ def survey_of(
             "The number of the camera's eyes changes during the shot: plan the frames of each "
             "apart."
         )
-    planned = max(len(frames) - begin, 1)
-    return Surveyed(
-        survey, np.array(parts.cameras), {name: ms / planned for name, ms in took.items()}
+    count = max(len(frames) - begin, 1)
+    milliseconds = {name: total / count for name, total in took.items()}
+    return Surveyed(survey, np.array(parts.cameras), milliseconds)
+
+
+def _changes_at(frame: int) -> CrowdError:
+    return CrowdError(
+        f"The crowd's settings change at frame {frame}: a shot needs one crowd and one choice of "
+        f"LODs, so remove their animation and drivers, or plan the frames before and after apart."
     )
+
+
+def _coarser_where_blurred(survey: Survey, trajectory: Trajectory, policy: LevelPolicy) -> Survey:
+    """Return the empty survey, for LODs that may be coarser where their agents are blurred.
+
+    CrowdError if LODs are not chosen by tolerance.
+    """
+    if policy.tolerance is None:
+        raise CrowdError(
+            "Coarser Where Blurred needs LODs by tolerance: set Choose LODs to By Tolerance, "
+            "or switch it off."
+        )
+    bounds = meshes_of(trajectory.groups, policy.count).bounds
+    return replace(survey, blurred=policy.tolerance, bounds=bounds)
 
 
 def _key(scene: bpy.types.Scene, frames: Sequence[int]) -> str:
     """Return a text that tells surveys apart: of the file, the crowd, the frames."""
-    settings, trajectory = scene.crowd_lod, trajectory_of(scene)
+    settings = scene.crowd_lod
+    trajectory = trajectory_of(scene)
     file = Path(bpy.data.filepath)
     data = file.read_bytes() if bpy.data.filepath and file.is_file() else b""
     about = shot_reference.made_for(settings, trajectory, policy_of(settings), bias_of(settings))
@@ -136,7 +150,10 @@ class Parts:
     """
 
     def __init__(self, survey: Survey, folder: Path | None, key: str):
-        self.survey, self.folder, self.key, self.done = survey, folder, key, 0
+        self.survey = survey
+        self.folder = folder
+        self.key = key
+        self.done = 0
         self.cameras: list[np.ndarray] = []
 
     def taken_up(self) -> int:
@@ -149,8 +166,9 @@ class Parts:
                 for name in KEPT:
                     getattr(self.survey, name)[self.done : end] = file[name]
                 self.cameras.extend(file["cameras"])
-                edges = np.cumsum(file["entered_counts"])[:-1]
-                self.survey.entered[self.done : end] = np.split(file["entered"], edges)
+                for name in LISTS:
+                    edges = np.cumsum(file[f"{name}_counts"])[:-1]
+                    getattr(self.survey, name)[self.done : end] = np.split(file[name], edges)
             self.done = end
         return self.done
 
@@ -159,22 +177,16 @@ class Parts:
         if self.folder is None or end <= self.done:
             return
         rows = slice(self.done, end)
-        path, entered = (
-            self.folder / f"{PARTS}-{self.key}-{self.done}-{end}.npz",
-            self.survey.entered[rows],
-        )
+        path = self.folder / f"{PARTS}-{self.key}-{self.done}-{end}.npz"
         with suppress(OSError):  # the run itself needs none of it
             self.folder.mkdir(parents=True, exist_ok=True)
             with path.with_suffix(".part").open("wb") as file:
                 columns = {name: getattr(self.survey, name)[rows] for name in KEPT}
-                counts = [len(each) for each in entered]
-                np.savez(
-                    file,
-                    cameras=self.cameras[rows],
-                    entered=np.concatenate(entered),
-                    entered_counts=counts,
-                    **columns,
-                )
+                for name in LISTS:
+                    of_frames = getattr(self.survey, name)[rows]
+                    columns[name] = np.concatenate(of_frames)
+                    columns[f"{name}_counts"] = np.array([len(part) for part in of_frames])
+                np.savez(file, cameras=self.cameras[rows], **columns)
                 file.flush()
                 os.fsync(file.fileno())
             path.with_suffix(".part").replace(path)

@@ -13,11 +13,12 @@ from mathutils import Euler, Matrix
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import camera_of
 from ...crowd_lod.progress import share
+from ...crowd_lod.shot.phases import Phases
 from ...crowd_lod.shot.switches import NOTHING
 from ...crowd_lod.validation.shaded_pictures import Body, pictures
 from ..blender import scene_data
 from ..blender.material_colors import Looks
-from ..blender.performance import performance_of
+from ..blender.named_actions import performance_of
 from ..blender.render_evaluation import as_rendered
 from ..lod_meshes.selection import cast_of
 from ..lod_meshes.shaded_pictures import bodies_of
@@ -31,7 +32,7 @@ Crop = tuple[np.ndarray, np.ndarray]  # before and after, (rows, columns, 3) flo
 
 
 def crops_of(
-    scene: bpy.types.Scene, through: Surveyed, rows: np.ndarray
+    scene: bpy.types.Scene, through: Surveyed, phases: Phases, rows: np.ndarray
 ) -> Generator[float, None, list[Crop | None]]:
     """Draw the agents of `rows`: yield the progress, return a crop for each.
 
@@ -39,50 +40,57 @@ def crops_of(
     there is nothing. None where nothing can be drawn: the camera is panoramic, or the LOD has no
     faces.
 
+    phases: the shot's phase classes.
     rows: (s,) of shot.switches.ROW, of the shot that `through` has surveyed.
     """
-    trajectory, found = trajectory_of(scene), []
-    for done, row in enumerate(rows):
+    trajectory = trajectory_of(scene)
+    crops = []
+    for count, row in enumerate(rows):
         f = int(np.searchsorted(through.survey.numbers, row["frame"]))
         time = float(through.survey.times[f])
-        yield from share(approach(trajectory, time), done / len(rows), (done + 1) / len(rows))
+        yield from share(approach(trajectory, time), count / len(rows), (count + 1) / len(rows))
         levels = [int(row["before"]), int(row["after"])]
-        found.append(_crop(_posed(scene, int(row["agent"]), time, levels), through.cameras[f, 0]))
-    return found
+        crowd = phases.applied(trajectory.at(time), trajectory.gaits)
+        bodies = posed_agent(scene, int(row["agent"]), Held(crowd, time), levels)
+        crops.append(_crop(bodies, through.cameras[f, 0]))
+    return crops
 
 
-def _posed(
-    scene: bpy.types.Scene, agent: int, time: float, levels: Sequence[int]
+def posed_agent(
+    scene: bpy.types.Scene, agent: int, held: Held, levels: Sequence[int]
 ) -> tuple[list[Body | None], Looks]:
-    """Return the agent at `time` with each of `levels`, in world space, and the images of its
-    materials.
+    """Return an agent of the crowd `held` once with each of `levels`, and its materials' images.
+
+    The bodies are in world space.
     """
-    settings, trajectory, characters = scene.crowd_lod, trajectory_of(scene), characters_of(scene)
-    crowd, looks = trajectory.at(time), Looks()
+    settings = scene.crowd_lod
+    trajectory = trajectory_of(scene)
+    characters = characters_of(scene)
+    crowd = held.crowd
+    materials = Looks()
     g = int(crowd.group[agent])
     name, objects, _ = characters[g]
     homes = [home_of(settings.levels.children[max(k, 0)], g, name) for k in levels]
     columns = columns_of(
-        trajectory, crowd, Held(crowd, time), np.array([agent]), cast_of(characters, trajectory)
+        trajectory, crowd, held, np.array([agent]), cast_of(characters, trajectory)
     )
-    own = {key: values[0].tolist() for key, values in columns.items()}
-    stance = (
-        Euler((own.get("roll", 0.0), -own.get("pitch", 0.0), own["heading"])).to_matrix().to_4x4()
-    )
+    at = {key: values[0].tolist() for key, values in columns.items()}
+    stance = Euler((at.get("roll", 0.0), -at.get("pitch", 0.0), at["heading"])).to_matrix().to_4x4()
     turn = Matrix.Rotation(scene_data.rotation(settings.forward), 4, "Z")
-    gaits, bodies = trajectory.gaits, []
+    gaits = trajectory.gaits
+    bodies = []
     action = gaits.actions[gaits.action[crowd.playing[agent]]]
     act = performance_of(name, objects, filter(None, [action])).only(action)
     ((first, last),) = act.spans
     with as_rendered(item for home in homes for item in home.objects) as (stage, actors), act:
-        act.go_to(stage, first + (last - first) * own["phase"])
+        act.go_to(stage, first + (last - first) * at["phase"])
         for k, home in zip(levels, homes, strict=True):
             body = bodies_of(
-                [actors[item] for item in home.objects], stage.view_layers[0].depsgraph, looks
+                [actors[item] for item in home.objects], stage.view_layers[0].depsgraph, materials
             )
-            size = Matrix.Scale(1 + own.get("size", 0.0), 4)
+            size = Matrix.Scale(1 + at.get("size", 0.0), 4)
             placed = np.array(
-                Matrix.Translation(own["position"])
+                Matrix.Translation(at["position"])
                 @ stance
                 @ turn
                 @ size
@@ -91,7 +99,7 @@ def _posed(
             bodies.append(
                 body and _only(_moved(body, placed), np.full(len(body.triangles), k != NOTHING))
             )
-    return bodies, looks
+    return bodies, materials
 
 
 def _moved(body: Body, matrix: np.ndarray) -> Body:
@@ -101,19 +109,21 @@ def _moved(body: Body, matrix: np.ndarray) -> Body:
     return replace(body, points=body.points @ turn + matrix[:3, 3], normals=normals)
 
 
-def _only(body: Body, which: np.ndarray) -> Body:
-    """Return `body` with the triangles `which` (m,) bool."""
+def _only(body: Body, triangles: np.ndarray) -> Body:
+    """Return `body` with some of its `triangles`, (m,) bool."""
     names = ("triangles", "normals", "uvs", "colors", "image")
-    return replace(body, **{name: getattr(body, name)[which] for name in names})
+    return replace(body, **{name: getattr(body, name)[triangles] for name in names})
 
 
 def _crop(posed: tuple[list[Body | None], Looks], numbers: np.ndarray) -> Crop | None:
     """Return both bodies as the camera of `numbers` (21,) sees them, or None."""
-    bodies, looks = posed
+    bodies, materials = posed
     camera = camera_of(numbers)
     if camera.kind == "PANO" or None in bodies:
         return None
-    axes, flat, shown = np.stack([camera.X, camera.Y, camera.Z]), [], []
+    axes = np.stack([camera.X, camera.Y, camera.Z])
+    flat = []
+    bodies_ahead = []
     for body in bodies:
         at = (body.points - camera.origin) @ axes.T
         ahead = at[:, 2] > camera.near
@@ -122,9 +132,12 @@ def _crop(posed: tuple[list[Body | None], Looks], numbers: np.ndarray) -> Crop |
         at[~ahead] = at[ahead][0]  # what the near clip cuts off widens no window
         at[:, :2] *= camera.pixels_per_unit / (1.0 if camera.kind == "ORTHO" else at[:, 2:])
         flat.append(at)
-        shown.append(_only(body, ahead[body.triangles].all(axis=1)))
+        bodies_ahead.append(_only(body, ahead[body.triangles].all(axis=1)))
     smaller = min(1.0, MOST / max(float(np.ptp(np.concatenate(flat)[:, :2], axis=0).max()), 1e-9))
     before, after = pictures(
-        shown, looks.images(), [at * (smaller, smaller, 1) for at in flat], axes * [[1], [1], [-1]]
+        bodies_ahead,
+        materials.images(),
+        [at * (smaller, smaller, 1) for at in flat],
+        axes * [[1], [1], [-1]],
     )
     return before, after

@@ -12,7 +12,8 @@ import numpy as np
 
 from ...crowd_lod.behavior.walk import Walk
 from ...crowd_lod.crowd import random_streams, start_places
-from ...crowd_lod.crowd.agents import Crowd, Group, populate, varied
+from ...crowd_lod.crowd.agents import Crowd, Group, populate
+from ...crowd_lod.crowd.bounding_spheres import cover_sizes
 from ...crowd_lod.crowd.maps import LabelMap
 from ...crowd_lod.crowd.state_machine import StateMachine
 from ...crowd_lod.crowd.terrain import Ground, Terrain
@@ -33,17 +34,17 @@ from . import hand_edits, start_source, tracks_source
 from .points_source import points_of_crowd
 
 # Trajectories by the digest of all they depend on.
-_trajectories: dict[bytes, Trajectory] = scene_cache.kept({})
+_trajectories: dict[bytes, Trajectory] = scene_cache.add_cache({})
 MOST_TRAJECTORIES = 8
 # Of each crowd of a scene what was asked last: (numbers and texts, the images' values, the
 # trajectory).
-_latest: dict[int, dict[int, tuple]] = scene_cache.kept({}, by_scene=True)
+_latest: dict[int, dict[int, tuple]] = scene_cache.add_cache({}, by_scene=True)
 # Of each scene the crowds that were put together last, and the trajectory of all.
-_together: dict[int, tuple[tuple, Trajectory]] = scene_cache.kept({}, by_scene=True)
+_together: dict[int, tuple[tuple, Trajectory]] = scene_cache.add_cache({}, by_scene=True)
 
 
 # Of each scene when `outdated` looked last, at what inputs, and what it found.
-_outdated: dict[int, tuple[float, tuple, list[str]]] = scene_cache.kept({}, by_scene=True)
+_outdated: dict[int, tuple[float, tuple, list[str]]] = scene_cache.add_cache({}, by_scene=True)
 LOOK = 1.0  # seconds between two looks
 ASKED = start_source.places_outdated, terrain_source.terrain_outdated
 
@@ -84,7 +85,7 @@ def together(
     crowds = crowds_of(scene.crowd_lod)
     if live(scene.crowd_lod):
         depsgraph = depsgraph or _depsgraph(scene)
-    groups = tuple(map(varied, groups))
+    groups = tuple(map(cover_sizes, groups))
     members = [_member(scene, k, crowd, groups, depsgraph) for k, crowd in enumerate(crowds)]
     if len(members) == 1 and crowds[0].use_crowd:
         return hand_edits.with_edits(scene, members[0])
@@ -335,7 +336,7 @@ def _recorded(crowd, groups: tuple[Group, ...], seconds: float) -> Trajectory:
     def made() -> Trajectory:
         lean = leaning(groups, heights) if crowd.tilt and heights is not None else groups
         shown = groups_of_agents(tracks, [group.name for group in groups], draw.groups, crowd.seed)
-        shown = draw.dressed(shown, random_streams.keys_of(crowd.seed, tracks.ids))
+        shown = draw.draw_variants(shown, random_streams.keys_of(crowd.seed, tracks.ids))
         place = crowd.first_frame, crowd.seed, tuple(crowd.center)
         return Recorded(tracks, lean, shown, seconds, *place, heights=heights, tilts=crowd.tilt)
 

@@ -13,7 +13,7 @@ from ..blender import scene_cache, stored_values
 EDITS = ("NUDGE", "TURN", "GROUP")  # kinds of exceptions that only edit
 # Of each scene the trajectory and the edits that were asked last, and (the edited crowd, what is
 # wrong).
-_edited: dict[int, tuple] = scene_cache.kept({}, by_scene=True)
+_edited: dict[int, tuple] = scene_cache.add_cache({}, by_scene=True)
 
 
 def asked(settings) -> tuple:

@@ -14,7 +14,7 @@ from ..blender import image_data, kept_meshes, mesh_data, provenance, scene_cach
 from ..blender.object_boxes import in_box
 
 # By the session_uid of the kept mesh.
-_places: dict[int, Places] = scene_cache.kept({})
+_places: dict[int, Places] = scene_cache.add_cache({})
 MOST_PLACES = 8
 HEADING = "heading"  # attribute of the kept mesh, and of the user's points
 LIVE = "RECTANGLE", "GRID"  # these follow from the settings alone
@@ -273,4 +273,4 @@ def _on_points(
         raise CrowdError(
             "it has neither instances nor points nor vertices to start on: choose another object."
         )
-    return start_places.unturned(found)
+    return start_places.without_heading(found)

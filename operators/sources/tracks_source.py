@@ -16,9 +16,9 @@ from ..blender.output_folders import full_path
 UNITS = {"AUTO": "", "M": "m", "CM": "cm", "MM": "mm", "FT": "ft"}
 MOST_FILES = 4  # that are kept
 # Of a path, its time of change and its size: the digest of its content.
-_contents: dict[tuple, bytes] = scene_cache.kept({})
+_contents: dict[tuple, bytes] = scene_cache.add_cache({})
 # Of a content and how it is read: its tracks.
-_files: dict[tuple, Tracks] = scene_cache.kept({})
+_files: dict[tuple, Tracks] = scene_cache.add_cache({})
 
 
 def tracks_path(crowd) -> Path:

@@ -1,5 +1,6 @@
-"""Buttons that edit agents by hand: each adds to the list of exceptions, where its values can be
-set.
+"""Buttons that edit agents by hand.
+
+Each adds to the list of exceptions, where its values can be set.
 """
 
 from math import pi
@@ -22,7 +23,9 @@ from ..settings import needs
 from ..settings.exception_settings import REGIONS
 from ..sources.hand_edits import unedited
 
-NUDGE, TURN = 0.5, pi / 2  # meters and radians by which one press moves and turns
+# meters and radians by which one press moves and turns
+NUDGE = 0.5
+TURN = pi / 2
 # kind: name and icon of its button
 BUTTONS = {
     "NUDGE": ("Nudge", "EMPTY_ARROWS"),
@@ -65,8 +68,10 @@ class CROWDLOD_OT_edit_agent(Reporting, bpy.types.Operator):
         )
 
     def run(self, context) -> str:
-        scene, settings = context.scene, context.scene.crowd_lod
-        trajectory, agent = trajectory_of(scene), settings.agent
+        scene = context.scene
+        settings = context.scene.crowd_lod
+        trajectory = trajectory_of(scene)
+        agent = settings.agent
         if agent >= len(trajectory.start):
             raise CrowdError(
                 f"There is no agent {agent}: the crowd has {len(trajectory.start):,}, numbered "
@@ -93,20 +98,21 @@ class CROWDLOD_OT_edit_agent(Reporting, bpy.types.Operator):
 
 
 def _entry(settings, kind: str, name: str, agents: str) -> bpy.types.PropertyGroup:
-    """Return the exception of this kind for these agents alone, in all frames; a new one if there
-    is none.
+    """Return the exception of this kind for these agents alone, in all frames.
 
-    It is selected and on.
+    It is added if there is none yet, and it is selected and switched on.
     """
-    asked = kind, "NUMBERS", agents, True
-    known = [
+    key = kind, "NUMBERS", agents, True
+    keys = [
         (entry.kind, entry.chosen_by, entry.agents.strip(), entry.all_frames)
         for entry in settings.exceptions
     ]
-    if asked not in known:
+    if key not in keys:
         added = settings.exceptions.add()
-        added.kind, added.name, added.agents = kind, name, agents
-    settings.exception_index = known.index(asked) if asked in known else len(known)
+        added.kind = kind
+        added.name = name
+        added.agents = agents
+    settings.exception_index = keys.index(key) if key in keys else len(keys)
     entry = settings.exceptions[settings.exception_index]
     entry.use = True
     return entry
@@ -123,8 +129,9 @@ def _next_group(trajectory: Trajectory, agent: int) -> str:
 
 
 def _found(context, entry) -> str:
-    """Write the agents that the entry's region or map chooses now as its numbers; return a
-    sentence.
+    """Write the agents whom the entry's region or map chooses now as its numbers.
+
+    Returns a sentence; CrowdError if there are none.
     """
     trajectory = unedited(trajectory_of(context.scene))
     agents = find_agents(context.scene, entry, trajectory, context.evaluated_depsgraph_get())
@@ -134,7 +141,8 @@ def _found(context, entry) -> str:
             f"The exception {entry.name} finds nobody: no agent stands in {where.name} at this "
             f"frame, or the share is 0."
         )
-    entry.agents, entry.chosen_by = named(agents, trajectory.ids), "NUMBERS"
+    entry.agents = named(agents, trajectory.ids)
+    entry.chosen_by = "NUMBERS"
     return f"{entry.name}: {counted(len(agents), 'agent')} found, the same in all frames."
 
 
@@ -167,7 +175,8 @@ class CROWDLOD_OT_erase(Reporting, bpy.types.Operator):
     )
 
     def run(self, context) -> str:
-        region, settings = context.object, context.scene.crowd_lod
+        region = context.object
+        settings = context.scene.crowd_lod
         if region is None or region.type not in REGIONS:
             raise CrowdError("No mesh or empty is active: select one about the agents to erase.")
         entry = settings.exceptions.add()
@@ -178,18 +187,16 @@ class CROWDLOD_OT_erase(Reporting, bpy.types.Operator):
                 else None
             )
             entry.chosen_by = "VOLUME" if shape is not None and closed(shape) else "REGION"
-            entry.name, entry.kind, entry.region, entry.share = (
-                f"Erase {region.name}",
-                "HIDE",
-                region,
-                self.share,
-            )
-            said = _found(context, entry)
+            entry.name = f"Erase {region.name}"
+            entry.kind = "HIDE"
+            entry.region = region
+            entry.share = self.share
+            sentence = _found(context, entry)
         except CrowdError:
             settings.exceptions.remove(len(settings.exceptions) - 1)
             raise
         settings.exception_index = len(settings.exceptions) - 1
-        return said
+        return sentence
 
 
 def draw_edits(layout) -> None:

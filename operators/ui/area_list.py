@@ -14,7 +14,7 @@ class CROWDLOD_UL_areas(SwitchedRow, bpy.types.UIList):
     """One area a row: its switch, its name and its label."""
 
     @staticmethod
-    def told(item) -> str:
+    def words(item) -> str:
         return item.label
 
 
@@ -31,13 +31,16 @@ class CROWDLOD_OT_add_area(Reporting, bpy.types.Operator):
     bl_label = "Add Wall or Area"
 
     def run(self, context) -> str:
-        scene, settings = context.scene, context.scene.crowd_lod
+        scene = context.scene
+        settings = context.scene.crowd_lod
         labels = map_areas.machine_of(settings).labels
         label = "wall" if "wall" in labels else selected(scene, "labels") or labels[-1]
         items = [item for item in context.selected_objects if is_scenery(item)]
         for item in items or [None]:
             entry = settings.areas.add()
-            entry.name, entry.object, entry.label = item.name if item else "Area", item, label
+            entry.name = item.name if item else "Area"
+            entry.object = item
+            entry.label = label
         scene.crowd_lod_editor.area_index = len(settings.areas) - 1
         if not items:
             return "Choose an object or a collection for the area."
@@ -49,7 +52,8 @@ class CROWDLOD_OT_add_area(Reporting, bpy.types.Operator):
 class _Area:
     """What the buttons of the list share."""
 
-    kind, needs = "area", (_some,)
+    kind = "area"
+    needs = (_some,)
 
     @staticmethod
     def holder(scene: bpy.types.Scene) -> bpy.types.PropertyGroup:

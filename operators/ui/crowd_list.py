@@ -44,8 +44,11 @@ class CROWDLOD_OT_add_crowd(Reporting, bpy.types.Operator):
         while f"Crowd {number}" in taken:
             number += 1
         crowd = settings.crowds.add()
-        crowd.name, crowd.count, crowd.seed = f"Crowd {number}", 100, number
-        crowd.center, crowd.size = settings.center, settings.size
+        crowd.name = f"Crowd {number}"
+        crowd.count = 100
+        crowd.seed = number
+        crowd.center = settings.center
+        crowd.size = settings.size
         settings.crowd_index = len(settings.crowds) - 1
         return f"{crowd.name} is added: choose its source and place."
 
@@ -55,7 +58,8 @@ class CROWDLOD_OT_remove_crowd(Removing, bpy.types.Operator):
 
     bl_idname = "crowd_lod.remove_crowd"
     bl_label = "Remove Crowd"
-    kind, needs = "crowd", (needs.further_crowds,)
+    kind = "crowd"
+    needs = (needs.further_crowds,)
 
 
 class CROWDLOD_PT_crowds(Step, bpy.types.Panel):
@@ -63,7 +67,7 @@ class CROWDLOD_PT_crowds(Step, bpy.types.Panel):
     bl_parent_id = "CROWDLOD_PT_crowd"
 
     def body(self, context, layout, settings) -> None:
-        draw_list(layout, settings, "crowd", settings, shown=2)
+        draw_list(layout, settings, "crowd", settings, rows=2)
         if not len(settings.crowds):
             label(layout, "One plan covers all crowds", "INFO")
             return
@@ -176,9 +180,7 @@ def draw_behavior(layout, crowd) -> None:
 
 
 def draw_simulation(layout, crowd, index: int) -> None:
-    """Draw what Simulate with JuPedSim makes of the label map of the crowd `index`, and its
-    button.
-    """
+    """Draw the settings of Simulate with JuPedSim and its button, for the crowd `index`."""
     for name in (
         "start_labels",
         "goal_labels",

@@ -11,19 +11,19 @@ class CROWDLOD_UL_exceptions(SwitchedRow, bpy.types.UIList):
     """One exception a row: its switch, its name and what it asks for."""
 
     @staticmethod
-    def told(item) -> str:
+    def words(item) -> str:
         return asks(item)
 
 
 def asks(item) -> str:
     """Return what an exception asks for, in few words."""
-    known = {
+    words = {
         "NEVER_COARSER": f"LOD {item.level} or finer",
         "ALWAYS": f"LOD {item.level}",
         "HIDE": "hidden",
     }
-    known |= {"NUDGE": "nudged", "TURN": "turned", "GROUP": item.group_name}
-    return known.get(item.kind, "unknown")  # of another version's file
+    words |= {"NUDGE": "nudged", "TURN": "turned", "GROUP": item.group_name}
+    return words.get(item.kind, "unknown")  # of another version's file
 
 
 class CROWDLOD_OT_add_exception(Reporting, bpy.types.Operator):
@@ -50,7 +50,8 @@ class CROWDLOD_OT_except_agent(Reporting, bpy.types.Operator):
 
 def _added(settings, name: str, agents: str) -> str:
     entry = settings.exceptions.add()
-    entry.name, entry.agents = name, agents
+    entry.name = name
+    entry.agents = agents
     settings.exception_index = len(settings.exceptions) - 1
     return f"{name} is added: set what it asks for."
 
@@ -60,7 +61,8 @@ class CROWDLOD_OT_remove_exception(Removing, bpy.types.Operator):
 
     bl_idname = "crowd_lod.remove_exception"
     bl_label = "Remove Exception"
-    kind, needs = "exception", (needs.exceptions,)
+    kind = "exception"
+    needs = (needs.exceptions,)
 
 
 class CROWDLOD_OT_move_exception(Moving, bpy.types.Operator):
@@ -68,7 +70,8 @@ class CROWDLOD_OT_move_exception(Moving, bpy.types.Operator):
 
     bl_idname = "crowd_lod.move_exception"
     bl_label = "Move Exception"
-    kind, needs = "exception", (needs.exceptions,)
+    kind = "exception"
+    needs = (needs.exceptions,)
 
 
 CLASSES = (

@@ -23,7 +23,7 @@ from .swatches import swatch
 MOST_LETTERS = 180  # of a mistake; the message of Populate is longer
 ARROWS = "→↗↑↖←↙↓↘"  # from +x, counter-clockwise
 # Of each scene the frame whose agents were counted last, and how many are in each of its states.
-_counted: dict[int, tuple] = scene_cache.kept({}, by_scene=True)
+_counted: dict[int, tuple] = scene_cache.add_cache({}, by_scene=True)
 
 
 def counts_of(scene: bpy.types.Scene, states: list[str]) -> list[int]:
@@ -53,12 +53,12 @@ class CROWDLOD_UL_states(_List, bpy.types.UIList):
     """One state a row: its color, its name, and how many agents are in it."""
 
     def item(self, context, row, name: str, index: int) -> None:
-        found = draft_of(context.scene)
-        row.alert = found.faulty("states", name)
-        counts = counts_of(context.scene, found.states)
+        draft = draft_of(context.scene)
+        row.alert = draft.faulty("states", name)
+        counts = counts_of(context.scene, draft.states)
         row.label(
             text=name,
-            icon_value=swatch(color_of(found.state(name).get("color", "#808080"))),
+            icon_value=swatch(color_of(draft.state(name).get("color", "#808080"))),
             translate=False,
         )
         count = row.row()
@@ -70,18 +70,19 @@ class CROWDLOD_UL_rules(_List, bpy.types.UIList):
     """One label a row: what the selected state does on it, and what follows."""
 
     def item(self, context, row, name: str, index: int) -> None:
-        found, state = draft_of(context.scene), selected(context.scene, "states")
-        row.alert = found.faulty("states", state, "on", name)
-        row.active = found.has_rule(state, name)
+        draft = draft_of(context.scene)
+        state = selected(context.scene, "states")
+        row.alert = draft.faulty("states", state, "on", name)
+        row.active = draft.has_rule(state, name)
         split = row.split(factor=0.42)
-        color = found.label(name).get("color", "#808080")
+        color = draft.label(name).get("color", "#808080")
         if name == "*":
             label(split, "others", "BLANK1")
         else:
             split.label(text=name, icon_value=swatch(color_of(color)), translate=False)
         split = split.split(factor=0.57)
-        label(split, _following(found.targets(state, name), state))
-        speed, heading = found.speed(state, name)
+        label(split, _following(draft.targets(state, name), state))
+        speed, heading = draft.speed(state, name)
         label(split, f"{speed:.3g} {ARROWS[round(heading / 45) % 8]}" if speed else "stands")
 
 
@@ -138,7 +139,8 @@ def _list(context, layout, kind: str, names: list[str], rows: int) -> None:
     column.separator()
     for by, icon in ((-1, "TRIA_UP"), (1, "TRIA_DOWN")):
         button = column.operator("crowd_lod.machine_move", text="", icon=icon)
-        button.kind, button.by = kind, by
+        button.kind = kind
+        button.by = by
 
 
 def _mover(layout, settings) -> None:
@@ -151,16 +153,16 @@ class _Editor(Step):
     bl_parent_id = "CROWDLOD_PT_behavior"
 
     def body(self, context, layout, settings) -> None:
-        found = draft_of(context.scene)
-        if not found.states or lacking(context.scene):
+        draft = draft_of(context.scene)
+        if not draft.states or lacking(context.scene):
             _problem(context, layout)
             return
-        rows_of(context, "states", found.states)
+        rows_of(context, "states", draft.states)
         self.editor(
             context,
             grayed(layout, settings.source == "MACHINE"),
             context.scene.crowd_lod_editor,
-            found,
+            draft,
         )
         _problem(context, layout)
         _mover(layout, settings)
@@ -169,13 +171,13 @@ class _Editor(Step):
 class CROWDLOD_PT_states(_Editor, bpy.types.Panel):
     bl_label = "States"
 
-    def editor(self, context, layout, editor, found) -> None:
-        _list(context, layout, "states", found.states, 6)
+    def editor(self, context, layout, editor, draft) -> None:
+        _list(context, layout, "states", draft.states, 6)
         state = selected(context.scene, "states")
 
         def field(name: str, path: str = "") -> None:
             row = layout.row()
-            row.alert = bool(path) and found.faulty("states", state, path)
+            row.alert = bool(path) and draft.faulty("states", state, path)
             row.prop(editor, name)
 
         field("state_name")
@@ -186,41 +188,43 @@ class CROWDLOD_PT_states(_Editor, bpy.types.Panel):
         field("use_timer", "after")
         timer = grayed(layout, editor.use_timer)
         column = timer.column(align=True)
-        column.alert = found.faulty("states", state, "after")
+        column.alert = draft.faulty("states", state, "after")
         column.prop(editor, "timer_least")
         column.prop(editor, "timer_most")
         column = timer.column(align=True)
-        column.alert = found.faulty("states", state, "then")
-        _draw_targets(context, column, found.targets(state, None), "then")
+        column.alert = draft.faulty("states", state, "then")
+        _draw_targets(context, column, draft.targets(state, None), "then")
         layout.prop(editor, "edge")
 
 
 class CROWDLOD_PT_rules(_Editor, bpy.types.Panel):
     bl_label = "Rules of State"
 
-    def editor(self, context, layout, editor, found) -> None:
+    def editor(self, context, layout, editor, draft) -> None:
         state, row = cell_of(context.scene)
         label(layout, state)
-        _list(context, layout, "rules", found.rows(state), 6)
+        _list(context, layout, "rules", draft.rows(state), 6)
         column = layout.column(align=True)
         grayed(column, row != "*").prop(editor, "own_rule")
-        walk = grayed(column, found.has_rule(state, row))
+        walk = grayed(column, draft.has_rule(state, row))
         walk.alert = any(
-            found.faulty("states", state, "on", row, field)
+            draft.faulty("states", state, "on", row, field)
             for field in ("move", "speed", "heading")
         )
         walk.prop(editor, "speed")
         walk.prop(editor, "heading")
-        following = grayed(column, found.has_rule(state, row))
-        following.alert = found.faulty("states", state, "on", row, "next")
-        _draw_targets(context, following, found.targets(state, row), "next")
+        following = grayed(column, draft.has_rule(state, row))
+        following.alert = draft.faulty("states", state, "on", row, "next")
+        _draw_targets(context, following, draft.targets(state, row), "next")
 
 
 def _draw_targets(context, column, targets: list, name: str) -> None:
-    """Draw the states that follow: one to choose, or several with their weights; and a menu to add
-    one.
+    """Draw the states that follow, and a menu that adds one.
+
+    One state is drawn as a choice, several with their weights.
     """
-    editor, rows = context.scene.crowd_lod_editor, context.window_manager.crowd_lod_rows
+    editor = context.scene.crowd_lod_editor
+    rows = context.window_manager.crowd_lod_rows
     if len(targets) == 1:
         row = column.row(align=True)
         row.prop_search(editor, f"{name}_state", rows, "states")
@@ -230,7 +234,8 @@ def _draw_targets(context, column, targets: list, name: str) -> None:
         row = column.row(align=True)
         row.prop(editor, f"{name}_weights", index=n, text=target, translate=False)
         button = row.operator("crowd_lod.machine_unfollow", text="", icon="X")
-        button.state, button.timer = target, name == "then"
+        button.state = target
+        button.timer = name == "then"
     column.menu(f"CROWDLOD_MT_{name}", icon="ADD")
 
 
@@ -240,15 +245,16 @@ class _Adding:
     timer = False
 
     def draw(self, context) -> None:
-        found = draft_of(context.scene)
+        draft = draft_of(context.scene)
         state, row = cell_of(context.scene)
-        known = {name for name, _ in found.targets(state, None if self.timer else row)}
-        for name in found.states:
-            if name not in known:
+        targets = {name for name, _ in draft.targets(state, None if self.timer else row)}
+        for name in draft.states:
+            if name not in targets:
                 button = self.layout.operator(
                     "crowd_lod.machine_follow", text=name, translate=False
                 )
-                button.state, button.timer = name, self.timer
+                button.state = name
+                button.timer = self.timer
 
 
 class CROWDLOD_MT_next(_Adding, bpy.types.Menu):
@@ -264,11 +270,11 @@ class CROWDLOD_MT_then(_Adding, bpy.types.Menu):
 class CROWDLOD_PT_labels(_Editor, bpy.types.Panel):
     bl_label = "Labels and Map"
 
-    def editor(self, context, layout, editor, found) -> None:
-        _list(context, layout, "labels", found.labels, 5)
+    def editor(self, context, layout, editor, draft) -> None:
+        _list(context, layout, "labels", draft.labels, 5)
         name = selected(context.scene, "labels")
         column = layout.column()
-        column.alert = found.faulty("labels", name)
+        column.alert = draft.faulty("labels", name)
         for field in ("label_name", "label_color", "spawn"):
             column.prop(editor, field)
         row = layout.row()

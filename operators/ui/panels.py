@@ -42,7 +42,8 @@ class CROWDLOD_PT_main(Sidebar, bpy.types.Panel):
         presets_button(self.layout, "all")
 
     def draw(self, context) -> None:
-        column, scene = self.layout.column(align=True), context.scene
+        column = self.layout.column(align=True)
+        scene = context.scene
         row = column.row(align=True)
         row.prop(scene.crowd_lod, "overlay", text="", icon="OVERLAY")
         row.popover("CROWDLOD_PT_statistics", text=_line(scene), translate=False)
@@ -63,11 +64,11 @@ def _line(scene: bpy.types.Scene) -> str:
     frame = viewport_overlay.latest(scene)
     if frame is None:
         return "Statistics: overlay off" if not scene.crowd_lod.overlay else "Statistics"
-    seen = f"{len(frame.buckets.order):,} of {frame.crowd.there:,} visible"
+    counts = f"{len(frame.buckets.order):,} of {frame.crowd.there:,} visible"
     return (
-        f"{seen}, {frame.triangles / frame.full_triangles:.0%} triangles"
+        f"{counts}, {frame.triangles / frame.full_triangles:.0%} triangles"
         if frame.full_triangles
-        else seen
+        else counts
     )
 
 
@@ -148,13 +149,13 @@ class CROWDLOD_PT_behavior(Step, bpy.types.Panel):
         machine = (
             next((walk.machine for walk in walks_of(frame.trajectory)), None) if frame else None
         )
-        told = (
+        about = (
             f"{counted(len(machine.states), 'state')}, {counted(len(machine.labels), 'label')}; "
             f"edge: {machine.edge}"
             if machine
             else "-"
         )
-        label(layout, MOVERS.get(settings.source, told), "INFO")
+        label(layout, MOVERS.get(settings.source, about), "INFO")
 
 
 class CROWDLOD_PT_heights(Step, bpy.types.Panel):
@@ -199,7 +200,8 @@ class CROWDLOD_PT_culling(Step, bpy.types.Panel):
 
 class CROWDLOD_PT_levels(Step, bpy.types.Panel):
     bl_label = "Levels of Detail"
-    step, main = "levels", ("crowd_lod.make_levels", "Make")
+    step = "levels"
+    main = ("crowd_lod.make_levels", "Make")
 
     def body(self, context, layout, settings) -> None:
         row = layout.row()
@@ -218,18 +220,21 @@ class CROWDLOD_PT_levels(Step, bpy.types.Panel):
             icon="MOD_DECIM",
             following=steps.following(context.scene),
         )
-        self.made(context, layout, settings)
+        self.draw_made(context, layout, settings)
 
-    def made(self, context, layout, settings) -> None:
+    def draw_made(self, context, layout, settings) -> None:
         """Draw two lines: what has changed since LODs were made, and about what others would be."""
-        change, line = forecast(context.scene), letters_of(context)
+        change = forecast(context.scene)
+        line = letters_of(context)
         since = [
             f"{name} (was {then})" for name, (then, _) in changed(context.scene).items()
         ] + edited(context.scene)
-        said = "Press Make LOD Meshes" if settings.levels is None else "LOD meshes are made"
+        sentence = "Press Make LOD Meshes" if settings.levels is None else "LOD meshes are made"
         if since:
-            said = f"Changed: {', '.join(since)}"
-        label(layout, shorten(said, line, placeholder="..."), "FILE_REFRESH" if since else "INFO")
+            sentence = f"Changed: {', '.join(since)}"
+        label(
+            layout, shorten(sentence, line, placeholder="..."), "FILE_REFRESH" if since else "INFO"
+        )
         label(layout, shorten(change.short if change else "", line, placeholder="..."), "BLANK1")
         without = (
             f"no LOD pays in {NAMES[engine_of(context.scene)]}"
@@ -261,9 +266,7 @@ class CROWDLOD_PT_levels(Step, bpy.types.Panel):
 
 
 def _lods_of(group, without: str) -> str:
-    """Return in a line which LODs a group has, with their triangles; if none, the words
-    `without`.
-    """
+    """Return a line on the LODs of a group with their triangles; `without` if it has none."""
     counts = [*dict.fromkeys(count for count in group.triangles if count)][1:]
     if not counts:
         return f"{group.name}: full mesh, {without}"

@@ -34,7 +34,8 @@ class CROWDLOD_PT_statistics(_Popover, bpy.types.Panel):
         if frame is None:
             label(self.layout, "Switch the overlay on to see them", "INFO")
             return
-        agents, visible = frame.crowd.there, len(frame.buckets.order)
+        agents = frame.crowd.there
+        visible = len(frame.buckets.order)
         rows = [
             ("Frame", f"{frame.time:g}", "BLANK1"),
             ("Agents", f"{agents:,}", "BLANK1"),
@@ -83,9 +84,8 @@ class CROWDLOD_PT_statistics(_Popover, bpy.types.Panel):
         current = [group.name for group in frame.trajectory.groups] == [
             group.name for group in settings.groups
         ]
-        count = min(
-            max(count_of(settings), 1), MOST_LEVELS
-        )  # the user may have put collections in, or taken them out
+        # the user may have put collections in, or taken them out
+        count = min(max(count_of(settings), 1), MOST_LEVELS)
         for g, group in enumerate(settings.groups[: max(1, 2 * MOST_ROWS // count)]):
             rows = []
             for k in (k for k in range(count) if group.triangles[k]):

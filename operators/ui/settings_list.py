@@ -1,6 +1,4 @@
-"""Lists of the settings in the sidebar, such as that of exceptions: their drawing and their
-buttons.
-"""
+"""Lists of the settings in the sidebar, such as the exceptions, and their buttons."""
 
 import bpy
 
@@ -11,8 +9,8 @@ from ..blender.operator import Reporting
 class Listed(Reporting):
     """Mix-in for a button of a list.
 
-    kind: what a row is, such as "exception": the scene's settings have the rows as `exceptions`,
-        and `exception_index` of what `holder` returns is the selected one's.
+    kind: what a row is, such as "exception". Then the scene's settings have the rows as
+        `exceptions`, and what `holder` returns has the selected row's index as `exception_index`.
     """
 
     kind = ""
@@ -38,7 +36,8 @@ class Removing(Listed):
     """Mix-in for the button that removes the selected row."""
 
     def run(self, context) -> str:
-        scene, index = context.scene, self.selected(context.scene)
+        scene = context.scene
+        index = self.selected(context.scene)
         name = self.rows(scene)[index].name
         self.rows(scene).remove(index)
         self.select(scene, max(index - 1, 0))
@@ -52,7 +51,8 @@ class Moving(Listed):
     by: IntProperty(name="By", description="Rows down; up below 0", default=1)
 
     def run(self, context) -> str:
-        scene, index = context.scene, self.selected(context.scene)
+        scene = context.scene
+        index = self.selected(context.scene)
         to = min(max(index + self.by, 0), len(self.rows(scene)) - 1)
         self.rows(scene).move(index, to)
         self.select(scene, to)
@@ -61,9 +61,7 @@ class Moving(Listed):
 
 
 class SwitchedRow:
-    """A list whose rows are drawn with a switch, a name and a few words; `told(item)` returns the
-    words.
-    """
+    """A list whose rows have a switch, a name, and the few words that `words(item)` returns."""
 
     def draw_item(  # noqa: PLR0913 - Blender's own signature
         self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0
@@ -73,22 +71,22 @@ class SwitchedRow:
         part = row.row(align=True)
         part.active = item.use
         part.prop(item, "name", text="", emboss=False)
-        part.label(text=self.told(item), translate=False)
+        part.label(text=self.words(item), translate=False)
 
 
-def draw_list(layout, settings, kind: str, holder: bpy.types.PropertyGroup, shown: int = 4) -> None:
-    """Draw a list of the settings and its buttons; those that move rows only where four of them are
-    shown.
+def draw_list(layout, settings, kind: str, holder: bpy.types.PropertyGroup, rows: int = 4) -> None:
+    """Draw a list of the settings and its buttons.
 
     kind, holder: see Listed.
+    rows: that are shown; below four the buttons that move rows have no room.
     """
     row = layout.row()
     row.use_property_split = False
     row.template_list(
-        f"CROWDLOD_UL_{kind}s", "", settings, f"{kind}s", holder, f"{kind}_index", rows=shown
+        f"CROWDLOD_UL_{kind}s", "", settings, f"{kind}s", holder, f"{kind}_index", rows=rows
     )
     column = row.column(align=True)
     for work, icon in (("add", "ADD"), ("remove", "REMOVE")):
         column.operator(f"crowd_lod.{work}_{kind}", text="", icon=icon)
-    for by, icon in ((-1, "TRIA_UP"), (1, "TRIA_DOWN")) if shown >= 4 else ():
+    for by, icon in ((-1, "TRIA_UP"), (1, "TRIA_DOWN")) if rows >= 4 else ():
         column.operator(f"crowd_lod.move_{kind}", text="", icon=icon).by = by

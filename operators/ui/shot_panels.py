@@ -16,7 +16,8 @@ from .step_panel import Step
 
 class CROWDLOD_PT_plan(Step, bpy.types.Panel):
     bl_label = "Plan Shot"
-    step, main = "plan", ("crowd_lod.plan_shot", "Plan")
+    step = "plan"
+    main = ("crowd_lod.plan_shot", "Plan")
 
     def body(self, context, layout, settings) -> None:
         layout.prop(settings, "own_frames")
@@ -25,6 +26,7 @@ class CROWDLOD_PT_plan(Step, bpy.types.Panel):
         column.prop(frames, "frame_start")
         column.prop(frames, "frame_end")
         layout.prop(settings, "avoid_pops")
+        layout.prop(settings, "variety")
         _with_report(layout, "crowd_lod.plan_shot", "TIME", "PLAN", steps.following(context.scene))
         row = layout.row(align=True)
         row.use_property_split = False
@@ -35,11 +37,11 @@ class CROWDLOD_PT_plan(Step, bpy.types.Panel):
         label(layout, *_held(context.scene))
 
 
-def _with_report(layout, name: str, icon: str, which: str, following: str) -> None:
+def _with_report(layout, name: str, icon: str, report: str, following: str) -> None:
     """Draw the button of a step, and beside it the one that opens its report."""
     row = layout.row(align=True)
     button(row, name, icon=icon, following=following)
-    row.operator("crowd_lod.open_report", text="", icon="URL").which = which
+    row.operator("crowd_lod.open_report", text="", icon="URL").which = report
 
 
 def _held(scene: bpy.types.Scene) -> tuple[str, str]:
@@ -126,7 +128,8 @@ class CROWDLOD_PT_plan_output(Step, bpy.types.Panel):
 
 class CROWDLOD_PT_preview(Step, bpy.types.Panel):
     bl_label = "Preview"
-    step, main = "preview", ("crowd_lod.preview", "Preview")
+    step = "preview"
+    main = ("crowd_lod.preview", "Preview")
 
     def body(self, context, layout, settings) -> None:
         for name in ("step", "width", "engine"):
@@ -143,15 +146,19 @@ class CROWDLOD_PT_build(Step, bpy.types.Panel):
     def draw_header_preset(self, context) -> None:
         text = "Update" if staleness.changed(context.scene) else "Build"
         button(
-            self.layout, _build_of(context.scene), text, following=steps.following(context.scene)
+            self.layout,
+            steps.builder_of(context.scene),
+            text,
+            following=steps.following(context.scene),
         )
 
     def body(self, context, layout, settings) -> None:
-        changed, own = staleness.changed(context.scene), _build_of(context.scene)
+        changed = staleness.changed(context.scene)
+        builder = steps.builder_of(context.scene)
         row = layout.row(align=True)
         for name, icon in (("Build", "GEOMETRY_NODES"), ("Bake", "FREEZE")):
             operator = f"crowd_lod.{name.lower()}"
-            text = f"Update {name}" if changed and operator == own else name
+            text = f"Update {name}" if changed and operator == builder else name
             button(row, operator, text, icon, steps.following(context.scene))
         row.operator("crowd_lod.remove_build", text="", icon="TRASH")
         label(
@@ -160,12 +167,6 @@ class CROWDLOD_PT_build(Step, bpy.types.Panel):
             "FILE_REFRESH" if changed else "INFO",
         )
         layout.prop(settings, "keep_characters")
-
-
-def _build_of(scene: bpy.types.Scene) -> str:
-    """Return the operator that made the scene's build, or that makes one."""
-    build = scene.crowd_lod.build
-    return "crowd_lod.bake" if build is not None and BAKED in build else "crowd_lod.build"
 
 
 def _built(build: bpy.types.Collection | None) -> str:
@@ -222,7 +223,8 @@ class CROWDLOD_PT_export(Step, bpy.types.Panel):
 
 class CROWDLOD_PT_verify(Step, bpy.types.Panel):
     bl_label = "Verify"
-    step, main = "verify", ("crowd_lod.verify", "Verify")
+    step = "verify"
+    main = ("crowd_lod.verify", "Verify")
 
     def body(self, context, layout, settings) -> None:
         for name in ("verify_count", "verify_width", "verify_samples"):

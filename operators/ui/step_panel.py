@@ -18,7 +18,7 @@ class Step(Sidebar):
     """The panel of one step of the work; `body(context, layout, settings)` draws it.
 
     step: a key of settings.presets.PARTS; "" for a panel without presets.
-    main: (operator, text) of the button in the header; () for none.
+    main: (operator, text) of the button in the panel's header; () for none.
     """
 
     bl_parent_id = "CROWDLOD_PT_main"

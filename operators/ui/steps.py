@@ -15,45 +15,39 @@ from ..scene.shot_reference import told_of_file
 from ..settings import needs
 from ..sources import crowd_sources
 
-LABELS = {
-    "crowd_lod.characters_from_selection": "Characters from Selection",
-    "crowd_lod.populate": "Populate",
-    "crowd_lod.make_levels": "Make LOD Meshes",
-    "crowd_lod.plan_shot": "Plan Shot",
-    "crowd_lod.build": "Build",
-    "crowd_lod.verify": "Verify",
-    "crowd_lod.bake": "Bake",
-}
-
 
 def following(scene: bpy.types.Scene) -> str:
     """Return the operator that comes next in the work; "" once the shot is proved."""
-    settings, frame = scene.crowd_lod, viewport_overlay.latest(scene)
-    done = {
+    settings = scene.crowd_lod
+    frame = viewport_overlay.latest(scene)
+    is_done = {
         "crowd_lod.characters_from_selection": settings.characters is not None,
         "crowd_lod.populate": len(settings.groups) > 0
         and not missing_groups(settings)
         and not crowd_sources.outdated(scene),
         "crowd_lod.make_levels": settings.levels is not None and not outdated(scene),
         "crowd_lod.plan_shot": bool(settings.shot_plan) and not (frame and frame.unplanned),
-        _built_by(settings): settings.build is not None and not staleness.changed(scene),
+        builder_of(scene): settings.build is not None and not staleness.changed(scene),
         "crowd_lod.verify": verdict_of(scene).startswith("OK"),
     }
-    return next((name for name, made in done.items() if not made), "")
+    return next((name for name, done in is_done.items() if not done), "")
 
 
-def _built_by(settings) -> str:
-    """Return the operator that made the build, or that makes one."""
-    return (
-        "crowd_lod.bake"
-        if settings.build is not None and BAKED in settings.build
-        else "crowd_lod.build"
-    )
+def builder_of(scene: bpy.types.Scene) -> str:
+    """Return the operator that made the scene's build, or that makes one."""
+    build = scene.crowd_lod.build
+    return "crowd_lod.bake" if build is not None and BAKED in build else "crowd_lod.build"
+
+
+def label_of(operator: str) -> str:
+    """Return the label of an operator, such as crowd_lod.populate."""
+    return getattr(bpy.ops.crowd_lod, operator.partition(".")[2]).get_rna_type().name
 
 
 def messages(scene: bpy.types.Scene) -> list[tuple[str, str]]:
     """Return (sentence, icon) of all that the user should know, the most urgent first."""
-    settings, shown = scene.crowd_lod, viewport_overlay.shown_of(scene)
+    settings = scene.crowd_lod
+    drawn_frame = viewport_overlay.shown_of(scene)
     errors = [
         viewport_overlay.problem(scene),
         missing_library(),
@@ -62,22 +56,22 @@ def messages(scene: bpy.types.Scene) -> list[tuple[str, str]]:
     ]
     if settings.characters is not None:
         errors.append(needs.camera(scene))
-    found = [(sentence, "ERROR") for sentence in dict.fromkeys(errors) if sentence]
-    if following(scene):
-        found.append((f"Next: {LABELS[following(scene)]}", "FORWARD"))
+    lines = [(sentence, "ERROR") for sentence in dict.fromkeys(errors) if sentence]
+    if operator := following(scene):
+        lines.append((f"Next: {label_of(operator)}", "FORWARD"))
     if changed := staleness.changed(scene):
-        found.append((f"Changed since Build: {', '.join(changed)}", "FILE_REFRESH"))
-    found += [
+        lines.append((f"Changed since Build: {', '.join(changed)}", "FILE_REFRESH"))
+    lines += [
         (note, "FILE_REFRESH") for note in crowd_sources.outdated(scene) if note not in errors
     ]
     if lods := outdated(scene):
         change = forecast(scene)
-        found.append((f"{lods}. {change.sentence}" if change else lods, "FILE_REFRESH"))
-    if said := verdict_of(scene):
-        found.append((said, "CHECKMARK" if said.startswith("OK") else "ERROR"))
-    # what Populate found stops nobody: it never stands before the next step
+        lines.append((f"{lods}. {change.sentence}" if change else lods, "FILE_REFRESH"))
+    if verdict := verdict_of(scene):
+        lines.append((verdict, "CHECKMARK" if verdict.startswith("OK") else "ERROR"))
+    # what Populate warns of stops nobody: the next step stands before it
     if settings.characters is not None:
-        found += [(warning, "ERROR") for warning in settings.trouble.splitlines()]
+        lines += [(warning, "ERROR") for warning in settings.trouble.splitlines()]
     if note := told_of_file(settings):
-        found.append((note, "INFO"))
-    return [*found, *((note, "INFO") for note in (shown.notes if shown else ()))]
+        lines.append((note, "INFO"))
+    return [*lines, *((note, "INFO") for note in (drawn_frame.notes if drawn_frame else ()))]

@@ -29,8 +29,11 @@ from .prototypes import library_of_poses, names_of, write_prototypes
 from .shot_camera import Filmed, filmed, write_camera
 
 ENDINGS = (".usdc", ".usda", ".usd")
-POSES = 32  # of an action in a cycle, that static prototypes show
-READY, PLANNED, POSED = 0.2, 0.5, 0.7  # of the progress
+POSES = 32  # of an action's cycle that static prototypes show
+# the progress at which each stage ends
+READY = 0.2
+PLANNED = 0.5
+POSED = 0.7
 
 
 @dataclass(frozen=True)
@@ -39,8 +42,7 @@ class UsdExport:
 
     frames: increasing, of the timeline.
     path: of the file, absolute; it ends in .usd, .usdc or .usda.
-    animated: prototypes move with their phase class, instead of agents that change from pose to
-    pose.
+    animated: prototypes move with their phase class, instead of agents that change their pose.
     strict: a frame without the LODs of the scene's shot plan is an error.
     """
 
@@ -71,14 +73,15 @@ class Exported:
         )
 
 
-@on_record(lambda scene, wanted: wanted.frames)
-def export_usd(scene: bpy.types.Scene, wanted: UsdExport) -> Generator[float, None, Exported]:
+@on_record(lambda scene, request: request.frames)
+def export_usd(scene: bpy.types.Scene, request: UsdExport) -> Generator[float, None, Exported]:
     """Write the crowd of `scene` as USD: yield the progress, return what was written.
 
     LOD meshes that are missing are made. Nothing else in the scene changes. Closed early, it leaves
     no file.
     """
-    usd, path = openusd(), files.followed(wanted.path)
+    usd = openusd()
+    path = files.followed(request.path)
     if printable(path) != str(path):
         raise CrowdError(
             f"OpenUSD cannot write to {printable(path)}, which is no text in UTF-8: choose "
@@ -87,24 +90,24 @@ def export_usd(scene: bpy.types.Scene, wanted: UsdExport) -> Generator[float, No
     with files.staged(path.parent, path.name) as hidden:
         yield from share(ready(scene), 0.0, READY)
         trajectory = trajectory_of(scene)
-        library = library_of_poses(scene, trajectory, POSES, wanted.animated)
-        plans, films, unplanned = yield from share(_plans(scene, wanted, library), READY, PLANNED)
+        library = library_of_poses(scene, trajectory, POSES, request.animated)
+        plans, films, unplanned = yield from share(_plans(scene, request, library), READY, PLANNED)
         cast = instances_of([*plans.values()])
         with CrowdFile(
             usd, scene, path, hidden, (cast, names_of(trajectory, library, cast.prototypes))
         ) as file:
             seconds = [
                 trajectory.seconds(scene_data.remapped(scene.render, frame))
-                for frame in wanted.frames
+                for frame in request.frames
             ]
             posing = write_prototypes(
-                scene, (trajectory, library, cast.prototypes), wanted.frames, seconds, file.mesh
+                scene, (trajectory, library, cast.prototypes), request.frames, seconds, file.mesh
             )
             yield from share(posing, PLANNED, POSED)
             yield from share(_instances(scene, (library, cast), plans, file), POSED, 0.95)
             if films:
                 write_camera(usd, file.stage, file.CAMERA, scene, films)
-            file.save((wanted.frames[0], wanted.frames[-1]))
+            file.save((request.frames[0], request.frames[-1]))
         yield 0.99
     off = max(plan.off for plan in plans.values())
     notes = (
@@ -112,7 +115,7 @@ def export_usd(scene: bpy.types.Scene, wanted: UsdExport) -> Generator[float, No
         if off
         else []
     )
-    if len(films) < len(wanted.frames):
+    if len(films) < len(request.frames):
         notes.append("USD has no panoramic cameras: the file has none for them.")
     return Exported(
         len(cast.agents),
@@ -123,27 +126,29 @@ def export_usd(scene: bpy.types.Scene, wanted: UsdExport) -> Generator[float, No
 
 
 def _plans(
-    scene: bpy.types.Scene, wanted: UsdExport, library: Library
+    scene: bpy.types.Scene, request: UsdExport, library: Library
 ) -> Generator[float, None, tuple[dict[int, Shown], dict[int, Filmed], list[tuple[int, str]]]]:
-    """Plan all frames: who is shown as what, and what films; with what `told_unplanned` asks
-    for.
+    """Plan all frames: yield the progress, return what is shown, what films, and what is unplanned.
+
+    The last is what `told_unplanned` takes.
     """
-    trajectory, frames = trajectory_of(scene), wanted.frames
+    trajectory = trajectory_of(scene)
+    frames = request.frames
     plans: dict[int, Shown] = {}
     films: dict[int, Filmed] = {}
     unplanned = []
     with frame_stepping.stepped(scene) as at:
-        for done, number in enumerate(frames):
+        for count, number in enumerate(frames):
             time = scene_data.remapped(scene.render, number)
             yield from share(
-                approach(trajectory, time), done / len(frames), (done + 0.9) / len(frames)
+                approach(trajectory, time), count / len(frames), (count + 0.9) / len(frames)
             )
             film, around, shutter = lights.read_moment(scene, time, at)
             frame = frame_of(scene, None, time, film, trajectory, around, shutter)
-            unplanned.append(noted(number, frame.unplanned, wanted.strict))
+            unplanned.append(noted(number, frame.unplanned, request.strict))
             plans[number] = shown(frame, library)
             films[number] = filmed(scene, time, at((), time))
-            yield (done + 1) / len(frames)
+            yield (count + 1) / len(frames)
     if not any(len(plan.agents) for plan in plans.values()):
         raise CrowdError(
             f"The camera sees no agent in {shot_frames(frames)}: there is nothing to export."
@@ -158,32 +163,32 @@ def _instances(
     file: CrowdFile,
 ) -> Generator[float, None, None]:
     """Write where the agents of `cast` are in each frame."""
-    trajectory, (library, instances), agents = trajectory_of(scene), cast, cast[1].agents
-    turn, speed = (
-        float(scene_data.rotation(scene.crowd_lod.forward)),
-        scene.render.fps / scene.render.fps_base,
-    )
-    for done, (number, plan) in enumerate(plans.items()):
+    trajectory = trajectory_of(scene)
+    library, instances = cast
+    agents = cast[1].agents
+    turn = float(scene_data.rotation(scene.crowd_lod.forward))
+    speed = scene.render.fps / scene.render.fps_base
+    for count, (number, plan) in enumerate(plans.items()):
         time = scene_data.remapped(scene.render, number)
-        yield from share(approach(trajectory, time), done / len(plans), (done + 0.9) / len(plans))
-        held = held_by(scene, trajectory, number, trajectory.at(time))
-        columns = columns_of(trajectory, held.crowd, held, agents, library)
+        yield from share(approach(trajectory, time), count / len(plans), (count + 0.9) / len(plans))
+        crowd_held = held_by(scene, trajectory, number, trajectory.at(time))
+        columns = columns_of(trajectory, crowd_held.crowd, crowd_held, agents, library)
         level = np.zeros(len(agents), np.float32)
         lean = [columns.get(name, level) for name in ("pitch", "roll")]
-        which, hidden = instances.at(plan)
+        prototype, hidden = instances.at(plan)
         velocity = None
-        for part, crowd in held.ends:
+        for part, crowd in crowd_held.ends:
             if part:  # the later one counts
-                then = columns_of(trajectory, crowd, held, agents, library)["position"]
+                then = columns_of(trajectory, crowd, crowd_held, agents, library)["position"]
                 velocity = (then - columns["position"]) * np.float32(speed / part)
         file.agents(
             number,
             positions=columns["position"],
             orientations=turned(columns["heading"], *lean, turn),
-            prototypes=which,
+            prototypes=prototype,
             hidden=hidden,
             scales=columns["size"] + 1 if "size" in columns else None,
             velocities=velocity,
             looks=columns["looks"],
         )
-        yield (done + 1) / len(plans)
+        yield (count + 1) / len(plans)

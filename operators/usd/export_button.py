@@ -26,7 +26,8 @@ class CROWDLOD_OT_export_usd(Stepwise, bpy.types.Operator):
     needs = (needs.characters, needs.camera, missing_openusd)
 
     def steps(self, context) -> Generator[float, None, str]:
-        scene, settings = context.scene, context.scene.crowd_lod
+        scene = context.scene
+        settings = context.scene.crowd_lod
         name = settings.usd_file
         if Path(name).name != name:
             raise CrowdError(
@@ -34,11 +35,11 @@ class CROWDLOD_OT_export_usd(Stepwise, bpy.types.Operator):
                 f"Folder says where it goes."
             )
         path = with_ending(output_folder(scene, "usd") / name, *ENDINGS)
-        found = yield from export_usd(
+        exported = yield from export_usd(
             scene, UsdExport(scene_data.frames_of(scene), path, settings.usd_animated)
         )
         note_output(scene, "usd")
-        return f"{found.sentence} The file is {place_of(path)}."
+        return f"{exported.sentence} The file is {place_of(path)}."
 
 
 CLASSES = (CROWDLOD_OT_export_usd,)

@@ -35,7 +35,9 @@ class CrowdFile:
     """
 
     ROOT = "/Crowd"
-    AGENTS, CAMERA, MATERIALS = f"{ROOT}/Agents", f"{ROOT}/Camera", f"{ROOT}/Materials"
+    AGENTS = f"{ROOT}/Agents"
+    CAMERA = f"{ROOT}/Camera"
+    MATERIALS = f"{ROOT}/Materials"
     PROTOTYPES = f"{AGENTS}/Prototypes"
 
     def __init__(
@@ -46,7 +48,9 @@ class CrowdFile:
         hidden: Path,
         cast: tuple[Instances, Sequence[str]],
     ):
-        self.usd, self.scene, self.path = usd, scene, path
+        self.usd = usd
+        self.scene = scene
+        self.path = path
         instances, names = cast
         self._homes = {
             prototype: f"{self.PROTOTYPES}/{usd.Tf.MakeValidIdentifier(name)}"
@@ -64,7 +68,8 @@ class CrowdFile:
         for scope in (self.PROTOTYPES, self.MATERIALS):
             geometry.Scope.Define(self.stage, scope)
         self.materials = Materials(usd, self.stage, self.MATERIALS, path, hidden)
-        self._reach, self._meshes = 0.0, {}
+        self._reach = 0.0
+        self._meshes = {}
         relation = self.instancer.CreatePrototypesRel()
         for home in self._homes.values():
             geometry.Xform.Define(self.stage, home)
@@ -80,15 +85,15 @@ class CrowdFile:
     def mesh(self, prototype: int, name: str, form: Form, frame: float | None) -> None:
         """Write a mesh of a prototype, or its points and normals at `frame`."""
         key = prototype, name
-        made = self._meshes.get(key)
-        if made is None:
-            made = self._meshes[key] = self._new_mesh(prototype, name, form)
+        usd_mesh = self._meshes.get(key)
+        if usd_mesh is None:
+            usd_mesh = self._meshes[key] = self._new_mesh(prototype, name, form)
         arrays = {field: self._array(field, form) for field in ("points", "normals")}
-        made.GetPointsAttr().Set(arrays["points"], *(() if frame is None else (frame,)))
-        made.GetNormalsAttr().Set(arrays["normals"], *(() if frame is None else (frame,)))
+        usd_mesh.GetPointsAttr().Set(arrays["points"], *(() if frame is None else (frame,)))
+        usd_mesh.GetNormalsAttr().Set(arrays["normals"], *(() if frame is None else (frame,)))
         corners = form.points.min(axis=0), form.points.max(axis=0)
         extent = self.usd.Vt.Vec3fArray.FromNumpy(np.array(corners, np.float32))
-        made.GetExtentAttr().Set(extent, *(() if frame is None else (frame,)))
+        usd_mesh.GetExtentAttr().Set(extent, *(() if frame is None else (frame,)))
         self._reach = max(self._reach, float(np.linalg.norm(np.abs(corners).max(axis=0))))
 
     def _new_mesh(self, prototype: int, name: str, form: Form) -> Any:
@@ -119,19 +124,21 @@ class CrowdFile:
 
     def _dress(self, mesh, form: Form) -> None:
         """Bind the materials of the mesh: to it, or to its faces where they have several."""
-        shade, used = self.usd.UsdShade, np.unique(form.slots).tolist()
+        shade = self.usd.UsdShade
+        slots = np.unique(form.slots).tolist()
         parts = [mesh.GetPrim()]
-        if len(used) > 1:
-            api, token = shade.MaterialBindingAPI.Apply(mesh.GetPrim()), self.usd.Vt.IntArray
+        if len(slots) > 1:
+            api = shade.MaterialBindingAPI.Apply(mesh.GetPrim())
+            token = self.usd.Vt.IntArray
             parts = [
                 api.CreateMaterialBindSubset(
                     f"slot_{slot}",
                     token.FromNumpy(np.flatnonzero(form.slots == slot).astype(np.int32)),
                 ).GetPrim()
-                for slot in used
+                for slot in slots
             ]
             api.SetMaterialBindSubsetsFamilyType(self.usd.UsdGeom.Tokens.partition)
-        for part, slot in zip(parts, used, strict=True):
+        for part, slot in zip(parts, slots, strict=True):
             shade.MaterialBindingAPI.Apply(part).Bind(self.materials.of(form.materials[slot]))
 
     def agents(self, number: float, **columns: np.ndarray | None) -> None:
@@ -141,7 +148,8 @@ class CrowdFile:
             hidden (h,) int64 ids; scales (a,), velocities (a, 3) per second, or None; looks (a,) of
             all frames.
         """
-        vt, instancer = self.usd.Vt, self.instancer
+        vt = self.usd.Vt
+        instancer = self.instancer
         place = columns["positions"]
         instancer.GetPositionsAttr().Set(vt.Vec3fArray.FromNumpy(place), number)
         turned = np.ascontiguousarray(columns["orientations"], np.float16)
@@ -158,10 +166,10 @@ class CrowdFile:
         reach = self._reach * (1.0 if columns["scales"] is None else float(columns["scales"].max()))
         extent = np.array([place.min(axis=0) - reach, place.max(axis=0) + reach], np.float32)
         instancer.CreateExtentAttr().Set(vt.Vec3fArray.FromNumpy(extent), number)
-        looks = self.usd.UsdGeom.PrimvarsAPI(instancer).CreatePrimvar(
+        primvar = self.usd.UsdGeom.PrimvarsAPI(instancer).CreatePrimvar(
             "looks", self.usd.Sdf.ValueTypeNames.FloatArray, "vertex"
         )
-        looks.Set(vt.FloatArray.FromNumpy(columns["looks"]))
+        primvar.Set(vt.FloatArray.FromNumpy(columns["looks"]))
 
     def save(self, frames: tuple[int, int]) -> None:
         """Write the file to disk; frames: the first and the last."""

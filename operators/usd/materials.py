@@ -22,8 +22,14 @@ class Materials:
     """
 
     def __init__(self, usd, stage, home: str, place: Path, hidden: Path):
-        self.usd, self.stage, self.home, self.place, self.hidden = usd, stage, home, place, hidden
-        self._looks, self._made, self._files = Looks(), {}, {}
+        self.usd = usd
+        self.stage = stage
+        self.home = home
+        self.place = place
+        self.hidden = hidden
+        self._looks = Looks()
+        self._made = {}
+        self._files = {}
 
     def of(self, material: bpy.types.Material | None) -> Any:
         """Return the UsdShade.Material of `material`."""
@@ -32,15 +38,16 @@ class Materials:
         return self._made[material]
 
     def _write(self, material: bpy.types.Material | None) -> Any:
-        shade, types = self.usd.UsdShade, self.usd.Sdf.ValueTypeNames
+        shade = self.usd.UsdShade
+        types = self.usd.Sdf.ValueTypeNames
         path = f"{self.home}/{self.name(material.name if material else 'Gray')}"
-        made = shade.Material.Define(self.stage, path)
+        usd_material = shade.Material.Define(self.stage, path)
         surface = shade.Shader.Define(self.stage, f"{path}/Surface")
         surface.CreateIdAttr("UsdPreviewSurface")
-        made.CreateSurfaceOutput().ConnectToSource(surface.ConnectableAPI(), "surface")
+        usd_material.CreateSurfaceOutput().ConnectToSource(surface.ConnectableAPI(), "surface")
         *color, layer = self._looks.of(material)
         base = surface.CreateInput("diffuseColor", types.Color3f)
-        file = self._file(self._looks.found[int(layer)]) if layer >= 0 else ""
+        file = self._file(self._looks.sources[int(layer)]) if layer >= 0 else ""
         if file:
             reader, image = (
                 shade.Shader.Define(self.stage, f"{path}/{each}") for each in ("UV", "Image")
@@ -59,7 +66,7 @@ class Materials:
             base.Set(self.usd.Gf.Vec3f(*map(float, color)))
         for name, value in _shine(material).items():
             surface.CreateInput(name, types.Float).Set(value)
-        return made
+        return usd_material
 
     def name(self, name: str) -> str:
         """Return a name for a material that USD takes, and that no other has."""
@@ -69,20 +76,18 @@ class Materials:
         return valid
 
     def _file(self, image: bpy.types.Image) -> str:
-        """Return the path of the image's file as the USD file names it; write one if it has
-        none.
-        """
+        """Return the path that the USD file has of the image's file; write one if it has none."""
         if image not in self._files:
-            own = Path(bpy.path.abspath(image.filepath, library=image.library))
-            kept = (
+            path = Path(bpy.path.abspath(image.filepath, library=image.library))
+            is_named = (
                 image.source == "FILE"
                 and not image.packed_file
                 and not image.is_dirty
-                and own.is_file()
+                and path.is_file()
             )
             self._files[image] = (
-                self._named(own)
-                if kept and own.suffix.lower() in READ_BY_ALL
+                self._named(path)
+                if is_named and path.suffix.lower() in READ_BY_ALL
                 else self._saved(image)
             )
         return self._files[image]

@@ -21,9 +21,7 @@ MISSING = (
 
 
 def missing_openusd(_: bpy.types.Scene) -> str:
-    """Return the sentence that `openusd` would raise, without a load of the module; "" if it is
-    there.
-    """
+    """Return the sentence of `openusd`'s error, without loading the module; "" if it is there."""
     _look_beside_data()
     return "" if find_spec("pxr") is not None else MISSING
 

@@ -10,7 +10,8 @@ from mathutils import Matrix
 from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.sources.trajectory import Trajectory
-from ..blender.performance import Performance, group_performance
+from ..blender.named_actions import group_performance
+from ..blender.performance import Performance
 from ..blender.render_evaluation import as_rendered
 from ..characters.characters import check_measured
 from ..lod_meshes.deviation import SOLID
@@ -48,7 +49,8 @@ def library_of_poses(
     poses: even phases of each action in which a group is posed, unless it does not move.
     animated: a character for each of a group's phase classes instead.
     """
-    played, posed = trajectory.gaits.actions, []
+    played = trajectory.gaits.actions
+    posed = []
     check_measured(characters_of(scene), trajectory.groups)
     for group, (_, objects, _) in zip(trajectory.groups, characters_of(scene), strict=True):
         performance = group_performance(group, objects)
@@ -85,21 +87,22 @@ def write_prototypes(
     (crowd_lod/frame/instances.py).
     frames, seconds: of the timeline, and after frame 0, at which moving prototypes are posed.
     """
-    trajectory, library, wanted = cast
-    gaits, levels = (
-        trajectory.gaits,
-        scene.crowd_lod.levels.children[: policy_of(scene.crowd_lod).count],
-    )
+    trajectory, library, prototype_numbers = cast
+    gaits = trajectory.gaits
+    levels = scene.crowd_lod.levels.children[: policy_of(scene.crowd_lod).count]
     first = library.first(gaits)
     for g, (name, objects, _) in enumerate(characters_of(scene)):
-        mine = wanted[(wanted % first[-1] >= first[g]) & (wanted % first[-1] < first[g + 1])]
+        mine = prototype_numbers[
+            (prototype_numbers % first[-1] >= first[g])
+            & (prototype_numbers % first[-1] < first[g + 1])
+        ]
         if not len(mine):
             continue
         homes = [home_of(level, g, name) for level in levels]
         with as_rendered(item for home in homes for item in home.objects) as (stage, actors):
             performance = group_performance(trajectory.groups[g], objects)
             numbers = np.unique(mine % first[-1])
-            for done, number in enumerate(numbers.tolist()):
+            for count, number in enumerate(numbers.tolist()):
                 prototypes = mine[mine % first[-1] == number].tolist()
                 act, moments = _moments(
                     performance, trajectory, library, (g, number - int(first[g])), (frames, seconds)
@@ -118,7 +121,7 @@ def write_prototypes(
                                 )
                                 if form is not None:
                                     write(prototype, item.name, form, frame)
-                    yield (g + (done + 1) / len(numbers)) / len(first)
+                    yield (g + (count + 1) / len(numbers)) / len(first)
     yield 1.0
 
 
@@ -126,19 +129,21 @@ def _moments(
     performance: Performance,
     trajectory: Trajectory,
     library: Library,
-    whose: tuple[int, int],
+    prototype: tuple[int, int],
     times: tuple,
 ) -> tuple[Performance, list[tuple[float | None, float]]]:
     """Return the action of a character, and (frame or None, moment of the action) of all its poses.
 
-    whose: its group, its number in the group. times: frames and seconds.
+    prototype: its group, its number in the group.
+    times: frames and seconds.
     """
-    gaits, (g, own) = trajectory.gaits, whose
+    gaits = trajectory.gaits
+    g, number = prototype
     if library.posed[g]:
-        action, pose = divmod(own, int(library.posed[g]))
+        action, pose = divmod(number, int(library.posed[g]))
         phases = [(None, pose / int(library.posed[g]))]
     else:
-        which, phase_class = divmod(own, gaits.classes)
+        which, phase_class = divmod(number, gaits.classes)
         action, rate = gaits.plays[g][which]
         phases = [
             (frame, (phase_class / gaits.classes + rate * s) % 1.0)
@@ -175,7 +180,8 @@ def form_of(
 def _form(mesh: bpy.types.Mesh, matrix: np.ndarray, evaluated: bpy.types.Object) -> Form | None:
     if not len(mesh.polygons):
         return None
-    points, vectors, per = _read(mesh.vertices, "co", 3), *_normals(mesh)
+    points = _read(mesh.vertices, "co", 3)
+    vectors, per = _normals(mesh)
     turn = np.linalg.det(matrix[:3, :3]) < 0
     inverse = np.linalg.pinv(matrix[:3, :3])
     vectors = vectors @ inverse

@@ -33,10 +33,13 @@ def filmed(scene: bpy.types.Scene, time: float, depsgraph: bpy.types.Depsgraph) 
     None if it is panoramic.
     """
     item = bound_camera(scene, time)
-    film, data = camera_from(item, scene.render, depsgraph), item.evaluated_get(depsgraph).data
+    film = camera_from(item, scene.render, depsgraph)
+    data = item.evaluated_get(depsgraph).data
     if film.kind == "PANO":
         return None
-    matrix, w, focused = np.eye(4), film.window, data.dof.use_dof
+    matrix = np.eye(4)
+    w = film.window
+    focused = data.dof.use_dof
     matrix[:3] = np.stack([film.X, film.Y, -film.Z, film.origin], axis=1)
     return Filmed(
         matrix=matrix,
@@ -56,7 +59,8 @@ def write_camera(
 
     Lengths of a lens are in tenths of the scene's unit.
     """
-    camera, render = usd.UsdGeom.Camera.Define(stage, path), scene.render
+    camera = usd.UsdGeom.Camera.Define(stage, path)
+    render = scene.render
     placed = camera.AddTransformOp()
     tenths = 0.01 / scene_data.meters(scene)  # in a millimeter
     for number, film in frames.items():

@@ -12,7 +12,7 @@ from crowd_lod_extension.crowd_lod.animation.skinning import pose, skin
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import mesh_data, scene_data
-from crowd_lod_extension.operators.blender.performance import performance_of
+from crowd_lod_extension.operators.blender.named_actions import performance_of
 from crowd_lod_extension.operators.characters.action_troubles import told_of_actions
 from crowd_lod_extension.operators.characters.group_measuring import measure_groups
 from crowd_lod_extension.operators.characters.stored_groups import groups_of, store_groups

@@ -10,7 +10,7 @@ from crowd_lod_extension.crowd_lod.crowd.paces import mixed_in
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import mesh_data, scene_data
-from crowd_lod_extension.operators.blender.performance import group_performance, performance_of
+from crowd_lod_extension.operators.blender.named_actions import group_performance, performance_of
 from crowd_lod_extension.operators.characters.group_measuring import measure_groups
 from crowd_lod_extension.operators.characters.stored_groups import groups_of
 from crowd_lod_extension.operators.lod_meshes import deviation

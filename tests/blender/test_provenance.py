@@ -207,4 +207,4 @@ def test_a_build_and_lods_name_what_was_edited(levelled):
     ],
 )
 def test_of_many_inputs_a_few_are_named(names, words):
-    assert provenance.named(names) == words
+    assert provenance.name_inputs(names) == words

@@ -3,7 +3,7 @@
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.operators.blender.rig_dependencies import action_range
+from crowd_lod_extension.operators.blender.animation import action_range
 from crowd_lod_extension.operators.characters.group_measuring import measure_groups
 from crowd_lod_extension.operators.lod_meshes.candidates import _object_digest
 from crowd_lod_extension.operators.lod_meshes.source_mesh import read_source

@@ -6,9 +6,9 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.blender import image_data, mesh_data, performance, scene_data
+from crowd_lod_extension.operators.blender import image_data, mesh_data, named_actions, scene_data
+from crowd_lod_extension.operators.blender.animation import action_range
 from crowd_lod_extension.operators.blender.render_evaluation import as_rendered
-from crowd_lod_extension.operators.blender.rig_dependencies import action_range
 from crowd_lod_extension.operators.characters.group_measuring import measure_groups
 from crowd_lod_extension.operators.characters.rig_needs import POSES
 from crowd_lod_extension.operators.characters.stored_groups import store_groups
@@ -109,7 +109,7 @@ def test_a_quick_swing_between_even_looks_gets_its_keys(scene):
     home.instance_offset = origin
     home.objects.link(objects[0])
     with as_rendered(home.objects) as (stage, actors):
-        act = performance.own(objects)
+        act = named_actions.own_performance(objects)
         model, why = finished(
             rigs.modeled(rigs.Acting("adult", [home], stage, actors, 1.9), act, {})
         )

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.format import number
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.blender.performance import own
-from crowd_lod_extension.operators.blender.rig_dependencies import curves_of
+from crowd_lod_extension.operators.blender.animation import curves_of
+from crowd_lod_extension.operators.blender.named_actions import own_performance
 from crowd_lod_extension.operators.characters.action_troubles import told_of_actions
 from crowd_lod_extension.operators.characters.character_extent import posing
 from crowd_lod_extension.operators.characters.group_measuring import measure_groups
@@ -74,7 +74,7 @@ def walker(name="someone"):
 
 def middles(item):
     """The middle of the character in x and y over its animation, (frames, 2)."""
-    act = own([item])
+    act = own_performance([item])
     poses = finished(posing([item], np.linspace(*act.spans[0], 9), act))
     return np.array(
         [pose[:12, :2].mean(axis=0) for pose in poses]

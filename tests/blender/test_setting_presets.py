@@ -166,3 +166,16 @@ def test_no_poll_raises_without_a_scene():
             for kind in OPERATORS
         }
     assert polled == dict.fromkeys(polled, False)
+
+
+# what Populate and the handlers write; and lists, which have buttons of their own
+NOT_DRAWN = {"points_count", "start_places", "terrain_mesh", "areas_image"}
+LISTED = {"areas", "exceptions", "exception_index"}
+
+
+def test_the_sidebar_names_every_setting_of_the_steps():
+    pages = (Path(registration.__file__).parent / "ui").glob("*.py")
+    text = "".join(page.read_text(encoding="utf-8") for page in pages)
+    settings = [name for part in properties.ALL for name in part.__annotations__]
+    missing = {name for name in settings if f'"{name}"' not in text}
+    assert missing == NOT_DRAWN | LISTED

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot import plan_file
+from crowd_lod_extension.operators.render_setup.frame_update import Held
 from crowd_lod_extension.operators.scene.scene_crowd import frame_of
 from crowd_lod_extension.operators.shot.shot_plan import Wanted, plan_shot
-from crowd_lod_extension.operators.shot.switch_crops import _posed
+from crowd_lod_extension.operators.shot.switch_crops import posed_agent
 
 from ..support.pages import Reader
 
@@ -79,7 +80,7 @@ def test_largest_changes_are_drawn_into_the_report_and_leave_nothing_in_the_file
     assert {block.id_type for block in set(bpy.data.user_map()) - before} <= {
         "ACTION"
     }  # that of the zoom
-    told = finished(plan_shot(levelled, Wanted(range(1, 13), tmp_path / "again"))).told
+    told = finished(plan_shot(levelled, Wanted(range(1, 13), tmp_path / "again"))).report
     for one, other in told.crops:
         assert (
             one.shape == other.shape and (one != other).any() and (one[0, 0] == one[-1, -1]).all()
@@ -115,6 +116,6 @@ def test_an_agent_is_drawn_as_the_build_shows_it(levelled, forward):
     order, levels = frame.buckets.order.tolist(), frame.buckets.levels.tolist()
     for agent, level in list(zip(order, levels, strict=True))[:: len(order) // 6]:
         own = shown[tuple(np.array(frame.crowd.places(None, agent)[:2]).round(3))]
-        (body,), _ = _posed(levelled, agent, 9.0, [level])
+        (body,), _ = posed_agent(levelled, agent, Held(frame.crowd, 9.0), [level])
         for end in (np.min, np.max, np.mean):
             assert end(body.points, axis=0) == pytest.approx(end(own, axis=0), abs=1e-4)

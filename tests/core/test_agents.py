@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd import random_streams
-from crowd_lod_extension.crowd_lod.crowd.agents import Group, bounding_sphere, populate, varied
+from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
+from crowd_lod_extension.crowd_lod.crowd.bounding_spheres import bounding_sphere, cover_sizes
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.crowd.variants import Draw
@@ -64,8 +65,8 @@ def test_variants_are_drawn_within_their_group(count):
 def test_a_variant_depends_on_the_agents_key_alone():
     draw, keys = Draw(2, (((0, 0.5), (1, 0.5)), ((2, 1.0),))), random_streams.keys(3, 1000)
     group = np.repeat(np.array([0, 2], np.uint8), 500)
-    found, order = draw.dressed(group, keys), np.random.default_rng(1).permutation(1000)
-    assert (draw.dressed(group[order], keys[order]) == found[order]).all() and (
+    found, order = draw.draw_variants(group, keys), np.random.default_rng(1).permutation(1000)
+    assert (draw.draw_variants(group[order], keys[order]) == found[order]).all() and (
         found[500:] == 2
     ).all()
     assert 200 < np.count_nonzero(found[:500] == 1) < 300
@@ -89,7 +90,7 @@ def test_bounding_sphere_holds_the_points_at_every_heading():
 
 def test_the_sphere_of_a_group_holds_its_agents_of_all_sizes():
     points = np.random.default_rng(3).normal(size=(500, 3)) * (0.3, 0.2, 0.9) + (0.1, 0, 0.9)
-    group = varied(
+    group = cover_sizes(
         Group(
             "one",
             *bounding_sphere(points),

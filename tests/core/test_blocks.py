@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd import leave_outs, morton_order
-from crowd_lod_extension.crowd_lod.crowd.agents import populate, spheres_of
-from crowd_lod_extension.crowd_lod.crowd.maps import HeightMap
+from crowd_lod_extension.crowd_lod.crowd.agents import populate
+from crowd_lod_extension.crowd_lod.crowd.bounding_spheres import spheres_of
+from crowd_lod_extension.crowd_lod.crowd.height_map import HeightMap
 from crowd_lod_extension.crowd_lod.culling import blocks
 from crowd_lod_extension.crowd_lod.culling.camera import lens_blur
 from crowd_lod_extension.crowd_lod.culling.radar import RadarOptions, radar
@@ -220,7 +221,6 @@ def test_agents_of_mixed_groups_at_nan_and_beyond_the_map():
     odd = replace(
         trajectory,
         start=replace(start, x=x, y=y, z=z, group=random.permutation(start.group)),
-        _kept={},
     )
     policy = LevelPolicy((0.3, 0.6), drop_lost=True)
     for time in (1, 1.5, 2, 17, 30):
@@ -228,7 +228,7 @@ def test_agents_of_mixed_groups_at_nan_and_beyond_the_map():
         assert frame.dropped == 4 and frame.visible.any()
     x[[9, 500]] = np.nan
     for more in (HeightMap(random.random((4, 5)).astype(np.float32), AREA), None):
-        gone = replace(odd, start=replace(odd.start, x=x), heights=more, _kept={})
+        gone = replace(odd, start=replace(odd.start, x=x), heights=more)
         for time in (1, 2.5, 17):
             assert compare(gone, straight(offset=(0, 30, 0)), policy, time).dropped == (
                 6 if more is None else 3

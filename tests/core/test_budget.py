@@ -214,7 +214,7 @@ def test_every_kind_of_budget_is_kept_at_once(engine):
     assert found.triangles.max() <= budget.triangles and found.vertices.max() <= budget.vertices
     assert found.counts[:, 0].max() <= few and found.price.memory <= budget.memory
     found = finished(decide_within(shot, Budget(finest=0)))
-    assert found.bill.counts[:, 0].max() == 0 and 0 <= found.bound < 0.1
+    assert found.bill.counts[:, 0].max() == 0 and 0 <= found.bound < 0.15
     assert (
         finished(decide_within(shot, Budget(memory=budget.memory))).bill.price.memory
         <= budget.memory
@@ -269,7 +269,7 @@ def test_plan_within_a_budget_is_the_same_on_every_python():
         found.update(
             finished(decide_within(shot, Budget(between(shot, 0.3), finest=20))).levels.tobytes()
         )
-    assert found.hexdigest()[:16] == "9700ba28574c46b4"
+    assert found.hexdigest()[:16] == "375679ce52d86f6c"
 
 
 def test_crowd_of_nobody_fits():

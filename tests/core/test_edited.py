@@ -9,8 +9,9 @@ import pytest
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd import morton_order
 from crowd_lod_extension.crowd_lod.crowd.agents import populate
+from crowd_lod_extension.crowd_lod.crowd.height_map import HeightMap
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS, NOTHING, STATIC
-from crowd_lod_extension.crowd_lod.crowd.maps import Area, HeightMap, LabelMap
+from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 from crowd_lod_extension.crowd_lod.culling import blocks as culling_blocks
 from crowd_lod_extension.crowd_lod.culling.volumes import Light
 from crowd_lod_extension.crowd_lod.frame.frame import plan
@@ -235,7 +236,7 @@ def test_nobody_is_missed_and_leave_outs_change_nothing_whatever_is_edited(block
             assert raw(frame) == raw(
                 plan(edited.leaving(NOTHING, 1), camera, POLICY, time, shutter)
             )
-            fresh = Edited(replace(own, _kept={}), edited.edits)
+            fresh = Edited(replace(own), edited.edits)
             assert raw(frame) == raw(plan(fresh, camera, POLICY, time, shutter))
 
     exact()

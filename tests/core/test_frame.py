@@ -87,7 +87,7 @@ def test_lost_agents_stop_the_plan_or_are_dropped_and_counted():
     trajectory = shot()
     x = trajectory.start.x.copy()
     x[[5, 8]] = np.nan
-    lost = replace(trajectory, start=replace(trajectory.start, x=x), _kept={})
+    lost = replace(trajectory, start=replace(trajectory.start, x=x))
     with pytest.raises(CrowdError, match="2 of 3,000 agents .* agent 5"):
         plan(lost, straight(), LevelPolicy(()), 1)
     frame = plan(lost, straight(), LevelPolicy((), drop_lost=True), 1)

@@ -26,9 +26,7 @@ def framed(kind="PERSP", policy=TOLERANT, offs=((0, 0.1, 0.4), (0, 0.05, 1.5)), 
     groups = tuple(
         replace(group, deviations=off) for group, off in zip(trajectory.groups, offs, strict=True)
     )
-    return plan(
-        replace(trajectory, groups=groups, _kept={}), straight(kind=kind), policy, 20, **more
-    )
+    return plan(replace(trajectory, groups=groups), straight(kind=kind), policy, 20, **more)
 
 
 def judged(frame, tolerance=1.0, number=20, count=10):

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd import leave_outs
 from crowd_lod_extension.crowd_lod.crowd.agents import Group
-from crowd_lod_extension.crowd_lod.crowd.maps import HeightMap, LabelMap
+from crowd_lod_extension.crowd_lod.crowd.height_map import HeightMap
+from crowd_lod_extension.crowd_lod.crowd.maps import LabelMap
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.levels.assignment import Bias
@@ -130,7 +131,7 @@ def test_agents_off_the_map_are_taken_onto_it_before_they_stand():
     trajectory = shot()
     x = trajectory.start.x.copy()
     x[:3] = -70, 90, -0.0
-    aside = replace(trajectory, start=replace(trajectory.start, x=x), _kept={})
+    aside = replace(trajectory, start=replace(trajectory.start, x=x))
     for time in (1, 1.5, 2, 5):
         assert leave_outs.STILL in left(aside, straight(offset=(0, 30, 0)), POLICY, time)
 

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod.crowd.height_map import HeightMap
 from crowd_lod_extension.crowd_lod.crowd.maps import (
     MOST_SQUARE,
     NEAR,
     Area,
-    HeightMap,
     LabelMap,
     edge_map,
     labels_from_colors,

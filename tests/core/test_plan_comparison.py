@@ -7,6 +7,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.reporting.plan_comparison import compare
 from crowd_lod_extension.crowd_lod.shot import plan_file
+from crowd_lod_extension.crowd_lod.shot.phases import Phases
 
 
 def row(number, triangles, visible=10, **more):
@@ -92,6 +93,8 @@ def test_what_plans_were_made_for_is_told_where_it_differs(tmp_path):
             cameras + scale,
             {"the map": "b"},
             None,
+            Phases(np.zeros(3, np.uint8), np.array([4], np.uint8), np.zeros(3, np.uint8)),
+            np.ones(16, bool),
         )
         plan_file.write(stored.path, stored, np.zeros((2, 3), np.uint8))
     assert compare(a, b).differs == (

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd import rasterize
 from crowd_lod_extension.crowd_lod.crowd.maps import Area
-from crowd_lod_extension.crowd_lod.crowd.rasterize import covered
+from crowd_lod_extension.crowd_lod.crowd.rasterize import cover_cells
 
 AREA = Area(-3, 2, 7, 8)  # of 10 by 6 cells of a meter, or other sizes
 
@@ -53,14 +53,14 @@ def test_cells_are_those_that_a_triangle_has_a_part_in(pairs, monkeypatch):
             for r in range(rows)
         ]
         wanted = np.array(wanted)
-        found = covered(triangles, AREA, rows, columns)
+        found = cover_cells(triangles, AREA, rows, columns)
         sure = (wanted > 1e-9) | (wanted == 0)
         assert (found == (wanted > 0))[sure].all() and found.any()
 
 
 def test_a_wall_on_cell_borders_covers_its_own_cells_alone():
     square = np.array([[(0, 3), (2, 3), (2, 5)], [(0, 3), (2, 5), (0, 5)]])
-    found = covered(square, AREA, 6, 10)
+    found = cover_cells(square, AREA, 6, 10)
     assert np.argwhere(found).tolist() == [[r, c] for r in (1, 2) for c in (3, 4)]
 
 
@@ -68,20 +68,20 @@ def test_the_sides_of_a_block_add_no_cells_to_those_of_its_top():
     top = [[(0, 3), (2, 3), (2, 5)], [(0, 3), (2, 5), (0, 5)]]
     sides = [[(2, 3), (2, 5), (2, 3)], [(0, 5), (2, 5), (0, 5)], [(0, 3), (0, 5), (0, 5)]]
     assert (
-        covered(np.array(top + sides), AREA, 6, 10) == covered(np.array(top), AREA, 6, 10)
+        cover_cells(np.array(top + sides), AREA, 6, 10) == cover_cells(np.array(top), AREA, 6, 10)
     ).all()
 
 
 def test_an_upright_plane_is_a_line_without_gaps_wherever_it_runs():
     for x in (0, 0.5, 0.9):
-        found = covered(np.array([[(x, 3.5), (x, 6.5), (x, 3.5)]]), AREA, 6, 10)
+        found = cover_cells(np.array([[(x, 3.5), (x, 6.5), (x, 3.5)]]), AREA, 6, 10)
         assert np.argwhere(found).tolist() == [[r, 3] for r in range(1, 5)]
-    slanted = covered(np.array([[(-3, 2), (7, 8), (2, 5)]]), AREA, 60, 100)
+    slanted = cover_cells(np.array([[(-3, 2), (7, 8), (2, 5)]]), AREA, 60, 100)
     assert (slanted.sum(axis=0) > 0).all() and (slanted.sum(axis=1) > 0).all()
 
 
 def test_what_lies_off_the_ground_or_has_no_place_covers_nothing():
     far = np.array([[(50, 50), (60, 50), (60, 60)], [(np.nan, 3), (2, 3), (2, 5)]])
-    assert not covered(far, AREA, 6, 10).any()
-    assert not covered(np.empty((0, 3, 2)), AREA, 6, 10).any()
-    assert covered(np.array([[(-99, -99), (99, -99), (0, 199)]]), AREA, 6, 10).all()
+    assert not cover_cells(far, AREA, 6, 10).any()
+    assert not cover_cells(np.empty((0, 3, 2)), AREA, 6, 10).any()
+    assert cover_cells(np.array([[(-99, -99), (99, -99), (0, 199)]]), AREA, 6, 10).all()

@@ -253,7 +253,7 @@ def test_lost_agents_cast_no_shadow():
     trajectory, camera = shot(), straight()
     x = trajectory.start.x.copy()
     x[[5, 8]] = np.nan, np.inf
-    lost = replace(trajectory, start=replace(trajectory.start, x=x), _kept={})
+    lost = replace(trajectory, start=replace(trajectory.start, x=x))
     frame = plan(lost, camera, LevelPolicy((), drop_lost=True), 1)
     found = surround(frame, around()).shadow.order
     assert len(found) and not {5, 8} & set(found)

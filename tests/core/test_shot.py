@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.levels.cost_model import SECONDS
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.crowd_lod.shot.shot import decide, decided, lower_bound
+from crowd_lod_extension.crowd_lod.shot.shot import by_character, decide, decided, lower_bound
 from crowd_lod_extension.crowd_lod.shot.shot_cost import bill
 from crowd_lod_extension.crowd_lod.shot.survey import SEEN
 
@@ -182,9 +182,47 @@ def test_plan_is_the_same_on_every_python():
     for engine in ENGINES:
         shot = some_shot(7, agents=200, frames=30, lods=4, engine=engine, tolerance=1, each=3)
         found.update(finished(decide(shot)).levels.tobytes())
-    assert found.hexdigest()[:16] == "b33dddeffe09ae0e"
+    assert found.hexdigest()[:16] == "20e141eadd8dda6d"
 
 
 def test_crowd_of_nobody():
     plan = finished(decide(some_shot(0, agents=0)))
     assert plan.levels.shape == (5, 0) and plan.bound == 0
+
+
+def mesh_costs(shot, seed):
+    """Seconds of each mesh in each frame, (F, K, L), by chance."""
+    survey = shot.survey
+    shape = len(survey.times), shot.meshes.count, len(survey.owner)
+    return np.random.default_rng(seed).uniform(0, 1, shape)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_one_lod_a_character_costs_the_least_in_each_frame(seed):
+    shot = some_shot(seed, agents=12, frames=6, lods=3, each=2, engine="CYCLES")
+    unique = mesh_costs(shot, seed)
+    levels = by_character(shot, unique, 0.0)
+    for f, c in np.ndindex(len(levels), len(shot.survey.owner)):
+        seen = (shot.survey.kind[f] == SEEN) & (shot.survey.character[f] == c)
+        if seen.any():
+            coarsest = shot.allowed[f, seen].min()
+            costs = [
+                unique[f, k, c] + seen.sum() * shot.instance[k, c] for k in range(coarsest + 1)
+            ]
+            assert set(levels[f, seen].tolist()) == {int(np.argmin(costs))}
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_one_lod_a_character_switches_less_where_switches_cost(seed):
+    shot = some_shot(seed, agents=12, frames=12, lods=3, each=2, engine="CYCLES")
+    unique = mesh_costs(shot, seed)
+    restless, calm = (by_character(shot, unique, weight) for weight in (0.0, 1e6))
+    assert len(switches(shot, calm)) < len(switches(shot, restless))
+    assert (calm <= shot.coarsest)[shot.survey.seen].all()
+
+
+def test_plans_in_cycles_cost_no_more_than_thresholds_and_less_where_meshes_are_shared():
+    shot = some_shot(3, agents=300, frames=20, lods=4, each=4, engine="CYCLES", tolerance=1)
+    plan = finished(decide(shot))
+    assert plan.bill.price.seconds < plan.thresholds.price.seconds
+    assert plan.bill.price.memory <= plan.thresholds.price.memory

@@ -14,7 +14,9 @@ import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.reporting.shot_report import Told, shot_page
 from crowd_lod_extension.crowd_lod.reporting.svg_plots import across
+from crowd_lod_extension.crowd_lod.shot.coloring import PhasePlan
 from crowd_lod_extension.crowd_lod.shot.curve import curve_of
+from crowd_lod_extension.crowd_lod.shot.phases import Phases
 from crowd_lod_extension.crowd_lod.shot.shot import decide
 from crowd_lod_extension.crowd_lod.shot.survey import CULLED
 from crowd_lod_extension.crowd_lod.shot.switches import noticed
@@ -35,9 +37,30 @@ def told(title="plaza", names=("adult", "child"), **more):
     )
     plan = finished(decide(shot))
     found, curve = noticed(shot, plan.levels, RADIUS), finished(curve_of(shot, plan, 2.0))
+    none = np.zeros(len(shot.survey.group), np.uint8)
+    phases = PhasePlan(Phases(none, np.array([4, 5], np.uint8), none), 0.031, 0.064, 12.5)
+    classes = [
+        {"group": name, "action": "", "cycles_per_second": 1.0, "classes": count}
+        for name, count in zip(names, (4, 5), strict=True)
+    ]
     return Told(
-        title, shot, plan, found, curve, list(names), TINTS, {"culling": 1.5, "levels": 0.25}
+        title=title,
+        shot=shot,
+        plan=plan,
+        noticed=found,
+        curve=curve,
+        names=list(names),
+        phases=phases,
+        classes=classes,
+        tints=TINTS,
+        milliseconds={"culling": 1.5, "levels": 0.25},
     )
+
+
+def test_phase_classes_are_told():
+    text = shot_page(told())
+    assert "Agents share 4 to 5 phase classes: 3.1% of close neighbors walk in step" in text
+    assert "12.5 px" in text
 
 
 def section(text, heading):

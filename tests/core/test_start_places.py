@@ -20,7 +20,7 @@ from crowd_lod_extension.crowd_lod.crowd.start_places import (
     on_surface,
     settle,
     stays,
-    unturned,
+    without_heading,
 )
 from crowd_lod_extension.crowd_lod.crowd.terrain import Terrain
 from crowd_lod_extension.crowd_lod.errors import CrowdError
@@ -228,14 +228,19 @@ def test_bad_surfaces_and_curves_are_refused_in_a_sentence():
     ):
         chains(np.zeros((200_001, 2), int), 1)
     with pytest.raises(CrowdError, match="Places to start are at NaN"):
-        settle(unturned(np.full((2, 3), np.inf)), 1, 1, machine(), ground())
+        settle(without_heading(np.full((2, 3), np.inf)), 1, 1, machine(), ground())
 
 
 def test_only_agents_that_walk_must_start_where_labels_let_them():
     assert stays(machine(), ground()) and not stays(walking(), ground())
     world = ground([(0, 0)])
     points = np.array([(-39.0, 1, 0), (0, 50, 0), (60, 50, 0), (0, -1, 0)])
-    assert allowed(unturned(points), machine(), world).tolist() == [False, True, False, False]
+    assert allowed(without_heading(points), machine(), world).tolist() == [
+        False,
+        True,
+        False,
+        False,
+    ]
 
 
 def seats():

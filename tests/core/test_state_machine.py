@@ -75,7 +75,7 @@ def test_the_hash_is_splitmix64():
     """
     key, drawn = np.zeros(1, np.uint64), []
     for _ in range(3):
-        key = random_streams.moved_on(key, np.ones(1))
+        key = random_streams.advance_keys(key, np.ones(1))
         drawn.append(int(random_streams.uniform(key, random_streams.STATE)[0] * 2**53))
     assert drawn == [0xE220A8397B1DCDAF >> 11, 0x6E789E6AA1B965F4 >> 11, 0x06C45D188009454F >> 11]
 

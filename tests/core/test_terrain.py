@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd import morton_order
+from crowd_lod_extension.crowd_lod.crowd.height_map import HeightMap
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS, NOTHING
-from crowd_lod_extension.crowd_lod.crowd.maps import Area, HeightMap
+from crowd_lod_extension.crowd_lod.crowd.maps import Area
 from crowd_lod_extension.crowd_lod.crowd.terrain import STEP, Terrain, upward
 from crowd_lod_extension.crowd_lod.culling.camera import Window
 from crowd_lod_extension.crowd_lod.errors import CrowdError
@@ -227,7 +228,7 @@ def test_who_falls_from_a_floor_into_the_picture_is_seen(monkeypatch):
     table.velocity[:] = 0, -1.5
     crowd = shot(table, groups=GROUPS, heights=Terrain(two_floors()))
     x, y = random.uniform(20, 21, 400), random.uniform(40.05, 40.4, 400)
-    crowd = replace(crowd, start=replace(crowd.start, x=x, y=y, z=np.full(400, 4.0)), _kept={})
+    crowd = replace(crowd, start=replace(crowd.start, x=x, y=y, z=np.full(400, 4.0)))
     camera = replace(straight(offset=(20.5, 30, 0.5)), window=Window(-0.2, 0.2, -0.2, 0.2))
     assert (crowd.at(1).z == 4).all() and (crowd.at(9).z == 0).all()
     assert (

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd import morton_order
-from crowd_lod_extension.crowd_lod.crowd.maps import Area, HeightMap, LabelMap
+from crowd_lod_extension.crowd_lod.crowd.height_map import HeightMap
+from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 from crowd_lod_extension.crowd_lod.frame.frame import plan_of
 from crowd_lod_extension.crowd_lod.frame.request import Request
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
@@ -128,7 +129,7 @@ def test_places_that_float32_cannot_hold_are_left_to_numpy(tally):
     start = trajectory.start
     x, y = start.x.copy(), start.y.copy()
     x[:4], y[4:8], y[8] = (1e39, -1e200, 3e38, np.inf), (1e20, -1e-45, 0.0, 1e-300), np.nan
-    odd = replace(trajectory, start=replace(start, x=x, y=y), _kept={})
+    odd = replace(trajectory, start=replace(start, x=x, y=y))
     camera, policy = (
         replace(straight(), origin=np.array([0, -10, 0.0])),
         LevelPolicy((0.3, 0.6), drop_lost=True),
@@ -136,7 +137,7 @@ def test_places_that_float32_cannot_hold_are_left_to_numpy(tally):
     frame = same(gpu_culling.Planner(odd), odd, camera, policy)
     assert frame.dropped == 2 and len(frame.buckets.order) > 50 and tally.open >= 4
     world = LabelMap(trajectory.world.labels, replace(AREA, x_min=1e7 - 40, x_max=1e7 + 40))
-    far = replace(trajectory, start=replace(start, x=start.x + 1e7), world=world, _kept={})
+    far = replace(trajectory, start=replace(start, x=start.x + 1e7), world=world)
     frame = same(
         gpu_culling.Planner(far), far, replace(camera, origin=camera.origin + (1e7, 0, 0)), policy
     )

@@ -6,7 +6,7 @@ What there is much of, such as agents and pixels, comes from a seed.
 from dataclasses import replace
 
 import numpy as np
-from crowd_lod_extension.crowd_lod.crowd.maps import HeightMap
+from crowd_lod_extension.crowd_lod.crowd.height_map import HeightMap
 from crowd_lod_extension.crowd_lod.culling.camera import lens_blur
 from crowd_lod_extension.crowd_lod.culling.shutter import opened
 from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy

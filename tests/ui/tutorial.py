@@ -42,7 +42,7 @@ def session():
     seen = yield from picture(PICTURES[0])
     for name in PICTURES[1:]:
         steps = sys.modules[f"{robot.MODULE}.operators.ui.steps"]
-        results["pressed"].append(steps.LABELS[steps.following(scene())])
+        results["pressed"].append(steps.label_of(steps.following(scene())))
         print(f"--- {name}", flush=True)
         yield from click(*blue_button(seen))
         seen = yield from picture(name)

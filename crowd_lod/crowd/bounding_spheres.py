@@ -1,0 +1,68 @@
+"""The bounding spheres of character groups: of their points, and for agents of all sizes."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from .agents import Group
+
+
+@dataclass(frozen=True)
+class Spheres:
+    """The groups' bounding spheres.
+
+    center, radius, reach: (G,) float64, meters, as in Group.
+    """
+
+    center: np.ndarray
+    radius: np.ndarray
+    reach: np.ndarray
+
+
+def spheres_of(groups: Sequence[Group]) -> Spheres:
+    """Return the bounding spheres of `groups`."""
+    columns = ([getattr(group, column.name) for group in groups] for column in fields(Spheres))
+    return Spheres(*(np.array(column, np.float64) for column in columns))
+
+
+def bounding_sphere(points: np.ndarray, reach: np.ndarray | float = 0.0) -> tuple[float, float]:
+    """Return (center, radius) of a sphere on the z axis that holds the points.
+
+    The center is at half height; the radius is the smallest for that center. The sphere holds the
+    points under every rotation about z.
+    points: (n, 3) meters.
+    reach: meters, (n,) or one number. The sphere holds all within `reach` of each point.
+    """
+    low = (points[:, 2] - reach).min()
+    high = (points[:, 2] + reach).max()
+    center = (low + high) / 2
+    away = np.sqrt(points[:, 0] ** 2 + points[:, 1] ** 2 + (points[:, 2] - center) ** 2)
+    return float(center), float((away + reach).max())
+
+
+def cover_sizes(group: Group) -> Group:
+    """Return the measured `group` with figures that hold for its agents of all sizes.
+
+    The bounding sphere holds the smallest and the largest agent, so also those between. LODs of the
+    largest deviate most.
+    """
+    if group.scale == (1.0, 1.0):
+        return group
+    ends = [(group.center + side * group.radius) * size for side in (-1, 1) for size in group.scale]
+    low = min(ends)
+    high = max(ends)
+    rounding = 1e-6  # scales are float32
+    largest = group.scale[1] * (1 + rounding)
+    lengths: dict[str, Any] = {
+        name: tuple(largest * length for length in getattr(group, name))
+        for name in ("deviations", "bounds", "rms", "shaded")
+    }
+    return replace(
+        group,
+        center=(low + high) / 2,
+        radius=(high - low) / 2 + rounding * max(abs(low), abs(high)),
+        diagonal=largest * group.diagonal,
+        **lengths,
+    )

@@ -1,0 +1,339 @@
+"""Chooses the phase classes of a shot, as colors of a graph whose edges are close neighbors.
+
+Drawn at random, a part 1 / C of all close neighbors is in step. Chosen, four classes leave fewer in
+step than sixteen at random do.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..animation.phase_classes import Gaits
+from ..crowd.agents import CLASSES, Group
+from .phases import NEAREST, Phases, palette
+from .survey import CULLED, Survey
+
+VARIETY = 0.05  # of close neighbors, at most, in step: about what CLASSES random classes leave
+FEWEST = 3  # classes of a palette
+WHOLE = 3  # times a palette of FEWEST is doubled: it then has all CLASSES
+MOST_ROUNDS = 40  # of recoloring; some ten suffice where agents meet few others
+# A foot stands for more than half of a walk's cycle and swings forward in the rest: per cycle it
+# moves beside the body at this multiple of the stride at most.
+SWING = 2.3
+# Times the tolerance, in pixels, by which a change of class may move a foot. Of near agents it may
+# move it by half of one of the CLASSES classes, as a change of pace does anyway.
+JUMP = 2.0
+
+
+@dataclass(frozen=True)
+class Meetings:
+    """Pairs of agents that are seen close to each other while both play the same.
+
+    pair: (m, 2) int32, agents.
+    block: (m, 2) uint16, what each of them plays (phase_classes.Roles).
+    classes: (m, 2) uint8, the classes of their sources then.
+    frames: (m,) int64, in how many frames of the survey that were looked at.
+    weight: (m,) float64, by nearness and size in pixels, summed over these frames.
+    """
+
+    pair: np.ndarray
+    block: np.ndarray
+    classes: np.ndarray
+    frames: np.ndarray
+    weight: np.ndarray
+
+    def shown(self, phases: Phases, side: int) -> np.ndarray:
+        """Return the classes (m,) uint8 that the agents of one side, 0 or 1, show."""
+        return phases.shown(self.pair[:, side], self.block[:, side], self.classes[:, side])
+
+    def in_step(self, phases: Phases) -> np.ndarray:
+        """Return which of them have the same class, (m,) bool."""
+        return self.shown(phases, 0) == self.shown(phases, 1)
+
+    def share_in_step(self, phases: Phases) -> float:
+        """Return the part of the meetings that are in step, 0 without any."""
+        return float(self.frames[self.in_step(phases)].sum() / max(self.frames.sum(), 1))
+
+    def of(self, which: np.ndarray) -> "Meetings":
+        """Return those of the mask `which`, (m,) bool."""
+        return Meetings(
+            self.pair[which],
+            self.block[which],
+            self.classes[which],
+            self.frames[which],
+            self.weight[which],
+        )
+
+
+def meetings_of(survey: Survey) -> Meetings:
+    """Return the meetings that `survey` has seen."""
+    assert survey.roles is not None
+    frame = np.repeat(np.arange(len(survey.times)), [len(pairs) for pairs in survey.pairs])
+    pair = np.concatenate(survey.pairs)
+    character = survey.character[frame[:, None], pair]
+    block = survey.roles.block[character].astype(np.uint16)
+    classes = survey.roles.phase_class[character]
+    weight = np.concatenate(survey.nearness) * survey.scale[frame, pair[:, 0]].astype(np.float64)
+    key = np.column_stack((pair, block, classes))
+    order = np.lexsort(key.T)
+    key = key[order]
+    begins = np.append(True, (key[1:] != key[:-1]).any(axis=1))[: len(key)]
+    (first,) = np.nonzero(begins)
+    if not len(first):
+        return Meetings(pair, block, classes, np.empty(0, np.int64), weight)
+    kept = order[first]
+    return Meetings(
+        pair[kept],
+        block[kept],
+        classes[kept],
+        np.diff(np.append(first, len(key))),
+        np.add.reduceat(weight[order], first),
+    )
+
+
+@dataclass(frozen=True)
+class Changes:
+    """Agents that take another class in sight, as most do that begin to play something else.
+
+    agent: (m,) intp. block: (m, 2) uint16 and classes: (m, 2) uint8, before and after.
+    pixels: (m,) float64, what a jump by a whole cycle would move a foot.
+    """
+
+    agent: np.ndarray
+    block: np.ndarray
+    classes: np.ndarray
+    pixels: np.ndarray
+
+    def jumps(self, phases: Phases) -> np.ndarray:
+        """Return by how many pixels each change moves a foot, (m,) float64.
+
+        Beside what the change moves with all CLASSES classes.
+        """
+        ahead = np.empty(self.classes.shape)
+        for side in (0, 1):
+            own = (self.classes[:, side] + phases.shift[self.agent]) % CLASSES
+            shown = phases.shown(self.agent, self.block[:, side], self.classes[:, side])
+            ahead[:, side] = (shown.astype(np.int16) - own + CLASSES // 2) % CLASSES
+        return self.pixels * np.abs(ahead[:, 1] - ahead[:, 0]) / CLASSES
+
+    def refined(self, phases: Phases, which: np.ndarray) -> Phases:
+        """Return `phases` with finer palettes of the agents of the mask `which`, (m,) bool.
+
+        Until they change they show the class that they have shown.
+        """
+        agent, classes = self.agent[which], self.classes[which, 0]
+        shift, finer = phases.shift.copy(), phases.finer.copy()
+        shift[agent] = (phases.shown(agent, self.block[which, 0], classes) - classes) % CLASSES
+        finer[agent] = phases.finer[agent] + 1
+        return replace(phases, shift=shift, finer=finer)
+
+
+def strides_of(groups: Sequence[Group], gaits: Gaits) -> np.ndarray:
+    """Return the stride of what each block plays, (B,) float64 meters; 0 of what is not a walk."""
+    return np.array(
+        [
+            group.action(gaits.actions[action]).stride
+            for group, played in zip(groups, gaits.plays, strict=True)
+            for action, _ in played
+        ]
+    )
+
+
+def changes_of(survey: Survey, strides: np.ndarray) -> Changes:
+    """Return the changes of `survey` from one walk to another; strides: of strides_of.
+
+    What is no walk is in no step that a change could break.
+    """
+    assert survey.roles is not None
+    of_block, walks = survey.roles.block, np.append(strides, 0.0)
+    parts = []
+    for f in range(1, len(survey.times)):
+        pair = survey.character[f - 1 : f + 1]
+        block = of_block[pair]
+        changed = survey.joined(f) & (pair[0] != pair[1]) & (walks[block] > 0).all(axis=0)
+        (agent,) = np.nonzero(changed)
+        scale = survey.scale[f, agent].astype(np.float64)
+        pixels = SWING * walks[block[1, agent]] * scale
+        parts.append((agent, block[:, agent].T, survey.roles.phase_class[pair[:, agent]].T, pixels))
+    if not parts:
+        none = np.empty((0, 2), np.intp)
+        return Changes(none[:, 0], none, none.astype(np.uint8), np.empty(0))
+    return Changes(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+@dataclass(frozen=True)
+class PhasePlan:
+    """The phase classes of a shot, and what they bring.
+
+    in_step: part of all meetings in step. at_random: the same with the classes of the sources.
+    largest_jump: pixels by which a change moves a foot at most, beside what it moves anyway.
+    """
+
+    phases: Phases
+    in_step: float
+    at_random: float
+    largest_jump: float
+
+    def rows(self, names: Sequence[str], gaits: Gaits) -> list[dict[str, Any]]:
+        """Return what each group plays, and in how many classes. names: of the groups."""
+        played = [(g, pair) for g, pairs in enumerate(gaits.plays) for pair in pairs]
+        return [
+            {
+                "group": names[g],
+                "action": gaits.actions[action],
+                "cycles_per_second": rate,
+                "classes": int(count),
+            }
+            for (g, (action, rate)), count in zip(played, self.phases.counts, strict=True)
+        ]
+
+
+def plan_phases(
+    survey: Survey,
+    strides: np.ndarray,
+    tolerance: float | None,
+    variety: float = VARIETY,
+    given: np.ndarray | None = None,
+) -> PhasePlan:
+    """Return the fewest classes of each block with which few neighbors are in step.
+
+    strides: of strides_of. tolerance: pixels; None counts as one.
+    variety: the part of all close neighbors that may be in step.
+    given: (n,) bool, agents that keep the phases of their source; None for nobody.
+
+    Blocks that the same rigs move have one palette. Agents that would jump by more than JUMP when
+    they change what they play have finer ones.
+    """
+    assert survey.roles is not None
+    agents = len(survey.group)
+    meetings, changes = meetings_of(survey), changes_of(survey, strides)
+    family = survey.roles.family
+    everything = Phases(
+        np.zeros(agents, np.uint8),
+        np.full(len(family), CLASSES, np.uint8),
+        np.zeros(agents, np.uint8),
+    )
+    limit = np.maximum(JUMP * (tolerance or 1.0), changes.pixels / CLASSES)
+    counts = np.where(family >= 0, FEWEST, CLASSES).astype(np.uint8)
+    if given is None:
+        given = np.zeros(agents, bool)
+    phases = replace(everything, finer=np.where(given, WHOLE, 0).astype(np.uint8))
+    while True:
+        phases = color(meetings, replace(phases, counts=counts), given)
+        while (jumping := changes.jumps(phases) > limit).any():
+            phases = color(meetings, changes.refined(phases, jumping), given)
+        crowded = _crowded(meetings, phases, family, variety) & (counts < CLASSES)
+        if not crowded.any():
+            break
+        counts = counts + crowded
+    return PhasePlan(
+        phases,
+        meetings.share_in_step(phases),
+        meetings.share_in_step(everything),
+        float(changes.jumps(phases).max(initial=0.0)),
+    )
+
+
+def _crowded(meetings: Meetings, phases: Phases, family: np.ndarray, variety: float) -> np.ndarray:
+    """Return the blocks (B,) bool of families in which more than `variety` of all are in step."""
+    of = family[meetings.block[:, 0]]
+    size = max(int(family.max(initial=0)) + 1, 1)
+    frames = np.bincount(of, meetings.frames, size)
+    in_step = np.bincount(of, meetings.frames * meetings.in_step(phases), size)
+    return (in_step > variety * frames)[family] & (family >= 0)
+
+
+def color(meetings: Meetings, phases: Phases, given: np.ndarray | None = None) -> Phases:
+    """Return `phases` with other shifts, with which fewer of the meetings are in step.
+
+    given: (n,) bool, agents that keep their shift; None for nobody.
+
+    In each round those agents take another shift that gain more by it than all whom they meet. So
+    each round lowers the weight of what is in step.
+    """
+    agents, flat = np.unique(meetings.pair, return_inverse=True)
+    place = flat.reshape(-1, 2)
+    options = _options(meetings, phases, agents)
+    if given is not None:
+        options[:, given[agents]] = phases.shift[agents[given[agents]]]
+    everyone = np.arange(len(agents))
+    for _ in range(MOST_ROUNDS):
+        cost = _costs(meetings, phases, place, options)
+        best = cost.argmin(axis=0)
+        paid = np.repeat(meetings.weight * meetings.in_step(phases), 2)
+        now = np.bincount(place.ravel(), paid, len(agents))
+        gain = now - cost[best, everyone]
+        changes = (gain > 1e-9 * now) & ~_outdone(gain, place)
+        if not changes.any():
+            break
+        shift = phases.shift.copy()
+        shift[agents[changes]] = options[best, everyone][changes]
+        phases = replace(phases, shift=shift)
+    return phases
+
+
+def _outdone(gain: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Return which agents meet one that gains more, or as much and comes first, (a,) bool."""
+    first, second = place.T
+    yields = (gain[first] < gain[second]) | ((gain[first] == gain[second]) & (first > second))
+    outdone = np.zeros(len(gain), bool)
+    outdone[np.where(yields, first, second)] = True
+    return outdone
+
+
+def _options(meetings: Meetings, phases: Phases, agents: np.ndarray) -> np.ndarray:
+    """Return the shifts that `agents` (a,) may take, (C, a) uint8.
+
+    They lead from the class at the agent's first meeting to the classes of the palette there. Agents
+    with fewer options than others have their last one several times.
+    """
+    _, at = np.unique(meetings.pair, return_index=True)
+    classes = meetings.classes.ravel()[at].astype(np.intp)
+    count = phases.counts[meetings.block.ravel()[at]]
+    options = np.empty((int(count.max(initial=1)), len(agents)), np.uint8)
+    for size in np.unique(count):
+        of_size = count == size
+        number = np.minimum(np.arange(len(options)), size - 1)
+        options[:, of_size] = (palette(size)[number][:, None] - classes[of_size]) % CLASSES
+    return options
+
+
+def _costs(
+    meetings: Meetings, phases: Phases, place: np.ndarray, options: np.ndarray
+) -> np.ndarray:
+    """Return the weight that each agent would have in step by each option, (C, a) float64.
+
+    place: (m, 2), which of the agents each side of a meeting is.
+    """
+    cost = np.zeros(options.shape)
+    for side in (0, 1):
+        agent, at = meetings.pair[:, side], place[:, side]
+        count = phases.palette_of(agent, meetings.block[:, side])
+        theirs = meetings.shown(phases, 1 - side)
+        for k, shift in enumerate(options):
+            own = NEAREST[count, (meetings.classes[:, side] + shift[at]) % CLASSES]
+            cost[k] += np.bincount(at, meetings.weight * (own == theirs), len(cost[k]))
+    return cost
+
+
+def recast(survey: Survey, phases: Phases) -> Survey:
+    """Return `survey` with the characters that agents show by `phases`."""
+    assert survey.roles is not None
+    character = survey.character.copy()
+    for f, row in enumerate(character):
+        block = survey.roles.block[row]
+        (agents,) = np.nonzero((survey.kind[f] != CULLED) & (block >= 0))
+        own = survey.roles.phase_class[row[agents]]
+        change = phases.shown(agents, block[agents], own).astype(np.int32) - own
+        row[agents] = row[agents] + change
+    return replace(survey, character=character)
+
+
+def shown_characters(survey: Survey) -> np.ndarray:
+    """Return which characters any frame of `survey` shows, (L,) bool."""
+    shown = np.zeros(len(survey.owner), bool)
+    for kinds, characters in zip(survey.kind, survey.character, strict=True):
+        shown[characters[kinds != CULLED]] = True
+    return shown

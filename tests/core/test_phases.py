@@ -1,0 +1,236 @@
+"""Phase classes of a shot: few of them, and few close neighbors in step."""
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.animation.phase_classes import Library, first_blocks
+from crowd_lod_extension.crowd_lod.crowd.agents import CLASSES
+from crowd_lod_extension.crowd_lod.shot import coloring
+from crowd_lod_extension.crowd_lod.shot.coloring import (
+    changes_of,
+    meetings_of,
+    plan_phases,
+    recast,
+    shown_characters,
+    strides_of,
+)
+from crowd_lod_extension.crowd_lod.shot.neighbors import close_pairs
+from crowd_lod_extension.crowd_lod.shot.phases import NEAREST, Phases, palette
+from crowd_lod_extension.crowd_lod.shot.survey import SEEN
+
+from ..support.plaza_shot import library, plaza_shot
+
+
+@pytest.fixture(scope="module")
+def shot():
+    """The plaza's trajectory, and its survey from a camera that flies into 2,000 people."""
+    return plaza_shot(2000, range(1, 41))
+
+
+@pytest.fixture(scope="module")
+def planned(shot):
+    trajectory, survey = shot
+    strides = strides_of(trajectory.groups, trajectory.gaits)
+    return plan_phases(survey, strides, 1.0)
+
+
+def test_palettes_are_even_and_each_class_takes_the_nearest_of_them():
+    for count in range(1, CLASSES + 1):
+        classes = palette(count)
+        assert len(set(classes.tolist())) == count and np.diff([*classes, CLASSES]).max() <= (
+            np.ceil(CLASSES / count)
+        )
+        for phase_class in range(CLASSES):
+            ahead = [min((c - phase_class) % CLASSES, (phase_class - c) % CLASSES) for c in classes]
+            nearest = NEAREST[count, phase_class]
+            assert nearest in classes and ahead[classes.tolist().index(nearest)] == min(ahead)
+
+
+def test_palettes_of_twice_as_many_classes_hold_those_of_half():
+    for count in (3, 4, 5, 6, 8):
+        assert set(palette(count)) <= set(palette(min(2 * count, CLASSES)))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_close_pairs_are_those_of_a_plain_search(seed):
+    random = np.random.default_rng(seed)
+    place = random.uniform(-20, 20, (300, 3)) * (1, 1, 0.1)
+    kind = random.integers(0, 3, 300)
+    pairs, apart = close_pairs(place, kind, 2.0, 10**6)
+    expected = {
+        (i, j)
+        for i in range(300)
+        for j in range(i)
+        if kind[i] == kind[j] and np.linalg.norm(place[i] - place[j]) <= 2.0
+    }
+    assert {(max(pair), min(pair)) for pair in pairs.tolist()} == expected
+    assert len(pairs) == len(expected)
+    assert np.allclose(apart, np.linalg.norm(place[pairs[:, 0]] - place[pairs[:, 1]], axis=1))
+
+
+def test_of_a_dense_crowd_some_pairs_are_taken():
+    place = np.random.default_rng(0).uniform(0, 10, (4000, 3)) * (1, 1, 0)
+    pairs, _ = close_pairs(place, np.zeros(4000, int), 2.0, 20_000)
+    assert 5000 < len(pairs) <= 20_000
+    assert len(close_pairs(place[:1], np.zeros(1, int), 2.0, 10)[0]) == 0
+    assert len(close_pairs(place[:0], np.zeros(0, int), 2.0, 10)[0]) == 0
+
+
+def test_few_classes_leave_few_neighbors_in_step(planned):
+    assert planned.at_random > 0.04
+    assert planned.in_step <= coloring.VARIETY
+    assert planned.phases.counts.max() <= 6
+
+
+def test_in_step_is_what_the_crowd_shows(shot, planned):
+    """Counted again from the crowd of each frame, by a plain search."""
+    trajectory, survey = shot
+    close, in_step = 0, 0
+    for f in range(0, len(survey.times), 4):
+        time = survey.times[f]
+        crowd = planned.phases.applied(trajectory.at(time), trajectory.gaits)
+        agents = np.flatnonzero((survey.kind[f] == SEEN) & (survey.coarsest[f] <= 3))
+        place = np.column_stack((crowd.x, crowd.y, crowd.z))[agents]
+        apart = np.linalg.norm(place[:, None] - place, axis=2)
+        block = (
+            trajectory.gaits.which[crowd.group, crowd.playing][agents] + 10 * crowd.group[agents]
+        )
+        alike = (block[:, None] == block) & (apart <= 2) & (np.arange(len(agents)) < 1e9)
+        alike &= np.tri(len(agents), k=-1, dtype=bool)
+        shown = crowd.phase_class[agents]
+        close += alike.sum()
+        in_step += (alike & (shown[:, None] == shown)).sum()
+    assert close > 1000
+    assert in_step / close == pytest.approx(planned.in_step)
+
+
+def test_the_survey_and_the_crowd_show_the_same_characters(shot, planned):
+    trajectory, survey = shot
+    again = recast(survey, planned.phases)
+    for f in (0, 17, 39):
+        time = survey.times[f]
+        crowd = planned.phases.applied(trajectory.at(time), trajectory.gaits)
+        agents = np.flatnonzero(survey.kind[f] == SEEN)
+        seconds = trajectory.seconds(time)
+        shown = library().shown(trajectory.gaits, crowd, seconds, agents)
+        assert (shown == again.character[f, agents]).all()
+    cast = shown_characters(again)
+    assert cast.sum() < 0.6 * shown_characters(survey).sum()
+
+
+def test_phases_follow_from_the_crowd_alone(shot, planned):
+    """An agent that plays the same all the time keeps its class at any time between frames."""
+    trajectory, _ = shot
+    whole, between = (
+        planned.phases.applied(trajectory.at(time), trajectory.gaits) for time in (20, 20.3)
+    )
+    same = trajectory.at(20).playing == trajectory.at(20.3).playing
+    assert same.any() and (whole.phase_class == between.phase_class)[same].all()
+
+
+def test_whole_palettes_without_shift_change_nothing(shot):
+    trajectory, _ = shot
+    crowd = trajectory.at(10)
+    blocks = first_blocks(trajectory.gaits)[-1]
+    agents = len(crowd)
+    none = np.zeros(agents, np.uint8)
+    phases = Phases(none, np.full(blocks, CLASSES, np.uint8), none)
+    assert (phases.applied(crowd, trajectory.gaits).phase_class == crowd.phase_class).all()
+
+
+def test_changes_of_near_agents_jump_by_no_more_than_a_class(shot, planned):
+    trajectory, survey = shot
+    changes = changes_of(survey, strides_of(trajectory.groups, trajectory.gaits))
+    assert len(changes.agent) > 20
+    jumps = changes.jumps(planned.phases)
+    assert (jumps <= np.maximum(2.0, changes.pixels / CLASSES) * (1 + 1e-12)).all()
+    assert jumps.max() == planned.largest_jump
+    coarse = replace(planned.phases, finer=np.zeros_like(planned.phases.finer))
+    assert (changes.jumps(coarse) > np.maximum(2.0, changes.pixels / CLASSES)).any()
+
+
+def test_coloring_finds_no_step_where_there_need_be_none():
+    """Rings of agents, each of which meets its two neighbors: as few as two or three colors do."""
+    meetings = ring_of(30)
+    none = np.zeros(30, np.uint8)
+    phases = coloring.color(meetings, Phases(none, np.array([3], np.uint8), none))
+    assert meetings.share_in_step(phases) == 0
+
+
+def test_coloring_is_near_the_best_of_all_colorings():
+    meetings = ring_of(7)
+    shifts = np.array(list(product(palette(2), repeat=7)), np.uint8)
+    none = np.zeros(7, np.uint8)
+    start = Phases(none, np.array([2], np.uint8), none)
+    best = min(meetings.share_in_step(replace(start, shift=shift)) for shift in shifts)
+    assert best == pytest.approx(1 / 7)
+    assert meetings.share_in_step(coloring.color(meetings, start)) <= 3 / 7
+
+
+def ring_of(agents):
+    """Meetings of agents in a ring, all in step at first."""
+    pair = np.column_stack((np.arange(agents), (np.arange(agents) + 1) % agents))
+    zeros = np.zeros((agents, 2), int)
+    ones = np.ones(agents)
+    return coloring.Meetings(pair, zeros, zeros.astype(np.uint8), ones.astype(int), ones)
+
+
+def test_what_meets_nobody_has_the_fewest_classes(shot):
+    trajectory, survey = shot
+    alone = replace(
+        survey,
+        pairs=[pairs[:0] for pairs in survey.pairs],
+        nearness=[near[:0] for near in survey.nearness],
+    )
+    plan = plan_phases(alone, strides_of(trajectory.groups, trajectory.gaits), 1.0)
+    assert (plan.phases.counts == coloring.FEWEST).all() and plan.in_step == 0
+
+
+def test_groups_that_are_posed_keep_their_characters(shot):
+    trajectory, survey = shot
+    posed = Library(np.array([8, 0, 0], np.intp))
+    roles = posed.roles(trajectory.gaits)
+    first = posed.first(trajectory.gaits)
+    assert (roles.block[: first[1]] == -1).all() and (roles.block[first[1] :] >= 0).all()
+    assert (roles.family[: first_blocks(trajectory.gaits)[1]] == -1).all()
+
+
+def test_meetings_are_counted_by_frames(shot):
+    _, survey = shot
+    meetings = meetings_of(survey)
+    assert meetings.frames.sum() == sum(map(len, survey.pairs))
+    assert len(meetings.pair) < meetings.frames.sum()
+
+
+def test_given_phases_stay(shot):
+    trajectory, survey = shot
+    given = np.arange(len(survey.group)) % 2 == 0
+    strides = strides_of(trajectory.groups, trajectory.gaits)
+    phases = plan_phases(survey, strides, 1.0, given=given).phases
+    crowd = trajectory.at(20)
+    shown = phases.applied(crowd, trajectory.gaits).phase_class
+    assert (shown == crowd.phase_class)[given].all()
+    assert (shown != crowd.phase_class)[~given].any()
+
+
+def test_agents_whose_class_drifts_in_sight_have_finer_palettes(shot):
+    """As recorded tracks do, whose speed varies: one class more in every second frame."""
+    trajectory, survey = shot
+    drift = np.arange(len(survey.times))[:, None] // 2
+    own = survey.roles.phase_class[survey.character]
+    drifted = survey.character - own + (own + drift) % CLASSES
+    seen = survey.kind != 0
+    survey = replace(survey, character=np.where(seen, drifted, 0).astype(np.uint16))
+    plan = plan_phases(survey, strides_of(trajectory.groups, trajectory.gaits), 1.0)
+    near = (survey.scale > 60).any(axis=0)
+    assert near.sum() > 20 and (plan.phases.finer[near] > 0).mean() > 0.9
+    assert plan.largest_jump < jump_of_block_palettes(survey, trajectory, plan)
+
+
+def jump_of_block_palettes(survey, trajectory, plan):
+    """The largest jump if all had the palettes of their blocks."""
+    changes = changes_of(survey, strides_of(trajectory.groups, trajectory.gaits))
+    coarse = replace(plan.phases, finer=np.zeros_like(plan.phases.finer))
+    return changes.jumps(coarse).max()
