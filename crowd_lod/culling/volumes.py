@@ -47,36 +47,32 @@ class Mirror:
 
 
 def view(camera: Camera) -> Frustum:
-    """Return the volume that the camera sees.
+    """Return the volume that the camera sees; its first planes are the picture's sides.
 
-    For a panoramic camera: a cube that holds its far distance, and a pyramid about its cone.
+    For a panoramic camera: a pyramid about its cone, and a cube that holds its far distance.
     """
     if camera.kind != "PANO":
         return frustum_of(camera)
-    normals, offsets = _sides(camera)
-    cube = np.concatenate([np.eye(3), -np.eye(3)])
-    offsets = np.append(offsets, np.full(6, camera.far))
-    return Frustum(camera.origin, np.concatenate([normals, cube]), offsets, camera.pad, camera.turn)
+    sides = _cone_sides(camera)
+    normals = np.concatenate([sides, np.eye(3), -np.eye(3)])
+    offsets = np.append(np.zeros(len(sides)), np.full(6, camera.far))
+    return Frustum(camera.origin, normals, offsets, camera.pad, camera.turn)
 
 
-def _sides(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Return normals (k, 3) and offsets (k,) of the planes at the picture's sides.
+def _cone_sides(camera: Camera) -> np.ndarray:
+    """Return normals (k, 3) of the pyramid about a panoramic camera's cone.
 
-    Empty for a panoramic camera with a cone of 90 degrees or more from its axis.
+    k is 4; or 0 for a cone of 90 degrees or more from its axis.
     """
-    if camera.kind != "PANO":
-        frustum = frustum_of(camera)
-        return frustum.normals[:4], frustum.offsets[:4]
     if camera.cone >= np.pi / 2:
-        return np.empty((0, 3)), np.empty(0)
+        return np.empty((0, 3))
     rows = np.array(
         [
-            a * np.cos(camera.cone) - camera.Z * np.sin(camera.cone)
-            for x in (camera.X, camera.Y)
-            for a in (x, -x)
+            axis * np.cos(camera.cone) - camera.Z * np.sin(camera.cone)
+            for axis in (camera.X, -camera.X, camera.Y, -camera.Y)
         ]
     )
-    return rows / np.linalg.norm(rows, axis=1, keepdims=True), np.zeros(4)
+    return rows / np.linalg.norm(rows, axis=1, keepdims=True)
 
 
 def mirrored(camera: Camera, mirror: Mirror) -> Frustum | None:
@@ -93,11 +89,15 @@ def mirrored(camera: Camera, mirror: Mirror) -> Frustum | None:
         height, normal = (1.0, normal) if camera.Z @ normal < 0 else (-1.0, normal)
     if height == 0:
         return None
-    seen, (sides, side_offsets) = view(camera), _sides(camera)
+    direct = view(camera)
     away = mirror.corners - camera.origin
     reach = camera.pad + camera.turn * (np.linalg.norm(away, axis=1) + camera.pad)
-    if (away @ seen.normals.T - seen.offsets - reach[:, None] > 0).all(axis=0).any():
+    if (away @ direct.normals.T - direct.offsets - reach[:, None] > 0).all(axis=0).any():
         return None
+    # what follows the sides bounds the depth of direct rays: two planes, or a panorama's cube
+    depth_planes = 6 if camera.kind == "PANO" else 2
+    sides = direct.normals[:-depth_planes]
+    side_offsets = direct.offsets[:-depth_planes]
     reflection = np.eye(3) - 2 * np.outer(normal, normal)
     origin = camera.origin - 2 * float(normal @ (camera.origin - middle)) * normal
     frame, frame_offsets = _framed(
