@@ -22,7 +22,7 @@ from ..crowd import morton_order
 from ..crowd.agents import Crowd
 from ..crowd.bounding_spheres import Spheres
 from ..crowd.maps import Area
-from .frustum_box_test import COLUMNS, HUGE, SLACK, Look, Test
+from .frustum_box_test import COLUMNS, HUGE, SLACK, BoxTest, Look
 
 # Agents in the smallest block, blocks in the next larger, and blocks in the tier that is asked
 # first, about.
@@ -229,7 +229,7 @@ def decide(
     leaves = np.full(len(blocks.rows), CULLED, np.uint8)
     opened = np.arange(blocks.tiers[0][1].shape[1])
     tests = [
-        [Test(look, blocks.extent, margin, radial and not t) for look in eyes]
+        [BoxTest(look, blocks.extent, margin, radial and not t) for look in eyes]
         for t, eyes in enumerate(looks)
     ]
     for tier, (size, boxes, group) in enumerate(blocks.tiers):
@@ -299,7 +299,7 @@ def near(
 def _alone(
     blocks: Blocks,
     crowd: Crowd,
-    tests: list[Test],
+    tests: list[BoxTest],
     limits: np.ndarray,
     decided: Decided,
     count: int,
@@ -367,7 +367,7 @@ def _steps(limits: np.ndarray) -> tuple:
 
 
 def _asked(
-    tests: list[list[Test]],
+    tests: list[list[BoxTest]],
     steps: list[tuple],
     boxes: np.ndarray,
     group: np.ndarray,

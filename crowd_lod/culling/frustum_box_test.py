@@ -37,7 +37,7 @@ class Look:
     grown: float = 0.0
 
 
-class Test:
+class BoxTest:
     """Decides boxes for one Look by linear forms: `forms` (f, 9) times (box, 1).
 
     extent: the largest coordinate of the boxes, meters.

@@ -128,7 +128,7 @@ def _framed(corners: np.ndarray, along: np.ndarray | None) -> tuple[np.ndarray, 
     return normals * outward[:, None], offsets * outward
 
 
-def within(volume: Frustum, points: np.ndarray, radius: np.ndarray) -> np.ndarray:
+def reaches_into(volume: Frustum, points: np.ndarray, radius: np.ndarray) -> np.ndarray:
     """Return which spheres reach into the volume, (n,) bool.
 
     points: (n, 3) meters, their centers.
@@ -140,7 +140,9 @@ def within(volume: Frustum, points: np.ndarray, radius: np.ndarray) -> np.ndarra
     return spheres_swept_through(volume, points, radius, still, 0.0)
 
 
-def shaded(volume: Frustum, light: Light, points: np.ndarray, radius: np.ndarray) -> np.ndarray:
+def shades_into(
+    volume: Frustum, light: Light, points: np.ndarray, radius: np.ndarray
+) -> np.ndarray:
     """Return which spheres may cast a shadow into the volume, (n,) bool.
 
     points: (n, 3) meters, their centers.

@@ -70,10 +70,10 @@ class Task:
 
         Raises CrowdError if the policy does not allow any.
         """
-        gone = lost(self.crowd)
+        agents = lost(self.crowd)
         if not self.request.policy.drop_lost:
-            refuse_lost(gone, len(self.crowd))
-        return len(gone)
+            refuse_lost(agents, len(self.crowd))
+        return len(agents)
 
 
 @dataclass(frozen=True)
@@ -180,7 +180,8 @@ def _radar(task: Task, agents: np.ndarray | None = None) -> tuple[np.ndarray, np
 
     Distances are those of the first moment.
     """
-    trajectory, policy = task.trajectory, task.request.policy
+    trajectory = task.trajectory
+    policy = task.request.policy
     center = trajectory.spheres.center
     now, *shutter = task.seen
     options = RadarOptions(policy.margin, policy.metric == "RADIAL")
