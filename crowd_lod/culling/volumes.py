@@ -9,10 +9,11 @@ import numpy as np
 from .camera import Camera
 from .frustum import ROUNDING, Frustum, frustum_of, spheres_swept_through
 
-# Where Cycles starts rays that leave a surface, if they would hit it again: up to 256 spacings of
-# float32 along its normal from it, relative to the surface's coordinates, and near 0 up to LIFT
-# meters (ray_offset in its bvh/util.h).
-OFFSET, LIFT = 256 * float(np.finfo(np.float32).eps), 2.0**-16
+# Cycles starts rays beside the surface that they leave, so that they do not hit it again
+# (ray_offset in its bvh/util.h): along its normal by up to OFFSET times the surface's coordinates,
+# 256 spacings of float32, and near the origin by up to LIFT meters.
+OFFSET = 256 * float(np.finfo(np.float32).eps)
+LIFT = 2.0**-16
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,8 @@ def mirrored(camera: Camera, mirror: Mirror) -> Frustum | None:
     the mirror. It has no far end, because a reflected ray has none. None if the mirror is out of
     the picture.
     """
-    middle, normal = mirror.corners.mean(axis=0), mirror.normal
+    middle = mirror.corners.mean(axis=0)
+    normal = mirror.normal
     height = float(normal @ (camera.origin - middle))
     # its rays start all over its window: they meet the side that they run against
     if camera.kind == "ORTHO":
@@ -121,8 +123,9 @@ def _framed(corners: np.ndarray, along: np.ndarray | None) -> tuple[np.ndarray, 
     ends = np.roll(corners, -1, axis=0)
     normals = np.cross(corners, ends) if along is None else np.cross(ends - corners, along)
     length = np.linalg.norm(normals, axis=1)
-    kept = length > 1e-12 * np.linalg.norm(corners, axis=1).max() ** 2
-    normals, corners = normals[kept] / length[kept, None], corners[kept]
+    has_plane = length > 1e-12 * np.linalg.norm(corners, axis=1).max() ** 2
+    normals = normals[has_plane] / length[has_plane, None]
+    corners = corners[has_plane]
     offsets = np.einsum("kd,kd->k", normals, corners)
     outward = np.where(normals @ ends.mean(axis=0) <= offsets, 1.0, -1.0)
     return normals * outward[:, None], offsets * outward
@@ -161,24 +164,27 @@ def shades_into(
     shadows that fall where another shadow or the back of a surface lies already.
     """
     if light.origin is None:
-        way, grow = np.cos(light.angle) * light.direction, float(np.sin(light.angle))
+        way = np.cos(light.angle) * light.direction
+        grow = float(np.sin(light.angle))
         return spheres_swept_through(volume, points, radius, way, grow)
-    way, larger = points - light.origin, radius + light.size
+    way = points - light.origin
+    larger = radius + light.size
     distance = np.linalg.norm(way, axis=1)
-    kept = distance - larger <= light.reach
+    is_lit = distance - larger <= light.reach
     if light.angle < np.pi:  # of a sphere beside the cone there is no shadow
         depth = way @ light.direction
         across = np.sqrt(np.maximum(distance**2 - depth**2, 0))
-        kept &= (
+        is_lit &= (
             across * np.cos(light.angle) - depth * np.sin(light.angle)
             <= larger + ROUNDING * distance
         )
     ends = None if np.isinf(light.reach) else (distance - radius - light.reach, distance - larger)
-    if not kept.all():
-        points, radius, way, larger = (each[kept] for each in (points, radius, way, larger))
-        ends = ends and (ends[0][kept], ends[1][kept])
-    kept[kept] = spheres_swept_through(volume, points, radius, way, larger, ends)
-    return kept
+    if not is_lit.all():
+        points, radius, way, larger = (rows[is_lit] for rows in (points, radius, way, larger))
+        ends = ends and (ends[0][is_lit], ends[1][is_lit])
+    casts = is_lit
+    casts[is_lit] = spheres_swept_through(volume, points, radius, way, larger, ends)
+    return casts
 
 
 def left_from(volume: Frustum, about: np.ndarray, turn: float = 0.0) -> Frustum:
