@@ -126,7 +126,8 @@ class BoxTest:
             least, most = self.reach + self.radius * boxes[6:8]
             turned = camera.turn * (close + least), camera.turn * (away + most)
             if self.radial:
-                nearest, farthest = close, away
+                nearest = close
+                farthest = away
         if camera.kind == "PANO":
             return (
                 *self._of_range(boxes, close, away, least + turned[0], most + turned[1]),
