@@ -7,7 +7,7 @@ import numpy as np
 
 from ..culling.radar import BLOCK
 from ..errors import CrowdError
-from ..levels.assignment import project_to_pixels
+from ..levels.assignment import shown
 from ..sorting.buckets import sort
 from .frame import Frame
 from .planned import EXCEPTED, HIDDEN, LEVEL
@@ -102,9 +102,9 @@ def account(frame: Frame, agent: int) -> Account:
     depth = float(alone.depths[0])
     pixels = error = None
     if depth > 0 or camera.kind == "ORTHO":
-        pixels = float(project_to_pixels(2 * group.radius, depth, camera, 0.0))
+        pixels = float(shown(2 * group.radius, depth, camera, 0.0))
         if len(group.bounds) > level:
-            error = float(project_to_pixels(group.bounds[level], depth, camera, group.radius))
+            error = float(shown(group.bounds[level], depth, camera, group.radius))
     return Account(
         agent=agent,
         group=group.name,

@@ -8,7 +8,7 @@ import numpy as np
 from ..culling.camera import Camera, stretch
 from ..culling.frustum import ROUNDING, frustum_of, reach_of
 from ..format import aligned, number
-from ..levels.assignment import assign, project_to_pixels
+from ..levels.assignment import assign, shown
 from ..levels.cost_model import NAMES, SECONDS
 from .agent_under_cursor import Account, account
 from .frame import Frame
@@ -262,7 +262,7 @@ def _alternative(
     pixels = None
     if level < len(group.bounds) and about.pixels is not None:
         pixels = float(
-            project_to_pixels(
+            shown(
                 np.float64(group.bounds[level]),
                 np.float64(about.depth),
                 frame.camera,

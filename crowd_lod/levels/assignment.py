@@ -186,7 +186,7 @@ def grain(begins: np.ndarray, camera: Camera, radius: np.ndarray) -> np.ndarray:
     return (np.minimum(begins, camera.far) - radius[:, None]).clip(0) / camera.pixels_per_unit
 
 
-def project_to_pixels(
+def shown(
     deviation: np.ndarray | float,
     distance: np.ndarray | float,
     camera: Camera,

@@ -7,7 +7,7 @@ import numpy as np
 from ..culling.camera import Camera, Window
 from ..frame.frame import Frame
 from ..frame.planned import EXCEPTED, PINNED
-from ..levels.assignment import project_to_pixels
+from ..levels.assignment import shown
 
 JUDGED = 10  # agents of a frame that are predicted worst, and as many others drawn by chance
 SEED = 36
@@ -117,7 +117,7 @@ def _candidates(
     radius = spheres.radius[group]
     pixels = np.empty(len(agents))
     for e, camera in enumerate(frame.eyes):
-        pixels[eye == e] = project_to_pixels(off, depth, camera, radius)[eye == e]
+        pixels[eye == e] = shown(off, depth, camera, radius)[eye == e]
     allowed = np.full(len(agents), np.nan if tolerance is None else tolerance)
     if frame.factors is not None and frame.camera.kind == "PERSP":
         # where less detail is painted, an agent has the LOD of one that is farther away
@@ -160,9 +160,7 @@ def _judged(frame: Frame, known: _Candidates, k: int, apart: str) -> JudgedAgent
     stretch = _stretch(camera, window)
     # the LOD's surface may be nearer to the camera than the character's
     predicted = (
-        float(project_to_pixels(off, known.depth[k], camera, radius + off)) * stretch
-        if off >= 0
-        else np.nan
+        float(shown(off, known.depth[k], camera, radius + off)) * stretch if off >= 0 else np.nan
     )
     allowed = float(known.allowed[k]) * stretch
     if predicted > 0 and known.pixels[k] > 0:
