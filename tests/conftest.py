@@ -82,7 +82,29 @@ def pytest_pycollect_makemodule(module_path, parent):
         return Unavailable.from_parent(parent, path=module_path)
 
 
-def pytest_collection_modifyitems(items):
+def pytest_addoption(parser):
+    parser.addoption(
+        "--ends",
+        action="store_true",
+        help="of a test with several parameters, run the first and the last alone",
+    )
+
+
+def ends(items: list[pytest.Item]) -> list[pytest.Item]:
+    """The first and the last item of each test."""
+    by_test = {}
+    for item in items:
+        by_test.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    return [
+        item for several in by_test.values() for item in dict.fromkeys(several[:1] + several[-1:])
+    ]
+
+
+def pytest_collection_modifyitems(config, items):
+    if config.getoption("--ends"):
+        chosen = ends(items)
+        config.hook.pytest_deselected(items=sorted(set(items) - set(chosen), key=items.index))
+        items[:] = chosen
     required = {name for name in os.environ.get("CROWD_LOD_REQUIRE", "").split(",") if name}
     for name in sorted(required - {group(item.path) for item in items}):
         reason = obstacle(name) or "there is none"
