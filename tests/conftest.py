@@ -90,21 +90,19 @@ def pytest_addoption(parser):
     )
 
 
-def ends(items: list[pytest.Item]) -> list[pytest.Item]:
+def ends(items: list[pytest.Item]) -> set[pytest.Item]:
     """The first and the last item of each test."""
     by_test = {}
     for item in items:
         by_test.setdefault(item.nodeid.partition("[")[0], []).append(item)
-    return [
-        item for several in by_test.values() for item in dict.fromkeys(several[:1] + several[-1:])
-    ]
+    return {several[place] for several in by_test.values() for place in (0, -1)}
 
 
 def pytest_collection_modifyitems(config, items):
     if config.getoption("--ends"):
         chosen = ends(items)
-        config.hook.pytest_deselected(items=sorted(set(items) - set(chosen), key=items.index))
-        items[:] = chosen
+        config.hook.pytest_deselected(items=[item for item in items if item not in chosen])
+        items[:] = [item for item in items if item in chosen]
     required = {name for name in os.environ.get("CROWD_LOD_REQUIRE", "").split(",") if name}
     for name in sorted(required - {group(item.path) for item in items}):
         reason = obstacle(name) or "there is none"
