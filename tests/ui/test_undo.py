@@ -2,7 +2,7 @@
 undo_keys.py.
 
 One of as many parts as there are buttons; CROWD_LOD_TRIALS=100 takes all pairs and fifty triples.
-CI leaves it out: it takes hours. docs/notes/undo.md says what it found.
+CI leaves it out: it takes hours. docs/notes/blender_traps.md says what it found.
 """
 
 import os
