@@ -134,7 +134,7 @@ def export_usd(scene: bpy.types.Scene, request: UsdExport) -> Generator[float, N
 def _plans(
     scene: bpy.types.Scene, request: UsdExport, library: Library
 ) -> Generator[
-    float, None, tuple[dict[int, FrameInstances], dict[int, Filmed], list[tuple[int, str]]]
+    float, None, tuple[dict[int, FrameInstances], dict[int, FilmedFrame], list[tuple[int, str]]]
 ]:
     """Plan all frames: yield the progress, return what is shown, what films, and what is unplanned.
 
@@ -143,7 +143,7 @@ def _plans(
     trajectory = trajectory_of(scene)
     frames = request.frames
     plans: dict[int, FrameInstances] = {}
-    films: dict[int, Filmed] = {}
+    films: dict[int, FilmedFrame] = {}
     unplanned = []
     with frame_stepping.step_frames(scene) as at:
         for count, number in enumerate(frames):
@@ -155,7 +155,7 @@ def _plans(
             frame = frame_of(scene, None, time, film, trajectory, around, shutter)
             unplanned.append(noted(number, frame.unplanned, request.strict))
             plans[number] = instances_of_frame(frame, library)
-            films[number] = filmed(scene, time, at((), time))
+            films[number] = film_frame(scene, time, at((), time))
             yield (count + 1) / len(frames)
     if not any(len(plan.agents) for plan in plans.values()):
         raise CrowdError(
