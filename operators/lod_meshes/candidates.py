@@ -26,7 +26,7 @@ from ..blender.rig_dependencies import stance
 from ..characters.character_extent import displaced
 from ..machine.scene_world import actions_named
 from . import source_mesh as sources
-from .deviation import Measure, compare, poses
+from .deviation import Measure, compare
 from .level_objects import AS_MADE, WAY, WHY, discard, hash_made, make_object, share_object
 from .pose_deformation import skin_of
 from .search import Search
@@ -277,7 +277,7 @@ class Ladder:
     def _read_skins(self) -> Iterator[float]:
         if not self.made:
             for source in self.sources:
-                yield from standing(skin_of(source, poses(self.objects)), 0.0)
+                yield from standing(skin_of(source, self.by.own_frames), 0.0)
 
     def _seek(self, length: float) -> Iterator[float]:
         """Search for the LOD that deviates by `length` at most."""
