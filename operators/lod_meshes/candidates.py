@@ -249,7 +249,10 @@ class Ladder:
         else:
             counts = yield from share(self._make(goal), 0.0, 0.7)
             k = self.goals.index(goal)
-            measured = yield from share(self.by.level(list(self.found[goal].objects), k), 0.7, 1.0)
+            steps = self.by.level(list(self.found[goal].objects), k)
+            if self._is_whole(goal) and all(source.item.type == "MESH" for source in self.sources):
+                steps = self.by.whole()
+            measured = yield from share(steps, 0.7, 1.0)
             self._note(goal, counts, measured)
 
     def _make(self, goal: float) -> Generator[float, None, tuple[int, int]]:
@@ -257,7 +260,7 @@ class Ladder:
         triangles).
         """
         yield from self._read_skins()
-        whole = goal == self.goals[0] and goal in (0.0, 1.0)
+        whole = self._is_whole(goal)
         made = []
         for number, source in enumerate(self.sources):
             if whole and source.item.type == "MESH":
@@ -273,6 +276,10 @@ class Ladder:
                 )
         self._keep(goal, [item for item, _, _ in made])
         return sum(each[1] for each in made), sum(each[2] for each in made)
+
+    def _is_whole(self, goal: float) -> bool:
+        """Return whether the candidate is the character itself."""
+        return goal == self.goals[0] and goal in (0.0, 1.0)
 
     def _read_skins(self) -> Iterator[float]:
         if not self.made:

@@ -165,6 +165,11 @@ class Measure:
         away = np.append(away, 0.0)[character.place]  # loose vertices are at -1
         return Estimate(deviations, np.split(away, first.begins[1:-1]))
 
+    def whole(self) -> Generator[float, None, Measured]:
+        """Return what `level` does of a LOD that is the character itself, without measuring."""
+        yield from self.read()
+        return 0.0, 0.0, 0.0, self.frames[self.character.runs[0][0]]
+
     def level(
         self, objects: Sequence[bpy.types.Object], k: int
     ) -> Generator[float, None, Measured]:
