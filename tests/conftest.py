@@ -23,6 +23,8 @@ from hypothesis import HealthCheck, settings
 from . import rough
 
 TESTS = Path(__file__).parent
+# of unseen_frames: a third of the time that making LODs takes
+FEW_LOOKS = {"MOMENTS": 24, "PEAKS": 4, "CELLS": 6, "LIKELY": 3, "WORST": 2, "WHOLE_LOOKS": 1}
 
 # Hypothesis tries the same examples each time, on each Python; others by
 # --hypothesis-profile=search
@@ -80,7 +82,27 @@ def pytest_pycollect_makemodule(module_path, parent):
         return Unavailable.from_parent(parent, path=module_path)
 
 
-def pytest_collection_modifyitems(items):
+def pytest_addoption(parser):
+    parser.addoption(
+        "--ends",
+        action="store_true",
+        help="of a test with several parameters, run the first and the last alone",
+    )
+
+
+def ends(items: list[pytest.Item]) -> set[pytest.Item]:
+    """The first and the last item of each test."""
+    by_test = {}
+    for item in items:
+        by_test.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    return {several[place] for several in by_test.values() for place in (0, -1)}
+
+
+def pytest_collection_modifyitems(config, items):
+    if config.getoption("--ends"):
+        chosen = ends(items)
+        config.hook.pytest_deselected(items=[item for item in items if item not in chosen])
+        items[:] = [item for item in items if item in chosen]
     required = {name for name in os.environ.get("CROWD_LOD_REQUIRE", "").split(",") if name}
     for name in sorted(required - {group(item.path) for item in items}):
         reason = obstacle(name) or "there is none"
@@ -89,9 +111,13 @@ def pytest_collection_modifyitems(items):
 
 @pytest.fixture(scope="module")
 def rough_levels():
-    """LOD meshes as rough.levels says; the users' numbers, by place."""
+    """LOD meshes as rough.levels says, watched in few frames; the users' numbers, by place."""
+    from crowd_lod_extension.operators.lod_meshes import unseen_frames
+
+    numbers = rough.levels("crowd_lod_extension")
+    numbers |= {(unseen_frames, name): number for name, number in FEW_LOOKS.items()}
     with pytest.MonkeyPatch.context() as patch:
-        yield patched(patch, rough.levels("crowd_lod_extension"))
+        yield patched(patch, numbers)
 
 
 @pytest.fixture(scope="module")

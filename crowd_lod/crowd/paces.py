@@ -1,7 +1,7 @@
 """Paces: the actions that agents play, at some speeds each, and the steps of their cross-fades.
 
 A step of a cross-fade is an action of its own, in which two actions play at one phase:
-`walk > idle 1/4` is a quarter of idle. docs/notes/actions.md says why.
+`walk > idle 1/4` is a quarter of idle. docs/notes/behavior.md says why.
 """
 
 import re
@@ -65,8 +65,8 @@ def mixed_in(name: str) -> tuple[str, str, float] | None:
 
     That is (action before, action after, share of the latter).
     """
-    found = FADE_STEP.fullmatch(name)
-    return found and (found[1], found[2], int(found[3]) / (FADE_STEPS + 1))
+    match = FADE_STEP.fullmatch(name)
+    return match and (match[1], match[2], int(match[3]) / (FADE_STEPS + 1))
 
 
 def paces_of(
@@ -84,39 +84,40 @@ def paces_of(
     pairs: the actions (before, after) that cross-fade.
     CrowdError if that is more than MOST_NUMBERS.
     """
-    of, slowest = np.zeros(speed.shape, np.intp), np.zeros(len(speed), np.intp)
+    of = np.zeros(speed.shape, np.intp)
+    slowest = np.zeros(len(speed), np.intp)
     speeds: list[float] = []
     names: list[str] = []
     off = 0.0
     for action in dict.fromkeys(sorted(actions)):
         states = [s for s, name in enumerate(actions) if name == action]
-        found, nearest = _ladder(speed[states], stops)
-        of[states], slowest[states] = len(names) + nearest, len(names)
-        off = max(off, float(np.abs(_ratio(found[nearest], speed[states]) - 1.0).max()))
-        speeds += found.tolist()
-        names += [action] * len(found)
-    count, steps = len(names), FADE_STEPS * len(pairs)
-    if count + steps > MOST_NUMBERS:
+        paces, nearest = _ladder(speed[states], stops)
+        of[states] = len(names) + nearest
+        slowest[states] = len(names)
+        off = max(off, float(np.abs(_ratio(paces[nearest], speed[states]) - 1.0).max()))
+        speeds += paces.tolist()
+        names += [action] * len(paces)
+    plain = len(names)
+    steps = FADE_STEPS * len(pairs)
+    if plain + steps > MOST_NUMBERS:
         raise CrowdError(
-            f"The state machine has {count + steps} paces, {steps} of them steps of cross-fades, "
-            f"and can have {MOST_NUMBERS}: give "
-            "fewer states an action or a fade."
+            f"The state machine has {plain + steps} paces, {steps} of them steps of cross-fades, "
+            f"and can have {MOST_NUMBERS}: give fewer states an action or a fade."
         )
     fades = _fades(names, sorted(pairs))
-    for name in names[count:]:
+    for name in names[plain:]:
         _, after, _ = mixed_in(name) or ("", "", 0)
         walks = [
-            speed
-            for speed, own in zip(speeds[:count], names, strict=False)
-            if own == after and speed
-        ] or [0.0]
-        speeds.append(walks[len(walks) // 2])
+            pace
+            for pace, action in zip(speeds, names[:plain], strict=False)
+            if action == after and pace
+        ]
+        speeds.append(walks[len(walks) // 2] if walks else 0.0)
     off = off if off > 1e-6 else 0.0
-    table = np.array(speeds), of.astype(np.uint8), off
-    return (
-        Paces(*table, tuple(names), slowest.astype(np.uint8), fades)
-        if any(names)
-        else Paces(*table)
+    if not any(names):
+        return Paces(np.array(speeds), of.astype(np.uint8), off)
+    return Paces(
+        np.array(speeds), of.astype(np.uint8), off, tuple(names), slowest.astype(np.uint8), fades
     )
 
 
@@ -145,10 +146,9 @@ def _ladder(speed: np.ndarray, stops: bool) -> tuple[np.ndarray, np.ndarray]:
     walks = np.unique(speed[speed > 0].round(digits))
     if len(stands) + len(walks) > MOST_PACES:
         walks = np.geomspace(walks[0], walks[-1], MOST_PACES - len(stands))
-    found = np.array([*stands, *walks])
-    return found, np.abs(
-        np.log(np.maximum(speed, 1e-9))[..., None] - np.log(np.maximum(found, 1e-9))
-    ).argmin(axis=-1)
+    paces = np.array([*stands, *walks])
+    ratio = np.log(np.maximum(speed, 1e-9))[..., None] - np.log(np.maximum(paces, 1e-9))
+    return paces, np.abs(ratio).argmin(axis=-1)
 
 
 def _ratio(pace: np.ndarray, speed: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ _GAMMA = np.uint64(0x9E3779B97F4A7C15)
 STATE = np.uint64(0)
 THEN = np.uint64(0x14057B7EF767814F)
 TIME = np.uint64(0x5851F42D4C957F2D)
-# From an agent's first key: its looks, whether it is of a share that is chosen, its size, its props.
+# From an agent's first key: its looks, whether it is of a chosen share, its size, its props.
 LOOKS = np.uint64(0x2545F4914F6CDD1D)
 CHOSEN = np.uint64(0x9FB21C651E98DF25)
 SIZE = np.uint64(0xD1342543DE82EF95)

@@ -14,18 +14,20 @@ from .agents import CLASSES, Crowd, Shares, check_counts, place_agents
 from .maps import Area, LabelMap
 from .state_machine import StateMachine
 
-# Places that are drawn on a surface to find one, at most; and drawn at a time, at most.
-TRIES, AT_A_TIME = 20_000, 2**18
+# Places drawn on a surface until one stays, at most.
+TRIES = 20_000
+# Places drawn on a surface at a time, at most.
+AT_A_TIME = 2**18
 MOST_EDGES = 200_000  # about a second
 # Meters: points of a curve that are closer are one.
 ONE_POINT = 1e-6
-ENOUGH = 1 + 1e-6  # Blender keeps float32: 20 m have room for 25 agents at 0.8 m
-SHARPEST = (
-    2.0  # times as far as a row's depth lies its corner from the corner of the row before, at most
-)
+# Blender keeps float32: 20 m have room for 25 agents at 0.8 m.
+ENOUGH = 1 + 1e-6
+# At a bend, a row lies from the row before at most so many times its depth.
+SHARPEST = 2.0
 
-# Which share of the places at `points` (k, 3), on the triangles (k,) with the weights (k, 3) of
-# their corners, is kept: (k,) from 0 to 1.
+# (points (k, 3), triangles (k,), weights of their corners (k, 3)) -> the share (k,), 0 to 1, of the
+# places there that stays.
 Density = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
@@ -43,9 +45,9 @@ class Places:
     def __len__(self) -> int:
         return len(self.points)
 
-    def of(self, some: np.ndarray) -> "Places":
-        """Return these places alone."""
-        return Places(self.points[some], self.heading[some])
+    def of(self, places: np.ndarray) -> "Places":
+        """Return the `places`, indices or (n,) bool, alone."""
+        return Places(self.points[places], self.heading[places])
 
 
 @dataclass(frozen=True)
@@ -84,8 +86,7 @@ def on_surface(
     CrowdError without faces, at NaN, or where the density is 0 everywhere, or nearly so.
     """
     check_counts(count)
-    across, along = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    normal = np.cross(across, along)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.sqrt(normal[:, 0] ** 2 + normal[:, 1] ** 2 + normal[:, 2] ** 2)
     if not np.isfinite(area).all() or not np.isfinite(weights).all():
         raise CrowdError(
@@ -94,33 +95,38 @@ def on_surface(
         )
     if not area.any():
         raise CrowdError("The surface to start on has no faces: give it a mesh with faces.")
-    # a linear density is the sum of three, each of one corner: first a corner is drawn, then a
-    # place
+    # a linear density is the sum of three, one of each corner: a corner is drawn, then a place
     until = np.cumsum((area[:, None] * weights).ravel())
     if not until[-1] > 0:
         raise CrowdError(
             "The surface to start on has density 0 everywhere: paint its vertex group above 0 "
             "somewhere."
         )
-    random, found, have, tries = np.random.Generator(np.random.PCG64(seed)), [], 0, 0
-    while have < count:
-        # about as many as are still missing, by what was kept so far
-        share = max(have / tries, 1 / 1000) if tries else 1.0
-        ask = int(np.clip(1.2 * (count - have) / share if density else count - have, 16, AT_A_TIME))
-        points, triangle, weight = _drawn(corners, until, ask, random)
+    random = np.random.Generator(np.random.PCG64(seed))
+    parts: list[np.ndarray] = []
+    placed = 0
+    tries = 0
+    while placed < count:
+        missing: float = count - placed
+        if density is not None:  # about as many as are needed, by the share that stayed so far
+            share = max(placed / tries, 1 / 1000) if tries else 1.0
+            missing = 1.2 * missing / share
+        ask = int(np.clip(missing, 16, AT_A_TIME))
+        points, triangle, weight = _draw(corners, until, ask, random)
         if density is not None:
             points = points[random.random(ask) < density(points, triangle, weight)]
-        found.append(points)
-        have, tries = have + len(points), tries + ask
-        if tries > TRIES * (have + 100):
+        parts.append(points)
+        placed += len(points)
+        tries += ask
+        if tries > TRIES * (placed + 100):
             raise CrowdError(
                 "The surface to start on has density 0 nearly everywhere: brighten the image, or "
                 "move the volumes that give it."
             )
-    return without_heading(np.concatenate(found)[:count])
+    return without_heading(np.concatenate(parts)[:count])
 
 
-def _drawn(
+def _draw(
     corners: np.ndarray, until: np.ndarray, count: int, random: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return (points (count, 3), triangles (count,), weights of their corners (count, 3)).
@@ -138,12 +144,9 @@ def _drawn(
     weight[rows, corner] = ends[1]
     weight[rows, (corner + 1) % 3] = ends[2] - ends[1]
     weight[rows, (corner + 2) % 3] = 1 - ends[2]
-    own = corners[triangle]
-    return (
-        weight[:, :1] * own[:, 0] + weight[:, 1:2] * own[:, 1] + weight[:, 2:] * own[:, 2],
-        triangle,
-        weight,
-    )
+    a, b, c = np.moveaxis(corners[triangle], 1, 0)
+    points = weight[:, :1] * a + weight[:, 1:2] * b + weight[:, 2:] * c
+    return points, triangle, weight
 
 
 def on_grid(area: Area, count: int, seed: int, spacing: Spacing) -> Places:
@@ -154,31 +157,24 @@ def on_grid(area: Area, count: int, seed: int, spacing: Spacing) -> Places:
     """
     width, depth = area.size
     if spacing.apart:
-        columns, rows = (max(int(side / spacing.apart * ENOUGH), 1) for side in (width, depth))
+        columns = max(int(width / spacing.apart * ENOUGH), 1)
+        rows = max(int(depth / spacing.apart * ENOUGH), 1)
         count = columns * rows
+        check_counts(count)
+        across = up = spacing.apart
     else:
         check_counts(count)
         columns = max(round(np.sqrt(count * width / depth)), 1)
         rows = -(-count // columns)
-    check_counts(count)
-    across, up = (
-        (width / columns, depth / rows) if not spacing.apart else (spacing.apart, spacing.apart)
-    )
+        across = width / columns
+        up = depth / rows
     row, column = np.divmod(np.arange(count), columns)
     shift = spacing.jitter * (np.random.Generator(np.random.PCG64(seed)).random((2, count)) - 0.5)
-    left, low = (
-        (area.x_min + area.x_max - columns * across) / 2,
-        (area.y_min + area.y_max - rows * up) / 2,
-    )
-    points = np.stack(
-        [
-            left + (column + 0.5 + shift[0]) * across,
-            low + (row + 0.5 + shift[1]) * up,
-            np.full(count, area.z),
-        ],
-        axis=1,
-    )
-    return without_heading(points)
+    left = (area.x_min + area.x_max - columns * across) / 2
+    low = (area.y_min + area.y_max - rows * up) / 2
+    x = left + (column + 0.5 + shift[0]) * across
+    y = low + (row + 0.5 + shift[1]) * up
+    return without_heading(np.stack([x, y, np.full(count, area.z)], axis=1))
 
 
 def in_rows(
@@ -186,49 +182,50 @@ def in_rows(
 ) -> Places:
     """Return places in rows along curves.
 
-    All face inward from a closed curve, and to the right of an open one.
-
-    The first row lies on the curve, and each further one behind it. With a distance the curves fix
+    All face inward from a closed curve, and to the right of an open one. The first row lies on the
+    curve, and each further one behind it. With a distance the curves fix
     the number of places; without one there are `count`, spread evenly over all rows.
 
     curves: of each its points (k, 3) float64, world meters, and whether it is closed.
     CrowdError if no curve has a length, a point is at NaN, or the count is out of range.
     """
-    ways = [
+    rows = [
         _row(points, closed, k, spacing) for points, closed in curves for k in range(spacing.rows)
     ]
-    found = [(way, lengths) for way, lengths in ways if len(lengths)]
-    total = sum(float(lengths.sum()) for _, lengths in found)
+    rows = [(points, lengths) for points, lengths in rows if len(lengths)]
+    totals = [float(lengths.sum()) for _, lengths in rows]
+    total = sum(totals)
     if not total > 0:
         raise CrowdError(
             "The curves to start along have no length: give the object splines or edges that are "
             "longer than 0."
         )
     if spacing.apart:
-        counts = [max(int(lengths.sum() / spacing.apart * ENOUGH), 1) for _, lengths in found]
+        counts = [max(int(length / spacing.apart * ENOUGH), 1) for length in totals]
     else:
         check_counts(count)
-        until = np.rint(np.cumsum([lengths.sum() for _, lengths in found]) / total * count).astype(
-            int
-        )
+        until = np.rint(np.cumsum(totals) / total * count).astype(int)
         counts = np.diff(until, prepend=0).tolist()
     check_counts(sum(counts))
     random = np.random.Generator(np.random.PCG64(seed))
     parts = [
-        _along(way, lengths, number, random, spacing)
-        for (way, lengths), number in zip(found, counts, strict=True)
+        _along(points, lengths, number, random, spacing)
+        for (points, lengths), number in zip(rows, counts, strict=True)
     ]
     return Places(
-        np.concatenate([each.points for each in parts]),
-        np.concatenate([each.heading for each in parts]),
+        np.concatenate([part.points for part in parts]),
+        np.concatenate([part.heading for part in parts]),
     )
 
 
 def chains(edges: np.ndarray, count: int) -> list[tuple[np.ndarray, bool]]:
     """Return the chains of a wire, each its points (k,) intp in order, and whether it is closed.
 
-    edges: (e, 2), the points that each joins; count: of all points. A chain ends where more than
-        two edges meet. It goes on from its end that was made first. CrowdError beyond MOST_EDGES.
+    A chain ends where more than two edges meet. It goes on from its end that was made first.
+
+    edges: (e, 2), the points that each joins.
+    count: of all points.
+    CrowdError beyond MOST_EDGES.
     """
     if len(edges) > MOST_EDGES:
         raise CrowdError(
@@ -239,21 +236,21 @@ def chains(edges: np.ndarray, count: int) -> list[tuple[np.ndarray, bool]]:
     for a, b in edges.tolist():
         beside[a].append(b)
         beside[b].append(a)
-    left = {(a, b) for a, b in edges.tolist()} | {(b, a) for a, b in edges.tolist()}
-    found = []
+    unused = {(a, b) for a, b in edges.tolist()} | {(b, a) for a, b in edges.tolist()}
+    wires = []
     ends = [point for point in range(count) if len(beside[point]) not in (0, 2)]
     for start in [*ends, *range(count)]:
         for onward in sorted(beside[start]):
             chain = [start]
-            while (chain[-1], onward) in left:
-                left -= {(chain[-1], onward), (onward, chain[-1])}
+            while (chain[-1], onward) in unused:
+                unused -= {(chain[-1], onward), (onward, chain[-1])}
                 chain.append(onward)
                 if len(beside[onward]) == 2:
                     onward = sum(beside[onward]) - chain[-2]
             if len(chain) > 1:
                 closed = chain[0] == chain[-1] and len(chain) > 2
-                found.append((np.array(chain[:-1] if closed else chain, np.intp), closed))
-    return found
+                wires.append((np.array(chain[:-1] if closed else chain, np.intp), closed))
+    return wires
 
 
 def _row(
@@ -276,19 +273,14 @@ def _row(
         points = points[::-1]
     way = np.diff(points[:, :2], axis=0)
     left = np.stack([-way[:, 1], way[:, 0]], axis=1) / _lengths(points[:, :2])[:, None]
-    before, after = (
-        np.concatenate([left[-1:] if closed else left[:1], left]),
-        np.concatenate([left, left[:1] if closed else left[-1:]]),
-    )
+    before = np.concatenate([left[-1:] if closed else left[:1], left])
+    after = np.concatenate([left, left[:1] if closed else left[-1:]])
     # where two sides meet, the corner lies on both rows
     both = before + after
-    length = (both**2).sum(axis=1, keepdims=True)
-    corner = both * np.minimum(
-        2 / np.maximum(length, 1e-12), SHARPEST / np.sqrt(np.maximum(length, 1e-12))
-    )
-    points = points + np.concatenate(
-        [corner * (k * spacing.depth), np.full((len(points), 1), k * spacing.rise)], axis=1
-    )
+    length = np.maximum((both**2).sum(axis=1, keepdims=True), 1e-12)
+    corner = both * np.minimum(2 / length, SHARPEST / np.sqrt(length))
+    rise = np.full((len(points), 1), k * spacing.rise)
+    points = points + np.concatenate([corner * (k * spacing.depth), rise], axis=1)
     return points, _lengths(points)
 
 
@@ -302,7 +294,8 @@ def _turns_left(points: np.ndarray) -> bool:
 
     It ends where it begins.
     """
-    x, y = (points[:, axis] - points[0, axis] for axis in (0, 1))
+    x = points[:, 0] - points[0, 0]
+    y = points[:, 1] - points[0, 1]
     return bool((x[:-1] * y[1:] - x[1:] * y[:-1]).sum() > 0)
 
 
@@ -321,13 +314,12 @@ def _along(
     side = np.clip(np.searchsorted(until, at, side="right") - 1, 0, len(lengths) - 1)
     part = (at - until[side]) / np.maximum(lengths[side], ONE_POINT)
     way = points[side + 1] - points[side]
-    right = (
-        np.stack([way[:, 1], -way[:, 0]], axis=1)
-        / np.maximum(_lengths(points[:, :2])[side], ONE_POINT)[:, None]
-    )
-    found = points[side] + part[:, None] * way
-    found[:, :2] += right * (shift[1] * apart)[:, None]
-    return Places(found, (np.arctan2(right[:, 1], right[:, 0]) + spacing.turn).astype(np.float32))
+    length = np.maximum(_lengths(points[:, :2])[side], ONE_POINT)
+    right = np.stack([way[:, 1], -way[:, 0]], axis=1) / length[:, None]
+    places = points[side] + part[:, None] * way
+    places[:, :2] += right * (shift[1] * apart)[:, None]
+    heading = np.arctan2(right[:, 1], right[:, 0]) + spacing.turn
+    return Places(places, heading.astype(np.float32))
 
 
 def stays(machine: StateMachine, world: LabelMap) -> bool:
@@ -337,7 +329,8 @@ def stays(machine: StateMachine, world: LabelMap) -> bool:
 
 def allowed(places: Places, machine: StateMachine, world: LabelMap) -> np.ndarray:
     """Return which places agents may start at, (n,) bool: on the map, where its label lets them."""
-    x, y, area = places.points[:, 0], places.points[:, 1], world.area
+    x, y, _ = places.points.T
+    area = world.area
     inside = (x >= area.x_min) & (x <= area.x_max) & (y >= area.y_min) & (y <= area.y_max)
     return inside & machine.spawn[world.at(x, y)]
 
@@ -363,11 +356,5 @@ def settle(
     check_counts(len(places), groups)
     random = np.random.Generator(np.random.PCG64(seed))
     places = places.of(random.permutation(len(places)))
-    return place_agents(
-        tuple(places.points.T.copy()),
-        places.heading,
-        random,
-        (seed, groups, classes),
-        machine,
-        world,
-    )
+    points = tuple(places.points.T.copy())
+    return place_agents(points, places.heading, random, (seed, groups, classes), machine, world)

@@ -14,10 +14,11 @@ from ..errors import CrowdError
 from ..progress import breath
 from .height_map import LOOK_UPS, HeightMap, lean
 
-STEP = 0.5  # meters: how far an agent steps up at once
-HEADROOM = 1.8  # meters: nobody starts where another floor is as close above, as within stairs
-# Meters: a gap in the ground that is narrower is none; so wide is every triangle that carries
-# anybody.
+# Meters that an agent steps up at once.
+STEP = 0.5
+# Meters: nobody starts where another floor is as close above, as within stairs.
+HEADROOM = 1.8
+# Meters: a narrower gap in the ground is none, and a narrower triangle carries nobody.
 CLOSE = 1e-4
 STEEP = 1.0  # rise over run: on steeper ground nobody leans
 MOST_CELLS = 2**21
@@ -52,7 +53,7 @@ class Terrain:
             wrong = int((~np.isfinite(self.corners).all(axis=2)).sum())
             raise CrowdError(
                 f"The terrain has {wrong} corners at NaN or infinity: mend its mesh or its "
-                f"modifiers."
+                "modifiers."
             )
 
     @cached_property
@@ -81,13 +82,12 @@ class Terrain:
         places = np.concatenate([middles, cells])
         for at in range(0, len(places), LOOK_UPS):
             breath()
-            who, _, z = self._over(*places[at : at + LOOK_UPS].T)
-            if len(who):
-                begin = _begins(who)
-                if (
-                    np.maximum.reduceat(z, begin)
-                    > _reached(z, begin, np.minimum.reduceat(z, begin), self._step)
-                ).any():
+            agents, _, z = self._over(*places[at : at + LOOK_UPS].T)
+            if len(agents):
+                begin = _begins(agents)
+                highest = np.maximum.reduceat(z, begin)
+                lowest = np.minimum.reduceat(z, begin)
+                if (highest > _climb(z, begin, lowest, self._step)).any():
                     return True
         return False
 
@@ -97,34 +97,35 @@ class Terrain:
         last: (n,) meters, where each agent stood before; None for the lowest floor.
         """
         z = np.full(len(x), float(self.z))
-        for agents, height, _ in self._stood(x, y, last):
+        for agents, height, _ in self._find_ground(x, y, last):
             z[agents] = height
         return z
 
     def start(self, x: np.ndarray, y: np.ndarray, last: np.ndarray) -> np.ndarray:
-        """Return world z (n,) float64 of where agents start: as `at`, but not where there is no
-        HEADROOM.
-        """
+        """Return world z (n,) float64 of where agents start: as `at`, but with HEADROOM."""
         z = np.full(len(x), float(self.z))
-        for agents, height, _ in self._stood(x, y, last, HEADROOM / self.meters):
+        for agents, height, _ in self._find_ground(x, y, last, HEADROOM / self.meters):
             z[agents] = height
         return z
 
     def slope(
         self, x: np.ndarray, y: np.ndarray, last: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return (dz/dx, dz/dy), each (n,) float64, of the ground at x, y (n,); 0 where there is
-        none.
+        """Return (dz/dx, dz/dy), each (n,) float64, of the ground at x, y (n,).
+
+        0 where there is none.
         """
         slopes = np.zeros((2, len(x)))
-        for agents, _, triangles in self._stood(x, y, last):
+        for agents, _, triangles in self._find_ground(x, y, last):
             slopes[:, agents] = self._heights[triangles, :2].T
         return slopes[0], slopes[1]
 
     def tilt(
         self, x: np.ndarray, y: np.ndarray, heading: np.ndarray, last: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return (pitch, roll) of agents that stand at right angles to the ground: see maps.lean.
+        """Return (pitch, roll) of agents that stand at right angles to the ground.
+
+        Both are as in height_map.lean.
 
         On ground steeper than STEEP they stand upright.
         """
@@ -134,10 +135,10 @@ class Terrain:
 
     def missing(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Return where there is no ground, (n,) bool, of x, y (n,)."""
-        none = np.ones(len(x), bool)
-        for agents, _, _ in self._stood(x, y, None):
-            none[agents] = False
-        return none
+        is_missing = np.ones(len(x), bool)
+        for agents, _, _ in self._find_ground(x, y, None):
+            is_missing[agents] = False
+        return is_missing
 
     def prepare(self) -> None:
         """Make what look-ups need: seconds for a million triangles."""
@@ -155,7 +156,7 @@ class Terrain:
     def _close(self) -> float:
         return CLOSE / self.meters
 
-    def _stood(
+    def _find_ground(
         self, x: np.ndarray, y: np.ndarray, last: np.ndarray | None, room: float = 0.0
     ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Yield (agents (k,) intp, heights (k,), triangles (k,)) of those with ground under them.
@@ -164,20 +165,21 @@ class Terrain:
         """
         for at in range(0, len(x), LOOK_UPS):
             block = slice(at, at + LOOK_UPS)
-            who, triangles, z = self._over(x[block], y[block])
-            if not len(who):
+            entries, triangles, z = self._over(x[block], y[block])
+            if not len(entries):
                 continue
-            begin = _begins(who)
-            agents = who[begin]
-            if len(agents) == len(who):
+            begin = _begins(entries)
+            agents = entries[begin]
+            if len(agents) == len(entries):
                 yield agents + at, z, triangles
                 continue
-            lowest = np.minimum.reduceat(z, begin)
-            found = _reached(z, begin, lowest if last is None else last[block][agents], self._step)
-            found = _reached(z, begin, found, room) if room > self._step else found
+            before = np.minimum.reduceat(z, begin) if last is None else last[block][agents]
+            height = _climb(z, begin, before, self._step)
+            if room > self._step:
+                height = _climb(z, begin, height, room)
             # the first triangle of that height
-            (same,) = np.nonzero(z == np.repeat(found, np.diff(begin, append=len(z))))
-            yield agents + at, found, triangles[same[_begins(who[same])]]
+            (same,) = np.nonzero(z == np.repeat(height, np.diff(begin, append=len(z))))
+            yield agents + at, height, triangles[same[_begins(entries[same])]]
 
     def _over(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return (agents, triangles, heights), each (k,), of all triangles under or over x, y (n,).
@@ -185,29 +187,28 @@ class Terrain:
         They are listed agent by agent.
         """
         begin, of_cell = self._cells
-        columns, rows = self._grid
         place = np.stack([x, y]) - self._low[:, None]
-        inside = (
-            (place >= -self._close) & (place <= (self._size * self._grid)[:, None] + self._close)
-        ).all(axis=0)
-        column, row = (
-            np.fmin(np.fmax(each / size, 0), count - 1).astype(np.intp)
-            for each, size, count in zip(place, self._size, (columns, rows), strict=True)
-        )
-        cell = row * columns + column
+        far = (self._size * self._grid)[:, None] + self._close
+        inside = ((place >= -self._close) & (place <= far)).all(axis=0)
+        # at NaN any cell
+        index = np.fmin(np.fmax(place / self._size[:, None], 0), self._grid[:, None] - 1)
+        column, row = index.astype(np.intp)
+        cell = row * self._grid[0] + column
         first = begin[cell]
         count = (begin[cell + 1] - first) * inside
-        who = np.repeat(np.arange(len(x)), count)
-        triangles = of_cell[
-            np.arange(len(who)) + np.repeat(first - (np.cumsum(count) - count), count)
-        ]
-        side, (u, v) = self._sides[triangles].T, place[:, who]
-        on = side[0] * u + side[1] * v + side[2] >= -self._close
-        for k in (3, 6):
-            on &= side[k] * u + side[k + 1] * v + side[k + 2] >= -self._close
-        who, triangles = who[on], triangles[on]
+        agents = np.repeat(np.arange(len(x)), count)
+        offset = np.repeat(first - (np.cumsum(count) - count), count)
+        triangles = of_cell[np.arange(len(agents)) + offset]
+        sides = self._sides[triangles].T
+        u, v = place[:, agents]
+        within = np.ones(len(agents), bool)
+        for a, b, c in (sides[:3], sides[3:6], sides[6:]):
+            within &= a * u + b * v + c >= -self._close
+        agents = agents[within]
+        triangles = triangles[within]
         along_x, along_y, z, least, most = self._heights[triangles].T
-        return who, triangles, np.clip(along_x * u[on] + along_y * v[on] + z, least, most)
+        height = along_x * u[within] + along_y * v[within] + z
+        return agents, triangles, np.clip(height, least, most)
 
     @cached_property
     def _low(self) -> np.ndarray:
@@ -216,8 +217,9 @@ class Terrain:
 
     @cached_property
     def _grid(self) -> np.ndarray:
-        """Columns and rows of the cells, (2,) intp: about four cells a triangle, as square as can
-        be.
+        """Columns and rows of the cells, (2,) intp.
+
+        There are about four cells a triangle, as square as can be.
         """
         width, depth = self._extent
         count = np.clip(4 * len(self.corners), 4096, MOST_CELLS)
@@ -239,40 +241,36 @@ class Terrain:
 
         These are the points from the least x and y on, and the ways to the next ones.
         """
-        x, y = (np.ascontiguousarray(self.corners[:, :, axis] - self._low[axis]) for axis in (0, 1))
+        x = np.ascontiguousarray(self.corners[:, :, 0] - self._low[0])
+        y = np.ascontiguousarray(self.corners[:, :, 1] - self._low[1])
         return x, y, x[:, NEXT] - x, y[:, NEXT] - y
 
     @cached_property
     def _sides(self) -> np.ndarray:
-        """(m, 9) float64: three times (a, b, c); a u + b v + c is the distance from a side, above 0
-        within.
+        """(m, 9) float64: (a, b, c) of each side; a u + b v + c is the distance from it.
 
+        The distance is above 0 within the triangle.
         u, v: meters from the least x and y.
         """
         x, y, along, up = self._plan
-        way = np.where(_double(along, up) < 0, -1.0, 1.0)[:, None] / np.hypot(along, up)
-        a, b = -up * way, along * way
+        turn = np.where(_double_area(along, up) < 0, -1.0, 1.0)[:, None]
+        way = turn / np.hypot(along, up)
+        a = -up * way
+        b = along * way
         return np.stack([a, b, -(a * x + b * y)], axis=2).reshape(-1, 9)
 
     @cached_property
     def _heights(self) -> np.ndarray:
-        """(m, 5) float64: slopes along x and y, height at u = v = 0, the least and the greatest
-        height.
-        """
-        (x, y, along, up), z = self._plan, self.corners[:, :, 2]
-        rise, double = z[:, NEXT] - z, _double(along, up)
+        """(m, 5) float64: slopes along x and y, height at u = v = 0, least and greatest height."""
+        x, y, along, up = self._plan
+        z = self.corners[:, :, 2]
+        rise = z[:, NEXT] - z
+        double = _double_area(along, up)
         slope_x = (rise[:, 0] * up[:, 1] - up[:, 0] * rise[:, 1]) / double
         slope_y = (along[:, 0] * rise[:, 1] - rise[:, 0] * along[:, 1]) / double
-        return np.stack(
-            [
-                slope_x,
-                slope_y,
-                z[:, 0] - slope_x * x[:, 0] - slope_y * y[:, 0],
-                z.min(axis=1),
-                z.max(axis=1),
-            ],
-            axis=1,
-        )
+        height = z[:, 0] - slope_x * x[:, 0] - slope_y * y[:, 0]
+        columns = [slope_x, slope_y, height, z.min(axis=1), z.max(axis=1)]
+        return np.stack(columns, axis=1)
 
     @cached_property
     def _cells(self) -> tuple[np.ndarray, np.ndarray]:
@@ -281,39 +279,49 @@ class Terrain:
         Cell c is touched by triangles[begin[c]:begin[c + 1]].
         """
         plan = self.corners[:, :, :2] - self._low
-        least, most = (
-            (edge / self._size).astype(np.intp)
-            for edge in (plan.min(axis=1) - self._close, plan.max(axis=1) + self._close)
-        )
-        least, most = np.clip(least, 0, self._grid - 1), np.clip(most, 0, self._grid - 1)
+        least = ((plan.min(axis=1) - self._close) / self._size).astype(np.intp)
+        most = ((plan.max(axis=1) + self._close) / self._size).astype(np.intp)
+        least = np.clip(least, 0, self._grid - 1)
+        most = np.clip(most, 0, self._grid - 1)
         wide, high = (most - least + 1).T
-        ends = np.cumsum(wide * high)
-        cells, triangles, since = [], [], 0
+        counts = wide * high
+        ends = np.cumsum(counts)
+        cells = []
+        triangles = []
+        since = 0
         while since < len(plan):
             breath()
             before = ends[since - 1] if since else 0
             until = max(int(np.searchsorted(ends, before + PAIRS, side="right")), since + 1)
-            which = np.repeat(np.arange(since, until), (wide * high)[since:until])
-            nth = np.arange(len(which)) - np.repeat(
-                ends[since:until] - (wide * high)[since:until] - before, (wide * high)[since:until]
-            )
-            row, column = np.divmod(nth, wide[which])
-            row, column = row + least[which, 1], column + least[which, 0]
-            middle = (np.stack([column, row]) + 0.5) * self._size[:, None]
-            side, touched = self._sides[which].T, np.ones(len(which), bool)
-            for k in (0, 3, 6):
-                reach = (
-                    np.abs(side[k]) * self._size[0] + np.abs(side[k + 1]) * self._size[1]
-                ) / 2 + 2 * self._close
-                touched &= side[k] * middle[0] + side[k + 1] * middle[1] + side[k + 2] >= -reach
+            run = slice(since, until)
+            triangle = np.repeat(np.arange(since, until), counts[run])
+            first = ends[run] - counts[run] - before
+            place = np.arange(len(triangle)) - np.repeat(first, counts[run])
+            row, column = np.divmod(place, wide[triangle])
+            row += least[triangle, 1]
+            column += least[triangle, 0]
+            touched = self._touched(triangle, row, column)
             cells.append((row * self._grid[0] + column)[touched])
-            triangles.append(which[touched].astype(np.int32))
+            triangles.append(triangle[touched].astype(np.int32))
             since = until
         cell = np.concatenate(cells)
         count = np.bincount(cell, minlength=int(self._grid.prod()))
-        return np.append(0, np.cumsum(count)), np.concatenate(triangles)[
-            np.argsort(cell, kind="stable")
-        ]
+        order = np.argsort(cell, kind="stable")
+        return np.append(0, np.cumsum(count)), np.concatenate(triangles)[order]
+
+    def _touched(self, triangle: np.ndarray, row: np.ndarray, column: np.ndarray) -> np.ndarray:
+        """Return whether each triangle touches the cell beside it, (k,) bool.
+
+        triangle, row, column: (k,) intp. The cell is one that the triangle's bounds overlap.
+        """
+        u, v = (np.stack([column, row]) + 0.5) * self._size[:, None]
+        width, depth = self._size
+        sides = self._sides[triangle].T
+        touched = np.ones(len(triangle), bool)
+        for a, b, c in (sides[:3], sides[3:6], sides[6:]):
+            reach = (np.abs(a) * width + np.abs(b) * depth) / 2 + 2 * self._close
+            touched &= a * u + b * v + c >= -reach
+        return touched
 
 
 def upward(corners: np.ndarray, meters: float = 1.0) -> np.ndarray:
@@ -324,38 +332,41 @@ def upward(corners: np.ndarray, meters: float = 1.0) -> np.ndarray:
 
     meters: in a unit of length.
     """
-    along, up = (corners[:, NEXT, axis] - corners[:, :, axis] for axis in (0, 1))
-    double = _double(along, up)
+    along = corners[:, NEXT, 0] - corners[:, :, 0]
+    up = corners[:, NEXT, 1] - corners[:, :, 1]
+    double = _double_area(along, up)
     longest = np.hypot(along, up).max(axis=1, initial=0)
-    # what is NaN stays, to be told of
+    # triangles at NaN stay: Terrain refuses them
     wide = ~(np.abs(double) <= CLOSE / meters * longest)
     faces_up = ~(double < 0)
     return wide & faces_up if (wide & faces_up).any() else wide
 
 
-def _double(along: np.ndarray, up: np.ndarray) -> np.ndarray:
+def _double_area(along: np.ndarray, up: np.ndarray) -> np.ndarray:
     """Return twice the area of each triangle seen from above, (m,); below 0 where it faces down."""
     return along[:, 0] * up[:, 1] - up[:, 0] * along[:, 1]
 
 
-def _begins(who: np.ndarray) -> np.ndarray:
-    """Return where each agent's entries begin in `who` (k,), sorted."""
-    return np.flatnonzero(np.append(True, who[1:] != who[:-1]))
+def _begins(entries: np.ndarray) -> np.ndarray:
+    """Return where each agent's entries begin in `entries` (k,), sorted agents."""
+    return np.flatnonzero(np.append(True, entries[1:] != entries[:-1]))
 
 
-def _reached(z: np.ndarray, begin: np.ndarray, last: np.ndarray, step: float) -> np.ndarray:
-    """Return the height (a,) that each agent gets to from its `last` (a,) by steps up of at most
-    `step`.
+def _climb(z: np.ndarray, begin: np.ndarray, last: np.ndarray, step: float) -> np.ndarray:
+    """Return the height (a,) to which each agent climbs by steps up of at most `step`.
 
-    z: heights of floors, agent by agent; begin: where each agent's begin.
+    z: (k,) heights of floors, agent by agent.
+    begin: (a,) where each agent's begin.
+    last: (a,) heights from which they climb.
     """
-    lowest, count = np.minimum.reduceat(z, begin), np.diff(begin, append=len(z))
+    lowest = np.minimum.reduceat(z, begin)
+    count = np.diff(begin, append=len(z))
     while True:
-        found = np.maximum.reduceat(np.where(z <= np.repeat(last + step, count), z, -np.inf), begin)
-        found = np.maximum(found, lowest)
-        if np.array_equal(found, last):
-            return found
-        last = found
+        within_step = np.where(z <= np.repeat(last + step, count), z, -np.inf)
+        height = np.maximum(np.maximum.reduceat(within_step, begin), lowest)
+        if np.array_equal(height, last):
+            return height
+        last = height
 
 
 # What a crowd may stand on. Both give heights, slopes and tilts at places.

@@ -62,9 +62,11 @@ def choose(
     tolerance: pixels.
     meters: the length of a unit in meters, for the sentences.
     """
-    kept, dropped = [0], {}
+    kept = [0]
+    dropped = {}
     for k in range(1, len(group.triangles)):
-        own, finer = group.triangles[k], group.triangles[kept[-1]]
+        own = group.triangles[k]
+        finer = group.triangles[kept[-1]]
         coarser = zip(group.triangles[k + 1 :], group.bounds[k + 1 :], strict=True)
         lower = [n for n, deviation in coarser if n < own and deviation <= group.bounds[k]]
         if lower:
@@ -77,7 +79,8 @@ def choose(
             kept.append(k)
     deviation = np.array([[group.bounds[k] for k in kept]])
     policy = LevelPolicy((0.0,) * (len(kept) - 1), "PIXELS", tolerance=tolerance)
-    used, begins = np.zeros(len(kept), bool), []
+    used = np.zeros(len(kept), bool)
+    begins = []
     for view in views:
         begin = limits(policy, view.camera, np.array([group.radius]), deviation)[0]
         edges = np.concatenate([[-np.inf], begin, [np.inf]])
@@ -100,7 +103,8 @@ def _unused(j: int, edges: np.ndarray, views: Sequence[View], meters: float) -> 
     The numbers are those of the view that comes closest to using it.
     edges: (views, candidates + 1) meters, where each candidate begins and where the last ends.
     """
-    begin, end = edges[:, j], edges[:, j + 1]
+    begin = edges[:, j]
+    end = edges[:, j + 1]
     nearest, farthest = np.array([(view.nearest, view.farthest) for view in views]).T
     coarse = begin > farthest
     if np.isinf(begin).all() and coarse.all() and views[0].camera.kind != "ORTHO":
@@ -128,7 +132,7 @@ def _unused(j: int, edges: np.ndarray, views: Sequence[View], meters: float) -> 
 
 
 @dataclass(frozen=True)
-class Shot:
+class GroupShot:
     """What determines the price of a group's LODs.
 
     views: where the shot has agents of the group.
@@ -145,7 +149,7 @@ class Shot:
     rigs: int | None = None
 
 
-def counting(group: Group, tolerance: float, shot: Shot) -> Group:
+def counting(group: Group, tolerance: float, shot: GroupShot) -> Group:
     """Return the group with bounds that include its shading, if the shot asks for it.
 
     tolerance: pixels.
@@ -158,7 +162,7 @@ def counting(group: Group, tolerance: float, shot: Shot) -> Group:
     return replace(group, bounds=tuple(table[0].tolist()))
 
 
-def allowed(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) -> np.ndarray:
+def allowed(group: Group, kept: Sequence[int], tolerance: float, shot: GroupShot) -> np.ndarray:
     """Return (F, K, N) intp: how many agents may show each candidate at the coarsest.
 
     An agent counts at the coarsest of the candidates `kept`, finest first, that stays within the
@@ -176,7 +180,7 @@ def allowed(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) -> 
 
 
 def priced(
-    group: Group, kept: Sequence[int], tolerance: float, shot: Shot
+    group: Group, kept: Sequence[int], tolerance: float, shot: GroupShot
 ) -> Iterator[tuple[tuple[int, ...], Price]]:
     """Yield (chosen candidates, price of a build with them) for each usable choice.
 
@@ -198,7 +202,11 @@ def priced(
 
 
 def cheapest(
-    group: Group, kept: Sequence[int], tolerance: float, shot: Shot, measured: Collection[int] = ()
+    group: Group,
+    kept: Sequence[int],
+    tolerance: float,
+    shot: GroupShot,
+    measured: Collection[int] = (),
 ) -> tuple[list[int], dict[int, str]]:
     """Return (the candidates that cost least, {dropped candidate: reason}).
 
@@ -229,7 +237,7 @@ def cheapest(
 
 
 def _least(
-    group: Group, kept: Sequence[int], tolerance: float, shot: Shot
+    group: Group, kept: Sequence[int], tolerance: float, shot: GroupShot
 ) -> tuple[tuple[int, ...], Price]:
     """Return (the choice of `kept` that takes least memory, its price).
 
@@ -241,8 +249,8 @@ def _least(
     return best, found[best]
 
 
-def within(
-    groups: Sequence[Group], tolerance: float, shots: Sequence[Shot], memory: float
+def fit_in_memory(
+    groups: Sequence[Group], tolerance: float, shots: Sequence[GroupShot], memory: float
 ) -> tuple[float, list[list[int]], list[tuple[int, ...]]]:
     """Return the least tolerance at which the groups' LODs fit in `memory` bytes.
 

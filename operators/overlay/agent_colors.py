@@ -12,7 +12,8 @@ from ..lod_meshes.make_lods import TINTS
 from .skinned_characters import Character
 
 # the last reasons; LODs have no more tints
-PURPLE, BROWN = (0.45, 0.2, 0.75), (0.25, 0.12, 0.05)
+PURPLE = (0.45, 0.2, 0.75)
+BROWN = (0.25, 0.12, 0.05)
 
 
 @dataclass(frozen=True)

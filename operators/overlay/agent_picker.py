@@ -39,8 +39,9 @@ class CROWDLOD_OT_inspect(Needing, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def modal(self, context, event) -> set[str]:
-        settings, shown = context.scene.crowd_lod, viewport_overlay.shown_of(context.scene)
-        if event.type in ("ESC", "RIGHTMOUSE") or shown is None or shown.frame is None:
+        settings = context.scene.crowd_lod
+        display = viewport_overlay.shown_of(context.scene)
+        if event.type in ("ESC", "RIGHTMOUSE") or display is None or display.frame is None:
             settings.agent = self._before
             redraw.viewports()
             self.cancel(context)
@@ -52,14 +53,14 @@ class CROWDLOD_OT_inspect(Needing, bpy.types.Operator):
             self.cancel(context)
             return {"FINISHED"}
         found = nearest(
-            shown.frame.crowd.places(shown.frame.trajectory.spheres.center),
+            display.frame.crowd.places(display.frame.trajectory.spheres.center),
             np.array(region.data.perspective_matrix, np.float64),
             (region.width, region.height),
             (event.mouse_x - region.x, event.mouse_y - region.y),
             WITHIN * context.preferences.system.ui_scale,
-            shown.frame.visible | shown.frame.culled
+            display.frame.visible | display.frame.culled
             if settings.overlay_culled
-            else shown.frame.visible,
+            else display.frame.visible,
         )
         agent = -1 if found is None else found
         if settings.agent != agent:

@@ -57,16 +57,18 @@ def missing_groups(settings) -> tuple[str, ...]:
     are.
     """
     top = settings.characters
-    here = (
+    present = (
         {*top.objects.keys(), *(child.name for child in top.children if child.all_objects)}
         if top is not None
         else set()
     )
-    gone = [group.name for group in settings.groups if (group.variant_of or group.name) not in here]
-    if not gone:
+    missing = [
+        group.name for group in settings.groups if (group.variant_of or group.name) not in present
+    ]
+    if not missing:
         return ()
     return (
-        f"No longer among the characters: {', '.join(gone)}. Press Populate in the Crowd panel.",
+        f"No longer among the characters: {', '.join(missing)}. Press Populate in the Crowd panel.",
     )
 
 
@@ -77,15 +79,15 @@ def cast_of(groups, style: Style, characters: tuple[Character, ...]) -> Cast | N
     return Cast(groups, characters if style.mode == "MESHES" else ())
 
 
-def colors_of(chosen: str, frame: Frame, characters: tuple[Character, ...]) -> agent_colors.Colors:
-    """Return the agents' colors; `chosen` is a value of the setting overlay_color."""
-    if chosen == "STATE":
+def colors_of(mode: str, frame: Frame, characters: tuple[Character, ...]) -> agent_colors.Colors:
+    """Return the agents' colors; `mode` is a value of the setting overlay_color."""
+    if mode == "STATE":
         return agent_colors.by_state(frame)
-    if chosen == "GROUP":
+    if mode == "GROUP":
         return agent_colors.by_group(frame)
-    if chosen == "REASON":
+    if mode == "REASON":
         return agent_colors.by_reason(frame)
-    if chosen == "MATERIAL" and characters:
+    if mode == "MATERIAL" and characters:
         return agent_colors.by_material(frame, characters)
     return agent_colors.by_level(frame)
 

@@ -53,7 +53,10 @@ class Casting:
 
     def give_up(self, why: str) -> None:
         """Bake no more, and show no characters."""
-        self.characters, self.baking, self.ready, self.told = (), None, True, (why,)
+        self.characters = ()
+        self.baking = None
+        self.ready = True
+        self.told = (why,)
 
 
 _castings: dict[int, Casting] = scene_cache.add_cache({}, by_scene=True)
@@ -68,18 +71,19 @@ def casting_of(scene: bpy.types.Scene) -> Casting | None:
     if levels is None or not levels.children or not levels.children[0].children:
         _castings.pop(scene.session_uid, None)
         return None
-    known, now = _castings.get(scene.session_uid), clock.monotonic()
-    if known is None or now > known.looked + LOOK_AGAIN:
+    casting = _castings.get(scene.session_uid)
+    now = clock.monotonic()
+    if casting is None or now > casting.looked + LOOK_AGAIN:
         key, looks = _key(scene)
         # to read pixels takes milliseconds
-        seen = known is None or scene.crowd_lod.overlay_color == "MATERIAL"
-        painted = _painted(looks.sources) if seen else known.painted
-        if known is None or (known.key, known.painted) != (key, painted):
-            known = _castings[scene.session_uid] = Casting(key, painted, now)
-        known.looked = now
-    if not known.ready and not bpy.app.timers.is_registered(bake_some):
+        seen = casting is None or scene.crowd_lod.overlay_color == "MATERIAL"
+        painted = _painted(looks.sources) if seen else casting.painted
+        if casting is None or (casting.key, casting.painted) != (key, painted):
+            casting = _castings[scene.session_uid] = Casting(key, painted, now)
+        casting.looked = now
+    if not casting.ready and not bpy.app.timers.is_registered(bake_some):
         bpy.app.timers.register(bake_some)
-    return known
+    return casting
 
 
 def read(scene: bpy.types.Scene) -> Iterator[float]:
@@ -127,9 +131,11 @@ def _bake_on(scene: bpy.types.Scene, casting: Casting) -> None:
     """Bake some frames of the casting's next character."""
     levels = scene.crowd_lod.levels
     counts = set() if levels is None else {len(level.children) for level in levels.children}
-    number, of = len(casting.characters), max(counts, default=0)
+    number = len(casting.characters)
+    of = max(counts, default=0)
     if len(counts) != 1 or number >= of:  # the user has put collections in, or taken them out
-        casting.characters, casting.ready = (), True
+        casting.characters = ()
+        casting.ready = True
         return
     groups = scene.crowd_lod.groups
     home = levels.children[0].children[number]
@@ -141,7 +147,9 @@ def _bake_on(scene: bpy.types.Scene, casting: Casting) -> None:
     except StopIteration as end:
         casting.characters += (end.value,)
         casting.told += (end.value.told,) if end.value.told else ()
-        casting.baking, casting.progress, casting.ready = None, (number + 1) / of, number + 1 == of
+        casting.baking = None
+        casting.progress = (number + 1) / of
+        casting.ready = number + 1 == of
     except (
         CrowdError
     ) as error:  # what the user can mend, such as a state that names no action of the file
@@ -170,7 +178,9 @@ def _key(scene: bpy.types.Scene) -> tuple[bytes, Looks]:
     The pixels of the looks' images are left out. Weights are slow to read: they count as changed
     when an object enters or leaves a painting or edit mode.
     """
-    digest, looks, told = hashlib.sha256(), Looks(), set()
+    digest = hashlib.sha256()
+    looks = Looks()
+    told = set()
     homes = [home for level in scene.crowd_lod.levels.children for home in level.children]
     digest.update(cast_digest(item for home in homes for item in home.all_objects).encode())
     for home in homes:
@@ -225,9 +235,9 @@ def _named(group: str, items: list[bpy.types.Object], names: tuple[str, ...]) ->
 
 def _painted(images: list[bpy.types.Image]) -> int:
     """Return a checksum of the images' pixels."""
-    found = 0
+    total = 0
     for image in images:
         values = np.empty(len(image.pixels), np.float32)
         image.pixels.foreach_get(values)
-        found = zlib.crc32(values, found)
-    return found
+        total = zlib.crc32(values, total)
+    return total

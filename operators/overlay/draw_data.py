@@ -96,14 +96,16 @@ def drawing(
     fades: (finer, share) of all agents, from crowd_lod.frame.cross_fade.fades_of; None for no
         cross-fade.
     """
-    crowd, origin = frame.crowd, frame.camera.origin
+    crowd = frame.crowd
+    origin = frame.camera.origin
     colors = colors or by_level(frame)
-    center, radius = frame.trajectory.spheres.center, frame.trajectory.spheres.radius
+    center = frame.trajectory.spheres.center
+    radius = frame.trajectory.spheres.radius
     points = style.mode == "POINTS"
-    seen = len(frame.buckets.order) if points else 0
+    visible = len(frame.buckets.order) if points else 0
     culled = np.arange(0, len(crowd) if style.culled else 0, -(-len(crowd) // MOST_CULLED) or 1)
     culled = culled[frame.culled[culled]] if len(culled) else culled
-    order = np.concatenate([frame.buckets.order[:seen], culled])
+    order = np.concatenate([frame.buckets.order[:visible], culled])
     group = crowd.group[order]
     agents, draws, plays = (
         (np.empty((0, 8), np.float32), (), ()) if points else _instances(frame, colors, fades)
@@ -113,14 +115,14 @@ def drawing(
         crowd.places(center, order, origin), axis=1, dtype=np.float32, casting="same_kind"
     )
     tints = np.empty((len(order), 4), np.float32)
-    tints[:seen] = colors.palette[colors.index[order[:seen]]]
-    tints[seen:] = CULLED
+    tints[:visible] = colors.palette[colors.index[order[:visible]]]
+    tints[visible:] = CULLED
     if colors.culled:
-        tints[seen:, :3] = colors.palette[colors.index[order[seen:]], :3]
+        tints[visible:, :3] = colors.palette[colors.index[order[visible:]], :3]
 
     largest = float(radius.max()) or 1.0
     sizes = (radius / largest).astype(np.float32)[group]
-    sizes[seen:] *= CULLED_SIZE
+    sizes[visible:] *= CULLED_SIZE
 
     lines, line_colors = frustum_lines(frame.camera, frame.begins)
     return Drawing(
@@ -145,27 +147,28 @@ def _instances(
     frame: Frame, colors: Colors, fades: tuple[np.ndarray, np.ndarray] | None
 ) -> tuple[np.ndarray, tuple, tuple]:
     """Return (agents, draws, plays) of a Drawing; cross-fading agents are in both LODs."""
-    crowd, order = frame.crowd, frame.buckets.order
-    levels, shares = frame.buckets.levels, np.zeros(len(order), np.float32)
+    crowd = frame.crowd
+    order = frame.buckets.order
+    levels = frame.buckets.levels
+    shares = np.zeros(len(order), np.float32)
     if fades is not None:
         finer, share = (values[order] for values in fades)
         # so that both LODs hold it to the bit
         share = (share * SHARES).round().clip(share > 0, SHARES - 1) / SHARES
-        both = np.flatnonzero(share > 0)
-        levels = np.concatenate([finer, finer[both] + np.uint8(1)])
-        shares = np.concatenate([-share, share[both]])
-        order = np.concatenate([order, order[both]])
-    draw, gaits = (
-        levels.astype(np.uint16) * np.uint16(256) + crowd.group[order],
-        frame.trajectory.gaits,
-    )
+        fading = np.flatnonzero(share > 0)
+        levels = np.concatenate([finer, finer[fading] + np.uint8(1)])
+        shares = np.concatenate([-share, share[fading]])
+        order = np.concatenate([order, order[fading]])
+    draw = levels.astype(np.uint16) * np.uint16(256) + crowd.group[order]
+    gaits = frame.trajectory.gaits
     actions = len(gaits.actions)
     if actions > 1:
         draw = draw.astype(np.uint32) * np.uint32(actions) + gaits.action[
             crowd.playing[order]
         ].astype(np.uint32)
     by_draw = np.argsort(draw, kind="stable")
-    order, shares = order[by_draw], shares[by_draw]
+    order = order[by_draw]
+    shares = shares[by_draw]
     kinds, first, count = np.unique(draw[by_draw], return_index=True, return_counts=True)
 
     agents = np.zeros((len(order), 8), np.float32)
@@ -196,7 +199,8 @@ def frustum_lines(camera: Camera, begins: np.ndarray) -> tuple[np.ndarray, np.nd
     """
     if camera.kind == "PANO":
         return np.empty((0, 2, 3)), np.empty((0, 2, 4), np.float32)
-    near, far = frustum_corners(camera, camera.near), frustum_corners(camera, camera.far)
+    near = frustum_corners(camera, camera.near)
+    far = frustum_corners(camera, camera.far)
     ends = [np.stack([near, far], axis=1), _ring(near), _ring(far)]
     colors = [FRUSTUM] * 3
     for level, distances in enumerate(begins.T, start=1):

@@ -38,9 +38,11 @@ THREADS = 64  # in a work group
 # Far more than all roundings of float32: some ten of them, each 2 ** -24 of the terms' sizes.
 SLACK = 2.0**-19
 # Meters: of what is larger, float32 loses the square; a slack is no smaller.
-HUGE, TINY = 1e15, 1e-20
+HUGE = 1e15
+TINY = 1e-20
 # Frames that each way is tried for, and milliseconds from which on a plan is worth trying another.
-TRIES, WORTH = 4, 1.0
+TRIES = 4
+WORTH = 1.0
 
 PLAN = "struct CrowdPlan { vec4 planes[6]; vec4 axis; vec4 origin; vec4 slack; };"
 # Of each pass, in their order: what it reads, what it writes, and the numbers that it is told.
@@ -78,13 +80,13 @@ def program(name: str, levels: int, radial: bool) -> "GPUShader":
     }
     for key, value in numbers.items():
         info.define(key, str(value))
-    reads, writes, told = PASSES[name]
-    for slot, each in enumerate(reads):
-        info.sampler(slot, "FLOAT_2D" if name == "levels" else "UINT_2D", each)
-    for slot, each in enumerate(writes):
-        info.image(slot, "R32UI", "UINT_2D", each, qualifiers={"WRITE"})
-    for each in told:
-        info.push_constant("INT", each)
+    reads, writes, constants = PASSES[name]
+    for slot, buffer in enumerate(reads):
+        info.sampler(slot, "FLOAT_2D" if name == "levels" else "UINT_2D", buffer)
+    for slot, buffer in enumerate(writes):
+        info.image(slot, "R32UI", "UINT_2D", buffer, qualifiers={"WRITE"})
+    for buffer in constants:
+        info.push_constant("INT", buffer)
     if name == "levels":
         info.typedef_source(PLAN)
         info.uniform_buf(0, "CrowdPlan", "view")
@@ -105,19 +107,22 @@ class Planner:
             [(area.x_min + area.x_max) / 2, (area.y_min + area.y_max) / 2, area.z]
         )
         self.spheres = trajectory.spheres.center, trajectory.spheres.reach
-        self._agents, self._asked = None, (None, None)
-        self._places, self._columns = {}, (None,) * 3
+        self._agents = None
+        self._asked = (None, None)
+        self._places = {}
+        self._columns = (None,) * 3
 
-    def __call__(self, asked: Unsorted) -> tuple[np.ndarray, np.ndarray]:
+    def __call__(self, request: Unsorted) -> tuple[np.ndarray, np.ndarray]:
         """Return (places, offsets) of the visible agents' buckets.
 
         They are those of frame/stages.py, Sorter: places (m,) int32, offsets (n + 1,).
         """
         from gpu.types import Buffer, GPUUniformBuf
 
-        count, levels = len(asked.crowd), asked.policy.count
-        self._upload(asked.crowd, asked.order)
-        view, spheres = _inputs(self.middle, self.spheres, asked)
+        count = len(request.crowd)
+        levels = request.policy.count
+        self._upload(request.crowd, request.order)
+        view, spheres = _inputs(self.middle, self.spheres, request)
         runs = -(-count // RUN)
         total = (levels + 1) * runs + 1  # counts, and where all end
         sizes = {
@@ -133,25 +138,24 @@ class Planner:
             "spheres": _texture(spheres.size // 4, "RGBA32F", spheres),
         }
         view = GPUUniformBuf(Buffer("FLOAT", view.size, view))
-        numbers, radial = (
-            {"runs": runs, "count": count, "total": total},
-            asked.policy.metric == "RADIAL",
-        )
+        numbers = {"runs": runs, "count": count, "total": total}
+        radial = request.policy.metric == "RADIAL"
         for name in PASSES:
             threads = runs if "runs" in PASSES[name][2] else sizes["sums"]
             _dispatch(program(name, levels, radial), name, threads, textures, view, numbers)
         ends = _read(textures["offsets"], total)[::runs].astype(np.intp)
         places = _read(textures["places"], count)[: ends[-1]]
-        return _settled(places, ends, self.spheres, asked)
+        return _settled(places, ends, self.spheres, request)
 
     def _upload(self, crowd: Crowd, order: np.ndarray | None) -> None:
         """Upload the columns that have changed since the last call."""
-        asked = order, crowd.group
-        if any(new is not old for new, old in zip(asked, self._asked, strict=True)):
+        inputs = order, crowd.group
+        if any(new is not old for new, old in zip(inputs, self._asked, strict=True)):
             agents = np.empty((len(crowd), 2), np.float32)
             agents[:, 0] = np.arange(len(crowd)) if order is None else order
             agents[:, 1] = crowd.group if order is None else crowd.group[order]
-            self._agents, self._asked = _texture(len(crowd), "RG32F", agents), asked
+            self._agents = _texture(len(crowd), "RG32F", agents)
+            self._asked = inputs
         columns = crowd.x, crowd.y, crowd.z
         for axis, new, old, at in zip("xyz", columns, self._columns, self.middle, strict=True):
             if new is not old:
@@ -160,19 +164,22 @@ class Planner:
         self._columns = columns
 
 
-def _inputs(middle, spheres: tuple, asked: Unsorted) -> tuple[np.ndarray, np.ndarray]:
+def _inputs(middle, spheres: tuple, request: Unsorted) -> tuple[np.ndarray, np.ndarray]:
     """Return (the shader's CrowdPlan (36,), spheres (G * n, 4)), both float32.
 
     CrowdPlan: planes, view axis and origin relative to `middle` (3,), and the slack for rounding.
     spheres: n rows per group. The first row holds the height of the center, the reach, and |height|
         + reach. Row k holds where LOD k begins.
     """
-    (center, radius), camera, policy = spheres, asked.camera, asked.policy
+    center, radius = spheres
+    camera = request.camera
+    policy = request.policy
     frustum = frustum_of(camera)
     reach = camera.pad + (radius if policy.margin is None else np.zeros_like(radius))
-    normals, origin = np.vstack([frustum.normals, camera.Z]), camera.origin - middle
+    normals = np.vstack([frustum.normals, camera.Z])
+    origin = camera.origin - middle
     offsets = np.append(frustum.limits(policy.margin), 0.0) + normals @ origin
-    begin = np.clip(asked.begins, -HUGE, HUGE)
+    begin = np.clip(request.begins, -HUGE, HUGE)
     largest = (
         np.abs(offsets).max()
         + np.abs(origin).sum()
@@ -181,12 +188,10 @@ def _inputs(middle, spheres: tuple, asked: Unsorted) -> tuple[np.ndarray, np.nda
     slack = SLACK * max(1.0, frustum.rounding) * (1 + np.abs(camera.Z).sum())
     most = slack * largest + camera.grain * (np.abs(middle).sum() + 2 * np.abs(camera.origin).sum())
     view = np.zeros((9, 4), np.float32)
-    view[:7, :3], view[:7, 3], view[7, :3], view[8, :2] = (
-        normals,
-        offsets,
-        origin,
-        (slack + camera.grain, most + TINY),
-    )
+    view[:7, :3] = normals
+    view[:7, 3] = offsets
+    view[7, :3] = origin
+    view[8, :2] = (slack + camera.grain, most + TINY)
     rows = np.zeros((len(radius), policy.count, 4), np.float32)
     rows[:, 0, :3] = np.column_stack([center, reach, np.abs(center) + reach])
     rows[:, 1:, 0] = begin
@@ -215,14 +220,14 @@ def _dispatch(
 ) -> None:
     from gpu.compute import dispatch
 
-    reads, writes, told = PASSES[name]
+    reads, writes, constants = PASSES[name]
     shader.bind()
-    for each in reads:
-        shader.uniform_sampler(each, textures[each])
-    for each in writes:
-        shader.image(each, textures[each])
-    for each in told:
-        shader.uniform_int(each, numbers[each])
+    for buffer in reads:
+        shader.uniform_sampler(buffer, textures[buffer])
+    for buffer in writes:
+        shader.image(buffer, textures[buffer])
+    for buffer in constants:
+        shader.uniform_int(buffer, numbers[buffer])
     if name == "levels":
         shader.uniform_block("view", view)
     dispatch(shader, -(-threads // THREADS), 1, 1)
@@ -233,7 +238,7 @@ def _read(texture, count: int) -> np.ndarray:
     return np.asarray(memoryview(texture.read())).ravel()[:count].view(np.int32)
 
 
-def _settled(places, ends, spheres: tuple, asked: Unsorted) -> tuple[np.ndarray, np.ndarray]:
+def _settled(places, ends, spheres: tuple, request: Unsorted) -> tuple[np.ndarray, np.ndarray]:
     """Decide the agents of the open bucket and return (places, offsets) with them.
 
     ends: (n + 2,), starts with 0; bucket k is places[ends[k]:ends[k + 1]], and the last bucket is
@@ -242,11 +247,12 @@ def _settled(places, ends, spheres: tuple, asked: Unsorted) -> tuple[np.ndarray,
     places, open_, offsets = places[: ends[-2]], places[ends[-2] :], ends[:-1]
     if not len(open_):
         return places, offsets
-    crowd, policy = asked.crowd, asked.policy
-    agents = open_ if asked.order is None else asked.order[open_]
+    crowd = request.crowd
+    policy = request.policy
+    agents = open_ if request.order is None else request.order[open_]
     options = RadarOptions(policy.margin, policy.metric == "RADIAL")
-    visible, distance = radar(crowd, asked.camera, *spheres, options, agents)
-    levels = assign(distance, asked.begins, crowd.group[agents])
+    visible, distance = radar(crowd, request.camera, *spheres, options, agents)
+    levels = assign(distance, request.begins, crowd.group[agents])
     buckets = []
     for level, (first, last) in enumerate(zip(offsets[:-1], offsets[1:], strict=True)):
         more = open_[visible & (levels == level)]
@@ -301,14 +307,14 @@ class Faster:
         return frame
 
 
-def worth_the_gpu(here: list[float], there: list[float]) -> bool:
+def worth_the_gpu(cpu_seconds: list[float], there: list[float]) -> bool:
     """Return whether to make the next plan on the GPU.
 
     False while plans without the GPU take less than WORTH milliseconds. Compares medians, so that
     the slow first plan of each way (it builds blocks or compiles) does not decide.
 
-    here, there: milliseconds of the last plans without and with the GPU.
+    cpu_seconds, there: milliseconds of the last plans without and with the GPU.
     """
-    if len(here) < TRIES or statistics.median(here) < WORTH:
+    if len(cpu_seconds) < TRIES or statistics.median(cpu_seconds) < WORTH:
         return False
-    return len(there) < TRIES or statistics.median(there) < statistics.median(here)
+    return len(there) < TRIES or statistics.median(there) < statistics.median(cpu_seconds)

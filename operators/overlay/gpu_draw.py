@@ -98,29 +98,33 @@ class Batches:
     nbytes: bytes of the Drawing's arrays.
     """
 
-    def __init__(self, what: Drawing, cast: Cast | None = None, before: "Batches | None" = None):
-        """Upload the Drawing `what`.
+    def __init__(self, drawing: Drawing, cast: Cast | None = None, before: "Batches | None" = None):
+        """Upload the Drawing `drawing`.
 
         cast: the characters or boxes to instance; None draws points and lines alone.
         before: an earlier Batches; every texture or batch whose arrays are equal is reused from it.
         """
         from gpu.types import Buffer, GPUUniformBuf
 
-        self.origin, self.diameter, self.cast = what.origin, what.diameter, cast
-        self.draws, self.materials = what.draws if cast is not None else (), what.materials
-        self.plays = what.plays or ("",) * len(what.draws)
-        self.fading, self.nbytes = what.fading, what.nbytes
+        self.origin = drawing.origin
+        self.diameter = drawing.diameter
+        self.cast = cast
+        self.draws = drawing.draws if cast is not None else ()
+        self.materials = drawing.materials
+        self.plays = drawing.plays or ("",) * len(drawing.draws)
+        self.fading = drawing.fading
+        self.nbytes = drawing.nbytes
         self._made: dict[str, tuple] = {}
         if self.draws:
             self.agents = self._make(
-                "agents", before, _agent_texture, what.agents, np.array(what.turn)
+                "agents", before, _agent_texture, drawing.agents, np.array(drawing.turn)
             )
-            self.palette = self._make("palette", before, _palette_texture, what.palette)
+            self.palette = self._make("palette", before, _palette_texture, drawing.palette)
             self.view = GPUUniformBuf(Buffer("FLOAT", 20))
         self.points = self._make(
-            "points", before, _point_batch, what.positions, what.colors, what.sizes
+            "points", before, _point_batch, drawing.positions, drawing.colors, drawing.sizes
         )
-        self.lines = self._make("lines", before, _line_batch, what.lines, what.line_colors)
+        self.lines = self._make("lines", before, _line_batch, drawing.lines, drawing.line_colors)
 
     def _make(
         self, name: str, before: "Batches | None", make: Callable, *arrays: np.ndarray
@@ -213,7 +217,8 @@ def put_depth(depth, size: tuple[int, int]) -> None:
     import gpu
     from gpu.types import GPUTexture
 
-    shader, depths = shader_programs.depth(), GPUTexture(size, format="R32F", data=depth)
+    shader = shader_programs.depth()
+    depths = GPUTexture(size, format="R32F", data=depth)
     with _gpu_state():
         gpu.state.depth_test_set("ALWAYS")
         shader.bind()
@@ -225,7 +230,8 @@ def _paint_meshes(batches: Batches, matrix: np.ndarray, view: np.ndarray) -> Non
     """Draw each LOD and group with one instanced draw, the finest LOD first."""
     import gpu
 
-    cast, bound = batches.cast, None
+    cast = batches.cast
+    bound = None
     batches.view.update(view_buffer(matrix, view))
     materials = batches.materials and bool(cast.characters)
     for (level, group, first, count), action in zip(batches.draws, batches.plays, strict=False):
@@ -234,7 +240,8 @@ def _paint_meshes(batches: Batches, matrix: np.ndarray, view: np.ndarray) -> Non
             continue
         kind = cast.kind(level, group)
         if kind != bound:
-            shader, bound = shader_programs.meshes(kind, materials, batches.fading), kind
+            shader = shader_programs.meshes(kind, materials, batches.fading)
+            bound = kind
             shader.bind()
             shader.uniform_block("view", batches.view)
             shader.uniform_sampler("agents", batches.agents)
@@ -273,11 +280,9 @@ def _gpu_state() -> Iterator[None]:
     """Enable depth test, alpha blending and point sizes; restore at the end."""
     import gpu
 
-    depth_test, depth_mask, blend = (
-        gpu.state.depth_test_get(),
-        gpu.state.depth_mask_get(),
-        gpu.state.blend_get(),
-    )
+    depth_test = gpu.state.depth_test_get()
+    depth_mask = gpu.state.depth_mask_get()
+    blend = gpu.state.blend_get()
     try:
         gpu.state.depth_test_set("LESS_EQUAL")
         gpu.state.depth_mask_set(True)
@@ -328,11 +333,14 @@ def _agent_texture(agents: np.ndarray, turn: np.ndarray) -> "GPUTexture":
     agents: (m, 8) or (m, 9) float32, of a Drawing.
     turn: () radians, of a Drawing.
     """
-    m, (heading, phase, look, pitch, roll, *scale) = len(agents), agents.T[3:]
+    m = len(agents)
+    (heading, phase, look, pitch, roll, *scale) = agents.T[3:]
     rows = -(-3 * m // shader_programs.TEXELS)
     texels = np.zeros((rows * shader_programs.TEXELS, 4), np.float32)
     one, two, three = (texels[k : 3 * m : 3] for k in range(3))
-    one[:, :3], one[:, 3], two[:, 3] = agents[:, :3], phase, look
+    one[:, :3] = agents[:, :3]
+    one[:, 3] = phase
+    two[:, 3] = look
     three[:, 3] = scale[0] if scale else 1.0
     two[:, :3], three[:, :3] = axes(heading, pitch, roll, float(turn))
     return _texture(texels.reshape(rows, shader_programs.TEXELS, 4))
@@ -362,7 +370,8 @@ def _skinned_frames(mesh: SkinnedMesh, frames: int, joints) -> "GPUTexture | Non
     size = len(mesh.points), frames
     if not len(mesh.triangles) or size[0] > WIDEST or TEXEL * size[0] * size[1] > MOST_SKINNED:
         return None
-    texture, shader = GPUTexture(size, format="RGBA32F"), shader_programs.skin()
+    texture = GPUTexture(size, format="RGBA32F")
+    shader = shader_programs.skin()
     with GPUFrameBuffer(color_slots=texture).bind(), _gpu_state():
         gpu.state.depth_test_set("NONE")
         gpu.state.blend_set("NONE")

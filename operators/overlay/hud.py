@@ -22,10 +22,15 @@ STAGES = {
     "sorting": "Sorting",
     "drawing": "Drawing",
 }
-WHITE, RING, BEHIND = (0.9, 0.9, 0.9, 1.0), (1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.5)  # sRGB
+# sRGB
+WHITE = (0.9, 0.9, 0.9, 1.0)
+RING = (1.0, 1.0, 1.0, 1.0)
+BEHIND = (0.0, 0.0, 0.0, 0.5)
 SAMPLE = "Agents 0123456789, visible"  # of the figures' letters, for their mean width
 # nominal pixels; LINE is that of Blender's own text, the viewport's name and so on
-LETTERS, LINE, MARGIN = 11.0, 18.0, 10.0
+LETTERS = 11.0
+LINE = 18.0
+MARGIN = 10.0
 LEAST = 8.0  # nominal pixels, the ring's least radius
 CORNERS = 48
 NARROWEST = 120.0  # nominal pixels, below which nothing is written
@@ -59,38 +64,41 @@ def figures(
     account: of the picked agent, or None.
     notes: sentences for the user.
     """
-    agents, visible = frame.crowd.there, len(frame.buckets.order)
+    agents = frame.crowd.there
+    visible = len(frame.buckets.order)
     culled = (agents - visible) / agents if agents else 0.0
-    said = [Line(f"{counted(agents, 'agent')}, {visible:,} visible, {culled:.1%} culled")]
+    lines = [Line(f"{counted(agents, 'agent')}, {visible:,} visible, {culled:.1%} culled")]
     counts = enumerate(frame.buckets.counts)
-    said += [
+    lines += [
         Line(f"LOD {k}  {count:,}", colors.of_name(k) if colors.by_lod else None)
         for k, count in counts
     ]
-    said += [] if colors.by_lod else legend(colors)
-    said += map(Line, notes)
+    lines += [] if colors.by_lod else legend(colors)
+    lines += map(Line, notes)
     if frame.full_triangles:
-        said.append(Line(f"Vertices  {share(frame.vertices, frame.full_vertices)} without LOD"))
-        said.append(Line(f"Triangles  {share(frame.triangles, frame.full_triangles)} without LOD"))
+        lines.append(Line(f"Vertices  {share(frame.vertices, frame.full_vertices)} without LOD"))
+        lines.append(Line(f"Triangles  {share(frame.triangles, frame.full_triangles)} without LOD"))
     times = frame.milliseconds | {"drawing": drawing}
-    said.append(Line(", ".join(f"{STAGES[stage]} {ms:.2f}" for stage, ms in times.items()) + " ms"))
+    lines.append(
+        Line(", ".join(f"{STAGES[stage]} {ms:.2f}" for stage, ms in times.items()) + " ms")
+    )
     state = sum(column.nbytes for column in frame.crowd.columns.values())
-    said.append(Line(f"{size(state)} of agents' state, {size(gpu_bytes)} on the GPU"))
+    lines.append(Line(f"{size(state)} of agents' state, {size(gpu_bytes)} on the GPU"))
     if account is not None:
-        said.append(
+        lines.append(
             Line(
                 ", ".join(f"{name} {value}" for name, value in told(account)),
                 colors.of_agent(account.agent, account.visible),
             )
         )
     if frame.dropped:
-        said.append(
+        lines.append(
             Line(
                 f"{counted(frame.dropped, 'agent')} at NaN or infinity "
                 f"{'is' if frame.dropped == 1 else 'are'} left out."
             )
         )
-    return tuple(said)
+    return tuple(lines)
 
 
 def legend(colors: Colors) -> list[Line]:
@@ -141,20 +149,24 @@ def size(count: int) -> str:
     )
 
 
-def broken(said: Sequence[Line], letters: int, rows: int) -> list[Line]:
-    """Return `said` wrapped to lines of at most `letters` characters.
+def broken(lines: Sequence[Line], letters: int, rows: int) -> list[Line]:
+    """Return `lines` wrapped to lines of at most `letters` characters.
 
     rows: the most lines returned; if there are more, the last one is "...".
     """
-    found = []
-    for line in said:
+    broken_lines = []
+    for line in lines:
         first, *rest = textwrap.wrap(line.text, max(3, letters), subsequent_indent="  ") or [""]
-        found += [Line(first, line.color), *map(Line, rest)]
-    return found if len(found) <= rows else [*found[: max(0, rows - 1)], Line("...")][:rows]
+        broken_lines += [Line(first, line.color), *map(Line, rest)]
+    return (
+        broken_lines
+        if len(broken_lines) <= rows
+        else [*broken_lines[: max(0, rows - 1)], Line("...")][:rows]
+    )
 
 
 def write(
-    said: Sequence[Line], box: tuple[float, float, float, float], ui_scale: float
+    lines: Sequence[Line], box: tuple[float, float, float, float], ui_scale: float
 ) -> tuple[float, float]:
     """Write lines of text from the top down into a box of the region being drawn.
 
@@ -165,10 +177,11 @@ def write(
     import blf
 
     left, bottom, right, top = box
-    indent, line = 2 * MARGIN * ui_scale, LINE * ui_scale
+    indent = 2 * MARGIN * ui_scale
+    line = LINE * ui_scale
     blf.size(0, LETTERS * ui_scale)
     letter = blf.dimensions(0, SAMPLE)[0] / len(SAMPLE)
-    fitting = broken(said, int((right - left - 2 * indent) / letter), int((top - bottom) / line))
+    fitting = broken(lines, int((right - left - 2 * indent) / letter), int((top - bottom) / line))
     if right - left < NARROWEST * ui_scale or not fitting:
         return left, top
     width = indent + max(blf.dimensions(0, each.text)[0] for each in fitting)
@@ -219,7 +232,10 @@ def free_box(area, region, overlay, ui_scale: float) -> tuple[float, float, floa
     writes at the top.
     Returns (left, bottom, right, top) in pixels of the region.
     """
-    left, bottom, right, top = region.x, region.y, region.x + region.width, region.y + region.height
+    left = region.x
+    bottom = region.y
+    right = region.x + region.width
+    top = region.y + region.height
     for other in area.regions:
         if other.width <= 1 or other.height <= 1:
             continue
@@ -232,12 +248,12 @@ def free_box(area, region, overlay, ui_scale: float) -> tuple[float, float, floa
                 top = min(top, other.y)
             else:
                 bottom = max(bottom, other.y + other.height)
-    own = 3 * overlay.show_text + 6 * overlay.show_stats
+    lines = 3 * overlay.show_text + 6 * overlay.show_stats
     return (
         left - region.x,
         bottom - region.y,
         right - region.x,
-        top - region.y - (own * LINE + MARGIN) * ui_scale,
+        top - region.y - (lines * LINE + MARGIN) * ui_scale,
     )
 
 
@@ -248,10 +264,8 @@ def ring(frame: Frame, agent: int, region, ui_scale: float) -> None:
     """
     from gpu_extras.batch import batch_for_shader
 
-    matrix, group = (
-        np.array(region.data.perspective_matrix, np.float64),
-        frame.trajectory.groups[frame.crowd.group[agent]],
-    )
+    matrix = np.array(region.data.perspective_matrix, np.float64)
+    group = frame.trajectory.groups[frame.crowd.group[agent]]
     x, y, _, w = matrix @ (*frame.crowd.places(frame.trajectory.spheres.center, agent), 1.0)
     if w <= 0:
         return

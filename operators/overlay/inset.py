@@ -25,19 +25,21 @@ BACKGROUND = 0.02, 0.02, 0.02, 1.0  # linear
 STRAY = 1.0, 0.0, 1.0, 1.0  # linear RGBA, of the map's off-color pixels
 
 
-def with_strays(what: Drawing, strays: np.ndarray) -> Drawing:
+def with_strays(drawing: Drawing, strays: np.ndarray) -> Drawing:
     """Return the drawing of points with a point more for each stray of the maps (k, 3), over all
     agents.
     """
     if not len(strays):
-        return what
-    marks = (strays - what.origin).astype(np.float32)
-    marks[:, 2] = np.maximum(marks[:, 2], what.positions[:, 2].max(initial=-np.inf)) + what.diameter
+        return drawing
+    marks = (strays - drawing.origin).astype(np.float32)
+    marks[:, 2] = (
+        np.maximum(marks[:, 2], drawing.positions[:, 2].max(initial=-np.inf)) + drawing.diameter
+    )
     return replace(
-        what,
-        positions=np.concatenate([what.positions, marks]),
-        colors=np.concatenate([what.colors, np.tile(np.float32(STRAY), (len(marks), 1))]),
-        sizes=np.concatenate([what.sizes, np.ones(len(marks), np.float32)]),
+        drawing,
+        positions=np.concatenate([drawing.positions, marks]),
+        colors=np.concatenate([drawing.colors, np.tile(np.float32(STRAY), (len(marks), 1))]),
+        sizes=np.concatenate([drawing.sizes, np.ones(len(marks), np.float32)]),
     )
 
 
@@ -55,7 +57,8 @@ def from_above(area: Area, eye: np.ndarray, places: np.ndarray) -> tuple[np.ndar
     width, height = 1.06 * np.maximum(high - low, 1e-3)
     width, height = max(width, height * aspect), max(height, width / aspect)
     bottom, top = (eye[2] + end(places[:, 2]) for end in (np.min, np.max))
-    view, projection = np.eye(4), np.eye(4)
+    view = np.eye(4)
+    projection = np.eye(4)
     view[:3, 3] = *-(low + high) / 2, -(bottom + top) / 2
     projection[[0, 1, 2], [0, 1, 2]] = 2 / width, 2 / height, -2 / (1.1 * (top - bottom) + 1.0)
     return view, projection
@@ -82,10 +85,8 @@ def picture(
     from gpu.types import GPUFrameBuffer, GPUTexture
 
     size = pixels(ui_scale)
-    color, depth = (
-        GPUTexture(size, format="SRGB8_A8"),
-        GPUTexture(size, format="DEPTH_COMPONENT32F"),
-    )
+    color = GPUTexture(size, format="SRGB8_A8")
+    depth = GPUTexture(size, format="DEPTH_COMPONENT32F")
     canvas = GPUFrameBuffer(color_slots=color, depth_slot=depth)
     with canvas.bind():
         canvas.clear(color=BACKGROUND, depth=1.0)
@@ -94,21 +95,21 @@ def picture(
 
 
 def show(
-    texture, box: tuple[float, float, float, float], taken: tuple[float, float], ui_scale: float
+    texture, box: tuple[float, float, float, float], legend: tuple[float, float], ui_scale: float
 ) -> None:
     """Draw the texture in the box's bottom right corner, beside or below the text.
 
     Draws nothing where it would be smaller than SMALLEST of its size.
 
     box: (left, bottom, right, top) in pixels of the region.
-    taken: (right, bottom) of the text, which begins in the box's top left corner.
+    legend: (right, bottom) of the text, which begins in the box's top left corner.
     """
     from gpu_extras.presets import draw_texture_2d
 
     left, bottom, right, top = box
     width, height = SIZE
     margin = INSET_MARGIN * ui_scale
-    free = max((right - taken[0] - 2 * margin) / width, (taken[1] - bottom - 2 * margin) / height)
+    free = max((right - legend[0] - 2 * margin) / width, (legend[1] - bottom - 2 * margin) / height)
     scale = min(ui_scale, free, MOST * (right - left) / width, MOST * (top - bottom) / height)
     if scale >= SMALLEST * ui_scale:
         at = right - margin - scale * width, bottom + margin

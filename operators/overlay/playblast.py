@@ -83,7 +83,8 @@ class Canvas:
         )
         with self._solid.bind():
             buffer = gpu.state.active_framebuffer_get()
-            picture, depth = self._read(buffer), buffer.read_depth(0, 0, width, height)
+            picture = self._read(buffer)
+            depth = buffer.read_depth(0, 0, width, height)
         with self._overlay.bind():
             self._overlay.clear(color=(0, 0, 0, 0), depth=1.0)
             if batches is not None:
@@ -148,16 +149,15 @@ def solid_viewport(scene: bpy.types.Scene) -> Iterator[tuple]:
             "whole scene: open one "
             "without local view, local collections and clipping region, or choose another engine."
         )
-    space, own = area.spaces[0], scene.display.shading
+    space = area.spaces[0]
+    own = scene.display.shading
     lent = {name: getattr(own, name) for name in SHADING} | {
         "type": "SOLID",
         "background_type": "WORLD",
         "use_dof": False,
     }
-    before, overlays = (
-        {name: getattr(space.shading, name) for name in lent},
-        space.overlay.show_overlays,
-    )
+    before = {name: getattr(space.shading, name) for name in lent}
+    overlays = space.overlay.show_overlays
     try:
         space.overlay.show_overlays = False
         _set(space.shading, lent)
@@ -182,7 +182,9 @@ class Playblast:
     """
 
     def __init__(self, stage: bpy.types.Scene, trajectory: Trajectory, size: tuple[int, int]):
-        self.stage, self.trajectory, self.size = stage, trajectory, size
+        self.stage = stage
+        self.trajectory = trajectory
+        self.size = size
         self.cast = self.batches = None
         self.notes: tuple[str, ...] = ()
 
@@ -229,7 +231,8 @@ class Playblast:
         self._draw(path, caption, None)
 
     def _draw(self, path: Path, caption: str, batches: Batches | None) -> None:
-        stage, layer = self.stage, self.stage.view_layers[0]
+        stage = self.stage
+        layer = self.stage.view_layers[0]
         show_as_rendered(layer)
         matrices = camera_matrices(stage.camera, layer.depsgraph, stage.render, self.canvas.size)
         with solid_viewport(stage) as viewport:
@@ -250,7 +253,8 @@ def camera_matrices(
     Both are (4, 4) float64, as gpu_draw.paint takes them.
     """
     view = np.linalg.inv(np.array(camera.evaluated_get(depsgraph).matrix_world, np.float64))
-    (x, y), (scale_x, scale_y) = size, (render.pixel_aspect_x, render.pixel_aspect_y)
+    x, y = size
+    scale_x, scale_y = (render.pixel_aspect_x, render.pixel_aspect_y)
     return view, np.array(
         camera.calc_matrix_camera(depsgraph, x=x, y=y, scale_x=scale_x, scale_y=scale_y), np.float64
     )

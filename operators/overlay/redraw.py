@@ -28,7 +28,8 @@ def changed(scene: bpy.types.Scene) -> bool:
     False at the first call.
     """
     now = repr(_contents(scene.crowd_lod))  # as text, where NaN equals itself
-    before, _known[scene.session_uid] = _known.get(scene.session_uid, now), now
+    before = _known.get(scene.session_uid, now)
+    _known[scene.session_uid] = now
     return before != now
 
 

@@ -12,7 +12,9 @@ if TYPE_CHECKING:
 
 SHADERS = Path(__file__).parents[2] / "shaders"
 TEXELS = 4096  # in a row of the texture of instances
-BOXES, BOX_CORNERS = 64, 8  # boxes that an instance draws, vertices of a box
+# boxes that an instance draws, vertices of a box
+BOXES = 64
+BOX_CORNERS = 8
 VIEW = "struct CrowdView { mat4 matrix; vec4 key; };"
 
 

@@ -92,7 +92,10 @@ def baking(
         the origin.
     actions: that states name, besides its own.
     """
-    looks, read, done, recorder = Looks(), [], 0, None
+    looks = Looks()
+    read = []
+    progress = 0
+    recorder = None
     while True:
         homes = find()
         objects = [[item for item in home.all_objects if item.type == "MESH"] for home in homes]
@@ -110,30 +113,30 @@ def baking(
             for rig in armatures_of(flat):
                 stage.collection.objects.link(rig)
             parts = [_part(number, item, stage) for number, item in enumerate(flat)]
-            if not done:
+            if not progress:
                 performance.go_to(stage, times[0])
                 read = [_read(part, stage.view_layers[0].depsgraph, looks) for part in parts]
             for part in parts:
                 part.rest.modifiers.clear()  # from here on only where it is matters
             until = clock.monotonic() + TICK
             while True:
-                performance.go_to(stage, times[done])
+                performance.go_to(stage, times[progress])
                 recorder.record(parts, stage.view_layers[0].depsgraph)
-                done += 1
-                if done == len(times) or clock.monotonic() >= until:
+                progress += 1
+                if progress == len(times) or clock.monotonic() >= until:
                     break
-            if done == len(times):
+            if progress == len(times):
                 levels = np.split(
                     np.arange(len(flat)), np.cumsum([len(level) for level in objects])[:-1]
                 )
                 pieces = [[(parts[i], read[i]) for i in level] for level in levels]
-                made = _character(name, (stage, performance, times), pieces, recorder, looks)
+                character = _character(name, (stage, performance, times), pieces, recorder, looks)
                 begins = np.cumsum([0, *map(len, each)]).tolist()
                 named = dict(
                     zip(performance.names, zip(begins, map(len, each), strict=False), strict=True)
                 )
-                return replace(made, rows=named if len(named) > 1 else {})
-        yield done / len(times)
+                return replace(character, rows=named if len(named) > 1 else {})
+        yield progress / len(times)
 
 
 # A stage, what the character plays on it, and the moments at which that was recorded.
@@ -148,7 +151,8 @@ def _character(
     levels: of each LOD, (part, what was read of it at rest).
     """
     joints = _Joints(recorder)
-    meshes, sources = [], []
+    meshes = []
+    sources = []
     for level in levels:
         pieces = [_piece(part, joints, read) for part, read in level]
         sources.append([source for source, _ in pieces])
@@ -163,15 +167,15 @@ def _character(
     points = skin(meshes[0], frames[:1])[0]
     diagonal = float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else 0.0
     color = np.concatenate([mesh.colors for mesh in meshes]).mean(axis=0)
-    told = None
+    sentence = None
     if off > TOLERANCE * diagonal:
-        told = (
+        sentence = (
             f"{name} moves in ways that joints cannot express (shape keys, other modifiers than "
             f"armatures, or more than four "
             f"bones a vertex): the overlay shows it "
             f"{'at rest there' if np.isinf(off) else f'up to {off / diagonal:.1%} of its size off'}."
         )
-    return Character(name, frames, tuple(meshes), looks.images(), color, off, told)
+    return Character(name, frames, tuple(meshes), looks.images(), color, off, sentence)
 
 
 def _part(number: int, item: bpy.types.Object, stage: bpy.types.Scene) -> _Part:
@@ -270,7 +274,8 @@ def _read(part: _Part, depsgraph: bpy.types.Depsgraph, looks: Looks) -> tuple:
         points, triangles, corners, faces = mesh_data.read_triangles(mesh)
         solid = closed(points, triangles)
         if evaluated.matrix_world.is_negative:  # mirrored: keep the front in front
-            triangles, corners = triangles[:, ::-1], corners[:, ::-1]
+            triangles = triangles[:, ::-1]
+            corners = corners[:, ::-1]
         weights = np.zeros((len(points), len(part.bones)), np.float32)
         columns = {
             group.index: part.bones.index(group.name)
@@ -282,7 +287,8 @@ def _read(part: _Part, depsgraph: bpy.types.Depsgraph, looks: Looks) -> tuple:
                 if entry.group in columns:
                     weights[vertex.index, columns[entry.group]] = entry.weight
         loops = len(mesh.loops)
-        normals, uvs = np.zeros((loops, 3), np.float32), np.zeros((loops, 2), np.float32)
+        normals = np.zeros((loops, 3), np.float32)
+        uvs = np.zeros((loops, 2), np.float32)
         mesh.corner_normals.foreach_get("vector", normals.ravel())
         if mesh.uv_layers:
             layer = next((each for each in mesh.uv_layers if each.active_render), mesh.uv_layers[0])
@@ -366,11 +372,11 @@ def _compare(
         for part, source in zip(parts, sources, strict=True):
             if part.item.hide_viewport:
                 continue
-            seen = mesh_data.world_points(part.item.evaluated_get(depsgraph)) - origin
-            if seen.shape != source.points.shape:
+            evaluated = mesh_data.world_points(part.item.evaluated_get(depsgraph)) - origin
+            if evaluated.shape != source.points.shape:
                 return np.inf
             mine = skin(
                 source, pose(frames, np.array([index / max(len(times) - 1, 1)], np.float32))
             )[0]
-            worst = max(worst, float(np.linalg.norm(mine - seen, axis=1).max(initial=0)))
+            worst = max(worst, float(np.linalg.norm(mine - evaluated, axis=1).max(initial=0)))
     return worst

@@ -7,7 +7,9 @@ from ...crowd_lod.culling.camera import Camera, Window, referential
 
 def viewpoint(context) -> Camera:
     """Return the view of the region being drawn as a Camera."""
-    space, view, region = context.space_data, context.region_data, context.region
+    space = context.space_data
+    view = context.region_data
+    region = context.region
     camera = space.camera if space.use_local_camera else context.scene.camera
     through = view.view_perspective == "CAMERA" and camera is not None and camera.type == "CAMERA"
     clips = camera.data if through else space
@@ -34,12 +36,14 @@ def camera_of(
     origin, X, Y, Z = referential(np.linalg.inv(view), "of the viewport")
     edges = np.array([-1.0, 1.0])
     if projection[3, 3] == 0:
-        kind, (near, far) = "PERSP", clip
+        kind = "PERSP"
+        near, far = clip
         (left, right), (bottom, top) = (
             (edges + projection[axis, 2]) / projection[axis, axis] for axis in (0, 1)
         )
     else:
-        kind, (near, far) = "ORTHO", (projection[2, 3] - edges) / projection[2, 2]
+        kind = "ORTHO"
+        near, far = (projection[2, 3] - edges) / projection[2, 2]
         (left, right), (bottom, top) = (
             (edges - projection[axis, 3]) / projection[axis, axis] for axis in (0, 1)
         )

@@ -34,18 +34,20 @@ class CROWDLOD_OT_render_viewport(Stepwise, bpy.types.Operator):
         return super().poll(context)
 
     def steps(self, context) -> Iterator[float]:
-        shown, space = viewport_overlay.shown_of(context.scene), context.space_data
-        if shown.batches is None:
-            raise CrowdError(f"The viewport shows no crowd: {shown.problem}")
+        display = viewport_overlay.shown_of(context.scene)
+        space = context.space_data
+        if display.batches is None:
+            raise CrowdError(f"The viewport shows no crowd: {display.problem}")
         region = next(region for region in context.area.regions if region.type == "WINDOW")
         view, projection, size = _seen(context, space, region)
-        settings, canvas = context.scene.crowd_lod, Canvas(size)
+        settings = context.scene.crowd_lod
+        canvas = Canvas(size)
         crowd = visibility.shows_crowd(settings, space) and not visibility.shows_build(
             settings, context.view_layer, space
         )
         try:
             with _waiting(context.window):
-                batches = shown.batches if crowd else None
+                batches = display.batches if crowd else None
                 pixels = canvas.picture(
                     context.scene, context.view_layer, (space, region), (view, projection), batches
                 )
@@ -73,9 +75,11 @@ def _waiting(window: bpy.types.Window | None) -> Iterator[None]:
 
 def _seen(context, space, region) -> tuple[np.ndarray, np.ndarray, tuple[int, int]]:
     """Return (view, projection, size in pixels) of the viewport's picture."""
-    seen, camera = space.region_3d, space.camera
+    seen = space.region_3d
+    camera = space.camera
     if seen.view_perspective == "CAMERA" and camera is not None and camera.type == "CAMERA":
-        depsgraph, render = context.evaluated_depsgraph_get(), context.scene.render
+        depsgraph = context.evaluated_depsgraph_get()
+        render = context.scene.render
         size = cameras.image_size(render)
         return *camera_matrices(camera, depsgraph, render, size), size
     view, projection = (

@@ -14,7 +14,7 @@ from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.agent_under_cursor import Account, account
 from ...crowd_lod.frame.frame import Frame
-from ...crowd_lod.frame.hysteresis import held
+from ...crowd_lod.frame.hysteresis import hold_levels
 from ...crowd_lod.frame.request import Request
 from ...crowd_lod.levels.assignment import Bias
 from ..blender import frame_stepping, image_data, scene_cache, scene_data, sidebars
@@ -150,10 +150,11 @@ def undrawn(scene: bpy.types.Scene) -> str:
 
 def account_of(scene: bpy.types.Scene) -> Account | None:
     """Return the account of the agent picked in the scene's settings, or None."""
-    shown, agent = shown_of(scene), scene.crowd_lod.agent
-    if shown is None or shown.frame is None or not 0 <= agent < len(shown.frame.crowd):
+    display = shown_of(scene)
+    agent = scene.crowd_lod.agent
+    if display is None or display.frame is None or not 0 <= agent < len(display.frame.crowd):
         return None
-    found = account(shown.frame, agent)
+    found = account(display.frame, agent)
     return replace(found, depth=found.depth * scene_data.meters(scene))
 
 
@@ -171,7 +172,8 @@ def _draw(part) -> None:
     """Draw handler: call `part`; on any error print it once and stop the overlay."""
     global _failure
     context = bpy.context
-    settings, space = context.scene.crowd_lod, context.space_data
+    settings = context.scene.crowd_lod
+    space = context.space_data
     if _failure or not settings.overlay or not space.overlay.show_overlays:
         return
     try:
@@ -190,94 +192,103 @@ def _draw(part) -> None:
 def _draw_crowd(context) -> None:
     """POST_VIEW handler: draw the crowd."""
     drawn = clock.monotonic()
-    shown = _follow(context)
-    shown.drawn = drawn
-    if shown.batches is not None and not steps_back(context):
-        view, region = context.region_data, context.region
+    display = _follow(context)
+    display.drawn = drawn
+    if display.batches is not None and not steps_back(context):
+        view = context.region_data
+        region = context.region
         began = clock.perf_counter()
         paint(
-            shown.batches,
+            display.batches,
             np.array(view.view_matrix, np.float64),
             np.array(view.window_matrix, np.float64),
             (region.width, region.height),
             context.preferences.system.ui_scale,
         )
-        shown.painted = 1000 * (clock.perf_counter() - began)
+        display.painted = 1000 * (clock.perf_counter() - began)
 
 
 def _draw_figures(context) -> None:
     """POST_PIXEL handler: draw text, ring and inset over the crowd just drawn."""
-    scene, region = context.scene, context.region
-    shown, settings, ui_scale = (
-        _shown.get(scene.session_uid),
-        scene.crowd_lod,
-        context.preferences.system.ui_scale,
-    )
+    scene = context.scene
+    region = context.region
+    display = _shown.get(scene.session_uid)
+    settings = scene.crowd_lod
+    ui_scale = context.preferences.system.ui_scale
     if (
-        shown is None
-        or shown.frame is None
+        display is None
+        or display.frame is None
         or not (settings.hud or settings.inset or settings.agent >= 0)
     ):
         return
     box = hud.free_box(context.area, region, context.space_data.overlay, ui_scale)
     # of a quad view only the one that turns freely
     main = context.region_data == context.space_data.region_3d
-    above = _picture_from_above(shown, ui_scale) if settings.inset and main else None
-    told = account_of(scene)
-    if told is not None:
-        hud.ring(shown.frame, told.agent, region, ui_scale)
-    taken = box[0], box[3]
+    above = _picture_from_above(display, ui_scale) if settings.inset and main else None
+    account = account_of(scene)
+    if account is not None:
+        hud.ring(display.frame, account.agent, region, ui_scale)
+    legend = box[0], box[3]
     if settings.hud and main:
-        gpu_bytes = sum(each.nbytes for each in (shown.batches, shown.cast) if each) + inset.nbytes(
-            shown.above
-        )
-        notes = (*shown.notes, *filter(None, [steps_back(context)]))
+        gpu_bytes = sum(
+            each.nbytes for each in (display.batches, display.cast) if each
+        ) + inset.nbytes(display.above)
+        notes = (*display.notes, *filter(None, [steps_back(context)]))
         lines = hud.figures(
-            shown.frame, shown.colored, shown.prepared + shown.painted, gpu_bytes, told, notes
+            display.frame,
+            display.colored,
+            display.prepared + display.painted,
+            gpu_bytes,
+            account,
+            notes,
         )
-        taken = hud.write(lines, box, ui_scale)
+        legend = hud.write(lines, box, ui_scale)
     if above is not None:
-        inset.show(above, box, taken, ui_scale)
+        inset.show(above, box, legend, ui_scale)
 
 
-def _picture_from_above(shown: Shown, ui_scale: float) -> "GPUTexture":
+def _picture_from_above(display: Shown, ui_scale: float) -> "GPUTexture":
     """Return the texture of the frame from above, painted once per frame."""
-    if shown.above is None or (shown.above.width, shown.above.height) != inset.pixels(ui_scale):
-        trajectory = shown.frame.trajectory
+    if display.above is None or (display.above.width, display.above.height) != inset.pixels(
+        ui_scale
+    ):
+        trajectory = display.frame.trajectory
         what = inset.with_strays(
-            drawing(shown.frame, Style("POINTS"), shown.colored), stray_places(trajectory)
+            drawing(display.frame, Style("POINTS"), display.colored), stray_places(trajectory)
         )
         places = np.concatenate([what.positions, what.lines.reshape(-1, 3), np.zeros((1, 3))])
         view, projection = inset.from_above(trajectory.area, what.origin, places)
-        shown.above = inset.picture(Batches(what), view, projection, ui_scale)
-    return shown.above
+        display.above = inset.picture(Batches(what), view, projection, ui_scale)
+    return display.above
 
 
 def _follow(context) -> Shown:
     """Return what to show of the context's scene; compute only what has changed."""
     scene = context.scene
     before = _shown.get(scene.session_uid)
-    shown = _shown_now(context, before)
-    if shown is not before:
+    display = _shown_now(context, before)
+    if display is not before:
         scene_cache.tidy()
-        _shown[scene.session_uid] = shown
+        _shown[scene.session_uid] = display
         _redraw_sidebars_soon()
-    return shown
+    return display
 
 
 def _shown_now(context, before: Shown | None) -> Shown:
-    scene, depsgraph, looked = context.scene, context.view_layer.depsgraph, clock.monotonic()
+    scene = context.scene
+    depsgraph = context.view_layer.depsgraph
+    looked = clock.monotonic()
     try:
         crowd_inputs = _crowd_inputs(scene)
         settings = scene.crowd_lod
-        own = context.region.as_pointer() if settings.overlay_camera == "VIEWPORT" else None
-        eyes = (viewpoint(context),) if own is not None else read_cameras(scene, depsgraph)
+        region = context.region.as_pointer() if settings.overlay_camera == "VIEWPORT" else None
+        eyes = (viewpoint(context),) if region is not None else read_cameras(scene, depsgraph)
         policy = replace(policy_of(settings), hysteresis=round(settings.hysteresis, 6))
         time = scene_data.time_of(scene)
         key, shutter = (
-            ((), ()) if own is not None or live(settings) else _open_shutter(scene, time, eyes)
+            ((), ()) if region is not None or live(settings) else _open_shutter(scene, time, eyes)
         )
-        frame_inputs = own, time, policy, *map(_values, eyes), key if shutter else ()
+        frame_inputs = region, time, policy, *map(_values, eyes), key if shutter else ()
         style, characters, notes = style_of(scene, policy.count)
         notes = missing_groups(settings) or notes  # LODs are made for the names that Populate gives
         frame_inputs += (
@@ -288,32 +299,41 @@ def _shown_now(context, before: Shown | None) -> Shown:
             reference(settings),
         )
         frame_inputs += drawn_inputs(settings)
-        known = before.frame if before is not None and before.crowd_inputs == crowd_inputs else None
-        if known is not None and looked < before.looked + LOOK_AGAIN and not live(settings):
-            trajectory, bias, looked = known.trajectory, known.bias, before.looked
+        same_frame = (
+            before.frame if before is not None and before.crowd_inputs == crowd_inputs else None
+        )
+        if same_frame is not None and looked < before.looked + LOOK_AGAIN and not live(settings):
+            trajectory = same_frame.trajectory
+            bias = same_frame.bias
+            looked = before.looked
         else:
             trajectory = trajectory_of(scene, depsgraph=depsgraph)
             bias = bias_of(settings)
-            if known is not None and _same(bias, known.bias):
-                bias = known.bias
+            if same_frame is not None and _same(bias, same_frame.bias):
+                bias = same_frame.bias
         cast_inputs = trajectory.groups, style.mode, characters
         same_cast = before is not None and before.cast_inputs == cast_inputs
-        same_crowd = known is not None and trajectory is known.trajectory
-        if same_crowd and bias is known.bias and before.frame_inputs == frame_inputs and same_cast:
+        same_crowd = same_frame is not None and trajectory is same_frame.trajectory
+        if (
+            same_crowd
+            and bias is same_frame.bias
+            and before.frame_inputs == frame_inputs
+            and same_cast
+        ):
             before.looked = looked
             return before
-        use = use_of(settings, trajectory, policy, bias, time, eyes if own is None else ())
-        asked = Request(
+        use = use_of(settings, trajectory, policy, bias, time, eyes if region is None else ())
+        request = Request(
             time=time, eyes=tuple(eyes), policy=policy, shutter=tuple(shutter), bias=bias
         )
-        frame = use.applied(_faster.plan_of(trajectory, asked))
-        same_view = before is not None and before.frame_inputs[:1] == (own,)
+        frame = use.applied(_faster.plan_of(trajectory, request))
+        same_view = before is not None and before.frame_inputs[:1] == (region,)
         if policy.hysteresis and same_view and same_crowd and frame.plan_row is None:
-            frame = held(frame, known.levels)
+            frame = hold_levels(frame, same_frame.levels)
         began = clock.perf_counter()
         cast = before.cast if same_cast else cast_of(trajectory.groups, style, characters)
         colored = colors_of(settings.overlay_color, frame, characters)
-        framed = own is None  # else its frustum is the viewport's edge
+        framed = region is None  # else its frustum is the viewport's edge
         what = drawing_of(settings, frame, style, colored, framed)
         batches = Batches(what, cast, before and before.batches)
         return Shown(
@@ -347,10 +367,10 @@ def _values(camera: Camera) -> tuple:
     return tuple(value.tobytes() if isinstance(value, np.ndarray) else value for value in found)
 
 
-def _same(one: Bias | None, other: Bias | None) -> bool:
-    if one is None or other is None:
-        return one is other
-    return one.area == other.area and np.array_equal(one.values, other.values)
+def _same(first: Bias | None, second: Bias | None) -> bool:
+    if first is None or second is None:
+        return first is second
+    return first.area == second.area and np.array_equal(first.values, second.values)
 
 
 def _open_shutter(scene, time: float, eyes: tuple[Camera, ...]) -> tuple:

@@ -21,19 +21,19 @@ def standing_still(scene: bpy.types.Scene) -> str:
     The answer may be a second old.
     """
     now = clock.monotonic()
-    looked, told = _known.get(scene.session_uid, (-_LOOK, ""))
+    looked, sentence = _known.get(scene.session_uid, (-_LOOK, ""))
     if now >= looked + _LOOK:
         names = _names(scene)
-        told = ""
+        sentence = ""
         if names:
-            told = (
+            sentence = (
                 f"The build {' and '.join(names[:3])} came from another file without its scene's "
                 f"settings, so it stands "
                 "still: append its scene in place of it, or remove it and press Build."
             )
         scene_cache.tidy()
-        _known[scene.session_uid] = now, told
-    return told
+        _known[scene.session_uid] = now, sentence
+    return sentence
 
 
 def _names(scene: bpy.types.Scene) -> list[str]:

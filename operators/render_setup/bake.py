@@ -68,7 +68,8 @@ def bake(
             f"frames: baked points show one frame at "
             "a time, so set it below 1, or render with Crowd LOD installed."
         )
-    read, rows = (yield from share(read_library(scene, scene.crowd_lod), 0.0, 0.2)), None
+    read = yield from share(read_library(scene, scene.crowd_lod), 0.0, 0.2)
+    rows = None
     unplanned: list[tuple[int, str]] = []
     noted_of: dict[str, dict[int, str]] = {CAMERAS: {}, LIGHTS: {}}
     try:
@@ -117,7 +118,8 @@ def keep_what_renders(scene: bpy.types.Scene) -> str:
     needed = "renders show them" if shows_characters(scene) else _used(settings.characters)
     if not needed:
         settings.build.pop(HIDDEN, None)
-        characters, settings.characters = settings.characters, None
+        characters = settings.characters
+        settings.characters = None
         for parent in (*bpy.data.collections, *(each.collection for each in bpy.data.scenes)):
             if parent.library is None and characters in parent.children.values():
                 parent.children.unlink(characters)
@@ -171,7 +173,8 @@ def _rows(
 
     Yields the progress.
     """
-    render, trajectory = scene.render, trajectory_of(scene)
+    render = scene.render
+    trajectory = trajectory_of(scene)
     rows: dict[str, list[dict[str, np.ndarray]]] = {bucket.name: [] for bucket in buckets_of(scene)}
     points = dict.fromkeys(rows, 0)
     with frame_stepping.stepped(scene) as at:
@@ -200,19 +203,19 @@ def _rows(
 
 
 def columns_in_time(
-    trajectory: Trajectory, held: Held, number: int, agents: np.ndarray, library: Library
+    trajectory: Trajectory, shutter: Held, number: int, agents: np.ndarray, library: Library
 ) -> dict[str, np.ndarray]:
     """Return the point attributes of `agents` (m,) for the group of nodes/baked.py.
 
     They are those of frame_update.columns_of, the frame's `number` and, from what the frame holds,
     velocities.
     """
-    columns = columns_of(trajectory, held.crowd, held, agents, library)
+    columns = columns_of(trajectory, shutter.crowd, shutter, agents, library)
     moving = {"frame": np.full(len(agents), number, np.int32)}
-    for part, crowd in held.ends:
+    for part, crowd in shutter.ends:
         if not part:
             continue
-        then = columns_of(trajectory, crowd, held, agents, library)
+        then = columns_of(trajectory, crowd, shutter, agents, library)
         when = "before" if part < 0 else "after"
         moving[f"move_{when}"] = (then["position"] - columns["position"]) / np.float32(part)
         moving[f"turn_{when}"] = _turn(columns, then) / np.float32(part)

@@ -64,10 +64,10 @@ def _trim(curve: bpy.types.FCurve, spans: np.ndarray) -> None:
         return
     before = np.searchsorted(keys[:, 0], spans[:, 0], "right") - 1
     after = np.searchsorted(keys[:, 0], spans[:, 1], "left")
-    kept = np.zeros(len(keys), bool)
+    needed = np.zeros(len(keys), bool)
     for begin, end in zip(np.maximum(before, 0), np.minimum(after, len(keys) - 1), strict=True):
-        kept[begin : end + 1] = True
-    keys = _thinned(keys[kept])
+        needed[begin : end + 1] = True
+    keys = _thinned(keys[needed])
     if len(keys) < len(curve.keyframe_points):
         curve.keyframe_points.clear()
         fill_curve(curve, keys)
@@ -78,8 +78,8 @@ def _thinned(keys: np.ndarray) -> np.ndarray:
 
     The method is that of Douglas and Peucker (1973), with distances along the values.
     """
-    kept = np.zeros(len(keys), bool)
-    kept[[0, -1]] = True
+    needed = np.zeros(len(keys), bool)
+    needed[[0, -1]] = True
     spans = [(0, len(keys) - 1)]
     while spans:
         begin, end = spans.pop()
@@ -91,9 +91,9 @@ def _thinned(keys: np.ndarray) -> np.ndarray:
         farthest = int(off.argmax())
         if off[farthest] > ROUNDING:
             middle = begin + 1 + farthest
-            kept[middle] = True
+            needed[middle] = True
             spans += [(begin, middle), (middle, end)]
-    return keys[kept]
+    return keys[needed]
 
 
 def _keys(curve: bpy.types.FCurve) -> np.ndarray:

@@ -41,32 +41,35 @@ def prepared(
     Yields the progress and returns the result of the work. Closed early, it leaves the scene as it
     was.
     """
-    settings, layer = scene.crowd_lod, scene.view_layers[0]
+    settings = scene.crowd_lod
+    layer = scene.view_layers[0]
     layer.update()
-    known, made, dropped = groups_of(settings), settings.levels is None, settings.dropped
-    groups = known or measure_groups(scene)
+    earlier_groups = groups_of(settings)
+    lacks_levels = settings.levels is None
+    dropped = settings.dropped
+    groups = earlier_groups or measure_groups(scene)
     trajectory = trajectory_of(scene, groups)
     yield from standing(approach(trajectory, scene_data.time_of(scene)), 0.0)
     around = lights.read_surroundings(scene, layer.depsgraph, scene_data.time_of(scene))
     # what is wrong is said before the work begins
     frame_of(scene, layer.depsgraph, trajectory=trajectory, around=around, shutter=())
-    done = False
+    finished = False
     try:
         with cleanup.all_or_nothing(), shared_record(scene, frames):
-            if made:
+            if lacks_levels:
                 yield from share(make_levels(scene), 0.0, 0.3)
-            elif not known:
+            elif not earlier_groups:
                 store_groups(settings, groups)
-            found = yield from share(work(), 0.3 if made else 0.0, 1.0)
+            result = yield from share(work(), 0.3 if lacks_levels else 0.0, 1.0)
             hide_characters(scene)
             watch_points(scene)
             update(scene, layer.depsgraph)
             note_build(scene)
-            done = True
-            return found
+            finished = True
+            return result
     finally:
-        if not done:
-            store_groups(settings, known)
+        if not finished:
+            store_groups(settings, earlier_groups)
             settings.dropped = dropped
 
 
@@ -93,11 +96,16 @@ class CROWDLOD_OT_build(Stepwise, bpy.types.Operator):
         check_blur(scene)
         cast = yield from prepared(scene, lambda: build(scene))
         frame = frame_of(scene, context.evaluated_depsgraph_get(), shutter=())
-        seen = f"{int(frame.visible.sum()):,} of {frame.crowd.there:,} agents stand in the scene"
+        counts = f"{int(frame.visible.sum()):,} of {frame.crowd.there:,} agents stand in the scene"
         return " ".join(
             filter(
                 None,
-                (f"{seen}.", frame.unplanned, told_of_cast(scene, cast), told_of_characters(scene)),
+                (
+                    f"{counts}.",
+                    frame.unplanned,
+                    told_of_cast(scene, cast),
+                    told_of_characters(scene),
+                ),
             )
         )
 

@@ -23,7 +23,7 @@ def made_of(homes: Iterable[bpy.types.Collection], played: list) -> str:
     homes: the collections of the LODs. The mesh data is left out: LODs and build share it.
     """
     items = {item: None for home in homes for item in home.objects}
-    looks = [
+    materials = [
         [
             *map(repr, (getattr(item, name) for name in mesh_data.SHOWN)),
             slots(item),
@@ -35,7 +35,7 @@ def made_of(homes: Iterable[bpy.types.Collection], played: list) -> str:
         (home.name, tuple(home.instance_offset), [item.name for item in home.objects])
         for home in homes
     ]
-    return text_digest(places, played, looks, [holds(item) for item in items], stance(*items))
+    return text_digest(places, played, materials, [holds(item) for item in items], stance(*items))
 
 
 def shown_by(top: bpy.types.Collection) -> str:
@@ -57,7 +57,7 @@ def shown_by(top: bpy.types.Collection) -> str:
     ]
     strips = [[strip.action and strip.action.name for track in item.animation_data.nla_tracks for strip in track.strips]
               for item in items if item.animation_data]  # fmt: skip
-    looks = [
+    materials = [
         [
             *map(repr, (getattr(item, name) for name in mesh_data.SHOWN)),
             slots(item),
@@ -65,7 +65,7 @@ def shown_by(top: bpy.types.Collection) -> str:
         ]
         for item in items
     ]
-    return text_digest(inside, keys, strips, looks, [holds(item) for item in items])
+    return text_digest(inside, keys, strips, materials, [holds(item) for item in items])
 
 
 def _properties(item: bpy.types.Object) -> list:

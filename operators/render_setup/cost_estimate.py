@@ -126,14 +126,14 @@ def choices_of(settings) -> dict[str, Choice]:
     there are. CrowdError if LOD meshes are not made.
     """
     groups = groups_of(settings)
-    made = [group.triangles for group in groups]
-    if not made or not all(made):
+    triangles_of = [group.triangles for group in groups]
+    if not triangles_of or not all(triangles_of):
         raise CrowdError(
             f"The LOD meshes of {settings.id_data.name} are not made: press Make LOD Meshes, then "
             f"Estimate Cost."
         )
-    full = np.array([each[0] for each in made], np.float64)[:, None]
-    found = {FULL: Choice(LevelPolicy(()), full)}
+    full = np.array([counts[0] for counts in triangles_of], np.float64)[:, None]
+    choices = {FULL: Choice(LevelPolicy(()), full)}
     for choice, name in CHOICES.items():
         # the other's settings may be anything
         with nullcontext() if choice == settings.choice else suppress(CrowdError):
@@ -141,12 +141,13 @@ def choices_of(settings) -> dict[str, Choice]:
             if choice == settings.choice or (
                 choice == "BY_TOLERANCE" and deviations(groups, policy) is not None
             ):
-                found[name] = Choice(
-                    policy, np.array([each[: policy.count] for each in made], np.float64)
+                choices[name] = Choice(
+                    policy,
+                    np.array([counts[: policy.count] for counts in triangles_of], np.float64),
                 )
             elif choice == "BY_RATIO":
-                found[name] = Choice(policy, full * np.round(settings.ratios[: policy.count], 6))
-    return found
+                choices[name] = Choice(policy, full * np.round(settings.ratios[: policy.count], 6))
+    return choices
 
 
 @on_record(lambda scene, settings, frames=(), *_, **__: frames)
@@ -166,22 +167,24 @@ def estimate(
     render = scene.render
     frames = frames or range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
     looked_at = evenly(frames, MOST_FRAMES)
-    trajectory, choices = trajectory_of(scene), choices_of(settings)
+    trajectory = trajectory_of(scene)
+    choices = choices_of(settings)
     check_levels(scene)
     characters = characters_of(scene)
     library = cast_of(characters, trajectory)
-    owner, (rigs, moved_as) = (
-        library.owner(trajectory.gaits),
-        rigs_of(characters, trajectory, library),
-    )
+    owner = library.owner(trajectory.gaits)
+    rigs, moved_as = rigs_of(characters, trajectory, library)
     shown = {name: [] for name in choices}
-    bias, samples = bias_of(settings), samples_of(scene)
+    bias = bias_of(settings)
+    samples = samples_of(scene)
     rays = []
     with frame_stepping.stepped(scene) as at:
-        for done, number in enumerate(looked_at):
+        for number_done, number in enumerate(looked_at):
             time = scene_data.remapped(render, number)
             yield from share(
-                approach(trajectory, time), done / len(looked_at), (done + 0.5) / len(looked_at)
+                approach(trajectory, time),
+                number_done / len(looked_at),
+                (number_done + 0.5) / len(looked_at),
             )
             eyes, around, shutter = lights.read_moment(scene, time, at)
             for name, choice in choices.items():
@@ -189,8 +192,10 @@ def estimate(
                 frame = surround(frame, around)
                 shown[name].append(_shown(frame, library, trajectory, choice.policy.count))
             rays.append(samples * covered(frame, scene))
-            yield (done + 1) / len(looked_at)
-    works, mine, pictures = {}, CHOICES[settings.choice], shown_images(scene, settings)
+            yield (number_done + 1) / len(looked_at)
+    works = {}
+    mine = CHOICES[settings.choice]
+    pictures = shown_images(scene, settings)
     full = [(image, 0) for own in pictures.values() for image, _ in own]
     for name, choice in choices.items():
         # a last LOD is stored once
@@ -224,14 +229,14 @@ def _shown(frame: Frame, library: Library, trajectory: Trajectory, count: int) -
     count: the number K of LODs.
     """
     size = int(library.first(trajectory.gaits)[-1])
-    found = np.zeros((count, size), np.int64)
+    counts = np.zeros((count, size), np.int64)
     for name, agents in members(frame).items():
         if len(agents):
             numbers = library.shown(
                 trajectory.gaits, frame.crowd, trajectory.seconds(frame.time), agents
             )
-            found[int(name.rpartition(" ")[2])] += np.bincount(numbers, minlength=size)
-    return found
+            counts[int(name.rpartition(" ")[2])] += np.bincount(numbers, minlength=size)
+    return counts
 
 
 def _images(
@@ -258,14 +263,14 @@ def samples_of(scene: bpy.types.Scene) -> int:
 
 def covered(frame: Frame, scene: bpy.types.Scene) -> float:
     """Return roughly how many pixels of the picture the frame's agents cover."""
-    camera, crowd, agents = frame.camera, frame.crowd, frame.buckets.order
+    camera = frame.camera
+    crowd = frame.crowd
+    agents = frame.buckets.order
     render = scene.render
     pixels = render.resolution_x * render.resolution_y * (render.resolution_percentage / 100) ** 2
     spheres = frame.trajectory.spheres
-    radius, away = (
-        spheres.radius[crowd.group[agents]],
-        np.stack(crowd.places(spheres.radius, agents, camera.origin)),
-    )
+    radius = spheres.radius[crowd.group[agents]]
+    away = np.stack(crowd.places(spheres.radius, agents, camera.origin))
     distance = 1.0 if camera.kind == "ORTHO" else np.maximum(np.sqrt((away**2).sum(axis=0)), radius)
     squares = (2 * radius * camera.pixels_per_unit / distance) ** 2
     return float(min(pixels, COVERS * squares.sum()))

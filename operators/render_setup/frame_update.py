@@ -66,7 +66,8 @@ class Held:
 def held_by(scene: bpy.types.Scene, trajectory: Trajectory, number: float, crowd: Crowd) -> Held:
     """Return what the frame `number` of the timeline holds; crowd: at that frame."""
     render = scene.render
-    length, time = render.motion_blur_shutter, scene_data.remapped(render, number)
+    length = render.motion_blur_shutter
+    time = scene_data.remapped(render, number)
     if not render.use_motion_blur or not length:
         return Held(crowd, time)
     opens = cameras.OPENS[render.motion_blur_position] * length
@@ -127,7 +128,8 @@ def columns_by_bucket(
         place[:, axis] = (
             there if stays is None else np.where(stays, of(getattr(held.crowd, name)), there)
         )
-    heading, seconds = of(crowd.heading), trajectory.seconds(held.time)
+    heading = of(crowd.heading)
+    seconds = trajectory.seconds(held.time)
     columns = {
         "position": place,
         "heading": heading,
@@ -141,11 +143,14 @@ def columns_by_bucket(
     leaning = trajectory.tilt(crowd, agents)
     if leaning is not None:
         columns |= dict(zip(("pitch", "roll"), leaning, strict=True))
-    found, at = [], 0
+    columns_of_buckets = []
+    at = 0
     for bucket in buckets:
-        found.append({name: values[at : at + len(bucket)] for name, values in columns.items()})
+        columns_of_buckets.append(
+            {name: values[at : at + len(bucket)] for name, values in columns.items()}
+        )
         at += len(bucket)
-    return found
+    return columns_of_buckets
 
 
 def write(
@@ -157,17 +162,19 @@ def write(
     have removed those of the unseen agents.
     """
     points = points_of(top)
-    shown = {name: agents for name, agents in members(frame).items() if name in points}
-    shown = {
+    written_agents = {name: agents for name, agents in members(frame).items() if name in points}
+    written_agents = {
         name: agents
-        for name, agents in shown.items()
+        for name, agents in written_agents.items()
         if len(agents) or not _empty(points[name].data)
     }
     library = library_of(top, trajectory)
-    if not shown:
+    if not written_agents:
         return
-    columns_of_buckets = columns_by_bucket(trajectory, crowd, held, list(shown.values()), library)
-    for name, columns in zip(shown, columns_of_buckets, strict=True):
+    columns_of_buckets = columns_by_bucket(
+        trajectory, crowd, held, list(written_agents.values()), library
+    )
+    for name, columns in zip(written_agents, columns_of_buckets, strict=True):
         mesh_data.write_points(points[name].data, columns)
 
 
@@ -283,21 +290,23 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     top = scene.crowd_lod.build
     if BAKED in top:
         return
-    known = _rendering.get(scene.session_uid)
+    render_now = _rendering.get(scene.session_uid)
     # another scene's compositing nodes show this one, at the same frame
-    if known is None and depsgraph.mode == "RENDER":
-        known = next(iter(_rendering.values()), None)
-    number, time, own = (
-        shutter_frame(scene, known),
-        scene_data.time_of(scene),
-        (scene.session_uid, depsgraph.view_layer_eval.name),
-    )
+    if render_now is None and depsgraph.mode == "RENDER":
+        render_now = next(iter(_rendering.values()), None)
+    number = shutter_frame(scene, render_now)
+    time = scene_data.time_of(scene)
+    layer_key = (scene.session_uid, depsgraph.view_layer_eval.name)
     # a viewport shows no blur
     blurred = scene.render.use_motion_blur and depsgraph.mode == "RENDER"
-    kept = known.planned if blurred and known is not None and known.number == number else {}
-    if own not in kept:
-        kept[own] = _planned(scene, depsgraph, number, time, blurred)
-    trajectory, frame, held, shutter = kept[own]
+    plans = (
+        render_now.planned
+        if blurred and render_now is not None and render_now.number == number
+        else {}
+    )
+    if layer_key not in plans:
+        plans[layer_key] = _planned(scene, depsgraph, number, time, blurred)
+    trajectory, frame, held, shutter = plans[layer_key]
     _compare(scene, depsgraph, number, time, shutter)
     write(top, trajectory, frame, held, frame.crowd if frame.time == time else trajectory.at(time))
     clear_troubles(scene)
@@ -335,15 +344,14 @@ def _planned(
     with frame_stepping.stage(_stages if _rendering and len(bpy.data.scenes) > 1 else None) as at:
         # a marker's camera becomes the active one only after the handlers of its frame
         if whole == time:
-            film, own = (
-                cameras.cameras_from(scene, cameras.bound_camera(scene, whole), depsgraph),
-                [],
-            )
+            film = cameras.cameras_from(scene, cameras.bound_camera(scene, whole), depsgraph)
+            times = []
         else:
-            film, own = cameras.camera_at(scene, whole, at), [whole]
+            film = cameras.camera_at(scene, whole, at)
+            times = [whole]
         shutter = cameras.read_shutter(scene, whole, at) if blurred else []
         around = lights.read_surroundings(
-            scene, depsgraph, whole, [part for part, _ in shutter] or own, at
+            scene, depsgraph, whole, [part for part, _ in shutter] or times, at
         )
     frame = frame_of(scene, depsgraph, whole, film, trajectory, around, shutter)
     if frame.unplanned and _unplanned.get(scene.session_uid) != frame.unplanned:

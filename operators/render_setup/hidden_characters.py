@@ -16,10 +16,12 @@ HIDDEN = (
 
 def hide_characters(scene: bpy.types.Scene) -> None:
     """Hide the characters themselves from renders, unless something prevents it."""
-    top, characters = scene.crowd_lod.build, scene.crowd_lod.characters
+    top = scene.crowd_lod.build
+    characters = scene.crowd_lod.characters
     unhide_characters(top)
     if hides_characters(scene):
-        characters.hide_render, top[HIDDEN] = True, characters
+        characters.hide_render = True
+        top[HIDDEN] = characters
 
 
 def hides_characters(scene: bpy.types.Scene) -> bool:
@@ -49,12 +51,12 @@ def unhide_characters(top: bpy.types.Collection) -> None:
     hidden = top.pop(HIDDEN, None)
     if not isinstance(hidden, bpy.types.Collection):  # a script may have put anything there
         return
-    others = [
+    other_builds = [
         scene.crowd_lod.build for scene in bpy.data.scenes if scene.crowd_lod.characters == hidden
     ]
-    others = [other for other in others if other not in (None, top)]
-    if others:
-        others[0][HIDDEN] = hidden
+    other_builds = [other for other in other_builds if other not in (None, top)]
+    if other_builds:
+        other_builds[0][HIDDEN] = hidden
     else:
         hidden.hide_render = False
 

@@ -85,14 +85,17 @@ LibraryRead = tuple[np.ndarray, list[list[rigs.Model]], list[str], dict[bpy.type
 def read_library(scene: bpy.types.Scene, settings) -> Generator[float, None, LibraryRead]:
     """Find out which groups of `scene` rigs can show; yields the progress and returns what it
     found. Closed early, it leaves nothing behind."""
-    characters, levels, played = (
-        characters_of(scene),
-        settings.levels.children,
-        trajectory_of(scene).gaits.actions,
-    )
-    count, measured = policy_of(settings).count, groups_of(settings)
+    characters = characters_of(scene)
+    levels = settings.levels.children
+    played = trajectory_of(scene).gaits.actions
+    count = policy_of(settings).count
+    measured = groups_of(settings)
     check_measured(characters, measured)
-    posed, models, notes, made, done = np.zeros(len(characters), np.intp), [], [], {}, False
+    posed = np.zeros(len(characters), np.intp)
+    models = []
+    notes = []
+    blocks = {}
+    done = False
     performances = [
         group_performance(group, own)
         for group, (_, own, _) in zip(measured, characters, strict=True)
@@ -100,14 +103,16 @@ def read_library(scene: bpy.types.Scene, settings) -> Generator[float, None, Lib
     lead = leads(characters, measured)
     try:
         for g, (name, _, _) in enumerate(characters):
-            performance, family = performances[g], [v for v, own in enumerate(lead) if own == g]
-            homes, own, reason = (
-                [home_of(level, v, characters[v][0]) for v in family for level in levels[:count]],
-                [],
-                "",
-            )
+            performance = performances[g]
+            family = [v for v, own in enumerate(lead) if own == g]
+            homes = [
+                home_of(level, v, characters[v][0]) for v in family for level in levels[:count]
+            ]
+            own = []
+            reason = ""
             if lead[g] != g:
-                posed[g], own = posed[lead[g]], models[lead[g]]
+                posed[g] = posed[lead[g]]
+                own = models[lead[g]]
             elif all(performance.only(action).still for action in played):
                 posed[g] = 1
             else:
@@ -115,13 +120,14 @@ def read_library(scene: bpy.types.Scene, settings) -> Generator[float, None, Lib
                     who = rigs.Acting(
                         name, homes, *staged, measured[g].diagonal or 2 * measured[g].radius
                     )
-                    making = _models(who, [performance.only(action) for action in played], made)
+                    making = _models(who, [performance.only(action) for action in played], blocks)
                     own, reasons = yield from share(
                         making, g / len(characters), (g + 1) / len(characters)
                     )
                 reason = " ".join(reasons)
                 if len(own) < len(played):
-                    posed[g], own = POSES, []
+                    posed[g] = POSES
+                    own = []
                     frames = max(
                         last - first
                         for action in played
@@ -139,18 +145,20 @@ def read_library(scene: bpy.types.Scene, settings) -> Generator[float, None, Lib
         done = True
     finally:
         if not done:
-            bpy.data.batch_remove(list(made))
-    return posed, models, notes, made
+            bpy.data.batch_remove(list(blocks))
+    return posed, models, notes, blocks
 
 
 def _models(
-    who: rigs.Acting, acts: list[Performance], made: dict
+    character: rigs.Acting, acts: list[Performance], made: dict
 ) -> Generator[float, None, tuple[list[rigs.Model], list[str]]]:
     """Make a model of each of `acts`, until rigs cannot show one; yields the progress.
 
     Returns (models, sentences on how far they are off, or at the end why one cannot be shown).
     """
-    models, told, before = [], [], set(made)
+    models = []
+    sentences = []
+    before = set(made)
     for k, act in enumerate(acts):
         alike = [
             model for model, known in zip(models, acts, strict=False) if known.parts == act.parts
@@ -159,17 +167,17 @@ def _models(
             models.append(alike[0])
             continue
         model, reason = yield from share(
-            rigs.modeled(who, act, made), k / len(acts), (k + 1) / len(acts)
+            rigs.modeled(character, act, made), k / len(acts), (k + 1) / len(acts)
         )
-        told += [reason] * bool(reason)
+        sentences += [reason] * bool(reason)
         if model is None:
             blocks = [block for block in made if block not in before]
             for block in blocks:
                 del made[block]
             bpy.data.batch_remove(blocks)
-            return [], told
+            return [], sentences
         models.append(model)
-    return models, told
+    return models, sentences
 
 
 def make_cast(
@@ -185,13 +193,14 @@ def make_cast(
     if read is None:
         read = yield from share(read_library(scene, settings), 0.0, 0.5)
     posed, models, notes, made = read
-    characters, levels = characters_of(scene), settings.levels.children
-    count, trajectory = policy_of(settings).count, trajectory_of(scene)
-    first, finest = (
-        Library(posed).first(trajectory.gaits),
-        policy_of(settings).finest or [0] * len(characters),
-    )
-    cast, done = Cast(posed, [[] for _ in range(count)], notes=notes, wanted=wanted), False
+    characters = characters_of(scene)
+    levels = settings.levels.children
+    count = policy_of(settings).count
+    trajectory = trajectory_of(scene)
+    first = Library(posed).first(trajectory.gaits)
+    finest = policy_of(settings).finest or [0] * len(characters)
+    cast = Cast(posed, [[] for _ in range(count)], notes=notes, wanted=wanted)
+    done = False
     cast.names.update(made)
     performed: dict = {}
     try:
@@ -235,54 +244,64 @@ def make_cast(
 
 
 def _rig(
-    cast: Cast, group: _Actors, number: int, own: int, of_levels: list[int], trajectory: Trajectory
+    cast: Cast,
+    group: _Actors,
+    number: int,
+    place: int,
+    of_levels: list[int],
+    trajectory: Trajectory,
 ) -> None:
     """Put a character moved by a rig into the collections of LODs of `cast`.
 
     number: its number among all characters.
-    own: its number in the group.
+    place: its number in the group.
     """
     gaits = trajectory.gaits
-    which, phase_class = divmod(own, gaits.classes)
+    which, phase_class = divmod(place, gaits.classes)
     action, rate = gaits.plays[group.g][which]
-    model, (span,) = group.models[action], group.performance.only(gaits.actions[action]).spans
+    model = group.models[action]
+    (span,) = group.performance.only(gaits.actions[action]).spans
     title = f"{group.name} {number:05d}"
     key = id(model), rate, phase_class
     if key not in group.made:
-        made = rigs.perform(
+        rig_of = rigs.perform(
             model, title, rate * trajectory.seconds_per_frame, phase_class / gaits.classes, span
         )
-        group.made[key] = made
-        cast.rigs.extend(made.values())
-        cast.names.update((rig, f"{title} {armature}") for armature, rig in made.items())
-    made = group.made[key]
-    copies, shown = [], None
+        group.made[key] = rig_of
+        cast.rigs.extend(rig_of.values())
+        cast.names.update((rig, f"{title} {armature}") for armature, rig in rig_of.items())
+    rig_of = group.made[key]
+    copies = []
+    home = None
     for k in of_levels:
         # a group with fewer LODs than others shows its last in their place
-        if group.homes[k] != shown:
-            copies, shown = (
-                [rigs.dress(item, model, made) for item in group.homes[k].objects],
-                group.homes[k],
-            )
-            cast.stands_for.update(zip(copies, shown.objects, strict=True))
+        if group.homes[k] != home:
+            copies = [rigs.dress(item, model, rig_of) for item in group.homes[k].objects]
+            home = group.homes[k]
+            cast.stands_for.update(zip(copies, home.objects, strict=True))
             cast.names.update(
                 (copy, f"{item.name} {number:05d}")
-                for copy, item in zip(copies, shown.objects, strict=True)
+                for copy, item in zip(copies, home.objects, strict=True)
             )
         cast.collections[k].append((f"{number:05d} {group.name} LOD {k}", copies))
 
 
 def _pose(
-    cast: Cast, group: _Actors, number: int, shown: tuple[Performance, float], of_levels: list[int]
+    cast: Cast,
+    group: _Actors,
+    number: int,
+    act_and_phase: tuple[Performance, float],
+    of_levels: list[int],
 ) -> None:
     """Put character `number` into the LODs of `cast`: the group in an action at a phase,
-    `shown`.
+    `act_and_phase`.
     """
-    act, phase = shown
+    act, phase = act_and_phase
     ((first, last),) = act.spans
     act.go_to(group.stage, first + (last - first) * phase)
     depsgraph = group.stage.view_layers[0].depsgraph
-    stills, home = [], None
+    stills = []
+    home = None
     for k in of_levels:
         if group.homes[k] != home:
             home = group.homes[k]
@@ -317,7 +336,8 @@ def _still(
         )
     matrix = Matrix.Translation(-home.instance_offset) @ evaluated.matrix_world
     still = item.copy() if mesh is None or item.type == "MESH" else mesh_data.mesh_like(item, mesh)
-    cast.names[still], cast.stands_for[still] = f"{item.name} {number:05d}", item
+    cast.names[still] = f"{item.name} {number:05d}"
+    cast.stands_for[still] = item
     still.animation_data_clear()
     still.constraints.clear()
     still.parent = None

@@ -28,17 +28,22 @@ from .phase_characters import Cast, Wanted, make_cast
 from .shelves import REMEDY, fill_shelves, level_of, shelves_of
 
 # Custom properties. Of a point object: its LOD and its bucket.
-LEVEL, BUCKET = "crowd_lod_level", "crowd_lod_bucket"
+LEVEL = "crowd_lod_level"
+BUCKET = "crowd_lod_bucket"
 MADE_FROM = "crowd_lod_made_from"  # of the build's collection: the LOD meshes that it shows
 # of the build's collection: see Library, and played_by.numbers
-POSED, PLAYED = "crowd_lod_posed", "crowd_lod_played"
+POSED = "crowd_lod_posed"
+PLAYED = "crowd_lod_played"
 ACTIONS = "crowd_lod_actions"  # of the build's collection: see played_by.actions
 # of the build's collection: see _made_of; what it does not show
-MADE_OF, NOTES = "crowd_lod_made_of", "crowd_lod_notes"
+MADE_OF = "crowd_lod_made_of"
+NOTES = "crowd_lod_notes"
 # of the build's collection: Rate and Opens (render_setup/nodes/baked.py), the first and the last
 # frame
 BAKED = "crowd_lod_baked"
-CAMERAS, LIGHTS = "crowd_lod_cameras", "crowd_lod_lights"  # of a bake: digests for each frame
+# of a bake: digests for each frame
+CAMERAS = "crowd_lod_cameras"
+LIGHTS = "crowd_lod_lights"
 
 UNSEEN_BY = {"LOD": (), "Shadow": ("camera",), "Mirror": ("camera",)}  # kinds of buckets
 
@@ -94,11 +99,12 @@ def check_levels(scene: bpy.types.Scene) -> int:
             f"The scene {scene.name} has no LOD meshes: press Make LOD Meshes in the Levels of "
             f"Detail panel."
         )
-    levels, count = settings.levels.children, policy_of(settings).count
-    made = len(levels[0].children) if levels else 0
-    if len(levels) < count or made != len(settings.groups):
+    levels = settings.levels.children
+    count = policy_of(settings).count
+    groups = len(levels[0].children) if levels else 0
+    if len(levels) < count or groups != len(settings.groups):
         raise CrowdError(
-            f"The LOD meshes of {scene.name} ({len(levels)} LODs of {made} character groups) do "
+            f"The LOD meshes of {scene.name} ({len(levels)} LODs of {groups} character groups) do "
             f"not fit the settings "
             f"({count} of {len(settings.groups)}): press Make LOD Meshes and Build again."
         )
@@ -203,7 +209,8 @@ def install(scene: bpy.types.Scene, cast: Cast) -> bpy.types.Collection:
     made = points_of(top)
     for bucket in buckets_of(scene):
         points = made.pop(bucket.name, None) or _points(top, bucket)
-        points[LEVEL], points[BUCKET] = bucket.level, bucket.name
+        points[LEVEL] = bucket.level
+        points[BUCKET] = bucket.name
     bpy.data.batch_remove([block for points in made.values() for block in (points, points.data)])
     dress_all(scene)
     return top
@@ -214,8 +221,9 @@ def told_of_cast(scene: bpy.types.Scene, cast: Cast) -> str:
 
     Also on edited characters, and on LODs that deviate to fit in Memory for Characters.
     """
-    found = [*filter(None, [to_make_again(scene)]), *cast.notes]
-    settings, slides = scene.crowd_lod, trajectory_of(scene).gaits.paces.off
+    sentences = [*filter(None, [to_make_again(scene)]), *cast.notes]
+    settings = scene.crowd_lod
+    slides = trajectory_of(scene).gaits.paces.off
     limited = [group.name for group in settings.groups if group.finest]
     if (
         settings.choice == "BY_TOLERANCE"
@@ -223,21 +231,21 @@ def told_of_cast(scene: bpy.types.Scene, cast: Cast) -> str:
         and settings.memory_tolerance
     ):
         pixels = figure(settings.memory_tolerance)
-        found.append(
+        sentences.append(
             f"To fit in {settings.memory:g} MB, LODs deviate by up to {pixels} pixels in the "
             f"frames that were looked at."
         )
         if limited:
-            found.append(
+            sentences.append(
                 f"Nearer to the camera these look coarser, for their finest LODs are not built: "
                 f"{', '.join(limited)}."
             )
     if slides:
-        found.append(
+        sentences.append(
             f"The state machine has more speeds than characters have walk cycles: feet slide by "
             f"up to {slides:.0%} of the way."
         )
-    return " ".join(found)
+    return " ".join(sentences)
 
 
 def _own(scene: bpy.types.Scene) -> bpy.types.Collection | None:
@@ -291,7 +299,8 @@ def dress_all(scene: bpy.types.Scene) -> None:
 
 def remove_build(settings) -> None:
     """Remove the build: points, characters, rigs, and otherwise unused node groups."""
-    top, settings.build = _own(settings.id_data), None
+    top = _own(settings.id_data)
+    settings.build = None
     if top is not None:
         unhide_characters(top)
         remove_owned(top)
@@ -308,11 +317,11 @@ def upgrade(*_) -> None:
     The builds that use them get their inputs again, unless these are spoilt: then Build says so.
     """
     if trees.stale(instances.NAME, instances.VERSION) or trees.stale(baked.NAME, baked.VERSION):
-        both = trees.made(baked.NAME)
-        if both is not None:
-            both[trees.TREE_VERSION] = 0  # it holds the other, whose sockets are new
+        baked_tree = trees.made(baked.NAME)
+        if baked_tree is not None:
+            baked_tree[trees.TREE_VERSION] = 0  # it holds the other, whose sockets are new
         instances.instances()
-        if both is not None:
+        if baked_tree is not None:
             baked.baked()
         for scene in bpy.data.scenes:
             with suppress(CrowdError):

@@ -4,7 +4,7 @@ There is one rig per phase class; all share one mesh. A rig has a bone for each 
 the character, and one for each object that moves as a whole. The world-space motion that the
 action, constraints, IK and drivers give these is baked into one action that all rigs share. Each
 rig plays it by a strip of its own, whose time cycles through the action for ever
-(docs/notes/shared_rigs.md).
+(docs/notes/costs.md).
 """
 
 from collections.abc import Generator, Sequence
@@ -20,7 +20,9 @@ from ..blender.performance import Performance
 from ..characters.rig_needs import deforming, refusal
 
 FARTHEST = 1_048_574  # frames: Blender's last
-FINEST, MOST_KEYS = 16, 4096  # keys a frame of the action, and in all, at most
+# keys a frame of the action, and in all, at most
+FINEST = 16
+MOST_KEYS = 4096
 # of the character's diagonal: how far what rigs show should be from what the character is
 NEAR = 1e-4
 # of it: how far it may be, where more keys do not help; posed meshes of a long action are farther
@@ -75,21 +77,23 @@ def record(
 
     Yields the progress and returns (armature name -> Bones, object -> matrices (len(times), 4, 4)).
     """
-    armatures, stage = armatures_of(list(actors)), bpy.data.scenes.new("Crowd LOD record")
+    armatures = armatures_of(list(actors))
+    stage = bpy.data.scenes.new("Crowd LOD record")
     # nothing is deformed here, which would take the time
     bare = {item: _bare(actor) for item, actor in actors.items()}
     try:
         for block in (*armatures, *bare.values()):
             stage.collection.objects.link(block)
-        bones, places = {rig.name: Bones() for rig in armatures}, {item: [] for item in actors}
-        wanted = {rig: deforming(rig, list(actors)) for rig in armatures}
+        bones = {rig.name: Bones() for rig in armatures}
+        places = {item: [] for item in actors}
+        bone_names = {rig: deforming(rig, list(actors)) for rig in armatures}
         for number, time in enumerate(times):
             performance.go_to(stage, time)
             depsgraph = stage.view_layers[0].depsgraph
             for item, own in bare.items():
                 places[item].append(np.array(own.evaluated_get(depsgraph).matrix_world, np.float64))
             for rig in armatures:
-                _note(bones[rig.name], rig.evaluated_get(depsgraph), wanted[rig])
+                _note(bones[rig.name], rig.evaluated_get(depsgraph), bone_names[rig])
             performance.rest()
             yield (number + 1) / len(times)
         return bones, {item: np.array(found) for item, found in places.items()}
@@ -116,21 +120,22 @@ def _alone(item: bpy.types.Object) -> bpy.types.Object:
     return copy
 
 
-def _note(own: Bones, rig: bpy.types.Object, wanted: list[str]) -> None:
-    """Add the current motion of the evaluated rig's bones `wanted` to `own`."""
-    if not wanted:
+def _note(motion: Bones, rig: bpy.types.Object, names: list[str]) -> None:
+    """Add the current motion of the evaluated rig's bones `names` to `motion`."""
+    if not names:
         return
-    world, bones = np.array(rig.matrix_world, np.float64), rig.pose.bones
-    if own.back is None:
-        rests = [np.array(bones[name].bone.matrix_local, np.float64) for name in wanted]
-        own.back = np.linalg.inv(rests)
-        for name, rest in zip(wanted, rests, strict=True):
-            own.rest[name], scale = _plain(world @ rest)
-            own.lengths.append(max(bones[name].bone.length * scale, 1e-4))
+    world = np.array(rig.matrix_world, np.float64)
+    bones = rig.pose.bones
+    if motion.back is None:
+        rests = [np.array(bones[name].bone.matrix_local, np.float64) for name in names]
+        motion.back = np.linalg.inv(rests)
+        for name, rest in zip(names, rests, strict=True):
+            motion.rest[name], scale = _plain(world @ rest)
+            motion.lengths.append(max(bones[name].bone.length * scale, 1e-4))
     matrices = np.empty((len(bones), 4, 4), np.float32)
     bones.foreach_get("matrix", matrices.ravel())  # column by column
-    now = matrices[[bones.find(name) for name in wanted]].transpose(0, 2, 1).astype(np.float64)
-    own.moves.append(world @ now @ own.back @ np.linalg.pinv(world))
+    now = matrices[[bones.find(name) for name in names]].transpose(0, 2, 1).astype(np.float64)
+    motion.moves.append(world @ now @ motion.back @ np.linalg.pinv(world))
 
 
 def _plain(matrix: np.ndarray) -> tuple[np.ndarray, float]:
@@ -138,7 +143,8 @@ def _plain(matrix: np.ndarray) -> tuple[np.ndarray, float]:
     left, scales, right = np.linalg.svd(matrix[:3, :3])
     turned = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
     plain = np.eye(4)
-    plain[:3, :3], plain[:3, 3] = turned, matrix[:3, 3]
+    plain[:3, :3] = turned
+    plain[:3, 3] = matrix[:3, 3]
     return plain, float(scales.mean())
 
 
@@ -148,18 +154,20 @@ def model_of(
     places: dict,
     origin: np.ndarray,
     times: np.ndarray,
-    made: dict,
+    blocks: dict,
 ) -> Model:
     """Return the model of the character `name` from its recorded motion.
 
     bones, places: from `record`, at `times`.
     origin: (3,) meters, the character's origin.
     times: (k,) frames of its action, from its first to its last.
-    made: gets the new data-blocks with their final names.
+    blocks: gets the new data-blocks with their final names.
     """
     shift = np.eye(4)
     shift[:3, 3] = -np.asarray(origin)
-    back, carried, tracks = np.linalg.inv(shift), {}, Bones()
+    back = np.linalg.inv(shift)
+    carried = {}
+    tracks = Bones()
     bones_of: dict[bytes, str] = {}  # LODs of one object move alike
     for number, (item, matrices) in enumerate(places.items()):
         moves = matrices @ np.linalg.pinv(matrices[0])
@@ -173,14 +181,14 @@ def model_of(
             tracks.moves.append(moves)
     tracks.moves = np.moveaxis(tracks.moves, 0, 1) if carried else []
     rigs = {}
-    for armature, own in {**bones, **({TRACKS: tracks} if carried else {})}.items():
-        if not own.rest:
+    for armature, motion in {**bones, **({TRACKS: tracks} if carried else {})}.items():
+        if not motion.rest:
             continue
-        rest = {bone: shift @ matrix for bone, matrix in own.rest.items()}
-        data = _armature(f"{name} {armature}", rest, dict(zip(rest, own.lengths, strict=True)))
+        rest = {bone: shift @ matrix for bone, matrix in motion.rest.items()}
+        data = _armature(f"{name} {armature}", rest, dict(zip(rest, motion.lengths, strict=True)))
         action = bpy.data.actions.new(f"{name} {armature}")
-        made |= {data: f"{name} {armature}", action: f"{name} {armature}"}
-        for bone, moves in zip(rest, np.moveaxis(own.moves, 1, 0), strict=True):
+        blocks |= {data: f"{name} {armature}", action: f"{name} {armature}"}
+        for bone, moves in zip(rest, np.moveaxis(motion.moves, 1, 0), strict=True):
             _bake(
                 action, bone, np.linalg.inv(rest[bone]) @ (shift @ moves @ back) @ rest[bone], times
             )
@@ -198,7 +206,8 @@ def _armature(
 ) -> bpy.types.Armature:
     """Return armature data with bones at `rest`, matrices (4, 4), none with a parent."""
     data = bpy.data.armatures.new(name)
-    holder, stage = bpy.data.objects.new(name, data), bpy.data.scenes.new("Crowd LOD rig")
+    holder = bpy.data.objects.new(name, data)
+    stage = bpy.data.scenes.new("Crowd LOD rig")
     try:
         stage.collection.objects.link(holder)
         layer = stage.view_layers[0]
@@ -267,15 +276,17 @@ def perform(
     A rig stands about the origin and plays its action from `span`, frames. It is at `phase` in
     frame 0 and advances by `rate` cycles a frame.
     """
-    made = {}
+    rigs = {}
     first, last = span
     for armature, (data, action) in model.rigs.items():
-        rig = made[armature] = bpy.data.objects.new(f"{title} {armature}", data)
+        rig = rigs[armature] = bpy.data.objects.new(f"{title} {armature}", data)
         track = rig.animation_data_create().nla_tracks.new()
         # which plays its one slot; to set that crashes Blender
         strip = track.strips.new("Phase", 0, action)
-        strip.use_animated_time, strip.extrapolation = True, "HOLD"
-        strip.frame_start_ui, strip.frame_end_ui = -FARTHEST, FARTHEST
+        strip.use_animated_time = True
+        strip.extrapolation = "HOLD"
+        strip.frame_start_ui = -FARTHEST
+        strip.frame_end_ui = FARTHEST
         time = strip.fcurves.find("strip_time")
         if rate:
             begin = -phase / rate
@@ -284,7 +295,7 @@ def perform(
             round_and_round.mode_before = round_and_round.mode_after = "REPEAT"
         else:
             fill_curve(time, np.array([(0.0, first + phase * (last - first))]))
-    return made
+    return rigs
 
 
 def dress(
@@ -298,10 +309,14 @@ def dress(
     copy.animation_data_clear()
     copy.constraints.clear()
     bent_by = item.parent if item.parent_type == "ARMATURE" else None
-    copy.parent, copy.parent_type = None, "OBJECT"
+    copy.parent = None
+    copy.parent_type = "OBJECT"
     if item in model.carried:
-        rig, bone = rigs[TRACKS], model.carried[item]
-        copy.parent, copy.parent_type, copy.parent_bone = rig, "BONE", bone
+        rig = rigs[TRACKS]
+        bone = model.carried[item]
+        copy.parent = rig
+        copy.parent_type = "BONE"
+        copy.parent_bone = bone
         rest = rig.data.bones[bone]
         copy.matrix_parent_inverse = (
             rest.matrix_local @ Matrix.Translation((0.0, rest.length, 0.0))
@@ -324,14 +339,15 @@ def shown_off(copies: dict, actors: dict, stage: bpy.types.Scene, origin: np.nda
 
     Infinite if the numbers of vertices differ.
     """
-    depsgraph, worst = stage.view_layers[0].depsgraph, 0.0
+    depsgraph = stage.view_layers[0].depsgraph
+    worst = 0.0
     for item, copy in copies.items():
-        mine, own = (
+        mine, original = (
             mesh_data.world_points(each.evaluated_get(depsgraph)) for each in (copy, actors[item])
         )
-        if mine.shape != own.shape:
+        if mine.shape != original.shape:
             return np.inf
-        worst = max(worst, float(np.linalg.norm(mine + origin - own, axis=1).max(initial=0.0)))
+        worst = max(worst, float(np.linalg.norm(mine + origin - original, axis=1).max(initial=0.0)))
     return worst
 
 
@@ -353,39 +369,41 @@ class Acting:
 
 
 def modeled(
-    who: Acting, performance: Performance, made: dict
+    character: Acting, performance: Performance, blocks: dict
 ) -> Generator[float, None, tuple[Model | None, str]]:
     """Make the model of one action of a character, with as many keys as it needs.
 
     The rigs should show it within NEAR of its diagonal; more keys are tried as long as they help.
 
     performance: that of this action alone.
-    made: gets the new data-blocks with their final names.
+    blocks: gets the new data-blocks with their final names.
 
     Yields the progress. Returns (Model, a sentence on how far off it is if that is more than NEAR),
     or (None, the reason why no rigs can show it).
     """
-    actors, origin, diagonal = (
-        who.actors,
-        np.array(who.homes[0].instance_offset, np.float64),
-        who.diagonal,
-    )
-    (span,), (played,) = performance.spans, performance.names
-    name = f"{who.name} {played}".rstrip()
+    actors = character.actors
+    origin = np.array(character.homes[0].instance_offset, np.float64)
+    diagonal = character.diagonal
+    (span,) = performance.spans
+    (played,) = performance.names
+    name = f"{character.name} {played}".rstrip()
     reason = refusal(list(actors))
     if reason:
         return None, reason
-    frames, keys, best, nearest = max(span[1] - span[0], 1.0), 1, None, np.inf
+    frames = max(span[1] - span[0], 1.0)
+    keys = 1
+    best = None
+    nearest = np.inf
     most = int(np.clip(MOST_KEYS / frames, 1, FINEST))
     while True:
         times = performance.keys(keys)
         bones, places = yield from record(actors, times, performance)
-        model = model_of(name, bones, places, origin, times, made)
-        off = _off(model, who, performance, _looks(times, bones)) / diagonal
+        model = model_of(name, bones, places, origin, times, blocks)
+        off = _off(model, character, performance, _looks(times, bones)) / diagonal
         gained = off < nearest / 2
         if off < nearest:
             best, model, nearest = model, best, off
-        _drop(model, made)  # the one that is farther off
+        _drop(model, blocks)  # the one that is farther off
         if nearest <= NEAR or keys == most or not gained:
             break
         # the chords' error falls by squares
@@ -397,7 +415,7 @@ def modeled(
             best,
             f"Between keyframes the rigs of {name} are off by up to {nearest:.2%} of its size.",
         )
-    _drop(best, made)
+    _drop(best, blocks)
     return (
         None,
         f"rigs would be off by {nearest:.2%} of its size"
@@ -423,38 +441,39 @@ def _looks(times: np.ndarray, bones: dict[str, Bones]) -> np.ndarray:
     times: (k,), at which `bones` were recorded.
     """
     bends = np.zeros(len(times) - 1)
-    for own in bones.values():
-        if own.rest and len(times) > 2:
-            rest = np.array(list(own.rest.values()))
-            ends = rest[:, None, :, 3] + np.array(own.lengths)[:, None, None] * np.concatenate(
+    for motion in bones.values():
+        if motion.rest and len(times) > 2:
+            rest = np.array(list(motion.rest.values()))
+            ends = rest[:, None, :, 3] + np.array(motion.lengths)[:, None, None] * np.concatenate(
                 [np.zeros((len(rest), 1, 4)), rest.transpose(0, 2, 1)[:, :3]], axis=1
             )
-            way = np.einsum("kbij,bpj->kbpi", np.array(own.moves), ends)
+            way = np.einsum("kbij,bpj->kbpi", np.array(motion.moves), ends)
             bend = np.linalg.norm(np.diff(way, 2, axis=0), axis=-1).max(axis=(1, 2))
             bends = np.maximum(
                 bends, np.maximum(np.append(bend[0], bend), np.append(bend, bend[-1]))
             )
-    chosen = np.union1d(
+    intervals = np.union1d(
         np.argsort(bends)[-4:], np.linspace(0, len(bends) - 1, 5).round().astype(int)
     )
-    return np.append((times[:-1] + times[1:])[chosen] / 2, times[len(times) // 2])
+    return np.append((times[:-1] + times[1:])[intervals] / 2, times[len(times) // 2])
 
 
-def _off(model: Model, who: Acting, performance: Performance, looks: np.ndarray) -> float:
-    """Return how far off a rig of `model` shows the character at the moments `looks`, at most,
+def _off(model: Model, character: Acting, performance: Performance, moments: np.ndarray) -> float:
+    """Return how far off a rig of `model` shows the character at the moments `moments`, at most,
     meters.
     """
-    (span,), origin = performance.spans, np.array(who.homes[0].instance_offset, np.float64)
+    (span,) = performance.spans
+    origin = np.array(character.homes[0].instance_offset, np.float64)
     length = max(span[1] - span[0], 1.0)
     rigs = perform(model, "Crowd LOD trial", 1 / length, -span[0] / length, span)
-    copies = {item: dress(item, model, rigs, actor) for item, actor in who.actors.items()}
+    copies = {item: dress(item, model, rigs, actor) for item, actor in character.actors.items()}
     try:
         for block in (*rigs.values(), *copies.values()):
-            who.stage.collection.objects.link(block)
+            character.stage.collection.objects.link(block)
         worst = 0.0
-        for time in looks:
-            performance.go_to(who.stage, time)
-            worst = max(worst, shown_off(copies, who.actors, who.stage, origin))
+        for time in moments:
+            performance.go_to(character.stage, time)
+            worst = max(worst, shown_off(copies, character.actors, character.stage, origin))
         return worst
     finally:
         performance.rest()

@@ -42,13 +42,13 @@ def bytes_of(levels: Iterable[tuple[bpy.types.Image, int]]) -> int:
     Bytes: width x height x 4, or x 16 for float images (Cycles may keep 8 for those that files hold
     in 16 bits).
     """
-    found = 0
+    total = 0
     for image, times in set(levels):
         sizes = [tile.size for tile in image.tiles] if image.source == "TILED" else [image.size]
-        found += sum(-(-w // 2**times) * -(-h // 2**times) for w, h in sizes) * (
+        total += sum(-(-w // 2**times) * -(-h // 2**times) for w, h in sizes) * (
             16 if image.is_float else 4
         )
-    return found
+    return total
 
 
 def shown_images(scene: bpy.types.Scene, settings) -> dict[bpy.types.Object, Levels]:
@@ -56,14 +56,16 @@ def shown_images(scene: bpy.types.Scene, settings) -> dict[bpy.types.Object, Lev
 
     They are halved if Scale Textures is on.
     """
-    pixels, found = _pixels(scene, settings) if settings.scale_textures else {}, {}
+    pixels = _pixels(scene, settings) if settings.scale_textures else {}
+    images = {}
     for item in settings.levels.all_objects:
-        far, own = item.type == "MESH" and pixels.get(item, 0) > 0, set()
+        far = item.type == "MESH" and pixels.get(item, 0) > 0
+        scaled = set()
         for number, slot in enumerate(item.material_slots):
             halved = dict(_levels(item, number, pixels[item], {})) if far else {}
-            own |= {(image, halved.get(image, 0)) for image in _images([slot.material])}
-        found[item] = frozenset(own)
-    return found
+            scaled |= {(image, halved.get(image, 0)) for image in _images([slot.material])}
+        images[item] = frozenset(scaled)
+    return images
 
 
 def _images(materials: Iterable[bpy.types.Material | None]) -> set[bpy.types.Image]:
@@ -77,34 +79,40 @@ def _images(materials: Iterable[bpy.types.Material | None]) -> set[bpy.types.Ima
 
 
 def scale_textures(
-    scene: bpy.types.Scene, settings, shown: dict[bpy.types.Object, bpy.types.Object], names: dict
+    scene: bpy.types.Scene,
+    settings,
+    stands_for: dict[bpy.types.Object, bpy.types.Object],
+    names: dict,
 ) -> Generator[float, None, tuple[float, float, list[str]]]:
     """Give the build's objects materials with images no larger than LODs can show.
 
-    shown: the build's object -> the LOD's object that it stands for. The LODs' own meshes and
+    stands_for: the build's object -> the LOD's object that it stands for. The LODs' own meshes and
         materials stay as they are.
     names: gets the new blocks with their final names.
 
     Yields 1.0; returns (bytes before, bytes after, sentences).
     """
-    before = image_bytes({slot.material for copy in shown for slot in copy.material_slots})
-    pixels, levels, left, wanted = _pixels(scene, settings), {}, {}, {}
+    before = image_bytes({slot.material for copy in stands_for for slot in copy.material_slots})
+    pixels = _pixels(scene, settings)
+    levels = {}
+    left = {}
+    scaled_images = {}
     yield 1.0
-    for copy, item in shown.items():
+    for copy, item in stands_for.items():
         if copy.type == "MESH" and pixels[item] > 0 and item not in levels:
             levels[item] = [
                 _levels(copy, slot, pixels[item], left) for slot in range(len(copy.material_slots))
             ]
     every = {each for slots in levels.values() for own in slots for each in own}
     for image, times in sorted(every, key=lambda pair: (pair[0].name_full, pair[1])):
-        wanted[image, times] = _scaled(image, times, names)
+        scaled_images[image, times] = _scaled(image, times, names)
         yield 1.0
-    made = {}
-    for copy, item in shown.items():
+    materials = {}
+    for copy, item in stands_for.items():
         if any(levels.get(item, ())):
-            _dress(copy, item, levels[item], wanted, made, names)
-    after = image_bytes({slot.material for copy in shown for slot in copy.material_slots})
-    said = (
+            _dress(copy, item, levels[item], scaled_images, materials, names)
+    after = image_bytes({slot.material for copy in stands_for for slot in copy.material_slots})
+    sentence = (
         [f"Images in full: {', '.join(f'{image.name} ({why})' for image, why in left.items())}."]
         if left
         else []
@@ -115,7 +123,7 @@ def scale_textures(
         [
             f"Images of the characters take {after / 1e6:,.1f} MB, unscaled {before / 1e6:,.1f} "
             f"MB.",
-            *said,
+            *sentence,
         ],
     )
 
@@ -125,7 +133,9 @@ def _pixels(scene: bpy.types.Scene, settings) -> dict[bpy.types.Object, float]:
 
     0 for the finest LOD.
     """
-    policy, trajectory, found = policy_of(settings), trajectory_of(scene), {}
+    policy = policy_of(settings)
+    trajectory = trajectory_of(scene)
+    pixels = {}
     bias = bias_of(settings)
     farther = 1.0 if bias is None else 4.0 ** (1 - 2 * float(bias.values.min()))
     radius = trajectory.spheres.radius
@@ -145,8 +155,8 @@ def _pixels(scene: bpy.types.Scene, settings) -> dict[bpy.types.Object, float]:
         for g, (name, _, _) in enumerate(characters_of(scene)):
             for item in home_of(level, g, name).objects:
                 # a group with fewer LODs repeats its last
-                found.setdefault(item, float(nearest[g, k]))
-    return found
+                pixels.setdefault(item, float(nearest[g, k]))
+    return pixels
 
 
 def _textures(
@@ -188,10 +198,10 @@ def _coordinates(socket: bpy.types.NodeSocket, path: tuple) -> tuple[str, float]
         and node.vector_type in ("POINT", "VECTOR")
         and not node.inputs["Scale"].links
     ):
-        found = _coordinates(node.inputs["Vector"], path)
-        return found and (
-            found[0],
-            found[1] * min(abs(each) for each in node.inputs["Scale"].default_value[:2]),
+        coordinates = _coordinates(node.inputs["Vector"], path)
+        return coordinates and (
+            coordinates[0],
+            coordinates[1] * min(abs(each) for each in node.inputs["Scale"].default_value[:2]),
         )
     return None
 
@@ -203,9 +213,12 @@ def _levels(
 
     left: gets the images that cannot be halved, and why.
     """
-    material, found = copy.material_slots[slot].material, {}
+    material = copy.material_slots[slot].material
+    levels = {}
     for node, path in _textures(material.node_tree) if material else ():
-        image, at, times = node.image, _coordinates(node.inputs["Vector"], path), 0
+        image = node.image
+        at = _coordinates(node.inputs["Vector"], path)
+        times = 0
         if image.source in UNSTILL:
             left[image] = UNSTILL[image.source]
         elif not image.size[0] * image.size[1] or not len(image.pixels):
@@ -217,8 +230,8 @@ def _levels(
             times = halvings(
                 texel(corners, uvs * at[1], tuple(image.size)), pixel, tuple(image.size)
             )
-        found[image] = min(times, found.get(image, times))
-    return frozenset((image, times) for image, times in found.items() if times)
+        levels[image] = min(times, levels.get(image, times))
+    return frozenset((image, times) for image, times in levels.items() if times)
 
 
 def _surface(copy: bpy.types.Object, slot: int, name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -271,7 +284,8 @@ def _scaled(image: bpy.types.Image, times: int, names: dict) -> bpy.types.Image:
     made = bpy.data.images.new(
         title, *pixels.shape[1::-1], alpha=True, float_buffer=image.is_float, is_data=space.is_data
     )
-    names[made], made[SCALED] = title, mark
+    names[made] = title
+    made[SCALED] = mark
     if not image.is_float:
         # floats are linear as they are held, and colors multiplied by alpha
         made.colorspace_settings.name = space.name
@@ -284,23 +298,25 @@ def _scaled(image: bpy.types.Image, times: int, names: dict) -> bpy.types.Image:
     return made
 
 
-def _dress(copy, item, levels: list[Levels], wanted: dict, made: dict, names: dict) -> None:
+def _dress(
+    copy, item, levels: list[Levels], scaled_images: dict, copies: dict, names: dict
+) -> None:
     """Give `copy` of the LOD's object `item` materials with images at these `levels`.
 
     levels: one entry per slot.
-    made: the copies that exist already.
+    copies: the copies that exist already.
     """
     materials = [
-        _material(slot.material, own, wanted, made, names)
+        _material(slot.material, own, scaled_images, copies, names)
         for slot, own in zip(copy.material_slots, levels, strict=True)
     ]
     # which stays: images of the materials of a mesh are loaded, whatever its object has in their
     # place
     if copy.data == item.data:
-        if item not in made:
-            made[item] = item.data.copy()
-            names[made[item]] = item.data.name
-        copy.data = made[item]
+        if item not in copies:
+            copies[item] = item.data.copy()
+            names[copies[item]] = item.data.name
+        copy.data = copies[item]
     for k, material in enumerate(materials):
         copy.data.materials[k] = material
         if copy.material_slots[k].link == "OBJECT":
@@ -308,42 +324,46 @@ def _dress(copy, item, levels: list[Levels], wanted: dict, made: dict, names: di
 
 
 def _material(
-    material: bpy.types.Material | None, levels: Levels, wanted: dict, made: dict, names: dict
+    material: bpy.types.Material | None,
+    levels: Levels,
+    scaled_images: dict,
+    copies: dict,
+    names: dict,
 ) -> bpy.types.Material | None:
     """Return a copy of the material with its images at these `levels`."""
     if not levels:
         return material
-    if (material, levels) not in made:
-        copy = made[material, levels] = material.copy()
+    if (material, levels) not in copies:
+        copy = copies[material, levels] = material.copy()
         names[copy] = material.name
         copy.use_fake_user = False
-        _exchange(copy.node_tree, dict(levels), wanted, made, names)
-    return made[material, levels]
+        _exchange(copy.node_tree, dict(levels), scaled_images, copies, names)
+    return copies[material, levels]
 
 
 def _exchange(
     tree: bpy.types.NodeTree,
     levels: dict[bpy.types.Image, int],
-    wanted: dict,
-    made: dict,
+    scaled_images: dict,
+    copies: dict,
     names: dict,
 ) -> None:
     """Put the images at these `levels` into the nodes of `tree`, and copy its groups."""
     for node in tree.nodes:
         if node.type == "TEX_IMAGE" and node.image in levels:
-            node.image = wanted[node.image, levels[node.image]]
+            node.image = scaled_images[node.image, levels[node.image]]
         elif node.type == "GROUP" and any(
             inner.image in levels for inner, _ in _textures(node.node_tree)
         ):
-            own = frozenset(
+            key = frozenset(
                 (inner.image, levels[inner.image])
                 for inner, _ in _textures(node.node_tree)
                 if inner.image in levels
             )
             group = node.node_tree
-            if (group, own) not in made:
-                made[group, own] = group.copy()
-                names[made[group, own]] = group.name
-                made[group, own].use_fake_user = False
-                _exchange(made[group, own], levels, wanted, made, names)
-            node.node_tree = made[group, own]
+            if (group, key) not in copies:
+                copies[group, key] = group.copy()
+                names[copies[group, key]] = group.name
+                copies[group, key].use_fake_user = False
+                _exchange(copies[group, key], levels, scaled_images, copies, names)
+            node.node_tree = copies[group, key]

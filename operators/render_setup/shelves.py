@@ -13,7 +13,8 @@ from .view_layers import exclude, show_where_characters_are
 
 # Custom properties: of the collection of all characters, and of a LOD's collection in it; of the
 # collection of all rigs in that.
-LIBRARY, RIGS = "crowd_lod_library", "crowd_lod_rigs"
+LIBRARY = "crowd_lod_library"
+RIGS = "crowd_lod_rigs"
 REMEDY = "press Remove Build, then Build again"  # where a custom property of a build is spoilt
 
 
@@ -28,30 +29,30 @@ def fill_shelves(scene: bpy.types.Scene, top: bpy.types.Collection, cast: Cast) 
             view_layer.update()  # a scene that was never evaluated has no layer collections yet
             exclude(view_layer.layer_collection, library)
         show_where_characters_are(scene)
-    shelves, levels = shelves_of(top), len(cast.collections)
-    gone, spare = bpy.data.collections.new("Crowd LOD"), {}
+    shelves = shelves_of(top)
+    levels = len(cast.collections)
+    old_characters = bpy.data.collections.new("Crowd LOD")
+    spare = {}
     # what the user put into characters is to stay in this scene
-    scene.collection.children.link(gone)
+    scene.collection.children.link(old_characters)
     for level, shelf in list(shelves.items()):
-        spare[level] = _emptied(shelf, gone)
+        spare[level] = _emptied(shelf, old_characters)
         if level >= levels:
-            gone.children.link(shelves.pop(level))
+            old_characters.children.link(shelves.pop(level))
     for level, characters in enumerate(cast.collections):
         if level not in shelves:
-            shelves[level], spare[level] = (
-                _library(library, f"Crowd LOD {level} characters", LIBRARY, level),
-                [],
-            )
+            shelves[level] = _library(library, f"Crowd LOD {level} characters", LIBRARY, level)
+            spare[level] = []
         for home in spare[level][len(characters) :]:
             shelves[level].children.unlink(home)
-            gone.children.link(home)
+            old_characters.children.link(home)
     rigs = next((child for child in library.children if RIGS in child), None) or _library(
         library, "Crowd LOD Rigs", RIGS, True
     )
     for rig in [item for item in rigs.objects if item.get(OWNED)]:
         rigs.objects.unlink(rig)
-        gone.objects.link(rig)
-    remove_owned(gone)
+        old_characters.objects.link(rig)
+    remove_owned(old_characters)
     for rig in cast.rigs:
         rigs.objects.link(rig)
     for level, characters in enumerate(cast.collections):
@@ -74,39 +75,43 @@ def _fill(
         home.name = "Crowd LOD character"  # none keeps what another is to be called
     for number, (name, items) in enumerate(characters):
         home = homes[number] if number < len(homes) else bpy.data.collections.new(name)
-        home.name, home[OWNED] = name, True
+        home.name = name
+        home[OWNED] = True
         for item in items:
             home.objects.link(item)
         if number >= len(homes):
             shelf.children.link(home)
 
 
-def _emptied(shelf: bpy.types.Collection, gone: bpy.types.Collection) -> list[bpy.types.Collection]:
-    """Move the characters in `shelf` to `gone`, and return their emptied collections.
+def _emptied(
+    shelf: bpy.types.Collection, old_characters: bpy.types.Collection
+) -> list[bpy.types.Collection]:
+    """Move the characters in `shelf` to `old_characters`, and return their emptied collections.
 
     The collections are reused, because Blender takes seconds to remove thousands. A collection into
-    which the user has put something goes to `gone` as it is.
+    which the user has put something goes to `old_characters` as it is.
     """
     left = []
     for home in list(shelf.children):
         if home.get(OWNED) and not home.children and all(item.get(OWNED) for item in home.objects):
             for item in list(home.objects):
                 # a group's last LOD may stand in place of another, too
-                if gone.objects.get(item.name) is None:
-                    gone.objects.link(item)
+                if old_characters.objects.get(item.name) is None:
+                    old_characters.objects.link(item)
                 home.objects.unlink(item)
             left.append(home)
         else:
             shelf.children.unlink(home)
-            gone.children.link(home)
+            old_characters.children.link(home)
     return left
 
 
 def _library(parent: bpy.types.Collection, name: str, key: str, level: int) -> bpy.types.Collection:
-    made = bpy.data.collections.new(name)
-    made[OWNED], made[key] = True, level
-    parent.children.link(made)
-    return made
+    shelf = bpy.data.collections.new(name)
+    shelf[OWNED] = True
+    shelf[key] = level
+    parent.children.link(shelf)
+    return shelf
 
 
 def library_in(top: bpy.types.Collection) -> bpy.types.Collection | None:

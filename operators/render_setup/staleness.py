@@ -49,49 +49,54 @@ def changed(scene: bpy.types.Scene) -> list[str]:
 
     The answer may be a second old: the sidebar asks whenever it is drawn.
     """
-    build, now = scene.crowd_lod.build, clock.monotonic()
+    build = scene.crowd_lod.build
+    now = clock.monotonic()
     if build is None or not isinstance(build.get(MADE_FOR), str):
         return []
-    looked, found = _known.get(scene.session_uid, (-LOOK, []))
+    looked, sentences = _known.get(scene.session_uid, (-LOOK, []))
     if now >= looked + LOOK:
-        found = _compared(scene, build)
+        sentences = _compared(scene, build)
         scene_cache.tidy()
-        _known[scene.session_uid] = now, found
-    return found
+        _known[scene.session_uid] = now, sentences
+    return sentences
 
 
 def _compared(scene: bpy.types.Scene, build: bpy.types.Collection) -> list[str]:
     try:
-        found = provenance.differences(provenance.kept_in(build, MADE_FOR), _now(scene))
+        sentences = provenance.differences(provenance.kept_in(build, MADE_FOR), _now(scene))
         if BAKED in build and not scene.frame_subframe:
-            found += _other_in_frame(scene, build)
-        return found
+            sentences += _other_in_frame(scene, build)
+        return sentences
     except (CrowdError, ValueError) as error:  # a text that is not JSON is a ValueError
         return [str(error)]
 
 
 def _other_in_frame(scene: bpy.types.Scene, bake: bpy.types.Collection) -> list[str]:
     """Return what of the scene's frame is other than when it was baked: the camera, the lights."""
-    frame, depsgraph = str(scene.frame_current), scene.view_layers[0].depsgraph
-    cameras, around = provenance.kept_in(bake, CAMERAS), provenance.kept_in(bake, LIGHTS)
-    found = []
+    frame = str(scene.frame_current)
+    depsgraph = scene.view_layers[0].depsgraph
+    cameras = provenance.kept_in(bake, CAMERAS)
+    around = provenance.kept_in(bake, LIGHTS)
+    sentences = []
     if frame in cameras and cameras[frame] != cameras_digest(read_cameras(scene, depsgraph)):
-        found.append("the camera")
+        sentences.append("the camera")
     if (
         frame in around and not scene.render.use_motion_blur
     ):  # else the shutter would have to be looked through
         now = read_surroundings(scene, depsgraph, scene_data.time_of(scene))
-        found += ["the lights"] * (around[frame] != lights_digest(now))
-    return found
+        sentences += ["the lights"] * (around[frame] != lights_digest(now))
+    return sentences
 
 
 def _now(scene: bpy.types.Scene) -> dict[str, str]:
     """Return digests of what a build depends on, by name."""
-    settings, render, trajectory = scene.crowd_lod, scene.render, trajectory_of(scene)
+    settings = scene.crowd_lod
+    render = scene.render
+    trajectory = trajectory_of(scene)
     bias = bias_of(settings)
-    known = made_for(settings, trajectory, policy_of(settings), bias)
+    inputs = made_for(settings, trajectory, policy_of(settings), bias)
     mirrors = settings.mirrors and settings.mirrors.name
-    known |= {
+    inputs |= {
         "the settings": text_digest(mirrors, *(getattr(settings, name) for name in SETTINGS)),
         "the frame rate": text_digest(
             render.fps, render.fps_base, render.frame_map_old, render.frame_map_new
@@ -99,8 +104,10 @@ def _now(scene: bpy.types.Scene) -> dict[str, str]:
         "the shot plan": content_of(settings),
     }
     if settings.build is not None and BAKED in settings.build:
-        known["the frame range"] = text_digest(scene.frame_start, scene.frame_end, scene.frame_step)
-        known["the resolution"] = text_digest(
+        inputs["the frame range"] = text_digest(
+            scene.frame_start, scene.frame_end, scene.frame_step
+        )
+        inputs["the resolution"] = text_digest(
             render.resolution_x, render.resolution_y, render.resolution_percentage
         )
-    return known
+    return inputs

@@ -21,15 +21,15 @@ def layers_of(scene: bpy.types.Scene) -> dict[str, bpy.types.LayerCollection]:
     Its `exclude` says whether the build is shown there. Empty where the user has moved the build
     out of the scene.
     """
-    found = {}
+    layers = {}
     for layer in scene.view_layers:
         places = [layer.layer_collection]
         while places:
             place = places.pop()
             places += place.children
             if place.collection == scene.crowd_lod.build:
-                found[layer.name] = place
-    return found
+                layers[layer.name] = place
+    return layers
 
 
 def show_in(scene: bpy.types.Scene, names: Sequence[str]) -> None:

@@ -19,13 +19,13 @@ def watch_points(scene: bpy.types.Scene) -> None:
     A modifier for each, on one of the build's point objects, names it and changes nothing.
     """
     points = points_of(scene.crowd_lod.build)
-    for each in points.values():
+    for item in points.values():
         for modifier in [
             m
-            for m in each.modifiers
+            for m in item.modifiers
             if m.type == "NODES" and m.node_group is not None and WATCHED in m.node_group
         ]:
-            each.modifiers.remove(modifier)
+            item.modifiers.remove(modifier)
     if not points or BAKED in scene.crowd_lod.build:
         return
     first = next(iter(points.values()))

@@ -45,10 +45,11 @@ def error(
     with outputs.staged(folder) as stage:
         cameras.active_camera(scene)
         store_groups(scene.crowd_lod, measure_groups(scene))
-        trajectory, policy = trajectory_of(scene), policy_of(scene.crowd_lod)
+        trajectory = trajectory_of(scene)
+        policy = policy_of(scene.crowd_lod)
         frames = scene_data.frames_of(scene, scene.crowd_lod.step)
         chosen = evenly(frames, VIEWS)
-        seen = cameras.cameras_at(scene, chosen)
+        view_cameras = cameras.cameras_at(scene, chosen)
         begun = 0.0
         for k, frame in enumerate(chosen):
             for part in approach(trajectory, frame):
@@ -56,9 +57,10 @@ def error(
                 yield begun
         views = [
             (error_vs_runtime.some(trajectory.at(f), MOST_AGENTS), c)
-            for f, c in zip(chosen, seen, strict=True)
+            for f, c in zip(chosen, view_cameras, strict=True)
         ]
-        center, radius = trajectory.spheres.center, trajectory.spheres.radius
+        center = trajectory.spheres.center
+        radius = trajectory.spheres.radius
         walks = walks_of(trajectory)
         if not walks:
             raise CrowdError(
@@ -90,13 +92,14 @@ def error(
                 0.15,
             ),
         }
-        tables, done = {}, 0.0
+        tables = {}
+        progress = 0.0
         for name, (rows, about, share) in parts.items():
             tables[name] = []
             for row in rows:
                 tables[name].append(row)
-                yield begun + (1 - begun) * min(done + share * len(tables[name]) / about, 0.99)
-            done += share
+                yield begun + (1 - begun) * min(progress + share * len(tables[name]) / about, 0.99)
+            progress += share
         machine = (
             f"{machine_name()}; {len(crowd):,} of {len(trajectory.start):,} agents, medians "
             f"of {counted(repeats, 'run')}"
@@ -126,7 +129,7 @@ def _policies(policy: LevelPolicy) -> list[LevelPolicy]:
         if policy.metric == "PIXELS" and policy.tolerance is None
         else tuple(200 / 2**k for k in range(policy.count - 1))
     )
-    found = []
+    policies = []
     for metric in ("AXIS", "RADIAL", "PIXELS"):
         own = (
             policy.group_thresholds
@@ -134,12 +137,12 @@ def _policies(policy: LevelPolicy) -> list[LevelPolicy]:
             else ()
         )
         thresholds = sizes if metric == "PIXELS" else parts
-        found.append(
+        policies.append(
             replace(
                 policy, tolerance=None, metric=metric, thresholds=thresholds, group_thresholds=own
             )
         )
-    return found
+    return policies
 
 
 def machine_name() -> str:
@@ -199,7 +202,7 @@ def cases(most: int, seed: int, out: Path | None = None) -> Generator[float, Non
 
 
 def _cases_text(name: str, rows: ExtremeRows) -> str:
-    made = f"Made with `crowd-lod report extremes --out {name}` on {machine_name()}."
+    command = f"Made with `crowd-lod report extremes --out {name}` on {machine_name()}."
     culling = (
         "Each is judged by exact rational arithmetic: `missed` are agents that can be seen and "
         "were culled; "
@@ -217,7 +220,7 @@ def _cases_text(name: str, rows: ExtremeRows) -> str:
         "wall or behind it. The error is the "
         "distance from where the judge sees the agent; `ms` is the time of the longest step."
     )
-    parts = ["# Extreme cases", _filled(made)]
+    parts = ["# Extreme cases", _filled(command)]
     parts += [
         "## Culling and LODs",
         _filled(culling),
@@ -244,7 +247,8 @@ def lenses(pairs: int, seed: int) -> Generator[float, None, list[dict[str, Any]]
     rows = []
     for lens in culling_audit.LENSES:
         v = culling_audit.audit(lens, -(-pairs // len(culling_audit.LENSES)), seed)
-        surplus, beside = 100 * v.surplus / max(v.kept, 1), 100 * v.beside / max(v.visible, 1)
+        surplus = 100 * v.surplus / max(v.kept, 1)
+        beside = 100 * v.beside / max(v.visible, 1)
         counts = {"pairs": v.pairs, "visible": v.visible, "missed": v.missed}
         rows.append(
             {

@@ -18,12 +18,13 @@ SUPERSAMPLING = 2  # pixels drawn across a pixel of the picture
 TALL = 380  # pixels of the character's height
 GAP = 22  # pixels
 LETTER = 15  # pixels high
-PAPER, INK = (0.94, 0.945, 0.955), (0.13, 0.14, 0.17)
-CLAY, EDGE = (0.66, 0.71, 0.79), (0.10, 0.16, 0.30)
-HIDDEN, MARK = (
-    (0.62, 0.62, 0.62),
-    (0.85, 0.10, 0.10),
-)  # surface that nobody sees; a LOD's worst place
+PAPER = (0.94, 0.945, 0.955)
+INK = (0.13, 0.14, 0.17)
+CLAY = (0.66, 0.71, 0.79)
+EDGE = (0.10, 0.16, 0.30)
+# surface that nobody sees; a LOD's worst place
+HIDDEN = (0.62, 0.62, 0.62)
+MARK = (0.85, 0.10, 0.10)
 RING = 9.0  # pixels, of the ring about that
 # of distances that the colors tell apart, by their logarithm: a fine LOD's show beside a coarse
 # one's
@@ -60,30 +61,32 @@ def draw_lods(
     towards = np.array([np.cos(azimuth) * 0.985, np.sin(azimuth) * 0.985, 0.17])
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     axes = np.stack([right, np.cross(towards, right), towards])
-    seen = [view.level.points @ axes.T for view in views]
+    flat_points = [view.level.points @ axes.T for view in views]
     # each in the middle of its cell: a pose may be elsewhere
-    low, high = ([getattr(at, end)(axis=0) for at in seen] for end in ("min", "max"))
+    low, high = ([getattr(at, end)(axis=0) for at in flat_points] for end in ("min", "max"))
     size = np.max([b - a for a, b in zip(low, high, strict=True)], axis=0)
     low = [(a + b - size) / 2 for a, b in zip(low, high, strict=True)]
     scale = TALL / max(size[1], size[0] / 1.5)
-    width, height = int(size[0] * scale) + 2, int(size[1] * scale) + 2
+    width = int(size[0] * scale) + 2
+    height = int(size[1] * scale) + 2
     fine = height * SUPERSAMPLING, width * SUPERSAMPLING
-    looks = [
+    drawings = [
         _look((at - corner) * scale * SUPERSAMPLING, view.level, fine)
-        for at, corner, view in zip(seen, low, views, strict=True)
+        for at, corner, view in zip(flat_points, low, views, strict=True)
     ]
     away = [
         _distances(view.character, view.level, *look[:3])
-        for view, look in zip(views, looks, strict=True)
+        for view, look in zip(views, drawings, strict=True)
     ]
     most = meters * max((float(d.max(initial=0)) for d in away), default=0.0)
 
     cell = max(width, 10 * LETTER) + GAP
-    head, canvas_width = 4 * LETTER, GAP + cell * len(views) + 9 * LETTER
+    head = 4 * LETTER
+    canvas_width = GAP + cell * len(views) + 9 * LETTER
     sheet = np.empty((2 * height + head + 4 * GAP, canvas_width, 3))
     sheet[:] = PAPER
     for k, (view, (pixel, _, _, shade, edge), off) in enumerate(
-        zip(views, looks, away, strict=True)
+        zip(views, drawings, away, strict=True)
     ):
         left = GAP + k * cell + (cell - GAP - width) // 2
         clay = (np.array(CLAY) * shade[:, None]) * (1 - edge[:, None]) + np.array(EDGE) * edge[
@@ -117,7 +120,8 @@ def draw_lods(
         :, None
     ]
     for decade in range(DECADES + 1):
-        words, part = f"{number(1000 * most / 10**decade)} mm", 1 - decade / DECADES
+        words = f"{number(1000 * most / 10**decade)} mm"
+        part = 1 - decade / DECADES
         words = f"< {words}" if decade == DECADES and most else words
         write(sheet, words, bar[0] + 1.5 * LETTER, bar[1] + part * bar[2] - 0.35 * LETTER, LETTER)
     pixels = np.full((*sheet.shape[:2], 4), 255, np.uint8)
@@ -149,7 +153,8 @@ def _look(at: np.ndarray, surface: Surface, shape: tuple[int, int]) -> tuple:
     shade = 0.45 + 0.6 * (normals @ (LIGHT / np.linalg.norm(LIGHT))).clip(0, 1)
     flat = corners[..., :2]
     opposite = np.linalg.norm(np.roll(flat, -1, axis=1) - np.roll(flat, -2, axis=1), axis=2)
-    u, v = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
+    u = flat[:, 1] - flat[:, 0]
+    v = flat[:, 2] - flat[:, 0]
     doubled = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
     heights = doubled[:, None] / np.maximum(opposite, 1e-12)
     line = (weights * heights[triangle]).min(axis=1) < 0.5 * SUPERSAMPLING
@@ -205,14 +210,17 @@ def write(
     tall: size of the letters, pixels.
     """
     curve = bpy.data.curves.new("Crowd LOD words", "FONT")
-    curve.body, curve.align_x, curve.size = words, align, tall
+    curve.body = words
+    curve.align_x = align
+    curve.size = tall
     item = bpy.data.objects.new(curve.name, curve)
     mesh = bpy.data.meshes.new_from_object(item)
     try:
         points, triangles, _, _ = mesh_data.read_triangles(mesh)
     finally:
         bpy.data.batch_remove([item, curve, mesh])
-    finer, at = 4, points[:, :2].astype(np.float64) + (x, y)
+    finer = 4
+    at = points[:, :2].astype(np.float64) + (x, y)
     left, low = np.floor(at.min(axis=0)).astype(int).clip(0)
     part = sheet[low : int(at[:, 1].max()) + 2, left : int(at[:, 0].max()) + 2]
     rows, columns = part.shape[:2]

@@ -41,14 +41,20 @@ def tables(
 
     A LOD that a group repeats, because others have more, has one row. Pictures levels_NAME.png of
     the first MOST_SHOWN groups are written to `folder`. Silhouettes are measured for these alone.
+    Without the setting LOD Pictures there is neither.
 
     begins: (G, n - 1) meters from `camera` where each group's LODs begin (see assignment.limits).
     progress: (first, last) of the progress to yield.
     """
-    found, taken = [], set()
-    characters, settings, meters = characters_of(scene), scene.crowd_lod, scene_data.meters(scene)
+    found = []
+    taken = set()
+    characters = characters_of(scene)
+    settings = scene.crowd_lod
+    meters = scene_data.meters(scene)
     finest = policy_of(settings).finest or [0] * len(groups)
-    start, span = progress[0], (progress[1] - progress[0]) / min(len(groups), MOST_SHOWN)
+    most_shown = min(len(groups), MOST_SHOWN) if settings.lod_pictures else 0
+    start = progress[0]
+    span = (progress[1] - start) / max(most_shown, 1)
     for g, (group, (_, objects, origin)) in enumerate(zip(groups, characters, strict=True)):
         every = meshes_of(settings.levels, g, group.name)[: len(group.triangles)]
         # the last may be repeated
@@ -67,14 +73,16 @@ def tables(
             "levels": rows,
         }
         found.append(entry)
-        if g >= MOST_SHOWN:
+        if g >= most_shown:
             continue
         # the group's figures are those of its largest agents, whose size the character itself has
         # not
-        largest, feet = group.scale[1], np.array(origin) + (0, 0, group.feet)
+        largest = group.scale[1]
+        feet = np.array(origin) + (0, 0, group.feet)
         center = feet + (0, 0, group.center)
         with Posed(objects, meshes, performance) as posed:
-            looks, views = Looks(), []
+            looks = Looks()
+            views = []
             # the one that deviates most tells the pose of LOD 0
             for k in (len(rows) - 1, *range(1, len(rows))):
                 character, *levels = posed.shapes(group.worst[k])
@@ -209,10 +217,10 @@ def _distance(camera: Camera, begin: float, radius: float) -> float | None:
     return float(begin) if radius < begin < np.inf else None
 
 
-def _file_name(name: str, g: int, taken: set[str]) -> str:
+def _file_name(name: str, g: int, names: set[str]) -> str:
     """Return a file name levels_NAME.png for a group, different for each."""
     safe = re.sub(r"[^A-Za-z0-9._-]+", "_", name).strip("._")[:60] or "group"
-    while safe.casefold() in taken:
+    while safe.casefold() in names:
         safe = f"{safe}_{g}"
-    taken.add(safe.casefold())
+    names.add(safe.casefold())
     return f"levels_{safe}.png"

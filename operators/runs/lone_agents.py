@@ -22,7 +22,8 @@ from ..render_setup.nodes import trees
 SAMPLES = 4  # a pixel
 # pixels of a crop across the shift that is allowed, as far as its larger side then has no more than
 # LARGEST; a pixel of the final picture has one at least
-ACROSS, LARGEST = 8, 600
+ACROSS = 8
+LARGEST = 600
 MOST_FINER = 32  # pixels of a crop in one of the final picture, along each axis
 ERROR = 1.0  # pixels of a crop by which a shift between two of them errs, see silhouette.shift
 # of 1, encoded as sRGB: by how much the mean color of an agent may be off. LODs of textured and
@@ -68,15 +69,23 @@ class LoneStage:
         self.stage = bpy.data.scenes.new("Crowd LOD lone agent")
         self.path = folder / "lone_agent.exr"
         self.stage[STAGE] = True
-        render, cycles, own = self.stage.render, self.stage.cycles, scene.render
+        render = self.stage.render
+        cycles = self.stage.cycles
+        own = scene.render
         for name in ("fps", "fps_base", "frame_map_old", "frame_map_new"):
             setattr(render, name, getattr(own, name))
-        render.engine, render.film_transparent, render.resolution_percentage = "CYCLES", True, 100
+        render.engine = "CYCLES"
+        render.film_transparent = True
+        render.resolution_percentage = 100
         render.image_settings.file_format = "OPEN_EXR"
-        render.image_settings.color_mode, render.image_settings.color_depth = "RGBA", "32"
-        cycles.device, cycles.samples, cycles.max_bounces = "CPU", SAMPLES, 0
+        render.image_settings.color_mode = "RGBA"
+        render.image_settings.color_depth = "32"
+        cycles.device = "CPU"
+        cycles.samples = SAMPLES
+        cycles.max_bounces = 0
         cycles.use_adaptive_sampling = cycles.use_denoising = False
-        cycles.pixel_filter_type, cycles.seed = "BOX", 0
+        cycles.pixel_filter_type = "BOX"
+        cycles.seed = 0
         self.camera = bpy.data.objects.new("Crowd LOD lone", bpy.data.cameras.new("Crowd LOD lone"))
         self.sun = bpy.data.objects.new(
             "Crowd LOD lone", bpy.data.lights.new("Crowd LOD lone", "SUN")
@@ -88,9 +97,12 @@ class LoneStage:
 
     def look(self, camera: Camera, window: Window, size: tuple[int, int]) -> None:
         """Look through the `window` of a perspective or orthographic camera, with `size` pixels."""
-        data, wide = self.camera.data, window.right - window.left
-        data.type, data.sensor_fit = camera.kind, "HORIZONTAL"
-        data.clip_start, data.clip_end = camera.near, camera.far
+        data = self.camera.data
+        wide = window.right - window.left
+        data.type = camera.kind
+        data.sensor_fit = "HORIZONTAL"
+        data.clip_start = camera.near
+        data.clip_end = camera.far
         if camera.kind == "ORTHO":
             data.ortho_scale = wide
         else:
@@ -108,7 +120,8 @@ class LoneStage:
 
         None is nobody.
         """
-        width, height = self.stage.render.resolution_x, self.stage.render.resolution_y
+        width = self.stage.render.resolution_x
+        height = self.stage.render.resolution_y
         if agent is None:
             return np.zeros((height, width, 4), np.float32)
         with cleanup.scratch():
@@ -155,23 +168,24 @@ def _natural(collection: bpy.types.Collection) -> list:
 def lone_crops(
     stage: LoneStage,
     number: int,
-    chosen: Sequence[JudgedAgent],
+    judged_agents: Sequence[JudgedAgent],
     pairs: Sequence[tuple[Shown, Shown | None]],
 ) -> Iterator[LoneCrop]:
     """Yield a LoneCrop of each of the chosen agents at the frame `number`.
 
     pairs: of each, at full detail and as it was built.
     """
-    for judged, (full, built) in zip(chosen, pairs, strict=True):
+    for judged, (full, lod_item) in zip(judged_agents, pairs, strict=True):
         finer, window, size = _finer(judged)
         stage.look(judged.camera, window, size)
-        pictures = [stage.render(number, each) for each in (full, built)]
+        pictures = [stage.render(number, each) for each in (full, lod_item)]
         yield LoneCrop(*pictures, told_of(judged, *pictures, finer))
 
 
 def _finer(judged: JudgedAgent) -> tuple[float, Window, tuple[int, int]]:
     """Return (pixels of the crop in one of the final picture, the crop's window, its size)."""
-    window, density = judged.window, judged.camera.pixels_per_unit
+    window = judged.window
+    density = judged.camera.pixels_per_unit
     side = density * max(window.right - window.left, window.top - window.bottom)
     finer = min(MOST_FINER, ACROSS / max(judged.allowed or 1.0, 1e-6), LARGEST / side)
     finer = max(finer, 1.0)
@@ -179,13 +193,12 @@ def _finer(judged: JudgedAgent) -> tuple[float, Window, tuple[int, int]]:
         max(1, int(np.ceil(extent * density * finer)))
         for extent in (window.right - window.left, window.top - window.bottom)
     )
-    right, top = window.left + columns / density / finer, window.bottom + rows / density / finer
+    right = window.left + columns / density / finer
+    top = window.bottom + rows / density / finer
     return finer, Window(window.left, right, window.bottom, top), (columns, rows)
 
 
-def told_of(
-    judged: JudgedAgent, full: np.ndarray, built: np.ndarray, finer: float
-) -> dict[str, Any]:
+def told_of(judged: JudgedAgent, full: np.ndarray, lod: np.ndarray, finer: float) -> dict[str, Any]:
     """Return what is told of an agent, for JSON.
 
     shift_px, error_px: by how many pixels of the final picture its silhouette lies off, and by how
@@ -193,15 +206,15 @@ def told_of(
     color_off: by how much its mean color is off, of 1, encoded as sRGB.
     ok: whether both are within what is allowed; None where that is not known, or it stands apart.
 
-    full, built: its pictures, `finer` times as fine as the final one.
+    full, lod: its pictures, `finer` times as fine as the final one.
     """
     most = float(np.hypot(*full.shape[:2]))
-    shift = min(silhouette.shift(full[..., 3], built[..., 3]), most) / finer
+    shift = min(silhouette.shift(full[..., 3], lod[..., 3]), most) / finer
     error = ERROR / finer
-    both = np.minimum(full[..., 3], built[..., 3]) >= silhouette.SOLID
+    solid = np.minimum(full[..., 3], lod[..., 3]) >= silhouette.SOLID
     colors = (
-        [encoded(each[both][:, :3].mean(axis=0).clip(0, 1)) for each in (full, built)]
-        if both.any()
+        [encoded(each[solid][:, :3].mean(axis=0).clip(0, 1)) for each in (full, lod)]
+        if solid.any()
         else [np.zeros(3)] * 2
     )
     color_off = float(np.abs(colors[0] - colors[1]).max())

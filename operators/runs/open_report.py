@@ -16,14 +16,14 @@ from ..blender.output_index import TITLES
 REPORTS = {name.upper(): name for name in ("preview", "plan", "verify")} | {"ALL": ""}
 
 
-def report_path(scene: bpy.types.Scene, which: str) -> Path:
+def report_path(scene: bpy.types.Scene, kind: str) -> Path:
     """Return where the report is, once it is made.
 
-    which: one of REPORTS; ALL is the index of all that lies in the output folder.
+    kind: one of REPORTS; ALL is the index of all that lies in the output folder.
 
     CrowdError if the setting of the folder is empty, or the working folder was deleted.
     """
-    part = REPORTS[which]
+    part = REPORTS[kind]
     return output_folder(scene, part) / ("report.html" if part else INDEX)
 
 

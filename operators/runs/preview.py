@@ -46,7 +46,9 @@ from .shared_frames import ALONE, Sharing, made, state_of
 MOST_IN_SHEET = 24  # frames on the contact sheet
 BEHAVIOR = 0.9  # of a frame's time, where the way to it is long
 # of the progress: LODs made or measured, the shot planned, the LODs' pictures and table
-LEVELS, PLANNED, LODS = 0.1, 0.1, 0.05
+LEVELS = 0.1
+PLANNED = 0.1
+LODS = 0.05
 MOST_PLANNED = (
     30_000_000  # agents times frames that a preview plans first; longer shots take Plan Shot
 )
@@ -118,10 +120,8 @@ def preview(
             found = yield from share(
                 made(parts, wanted.frames, sharing, shots.prepare, run.shoot, helpers), ready, 0.95
             )
-        rows, unplanned = (
-            [each["row"] for each in found],
-            [tuple(each["unplanned"]) for each in found],
-        )
+        rows = [each["row"] for each in found]
+        unplanned = [tuple(each["unplanned"]) for each in found]
         if sharing.part is not None:
             return {"frames": rows}
         said = (
@@ -159,7 +159,8 @@ def _with_levels(stage: bpy.types.Scene) -> Generator[float, None, float]:
 
     CrowdError if something is wrong with the scene: it is said before the work begins.
     """
-    layer, settings = stage.view_layers[0], stage.crowd_lod
+    layer = stage.view_layers[0]
+    settings = stage.crowd_lod
     layer.update()
     store_groups(settings, measure_groups(stage))
     yield from standing(approach(trajectory_of(stage), scene_data.time_of(stage)), 0.0)
@@ -176,7 +177,7 @@ def _with_levels(stage: bpy.types.Scene) -> Generator[float, None, float]:
 
 
 def _planned_shot(
-    stage: bpy.types.Scene, wanted: Preview, folder: Path
+    stage: bpy.types.Scene, task: Preview, folder: Path
 ) -> Generator[float, None, Planned | None]:
     """Plan the shot of the preview's frames, unless the scene has a plan: yield the progress,
     return it.
@@ -185,13 +186,14 @@ def _planned_shot(
     much.
     """
     settings = stage.crowd_lod
-    frames = range(wanted.frames[0], wanted.frames[-1] + 1)
+    frames = range(task.frames[0], task.frames[-1] + 1)
     most = MOST_PLANNED / max(len(trajectory_of(stage).start), 1)
     if settings.shot_plan or policy_of(settings).count < 2 or not 1 < len(frames) <= most:
         return None
     planned = yield from plan_shot(stage, wanted_of(stage, folder, frames))
     write_levels(folder, planned)
-    settings.shot_plan, settings.use_shot_plan = str(folder / plan_file.NAME), True
+    settings.shot_plan = str(folder / plan_file.NAME)
+    settings.use_shot_plan = True
     return planned
 
 
@@ -223,7 +225,8 @@ class _Run:
 
         Yields the progress and returns (what is told of it, the pictures); see FrameParts.put.
         """
-        stage, (main, above) = self.on.stage, self.pictures(number)
+        stage = self.on.stage
+        main, above = self.pictures(number)
         yield from share(self.approach(number), 0.0, BEHAVIOR)
         frame = self.planned(number)
         ticks = [clock.perf_counter()]
@@ -256,11 +259,9 @@ class _Run:
 
     def planned(self, number: int) -> Frame:
         """Set the stage to the frame; return its plan."""
-        scene, stage, depsgraph = (
-            self.on.scene,
-            self.on.stage,
-            self.on.stage.view_layers[0].depsgraph,
-        )
+        scene = self.on.scene
+        stage = self.on.stage
+        depsgraph = self.on.stage.view_layers[0].depsgraph
         time = scene_data.remapped(scene.render, number)
         stage.camera = cameras.still(cameras.bound_camera(scene, time), self.at((), time))
         scene.update_tag()  # what is driven by the scene follows it in the stage, too
@@ -269,7 +270,9 @@ class _Run:
         return frame_of(stage, depsgraph, around=lights.read_surroundings(stage, depsgraph, number))
 
     def _shoot_above(self, frame: Frame, path: Path, caption: str) -> None:
-        stage, layer, camera = self.on.stage, self.on.stage.view_layers[0], self.on.stage.camera
+        stage = self.on.stage
+        layer = self.on.stage.view_layers[0]
+        camera = self.on.stage.camera
         self.view = (
             stage.crowd_lod.above
             or self.view
@@ -287,11 +290,11 @@ class _Run:
 
 
 def _caption(frame: Frame) -> str:
-    seen = int(frame.visible.sum())
+    visible = int(frame.visible.sum())
     counts = "  ".join(f"LOD{k} {n:,}" for k, n in enumerate(frame.buckets.counts))
     return (
-        f"{frame.crowd.there:,} agents  {seen:,} visible "
-        f"({seen / max(frame.crowd.there, 1):.1%})  {counts}  {frame.triangles:,} tris"
+        f"{frame.crowd.there:,} agents  {visible:,} visible "
+        f"({visible / max(frame.crowd.there, 1):.1%})  {counts}  {frame.triangles:,} tris"
     )
 
 
@@ -301,11 +304,11 @@ def _sheet(pictures: list[tuple[Path, Path]]) -> np.ndarray:
     Each has its main picture and the picture from above. Of a long shot it has MOST_IN_SHEET
     frames, evenly spaced.
     """
-    chosen = evenly(pictures, MOST_IN_SHEET)
+    pairs = evenly(pictures, MOST_IN_SHEET)
     shrunk = [
-        tables.shrink(image_data.load_pixels(path), THUMBNAIL) for pair in chosen for path in pair
+        tables.shrink(image_data.load_pixels(path), THUMBNAIL) for pair in pairs for path in pair
     ]
-    return tables.contact_sheet(shrunk, columns=4 if len(chosen) > 1 else 2)
+    return tables.contact_sheet(shrunk, columns=4 if len(pairs) > 1 else 2)
 
 
 class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
@@ -321,19 +324,19 @@ class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
 
     def steps(self, context) -> Generator[float, None, str]:
         settings = context.scene.crowd_lod
-        wanted = Preview(
+        task = Preview(
             frames=scene_data.frames_of(context.scene, settings.step),
             folder=output_folder(context.scene, "preview"),
             width=settings.width,
             engine=settings.engine,
             color=color_of(settings),
         )
-        yield from preview(context.scene, wanted, ["sidebar"])
+        yield from preview(context.scene, task, ["sidebar"])
         note_output(context.scene, "preview")
-        said = (
-            f"{counted(len(wanted.frames), 'frame is', 'frames are')} in {place_of(wanted.folder)}."
+        sentence = (
+            f"{counted(len(task.frames), 'frame is', 'frames are')} in {place_of(task.folder)}."
         )
-        return f"{said} {LEFT_OUT}" if leaves_out(context.scene) else said
+        return f"{sentence} {LEFT_OUT}" if leaves_out(context.scene) else sentence
 
 
 CLASSES = (CROWDLOD_OT_preview,)

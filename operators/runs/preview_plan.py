@@ -31,18 +31,19 @@ def plan_json(
     characters: of lod_table.tables.
     notes: sentences on what the pictures show.
     """
-    stage, wanted = staged.stage, staged.wanted
-    told = yield from scene_json(staged.scene, stage, command, wanted.frames[-1], characters)
+    stage = staged.stage
+    task = staged.wanted
+    told = yield from scene_json(staged.scene, stage, command, task.frames[-1], characters)
     return told | {
         "preview": {
-            "frames": wanted.frames,
-            "width": wanted.width,
+            "frames": task.frames,
+            "width": task.width,
             "height": staged.size[1],
-            "engine": wanted.engine,
-            "color": wanted.color,
+            "engine": task.engine,
+            "color": task.color,
             "notes": list(notes),
         },
-        "left_out": (yield from _left_out(stage, wanted.frames[-1], ENGINES[wanted.engine])),
+        "left_out": (yield from _left_out(stage, task.frames[-1], ENGINES[task.engine])),
         "frames": rows,
     }
 
@@ -57,21 +58,22 @@ def _left_out(
     engine: what renders the pictures.
     """
     stage.render.engine = engine
-    trajectory, settings = trajectory_of(stage), stage.crowd_lod
+    trajectory = trajectory_of(stage)
+    settings = stage.crowd_lod
     stage.frame_set(number)
     eyes = cameras.read_cameras(stage, stage.view_layers[0].depsgraph)
     bias = bias_of(settings)
     time = max(number, trajectory.first_frame + 2)
     policy = policy_of(settings)
-    found = yield from aside(lambda: savings(trajectory, eyes, policy, time, (), bias))
+    savings_of = yield from aside(lambda: savings(trajectory, eyes, policy, time, (), bias))
     measured = [
         {
             "stage": item.stage,
             "reason": item.reason,
             "ms_saved": round(ms, 3),
-            "ms_spread": round(found.spread[item], 3),
+            "ms_spread": round(savings_of.spread[item], 3),
         }
-        for item, ms in found.items.items()
+        for item, ms in savings_of.items.items()
     ]
     unseen = lights.read_surroundings(stage, stage.view_layers[0].depsgraph, number).left_out
     return measured + [

@@ -66,16 +66,16 @@ def color_of(settings: bpy.types.PropertyGroup) -> str:
     return settings.overlay_color if settings.engine == "OVERLAY" else settings.color
 
 
-def staged(scene: bpy.types.Scene, wanted: Preview) -> Staged:
+def staged(scene: bpy.types.Scene, task: Preview) -> Staged:
     """Return `scene` with a stage for the wanted pictures."""
-    stage = _stage_of(scene, wanted)
+    stage = _stage_of(scene, task)
     size = cameras.image_size(stage.render)
     for name in SIZE:  # LODs by pixels are those of the scene's own renders
         setattr(stage.render, name, getattr(scene.render, name))
-    return Staged(scene, stage, wanted, size)
+    return Staged(scene, stage, task, size)
 
 
-def _stage_of(scene: bpy.types.Scene, wanted: Preview) -> bpy.types.Scene:
+def _stage_of(scene: bpy.types.Scene, task: Preview) -> bpy.types.Scene:
     """Return a copy of `scene` set to render the wanted pictures.
 
     It shares the objects. The user's own build is left out. So are the characters themselves,
@@ -87,41 +87,42 @@ def _stage_of(scene: bpy.types.Scene, wanted: Preview) -> bpy.types.Scene:
     for layer in stage.view_layers if leaves_out(stage) else ():
         layer.update()
         view_layers.exclude(layer.layer_collection, stage.crowd_lod.characters)
-    set_up(stage, wanted)
+    set_up(stage, task)
     return stage
 
 
-def set_up(stage: bpy.types.Scene, wanted: Preview) -> None:
+def set_up(stage: bpy.types.Scene, task: Preview) -> None:
     """Set `stage` to render the wanted pictures."""
     stage[STAGE] = True
     render = stage.render
-    height = max(1, round(wanted.width * render.resolution_y / render.resolution_x))
-    render.resolution_x, render.resolution_y, render.resolution_percentage = (
-        wanted.width,
-        height,
-        100,
-    )
+    height = max(1, round(task.width * render.resolution_y / render.resolution_x))
+    render.resolution_x = task.width
+    render.resolution_y = height
+    render.resolution_percentage = 100
     render.use_border = render.use_multiview = render.use_compositing = render.use_sequencer = False
     render.use_motion_blur = False
     render.image_settings.file_format = "PNG"
-    render.image_settings.color_mode, render.image_settings.color_depth = "RGB", "8"
+    render.image_settings.color_mode = "RGB"
+    render.image_settings.color_depth = "8"
     for name in dir(render):
         if name.startswith("use_stamp_"):
             setattr(render, name, name in ("use_stamp_frame", "use_stamp_note"))
     render.use_stamp = render.use_stamp_labels = True
-    render.stamp_font_size = max(8, wanted.width // 60)
+    render.stamp_font_size = max(8, task.width // 60)
     render.stamp_background = (0, 0, 0, 0.6)
     # one pass; Workbench draws the whole scene anew for every other sample
     stage.display.render_aa = "FXAA"
-    if wanted.engine == "OVERLAY":
-        stage.crowd_lod.overlay_color = wanted.color
-    if wanted.color != "MATERIAL":
-        stage.view_settings.view_transform, stage.view_settings.look = "Standard", "None"
-        stage.view_settings.exposure, stage.view_settings.gamma = 0, 1
+    if task.engine == "OVERLAY":
+        stage.crowd_lod.overlay_color = task.color
+    if task.color != "MATERIAL":
+        stage.view_settings.view_transform = "Standard"
+        stage.view_settings.look = "None"
+        stage.view_settings.exposure = 0
+        stage.view_settings.gamma = 1
         stage.world = _world()
-    if wanted.engine == "CYCLES":
+    if task.engine == "CYCLES":
         stage.cycles.samples = min(stage.cycles.samples, 16)
-        stage.cycles.max_bounces = min(stage.cycles.max_bounces, 1 if wanted.color == "LOD" else 4)
+        stage.cycles.max_bounces = min(stage.cycles.max_bounces, 1 if task.color == "LOD" else 4)
 
 
 def leaves_out(scene: bpy.types.Scene) -> bool:
@@ -144,7 +145,8 @@ def sized(render: bpy.types.RenderSettings, size: tuple[int, int]) -> Iterator[N
 def shade(stage: bpy.types.Scene, color: str, light: str) -> None:
     """Set the solid shading of `stage`: its color type and its light, by Blender's names."""
     shading = stage.display.shading
-    shading.color_type, shading.light = color, light
+    shading.color_type = color
+    shading.light = light
     shading.show_shadows = shading.show_cavity = shading.show_object_outline = shading.show_xray = (
         False
     )
@@ -156,16 +158,18 @@ class Rendered:
 
     notes = ()
 
-    def __init__(self, stage: bpy.types.Scene, wanted: Preview):
-        self.stage, self.layer, self.wanted, self.built = stage, stage.view_layers[0], wanted, None
-        self.tint = (
-            _tint_material() if wanted.color == "LOD" and wanted.engine != "WORKBENCH" else None
-        )
+    def __init__(self, stage: bpy.types.Scene, task: Preview):
+        self.stage = stage
+        self.layer = stage.view_layers[0]
+        self.wanted = task
+        self.built = None
+        self.tint = _tint_material() if task.color == "LOD" and task.engine != "WORKBENCH" else None
 
     def prepare(self) -> Iterator[float]:
         yield from render_setup.build(self.stage)
         # else it would follow each change of frame, and the frame's own times be those of a cache
-        self.built, self.stage.crowd_lod.build = self.stage.crowd_lod.build, None
+        self.built = self.stage.crowd_lod.build
+        self.stage.crowd_lod.build = None
 
     def place(self, frame: Frame) -> None:
         self.stage.crowd_lod.build = self.built
@@ -184,12 +188,16 @@ class Rendered:
 
 
 def _render(stage: bpy.types.Scene, path: Path, engine: str) -> None:
-    own, stage.render.engine, stage.render.filepath = stage.render.engine, engine, str(path)
+    engine_before, stage.render.engine, stage.render.filepath = (
+        stage.render.engine,
+        engine,
+        str(path),
+    )
     # by override: with the operator's own argument `scene`, Blender renders the frame of the scene
     # in the window
     with image_data.writing(path), bpy.context.temp_override(scene=stage):
         bpy.ops.render.render(write_still=True)
-    stage.render.engine = own  # the plan is that of the scene's own renders
+    stage.render.engine = engine_before  # the plan is that of the scene's own renders
 
 
 def _world() -> bpy.types.World:

@@ -1,6 +1,6 @@
 """The frames of a run: taken where they are whole, made where not, by this process or by several.
 
-See docs/notes/runs_in_parts.md.
+See docs/notes/files.md.
 """
 
 import hashlib
@@ -105,19 +105,19 @@ class Sharing:
 ALONE = Sharing()
 
 
-def state_of(scene: bpy.types.Scene, wanted: object) -> str:
+def state_of(scene: bpy.types.Scene, task: object) -> str:
     """Return a digest of what the frames of a run follow from: the crowd, its LODs, and what is
     wanted.
 
-    wanted: Preview or Verify; its folder and frames do not count.
+    task: Preview or Verify; its folder and frames do not count.
     """
-    asked = {
-        name: value for name, value in vars(wanted).items() if name not in ("folder", "frames")
+    options = {
+        name: value for name, value in vars(task).items() if name not in ("folder", "frames")
     }
-    found = hashlib.sha256(repr((policy_of(scene.crowd_lod), sorted(asked.items()))).encode())
+    digest = hashlib.sha256(repr((policy_of(scene.crowd_lod), sorted(options.items()))).encode())
     for name, data in sorted(trajectory_of(scene).digests().items()):
-        found.update(f"{name} {len(data)}\0".encode() + data)
-    return found.hexdigest()
+        digest.update(f"{name} {len(data)}\0".encode() + data)
+    return digest.hexdigest()
 
 
 def made(
@@ -181,7 +181,8 @@ def allowed(jobs: int) -> int:
     """Return how many of `jobs` processes like this one, which is one of them, the machine's memory
     holds.
     """
-    free, own = _free_memory(), _own_memory()
+    free = _free_memory()
+    own = _own_memory()
     return jobs if free is None or own is None else min(jobs, 1 + int(free / max(own, 1)))
 
 

@@ -13,7 +13,8 @@ from ..overlay.draw_data import frustum_lines
 from ..overlay.inset import STRAY
 
 CULLED = (0.25, 0.25, 0.25)
-ARROW_PIXELS, LINE_PIXELS = 5.0, 2.0
+ARROW_PIXELS = 5.0
+LINE_PIXELS = 2.0
 ARROW_METERS = 0.7
 
 
@@ -28,13 +29,16 @@ def straight_down(stage: bpy.types.Scene, area: Area, camera: Camera) -> bpy.typ
     """Add an orthographic camera that looks straight down on `area` and `camera`."""
     x = np.array([area.x_min, area.x_max, camera.origin[0]])
     y = np.array([area.y_min, area.y_max, camera.origin[1]])
-    width, height = 1.06 * np.ptp(x), 1.06 * np.ptp(y)
+    width = 1.06 * np.ptp(x)
+    height = 1.06 * np.ptp(y)
     aspect = stage.render.resolution_x / stage.render.resolution_y
     data = bpy.data.cameras.new("Crowd LOD above")
-    data.type, data.sensor_fit = "ORTHO", "HORIZONTAL"
+    data.type = "ORTHO"
+    data.sensor_fit = "HORIZONTAL"
     data.ortho_scale = max(width, height * aspect)
     top = max(area.z, camera.origin[2]) + 1000.0
-    data.clip_start, data.clip_end = 1.0, 10_000.0 + top - area.z
+    data.clip_start = 1.0
+    data.clip_end = 10_000.0 + top - area.z
     item = bpy.data.objects.new(data.name, data)
     stage.collection.objects.link(item)
     scene_data.look_at(
@@ -94,7 +98,9 @@ def _arrows(frame: Frame, view: Camera, meters: float) -> tuple[np.ndarray, np.n
     Each is raised towards `view` by its LOD: culled agents lie lowest, the finest LOD on top.
     """
     there = np.flatnonzero(frame.visible | frame.culled)
-    crowd, visible, levels = frame.crowd.of(there), frame.visible[there], frame.levels[there]
+    crowd = frame.crowd.of(there)
+    visible = frame.visible[there]
+    levels = frame.levels[there]
     at = np.stack(crowd.places(frame.trajectory.spheres.center), axis=1)
     rank = np.where(visible, len(TINTS) - levels.astype(int), 0)
     size = np.maximum(ARROW_METERS / meters, ARROW_PIXELS * _pixel(view, at))
@@ -130,7 +136,8 @@ def _frustum(frame: Frame, view: Camera) -> tuple[np.ndarray, np.ndarray]:
     aside = np.cross(along, view.Z)
     length = np.linalg.norm(aside, axis=1, keepdims=True)
     keep = length[:, 0] > 1e-9 * np.linalg.norm(along, axis=1)  # a segment seen end on is a point
-    ends, aside = ends[keep], aside[keep] / length[keep]
+    ends = ends[keep]
+    aside = aside[keep] / length[keep]
     half = [aside * (LINE_PIXELS / 2 * _pixel(view, ends[:, i]))[:, None] for i in range(2)]
     ribbons = np.stack(
         [ends[:, 0] - half[0], ends[:, 1] - half[1], ends[:, 1] + half[1], ends[:, 0] + half[0]],

@@ -82,7 +82,8 @@ def verify(
             "The frames are rendered with Cycles: enable the add-on Cycles Render Engine in the "
             "preferences."
         )
-    own, groups = scene.crowd_lod, groups_of(scene.crowd_lod)
+    own = scene.crowd_lod
+    groups = groups_of(scene.crowd_lod)
     with ExitStack() as opened:
         folder = opened.enter_context(sharing.opened(wanted.folder))
         layer = scene.view_layers[0]
@@ -104,7 +105,8 @@ def verify(
         opened.callback(setattr, scene, "world", scene.world)
         # what is missing is named before anything is set
         cameras.active_camera(scene), characters_of(scene)
-        left_out, not_proved = _never_shown(scene), _not_proved(scene, wanted)
+        left_out = _never_shown(scene)
+        not_proved = _not_proved(scene, wanted)
         proved = build_of(scene, wanted.frames if sharing.part is None else sharing.part)
         left_out += _unlike_renders(scene, proved)
         if proved.kind == BAKE and scene.render.engine == "BLENDER_WORKBENCH":
@@ -199,18 +201,19 @@ class _Run:
         """Build the crowd at full detail, and with its LODs if no build is there: yield the
         progress.
         """
-        scene, own = self.scene, self.scene.crowd_lod
-        every, count = range(2**31), policy_of(own).count
+        scene = self.scene
+        settings = self.scene.crowd_lod
+        every = range(2**31)
+        count = policy_of(settings).count
         # also of LODs that are left out to save memory: they are what is proved
         yield from render_setup.build(
             scene, [every, *([every if self.proved.kind == MADE else ()] * (count - 1))]
         )
         bake.mark(scene, self.wanted.frames)  # with motion blur its points move by themselves
         render_setup.dress_all(scene)
-        self.full, own.build = (
-            own.build,
-            None,
-        )  # it holds what is written here, not what the frame asks
+        # it holds what is written here, not what the frame asks
+        self.full = settings.build
+        settings.build = None
         add_twins(scene, self.full)
         if self.proved.kind == MADE:
             self.proved = ProvedBuild(self.full)
@@ -229,24 +232,25 @@ class _Run:
         """Verify one frame: yield the progress, return (what is told of it, its pictures); see
         FrameParts.put.
         """
-        scene, trajectory = self.scene, trajectory_of(self.scene)
+        scene = self.scene
+        trajectory = trajectory_of(self.scene)
         time = scene_data.remapped(scene.render, number)
         yield from share(approach(trajectory, time), 0.0, 0.1)
         film, around, shutter = lights.read_moment(scene, time, self.at)
         planned = frame_of(scene, self.at((), time), time, film, trajectory, around, shutter)
         held = frame_update.held_by(scene, trajectory, number, planned.crowd)
         rows = self.proved.rows(trajectory, planned, held, number)
-        seen, strangers = seen_by_kind(rows, len(planned.crowd))
+        agents_of, strangers = seen_by_kind(rows, len(planned.crowd))
         row = {
             "frame": number,
             "agents": len(planned.crowd),
-            "visible": len(seen["LOD"]),
-            "shadow": len(seen["Shadow"]),
-            "mirrored": len(seen["Mirror"]),
+            "visible": len(agents_of["LOD"]),
+            "shadow": len(agents_of["Shadow"]),
+            "mirrored": len(agents_of["Mirror"]),
             "strangers": strangers,
         }
         differences = yield from share(
-            self._compare(number, planned, held, rows, seen), 0.1, 1 - CROPS
+            self._compare(number, planned, held, rows, agents_of), 0.1, 1 - CROPS
         )
         row |= differences
         chosen, pairs = self._chosen(number, planned, held, rows)
@@ -263,12 +267,12 @@ class _Run:
         if crops:
             pictures.append(self.folder / f"frame_{number:04d}_agents.png")
             image_data.save_png(pictures[-1], tables.contact_sheet(sheet_of(crops), columns=5))
-        told = {
+        account = {
             "row": row,
             "agents": agents,
             "unplanned": noted(number, planned.unplanned, self.wanted.strict),
         }
-        return told, pictures
+        return account, pictures
 
     def _compare(
         self,
@@ -276,25 +280,28 @@ class _Run:
         planned: Frame,
         held: frame_update.Held,
         rows: dict[str, Columns],
-        seen: dict[str, np.ndarray],
+        agents_of: dict[str, np.ndarray],
     ) -> Generator[float, None, dict[str, Any]]:
         """Render the whole pictures of a frame: yield the progress, return how they differ from the
         first.
 
         rows: the points that the build shows.
-        seen: its agents by kind of bucket.
+        agents_of: its agents by kind of bucket.
         """
-        scene, bounces, row = self.scene, self.wanted.bounces, {}
+        scene = self.scene
+        bounces = self.wanted.bounces
+        row = {}
         members = {
             "a": {"LOD 0": everyone_there(planned)},
-            "b": {f"{kind} 0": agents for kind, agents in seen.items()},
-            "bare": {"LOD 0": seen["LOD"]},
+            "b": {f"{kind} 0": agents for kind, agents in agents_of.items()},
+            "bare": {"LOD 0": agents_of["LOD"]},
         }
         worlds = scene.world, dark_world(scene.world)
         for times, count in enumerate((0, bounces)[: 1 + (bounces > 0)]):
             light_by(scene, count, worlds)
-            ending, shot = "_bounces" if count else "", {}
-            for done, name in enumerate(PICTURES):
+            ending = "_bounces" if count else ""
+            shot = {}
+            for pictures_done, name in enumerate(PICTURES):
                 if name in members:
                     self._write(
                         columns_of_members(
@@ -310,7 +317,7 @@ class _Run:
                     shot[name] = render_picture(
                         scene, self.folder / f"frame_{number:04d}_{name}{ending}.png"
                     )
-                yield (times + (done + 1) / len(PICTURES)) / (1 + (bounces > 0))
+                yield (times + (pictures_done + 1) / len(PICTURES)) / (1 + (bounces > 0))
             for name in COMPARED:
                 found = image_difference.between(shot["a"], shot[name])
                 row |= {f"{name}{ending}_{key}": value for key, value in vars(found).items()}
@@ -331,28 +338,26 @@ class _Run:
     ) -> tuple[list[JudgedAgent], list[tuple[Shown, Shown]]]:
         """Return the agents that are judged alone, and each at full detail and as built."""
         trajectory = planned.trajectory
-        seen = {
+        agents_of = {
             name: columns
             for name, columns in rows.items()
             if name.startswith("LOD ") and len(columns["id"])
         }
         agents = np.concatenate(
-            [np.empty(0, np.intp), *(columns["id"] for columns in seen.values())]
+            [np.empty(0, np.intp), *(columns["id"] for columns in agents_of.values())]
         )
         levels = [
             np.full(len(columns["id"]), int(name.removeprefix("LOD ")))
-            for name, columns in seen.items()
+            for name, columns in agents_of.items()
         ]
         levels = np.concatenate([np.empty(0, np.intp), *levels])
-        known = (agents >= 0) & (agents < len(planned.crowd))
+        is_agent = (agents >= 0) & (agents < len(planned.crowd))
         tolerance = _tolerance(self.scene, planned)
         chosen = choose_agents(
-            planned, agents[known], levels[known], tolerance, number, self.wanted.agents
+            planned, agents[is_agent], levels[is_agent], tolerance, number, self.wanted.agents
         )
-        built, full = (
-            render_setup.points_of(self.proved.top),
-            render_setup.points_of(self.full)["LOD 0"],
-        )
+        lod_points = render_setup.points_of(self.proved.top)
+        full = render_setup.points_of(self.full)["LOD 0"]
         pairs = []
         for judged in chosen:
             alone = columns_of_members(
@@ -363,7 +368,7 @@ class _Run:
                 key: values[rows[name]["id"] == judged.agent][:1]
                 for key, values in rows[name].items()
             }
-            pairs.append((Shown(full, alone), Shown(built[name], row)))
+            pairs.append((Shown(full, alone), Shown(lod_points[name], row)))
         return chosen, pairs
 
 
@@ -392,51 +397,53 @@ def told_of_build(proved: ProvedBuild, rows: list[dict]) -> dict[str, Any]:
 
 def _never_shown(scene: bpy.types.Scene) -> list[str]:
     """Return sentences on what the pictures cannot show as renders of `scene` do."""
-    render, said = scene.render, []
+    render = scene.render
+    sentences = []
     if render.use_motion_blur and render.motion_blur_shutter > LONGEST_SHUTTER:
-        said.append(
+        sentences.append(
             f"The shutter was open for {LONGEST_SHUTTER:g} frames, not "
             f"{render.motion_blur_shutter:g}."
         )
     if render.use_multiview and not PAIRS:
-        said.append(
+        sentences.append(
             "Only one eye was rendered: this Blender version cannot read stereo pictures back."
         )
-    return said + list(filter(None, [frame_stepping.unbaked(scene)]))
+    return sentences + list(filter(None, [frame_stepping.unbaked(scene)]))
 
 
 def _unlike_renders(scene: bpy.types.Scene, proved: ProvedBuild) -> list[str]:
     """Return sentences on what the pictures of the build show otherwise than renders do."""
-    said = []
+    sentences = []
     if proved.kind == LIVE and scene.render.use_motion_blur:
-        said.append("The live build was pictured without the blur of its agents' way.")
+        sentences.append("The live build was pictured without the blur of its agents' way.")
     if proved.kind == BAKE and scene.render.engine == "BLENDER_WORKBENCH":
-        said.append(
+        sentences.append(
             "Shadows were left out: Workbench, for which the bake was made, needs nobody for them."
         )
-    return said
+    return sentences
 
 
-def _not_proved(scene: bpy.types.Scene, wanted: Verify) -> list[str]:
+def _not_proved(scene: bpy.types.Scene, task: Verify) -> list[str]:
     """Return short phrases for what this run does not prove of a render of `scene`.
 
     Call it before the scene is set up.
     """
-    render, (width, height) = scene.render, cameras.image_size(scene.render)
-    found = ["other frames"]
-    if wanted.bounces:
-        found.append(f"more than {counted(wanted.bounces, 'bounce')} of light")
+    render = scene.render
+    width, height = cameras.image_size(scene.render)
+    sentences = ["other frames"]
+    if task.bounces:
+        sentences.append(f"more than {counted(task.bounces, 'bounce')} of light")
     else:
-        found.append("the light of the sky and of bounces")
-    if width != wanted.width:
-        found.append(f"pictures of {width} x {height} pixels")
+        sentences.append("the light of the sky and of bounces")
+    if width != task.width:
+        sentences.append(f"pictures of {width} x {height} pixels")
     if render.engine != "CYCLES":
-        found.append(
+        sentences.append(
             f"shading, pixel filter and displacement in {render.engine.removeprefix('BLENDER_')}"
         )
     if render.use_compositing or render.use_sequencer:
-        found.append("compositing and sequencer")
-    return found + ["denoising"] * (render.engine == "CYCLES" and scene.cycles.use_denoising)
+        sentences.append("compositing and sequencer")
+    return sentences + ["denoising"] * (render.engine == "CYCLES" and scene.cycles.use_denoising)
 
 
 def _displaced(scene: bpy.types.Scene) -> list[str]:
@@ -463,17 +470,17 @@ def _has_displacement(tree: bpy.types.NodeTree) -> bool:
     )
 
 
-def _left_out(scene: bpy.types.Scene, rows: list[dict], wanted: Verify) -> list[str]:
+def _left_out(scene: bpy.types.Scene, rows: list[dict], task: Verify) -> list[str]:
     """Return sentences on what the pictures left unjudged."""
-    said = list(filter(None, [tables.nobody_seen(row["visible"] for row in rows)]))
+    sentences = list(filter(None, [tables.nobody_seen(row["visible"] for row in rows)]))
     if any(row["predicted_shift"] is None for row in rows):
-        said.append(
+        sentences.append(
             "Silhouettes were not judged: an agent stands at the camera, a LOD is not measured, "
             "or the lens bends the picture."
         )
     displaced = _displaced(scene)
     if displaced:
-        said.append(
+        sentences.append(
             f"Meshes of {', '.join(displaced[:3])} are displaced by Cycles where one of their "
             f"instances stands, another one with "
             f"culling, so differences of up to {DISPLACED:g} were not counted."
@@ -481,25 +488,25 @@ def _left_out(scene: bpy.types.Scene, rows: list[dict], wanted: Verify) -> list[
     mirrors = lights.read_surroundings(
         scene, scene.view_layers[0].depsgraph, scene_data.time_of(scene)
     ).mirrors
-    if wanted.bounces > 1 and len(mirrors) > 1:
-        said.append(
+    if task.bounces > 1 and len(mirrors) > 1:
+        sentences.append(
             "Reflections of one mirror in another are not checked: pixels may differ there."
         )
-    return said
+    return sentences
 
 
-def _result(found: list[dict], wanted: Verify, command: list[str]) -> dict[str, Any]:
+def _result(proofs: list[dict], task: Verify, command: list[str]) -> dict[str, Any]:
     """Return the dict of verify.json, as far as it follows from the frames."""
     return {
         "version": 1,
         "command": command,
-        "width": wanted.width,
-        "samples": wanted.samples,
-        "bounces": wanted.bounces,
+        "width": task.width,
+        "samples": task.samples,
+        "bounces": task.bounces,
         "pictures": PICTURES,
         "amplified": AMPLIFIED,
-        "frames": [each["row"] for each in found],
+        "frames": [each["row"] for each in proofs],
         "agents": [
-            {"frame": each["row"]["frame"], **agent} for each in found for agent in each["agents"]
+            {"frame": each["row"]["frame"], **agent} for each in proofs for agent in each["agents"]
         ],
     }

@@ -17,7 +17,10 @@ from ..render_setup.change_detection import cameras_digest, lights_digest
 from ..render_setup.render_setup import BAKED, CAMERAS, LIGHTS, UNSEEN_BY
 from ..render_setup.view_layers import layers_of
 
-MADE, LIVE, BAKE = "made for this proof", "build", "bake"  # kinds of builds
+# kinds of builds
+MADE = "made for this proof"
+LIVE = "build"
+BAKE = "bake"
 FRAMES = "the frame range"  # of what may change without another picture of a baked frame
 
 Columns = Mapping[str, np.ndarray]
@@ -147,11 +150,12 @@ def seen_by_kind(rows: Mapping[str, Columns], count: int) -> tuple[dict[str, np.
 
     count: agents of the crowd.
     """
-    found, strangers = {}, 0
+    agents_of = {}
+    strangers = 0
     for kind in UNSEEN_BY:
         ids = [columns["id"] for name, columns in rows.items() if name.startswith(f"{kind} ")]
         every = np.concatenate([np.empty(0, np.int32), *ids])
         known = every[(every >= 0) & (every < count)]
         strangers += len(every) - len(known)
-        found[kind] = np.unique(known).astype(np.intp)
-    return found, strangers
+        agents_of[kind] = np.unique(known).astype(np.intp)
+    return agents_of, strangers

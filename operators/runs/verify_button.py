@@ -47,20 +47,20 @@ class CROWDLOD_OT_verify(Stepwise, bpy.types.Operator):
     def steps(self, context) -> Generator[float, None, str]:
         settings = context.scene.crowd_lod
         frames = frames_to_verify(context.scene, scene_data.frames_of(context.scene))
-        wanted = Verify(
+        task = Verify(
             frames=evenly(frames, settings.verify_count),
             folder=output_folder(context.scene, "verify"),
             width=settings.verify_width,
             samples=settings.verify_samples,
         )
-        result = yield from verify(context.scene, wanted, ["sidebar"])
+        result = yield from verify(context.scene, task, ["sidebar"])
         note_output(context.scene, "verify")
-        said = f"{verdict(result)} The report is in {place_of(wanted.folder)}."
+        sentence = f"{verdict(result)} The report is in {place_of(task.folder)}."
         scene_cache.tidy()
-        _verdicts[context.scene.session_uid] = said, _build_of(context.scene)
+        _verdicts[context.scene.session_uid] = sentence, _build_of(context.scene)
         if not result["ok"]:
-            raise CrowdError(said)  # the report stays
-        return said
+            raise CrowdError(sentence)  # the report stays
+        return sentence
 
 
 CLASSES = (CROWDLOD_OT_verify,)

@@ -20,7 +20,9 @@ PICTURES = {
     "c": "as built",
 }
 COMPARED = "b", "bare", "c"  # with "a"
-AMPLIFIED, FAINTEST = 16, 60  # in the pictures of differences: times, and at least, of 255
+# in the pictures of differences: times, and at least, of 255
+AMPLIFIED = 16
+FAINTEST = 60
 
 
 @contextmanager
@@ -30,11 +32,14 @@ def small(scene: bpy.types.Scene, size: tuple[int, int]) -> Iterator[None]:
     The pictures show no more than those of the scene's own size, for which agents are culled: the
     same window, a pixel filter that reaches as far, and of a render border whole pixels only.
     """
-    render, (width, height) = scene.render, size
+    render = scene.render
+    width, height = size
     own_width, own_height = cameras.image_size(render)
     with cleanup.lent(render, scene.cycles):
         scene.cycles.filter_width *= min(width / own_width, 1.0)
-        render.resolution_x, render.resolution_y, render.resolution_percentage = width, height, 100
+        render.resolution_x = width
+        render.resolution_y = height
+        render.resolution_percentage = 100
         taller = width * own_height / (own_width * height)  # the pixels, than the scene's own
         render.pixel_aspect_x *= max(1 / taller, 1.0)
         render.pixel_aspect_y *= max(taller, 1.0)
@@ -53,31 +58,33 @@ def render_picture(stage: bpy.types.Scene, path: Path) -> np.ndarray:
 
     The bottom row is first. The views of a stereo picture stand side by side.
     """
-    render, settings = stage.render, stage.render.image_settings
+    render = stage.render
+    settings = stage.render.image_settings
     stem = path.with_suffix("")
     with console.quiet(), bpy.context.temp_override(scene=stage):
-        settings.file_format, settings.color_depth, render.filepath = (
-            "OPEN_EXR",
-            "32",
-            f"{stem}.exr",
-        )
+        settings.file_format = "OPEN_EXR"
+        settings.color_depth = "32"
+        render.filepath = f"{stem}.exr"
         bpy.ops.render.render(write_still=True)
-    settings.file_format, settings.color_depth = "PNG", "8"
-    values, shown = [], []
+    settings.file_format = "PNG"
+    settings.color_depth = "8"
+    values = []
+    pixels = []
     for view in _views(render):
-        raw, seen = Path(f"{stem}{view}.exr"), Path(f"{stem}{view}.png")
+        raw = Path(f"{stem}{view}.exr")
+        png = Path(f"{stem}{view}.png")
         file_checks.check(raw)
         image = bpy.data.images.load(str(raw))
         try:
             values.append(image_data.read_values(image))
-            with image_data.writing(seen):
-                image.save_render(str(seen), scene=stage)
-            shown.append(image_data.load_pixels(seen))
+            with image_data.writing(png):
+                image.save_render(str(png), scene=stage)
+            pixels.append(image_data.load_pixels(png))
         finally:
             bpy.data.images.remove(image)
         raw.unlink()
-        seen.unlink()
-    image_data.save_png(path, np.concatenate(shown, axis=1))
+        png.unlink()
+    image_data.save_png(path, np.concatenate(pixels, axis=1))
     return np.concatenate(values, axis=1)
 
 
@@ -97,7 +104,7 @@ def amplified(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     Black is no difference. Any other is at least FAINTEST.
     """
     off = np.abs(a - b)
-    shown = np.rint(255 * (AMPLIFIED * off).clip(0, 1)).astype(np.uint8)
-    shown[off > 0] = np.maximum(shown[off > 0], FAINTEST)
-    shown[..., 3] = 255
-    return shown
+    picture = np.rint(255 * (AMPLIFIED * off).clip(0, 1)).astype(np.uint8)
+    picture[off > 0] = np.maximum(picture[off > 0], FAINTEST)
+    picture[..., 3] = 255
+    return picture

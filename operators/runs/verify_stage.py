@@ -42,7 +42,7 @@ class Verify:
     agents: int = JUDGED
 
 
-def set_up_cycles(scene: bpy.types.Scene, wanted: Verify) -> tuple[int, int]:
+def set_up_cycles(scene: bpy.types.Scene, task: Verify) -> tuple[int, int]:
     """Set up `scene` so that Cycles' pictures depend only on what its rays meet.
 
     That is: one seed, and no adaptive sampling, light tree, path guiding, fast GI, time limit or
@@ -54,28 +54,34 @@ def set_up_cycles(scene: bpy.types.Scene, wanted: Verify) -> tuple[int, int]:
     if hides_characters(scene):
         scene.crowd_lod.characters.hide_render = True
     if scene.crowd_lod.build is not None:
-        scene.crowd_lod.build.hide_render, scene.crowd_lod.build = True, None
-    render, cycles = scene.render, scene.cycles
+        scene.crowd_lod.build.hide_render = True
+        scene.crowd_lod.build = None
+    render = scene.render
+    cycles = scene.cycles
     filmed = (
         render.use_motion_blur,
         render.use_multiview and PAIRS,
         render.use_border and scene.crowd_lod.cull_to_border,
     )
     own = [getattr(render, name) for name in SIZE]
-    set_up(scene, Preview(wanted.frames, wanted.folder, wanted.width, "CYCLES", "MATERIAL"))
+    set_up(scene, Preview(task.frames, task.folder, task.width, "CYCLES", "MATERIAL"))
     size = render.resolution_x, render.resolution_y
     for name, value in zip(SIZE, own, strict=True):
         setattr(render, name, value)
     render.use_motion_blur, render.use_multiview, render.use_border = filmed
     render.motion_blur_shutter = min(render.motion_blur_shutter, LONGEST_SHUTTER)
     render.image_settings.views_format = "INDIVIDUAL"
-    render.engine, cycles.device = "CYCLES", "CPU"
+    render.engine = "CYCLES"
+    cycles.device = "CPU"
     render.use_stamp = render.use_persistent_data = render.use_simplify = False
-    cycles.samples, cycles.seed, cycles.use_animated_seed = wanted.samples, 0, False
+    cycles.samples = task.samples
+    cycles.seed = 0
+    cycles.use_animated_seed = False
     cycles.use_adaptive_sampling = cycles.use_denoising = cycles.use_light_tree = (
         cycles.use_guiding
     ) = False
-    cycles.use_fast_gi, cycles.time_limit = False, 0
+    cycles.use_fast_gi = False
+    cycles.time_limit = 0
     render.image_settings.color_mode = "RGBA"
     for layer in scene.view_layers:
         layer.samples = 0
@@ -129,9 +135,10 @@ def add_twins(stage: bpy.types.Scene, top: bpy.types.Collection) -> None:
     for points in render_setup.points_of(top).values():
         tree = bpy.data.node_groups.new("Crowd LOD twin", "GeometryNodeTree")
         tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
-        shown, leave = tree.nodes.new("GeometryNodeObjectInfo"), tree.nodes.new("NodeGroupOutput")
-        shown.inputs["Object"].default_value = points
-        tree.links.new(shown.outputs["Geometry"], leave.inputs["Geometry"])
+        info = tree.nodes.new("GeometryNodeObjectInfo")
+        leave = tree.nodes.new("NodeGroupOutput")
+        info.inputs["Object"].default_value = points
+        tree.links.new(info.outputs["Geometry"], leave.inputs["Geometry"])
         twin = bpy.data.objects.new(tree.name, bpy.data.meshes.new(tree.name))
         twin[OWNED] = True
         twin.modifiers.new(tree.name, "NODES").node_group = tree

@@ -35,7 +35,8 @@ def _wire(tree: bpy.types.GeometryNodeTree) -> None:
     ):
         tree.interface.new_socket(name, in_out="INPUT", socket_type=f"NodeSocket{kind}")
     tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
-    entry, leave = tree.nodes.new("NodeGroupInput"), tree.nodes.new("NodeGroupOutput")
+    entry = tree.nodes.new("NodeGroupInput")
+    leave = tree.nodes.new("NodeGroupOutput")
     clock = tree.nodes.new("GeometryNodeInputSceneTime")
     time = _math(tree, "MULTIPLY", clock.outputs["Frame"], entry.outputs["Rate"])
     frame = _math(tree, "FLOOR", _math(tree, "ADD", time, entry.outputs["Opens"]))
@@ -56,7 +57,8 @@ def _wire(tree: bpy.types.GeometryNodeTree) -> None:
     stores = []
     for axis, name in (("X", "roll"), ("Y", "pitch"), ("Z", "heading")):
         store = tree.nodes.new("GeometryNodeStoreNamedAttribute")
-        store.data_type, store.domain = "FLOAT", "POINT"
+        store.data_type = "FLOAT"
+        store.domain = "POINT"
         store.inputs["Name"].default_value = name
         tree.links.new(geometry, store.inputs["Geometry"])
         tree.links.new(

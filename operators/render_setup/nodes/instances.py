@@ -70,10 +70,8 @@ def _wire(tree: bpy.types.GeometryNodeTree) -> None:
 
 def _rotation(tree, **angles: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
     """Return the rotation of Euler angles in radians."""
-    euler, rotation = (
-        tree.nodes.new("ShaderNodeCombineXYZ"),
-        tree.nodes.new("FunctionNodeEulerToRotation"),
-    )
+    euler = tree.nodes.new("ShaderNodeCombineXYZ")
+    rotation = tree.nodes.new("FunctionNodeEulerToRotation")
     for axis, socket in angles.items():
         tree.links.new(socket, euler.inputs[axis])
     tree.links.new(euler.outputs["Vector"], rotation.inputs["Euler"])

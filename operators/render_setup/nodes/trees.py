@@ -7,7 +7,9 @@ from collections.abc import Callable, Sequence
 
 import bpy
 
-KIND, TREE_VERSION = "crowd_lod_tree", "version"  # custom properties of a tree
+# custom properties of a tree
+KIND = "crowd_lod_tree"
+TREE_VERSION = "version"
 
 
 def made(kind: str) -> bpy.types.GeometryNodeTree | None:
@@ -44,7 +46,8 @@ def current(
     tree.nodes.clear()
     tree.interface.clear()
     wire(tree)
-    tree[KIND], tree[TREE_VERSION] = kind, version
+    tree[KIND] = kind
+    tree[TREE_VERSION] = version
     return tree
 
 
