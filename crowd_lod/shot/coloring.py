@@ -124,8 +124,10 @@ class Changes:
 
         Until they change they show the class that they have shown.
         """
-        agent, classes = self.agent[which], self.classes[which, 0]
-        shift, finer = phases.shift.copy(), phases.finer.copy()
+        agent = self.agent[which]
+        classes = self.classes[which, 0]
+        shift = phases.shift.copy()
+        finer = phases.finer.copy()
         shift[agent] = (phases.shown(agent, self.block[which, 0], classes) - classes) % CLASSES
         finer[agent] = phases.finer[agent] + 1
         return replace(phases, shift=shift, finer=finer)
@@ -148,7 +150,8 @@ def changes_of(survey: Survey, strides: np.ndarray) -> Changes:
     What is no walk is in no step that a change could break.
     """
     assert survey.roles is not None
-    of_block, walks = survey.roles.block, np.append(strides, 0.0)
+    of_block = survey.roles.block
+    walks = np.append(strides, 0.0)
     parts = []
     for f in range(1, len(survey.times)):
         pair = survey.character[f - 1 : f + 1]
@@ -209,7 +212,8 @@ def plan_phases(
     """
     assert survey.roles is not None
     agents = len(survey.group)
-    meetings, changes = meetings_of(survey), changes_of(survey, strides)
+    meetings = meetings_of(survey)
+    changes = changes_of(survey, strides)
     family = survey.roles.family
     everything = Phases(
         np.zeros(agents, np.uint8),
@@ -326,7 +330,8 @@ def _options(sides: _Sides, phases: Phases) -> np.ndarray:
     """
     at = np.empty(len(sides.agents), np.intp)
     at[sides.place[::-1]] = np.arange(len(sides.place))[::-1]  # the first meeting of each
-    classes, count = sides.classes[at], phases.counts[sides.block[at]]
+    classes = sides.classes[at]
+    count = phases.counts[sides.block[at]]
     options = np.empty((int(count.max(initial=1)), len(at)), np.uint8)
     for size in np.unique(count):
         of_size = count == size
@@ -342,8 +347,11 @@ def _costs(sides: _Sides, shown: np.ndarray, options: np.ndarray, asked: np.ndar
     """
     cost = np.zeros(options.shape)
     (which,) = np.nonzero(asked[sides.place])
-    place, theirs = sides.place[which], sides.other(shown)[which]
-    row, classes, weight = sides.row[which], sides.classes[which], sides.weight[which]
+    place = sides.place[which]
+    theirs = sides.other(shown)[which]
+    row = sides.row[which]
+    classes = sides.classes[which]
+    weight = sides.weight[which]
     for k, shift in enumerate(options):
         own = NEAREST.ravel()[row + (classes + shift[place]) % CLASSES]
         cost[k] = np.bincount(place, weight * (own == theirs), len(asked))

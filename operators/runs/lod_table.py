@@ -41,6 +41,7 @@ def tables(
 
     A LOD that a group repeats, because others have more, has one row. Pictures levels_NAME.png of
     the first MOST_SHOWN groups are written to `folder`. Silhouettes are measured for these alone.
+    Without the setting LOD Pictures there is neither.
 
     begins: (G, n - 1) meters from `camera` where each group's LODs begin (see assignment.limits).
     progress: (first, last) of the progress to yield.
@@ -51,8 +52,9 @@ def tables(
     settings = scene.crowd_lod
     meters = scene_data.meters(scene)
     finest = policy_of(settings).finest or [0] * len(groups)
+    most_shown = min(len(groups), MOST_SHOWN) if settings.lod_pictures else 0
     start = progress[0]
-    span = (progress[1] - progress[0]) / min(len(groups), MOST_SHOWN)
+    span = (progress[1] - start) / max(most_shown, 1)
     for g, (group, (_, objects, origin)) in enumerate(zip(groups, characters, strict=True)):
         every = meshes_of(settings.levels, g, group.name)[: len(group.triangles)]
         # the last may be repeated
@@ -71,7 +73,7 @@ def tables(
             "levels": rows,
         }
         found.append(entry)
-        if g >= MOST_SHOWN:
+        if g >= most_shown:
             continue
         # the group's figures are those of its largest agents, whose size the character itself has
         # not
