@@ -130,7 +130,7 @@ def gaits_of(
     plays = np.ones(rates.shape, bool)
     for p, name in enumerate(paces.actions or ("",) * len(paces.speeds)):
         able = np.array([g in needed or group.knows(name) for g, group in enumerate(groups)])
-        able_groups = [groups[g] for g in np.flatnonzero(able)]
+        able_groups = [groups[g] for g in np.flatnonzero(able).tolist()]
         per_meter, per_second = cycles_of(able_groups, name).T
         rates[able, p] = per_meter * paces.speeds[p] + per_second
         plays[:, p] = able

@@ -125,8 +125,8 @@ def axes(
     cos = np.cos(heading)
     sin = np.sin(heading)
     level = np.zeros_like(cos)
-    ahead = np.stack([cos, sin, level], axis=1).astype(np.float32)
-    left = np.stack([-sin, cos, level], axis=1).astype(np.float32)
+    ahead: np.ndarray = np.stack([cos, sin, level], axis=1).astype(np.float32)
+    left: np.ndarray = np.stack([-sin, cos, level], axis=1).astype(np.float32)
     if pitch.any() or roll.any():
         ahead *= np.cos(pitch)[:, None]
         ahead[:, 2] = np.sin(pitch)
