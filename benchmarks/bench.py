@@ -77,10 +77,8 @@ def crowd_of(agents: int, seed: int) -> tuple[Walk, float]:
     6 agents a square meter, half of them in either state, at 24 frames a second.
     """
     side = (agents / 6) ** 0.5
-    area, machine = (
-        Area(-side / 2, -side / 2, side / 2, side / 2),
-        replace(load_preset("chapter"), start=np.array([0.5, 0.5])),
-    )
+    area = Area(-side / 2, -side / 2, side / 2, side / 2)
+    machine = replace(load_preset("chapter"), start=np.array([0.5, 0.5]))
     world = edge_map(area, machine.labels)
     return Walk(populate(agents, seed, 1, machine, world), machine, world, (PERSON,), 1 / 24), side
 
@@ -90,8 +88,10 @@ def camera(side: float, part: float, turn: float = 0.0, half: float = 0.5) -> Ca
 
     It is moved `part` of the crowd's side inwards and turned by `turn` radians.
     """
-    c, s = np.cos(turn), np.sin(turn)
-    X, Z = np.array([c, s, 0.0]), np.array([-s, c, 0.0])
+    c = np.cos(turn)
+    s = np.sin(turn)
+    X = np.array([c, s, 0.0])
+    Z = np.array([-s, c, 0.0])
     origin = np.array([0.0, side * (part - 0.5), 0.02 * side + 2])
     return Camera(
         "PERSP",
@@ -126,7 +126,8 @@ def stages(agents: int, repeats: int, seed: int) -> dict:
     """
     trajectory, side = crowd_of(agents, seed)
     still = replace(trajectory, seconds_per_frame=0.0)
-    crowd, begin = trajectory.start, limits(POLICY, camera(side, 0), np.ones(1))[0]
+    crowd = trajectory.start
+    begin = limits(POLICY, camera(side, 0), np.ones(1))[0]
     nodes = peers.Nodes(crowd, PERSON, begin)
     planner = Planner(trajectory) if peers.has_gpu() else None
     c_cull = loop.library() and loop.Cull(crowd, PERSON, begin)
@@ -135,7 +136,8 @@ def stages(agents: int, repeats: int, seed: int) -> dict:
     still.at(1)
     for repeat in range(repeats + 1):
         view = camera(side, 0.2 + 0.3 * repeat / repeats, 0.2 * np.sin(repeat))
-        frame, same = plan(trajectory, view, POLICY, 1 + repeat), plan(still, view, POLICY, 1)
+        frame = plan(trajectory, view, POLICY, 1 + repeat)
+        same = plan(still, view, POLICY, 1)
         moving = frame.milliseconds
         once = {
             "behavior": moving["behavior"],
@@ -209,7 +211,9 @@ def pictures(agents: int, which: str, repeats: int, seed: int, path: Path) -> di
         "_no_lod": (False, True),
         "_neither": (False, False),
     }
-    took, row, seen = {name: [] for name in ways}, {"perspective": which, "agents": agents}, {}
+    took = {name: [] for name in ways}
+    row = {"perspective": which, "agents": agents}
+    seen = {}
     for repeat in range(repeats + 1):
         for name, way in ways.items():
             trajectory.at(1 + repeat)  # its steps are test 1's
@@ -275,10 +279,8 @@ def whole(agents: int, repeats: int, seed: int) -> dict:
     threads: it says what the work costs, the other how long it takes.
     """
     trajectory, side = crowd_of(agents, seed)
-    points, nodes = (
-        walkers.Points(trajectory, POLICY),
-        walkers.Walkers(trajectory, PERSON, limits(POLICY, camera(side, 0), np.ones(1))[0]),
-    )
+    points = walkers.Points(trajectory, POLICY)
+    nodes = walkers.Walkers(trajectory, PERSON, limits(POLICY, camera(side, 0), np.ones(1))[0])
     took: dict[str, list[float]] = {}
     for repeat in range(repeats + 2):
         view = camera(side, 0.2 + 0.3 * repeat / repeats)
@@ -314,10 +316,8 @@ def busy(agents: int, frames: int, seed: int) -> dict:
     but has neither timers nor chance. Means: some frames work ahead, for others.
     """
     machine = load_preset("plaza")
-    world, groups = (
-        plaza_map.plan(machine),
-        (PERSON, replace(PERSON, stride=1.1), replace(PERSON, stride=0.9)),
-    )
+    world = plaza_map.plan(machine)
+    groups = (PERSON, replace(PERSON, stride=1.1), replace(PERSON, stride=0.9))
     trajectory = Walk(
         populate(agents, seed, len(groups), machine, world), machine, world, groups, 1 / 24
     )

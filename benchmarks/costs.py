@@ -49,7 +49,8 @@ def non_negative(table: np.ndarray, values: np.ndarray) -> np.ndarray:
 
     Lawson and Hanson's active sets.
     """
-    x, used = np.zeros(table.shape[1]), np.zeros(table.shape[1], bool)
+    x = np.zeros(table.shape[1])
+    used = np.zeros(table.shape[1], bool)
     scale = np.linalg.norm(table, axis=0) + 1e-300
     for _ in range(100):
         gain = (table / scale).T @ (values - table @ x)
@@ -77,10 +78,8 @@ def fit(rows: list[dict], counts: Sequence[str], key: str) -> tuple[dict[str, fl
 
     Errors are relative to the row's own value, or to a twentieth of the largest where that is less.
     """
-    table, values = (
-        np.array([[row[name] for name in counts] for row in rows], float),
-        np.array([row[key] for row in rows]),
-    )
+    table = np.array([[row[name] for name in counts] for row in rows], float)
+    values = np.array([row[key] for row in rows])
     over = 0.05 * values.max()
     weight = 1 / np.maximum(values, over)
     found = non_negative(table * weight[:, None], values * weight)

@@ -54,8 +54,10 @@ def make(
     height = 1.7 + 0.3 * meters
     aim(scene.camera, (-meters, 0, height), (100, 0, -0.5))
     settings = scene.crowd_lod
-    settings.characters, settings.forward = characters, "X"
-    settings.frames, settings.step = "30:32", 1
+    settings.characters = characters
+    settings.forward = "X"
+    settings.frames = "30:32"
+    settings.step = 1
     spread(scene, 1000)
     return scene
 
@@ -67,7 +69,9 @@ def spread(scene: bpy.types.Scene, agents: int) -> None:
     """
     side = sqrt(ROOM * agents)
     settings = scene.crowd_lod
-    settings.count, settings.size, settings.center = agents, (side, side), (side / 2, 0, 0)
+    settings.count = agents
+    settings.size = (side, side)
+    settings.center = (side / 2, 0, 0)
 
 
 def _paint(group: bpy.types.Collection, pixels: int, seed: int) -> None:

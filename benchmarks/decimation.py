@@ -43,7 +43,8 @@ def blender(points, triangles, ratio):
     item = bpy.data.objects.new("benchmark", new_mesh("benchmark", points, triangles))
     bpy.context.scene.collection.objects.link(item)
     modifier = item.modifiers.new("Decimate", "DECIMATE")
-    modifier.ratio, modifier.use_collapse_triangulate = ratio, True
+    modifier.ratio = ratio
+    modifier.use_collapse_triangulate = True
     try:
         return read_triangles(item.evaluated_get(bpy.context.evaluated_depsgraph_get()).data)[:2]
     finally:
@@ -78,7 +79,10 @@ def terrain(n: int = 174) -> tuple[np.ndarray, np.ndarray]:
     for fx, fy in random.normal(scale=2, size=(40, 2)):
         z += 0.175 * np.sin(fx * x + fy * y + random.uniform(0, 7)) / np.hypot(fx, fy)
     i = np.arange(n * n).reshape(n, n)
-    a, b, c, d = i[:-1, :-1], i[1:, :-1], i[1:, 1:], i[:-1, 1:]
+    a = i[:-1, :-1]
+    b = i[1:, :-1]
+    c = i[1:, 1:]
+    d = i[:-1, 1:]
     return np.stack([x, y, z], -1).reshape(-1, 3), np.concatenate(
         [np.stack(t, -1).reshape(-1, 3) for t in ((a, b, c), (a, c, d))]
     )
@@ -115,7 +119,8 @@ def knot(p: int, q: int, along: int, around: int) -> tuple[np.ndarray, np.ndarra
     out /= np.linalg.norm(out, axis=1, keepdims=True)
     ring = np.cos(v)[:, None] * out[:, None] + np.sin(v)[:, None] * np.cross(ahead, out)[:, None]
     a = np.arange(along * around).reshape(along, around)
-    b, d = np.roll(a, -1, axis=0), np.roll(a, -1, axis=1)
+    b = np.roll(a, -1, axis=0)
+    d = np.roll(a, -1, axis=1)
     c = np.roll(b, -1, axis=1)
     triangles = [np.stack(t, -1).reshape(-1, 3) for t in ((a, b, c), (a, c, d))]
     return (path(u)[:, None] + 0.4 * ring).reshape(-1, 3), np.concatenate(triangles)
@@ -124,7 +129,8 @@ def knot(p: int, q: int, along: int, around: int) -> tuple[np.ndarray, np.ndarra
 def other_meshes() -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Those that are hard in some way."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
-    mesh, found = bpy.ops.mesh, {}
+    mesh = bpy.ops.mesh
+    found = {}
     kinds = {
         "UV spheres": lambda: mesh.primitive_uv_sphere_add(segments=16, ring_count=10),
         "icospheres": lambda: mesh.primitive_ico_sphere_add(subdivisions=2),
@@ -136,7 +142,8 @@ def other_meshes() -> dict[str, tuple[np.ndarray, np.ndarray]]:
     for name, add in kinds.items():
         count = 60 if name == "Suzannes" else 200
         found[f"{count} {name}"] = loose(*added(add), count)
-    found["knot (2, 3)"], found["knot (3, 5)"] = knot(2, 3, 600, 50), knot(3, 5, 400, 30)
+    found["knot (2, 3)"] = knot(2, 3, 600, 50)
+    found["knot (3, 5)"] = knot(3, 5, 400, 30)
     found["UV sphere"] = added(mesh.primitive_uv_sphere_add)
     found["torus, small"] = added(
         lambda: mesh.primitive_torus_add(major_segments=80, minor_segments=48)
@@ -182,7 +189,8 @@ def main(picture: Path | None, files: list[str], other: bool) -> None:
         f"{'x':>6}"
     )
     for name, (points, triangles) in (other_meshes() if other else meshes(files)).items():
-        source, diagonal = Surface(points, triangles), np.linalg.norm(np.ptp(points, axis=0))
+        source = Surface(points, triangles)
+        diagonal = np.linalg.norm(np.ptp(points, axis=0))
         for ratio in RATIOS:
             base = None
             for method, run in METHODS.items():
@@ -198,7 +206,8 @@ def main(picture: Path | None, files: list[str], other: bool) -> None:
                     distance if base is None else base
                 )  # the first is what the others are held against
                 rows.append((ratio, method, ms, distance))
-                count, x = len(new_triangles), distance / base
+                count = len(new_triangles)
+                x = distance / base
                 print(
                     f"{name:14} {ratio:5}  {method:20} {count:9,} {ms:7.0f} {distance:10.4f} "
                     f"{x:6.2f}",

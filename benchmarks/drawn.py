@@ -19,7 +19,8 @@ from crowd_lod_extension.operators.overlay.gpu_draw import Batches, Cast, paint
 from crowd_lod_extension.operators.overlay.skinned_characters import Character
 
 SIZE = 900, 900  # the chapter's viewport
-JOINTS, FRAMES = 20, 24
+JOINTS = 20
+FRAMES = 24
 
 
 def figure(vertices: int, group: Group) -> SkinnedMesh:
@@ -27,7 +28,8 @@ def figure(vertices: int, group: Group) -> SkinnedMesh:
     import bmesh
 
     k = np.arange(vertices) + 0.5
-    turn, high = k * np.pi * (3 - 5**0.5), 1 - 2 * k / vertices
+    turn = k * np.pi * (3 - 5**0.5)
+    high = 1 - 2 * k / vertices
     unit = np.column_stack(
         [np.cos(turn) * np.sqrt(1 - high**2), np.sin(turn) * np.sqrt(1 - high**2), high]
     )
@@ -45,7 +47,8 @@ def figure(vertices: int, group: Group) -> SkinnedMesh:
         np.uint16
     )
     weights = np.full((vertices, 4), 0.25, np.float32)
-    gray, none = np.full((vertices, 3), 0.5, np.float32), np.full(vertices, -1, np.float32)
+    gray = np.full((vertices, 3), 0.5, np.float32)
+    none = np.full(vertices, -1, np.float32)
     return SkinnedMesh(
         points,
         unit.astype(np.float32),
@@ -97,21 +100,21 @@ class Screen:
 
 def matrices(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     """(view, projection), (4, 4) each, of a perspective camera."""
-    view, projection, w = np.eye(4), np.zeros((4, 4)), camera.window
+    view = np.eye(4)
+    projection = np.zeros((4, 4))
+    w = camera.window
     view[:3, :3] = camera.X, camera.Y, -camera.Z
     view[:3, 3] = -view[:3, :3] @ camera.origin
-    across, up, deep = w.right - w.left, w.top - w.bottom, camera.far - camera.near
-    projection[0, 0], projection[0, 2], projection[1, 1], projection[1, 2] = (
-        2 / across,
-        (w.right + w.left) / across,
-        2 / up,
-        (w.top + w.bottom) / up,
-    )
-    projection[2, 2], projection[2, 3], projection[3, 2] = (
-        -(camera.far + camera.near) / deep,
-        -2 * camera.far * camera.near / deep,
-        -1,
-    )
+    across = w.right - w.left
+    up = w.top - w.bottom
+    deep = camera.far - camera.near
+    projection[0, 0] = 2 / across
+    projection[0, 2] = (w.right + w.left) / across
+    projection[1, 1] = 2 / up
+    projection[1, 2] = (w.top + w.bottom) / up
+    projection[2, 2] = -(camera.far + camera.near) / deep
+    projection[2, 3] = -2 * camera.far * camera.near / deep
+    projection[3, 2] = -1
     return view, projection
 
 

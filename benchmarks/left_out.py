@@ -34,7 +34,8 @@ TIME = 4  # frame
 
 def camera(origin: tuple[float, float, float], pitch: float, half: float, far: float) -> Camera:
     """Return a camera at `origin`, meters, that looks along +y and `pitch` radians down."""
-    c, s = np.cos(pitch), np.sin(pitch)
+    c = np.cos(pitch)
+    s = np.sin(pitch)
     axes = np.array([[1, 0, 0], [0, s, c], [0, c, -s]])
     return Camera(
         "PERSP", np.array(origin), *axes, Window(-half, half, -half, half), 0.1, far, (1920, 1080)
@@ -43,8 +44,11 @@ def camera(origin: tuple[float, float, float], pitch: float, half: float, far: f
 
 def scenes() -> dict[str, tuple[StateMachine, int, Camera, LevelPolicy]]:
     """Return the scenes: machine, number of groups, camera, policy."""
-    chapter, walk, stand = load_preset("chapter"), parse(WALK, "walk"), parse(STAND, "stand")
-    three, one = LevelPolicy((0.2, 0.6)), LevelPolicy(())
+    chapter = load_preset("chapter")
+    walk = parse(WALK, "walk")
+    stand = parse(STAND, "stand")
+    three = LevelPolicy((0.2, 0.6))
+    one = LevelPolicy(())
     part = camera((0.0, -210.0, 60.0), 0.2, 0.5, 400)
     whole = camera((0.0, -300.0, 150.0), 0.4, 4.0, 700)
     away = camera((0.0, 300.0, 60.0), 0.0, 0.5, 400)

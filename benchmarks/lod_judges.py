@@ -12,13 +12,26 @@ from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 from PIL import Image, ImageDraw
 
-WIDTH, LENS, SENSOR = 1920, 35.0, 36.0  # the camera: pixels, millimeters
+# the camera: pixels, millimeters
+WIDTH = 1920
+LENS = 35.0
+SENSOR = 36.0
 PIXELS_PER_SLOPE = WIDTH * LENS / SENSOR
-SCATTERED, FIRST_FRAMES = 6_000, 20  # points of a surface; frames in which all are measured
-WATCHED, ROUNDS, CLOSER = 300, (None, 60), 2  # points of frames; of how many; frames searched
-NARROW, DEEPEST, MOST_DIVIDED = 0.03, 8, 40_000  # of faces: see `divide`
+# points of a surface; frames in which all are measured
+SCATTERED = 6_000
+FIRST_FRAMES = 20
+# points of frames; of how many; frames searched
+WATCHED = 300
+ROUNDS = (None, 60)
+CLOSER = 2
+# of faces: see `divide`
+NARROW = 0.03
+DEEPEST = 8
+MOST_DIVIDED = 40_000
 OFF = 1e-4  # of the size: where rays begin
-SIDE, FINE = 1_400, 32  # pixels of a mask's side; and a pixel's parts where masks differ most
+# pixels of a mask's side; and a pixel's parts where masks differ most
+SIDE = 1_400
+FINE = 32
 FARTHEST = 4  # pixels that are told at most
 
 
@@ -103,7 +116,9 @@ class Stage:
 
 
 def shape_of(objects: list[bpy.types.Object], depsgraph: bpy.types.Depsgraph) -> Shape:
-    points, triangles, count = [], [], 0
+    points = []
+    triangles = []
+    count = 0
     for item in objects:
         evaluated = item.evaluated_get(depsgraph)
         mesh = evaluated.to_mesh()
@@ -186,14 +201,19 @@ def divide(
         left = left[upper[left] > (1 + NARROW) * most]
         if not len(left):
             break
-        face, weights, distance, to = face[left], weights[left], distance[left], to[left]
+        face = face[left]
+        weights = weights[left]
+        distance = distance[left]
+        to = to[left]
         middles = (weights + np.roll(weights, -1, axis=1)) / 2
         places = np.einsum("fwc,fcd->fwd", middles, shape.points[shape.triangles[face]])
         between, to_between = (each.reshape(-1, 3) for each in other.nearest(places.reshape(-1, 3)))
         measured.append((np.repeat(face, 3), middles.reshape(-1, 3), between.ravel()))
         most, _ = seen_at(shape, measured[-1][:2], between.ravel(), most)
-        weights, distance = quarters(weights, middles), quarters(distance, between)
-        face, to = np.tile(face, 4), quarters(to, to_between)
+        weights = quarters(weights, middles)
+        distance = quarters(distance, between)
+        face = np.tile(face, 4)
+        to = quarters(to, to_between)
     faces, weights, distance = (np.concatenate(each) for each in zip(*measured, strict=True))
     return most, (faces, weights), distance
 
@@ -266,7 +286,8 @@ def visible_worst(shape: Shape, samples: tuple, distance: np.ndarray) -> np.ndar
     cell = np.floor(12 * (points - points.min(axis=0)) / np.ptp(points, axis=0).max()).astype(
         int
     ) @ (1, 100, 10_000)
-    found, count = [], {}
+    found = []
+    count = {}
     for index in np.argsort(-distance)[: 8 * WATCHED].tolist():
         if len(found) == WATCHED:
             break
@@ -300,7 +321,8 @@ def mask(corners: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
 def reach_out(one: np.ndarray, other: np.ndarray, parts: float) -> tuple[float, tuple[int, int]]:
     """Return how far one mask reaches out of another, pixels of `parts` each, and (row, column)."""
     rows, columns = np.nonzero(one & ~other)
-    most, place = 0.0, (0, 0)
+    most = 0.0
+    place = (0, 0)
     radius = int(np.ceil(FARTHEST * parts))
     padded = np.pad(other, radius)
     around = np.stack(np.meshgrid(*2 * [np.arange(-radius, radius + 1)]), axis=-1).reshape(-1, 2)
@@ -308,8 +330,10 @@ def reach_out(one: np.ndarray, other: np.ndarray, parts: float) -> tuple[float, 
         if not len(rows):
             break
         left = ~padded[rows + radius + dy, columns + radius + dx]
-        most, place = float(np.hypot(dx, dy)), (int(rows[0]), int(columns[0]))
-        rows, columns = rows[left], columns[left]
+        most = float(np.hypot(dx, dy))
+        place = (int(rows[0]), int(columns[0]))
+        rows = rows[left]
+        columns = columns[left]
     return most / parts, place
 
 

@@ -29,7 +29,9 @@ from lod_judges import LENS, SENSOR, WIDTH, Lod, Stage, judge_bounds, judge_outl
 from mathutils import Euler
 
 PEOPLE = 1.8  # meters: distances are for characters of this height
-REACH, AGENTS = 3.0, 300  # times as far as the nearest agent is they reach; how many there are
+# times as far as the nearest agent is they reach; how many there are
+REACH = 3.0
+AGENTS = 300
 TURN = 0.35  # radians, of bones without an action
 
 
@@ -90,17 +92,23 @@ def make(near: float, height: float) -> list[Lod]:
         camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
         scene.collection.objects.link(camera)
         scene.camera = camera
-        camera.data.lens, camera.data.sensor_width = LENS, SENSOR
-        camera.rotation_euler, camera.location = (np.pi / 2, 0, 0), (0, 0, height / 2)
+        camera.data.lens = LENS
+        camera.data.sensor_width = SENSOR
+        camera.rotation_euler = (np.pi / 2, 0, 0)
+        camera.location = (0, 0, height / 2)
         camera.data.clip_end = 1_000 * size
-        scene.render.resolution_x, scene.render.resolution_y = WIDTH, 1080
+        scene.render.resolution_x = WIDTH
+        scene.render.resolution_y = 1080
     settings = scene.crowd_lod
     settings.center = (0, (1 + REACH / 2) * near * size, 0)[: len(settings.center)]
     settings.size = [REACH * near * size] * len(settings.size)
     settings.count = AGENTS
-    settings.choice, settings.tolerance, settings.frames = "BY_TOLERANCE", 1.0, "1"
+    settings.choice = "BY_TOLERANCE"
+    settings.tolerance = 1.0
+    settings.frames = "1"
     bpy.ops.crowd_lod.make_levels()
-    group, lods = settings.groups[0], {}
+    group = settings.groups[0]
+    lods = {}
     for k, level in enumerate(settings.levels.children):
         objects = [item for item in level.all_objects if item.type == "MESH"]
         if k and group.bounds[k] > 0:
@@ -118,8 +126,10 @@ def try_character(
     first, last = span_of(objects)
     stage = Stage([objects])
     extent = np.ptp(stage.at(first)[0].points, axis=0)
-    height, source = float(extent[2]), len(stage.at(first)[0].triangles)
-    rows, known = [], {}
+    height = float(extent[2])
+    source = len(stage.at(first)[0].triangles)
+    rows = []
+    known = {}
     for near in nears:
         begun = time.process_time()
         lods = make(near, height)

@@ -48,12 +48,16 @@ class Cull:
     """
 
     def __init__(self, crowd: Crowd, group: Group, limits: np.ndarray):
-        self.crowd, self.group, self.limits = crowd, group, np.ascontiguousarray(limits, np.float64)
+        self.crowd = crowd
+        self.group = group
+        self.limits = np.ascontiguousarray(limits, np.float64)
         self.buckets = np.zeros((len(limits) + 1, len(crowd)), np.int32)
 
     def __call__(self, camera: Camera) -> np.ndarray:
         """Agents a LOD (n,) int64; their indices are in `buckets`."""
-        frustum, crowd, one = frustum_of(camera), self.crowd, ctypes.c_double
+        frustum = frustum_of(camera)
+        crowd = self.crowd
+        one = ctypes.c_double
         sides = np.column_stack(
             [frustum.normals, frustum.offsets + frustum.normals @ camera.origin]
         )
@@ -80,7 +84,8 @@ class Step:
             np.array([area.x_min, area.y_min, area.x_max, area.y_max]), np.ascontiguousarray(machine.next_state), velocity,
             np.arctan2(velocity[..., 1], velocity[..., 0]).astype(np.float32),
         ]  # fmt: skip
-        self.labels, self.seconds = np.ascontiguousarray(world.labels), seconds
+        self.labels = np.ascontiguousarray(world.labels)
+        self.seconds = seconds
 
     def __call__(self) -> None:
         rows, columns = self.labels.shape

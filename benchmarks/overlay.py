@@ -24,7 +24,10 @@ sys.path.append(str(Path(__file__).parent))
 from in_window import begin, overlay  # noqa: E402
 
 ARGUMENTS = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else []
-WARM, FRAMES, ROUNDS = 2, 6, 3  # frames that do not count, those that do, how often
+# frames that do not count, those that do, how often
+WARM = 2
+FRAMES = 6
+ROUNDS = 3
 MOST_SECONDS = 30.0  # for the frames of a round
 COUNTS = 10_000, 100_000, 1_000_000
 RATIOS = 0.1, 0.02, 0.005  # of the sample's characters: some 1,100, 230 and 60 triangles
@@ -48,7 +51,9 @@ def session():
         bpy.ops.crowd_lod.populate()
         bpy.ops.crowd_lod.make_levels("EXEC_DEFAULT")
     for count in COUNTS[:2]:
-        settings.count, settings.overlay, settings.overlay_mode = count, True, "MESHES"
+        settings.count = count
+        settings.overlay = True
+        settings.overlay_mode = "MESHES"
         yield from ready(scene)
         with bpy.context.temp_override(window=window, area=area, region=region):
             bpy.ops.crowd_lod.build("EXEC_DEFAULT")
@@ -60,7 +65,8 @@ def session():
     settings.overlay = True
     for mode, counts in (("MESHES", (1_000_000,)), ("BOXES", COUNTS), ("POINTS", COUNTS)):
         for count in counts:
-            settings.count, settings.overlay_mode = count, mode
+            settings.count = count
+            settings.overlay_mode = mode
             yield
             entry = found[f"{count} {mode}"] = summary(measure(scene, window))
             said_each = ", ".join(f"{clock} {said(times)}" for clock, times in entry.items())
@@ -74,8 +80,10 @@ def in_turns(scene, window):
 
     Returns (agents that the overlay shows, frames by name).
     """
-    settings, visible = scene.crowd_lod, 0
-    top, taken = settings.build, {"empty": [], "overlay": [], "nodes": [], "full": []}
+    settings = scene.crowd_lod
+    visible = 0
+    top = settings.build
+    taken = {"empty": [], "overlay": [], "nodes": [], "full": []}
     thresholds = settings.thresholds[:]
     at_the_end = [0.99 + k / 1000 for k in range(len(thresholds))]  # of what the camera sees
     for _ in range(ROUNDS):
@@ -90,7 +98,8 @@ def in_turns(scene, window):
             frames += measure(scene, window)
             if name == "overlay":
                 visible = int(overlay().latest(scene).visible.sum())
-    settings.build, settings.thresholds = top, thresholds
+    settings.build = top
+    settings.thresholds = thresholds
     return visible, taken
 
 
@@ -104,7 +113,8 @@ def compared(count: int, visible: int, taken: dict[str, list]) -> dict:
         for name, other in zip(("nodes", "full"), others, strict=True):
             ratio = other["median"] / drawn["median"]
             net = (other["median"] - empty["median"]) / (drawn["median"] - empty["median"])
-            entry[f"{clock} {name} ratio"], entry[f"{clock} {name} ratio less empty"] = ratio, net
+            entry[f"{clock} {name} ratio"] = ratio
+            entry[f"{clock} {name} ratio less empty"] = net
             print(f"    {name} {said(other)}, x{ratio:.2f}, x{net:.2f} less empty", flush=True)
     return entry
 
@@ -122,9 +132,11 @@ def ready(scene):
 
 def measure(scene, window) -> list[tuple[float, float]]:
     """Milliseconds (until shown, of the processor) of frames that are played."""
-    times, began = [], time.monotonic()
+    times = []
+    began = time.monotonic()
     for number in range(WARM + FRAMES):
-        start, work = time.perf_counter(), time.process_time()
+        start = time.perf_counter()
+        work = time.process_time()
         scene.frame_set(2 + number)
         with bpy.context.temp_override(window=window):
             redraw()

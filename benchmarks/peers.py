@@ -119,7 +119,9 @@ class Cull:
 
     def __init__(self, tree: Tree, limits: np.ndarray):
         place = tree.node("GeometryNodeInputPosition").outputs[0]
-        self.planes, outside, depth = [], None, None
+        self.planes = []
+        outside = None
+        depth = None
         for _ in range(7):  # six planes and the depth
             dot = tree.node("ShaderNodeVectorMath", place, operation="DOT_PRODUCT")
             self.planes.append([dot.inputs[1], None])
@@ -152,7 +154,8 @@ class Cull:
         for (normal, offset), n, o in zip(
             self.planes, [*frustum.normals, camera.Z], offsets, strict=True
         ):
-            normal.default_value, offset.default_value = n, o
+            normal.default_value = n
+            offset.default_value = o
 
 
 class Nodes:

@@ -22,7 +22,9 @@ import gpu
 sys.path.append(str(Path(__file__).parent))
 from in_window import begin, overlay  # noqa: E402
 
-ROUNDS, REDRAWS, WARM = 4, 10, 2
+ROUNDS = 4
+REDRAWS = 10
+WARM = 2
 MODES = "OFF", "POINTS", "BOXES"
 STEP = 0.05  # meters that the camera moves from one redraw to the next
 
@@ -36,7 +38,9 @@ def session():
         bpy.ops.crowd_lod.populate()
     area.spaces[0].region_3d.view_perspective = "CAMERA"
     print(gpu.platform.renderer_get(), region.width, "x", region.height, flush=True)
-    parts, settings, camera = timed(), window.scene.crowd_lod, window.scene.camera
+    parts = timed()
+    settings = window.scene.crowd_lod
+    camera = window.scene.camera
     taken = {mode: {} for mode in MODES}
     for _ in range(ROUNDS):
         for mode in MODES:
@@ -69,7 +73,8 @@ def timed() -> dict[str, float]:
     def noting(part):
         def draw(context):
             finish()
-            began, work = time.perf_counter(), time.process_time()
+            began = time.perf_counter()
+            work = time.process_time()
             part(context)
             python = time.perf_counter()
             finish()

@@ -44,7 +44,9 @@ FRAMES = 120
 TOLERANCE = 1.0
 WIDTHS = 0.05, 0.1, 0.2, 0.4  # of hysteresis
 AVOID = 0.0, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0
-BAKED, SHOWN = "33:56", 44  # frames of the plaza with many switches, and that with the most
+# frames of the plaza with many switches, and that with the most
+BAKED = "33:56"
+SHOWN = 44
 RAYS = 64 * 0.2 * PIXELS[0] * PIXELS[1]  # samples of the pixels that agents cover
 # What Make LOD Meshes measured of the plaza's characters, all candidates: triangles, bounds in
 # meters.
@@ -74,7 +76,8 @@ def aimed(
     right = np.cross(Z, (0, 0, 1))
     right /= np.linalg.norm(right)
     up = np.cross(right, Z)
-    X, Y = np.cos(roll) * right + np.sin(roll) * up, np.cos(roll) * up - np.sin(roll) * right
+    X = np.cos(roll) * right + np.sin(roll) * up
+    Y = np.cos(roll) * up - np.sin(roll) * right
     return Camera(
         "PERSP", origin, X, Y, Z, window(36 / lens, "AUTO", PIXELS), 0.2, plaza.FAR, PIXELS
     )
@@ -148,7 +151,8 @@ def surveyed(
         library.first(trajectory.gaits),
         library.roles(trajectory.gaits),
     )
-    films, before = [camera(f / max(frames - 1, 1)) for f in range(frames)], None
+    films = [camera(f / max(frames - 1, 1)) for f in range(frames)]
+    before = None
     with Recorder() as recorder:
         for f, film in enumerate(films):
             frame = plan(trajectory, film, POLICY, f + 1)
@@ -168,7 +172,8 @@ def held_levels(
     LODs are held on both sides of where they begin, as engines do, and deviate by more.
     """
     radius = np.array([group.radius for group in GROUPS])
-    table, levels = deviations(GROUPS, POLICY), survey.coarsest.copy()
+    table = deviations(GROUPS, POLICY)
+    levels = survey.coarsest.copy()
     for f, film in enumerate(films):
         begins = limits(POLICY, film, radius, table) * (1 + width if keeps else 1)
         scale = survey.scale[f].astype(np.float64)
@@ -218,7 +223,8 @@ def compared(
 ) -> list[dict]:
     """The rows of one camera and engine."""
     shot = Shot(survey, meshes_of(GROUPS, POLICY.count), engine)
-    thresholds, full = bill(shot, survey.coarsest), bill(shot, np.zeros_like(survey.coarsest))
+    thresholds = bill(shot, survey.coarsest)
+    full = bill(shot, np.zeros_like(survey.coarsest))
     rows = [
         row(name, engine, way, found, thresholds, full)
         for way, found in (("full detail", full), ("thresholds", thresholds))
@@ -266,7 +272,9 @@ def baked(folder: Path) -> list[dict]:
     """What the plaza's baked frames take without and with a plan, and the latter's parts of the
     former.
     """
-    command, scene, rows = Path(sys.executable).with_name("crowd-lod"), folder / "plaza.blend", []
+    command = Path(sys.executable).with_name("crowd-lod")
+    scene = folder / "plaza.blend"
+    rows = []
 
     def run(*words: object) -> None:
         subprocess.run([str(command), *map(str, words), "--quiet"], check=True, capture_output=True)
@@ -274,10 +282,8 @@ def baked(folder: Path) -> list[dict]:
     run("sample", "plaza", "--out", scene)
     run("plan", scene, "--frames", BAKED, "--out", folder / "plan")
     for way, more in (("thresholds", ()), ("plan", ("--plan", folder / "plan", "--strict"))):
-        file, asked = (
-            folder / f"{way}.blend",
-            {**PICTURE["CYCLES"], "engine": "CYCLES", "frame": SHOWN},
-        )
+        file = folder / f"{way}.blend"
+        asked = {**PICTURE["CYCLES"], "engine": "CYCLES", "frame": SHOWN}
         run("build", scene, "--bake", "--render-only", "--frames", BAKED, "--out", file, *more)
         took = job(LIMIT, job="render", file=str(file), picture=str(folder / "frame.exr"), **asked)
         rows.append(
@@ -298,7 +304,8 @@ def main(out: Path, quick: bool) -> None:
 
 
 def _tables(out: Path, quick: bool) -> None:
-    rows, trajectory = [], crowd_of(10_000)
+    rows = []
+    trajectory = crowd_of(10_000)
     for name, camera in CAMERAS.items():
         survey, films = surveyed(trajectory, camera, FRAMES)
         for engine in ("EEVEE", "CYCLES"):

@@ -23,7 +23,8 @@ class Points:
     """Crowd LOD as the build does it: a point object a LOD, written every frame."""
 
     def __init__(self, trajectory: Trajectory, policy: LevelPolicy):
-        self.trajectory, self.policy = trajectory, policy
+        self.trajectory = trajectory
+        self.policy = policy
         self.scene = bpy.data.scenes.new("points")
         self.objects = [
             bpy.data.objects.new(f"LOD {k}", bpy.data.meshes.new(f"LOD {k}"))
@@ -35,10 +36,8 @@ class Points:
     def __call__(self, camera: Camera, frame: int) -> None:
         """The frame, from behavior to points that the dependency graph holds."""
         found = plan(self.trajectory, camera, self.policy, frame)
-        held, buckets = (
-            frame_update.Held(found.crowd, frame),
-            [found.buckets[level] for level in range(len(self.objects))],
-        )
+        held = frame_update.Held(found.crowd, frame)
+        buckets = [found.buckets[level] for level in range(len(self.objects))]
         library = Library(np.full(len(self.trajectory.groups), POSES))
         made = frame_update.columns_by_bucket(self.trajectory, found.crowd, held, buckets, library)
         for each, columns in zip(self.objects, made, strict=True):
@@ -64,14 +63,16 @@ class Walkers(Nodes):
     """
 
     def __init__(self, trajectory: Trajectory, group: Group, limits: np.ndarray):
-        self.trajectory, self.person = trajectory, group
+        self.trajectory = trajectory
+        self.person = group
         labels = trajectory.world.labels
         self.image = bpy.data.images.new(
             "labels", labels.shape[1], labels.shape[0], float_buffer=True, is_data=True
         )
         self.image.pixels.foreach_set(np.repeat(labels.astype(np.float32).ravel(), 4))
         super().__init__(trajectory.start, group, limits)
-        crowd, mesh = trajectory.start, self.object.data
+        crowd = trajectory.start
+        mesh = self.object.data
         columns = {
             "state": crowd.state.astype(np.int32),
             "phase": trajectory.phase(crowd, trajectory.first_frame),
@@ -90,7 +91,8 @@ class Walkers(Nodes):
         self.frame(1)
 
     def prepare(self, tree: Tree) -> None:
-        area, machine = self.trajectory.area, self.trajectory.machine
+        area = self.trajectory.area
+        machine = self.trajectory.machine
         width, depth = area.size
         speed = float(machine.velocity[0, 0, 0])
         entry, leave = (
@@ -98,7 +100,8 @@ class Walkers(Nodes):
         )
         entry.pair_with_output(leave)
         tree.group.links.new(tree.geometry, entry.inputs["Geometry"])
-        tree.geometry, seconds = entry.outputs["Geometry"], entry.outputs["Delta Time"]
+        tree.geometry = entry.outputs["Geometry"]
+        seconds = entry.outputs["Delta Time"]
 
         def attribute(name: str, kind: str) -> bpy.types.NodeSocket:
             node = tree.node("GeometryNodeInputNamedAttribute", name, data_type=kind)
@@ -126,10 +129,8 @@ class Walkers(Nodes):
         moves = tree.math("MULTIPLY", walked, tree.math("MULTIPLY_ADD", state, -2.0, 1.0))
         cycles = tree.math("MULTIPLY", walked, 1 / self.person.stride)
         phase = tree.math("FRACT", tree.math("ADD", attribute("phase", "FLOAT"), cycles))
-        heading, pose = (
-            tree.math("MULTIPLY", state, np.pi),
-            tree.math("FLOOR", tree.math("MULTIPLY", phase, POSES)),
-        )
+        heading = tree.math("MULTIPLY", state, np.pi)
+        pose = tree.math("FLOOR", tree.math("MULTIPLY", phase, POSES))
         # all are read from the points as they were: what is written changes no field before the
         # zone's end
         captured = tree.node("GeometryNodeCaptureAttribute", tree.geometry, domain="POINT")

@@ -43,13 +43,11 @@ from crowd_lod_extension.operators.render_setup import (
 from crowd_lod_extension.operators.render_setup.hidden_characters import hide_characters
 from crowd_lod_extension.operators.scene.scene_crowd import frame_of, trajectory_of
 
-NOBODY, EVERYONE, CAMERA_CULL, NODES, BAKED = (
-    "nobody",
-    "everyone",
-    "camera cull",
-    "geometry nodes",
-    "1 px, baked",
-)
+NOBODY = "nobody"
+EVERYONE = "everyone"
+CAMERA_CULL = "camera cull"
+NODES = "geometry nodes"
+BAKED = "1 px, baked"
 CROWD_LOD = ("by ratio", "1 px")
 WAYS = (NOBODY, EVERYONE, CAMERA_CULL, NODES, *CROWD_LOD, BAKED)
 BASES = {
@@ -76,7 +74,10 @@ def prepare(
     choice of LODs, of each file its MB, and of each of `sizes` what was predicted.
     """
     crowd_lod_extension.register()
-    scene, rows, files, predicted = _scene(crowd, engine, width, samples), [], {}, {}
+    scene = _scene(crowd, engine, width, samples)
+    rows = []
+    files = {}
+    predicted = {}
     settings = scene.crowd_lod
     crowds.spread(scene, CHOSEN_FOR)
     store_groups(settings, measure_groups(scene))
@@ -86,7 +87,8 @@ def prepare(
         ("by ratio", "BY_RATIO", 3),
         ("1 px", "BY_TOLERANCE", 3),
     ):
-        settings.choice, settings.level_count = choice, count
+        settings.choice = choice
+        settings.level_count = count
         rows.append(_build(scene, way, Path(folder) / f"{way}.blend"))
     for agents in sizes:
         for way in shown_by(engine):
@@ -131,7 +133,8 @@ def counts(
     for each (see crowd_lod/levels/cost_model.py).
     """
     crowd_lod_extension.register()
-    scene, rows = _scene(crowd, "CYCLES", width, samples), []
+    scene = _scene(crowd, "CYCLES", width, samples)
+    rows = []
     settings = scene.crowd_lod
     settings.choice = "BY_RATIO"
     store_groups(settings, measure_groups(scene))
@@ -141,7 +144,8 @@ def counts(
         _build(scene, way, Path(folder) / f"{way}.blend")
     for way, agents in [(EVERYONE, 0), *((way, agents) for way in made for agents in sizes)]:
         bpy.ops.wm.open_mainfile(filepath=f"{folder}/{way}.blend")
-        row, path = _counted(bpy.context.scene, way, agents), Path(folder) / f"{way}_{agents}.blend"
+        row = _counted(bpy.context.scene, way, agents)
+        path = Path(folder) / f"{way}_{agents}.blend"
         rows.append(
             {
                 **crowd,
@@ -172,7 +176,8 @@ def _counted(scene: bpy.types.Scene, way: str, agents: int) -> dict:
     if way != EVERYONE:
         finished(bake.bake(scene, FRAMES[:1]))
         return {name: float(np.sum(value)) for name, value in vars(works["By Ratio"]).items()}
-    top, full = scene.crowd_lod.build, works[cost_estimate.FULL]
+    top = scene.crowd_lod.build
+    full = works[cost_estimate.FULL]
     _dress(scene, EVERYONE)
     return counted(top) | {
         "rays": float(full.rays[0]),
@@ -217,7 +222,8 @@ def _scene(crowd: dict, engine: str, width: int, samples: int) -> bpy.types.Scen
     """The scene of a crowd of crowds.make, for such pictures."""
     scene = crowds.make(**crowd)
     scene.render.engine = scene_data.EEVEE if engine == "EEVEE" else engine
-    scene.render.resolution_x, scene.render.resolution_y = width, round(width * 9 / 16)
+    scene.render.resolution_x = width
+    scene.render.resolution_y = round(width * 9 / 16)
     scene.cycles.samples = scene.eevee.taa_render_samples = samples
     return scene
 
@@ -249,14 +255,16 @@ def _dress(scene: bpy.types.Scene, way: str) -> None:
     Nothing is left for Crowd LOD to do.
     """
     settings = scene.crowd_lod
-    trajectory, top = trajectory_of(scene), settings.build
+    trajectory = trajectory_of(scene)
+    top = settings.build
     points = render_setup.points_of(top)
     rows = {name: [] for name in points}
     library = render_setup.library_of(top, trajectory)
     for number in FRAMES:
         scene.frame_set(number)
         frame = frame_of(scene, scene.view_layers[0].depsgraph, trajectory=trajectory)
-        agents, held = np.arange(len(frame.crowd)), frame_update.Held(frame.crowd, frame.time)
+        agents = np.arange(len(frame.crowd))
+        held = frame_update.Held(frame.crowd, frame.time)
         for name in points:
             shown = (
                 name == "LOD 0"
@@ -310,7 +318,9 @@ def _cull(points: bpy.types.Object, groups: tuple[Group, ...], frame) -> None:
             "GeometryNodeSeparateGeometry",
         )
     )
-    lod.data_type, equal.data_type, equal.operation = "INT", "INT", "EQUAL"
+    lod.data_type = "INT"
+    equal.data_type = "INT"
+    equal.operation = "EQUAL"
     lod.inputs["Name"].default_value = "lod"
     one, other = (socket for socket in equal.inputs if socket.enabled)
     other.default_value = points[render_setup.LEVEL]
@@ -338,17 +348,19 @@ def render(file: str, picture: str, engine: str, frame: int, width: int, samples
         crowd_lod_extension.register()
     bpy.ops.wm.open_mainfile(filepath=file)
     scene = bpy.context.scene
-    settings, cycles = scene.render, scene.cycles
+    settings = scene.render
+    cycles = scene.cycles
     settings.engine = scene_data.EEVEE if engine == "EEVEE" else engine
     height = round(width * settings.resolution_y / settings.resolution_x)
-    settings.resolution_x, settings.resolution_y, settings.resolution_percentage = (
-        width,
-        height,
-        100,
-    )
-    settings.image_settings.file_format, settings.image_settings.color_depth = "OPEN_EXR", "32"
+    settings.resolution_x = width
+    settings.resolution_y = height
+    settings.resolution_percentage = 100
+    settings.image_settings.file_format = "OPEN_EXR"
+    settings.image_settings.color_depth = "32"
     settings.filepath = str(Path(picture).with_suffix("")) + "_"
-    cycles.device, cycles.seed, cycles.samples = "CPU", 0, samples
+    cycles.device = "CPU"
+    cycles.seed = 0
+    cycles.samples = samples
     cycles.use_adaptive_sampling = cycles.use_denoising = False
     scene.eevee.taa_render_samples = samples
     scene.frame_set(frame - 1)  # the crowd's way to here is no part of one frame's cost
@@ -357,9 +369,11 @@ def render(file: str, picture: str, engine: str, frame: int, width: int, samples
     bpy.app.handlers.render_stats.append(
         lambda text, *_: said.append((time.perf_counter(), str(text)))
     )
-    begun, cpu = time.perf_counter(), time.process_time()
+    begun = time.perf_counter()
+    cpu = time.process_time()
     bpy.ops.render.render(animation=True)
-    ended, used = time.perf_counter(), time.process_time() - cpu
+    ended = time.perf_counter()
+    used = time.process_time() - cpu
     Path(f"{settings.filepath}{frame:04d}.exr").replace(picture)
     first = next((at for at, text in said if "Sample 0/" in text or "Rendering 1 " in text), ended)
     if live:

@@ -43,7 +43,9 @@ ROWS = [
 ]
 PICTURE = {"CYCLES": {"width": 640, "samples": 4}, "EEVEE": {"width": 160, "samples": 1}}
 LIMIT = 1200.0  # seconds of a render: a GPU of software takes its time
-REPEATS, REPEATED = 3, 10_000  # renders by Cycles of up to so many agents, for medians
+# renders by Cycles of up to so many agents, for medians
+REPEATS = 3
+REPEATED = 10_000
 PARTS = {
     "cpu_s": "time",
     "peak_mb": "memory",
@@ -168,7 +170,8 @@ def beside(rows: list[dict], predicted: dict, files: dict[str, float]) -> dict:
         next(row for row in rows if row["way"] == way) for way in (NOBODY, EVERYONE, BAKED)
     )
     found = {key: own[key] for key in ("engine", "crowd", "agents")}
-    agents, characters = own["agents"], ", with characters"
+    agents = own["agents"]
+    characters = ", with characters"
     ground = files[f"{NOBODY}{characters}_{agents}"]
     for name, row, way in (
         ("Full Detail", whole, EVERYONE),

@@ -26,11 +26,14 @@ from .frustum_box_test import COLUMNS, HUGE, SLACK, Look, Test
 
 # Agents in the smallest block, blocks in the next larger, and blocks in the tier that is asked
 # first, about.
-LEAF, FAN, FIRST = 16, 8, 1024
+LEAF = 16
+FAN = 8
+FIRST = 1024
 # Agents tested alone together.
 PART = 8192
 # In place of a LOD: not seen; of a block, whose agents do not all have the same.
-CULLED, OPEN = 255, 254
+CULLED = 255
+OPEN = 254
 
 
 @dataclass(frozen=True)
@@ -111,15 +114,21 @@ def blocks_of(
 
     Needs at most about 9 bytes an agent, of which the result keeps 5.
     """
-    count, rows = len(crowd), order.reshape(-1, LEAF)
-    leaves, size = len(rows), _largest(count)
+    count = len(crowd)
+    rows = order.reshape(-1, LEAF)
+    leaves = len(rows)
+    size = _largest(count)
     group = crowd.group[rows[:, (0, -1)].T]
-    center, radius = spheres.center, spheres.reach
+    center = spheres.center
+    radius = spheres.reach
     boxes = np.empty((8, leaves))
-    low, high, radii = boxes[:3], boxes[3:6], boxes[6:]
+    low = boxes[:3]
+    high = boxes[3:6]
+    radii = boxes[6:]
     with np.errstate(invalid="ignore"):
         floor = float(crowd.z[0]) if span is None and crowd.z.min() == crowd.z.max() else None
-        low[2], high[2] = floor or 0.0, floor or 0.0
+        low[2] = floor or 0.0
+        high[2] = floor or 0.0
         for at in range(0, leaves, COLUMNS // 4):
             some = slice(at, at + COLUMNS // 4)
             # a block a column: many blocks are compared at a time
@@ -128,17 +137,20 @@ def blocks_of(
             if floor is None:
                 places.append(crowd.z[agents])
             for axis, place in enumerate(places):
-                low[axis, some], high[axis, some] = place.min(axis=0), place.max(axis=0)
+                low[axis, some] = place.min(axis=0)
+                high[axis, some] = place.max(axis=0)
         _stay(low, high, area, wraps, span)
         low[2] += _over(center, np.minimum)[*group]
         high[2] += _over(center, np.maximum)[*group]
-        radii[0], radii[1] = _over(radius, np.minimum)[*group], _over(radius, np.maximum)[*group]
+        radii[0] = _over(radius, np.minimum)[*group]
+        radii[1] = _over(radius, np.maximum)[*group]
         extent = float(max(np.abs(low).max(), np.abs(high).max()))
         tiers = [(LEAF, boxes, group)]
         while tiers[0][0] < size:
             tiers.insert(0, _joined(*tiers[0]))
         for _, boxes, _ in tiers:  # the two corners become center and half width, in place
-            low, high = boxes[:3], boxes[3:6]
+            low = boxes[:3]
+            high = boxes[3:6]
             half = (high - low) / 2
             low[:] = (low + high) / 2
             high[:] = half
@@ -165,7 +177,8 @@ def _joined(size: int, boxes: np.ndarray, group: np.ndarray) -> tuple[int, np.nd
     boxes: (8, b), with the least and greatest corners in place of center and half width.
     """
     parts = boxes.reshape(8, -1, FAN)
-    least, most = parts.min(axis=2), parts.max(axis=2)
+    least = parts.min(axis=2)
+    most = parts.max(axis=2)
     return (
         size * FAN,
         np.concatenate([least[:3], most[3:6], least[6:7], most[7:]]),
@@ -188,14 +201,13 @@ def _stay(
     for axis, (least, most) in enumerate(((area.x_min, area.x_max), (area.y_min, area.y_max))):
         if wraps is not None:
             crosses = (low[axis] + wraps[0][axis] <= least) | (high[axis] + wraps[1][axis] >= most)
-            low[axis, crosses], high[axis, crosses] = (
-                np.minimum(low[axis, crosses], least),
-                np.maximum(high[axis, crosses], most),
-            )
+            low[axis, crosses] = np.minimum(low[axis, crosses], least)
+            high[axis, crosses] = np.maximum(high[axis, crosses], most)
             if span is not None:
                 low[2, crosses] = np.minimum(low[2, crosses], span[0])
                 high[2, crosses] = np.maximum(high[2, crosses], span[1])
-        low[axis], high[axis] = np.minimum(low[axis], most), np.maximum(high[axis], least)
+        low[axis] = np.minimum(low[axis], most)
+        high[axis] = np.maximum(high[axis], least)
 
 
 def _over(values: np.ndarray, which: np.ufunc) -> np.ndarray:
@@ -284,7 +296,8 @@ def near(
     about = about + np.abs(moved).max() + grown
     if not about < HUGE:
         return leaves.nonzero()[0]
-    shift, wider = (least + most)[:, None] / 2, (most - least)[:, None] / 2
+    shift = (least + most)[:, None] / 2
+    wider = (most - least)[:, None] / 2
     some = np.arange(blocks.tiers[0][1].shape[1])
     for tier, (size, boxes, _) in enumerate(blocks.tiers):
         if tier:
@@ -309,11 +322,13 @@ def _alone(
     count: how many agents of decided.own, flattened, are tested. The places are indices into the
         same array; only exact tests decide those.
     """
-    left, slack = [np.arange(0)], max(test.slack for test in tests)
+    left = [np.arange(0)]
+    slack = max(test.slack for test in tests)
     center, radius = blocks.spheres
     uniform = (limits == limits[0]).all()
     begin = limits.T[:, :1] if uniform else np.ascontiguousarray(limits.T)
-    order, levels = blocks.rows.take(decided.opened, axis=0).ravel(), decided.own.reshape(-1)
+    order = blocks.rows.take(decided.opened, axis=0).ravel()
+    levels = decided.own.reshape(-1)
     groups = None
     if len(center) > 1:
         sizes = np.diff(edges(crowd.group, order[:count], len(center)))
@@ -323,18 +338,19 @@ def _alone(
         agents = order[part].astype(np.intp)
         group = 0 if groups is None else groups[part]
         spheres = np.empty((5, len(agents)))
-        spheres[0], spheres[1] = (
-            crowd.x.take(agents, mode="clip"),
-            crowd.y.take(agents, mode="clip"),
-        )
+        spheres[0] = crowd.x.take(agents, mode="clip")
+        spheres[1] = crowd.y.take(agents, mode="clip")
         spheres[2] = (
             crowd.z.take(agents, mode="clip") if blocks.floor is None else blocks.floor
         ) + center.take(group)
-        spheres[3], spheres[4] = radius.take(group), 1.0
+        spheres[3] = radius.take(group)
+        spheres[4] = 1.0
         outside, inside, distance = tests[0].alone(spheres)
         for test in tests[1:]:
             out, within, other = test.alone(spheres)
-            outside, inside, distance = outside & out, inside | within, np.minimum(distance, other)
+            outside = outside & out
+            inside = inside | within
+            distance = np.minimum(distance, other)
         beyond = distance - (begin if uniform else begin.take(group, axis=1))
         level = np.add.reduce((beyond >= 0).view(np.uint8), axis=0, dtype=np.uint8)
         sure = inside & ~np.logical_or.reduce(np.abs(beyond) <= slack, axis=0)
@@ -383,10 +399,13 @@ def _asked(
     """
     (outside, inside, nearest, farthest), *others = (test(boxes) for test in tests[0])
     for out, within, near, far in others:
-        outside, inside = outside & out, inside | within
-        nearest, farthest = np.minimum(nearest, near), np.minimum(farthest, far)
+        outside = outside & out
+        inside = inside | within
+        nearest = np.minimum(nearest, near)
+        farthest = np.minimum(farthest, far)
     for out, within, *_ in (test(boxes) for eyes in tests[1:] for test in eyes):
-        outside, inside = outside & out, inside | within
+        outside = outside & out
+        inside = inside | within
     finest, coarsest = np.zeros((2, boxes.shape[1]), np.uint8)
     for latest, earliest in steps:
         finest += (nearest >= (latest[*group[:, some]] if np.ndim(latest) else latest)).view(

@@ -76,11 +76,10 @@ class Camera:
     @property
     def seen(self) -> Window:
         """Return the window, widened by the reach of the pixel filter."""
-        w, (width, height) = self.window, self.pixels
-        across, up = (
-            self.filtered * (w.right - w.left) / width,
-            self.filtered * (w.top - w.bottom) / height,
-        )
+        w = self.window
+        (width, height) = self.pixels
+        across = self.filtered * (w.right - w.left) / width
+        up = self.filtered * (w.top - w.bottom) / height
         return Window(w.left - across, w.right + across, w.bottom - up, w.top + up)
 
     @property
@@ -147,10 +146,12 @@ def window(
 
     Source: Blender's BKE_camera_params_compute_viewplane.
     """
-    width, height = pixels[0] * aspect[0], pixels[1] * aspect[1]
+    width = pixels[0] * aspect[0]
+    height = pixels[1] * aspect[1]
     horizontal = fit == "HORIZONTAL" or (fit == "AUTO" and width >= height)
     unit = size / (width if horizontal else height)
-    half_x, half_y = width * unit / 2, height * unit / 2
+    half_x = width * unit / 2
+    half_y = height * unit / 2
     return Window(
         shift[0] * size - half_x,
         shift[0] * size + half_x,
@@ -169,7 +170,8 @@ def crop(camera: Camera, left: float, right: float, bottom: float, top: float) -
     """
     if camera.kind == "PANO":
         return camera
-    w, (width, height) = camera.window, camera.pixels
+    w = camera.window
+    (width, height) = camera.pixels
     x = (
         np.floor(np.float32(left) * np.float32(width)),
         np.ceil(np.float32(right) * np.float32(width)),
@@ -179,7 +181,8 @@ def crop(camera: Camera, left: float, right: float, bottom: float, top: float) -
         np.ceil(np.float32(top) * np.float32(height)),
     )
     pixels = max(1, int(x[1] - x[0])), max(1, int(y[1] - y[0]))
-    across, up = (w.right - w.left) / width, (w.top - w.bottom) / height
+    across = (w.right - w.left) / width
+    up = (w.top - w.bottom) / height
     start = w.left + float(x[0]) * across, w.bottom + float(y[0]) * up
     part = Window(start[0], start[0] + pixels[0] * across, start[1], start[1] + pixels[1] * up)
     return replace(camera, window=part, pixels=pixels, density=camera.pixels_per_unit)

@@ -38,13 +38,15 @@ def framing(places: np.ndarray, across: float, below: float, above: float) -> Vi
     ways = np.stack([np.cos(turn), np.sin(turn)], axis=1)
     distances = np.empty(WAYS)
     for k, (cos, sin) in enumerate(ways):
-        ahead, aside = cos * x + sin * y, cos * y - sin * x
+        ahead = cos * x + sin * y
+        aside = cos * y - sin * x
         needed = np.maximum.reduce(
             [np.abs(aside) / across, (z + BODY - EYE) / above, (EYE - BODY - z) / below]
         )
         distances[k] = np.quantile(needed - ahead, SEEN, method="higher")
     best = int(distances.argmin())
-    way, away = ways[best], max(float(distances[best]), NEAREST)
+    way = ways[best]
+    away = max(float(distances[best]), NEAREST)
     eye = middle + np.array([*(-away * way), EYE])
     far = float(((places[:, :2] - eye[:2]) @ way).max())
     return View(eye, way, 1.1 * max(far, away) + NEAREST)

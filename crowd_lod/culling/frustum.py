@@ -71,7 +71,10 @@ def frustum_of(camera: Camera) -> Frustum:
     the direction. With `camera.rays` the two planes are moved apart by the bound of that factor,
     `stretch`.
     """
-    w, X, Y, Z = camera.seen, camera.X, camera.Y, camera.Z
+    w = camera.seen
+    X = camera.X
+    Y = camera.Y
+    Z = camera.Z
     edges = ((X, w.right), (-X, -w.left), (Y, w.top), (-Y, -w.bottom))
     slopes = [0.0 if camera.kind == "ORTHO" else edge for _, edge in edges]
     least, most = stretch(camera) if camera.rays and camera.kind != "ORTHO" else (1.0, 1.0)
@@ -175,8 +178,10 @@ def spheres_swept_through(
     ends: one more condition, ends[0] + t ends[1] <= 0.
     """
     v = points - frustum.origin
-    size, speed = np.linalg.norm(v, axis=1), np.linalg.norm(way, axis=-1)
-    reach, growth = radius + frustum.pad, grow
+    size = np.linalg.norm(v, axis=1)
+    speed = np.linalg.norm(way, axis=-1)
+    reach = radius + frustum.pad
+    growth = grow
     if frustum.turn:
         reach = reach + frustum.turn * (size + reach)
         growth = growth + frustum.turn * (speed + growth)
@@ -184,10 +189,8 @@ def spheres_swept_through(
     growth = growth + ROUNDING * (4 * speed + growth)
     offsets = frustum.offsets + ROUNDING * np.abs(frustum.offsets)
     if isinstance(growth, np.ndarray):  # all planes at once: (k, n)
-        at, rate = (
-            _along(frustum.normals, v) - offsets[:, None] - reach,
-            _along(frustum.normals, way) - growth,
-        )
+        at = _along(frustum.normals, v) - offsets[:, None] - reach
+        rate = _along(frustum.normals, way) - growth
         if ends is not None:
             at = np.concatenate([at, (ends[0] - ROUNDING * size)[None]])
             rate = np.concatenate([rate, (ends[1] - ROUNDING * speed)[None]])
@@ -196,9 +199,11 @@ def spheres_swept_through(
         low = np.where(rate < 0, turn, 0.0).max(axis=0, initial=0.0)
         high = np.where(rate > 0, turn, np.inf).min(axis=0, initial=np.inf)
         return (low <= high * (1 + ROUNDING)) & ~((rate == 0) & (at > 0)).any(axis=0)
-    low, high = np.zeros(len(v)), np.full(len(v), np.inf)
+    low = np.zeros(len(v))
+    high = np.full(len(v), np.inf)
     for normal, offset in zip(frustum.normals, offsets, strict=True):
-        at, rate = v @ normal - offset - reach, way @ normal - growth
+        at = v @ normal - offset - reach
+        rate = way @ normal - growth
         if rate < 0:
             low = np.maximum(low, at / -rate)
         elif rate > 0:

@@ -18,7 +18,8 @@ SLACK = 1e-8
 # start than they save.
 COLUMNS = 2048
 # Meters. Beyond these, products and squares may overflow, or lose their bits to underflow.
-HUGE, LEAST = 1e100, 1e-100
+HUGE = 1e100
+LEAST = 1e-100
 # Times the largest coordinate: farther off no plane meets a box, whatever is rounded.
 BEYOND = 2.0**20
 
@@ -48,15 +49,16 @@ class Test:
         camera = self.camera = look.camera
         self.radial = radial or camera.kind == "PANO"
         self.linear = not (self.radial or camera.turn)
-        self.moved, self.wider = (look.least + look.most) / 2, (look.most - look.least) / 2
-        normals, offsets, rounding = np.empty((0, 3)), np.empty(0), 1.0
+        self.moved = (look.least + look.most) / 2
+        self.wider = (look.most - look.least) / 2
+        normals = np.empty((0, 3))
+        offsets = np.empty(0)
+        rounding = 1.0
         if camera.kind != "PANO":
             frustum = frustum_of(camera)
-            normals, offsets, rounding = (
-                frustum.normals,
-                frustum.limits(margin),
-                max(1.0, frustum.rounding),
-            )
+            normals = frustum.normals
+            offsets = frustum.limits(margin)
+            rounding = max(1.0, frustum.rounding)
         self.reach = camera.pad + (look.grown if margin is None else 0.0)
         self.radius = 1.0 if margin is None else 0.0
         about = (
@@ -82,17 +84,16 @@ class Test:
         if not about < HUGE:
             self.slack = np.nan  # nothing is decided
         k = self.count = len(normals)
-        axes, sign, part = (
-            np.empty((2 * k + 2, 3)),
-            np.ones((2 * k + 2, 1)),
-            np.zeros((2 * k + 2, 2)),
-        )
+        axes = np.empty((2 * k + 2, 3))
+        sign = np.ones((2 * k + 2, 1))
+        part = np.zeros((2 * k + 2, 2))
         axes[:k] = axes[k:-2] = normals
         axes[-2:] = camera.Z
         sign[:k] = sign[-2] = -1.0
         part[:k, 1] = part[k:-2, 0] = -self.radius
         wide = sign * np.abs(axes)
-        add, beyond = axes @ (self.moved - camera.origin) + wide @ self.wider, offsets + self.reach
+        add = axes @ (self.moved - camera.origin) + wide @ self.wider
+        beyond = offsets + self.reach
         add[:k] -= beyond
         add[k:-2] -= beyond
         add[-2:] += (-self.slack, self.slack)
@@ -100,7 +101,8 @@ class Test:
         # of single spheres, which have not moved on: rows of `single` (f, 5) times (x, y, z,
         # radius, 1)
         self.single = np.empty((k + 1, 5))
-        self.single[:, :3], self.single[:, 3] = axes[k:-1], part[k:-1, 0]
+        self.single[:, :3] = axes[k:-1]
+        self.single[:, 3] = part[k:-1, 0]
         self.single[:, 4] = axes[k:-1] @ -camera.origin
         self.single[:k, 4] -= beyond
 
@@ -111,7 +113,8 @@ class Test:
         outside, inside: bool, whether all spheres of a box surely are.
         nearest, farthest: bounds of their distances, meters.
         """
-        camera, k = self.camera, self.count
+        camera = self.camera
+        k = self.count
         values = self.forms @ boxes
         nearest, farthest = values[-2:]
         turned = 0.0, 0.0
@@ -123,7 +126,8 @@ class Test:
             least, most = self.reach + self.radius * boxes[6:8]
             turned = camera.turn * (close + least), camera.turn * (away + most)
             if self.radial:
-                nearest, farthest = close, away
+                nearest = close
+                farthest = away
         if camera.kind == "PANO":
             return (
                 *self._of_range(boxes, close, away, least + turned[0], most + turned[1]),
@@ -178,7 +182,8 @@ class Test:
                 longer * np.sqrt(((boxes[3:6] + self.wider[:, None]) ** 2).sum(axis=0))
                 + longer * self.slack
             )
-            across, depth = np.hypot(camera.X @ v, camera.Y @ v), camera.Z @ v
+            across = np.hypot(camera.X @ v, camera.Y @ v)
+            depth = camera.Z @ v
             beyond = across * np.cos(camera.cone) - depth * np.sin(camera.cone)
             outside |= beyond - ball > longer * most
             inside &= beyond + ball <= longer * least

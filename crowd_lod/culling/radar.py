@@ -62,7 +62,8 @@ def radar(
     """
     cameras = (cameras,) if isinstance(cameras, Camera) else tuple(cameras)
     count = len(crowd) if agents is None else len(agents)
-    visible, distance = np.full(count, not options.cull), np.full(count, np.inf)
+    visible = np.full(count, not options.cull)
+    distance = np.full(count, np.inf)
     views = [(camera, None if camera.kind == "PANO" else frustum_of(camera)) for camera in cameras]
     with np.errstate(invalid="ignore", over="ignore", under="ignore"):
         for begin in range(0, count, BLOCK):
@@ -92,7 +93,8 @@ def _look(
     """
     visible, distance = found
     v = tuple(place - origin for place, origin in zip(places, camera.origin, strict=True))
-    depth, ranged = dot(v, camera.Z), options.radial or frustum is None
+    depth = dot(v, camera.Z)
+    ranged = options.radial or frustum is None
     away = (
         np.sqrt(dot(v, v)) if ranged or camera.turn else depth
     )  # |v|, where something follows from it

@@ -56,7 +56,8 @@ def _change(a: Camera, b: Camera) -> tuple[float, float]:
     if a.kind == "PANO" or b.kind == "PANO":
         clip = max(abs(b.near - a.near), abs(b.far - a.far))
         return moved + clip, float(np.linalg.norm(b.Z - a.Z)) + abs(b.cone - a.cone)
-    one, two = frustum_of(a), frustum_of(b)
+    one = frustum_of(a)
+    two = frustum_of(b)
     return (
         moved + float(np.abs(two.offsets - one.offsets).max()),
         float(np.linalg.norm(two.normals - one.normals, axis=1).max()),

@@ -12,7 +12,8 @@ from .frustum import ROUNDING, Frustum, frustum_of, spheres_swept_through
 # Where Cycles starts rays that leave a surface, if they would hit it again: up to 256 spacings of
 # float32 along its normal from it, relative to the surface's coordinates, and near 0 up to LIFT
 # meters (ray_offset in its bvh/util.h).
-OFFSET, LIFT = 256 * float(np.finfo(np.float32).eps), 2.0**-16
+OFFSET = 256 * float(np.finfo(np.float32).eps)
+LIFT = 2.0**-16
 
 
 @dataclass(frozen=True)
@@ -86,14 +87,16 @@ def mirrored(camera: Camera, mirror: Mirror) -> Frustum | None:
     the mirror. It has no far end, because a reflected ray has none. None if the mirror is out of
     the picture.
     """
-    middle, normal = mirror.corners.mean(axis=0), mirror.normal
+    middle = mirror.corners.mean(axis=0)
+    normal = mirror.normal
     height = float(normal @ (camera.origin - middle))
     # its rays start all over its window: they meet the side that they run against
     if camera.kind == "ORTHO":
         height, normal = (1.0, normal) if camera.Z @ normal < 0 else (-1.0, normal)
     if height == 0:
         return None
-    seen, (sides, side_offsets) = view(camera), _sides(camera)
+    seen = view(camera)
+    (sides, side_offsets) = _sides(camera)
     away = mirror.corners - camera.origin
     reach = camera.pad + camera.turn * (np.linalg.norm(away, axis=1) + camera.pad)
     if (away @ seen.normals.T - seen.offsets - reach[:, None] > 0).all(axis=0).any():
@@ -122,7 +125,8 @@ def _framed(corners: np.ndarray, along: np.ndarray | None) -> tuple[np.ndarray, 
     normals = np.cross(corners, ends) if along is None else np.cross(ends - corners, along)
     length = np.linalg.norm(normals, axis=1)
     kept = length > 1e-12 * np.linalg.norm(corners, axis=1).max() ** 2
-    normals, corners = normals[kept] / length[kept, None], corners[kept]
+    normals = normals[kept] / length[kept, None]
+    corners = corners[kept]
     offsets = np.einsum("kd,kd->k", normals, corners)
     outward = np.where(normals @ ends.mean(axis=0) <= offsets, 1.0, -1.0)
     return normals * outward[:, None], offsets * outward
@@ -159,9 +163,11 @@ def shaded(volume: Frustum, light: Light, points: np.ndarray, radius: np.ndarray
     shadows that fall where another shadow or the back of a surface lies already.
     """
     if light.origin is None:
-        way, grow = np.cos(light.angle) * light.direction, float(np.sin(light.angle))
+        way = np.cos(light.angle) * light.direction
+        grow = float(np.sin(light.angle))
         return spheres_swept_through(volume, points, radius, way, grow)
-    way, larger = points - light.origin, radius + light.size
+    way = points - light.origin
+    larger = radius + light.size
     distance = np.linalg.norm(way, axis=1)
     kept = distance - larger <= light.reach
     if light.angle < np.pi:  # of a sphere beside the cone there is no shadow

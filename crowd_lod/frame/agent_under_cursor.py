@@ -60,7 +60,8 @@ def nearest(
     """
     center = np.array([2 * cursor[0] / size[0] - 1, 2 * cursor[1] / size[1] - 1])
     half = size[0] / 2, size[1] / 2
-    best, found = within * within, None
+    best = within * within
+    found = None
     points = np.ones((4, BLOCK))
     for start in range(0, len(places[0]), BLOCK):
         end = min(start + BLOCK, len(places[0]))
@@ -76,7 +77,8 @@ def nearest(
         if len(near):
             at = near[np.argmin(away[near])]
             if found is None or away[at] < best:
-                best, found = away[at], start + int(at)
+                best = away[at]
+                found = start + int(at)
     return found
 
 
@@ -87,16 +89,15 @@ def account(frame: Frame, agent: int) -> Account:
             f"There is no agent {agent}: the crowd has {len(frame.crowd):,}, from 0 on."
         )
     this = slice(agent, agent + 1)
-    crowd, levels = frame.crowd.of(this), frame.levels[this]
+    crowd = frame.crowd.of(this)
+    levels = frame.levels[this]
     seen = sort(frame.visible[this], levels, len(frame.buckets.counts))
     row = None if frame.plan_row is None else frame.plan_row[this]
     alone = replace(frame, crowd=crowd, buckets=seen, known_levels=levels, plan_row=row)
-    group, level, camera, depth = (
-        frame.trajectory.groups[crowd.group[0]],
-        int(levels[0]),
-        frame.camera,
-        float(alone.depths[0]),
-    )
+    group = frame.trajectory.groups[crowd.group[0]]
+    level = int(levels[0])
+    camera = frame.camera
+    depth = float(alone.depths[0])
     pixels = error = None
     if depth > 0 or camera.kind == "ORTHO":
         pixels = float(shown(2 * group.radius, depth, camera, 0.0))

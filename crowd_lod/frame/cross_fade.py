@@ -35,16 +35,19 @@ def fade(
     """
     if factor is not None:
         distance = distance * factor
-    finer, share = np.zeros(len(distance), np.uint8), np.zeros(len(distance), np.float32)
+    finer = np.zeros(len(distance), np.uint8)
+    share = np.zeros(len(distance), np.float32)
     for i, (begin, end) in enumerate(zip(*_bands(begins, width), strict=True)):
-        low, high = begin[group], end[group]
+        low = begin[group]
+        high = end[group]
         with np.errstate(invalid="ignore", divide="ignore"):
             part = np.where(high > low, (distance - low) / (high - low), distance >= low).astype(
                 np.float32
             )
         finer[part >= 1] = i + 1
         within = (part > 0) & (part < 1)
-        finer[within], share[within] = i, part[within]
+        finer[within] = i
+        share[within] = part[within]
     return finer, share
 
 

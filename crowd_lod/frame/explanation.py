@@ -179,15 +179,15 @@ def explained(frame: Frame, agent: int, engine: str, meters: float = 1.0) -> Exp
     CrowdError if there is no such agent.
     """
     about = account(frame, agent)
-    crowd, g = frame.crowd, int(frame.crowd.group[agent])
-    spheres, margin = frame.trajectory.spheres, frame.policy.margin
+    crowd = frame.crowd
+    g = int(frame.crowd.group[agent])
+    spheres = frame.trajectory.spheres
+    margin = frame.policy.margin
     feet = np.array([crowd.x[agent], crowd.y[agent], crowd.z[agent]], np.float64)
     center = feet + np.array([0.0, 0.0, spheres.center[g]])
     reach = float(spheres.reach[g])
-    distance, factor = (
-        frame.distances[agent : agent + 1],
-        None if frame.factors is None else frame.factors[agent : agent + 1],
-    )
+    distance = frame.distances[agent : agent + 1]
+    factor = None if frame.factors is None else frame.factors[agent : agent + 1]
     unseen = {
         "Its shadow or its light falls into the picture.": frame.shadow,
         "A mirror shows it.": frame.mirrored,
@@ -256,7 +256,8 @@ def _in_meters(sides: tuple[Side, ...], meters: float) -> tuple[Side, ...]:
 def _alternative(
     frame: Frame, about: Account, g: int, level: int, engine: str, meters: float
 ) -> Alternative:
-    group, costs = frame.trajectory.groups[g], SECONDS[engine]
+    group = frame.trajectory.groups[g]
+    costs = SECONDS[engine]
     triangles = group.triangles[level] if level < len(group.triangles) else None
     pixels = None
     if level < len(group.bounds) and about.pixels is not None:

@@ -158,7 +158,8 @@ def plan_of(trajectory: Trajectory, request: Request, sorter: Sorter | None = No
     crowd = trajectory.at(request.time)
     ticks.append(clock.perf_counter())
     seen = [replace(moment, eyes=pictured(moment.eyes)) for moment in moments(trajectory, request)]
-    known, outcome = None, None
+    known = None
+    outcome = None
     if STATIC in trajectory.leave and STILL in trajectory.left_out:
         known = _asked(trajectory, crowd, request, seen)
         outcome = _recalled(trajectory, *known)
@@ -219,8 +220,10 @@ def _values(cameras: Sequence[Camera]) -> list[tuple]:
 
 def _outcome(task: Task, sorter: Sorter | None) -> Outcome:
     """Return who is seen, and what that costs."""
-    groups, done = task.trajectory.groups, sorted_by_level(task, sorter)
-    present, buckets = task.crowd.present, done.buckets
+    groups = task.trajectory.groups
+    done = sorted_by_level(task, sorter)
+    present = task.crowd.present
+    buckets = done.buckets
     if present is not None:
         buckets = buckets.among(present)
     counted = done.counted if present is None else None

@@ -23,7 +23,8 @@ def parse_frames(text: str, step: int = 1) -> list[int]:
     """
     match = re.fullmatch(r"\s*(-?\d{1,99})\s*:\s*(-?\d{1,99})\s*", text)
     if match:
-        first, last = _known(int(match[1])), _known(int(match[2]))
+        first = _known(int(match[1]))
+        last = _known(int(match[2]))
         if first > last:
             raise CrowdError(
                 f"The frames {text} run backwards: give the first frame first, {last}:{first}."

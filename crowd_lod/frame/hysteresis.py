@@ -12,7 +12,8 @@ def held(frame: Frame, previous: np.ndarray) -> Frame:
     """`frame` with the LODs `previous` (n,) uint8 held by its policy's hysteresis. Who is visible
     stays.
     """
-    crowd, policy = frame.crowd, frame.policy
+    crowd = frame.crowd
+    policy = frame.policy
     levels = hold(
         previous, frame.distances, frame.begins, crowd.group, frame.factors, policy.hysteresis
     )

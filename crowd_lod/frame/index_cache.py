@@ -65,7 +65,9 @@ def blocks_at(trajectory: Trajectory, time: float) -> tuple[int, blocks.Blocks] 
     """
     if len(trajectory.start) < morton_order.FEWEST:
         return None
-    kept, every, first = kept_of(trajectory), trajectory.every, trajectory.first_frame
+    kept = kept_of(trajectory)
+    every = trajectory.every
+    first = trajectory.first_frame
     frame = int(max(time - first, 0.0))
     frame = min(frame, 1) if STILL in trajectory.left_out else frame - frame % every
     if _velocity(trajectory, first + frame) is None:
@@ -79,7 +81,9 @@ def blocks_at(trajectory: Trajectory, time: float) -> tuple[int, blocks.Blocks] 
 
 def _made(trajectory: Trajectory, frame: int) -> blocks.Blocks:
     """Make the blocks at a whole `frame`, counted from 0."""
-    kept, every, area = kept_of(trajectory), trajectory.every, trajectory.area
+    kept = kept_of(trajectory)
+    every = trajectory.every
+    area = trajectory.area
     velocity = _velocity(trajectory, trajectory.first_frame + frame) or STANDING
     since = frame - frame % (ORDERED * every)
     order = kept.order
@@ -117,7 +121,8 @@ def moved(trajectory: Trajectory, time: float, since: int) -> tuple[np.ndarray, 
     time: now; since: when the blocks were made; both in frames. Infinite where the blocks do not
         hold.
     """
-    frames, velocity = max(time, trajectory.first_frame) - since, _velocity(trajectory, since)
+    frames = max(time, trajectory.first_frame) - since
+    velocity = _velocity(trajectory, since)
     beyond = (
         STILL not in trajectory.left_out and not -SHUTTER <= frames <= trajectory.every + SHUTTER
     )

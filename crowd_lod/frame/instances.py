@@ -37,8 +37,10 @@ def shown(frame: Frame, library: Library) -> Shown:
         [np.repeat(np.arange(len(buckets.counts)), buckets.counts) for buckets in kinds]
     )
     order = np.argsort(agents, kind="stable")
-    agents, levels = agents[order], levels[order]
-    gaits, seconds = frame.trajectory.gaits, frame.trajectory.seconds(frame.time)
+    agents = agents[order]
+    levels = levels[order]
+    gaits = frame.trajectory.gaits
+    seconds = frame.trajectory.seconds(frame.time)
     character = library.shown(gaits, frame.crowd, seconds, agents)
     count = library.posed[frame.crowd.group[agents]]
     beside = np.where(
@@ -68,7 +70,8 @@ class Instances:
         An agent that is not shown has the first prototype.
         """
         place = np.searchsorted(self.agents, frame.agents)
-        which, there = np.zeros(len(self.agents), np.int32), np.zeros(len(self.agents), bool)
+        which = np.zeros(len(self.agents), np.int32)
+        there = np.zeros(len(self.agents), bool)
         which[place] = np.searchsorted(self.prototypes, frame.prototype)
         there[place] = True
         return which, self.agents[~there].astype(np.int64)
@@ -104,13 +107,17 @@ def turned(heading: np.ndarray, pitch: np.ndarray, roll: np.ndarray, turn: float
 def _about(axis: int, angle: np.ndarray) -> np.ndarray:
     found = np.zeros((len(angle), 4))
     half = np.asarray(angle, np.float64) / 2
-    found[:, axis], found[:, 3] = np.sin(half), np.cos(half)
+    found[:, axis] = np.sin(half)
+    found[:, 3] = np.cos(half)
     return found
 
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the quaternions a b, (m, 4)."""
-    v, w, u, s = a[:, :3], a[:, 3:], b[:, :3], b[:, 3:]
+    v = a[:, :3]
+    w = a[:, 3:]
+    u = b[:, :3]
+    s = b[:, 3:]
     return np.concatenate(
         [w * u + s * v + np.cross(v, u), w * s - (v * u).sum(axis=1, keepdims=True)], axis=1
     )

@@ -14,10 +14,15 @@ from .frame_range import shot_frames
 # Parts of a byte of the plan: the LOD; whether it holds although it is coarser than the tolerance
 # allows, or finer; whether an exception asks for that; whether the agent is hidden. 0x10 is left for
 # agents that scenery hides.
-LEVEL, EXCEPTED, PINNED, HIDDEN = 0x0F, 0x20, 0x40, 0x80
+LEVEL = 0x0F
+EXCEPTED = 0x20
+PINNED = 0x40
+HIDDEN = 0x80
 CAMERA_KINDS = "PERSP", "ORTHO", "PANO"  # of cameras, by their number in a plan
 SAME = 1e-4  # part of a number by which two cameras that count as one may differ
-NEAR_COLUMN, LENGTHS = 16, [0, 1, 2, 16, 17]  # columns of numbers_of
+# columns of numbers_of
+NEAR_COLUMN = 16
+LENGTHS = [0, 1, 2, 16, 17]
 
 
 def with_row(frame: Frame, row: np.ndarray) -> Frame:
@@ -27,7 +32,8 @@ def with_row(frame: Frame, row: np.ndarray) -> Frame:
     An agent is never coarser than the policy of `frame` allows: at times between the plan's frames
     it may be nearer than in them. Pinned and hidden agents are as the plan has them.
     """
-    order, levels = frame.buckets.order, row[frame.buckets.order]
+    order = frame.buckets.order
+    levels = row[frame.buckets.order]
     level = np.where(
         levels & PINNED, levels & LEVEL, np.minimum(levels & LEVEL, frame.buckets.levels)
     )
@@ -48,7 +54,8 @@ def with_row(frame: Frame, row: np.ndarray) -> Frame:
 def _without(hidden: np.ndarray, order: np.ndarray, levels: np.ndarray, count: int) -> Buckets:
     """Return the buckets of agents in `order` that are not hidden, with the LODs `levels`."""
     stays = ~hidden[order]
-    order, levels = order[stays], levels[stays]
+    order = order[stays]
+    levels = levels[stays]
     found = sort(np.ones(len(order), bool), levels, count)
     return Buckets(order[found.order], found.offsets)
 
@@ -104,7 +111,8 @@ def numbers_of(cameras: Sequence[Camera]) -> np.ndarray:
 def camera_of(numbers: np.ndarray) -> Camera:
     """Return the camera of a row (21,) of `numbers_of`; all else of it has its default."""
     origin, X, Y, Z = numbers[:12].reshape(4, 3)
-    film, (near, far, cone, kind, density) = Window(*numbers[12:16].tolist()), numbers[16:].tolist()
+    film = Window(*numbers[12:16].tolist())
+    (near, far, cone, kind, density) = numbers[16:].tolist()
     pixels = round(density * (film.right - film.left)), round(density * (film.top - film.bottom))
     return Camera(
         CAMERA_KINDS[int(kind)], origin, X, Y, Z, film, near, far, pixels, cone, density=density

@@ -47,9 +47,13 @@ def reasons(frame: Frame) -> np.ndarray:
     agent, or hides the agent. An agent that is not there has no other reason, unless an exception
     hides it.
     """
-    crowd, policy, camera = frame.crowd, frame.policy, frame.camera
-    groups, spheres = frame.trajectory.groups, frame.trajectory.spheres
-    begins, finest = frame.begins, 0
+    crowd = frame.crowd
+    policy = frame.policy
+    camera = frame.camera
+    groups = frame.trajectory.groups
+    spheres = frame.trajectory.spheres
+    begins = frame.begins
+    finest = 0
     if any(policy.finest):
         begins = limits(
             replace(policy, finest=()), camera, spheres.radius, deviations(groups, policy)
@@ -66,10 +70,14 @@ def reasons(frame: Frame) -> np.ndarray:
     found[frame.levels == 0] = NEAR_ENOUGH
     culled = np.flatnonzero(~frame.visible)
     found[culled] = BESIDE
-    along, near, far = frame.depths[culled], camera.near, camera.far
+    along = frame.depths[culled]
+    near = camera.near
+    far = camera.far
     if camera.kind != "PANO":
         frustum = frustum_of(camera)
-        along, near, far = along * frustum.fixed[5], -frustum.offsets[4], frustum.offsets[5]
+        along = along * frustum.fixed[5]
+        near = -frustum.offsets[4]
+        far = frustum.offsets[5]
     reach = spheres.reach[crowd.group[culled]] if policy.margin is None else 0.0
     found[culled[along < near - reach]] = NEAR
     found[culled[along > far + reach]] = FAR

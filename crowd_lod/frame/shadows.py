@@ -64,7 +64,8 @@ def surround(frame: Frame, around: Surroundings) -> Frame:
     or that glow; in `mirrored` those that mirrors show. A pure function of its arguments.
     """
     begun = clock.perf_counter()
-    trajectory, unseen = frame.trajectory, frame.culled
+    trajectory = frame.trajectory
+    unseen = frame.culled
     made = (
         index_cache.blocks_at(trajectory, frame.time)
         if BLOCKS in trajectory.leave & trajectory.left_out
@@ -80,7 +81,8 @@ def surround(frame: Frame, around: Surroundings) -> Frame:
             reflects.find(there, volume)
         for volume, light in product(lit, map(spread, around.lights)):
             shades.find(there, volume, light)
-    reflected, shade = unseen & ~reflects.agents, unseen & ~shades.agents
+    reflected = unseen & ~reflects.agents
+    shade = unseen & ~shades.agents
     if around.glows:
         shade |= unseen & np.array(around.glows)[frame.crowd.group]
     count = len(frame.buckets.counts)
@@ -132,7 +134,8 @@ class _There:
 
 def _there(frame: Frame, moment: Moment, made: tuple[int, Blocks] | None) -> _There:
     """Return the crowd at a moment of the frame. made: (frame, the blocks made then)."""
-    trajectory, spheres = frame.trajectory, frame.trajectory.spheres
+    trajectory = frame.trajectory
+    spheres = frame.trajectory.spheres
     crowd = frame.crowd if moment.time == frame.time else trajectory.at(moment.time)
     beside = GRAIN * max(np.abs(eye.origin).sum() for eye in moment.eyes)
     there = _There(crowd, spheres.center, moment.radius, beside)
@@ -198,11 +201,10 @@ def _about(blocks: Blocks, volume: Frustum, light: Light | None) -> float:
 
 def _joined(box: np.ndarray, there: _There) -> np.ndarray:
     """Return the box (2, 3) about `box` and the crowd: shadows fall on agents, too."""
-    center, radius = there.center, there.radius
+    center = there.center
+    radius = there.radius
     columns = [np.array([np.nanmin(c), np.nanmax(c)]) for c in there.crowd.places()]
     low, high = np.array(columns).T
-    low, high = (
-        low + (0, 0, center.min()) - radius.max(),
-        high + (0, 0, center.max()) + radius.max(),
-    )
+    low = low + (0, 0, center.min()) - radius.max()
+    high = high + (0, 0, center.max()) + radius.max()
     return np.array([np.minimum(box[0], low), np.maximum(box[1], high)])

@@ -98,8 +98,10 @@ def sorted_by_level(task: Task, sorter: Sorter | None) -> Sorted:
 
     sorter: finds them if there is one camera, no panorama, and no shutter, bias or lens blur.
     """
-    trajectory, made = task.trajectory, blocks_at(task.trajectory, task.request.time)
-    eyes, bias = task.request.eyes, task.request.bias
+    trajectory = task.trajectory
+    made = blocks_at(task.trajectory, task.request.time)
+    eyes = task.request.eyes
+    bias = task.request.bias
     if (
         sorter is not None
         and len(task.seen) == len(eyes) == 1
@@ -118,7 +120,9 @@ def _one_by_one(task: Task, blocks: Blocks | None) -> Sorted:
 
     blocks: those of the crowd, for their order.
     """
-    trajectory, crowd, policy = task.trajectory, task.crowd, task.request.policy
+    trajectory = task.trajectory
+    crowd = task.crowd
+    policy = task.request.policy
     center = trajectory.spheres.center
     now, *shutter = task.seen
     gone = task.lost()
@@ -146,14 +150,13 @@ def _by_blocks(task: Task, since: int, blocks: Blocks) -> Sorted:
 
     since: the frame when the blocks were made.
     """
-    trajectory, crowd, policy, begins = (
-        task.trajectory,
-        task.crowd,
-        task.request.policy,
-        task.begins,
-    )
+    trajectory = task.trajectory
+    crowd = task.crowd
+    policy = task.request.policy
+    begins = task.begins
     now, *shutter = task.seen
-    radius, radial = now.radius, policy.metric == "RADIAL"
+    radius = now.radius
+    radial = policy.metric == "RADIAL"
     gone = 0 if blocks.finite else task.lost()
     looks = [
         [
@@ -170,7 +173,8 @@ def _by_blocks(task: Task, since: int, blocks: Blocks) -> Sorted:
         blocks, crowd, looks, begins if task.request.bias is None else None, policy.margin, radial
     )
     agents = blocks.rows[decided.opened[places // LEAF], places % LEAF]
-    center, options = trajectory.spheres.center, RadarOptions(policy.margin, radial)
+    center = trajectory.spheres.center
+    options = RadarOptions(policy.margin, radial)
     visible, distance = radar(crowd, now.eyes, center, radius, options, agents)
     unmeasured = replace(options, radial=False, measure=False)
     for moment in shutter:

@@ -140,7 +140,8 @@ def limits(
     deviation: (G, n) meters, of each LOD's surface from the full mesh. A tolerance needs it.
     CrowdError if the policy has a tolerance and there is no deviation.
     """
-    groups, steps = len(radius), len(policy.thresholds)
+    groups = len(radius)
+    steps = len(policy.thresholds)
     # begin anywhere, for no finer LOD is there
     always = np.arange(steps) < np.array(policy.finest or (0,))[:, None]
     own = dict(enumerate(policy.group_thresholds))
@@ -152,13 +153,17 @@ def limits(
     pixels: np.ndarray | float
     nearest: np.ndarray | float
     if policy.tolerance is None:
-        length, pixels, nearest = 2 * radius[:, None], table, 0.0
+        length = 2 * radius[:, None]
+        pixels = table
+        nearest = 0.0
     elif deviation is None:
         raise CrowdError(
             "A LOD tolerance needs the measured LOD meshes: make them, or set thresholds in pixels."
         )
     else:
-        length, pixels, nearest = deviation[:, 1:], policy.tolerance, radius[:, None]
+        length = deviation[:, 1:]
+        pixels = policy.tolerance
+        nearest = radius[:, None]
     seen = camera.pixels_per_unit * length
     begin = (
         np.where(seen <= pixels, -np.inf, np.inf)

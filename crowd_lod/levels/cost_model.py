@@ -170,7 +170,8 @@ def work_of(
         shown[:, k] *= ~same
         held[k] &= ~same
     each = actors.triangles.T[:, actors.group].astype(np.float64)  # (K, N)
-    rigs, moved_as = np.zeros(held.shape[1]), actors.moved_as
+    rigs = np.zeros(held.shape[1])
+    moved_as = actors.moved_as
     own = np.arange(held.shape[1]) if moved_as is None else moved_as
     np.maximum.at(rigs, own, held.any(axis=0) * actors.rigs[actors.group])
     return Work(

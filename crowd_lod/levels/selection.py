@@ -62,9 +62,11 @@ def choose(
     tolerance: pixels.
     meters: the length of a unit in meters, for the sentences.
     """
-    kept, dropped = [0], {}
+    kept = [0]
+    dropped = {}
     for k in range(1, len(group.triangles)):
-        own, finer = group.triangles[k], group.triangles[kept[-1]]
+        own = group.triangles[k]
+        finer = group.triangles[kept[-1]]
         coarser = zip(group.triangles[k + 1 :], group.bounds[k + 1 :], strict=True)
         lower = [n for n, deviation in coarser if n < own and deviation <= group.bounds[k]]
         if lower:
@@ -77,7 +79,8 @@ def choose(
             kept.append(k)
     deviation = np.array([[group.bounds[k] for k in kept]])
     policy = LevelPolicy((0.0,) * (len(kept) - 1), "PIXELS", tolerance=tolerance)
-    used, begins = np.zeros(len(kept), bool), []
+    used = np.zeros(len(kept), bool)
+    begins = []
     for view in views:
         begin = limits(policy, view.camera, np.array([group.radius]), deviation)[0]
         edges = np.concatenate([[-np.inf], begin, [np.inf]])
@@ -100,7 +103,8 @@ def _unused(j: int, edges: np.ndarray, views: Sequence[View], meters: float) -> 
     The numbers are those of the view that comes closest to using it.
     edges: (views, candidates + 1) meters, where each candidate begins and where the last ends.
     """
-    begin, end = edges[:, j], edges[:, j + 1]
+    begin = edges[:, j]
+    end = edges[:, j + 1]
     nearest, farthest = np.array([(view.nearest, view.farthest) for view in views]).T
     coarse = begin > farthest
     if np.isinf(begin).all() and coarse.all() and views[0].camera.kind != "ORTHO":

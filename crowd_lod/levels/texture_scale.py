@@ -20,11 +20,11 @@ def texel(corners: np.ndarray, uvs: np.ndarray, size: tuple[int, int]) -> float:
     areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
     flat = ax * by - ay * bx
     with np.errstate(divide="ignore", invalid="ignore"):
-        right, up = (
-            (edges[:, 0].T * by - edges[:, 1].T * ay) / flat,
-            (edges[:, 1].T * ax - edges[:, 0].T * bx) / flat,
-        )
-        uu, vv, uv = (right * right).sum(axis=0), (up * up).sum(axis=0), (right * up).sum(axis=0)
+        right = (edges[:, 0].T * by - edges[:, 1].T * ay) / flat
+        up = (edges[:, 1].T * ax - edges[:, 0].T * bx) / flat
+        uu = (right * right).sum(axis=0)
+        vv = (up * up).sum(axis=0)
+        uv = (right * up).sum(axis=0)
         # the largest singular value
         longest = np.sqrt((uu + vv) / 2 + np.sqrt(((uu - vv) / 2) ** 2 + uv**2))
     longest[~np.isfinite(longest)] = np.inf
@@ -62,7 +62,8 @@ def scaled(values: np.ndarray, times: int, light: np.ndarray | None, straight: b
     made = np.empty((rows, columns, 4))
     for row in range(rows):
         begin, end = (k * values.shape[0] / rows for k in (row, row + 1))
-        low, high = int(begin), int(np.ceil(end))
+        low = int(begin)
+        high = int(np.ceil(end))
         part = values[low:high].astype(np.float64)
         if light is not None:
             part[..., :3] = light[np.rint(part[..., :3] * 255).astype(int).clip(0, 255)]

@@ -13,7 +13,9 @@ from . import svg_plots as svg
 COLORS = "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000"
 SHAPES = "circle", "square", "diamond", "up", "down", "left", "right"
 HEIGHT = 420  # of a plot, in pixels
-SOLID, DASHED, DOTTED = "", "6 4", "2 4"
+SOLID = ""
+DASHED = "6 4"
+DOTTED = "2 4"
 PER_FRAME = "ms per frame (bars: least to most)"
 
 Row = dict[str, Any]  # of a table of error_vs_runtime
@@ -59,9 +61,11 @@ def _log_plot(
     across = np.concatenate(
         [points[:, 0], *[row.spread.ravel() for row in rows if row.spread is not None]]
     )
-    least, most = float(points[:, 1].min()), float(points[:, 1].max())
+    least = float(points[:, 1].min())
+    most = float(points[:, 1].max())
     if floor:
-        least, most = floor, max(most, 1000 * floor)
+        least = floor
+        most = max(most, 1000 * floor)
     x = svg.across(x_title, float(across.min()) / 1.3, float(across.max()) * 1.3, log=True)
     y = svg.up(y_title, most * 2, least / 2, log=True, height=HEIGHT)
     marks = [svg.level(x, y, floor, "0 (none)")] if floor else []
@@ -99,14 +103,16 @@ def _grouped(rows: Sequence[Row], key: Callable[[Row], Any]) -> dict[Any, list[R
 
 def _convergence(rows: Sequence[Row]) -> str:
     """Return in words how a method's error falls with its step."""
-    order, apart = rows[0]["order"], rows[-1]["apart"]
+    order = rows[0]["order"]
+    apart = rows[-1]["apart"]
     if apart > 0.001:
         return f"order {order:.2f}, does not converge: {apart:.1%} of agents end over a cell away"
     return "exact up to rounding" if order != order else f"order {order:.2f}"
 
 
 def _behavior(rows: list[Row]) -> svg.Panel:
-    floor, drawn = 1e-17, []
+    floor = 1e-17
+    drawn = []
     for color, (name, group) in zip(COLORS, groupby(rows, lambda row: row["method"]), strict=False):
         method = list(group)
         if name == "exact walk":
@@ -143,7 +149,9 @@ def _drift(rows: list[Row]) -> svg.Panel:
 
 
 def _culling(rows: list[Row], what: str, title: str) -> svg.Panel:
-    floor, value, drawn = _least(rows, what), _column(what), []
+    floor = _least(rows, what)
+    value = _column(what)
+    drawn = []
     kinds = _grouped(
         rows,
         lambda row: (
@@ -168,7 +176,9 @@ def _culling(rows: list[Row], what: str, title: str) -> svg.Panel:
 
 def _distances(rows: list[Row]) -> svg.Panel:
     """Return the worst error of distances against time, by metric and precision."""
-    floor, value, drawn = _least(rows, "worst_m"), _column("worst_m"), []
+    floor = _least(rows, "worst_m")
+    value = _column("worst_m")
+    drawn = []
     for row in rows:
         if row["offset_m"] in LEVEL_OFFSETS[:2]:
             away = f", {row['offset_m'] / 1000:g} km away" if row["offset_m"] else ""
@@ -181,7 +191,8 @@ def _distances(rows: list[Row]) -> svg.Panel:
 
 def _ids(rows: list[Row]) -> svg.Panel:
     """Return the LOD ids that differ against the crowd's distance from the origin."""
-    floor, drawn = 0.2e6 / rows[0]["of"], []
+    floor = 0.2e6 / rows[0]["of"]
+    drawn = []
     kinds = _grouped(rows, lambda row: (row["metric"].lower(), row["precision"]))
     for k, (names, kind) in enumerate(kinds.items()):
         beside = 1.06**k  # kinds that agree stand side by side

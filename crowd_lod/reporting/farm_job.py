@@ -121,7 +121,9 @@ def values(job: FarmJob) -> dict[str, Any]:
 
 
 def _render_steps(job: FarmJob) -> list[Step]:
-    scene, folder, baked = "{{Param.Scene}}", "{{Param.OutputDir}}", "{{Param.BakedFile}}"
+    scene = "{{Param.Scene}}"
+    folder = "{{Param.OutputDir}}"
+    baked = "{{Param.BakedFile}}"
     frames = (
         "--frames={{Param.FirstFrame}}:{{Param.LastFrame}}"  # one word: it may begin with a minus
     )
@@ -163,7 +165,8 @@ def _render_steps(job: FarmJob) -> list[Step]:
 
 
 def _preview_steps(job: FarmJob) -> list[Step]:
-    scene, folder = "{{Param.Scene}}", "{{Param.OutputDir}}"
+    scene = "{{Param.Scene}}"
+    folder = "{{Param.OutputDir}}"
     frames = ("--frames={{Param.FirstFrame}}:{{Param.LastFrame}}", "--step", "{{Param.Step}}")
     part = ("preview", scene, *frames, "--part={{Task.Param.Frames}}", "--out", folder)
     return [

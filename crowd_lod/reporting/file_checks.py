@@ -15,7 +15,8 @@ from ..format import printable
 
 PNG = b"\x89PNG\r\n\x1a\n"
 # a frame's first bytes; the last four of a file that can be sought in
-ZSTD, SEEK_TABLE = b"\x28\xb5\x2f\xfd", 0x8F92EAB1
+ZSTD = b"\x28\xb5\x2f\xfd"
+SEEK_TABLE = 0x8F92EAB1
 CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}  # of a PNG's color types
 
 
@@ -28,7 +29,8 @@ def check(path: Path) -> None:
         raise CrowdError(
             f"Blender did not write {printable(path.name)}: see its own message above."
         )
-    look, size = LOOKS.get(path.suffix, len), path.stat().st_size
+    look = LOOKS.get(path.suffix, len)
+    size = path.stat().st_size
     try:
         with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
             whole = look(data)
@@ -69,7 +71,8 @@ def _exr(data: mmap.mmap) -> bool:
 
     For files of one part in blocks of rows, as Blender writes them.
     """
-    file, at = bytes(data), 8
+    file = bytes(data)
+    at = 8
     while file[at]:  # an attribute: name, 0, type, 0, size, content
         at = file.index(0, file.index(0, at) + 1) + 1
         at += 4 + struct.unpack_from("<I", file, at)[0]

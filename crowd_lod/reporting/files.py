@@ -30,7 +30,9 @@ from . import file_checks, interrupt
 from .frame_parts import RECORDS, whole_frames
 
 HIDDEN = ".crowd-lod-"
-LOCK, REPLACED, KEY = ".lock", ".replaced", ".key"
+LOCK = ".lock"
+REPLACED = ".replaced"
+KEY = ".key"
 OWN = LOCK, REPLACED, KEY, RECORDS
 MOST_BYTES = 740  # of a folder's path: Blender cuts a file's, which is longer, at 1,023
 KINDS = {
@@ -179,7 +181,9 @@ def killed_runs(folder: Path, key: str) -> tuple[int, int]:
     """Return the numbers of whole frames that killed runs left for `folder`: with this key, with
     others.
     """
-    place, own, others = Path(os.path.realpath(folder)), 0, 0
+    place = Path(os.path.realpath(folder))
+    own = 0
+    others = 0
     for hidden in _hidden_folders(place):
         with suppress(OSError), (hidden / LOCK).open("r+b", buffering=0) as lock:
             if _left(lock):

@@ -54,10 +54,12 @@ def name_of(plan: dict) -> str:
 
 def parts_of(plan: dict, above: str = "contact_sheet.png") -> list[str]:
     """Return the parts of the page of a preview's plan, as HTML."""
-    rows, levels = plan["frames"], plan["levels"]
+    rows = plan["frames"]
+    levels = plan["levels"]
     tints = [css_of(tint) for tint in levels["tints"]]
     least, most = (pick(row["visible"] for row in rows) for pick in (min, max))
-    drawn, full = sum(r["triangles"] for r in rows), sum(r["full_triangles"] for r in rows)
+    drawn = sum(r["triangles"] for r in rows)
+    full = sum(r["full_triangles"] for r in rows)
     figures = [
         (f"{rows[0]['agents']:,}", "agents"),
         (f"{least:,}" if least == most else f"{least:,} to {most:,}", "visible"),

@@ -132,7 +132,8 @@ def compare(a: Path, b: Path) -> Comparison:
 
     CrowdError if one of them is none.
     """
-    first, second = read_plan(a), read_plan(b)
+    first = read_plan(a)
+    second = read_plan(b)
     return Comparison(first, second, tuple(_differs(first, second)))
 
 
@@ -152,7 +153,8 @@ def read_plan(path: Path) -> Plan:
         ) from None
     if not isinstance(content, dict):
         content = {}
-    rows, shot = content.get("frames"), content.get("shot")
+    rows = content.get("frames")
+    shot = content.get("shot")
     frames = {}
     for row in rows if isinstance(rows, list) else ():
         if isinstance(row, dict) and type(row.get("frame")) is int:

@@ -24,7 +24,8 @@ def shot_facts(
     asked: what the plan was asked for: Avoid Pops, and the budget.
     exceptions: as plain data.
     """
-    plan, shot = told.plan, told.shot
+    plan = told.plan
+    shot = told.shot
     sentences = unneeded(shot, plan.bill.shown, told.names)
     return {
         "preview": None,
@@ -60,11 +61,14 @@ def shot_rows(told: Told) -> list[dict[str, int | float]]:
     """Return a row of each frame: those of a preview's frames.csv without times, and the
     switches.
     """
-    survey, plan, meshes = told.shot.survey, told.plan, told.shot.meshes
+    survey = told.shot.survey
+    plan = told.plan
+    meshes = told.shot.meshes
     full = [float(sizes[survey.group, 0].sum()) for sizes in (meshes.vertices, meshes.triangles)]
     rows = []
     for f, number in enumerate(survey.numbers.tolist()):
-        kinds, agents = survey.kind[f], len(survey.group)
+        kinds = survey.kind[f]
+        agents = len(survey.group)
         seen = int(plan.bill.counts[f].sum())
         rows.append(
             {

@@ -136,9 +136,12 @@ def shot_parts(told: Told) -> list[str]:
 
 def lead(told: Told) -> str:
     """Return what the plan saves and avoids, in sentences."""
-    found, before, survey = told.plan.bill, told.plan.thresholds, told.shot.survey
+    found = told.plan.bill
+    before = told.plan.thresholds
+    survey = told.shot.survey
     _, triangles, memory = of_full_detail(told.shot, found)
-    frames, engine = len(told.numbers), NAMES[told.shot.engine]
+    frames = len(told.numbers)
+    engine = NAMES[told.shot.engine]
     return (
         f"{counted(frames, 'frame')} of {counted(len(survey.group), 'agent')} for {engine}. The "
         f"plan takes "
@@ -167,7 +170,8 @@ def _less(above: float) -> str:
 
 
 def _figures(told: Told) -> list[tuple[str, str]]:
-    found, before = told.plan.bill, told.plan.thresholds
+    found = told.plan.bill
+    before = told.plan.thresholds
     seconds, triangles, memory = of_full_detail(told.shot, found)
     bound = f"{told.plan.bound:.2%}" if isfinite(told.plan.bound) else "not known"
     return [
@@ -191,7 +195,9 @@ def _figures(told: Told) -> list[tuple[str, str]]:
 
 def _warnings(told: Told) -> list[str]:
     """Return what the user should know before using the plan."""
-    survey, plan, found = told.shot.survey, told.plan, []
+    survey = told.shot.survey
+    plan = told.plan
+    found = []
     if told.raised:
         found.append(
             f"LODs deviate by up to {number(told.raised)} pixels, for the budget allows no finer "
@@ -243,7 +249,9 @@ def _strip(told: Told) -> str:
     """Return the timeline with a tick for each frame with a switch or an entry, high as its
     largest.
     """
-    numbers, found, (wide, high) = told.numbers, told.noticed, STRIP
+    numbers = told.numbers
+    found = told.noticed
+    (wide, high) = STRIP
     at = svg.edges(numbers)
     most = found["change"].max(initial=0.0)
     x = svg.across("Frame", at[0], at[-1], width=wide)
@@ -251,7 +259,8 @@ def _strip(told: Told) -> str:
     ticks = []
     for frame in np.unique(found["frame"]).tolist():
         rows = found[found["frame"] == frame]
-        place, largest = float(x.place(frame)), rows["change"].max()
+        place = float(x.place(frame))
+        largest = rows["change"].max()
         color = "var(--entry)" if (rows["before"] == NOTHING).any() else "var(--plan)"
         says = f"Frame {frame}: {len(rows):,} of {number(float(largest))} pixels at most"
         ticks.append(
@@ -278,8 +287,12 @@ def _strip(told: Told) -> str:
 
 def _plots(told: Told) -> list[str]:
     """Return the HTML of each plot, with its heading."""
-    shot, found, before = told.shot, told.plan.bill, told.plan.thresholds
-    survey, meshes, at = shot.survey, shot.meshes, svg.edges(told.numbers)
+    shot = told.shot
+    found = told.plan.bill
+    before = told.plan.thresholds
+    survey = shot.survey
+    meshes = shot.meshes
+    at = svg.edges(told.numbers)
     lods = list(enumerate(told.colors[: meshes.count]))
     each = (found.shown * meshes.triangles.T[:, survey.owner]).sum(axis=2)
     kinds = [
@@ -325,15 +338,14 @@ def _areas(
     at: np.ndarray, title: str, unit: str, rows: Sequence[svg.Series], most: float | None = None
 ) -> str:
     highest = most or float(np.sum([row.values for row in rows], axis=0).max(initial=0.0))
-    x, y = svg.across("Frame", at[0], at[-1]), svg.up(unit, highest)
+    x = svg.across("Frame", at[0], at[-1])
+    y = svg.up(unit, highest)
     return f"<h3>{title}</h3>{svg.plot(title, x, y, svg.stacked(x, y, at, rows))}{_legend(rows)}"
 
 
 def _lines(at: np.ndarray, title: str, unit: str, rows: Sequence[svg.Series]) -> str:
-    x, y = (
-        svg.across("Frame", at[0], at[-1]),
-        svg.up(unit, max(float(row.values.max(initial=0)) for row in rows)),
-    )
+    x = svg.across("Frame", at[0], at[-1])
+    y = svg.up(unit, max(float(row.values.max(initial=0)) for row in rows))
     return f"<h3>{title}</h3>{svg.plot(title, x, y, svg.steps(x, y, at, rows))}{_legend(rows)}"
 
 
@@ -351,10 +363,8 @@ def _error_plot(curve: Curve, agents: int) -> str:
     most = max(
         100.0, *(100 * getattr(point, key) for point in (*sweep, *shown) for key, _ in costs)
     )
-    x, y = (
-        svg.across("Largest deviation, pixels", min(errors), max(errors), log=True),
-        svg.up("% of full detail", most),
-    )
+    x = svg.across("Largest deviation, pixels", min(errors), max(errors), log=True)
+    y = svg.up("% of full detail", most)
     rows = [
         svg.Series(
             key,
@@ -442,7 +452,8 @@ def _stage_plot(milliseconds: Mapping[str, float]) -> str:
     x = svg.Scale(x.title, 0.0, x.high, 110.0, x.end)
     bars = []
     for k, (name, ms) in enumerate(milliseconds.items()):
-        top, end = svg.TOP + 26 * k + 4, float(x.place(ms))
+        top = svg.TOP + 26 * k + 4
+        end = float(x.place(ms))
         bars.append(
             f'<rect x="{x.begin:g}" y="{top}" width="{max(end - x.begin, 0.5):.1f}" height="18" '
             f'fill="var(--plan)"/>'
@@ -496,7 +507,9 @@ def _switch_table(told: Told) -> str:
 
 
 def _frame_table(told: Told) -> str:
-    found, before, survey = told.plan.bill, told.plan.thresholds, told.shot.survey
+    found = told.plan.bill
+    before = told.plan.thresholds
+    survey = told.shot.survey
     head = ["Frame", "Seen", "Culled", *(f"LOD {k}" for k in range(told.shot.meshes.count))]
     head += ["Triangles", "Switches", "Change, px", "Enter at once", "Switches by thresholds"]
     columns = [

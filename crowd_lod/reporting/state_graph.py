@@ -9,8 +9,13 @@ import numpy as np
 from ..crowd.state_machine import StateMachine
 from ..format import number
 
-NODE, LETTER = 15, 7.4  # pixels: the radius of a state, and the width of a letter
-INK, DIM, PAPER, TIMED = "#1d2026", "#646b78", "#ffffff", "#646b78"
+# pixels: the radius of a state, and the width of a letter
+NODE = 15
+LETTER = 7.4
+INK = "#1d2026"
+DIM = "#646b78"
+PAPER = "#ffffff"
+TIMED = "#646b78"
 Point = tuple[float, float]
 
 
@@ -89,13 +94,16 @@ def _arrow(
     pair: tuple[int, int],
     labels: list[int | None],
 ) -> Iterator[str]:
-    (ax, ay), (bx, by) = places[pair[0]], places[pair[1]]
+    (ax, ay) = places[pair[0]]
+    (bx, by) = places[pair[1]]
     # bent toward the center, and to its own side, so that there and back lie apart
     x = 0.75 * (ax + bx) / 2 + 0.25 * center[0] + 0.13 * (by - ay)
     y = 0.75 * (ay + by) / 2 + 0.25 * center[1] - 0.13 * (bx - ax)
-    begin, end = _toward((ax, ay), (x, y), NODE + 2), _toward((bx, by), (x, y), NODE + 4)
+    begin = _toward((ax, ay), (x, y), NODE + 2)
+    end = _toward((bx, by), (x, y), NODE + 4)
     head = _toward(end, (x, y), 9)
-    dx, dy = 0.45 * (end[0] - head[0]), 0.45 * (end[1] - head[1])
+    dx = 0.45 * (end[0] - head[0])
+    dy = 0.45 * (end[1] - head[1])
     path = (
         f'd="M{begin[0]:.1f} {begin[1]:.1f}Q{x:.1f} {y:.1f} {head[0]:.1f} {head[1]:.1f}" '
         f'fill="none"'
@@ -124,9 +132,11 @@ def _state(machine: StateMachine, s: int, turn: float, place: Point) -> Iterator
         f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{NODE}" '
         f'fill="#{bytes(machine.state_colors[s]).hex()}" stroke="{INK}" stroke-width="{rim}"/>'
     )
-    across, up = math.cos(turn), math.sin(turn)
+    across = math.cos(turn)
+    up = math.sin(turn)
     anchor = "middle" if abs(across) < 0.25 else "start" if across > 0 else "end"
-    tx, ty = x + (NODE + 9) * across, y + (NODE + 15) * up + 1
+    tx = x + (NODE + 9) * across
+    ty = y + (NODE + 15) * up + 1
     yield _text((tx, ty - (6 if up <= 0.9 else -4)), machine.states[s], anchor, INK, 13)
     yield _text((tx, ty + (8 if up <= 0.9 else 18)), _does(machine, s), anchor, DIM, 11)
 
@@ -134,7 +144,8 @@ def _state(machine: StateMachine, s: int, turn: float, place: Point) -> Iterator
 def _does(machine: StateMachine, s: int) -> str:
     """Return what agents do in a state, in few words: speeds and time."""
     speeds = np.hypot(*machine.velocity[s].T)
-    least, most = float(speeds.min()), float(speeds.max())
+    least = float(speeds.min())
+    most = float(speeds.max())
     said = (
         "stands"
         if not most
@@ -159,7 +170,8 @@ def _legend(
     columns = max(1, int((width - 40) / (70 + LETTER * max(map(len, names), default=1))))
     parts = []
     for n, (label, name) in enumerate(zip(entries, names, strict=True)):
-        x, y = 30 + (width - 40) / columns * (n % columns), top + 22 * (n // columns)
+        x = 30 + (width - 40) / columns * (n % columns)
+        y = top + 22 * (n // columns)
         dash = ' stroke-dasharray="5 4"' if label is None else ""
         line = f'x1="{x:.0f}" y1="{y:.0f}" x2="{x + 26:.0f}" y2="{y:.0f}"'
         parts.append(f'<line {line} stroke="{_color(machine, label)}" stroke-width="4"{dash}/>')
@@ -169,7 +181,8 @@ def _legend(
 
 def _toward(begin: Point, end: Point, length: float) -> Point:
     """Return the place so far from `begin` toward `end`."""
-    dx, dy = end[0] - begin[0], end[1] - begin[1]
+    dx = end[0] - begin[0]
+    dy = end[1] - begin[1]
     part = length / max(math.hypot(dx, dy), 1e-9)
     return begin[0] + part * dx, begin[1] + part * dy
 

@@ -11,8 +11,13 @@ from textwrap import wrap
 
 import numpy as np
 
-WIDTH, HEIGHT = 560, 250
-LEFT, RIGHT, TOP, BOTTOM = 58, 14, 12, 38  # of the frame around the data, in the same pixels
+WIDTH = 560
+HEIGHT = 250
+# of the frame around the data, in the same pixels
+LEFT = 58
+RIGHT = 14
+TOP = 12
+BOTTOM = 38
 STEPS = 1, 2, 2.5, 5, 10  # of ticks, times powers of ten
 MARKS = {
     "circle": "M-4,0a4,4 0 1,0 8,0a4,4 0 1,0 -8,0Z",
@@ -29,7 +34,9 @@ text { font: 11px system-ui, sans-serif; fill: #444 } .title { font-size: 15px; 
 .grid { stroke: #e4e4e4; fill: none } .axis { stroke: #444; fill: none }
 .line { fill: none; stroke-width: 1.4 } .mark { stroke-width: 1.2 }
 """
-LEGEND_ROW, LETTERS = 16, 190  # pixels; letters of a caption that fit into a line of a sheet
+# pixels; letters of a caption that fit into a line of a sheet
+LEGEND_ROW = 16
+LETTERS = 190
 
 
 @dataclass(frozen=True)
@@ -144,7 +151,8 @@ def plot(about: str, x: Scale, y: Scale, inside: str) -> str:
 
     about: what it shows, for who cannot see it.
     """
-    wide, high = f"{x.end + RIGHT:g}", f"{y.begin + BOTTOM:g}"
+    wide = f"{x.end + RIGHT:g}"
+    high = f"{y.begin + BOTTOM:g}"
     lines = [f'<svg viewBox="0 0 {wide} {high}" role="img" aria-label="{escape(about)}">']
     for value in y.ticks:
         at = _text(y.place(value))
@@ -190,14 +198,14 @@ def stacked(x: Scale, y: Scale, at: np.ndarray, rows: Sequence[Series]) -> str:
 
     at: (F + 1,) of `edges`.
     """
-    parts, below, places = [], np.zeros(len(at) - 1), x.place(at)
+    parts = []
+    below = np.zeros(len(at) - 1)
+    places = x.place(at)
     for row in rows:
         above = below + row.values
         if row.values.any():
-            there, back = (
-                _stairs(places, y.place(above)),
-                _stairs(places[::-1], y.place(below)[::-1]),
-            )
+            there = _stairs(places, y.place(above))
+            back = _stairs(places[::-1], y.place(below)[::-1])
             parts.append(f'<path fill="{row.color}" d="M{there}L{back}Z">{_hover(row.name)}</path>')
         below = above
     return "\n".join(parts)
@@ -290,7 +298,8 @@ def sheet(title: str, caption: str, panels: Sequence[Panel]) -> str:
         place = f'x="{WIDTH * n}" y="{top}" width="{WIDTH}" height="{panel.height:g}"'
         parts.append(f"<svg {place}>{panel.plot}</svg>")
         for k, row in enumerate(panel.rows):
-            x, y = WIDTH * n + LEFT, top + panel.height + LEGEND_ROW * (k + 1)
+            x = WIDTH * n + LEFT
+            y = top + panel.height + LEGEND_ROW * (k + 1)
             parts.append(f'<g transform="translate({x},{y:g})">{_legend_entry(row)}</g>')
     return "\n".join([*parts, "</svg>\n"])
 

@@ -125,6 +125,7 @@ def contact_sheet(pictures: list[np.ndarray], columns: int, gap: int = 6) -> np.
     sheet[:] = (24, 24, 24, 255)
     for number, picture in enumerate(pictures):
         row, column = divmod(number, columns)
-        bottom, left = (rows - 1 - row) * (height + gap) + gap, column * (width + gap) + gap
+        bottom = (rows - 1 - row) * (height + gap) + gap
+        left = column * (width + gap) + gap
         sheet[bottom : bottom + picture.shape[0], left : left + picture.shape[1]] = picture
     return sheet

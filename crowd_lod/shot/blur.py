@@ -39,7 +39,8 @@ def _pixels(camera: Camera, crowd: Crowd, height: np.ndarray, agents: np.ndarray
     camera.
     """
     v = np.stack(crowd.places(height, agents, camera.origin))
-    across, depth = np.stack([camera.X @ v, camera.Y @ v]), camera.Z @ v
+    across = np.stack([camera.X @ v, camera.Y @ v])
+    depth = camera.Z @ v
     if camera.kind == "PERSP":
         across = across / np.where(depth > camera.near, depth, np.nan)
     return camera.pixels_per_unit * across
@@ -47,10 +48,13 @@ def _pixels(camera: Camera, crowd: Crowd, height: np.ndarray, agents: np.ndarray
 
 def _unfocused(frame: Frame, agents: np.ndarray, eye: int) -> np.ndarray:
     """Return the diameter of the circle of confusion of each agent's sharpest part, (m,) pixels."""
-    camera, spheres, crowd = frame.eyes[eye], frame.trajectory.spheres, frame.crowd
+    camera = frame.eyes[eye]
+    spheres = frame.trajectory.spheres
+    crowd = frame.crowd
     if camera.kind != "PERSP" or not camera.turn or len(frame.eyes) > 1:
         return np.zeros(len(agents))
-    focus, radius = camera.pad / camera.turn, spheres.radius[crowd.group[agents]]
+    focus = camera.pad / camera.turn
+    radius = spheres.radius[crowd.group[agents]]
     depth = camera.Z @ np.stack(crowd.places(spheres.center, agents, camera.origin))
     sharpest = np.clip(
         focus, np.maximum(depth - radius, camera.near), np.maximum(depth + radius, camera.near)

@@ -88,7 +88,8 @@ class _Limits:
 
 
 def _limits(shot: Shot, budget: Budget) -> _Limits:
-    meshes, owner = shot.meshes, shot.survey.owner
+    meshes = shot.meshes
+    owner = shot.survey.owner
     first = np.zeros_like(meshes.triangles)
     first[:, 0] = 1
     every = [
@@ -126,8 +127,12 @@ def decide_within(
     limits = _limits(shot, budget)
     _check(shot, limits)
     plan = yield from share(decide(shot, avoid), 0.0, 0.1)
-    thresholds, tolerance, bound = plan.thresholds, 0.0, plan.bound
-    levels, found, weight = plan.levels, plan.bill, plan.weight
+    thresholds = plan.thresholds
+    tolerance = 0.0
+    bound = plan.bound
+    levels = plan.levels
+    found = plan.bill
+    weight = plan.weight
     if not limits.kept(shot, found.shown):
         tolerance = yield from share(_least_tolerance(shot, limits), 0.1, 0.2)
         wide = relaxed(shot, tolerance)
@@ -135,7 +140,8 @@ def decide_within(
             plan = yield from share(decide(wide, avoid), 0.2, 0.3)
         search = _Search(wide, limits, plan.weight)
         levels, found = yield from share(search.best(plan), 0.3, 1.0)
-        weight, bound = plan.weight, search.gap if limits.memory == inf else inf
+        weight = plan.weight
+        bound = search.gap if limits.memory == inf else inf
     return BudgetPlan(levels, found, thresholds, weight, bound, tolerance)
 
 
@@ -182,7 +188,8 @@ def _least_tolerance(shot: Shot, limits: _Limits) -> Generator[float, None, floa
 
     if fits(0.0):
         return 0.0
-    scale, bounds = shot.survey.scale[shot.survey.seen].astype(np.float64), shot.meshes.bounds
+    scale = shot.survey.scale[shot.survey.seen].astype(np.float64)
+    bounds = shot.meshes.bounds
     low = float(scale.min() * bounds[bounds > 0].min(initial=inf))
     high = float(scale.max() * bounds.max())
     width = np.log(high / low)
@@ -223,7 +230,8 @@ class _Search:
 
         plan: of the shot without limits.
         """
-        shot, limits = self.shot, self.limits
+        shot = self.shot
+        limits = self.limits
         coarsest = self.keep(shot.coarsest)
         banned = BANNED * ((coarsest.shown == 0) & (limits.memory < inf))
         fixed, least, table = floor(shot)
@@ -246,9 +254,14 @@ class _Search:
         prices: the first multipliers, in seconds of one unit of load.
         Returns (seconds by the table that no plan can go below, the multipliers which say so).
         """
-        shot, limits = self.shot, self.limits
+        shot = self.shot
+        limits = self.limits
         unit = np.maximum(limits.most, 1.0)
-        paid, dual, best, length, stale = inf, -inf, prices, 1.0, 0
+        paid = inf
+        dual = -inf
+        best = prices
+        length = 1.0
+        stale = 0
         for step in range(STEPS_MOST):
             costs = table + (prices[:, :, None, None] * limits.each).sum(axis=1)
             decision = decided(shot, costs.astype(np.float32), self.weight)
@@ -259,9 +272,11 @@ class _Search:
             paid = min(paid, float((found.shown * table).sum()) + self.weight * found.noticed)
             stale = 0 if cost > dual else stale + 1
             if cost > dual:
-                dual, best = cost, prices
+                dual = cost
+                best = prices
             elif stale == PATIENCE:
-                length, stale = length / 2, 0
+                length = length / 2
+                stale = 0
             slope = np.where((prices > 0) | (over > 0), over / unit, 0.0)
             steep = fsum((slope**2).flat)
             if paid - dual <= SLACK * paid or not steep:
@@ -277,7 +292,8 @@ class _Search:
         found = bill(self.shot, levels)
         paid = objective(found, self.weight)
         if paid < self.paid and self.limits.kept(self.shot, found.shown):
-            self.paid, self.found = paid, (levels, found)
+            self.paid = paid
+            self.found = (levels, found)
         return found
 
     def repaired(self, levels: np.ndarray, table: np.ndarray, over: np.ndarray) -> np.ndarray:
@@ -294,13 +310,12 @@ class _Search:
 
         Returns whether the frame may still be over a limit.
         """
-        shot, limits = self.shot, self.limits
+        shot = self.shot
+        limits = self.limits
         agents = np.flatnonzero(shot.survey.kind[f] == SEEN)
-        character, now, columns = (
-            shot.survey.character[f, agents],
-            levels[f, agents],
-            np.arange(len(agents)),
-        )
+        character = shot.survey.character[f, agents]
+        now = levels[f, agents]
+        columns = np.arange(len(agents))
         each = limits.each[:, :, character]
         loads = each[:, now, columns]
         over = loads.sum(axis=1) - limits.most
@@ -334,7 +349,8 @@ class _Search:
         """
         survey = self.shot.survey
         bounds = self.shot.meshes.bounds.T[:, survey.group[agents]]
-        columns, numbers = np.arange(len(agents)), np.arange(len(bounds))[:, None]
+        columns = np.arange(len(agents))
+        numbers = np.arange(len(bounds))[:, None]
         total = np.zeros(bounds.shape)
         for other, at in ((f - 1, f), (f + 1, f + 1)):
             if 0 <= other < len(levels):

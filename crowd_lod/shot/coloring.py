@@ -19,6 +19,7 @@ VARIETY = 0.05  # of close neighbors, at most, in step: about what CLASSES rando
 FEWEST = 3  # classes of a palette
 WHOLE = 3  # times a palette of FEWEST is doubled: it then has all CLASSES
 MOST_ROUNDS = 40  # of recoloring; some ten suffice where agents meet few others
+LITTLE = 2e-4  # of the weight of all meetings: a round that gains no more is the last
 # A foot stands for more than half of a walk's cycle and swings forward in the rest: per cycle it
 # moves beside the body at this multiple of the stride at most.
 SWING = 2.3
@@ -123,8 +124,10 @@ class Changes:
 
         Until they change they show the class that they have shown.
         """
-        agent, classes = self.agent[which], self.classes[which, 0]
-        shift, finer = phases.shift.copy(), phases.finer.copy()
+        agent = self.agent[which]
+        classes = self.classes[which, 0]
+        shift = phases.shift.copy()
+        finer = phases.finer.copy()
         shift[agent] = (phases.shown(agent, self.block[which, 0], classes) - classes) % CLASSES
         finer[agent] = phases.finer[agent] + 1
         return replace(phases, shift=shift, finer=finer)
@@ -147,7 +150,8 @@ def changes_of(survey: Survey, strides: np.ndarray) -> Changes:
     What is no walk is in no step that a change could break.
     """
     assert survey.roles is not None
-    of_block, walks = survey.roles.block, np.append(strides, 0.0)
+    of_block = survey.roles.block
+    walks = np.append(strides, 0.0)
     parts = []
     for f in range(1, len(survey.times)):
         pair = survey.character[f - 1 : f + 1]
@@ -208,7 +212,8 @@ def plan_phases(
     """
     assert survey.roles is not None
     agents = len(survey.group)
-    meetings, changes = meetings_of(survey), changes_of(survey, strides)
+    meetings = meetings_of(survey)
+    changes = changes_of(survey, strides)
     family = survey.roles.family
     everything = Phases(
         np.zeros(agents, np.uint8),
@@ -220,13 +225,13 @@ def plan_phases(
     if given is None:
         given = np.zeros(agents, bool)
     phases = replace(everything, finer=np.where(given, WHOLE, 0).astype(np.uint8))
-    while True:
-        phases = color(meetings, replace(phases, counts=counts), given)
+    crowded = np.ones(len(family), bool)
+    while crowded.any():
+        theirs = meetings.of(crowded[meetings.block[:, 0]])
+        phases = color(theirs, replace(phases, counts=counts), given)
         while (jumping := changes.jumps(phases) > limit).any():
-            phases = color(meetings, changes.refined(phases, jumping), given)
+            phases = color(theirs, changes.refined(phases, jumping), given)
         crowded = _crowded(meetings, phases, family, variety) & (counts < CLASSES)
-        if not crowded.any():
-            break
         counts = counts + crowded
     return PhasePlan(
         phases,
@@ -253,46 +258,81 @@ def color(meetings: Meetings, phases: Phases, given: np.ndarray | None = None) -
     In each round those agents take another shift that gain more by it than all whom they meet. So
     each round lowers the weight of what is in step.
     """
-    agents, flat = np.unique(meetings.pair, return_inverse=True)
-    place = flat.reshape(-1, 2)
-    options = _options(meetings, phases, agents)
+    sides = _sides_of(meetings, phases)
+    options = _options(sides, phases)
     if given is not None:
-        options[:, given[agents]] = phases.shift[agents[given[agents]]]
-    everyone = np.arange(len(agents))
+        kept = given[sides.agents]
+        options[:, kept] = phases.shift[sides.agents[kept]]
+    shift = phases.shift[sides.agents]
+    everyone = np.arange(len(shift))
     for _ in range(MOST_ROUNDS):
-        cost = _costs(meetings, phases, place, options)
+        shown = sides.shown(shift)
+        in_step = shown == sides.other(shown)
+        now = np.bincount(sides.place, sides.weight * in_step, len(shift))
+        cost = _costs(sides, shown, options, now > 0)
         best = cost.argmin(axis=0)
-        paid = np.repeat(meetings.weight * meetings.in_step(phases), 2)
-        now = np.bincount(place.ravel(), paid, len(agents))
         gain = now - cost[best, everyone]
-        changes = (gain > 1e-9 * now) & ~_outdone(gain, place)
-        if not changes.any():
+        changes = (gain > 1e-9 * now) & ~_outdone(gain, sides)
+        shift[changes] = options[best, everyone][changes]
+        if gain[changes].sum() <= LITTLE * sides.weight.sum():
             break
-        shift = phases.shift.copy()
-        shift[agents[changes]] = options[best, everyone][changes]
-        phases = replace(phases, shift=shift)
-    return phases
+    whole = phases.shift.copy()
+    whole[sides.agents] = shift
+    return replace(phases, shift=whole)
 
 
-def _outdone(gain: np.ndarray, place: np.ndarray) -> np.ndarray:
+@dataclass(frozen=True)
+class _Sides:
+    """Both sides of m meetings, one after the other: (2 m,) each. The other side of i is i +- m.
+
+    agents: (a,), all who meet. place: which of them each side is.
+    block, classes, weight: as in Meetings. row: where its palette begins in the flat NEAREST.
+    """
+
+    agents: np.ndarray
+    place: np.ndarray
+    block: np.ndarray
+    classes: np.ndarray
+    weight: np.ndarray
+    row: np.ndarray
+
+    def shown(self, shift: np.ndarray) -> np.ndarray:
+        """Return the class that each side shows; shift: (a,) uint8."""
+        return NEAREST.ravel()[self.row + (self.classes + shift[self.place]) % CLASSES]
+
+    def other(self, values: np.ndarray) -> np.ndarray:
+        """Return for each side the value of the other side."""
+        return np.roll(values, len(values) // 2)
+
+
+def _sides_of(meetings: Meetings, phases: Phases) -> _Sides:
+    agents, place = np.unique(meetings.pair.T.ravel(), return_inverse=True)
+    block = meetings.block.T.ravel()
+    row = CLASSES * phases.palette_of(agents[place], block)
+    weight = np.tile(meetings.weight, 2)
+    return _Sides(agents, place, block, meetings.classes.T.ravel(), weight, row)
+
+
+def _outdone(gain: np.ndarray, sides: _Sides) -> np.ndarray:
     """Return which agents meet one that gains more, or as much and comes first, (a,) bool."""
-    first, second = place.T
+    first, second = sides.place.reshape(2, -1)
     yields = (gain[first] < gain[second]) | ((gain[first] == gain[second]) & (first > second))
     outdone = np.zeros(len(gain), bool)
     outdone[np.where(yields, first, second)] = True
     return outdone
 
 
-def _options(meetings: Meetings, phases: Phases, agents: np.ndarray) -> np.ndarray:
-    """Return the shifts that `agents` (a,) may take, (C, a) uint8.
+def _options(sides: _Sides, phases: Phases) -> np.ndarray:
+    """Return the shifts that agents may take, (C, a) uint8.
 
-    They lead from the class at the agent's first meeting to the classes of the palette there. Agents
-    with fewer options than others have their last one several times.
+    They lead from the class at one of the agent's meetings to the classes of the palette there.
+    Agents with fewer options than others have their last one several times.
     """
-    _, at = np.unique(meetings.pair, return_index=True)
-    classes = meetings.classes.ravel()[at].astype(np.intp)
-    count = phases.counts[meetings.block.ravel()[at]]
-    options = np.empty((int(count.max(initial=1)), len(agents)), np.uint8)
+    at = np.empty(len(sides.agents), np.intp)
+    at[sides.place[::-1]] = np.arange(len(sides.place))[::-1]  # the first meeting of each
+    classes = sides.classes[at]
+    count = phases.counts[sides.block[at]]
+    options = np.empty((int(count.max(initial=1)), len(at)), np.uint8)
     for size in np.unique(count):
         of_size = count == size
         number = np.minimum(np.arange(len(options)), size - 1)
@@ -300,21 +340,21 @@ def _options(meetings: Meetings, phases: Phases, agents: np.ndarray) -> np.ndarr
     return options
 
 
-def _costs(
-    meetings: Meetings, phases: Phases, place: np.ndarray, options: np.ndarray
-) -> np.ndarray:
+def _costs(sides: _Sides, shown: np.ndarray, options: np.ndarray, asked: np.ndarray) -> np.ndarray:
     """Return the weight that each agent would have in step by each option, (C, a) float64.
 
-    place: (m, 2), which of the agents each side of a meeting is.
+    shown: the classes that the sides show. asked: (a,) bool; the others' costs are 0.
     """
     cost = np.zeros(options.shape)
-    for side in (0, 1):
-        agent, at = meetings.pair[:, side], place[:, side]
-        count = phases.palette_of(agent, meetings.block[:, side])
-        theirs = meetings.shown(phases, 1 - side)
-        for k, shift in enumerate(options):
-            own = NEAREST[count, (meetings.classes[:, side] + shift[at]) % CLASSES]
-            cost[k] += np.bincount(at, meetings.weight * (own == theirs), len(cost[k]))
+    (which,) = np.nonzero(asked[sides.place])
+    place = sides.place[which]
+    theirs = sides.other(shown)[which]
+    row = sides.row[which]
+    classes = sides.classes[which]
+    weight = sides.weight[which]
+    for k, shift in enumerate(options):
+        own = NEAREST.ravel()[row + (classes + shift[place]) % CLASSES]
+        cost[k] = np.bincount(place, weight * (own == theirs), len(asked))
     return cost
 
 

@@ -56,7 +56,8 @@ def curve_of(shot: Shot, plan: ShotPlan, tolerance: float | None) -> Generator[f
     A plan with another weight that is the same as one before has no point.
     """
     some, agents = sampled(shot, max(MOST_LOOKED_AT // len(shot.survey.times), 1))
-    survey, bounds = some.survey, some.meshes.bounds
+    survey = some.survey
+    bounds = some.meshes.bounds
     thresholds = bill(some, survey.coarsest)
 
     def point(kind: str, levels: np.ndarray, pixels: float | None = None) -> Point:

@@ -85,7 +85,9 @@ def parse_agents(text: str, count: int, name: str, ids: np.ndarray | None = None
                 f"The exception {name} names agents by {part.strip()!r}: write numbers and "
                 f"ranges, such as 12, 40-50."
             )
-        mark, first, last = match[1], int(match[2]), int(match[3] or match[2])
+        mark = match[1]
+        first = int(match[2])
+        last = int(match[3] or match[2])
         if first > last:
             raise CrowdError(
                 f"The exception {name} has agents {mark}{first}-{last}, a range that runs "
@@ -140,7 +142,8 @@ def check_level(
     group: (n,) uint8, of each agent.
     names: of the groups.
     """
-    name, level = exemption.name, exemption.level
+    name = exemption.name
+    level = exemption.level
     if exemption.kind == HIDE:
         return
     if level >= count:
@@ -189,11 +192,14 @@ def excepted(survey: Survey, exemptions: Sequence[Exemption]) -> Survey:
         np.uint8,
     )
     hiding = np.array([*hides, False])
-    finest, limit = np.empty_like(survey.kind), np.empty_like(survey.kind)
+    finest = np.empty_like(survey.kind)
+    limit = np.empty_like(survey.kind)
     gone = np.zeros(len(survey.group), bool)  # hidden in the frame before, and otherwise seen
     for f, number in enumerate(survey.numbers.tolist()):
         which = in_force(exemptions, number, len(survey.group))
-        finest[f], limit[f], hidden = least[which], most[which], hiding[which]
+        finest[f] = least[which]
+        limit[f] = most[which]
+        hidden = hiding[which]
         shows = survey.kind[f] == SEEN
         appears = np.flatnonzero(gone & shows & ~hidden & (not survey.cuts[f]))
         survey.entered[f] = np.union1d(survey.entered[f][~hidden[survey.entered[f]]], appears)

@@ -20,7 +20,8 @@ from .survey import SEEN
 
 TOGETHER = 8192  # agents decided together: their rows stay in the processor's cache
 # agents from which the weight of switches is found, or a hundredth of many; where they share meshes
-SAMPLE, SHARING = 2000, 20_000
+SAMPLE = 2000
+SHARING = 20_000
 STEPS = 6  # of the search for it, each by a factor of FACTOR
 FACTOR = 4.0
 NEARLY = 1e-3  # part of its share that a mesh costs which the frame shows anyway
@@ -64,12 +65,14 @@ Step = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 def cheapest_path(steps: Iterable[Step], frames: int) -> tuple[np.ndarray, float]:
     """Return (the LODs (F, m) uint8 of least cost, their cost) of m that switch independently."""
-    total, came = np.zeros(0), np.empty(0)
+    total = np.zeros(0)
+    came = np.empty(0)
     for f, (cost, change, fee) in enumerate(steps):
         if f == 0:
             total = np.zeros_like(cost)
             came = np.empty((frames, *cost.shape), np.uint8)
-            least, via = np.empty(cost.shape[1], np.float32), np.empty(cost.shape[1], np.uint8)
+            least = np.empty(cost.shape[1], np.float32)
+            via = np.empty(cost.shape[1], np.uint8)
             numbers = np.arange(len(cost), dtype=np.uint8)[:, None]
         left = total + change
         np.copyto(least, left[0])
@@ -94,7 +97,8 @@ def _traced(came: np.ndarray, cost: np.ndarray) -> np.ndarray:
     cost: (K, m), in the end.
     """
     levels = np.empty((len(came), cost.shape[1]), np.uint8)
-    now, agents = cost.argmin(axis=0).astype(np.uint8), np.arange(cost.shape[1])
+    now = cost.argmin(axis=0).astype(np.uint8)
+    agents = np.arange(cost.shape[1])
     for f in range(len(came) - 1, -1, -1):
         levels[f] = now
         now = came[f][now, agents]
@@ -107,7 +111,8 @@ def by_character(shot: Shot, unique: np.ndarray, weight: float) -> np.ndarray:
     It is as fine as each of the character's agents needs, and its agents switch together.
     unique: (F, K, L) seconds of each mesh. weight: as of `program`.
     """
-    survey, bounds = shot.survey, shot.meshes.bounds.T[:, shot.survey.owner]
+    survey = shot.survey
+    bounds = shot.meshes.bounds.T[:, shot.survey.owner]
     count, characters = bounds.shape
     numbers = np.arange(count)[:, None]
 
@@ -140,7 +145,8 @@ def decided(
     """Decide on all agents by `program`: yield the progress, return (levels (F, n), cost)."""
     agents = len(shot.survey.group)
     parts = [slice(begin, min(begin + TOGETHER, agents)) for begin in range(0, agents, TOGETHER)]
-    levels, cost = np.empty(shot.survey.kind.shape, np.uint8), 0.0
+    levels = np.empty(shot.survey.kind.shape, np.uint8)
+    cost = 0.0
     _ = shot.allowed  # found once, before threads ask for it
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         for done, (part, (own, paid)) in enumerate(
@@ -242,7 +248,8 @@ def _weight(shot: Shot, avoid: float, shared: bool) -> Generator[float, None, fl
     limit = _limit(some, avoid)
     thresholds = limit.thresholds
     unit = thresholds.price.seconds * len(some.survey.times) / max(thresholds.counts.sum(), 1)
-    low, high = unit * FACTOR**-STEPS, unit * FACTOR**STEPS
+    low = unit * FACTOR**-STEPS
+    high = unit * FACTOR**STEPS
     for step in range(2 * STEPS):
         middle = float(np.sqrt(low * high))
         levels, _ = yield from share(
@@ -344,10 +351,13 @@ def floor(shot: Shot) -> tuple[float, float, np.ndarray]:
     least. And if all agents share a mesh's cost evenly, they pay no more than it costs, so that the
     least sum of their own costs is none that a plan can go below.
     """
-    survey, characters = shot.survey, len(shot.survey.owner)
-    frames, each = len(survey.times), shot.meshes.triangles.T[:, survey.owner]
+    survey = shot.survey
+    characters = len(shot.survey.owner)
+    frames = len(survey.times)
+    each = shot.meshes.triangles.T[:, survey.owner]
     shown = shown_by(shot, shot.allowed)
-    seen, finest = shown.sum(axis=1), (shown > 0).argmax(axis=1)
+    seen = shown.sum(axis=1)
+    finest = (shown > 0).argmax(axis=1)
     least = np.where(seen > 0, each[finest, np.arange(characters)], 0.0)
     unique = SECONDS[shot.engine]["unique"] * each / np.maximum(seen, 1)[:, None, :]
     work = Work(

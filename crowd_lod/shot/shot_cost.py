@@ -82,17 +82,17 @@ class Shot:
         change the picture by more than twice the pixels that the two LODs are allowed to show, and
         never finer than exceptions allow.
         """
-        survey, bounds = self.survey, self.meshes.bounds
+        survey = self.survey
+        bounds = self.meshes.bounds
         found = np.where(survey.seen, survey.coarsest, UNSEEN).astype(np.uint8)
         for f in range(1, len(found)):
             agents = np.flatnonzero(
                 survey.joined(f) & (survey.coarsest[f - 1] > survey.coarsest[f])
             )
-            group, (then, now) = (
-                survey.group[agents],
-                survey.scale[f - 1 : f + 1, agents].astype(np.float64),
-            )
-            before, after = found[f - 1, agents], found[f, agents]
+            group = survey.group[agents]
+            (then, now) = survey.scale[f - 1 : f + 1, agents].astype(np.float64)
+            before = found[f - 1, agents]
+            after = found[f, agents]
             most = np.maximum(then * bounds[group, before], now * bounds[group, after])
             least = 0 if survey.finest is None else survey.finest[f - 1, agents]
             for k in range(self.meshes.count - 1, 0, -1):
@@ -163,7 +163,8 @@ class Bill:
 
 def bill(shot: Shot, levels: np.ndarray) -> Bill:
     """Return what `levels` (F, n) uint8 cost in the shot."""
-    survey, meshes = shot.survey, shot.meshes
+    survey = shot.survey
+    meshes = shot.meshes
     frames = len(survey.times)
     shown = shown_by(shot, levels)
 
@@ -203,7 +204,8 @@ def shown_by(shot: Shot, levels: np.ndarray) -> np.ndarray:
     """Return how many seen agents show each LOD of each character by `levels` (F, n), (F, K, L)
     int64.
     """
-    survey, characters = shot.survey, len(shot.survey.owner)
+    survey = shot.survey
+    characters = len(shot.survey.owner)
     shown = np.zeros((len(survey.times), shot.meshes.count, characters), np.int64)
     for f in range(len(shown)):
         agents = np.flatnonzero(survey.kind[f] == SEEN)
@@ -222,7 +224,8 @@ def switched(shot: Shot, levels: np.ndarray, f: int) -> tuple[np.ndarray, np.nda
 
     Each LOD lies off the character by its bound at most, so two lie apart by the sum of theirs.
     """
-    survey, bounds = shot.survey, shot.meshes.bounds
+    survey = shot.survey
+    bounds = shot.meshes.bounds
     agents = np.flatnonzero(survey.joined(f) & (levels[f] != levels[f - 1]))
     group = survey.group[agents]
     apart = bounds[group, levels[f - 1, agents]] + bounds[group, levels[f, agents]]

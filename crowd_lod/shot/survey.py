@@ -24,7 +24,9 @@ EVERYONE = RadarOptions(cull=False)  # only their distances are asked for
 MOST_SCALE = float(np.finfo(np.float16).max)
 # Neighbors are looked for in every MEET_EVERY-th frame, among agents at LODs up to MEET_LEVEL, in
 # meters.
-MEET_EVERY, MEET_LEVEL, MEET_REACH = 4, 3, 2.0
+MEET_EVERY = 4
+MEET_LEVEL = 3
+MEET_REACH = 2.0
 BESIDE = 0.3  # meters, below which no two are nearer
 MOST_MEETINGS = 1_000_000  # pairs of a shot that are kept
 MOST_BYTES = 16 * 2**30  # of a survey
@@ -126,7 +128,9 @@ def empty(
     library: (G + 1,) intp, the first character of each group, and the total (Library.first).
     CrowdError if there are no frames, or more than memory is likely to hold.
     """
-    frames, agents, characters = len(numbers), len(group), int(library[-1])
+    frames = len(numbers)
+    agents = len(group)
+    characters = int(library[-1])
     if not frames:
         raise CrowdError("The shot has no frames: give a range such as 1:120.")
     if characters > np.iinfo(np.uint16).max:
@@ -207,7 +211,8 @@ def record(  # noqa: PLR0913 - what a frame tells, and what it follows
             f"{len(survey.group):,} before: "
             "its number must not change during a shot."
         )
-    trajectory, seen = frame.trajectory, frame.buckets.order
+    trajectory = frame.trajectory
+    seen = frame.buckets.order
     seconds = trajectory.seconds(frame.time)
     for kind, buckets in (
         (SHADOW, frame.shadow),
@@ -216,7 +221,8 @@ def record(  # noqa: PLR0913 - what a frame tells, and what it follows
     ):
         if buckets is not None and len(buckets.order):
             agents = buckets.order
-            survey.kind[f, agents], survey.coarsest[f, agents] = kind, buckets.levels
+            survey.kind[f, agents] = kind
+            survey.coarsest[f, agents] = buckets.levels
             survey.character[f, agents] = library.shown(
                 trajectory.gaits, frame.crowd, seconds, agents
             )
@@ -227,7 +233,8 @@ def record(  # noqa: PLR0913 - what a frame tells, and what it follows
         survey.coarsest[f, seen] = _coarsest(survey, f, seen, survey.blurred)
     if survey.roles is not None and f % MEET_EVERY == 0:
         survey.pairs[f], survey.nearness[f] = _close(survey, f, frame.crowd)
-    survey.rays[f], survey.cuts[f] = rays, cut
+    survey.rays[f] = rays
+    survey.cuts[f] = cut
     if before is not None and not cut:
         survey.entered[f] = _unclipped(before, seen[survey.kind[f - 1, seen] != SEEN])
 
@@ -246,7 +253,8 @@ def _close(survey: Survey, f: int, crowd: Crowd) -> tuple[np.ndarray, np.ndarray
 
 def _unclipped(before: Frame, agents: np.ndarray) -> np.ndarray:
     """Return those of `agents` (m,) that the near or far clip culled in the frame `before`."""
-    camera, reach = before.camera, before.trajectory.spheres.reach[before.crowd.group[agents]]
+    camera = before.camera
+    reach = before.trajectory.spheres.reach[before.crowd.group[agents]]
     _, depth = radar(
         before.crowd,
         camera,
@@ -264,10 +272,12 @@ def scale_of(frame: Frame, agents: np.ndarray) -> np.ndarray:
     It is that of levels.assignment.shown, the most of all eyes, and rounded up. No part counts as
     nearer than the near clip.
     """
-    camera, spheres = frame.camera, frame.trajectory.spheres
+    camera = frame.camera
+    spheres = frame.trajectory.spheres
     if camera.kind == "ORTHO":
         return np.full(len(agents), _rounded_up(np.array([camera.pixels_per_unit]))[0])
-    crowd, most = frame.crowd, np.zeros(len(agents))
+    crowd = frame.crowd
+    most = np.zeros(len(agents))
     radius = spheres.radius[crowd.group[agents]]
     for eye in frame.eyes:
         _, distance = radar(crowd, eye, spheres.center, spheres.reach, EVERYONE, agents)
@@ -290,7 +300,8 @@ def _coarsest(survey: Survey, f: int, agents: np.ndarray, tolerance: float) -> n
     uint8.
     """
     assert survey.bounds is not None
-    group, scale = survey.group[agents], survey.scale[f, agents].astype(np.float64)
+    group = survey.group[agents]
+    scale = survey.scale[f, agents].astype(np.float64)
     found = np.zeros(len(agents), np.uint8)
     for k in range(1, survey.bounds.shape[1]):
         found[scale * survey.bounds[group, k] <= tolerance] = k

@@ -31,7 +31,8 @@ def noticed(shot: Shot, levels: np.ndarray, radius: np.ndarray) -> np.ndarray:
     entry. size: pixels that the bounding sphere is wide, at most. change: pixels by which the
     picture changes there, at most; for an entry its size.
     """
-    survey, parts = shot.survey, []
+    survey = shot.survey
+    parts = []
     for f, number in enumerate(survey.numbers.tolist()):
         agents, change = switched(shot, levels, f)
         entered = survey.entered[f]

@@ -14,8 +14,10 @@ def unneeded(shot: Shot, shown: np.ndarray, names: list[str]) -> list[str]:
     shown: (F, K, L), seen agents of each LOD of each character.
     names: of the G groups.
     """
-    survey, meshes = shot.survey, shot.meshes
-    needed, found = shown.any(axis=0) | _cast(shot), []
+    survey = shot.survey
+    meshes = shot.meshes
+    needed = shown.any(axis=0) | _cast(shot)
+    found = []
     for group, name in enumerate(names):
         own = np.flatnonzero(survey.owner == group)
         each = meshes.triangles[group]

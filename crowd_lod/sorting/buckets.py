@@ -49,7 +49,8 @@ def sort(visible: np.ndarray, ids: np.ndarray, count: int) -> Buckets:
     """
     agents = np.flatnonzero(visible).astype(np.int32)
     seen = ids[agents]
-    counts, offsets = np.bincount(seen, minlength=count), np.zeros(count + 1, np.intp)
+    counts = np.bincount(seen, minlength=count)
+    offsets = np.zeros(count + 1, np.intp)
     np.cumsum(counts, out=offsets[1:])
     return Buckets(agents[np.argsort(seen, kind="stable")], offsets)
 
@@ -72,7 +73,8 @@ def sort_blocks(
     The counts are by LOD and group. A block whose agents all have one LOD is taken whole.
     group: (n,) uint8, of all agents.
     """
-    buckets, groups = [], len(blocks.groups) - 1
+    buckets = []
+    groups = len(blocks.groups) - 1
     differ = decided.leaves == OPEN
     for level in range(count):
         leaves = ((decided.leaves == level) | differ).nonzero()[0]

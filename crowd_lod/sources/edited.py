@@ -43,45 +43,42 @@ class Edited(Trajectory):
     """
 
     def __init__(self, own: Trajectory, edits: Sequence[Edit]):
-        self.edits, count = tuple(edits), len(own.start)
-        group, hidden = own.start.group.copy(), np.zeros(count, bool)
+        self.edits = tuple(edits)
+        group = own.start.group.copy()
+        hidden = np.zeros(len(group), bool)
         for edit in edits:
             hidden[edit.agents] |= edit.hide
             if edit.group is not None:
                 group[edit.agents] = edit.group
-        self.own = own = own if np.array_equal(group, own.start.group) else own.regrouped(group)
-        self._shown = ~hidden if hidden.any() else None
-        self._moved, self._move = _summed(edits, lambda edit: edit.move)
-        self._turned, self._turn = _summed(edits, lambda edit: (edit.turn,))
-        aside = self._move[:, :2].any(axis=1)
-        self._aside = self._moved[aside], self._move[aside, 2]
-        self.groups, self.gaits, self.heights, self.ids = (
-            own.groups,
-            own.gaits,
-            own.heights,
-            own.ids,
-        )
+        if not np.array_equal(group, own.start.group):
+            own = own.regrouped(group)
+        self.own = own
+        self._visible = ~hidden if hidden.any() else None
+        self._moved, self._move = _sum_edits(edits, lambda edit: edit.move)
+        self._turned, self._turn = _sum_edits(edits, lambda edit: (edit.turn,))
+        is_aside = self._move[:, :2].any(axis=1)
+        self._aside = self._moved[is_aside]
+        self._above_ground = self._move[is_aside, 2]
+        self.groups = own.groups
+        self.gaits = own.gaits
+        self.heights = own.heights
+        self.ids = own.ids
         self.given_phases = own.given_phases
-        self.seconds_per_frame, self.every, self.first_frame = (
-            own.seconds_per_frame,
-            own.every,
-            own.first_frame,
-        )
-        # of each column, what it was made of, and itself: of a crowd that stands still it stays the
-        # same
-        self._made: dict[str, tuple[list[Any], np.ndarray]] = {}
+        self.seconds_per_frame = own.seconds_per_frame
+        self.every = own.every
+        self.first_frame = own.first_frame
+        # of each column, what it was made of, and itself: it stays while the crowd stands still
+        self._columns: dict[str, tuple[list[Any], np.ndarray]] = {}
         self.start = self._of(own.start)
         self.leave = own.leave
-        places = needless_of_places(self.start, not self.level)
         behavior = {item for item in own.left_out if item.stage == "behavior"}
-        self.left_out = self.leave & (
-            behavior | {item for item in places if item.stage != "behavior"}
-        )
-        # blocks count on agents that are taken onto the area, or to its other side, where they
-        # cross its border
-        self._leaves_area = bool(len(self._moved)) and (
-            own.wraps or not _within(own.start, self._moved, own.area)
-        )
+        places = needless_of_places(self.start, not self.level)
+        elsewhere = {item for item in places if item.stage != "behavior"}
+        self.left_out = self.leave & (behavior | elsewhere)
+        # blocks count on agents that stay on the area where they cross its border: they are taken
+        # onto it, or to its other side
+        moves_off = own.wraps or not _all_on(own.start, self._moved, own.area)
+        self._leaves_area = bool(len(self._moved)) and moves_off
 
     @property
     def area(self) -> Area:
@@ -158,78 +155,83 @@ class Edited(Trajectory):
 
     def digests(self) -> dict[str, bytes]:
         """Return the trajectory's, and the edits."""
-        told = [
-            repr((each.move, each.turn, each.group, each.hide)).encode() + each.agents.tobytes()
-            for each in self.edits
+        edits = [
+            repr((edit.move, edit.turn, edit.group, edit.hide)).encode() + edit.agents.tobytes()
+            for edit in self.edits
         ]
-        return self.own.digests() | {"the exceptions": b"\0".join(told)}
+        return self.own.digests() | {"the exceptions": b"\0".join(edits)}
 
     def _of(self, crowd: Crowd) -> Crowd:
         """Return `crowd`, of the trajectory without edits, with them."""
-        changed = {}
+        columns = {}
         if len(self._moved):
-            for axis, name in enumerate("xy"):
-                changed[name] = self._column(
-                    name, [getattr(crowd, name)], lambda column, k=axis: self._shifted(column, k)
-                )
-            aside = replace(crowd, **changed)
-            changed["z"] = self._column(
-                "z", [crowd.x, crowd.y, crowd.z], lambda *_: self._raised(aside)
-            )
+            columns["x"] = self._column("x", [crowd.x], lambda x: self._shift(x, 0))
+            columns["y"] = self._column("y", [crowd.y], lambda y: self._shift(y, 1))
+            aside = replace(crowd, **columns)
+            parts = [crowd.x, crowd.y, crowd.z]
+            columns["z"] = self._column("z", parts, lambda *_: self._raise(aside))
         if len(self._turned):
-            changed["heading"] = self._column("heading", [crowd.heading], self._headed)
-        if self._shown is not None:
-            shown = self._shown
-            changed["present"] = self._column(
-                "present", [crowd.present], lambda there: shown if there is None else there & shown
+            columns["heading"] = self._column("heading", [crowd.heading], self._rotate)
+        visible = self._visible
+        if visible is not None:
+            columns["present"] = self._column(
+                "present",
+                [crowd.present],
+                lambda present: visible if present is None else present & visible,
             )
-        return replace(crowd, **changed) if changed else crowd
+        return replace(crowd, **columns) if columns else crowd
 
     def _column(self, name: str, parts: list[Any], make: Callable[..., np.ndarray]) -> np.ndarray:
-        known = self._made.get(name)
-        if known is None or not all(a is b for a, b in zip(known[0], parts, strict=True)):
-            known = self._made[name] = parts, make(*parts)
-        return known[1]
+        """Return what `make` makes of the `parts`; the same array where the parts are the same."""
+        cached = self._columns.get(name)
+        if cached is not None and all(a is b for a, b in zip(cached[0], parts, strict=True)):
+            return cached[1]
+        column = make(*parts)
+        self._columns[name] = parts, column
+        return column
 
-    def _shifted(self, column: np.ndarray, axis: int) -> np.ndarray:
+    def _shift(self, column: np.ndarray, axis: int) -> np.ndarray:
         column = column.copy()
         column[self._moved] += self._move[:, axis]
         return column
 
-    def _raised(self, crowd: Crowd) -> np.ndarray:
+    def _raise(self, crowd: Crowd) -> np.ndarray:
         """Return the heights of a crowd that is moved aside already."""
-        z, (agents, above) = self._shifted(crowd.z, 2), self._aside
-        ground = self.own.ground(crowd, agents) if len(agents) else None
+        z = self._shift(crowd.z, 2)
+        ground = self.own.ground(crowd, self._aside) if len(self._aside) else None
         if ground is not None:
-            z[agents] = ground + above
+            z[self._aside] = ground + self._above_ground
         return z
 
-    def _headed(self, heading: np.ndarray) -> np.ndarray:
+    def _rotate(self, heading: np.ndarray) -> np.ndarray:
         heading = heading.copy()
         heading[self._turned] += self._turn[:, 0].astype(np.float32)
         return heading
 
 
-def _summed(
-    edits: Sequence[Edit], of: Callable[[Edit], tuple[float, ...]]
+def _sum_edits(
+    edits: Sequence[Edit], value_of: Callable[[Edit], tuple[float, ...]]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return (agents (k,) intp, sums (k, w)) of those for whom an edit has more than zeros.
 
     The agents are increasing.
     """
-    found = [(edit.agents, np.array(of(edit), np.float64)) for edit in edits if any(of(edit))]
-    if not found:
+    pairs = [
+        (edit.agents, np.array(value_of(edit), np.float64)) for edit in edits if any(value_of(edit))
+    ]
+    if not pairs:
         return np.empty(0, np.intp), np.empty((0, 3))
-    agents = np.unique(np.concatenate([own for own, _ in found]))
-    values = np.zeros((len(agents), len(found[0][1])))
-    for own, value in found:
-        values[np.searchsorted(agents, own)] += value
-    return agents, values
+    all_agents = np.unique(np.concatenate([agents for agents, _ in pairs]))
+    sums = np.zeros((len(all_agents), len(pairs[0][1])))
+    for agents, value in pairs:
+        sums[np.searchsorted(all_agents, agents)] += value
+    return all_agents, sums
 
 
-def _within(crowd: Crowd, agents: np.ndarray, area: Area) -> bool:
+def _all_on(crowd: Crowd, agents: np.ndarray, area: Area) -> bool:
     """Return whether all `agents` stand on the area."""
-    x, y = crowd.x[agents], crowd.y[agents]
-    return bool(
-        ((x >= area.x_min) & (x <= area.x_max) & (y >= area.y_min) & (y <= area.y_max)).all()
-    )
+    x = crowd.x[agents]
+    y = crowd.y[agents]
+    on_x = (x >= area.x_min) & (x <= area.x_max)
+    on_y = (y >= area.y_min) & (y <= area.y_max)
+    return bool((on_x & on_y).all())

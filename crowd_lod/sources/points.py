@@ -42,7 +42,8 @@ class Snapshot:
     def same(self, other: "Snapshot") -> bool:
         """Return whether both hold the same."""
         return all(
-            _same(getattr(self, each.name), getattr(other, each.name)) for each in fields(self)
+            _same(getattr(self, column.name), getattr(other, column.name))
+            for column in fields(self)
         )
 
 
@@ -62,48 +63,44 @@ class Drawn:
     group: np.ndarray
     phase_class: np.ndarray
 
-    def holds(self, found: Snapshot, seed: int, draw: Draw) -> bool:
-        """Return whether it holds for the agents `found`."""
-        alike = len(self.key) == len(found.x) and _same(self.ids, found.ids)
+    def holds(self, points: Snapshot, seed: int, draw: Draw) -> bool:
+        """Return whether it holds for the agents of `points`."""
+        alike = len(self.key) == len(points.x) and _same(self.ids, points.ids)
         return alike and (self.seed, self.draw) == (seed, draw)
 
 
-def drawn_for(found: Snapshot, seed: int, draw: Draw) -> Drawn:
-    """Draw for the agents `found` from the groups of `draw`, all as likely, and their variants."""
-    key = _keys(found, seed)
-    which = (random_streams.uniform(key, random_streams.THEN) * len(draw)).astype(np.intp)
+def draw_for(points: Snapshot, seed: int, draw: Draw) -> Drawn:
+    """Draw for the agents of `points` from the groups of `draw`, all as likely, and variants."""
+    key = _keys(points, seed)
+    choice = (random_streams.uniform(key, random_streams.THEN) * len(draw)).astype(np.intp)
+    group = draw.draw_variants(draw.groups[choice], key)
     classes = _classes(random_streams.uniform(key, random_streams.STATE))
-    return Drawn(found.ids, seed, draw, key, draw.draw_variants(draw.groups[which], key), classes)
+    return Drawn(points.ids, seed, draw, key, group, classes)
 
 
-def dressed(found: Snapshot, seed: int, draw: Draw) -> Snapshot:
-    """Return the agents `found` with the variants of their groups, where these are known and have
-    some.
-    """
-    if found.group is None or all(len(own) == 1 for own in draw.variants):
-        return found
-    return replace(found, group=draw.draw_variants(found.group, _keys(found, seed)))
+def draw_group_variants(points: Snapshot, seed: int, draw: Draw) -> Snapshot:
+    """Return the points with variants of their groups, where groups are known and have some."""
+    if points.group is None or all(len(variants) == 1 for variants in draw.variants):
+        return points
+    return replace(points, group=draw.draw_variants(points.group, _keys(points, seed)))
 
 
-def _keys(found: Snapshot, seed: int) -> np.ndarray:
-    return (
-        random_streams.keys(seed, len(found.x))
-        if found.ids is None
-        else random_streams.keys_of(seed, found.ids)
-    )
+def _keys(points: Snapshot, seed: int) -> np.ndarray:
+    if points.ids is None:
+        return random_streams.keys(seed, len(points.x))
+    return random_streams.keys_of(seed, points.ids)
 
 
 class Points(Trajectory):
-    """Agents that stand where an object's points are now; where they are at any other time is not
-    known.
+    """Agents that stand where an object's points are now, and at no other time.
 
     Agents whose group is not known get one at random, of those chosen. If the phase is not known
     they play by time, however they move; if the heading is not, they face +x. Velocities are not
     known, so there are no blocks: every agent is tested.
 
-    found: the points.
-    drawn: see `drawn_for`.
-    time: in frames, when the points were found.
+    points: where they are.
+    drawn: see `draw_for`.
+    time: in frames, at which the points are there.
     groups, seconds: the character groups, and seconds per frame.
     name: the object's, for messages.
     """
@@ -113,36 +110,37 @@ class Points(Trajectory):
 
     def __init__(
         self,
-        found: Snapshot,
+        points: Snapshot,
         drawn: Drawn,
         time: float,
         groups: Sequence[Group],
         seconds: float,
         name: str,
     ):
-        self.found, self.drawn, self.time, self.name = found, drawn, time, name
-        self.groups, self.seconds_per_frame, self.first_frame, self.ids = (
-            tuple(groups),
-            seconds,
-            int(time),
-            found.ids,
-        )
-        phased = found.phase is not None
-        self.given_phases = np.ones(len(found.x), bool) if phased else None
-        per_second = [
-            1 / group.period if group.period > 0 and not phased else 0.0 for group in groups
+        self.points = points
+        self.drawn = drawn
+        self.time = time
+        self.name = name
+        self.groups = tuple(groups)
+        self.seconds_per_frame = seconds
+        self.first_frame = int(time)
+        self.ids = points.ids
+        count = len(points.x)
+        has_phases = points.phase is not None
+        self.given_phases = np.ones(count, bool) if has_phases else None
+        rates = [
+            1 / group.period if group.period > 0 and not has_phases else 0.0 for group in groups
         ]
-        self.gaits = Gaits(
-            CLASSES, Paces(np.zeros(1), np.zeros((1, 1), np.uint8)), np.array(per_second)[:, None]
-        )
+        one_pace = Paces(np.zeros(1), np.zeros((1, 1), np.uint8))
+        self.gaits = Gaits(CLASSES, one_pace, np.array(rates)[:, None])
         self.start = Crowd(
-            found.x,
-            found.y,
-            found.z,
-            heading=np.zeros(len(found.x), np.float32) if found.heading is None else found.heading,
-            state=np.zeros(len(found.x), np.uint8),
-            group=drawn.group if found.group is None else found.group,
-            phase_class=drawn.phase_class if found.phase is None else _classes(found.phase),
+            points.x,
+            points.y,
+            points.z,
+            heading=np.zeros(count, np.float32) if points.heading is None else points.heading,
+            state=np.zeros(count, np.uint8),
+            group=drawn.group if points.group is None else points.group,
+            phase_class=drawn.phase_class if points.phase is None else _classes(points.phase),
             key=drawn.key,
         )
         self.leave: frozenset[LeftOut] = ALL
@@ -151,15 +149,15 @@ class Points(Trajectory):
     @property
     def area(self) -> Area:
         """The rectangle about the agents, and the largest sphere's radius more."""
-        x, y, z = self.found.x, self.found.y, self.found.z
+        points = self.points
         around = max(group.radius for group in self.groups) or 1.0
-        edges = (
-            float(x.min()) - around,
-            float(y.min()) - around,
-            float(x.max()) + around,
-            float(y.max()) + around,
+        return Area(
+            float(points.x.min()) - around,
+            float(points.y.min()) - around,
+            float(points.x.max()) + around,
+            float(points.y.max()) + around,
+            float(points.z.min()),
         )
-        return Area(*edges, float(z.min()))
 
     @property
     def states(self) -> States:
@@ -175,33 +173,29 @@ class Points(Trajectory):
         if abs(time - self.time) > SAME_TIME:
             raise CrowdError(
                 f"Where the points of {self.name} are at frame {time:g} is not known at frame "
-                f"{self.time:g}: press Record Points, "
-                "which writes down where they are in all frames of the shot."
+                f"{self.time:g}: press Record Points, which writes down where they are in all "
+                "frames of the shot."
             )
         return self.start
 
     def regrouped(self, group: np.ndarray) -> "Points":
         """Return the same crowd with its agents in the groups `group`."""
-        found = replace(self.found, group=group)
-        return Points(found, self.drawn, self.time, self.groups, self.seconds_per_frame, self.name)
+        return self._with(replace(self.points, group=group))
 
     def leaving(self, leave: frozenset[LeftOut], time: float) -> "Points":
         """Return the same crowd with only `leave` left out."""
-        other = Points(
-            self.found, self.drawn, self.time, self.groups, self.seconds_per_frame, self.name
-        )
-        other.leave, other.left_out = leave, leave & self.left_out
+        other = self._with(self.points)
+        other.leave = leave
+        other.left_out = leave & self.left_out
         return other
 
+    def _with(self, points: Snapshot) -> "Points":
+        return Points(points, self.drawn, self.time, self.groups, self.seconds_per_frame, self.name)
+
     def digests(self) -> dict[str, bytes]:
-        """Return which points they are, not where: they follow the object, and no shot plan is made
-        for them.
-        """
-        return {
-            "the points": repr(
-                (self.name, self.drawn.seed, tuple(self.drawn.draw.groups.tolist()))
-            ).encode()
-        }
+        """Return which points they are, not where: no shot plan is made for them."""
+        groups = tuple(self.drawn.draw.groups.tolist())
+        return {"the points": repr((self.name, self.drawn.seed, groups)).encode()}
 
 
 def _classes(phase: np.ndarray) -> np.ndarray:

@@ -24,8 +24,7 @@ FINEST = 10**6  # the largest whole number that file frames a scene's frame are 
 
 @dataclass(eq=False)
 class Recorded(Trajectory):
-    """The agents of tracks, each at the place that its rows tell, in a straight line between two of
-    them.
+    """The agents of tracks, each at the place of its rows, in a straight line between two of them.
 
     The first frame of the file is played at `first_frame`; before it, and after the last, the crowd
     stands as in it. Agents are in the order of their ids.
@@ -52,21 +51,21 @@ class Recorded(Trajectory):
     every: int = 16
 
     def __post_init__(self) -> None:
-        tracks, samples = self.tracks, self.tracks.samples
+        tracks = self.tracks
+        samples = tracks.samples
         if samples.z is not None and not isinstance(self.heights, Terrain):
             self.heights = None  # the file tells where agents stand
-        self.ids, count = tracks.ids, len(tracks.ids)
+        self.ids = tracks.ids
+        count = len(tracks.ids)
         self.given_phases = np.ones(count, bool) if tracks.phased else None
         key = random_streams.keys_of(self.seed, tracks.ids)
         self.gaits = gaits_of(self.groups, Paces(tracks.paces, np.zeros((0, 0), np.uint8)), CLASSES)
         self._per_meter = cycles_of(self.groups)[self.group, 0]
         self._begun = random_streams.uniform(key, random_streams.STATE)  # cycles
         ratio = Fraction(self.seconds_per_frame * tracks.rate).limit_denominator(FINEST)
-        self._ratio = (
-            (float(ratio.numerator), float(ratio.denominator))
-            if ratio
-            else (self.seconds_per_frame * tracks.rate, 1.0)
-        )
+        self._ratio = self.seconds_per_frame * tracks.rate, 1.0
+        if ratio:
+            self._ratio = float(ratio.numerator), float(ratio.denominator)
         self._ends = samples.frame[tracks.ends]
         # of each column, the values at which agents enter, and at which they leave
         names = ("x", "y", "z", "heading", "way")
@@ -91,9 +90,7 @@ class Recorded(Trajectory):
         self.left_out = self.leave & needless_of_places(self.start, not self.level)
 
     def file_frame(self, time: float) -> float:
-        """Return the frame of the file, whole or not, that is played at `time`, in frames of the
-        scene.
-        """
+        """Return the frame of the file, whole or not, that is played at a frame of the scene."""
         times, by = self._ratio
         return self.tracks.first + (time - self.first_frame) * times / by
 
@@ -104,22 +101,25 @@ class Recorded(Trajectory):
 
     def at(self, time: float) -> Crowd:
         """Return the crowd at `time`, in frames."""
-        known = self._latest
-        if known is None or known[0] != time:
-            known = self._latest = time, self._made(time)
-        return known[1]
+        latest = self._latest
+        if latest is None or latest[0] != time:
+            latest = time, self._crowd_at(time)
+            self._latest = latest
+        return latest[1]
 
     def digests(self) -> dict[str, bytes]:
         """Return all samples, who the agents are and where, and the ground."""
-        own = repr(
-            (self.first_frame, self.seconds_per_frame, self.seed, self.offset, self.tilts)
-        ).encode()
-        found = {"the tracks": self.tracks.digest, "the crowd": own + self.group.tobytes()}
-        if self.heights is None:
-            return found
-        ground = "the terrain" if isinstance(self.heights, Terrain) else "the height map"
-        area = b"" if isinstance(self.heights, Terrain) else repr(self.heights.area).encode()
-        return found | {ground: area + self.heights.digest()}
+        settings = self.first_frame, self.seconds_per_frame, self.seed, self.offset, self.tilts
+        digests = {
+            "the tracks": self.tracks.digest,
+            "the crowd": repr(settings).encode() + self.group.tobytes(),
+        }
+        if isinstance(self.heights, Terrain):
+            digests["the terrain"] = self.heights.digest()
+        elif self.heights is not None:
+            area = repr(self.heights.area).encode()
+            digests["the height map"] = area + self.heights.digest()
+        return digests
 
     def leaving(self, leave: frozenset[LeftOut], time: float) -> "Recorded":
         """Return the same crowd with only `leave` left out."""
@@ -149,25 +149,26 @@ class Recorded(Trajectory):
     @property
     def told(self) -> str:
         """What the file has, and which frames of the scene play it."""
-        since, until = (
-            f"{self.scene_frame(frame):.6g}" for frame in (self.tracks.first, self.tracks.last)
-        )
-        return f"{self.tracks.told} It plays from frame {since} to {until} of the scene."
+        first = self.scene_frame(self.tracks.first)
+        last = self.scene_frame(self.tracks.last)
+        return f"{self.tracks.told} It plays from frame {first:.6g} to {last:.6g} of the scene."
 
     def velocity(self, since: float, until: float) -> VelocityBounds:
-        """Return the bounds of the steps between rows in that time, and of the climbing of who
-        makes them.
-        """
-        found = self.tracks.bounds.between(self.file_frame(since), self.file_frame(until))
-        if isinstance(self.heights, Terrain):  # which may have steps of any height
-            flat = found.low * (1, 1, 0), found.high * (1, 1, 0)
-            return VelocityBounds(*flat, found.fastest, self.heights.span[1] - self.heights.span[0])
+        """Return the bounds of the steps between rows in that time, and of the ground's climbs."""
+        bounds = self.tracks.bounds.between(self.file_frame(since), self.file_frame(until))
         if self.heights is None:
-            return found
-        climb = (np.array(self.heights.steepest) * np.maximum(-found.low, found.high)[:2]).sum()
-        return VelocityBounds(
-            np.append(found.low[:2], -climb), np.append(found.high[:2], climb), found.fastest
-        )
+            return bounds
+        if isinstance(self.heights, Terrain):  # which may have steps of any height
+            lowest, highest = self.heights.span
+            level = np.array((1, 1, 0))
+            return VelocityBounds(
+                bounds.low * level, bounds.high * level, bounds.fastest, highest - lowest
+            )
+        fastest = np.maximum(-bounds.low, bounds.high)[:2]
+        climb = (np.array(self.heights.steepest) * fastest).sum()
+        low = np.append(bounds.low[:2], -climb)
+        high = np.append(bounds.high[:2], climb)
+        return VelocityBounds(low, high, bounds.fastest)
 
     def tilt(self, crowd: Crowd, agents: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """Return (pitch, roll) of `agents` on the ground, if they align to its slopes."""
@@ -179,22 +180,20 @@ class Recorded(Trajectory):
 
     def ground(self, crowd: Crowd, agents: np.ndarray) -> np.ndarray | None:
         """Return the height of the ground under `agents`."""
-        return (
-            None
-            if self.heights is None
-            else self.heights.at(crowd.x[agents], crowd.y[agents], crowd.z[agents])
-        )
+        if self.heights is None:
+            return None
+        return self.heights.at(crowd.x[agents], crowd.y[agents], crowd.z[agents])
 
-    def _made(self, time: float) -> Crowd:
-        tracks, samples, count = self.tracks, self.tracks.samples, len(self.tracks.ids)
-        asked = self.file_frame(time)
-        frame = min(max(asked, tracks.first), tracks.last)
+    def _crowd_at(self, time: float) -> Crowd:
+        tracks = self.tracks
+        samples = tracks.samples
+        count = len(tracks.ids)
+        file_frame = self.file_frame(time)
+        frame = min(max(file_frame, tracks.first), tracks.last)
         rows = tracks.holding(frame)
-        agent, after, since = (
-            in_a_row(samples.agent[rows]),
-            in_a_row(samples.after[rows]),
-            samples.frame[rows],
-        )
+        agent = in_a_row(samples.agent[rows])
+        after = in_a_row(samples.after[rows])
+        since = samples.frame[rows]
         passed = samples.frame[after] - since
         part = np.divide(frame - since, passed, out=np.zeros(len(since)), where=passed > 0)
         left = self._ends[1] < frame if len(since) < count else None
@@ -204,18 +203,20 @@ class Recorded(Trajectory):
             return np.empty_like(enters) if left is None else np.where(left, leaves, enters)
 
         def between(name: str, aside: float = 0.0) -> np.ndarray:
-            values, found = getattr(samples, name), around(*self._at_ends[name])
+            values = getattr(samples, name)
+            column = around(*self._at_ends[name])
             begin = values[rows]
-            found[agent] = begin + part * (values[after] - begin)
-            return found + aside if aside else found
+            column[agent] = begin + part * (values[after] - begin)
+            return column + aside if aside else column
 
-        def stepped(values: np.ndarray) -> np.ndarray:
-            found = np.zeros(count, np.uint8)
-            if frame == asked:  # in a crowd that stands as in its first or last frame nobody walks
-                found[agent] = values[rows]
-            return found
+        def of_row(values: np.ndarray) -> np.ndarray:
+            column = np.zeros(count, np.uint8)
+            if frame == file_frame:  # before the first frame and after the last nobody walks
+                column[agent] = values[rows]
+            return column
 
-        x, y = between("x", self.offset[0]), between("y", self.offset[1])
+        x = between("x", self.offset[0])
+        y = between("y", self.offset[1])
         heading = around(*self._at_ends["heading"])
         heading[agent] = samples.heading[rows] + part.astype(np.float32) * samples.turn[rows]
         z = self._at_level
@@ -227,14 +228,15 @@ class Recorded(Trajectory):
             z = self.heights.at(x, y, last)
         elif samples.z is not None:
             z = between("z", self.offset[2])
-        pace, present = stepped(samples.pace), np.zeros(count, bool)
+        pace = of_row(samples.pace)
+        present = np.zeros(count, bool)
         present[agent] = ~samples.hidden[rows]
         return Crowd(
             x,
             y,
             z,
             heading,
-            state=stepped(samples.walks),
+            state=of_row(samples.walks),
             phase_class=self._classes(between("way"), pace, time),
             pace=pace,
             present=None if present.all() else present,
@@ -246,25 +248,29 @@ class Recorded(Trajectory):
 
         None on a single floor.
         """
-        samples, ground = self.tracks.samples, self.heights
+        samples = self.tracks.samples
+        ground = self.heights
         if ground is None or not ground.layered:
             return None
         if samples.z is not None:
             return samples.z + self.offset[2]
-        found, rows, last = np.empty(len(samples.x)), self.tracks.ends[0], self._at_level
+        heights = np.empty(len(samples.x))
+        rows = self.tracks.ends[0]
+        last = self._at_level
         while len(rows):
             breath()
-            found[rows] = ground.at(
-                samples.x[rows] + self.offset[0], samples.y[rows] + self.offset[1], last
-            )
-            goes = samples.after[rows] != rows
-            last, rows = found[rows[goes]], samples.after[rows[goes]].astype(np.intp)
-        return found
+            x = samples.x[rows] + self.offset[0]
+            y = samples.y[rows] + self.offset[1]
+            heights[rows] = ground.at(x, y, last)
+            goes_on = samples.after[rows] != rows
+            last = heights[rows[goes_on]]
+            rows = samples.after[rows[goes_on]].astype(np.intp)
+        return heights
 
     def _classes(self, way: np.ndarray, pace: np.ndarray, time: float) -> np.ndarray:
         """Return the phase classes (n,) uint8 whose poses at `time` are nearest to those walked.
 
-        way: (n,), as in Samples. A group without a stride plays by time, and its agents keep their
+        way: (n,), as in TrackSamples. A group without a stride plays by time, and its agents keep their
         class.
         """
         seconds = self.seconds(time)

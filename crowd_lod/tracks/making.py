@@ -13,7 +13,7 @@ from ..progress import at_once, breath
 from . import motion
 from .order import numbered, order_by
 from .rows import ASKED, UNITS, Rows
-from .samples import Samples
+from .samples import TrackSamples
 from .tracks import Tracks
 
 HIDES = 2.0  # seconds; a gap longer than that hides the agent
@@ -62,9 +62,9 @@ def tracks_of(rows: Rows, where: str) -> Tracks:
     after[leaves] = place[leaves]
     columns = {**columns, **made, "hidden": hidden, "after": after}
     breath()
-    kept: dict[str, Any] = {each.name: columns.get(each.name) for each in fields(Samples)}
+    kept: dict[str, Any] = {each.name: columns.get(each.name) for each in fields(TrackSamples)}
     kept |= _taken({name: column for name, column in kept.items() if column is not None}, order)
-    samples = Samples(**kept)
+    samples = TrackSamples(**kept)
     return Tracks(
         ids,
         samples,
@@ -162,7 +162,7 @@ def _moving(
     ids: np.ndarray,
     step: float,
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Return the columns of Samples that follow from the motion, by agents, and the paces.
+    """Return the columns of TrackSamples that follow from the motion, by agents, and the paces.
 
     step: seconds between most rows.
     """

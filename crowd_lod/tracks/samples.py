@@ -6,7 +6,7 @@ import numpy as np
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class TrackSamples:
     """The rows of a file, each with what holds until the agent's next row, in the order of Tracks.
 
     agent: (k,) int32.

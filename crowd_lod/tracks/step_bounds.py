@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..crowd.velocity_bounds import STANDING, VelocityBounds
-from .samples import Samples
+from .samples import TrackSamples
 
 SPAN = 0.5  # seconds, of which one bound is kept
 MOST = 20_000  # such spans
@@ -21,7 +21,7 @@ class StepBounds:
 
     def __init__(
         self,
-        samples: Samples,
+        samples: TrackSamples,
         classes: tuple[tuple[int, int, float], ...],
         frames: tuple[float, float],
         rate: float,

@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .samples import Samples
+from .samples import TrackSamples
 from .step_bounds import StepBounds
 
 Places = slice | np.ndarray  # of values in a column: (m,) intp, or where they follow one another
@@ -28,14 +28,14 @@ class Tracks:
     ends: (2, n) intp, the sample at which each agent enters, and that at which it leaves.
     rate: frames of the file a second.
     paces: (P,) float64 m/s.
-    phased: whether Samples.way counts cycles.
+    phased: whether TrackSamples.way counts cycles.
     group: (n,) whole numbers or texts, what the file tells of each agent's group, or None.
     told: a sentence on the file.
     meters: in the unit of its lengths, see in_units.
     """
 
     ids: np.ndarray
-    samples: Samples
+    samples: TrackSamples
     classes: tuple[tuple[int, int, float], ...]
     ends: np.ndarray
     rate: float

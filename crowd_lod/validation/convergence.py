@@ -19,7 +19,8 @@ def listing(crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float
     One read and one move of any length, through walls too, clamped to the map, without timers.
     """
     label = world.at(crowd.x, crowd.y)
-    velocity, area = machine.velocity[crowd.state, label], world.area
+    velocity = machine.velocity[crowd.state, label]
+    area = world.area
     x = np.clip(crowd.x + velocity[:, 0] * seconds, area.x_min, area.x_max)
     y = np.clip(crowd.y + velocity[:, 1] * seconds, area.y_min, area.y_max)
     return replace(crowd, x=x, y=y, state=machine.following(crowd.state, label, crowd.key))

@@ -121,7 +121,8 @@ def random_camera(random: np.random.Generator, lens: str) -> Camera:
     width, height = random.integers(10, 4000, size=2).tolist()
     pixels = width, height
     fit = ("AUTO", "HORIZONTAL", "VERTICAL")[random.integers(3)]
-    aspect, shifts = tuple(random.uniform(0.5, 2, 2)), tuple(random.uniform(-shift, shift, 2))
+    aspect = tuple(random.uniform(0.5, 2, 2))
+    shifts = tuple(random.uniform(-shift, shift, 2))
     shape = window(10.0 ** random.uniform(low, high), fit, pixels, aspect, shifts)
     near = 10.0 ** random.uniform(-2, 0)
     camera = Camera(
@@ -155,7 +156,8 @@ def _audits(
     lens: str, pairs: int, random: np.random.Generator, on_planes: float, agents: int
 ) -> Iterator[Verdict]:
     while pairs > 0:
-        camera, count = random_camera(random, lens), min(pairs, agents)
+        camera = random_camera(random, lens)
+        count = min(pairs, agents)
         radius = 10.0 ** random.uniform(-3, 1.5, 8)
         group = random.integers(len(radius), size=count, dtype=np.uint8)
         yield check(camera, scatter(camera, radius[group], random, on_planes), radius, group)

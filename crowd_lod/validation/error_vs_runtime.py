@@ -178,8 +178,10 @@ def plain(view: View, center: np.ndarray, radius: np.ndarray, way: str) -> np.nd
     mask = np.zeros(len(crowd), bool)
     for camera in cameras:
         v = relative(crowd, camera, center, way)
-        kind, r = v[0].dtype, radius.astype(v[0].dtype)[crowd.group]
-        frustum, ok = frustum_of(camera), np.ones(len(crowd), bool)
+        kind = v[0].dtype
+        r = radius.astype(v[0].dtype)[crowd.group]
+        frustum = frustum_of(camera)
+        ok = np.ones(len(crowd), bool)
         for normal, offset in zip(
             frustum.normals.astype(kind), frustum.offsets.astype(kind), strict=True
         ):
@@ -348,7 +350,8 @@ def levels(
             for way in WAYS:
                 method = partial(_levels, center=center, radius=radius, policy=policy, way=way)
                 found = each(there, method)
-                wrong, worst = 0, 0.0
+                wrong = 0
+                worst = 0.0
                 for (crowd, (camera,)), (distance, ids) in zip(there, found, strict=True):
                     radial = policy.metric == "RADIAL" or camera.kind == "PANO"
                     truth = exact_levels(
@@ -385,7 +388,8 @@ def _levels(
 ) -> tuple[np.ndarray, np.ndarray]:
     crowd, (camera,) = view
     x, y, z = relative(crowd, camera, center, way)
-    Z, bounds = camera.Z.astype(x.dtype), limits(policy, camera, radius).astype(x.dtype)
+    Z = camera.Z.astype(x.dtype)
+    bounds = limits(policy, camera, radius).astype(x.dtype)
     radial = policy.metric == "RADIAL" or camera.kind == "PANO"
     distance = np.sqrt(x * x + y * y + z * z) if radial else x * Z[0] + y * Z[1] + z * Z[2]
     return distance, assign(distance, bounds, crowd.group)

@@ -18,7 +18,10 @@ from ..crowd.state_machine import StateMachine
 
 # Pieces of a step after which the judge gives up: numbers that are never rounded grow with each.
 MOST_PIECES = 1_000
-ARRIVED, CHATTERS, UNKNOWN = "arrived", "chatters", "unknown"  # how a step ends
+# how a step ends
+ARRIVED = "arrived"
+CHATTERS = "chatters"
+UNKNOWN = "unknown"
 
 
 @dataclass(frozen=True)

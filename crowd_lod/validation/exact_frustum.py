@@ -23,7 +23,9 @@ def sees(camera: Camera, center: Sequence[float] | np.ndarray, radius: float) ->
     radius: meters.
     """
     v = [F(float(p)) - F(float(c)) for p, c in zip(center, camera.origin, strict=True)]
-    r, near, far = F(float(radius)), F(float(camera.near)), F(float(camera.far))
+    r = F(float(radius))
+    near = F(float(camera.near))
+    far = F(float(camera.far))
     if camera.kind == "PANO":
         square = sum(p * p for p in v)
         return square <= (far + r) ** 2 and (r >= near or square >= (near - r) ** 2)
@@ -61,11 +63,10 @@ def seen(camera: Camera, centers: np.ndarray, radius: np.ndarray) -> tuple[np.nd
     radius: (n,) meters.
     """
     v = centers - camera.origin
-    size, loose = (
-        np.abs(v).sum(axis=1) + np.abs(camera.origin).sum(),
-        256 * np.finfo(np.float64).eps,
-    )
-    no, maybe = np.zeros(len(v), bool), np.zeros(len(v), bool)
+    size = np.abs(v).sum(axis=1) + np.abs(camera.origin).sum()
+    loose = 256 * np.finfo(np.float64).eps
+    no = np.zeros(len(v), bool)
+    maybe = np.zeros(len(v), bool)
     # outside by, the scale and the offset that round
     tests: list[tuple[np.ndarray, float, float]] = []
     with np.errstate(over="ignore", under="ignore"):
@@ -93,7 +94,8 @@ def seen(camera: Camera, centers: np.ndarray, radius: np.ndarray) -> tuple[np.nd
             bound = loose * (scale * (size + radius) + offset) + 1e-150
             no |= out > bound
             maybe |= np.abs(out) <= bound
-    mask, doubtful = ~no, maybe & ~no
+    mask = ~no
+    doubtful = maybe & ~no
     for i in np.flatnonzero(doubtful):
         mask[i] = sees(camera, centers[i], radius[i])
     return mask, doubtful
@@ -117,16 +119,20 @@ def gap(camera: Camera, centers: np.ndarray) -> np.ndarray:
     all six planes and still miss the body at an edge or corner.
     centers: (n, 3) world meters.
     """
-    w, frame = camera.window, np.linalg.inv(np.array([camera.X, camera.Y, camera.Z]))
+    w = camera.window
+    frame = np.linalg.inv(np.array([camera.X, camera.Y, camera.Z]))
     points = []
     for depth in (camera.near, camera.far):
         at = 1.0 if camera.kind == "ORTHO" else depth
         rim = ((w.left, w.bottom), (w.right, w.bottom), (w.right, w.top), (w.left, w.top))
         points += [frame @ (at * x, at * y, depth) for x, y in rim]
-    ends, v = np.array(points), centers - camera.origin
+    ends = np.array(points)
+    v = centers - camera.origin
     faces = [(0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]
     edges = {tuple(sorted((f[i], f[(i + 1) % 4]))) for f in faces for i in range(4)}
-    least, inside, middle = np.full(len(v), np.inf), np.ones(len(v), bool), ends.mean(axis=0)
+    least = np.full(len(v), np.inf)
+    inside = np.ones(len(v), bool)
+    middle = ends.mean(axis=0)
     for a, b in edges:
         along = ends[b] - ends[a]
         part = ((v - ends[a]) @ along / max(along @ along, 1e-300)).clip(0, 1)
@@ -139,7 +145,8 @@ def gap(camera: Camera, centers: np.ndarray) -> np.ndarray:
         normal /= np.linalg.norm(normal)
         normal *= -1 if normal @ (middle - corners[0]) > 0 else 1
         middle_face = corners.mean(axis=0)
-        height, over = (v - middle_face) @ normal, np.ones(len(v), bool)
+        height = (v - middle_face) @ normal
+        over = np.ones(len(v), bool)
         for i in range(4):
             side = np.cross(normal, corners[(i + 1) % 4] - corners[i])
             over &= ((v - corners[i]) @ side) * ((middle_face - corners[i]) @ side) >= 0
@@ -156,7 +163,8 @@ def scatter(
     radius: (n,) meters.
     on_planes: the part of the points within a few roundings of where the sphere touches a plane.
     """
-    count, w = len(radius), camera.window
+    count = len(radius)
+    w = camera.window
     depth = random.uniform(-0.2, 1.2, count) * camera.far
     close = random.random(count) < 0.3
     depth[close] = camera.near * 10.0 ** random.uniform(-1, 2, close.sum())
@@ -175,7 +183,8 @@ def scatter(
     walls = _planes(camera, float)
     pick = np.where(random.random(count) < on_planes, random.integers(len(walls), size=count), -1)
     for k, (wall, offset) in enumerate(walls):
-        normal, mine = np.array(wall), pick == k
+        normal = np.array(wall)
+        mine = pick == k
         length = np.linalg.norm(normal)
         step = radius[mine] - (v[mine] @ normal - offset) / length
         v[mine] += (step * (1 + random.normal(size=mine.sum()) * 1e-16))[:, None] * (

@@ -60,7 +60,9 @@ def camera_of(
     side = np.cross((0.0, 1.0, 0.0) if abs(back[2]) > 0.9 else (0.0, 0.0, 1.0), back)
     side /= np.linalg.norm(side)
     matrix = np.eye(4)
-    matrix[:3, 0], matrix[:3, 1], matrix[:3, 2] = side, np.cross(back, side), back
+    matrix[:3, 0] = side
+    matrix[:3, 1] = np.cross(back, side)
+    matrix[:3, 2] = back
     matrix[:3, 3] = offset, -offset, offset
     size = 2 * np.tan(np.radians(fov) / 2) if kind == "PERSP" else fov
     return Camera(
@@ -88,10 +90,8 @@ def _at(camera: Camera, points: npt.ArrayLike, radius: float = 1.0) -> Maker:
 def _plain(count: int) -> Maker:
     def make(random: np.random.Generator) -> Spheres:
         points = np.zeros((count, 3))
-        points[:, 0], points[:, 1] = (
-            random.uniform(-500, 500, count),
-            random.uniform(-500, 500, count),
-        )
+        points[:, 0] = random.uniform(-500, 500, count)
+        points[:, 1] = random.uniform(-500, 500, count)
         return camera_of(far=300.0), points, np.array([1.0]), np.zeros(count, np.uint8)
 
     return make
@@ -178,7 +178,8 @@ def table(most: int = 10_000_000, seed: int = 0) -> Iterator[Row]:
 def _lost(seed: int) -> Row:
     camera, points, radius, group = _spread(camera_of())(np.random.default_rng(seed))
     points[[7, 90, 4]] = [[np.nan, 0, 0], [0, np.inf, 0], [0, 0, -np.inf]]
-    crowd, gone = standing(points, group), np.array([4, 7, 90])
+    crowd = standing(points, group)
+    gone = np.array([4, 7, 90])
     try:
         refuse_lost(lost(crowd), len(crowd))
         note = "not refused"

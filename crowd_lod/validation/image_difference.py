@@ -40,7 +40,8 @@ def between(a: np.ndarray, b: np.ndarray) -> Difference:
     most = off.max(axis=2)
     visible = int((most > VISIBLE).sum())
     finite = np.minimum(off, np.finfo(np.float32).max)
-    mean, rms = finite.mean(dtype=np.float64), np.sqrt(np.square(finite, dtype=np.float64).mean())
+    mean = finite.mean(dtype=np.float64)
+    rms = np.sqrt(np.square(finite, dtype=np.float64).mean())
     with np.errstate(invalid="ignore"):
         large = np.fmax(np.fmax(np.abs(a), np.abs(b)), 1.0)
         differs = (off > NOISE * large).any(axis=2) | np.isinf(most)

@@ -13,11 +13,10 @@ JUDGED = 10  # agents of a frame that are predicted worst, and as many others dr
 SEED = 36
 BEYOND = 1.01  # times what is allowed, from which on a pinned agent stands apart
 OVERSCAN = 0.5  # parts of the picture by which a crop may reach beyond each of its edges
-PINNED_APART, BLURRED_APART, FADING_APART = (
-    "pinned",
-    "blurred",
-    "in a cross-fade",
-)  # why agents stand apart
+# why agents stand apart
+PINNED_APART = "pinned"
+BLURRED_APART = "blurred"
+FADING_APART = "in a cross-fade"
 
 
 @dataclass(frozen=True)
@@ -101,7 +100,9 @@ def choose_agents(
 def _candidates(
     frame: Frame, agents: np.ndarray, levels: np.ndarray, tolerance: float | None
 ) -> _Candidates:
-    crowd, spheres, groups = frame.crowd, frame.trajectory.spheres, frame.trajectory.groups
+    crowd = frame.crowd
+    spheres = frame.trajectory.spheres
+    groups = frame.trajectory.groups
     group = crowd.group[agents].astype(np.intp)
     center = np.stack(
         [crowd.x[agents], crowd.y[agents], crowd.z[agents] + spheres.center[group]], axis=1
@@ -112,7 +113,8 @@ def _candidates(
     table = np.full((len(groups), int(levels.max()) + 1), np.nan)
     for g, bounds in enumerate(each.bounds[: table.shape[1]] for each in groups):
         table[g, : len(bounds)] = bounds
-    off, radius = table[group, levels], spheres.radius[group]
+    off = table[group, levels]
+    radius = spheres.radius[group]
     pixels = np.empty(len(agents))
     for e, camera in enumerate(frame.eyes):
         pixels[eye == e] = shown(off, depth, camera, radius)[eye == e]
@@ -150,8 +152,10 @@ def _of_all_kinds(group: np.ndarray, level: np.ndarray) -> np.ndarray:
 
 
 def _judged(frame: Frame, known: _Candidates, k: int, apart: str) -> JudgedAgent:
-    camera, group = frame.eyes[known.eye[k]], int(known.group[k])
-    off, radius = float(known.off[k]), float(frame.trajectory.spheres.radius[group])
+    camera = frame.eyes[known.eye[k]]
+    group = int(known.group[k])
+    off = float(known.off[k])
+    radius = float(frame.trajectory.spheres.radius[group])
     window = window_around(camera, known.center[k], radius + np.nan_to_num(off))
     stretch = _stretch(camera, window)
     # the LOD's surface may be nearer to the camera than the character's
@@ -201,15 +205,20 @@ def window_around(camera: Camera, center: np.ndarray, radius: float) -> Window:
     radius: meters.
     """
     x, y, depth = np.stack([camera.X, camera.Y, camera.Z]) @ (center - camera.origin)
-    low, high = np.array([x - radius, y - radius]), np.array([x + radius, y + radius])
+    low = np.array([x - radius, y - radius])
+    high = np.array([x + radius, y + radius])
     if camera.kind == "PERSP":
-        near, far = depth - radius, depth + radius
+        near = depth - radius
+        far = depth + radius
         if near <= 0:
-            low, high = np.full(2, -np.inf), np.full(2, np.inf)
+            low = np.full(2, -np.inf)
+            high = np.full(2, np.inf)
         else:
-            low, high = np.minimum(low / near, low / far), np.maximum(high / near, high / far)
+            low = np.minimum(low / near, low / far)
+            high = np.maximum(high / near, high / far)
     w = camera.window
-    least, most = np.array([w.left, w.bottom]), np.array([w.right, w.top])
+    least = np.array([w.left, w.bottom])
+    most = np.array([w.right, w.top])
     size = most - least
     low = np.clip(low, least - OVERSCAN * size, most)
     high = np.clip(high, least, most + OVERSCAN * size)

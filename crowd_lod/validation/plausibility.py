@@ -81,7 +81,8 @@ def check_climbs(
     sides, heights: the y and the z of the places, of which one is flat where the axes are
     exchanged.
     """
-    way, rise = float(ways.sum()), float(np.abs(rises).sum())
+    way = float(ways.sum())
+    rise = float(np.abs(rises).sum())
     is_flat = np.ptp(sides) < FLAT[0] and np.ptp(heights) > FLAT[1]
     if rise <= CLIMBS * way and not is_flat:
         return None

@@ -51,11 +51,10 @@ def to_text(result: dict) -> str:
 
 def verdict(result: dict) -> str:
     """Return in one sentence whether the proof of verify.json holds: culling, then silhouettes."""
-    rows, build = result["frames"], result["build"]
-    differ, wrong = (
-        sum(row["b_pixels"] for row in rows),
-        [row["frame"] for row in rows if not row["culling_ok"]],
-    )
+    rows = result["frames"]
+    build = result["build"]
+    differ = sum(row["b_pixels"] for row in rows)
+    wrong = [row["frame"] for row in rows if not row["culling_ok"]]
     culling = (
         f"culling changes {differ:,} {'pixel' if differ == 1 else 'pixels'}"
         if differ

@@ -92,7 +92,8 @@ def from_afar(one: np.ndarray, other: np.ndarray) -> list[float]:
     one, other: from `lit`. They are halved HALVINGS times, each pixel the mean of four; each time
         they look as from twice as far.
     """
-    pad, found = 2 ** (HALVINGS + 1), []
+    pad = 2 ** (HALVINGS + 1)
+    found = []
     # what stays empty about the smallest
     sides = [(pad, pad + -length % pad) for length in one.shape[:2]]
     one, other = (np.pad(each, [*sides, (0, 0)], constant_values=PAPER) for each in (one, other))
@@ -108,7 +109,8 @@ def _colors(
     body: Body, images: np.ndarray, triangle: np.ndarray, weights: np.ndarray
 ) -> np.ndarray:
     """Return linear colors (k, 3) at barycentric `weights` (k, 3) of triangles (k,)."""
-    colors, image = body.colors[triangle], body.image[triangle]
+    colors = body.colors[triangle]
+    image = body.image[triangle]
     some = np.flatnonzero(image >= 0)
     if len(some):
         size = images.shape[1]

@@ -8,8 +8,12 @@ import numpy as np
 from ..culling.camera import Camera
 from ..simplification import rasterizer
 
-TOUCHED, SOLID = 1e-6, 0.5  # coverage of a pixel
-AROUND, ABOVE = 8, 4  # directions at eye level, and from ABOVE_DEGREES above it
+# coverage of a pixel
+TOUCHED = 1e-6
+SOLID = 0.5
+# directions at eye level, and from ABOVE_DEGREES above it
+AROUND = 8
+ABOVE = 4
 ABOVE_DEGREES = 35.0
 # pixels of the masks across a pixel of the picture, and across the error that is expected, if that
 # is less
@@ -20,17 +24,17 @@ MOST_PIXELS = 1500  # of a mask's side: a larger one is rendered coarser
 ERROR = 2.2
 NEAR = 15  # times that error: more is not looked at closer
 # times finer, at most, where outlines are farthest apart, in tiles of so many pixels
-CLOSER, TILE, MOST_TILES = 12, 48, 12
+CLOSER = 12
+TILE = 48
+MOST_TILES = 12
 
 
 def directions() -> np.ndarray:
     """Return (AROUND + ABOVE, 3) unit vectors from the character to the camera."""
     level = 2 * np.pi * np.arange(AROUND) / AROUND
     raised = 2 * np.pi * (np.arange(ABOVE) + 0.5) / ABOVE
-    azimuth, elevation = (
-        np.append(level, raised),
-        np.radians([0.0] * AROUND + [ABOVE_DEGREES] * ABOVE),
-    )
+    azimuth = np.append(level, raised)
+    elevation = np.radians([0.0] * AROUND + [ABOVE_DEGREES] * ABOVE)
     return np.stack(
         [
             np.cos(azimuth) * np.cos(elevation),
@@ -167,7 +171,8 @@ def _interval(
     tiles, of_tile = np.unique(far // TILE, axis=0, return_inverse=True)
     if len(tiles) > MOST_TILES:
         return max(most - ERROR, 0.0), most + ERROR
-    margin, closest = int(np.ceil(most + 2 * ERROR)), 0.0
+    margin = int(np.ceil(most + 2 * ERROR))
+    closest = 0.0
     size = TILE + 2 * margin
     closer = max(2, min(CLOSER, MOST_PIXELS // size))
     around = np.stack(np.meshgrid(range(-2, 3), range(-2, 3)), axis=-1).reshape(-1, 1, 2)

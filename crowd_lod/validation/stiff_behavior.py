@@ -20,7 +20,8 @@ from .exact_behavior import follow_exactly
 
 FRAME = 1 / 24  # seconds
 # Agents of a case, and of one whose steps are long for the judge.
-AGENTS, FEW = 40, 10
+AGENTS = 40
+FEW = 10
 # Parts of a cell by which rounding may put an agent into a wall, or over its edge.
 ROUNDING = 1e-6
 

@@ -52,6 +52,11 @@ def add_preview(commands, program: str) -> None:
         help="colors of the characters; state, group and reason need --engine overlay (default: "
         "the scene's)",
     )
+    command.add_argument(
+        "--no-lod-pictures",
+        action="store_true",
+        help="leave out the measured silhouettes and the pictures of the LODs",
+    )
 
 
 def add_verify(commands, program: str) -> None:
@@ -106,6 +111,8 @@ def preview_shot(args, command: list[str]) -> dict:
     settings = scene.crowd_lod
     apply_settings(args, settings)
     follow_plan(args, settings)
+    if args.no_lod_pictures:
+        settings.lod_pictures = False
     stem = stem_of(args)
     folder = files.absolute(args.out or Path(f"{stem}_preview"))
     request = Preview(

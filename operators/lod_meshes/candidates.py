@@ -289,7 +289,7 @@ class Ladder:
             length, self._guess_triangles([length], OFTEN_LOST)[0] / whole
         )
         for attempt, source in zip(tries, self.sources, strict=True):
-            if WHY in attempt.item and attempt.ratio < 1.0:
+            if WHY in attempt.item and 0.0 < attempt.ratio < 1.0:
                 name = "Pose-Aware" if attempt.method == "POSE_AWARE" else "Decimate Modifier"
                 reason = (
                     f"{name}: the fewest triangles of those tried that deviate no more than "

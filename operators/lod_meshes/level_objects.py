@@ -54,11 +54,13 @@ def make_object(
     triangles).
 
     method: AUTO, POSE_AWARE or DECIMATE. Yields between its steps. The object is in no collection.
-    One without faces is copied, with the character's data.
+    One without faces is copied, with the character's data. At a ratio of 0 it has no face.
     """
     item = source.item
     if source.mesh is None:
         return share_object(source)
+    if not ratio:
+        return _leave_out(item)
     made = yield from methods.make(source, ratio, method, item.name)
     copy = _copy(item) if item.type == "MESH" else _stand_in(item, made.mesh)
     for modifier in list(copy.modifiers):
@@ -77,6 +79,15 @@ def make_object(
         made.milliseconds,
     )
     return copy, len(made.mesh.vertices), _triangles(made.mesh)
+
+
+def _leave_out(item: bpy.types.Object) -> tuple[bpy.types.Object, int, int]:
+    """Return an object without a face in place of `item`, and its (vertices, triangles): none."""
+    copy = mesh_data.mesh_like(item, bpy.data.meshes.new(item.name))
+    copy[WAY] = "NONE"
+    copy[WHY] = "It is left out: nobody sees that it is gone where agents show this LOD."
+    copy[MILLISECONDS] = 0.0
+    return copy, 0, 0
 
 
 def share_object(source: sources.Source) -> tuple[bpy.types.Object, int, int]:

@@ -29,7 +29,7 @@ SLACK = 1.1  # how many times the precise way's distance the fast way's may be
 # of the size, in which they may differ anyway: half a pixel of a character 1,000 pixels high
 NEAR_ENOUGH = 5e-4
 # triangles that an object keeps: with fewer a rod becomes flat, and shows nothing from some sides
-LEAST = 12
+LEAST = 10
 MISSED = 1.1  # times the triangles asked for that are worth a word
 # triangles beyond which only the fast way is tried, of itself; the precise one takes seconds there
 MOST_PRECISE = 300_000

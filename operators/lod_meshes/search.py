@@ -5,7 +5,7 @@ that others hide, takes few. All are tried at once, and measured together, as th
 together.
 """
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 from ...crowd_lod.levels.lengths import NEAR_ENOUGH, read_curve
 from ...crowd_lod.progress import share, standing
 from .deviation import Estimate, Measure
+from .dispensable import find_dispensable
 from .level_objects import discard
 from .methods import LEAST
 from .source_mesh import Source
@@ -32,6 +33,8 @@ WIDE = 2.0  # times the triangles, that a step is at most where it was tried bef
 # it. Where more are, what is won at them is lost beside them; of a second time nothing is won.
 FEW_SPOTS, HEAVIER = 0.003, 32.0
 # By preference. Decimate is far quicker: what it says guides the other's first try.
+NEAREST = 0.1  # of the length: what stands in for objects left out may be off by so much at least
+BELOW = 1e-9  # a division by less says nothing
 METHODS = "POSE_AWARE", "DECIMATE"
 WORTH = {"POSE_AWARE": 1.0, "DECIMATE": 1.1}  # of a triangle: Pose-Aware keeps UV seams
 
@@ -81,7 +84,8 @@ class Curve:
     """What is known of an object's LODs.
 
     source: the object's; known: each method's tries; tries: of this length, whose objects are still
-    there; weighed: whether spots are heavier, for this length.
+    there; weighed: whether spots are heavier, for this length; dispensable: whether its LODs leave
+    the object out.
     evaluated: (n,) which vertex of the evaluated object each of the source's is; None before that
     is asked for.
     """
@@ -90,6 +94,7 @@ class Curve:
     known: dict[str, list[Try]] = field(default_factory=lambda: {method: [] for method in METHODS})
     tries: list[Try] = field(default_factory=list)
     weighed: bool = False
+    dispensable: bool = False
     evaluated: np.ndarray | None = None
 
     @property
@@ -157,8 +162,8 @@ class Curve:
         self, methods: Sequence[str], length: float, about: float
     ) -> list[tuple[str, float]]:
         """Return (method, ratio) of what to try next; [] if the best try will do."""
-        if not self.count:
-            return [] if self.tries else [(methods[0], 1.0)]
+        if self.dispensable or not self.count:
+            return [] if self.tries else [(methods[0], 0.0 if self.dispensable else 1.0)]
         if not any(self.known.values()):
             return [(methods[-1], about)]
         untried = [method for method in methods if not self.known[method]]
@@ -174,6 +179,12 @@ class Curve:
             for method in untried or [best]
             if (ratio := self._apart(method, ratios[method], length))
         ]
+
+    def bring_back(self) -> None:
+        """Let LODs of this length have the object that those before left out."""
+        self.dispensable = False
+        discard([attempt.item for attempt in self.tries])
+        self.tries = []
 
     def _apart(self, method: str, ratio: float, length: float) -> float:
         """Return `ratio`, or a greater one if it was tried; 0 if there is nothing to try."""
@@ -201,6 +212,7 @@ class Search:
         self.make, self.by = make, by
         self.methods = METHODS if method == "AUTO" else (method,)
         self.curves = [Curve(source) for source in sources]
+        self.nearness = 1.0  # see NEAREST
 
     def find(
         self, length: float, about: float
@@ -213,11 +225,12 @@ class Search:
         character's own.
         """
         before: list[list[Try]] = []
+        yield from self._leave_out(length / USUAL)
         for k in range(MOST_MEASURED):
             begin, end = k / MOST_MEASURED, (k + 1) / MOST_MEASURED
             aim = length / (USUAL * (SAFE if k + 1 == MOST_MEASURED else 1.0))
             yield from share(self._fit(aim, about), begin, 0.3 * begin + 0.7 * end)
-            objects = [curve.best(aim) for curve in self.curves]
+            objects = self._best(aim)
             if objects in before:
                 continue
             before.append(objects)
@@ -226,6 +239,7 @@ class Search:
             if measured[1] <= length:
                 break
             self._learn(objects, aim, measured[1] / USUAL)
+            self._mend_left_out(aim)
         else:
             objects = yield from self._whole()
             measured = yield from standing(self._measure(objects, length), 1.0)
@@ -283,14 +297,15 @@ class Search:
         progress.
         """
         for k in range(ROUNDS):
-            wanted = [curve.next_tries(self.methods, length, about) for curve in self.curves]
+            near = length * self.nearness
+            wanted = [curve.next_tries(self.methods, near, about) for curve in self.curves]
             # each object by one method at a time
             for number in range(max(map(len, wanted))):
                 made = yield from self._try(
                     [tries[number : number + 1] for tries in wanted], k / ROUNDS
                 )
                 objects = [
-                    own[0] if own else curve.best(length)
+                    own[0] if own else curve.best(near)
                     for own, curve in zip(made, self.curves, strict=True)
                 ]
                 yield from standing(self.by.read(), k / ROUNDS)
@@ -298,9 +313,64 @@ class Search:
                 for index, (own, curve) in enumerate(zip(made, self.curves, strict=True)):
                     for attempt in own:
                         self._note(index, attempt, estimate)
-                        curve.known[attempt.method].append(attempt)
-            if not any(wanted):
+                        if not curve.dispensable:
+                            curve.known[attempt.method].append(attempt)
+            if not any(wanted) and (k + 1 == ROUNDS or not self._miss_left_out(length)):
                 return
+
+    def _best(self, length: float) -> list[Try]:
+        """Return the best try of each object for a LOD that deviates by `length` at most."""
+        return [curve.best(length * self.nearness) for curve in self.curves]
+
+    def _leave_out(self, length: float) -> Iterator[float]:
+        """Find which objects a LOD of the length may leave out; yield the progress."""
+        yield from standing(self.by.read(), 0.0)
+        self.nearness = 1.0
+        if len(self.curves) > 1:
+            dispensable = find_dispensable(self.by.character, length)
+            for curve, is_dispensable in zip(self.curves, dispensable, strict=True):
+                curve.dispensable = bool(is_dispensable) and curve.count > 0
+
+    def _miss_left_out(self, length: float) -> bool:
+        """Estimate how far a LOD is from what it leaves out, and mend it; return whether it was
+        too far.
+        """
+        if not any(curve.dispensable for curve in self.curves):
+            return False
+        objects = self._best(length)
+        estimate = self.by.estimate([attempt.item for attempt in objects], length)
+        for number, (attempt, curve) in enumerate(zip(objects, self.curves, strict=True)):
+            if curve.dispensable:
+                self._note(number, attempt, estimate)
+        return self._mend_left_out(length)
+
+    def _mend_left_out(self, length: float) -> bool:
+        """Mend a LOD that is farther than `length` from objects that it leaves out.
+
+        The worst of these come back, and the other objects come near enough for the rest: as many
+        come back as takes the fewest triangles, about. Returns whether there was anything to mend.
+        """
+        left_out = [curve for curve in self.curves if curve.dispensable and curve.tries]
+        left_out.sort(key=lambda curve: -curve.tries[0].deviation)
+        deviations = np.array([curve.tries[0].deviation for curve in left_out])
+        count = int((deviations > length).sum())
+        if not count:
+            return False
+        others = [
+            attempt for attempt in self._best(length) if attempt.triangles and attempt.deviation
+        ]
+        off = max((attempt.deviation for attempt in others), default=0.0)
+        triangles = sum(attempt.triangles for attempt in others)
+        # by how many come back: how far others may then be off, of what they are now
+        nearness = np.ones(count + 1)
+        nearness[:count] = (off + length - deviations[:count]) / max(off, BELOW * length)
+        costs = np.arange(count + 1) * LEAST + triangles / nearness.clip(BELOW)
+        costs[self.nearness * nearness < NEAREST] = np.inf
+        back = int(costs.argmin())
+        self.nearness *= float(nearness[back])
+        for curve in left_out[:back]:
+            curve.bring_back()
+        return True
 
     def _note(self, number: int, attempt: Try, estimate: Estimate) -> None:
         """Note what was estimated of the try of an object, and of each vertex of its source."""

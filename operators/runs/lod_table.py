@@ -41,13 +41,15 @@ def tables(
 
     A LOD that a group repeats, because others have more, has one row. Pictures levels_NAME.png of
     the first MOST_SHOWN groups are written to `folder`. Silhouettes are measured for these alone.
+    Without the setting LOD Pictures there is neither.
 
     begins: (G, n - 1) meters from `camera` where each group's LODs begin (see assignment.limits).
     """
     entries = []
     file_names: set[str] = set()
-    finest = policy_of(scene.crowd_lod).finest or [0] * len(groups)
-    pictured = min(len(groups), MOST_SHOWN)
+    settings = scene.crowd_lod
+    finest = policy_of(settings).finest or [0] * len(groups)
+    pictured = min(len(groups), MOST_SHOWN) if settings.lod_pictures else 0
     for g, (group, (_, objects, origin)) in enumerate(
         zip(groups, characters_of(scene), strict=True)
     ):
@@ -60,7 +62,7 @@ def tables(
             "levels": character.rows(),
         }
         entries.append(entry)
-        if g < MOST_SHOWN:
+        if g < pictured:
             measuring = character.measure(entry["levels"])
             views = yield from share(measuring, g / pictured, (g + 0.7) / pictured)
             if None not in views:

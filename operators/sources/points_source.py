@@ -8,7 +8,7 @@ from ...crowd_lod.crowd.maps import FARTHEST
 from ...crowd_lod.crowd.variants import Draw
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
-from ...crowd_lod.sources.points import Points, Snapshot, drawn_for, dressed
+from ...crowd_lod.sources.points import Points, Snapshot, draw_for, draw_group_variants
 from ..blender import scene_data
 
 WHOLE = "INT", "INT8"  # types of attributes
@@ -47,7 +47,7 @@ def points_of_crowd(  # noqa: PLR0913 - what a crowd of points depends on
     """
     scene, seed, chosen = crowd.id_data, crowd.seed, draw.groups
     names = tuple(groups[g].name for g in chosen)
-    found = dressed(
+    found = draw_group_variants(
         read_points(crowd.points, depsgraph, scene.crowd_lod.forward, chosen, names), seed, draw
     )
     if found.ids is None and crowd.points_count not in (0, len(found.x)):
@@ -58,7 +58,7 @@ def points_of_crowd(  # noqa: PLR0913 - what a crowd of points depends on
             "Populate again."
         )
     time = scene_data.time_of(depsgraph.scene_eval)
-    same = before is not None and before.found.same(found)
+    same = before is not None and before.points.same(found)
     if (
         same
         and before.drawn.holds(found, seed, draw)
@@ -68,7 +68,7 @@ def points_of_crowd(  # noqa: PLR0913 - what a crowd of points depends on
     drawn = before.drawn if before is not None else None
     if drawn is None or not drawn.holds(found, seed, draw):
         check_ids(crowd.points, found.ids)
-        drawn = drawn_for(found, seed, draw)
+        drawn = draw_for(found, seed, draw)
     return Points(found, drawn, time, groups, seconds, crowd.points.name)
 
 

@@ -137,6 +137,7 @@ class CROWDLOD_PT_preview(Step, bpy.types.Panel):
         # else its color is the overlay's
         grayed(layout, settings.engine != "OVERLAY").prop(settings, "color")
         layout.prop(settings, "above", text="From Above", translate=False)
+        layout.prop(settings, "lod_pictures")
         _with_report(layout, "crowd_lod.preview", "RENDER_ANIMATION", "PREVIEW", "")
 
 

@@ -14,9 +14,14 @@ def registered(rough_levels, rough_characters):
 
 @pytest.fixture(autouse=True)
 def empty_file(registered):
-    """A new file, whose LODs are by ratio: making those by tolerance takes longer."""
+    """A new file. LODs are by ratio: making those by tolerance takes longer.
+
+    Previews leave out the pictures of LODs: test_lod_table.py alone looks at them.
+    """
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    bpy.context.scene.crowd_lod.choice = "BY_RATIO"
+    settings = bpy.context.scene.crowd_lod
+    settings.choice = "BY_RATIO"
+    settings.lod_pictures = False
 
 
 @pytest.fixture

@@ -210,6 +210,7 @@ def test_characters_that_are_needed_stay_in_a_file_for_renders_alone(built, why)
     assert settings.characters == bpy.data.collections["People"] and settings.levels is None
 
 
+@pytest.mark.once
 def test_a_bake_needs_what_a_build_needs(scene):
     with pytest.raises(CrowdError, match="Make LOD Meshes"):
         list(bake(scene, [1]))

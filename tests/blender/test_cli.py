@@ -126,6 +126,7 @@ def test_preview_of_a_saved_file_with_true_materials(scene, tmp_path, capfd):
     assert "100%" in capfd.readouterr().err  # the progress bar
 
 
+@pytest.mark.once
 def test_preview_leaves_the_open_scene_as_it_was(levelled, tmp_path):
     from crowd_lod_extension.operators.render_setup.render_setup import build
     from crowd_lod_extension.operators.runs.preview import Preview, preview

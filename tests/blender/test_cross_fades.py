@@ -23,6 +23,7 @@ from crowd_lod_extension.operators.scene.scene_crowd import characters_of, frame
 from .test_actions import STATES, levelled, name_actions, waiting  # noqa: F401
 from .test_rigs import instances
 
+pytestmark = pytest.mark.once  # long, and the same on every Blender
 FADING = {name: state | {"fade": 0.8} for name, state in STATES.items()}
 NEAR = 1e-4 * 1.9  # of the adult's diagonal
 

@@ -155,6 +155,7 @@ def test_wrong_weights_show_in_motion_alone():
     assert 15 < found.worst[1] < 27 and found.rms[1] < found.deviations[1]
 
 
+@pytest.mark.once
 def test_the_pose_that_only_seems_second_worst_is_measured_as_well():
     """A patch is 0.1 m off at frame 1.
 

@@ -235,6 +235,7 @@ def test_progress_rises_from_0_to_1_with_a_step_for_each_object_and_lod(two):
     )
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(
     "value",
     ["x", 0.123, [1, 2], {}, {"diagonal": "x"}, {"diagonal": 1.0, "vertices": [1.5] * 3}],

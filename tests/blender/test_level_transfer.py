@@ -83,6 +83,7 @@ def test_uvs_of_every_map_are_right_on_both_sides_of_a_seam_within_one_island(wa
     )  # open at its two ends only
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("way", WAYS)
 def test_a_sleeve_takes_nothing_from_the_arm_in_it(way):
     arm, sleeve = tube("arm", radius=0.2), tube("sleeve", radius=0.203)
@@ -144,6 +145,7 @@ def test_a_sleeve_takes_nothing_from_the_arm_in_it(way):
     assert seen == {0, 1}
 
 
+@pytest.mark.once
 @pytest.mark.usefixtures("exact_levels")
 @pytest.mark.parametrize("way", WAYS)
 def test_weights_sum_to_one_over_four_bones_at_most_and_other_groups_stay(way):

@@ -206,6 +206,7 @@ def unseen(scene):
     return found
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("blur", [False, True])
 def test_the_build_holds_them_apart_at_the_coarsest_lod_as_a_pure_function_of_the_frame(
     lit, blur, rendered
@@ -238,6 +239,7 @@ def test_the_build_holds_them_apart_at_the_coarsest_lod_as_a_pure_function_of_th
     assert not any(unseen(lit).values())
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("blur", [False, True])
 def test_a_bake_keeps_for_their_shadows_whom_each_frame_keeps(lit, blur, rendered):
     """A sun that moves, and a wall that the shadows' way ends at."""

@@ -58,3 +58,53 @@ def test_an_estimate_sees_an_edge_across_a_crease():
     measure = Measure("one", [character])
     deviation = finished(measure.level([lod], 1))[0]
     assert measure.estimate([lod]).deviation == pytest.approx(deviation, rel=0.01)
+
+
+@pytest.fixture
+def body():
+    """Return a ball of a radius of 1 m, with 1,280 triangles."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=4)
+    return bpy.context.object
+
+
+def beads(places, radius):
+    """Return small balls of 80 triangles at the places, an object each."""
+    items = []
+    for place in places:
+        bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=2, radius=radius, location=place)
+        items.append(bpy.context.object)
+    return items
+
+
+def found(items, length):
+    """Return the tries that a search finds, and their bound."""
+    search = Search(
+        [read_source(item) for item in items], "DECIMATE", make_object, Measure("", items)
+    )
+    tries, (_, bound, *_) = finished(search.find(length, 0.1))
+    return [attempt.triangles for attempt in tries], bound
+
+
+def test_small_objects_that_nobody_misses_are_left_out(body):
+    """Beads that stick out of a body by less than the length go, a larger one stays."""
+    turns = np.arange(8) * 2 * np.pi / 8
+    small = beads(0.99 * np.column_stack([np.cos(turns), np.sin(turns), 0 * turns]), 0.015)
+    (large,) = beads([(0, 0, 1.05)], 0.1)
+    triangles, bound = found([body, *small, large], 0.03)
+    assert bound <= 0.03
+    assert triangles[1:-1] == [0] * 8
+    assert triangles[-1] > 0
+
+
+def test_of_beads_on_a_string_some_stay_for_the_rest():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    triangles, bound = found(beads([(0.02 * k, 0, 0) for k in range(12)], 0.01), 0.03)
+    assert bound <= 0.03
+    assert 0 < np.count_nonzero(triangles) <= 6
+
+
+def test_a_hidden_object_is_left_out(body):
+    bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=3, radius=0.5)
+    triangles, _ = found([body, bpy.context.object], 0.03)
+    assert triangles[1] == 0

@@ -118,6 +118,7 @@ def test_a_tolerance_of_nothing_is_refused_before_anything_is_made(tolerant):
     assert set(bpy.data.user_map()) == before and tolerant.crowd_lod.levels is None
 
 
+@pytest.mark.once
 def test_a_still_character_without_an_armature(tolerant):
     top = bpy.data.collections.new("Rocks")
     tolerant.collection.children.link(top)

@@ -27,6 +27,7 @@ from crowd_lod_extension.operators.scene import scene_crowd
 
 def told(scene, folder):
     """The tables of `scene` as its camera sees it, and the frame."""
+    scene.crowd_lod.lod_pictures = True
     frame = scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get())
     steps = lod_table.tables(
         scene, scene_crowd.trajectory_of(scene).groups, frame.camera, frame.begins, folder
@@ -95,6 +96,7 @@ def test_rendered_silhouettes_stay_within_what_the_deviation_predicts(
     assert json.loads(json.dumps(tables, allow_nan=False)) == tables
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("kind", ["PERSP", "ORTHO"])
 @pytest.mark.usefixtures("exact_levels")
 def test_a_group_of_small_agents_is_measured_at_their_size(scene, tmp_path, kind):
@@ -205,6 +207,7 @@ def test_a_preview_by_tolerance_leaves_the_report(scene, tmp_path, capfd):
     settings.characters.children.unlink(settings.characters.children["child"])
     scene.unit_settings.system, scene.unit_settings.scale_length = "METRIC", 0.01
     settings.choice, settings.tolerance = "BY_TOLERANCE", 2
+    settings.lod_pictures = True
     stored_groups.store_groups(settings, group_measuring.measure_groups(scene))
     list(make_levels(scene))
     begins, groups = (
@@ -261,3 +264,17 @@ def test_measuring_in_steps_gives_the_same_and_leaves_nothing_in_between(scene, 
             break
         assert set(bpy.data.user_map()) == before
     assert progress == sorted(progress) and len(progress) > 20 and progress[-1] == 1.0
+
+
+def test_without_lod_pictures_the_table_has_its_rows_and_there_are_no_pictures(levelled, tmp_path):
+    frame = scene_crowd.frame_of(levelled, bpy.context.evaluated_depsgraph_get())
+    groups = scene_crowd.trajectory_of(levelled).groups
+    steps = lod_table.tables(levelled, groups, frame.camera, frame.begins, tmp_path)
+    assert not levelled.crowd_lod.lod_pictures and len(groups) == 2
+    with pytest.raises(StopIteration) as end:
+        next(steps)
+    for character in end.value.value:
+        assert character["picture"] is None
+        assert len(character["levels"]) == 3
+        assert all(row["measured_px"] is None for row in character["levels"])
+    assert not any(tmp_path.iterdir())

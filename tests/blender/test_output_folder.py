@@ -222,6 +222,7 @@ def test_the_index_tells_what_was_made_when_and_for_which_file(tmp_path):
     assert len(read_index(folder)) == 1
 
 
+@pytest.mark.once
 def test_a_plan_that_is_copied_or_made_again_alike_leaves_the_build_as_it_is(
     scene, tmp_path, monkeypatch
 ):

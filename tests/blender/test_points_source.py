@@ -247,6 +247,7 @@ def test_build_shows_the_points_of_each_frame(scene):
         np.testing.assert_allclose(list(shown.values()), place[list(shown)], atol=1e-5)
 
 
+@pytest.mark.once
 def test_a_build_reads_points_that_are_hidden_in_viewports_and_renders(scene, rendered):
     item = scatter(scene)
     crowd_of(scene, item)
@@ -325,6 +326,7 @@ def test_record_of_a_count_that_changes_without_ids_is_refused_and_all_stays(sce
     )
 
 
+@pytest.mark.once
 def test_a_build_follows_an_edit_of_the_object_without_a_change_of_frame(scene):
     item = scatter(scene, 3)
     crowd_of(scene, item)
@@ -375,6 +377,7 @@ def test_recorded_crowd_is_the_live_one_in_each_frame(moving):
     np.testing.assert_allclose(middle.x, (recorded.at(2).x + recorded.at(3).x) / 2, atol=1e-6)
 
 
+@pytest.mark.once
 def test_points_are_recorded_once_for_all_that_a_bake_needs(scene, tmp_path):
     scatter_of = scatter(scene, 30, instances=True, attributes=[("id", "INT", np.arange(30))])
     scene.crowd_lod.source, scene.crowd_lod.points, scene.crowd_lod.choice = (
@@ -436,6 +439,7 @@ def test_bake_records_first_and_leaves_the_source_as_it_was(moving):
     )
 
 
+@pytest.mark.once
 def test_what_needs_other_frames_says_so(moving):
     with pytest.raises(
         RuntimeError,
@@ -453,6 +457,7 @@ def test_what_needs_other_frames_says_so(moving):
     assert moving.crowd_lod.build is not None
 
 
+@pytest.mark.once
 def test_plan_holds_for_the_record(moving, tmp_path):
     bpy.ops.crowd_lod.record_points()
     moving.crowd_lod.output_folder = str(tmp_path)

@@ -151,6 +151,7 @@ def test_the_sphere_of_a_variant_holds_its_props_and_no_other_does(dressed):
     assert len({(group.stride, group.period, group.lowest) for group in groups[:4]}) == 1
 
 
+@pytest.mark.once
 def test_build_bake_and_overlay_show_who_has_what(ready):
     scene = ready
     scene.crowd_lod.thresholds[:1] = (0.99,)  # all at LOD 0

@@ -158,6 +158,7 @@ def test_a_plan_is_not_used_after_a_lod_was_edited_and_strict_is_strict(levelled
         out.unlink()
 
 
+@pytest.mark.once
 def test_a_live_build_with_strict_needs_the_camera_path_of_the_plan(levelled, tmp_path, capfd):
     levelled.crowd_lod.frames = "1:3"
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "a.blend"))

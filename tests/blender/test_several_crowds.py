@@ -59,6 +59,7 @@ def test_a_group_that_is_not_there_is_named(two):
         trajectory_of(two)
 
 
+@pytest.mark.once
 def test_a_plan_of_the_shot_holds_all_crowds_and_is_told_when_one_changes(two, tmp_path):
     settings = two.crowd_lod
     settings.output_folder, two.frame_end = str(tmp_path), 3

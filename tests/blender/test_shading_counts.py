@@ -77,6 +77,7 @@ def test_a_lod_that_shades_differently_begins_farther_off(striped):
     np.testing.assert_array_equal(begins(striped), before)
 
 
+@pytest.mark.once
 def test_pictures_are_compared_when_lods_are_made_and_remembered(striped):
     settings = striped.crowd_lod
     assert groups_of(settings)[0].shaded == ()

@@ -54,6 +54,7 @@ def seen_at(scene, level):
     ).tolist()
 
 
+@pytest.mark.once
 def test_the_plan_keeps_to_exceptions_and_its_users_show_them(levelled, tmp_path):
     settings = levelled.crowd_lod
     (finer, hidden, *_), (pinned, *_) = seen_at(levelled, 2), seen_at(levelled, 0)

@@ -278,6 +278,7 @@ def test_no_frames_is_an_error(zoomed):
         finished(shot_survey.survey_of(zoomed, []))
 
 
+@pytest.mark.once
 def test_lods_of_other_settings_are_named(scene, tmp_path):
     settings = scene.crowd_lod
     settings.choice, settings.level_count = "BY_RATIO", 2

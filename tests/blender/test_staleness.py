@@ -70,6 +70,7 @@ def follow(scene, name, changes):
         assert staleness.changed(scene) == [], told
 
 
+@pytest.mark.once
 def test_a_live_build_tells_what_it_does_not_follow(scene):
     follow(scene, "build", CHANGES)
     for change in OF_A_BAKE.values():
@@ -78,6 +79,7 @@ def test_a_live_build_tells_what_it_does_not_follow(scene):
     assert staleness.changed(scene) == []  # those it follows
 
 
+@pytest.mark.once
 def test_a_bake_tells_what_differs_from_its_frames(scene):
     follow(scene, "bake", {"the crowd": CHANGES["the crowd"]} | OF_A_BAKE)
     bpy.ops.crowd_lod.remove_build()

@@ -119,7 +119,7 @@ def random_surroundings(random, camera):
 def test_shadows_and_reflections_of_any_shot_are_those_of_testing_every_agent():
     found = np.zeros(2, int)
 
-    @settings(max_examples=96)
+    @settings(max_examples=40)
     @given(shots((walker(), replace(walker(), radius=6.0)), [15, 700, 2000]), generators)
     def the_same(shot, random):
         trajectory, camera, _, shutter, _ = shot

@@ -37,7 +37,7 @@ def left(trajectory, camera, policy=POLICY, time=9, *more):
 def test_any_shot_is_the_full_pipelines_to_the_bit():
     found = set()
 
-    @settings(max_examples=200)
+    @settings(max_examples=60)
     @given(shots((walker(), IDLER, walker(stride=0.7)), [120]))
     def the_same(shot):
         trajectory, camera, policy, shutter, bias = shot

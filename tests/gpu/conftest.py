@@ -19,6 +19,8 @@ def extension(tmp_path_factory, rough_levels, rough_characters):
     bpy.ops.wm.read_homefile(
         use_empty=True, use_factory_startup=True
     )  # nothing of other files' tests
-    bpy.context.scene.crowd_lod.choice = "BY_RATIO"
+    settings = bpy.context.scene.crowd_lod
+    settings.choice = "BY_RATIO"
+    settings.lod_pictures = False
     yield
     registration.unregister()

@@ -7,7 +7,7 @@ import pytest
 
 @pytest.fixture(scope="module")
 def seen(used):
-    return used("session.py")
+    return used("session.py", small=True)
 
 
 AT_REST = ("populate", "make_levels", "build", "bake", "preview", "remove_build")
