@@ -239,7 +239,7 @@ def command_section(command: argparse.ArgumentParser) -> str:
 def commands_page() -> str:
     about = (
         f"# Commands and their options\n\n{WRITTEN}\n\n"
-        "[Commands](commands.md) tells what they write and what their options are for. `--help` "
+        "[Commands](commands.md) tells what they write, exit codes and tables. `--help` "
         "after a\n"
         "command shows what stands here; `--version` shows the versions of Crowd LOD and Blender.\n"
     )

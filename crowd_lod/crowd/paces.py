@@ -1,7 +1,7 @@
 """Paces: the actions that agents play, at some speeds each, and the steps of their cross-fades.
 
 A step of a cross-fade is an action of its own, in which two actions play at one phase:
-`walk > idle 1/4` is a quarter of idle. docs/notes/actions.md says why.
+`walk > idle 1/4` is a quarter of idle. docs/notes/behavior.md says why.
 """
 
 import re

@@ -1,7 +1,7 @@
 """The frames of a run that are whole, each with a record that was written after its pictures.
 
 With them a killed run goes on, processes share a run, and chunks are assembled
-(docs/notes/runs_in_parts.md).
+(docs/notes/files.md).
 """
 
 import hashlib

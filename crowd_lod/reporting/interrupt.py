@@ -2,7 +2,7 @@
 
 Python runs a signal's handler only when the main thread returns from C: from a render, from NumPy,
 from the import of Blender. The signal itself wakes a thread at once. That thread removes unfinished
-files and ends the process (docs/notes/ctrl_c.md).
+files and ends the process (docs/notes/files.md).
 Standard library only, because this module is loaded before all others.
 """
 

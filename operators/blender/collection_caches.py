@@ -7,7 +7,7 @@ other objects: the cache then holds freed objects. Reading it crashes Blender:
 depsgraph.
 
 Now and then undo also loses one of the many children or objects of a collection. See
-docs/notes/undo.md.
+docs/notes/blender_traps.md.
 """
 
 import bpy

@@ -28,7 +28,7 @@ def blocks_of(objects: Iterable[bpy.types.Object], look: bool = True) -> list[bp
 
     Blender itself says what refers to what: by parents, modifiers, constraints, drivers, nodes,
     particles, instances, data, or by anything else that a version of it knows. `objects` come
-    first, all others are sorted by type and name. docs/notes/character_closure.md says what is no
+    first, all others are sorted by type and name. docs/notes/files.md says what is no
     part.
 
     look: whether materials, and what they alone refer to, count.

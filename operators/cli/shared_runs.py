@@ -1,6 +1,6 @@
 """Runs that several processes or machines share: --jobs, --part, and the command assemble.
 
-See docs/notes/runs_in_parts.md.
+See docs/notes/files.md.
 """
 
 import argparse

@@ -4,7 +4,7 @@ There is one rig per phase class; all share one mesh. A rig has a bone for each 
 the character, and one for each object that moves as a whole. The world-space motion that the
 action, constraints, IK and drivers give these is baked into one action that all rigs share. Each
 rig plays it by a strip of its own, whose time cycles through the action for ever
-(docs/notes/shared_rigs.md).
+(docs/notes/costs.md).
 """
 
 from collections.abc import Generator, Sequence

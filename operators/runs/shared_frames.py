@@ -1,6 +1,6 @@
 """The frames of a run: taken where they are whole, made where not, by this process or by several.
 
-See docs/notes/runs_in_parts.md.
+See docs/notes/files.md.
 """
 
 import hashlib

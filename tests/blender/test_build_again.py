@@ -57,7 +57,7 @@ def test_remove_brings_the_file_back(levelled):
 
 @pytest.mark.once
 def test_what_undo_loses_of_a_build_is_put_back_and_nothing_else(built):
-    """Blender's undo loses one of many now and then (docs/notes/undo.md); here it is taken out by
+    """Blender's undo loses one of many now and then (docs/notes/blender_traps.md); here it is taken out by
     hand.
     """
 

@@ -2,7 +2,7 @@
 undo_keys.py.
 
 One of as many parts as there are buttons; CROWD_LOD_TRIALS=100 takes all pairs and fifty triples.
-CI leaves it out: it takes hours. docs/notes/undo.md says what it found.
+CI leaves it out: it takes hours. docs/notes/blender_traps.md says what it found.
 """
 
 import os
@@ -25,7 +25,7 @@ ELSEWHERE = {
 
 def test_no_buttons_undo_and_redo_crash_blender(used):
     parts = int(os.environ.get("CROWD_LOD_TRIALS", "1"))
-    seen = used("undo_keys.py", "0", str(parts), small=True)
+    seen = used("undo_keys.py", "0", str(parts))
     operators = len(seen["operators"])
     assert seen["pairs"] == operators * min(parts, operators)
     assert seen["triples"] == len([seed for seed in range(50) if seed % operators < parts])
