@@ -90,7 +90,11 @@ def install() -> None:
             return
         pip = [PYTHON, "-m", "pip", "install"]
         with LOG.open("wb") as log:
-            for step in create, [*pip, "--editable", f"{ROOT}[test]"], [*pip, "--no-deps", ALONE]:
+            for step in (
+                create,
+                [*pip, "--editable", f"{ROOT}[pictures,test]"],
+                [*pip, "--no-deps", ALONE],
+            ):
                 if subprocess.call(
                     step, stdin=subprocess.DEVNULL, stdout=log, stderr=log, cwd=ROOT
                 ):

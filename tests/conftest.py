@@ -82,7 +82,27 @@ def pytest_pycollect_makemodule(module_path, parent):
         return Unavailable.from_parent(parent, path=module_path)
 
 
-def pytest_collection_modifyitems(items):
+def pytest_addoption(parser):
+    parser.addoption(
+        "--ends",
+        action="store_true",
+        help="of a test with several parameters, run the first and the last alone",
+    )
+
+
+def ends(items: list[pytest.Item]) -> set[pytest.Item]:
+    """The first and the last item of each test."""
+    by_test = {}
+    for item in items:
+        by_test.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    return {several[place] for several in by_test.values() for place in (0, -1)}
+
+
+def pytest_collection_modifyitems(config, items):
+    if config.getoption("--ends"):
+        chosen = ends(items)
+        config.hook.pytest_deselected(items=[item for item in items if item not in chosen])
+        items[:] = [item for item in items if item in chosen]
     required = {name for name in os.environ.get("CROWD_LOD_REQUIRE", "").split(",") if name}
     for name in sorted(required - {group(item.path) for item in items}):
         reason = obstacle(name) or "there is none"

@@ -22,18 +22,15 @@ from ..crowd import morton_order
 from ..crowd.agents import Crowd
 from ..crowd.bounding_spheres import Spheres
 from ..crowd.maps import Area
-from .frustum_box_test import COLUMNS, HUGE, SLACK, Look, Test
+from .frustum_box_test import COLUMNS, HUGE, SLACK, BoxTest, Look
 
-# Agents in the smallest block, blocks in the next larger, and blocks in the tier that is asked
-# first, about.
-LEAF = 16
-FAN = 8
-FIRST = 1024
-# Agents tested alone together.
-PART = 8192
-# In place of a LOD: not seen; of a block, whose agents do not all have the same.
+LEAF = 16  # agents in one of the smallest blocks
+FAN = 8  # blocks that form the next larger one
+FIRST = 1024  # the largest blocks are at most so many
+PART = 8192  # agents that leave their block undecided are tested in parts of so many
+# in place of a LOD
 CULLED = 255
-OPEN = 254
+OPEN = 254  # of a block: its agents do not all have one LOD, or it is not known which
 
 
 @dataclass(frozen=True)
@@ -122,23 +119,20 @@ def blocks_of(
     center = spheres.center
     radius = spheres.reach
     boxes = np.empty((8, leaves))
-    low = boxes[:3]
-    high = boxes[3:6]
-    radii = boxes[6:]
+    low, high, radii = np.split(boxes, [3, 6])
     with np.errstate(invalid="ignore"):
         floor = float(crowd.z[0]) if span is None and crowd.z.min() == crowd.z.max() else None
-        low[2] = floor or 0.0
-        high[2] = floor or 0.0
+        low[2] = high[2] = floor or 0.0
         for at in range(0, leaves, COLUMNS // 4):
-            some = slice(at, at + COLUMNS // 4)
+            part = slice(at, at + COLUMNS // 4)
             # a block a column: many blocks are compared at a time
-            agents = rows[some].T.astype(np.intp, order="C")
+            agents = rows[part].T.astype(np.intp, order="C")
             places = [column[agents] for column in (crowd.x, crowd.y)]
             if floor is None:
                 places.append(crowd.z[agents])
             for axis, place in enumerate(places):
-                low[axis, some] = place.min(axis=0)
-                high[axis, some] = place.max(axis=0)
+                low[axis, part] = place.min(axis=0)
+                high[axis, part] = place.max(axis=0)
         _stay(low, high, area, wraps, span)
         low[2] += _over(center, np.minimum)[*group]
         high[2] += _over(center, np.maximum)[*group]
@@ -148,27 +142,36 @@ def blocks_of(
         tiers = [(LEAF, boxes, group)]
         while tiers[0][0] < size:
             tiers.insert(0, _joined(*tiers[0]))
-        for _, boxes, _ in tiers:  # the two corners become center and half width, in place
-            low = boxes[:3]
-            high = boxes[3:6]
-            half = (high - low) / 2
-            low[:] = (low + high) / 2
-            high[:] = half
-    sizes = np.array([count])
-    if len(center) > 1:  # in parts: to be counted, they are taken for numbers of 8 bytes
-        parts = (
-            crowd.group[at : at + morton_order.BLOCK] for at in range(0, count, morton_order.BLOCK)
-        )
-        sizes = np.sum([np.bincount(part, minlength=len(center)) for part in parts], axis=0)
+        for _, boxes, _ in tiers:
+            _center(boxes)
     return Blocks(
-        rows,
-        np.append(0, np.cumsum(sizes)),
-        np.array([center, radius]),
-        tiers,
-        extent,
-        bool(np.isfinite(extent)),
-        floor,
+        rows=rows,
+        groups=np.append(0, np.cumsum(_group_sizes(crowd.group, len(center)))),
+        spheres=np.array([center, radius]),
+        tiers=tiers,
+        extent=extent,
+        finite=bool(np.isfinite(extent)),
+        floor=floor,
     )
+
+
+def _center(boxes: np.ndarray) -> None:
+    """Turn the two corners of `boxes` (8, b) into center and half width, in place."""
+    low = boxes[:3]
+    high = boxes[3:6]
+    half = (high - low) / 2
+    low[:] = (low + high) / 2
+    high[:] = half
+
+
+def _group_sizes(group: np.ndarray, groups: int) -> np.ndarray:
+    """Return the agents of each group, (groups,) intp, from those of all agents (n,) uint8."""
+    if groups == 1:
+        return np.array([len(group)])
+    # bincount copies its input as numbers of 8 bytes: a part at a time takes less memory
+    size = morton_order.BLOCK
+    parts = (group[at : at + size] for at in range(0, len(group), size))
+    return np.sum([np.bincount(part, minlength=groups) for part in parts], axis=0)
 
 
 def _joined(size: int, boxes: np.ndarray, group: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
@@ -210,11 +213,14 @@ def _stay(
         high[axis] = np.maximum(high[axis], least)
 
 
-def _over(values: np.ndarray, which: np.ufunc) -> np.ndarray:
-    """Return (G, G): at [a, b] the least or greatest of `values` of groups a to b."""
+def _over(values: np.ndarray, extreme: np.ufunc) -> np.ndarray:
+    """Return (G, G): at [a, b] the extreme of `values` (G,) of groups a to b.
+
+    extreme: np.minimum or np.maximum.
+    """
     rows = np.broadcast_to(values, (len(values), len(values)))
-    worst = np.inf if which is np.minimum else -np.inf
-    return which.accumulate(np.where(np.tri(len(values), k=-1, dtype=bool), worst, rows), axis=1)
+    worst = np.inf if extreme is np.minimum else -np.inf
+    return extreme.accumulate(np.where(np.tri(len(values), k=-1, dtype=bool), worst, rows), axis=1)
 
 
 @np.errstate(invalid="ignore", over="ignore", under="ignore")
@@ -241,7 +247,7 @@ def decide(
     leaves = np.full(len(blocks.rows), CULLED, np.uint8)
     opened = np.arange(blocks.tiers[0][1].shape[1])
     tests = [
-        [Test(look, blocks.extent, margin, radial and not t) for look in eyes]
+        [BoxTest(look, blocks.extent, margin, radial and not t) for look in eyes]
         for t, eyes in enumerate(looks)
     ]
     for tier, (size, boxes, group) in enumerate(blocks.tiers):
@@ -249,26 +255,29 @@ def decide(
         undecided = [opened[:0]]
         for at in range(0, len(opened), COLUMNS // parts):
             whole = opened[at : at + COLUMNS // parts]
-            some = (whole[:, None] * parts + np.arange(parts)).ravel()
-            asked = np.ones((9, len(some)))
+            numbers = (whole[:, None] * parts + np.arange(parts)).ravel()
+            tested = np.ones((9, len(numbers)))
             boxes.reshape(8, -1, parts).take(
-                whole, axis=1, out=asked[:8].reshape(8, -1, parts), mode="clip"
+                whole, axis=1, out=tested[:8].reshape(8, -1, parts), mode="clip"
             )
-            outside, level = _asked(tests, steps, asked, group, some)
-            shown = (level < CULLED).nonzero()[0] if limits is not None else some[:0]
-            leaves.reshape(-1, size // LEAF)[some[shown]] = level[shown, None]
-            outside[shown] = True
-            undecided.append(some[~outside])
+            outside, level = _test(tests, steps, tested, group[:, numbers])
+            leveled = (level < CULLED).nonzero()[0] if limits is not None else numbers[:0]
+            leaves.reshape(-1, size // LEAF)[numbers[leveled]] = level[leveled, None]
+            is_open = ~outside
+            is_open[leveled] = False
+            undecided.append(numbers[is_open])
         opened = np.concatenate(undecided)
-    # of the blocks that the last agent fills, one has others, too
-    last, own = divmod(int(blocks.groups[-1]), LEAF)
-    leaves[last + (own > 0) :] = CULLED
-    opened = opened[: np.searchsorted(opened, last + (own > 0))]
-    if own and leaves[last] < CULLED:
+    # the last agent repeated fills the last block that has others, and all blocks behind that
+    last, others = divmod(int(blocks.groups[-1]), LEAF)
+    leaves[last + (others > 0) :] = CULLED
+    opened = opened[: np.searchsorted(opened, last + (others > 0))]
+    if others and leaves[last] < CULLED:
         opened = np.append(opened, last)
     leaves[opened] = OPEN
     decided = Decided(leaves, opened, np.full((len(opened), LEAF), CULLED, np.uint8))
-    count = len(opened) * LEAF - (LEAF - own if own and leaves[last] == OPEN else 0)
+    count = len(opened) * LEAF
+    if others and leaves[last] == OPEN:
+        count -= LEAF - others
     if len(looks) == 1 and limits is not None and all(test.linear for test in tests[0]):
         return decided, _alone(blocks, crowd, tests[0], limits, decided, count)
     return decided, np.arange(count)
@@ -298,21 +307,21 @@ def near(
         return leaves.nonzero()[0]
     shift = (least + most)[:, None] / 2
     wider = (most - least)[:, None] / 2
-    some = np.arange(blocks.tiers[0][1].shape[1])
+    numbers = np.arange(blocks.tiers[0][1].shape[1])
     for tier, (size, boxes, _) in enumerate(blocks.tiers):
         if tier:
-            some = (some[:, None] * FAN + np.arange(FAN)).ravel()
-        some = some[leaves.reshape(-1, size // LEAF).any(axis=1)[some]]
-        box = boxes.take(some, axis=1)
+            numbers = (numbers[:, None] * FAN + np.arange(FAN)).ravel()
+        numbers = numbers[leaves.reshape(-1, size // LEAF).any(axis=1)[numbers]]
+        box = boxes.take(numbers, axis=1)
         radius = np.sqrt(((box[3:6] + wider) ** 2).sum(axis=0)) + box[7] + (grown + SLACK * about)
-        some = some[touches((box[:3] + shift).T, radius)]
-    return some
+        numbers = numbers[touches((box[:3] + shift).T, radius)]
+    return numbers
 
 
 def _alone(
     blocks: Blocks,
     crowd: Crowd,
-    tests: list[Test],
+    tests: list[BoxTest],
     limits: np.ndarray,
     decided: Decided,
     count: int,
@@ -338,19 +347,18 @@ def _alone(
         agents = order[part].astype(np.intp)
         group = 0 if groups is None else groups[part]
         spheres = np.empty((5, len(agents)))
+        feet = crowd.z.take(agents, mode="clip") if blocks.floor is None else blocks.floor
         spheres[0] = crowd.x.take(agents, mode="clip")
         spheres[1] = crowd.y.take(agents, mode="clip")
-        spheres[2] = (
-            crowd.z.take(agents, mode="clip") if blocks.floor is None else blocks.floor
-        ) + center.take(group)
+        spheres[2] = feet + center.take(group)
         spheres[3] = radius.take(group)
         spheres[4] = 1.0
         outside, inside, distance = tests[0].alone(spheres)
         for test in tests[1:]:
-            out, within, other = test.alone(spheres)
-            outside = outside & out
-            inside = inside | within
-            distance = np.minimum(distance, other)
+            eye_outside, eye_inside, eye_distance = test.alone(spheres)
+            outside = outside & eye_outside
+            inside = inside | eye_inside
+            distance = np.minimum(distance, eye_distance)
         beyond = distance - (begin if uniform else begin.take(group, axis=1))
         level = np.add.reduce((beyond >= 0).view(np.uint8), axis=0, dtype=np.uint8)
         sure = inside & ~np.logical_or.reduce(np.abs(beyond) <= slack, axis=0)
@@ -382,44 +390,40 @@ def _steps(limits: np.ndarray) -> tuple:
     return _over(limits, np.maximum), _over(limits, np.minimum)
 
 
-def _asked(
-    tests: list[list[Test]],
+def _test(
+    tests: list[list[BoxTest]],
     steps: list[tuple],
     boxes: np.ndarray,
     group: np.ndarray,
-    some: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return (outside, level), each (b,), for the boxes (9, b).
 
     tests: for each time, those of the eyes.
     steps: of each limit, from `_steps`.
+    group: (2, b), the boxes' first and last group.
     outside: whether no camera sees the box.
-    level: the LOD of boxes seen wholly and in one LOD, else CULLED. The boxes' first and last
-        groups are group[:, some].
+    level: the LOD of boxes seen wholly and in one LOD, else CULLED.
     """
     (outside, inside, nearest, farthest), *others = (test(boxes) for test in tests[0])
-    for out, within, near, far in others:
-        outside = outside & out
-        inside = inside | within
-        nearest = np.minimum(nearest, near)
-        farthest = np.minimum(farthest, far)
-    for out, within, *_ in (test(boxes) for eyes in tests[1:] for test in eyes):
-        outside = outside & out
-        inside = inside | within
+    for _, _, eye_nearest, eye_farthest in others:
+        nearest = np.minimum(nearest, eye_nearest)
+        farthest = np.minimum(farthest, eye_farthest)
+    others += [test(boxes) for eyes in tests[1:] for test in eyes]
+    for eye_outside, eye_inside, *_ in others:
+        outside = outside & eye_outside
+        inside = inside | eye_inside
     finest, coarsest = np.zeros((2, boxes.shape[1]), np.uint8)
     for latest, earliest in steps:
-        finest += (nearest >= (latest[*group[:, some]] if np.ndim(latest) else latest)).view(
-            np.uint8
-        )
-        coarsest += (
-            farthest >= (earliest[*group[:, some]] if np.ndim(earliest) else earliest)
-        ).view(np.uint8)
+        latest_begin = latest[*group] if np.ndim(latest) else latest
+        earliest_begin = earliest[*group] if np.ndim(earliest) else earliest
+        finest += (nearest >= latest_begin).view(np.uint8)
+        coarsest += (farthest >= earliest_begin).view(np.uint8)
     return outside, _or_culled(finest, inside & (finest == coarsest))
 
 
-def _or_culled(levels: np.ndarray, shown: np.ndarray) -> np.ndarray:
-    """Return `levels` (b,) uint8, with CULLED where not `shown` (b,) bool.
+def _or_culled(levels: np.ndarray, is_visible: np.ndarray) -> np.ndarray:
+    """Return `levels` (b,) uint8, with CULLED where not `is_visible` (b,) bool.
 
     CULLED has all bits set, so that this is several times as fast as np.where.
     """
-    return levels | (shown.view(np.uint8) - np.uint8(1))
+    return levels | (is_visible.view(np.uint8) - np.uint8(1))

@@ -10,9 +10,9 @@ import numpy as np
 from .camera import Camera, stretch
 from .frustum import frustum_of
 
-# Far more than all roundings, relative to the largest coordinate: those of the radar, of the boxes,
-# and of the walk, which rounds at each of the at most speeds.MOST_CELLS borders a step. What it
-# leaves open costs time, not truth.
+# Relative to the largest coordinate, far more than all roundings together: those of the radar, of
+# the boxes, and of the walk, which rounds at each border that it crosses. A box nearer to a plane
+# than this stays open: that costs time, and is never wrong.
 SLACK = 1e-8
 # NumPy's matrix product takes several threads for more columns than this: it costs them more to
 # start than they save.
@@ -38,7 +38,7 @@ class Look:
     grown: float = 0.0
 
 
-class Test:
+class BoxTest:
     """Decides boxes for one Look by linear forms: `forms` (f, 9) times (box, 1).
 
     extent: the largest coordinate of the boxes, meters.

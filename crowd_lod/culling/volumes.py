@@ -9,9 +9,9 @@ import numpy as np
 from .camera import Camera
 from .frustum import ROUNDING, Frustum, frustum_of, spheres_swept_through
 
-# Where Cycles starts rays that leave a surface, if they would hit it again: up to 256 spacings of
-# float32 along its normal from it, relative to the surface's coordinates, and near 0 up to LIFT
-# meters (ray_offset in its bvh/util.h).
+# Cycles starts rays beside the surface that they leave, so that they do not hit it again
+# (ray_offset in its bvh/util.h): along its normal by up to OFFSET times the surface's coordinates,
+# 256 spacings of float32, and near the origin by up to LIFT meters.
 OFFSET = 256 * float(np.finfo(np.float32).eps)
 LIFT = 2.0**-16
 
@@ -48,36 +48,32 @@ class Mirror:
 
 
 def view(camera: Camera) -> Frustum:
-    """Return the volume that the camera sees.
+    """Return the volume that the camera sees; its first planes are the picture's sides.
 
-    For a panoramic camera: a cube that holds its far distance, and a pyramid about its cone.
+    For a panoramic camera: a pyramid about its cone, and a cube that holds its far distance.
     """
     if camera.kind != "PANO":
         return frustum_of(camera)
-    normals, offsets = _sides(camera)
-    cube = np.concatenate([np.eye(3), -np.eye(3)])
-    offsets = np.append(offsets, np.full(6, camera.far))
-    return Frustum(camera.origin, np.concatenate([normals, cube]), offsets, camera.pad, camera.turn)
+    sides = _cone_sides(camera)
+    normals = np.concatenate([sides, np.eye(3), -np.eye(3)])
+    offsets = np.append(np.zeros(len(sides)), np.full(6, camera.far))
+    return Frustum(camera.origin, normals, offsets, camera.pad, camera.turn)
 
 
-def _sides(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Return normals (k, 3) and offsets (k,) of the planes at the picture's sides.
+def _cone_sides(camera: Camera) -> np.ndarray:
+    """Return normals (k, 3) of the pyramid about a panoramic camera's cone.
 
-    Empty for a panoramic camera with a cone of 90 degrees or more from its axis.
+    k is 4; or 0 for a cone of 90 degrees or more from its axis.
     """
-    if camera.kind != "PANO":
-        frustum = frustum_of(camera)
-        return frustum.normals[:4], frustum.offsets[:4]
     if camera.cone >= np.pi / 2:
-        return np.empty((0, 3)), np.empty(0)
+        return np.empty((0, 3))
     rows = np.array(
         [
-            a * np.cos(camera.cone) - camera.Z * np.sin(camera.cone)
-            for x in (camera.X, camera.Y)
-            for a in (x, -x)
+            axis * np.cos(camera.cone) - camera.Z * np.sin(camera.cone)
+            for axis in (camera.X, -camera.X, camera.Y, -camera.Y)
         ]
     )
-    return rows / np.linalg.norm(rows, axis=1, keepdims=True), np.zeros(4)
+    return rows / np.linalg.norm(rows, axis=1, keepdims=True)
 
 
 def mirrored(camera: Camera, mirror: Mirror) -> Frustum | None:
@@ -95,12 +91,15 @@ def mirrored(camera: Camera, mirror: Mirror) -> Frustum | None:
         height, normal = (1.0, normal) if camera.Z @ normal < 0 else (-1.0, normal)
     if height == 0:
         return None
-    seen = view(camera)
-    (sides, side_offsets) = _sides(camera)
+    direct = view(camera)
     away = mirror.corners - camera.origin
     reach = camera.pad + camera.turn * (np.linalg.norm(away, axis=1) + camera.pad)
-    if (away @ seen.normals.T - seen.offsets - reach[:, None] > 0).all(axis=0).any():
+    if (away @ direct.normals.T - direct.offsets - reach[:, None] > 0).all(axis=0).any():
         return None
+    # what follows the sides bounds the depth of direct rays: two planes, or a panorama's cube
+    depth_planes = 6 if camera.kind == "PANO" else 2
+    sides = direct.normals[:-depth_planes]
+    side_offsets = direct.offsets[:-depth_planes]
     reflection = np.eye(3) - 2 * np.outer(normal, normal)
     origin = camera.origin - 2 * float(normal @ (camera.origin - middle)) * normal
     frame, frame_offsets = _framed(
@@ -124,15 +123,15 @@ def _framed(corners: np.ndarray, along: np.ndarray | None) -> tuple[np.ndarray, 
     ends = np.roll(corners, -1, axis=0)
     normals = np.cross(corners, ends) if along is None else np.cross(ends - corners, along)
     length = np.linalg.norm(normals, axis=1)
-    kept = length > 1e-12 * np.linalg.norm(corners, axis=1).max() ** 2
-    normals = normals[kept] / length[kept, None]
-    corners = corners[kept]
+    has_plane = length > 1e-12 * np.linalg.norm(corners, axis=1).max() ** 2
+    normals = normals[has_plane] / length[has_plane, None]
+    corners = corners[has_plane]
     offsets = np.einsum("kd,kd->k", normals, corners)
     outward = np.where(normals @ ends.mean(axis=0) <= offsets, 1.0, -1.0)
     return normals * outward[:, None], offsets * outward
 
 
-def within(volume: Frustum, points: np.ndarray, radius: np.ndarray) -> np.ndarray:
+def reaches_into(volume: Frustum, points: np.ndarray, radius: np.ndarray) -> np.ndarray:
     """Return which spheres reach into the volume, (n,) bool.
 
     points: (n, 3) meters, their centers.
@@ -144,7 +143,9 @@ def within(volume: Frustum, points: np.ndarray, radius: np.ndarray) -> np.ndarra
     return spheres_swept_through(volume, points, radius, still, 0.0)
 
 
-def shaded(volume: Frustum, light: Light, points: np.ndarray, radius: np.ndarray) -> np.ndarray:
+def shades_into(
+    volume: Frustum, light: Light, points: np.ndarray, radius: np.ndarray
+) -> np.ndarray:
     """Return which spheres may cast a shadow into the volume, (n,) bool.
 
     points: (n, 3) meters, their centers.
@@ -169,20 +170,21 @@ def shaded(volume: Frustum, light: Light, points: np.ndarray, radius: np.ndarray
     way = points - light.origin
     larger = radius + light.size
     distance = np.linalg.norm(way, axis=1)
-    kept = distance - larger <= light.reach
+    is_lit = distance - larger <= light.reach
     if light.angle < np.pi:  # of a sphere beside the cone there is no shadow
         depth = way @ light.direction
         across = np.sqrt(np.maximum(distance**2 - depth**2, 0))
-        kept &= (
+        is_lit &= (
             across * np.cos(light.angle) - depth * np.sin(light.angle)
             <= larger + ROUNDING * distance
         )
     ends = None if np.isinf(light.reach) else (distance - radius - light.reach, distance - larger)
-    if not kept.all():
-        points, radius, way, larger = (each[kept] for each in (points, radius, way, larger))
-        ends = ends and (ends[0][kept], ends[1][kept])
-    kept[kept] = spheres_swept_through(volume, points, radius, way, larger, ends)
-    return kept
+    if not is_lit.all():
+        points, radius, way, larger = (rows[is_lit] for rows in (points, radius, way, larger))
+        ends = ends and (ends[0][is_lit], ends[1][is_lit])
+    casts = is_lit
+    casts[is_lit] = spheres_swept_through(volume, points, radius, way, larger, ends)
+    return casts
 
 
 def left_from(volume: Frustum, about: np.ndarray, turn: float = 0.0) -> Frustum:

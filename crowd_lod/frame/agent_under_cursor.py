@@ -21,8 +21,7 @@ class Account:
     reason: one of reasons.REASONS.
     depth: meters to its sphere's center, along the view (PANO: straight).
     pixels: its sphere's diameter in the picture; None behind the camera.
-    error: pixels that its LOD deviates at most (levels.shown); None if not measured, or behind the
-        camera.
+    error: pixels that its LOD deviates at most; None if not measured, or behind the camera.
     planned: what the shot plan has of it; "" if the frame does not follow a plan.
     """
 
@@ -43,7 +42,7 @@ def nearest(
     matrix: np.ndarray,
     size: tuple[int, int],
     cursor: tuple[float, float],
-    within: float,
+    most_pixels: float,
     among: np.ndarray | None = None,
 ) -> int | None:
     """Return the agent nearest to the cursor in the picture, or None if none is near.
@@ -53,15 +52,15 @@ def nearest(
         skipped.
     size: the picture's, pixels.
     cursor: pixels from the picture's bottom left corner.
-    within: the largest distance to the cursor, pixels.
+    most_pixels: the largest distance to the cursor, pixels.
     among: (n,) bool, the agents to choose from; None for all.
 
     Of several at the same distance, the first.
     """
     center = np.array([2 * cursor[0] / size[0] - 1, 2 * cursor[1] / size[1] - 1])
     half = size[0] / 2, size[1] / 2
-    best = within * within
-    found = None
+    least = most_pixels**2
+    nearest_agent = None
     points = np.ones((4, BLOCK))
     for start in range(0, len(places[0]), BLOCK):
         end = min(start + BLOCK, len(places[0]))
@@ -70,20 +69,23 @@ def nearest(
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             x, y, z, w = matrix @ points[:, : end - start]
             away = ((x / w - center[0]) * half[0]) ** 2 + ((y / w - center[1]) * half[1]) ** 2
-        inside = (away <= best) & (w > 0) & (np.abs(z) <= w)
+        inside = (away <= least) & (w > 0) & (np.abs(z) <= w)
         if among is not None:
             inside &= among[start:end]
         near = np.flatnonzero(inside)
         if len(near):
             at = near[np.argmin(away[near])]
-            if found is None or away[at] < best:
-                best = away[at]
-                found = start + int(at)
-    return found
+            if nearest_agent is None or away[at] < least:
+                least = away[at]
+                nearest_agent = start + int(at)
+    return nearest_agent
 
 
 def account(frame: Frame, agent: int) -> Account:
-    """What there is to tell of the agent with this index in `frame`."""
+    """Return the details of an agent of `frame`.
+
+    CrowdError if there is no agent with this index.
+    """
     if not 0 <= agent < len(frame.crowd):
         raise CrowdError(
             f"There is no agent {agent}: the crowd has {len(frame.crowd):,}, from 0 on."
@@ -91,9 +93,9 @@ def account(frame: Frame, agent: int) -> Account:
     this = slice(agent, agent + 1)
     crowd = frame.crowd.of(this)
     levels = frame.levels[this]
-    seen = sort(frame.visible[this], levels, len(frame.buckets.counts))
+    buckets = sort(frame.visible[this], levels, len(frame.buckets.counts))
     row = None if frame.plan_row is None else frame.plan_row[this]
-    alone = replace(frame, crowd=crowd, buckets=seen, known_levels=levels, plan_row=row)
+    alone = replace(frame, crowd=crowd, buckets=buckets, known_levels=levels, plan_row=row)
     group = frame.trajectory.groups[crowd.group[0]]
     level = int(levels[0])
     camera = frame.camera

@@ -6,9 +6,9 @@ from .frame import Frame
 
 
 def fades_of(frame: Frame, width: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
-    """`fade` of each agent of `frame`.
+    """Return `fade` of each agent of `frame`.
 
-    Hysteresis, which remembers, has no part in it: a LOD that fades in does not pop.
+    Hysteresis has no part in it: a LOD that fades in does not pop.
     """
     return fade(frame.distances, frame.begins, frame.crowd.group, frame.factors, width)
 
@@ -45,9 +45,9 @@ def fade(
                 np.float32
             )
         finer[part >= 1] = i + 1
-        within = (part > 0) & (part < 1)
-        finer[within] = i
-        share[within] = part[within]
+        is_fading = (part > 0) & (part < 1)
+        finer[is_fading] = i
+        share[is_fading] = part[is_fading]
     return finer, share
 
 

@@ -15,7 +15,7 @@ from ..culling.radar import RadarOptions, radar
 from ..levels.assignment import Bias, LevelPolicy, assign, deviations, limits
 from ..sorting.buckets import Buckets
 from ..sources.trajectory import Trajectory
-from .index_cache import kept_of
+from .index_cache import cache_of
 from .request import Moment, Request, moments
 from .stages import Sorter, Task, sorted_by_level
 
@@ -157,12 +157,12 @@ def plan_of(trajectory: Trajectory, request: Request, sorter: Sorter | None = No
     ticks = [clock.perf_counter()]
     crowd = trajectory.at(request.time)
     ticks.append(clock.perf_counter())
-    seen = [replace(moment, eyes=pictured(moment.eyes)) for moment in moments(trajectory, request)]
-    known = None
+    views = [replace(moment, eyes=pictured(moment.eyes)) for moment in moments(trajectory, request)]
+    inputs = None
     outcome = None
     if STATIC in trajectory.leave and STILL in trajectory.left_out:
-        known = _asked(trajectory, crowd, request, seen)
-        outcome = _recalled(trajectory, *known)
+        inputs = _inputs(trajectory, crowd, request, views)
+        outcome = _recall(trajectory, *inputs)
     if outcome is not None:
         ticks += [clock.perf_counter()] * 3
         outcome = replace(outcome, left_out=(STATIC, *outcome.left_out))
@@ -173,11 +173,11 @@ def plan_of(trajectory: Trajectory, request: Request, sorter: Sorter | None = No
             trajectory.spheres.radius,
             deviations(trajectory.groups, request.policy),
         )
-        outcome = _outcome(Task(trajectory, request, crowd, seen, begins, ticks), sorter)
-        kept_of(trajectory).memo = None if known is None else (*known, outcome)
-    asked = {each.name: getattr(request, each.name) for each in fields(Request)}
+        outcome = _outcome(Task(trajectory, request, crowd, views, begins, ticks), sorter)
+        cache_of(trajectory).memo = None if inputs is None else (*inputs, outcome)
+    requested = {field.name: getattr(request, field.name) for field in fields(Request)}
     return Frame(
-        **asked,
+        **requested,
         **vars(outcome),
         crowd=crowd,
         trajectory=trajectory,
@@ -185,29 +185,26 @@ def plan_of(trajectory: Trajectory, request: Request, sorter: Sorter | None = No
     )
 
 
-def _asked(
-    trajectory: Trajectory, crowd: Crowd, request: Request, seen: list[Moment]
+def _inputs(
+    trajectory: Trajectory, crowd: Crowd, request: Request, views: list[Moment]
 ) -> tuple[list[np.ndarray], tuple]:
     """Return (arrays of the crowd, values), from which the outcome of a still crowd follows."""
-    crowds = [crowd, *(trajectory.at(moment.time) for moment in seen[1:])]
+    crowds = [crowd, *(trajectory.at(moment.time) for moment in views[1:])]
     bias = request.bias
     painted = None if bias is None else (bias.values.shape, bias.values.tobytes(), bias.area)
-    views = [(_values(moment.eyes), moment.radius.tobytes()) for moment in seen]
-    return [column for each in crowds for column in (each.x, each.y, each.z, each.group)], (
-        views,
-        request.policy,
-        painted,
-    )
+    cameras = [(_values(moment.eyes), moment.radius.tobytes()) for moment in views]
+    columns = [column for crowd in crowds for column in (crowd.x, crowd.y, crowd.z, crowd.group)]
+    return columns, (cameras, request.policy, painted)
 
 
-def _recalled(trajectory: Trajectory, columns: list[np.ndarray], values: tuple) -> Outcome | None:
-    """Return the last frame's outcome, if the same was asked then."""
-    made = kept_of(trajectory).memo
-    return (
-        made[2]
-        if made is not None and made[1] == values and all(map(operator.is_, made[0], columns))
-        else None
-    )
+def _recall(trajectory: Trajectory, columns: list[np.ndarray], values: tuple) -> Outcome | None:
+    """Return the last frame's outcome, if it was planned from the same inputs."""
+    memo = cache_of(trajectory).memo
+    if memo is None:
+        return None
+    memo_columns, memo_values, outcome = memo
+    is_same = memo_values == values and all(map(operator.is_, memo_columns, columns))
+    return outcome if is_same else None
 
 
 def _values(cameras: Sequence[Camera]) -> list[tuple]:
@@ -221,12 +218,12 @@ def _values(cameras: Sequence[Camera]) -> list[tuple]:
 def _outcome(task: Task, sorter: Sorter | None) -> Outcome:
     """Return who is seen, and what that costs."""
     groups = task.trajectory.groups
-    done = sorted_by_level(task, sorter)
+    result = sorted_by_level(task, sorter)
+    buckets = result.buckets
     present = task.crowd.present
-    buckets = done.buckets
     if present is not None:
         buckets = buckets.among(present)
-    counted = done.counted if present is None else None
+    counted = result.counted if present is None else None
     counted = counted or tally(task.crowd, buckets, len(groups))
     vertices, full_vertices = cost(counted, [group.vertices for group in groups])
     triangles, full_triangles = cost(counted, [group.triangles for group in groups])
@@ -237,9 +234,9 @@ def _outcome(task: Task, sorter: Sorter | None) -> Outcome:
         triangles=triangles,
         full_vertices=full_vertices,
         full_triangles=full_triangles,
-        dropped=done.dropped,
-        left_out=tuple(item for item in ITEMS if item in done.left_out),
-        known_levels=done.levels,
+        dropped=result.dropped,
+        left_out=tuple(item for item in ITEMS if item in result.left_out),
+        known_levels=result.levels,
     )
 
 
@@ -251,17 +248,15 @@ def _milliseconds(ticks: list[float]) -> dict[str, float]:
 
 
 def tally(crowd: Crowd, buckets: Buckets, groups: int) -> tuple[np.ndarray, np.ndarray]:
-    """Count agents in the buckets, (n, G) by LOD and group, and those of the crowd that are there,
-    (G,).
-    """
+    """Return (agents in the buckets, (n, G) by LOD and group; agents that are there, (G,))."""
     if groups == 1:
         return buckets.counts[:, None], np.array([crowd.there])
-    shown = [
+    visible = [
         np.bincount(crowd.group[buckets[level]], minlength=groups)
         for level in range(len(buckets.counts))
     ]
     there = crowd.group if crowd.present is None else crowd.group[crowd.present]
-    return np.array(shown), np.bincount(there, minlength=groups)
+    return np.array(visible), np.bincount(there, minlength=groups)
 
 
 def cost(counted: tuple[np.ndarray, np.ndarray], sizes: list[tuple[int, ...]]) -> tuple[int, int]:
@@ -271,7 +266,7 @@ def cost(counted: tuple[np.ndarray, np.ndarray], sizes: list[tuple[int, ...]]) -
     sizes: for each group one number per LOD, or none if not known; then both sums are 0.
     """
     present, full = counted
-    if not all(len(each) >= len(present) for each in sizes):
+    if not all(len(size) >= len(present) for size in sizes):
         return 0, 0
     drawn = [
         int(present[level, g]) * size[level]

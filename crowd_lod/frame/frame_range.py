@@ -23,25 +23,25 @@ def parse_frames(text: str, step: int = 1) -> list[int]:
     """
     match = re.fullmatch(r"\s*(-?\d{1,99})\s*:\s*(-?\d{1,99})\s*", text)
     if match:
-        first = _known(int(match[1]))
-        last = _known(int(match[2]))
+        first = _in_range(int(match[1]))
+        last = _in_range(int(match[2]))
         if first > last:
             raise CrowdError(
                 f"The frames {text} run backwards: give the first frame first, {last}:{first}."
             )
         if step < 1:
             raise CrowdError(f"The frame step is {step}; it must be at least 1.")
-        named = range(first, last + 1, step)
-        if len(named) > MOST_FRAMES:
+        frame_range = range(first, last + 1, step)
+        if len(frame_range) > MOST_FRAMES:
             raise CrowdError(
-                f"The range {text} holds {len(named):,} frames; ask for at most {MOST_FRAMES:,}."
+                f"The range {text} holds {len(frame_range):,} frames; ask for at most {MOST_FRAMES:,}."
             )
-        return list(named)
+        return list(frame_range)
     if not re.fullmatch(r"\s*-?\d{1,99}\s*(,\s*-?\d{1,99}\s*)*", text):
         raise CrowdError(
             f"The frames {text!r} are neither a range such as 1:120 nor a list such as 1,40,80."
         )
-    frames = [_known(int(number)) for number in text.split(",")]
+    frames = [_in_range(int(number)) for number in text.split(",")]
     for before, after in zip(frames[:-1], frames[1:], strict=True):
         if after <= before:
             raise CrowdError(
@@ -54,25 +54,25 @@ def parse_frames(text: str, step: int = 1) -> list[int]:
 def parse_part(text: str, frames: Sequence[int]) -> list[int]:
     """Return those of a run's `frames` that `text` names, in increasing order.
 
-    text: numbers and ranges, 1,40 or 1:10, or as farms write them: 1-10, 1-41:10. Of a range A:B or
-        A-B those count that the run has.
+    text: numbers and ranges, 1,40 or 1:10, or as farms write them: 1-10, 1-41:10. A range may have
+        frames that the run lacks: they do not count.
 
-    CrowdError if it cannot be read, or names others.
+    CrowdError if it cannot be read, or names a frame, or only frames, that the run lacks.
     """
-    wanted: set[int] = set()
+    part: set[int] = set()
     for piece in text.split(","):
         match = re.fullmatch(r"\s*(-?\d{1,9})\s*[:-]\s*(-?\d{1,9})(?::(\d{1,9}))?\s*", piece)
         if match is None:
-            wanted.update(parse_frames(piece))
+            part.update(parse_frames(piece))
         else:
             named = parse_frames(f"{match[1]}:{match[2]}", int(match[3] or 1))
-            wanted.update(set(named).intersection(frames) or named)
-    if strange := sorted(wanted.difference(frames)):
+            part.update(set(named).intersection(frames) or named)
+    if strange := sorted(part.difference(frames)):
         raise CrowdError(
             f"{frames_are(strange, ' of --part')} not among the run's: name frames of "
             f"{told_frames(frames)}."
         )
-    return sorted(wanted)
+    return sorted(part)
 
 
 def told_frames(frames: Sequence[int]) -> str:
@@ -102,7 +102,7 @@ def shot_frames(frames: Sequence[int]) -> str:
     )
 
 
-def _known(frame: int) -> int:
+def _in_range(frame: int) -> int:
     """Return the frame; CrowdError if Blender has no frame of that number."""
     if abs(frame) > LAST_FRAME:
         raise CrowdError(

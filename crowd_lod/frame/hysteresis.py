@@ -8,13 +8,18 @@ from .frame import Frame
 from .planned import relevelled
 
 
-def held(frame: Frame, previous: np.ndarray) -> Frame:
-    """`frame` with the LODs `previous` (n,) uint8 held by its policy's hysteresis. Who is visible
-    stays.
+def hold_levels(frame: Frame, previous: np.ndarray) -> Frame:
+    """Return `frame` with LODs that change only beyond its policy's hysteresis.
+
+    The same agents are visible.
+    previous: (n,) uint8, the LODs of the frame before.
     """
-    crowd = frame.crowd
-    policy = frame.policy
     levels = hold(
-        previous, frame.distances, frame.begins, crowd.group, frame.factors, policy.hysteresis
+        previous,
+        frame.distances,
+        frame.begins,
+        frame.crowd.group,
+        frame.factors,
+        frame.policy.hysteresis,
     )
-    return relevelled(frame, sort(frame.visible, levels, policy.count), levels)
+    return relevelled(frame, sort(frame.visible, levels, frame.policy.count), levels)

@@ -1,17 +1,15 @@
-"""What the planner keeps of a crowd between frames: its blocks, and the last plan where nothing
-moves.
+"""What the planner remembers of a crowd between frames: its blocks, and the plan of a still crowd.
 
-Caches, never the truth.
+Caches, never the truth: a plan is the same whichever frame was asked for before it. To that end
+boxes are computed at every `Trajectory.every`-th frame, and the order of the agents in them at
+every PART-th of those frames.
 
-Boxes of blocks are made anew every `Trajectory.every` frames, and the order of the agents in them
-every ORDERED makings: always at the same frames, so that a plan is the same whichever frame came
-before.
+Blender may ask from several threads, a viewport's and a render's, without a lock. So each cache is
+one tuple: the frame that it was filled for, and the result. It is read once, replaced as a whole,
+and its arrays are never written to. A thread that finds the cache filled for another frame computes
+its own result. Two threads may compute the same frame twice; neither ever returns the other's.
 
-Blender may ask from several threads, a viewport's and a render's, without a lock: whatever is kept
-is one tuple with what it was made for, read once and replaced as a whole, of values that nobody
-writes to afterwards. Who finds another frame's makes its own and answers with that, so that two
-threads may make the same at once, and no answer is another's. What is kept holds no Trajectory: it
-would never let that go.
+No cache refers to its Trajectory, which would never be freed.
 """
 
 from collections.abc import Iterator
@@ -26,18 +24,19 @@ from ..crowd import morton_order
 from ..crowd.leave_outs import STILL
 from ..crowd.velocity_bounds import STANDING, VelocityBounds
 from ..culling import blocks
-from ..sources.trajectory import PART as ORDERED
-from ..sources.trajectory import Trajectory
+from ..sources.trajectory import PART, Trajectory
 
-SHUTTER = 2  # frames beyond those between two makings of the blocks at which they may be asked for
+# Blocks may be asked for so many frames before they are computed, or after the next ones are: a
+# shutter opens and closes around its frame.
+SHUTTER = 2
 
 
 @dataclass
-class Kept:
+class TrajectoryCache:
     """The caches of one trajectory.
 
-    boxes: (frame, the blocks made then).
-    order: (frame, the agents in order).
+    boxes: (frame, the blocks at that frame).
+    order: (frame, (n,) int32 agents in block order), filled up to whole blocks.
     memo: of frame.plan_of.
     """
 
@@ -46,69 +45,72 @@ class Kept:
     memo: Any = None
 
 
-_KEPT: WeakKeyDictionary[Trajectory, Kept] = WeakKeyDictionary()
+_CACHES: WeakKeyDictionary[Trajectory, TrajectoryCache] = WeakKeyDictionary()
 
 
-def kept_of(trajectory: Trajectory) -> Kept:
+def cache_of(trajectory: Trajectory) -> TrajectoryCache:
     """Return the caches of the `trajectory`, which live as long as it does."""
-    kept = _KEPT.get(trajectory)
-    if kept is None:
-        kept = _KEPT[trajectory] = Kept()
-    return kept
+    cache = _CACHES.get(trajectory)
+    if cache is None:
+        cache = _CACHES[trajectory] = TrajectoryCache()
+    return cache
 
 
 def blocks_at(trajectory: Trajectory, time: float) -> tuple[int, blocks.Blocks] | None:
-    """Return (frame when they were made, the crowd's blocks) for `time`, in frames.
+    """Return (frame at which they were computed, the crowd's blocks) for `time`, in frames.
 
     None for a small crowd (morton_order.FEWEST), and for one whose velocity is not known. Call
     trajectory.at for this time first.
     """
     if len(trajectory.start) < morton_order.FEWEST:
         return None
-    kept = kept_of(trajectory)
-    every = trajectory.every
     first = trajectory.first_frame
     frame = int(max(time - first, 0.0))
-    frame = min(frame, 1) if STILL in trajectory.left_out else frame - frame % every
+    if STILL in trajectory.left_out:
+        frame = min(frame, 1)  # two serve all frames: of the start, and of the only step
+    else:
+        frame -= frame % trajectory.every
     if _velocity(trajectory, first + frame) is None:
         return None
-    made = kept.boxes
-    if made is None or made[0] != first + frame:
-        made = kept.boxes = None  # let go before others are made
-        made = kept.boxes = first + frame, _made(trajectory, frame)
-    return made
+    cache = cache_of(trajectory)
+    boxes = cache.boxes
+    if boxes is None or boxes[0] != first + frame:
+        boxes = cache.boxes = None  # freed before the next ones take memory
+        boxes = cache.boxes = first + frame, _compute_blocks(trajectory, frame)
+    return boxes
 
 
-def _made(trajectory: Trajectory, frame: int) -> blocks.Blocks:
-    """Make the blocks at a whole `frame`, counted from 0."""
-    kept = kept_of(trajectory)
+def _compute_blocks(trajectory: Trajectory, frame: int) -> blocks.Blocks:
+    """Return the blocks at a whole `frame`, counted from 0."""
     every = trajectory.every
-    area = trajectory.area
     velocity = _velocity(trajectory, trajectory.first_frame + frame) or STANDING
-    since = frame - frame % (ORDERED * every)
-    order = kept.order
-    if order is None or order[0] != since:
-        order = kept.order = None
-        crowd = trajectory.kept_at(since)
-        order = kept.order = (
-            since,
-            blocks.filled(morton_order.order_of(crowd.x, crowd.y, crowd.group, area)),
-        )
-    longest = [frames * trajectory.seconds_per_frame for frames in (-SHUTTER, every + SHUTTER)]
-    wraps = velocity.between(longest) if trajectory.wraps else None
-    span = trajectory.heights.span if trajectory.heights is not None else (-np.inf, np.inf)
+    seconds = [frames * trajectory.seconds_per_frame for frames in (-SHUTTER, every + SHUTTER)]
+    wraps = velocity.between(seconds) if trajectory.wraps else None
+    span = (-np.inf, np.inf) if trajectory.heights is None else trajectory.heights.span
     return blocks.blocks_of(
         trajectory.kept_at(frame),
-        order[1],
+        _order_at(trajectory, frame - frame % (PART * every)),
         trajectory.spheres,
-        area,
+        trajectory.area,
         wraps,
         span if velocity.climbs else None,
     )
 
 
+def _order_at(trajectory: Trajectory, frame: int) -> np.ndarray:
+    """Return the agents in block order at a whole `frame`, counted from 0."""
+    cache = cache_of(trajectory)
+    order = cache.order
+    if order is None or order[0] != frame:
+        order = cache.order = None
+        crowd = trajectory.kept_at(frame)
+        agents = morton_order.order_of(crowd.x, crowd.y, crowd.group, trajectory.area)
+        order = cache.order = frame, blocks.filled(agents)
+    return order[1]
+
+
 def _velocity(trajectory: Trajectory, since: int) -> VelocityBounds | None:
-    """Return bounds of the velocity while blocks made at frame `since` may be asked for.
+    """Return bounds of the velocity while blocks computed at frame `since` may be asked for.
 
     None if not known.
     """
@@ -118,15 +120,14 @@ def _velocity(trajectory: Trajectory, since: int) -> VelocityBounds | None:
 def moved(trajectory: Trajectory, time: float, since: int) -> tuple[np.ndarray, np.ndarray]:
     """Return (least, most) displacement, (3,) meters, of agents since their blocks.
 
-    time: now; since: when the blocks were made; both in frames. Infinite where the blocks do not
-        hold.
+    time: now; since: when the blocks were computed; both in frames. Infinite where the blocks do
+        not hold.
     """
     frames = max(time, trajectory.first_frame) - since
     velocity = _velocity(trajectory, since)
-    beyond = (
-        STILL not in trajectory.left_out and not -SHUTTER <= frames <= trajectory.every + SHUTTER
-    )
-    if beyond or velocity is None:
+    is_still = STILL in trajectory.left_out
+    holds = is_still or -SHUTTER <= frames <= trajectory.every + SHUTTER
+    if velocity is None or not holds:
         return np.full(3, -np.inf), np.full(3, np.inf)
     return velocity.between([frames * trajectory.seconds_per_frame])
 

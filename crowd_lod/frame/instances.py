@@ -14,7 +14,7 @@ from .frame import Frame
 
 
 @dataclass(frozen=True)
-class Shown:
+class FrameInstances:
     """Who a frame shows, and as what.
 
     agents: (m,) intp, increasing; with those that only cast a shadow or are only in mirrors.
@@ -27,7 +27,7 @@ class Shown:
     off: float
 
 
-def shown(frame: Frame, library: Library) -> Shown:
+def instances_of_frame(frame: Frame, library: Library) -> FrameInstances:
     """Return who `frame` shows, as characters of the `library`."""
     kinds = [
         buckets for buckets in (frame.buckets, frame.shadow, frame.mirrored) if buckets is not None
@@ -43,12 +43,13 @@ def shown(frame: Frame, library: Library) -> Shown:
     seconds = frame.trajectory.seconds(frame.time)
     character = library.shown(gaits, frame.crowd, seconds, agents)
     count = library.posed[frame.crowd.group[agents]]
-    beside = np.where(
-        count > 1, gaits.phase(frame.crowd, seconds, agents) * np.float64(1) * count, 0.0
-    )
-    beside = np.abs(beside - np.rint(beside)) / np.maximum(count, 1)
-    return Shown(
-        agents, levels * int(library.first(gaits)[-1]) + character, float(beside.max(initial=0.0))
+    phase = gaits.phase(frame.crowd, seconds, agents).astype(np.float64)
+    pose = np.where(count > 1, phase * count, 0.0)
+    off = np.abs(pose - np.rint(pose)) / np.maximum(count, 1)
+    return FrameInstances(
+        agents=agents,
+        prototype=levels * int(library.first(gaits)[-1]) + character,
+        off=float(off.max(initial=0.0)),
     )
 
 
@@ -63,21 +64,21 @@ class Instances:
     agents: np.ndarray
     prototypes: np.ndarray
 
-    def at(self, frame: Shown) -> tuple[np.ndarray, np.ndarray]:
-        """Return (which of `prototypes` each agent shows, (a,) int32; the agents that are not
-        shown, int64).
+    def at(self, frame: FrameInstances) -> tuple[np.ndarray, np.ndarray]:
+        """Return (numbers, absent_agents) of a frame.
 
-        An agent that is not shown has the first prototype.
+        numbers: (a,) int32, which of `prototypes` each agent shows; 0 for an absent one.
+        absent_agents: (k,) int64, the agents that the frame does not show.
         """
         place = np.searchsorted(self.agents, frame.agents)
-        which = np.zeros(len(self.agents), np.int32)
-        there = np.zeros(len(self.agents), bool)
-        which[place] = np.searchsorted(self.prototypes, frame.prototype)
-        there[place] = True
-        return which, self.agents[~there].astype(np.int64)
+        numbers = np.zeros(len(self.agents), np.int32)
+        is_present = np.zeros(len(self.agents), bool)
+        numbers[place] = np.searchsorted(self.prototypes, frame.prototype)
+        is_present[place] = True
+        return numbers, self.agents[~is_present].astype(np.int64)
 
 
-def instances_of(frames: Sequence[Shown]) -> Instances:
+def instances_of(frames: Sequence[FrameInstances]) -> Instances:
     """Return the agents and prototypes that any of `frames` shows."""
     return Instances(
         _any([frame.agents for frame in frames]), _any([frame.prototype for frame in frames])
@@ -86,38 +87,35 @@ def instances_of(frames: Sequence[Shown]) -> Instances:
 
 def _any(parts: Sequence[np.ndarray]) -> np.ndarray:
     """Return the numbers that any of `parts` has, increasing, intp."""
-    found = np.zeros(1 + max(int(part.max(initial=-1)) for part in parts), bool)
+    is_present = np.zeros(1 + max(int(part.max(initial=-1)) for part in parts), bool)
     for part in parts:
-        found[part] = True
-    return np.flatnonzero(found)
+        is_present[part] = True
+    return np.flatnonzero(is_present)
 
 
 def turned(heading: np.ndarray, pitch: np.ndarray, roll: np.ndarray, turn: float) -> np.ndarray:
-    """Return the rotations Rz(heading) Ry(-pitch) Rx(roll) Rz(turn) as unit quaternions (m, 4)
-    float64.
+    """Return the rotations Rz(heading) Ry(-pitch) Rx(roll) Rz(turn) as unit quaternions.
 
-    Columns x, y, z, w. Angles (m,) in radians.
+    (m, 4) float64, columns x, y, z, w. Angles (m,) in radians.
     """
-    found = _about(2, heading)
+    rotation = _about(2, heading)
     for axis, angle in ((1, -pitch), (0, roll), (2, np.full(len(heading), turn))):
-        found = _product(found, _about(axis, angle))
-    return found
+        rotation = _product(rotation, _about(axis, angle))
+    return rotation
 
 
 def _about(axis: int, angle: np.ndarray) -> np.ndarray:
-    found = np.zeros((len(angle), 4))
+    rotation = np.zeros((len(angle), 4))
     half = np.asarray(angle, np.float64) / 2
-    found[:, axis] = np.sin(half)
-    found[:, 3] = np.cos(half)
-    return found
+    rotation[:, axis] = np.sin(half)
+    rotation[:, 3] = np.cos(half)
+    return rotation
 
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the quaternions a b, (m, 4)."""
-    v = a[:, :3]
-    w = a[:, 3:]
-    u = b[:, :3]
-    s = b[:, 3:]
+    v, w = np.split(a, [3], axis=1)
+    u, s = np.split(b, [3], axis=1)
     return np.concatenate(
         [w * u + s * v + np.cross(v, u), w * s - (v * u).sum(axis=1, keepdims=True)], axis=1
     )

@@ -11,12 +11,10 @@ from ..sorting.buckets import Buckets, sort
 from .frame import Frame, cost, tally
 from .frame_range import shot_frames
 
-# Parts of a byte of the plan: the LOD; whether it holds although it is coarser than the tolerance
-# allows, or finer; whether an exception asks for that; whether the agent is hidden. 0x10 is left for
-# agents that scenery hides.
+# Bits of a byte of the plan. 0x10 is free for agents that scenery hides.
 LEVEL = 0x0F
-EXCEPTED = 0x20
-PINNED = 0x40
+EXCEPTED = 0x20  # an exception gives the LOD or hides the agent
+PINNED = 0x40  # the LOD holds, even if the tolerance asks for another
 HIDDEN = 0x80
 CAMERA_KINDS = "PERSP", "ORTHO", "PANO"  # of cameras, by their number in a plan
 SAME = 1e-4  # part of a number by which two cameras that count as one may differ
@@ -33,31 +31,30 @@ def with_row(frame: Frame, row: np.ndarray) -> Frame:
     it may be nearer than in them. Pinned and hidden agents are as the plan has them.
     """
     order = frame.buckets.order
-    levels = row[frame.buckets.order]
-    level = np.where(
-        levels & PINNED, levels & LEVEL, np.minimum(levels & LEVEL, frame.buckets.levels)
-    )
-    known = row & LEVEL
-    known[order] = level
+    visible_row = row[order]
+    visible_levels = visible_row & LEVEL
+    not_coarser = np.minimum(visible_levels, frame.buckets.levels)
+    visible_levels = np.where(visible_row & PINNED, visible_levels, not_coarser)
+    levels = row & LEVEL
+    levels[order] = visible_levels
     hidden = row & HIDDEN != 0
-    shown = relevelled(frame, _without(hidden, order, level, len(frame.buckets.counts)), known)
-    shown = replace(shown, plan_row=row)
+    buckets = _without(hidden, order, visible_levels, len(frame.buckets.counts))
+    frame = replace(relevelled(frame, buckets, levels), plan_row=row)
     if not hidden.any():
-        return shown
+        return frame
     shadow, mirrored = (
-        each and _without(hidden, each.order, each.levels, len(each.counts))
-        for each in (frame.shadow, frame.mirrored)
+        unseen and _without(hidden, unseen.order, unseen.levels, len(unseen.counts))
+        for unseen in (frame.shadow, frame.mirrored)
     )
-    return replace(shown, shadow=shadow, mirrored=mirrored)
+    return replace(frame, shadow=shadow, mirrored=mirrored)
 
 
 def _without(hidden: np.ndarray, order: np.ndarray, levels: np.ndarray, count: int) -> Buckets:
     """Return the buckets of agents in `order` that are not hidden, with the LODs `levels`."""
     stays = ~hidden[order]
-    order = order[stays]
-    levels = levels[stays]
-    found = sort(np.ones(len(order), bool), levels, count)
-    return Buckets(order[found.order], found.offsets)
+    agents = order[stays]
+    buckets = sort(np.ones(len(agents), bool), levels[stays], count)
+    return Buckets(agents[buckets.order], buckets.offsets)
 
 
 def relevelled(frame: Frame, buckets: Buckets, levels: np.ndarray) -> Frame:
@@ -81,14 +78,17 @@ def noted(number: int, sentence: str, strict: bool) -> tuple[int, str]:
     return number, sentence
 
 
-def told_unplanned(said: Sequence[tuple[int, str]]) -> str:
-    """Return sentences on frames without the shot plan: `said` are (frame, its sentence or "")."""
-    found: dict[str, list[int]] = {}
-    for number, sentence in said:
-        found.setdefault(sentence, []).append(number)
-    found.pop("", None)
+def told_unplanned(notes: Sequence[tuple[int, str]]) -> str:
+    """Return sentences on frames without the shot plan.
+
+    notes: (frame, its sentence or "").
+    """
+    frames: dict[str, list[int]] = {}
+    for number, sentence in notes:
+        frames.setdefault(sentence, []).append(number)
+    frames.pop("", None)
     return " ".join(
-        f"{shot_frames(numbers).capitalize()}: {sentence}" for sentence, numbers in found.items()
+        f"{shot_frames(numbers).capitalize()}: {sentence}" for sentence, numbers in frames.items()
     )
 
 
@@ -100,8 +100,10 @@ def numbers_of(cameras: Sequence[Camera]) -> np.ndarray:
     return np.array(
         [
             [
-                *camera.origin, *camera.X, *camera.Y, *camera.Z, *(getattr(camera.window, each.name) for each in fields(camera.window)),
-                camera.near, camera.far, camera.cone, CAMERA_KINDS.index(camera.kind), camera.pixels_per_unit,
+                *camera.origin, *camera.X, *camera.Y, *camera.Z,
+                *(getattr(camera.window, side.name) for side in fields(camera.window)),
+                camera.near, camera.far, camera.cone,
+                CAMERA_KINDS.index(camera.kind), camera.pixels_per_unit,
             ]
             for camera in cameras
         ]
@@ -112,7 +114,7 @@ def camera_of(numbers: np.ndarray) -> Camera:
     """Return the camera of a row (21,) of `numbers_of`; all else of it has its default."""
     origin, X, Y, Z = numbers[:12].reshape(4, 3)
     film = Window(*numbers[12:16].tolist())
-    (near, far, cone, kind, density) = numbers[16:].tolist()
+    near, far, cone, kind, density = numbers[16:].tolist()
     pixels = round(density * (film.right - film.left)), round(density * (film.top - film.bottom))
     return Camera(
         CAMERA_KINDS[int(kind)], origin, X, Y, Z, film, near, far, pixels, cone, density=density
@@ -127,9 +129,8 @@ def same_cameras(planned: np.ndarray, now: np.ndarray) -> bool:
     if planned.shape != now.shape:
         return False
     least = np.ones(planned.shape)
-    least[:, LENGTHS] = np.minimum(planned, now)[
-        :, NEAR_COLUMN, None
-    ]  # lengths have the scene's unit: near tells how fine
+    # lengths are in the scene's unit: the near clip tells how fine that is
+    least[:, LENGTHS] = np.minimum(planned, now)[:, NEAR_COLUMN, None]
     limit = SAME * np.maximum(least, np.abs(planned))
     return bool(
         (np.abs(planned - now) <= limit)[:, :-1].all()

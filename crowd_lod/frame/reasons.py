@@ -38,7 +38,7 @@ REASONS = (
 
 
 def reasons(frame: Frame) -> np.ndarray:
-    """For each agent of `frame` an index (n,) uint8 into REASONS.
+    """Return for each agent of `frame` an index (n,) uint8 into REASONS.
 
     A culled agent lies before near or beyond far of the first camera by its sphere, or else beside
     the view. A LOD that the distance alone does not give comes from the detail map, stands in for a
@@ -49,42 +49,39 @@ def reasons(frame: Frame) -> np.ndarray:
     """
     crowd = frame.crowd
     policy = frame.policy
-    camera = frame.camera
-    groups = frame.trajectory.groups
     spheres = frame.trajectory.spheres
     begins = frame.begins
     finest = 0
     if any(policy.finest):
-        begins = limits(
-            replace(policy, finest=()), camera, spheres.radius, deviations(groups, policy)
-        )
+        deviation = deviations(frame.trajectory.groups, policy)
+        begins = limits(replace(policy, finest=()), frame.camera, spheres.radius, deviation)
         finest = np.array(policy.finest)[crowd.group]
     plain = assign(frame.distances, begins, crowd.group)
-    painted = (
-        plain if frame.bias is None else assign(frame.distances, begins, crowd.group, frame.factors)
-    )
-    found = np.full(len(crowd), DISTANCE, np.uint8)
-    found[painted != plain] = DETAIL_MAP
-    found[painted < finest] = LEFT_OUT
-    found[frame.levels != np.maximum(painted, finest)] = SHOT_PLAN if frame.planned else HYSTERESIS
-    found[frame.levels == 0] = NEAR_ENOUGH
+    painted = plain
+    if frame.bias is not None:
+        painted = assign(frame.distances, begins, crowd.group, frame.factors)
+    reason = np.full(len(crowd), DISTANCE, np.uint8)
+    reason[painted != plain] = DETAIL_MAP
+    reason[painted < finest] = LEFT_OUT
+    reason[frame.levels != np.maximum(painted, finest)] = SHOT_PLAN if frame.planned else HYSTERESIS
+    reason[frame.levels == 0] = NEAR_ENOUGH
     culled = np.flatnonzero(~frame.visible)
-    found[culled] = BESIDE
+    reason[culled] = BESIDE
     along = frame.depths[culled]
-    near = camera.near
-    far = camera.far
-    if camera.kind != "PANO":
-        frustum = frustum_of(camera)
+    near = frame.camera.near
+    far = frame.camera.far
+    if frame.camera.kind != "PANO":
+        frustum = frustum_of(frame.camera)
         along = along * frustum.fixed[5]
         near = -frustum.offsets[4]
         far = frustum.offsets[5]
     reach = spheres.reach[crowd.group[culled]] if policy.margin is None else 0.0
-    found[culled[along < near - reach]] = NEAR
-    found[culled[along > far + reach]] = FAR
+    reason[culled[along < near - reach]] = NEAR
+    reason[culled[along > far + reach]] = FAR
     if crowd.present is not None:
-        found[~crowd.present] = ABSENT
+        reason[~crowd.present] = ABSENT
     if frame.plan_row is not None:
-        found[
+        reason[
             (frame.plan_row & HIDDEN != 0) | (frame.visible & (frame.plan_row & EXCEPTED != 0))
         ] = EXCEPTION
-    return found
+    return reason

@@ -21,10 +21,10 @@ from ..culling.volumes import (
     bounded,
     left_from,
     mirrored,
-    shaded,
+    reaches_into,
+    shades_into,
     spread,
     view,
-    within,
 )
 from ..sorting.buckets import sort
 from . import index_cache
@@ -66,16 +66,13 @@ def surround(frame: Frame, around: Surroundings) -> Frame:
     begun = clock.perf_counter()
     trajectory = frame.trajectory
     unseen = frame.culled
-    made = (
-        index_cache.blocks_at(trajectory, frame.time)
-        if BLOCKS in trajectory.leave & trajectory.left_out
-        else None
-    )
-    reflects, shades = (
-        _Sought(unseen.copy(), np.ones(len(made[1].rows) if made else 0, bool)) for _ in range(2)
-    )
+    dated_blocks = None
+    if BLOCKS in trajectory.leave & trajectory.left_out:
+        dated_blocks = index_cache.blocks_at(trajectory, frame.time)
+    leaves = len(dated_blocks[1].rows) if dated_blocks else 0
+    reflects, shades = (_Sought(unseen.copy(), np.ones(leaves, bool)) for _ in range(2))
     for moment in moments(trajectory, frame) if around.lights or around.mirrors else ():
-        there = _there(frame, moment, made)
+        there = _there(frame, moment, dated_blocks)
         mirrors, lit = _volumes(there, moment.eyes, around)
         for volume in mirrors:
             reflects.find(there, volume)
@@ -117,31 +114,34 @@ class _There:
     moved: tuple[np.ndarray, np.ndarray] = (np.zeros(3), np.zeros(3))
     larger: float = 0.0
 
-    def kept(
+    def test(
         self, agents: np.ndarray, touches: Callable[[np.ndarray, np.ndarray], np.ndarray]
     ) -> np.ndarray:
         """Return whether `touches` keeps the sphere of each of `agents` (m,), (m,) bool."""
-        found = np.empty(len(agents), bool)
+        is_kept = np.empty(len(agents), bool)
         for begin in range(0, len(agents), PART):
-            some = slice(begin, begin + PART)
-            points = np.stack(self.crowd.places(self.center, agents[some]), axis=1)
-            radius = self.radius[self.crowd.group[agents[some]]] + (
+            part = slice(begin, begin + PART)
+            points = np.stack(self.crowd.places(self.center, agents[part]), axis=1)
+            radius = self.radius[self.crowd.group[agents[part]]] + (
                 self.beside + GRAIN * np.abs(points).sum(axis=1)
             )
-            found[some] = touches(points, radius) & np.isfinite(points).all(axis=1)
-        return found
+            is_kept[part] = touches(points, radius) & np.isfinite(points).all(axis=1)
+        return is_kept
 
 
-def _there(frame: Frame, moment: Moment, made: tuple[int, Blocks] | None) -> _There:
-    """Return the crowd at a moment of the frame. made: (frame, the blocks made then)."""
+def _there(frame: Frame, moment: Moment, dated_blocks: tuple[int, Blocks] | None) -> _There:
+    """Return the crowd at a moment of the frame.
+
+    dated_blocks: (frame at which they were computed, the blocks).
+    """
     trajectory = frame.trajectory
-    spheres = frame.trajectory.spheres
+    spheres = trajectory.spheres
     crowd = frame.crowd if moment.time == frame.time else trajectory.at(moment.time)
     beside = GRAIN * max(np.abs(eye.origin).sum() for eye in moment.eyes)
     there = _There(crowd, spheres.center, moment.radius, beside)
-    if made is None:
+    if dated_blocks is None:
         return there
-    since, blocks = made
+    since, blocks = dated_blocks
     moved = index_cache.moved(trajectory, moment.time, since)
     larger = float((moment.radius - spheres.reach).max()) + beside
     larger += GRAIN * 3 * (blocks.extent + np.abs(moved).max())
@@ -152,8 +152,8 @@ def _volumes(
     there: _There, eyes: Sequence[Camera], around: Surroundings
 ) -> tuple[list[Frustum], list[Frustum]]:
     """Return (what mirrors show, where shadows are seen)."""
-    shown = [(mirrored(eye, mirror), mirror) for eye in eyes for mirror in around.mirrors]
-    mirrors = [left_from(volume, mirror.corners) for volume, mirror in shown if volume is not None]
+    pairs = [(mirrored(eye, mirror), mirror) for eye in eyes for mirror in around.mirrors]
+    mirrors = [left_from(volume, mirror.corners) for volume, mirror in pairs if volume is not None]
     lit = [left_from(volume, volume.origin, OFFSET) for volume in (*map(view, eyes), *mirrors)]
     if around.box is not None:
         box = _joined(around.box, there)
@@ -174,19 +174,21 @@ class _Sought:
 
     def find(self, there: _There, volume: Frustum, light: Light | None = None) -> None:
         """Strike out the agents in the volume, or those that `light` lets cast a shadow into it."""
-        touches = partial(within, volume) if light is None else partial(shaded, volume, light)
+        touches = (
+            partial(reaches_into, volume) if light is None else partial(shades_into, volume, light)
+        )
         if there.blocks is None:
             agents = np.flatnonzero(self.agents)
-            self.agents[agents[there.kept(agents, touches)]] = False
+            self.agents[agents[there.test(agents, touches)]] = False
             return
         about = _about(there.blocks, volume, light)
         leaves = near(there.blocks, self.leaves, there.moved, there.larger, about, touches)
         rows = there.blocks.rows.take(leaves, axis=0)
         left = self.agents[rows]
         agents = rows[left]
-        found = there.kept(agents, touches)
-        self.agents[agents[found]] = False
-        left[left] = ~found
+        is_found = there.test(agents, touches)
+        self.agents[agents[is_found]] = False
+        left[left] = ~is_found
         self.leaves[leaves] = left.any(axis=1)
 
 
@@ -202,9 +204,9 @@ def _about(blocks: Blocks, volume: Frustum, light: Light | None) -> float:
 def _joined(box: np.ndarray, there: _There) -> np.ndarray:
     """Return the box (2, 3) about `box` and the crowd: shadows fall on agents, too."""
     center = there.center
-    radius = there.radius
+    radius = there.radius.max()
     columns = [np.array([np.nanmin(c), np.nanmax(c)]) for c in there.crowd.places()]
     low, high = np.array(columns).T
-    low = low + (0, 0, center.min()) - radius.max()
-    high = high + (0, 0, center.max()) + radius.max()
+    low = low + (0, 0, center.min()) - radius
+    high = high + (0, 0, center.max()) + radius
     return np.array([np.minimum(box[0], low), np.maximum(box[1], high)])

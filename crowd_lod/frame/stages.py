@@ -1,6 +1,6 @@
-"""Culling, LODs and sorting of one frame, in one of three ways that find the same.
+"""Culling, LODs and sorting of one frame: blocks of agents first, then each agent left open.
 
-They go by every agent, by blocks of agents, or are made elsewhere.
+A `Sorter`, such as the GPU, may do the same in place of this.
 """
 
 import time as clock
@@ -11,7 +11,7 @@ import numpy as np
 
 from ..crowd.agents import Crowd
 from ..crowd.leave_outs import BLOCKS, LeftOut
-from ..culling.blocks import CULLED, LEAF, Blocks, decide
+from ..culling.blocks import CULLED, LEAF, Blocks, Decided, decide
 from ..culling.camera import Camera
 from ..culling.frustum_box_test import Look
 from ..culling.radar import RadarOptions, lost, radar, refuse_lost
@@ -70,10 +70,10 @@ class Task:
 
         Raises CrowdError if the policy does not allow any.
         """
-        gone = lost(self.crowd)
+        agents = lost(self.crowd)
         if not self.request.policy.drop_lost:
-            refuse_lost(gone, len(self.crowd))
-        return len(gone)
+            refuse_lost(agents, len(self.crowd))
+        return len(agents)
 
 
 @dataclass(frozen=True)
@@ -94,108 +94,109 @@ class Sorted:
 
 
 def sorted_by_level(task: Task, sorter: Sorter | None) -> Sorted:
-    """Return the visible agents by LOD, found in the way that suits the task.
+    """Return the visible agents by LOD.
 
     sorter: finds them if there is one camera, no panorama, and no shutter, bias or lens blur.
     """
-    trajectory = task.trajectory
-    made = blocks_at(task.trajectory, task.request.time)
+    dated_blocks = blocks_at(task.trajectory, task.request.time)
     eyes = task.request.eyes
-    bias = task.request.bias
     if (
         sorter is not None
         and len(task.seen) == len(eyes) == 1
-        and bias is None
+        and task.request.bias is None
         and not eyes[0].turn
         and eyes[0].kind != "PANO"
     ):
-        return _elsewhere(task, made and made[1], sorter)
-    if made is not None and BLOCKS in trajectory.leave & trajectory.left_out:
-        return _by_blocks(task, *made)
-    return _one_by_one(task, made and made[1])
+        return _elsewhere(task, dated_blocks and dated_blocks[1], sorter)
+    if dated_blocks is not None and BLOCKS in task.trajectory.leave & task.trajectory.left_out:
+        return _by_blocks(task, *dated_blocks)
+    return _one_block(task, dated_blocks and dated_blocks[1])
 
 
-def _one_by_one(task: Task, blocks: Blocks | None) -> Sorted:
-    """Test every agent.
+def _one_block(task: Task, blocks: Blocks | None) -> Sorted:
+    """Test every agent: the crowd is one block, and undecided.
 
-    blocks: those of the crowd, for their order.
+    For small crowds, whose blocks would cost more than they save, and where BLOCKS is not left out.
+    blocks: those of the crowd, if it has any: they give the order of the agents.
     """
-    trajectory = task.trajectory
-    crowd = task.crowd
-    policy = task.request.policy
-    center = trajectory.spheres.center
-    now, *shutter = task.seen
-    gone = task.lost()
-    options = RadarOptions(policy.margin, policy.metric == "RADIAL")
-    visible, distance = radar(crowd, now.eyes, center, now.radius, options)
-    unmeasured = replace(options, radial=False, measure=False)
-    for moment in shutter:
-        visible |= radar(
-            trajectory.at(moment.time), moment.eyes, center, moment.radius, unmeasured
-        )[0]
+    dropped = task.lost()
+    visible, distance = _radar(task)
     task.ticks.append(clock.perf_counter())
-    levels = assign(distance, task.begins, crowd.group, task.factors())
+    levels = assign(distance, task.begins, task.crowd.group, task.factors())
     task.ticks.append(clock.perf_counter())
+    count = task.request.policy.count
     if blocks is None:
-        buckets = sort(visible, levels, policy.count)
+        buckets = sort(visible, levels, count)
     else:
-        shown = np.where(visible, levels, CULLED)
-        buckets = sort_in_order(shown[blocks.order], blocks.order, policy.count)
+        visible_levels = np.where(visible, levels, CULLED)
+        buckets = sort_in_order(visible_levels[blocks.order], blocks.order, count)
     task.ticks.append(clock.perf_counter())
-    return Sorted(buckets, gone, trajectory.left_out - {BLOCKS}, levels=levels)
+    return Sorted(buckets, dropped, task.trajectory.left_out - {BLOCKS}, levels=levels)
 
 
 def _by_blocks(task: Task, since: int, blocks: Blocks) -> Sorted:
-    """Do the same as `_one_by_one` with blocks decided at once (culling/blocks.py).
+    """Decide blocks at once (culling/blocks.py), then test the agents of those left open.
 
     since: the frame when the blocks were made.
     """
-    trajectory = task.trajectory
-    crowd = task.crowd
+    group = task.crowd.group
+    dropped = 0 if blocks.finite else task.lost()
+    decided, places = _decided(task, since, blocks)
+    agents = blocks.rows[decided.opened[places // LEAF], places % LEAF]
+    visible, distance = _radar(task, agents)
+    task.ticks.append(clock.perf_counter())
+    visible_agents = agents[visible]
+    decided.own.reshape(-1)[places[visible]] = assign(
+        distance[visible], task.begins, group[visible_agents], task.factors(visible_agents)
+    )
+    task.ticks.append(clock.perf_counter())
+    buckets, present = sort_blocks(blocks, decided, group, task.request.policy.count)
+    task.ticks.append(clock.perf_counter())
+    counted = (present, np.diff(blocks.groups))
+    return Sorted(buckets, dropped, task.trajectory.left_out, counted)
+
+
+def _decided(task: Task, since: int, blocks: Blocks) -> tuple[Decided, np.ndarray]:
+    """Return what the blocks, made at frame `since`, decide, and the open places."""
     policy = task.request.policy
-    begins = task.begins
-    now, *shutter = task.seen
-    radius = now.radius
-    radial = policy.metric == "RADIAL"
-    gone = 0 if blocks.finite else task.lost()
+    radius = task.seen[0].radius
     looks = [
         [
             Look(
                 camera,
-                *moved(trajectory, moment.time, since),
+                *moved(task.trajectory, moment.time, since),
                 float((moment.radius - radius).max()),
             )
             for camera in moment.eyes
         ]
         for moment in task.seen
     ]
-    decided, places = decide(
-        blocks, crowd, looks, begins if task.request.bias is None else None, policy.margin, radial
-    )
-    agents = blocks.rows[decided.opened[places // LEAF], places % LEAF]
+    limits = task.begins if task.request.bias is None else None
+    return decide(blocks, task.crowd, looks, limits, policy.margin, policy.metric == "RADIAL")
+
+
+def _radar(task: Task, agents: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Return (visible, distance) of `agents` (m,), or of all: seen at any of the moments.
+
+    Distances are those of the first moment.
+    """
+    trajectory = task.trajectory
+    policy = task.request.policy
     center = trajectory.spheres.center
-    options = RadarOptions(policy.margin, radial)
-    visible, distance = radar(crowd, now.eyes, center, radius, options, agents)
+    now, *shutter = task.seen
+    options = RadarOptions(policy.margin, policy.metric == "RADIAL")
+    visible, distance = radar(task.crowd, now.eyes, center, now.radius, options, agents)
     unmeasured = replace(options, radial=False, measure=False)
     for moment in shutter:
-        visible |= radar(
-            trajectory.at(moment.time), moment.eyes, center, moment.radius, unmeasured, agents
-        )[0]
-    task.ticks.append(clock.perf_counter())
-    seen = agents[visible]
-    decided.own.reshape(-1)[places[visible]] = assign(
-        distance[visible], begins, crowd.group[seen], task.factors(seen)
-    )
-    task.ticks.append(clock.perf_counter())
-    buckets, present = sort_blocks(blocks, decided, crowd.group, policy.count)
-    task.ticks.append(clock.perf_counter())
-    return Sorted(buckets, gone, trajectory.left_out, (present, np.diff(blocks.groups)))
+        crowd = trajectory.at(moment.time)
+        visible |= radar(crowd, moment.eyes, center, moment.radius, unmeasured, agents)[0]
+    return visible, distance
 
 
 def _elsewhere(task: Task, blocks: Blocks | None, sorter: Sorter) -> Sorted:
-    """Do the same as `_one_by_one` by `sorter`; all of its time counts as culling."""
+    """Let the `sorter` do all three stages; all of its time counts as culling."""
     crowd = task.crowd
-    gone = 0 if blocks is not None and blocks.finite else task.lost()
+    dropped = 0 if blocks is not None and blocks.finite else task.lost()
     order = None if blocks is None else blocks.order
     places, offsets = sorter(
         Unsorted(crowd, order, task.seen[0].eyes[0], task.request.policy, task.begins)
@@ -210,4 +211,4 @@ def _elsewhere(task: Task, blocks: Blocks | None, sorter: Sorter) -> Sorted:
     buckets = Buckets(places if order is None else order[places], offsets)
     task.ticks.extend([clock.perf_counter()] * 3)
     left = frozenset(item for item in task.trajectory.left_out if item.stage != "culling")
-    return Sorted(buckets, gone, left, counted)
+    return Sorted(buckets, dropped, left, counted)

@@ -132,7 +132,7 @@ def _unused(j: int, edges: np.ndarray, views: Sequence[View], meters: float) -> 
 
 
 @dataclass(frozen=True)
-class Shot:
+class GroupShot:
     """What determines the price of a group's LODs.
 
     views: where the shot has agents of the group.
@@ -149,7 +149,7 @@ class Shot:
     rigs: int | None = None
 
 
-def counting(group: Group, tolerance: float, shot: Shot) -> Group:
+def counting(group: Group, tolerance: float, shot: GroupShot) -> Group:
     """Return the group with bounds that include its shading, if the shot asks for it.
 
     tolerance: pixels.
@@ -162,7 +162,7 @@ def counting(group: Group, tolerance: float, shot: Shot) -> Group:
     return replace(group, bounds=tuple(table[0].tolist()))
 
 
-def allowed(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) -> np.ndarray:
+def allowed(group: Group, kept: Sequence[int], tolerance: float, shot: GroupShot) -> np.ndarray:
     """Return (F, K, N) intp: how many agents may show each candidate at the coarsest.
 
     An agent counts at the coarsest of the candidates `kept`, finest first, that stays within the
@@ -180,7 +180,7 @@ def allowed(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) -> 
 
 
 def priced(
-    group: Group, kept: Sequence[int], tolerance: float, shot: Shot
+    group: Group, kept: Sequence[int], tolerance: float, shot: GroupShot
 ) -> Iterator[tuple[tuple[int, ...], Price]]:
     """Yield (chosen candidates, price of a build with them) for each usable choice.
 
@@ -202,7 +202,11 @@ def priced(
 
 
 def cheapest(
-    group: Group, kept: Sequence[int], tolerance: float, shot: Shot, measured: Collection[int] = ()
+    group: Group,
+    kept: Sequence[int],
+    tolerance: float,
+    shot: GroupShot,
+    measured: Collection[int] = (),
 ) -> tuple[list[int], dict[int, str]]:
     """Return (the candidates that cost least, {dropped candidate: reason}).
 
@@ -233,7 +237,7 @@ def cheapest(
 
 
 def _least(
-    group: Group, kept: Sequence[int], tolerance: float, shot: Shot
+    group: Group, kept: Sequence[int], tolerance: float, shot: GroupShot
 ) -> tuple[tuple[int, ...], Price]:
     """Return (the choice of `kept` that takes least memory, its price).
 
@@ -245,8 +249,8 @@ def _least(
     return best, found[best]
 
 
-def within(
-    groups: Sequence[Group], tolerance: float, shots: Sequence[Shot], memory: float
+def fit_in_memory(
+    groups: Sequence[Group], tolerance: float, shots: Sequence[GroupShot], memory: float
 ) -> tuple[float, list[list[int]], list[tuple[int, ...]]]:
     """Return the least tolerance at which the groups' LODs fit in `memory` bytes.
 

@@ -269,8 +269,8 @@ def _unclipped(before: Frame, agents: np.ndarray) -> np.ndarray:
 def scale_of(frame: Frame, agents: np.ndarray) -> np.ndarray:
     """Return how many pixels a meter shows at most of each of `agents` (m,), (m,) float16.
 
-    It is that of levels.assignment.shown, the most of all eyes, and rounded up. No part counts as
-    nearer than the near clip.
+    It is that of levels.assignment.shown, the most of all eyes, and rounded up. No part
+    counts as nearer than the near clip.
     """
     camera = frame.camera
     spheres = frame.trajectory.spheres

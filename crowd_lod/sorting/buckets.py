@@ -29,9 +29,9 @@ class Buckets:
 
     def among(self, agents: np.ndarray) -> "Buckets":
         """Return the buckets of those that are among `agents`, (n,) bool."""
-        kept = agents[self.order]
-        offsets = np.append(0, np.cumsum(kept))[self.offsets]
-        return Buckets(self.order[kept], offsets)
+        is_among = agents[self.order]
+        offsets = np.append(0, np.cumsum(is_among))[self.offsets]
+        return Buckets(self.order[is_among], offsets)
 
     @property
     def counts(self) -> np.ndarray:
@@ -48,11 +48,10 @@ def sort(visible: np.ndarray, ids: np.ndarray, count: int) -> Buckets:
     ids: (n,) uint8, LOD ids below `count`.
     """
     agents = np.flatnonzero(visible).astype(np.int32)
-    seen = ids[agents]
-    counts = np.bincount(seen, minlength=count)
+    levels = ids[agents]
     offsets = np.zeros(count + 1, np.intp)
-    np.cumsum(counts, out=offsets[1:])
-    return Buckets(agents[np.argsort(seen, kind="stable")], offsets)
+    np.cumsum(np.bincount(levels, minlength=count), out=offsets[1:])
+    return Buckets(agents[np.argsort(levels, kind="stable")], offsets)
 
 
 def sort_in_order(levels: np.ndarray, order: np.ndarray, count: int) -> Buckets:
@@ -78,9 +77,9 @@ def sort_blocks(
     differ = decided.leaves == OPEN
     for level in range(count):
         leaves = ((decided.leaves == level) | differ).nonzero()[0]
-        shown = np.ones((len(leaves), LEAF), bool)
-        shown[differ.take(leaves).nonzero()[0]] = decided.own == level
-        buckets.append(blocks.rows.take(leaves, axis=0)[shown])
+        has_level = np.ones((len(leaves), LEAF), bool)
+        has_level[differ.take(leaves).nonzero()[0]] = decided.own == level
+        buckets.append(blocks.rows.take(leaves, axis=0)[has_level])
     present = [
         np.diff(edges(group, agents, groups)) if groups > 1 else [len(agents)] for agents in buckets
     ]

@@ -18,7 +18,7 @@ from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number
 from ...crowd_lod.levels.lengths import DARKER, NEAR_ENOUGH, allowed_lengths, read_curve
-from ...crowd_lod.levels.selection import Shot, View
+from ...crowd_lod.levels.selection import GroupShot, View
 from ..blender import provenance, scene_cache, scene_data
 from ..blender.cameras import read_cameras
 from ..characters.cast_provenance import cast_inputs, of_characters
@@ -98,7 +98,7 @@ def _parts(ratios: Sequence[float]) -> str:
 def note_shot(
     scene: bpy.types.Scene,
     groups: Sequence[Group],
-    shots: Sequence[Shot | None],
+    shots: Sequence[GroupShot | None],
     keep: Sequence[Sequence[int]],
 ) -> None:
     """Store in the scene's LODs what they were made for, and what they were chosen from.
@@ -279,7 +279,7 @@ def _forecast(scene: bpy.types.Scene, stored: dict) -> Forecast | None:
     closer = now[1] / before[1]
     engine, shading = scene_data.engine_of(scene), settings.shading_counts
     shots = [
-        Shot(
+        GroupShot(
             [_unpacked(view, camera, closer) for view in own["views"]],
             own["characters"],
             engine,
@@ -303,7 +303,7 @@ def _forecast(scene: bpy.types.Scene, stored: dict) -> Forecast | None:
     return Forecast(closer * float(tolerance.split()[0]) / settings.tolerance, tuple(rows))
 
 
-def _foreseen(settings, stored: dict, shot: Shot) -> Group:
+def _foreseen(settings, stored: dict, shot: GroupShot) -> Group:
     """Return the group with about the candidates that it would have now.
 
     stored: those that it had.

@@ -12,7 +12,15 @@ from ...crowd_lod.culling.radar import radar
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame_range import evenly
 from ...crowd_lod.levels.assignment import LevelPolicy
-from ...crowd_lod.levels.selection import Shot, View, cheapest, choose, counting, priced, within
+from ...crowd_lod.levels.selection import (
+    GroupShot,
+    View,
+    cheapest,
+    choose,
+    counting,
+    fit_in_memory,
+    priced,
+)
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_data
 from ..blender.cameras import cameras_at
@@ -45,10 +53,10 @@ def ratios_of(settings) -> list[float]:
 
 def views(
     scene: bpy.types.Scene, settings, trajectory: Trajectory
-) -> Generator[float, None, list[Shot]]:
+) -> Generator[float, None, list[GroupShot]]:
     """Find where the shot of `scene` has agents: yield the progress, return the Shots.
 
-    settings: of the crowd that `trajectory` is. There is one Shot for each group, from up to
+    settings: of the crowd that `trajectory` is. There is one GroupShot for each group, from up to
     MOST_FRAMES of the shot's frames. A group that no frame shows counts as anywhere within the
     camera's clip range.
     """
@@ -82,7 +90,7 @@ def views(
         yield done / len(chosen)
     anywhere = [View(eyes[0], eyes[0].near, eyes[0].far) for eyes in cameras]
     return [
-        Shot(
+        GroupShot(
             each or anywhere,
             int(own),
             scene_data.engine_of(scene),
@@ -141,14 +149,14 @@ class Chosen:
 def chosen(
     settings,
     groups: Sequence[Group],
-    shots: Sequence[Shot | None],
+    shots: Sequence[GroupShot | None],
     meters: float,
     measured: Sequence[Collection[int]],
 ) -> Chosen:
     """Choose the candidates to keep.
 
     groups: character groups with values of all their candidates, measured or guessed.
-    shots: for each group its Shot. None keeps all its candidates.
+    shots: for each group its GroupShot. None keeps all its candidates.
     meters: that a unit of the scene is.
     measured: for each group, the candidates whose values are no guesses.
 
@@ -167,7 +175,7 @@ def chosen(
         keep.append(kept)
         dropped.append(reasons | dear)
     if settings.memory and memory > 1e6 * settings.memory:
-        reached, keep, built = within(groups, tolerance, shots, 1e6 * settings.memory)
+        reached, keep, built = fit_in_memory(groups, tolerance, shots, 1e6 * settings.memory)
         finest = [kept.index(own[0]) for kept, own in zip(keep, built, strict=True)]
         return Chosen(keep, [{}] * len(keep), finest, reached)
     return Chosen(keep, dropped, [0] * len(keep))

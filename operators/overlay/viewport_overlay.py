@@ -14,7 +14,7 @@ from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.agent_under_cursor import Account, account
 from ...crowd_lod.frame.frame import Frame
-from ...crowd_lod.frame.hysteresis import held
+from ...crowd_lod.frame.hysteresis import hold_levels
 from ...crowd_lod.frame.request import Request
 from ...crowd_lod.levels.assignment import Bias
 from ..blender import frame_stepping, image_data, scene_cache, scene_data, sidebars
@@ -329,7 +329,7 @@ def _shown_now(context, before: Shown | None) -> Shown:
         frame = use.applied(_faster.plan_of(trajectory, request))
         same_view = before is not None and before.frame_inputs[:1] == (region,)
         if policy.hysteresis and same_view and same_crowd and frame.plan_row is None:
-            frame = held(frame, same_frame.levels)
+            frame = hold_levels(frame, same_frame.levels)
         began = clock.perf_counter()
         cast = before.cast if same_cast else cast_of(trajectory.groups, style, characters)
         colored = colors_of(settings.overlay_color, frame, characters)

@@ -13,7 +13,13 @@ from ...crowd_lod.format import counted, printable
 from ...crowd_lod.format import number as figure
 from ...crowd_lod.frame.frame_range import shot_frames
 from ...crowd_lod.frame.index_cache import approach
-from ...crowd_lod.frame.instances import Instances, Shown, instances_of, shown, turned
+from ...crowd_lod.frame.instances import (
+    FrameInstances,
+    Instances,
+    instances_of,
+    instances_of_frame,
+    turned,
+)
 from ...crowd_lod.frame.planned import noted, told_unplanned
 from ...crowd_lod.progress import share
 from ...crowd_lod.reporting import files
@@ -127,14 +133,16 @@ def export_usd(scene: bpy.types.Scene, request: UsdExport) -> Generator[float, N
 
 def _plans(
     scene: bpy.types.Scene, request: UsdExport, library: Library
-) -> Generator[float, None, tuple[dict[int, Shown], dict[int, Filmed], list[tuple[int, str]]]]:
+) -> Generator[
+    float, None, tuple[dict[int, FrameInstances], dict[int, Filmed], list[tuple[int, str]]]
+]:
     """Plan all frames: yield the progress, return what is shown, what films, and what is unplanned.
 
     The last is what `told_unplanned` takes.
     """
     trajectory = trajectory_of(scene)
     frames = request.frames
-    plans: dict[int, Shown] = {}
+    plans: dict[int, FrameInstances] = {}
     films: dict[int, Filmed] = {}
     unplanned = []
     with frame_stepping.stepped(scene) as at:
@@ -146,7 +154,7 @@ def _plans(
             film, around, shutter = lights.read_moment(scene, time, at)
             frame = frame_of(scene, None, time, film, trajectory, around, shutter)
             unplanned.append(noted(number, frame.unplanned, request.strict))
-            plans[number] = shown(frame, library)
+            plans[number] = instances_of_frame(frame, library)
             films[number] = filmed(scene, time, at((), time))
             yield (count + 1) / len(frames)
     if not any(len(plan.agents) for plan in plans.values()):
@@ -159,7 +167,7 @@ def _plans(
 def _instances(
     scene: bpy.types.Scene,
     cast: tuple[Library, Instances],
-    plans: dict[int, Shown],
+    plans: dict[int, FrameInstances],
     file: CrowdFile,
 ) -> Generator[float, None, None]:
     """Write where the agents of `cast` are in each frame."""

@@ -22,12 +22,12 @@ from crowd_lod_extension.crowd_lod.levels.cost_model import (
 )
 from crowd_lod_extension.crowd_lod.levels.selection import (
     WORTH,
-    Shot,
+    GroupShot,
     View,
     cheapest,
     choose,
+    fit_in_memory,
     priced,
-    within,
 )
 
 from ..support.cameras import straight
@@ -58,7 +58,7 @@ def shot_of(random, views=2, agents=80, characters=8, engine="CYCLES", near=(2, 
                 random.integers(characters, size=agents),
             )
         )
-    return Shot(found, characters, engine)
+    return GroupShot(found, characters, engine)
 
 
 @pytest.mark.parametrize("known", [False, True])
@@ -199,7 +199,7 @@ def test_lods_fit_in_memory_with_the_least_tolerance(seed):
         replace(BODY, triangles=own)
         for own in ((800_000, 240_000, 60_000, 9000, 900), (900_000, 90_000, 20_000, 5000, 600))
     ]
-    free, _, built = within(groups, 1.0, shots, np.inf)
+    free, _, built = fit_in_memory(groups, 1.0, shots, np.inf)
     assert free == 1.0
     spent = sum(
         counted(g, list(own), 1.0, s).memory for g, own, s in zip(groups, built, shots, strict=True)
@@ -220,7 +220,7 @@ def test_lods_fit_in_memory_with_the_least_tolerance(seed):
 
     floor = least(2.0**14)
     budget = 0.5 * (spent + floor)
-    reached, keep, built = within(groups, 1.0, shots, budget)
+    reached, keep, built = fit_in_memory(groups, 1.0, shots, budget)
     assert reached > 1 and all(
         kept[0] == 0 and set(own) <= set(kept) for kept, own in zip(keep, built, strict=True)
     )
@@ -232,7 +232,7 @@ def test_lods_fit_in_memory_with_the_least_tolerance(seed):
     with pytest.raises(
         CrowdError, match="The characters cannot take less than .* MB: set Memory for Characters"
     ):
-        within(groups, 1.0, shots, 0.9 * floor)
+        fit_in_memory(groups, 1.0, shots, 0.9 * floor)
 
 
 @pytest.mark.parametrize("engine", ["CYCLES", "EEVEE"])

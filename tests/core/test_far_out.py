@@ -13,7 +13,7 @@ from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 from crowd_lod_extension.crowd_lod.culling import blocks
 from crowd_lod_extension.crowd_lod.culling.frustum import frustum_of
 from crowd_lod_extension.crowd_lod.culling.radar import radar
-from crowd_lod_extension.crowd_lod.culling.volumes import Light, shaded, view
+from crowd_lod_extension.crowd_lod.culling.volumes import Light, shades_into, view
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.frame.shadows import Surroundings, surround
 from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, random_camera
@@ -199,5 +199,7 @@ def test_no_shadow_is_missed_by_rays_that_start_beside_their_surface(kind, away)
         kept = np.isin(np.arange(40), surround(frame, Surroundings((light,))).shadow.order)
         assert not (seen & ~kept).any()
         asked += seen.sum()
-        missed += (seen & ~shaded(view(camera), light, centers, np.full(40, GROUP.radius))).sum()
+        missed += (
+            seen & ~shades_into(view(camera), light, centers, np.full(40, GROUP.radius))
+        ).sum()
     assert asked > 20 and missed > asked / 4  # the rays' own way makes the difference

@@ -6,7 +6,7 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.frame.agent_under_cursor import account
 from crowd_lod_extension.crowd_lod.frame.cross_fade import fades_of
 from crowd_lod_extension.crowd_lod.frame.frame import plan
-from crowd_lod_extension.crowd_lod.frame.hysteresis import held
+from crowd_lod_extension.crowd_lod.frame.hysteresis import hold_levels
 from crowd_lod_extension.crowd_lod.frame.reasons import reasons
 from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy, assign
 
@@ -78,7 +78,7 @@ def test_distances_are_found_when_asked_for_and_once(metric):
     )
     found = frame.distances
     assert found == pytest.approx(expected) and frame.depths == pytest.approx(away[0] @ eyes[0].Z)
-    reasons(frame), fades_of(frame), held(frame, frame.levels), account(frame, 5)
+    reasons(frame), fades_of(frame), hold_levels(frame, frame.levels), account(frame, 5)
     assert frame.distances is found
     assert (assign(found, frame.begins, frame.crowd.group, frame.factors) == frame.levels).all()
 

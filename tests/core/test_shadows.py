@@ -9,9 +9,9 @@ from crowd_lod_extension.crowd_lod.culling.volumes import (
     Mirror,
     bounded,
     mirrored,
-    shaded,
+    reaches_into,
+    shades_into,
     view,
-    within,
 )
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.frame.shadows import Surroundings, surround
@@ -88,7 +88,7 @@ def test_no_shadow_that_falls_into_the_picture_is_missed(light, kind):
     box = np.array([(-100, -30, -1), (100, 150, 20.0)])
     centers = random.uniform((-100, -30, 0), (100, 150, 20), (1000, 3))
     radius = random.uniform(0.5, 5, 1000)
-    kept = shaded(bounded(view(camera), box), light, centers, radius)
+    kept = shades_into(bounded(view(camera), box), light, centers, radius)
     found = hidden_from(light, seen_points(camera, random, 1500, box), random, centers, radius)
     assert found.sum() >= 5 and not (found & ~kept).any() and not kept.all()
 
@@ -103,7 +103,7 @@ def test_what_is_kept_for_nothing_passes_by_near_an_edge(light, kind):
     camera = straight(kind=kind)
     centers = random.uniform((-100, -30, 0), (100, 150, 20), (400, 3))
     radius = random.uniform(0.5, 5, 400)
-    kept = shaded(view(camera), light, centers, radius)
+    kept = shades_into(view(camera), light, centers, radius)
     along = np.concatenate([[0], np.geomspace(0.01, 300, 300)])
     way, grow = (
         (light.direction, 0.0)
@@ -134,7 +134,7 @@ def test_without_a_way_to_go_it_is_the_radar_test(lens):
                 for p, r in zip(points, radius, strict=True)
             ]
         )
-        assert not (visible & ~within(view(camera), points, radius)).any()
+        assert not (visible & ~reaches_into(view(camera), points, radius)).any()
 
 
 def test_a_sphere_on_the_edge_of_its_shadows_way_is_kept_and_one_beyond_is_not():
@@ -143,15 +143,23 @@ def test_a_sphere_on_the_edge_of_its_shadows_way_is_kept_and_one_beyond_is_not()
     at = np.array(
         [(-300, 50, 51), (-300, 50, 51.41), (300, 50, 0), (-300, 101, 0), (-300, 101.01, 0)], float
     )
-    assert shaded(view(camera), sun, at, np.ones(5)).tolist() == [True, True, False, True, False]
+    assert shades_into(view(camera), sun, at, np.ones(5)).tolist() == [
+        True,
+        True,
+        False,
+        True,
+        False,
+    ]
     # at sqrt(2) a sphere of the radius 1 leaves a plane of 45 degrees
-    assert shaded(view(camera), sun, np.array([(-300, 50, 51.42)]), np.ones(1)).tolist() == [False]
+    assert shades_into(view(camera), sun, np.array([(-300, 50, 51.42)]), np.ones(1)).tolist() == [
+        False
+    ]
 
 
 def test_a_half_sky_of_light_keeps_everyone_in_front_of_what_is_seen():
     camera = straight()
     wide = Light(None, np.array([0, 0, -1.0]), angle=np.pi / 2)
-    assert shaded(view(camera), wide, np.array([(0.0, -50, 5), (500, 0, 3)]), np.ones(2)).all()
+    assert shades_into(view(camera), wide, np.array([(0.0, -50, 5), (500, 0, 3)]), np.ones(2)).all()
 
 
 def test_a_mirror_shows_what_its_reflection_shows():
@@ -161,7 +169,7 @@ def test_a_mirror_shows_what_its_reflection_shows():
         mirror = Mirror(np.array(normal), rectangle)
         for camera in (straight(), straight(kind="ORTHO"), straight(kind="PANO")):
             points = random.uniform((-60, -80, -10), (60, 40, 20), (20_000, 3))
-            kept = within(mirrored(camera, mirror), points, np.zeros(20_000))
+            kept = reaches_into(mirrored(camera, mirror), points, np.zeros(20_000))
             # by hand: the ray from the eye to the point's image meets the rectangle, and the point
             # stands before it
             image = points * (1, -1, 1) + (0, 60, 0)

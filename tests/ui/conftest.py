@@ -62,14 +62,14 @@ def used(installed, tmp_path_factory):
     """(script, word ...) -> the results that the script wrote, what Blender printed, and its exit
     status.
 
-    small: in a small window, which software OpenGL draws several times as fast.
+    window: its width and height in pixels; software OpenGL draws a small one several times as fast.
     """
 
     # A cache of shaders of this process's Blenders alone, which start one after the other: two
     # versions of Mesa truncate each other's, under a Blender that has it mapped.
     shaders = tmp_path_factory.mktemp("shaders")
 
-    def use(script: str, *words: str, small: bool = False) -> dict:
+    def use(script: str, *words: str, window: tuple[int, int] = (800, 600)) -> dict:
         user = shutil.copytree(
             installed, tmp_path_factory.mktemp("user"), symlinks=True, dirs_exist_ok=True
         )
@@ -85,7 +85,7 @@ def used(installed, tmp_path_factory):
             "BROWSER": "true",
         }
         environment = os.environ | own
-        size = ["--window-geometry", "0", "0", "800", "600"] if small else []
+        size = ["--window-geometry", "0", "0", *map(str, window)]
         command = [
             *in_a_window(),
             *size,

@@ -7,7 +7,7 @@ import pytest
 
 @pytest.fixture(scope="module")
 def seen(used):
-    return used("overlay_steps.py", small=True)
+    return used("overlay_steps.py")
 
 
 def test_changes_by_script_text_image_driver_and_animation_show_by_themselves(seen):

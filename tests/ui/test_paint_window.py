@@ -7,7 +7,7 @@ import pytest
 
 @pytest.fixture(scope="module")
 def seen(used):
-    return used("paint_steps.py", small=True)
+    return used("paint_steps.py")
 
 
 def test_a_stroke_writes_the_labels_color_and_no_other(seen):

@@ -56,7 +56,7 @@ class Window:
 @pytest.fixture(scope="module")
 def window(used):
     with socket.create_server(("localhost", 0)) as port, ThreadPoolExecutor(1) as aside:
-        running = aside.submit(used, "panel_states.py", str(port.getsockname()[1]), small=True)
+        running = aside.submit(used, "panel_states.py", str(port.getsockname()[1]))
         window = Window(port)
         yield window
         window.close()

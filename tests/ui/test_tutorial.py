@@ -10,12 +10,14 @@ from pathlib import Path
 
 import pytest
 
+# of the pictures of the page; else narrow, and high enough for all buttons
+WINDOW = (1600, 1000) if os.environ.get("CROWD_LOD_TUTORIAL") else (900, 1000)
 PAGE = Path(__file__).parents[2] / "docs" / "tutorial.md"
 
 
 @pytest.fixture(scope="module")
 def seen(used):
-    found = used("tutorial.py")
+    found = used("tutorial.py", window=WINDOW)
     if os.environ.get("CROWD_LOD_TUTORIAL"):
         for name in shown():
             shutil.copy(found["folder"] / name, os.environ["CROWD_LOD_TUTORIAL"])

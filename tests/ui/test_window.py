@@ -7,7 +7,7 @@ import pytest
 
 @pytest.fixture(scope="module")
 def seen(used):
-    return used("session.py", small=True)
+    return used("session.py")
 
 
 AT_REST = ("populate", "make_levels", "build", "bake", "preview", "remove_build")
