@@ -92,9 +92,8 @@ class Gaits:
         agents: (m,) indices, or a slice.
         """
         rate = self.rates[crowd.group[agents], crowd.playing[agents]]
-        phase = ((crowd.phase_class[agents] / self.classes + rate * seconds) % 1.0).astype(
-            np.float32
-        )
+        cycles = crowd.phase_class[agents] / self.classes + rate * seconds
+        phase = (cycles % 1.0).astype(np.float32)
         phase[phase >= 1] = 0  # a float64 just below 1 may have rounded up
         return phase
 
@@ -107,13 +106,13 @@ class Gaits:
         """
         if after.playing is before.playing:
             return after
-        (who,) = np.nonzero(after.playing != before.playing)
-        group = after.group[who]
-        ahead = (
-            self.rates[group, before.playing[who]] - self.rates[group, after.playing[who]]
-        ) * seconds
+        agents = np.flatnonzero(after.playing != before.playing)
+        group = after.group[agents]
+        rate_before = self.rates[group, before.playing[agents]]
+        rate_after = self.rates[group, after.playing[agents]]
+        ahead = (rate_before - rate_after) * seconds % 1.0
         classes = after.phase_class.copy()
-        classes[who] = np.rint(classes[who] + self.classes * (ahead % 1.0)) % self.classes
+        classes[agents] = np.rint(classes[agents] + self.classes * ahead) % self.classes
         return replace(after, phase_class=classes)
 
 
@@ -127,16 +126,14 @@ def gaits_of(
     CrowdError if an action was not measured for a group that has agents.
     """
     needed = np.unique(np.arange(len(groups)) if shown is None else shown)
-    rates, plays = (
-        np.zeros((len(groups), len(paces.speeds))),
-        np.ones((len(groups), len(paces.speeds)), bool),
-    )
+    rates = np.zeros((len(groups), len(paces.speeds)))
+    plays = np.ones(rates.shape, bool)
     for p, name in enumerate(paces.actions or ("",) * len(paces.speeds)):
         able = np.array([g in needed or group.knows(name) for g, group in enumerate(groups)])
-        per_meter, per_second = cycles_of(
-            [group for group, known in zip(groups, able, strict=True) if known], name
-        ).T
-        rates[able, p], plays[:, p] = per_meter * paces.speeds[p] + per_second, able
+        able_groups = [groups[g] for g in np.flatnonzero(able).tolist()]
+        per_meter, per_second = cycles_of(able_groups, name).T
+        rates[able, p] = per_meter * paces.speeds[p] + per_second
+        plays[:, p] = able
     return Gaits(classes, paces, rates, None if plays.all() else plays)
 
 
@@ -157,11 +154,11 @@ def cycles_of(groups: Sequence[Group], action: str = "") -> np.ndarray:
     Both are 0 for one with neither stride nor period.
     """
     played = [group.action(action) for group in groups]
-    found = [
+    cycles = [
         (1 / a.stride, 0.0) if a.stride > 0 else (0.0, 1 / a.period if a.period > 0 else 0.0)
         for a in played
     ]
-    return np.array(found).reshape(-1, 2)
+    return np.array(cycles).reshape(-1, 2)
 
 
 @dataclass(frozen=True)

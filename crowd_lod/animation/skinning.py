@@ -62,10 +62,8 @@ def closed(points: np.ndarray, triangles: np.ndarray) -> bool:
     if not len(triangles):
         return True
     n = len(points)
-    tail, head = (
-        triangles.astype(np.int64).ravel(),
-        np.roll(triangles, -1, axis=1).astype(np.int64).ravel(),
-    )
+    tail = triangles.astype(np.int64).ravel()
+    head = np.roll(triangles, -1, axis=1).astype(np.int64).ravel()
     if not np.array_equal(np.sort(tail * n + head), np.sort(head * n + tail)):
         return False
     part = connected_components(n, triangles)
@@ -85,10 +83,10 @@ def strongest(weights: np.ndarray, influences: int = INFLUENCES) -> tuple[np.nda
     padded = np.zeros((v, max(k, influences)), np.float32)
     padded[:, :k] = weights
     columns = np.argsort(-padded, axis=1, kind="stable")[:, :influences]
-    kept = np.take_along_axis(padded, columns, axis=1)
-    total = kept.sum(axis=1, keepdims=True)
-    kept = np.divide(kept, total, out=np.zeros_like(kept), where=total > 0)
-    return np.where(kept > 0, columns, 0).astype(np.uint16), kept
+    largest = np.take_along_axis(padded, columns, axis=1)
+    total = largest.sum(axis=1, keepdims=True)
+    shares = np.divide(largest, total, out=np.zeros_like(largest), where=total > 0)
+    return np.where(shares > 0, columns, 0).astype(np.uint16), shares
 
 
 def pose(frames: np.ndarray, phase: np.ndarray) -> np.ndarray:
@@ -124,14 +122,16 @@ def axes(
     heading, pitch, roll: (n,) radians.
     turn: radians, the same for all.
     """
-    cos, sin = np.cos(heading), np.sin(heading)
-    both: np.ndarray = np.zeros((2, len(heading), 3), np.float32)
-    ahead, left = both
-    ahead[:, 0], ahead[:, 1], left[:, 0], left[:, 1] = cos, sin, -sin, cos
+    cos = np.cos(heading)
+    sin = np.sin(heading)
+    level = np.zeros_like(cos)
+    ahead: np.ndarray = np.stack([cos, sin, level], axis=1).astype(np.float32)
+    left: np.ndarray = np.stack([-sin, cos, level], axis=1).astype(np.float32)
     if pitch.any() or roll.any():
         ahead *= np.cos(pitch)[:, None]
         ahead[:, 2] = np.sin(pitch)
         up = np.cross(ahead, left)
         left = np.cos(roll)[:, None] * left + np.sin(roll)[:, None] * up
-    c, s = np.float32(np.cos(turn)), np.float32(np.sin(turn))
-    return c * ahead + s * left, c * left - s * ahead
+    cos_turn = np.float32(np.cos(turn))
+    sin_turn = np.float32(np.sin(turn))
+    return cos_turn * ahead + sin_turn * left, cos_turn * left - sin_turn * ahead

@@ -74,21 +74,12 @@ def doubt(
     doubt at a time. It goes on while any of them was wrong. Returns faces and weights.
     """
     face, weights, count = face.copy(), weights.copy(), count or settings.CURRENT.doubt_points
-    sorted_by, along, middle, radius = mesh.spheres
     distance = length(points - mesh.at(face, weights))
     for _ in range(settings.CURRENT.doubt_rounds if len(face) else 0):
         far = np.argpartition(-distance, min(count, len(distance)) - 1)[:count]
         far = far[distance[far] > distance[far].max() / 2]
         some, most = points.take(far, 1), distance[far] + 1e-6
-        reach = most + radius.max()
-        begin, end = (
-            np.searchsorted(middle[along], some[along] + side) for side in (-reach, reach)
-        )
-        which, found = np.repeat(np.arange(len(far)), end - begin), ranges(begin, end - begin)
-        away = length(some.take(which, 1) - middle.take(found, 1))
-        np.minimum.at(most, which, away + radius[found] + 1e-6)
-        near = away - radius[found] < most[which]
-        which, found = which[near], sorted_by[found[near]]
+        which, found = _faces_within(mesh, some, most)
         other = some.take(which, 1)
         at = closest_weights(other, *mesh.vertices(found))
         away = length(other - mesh.at(found, at))
@@ -101,6 +92,30 @@ def doubt(
         best, far = best[better], far[which[better]]
         face[far], weights[:, far], distance[far] = found[best], at.take(best, 1), away[best]
     return face, weights
+
+
+def _faces_within(
+    mesh: TriangleMesh, points: np.ndarray, most: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return (point (j,), face (j,)) of all faces that may be nearest to points (3, k).
+
+    most: (k,), none is farther off; lowered by what the faces' spheres tell.
+    """
+    along, groups = mesh.spheres
+    parts = []
+    for faces, middle, radius in groups:
+        reach = most + radius.max()
+        begin, end = (
+            np.searchsorted(middle[along], points[along] + side) for side in (-reach, reach)
+        )
+        which = np.repeat(np.arange(len(most)), end - begin)
+        found = ranges(begin, end - begin)
+        away = length(points.take(which, 1) - middle.take(found, 1))
+        np.minimum.at(most, which, away + radius[found] + 1e-6)
+        parts.append((which, faces[found], away - radius[found]))
+    which, face, least = (np.concatenate(part) for part in zip(*parts, strict=True))
+    near = least < most[which]
+    return which[near], face[near]
 
 
 def beyond(

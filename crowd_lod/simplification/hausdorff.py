@@ -22,6 +22,10 @@ from .triangle_mesh import TriangleMesh, blocks, edges_of, normals
 TOGETHER = 4_000  # points, or pieces, in all poses that fit in the processor's cache
 HOPELESS = 2.0  # times the distance asked for, of which it does not matter how much more it is
 ALONG = (0.25, 0.5, 0.75)  # parts of an edge where Places lie
+# Where a place is far off, more are looked at: from a triangle's middle towards its edges, and on
+# either side along an edge. These are steps of barycentric weights.
+TO_EDGES = np.array([(-2, 1, 1), (1, -2, 1), (1, 1, -2)]) / 12
+BESIDE = np.array([(1, -1, 0), (-1, 1, 0), (0, 0, 0)]) / 8
 
 
 @dataclass
@@ -204,8 +208,8 @@ def estimate(
     """Estimate what `interval` measures, part by part and point by point.
 
     parts: of each, such as an object, the Places of `one` and those of `other`, whose distances
-        from the whole of the other surface count. Those of `other` count where what is nearest of
-        `one` counts.
+        from the whole of the other surface count. Those of a triangle of `other` count where what
+        is nearest of `one` to one of its corners counts.
 
     Returns the distance of each part, and that of each point of `one`, (n,) meters: the largest of
     places nearest to it, of either surface. Of a point that is no farther off than `beyond` this
@@ -219,7 +223,7 @@ def estimate(
         there = _Way(other, found, every)
         back = _Way(one, found, every)
         points = there.mapped(mine.at(one.points))
-        others = back.mapped(theirs.at(other.points), one.counted)
+        others = _map_counted(back, theirs, other, beyond)
         if found.measured <= HOPELESS * beyond:
             there.look_again(points, beyond)
             back.look_again(others, beyond)
@@ -229,6 +233,32 @@ def estimate(
         np.maximum.at(away, nearest, others.near.max(axis=1))
         distances.append(found.measured)
     return distances, away
+
+
+def _map_counted(way: "_Way", places: Places, surface: Moving, beyond: float) -> "_Points":
+    """Map those Places of a LOD's surface that count, and more of them along edges far off.
+
+    Those of a triangle count if what is nearest to one of its corners does.
+    """
+    at = places.at(surface.points)
+    to = way.other.find(way.base, at[:, 0])
+    if way.other.counted is not None:
+        visible = np.zeros(len(surface.points), bool)
+        corner = np.flatnonzero(places.weights[:, 0] == 1)
+        visible[places.corners[corner, 0]] = way.other.counted[to[corner]]
+        count = visible[places.corners].any(axis=1)
+        places, at, to = places.of(count), at[count], to[count]
+    points = way.mapped(at, to)
+    far = places.of((points.near.max(axis=1) > beyond / 2) & (places.weights[:, 0] < 1))
+    if not len(far.corners):
+        return points
+    middle = far.weights[:, 2] > 0
+    steps = [np.where(middle[:, None], *each) for each in zip(TO_EDGES, BESIDE, strict=True)]
+    finer = Places(
+        np.tile(far.corners, (len(steps), 1)),
+        np.concatenate([far.weights + step for step in steps]),
+    )
+    return points.joined(way.mapped(finer.at(surface.points)))
 
 
 def _nearest_corner(corners: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -265,14 +295,12 @@ class _Way:
     def mesh(self) -> TriangleMesh:
         return self.other.mesh(self.base)
 
-    def mapped(self, at: np.ndarray, counted: np.ndarray | None = None) -> _Points:
+    def mapped(self, at: np.ndarray, to: np.ndarray | None = None) -> _Points:
         """Points (n, poses, 3), mapped to the nearest in the first pose.
 
-        counted: which triangles of `other`; those nearest to the others are left out.
+        to: (n,) the triangles of `other` nearest to them there; sought if None.
         """
-        to = self.other.find(self.base, at[:, 0])
-        if counted is not None:
-            at, to = at[counted[to]], to[counted[to]]
+        to = self.other.find(self.base, at[:, 0]) if to is None else to
         weights = self.other.on(to, at[:, 0], self.base)
         off = np.empty(at.shape[:2])
         for some in blocks(len(at), TOGETHER):

@@ -5,10 +5,21 @@ Arrays are (3, n), not (n, 3): NumPy is several times faster along the long axis
 
 from copy import copy
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 Shape = tuple[np.ndarray, np.ndarray]  # points (n, 3), triangles (m, 3)
+
+SIZES = (0.5, 0.9, 0.99, 1.0)  # parts of the faces, by size, that are searched apart
+
+
+class Spheres(NamedTuple):
+    """Spheres about faces (k,): centers (3, k) and radii (k,)."""
+
+    faces: np.ndarray
+    middle: np.ndarray
+    radius: np.ndarray
 
 
 class TriangleMesh:
@@ -58,17 +69,21 @@ class TriangleMesh:
         return self.vertex_faces[ranges(begin, count)], count
 
     @cached_property
-    def spheres(self) -> tuple[np.ndarray, int, np.ndarray, np.ndarray]:
-        """Spheres about the faces, in order along the mesh's longest axis.
+    def spheres(self) -> tuple[int, list[Spheres]]:
+        """The mesh's longest axis, and spheres about the faces, in order along that.
 
-        Returns: the faces in that order (m,), the axis, the spheres' centers (3, m) and radii (m,).
+        They come in groups of like size, so that a few large faces do not widen all searches.
         """
         corner = [self.points.take(c, 1) for c in self.corners]
         middle = sum(corner) / 3
         radius = np.max([length(each - middle) for each in corner], axis=0)
         along = int(np.ptp(middle, axis=1).argmax())
         order = np.argsort(middle[along])
-        return order, along, middle.take(order, 1), radius[order]
+        size = np.digitize(radius[order], np.quantile(radius, SIZES)[:-1])
+        groups = [order[size == k] for k in range(len(SIZES))]
+        return along, [
+            Spheres(some, middle.take(some, 1), radius[some]) for some in groups if len(some)
+        ]
 
     @cached_property
     def neighbors(self) -> np.ndarray:

@@ -9,7 +9,7 @@ from .tracks import Tracks
 
 
 def groups_of_agents(
-    tracks: Tracks, names: Sequence[str], own: np.ndarray, seed: int
+    tracks: Tracks, names: Sequence[str], choices: np.ndarray, seed: int
 ) -> np.ndarray:
     """Return (n,) uint8, the index of each agent's character group.
 
@@ -17,21 +17,20 @@ def groups_of_agents(
     crowd's groups in turn. Without groups in the file they are drawn.
 
     names: of all character groups of the scene.
-    own: (k,) uint8, the groups that the crowd's agents are drawn from.
+    choices: (k,) uint8, the groups that the crowd's agents are drawn from.
     seed: of the draw.
     """
     if tracks.group is None:
-        drawn = random_streams.uniform(
-            random_streams.keys_of(seed, tracks.ids), random_streams.THEN
-        )
-        return own[np.minimum((drawn * len(own)).astype(np.intp), len(own) - 1)]
-    told, which = np.unique(tracks.group, return_inverse=True)
-    known = {name.casefold(): g for g, name in enumerate(names)}
+        keys = random_streams.keys_of(seed, tracks.ids)
+        draw = random_streams.uniform(keys, random_streams.THEN)
+        return choices[np.minimum((draw * len(choices)).astype(np.intp), len(choices) - 1)]
+    values, value_of_agent = np.unique(tracks.group, return_inverse=True)
     if tracks.group.dtype.kind == "U":
-        found = [
-            known.get(str(each).strip().casefold(), own[k % len(own)])
-            for k, each in enumerate(told)
+        numbers = {name.casefold(): g for g, name in enumerate(names)}
+        groups = [
+            numbers.get(str(value).strip().casefold(), choices[k % len(choices)])
+            for k, value in enumerate(values)
         ]
     else:
-        found = [own[int(each) % len(own)] for each in told]
-    return np.array(found, np.uint8)[which]
+        groups = [choices[int(value) % len(choices)] for value in values]
+    return np.array(groups, np.uint8)[value_of_agent]

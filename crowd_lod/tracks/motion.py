@@ -1,5 +1,4 @@
-"""What a track tells of an agent's motion: how fast it walks, where it faces, and how far it has
-come.
+"""What a track tells of an agent's motion: its speed, where it faces, how far it has come.
 
 Rows are in the order of agents, and of each agent in the order of frames. A run is a stretch of an
 agent's rows, without a gap that hides it.
@@ -12,8 +11,8 @@ from ..crowd import random_streams
 SMOOTHED = 0.5  # seconds, over which a motion is smoothed
 STANDS = 0.1  # m/s, below which an agent stands
 PACES = 6  # at most, the one of standing among them
-APART = 1.08  # times as fast is a pace than the one before, at least
-SAMPLE = 1_000_000  # speeds that the paces are found from
+APART = 1.08  # ratio of a pace to the one before, at least
+SAMPLE = 1_000_000  # speeds from which the paces are made, at most
 
 
 def last_of(begins: np.ndarray) -> np.ndarray:
@@ -44,22 +43,23 @@ def velocities(
     """
     near = max(round(SMOOTHED / 2 / step), 1) if step > 0 else 1
     rows = np.arange(len(x))
-    before, after = rows - near, rows + near
-    first, last = first_of(begins), last_of(begins)
-    (edge,) = np.nonzero((before < first) | (after > last))
-    before, after = np.maximum(before[edge], first[edge]), np.minimum(after[edge], last[edge])
+    first = first_of(begins)
+    last = last_of(begins)
+    # rows at the edges of runs, and those before and after them in their run
+    edge = np.flatnonzero((rows - near < first) | (rows + near > last))
+    before = np.maximum(edge - near, first[edge])
+    after = np.minimum(edge + near, last[edge])
 
     def change(values: np.ndarray) -> np.ndarray:
-        found = np.empty(len(values))
-        found[near : len(values) - near] = (
-            values[2 * near :] - values[: -2 * near]
-        )  # all but those at the edges of runs
-        found[edge] = values[after] - values[before]
-        return found
+        difference = np.empty(len(values))
+        difference[near : len(values) - near] = values[2 * near :] - values[: -2 * near]
+        difference[edge] = values[after] - values[before]
+        return difference
 
     passed = change(seconds)
     passed[passed == 0] = np.inf
-    vx, vy = ((change(place) / passed).astype(np.float32) for place in (x, y))
+    vx = (change(x) / passed).astype(np.float32)
+    vy = (change(y) / passed).astype(np.float32)
     return vx, vy
 
 
@@ -68,28 +68,23 @@ def headings(
 ) -> np.ndarray:
     """Return where agents face, (k,) float32 radians: along their motion.
 
-    Who stands, as when it walked last.
-
-    Before an agent walks it faces where it will walk; who never does faces anywhere.
+    An agent that stands faces as when it walked last; before it walks, where it will walk. One that
+    never walks faces anywhere.
     """
     rows = np.arange(len(vx))
-    told = np.maximum.accumulate(np.where(moving, rows, -1))
+    walked = np.maximum.accumulate(np.where(moving, rows, -1))
     first = np.flatnonzero(np.diff(agent, prepend=-1))
-    strange = told < first[agent]  # another agent's, or none
+    strange = walked < first[agent]  # another agent's row, or none
     if strange.any():
         coming = np.minimum.accumulate(np.where(moving, rows, len(rows))[::-1])[::-1]
-        told = np.where(strange, coming, told)
-        own = told < np.append(first, len(rows))[agent + 1]
-        told = np.where(own, told, first[agent])
-    found = np.arctan2(vy, vx)
+        walked = np.where(strange, coming, walked)
+        is_own = walked < np.append(first, len(rows))[agent + 1]
+        walked = np.where(is_own, walked, first[agent])
+    heading = np.arctan2(vy, vx)
     still = np.flatnonzero(np.add.reduceat(moving, first, dtype=np.intp) == 0)
-    found[first[still]] = (
-        random_streams.uniform(random_streams.keys_of(0, ids[still]), random_streams.LOOKS)
-        * 2
-        * np.pi
-        - np.pi
-    )
-    return found[told]
+    keys = random_streams.keys_of(0, ids[still])
+    heading[first[still]] = random_streams.uniform(keys, random_streams.LOOKS) * 2 * np.pi - np.pi
+    return heading[walked]
 
 
 def turns(values: np.ndarray, round_about: float) -> np.ndarray:
@@ -111,19 +106,18 @@ def summed(change: np.ndarray, begins: np.ndarray) -> np.ndarray:
 
 
 def ladder(speed: np.ndarray) -> np.ndarray:
-    """Return the paces at which agents play their walk, (P,) float64 m/s, increasing, the first of
-    them 0.
+    """Return the paces at which agents play their walk, (P,) float64 m/s, increasing from 0.
 
     speed: (k,) m/s of rows at which agents walk.
     """
-    found = [0.0]
+    paces = [0.0]
     if len(speed):
-        some = speed[:: -(-len(speed) // SAMPLE)].astype(np.float64)
+        sample = speed[:: -(-len(speed) // SAMPLE)].astype(np.float64)
         parts = (np.arange(PACES - 1) + 0.5) / (PACES - 1)
-        for pace in np.quantile(some, parts).round(3).tolist():
-            if pace >= max(found[-1] * APART, STANDS / 2):
-                found.append(pace)
-    return np.array(found)
+        for pace in np.quantile(sample, parts).round(3).tolist():
+            if pace >= max(paces[-1] * APART, STANDS / 2):
+                paces.append(pace)
+    return np.array(paces)
 
 
 def paces_of(speed: np.ndarray, begins: np.ndarray, paces: np.ndarray) -> np.ndarray:
@@ -134,11 +128,13 @@ def paces_of(speed: np.ndarray, begins: np.ndarray, paces: np.ndarray) -> np.nda
     speed: (k,) float32 m/s.
     begins: (k,) bool, where agents begin.
     """
-    found, rows = np.zeros(len(speed), np.uint8), np.arange(len(speed))
+    pace = np.zeros(len(speed), np.uint8)
+    rows = np.arange(len(speed))
     for low, high in zip(paces[:-1], paces[1:], strict=True):
-        middle, band = np.float32((low + high) / 2), np.float32((high - low) / 8)
+        middle = np.float32((low + high) / 2)
+        band = np.float32((high - low) / 8)
         above = speed > middle
         sure = np.abs(speed - middle) > band
         sure |= begins
-        found += above[np.maximum.accumulate(np.where(sure, rows, 0))]
-    return found
+        pace += above[np.maximum.accumulate(np.where(sure, rows, 0))]
+    return pace

@@ -31,14 +31,15 @@ def read(path: Path) -> Rows:
     CrowdError if it is no NPZ, or lacks an array. OSError if it cannot be read.
     """
     where = printable(path)
-    found: dict[str, Any] = dict(
+    columns: dict[str, Any] = dict(
         read_arrays(path, ("id", "frame", "x", "y"), (*COLUMNS, "fps", "unit"))
     )
-    rate, unit = found.pop("fps", np.zeros(())), str(found.pop("unit", "m"))
+    rate = columns.pop("fps", np.zeros(()))
+    unit = str(columns.pop("unit", "m"))
     if rate.shape not in ((), (1,)) or rate.dtype.kind not in "iuf":
         raise CrowdError(
             f"The file {where} has {rate.size} values of fps: give one number, its frames a second."
         )
     if unit not in UNITS:
         raise CrowdError(f"The file {where} has the unit {unit}: use one of {', '.join(UNITS)}.")
-    return Rows(**found, rate=float(rate.reshape(())), unit=unit, feet=True)
+    return Rows(**columns, rate=float(rate.reshape(())), unit=unit, feet=True)

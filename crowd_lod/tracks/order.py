@@ -11,43 +11,41 @@ def order_by(keys: np.ndarray, among: np.ndarray | None = None) -> np.ndarray:
     keys: (n,) whole numbers or float64, finite.
     among: (k,) intp, the entries to order; None for all.
     """
-    own = keys if among is None else keys[among]
-    if own.dtype.kind == "f":
-        whole = own.astype(np.int64) if len(own) and np.abs(own).max() < 2**53 else None
-        if whole is None or not (whole == own).all():
-            found = np.argsort(own, kind="stable")
-            return found if among is None else among[found]
-        own = whole
-    order = np.arange(len(own)) if among is None else among
-    if len(own) < 2 or (own[1:] >= own[:-1]).all():
+    values = keys if among is None else keys[among]
+    order = np.arange(len(values)) if among is None else among
+    if values.dtype.kind == "f":
+        is_small = len(values) and np.abs(values).max() < 2**53
+        whole = values.astype(np.int64) if is_small else None
+        if whole is None or not (whole == values).all():
+            return order[np.argsort(values, kind="stable")]
+        values = whole
+    if len(values) < 2 or (values[1:] >= values[:-1]).all():
         return order
-    low = int(own.min())
-    bits = (int(own.max()) - low).bit_length()
-    own = (
-        (own - low).view(np.uint64)
-        if own.dtype == np.int64
-        else (own.astype(np.int64) - low).view(np.uint64)
-    )
+    low = int(values.min())
+    bits = (int(values.max()) - low).bit_length()
+    signed = values if values.dtype == np.int64 else values.astype(np.int64)
+    code = (signed - low).view(np.uint64)
     if bits > 3 * DIGIT:
-        return order[np.argsort(own, kind="stable")]
+        return order[np.argsort(code, kind="stable")]
     for shift in range(0, bits, DIGIT):
-        digit = (own >> np.uint64(shift)).astype(np.uint16)
-        found = np.argsort(digit, kind="stable")
-        order, own = order[found], own[found]
+        digit = (code >> np.uint64(shift)).astype(np.uint16)
+        by_digit = np.argsort(digit, kind="stable")
+        order = order[by_digit]
+        code = code[by_digit]
     return order
 
 
 def numbered(ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (found, which): the different `ids`, increasing, and each one's place there, (k,)
-    intp.
+    """Return (different, place): the different `ids`, increasing, and where each id is there.
 
     ids: (k,) int64.
+    place: (k,) intp.
     """
-    low, high = int(ids.min()), int(ids.max())
+    low = int(ids.min())
+    high = int(ids.max())
     if high - low > 4 * len(ids) + 1_000_000:
         return np.unique(ids, return_inverse=True)
-    there = np.zeros(high - low + 1, bool)
-    there[ids - low] = True
-    found = np.flatnonzero(there)
-    place = np.cumsum(there) - 1
-    return found + low, place[ids - low]
+    is_used = np.zeros(high - low + 1, bool)
+    is_used[ids - low] = True
+    place = np.cumsum(is_used) - 1
+    return np.flatnonzero(is_used) + low, place[ids - low]

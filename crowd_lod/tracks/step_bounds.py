@@ -26,49 +26,54 @@ class StepBounds:
         frames: tuple[float, float],
         rate: float,
     ):
-        self.samples, self.first, self.rate = samples, frames[0], rate
-        whole = frames[1] - frames[0]
-        self.width = max(SPAN * rate, whole / MOST)
-        # least x, y, z; the greatest; the greatest horizontal speed, squared; each as large as can
-        # be
-        self.spans = np.zeros((7, int(whole / self.width) + 1))
+        self.samples = samples
+        self.first = frames[0]
+        self.rate = rate
+        length = frames[1] - frames[0]
+        self.width = max(SPAN * rate, length / MOST)
+        # of each span: minus the least velocity along x, y and z, the greatest, and the greatest
+        # horizontal speed, squared
+        self.spans = np.zeros((7, int(length / self.width) + 1))
         for begin, end, longest in classes:
-            own = np.zeros_like(self.spans)
+            spans = np.zeros_like(self.spans)
             for at in range(begin, end, SAMPLES_AT_ONCE):
-                self._add(own, slice(at, min(at + SAMPLES_AT_ONCE, end)))
-            self._join(own, int(longest / self.width) + 1)
+                self._add(spans, slice(at, min(at + SAMPLES_AT_ONCE, end)))
+            self._join(spans, int(longest / self.width) + 1)
 
     def between(self, since: float, until: float) -> VelocityBounds:
         """Return the bounds of all velocities, m/s, from frame `since` to `until` of the file."""
         last = self.spans.shape[1] - 1
-        begin, end = (
-            (min(max(frame, self.first), self.first + 1e18) - self.first) / self.width
-            for frame in (since, until)
-        )
-        own = self.spans[:, min(int(begin), last) : min(int(end), last) + 1].max(axis=1)
-        if not own.any():
+        begin = min(self._span(since), last)
+        end = min(self._span(until), last)
+        bounds = self.spans[:, begin : end + 1].max(axis=1)
+        if not bounds.any():
             return STANDING
-        more = 1 + 1e-9  # for what rounding takes
-        return VelocityBounds(-own[:3] * more, own[3:6] * more, float(np.sqrt(own[6])) * more)
+        bounds[:6] *= 1 + 1e-9  # for what rounding takes
+        fastest = float(np.sqrt(bounds[6])) * (1 + 1e-9)
+        return VelocityBounds(-bounds[:3], bounds[3:6], fastest)
 
-    def _add(self, spans: np.ndarray, some: slice) -> None:
-        """Count the samples `some`, which are in order of frames, in the spans in which they
-        begin.
-        """
+    def _span(self, frame: float) -> int:
+        """Return the number of the span that holds the frame."""
+        return int((min(max(frame, self.first), self.first + 1e18) - self.first) / self.width)
+
+    def _add(self, spans: np.ndarray, block: slice) -> None:
+        """Count a block of samples, in order of frames, in the spans in which they begin."""
         samples = self.samples
-        frame, after = samples.frame[some], samples.after[some]
+        frame = samples.frame[block]
+        after = samples.after[block]
         passed = (samples.frame[after] - frame) / self.rate
         passed[passed == 0] = np.inf
         places = [samples.x, samples.y] + ([] if samples.z is None else [samples.z])
         speeds = np.zeros((7, len(frame)))
         for axis, place in enumerate(places):
-            speed = (place[after] - place[some]) / passed
-            speeds[axis], speeds[3 + axis] = -speed, speed
+            speed = (place[after] - place[block]) / passed
+            speeds[axis] = -speed
+            speeds[3 + axis] = speed
         speeds[6] = speeds[3] ** 2 + speeds[4] ** 2
         span = np.minimum(((frame - self.first) / self.width).astype(np.intp), spans.shape[1] - 1)
         edges = np.flatnonzero(np.diff(span, prepend=-1))
-        found = np.maximum.reduceat(speeds, edges, axis=1)
-        spans[:, span[edges]] = np.maximum(spans[:, span[edges]], found)
+        fastest = np.maximum.reduceat(speeds, edges, axis=1)
+        spans[:, span[edges]] = np.maximum(spans[:, span[edges]], fastest)
 
     def _join(self, spans: np.ndarray, further: int) -> None:
         """Count the spans `further` than where samples begin, too: until where they may end."""

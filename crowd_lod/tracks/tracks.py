@@ -49,10 +49,10 @@ class Tracks:
         """Return the same tracks, which are in meters, in units of `meters`."""
         if meters == 1:
             return self
-        own = self.samples
-        z = None if own.z is None else own.z / meters
-        way = own.way if self.phased else own.way / np.float32(meters)
-        samples = replace(own, x=own.x / meters, y=own.y / meters, z=z, way=way)
+        old = self.samples
+        z = None if old.z is None else old.z / meters
+        way = old.way if self.phased else old.way / np.float32(meters)
+        samples = replace(old, x=old.x / meters, y=old.y / meters, z=z, way=way)
         return replace(self, samples=samples, paces=self.paces / meters, meters=meters)
 
     @cached_property
@@ -72,52 +72,46 @@ class Tracks:
 
     @cached_property
     def spread(self) -> np.ndarray:
-        """(2, 3) float64 meters, the least and the greatest x, y and z; z is 0 if the file has
-        none.
+        """(2, 3) float64 meters, the least and the greatest x, y and z.
+
+        z is 0 if the file has none.
         """
-        places = [
-            self.samples.x,
-            self.samples.y,
-            np.zeros(1) if self.samples.z is None else self.samples.z,
-        ]
+        samples = self.samples
+        z = np.zeros(1) if samples.z is None else samples.z
+        places = [samples.x, samples.y, z]
         return np.array([[place.min() for place in places], [place.max() for place in places]])
 
     @cached_property
     def digest(self) -> bytes:
         """Of all that the crowd at any time follows from."""
-        found = hashlib.sha256(repr((self.rate, self.phased)).encode())
+        digest = hashlib.sha256(repr((self.rate, self.phased)).encode())
         group = None if self.group is None else self.group.astype(str)
         for column in (self.ids, self.paces, group, *vars(self.samples).values()):
-            found.update(b"\0" if column is None else column.tobytes())
-        return found.digest()
+            digest.update(b"\0" if column is None else column.tobytes())
+        return digest.digest()
 
     def holding(self, frame: float) -> Places:
         """Return the samples (m,) whose interval holds `frame`, of each agent one at most.
 
         An agent's last sample holds at its own frame alone.
         """
-        found: list[slice | np.ndarray] = []
+        runs: list[Places] = []
         for begin, end, longest in self.classes:
             frames = self.samples.frame[begin:end]
-            since, until = (
-                np.searchsorted(frames, [frame - longest, frame], side="right") + begin
-            ).tolist()
+            edges = np.searchsorted(frames, [frame - longest, frame], side="right") + begin
+            since, until = edges.tolist()
             after = self.samples.after[since:until]
             holds = self.samples.frame[after] > frame
             if holds.all():
-                found += [slice(since, until)] if until > since else []
+                runs += [slice(since, until)] if until > since else []
             else:
-                own = np.arange(since, until)
-                holds |= (after == own) & (self.samples.frame[since:until] == frame)
-                found.append(own[holds])
-        if len(found) == 1:
-            return found[0]
-        return np.concatenate(
-            [
-                np.empty(0, np.intp),
-                *(np.r_[each] if isinstance(each, slice) else each for each in found),
-            ]
-        )
+                places = np.arange(since, until)
+                holds |= (after == places) & (self.samples.frame[since:until] == frame)
+                runs.append(places[holds])
+        if len(runs) == 1:
+            return runs[0]
+        indices = [np.r_[run] if isinstance(run, slice) else run for run in runs]
+        return np.concatenate([np.empty(0, np.intp), *indices])
 
 
 def in_a_row(places: np.ndarray) -> Places:

@@ -1,6 +1,6 @@
 """Context managers that remove data-blocks or restore settings afterwards."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
@@ -32,6 +32,16 @@ def all_or_nothing() -> Iterator[None]:
             [block for block in bpy.data.user_map() if block.session_uid not in before]
         )
         renew()
+        raise
+
+
+@contextmanager
+def removed_on_failure(blocks: Iterable[bpy.types.ID]) -> Iterator[None]:
+    """Remove the data-blocks that `blocks` then has if the code inside raises or is closed early."""
+    try:
+        yield
+    except BaseException:
+        bpy.data.batch_remove(list(blocks))
         raise
 
 

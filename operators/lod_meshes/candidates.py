@@ -26,7 +26,7 @@ from ..blender.rig_dependencies import stance
 from ..characters.character_extent import displaced
 from ..machine.scene_world import actions_named
 from . import source_mesh as sources
-from .deviation import Measure, compare, poses
+from .deviation import Measure, compare
 from .level_objects import AS_MADE, WAY, WHY, discard, hash_made, make_object, share_object
 from .pose_deformation import skin_of
 from .search import Search
@@ -249,7 +249,10 @@ class Ladder:
         else:
             counts = yield from share(self._make(goal), 0.0, 0.7)
             k = self.goals.index(goal)
-            measured = yield from share(self.by.level(list(self.found[goal].objects), k), 0.7, 1.0)
+            steps = self.by.level(list(self.found[goal].objects), k)
+            if self._is_whole(goal) and all(source.item.type == "MESH" for source in self.sources):
+                steps = self.by.whole()
+            measured = yield from share(steps, 0.7, 1.0)
             self._note(goal, counts, measured)
 
     def _make(self, goal: float) -> Generator[float, None, tuple[int, int]]:
@@ -257,7 +260,7 @@ class Ladder:
         triangles).
         """
         yield from self._read_skins()
-        whole = goal == self.goals[0] and goal in (0.0, 1.0)
+        whole = self._is_whole(goal)
         made = []
         for number, source in enumerate(self.sources):
             if whole and source.item.type == "MESH":
@@ -274,10 +277,14 @@ class Ladder:
         self._keep(goal, [item for item, _, _ in made])
         return sum(each[1] for each in made), sum(each[2] for each in made)
 
+    def _is_whole(self, goal: float) -> bool:
+        """Return whether the candidate is the character itself."""
+        return goal == self.goals[0] and goal in (0.0, 1.0)
+
     def _read_skins(self) -> Iterator[float]:
         if not self.made:
             for source in self.sources:
-                yield from standing(skin_of(source, poses(self.objects)), 0.0)
+                yield from standing(skin_of(source, self.by.own_frames), 0.0)
 
     def _seek(self, length: float) -> Iterator[float]:
         """Search for the LOD that deviates by `length` at most."""

@@ -143,7 +143,7 @@ class Curve:
     def weigh_spots(self, length: float) -> float:
         """Let the places of the last try that are too far off count more, if they are few.
 
-        Returns the part of the triangles that the next try is to have at least; 0 if there are
+        Returns the part of the triangles that the next try is to have, as many; 0 if there are
         none.
         """
         last = self.tries[-1]
@@ -173,7 +173,7 @@ class Curve:
         ratios = {method: self.ratio_for(method, length, about) for method in methods}
         best = min(methods, key=lambda method: ratios[method] * WORTH[method])
         if not untried and best == "POSE_AWARE" and self.tries:
-            ratios[best] = max(ratios[best], self.weigh_spots(length))
+            ratios[best] = self.weigh_spots(length) or ratios[best]
         return [
             (method, ratio)
             for method in untried or [best]

@@ -23,6 +23,8 @@ CELLS = 20  # across the character, of each of which some places are watched
 WHOLE_LOOKS = 3  # moments in which the whole of a LOD is measured together, at most
 ALIKE_WITHIN = 3.0  # frames, of which one is measured at a time
 LIKELY = 12  # places of a cell that are measured in all poses, those that may deviate most
+# of the farthest place's distance: a place that is nearer in all poses is not the farthest between
+QUIET = 0.15
 WORST = 4  # places of a cell that are watched, those that do
 
 
@@ -79,7 +81,9 @@ def watch(one: Merged, other: Merged) -> Watched:
     at = places.at(surface.points[:, 0])
     size = float(np.ptp(at, axis=0).max()) or 1.0
     cell = np.floor(CELLS * (at - at.min(axis=0)) / size).astype(np.intp) @ (1, 100, 10_000)
-    likely = _worst_of(cell, upper_distances(surface, other.moving, places), LIKELY)
+    most = upper_distances(surface, other.moving, places)
+    likely = _worst_of(cell, most, LIKELY)
+    likely = likely[most[likely] >= QUIET * most.max(initial=0)]
 
     places, cell = places.of(likely), cell[likely]
     at = places.at(surface.points)

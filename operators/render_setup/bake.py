@@ -5,6 +5,7 @@ Node groups show those of the scene's frame.
 
 import json
 from collections.abc import Generator, Sequence
+from dataclasses import dataclass, field
 
 import bpy
 import numpy as np
@@ -12,11 +13,13 @@ import numpy as np
 from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.crowd.leave_outs import WORKBENCH
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import noted, told_unplanned
 from ...crowd_lod.progress import share
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import frame_stepping, mesh_data, scene_data
+from ..blender.cleanup import removed_on_failure
 from ..blender.ownership import remove_owned
 from ..scene import lights
 from ..scene.scene_crowd import frame_of, policy_of, trajectory_of
@@ -31,12 +34,13 @@ from .render_setup import (
     CAMERAS,
     LIGHTS,
     buckets_of,
-    check_build,
-    check_levels,
+    check_scene,
     dress_all,
     install,
     points_of,
 )
+
+_Columns = dict[str, np.ndarray]  # point attributes by name
 
 # frames: shutters of this length and longer overlap, and baked points show one frame at a time
 LONGEST = 1.0
@@ -59,43 +63,57 @@ def bake(
 
     CrowdError if the shutter is open for a frame (LONGEST) or longer.
     """
-    scene_data.check_own(scene)
-    check_levels(scene)
-    check_build(scene)
-    if scene.render.use_motion_blur and scene.render.motion_blur_shutter >= LONGEST:
-        raise CrowdError(
-            f"The shutter of {scene.name} is open for {scene.render.motion_blur_shutter:g} "
-            f"frames: baked points show one frame at "
-            "a time, so set it below 1, or render with Crowd LOD installed."
-        )
-    read = yield from share(read_library(scene, scene.crowd_lod), 0.0, 0.2)
-    rows = None
-    unplanned: list[tuple[int, str]] = []
-    noted_of: dict[str, dict[int, str]] = {CAMERAS: {}, LIGHTS: {}}
-    try:
-        rows = yield from share(
-            _rows(scene, Library(read[0]), frames, (unplanned, noted_of), strict), 0.2, 0.8
-        )
-    finally:
-        if rows is None:
-            bpy.data.batch_remove(list(read[-1]))
-    cast = yield from share(make_cast(scene, scene.crowd_lod, _kept(scene, rows), read), 0.8, 0.99)
+    check_scene(scene)
+    _check_shutter(scene)
+    read = yield from share(read_library(scene), 0.0, 0.2)
+    with removed_on_failure(read.blocks):
+        library = Library(read.posed)
+        moments = yield from share(_compute(scene, library, frames, strict), 0.2, 0.8)
+    selection = _select_characters(scene, moments.rows)
+    cast = yield from share(make_cast(scene, selection, read), 0.8, 0.99)
     trim_actions(cast.rigs, [scene_data.remap(scene.render, number) for number in frames])
     top = install(scene, cast)
-    cast.notes.extend(filter(None, [told_unplanned(unplanned)]))
     mark(scene, frames)
-    for key, digests in noted_of.items():
-        top[key] = json.dumps(digests)
-    for name, item in points_of(top).items():
-        columns = rows[name][0].keys()
-        mesh_data.write_points(
-            item.data,
-            {column: np.concatenate([each[column] for each in rows[name]]) for column in columns},
-        )
-        rows[name].clear()
+    _write(top, moments)
     dress_all(scene)
+    cast.notes.extend(filter(None, [told_unplanned(moments.unplanned)]))
     yield 1.0
     return cast
+
+
+def _check_shutter(scene: bpy.types.Scene) -> None:
+    shutter = scene.render.motion_blur_shutter
+    if scene.render.use_motion_blur and shutter >= LONGEST:
+        raise CrowdError(
+            f"The shutter of {scene.name} is open for {shutter:g} frames: baked points show one "
+            f"frame at a time, so set it below 1, or render with Crowd LOD installed."
+        )
+
+
+@dataclass(frozen=True)
+class _Moments:
+    """What a bake stores of its frames.
+
+    rows: by a bucket's name, the point attributes of each frame, by name.
+    cameras, lights: by frame, their digests.
+    unplanned: (frame, why the shot plan does not hold there, or "").
+    """
+
+    rows: dict[str, list[_Columns]]
+    cameras: dict[int, str] = field(default_factory=dict)
+    lights: dict[int, str] = field(default_factory=dict)
+    unplanned: list[tuple[int, str]] = field(default_factory=list)
+
+
+def _write(top: bpy.types.Collection, moments: _Moments) -> None:
+    """Write the points of all frames to the build `top`, and empty the rows of `moments`."""
+    top[CAMERAS] = json.dumps(moments.cameras)
+    top[LIGHTS] = json.dumps(moments.lights)
+    for name, points in points_of(top).items():
+        rows = moments.rows[name]
+        columns = {key: np.concatenate([row[key] for row in rows]) for key in rows[0]}
+        mesh_data.write_points(points.data, columns)
+        rows.clear()  # a long bake fills the memory
 
 
 def mark(scene: bpy.types.Scene, frames: Sequence[int]) -> None:
@@ -143,63 +161,66 @@ def _used(characters: bpy.types.Collection) -> str:
     return f"{' and '.join(names[:3])} use{'s' * (len(names) == 1)} them" if names else ""
 
 
-def _kept(scene: bpy.types.Scene, rows: dict[str, list[dict[str, np.ndarray]]]) -> list[np.ndarray]:
+def _select_characters(scene: bpy.types.Scene, rows: dict[str, list[_Columns]]) -> list[np.ndarray]:
     """Return the characters that `rows` show, for each LOD (k,) intp, increasing.
 
     Changes `rows`: they then name characters by their place among these.
     """
-    kept = [np.empty(0, np.intp)] * policy_of(scene.crowd_lod).count
+    selection = [np.empty(0, np.intp)] * policy_of(scene.crowd_lod).count
     for bucket in buckets_of(scene):
-        shown = [columns["pose"] for columns in rows[bucket.name]]
-        kept[bucket.level] = np.union1d(kept[bucket.level], np.concatenate(shown)).astype(np.intp)
+        poses = np.concatenate([columns["pose"] for columns in rows[bucket.name]])
+        selection[bucket.level] = np.union1d(selection[bucket.level], poses).astype(np.intp)
     for bucket in buckets_of(scene):
         for columns in rows[bucket.name]:
-            columns["pose"] = np.searchsorted(kept[bucket.level], columns["pose"]).astype(np.int32)
-    return kept
+            places = np.searchsorted(selection[bucket.level], columns["pose"])
+            columns["pose"] = places.astype(np.int32)
+    return selection
 
 
-def _rows(
-    scene: bpy.types.Scene,
-    library: Library,
-    frames: Sequence[int],
-    told: tuple[list[tuple[int, str]], dict[str, dict[int, str]]],
-    strict: bool,
-) -> Generator[float, None, dict[str, list[dict[str, np.ndarray]]]]:
-    """Compute the points of each bucket, by its name, frame by frame.
+def _compute(
+    scene: bpy.types.Scene, library: Library, frames: Sequence[int], strict: bool
+) -> Generator[float, None, _Moments]:
+    """Compute the points of all frames; yields the progress.
 
     library: the characters that the points show.
-    told: two containers. The first gets (frame, why the shot plan does not hold there, or ""). The
-        second gets digests of each frame's cameras and lights.
-
-    Yields the progress.
     """
-    render = scene.render
+    moments = _Moments({bucket.name: [] for bucket in buckets_of(scene)})
+    points = dict.fromkeys(moments.rows, 0)
     trajectory = trajectory_of(scene)
-    rows: dict[str, list[dict[str, np.ndarray]]] = {bucket.name: [] for bucket in buckets_of(scene)}
-    points = dict.fromkeys(rows, 0)
     with frame_stepping.step_frames(scene) as at:
-        for done, number in enumerate(frames):
-            time = scene_data.remap(render, number)
-            yield from share(
-                approach(trajectory, time), done / len(frames), (done + 0.9) / len(frames)
-            )
-            film, around, shutter = lights.read_moment(scene, time, at)
-            frame = frame_of(scene, None, time, film, trajectory, around, shutter)
-            told[0].append(noted(number, frame.unplanned, strict))
-            told[1][CAMERAS][number] = cameras_digest(film)
-            if WORKBENCH not in around.left_out:  # which does not look for lights
-                told[1][LIGHTS][number] = lights_digest(around)
-            held = held_by(scene, trajectory, number, frame.crowd)
+        for k, number in enumerate(frames):
+            way = approach(trajectory, scene_data.remap(scene.render, number))
+            yield from share(way, k / len(frames), (k + 0.9) / len(frames))
+            frame = _plan(scene, trajectory, number, at, moments)
+            moments.unplanned.append(noted(number, frame.unplanned, strict))
+            shutter = held_by(scene, trajectory, number, frame.crowd)
             for name, agents in members(frame).items():
-                rows[name].append(columns_in_time(trajectory, held, number, agents, library))
+                columns = columns_in_time(trajectory, shutter, number, agents, library)
+                moments.rows[name].append(columns)
                 points[name] += len(agents)
-                if points[name] > MOST_POINTS:
-                    raise CrowdError(
-                        f"The frames {frames[0]} to {number} hold over {MOST_POINTS:,} points of "
-                        f"one LOD: bake fewer frames at a time."
-                    )
-            yield (done + 1) / len(frames)
-    return rows
+            if max(points.values()) > MOST_POINTS:
+                raise CrowdError(
+                    f"The frames {frames[0]} to {number} hold over {MOST_POINTS:,} points of "
+                    f"one LOD: bake fewer frames at a time."
+                )
+            yield (k + 1) / len(frames)
+    return moments
+
+
+def _plan(
+    scene: bpy.types.Scene,
+    trajectory: Trajectory,
+    number: int,
+    at: frame_stepping.At,
+    moments: _Moments,
+) -> Frame:
+    """Return the plan of the frame `number`; note its cameras and lights in `moments`."""
+    time = scene_data.remap(scene.render, number)
+    film, around, shutter = lights.read_moment(scene, time, at)
+    moments.cameras[number] = cameras_digest(film)
+    if WORKBENCH not in around.left_out:  # which does not look for lights
+        moments.lights[number] = lights_digest(around)
+    return frame_of(scene, None, time, film, trajectory, around, shutter)
 
 
 def columns_in_time(
@@ -222,7 +243,7 @@ def columns_in_time(
     return columns | moving
 
 
-def _turn(now: dict[str, np.ndarray], then: dict[str, np.ndarray]) -> np.ndarray:
+def _turn(now: _Columns, then: _Columns) -> np.ndarray:
     """Return the turn of roll, pitch, heading from `now` to `then`, (m, 3) float32.
 
     Radians, the short way round.

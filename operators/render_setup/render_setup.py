@@ -3,7 +3,7 @@
 Geometry nodes put the instances on the points.
 """
 
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -24,26 +24,23 @@ from . import played_by
 from .change_detection import made_of, shown_by
 from .hidden_characters import unhide_characters
 from .nodes import baked, instances, trees
-from .phase_characters import Cast, Wanted, make_cast
+from .phase_characters import Cast, Selection, make_cast
 from .shelves import REMEDY, fill_shelves, level_of, shelves_of
 
-# Custom properties. Of a point object: its LOD and its bucket.
-LEVEL = "crowd_lod_level"
-BUCKET = "crowd_lod_bucket"
-MADE_FROM = "crowd_lod_made_from"  # of the build's collection: the LOD meshes that it shows
-# of the build's collection: see Library, and played_by.numbers
-POSED = "crowd_lod_posed"
-PLAYED = "crowd_lod_played"
-ACTIONS = "crowd_lod_actions"  # of the build's collection: see played_by.actions
-# of the build's collection: see _made_of; what it does not show
-MADE_OF = "crowd_lod_made_of"
-NOTES = "crowd_lod_notes"
-# of the build's collection: Rate and Opens (render_setup/nodes/baked.py), the first and the last
-# frame
-BAKED = "crowd_lod_baked"
-# of a bake: digests for each frame
-CAMERAS = "crowd_lod_cameras"
-LIGHTS = "crowd_lod_lights"
+# Custom properties of a point object.
+LEVEL = "crowd_lod_level"  # the LOD that it shows
+BUCKET = "crowd_lod_bucket"  # its bucket's name
+
+# Custom properties of the build's collection.
+MADE_FROM = "crowd_lod_made_from"  # see made_from
+POSED = "crowd_lod_posed"  # see Library
+PLAYED = "crowd_lod_played"  # see played_by.numbers
+ACTIONS = "crowd_lod_actions"  # see played_by.actions
+MADE_OF = "crowd_lod_made_of"  # see _inputs_of_characters
+NOTES = "crowd_lod_notes"  # sentences on what the build does not show
+BAKED = "crowd_lod_baked"  # Rate and Opens (see nodes/baked.py), first and last frame
+CAMERAS = "crowd_lod_cameras"  # of a bake: a digest of each frame's cameras
+LIGHTS = "crowd_lod_lights"  # of a bake: a digest of each frame's lights
 
 UNSEEN_BY = {"LOD": (), "Shadow": ("camera",), "Mirror": ("camera",)}  # kinds of buckets
 
@@ -132,31 +129,61 @@ def made_from(scene: bpy.types.Scene) -> str:
     )
 
 
-def build(scene: bpy.types.Scene, wanted: Wanted | None = None) -> Generator[float, None, Cast]:
-    """Put the point objects and their characters into a collection of the scene.
+def build(
+    scene: bpy.types.Scene, selection: Selection | None = None
+) -> Generator[float, None, Cast]:
+    """Put point objects and their characters into a collection of the scene.
 
-    One point object per bucket. wanted: the characters to make; None makes all.
+    There is one point object per bucket. What an earlier build made stays, with all that the user
+    changed or added there, except the characters. These are made anew, unless nothing that they
+    depend on has changed.
 
-    What an earlier build made stays, with all that the user changed or added there, except the
-    characters. These are made anew, unless nothing that they depend on has changed.
+    selection: the characters to make; None makes all.
 
     Yields the progress and returns the Cast. Closed early, it leaves the scene as it was.
     """
-    scene_data.check_own(scene)
-    check_levels(scene)
-    check_build(scene)
-    cast = None if wanted is not None else _as_it_is(scene)
+    check_scene(scene)
+    complete = selection is None
+    cast = _current_cast(scene) if complete else None
     if cast is None:
-        cast = yield from make_cast(scene, scene.crowd_lod, wanted)
+        cast = yield from make_cast(scene, selection)
     top = install(scene, cast)
-    if wanted is None:
-        provenance.keep(top, MADE_OF, _made_of(scene, top))
-        top[NOTES] = "\n".join(cast.notes)
+    if complete:
+        _note_inputs(scene, top, cast)
     return cast
 
 
-def _made_of(scene: bpy.types.Scene, top: bpy.types.Collection) -> dict[str, str]:
-    """Return digests, by name, that change when the build's characters must be made anew."""
+def check_scene(scene: bpy.types.Scene) -> None:
+    """Raise CrowdError, before any work is done, if `scene` cannot be built."""
+    scene_data.check_own(scene)
+    check_levels(scene)
+    check_build(scene)
+
+
+def _current_cast(scene: bpy.types.Scene) -> Cast | None:
+    """Return the Cast of the scene's build, without characters, or None if it is out of date.
+
+    Posed meshes and scaled images are always made anew.
+    """
+    settings = scene.crowd_lod
+    top = settings.build
+    if top is None or settings.scale_textures or scene_data.is_shared(scene, "build"):
+        return None
+    if MADE_OF not in top or np.any(np.ravel(top.get(POSED, 1))):
+        return None
+    if not provenance.is_made_of(top, MADE_OF, _inputs_of_characters(scene, top)):
+        return None
+    return Cast(np.array(top[POSED], np.intp), [], notes=str(top.get(NOTES, "")).splitlines())
+
+
+def _note_inputs(scene: bpy.types.Scene, top: bpy.types.Collection, cast: Cast) -> None:
+    """Keep with the build what its characters were made of, so that they are not made again."""
+    provenance.keep(top, MADE_OF, _inputs_of_characters(scene, top))
+    top[NOTES] = "\n".join(cast.notes)
+
+
+def _inputs_of_characters(scene: bpy.types.Scene, top: bpy.types.Collection) -> dict[str, str]:
+    """Return digests, by name, of all that the characters of the build `top` depend on."""
     settings = scene.crowd_lod
     policy = policy_of(settings)
     homes = [home for level in settings.levels.children[: policy.count] for home in level.children]
@@ -168,52 +195,45 @@ def _made_of(scene: bpy.types.Scene, top: bpy.types.Collection) -> dict[str, str
     }
 
 
-def _as_it_is(scene: bpy.types.Scene) -> Cast | None:
-    """Return the Cast of the scene's build, without characters, if it is up to date.
-
-    None if they are not. Posed meshes and scaled images are always made anew.
-    """
-    top = scene.crowd_lod.build
-    if (
-        top is None
-        or scene.crowd_lod.scale_textures
-        or scene_data.is_shared(scene, "build")
-        or MADE_OF not in top
-        or np.any(np.ravel(top.get(POSED, 1)))
-    ):
-        return None
-    if not provenance.is_made_of(top, MADE_OF, _made_of(scene, top)):
-        return None
-    return Cast(np.array(top[POSED], np.intp), [], notes=str(top.get(NOTES, "")).splitlines())
-
-
 def install(scene: bpy.types.Scene, cast: Cast) -> bpy.types.Collection:
     """Put characters and missing point objects into the scene's build; return it."""
-    settings = scene.crowd_lod
     upgrade()
-    top = _own(scene)
-    if top is None:
-        top = settings.build = bpy.data.collections.new("Crowd LOD Build")
-        top[OWNED] = True
-        scene.collection.children.link(top)
-    top[MADE_FROM], top[POSED], top[PLAYED] = (
-        made_from(scene),
-        cast.posed.tolist(),
-        played_by.numbers(trajectory_of(scene)),
-    )
-    top[ACTIONS] = played_by.actions(trajectory_of(scene))
-    for key in (BAKED, CAMERAS, LIGHTS, MADE_OF):
-        top.pop(key, None)
+    top = _own(scene) or _new_build(scene)
+    _describe(scene, top, cast)
     if cast.collections:
         fill_shelves(scene, top, cast)
-    made = points_of(top)
-    for bucket in buckets_of(scene):
-        points = made.pop(bucket.name, None) or _points(top, bucket)
-        points[LEVEL] = bucket.level
-        points[BUCKET] = bucket.name
-    bpy.data.batch_remove([block for points in made.values() for block in (points, points.data)])
+    _fit_points(scene, top)
     dress_all(scene)
     return top
+
+
+def _new_build(scene: bpy.types.Scene) -> bpy.types.Collection:
+    """Return a new, empty build, linked to `scene`."""
+    top = scene.crowd_lod.build = bpy.data.collections.new("Crowd LOD Build")
+    top[OWNED] = True
+    scene.collection.children.link(top)
+    return top
+
+
+def _describe(scene: bpy.types.Scene, top: bpy.types.Collection, cast: Cast) -> None:
+    """Store in the build which characters it shows; forget what held for those before."""
+    trajectory = trajectory_of(scene)
+    top[MADE_FROM] = made_from(scene)
+    top[POSED] = cast.posed.tolist()
+    top[PLAYED] = played_by.numbers(trajectory)
+    top[ACTIONS] = played_by.actions(trajectory)
+    for key in (BAKED, CAMERAS, LIGHTS, MADE_OF):
+        top.pop(key, None)
+
+
+def _fit_points(scene: bpy.types.Scene, top: bpy.types.Collection) -> None:
+    """Give the build a point object for each bucket, and remove those of no bucket."""
+    surplus = points_of(top)
+    for bucket in buckets_of(scene):
+        points = surplus.pop(bucket.name, None) or _points(top, bucket)
+        points[LEVEL] = bucket.level
+        points[BUCKET] = bucket.name
+    bpy.data.batch_remove([block for points in surplus.values() for block in (points, points.data)])
 
 
 def notes_on_cast(scene: bpy.types.Scene, cast: Cast) -> str:
@@ -221,38 +241,39 @@ def notes_on_cast(scene: bpy.types.Scene, cast: Cast) -> str:
 
     Also on edited characters, and on LODs that deviate to fit in Memory for Characters.
     """
-    sentences = [*filter(None, [to_make_again(scene)]), *cast.notes]
-    settings = scene.crowd_lod
+    sentences = [to_make_again(scene), *cast.notes, *_told_of_memory(scene.crowd_lod)]
     slides = trajectory_of(scene).gaits.paces.off
-    limited = [group.name for group in settings.groups if group.finest]
-    if (
-        settings.choice == "BY_TOLERANCE"
-        and settings.memory == settings.memory_made
-        and settings.memory_tolerance
-    ):
-        pixels = figure(settings.memory_tolerance)
-        sentences.append(
-            f"To fit in {settings.memory:g} MB, LODs deviate by up to {pixels} pixels in the "
-            f"frames that were looked at."
-        )
-        if limited:
-            sentences.append(
-                f"Nearer to the camera these look coarser, for their finest LODs are not built: "
-                f"{', '.join(limited)}."
-            )
     if slides:
         sentences.append(
             f"The state machine has more speeds than characters have walk cycles: feet slide by "
             f"up to {slides:.0%} of the way."
         )
-    return " ".join(sentences)
+    return " ".join(filter(None, sentences))
+
+
+def _told_of_memory(settings) -> Iterator[str]:
+    """Yield sentences on what was given up so that characters fit in memory."""
+    is_fitted = settings.memory == settings.memory_made and settings.memory_tolerance
+    if settings.choice != "BY_TOLERANCE" or not is_fitted:
+        return
+    pixels = figure(settings.memory_tolerance)
+    yield (
+        f"To fit in {settings.memory:g} MB, LODs deviate by up to {pixels} pixels in the "
+        f"frames that were looked at."
+    )
+    limited = [group.name for group in settings.groups if group.finest]
+    if limited:
+        yield (
+            f"Nearer to the camera these look coarser, for their finest LODs are not built: "
+            f"{', '.join(limited)}."
+        )
 
 
 def _own(scene: bpy.types.Scene) -> bpy.types.Collection | None:
     """Return the scene's build, or None.
 
-    A linked copy of a scene begins with the build of the other scene, which keeps it: here the copy
-    lets it go.
+    A linked copy of a scene refers to the build of the first scene. The build stays with the first;
+    the copy forgets it here.
     """
     if scene_data.is_shared(scene, "build"):
         scene_data.let_go(scene, "build")
@@ -287,14 +308,19 @@ def dress_all(scene: bpy.types.Scene) -> None:
         level = level_of(points, LEVEL)
         if level not in shelves:
             continue
-        modifier = next(
-            (m for m in points.modifiers if m.type == "NODES" and trees.is_ours(m.node_group)), None
-        )
-        modifier = modifier or points.modifiers.new("Crowd LOD", "NODES")
+        modifier = _modifier_of(points)
         modifier.node_group = tree
         for name, value in {**inputs, "Characters": shelves[level]}.items():
             scene_data.set_node_input(modifier, name, value)
         points.update_tag()
+
+
+def _modifier_of(points: bpy.types.Object) -> bpy.types.Modifier:
+    """Return our modifier of a point object, a new one if it has none."""
+    for modifier in points.modifiers:
+        if modifier.type == "NODES" and trees.is_ours(modifier.node_group):
+            return modifier
+    return points.modifiers.new("Crowd LOD", "NODES")
 
 
 def remove_build(settings) -> None:
@@ -340,10 +366,7 @@ def points_of(top: bpy.types.Collection) -> dict[str, bpy.types.Object]:
 
 
 def check_build(scene: bpy.types.Scene) -> None:
-    """Raise CrowdError if our data in the scene's build cannot be read.
-
-    Called before any work is done.
-    """
+    """Raise CrowdError if our data in the scene's build cannot be read."""
     top = scene.crowd_lod.build
     if top is not None:
         points_of(top), shelves_of(top)

@@ -3,7 +3,7 @@
 import os
 import platform
 import textwrap
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -13,12 +13,14 @@ import bpy
 import numpy as np
 
 from ...crowd_lod import __version__
-from ...crowd_lod.behavior.walk import walks_of
+from ...crowd_lod.behavior.walk import Walk, walks_of
+from ...crowd_lod.crowd.agents import Crowd
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
 from ...crowd_lod.frame.frame_range import evenly
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.levels.assignment import LevelPolicy
+from ...crowd_lod.progress import share
 from ...crowd_lod.reporting import error_plots
 from ...crowd_lod.reporting import files as outputs
 from ...crowd_lod.reporting import tables as report
@@ -45,73 +47,103 @@ def error(
     with outputs.staged(folder) as stage:
         cameras.active_camera(scene)
         store_groups(scene.crowd_lod, measure_groups(scene))
-        trajectory = trajectory_of(scene)
-        policy = policy_of(scene.crowd_lod)
-        frames = scene_data.frames_of(scene, scene.crowd_lod.step)
-        chosen = evenly(frames, VIEWS)
-        view_cameras = cameras.cameras_at(scene, chosen)
-        begun = 0.0
-        for k, frame in enumerate(chosen):
-            for part in approach(trajectory, frame):
-                begun = 0.5 * (k + part) / len(chosen)
-                yield begun
-        views = [
-            (error_vs_runtime.some(trajectory.at(f), MOST_AGENTS), c)
-            for f, c in zip(chosen, view_cameras, strict=True)
-        ]
-        center = trajectory.spheres.center
-        radius = trajectory.spheres.radius
-        walks = walks_of(trajectory)
-        if not walks:
-            raise CrowdError(
-                f"The crowd of the scene {scene.name} has no agents that a state machine moves, "
-                f"whose steps could be wrong: run "
-                "crowd-lod error on another scene."
-            )
-        walk = walks[0]
+        walk = _walk_of(scene)
+        views = yield from share(_views(scene), 0.0, 0.5)
         crowd = error_vs_runtime.some(walk.start, MOST_AGENTS)
-        parts = {  # name: (rows to come, of about how many, share of the time)
-            "behavior": (
-                error_vs_runtime.behavior(
-                    crowd, walk.machine, walk.world, walk.seconds_per_frame, repeats=repeats
-                ),
-                15,
-                0.6,
-            ),
-            "drift": (error_vs_runtime.drifts(), 12, 0.1),
-            "culling": (
-                error_vs_runtime.culling(views, center, radius, policy.margin, repeats),
-                17,
-                0.15,
-            ),
-            "levels": (
-                error_vs_runtime.levels(
-                    views, center, radius, _policies(policy), policy.metric, repeats
-                ),
-                36,
-                0.15,
-            ),
-        }
-        tables = {}
-        progress = 0.0
-        for name, (rows, about, share) in parts.items():
-            tables[name] = []
-            for row in rows:
-                tables[name].append(row)
-                yield begun + (1 - begun) * min(progress + share * len(tables[name]) / about, 0.99)
-            progress += share
+        measurements = _measurements(scene, walk, crowd, views, repeats)
+        tables = yield from share(_collect(measurements), 0.5, 1.0)
         machine = (
-            f"{machine_name()}; {len(crowd):,} of {len(trajectory.start):,} agents, medians "
-            f"of {counted(repeats, 'run')}"
+            f"{machine_name()}; {len(crowd):,} of {len(trajectory_of(scene).start):,} agents, "
+            f"medians of {counted(repeats, 'run')}"
         )
         for name, rows in tables.items():
-            (stage / f"error_{name}.csv").write_text(
-                f"# {machine}\n{report.to_csv(rows)}", encoding="utf-8"
-            )
+            text = f"# {machine}\n{report.to_csv(rows)}"
+            (stage / f"error_{name}.csv").write_text(text, encoding="utf-8")
         error_plots.draw_plots(stage, tables, machine)
         files = sorted(path.name for path in stage.glob("error_*"))
     yield 1.0
     return {"machine": machine, "tables": tables, "files": files}
+
+
+def _walk_of(scene: bpy.types.Scene) -> Walk:
+    """Return the first walk of the scene's crowd; CrowdError if it has none."""
+    walks = walks_of(trajectory_of(scene))
+    if not walks:
+        raise CrowdError(
+            f"The crowd of the scene {scene.name} has no agents that a state machine moves, "
+            f"whose steps could be wrong: run crowd-lod error on another scene."
+        )
+    return walks[0]
+
+
+def _views(scene: bpy.types.Scene) -> Generator[float, None, list[error_vs_runtime.View]]:
+    """Return the crowd and the camera of a few frames of `scene`; yields the progress."""
+    trajectory = trajectory_of(scene)
+    frames = evenly(scene_data.frames_of(scene, scene.crowd_lod.step), VIEWS)
+    view_cameras = cameras.cameras_at(scene, frames)
+    for k, frame in enumerate(frames):
+        yield from share(approach(trajectory, frame), k / len(frames), (k + 1) / len(frames))
+    return [
+        (error_vs_runtime.some(trajectory.at(frame), MOST_AGENTS), camera)
+        for frame, camera in zip(frames, view_cameras, strict=True)
+    ]
+
+
+class _Measurement(NamedTuple):
+    """A table to measure.
+
+    rows: yields them.
+    count: about how many there are.
+    part: of the time.
+    """
+
+    rows: Iterator[dict]
+    count: int
+    part: float
+
+
+def _measurements(
+    scene: bpy.types.Scene,
+    walk: Walk,
+    crowd: Crowd,
+    views: list[error_vs_runtime.View],
+    repeats: int,
+) -> dict[str, _Measurement]:
+    """Return the tables to measure by name."""
+    policy = policy_of(scene.crowd_lod)
+    spheres = trajectory_of(scene).spheres
+    steps = error_vs_runtime.behavior(
+        crowd, walk.machine, walk.world, walk.seconds_per_frame, repeats=repeats
+    )
+    drifts = error_vs_runtime.drifts()
+    culling = error_vs_runtime.culling(
+        views, spheres.center, spheres.radius, policy.margin, repeats
+    )
+    levels = error_vs_runtime.levels(
+        views, spheres.center, spheres.radius, _policies(policy), policy.metric, repeats
+    )
+    return {
+        "behavior": _Measurement(steps, 15, 0.6),
+        "drift": _Measurement(drifts, 12, 0.1),
+        "culling": _Measurement(culling, 17, 0.15),
+        "levels": _Measurement(levels, 36, 0.15),
+    }
+
+
+def _collect(
+    measurements: dict[str, _Measurement],
+) -> Generator[float, None, dict[str, list[dict]]]:
+    """Return the rows of each table; yields the progress."""
+    tables: dict[str, list[dict]] = {}
+    progress = 0.0
+    for name, measurement in measurements.items():
+        tables[name] = []
+        for row in measurement.rows:
+            tables[name].append(row)
+            part = measurement.part * len(tables[name]) / measurement.count
+            yield min(progress + part, 0.99)
+        progress += measurement.part
+    return tables
 
 
 def _policies(policy: LevelPolicy) -> list[LevelPolicy]:
@@ -119,27 +151,23 @@ def _policies(policy: LevelPolicy) -> list[LevelPolicy]:
 
     Where its own thresholds do not fit a metric, example thresholds are used, equal for all groups.
     """
-    parts = (
-        policy.thresholds
-        if policy.metric != "PIXELS"
-        else tuple((k + 1) / policy.count for k in range(policy.count - 1))
-    )
-    sizes = (
-        policy.thresholds
-        if policy.metric == "PIXELS" and policy.tolerance is None
-        else tuple(200 / 2**k for k in range(policy.count - 1))
-    )
+    is_pixels = policy.metric == "PIXELS"
+    parts = tuple((k + 1) / policy.count for k in range(policy.count - 1))
+    pixels = tuple(200 / 2**k for k in range(policy.count - 1))
+    if not is_pixels:
+        parts = policy.thresholds
+    elif policy.tolerance is None:
+        pixels = policy.thresholds
     policies = []
     for metric in ("AXIS", "RADIAL", "PIXELS"):
-        own = (
-            policy.group_thresholds
-            if (metric == "PIXELS") == (policy.metric == "PIXELS") and policy.tolerance is None
-            else ()
-        )
-        thresholds = sizes if metric == "PIXELS" else parts
+        fits = (metric == "PIXELS") == is_pixels and policy.tolerance is None
         policies.append(
             replace(
-                policy, tolerance=None, metric=metric, thresholds=thresholds, group_thresholds=own
+                policy,
+                tolerance=None,
+                metric=metric,
+                thresholds=pixels if metric == "PIXELS" else parts,
+                group_thresholds=policy.group_thresholds if fits else (),
             )
         )
     return policies
@@ -175,7 +203,8 @@ class ExtremeRows(NamedTuple):
     behavior: list[stiff_behavior.StiffRow]
 
     def __str__(self) -> str:
-        return f"{extreme_cases.table_text(self.culling)}\n\n{stiff_behavior.behavior_text(self.behavior)}"
+        culling = extreme_cases.table_text(self.culling)
+        return f"{culling}\n\n{stiff_behavior.behavior_text(self.behavior)}"
 
 
 def cases(most: int, seed: int, out: Path | None = None) -> Generator[float, None, ExtremeRows]:

@@ -4,6 +4,7 @@ One row shows the meshes with their edges, the other is tinted by the distance t
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import bpy
 import numpy as np
@@ -26,12 +27,13 @@ EDGE = (0.10, 0.16, 0.30)
 HIDDEN = (0.62, 0.62, 0.62)
 MARK = (0.85, 0.10, 0.10)
 RING = 9.0  # pixels, of the ring about that
-# of distances that the colors tell apart, by their logarithm: a fine LOD's show beside a coarse
-# one's
+# Of distances that the colors tell apart, by their logarithm: else nothing were seen of a fine LOD
+# beside a coarse one.
 DECADES = 3
 LIGHT = np.array([0.35, 0.45, 0.82])  # right, up, towards the eye
 # viridis, which reads alike for color-blind eyes and in gray (van der Walt, Smith)
-RAMP = np.array([(68, 1, 84), (72, 40, 120), (59, 82, 139), (44, 114, 142), (33, 145, 140), (40, 174, 128), (94, 201, 98), (173, 220, 48), (253, 231, 37)]) / 255  # fmt: skip
+VIRIDIS = "440154 482878 3b528b 2c728e 21918c 28ae80 5ec962 addc30 fde725"
+RAMP = np.array([list(bytes.fromhex(color)) for color in VIRIDIS.split()]) / 255
 
 
 def ramp(part: np.ndarray) -> np.ndarray:
@@ -51,82 +53,141 @@ def draw_lods(
     """Draw all LODs of a character; return (picture, meters of the brightest color).
 
     The picture is (rows, columns, 4) uint8, bottom row first. The lower row shows how far each LOD
-    is off, its worst place ringed; beneath LOD 0, which is not off, the surface that nobody sees.
+    deviates, its worst place ringed. Beneath LOD 0 it shows the surface that nobody sees.
 
     views: each LOD with its character, in the pose where it deviates most.
     captions, notes: a line above, and below, each LOD.
     azimuth: radians, direction from the character to the eye.
     meters: meters in a unit of length of the surfaces.
     """
-    towards = np.array([np.cos(azimuth) * 0.985, np.sin(azimuth) * 0.985, 0.17])
-    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-    axes = np.stack([right, np.cross(towards, right), towards])
+    axes = _axes(azimuth)
     flat_points = [view.level.points @ axes.T for view in views]
-    # each in the middle of its cell: a pose may be elsewhere
-    low, high = ([getattr(at, end)(axis=0) for at in flat_points] for end in ("min", "max"))
-    size = np.max([b - a for a, b in zip(low, high, strict=True)], axis=0)
-    low = [(a + b - size) / 2 for a, b in zip(low, high, strict=True)]
-    scale = TALL / max(size[1], size[0] / 1.5)
-    width = int(size[0] * scale) + 2
-    height = int(size[1] * scale) + 2
-    fine = height * SUPERSAMPLING, width * SUPERSAMPLING
+    corners, scale, size = _fit(flat_points)
+    fine = size[0] * SUPERSAMPLING, size[1] * SUPERSAMPLING
     drawings = [
-        _look((at - corner) * scale * SUPERSAMPLING, view.level, fine)
-        for at, corner, view in zip(flat_points, low, views, strict=True)
+        _look((points - corner) * scale * SUPERSAMPLING, view.level, fine)
+        for points, corner, view in zip(flat_points, corners, views, strict=True)
     ]
-    away = [
-        _distances(view.character, view.level, *look[:3])
-        for view, look in zip(views, drawings, strict=True)
+    deviations = [
+        _distances(view.character, view.level, *drawing[:3])
+        for view, drawing in zip(views, drawings, strict=True)
     ]
-    most = meters * max((float(d.max(initial=0)) for d in away), default=0.0)
-
-    cell = max(width, 10 * LETTER) + GAP
-    head = 4 * LETTER
-    canvas_width = GAP + cell * len(views) + 9 * LETTER
-    sheet = np.empty((2 * height + head + 4 * GAP, canvas_width, 3))
-    sheet[:] = PAPER
-    for k, (view, (pixel, _, _, shade, edge), off) in enumerate(
-        zip(views, drawings, away, strict=True)
-    ):
-        left = GAP + k * cell + (cell - GAP - width) // 2
-        clay = (np.array(CLAY) * shade[:, None]) * (1 - edge[:, None]) + np.array(EDGE) * edge[
-            :, None
-        ]
-        tinted = ramp(1 + np.log10(np.maximum(meters * off / (most or 1.0), 1e-9)) / DECADES) * (
-            0.75 + 0.25 * shade[:, None]
+    most = meters * max((float(d.max(initial=0)) for d in deviations), default=0.0)
+    layout = _Layout(len(views), *size)
+    sheet = layout.blank()
+    for k, view in enumerate(views):
+        tint = ramp(
+            1 + np.log10(np.maximum(meters * deviations[k] / (most or 1.0), 1e-9)) / DECADES
         )
-        for row, colors in ((height + 2 * GAP, clay), (GAP, tinted)):
-            _paste(sheet, row, left, pixel, colors, (height, width))
-        if off.any():
-            _ring(
-                sheet,
-                GAP + (view.worst @ axes[1] - low[k][1]) * scale,
-                left + (view.worst @ axes[0] - low[k][0]) * scale,
-            )
+        _draw_shaded(sheet, layout, k, drawings[k], tint)
+        if deviations[k].any():
+            up = (view.worst @ axes[1] - corners[k][1]) * scale
+            aside = (view.worst @ axes[0] - corners[k][0]) * scale
+            _ring(sheet, GAP + up, layout.left(k) + aside)
         elif view.hidden.any():
             inner = Surface(view.character.points, view.character.triangles[view.hidden])
-            pixel, _, _, shade, _ = _look(
-                (inner.points @ axes.T - low[k]) * scale * SUPERSAMPLING, inner, fine
-            )
-            _paste(sheet, GAP, left, pixel, np.array(HIDDEN) * shade[:, None], (height, width))
-        middle = GAP + k * cell + (cell - GAP) / 2
-        write(
-            sheet, f"LOD {k}", middle, 2 * height + 3 * GAP + 2.1 * LETTER, 1.25 * LETTER, "CENTER"
-        )
-        write(sheet, captions[k], middle, 2 * height + 3 * GAP + 0.5 * LETTER, LETTER, "CENTER")
-        write(sheet, notes[k], middle, GAP - 1.2 * LETTER, LETTER, "CENTER")
-    bar = int(GAP + cell * len(views)), int(GAP + height * 0.1), int(height * 0.8)
-    sheet[bar[1] : bar[1] + bar[2], bar[0] : bar[0] + LETTER] = ramp(np.linspace(0, 1, bar[2]))[
-        :, None
-    ]
-    for decade in range(DECADES + 1):
-        words = f"{number(1000 * most / 10**decade)} mm"
-        part = 1 - decade / DECADES
-        words = f"< {words}" if decade == DECADES and most else words
-        write(sheet, words, bar[0] + 1.5 * LETTER, bar[1] + part * bar[2] - 0.35 * LETTER, LETTER)
+            places = (inner.points @ axes.T - corners[k]) * scale * SUPERSAMPLING
+            pixel, _, _, shade, _ = _look(places, inner, fine)
+            _paste(sheet, GAP, layout.left(k), pixel, np.array(HIDDEN) * shade[:, None], size)
+        _write_captions(sheet, layout, k, captions[k], notes[k])
+    _draw_color_bar(sheet, layout, most)
     pixels = np.full((*sheet.shape[:2], 4), 255, np.uint8)
     pixels[..., :3] = np.rint(sheet * 255)
     return pixels, most
+
+
+def _axes(azimuth: float) -> np.ndarray:
+    """Return the picture's axes, (3, 3): right, up, and towards the eye, which looks down a bit."""
+    towards = np.array([np.cos(azimuth) * 0.985, np.sin(azimuth) * 0.985, 0.17])
+    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    return np.stack([right, np.cross(towards, right), towards])
+
+
+def _fit(
+    flat_points: Sequence[np.ndarray],
+) -> tuple[list[np.ndarray], float, tuple[int, int]]:
+    """Fit all LODs into cells of one size, each in the middle of its own: a pose may be elsewhere.
+
+    flat_points: of each LOD (n, 3), along the picture's axes.
+
+    Returns (each cell's lower left corner (3,), pixels per unit, (height, width) in pixels).
+    """
+    low = [points.min(axis=0) for points in flat_points]
+    high = [points.max(axis=0) for points in flat_points]
+    extent = np.max([b - a for a, b in zip(low, high, strict=True)], axis=0)
+    corners = [(a + b - extent) / 2 for a, b in zip(low, high, strict=True)]
+    scale = TALL / max(extent[1], extent[0] / 1.5)
+    return corners, scale, (int(extent[1] * scale) + 2, int(extent[0] * scale) + 2)
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Where things stand on the sheet, in pixels.
+
+    count: how many LODs stand side by side.
+    height, width: of one LOD.
+    """
+
+    count: int
+    height: int
+    width: int
+
+    @property
+    def cell(self) -> int:
+        """The width of a LOD with its captions."""
+        return max(self.width, 10 * LETTER) + GAP
+
+    def blank(self) -> np.ndarray:
+        """Return an empty sheet, (rows, columns, 3)."""
+        rows = 2 * self.height + 4 * LETTER + 4 * GAP
+        sheet = np.empty((rows, GAP + self.cell * self.count + 9 * LETTER, 3))
+        sheet[:] = PAPER
+        return sheet
+
+    def left(self, k: int) -> int:
+        """Return the column where LOD `k` begins."""
+        return GAP + k * self.cell + (self.cell - GAP - self.width) // 2
+
+
+def _draw_shaded(
+    sheet: np.ndarray, layout: _Layout, k: int, drawing: tuple, tint: np.ndarray
+) -> None:
+    """Draw LOD `k` in clay, with the lines of its triangles, and beneath it in its tints.
+
+    drawing: of _look.
+    tint: (n, 3) color of each of its pixels.
+    """
+    pixel, _, _, shade, edge = drawing
+    line = np.array(EDGE) * edge[:, None]
+    clay = (np.array(CLAY) * shade[:, None]) * (1 - edge[:, None]) + line
+    size = layout.height, layout.width
+    _paste(sheet, layout.height + 2 * GAP, layout.left(k), pixel, clay, size)
+    tinted = tint * (0.75 + 0.25 * shade[:, None])
+    _paste(sheet, GAP, layout.left(k), pixel, tinted, size)
+
+
+def _write_captions(sheet: np.ndarray, layout: _Layout, k: int, caption: str, note: str) -> None:
+    """Write the title and the caption of LOD `k` above it, and its note below."""
+    middle = GAP + k * layout.cell + (layout.cell - GAP) / 2
+    above = 2 * layout.height + 3 * GAP
+    write(sheet, f"LOD {k}", middle, above + 2.1 * LETTER, 1.25 * LETTER, "CENTER")
+    write(sheet, caption, middle, above + 0.5 * LETTER, LETTER, "CENTER")
+    write(sheet, note, middle, GAP - 1.2 * LETTER, LETTER, "CENTER")
+
+
+def _draw_color_bar(sheet: np.ndarray, layout: _Layout, most: float) -> None:
+    """Draw the bar that tells which color stands for which distance; most: meters at its top."""
+    left = int(GAP + layout.cell * layout.count)
+    bottom = int(GAP + layout.height * 0.1)
+    height = int(layout.height * 0.8)
+    colors = ramp(np.linspace(0, 1, height))
+    sheet[bottom : bottom + height, left : left + LETTER] = colors[:, None]
+    for decade in range(DECADES + 1):
+        words = f"{number(1000 * most / 10**decade)} mm"
+        words = f"< {words}" if decade == DECADES and most else words
+        part = 1 - decade / DECADES
+        row = bottom + part * height - 0.35 * LETTER
+        write(sheet, words, left + 1.5 * LETTER, row, LETTER)
 
 
 def _ring(sheet: np.ndarray, row: float, column: float) -> None:

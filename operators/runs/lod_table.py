@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Generator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.levels.assignment import shown
+from ...crowd_lod.progress import share
 from ...crowd_lod.validation import silhouette
 from ..blender import image_data, scene_data
 from ..blender.material_colors import Looks
@@ -21,7 +22,7 @@ from ..lod_meshes.deviation import meshes_of
 from ..lod_meshes.posed_shapes import Posed
 from ..lod_meshes.posed_surface import PosedSurface
 from ..lod_meshes.shaded_pictures import alike, bodies_of
-from ..lod_meshes.worst_place import look_in_pose
+from ..lod_meshes.worst_place import InPose, look_in_pose
 from ..scene.scene_crowd import characters_of, policy_of
 from . import lod_picture
 
@@ -35,7 +36,6 @@ def tables(
     camera: Camera,
     begins: np.ndarray,
     folder: Path,
-    progress=(0.0, 1.0),
 ) -> Generator[float, None, list[dict[str, Any]]]:
     """Describe the LODs of all groups: yield the progress, return a dict per group.
 
@@ -44,80 +44,129 @@ def tables(
     Without the setting LOD Pictures there is neither.
 
     begins: (G, n - 1) meters from `camera` where each group's LODs begin (see assignment.limits).
-    progress: (first, last) of the progress to yield.
     """
-    found = []
-    taken = set()
-    characters = characters_of(scene)
+    entries = []
+    file_names: set[str] = set()
     settings = scene.crowd_lod
-    meters = scene_data.meters(scene)
     finest = policy_of(settings).finest or [0] * len(groups)
-    most_shown = min(len(groups), MOST_SHOWN) if settings.lod_pictures else 0
-    start = progress[0]
-    span = (progress[1] - start) / max(most_shown, 1)
-    for g, (group, (_, objects, origin)) in enumerate(zip(groups, characters, strict=True)):
-        every = meshes_of(settings.levels, g, group.name)[: len(group.triangles)]
-        # the last may be repeated
-        meshes = [each for k, each in enumerate(every) if k == 0 or each != every[k - 1]]
-        performance = group_performance(group, objects)
-        rows = [
-            _row(group, k, each, camera, begins[g], meters) | _worst(group, k, performance)
-            for k, each in enumerate(meshes)
-        ]
-        rows[-1]["to_lod"] = len(every) - 1
+    pictured = min(len(groups), MOST_SHOWN) if settings.lod_pictures else 0
+    for g, (group, (_, objects, origin)) in enumerate(
+        zip(groups, characters_of(scene), strict=True)
+    ):
+        character = _Pictured(scene, group, g, camera, begins[g], np.array(origin), objects)
         entry = {
             "group": group.name,
-            "diagonal_m": meters * group.diagonal,
+            "diagonal_m": scene_data.meters(scene) * group.diagonal,
             "picture": None,
             "finest_lod": finest[g],
-            "levels": rows,
+            "levels": character.rows(),
         }
-        found.append(entry)
-        if g >= most_shown:
-            continue
-        # the group's figures are those of its largest agents, whose size the character itself has
-        # not
-        largest = group.scale[1]
-        feet = np.array(origin) + (0, 0, group.feet)
-        center = feet + (0, 0, group.center)
-        with Posed(objects, meshes, performance) as posed:
-            looks = Looks()
-            views = []
-            # the one that deviates most tells the pose of LOD 0
+        entries.append(entry)
+        if g < pictured:
+            measuring = character.measure(entry["levels"])
+            views = yield from share(measuring, g / pictured, (g + 0.7) / pictured)
+            if None not in views:
+                entry["picture"] = _file_name(group.name, g, file_names)
+                pixels = character.draw(entry["levels"], views)
+                image_data.save_png(folder / entry["picture"], pixels)
+            yield (g + 1) / pictured
+    return entries
+
+
+@dataclass
+class _Pictured:
+    """A character group whose LODs are described.
+
+    g: its number.
+    begins: (n - 1,) meters from `camera` where its LODs begin.
+    origin: (3,) meters, where its character stands.
+    objects: its character's objects.
+    """
+
+    scene: bpy.types.Scene
+    group: Group
+    g: int
+    camera: Camera
+    begins: np.ndarray
+    origin: np.ndarray
+    objects: Sequence[bpy.types.Object]
+
+    def __post_init__(self):
+        group = self.group
+        levels = meshes_of(self.scene.crowd_lod.levels, self.g, group.name)
+        self.every = levels[: len(group.triangles)]
+        # the last may be repeated
+        self.meshes = [
+            meshes for k, meshes in enumerate(self.every) if k == 0 or meshes != self.every[k - 1]
+        ]
+        self.performance = group_performance(group, self.objects)
+        # the group's figures are those of its largest agents, which the character itself is not
+        self.largest = group.scale[1]
+        self.feet = self.origin + (0, 0, group.feet)
+        self.center = self.feet + (0, 0, group.center)
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return the row of each LOD, without what is measured."""
+        meters = scene_data.meters(self.scene)
+        rows = [
+            _row(self.group, k, meshes, self.camera, self.begins, meters)
+            | _worst(self.group, k, self.performance)
+            for k, meshes in enumerate(self.meshes)
+        ]
+        rows[-1]["to_lod"] = len(self.every) - 1
+        return rows
+
+    def measure(self, rows: list[dict[str, Any]]) -> Generator[float, None, list[InPose | None]]:
+        """Measure the silhouettes of LODs in their worst poses, into `rows`.
+
+        Yields the progress. Returns the view of each LOD; None where there is nothing to see.
+        """
+        looks = Looks()
+        views = []
+        with Posed(self.objects, self.meshes, self.performance) as posed:
+            # the LOD that deviates most gives LOD 0 its pose
             for k in (len(rows) - 1, *range(1, len(rows))):
-                character, *levels = posed.shapes(group.worst[k])
+                character, *levels = posed.shapes(self.group.worst[k])
                 if not views:
-                    whole = PosedSurface([character], settings.hidden_surface_counts)
+                    counts = self.scene.crowd_lod.hidden_surface_counts
+                    whole = PosedSurface([character], counts)
                     views.append(look_in_pose(whole, character, levels[0]))
                     continue
                 views.append(look_in_pose(whole, character, levels[k]))
-                distance = _distance(camera, begins[g][k - 1], group.radius)
-                character, levels = posed.at(group.worst[k])
-                if distance is not None and character is not None and levels[k] is not None:
-                    pair = (
-                        (at_size(each.points, feet, largest), each.triangles)
-                        for each in (character, levels[k])
-                    )
-                    least, most = silhouette.error(
-                        *pair, center, distance, camera, rows[k]["predicted_px"] or 1.0
-                    )
-                    rows[k] |= {
-                        "measured_px": _known((least + most) / 2),
-                        "measured_px_between": [_known(least), _known(most)],
-                    }
-                    rows[k] |= _seen(posed, k, looks, (feet, largest), (center, distance, camera))
-                performance.rest()
-                yield start + span * (g + 0.7 * k / len(rows))
-        if None not in views:
-            captions = [f"{row['triangles']:,} triangles" for row in rows]
-            notes = [f"hidden: {views[0].hidden.mean():.0%}"]
-            notes += [f"worst: frame {row['worst_frame']:.1f}" for row in rows[1:]]
-            azimuth = AZIMUTH - scene_data.rotation(settings.forward)
-            pixels, _ = lod_picture.draw_lods(views, captions, notes, azimuth, meters * largest)
-            entry["picture"] = _file_name(group.name, g, taken)
-            image_data.save_png(folder / entry["picture"], pixels)
-        yield start + span * (g + 1)
-    return found
+                rows[k] |= self._measured(posed, k, rows[k]["predicted_px"] or 1.0, looks)
+                self.performance.rest()
+                yield k / len(rows)
+        return views
+
+    def _measured(self, posed: Posed, k: int, predicted: float, looks: Looks) -> dict[str, Any]:
+        """Return what LOD `k` measures in its worst pose, where it begins; {} if it never does.
+
+        predicted: pixels that it should be off.
+        """
+        distance = _distance(self.camera, self.begins[k - 1], self.group.radius)
+        character, levels = posed.at(self.group.worst[k])
+        if distance is None or character is None or levels[k] is None:
+            return {}
+        pair = (
+            (at_size(shape.points, self.feet, self.largest), shape.triangles)
+            for shape in (character, levels[k])
+        )
+        least, most = silhouette.error(*pair, self.center, distance, self.camera, predicted)
+        size = (self.feet, self.largest)
+        return {
+            "measured_px": _known((least + most) / 2),
+            "measured_px_between": [_known(least), _known(most)],
+        } | _seen(posed, k, looks, size, (self.center, distance, self.camera))
+
+    def draw(self, rows: list[dict[str, Any]], views: list[InPose]) -> np.ndarray:
+        """Return the picture of the LODs with their captions."""
+        captions = [f"{row['triangles']:,} triangles" for row in rows]
+        notes = [f"hidden: {views[0].hidden.mean():.0%}"]
+        notes += [f"worst: frame {row['worst_frame']:.1f}" for row in rows[1:]]
+        azimuth = AZIMUTH - scene_data.rotation(self.scene.crowd_lod.forward)
+        size = scene_data.meters(self.scene) * self.largest
+        pixels, _ = lod_picture.draw_lods(views, captions, notes, azimuth, size)
+        return pixels
 
 
 def _row(

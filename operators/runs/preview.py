@@ -56,9 +56,9 @@ LEFT_OUT = "The characters themselves are left out of the pictures (see Keep in 
 THUMBNAIL = 480  # pixels wide, at least
 
 
-@on_record(lambda scene, wanted, *_: wanted.frames)
+@on_record(lambda scene, task, *_: task.frames)
 def preview(
-    scene: bpy.types.Scene, wanted: Preview, command: list[str], sharing: Sharing = ALONE
+    scene: bpy.types.Scene, task: Preview, command: list[str], sharing: Sharing = ALONE
 ) -> Generator[float, None, dict[str, Any]]:
     """Write the preview of `scene`: yield the progress, return the plan's dict.
 
@@ -69,88 +69,113 @@ def preview(
     sharing: which part of it is done here; of a part of the frames, only their rows are returned.
     """
     with (
-        sharing.opened(wanted.folder) as folder,
+        sharing.opened(task.folder) as folder,
         cleanup.scratch(),
         contextlib.ExitStack() as opened,
     ):
         started = clock.perf_counter()
-        # what is missing is named in the user's own scene
-        cameras.active_camera(scene), characters_of(scene)
-        drawn = wanted.engine == "OVERLAY"
-        if drawn:
-            need_gpu()
+        _check(scene, task)
         ready = 0.0
         if sharing.jobs > 1:  # all processes take the LODs from the file
             ready = yield from _with_levels(scene)
             sharing.save(folder)
-        on = staged(scene, wanted)
-        stage = on.stage
-        ready += yield from share(_with_levels(stage), ready, ready + 1)
-        aside = (
+        on = staged(scene, task)
+        ready += yield from share(_with_levels(on.stage), ready, ready + 1)
+        plan_folder = (
             folder
             if sharing.part is None
             else Path(opened.enter_context(tempfile.TemporaryDirectory()))
         )
-        planned = yield from share(_planned_shot(stage, wanted, aside), ready, ready + PLANNED)
-        ready += PLANNED * (planned is not None)
-        stage.timeline_markers.clear()  # they would take the camera back in the picture from above
-        # nothing that these depend on changes from here on, and each look reads the whole map
-        trajectory = trajectory_of(stage)
-        shots = (
-            opened.enter_context(Playblast(stage, trajectory, on.size))
-            if drawn
-            else Rendered(stage, wanted)
-        )
-        at = opened.enter_context(frame_stepping.step_frames(scene))
-        run = _Run(on, folder, shots, at, top_view.drawing_in(stage))
-        parts = FrameParts(folder, state_of(stage, wanted))
-        with sharing.helped(parts, wanted.frames) as helpers:
-            told = []
-            if sharing.part is None:  # while other processes make frames
-                first = yield from standing(run.at_first(), ready)
-                told = yield from lod_table.tables(
-                    stage,
-                    trajectory.groups,
-                    first.camera,
-                    first.begins,
-                    folder,
-                    (ready, ready + LODS),
-                )
-                ready += LODS
-            found = yield from share(
-                made(parts, wanted.frames, sharing, shots.prepare, run.shoot, helpers), ready, 0.95
-            )
-        rows = [each["row"] for each in found]
-        unplanned = [tuple(each["unplanned"]) for each in found]
+        shot = yield from share(_planned_shot(on.stage, task, plan_folder), ready, ready + PLANNED)
+        ready += PLANNED * (shot is not None)
+        run = _begin(on, folder, opened)
+        lods, frames = yield from _picture(run, sharing, ready)
         if sharing.part is not None:
-            return {"frames": rows}
-        said = (
-            tables.nobody_seen(row["visible"] for row in rows),
-            told_unplanned(unplanned),
-            to_make_again(stage),
-            leaves_out(scene) and LEFT_OUT,
-            frame_stepping.describe_unbaked(scene),
-        )
-        plan = yield from standing(
-            plan_json(on, command, rows, told, (*shots.notes, *filter(None, said))), 0.95
-        )
-        if planned is not None:
-            plan |= {
-                key: value
-                for key, value in shot_json(planned).items()
-                if key in ("made_for", "shot")
-            }
+            return {"frames": [frame["row"] for frame in frames]}
+        plan = yield from standing(_describe(run, command, lods, frames), 0.95)
+        if shot is not None:
+            plan |= {key: shot_json(shot)[key] for key in ("made_for", "shot")}
         plan["seconds"] = round(clock.perf_counter() - started, 3)
-        (folder / "frames.csv").write_text(tables.to_csv(rows), encoding="utf-8")
-        (folder / "plan.json").write_text(tables.to_json(plan), encoding="utf-8")
-        (folder / "report.html").write_text(
-            page(plan) if planned is None else preview_page(planned.report, plan), encoding="utf-8"
-        )
-        image_data.save_png(
-            folder / "contact_sheet.png", _sheet([run.pictures(number) for number in wanted.frames])
-        )
+        _write(run, frames, plan, shot)
         yield 1.0
         return plan
+
+
+def _check(scene: bpy.types.Scene, task: Preview) -> None:
+    """Raise CrowdError if the scene lacks what its preview shows.
+
+    Called with the user's own scene, so that the message names that and not the stage.
+    """
+    cameras.active_camera(scene)
+    characters_of(scene)
+    if task.engine == "OVERLAY":
+        need_gpu()
+
+
+def _begin(on: Staged, folder: Path, opened: contextlib.ExitStack) -> "_Run":
+    """Return the run that pictures the stage's frames, until `opened` closes."""
+    stage = on.stage
+    stage.timeline_markers.clear()  # they would take the camera back in the picture from above
+    # nothing that this depends on changes from here on, and it reads the whole map
+    trajectory = trajectory_of(stage)
+    shots: Playblast | Rendered
+    if on.task.engine == "OVERLAY":
+        shots = opened.enter_context(Playblast(stage, trajectory, on.size))
+    else:
+        shots = Rendered(stage, on.task)
+    at = opened.enter_context(frame_stepping.step_frames(on.scene))
+    return _Run(on, folder, shots, at, top_view.drawing_in(stage))
+
+
+def _picture(
+    run: "_Run", sharing: Sharing, ready: float
+) -> Generator[float, None, tuple[list[dict], list[dict]]]:
+    """Picture the LODs and the frames: yield the progress, from `ready` to 0.95.
+
+    Returns (what is told of the LODs, what is told of each frame; see FrameParts.put).
+    """
+    stage = run.on.stage
+    frames = run.on.task.frames
+    parts = FrameParts(run.folder, state_of(stage, run.on.task))
+    lods = []
+    with sharing.helped(parts, frames) as helpers:
+        if sharing.part is None:  # while other processes make frames
+            first = yield from standing(run.at_first(), ready)
+            groups = first.trajectory.groups
+            describing = lod_table.tables(stage, groups, first.camera, first.begins, run.folder)
+            lods = yield from share(describing, ready, ready + LODS)
+            ready += LODS
+        making = made(parts, frames, sharing, run.shots.prepare, run.shoot, helpers)
+        pictured = yield from share(making, ready, 0.95)
+    return lods, pictured
+
+
+def _describe(
+    run: "_Run", command: list[str], lods: list[dict], frames: list[dict]
+) -> Generator[float, None, dict[str, Any]]:
+    """Return what plan.json says of the preview, without a shot plan; yields the progress."""
+    rows = [frame["row"] for frame in frames]
+    notes = (
+        *run.shots.notes,
+        tables.nobody_seen(row["visible"] for row in rows),
+        told_unplanned([tuple(frame["unplanned"]) for frame in frames]),
+        to_make_again(run.on.stage),
+        leaves_out(run.on.scene) and LEFT_OUT,
+        frame_stepping.describe_unbaked(run.on.scene),
+    )
+    return plan_json(run.on, command, rows, lods, tuple(filter(None, notes)))
+
+
+def _write(run: "_Run", frames: list[dict], plan: dict[str, Any], shot: PlannedShot | None) -> None:
+    """Write the preview's files: its table, its plan, its report, and a sheet of pictures."""
+    folder = run.folder
+    report = page(plan) if shot is None else preview_page(shot.report, plan)
+    rows = [frame["row"] for frame in frames]
+    (folder / "frames.csv").write_text(tables.to_csv(rows), encoding="utf-8")
+    (folder / "plan.json").write_text(tables.to_json(plan), encoding="utf-8")
+    (folder / "report.html").write_text(report, encoding="utf-8")
+    pictures = [run.pictures(number) for number in run.on.task.frames]
+    image_data.save_png(folder / "contact_sheet.png", _sheet(pictures))
 
 
 def _with_levels(stage: bpy.types.Scene) -> Generator[float, None, float]:
@@ -232,7 +257,7 @@ class _Run:
         ticks = [clock.perf_counter()]
         self.shots.place(frame)
         ticks.append(clock.perf_counter())
-        shade(stage, "TEXTURE" if self.on.wanted.color == "MATERIAL" else "OBJECT", "STUDIO")
+        shade(stage, "TEXTURE" if self.on.task.color == "MATERIAL" else "OBJECT", "STUDIO")
         caption = stage.render.stamp_note_text = _caption(frame)
         with sized(stage.render, self.on.size):
             self.shots.main(main, caption)
@@ -242,7 +267,7 @@ class _Run:
         took = dict(zip(("points", "main", "above"), np.diff(ticks) * 1000, strict=True))
         told = {
             "row": tables.row(number, frame, took),
-            "unplanned": noted(number, frame.unplanned, self.on.wanted.strict),
+            "unplanned": noted(number, frame.unplanned, self.on.task.strict),
         }
         return told, (main, above)
 
@@ -254,8 +279,8 @@ class _Run:
 
     def at_first(self) -> Generator[float, None, Frame]:
         """Return the plan of the first frame; yield the progress of the way there."""
-        yield from self.approach(self.on.wanted.frames[0])
-        return self.planned(self.on.wanted.frames[0])
+        yield from self.approach(self.on.task.frames[0])
+        return self.planned(self.on.task.frames[0])
 
     def planned(self, number: int) -> Frame:
         """Set the stage to the frame; return its plan."""

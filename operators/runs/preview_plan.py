@@ -32,7 +32,7 @@ def plan_json(
     notes: sentences on what the pictures show.
     """
     stage = staged.stage
-    task = staged.wanted
+    task = staged.task
     told = yield from scene_json(staged.scene, stage, command, task.frames[-1], characters)
     return told | {
         "preview": {

@@ -57,7 +57,7 @@ class Staged:
 
     scene: bpy.types.Scene
     stage: bpy.types.Scene
-    wanted: Preview
+    task: Preview
     size: tuple[int, int]
 
 
@@ -161,7 +161,7 @@ class Rendered:
     def __init__(self, stage: bpy.types.Scene, task: Preview):
         self.stage = stage
         self.layer = stage.view_layers[0]
-        self.wanted = task
+        self.task = task
         self.built = None
         self.tint = _tint_material() if task.color == "LOD" and task.engine != "WORKBENCH" else None
 
@@ -178,7 +178,7 @@ class Rendered:
 
     def main(self, path: Path, caption: str) -> None:
         self.layer.material_override = self.tint
-        _render(self.stage, path, ENGINES[self.wanted.engine])
+        _render(self.stage, path, ENGINES[self.task.engine])
 
     def above(self, path: Path, caption: str) -> None:
         self.layer.material_override = None  # it is a diagram

@@ -11,7 +11,7 @@ from crowd_lod_extension.operators.render_setup.phase_characters import make_cas
 @pytest.fixture
 def rigs(levelled):
     """Some rigs of the small crowd, linked, so that Blender poses them."""
-    found = finished(make_cast(levelled, levelled.crowd_lod)).rigs[::7]
+    found = finished(make_cast(levelled)).rigs[::7]
     for rig in found:
         levelled.collection.objects.link(rig)
     assert found

@@ -249,7 +249,7 @@ def test_why_a_character_is_posed_is_said(scene, why):
         ball.vertex_groups.new(name="bone").add(range(40), 1.0, "REPLACE")
         ball.modifiers.new("rig", "ARMATURE").object = rig
     props(scene, ball)
-    cast = finished(make_cast(scene, scene.crowd_lod))
+    cast = finished(make_cast(scene))
     said = render_setup.notes_on_cast(scene, cast)
     assert list(cast.posed) == [POSES] and why in said.lower()
     assert "each of which stands for 0.75 frames (0.0312 s) of its action" in said
@@ -279,7 +279,7 @@ def test_bones_that_shear_are_shown_as_near_as_can_be_and_it_is_said(scene):
     ball.vertex_groups.new(name="tip").add(range(len(ball.data.vertices)), 1.0, "REPLACE")
     ball.modifiers.new("rig", "ARMATURE").object = rig
     props(scene, ball)
-    notes = finished(make_cast(scene, scene.crowd_lod)).notes
+    notes = finished(make_cast(scene)).notes
     assert list(scene.crowd_lod.build[render_setup.POSED]) == [0]
     assert len(notes) == 1 and "are off by up to 0." in notes[0]
 
@@ -384,7 +384,7 @@ def test_a_bake_of_frames_that_show_nobody_leaves_no_motion(built):
 def test_making_a_cast_leaves_nothing_when_it_is_stopped(levelled):
     before = set(bpy.data.user_map())
     for steps in (1, 30, 70, 150):
-        making = make_cast(levelled, levelled.crowd_lod)
+        making = make_cast(levelled)
         for _ in range(steps):
             next(making)
         making.close()

@@ -1,0 +1,246 @@
+"""The proof of single frames: they are rendered with and without culling and LOD, and compared."""
+
+from collections.abc import Generator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.frame.frame import Frame
+from ...crowd_lod.frame.index_cache import approach
+from ...crowd_lod.frame.planned import HIDDEN, noted
+from ...crowd_lod.progress import share
+from ...crowd_lod.reporting import tables
+from ...crowd_lod.validation import image_difference
+from ...crowd_lod.validation.judged_agents import JudgedAgent, choose_agents
+from ...crowd_lod.validation.render_proof import agents_row
+from ..blender import frame_stepping, image_data, mesh_data, scene_data
+from ..render_setup import bake, frame_update, render_setup
+from ..scene import lights
+from ..scene.scene_crowd import frame_of, policy_of, trajectory_of
+from ..scene.shot_reference import stored_plan
+from .lone_agents import LoneStage, Shown, lone_crops, sheet_of
+from .verify_build import MADE, Columns, ProvedBuild, columns_of_members, seen_by_kind
+from .verify_notes import DISPLACED, displaced_materials
+from .verify_pictures import COMPARED, PICTURES, amplified, render_picture, small
+from .verify_stage import Verify, add_twins, dark_world, light_by
+
+CROPS = 0.4  # of a frame's time
+
+
+@dataclass
+class Proof:
+    """A proof by renders while it is made.
+
+    folder: where the files lie until all are made.
+    at: steps the scene.
+    size: of the whole pictures.
+    proved: the build that is proved.
+    alone: where single agents are rendered.
+    full: the build of everyone at full detail, once it is made; that which is proved, if it is made
+        for the proof.
+    """
+
+    scene: bpy.types.Scene
+    task: Verify
+    folder: Path
+    at: frame_stepping.At
+    size: tuple[int, int]
+    proved: ProvedBuild
+    alone: LoneStage
+    full: bpy.types.Collection | None = None
+
+    def prepare(self) -> Generator[float, None, None]:
+        """Build the crowd at full detail, and with its LODs if no build is there.
+
+        Yields the progress.
+        """
+        scene = self.scene
+        settings = scene.crowd_lod
+        every = range(2**31)
+        count = policy_of(settings).count
+        others = every if self.proved.kind == MADE else ()
+        # also of LODs that are left out to save memory: they are what is proved
+        yield from render_setup.build(scene, [every, *[others] * (count - 1)])
+        bake.mark(scene, self.task.frames)  # with motion blur its points move by themselves
+        render_setup.dress_all(scene)
+        # it holds what is written here, not what the frame asks
+        self.full = settings.build
+        settings.build = None
+        add_twins(scene, self.full)
+        if self.proved.kind == MADE:
+            self.proved = ProvedBuild(self.full)
+
+    def pictures(self, number: int) -> list[Path]:
+        """Return the files of a frame's whole pictures, in the order of the contact sheet."""
+        endings = ("", "_bounces") if self.task.bounces else ("",)
+        names = [*PICTURES, *(f"a_{name}" for name in COMPARED)]
+        return [
+            self.folder / f"frame_{number:04d}_{name}{ending}.png"
+            for ending in endings
+            for name in names
+        ]
+
+    def prove(self, number: int) -> Generator[float, None, tuple[dict[str, Any], list[Path]]]:
+        """Prove one frame; yields the progress.
+
+        Returns (what is told of it, its pictures); see FrameParts.put.
+        """
+        scene = self.scene
+        trajectory = trajectory_of(scene)
+        time = scene_data.remap(scene.render, number)
+        yield from share(approach(trajectory, time), 0.0, 0.1)
+        film, around, shutter = lights.read_moment(scene, time, self.at)
+        planned = frame_of(scene, self.at((), time), time, film, trajectory, around, shutter)
+        held = frame_update.held_by(scene, trajectory, number, planned.crowd)
+        rows = self.proved.rows(trajectory, planned, held, number)
+        agents_of, strangers = seen_by_kind(rows, len(planned.crowd))
+        row = {
+            "frame": number,
+            "agents": len(planned.crowd),
+            "visible": len(agents_of["LOD"]),
+            "shadow": len(agents_of["Shadow"]),
+            "mirrored": len(agents_of["Mirror"]),
+            "strangers": strangers,
+        }
+        differences = yield from share(
+            self._compare(number, planned, held, rows, agents_of), 0.1, 1 - CROPS
+        )
+        row |= differences
+        judged_agents, pairs = self._choose(number, planned, held, rows)
+        crops = []
+        for crop in lone_crops(self.alone, number, judged_agents, pairs):
+            crops.append(crop)
+            yield 1 - CROPS * (1 - len(crops) / len(pairs))
+        agents = [crop.told for crop in crops]
+        row |= agents_row(agents, _tolerance(scene, planned))
+        rounded = row["b_largest"] <= DISPLACED and bool(displaced_materials(scene))
+        row["culling_ok"] = not strangers and (row["b_pixels"] == 0 or rounded)
+        row["older_than"] = ", ".join(self.proved.older_than(number, film, around))
+        pictures = self.pictures(number)
+        if crops:
+            pictures.append(self.folder / f"frame_{number:04d}_agents.png")
+            image_data.save_png(pictures[-1], tables.contact_sheet(sheet_of(crops), columns=5))
+        account = {
+            "row": row,
+            "agents": agents,
+            "unplanned": noted(number, planned.unplanned, self.task.strict),
+        }
+        return account, pictures
+
+    def _compare(
+        self,
+        number: int,
+        planned: Frame,
+        held: frame_update.Held,
+        rows: dict[str, Columns],
+        agents_of: dict[str, np.ndarray],
+    ) -> Generator[float, None, dict[str, Any]]:
+        """Render the whole pictures of a frame, and compare them with the first.
+
+        Yields the progress and returns the columns of verify.csv that tell how they differ.
+
+        rows: the points that the build shows.
+        agents_of: its agents by kind of bucket.
+        """
+        scene = self.scene
+        bounces = self.task.bounces
+        row = {}
+        members = {
+            "a": {"LOD 0": everyone_there(planned)},
+            "b": {f"{kind} 0": agents for kind, agents in agents_of.items()},
+            "bare": {"LOD 0": agents_of["LOD"]},
+        }
+        worlds = scene.world, dark_world(scene.world)
+        for times, count in enumerate((0, bounces)[: 1 + (bounces > 0)]):
+            light_by(scene, count, worlds)
+            ending = "_bounces" if count else ""
+            shot = {}
+            for pictures_done, name in enumerate(PICTURES):
+                if name in members:
+                    trajectory = planned.trajectory
+                    self._write(
+                        columns_of_members(self.full, trajectory, members[name], held, number)
+                    )
+                elif self.proved.kind == MADE:
+                    self._write(rows)
+                rendered = self.full if name in members else self.proved.top
+                for top in {self.full, self.proved.top}:
+                    top.hide_render = top != rendered or (name == "c" and self.proved.hidden)
+                with small(scene, self.size):
+                    shot[name] = render_picture(
+                        scene, self.folder / f"frame_{number:04d}_{name}{ending}.png"
+                    )
+                yield (times + (pictures_done + 1) / len(PICTURES)) / (1 + (bounces > 0))
+            for name in COMPARED:
+                difference = image_difference.between(shot["a"], shot[name])
+                row |= {f"{name}{ending}_{key}": value for key, value in vars(difference).items()}
+                picture = amplified(shot["a"], shot[name])
+                image_data.save_png(
+                    self.folder / f"frame_{number:04d}_a_{name}{ending}.png", picture
+                )
+        scene.world = worlds[0]
+        return row
+
+    def _write(self, rows: dict[str, Columns]) -> None:
+        """Write the points of each bucket to the build at full detail."""
+        for name, points in render_setup.points_of(self.full).items():
+            mesh_data.write_points(points.data, rows[name])
+
+    def _choose(
+        self, number: int, planned: Frame, held: frame_update.Held, rows: dict[str, Columns]
+    ) -> tuple[list[JudgedAgent], list[tuple[Shown, Shown]]]:
+        """Return the agents that are judged alone, and each at full detail and as built."""
+        trajectory = planned.trajectory
+        agents_of = {
+            name: columns
+            for name, columns in rows.items()
+            if name.startswith("LOD ") and len(columns["id"])
+        }
+        agents = np.concatenate(
+            [np.empty(0, np.intp), *(columns["id"] for columns in agents_of.values())]
+        )
+        levels = np.concatenate(
+            [
+                np.empty(0, np.intp),
+                *(
+                    np.full(len(columns["id"]), int(name.removeprefix("LOD ")))
+                    for name, columns in agents_of.items()
+                ),
+            ]
+        )
+        is_agent = (agents >= 0) & (agents < len(planned.crowd))
+        tolerance = _tolerance(self.scene, planned)
+        judged_agents = choose_agents(
+            planned, agents[is_agent], levels[is_agent], tolerance, number, self.task.agents
+        )
+        lod_points = render_setup.points_of(self.proved.top)
+        full = render_setup.points_of(self.full)["LOD 0"]
+        pairs = []
+        for judged in judged_agents:
+            alone = columns_of_members(
+                self.full, trajectory, {"LOD 0": np.array([judged.agent])}, held, number
+            )["LOD 0"]
+            name = f"LOD {judged.level}"
+            row = {
+                key: values[rows[name]["id"] == judged.agent][:1]
+                for key, values in rows[name].items()
+            }
+            pairs.append((Shown(full, alone), Shown(lod_points[name], row)))
+        return judged_agents, pairs
+
+
+def everyone_there(planned: Frame) -> np.ndarray:
+    """Return all agents that are there, (m,) intp; who is hidden by an exception is not."""
+    there = np.isfinite(planned.crowd.places()).all(axis=0) & (planned.visible | planned.culled)
+    if planned.plan_row is not None:
+        there &= planned.plan_row & HIDDEN == 0
+    return np.flatnonzero(there)
+
+
+def _tolerance(scene: bpy.types.Scene, planned: Frame) -> float | None:
+    """Return the pixels that LODs may deviate: of the shot plan, if the frame has its LODs."""
+    stored = stored_plan(scene.crowd_lod) if planned.planned else None
+    return planned.policy.tolerance if stored is None else stored.tolerance
