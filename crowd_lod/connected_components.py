@@ -9,7 +9,8 @@ def connected_components(count: int, joined: np.ndarray) -> np.ndarray:
     joined: (m, k) vertices, for example edges (m, 2) or triangles (m, 3). Each row joins its
         vertices.
     """
-    label, before = np.arange(count), None
+    label = np.arange(count)
+    before = None
     while before is None or (label != before).any():
         before = label.copy()
         least = label[joined].min(axis=1)

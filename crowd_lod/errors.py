@@ -1,6 +1,8 @@
 """The errors that users see, with messages that are ready to show."""
 
-BEGIN, END = 400, 200  # characters that are kept of a message that is longer than both
+# characters that are kept of a message that is longer than both
+BEGIN = 400
+END = 200
 
 
 class CrowdError(Exception):

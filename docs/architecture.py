@@ -25,7 +25,9 @@ HOUSES = {
     "crowd_lod": ("crowd_lod: the method, NumPy without Blender", "#0072b2", "for all floors"),
     "operators": ("operators: Blender's side", "#d55e00", "switches all floors on and off"),
 }
-WIDTH, HEIGHT = 1.1, 0.7  # of a box; rows are 1 apart
+# of a box; rows are 1 apart
+WIDTH = 1.1
+HEIGHT = 0.7
 LETTERS = 31  # of a line in a box of that width
 
 
@@ -119,7 +121,8 @@ def box(axes: Axes, x: float, y: float, wide: float, name: str, text: str, color
 def house(axes: Axes, package: str, all_imports: dict, rows: dict[str, int], tall: int) -> None:
     title, color, role = HOUSES[package]
     below = arrows(package, all_imports)
-    places, top = {}, max(rows.values())
+    places = {}
+    top = max(rows.values())
     for row in range(top + 1):
         here = [floor for floor in FLOORS[package] if rows.get(floor) == row]
         places |= {

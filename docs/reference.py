@@ -60,7 +60,8 @@ def range_of(prop: bpy.types.Property) -> str:
         return ", ".join(f"`{item.identifier}`" for item in prop.enum_items)
     if prop.type not in ("INT", "FLOAT"):
         return ""
-    least, most = prop.hard_min, prop.hard_max
+    least = prop.hard_min
+    most = prop.hard_max
     if least <= -FAR:
         return "" if most >= FAR else f"up to {number(most)}"
     return f"from {number(least)} on" if most >= FAR else f"{number(least)} to {number(most)}"

@@ -11,9 +11,14 @@ import numpy as np
 
 from .cage import Cage, ring
 
-SKIN, CLOTHES = 0, 1  # material slots
-TORSO, HEAD = (0.00, 0.26), (0.26, 0.48)  # the UV islands' columns, (left, right)
-LEGS, ARMS = {1: (0.48, 0.62), -1: (0.62, 0.76)}, {1: (0.76, 0.88), -1: (0.88, 1.00)}
+# material slots
+SKIN = 0
+CLOTHES = 1
+# the UV islands' columns, (left, right)
+TORSO = (0.00, 0.26)
+HEAD = (0.26, 0.48)
+LEGS = {1: (0.48, 0.62), -1: (0.62, 0.76)}
+ARMS = {1: (0.76, 0.88), -1: (0.88, 1.00)}
 SIDES = {1: ".L", -1: ".R"}
 SUBDIVISIONS = 2  # of the cage
 
@@ -81,7 +86,8 @@ def skeleton(build: Build) -> dict:
 
     Legs straight down, arms 35 degrees out.
     """
-    k, torso = build.height / 1.75, build.neck - build.hip
+    k = build.height / 1.75
+    torso = build.neck - build.hip
 
     def up(f):
         return np.array([-0.01 * k, 0, build.hip + f * torso])
@@ -101,10 +107,12 @@ def skeleton(build: Build) -> dict:
         elbow = shoulder + arm * 0.158 * build.height
         wrist = elbow + arm * 0.142 * build.height
         leg = np.array([0, 0.55 * build.pelvis, 0])
-        hip, ankle = leg + [0, 0, build.hip], leg + [0, 0, 0.075 * k]
+        hip = leg + [0, 0, build.hip]
+        ankle = leg + [0, 0, 0.075 * k]
         knee = leg + [0.008 * k, 0, 0.5 * build.hip + 0.035 * k]
         # the foot rolls over the ground here
-        ball, toe = leg + [0.118 * k, 0, 0], leg + [0.19 * k, 0, 0]
+        ball = leg + [0.118 * k, 0, 0]
+        toe = leg + [0.19 * k, 0, 0]
         chain = [
             ("upper_arm", "chest", shoulder, elbow),
             ("forearm", "upper_arm", elbow, wrist),
@@ -137,11 +145,9 @@ def make_body(build: Build, finer: int = 0) -> Body:
 
     sizes = np.array([len(face) for face in cage.faces])
     points = np.hstack([cage.points, cage.weights])
-    corners, uvs, materials = (
-        np.concatenate(cage.faces),
-        np.concatenate(cage.uvs),
-        np.array(cage.materials),
-    )
+    corners = np.concatenate(cage.faces)
+    uvs = np.concatenate(cage.uvs)
+    materials = np.array(cage.materials)
     for _ in range(SUBDIVISIONS + finer):
         points, corners, uvs, materials, sizes = subdivide(points, corners, uvs, materials, sizes)
     scale = build.height / points[:, 2].max()  # smoothing took a little off the top
@@ -161,7 +167,8 @@ def make_body(build: Build, finer: int = 0) -> Body:
             (vertices[:, 0] - (0.75 - 0.35 * up) * ball) / ((0.25 + 0.85 * up) * ball), 0, 1
         )
         both = weights[:, foot] + weights[:, toe]
-        weights[:, foot], weights[:, toe] = both * (1 - share), both * share
+        weights[:, foot] = both * (1 - share)
+        weights[:, toe] = both * share
     weights = np.where(weights >= np.partition(weights, -4, axis=1)[:, [-4]], weights, 0)
     weights[weights < 0.01] = 0
     weights /= weights.sum(axis=1, keepdims=True)
@@ -173,7 +180,8 @@ def torso(cage: Cage, build: Build) -> list[list[int]]:
 
     Point 0 of a ring is in front, point 2 on the left. The last two rings border the arm holes.
     """
-    length, k = build.neck - build.hip, build.height / 1.75
+    length = build.neck - build.hip
+    k = build.height / 1.75
     ribs = 0.5 * (build.waist + 0.94 * build.shoulder)
     rows = [  # height above the hips as a fraction, middle's x, half-depth, half-width, weights
         (0.10, -0.010, 1.05 * build.depth, build.pelvis, {"hips": 1}),
@@ -228,8 +236,10 @@ def head(cage: Cage, build: Build, collar: list[int]) -> None:
 
     The hair, or the hat, has the material of the clothes.
     """
-    length, k = build.height - build.neck, build.head
-    skull, neck = {"head": 1}, {"neck": 0.7, "chest": 0.3}
+    length = build.height - build.neck
+    k = build.head
+    skull = {"head": 1}
+    neck = {"neck": 0.7, "chest": 0.3}
     rows = [  # front's and back's heights as fractions, and x, half-width, chin, weights, material
         (0.04, 0.10, 0.050, -0.072, 0.066, 0.000, neck, CLOTHES),
         (0.13, 0.20, 0.043, -0.056, 0.051, 0.000, {"neck": 0.8, "head": 0.2}, SKIN),
@@ -253,7 +263,8 @@ def head(cage: Cage, build: Build, collar: list[int]) -> None:
             (0.84, 0.78, 0.100, -0.116, 0.094, 0, skull, CLOTHES),
             (0.99, 0.98, 0.060, -0.070, 0.056, 0, skull, CLOTHES),
         ]
-    rings, materials = [collar], []
+    rings = [collar]
+    materials = []
     for low, high, front, back, width, chin, weights, material in rows:
         middle = ((front + back) / 2 * k, 0, build.neck + (low + high) / 2 * length)
         points = ring(
@@ -272,9 +283,12 @@ def leg(cage: Cage, build: Build, hips: list[int], crotch: int, joints: dict, si
 
     The crotch closes it. Point 0 is outside; 1 and 2 are in front, further down on top.
     """
-    tag, k, r = SIDES[side], build.height / 1.75, build.limb * build.height / 1.75
+    tag = SIDES[side]
+    k = build.height / 1.75
+    r = build.limb * build.height / 1.75
     thigh, shin, foot, toe = (bone + tag for bone in ("thigh", "shin", "foot", "toe"))
-    (_, hip, knee), ankle = joints[thigh], joints[shin][2]
+    (_, hip, knee) = joints[thigh]
+    ankle = joints[shin][2]
     y = side * hip[1]
     s = 0.5 + 0.5 * min(build.limb, 1.3)  # shoes vary less than legs do
 
@@ -311,9 +325,11 @@ def arm(
 
     Point 0 is on top, 1 and 2 are in front.
     """
-    tag, r = SIDES[side], build.limb * build.height / 1.75
+    tag = SIDES[side]
+    r = build.limb * build.height / 1.75
     upper, fore, hand = (bone + tag for bone in ("upper_arm", "forearm", "hand"))
-    (_, shoulder, elbow), (_, wrist, fingertip) = joints[upper], joints[hand]
+    (_, shoulder, elbow) = joints[upper]
+    (_, wrist, fingertip) = joints[hand]
     along = (elbow - shoulder) / np.linalg.norm(elbow - shoulder)
     top = np.array([0, -side * along[2], side * along[1]])
     reach = np.linalg.norm(wrist - shoulder)
@@ -376,12 +392,14 @@ def subdivide(points, corners, uvs, materials, sizes):
     middles = points[edges].mean(axis=1)
     edge_points = middles / 2 + around / 4
     valence = np.bincount(corners)[:, None]
-    faces_mean, edges_mean = np.zeros_like(points), np.zeros_like(points)
+    faces_mean = np.zeros_like(points)
+    edges_mean = np.zeros_like(points)
     np.add.at(faces_mean, corners, face_points[face])
     np.add.at(edges_mean, edges.ravel(), np.repeat(middles, 2, axis=0))
     old = (faces_mean / valence + 2 * edges_mean / valence + (valence - 3) * points) / valence
 
-    first_edge, first_face = len(points), len(points) + len(edges)
+    first_edge = len(points)
+    first_face = len(points) + len(edges)
     quads = np.stack([corners, first_edge + edge, first_face + face, first_edge + edge[before]], 1)
     uv_center = np.repeat(np.add.reduceat(uvs, starts) / sizes[:, None], sizes, axis=0)
     quad_uvs = np.stack([uvs, (uvs + uvs[after]) / 2, uv_center, (uvs + uvs[before]) / 2], 1)

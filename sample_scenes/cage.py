@@ -53,7 +53,8 @@ class Cage:
             np.linalg.norm(b - a, axis=1).mean() for a, b in zip(center, center[1:], strict=False)
         ]
         v = np.concatenate([[0], np.cumsum(steps)]) / np.sum(steps) * 0.88 + 0.01
-        left, right = column[0] + 0.005, column[1] - 0.005
+        left = column[0] + 0.005
+        right = column[1] - 0.005
         u = np.linspace(left, right, n + 1)
         rows = []
         for row, (a, b) in enumerate(zip(rings, rings[1:], strict=False)):
@@ -86,7 +87,8 @@ class Cage:
         """
         edges = {}
         for face in faces:
-            corners, uvs = self.faces[face], self.uvs[face]
+            corners = self.faces[face]
+            uvs = self.uvs[face]
             for k in range(len(corners)):
                 n = (k + 1) % len(corners)
                 edges[corners[k], corners[n]] = uvs[[k, n]]
@@ -109,7 +111,8 @@ class Cage:
 
         for face in faces:
             self.faces[face] = [copy[i] for i in self.faces[face]]
-            self.uvs[face], self.materials[face] = inset(self.uvs[face]), material
+            self.uvs[face] = inset(self.uvs[face])
+            self.materials[face] = material
         for (a, b), uvs in border.items():
             self.face([a, b, copy[b], copy[a]], np.concatenate([uvs, inset(uvs)[::-1]]), material)
 

@@ -22,7 +22,8 @@ def make(scene: bpy.types.Scene) -> None:
     machine.cursor_set(0)
     table = parse(machine.as_string(), "chapter")
     labels = np.full((SIZE, SIZE), table.labels.index("ground"), np.uint8)
-    labels[:, 0], labels[:, -1] = table.labels.index("left edge"), table.labels.index("right edge")
+    labels[:, 0] = table.labels.index("left edge")
+    labels[:, -1] = table.labels.index("right edge")
     characters = child(scene, "Characters", hidden=True)
     make_characters(characters, speed=1.25)
     build_ground(child(scene, "Scenery"))
@@ -34,15 +35,25 @@ def make(scene: bpy.types.Scene) -> None:
     aim(above, (-52, -122, 112), (2, 2, 0))
 
     settings = scene.crowd_lod
-    settings.characters, settings.forward = characters, "X"
-    settings.count, settings.seed = 4096, 1
-    settings.center, settings.size = (0, 0, 0), (SIZE, SIZE)
+    settings.characters = characters
+    settings.forward = "X"
+    settings.count = 4096
+    settings.seed = 1
+    settings.center = (0, 0, 0)
+    settings.size = (SIZE, SIZE)
     settings.map_image = image_data.write_image("Chapter map", table.label_colors[labels])
     settings.machine = machine
-    settings.first_frame, settings.frames, settings.step, settings.width = 1, "", 10, 960
-    settings.choice, settings.level_count = "BY_RATIO", 3
-    settings.ratios[:3], settings.thresholds[:2] = (1.0, 0.4, 0.12), (0.3, 0.6)
-    settings.metric, settings.margin_kind, settings.color = "AXIS", "DERIVED", "LOD"
+    settings.first_frame = 1
+    settings.frames = ""
+    settings.step = 10
+    settings.width = 960
+    settings.choice = "BY_RATIO"
+    settings.level_count = 3
+    settings.ratios[:3] = (1.0, 0.4, 0.12)
+    settings.thresholds[:2] = (0.3, 0.6)
+    settings.metric = "AXIS"
+    settings.margin_kind = "DERIVED"
+    settings.color = "LOD"
     settings.above = above
 
 
@@ -55,12 +66,11 @@ def build_ground(scenery: bpy.types.Collection) -> None:
         material("Ground light", (0.66, 0.66, 0.63)),
         material("Ground dark", (0.58, 0.58, 0.56)),
     ]
-    left, right = (
-        material("Left edge", (0.70, 0.05, 0.05)),
-        material("Right edge", (0.05, 0.05, 0.70)),
-    )
+    left = material("Left edge", (0.70, 0.05, 0.05))
+    right = material("Right edge", (0.05, 0.05, 0.70))
     around = material("Around", (0.42, 0.44, 0.42))
-    half, pitch = SIZE // 2, 4
+    half = SIZE // 2
+    pitch = 4
     parts = [(tile(-400, -400, 400, 400, -0.05), around)]
     for x in range(-half, half, pitch):
         for y in range(-half, half, pitch):

@@ -94,7 +94,8 @@ def make_armature(name: str, body: Body) -> bpy.types.Object:
             bpy.ops.object.mode_set(mode="EDIT")
             for bone, (parent, head, tail) in body.joints.items():
                 edit = armature.data.edit_bones.new(bone)
-                edit.head, edit.tail = head, tail
+                edit.head = head
+                edit.tail = tail
                 edit.align_roll((1, 0, 0))
                 if parent:
                     edit.parent = armature.data.edit_bones[parent]

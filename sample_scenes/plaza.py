@@ -38,7 +38,8 @@ def make(scene: bpy.types.Scene) -> None:
     world = site.plan(table)
     characters = child(scene, "Characters", hidden=True)
     make_characters(characters, speed=1.25, idle=True)
-    obstacles, scenery = child(scene, "Obstacles"), child(scene, "Scenery")
+    obstacles = child(scene, "Obstacles")
+    scenery = child(scene, "Scenery")
     build_houses(obstacles, scenery)
     build_furniture(obstacles, scenery)
     build_fountain(obstacles)
@@ -46,15 +47,24 @@ def make(scene: bpy.types.Scene) -> None:
     scene.camera = fly(scene)
 
     settings = scene.crowd_lod
-    settings.characters, settings.forward = characters, "X"
-    settings.count, settings.seed = 10_000, 7
-    settings.center, settings.size = (0, 0, 0), (site.SIZE, site.SIZE)
+    settings.characters = characters
+    settings.forward = "X"
+    settings.count = 10_000
+    settings.seed = 7
+    settings.center = (0, 0, 0)
+    settings.size = (site.SIZE, site.SIZE)
     settings.map_image = image_data.write_image("Plaza map", table.label_colors[world.labels])
     settings.machine = machine
-    settings.first_frame, settings.frames, settings.step, settings.width = 1, "", 10, 960
+    settings.first_frame = 1
+    settings.frames = ""
+    settings.step = 10
+    settings.width = 960
     settings.level_count = 3
-    settings.ratios[:3], settings.thresholds[:2] = (1.0, 0.4, 0.12), (0.16, 0.4)
-    settings.metric, settings.margin_kind, settings.color = "AXIS", "DERIVED", "LOD"
+    settings.ratios[:3] = (1.0, 0.4, 0.12)
+    settings.thresholds[:2] = (0.16, 0.4)
+    settings.metric = "AXIS"
+    settings.margin_kind = "DERIVED"
+    settings.color = "LOD"
     settings.above = None
 
 
@@ -109,10 +119,8 @@ def build_houses(obstacles: bpy.types.Collection, scenery: bpy.types.Collection)
             )
         )
     ]
-    roof, pane = (
-        material("Roof tiles", (0.50, 0.17, 0.09)),
-        material("Window panes", (0.05, 0.07, 0.10), 0.2),
-    )
+    roof = material("Roof tiles", (0.50, 0.17, 0.09))
+    pane = material("Window panes", (0.05, 0.07, 0.10), 0.2)
 
     def house(x0, y0, x1, y1, height, look, inset=3.5, top=3.0):
         return [
@@ -132,7 +140,10 @@ def build_houses(obstacles: bpy.types.Collection, scenery: bpy.types.Collection)
     for x in range(-230, 200, 48):
         for y in range(-230, 200, 48):
             # a street's width about the plaza stays free
-            x0, y0, x1, y1 = x, y, x + 36, y + 36
+            x0 = x
+            y0 = y
+            x1 = x + 36
+            y1 = y + 36
             height = float(random.integers(9, 20))
             if max(abs(x0 + 18), abs(y0 + 18)) > 84 + 18:
                 parts += house(x0, y0, x1, y1, height, stucco[int(random.integers(5))], inset=8.0)
@@ -144,8 +155,10 @@ def build_furniture(obstacles: bpy.types.Collection, scenery: bpy.types.Collecti
 
     The bollards stand at the entrances.
     """
-    stone, wood = material("Stone", (0.80, 0.76, 0.68)), material("Wood", (0.24, 0.12, 0.05))
-    iron, bark = material("Iron", (0.04, 0.04, 0.05)), material("Bark", (0.14, 0.09, 0.05))
+    stone = material("Stone", (0.80, 0.76, 0.68))
+    wood = material("Wood", (0.24, 0.12, 0.05))
+    iron = material("Iron", (0.04, 0.04, 0.05))
+    bark = material("Bark", (0.14, 0.09, 0.05))
     leaves = [material("Leaves 0", (0.14, 0.34, 0.07)), material("Leaves 1", (0.22, 0.42, 0.10))]
     canvas = [
         material("Canvas red", (0.60, 0.06, 0.04)),
@@ -166,24 +179,24 @@ def build_furniture(obstacles: bpy.types.Collection, scenery: bpy.types.Collecti
             (lathe(x, y, crown, 9), leaves[i % 2]),
         ]
     for i, (x0, y0, x1, y1) in enumerate(site.TABLES):
-        x, y = (x0 + x1) / 2, (y0 + y1) / 2
+        x = (x0 + x1) / 2
+        y = (y0 + y1) / 2
         parts.append((lathe(x, y, ((0.04, 0.7), (0.04, 2.9)), 6), iron))
         parts.append((lathe(x, y, ((1.7, 2.3), (0.05, 3.0)), 8), canvas[i % 2]))
     half = site.SIZE / 2 - 0.4
     for x0, y0, x1, y1 in site.ENTRANCES:
         for step in range(1, int(x1 - x0 + y1 - y0) // 2):
             x, y = (x0 + 2 * step, y0) if y0 == y1 else (x0, y0 + 2 * step)
-            x, y = max(-half, min(half, x)), max(-half, min(half, y))
+            x = max(-half, min(half, x))
+            y = max(-half, min(half, y))
             parts.append((lathe(x, y, ((0.12, 0), (0.12, 0.9), (0.05, 1.0)), 8), iron))
     add(scenery, "Trees, parasols, bollards", parts)
 
 
 def build_fountain(obstacles: bpy.types.Collection) -> None:
     """Add the fountain: basin, water, and a column with two bowls."""
-    stone, water = (
-        material("Fountain stone", (0.84, 0.80, 0.73)),
-        material("Water", (0.06, 0.32, 0.60), 0.1),
-    )
+    stone = material("Fountain stone", (0.84, 0.80, 0.73))
+    water = material("Water", (0.06, 0.32, 0.60), 0.1)
     rim = site.FOUNTAIN
     basin = ((rim, 0), (rim, 0.7), (rim - 0.5, 0.7), (rim - 0.5, 0.45))
     column = ((1.4, 0.4), (0.6, 0.9), (0.5, 2.4), (2.5, 3.0), (2.6, 3.3), (2.3, 3.3), (2.2, 3.1))
@@ -205,11 +218,10 @@ def build_ground(scenery: bpy.types.Collection) -> None:
         material("Paving light", (0.76, 0.70, 0.61)),
         material("Paving dark", (0.68, 0.62, 0.54)),
     ]
-    waiting, asphalt = (
-        material("Waiting area", (0.80, 0.56, 0.32)),
-        material("Asphalt", (0.36, 0.36, 0.38)),
-    )
-    half, pitch = int(site.SIZE / 2), 4
+    waiting = material("Waiting area", (0.80, 0.56, 0.32))
+    asphalt = material("Asphalt", (0.36, 0.36, 0.38))
+    half = int(site.SIZE / 2)
+    pitch = 4
     parts = [(tile(-500, -500, 500, 500, -0.05), asphalt)]
     for x in range(-half, half, pitch):
         for y in range(-half, half, pitch):

@@ -37,12 +37,14 @@ def lathe(x, y, profile: list[tuple[float, float]], sides=12) -> Shape:
 
     profile: (radius, z) points, from the bottom up.
     """
-    points, faces = [], []
+    points = []
+    faces = []
     turns = [(cos(2 * pi * i / sides), sin(2 * pi * i / sides)) for i in range(sides)]
     for radius, z in profile:
         points += [(x + radius * c, y + radius * s, z) for c, s in turns]
     for ring in range(len(profile) - 1):
-        a, b = ring * sides, (ring + 1) * sides
+        a = ring * sides
+        b = (ring + 1) * sides
         faces += [(a + i, a + (i + 1) % sides, b + (i + 1) % sides, b + i) for i in range(sides)]
     top = (len(profile) - 1) * sides
     return points, [tuple(reversed(range(sides))), *faces, tuple(range(top, top + sides))]
@@ -53,11 +55,13 @@ def windows(x0, y0, x1, y1, z0, z1, spacing=3.0, storey=3.4, out=0.04) -> Shape:
 
     One every `spacing` meters along a wall and every `storey` meters up.
     """
-    points, faces = [], []
+    points = []
+    faces = []
     corners = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
     for (ax, ay), (bx, by) in zip(corners, corners[1:] + corners[:1], strict=True):
         length = abs(bx - ax) + abs(by - ay)
-        dx, dy = (bx - ax) / length, (by - ay) / length
+        dx = (bx - ax) / length
+        dy = (by - ay) / length
         for column in range(int(length // spacing)):
             middle = (column + 0.5) * length / (length // spacing)
             for row in range(int((z1 - z0) // storey)):
@@ -92,7 +96,9 @@ def add(
 
     Each part has its own material.
     """
-    points, faces, slots = [], [], []
+    points = []
+    faces = []
+    slots = []
     materials = list(dict.fromkeys(look for _, look in parts))
     for (corners, polygons), look in parts:
         first = len(points)
@@ -130,16 +136,23 @@ def film(scene: bpy.types.Scene) -> None:
     blue sky. Workbench draws no shadows: those of thousands of characters take many times as long
     as the rest of the picture.
     """
-    scene.frame_start, scene.frame_end = 1, 120
+    scene.frame_start = 1
+    scene.frame_end = 120
     render = scene.render
-    render.fps, render.fps_base = 24, 1.0
-    render.resolution_x, render.resolution_y, render.resolution_percentage = 960, 540, 100
+    render.fps = 24
+    render.fps_base = 1.0
+    render.resolution_x = 960
+    render.resolution_y = 540
+    render.resolution_percentage = 100
     scene.view_settings.view_transform = "Standard"
     shading = scene.display.shading
-    shading.background_type, shading.color_type = "WORLD", "MATERIAL"
+    shading.background_type = "WORLD"
+    shading.color_type = "MATERIAL"
     scene.display.light_direction = (SUN.x, SUN.z, -SUN.y)  # this setting has y up
     sun = bpy.data.lights.new("Sun", "SUN")
-    sun.energy, sun.angle, sun.color = 3.0, radians(0.5), (1.0, 0.94, 0.85)
+    sun.energy = 3.0
+    sun.angle = radians(0.5)
+    sun.color = (1.0, 0.94, 0.85)
     lamp = bpy.data.objects.new("Sun", sun)
     lamp.location = 100 * SUN
     lamp.rotation_euler = SUN.to_track_quat("Z", "Y").to_euler()
@@ -160,7 +173,9 @@ def camera(
     lens: focal length in millimeters.
     """
     data = bpy.data.cameras.new(name)
-    data.clip_start, data.clip_end, data.lens = near, far, lens
+    data.clip_start = near
+    data.clip_end = far
+    data.lens = lens
     made = bpy.data.objects.new(name, data)
     scene.collection.objects.link(made)
     return made

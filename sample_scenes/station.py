@@ -34,26 +34,33 @@ def make(scene: bpy.types.Scene) -> None:
     scene.frame_end = 240
     characters = child(scene, "Characters", hidden=True)
     make_characters(characters, speed=1.25, idle=True)
-    floors, scenery = child(scene, "Floors"), child(scene, "Scenery")
+    floors = child(scene, "Floors")
+    scenery = child(scene, "Scenery")
     build_floors(floors)
     build_walls(scenery)
     scene.camera = camera(scene, "Main camera", near=0.2, far=120.0, lens=24.0)
     aim(scene.camera, (-20, -12.5, 3.2), (2, 5, 1.8))
 
     settings = scene.crowd_lod
-    settings.characters, settings.forward = characters, "X"
-    settings.source, settings.tracks_file, settings.terrain = "FILE", str(TRACKS), floors
-    settings.seed, settings.first_frame, settings.frames, settings.step, settings.width = (
-        4,
-        1,
-        "",
-        20,
-        960,
-    )
-    settings.margin_kind, settings.color = "DERIVED", "LOD"
+    settings.characters = characters
+    settings.forward = "X"
+    settings.source = "FILE"
+    settings.tracks_file = str(TRACKS)
+    settings.terrain = floors
+    settings.seed = 4
+    settings.first_frame = 1
+    settings.frames = ""
+    settings.step = 20
+    settings.width = 960
+    settings.margin_kind = "DERIVED"
+    settings.color = "LOD"
     waiting = settings.crowds.add()
-    waiting.name, waiting.count, waiting.seed, waiting.terrain = "Waiting", 60, 2, floors
-    waiting.map_image, waiting.machine = waiting_map(), bpy.data.texts.new("waiting.json")
+    waiting.name = "Waiting"
+    waiting.count = 60
+    waiting.seed = 2
+    waiting.terrain = floors
+    waiting.map_image = waiting_map()
+    waiting.machine = bpy.data.texts.new("waiting.json")
     waiting.machine.from_string(json.dumps(WAITS, indent=2))
     waiting.machine.cursor_set(0)
     x0, y0, x1, y1 = site.CONCOURSE
@@ -79,10 +86,8 @@ def build_floors(floors: bpy.types.Collection) -> None:
         material("Terrazzo light", (0.62, 0.60, 0.56)),
         material("Terrazzo dark", (0.52, 0.50, 0.47)),
     ]
-    concrete, waiting = (
-        material("Concrete", (0.45, 0.45, 0.46)),
-        material("Waiting", (0.70, 0.48, 0.20)),
-    )
+    concrete = material("Concrete", (0.45, 0.45, 0.46))
+    waiting = material("Waiting", (0.70, 0.48, 0.20))
     x0, y0, x1, y1 = site.CONCOURSE
     parts = [
         (tile(x, y, x + 3, y + 3), tones[(x + y) // 3 % 2])
@@ -104,11 +109,15 @@ def build_floors(floors: bpy.types.Collection) -> None:
 
 def build_walls(scenery: bpy.types.Collection) -> None:
     """Add walls with gaps for the doors, columns, railings, the kiosk, and the ground around."""
-    stone, glass = material("Stone", (0.66, 0.60, 0.52)), material("Glass", (0.10, 0.16, 0.20), 0.2)
-    steel, wood = material("Steel", (0.20, 0.22, 0.25)), material("Kiosk", (0.35, 0.12, 0.08))
+    stone = material("Stone", (0.66, 0.60, 0.52))
+    glass = material("Glass", (0.10, 0.16, 0.20), 0.2)
+    steel = material("Steel", (0.20, 0.22, 0.25))
+    wood = material("Kiosk", (0.35, 0.12, 0.08))
     around = material("Around", (0.30, 0.30, 0.31))
     x0, y0, x1, y1 = site.CONCOURSE
-    top, thick, door = 9.0, 0.4, 3.2
+    top = 9.0
+    thick = 0.4
+    door = 3.2
     parts = [(tile(-300, -300, 300, 300, -0.06), around)]
     for x in (x0 - thick, x1):
         parts += [

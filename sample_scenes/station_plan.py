@@ -11,7 +11,9 @@ CONCOURSE = (-24, -15, 24, 15)
 GALLERY = (-24, 9, 24, 15)
 HEIGHT = 4.5  # of the gallery
 STEPS = 25
-STAIRS, LANDING = (-3, 6, 6, 9), (6, 6, 9, 9)  # they rise to the east
+# they rise to the east
+STAIRS = (-3, 6, 6, 9)
+LANDING = (6, 6, 9, 9)
 KIOSK = (-10, -7, -6, -3)
 WAITING = ((-21, -14, -13, -11), (13, -14, 21, -11))  # where people stand about
 COLUMNS = tuple((x - 0.3, 9.0, x + 0.3, 9.6) for x in range(-20, 24, 8))

@@ -15,15 +15,24 @@ import shapely
 from . import station_plan as site
 
 FILE = Path(__file__).with_name("station.npz")
-FPS, STEPS = 24, 2  # of the scene, and of the simulation in a frame
+# of the scene, and of the simulation in a frame
+FPS = 24
+STEPS = 2
 EVERY = 4  # frames between two rows
-WARM_UP, FRAMES = 60 * FPS, 240  # frames before the shot, and in it
+# frames before the shot, and in it
+WARM_UP = 60 * FPS
+FRAMES = 240
 TO_STAIRS = 0.08  # part of the people
 COUNT = 260  # people are let in while there are fewer
-RADIUS, TIME_GAP, ON_STAIRS = 0.2, 1.0, 0.55  # meters, seconds, part of the speed
+# meters, seconds, part of the speed
+RADIUS = 0.2
+TIME_GAP = 1.0
+ON_STAIRS = 0.55
 # Before the stairs the floors overlap: one goes over from the concourse in FOOT, and to it in
 # BOTTOM.
-APRON, FOOT, BOTTOM = (-5.2, 6.0, -3.0, 9.0), (-4.0, 6.4, -3.1, 8.6), (-5.2, 6.3, -4.6, 8.7)
+APRON = (-5.2, 6.0, -3.0, 9.0)
+FOOT = (-4.0, 6.4, -3.1, 8.6)
+BOTTOM = (-5.2, 6.3, -4.6, 8.7)
 
 
 class Floor:
@@ -72,7 +81,8 @@ def simulate(seed: int = 3) -> dict[str, np.ndarray]:
     See crowd_lod/tracks/npz.py.
     """
     draws = np.random.default_rng(seed)
-    stairs, landing = shapely.box(*site.STAIRS), shapely.box(*site.LANDING)
+    stairs = shapely.box(*site.STAIRS)
+    landing = shapely.box(*site.LANDING)
     blocks = [shapely.box(*each) for each in (site.KIOSK, *site.WAITING, *site.COLUMNS)]
     lower = Floor(
         shapely.box(*site.CONCOURSE) - shapely.union_all([stairs, landing, *blocks]),
@@ -85,13 +95,15 @@ def simulate(seed: int = 3) -> dict[str, np.ndarray]:
         (*site.UPPER_DOORS, BOTTOM),
     )
     waiting: list[tuple[Floor, np.ndarray, int, int, float]] = []  # between the floors
-    rows, count = [], 0
+    rows = []
+    count = 0
     for frame in range(-WARM_UP, FRAMES + 1):
         if len(lower.people) + len(upper.people) < COUNT:
             floor, doors = (
                 (lower, site.DOORS) if draws.random() < 0.8 else (upper, site.UPPER_DOORS)
             )
-            door, goal = draws.integers(len(doors)), draws.integers(len(doors))
+            door = draws.integers(len(doors))
+            goal = draws.integers(len(doors))
             if draws.random() < TO_STAIRS:
                 goal = len(doors)
             if goal != door and floor.enter(

@@ -12,8 +12,12 @@ import numpy as np
 
 STRIKE = 0.23  # where the foot lands, in strides before the place it has at rest
 STANCE = 0.6  # of the cycle, from the heel's strike to the toe's leaving
-FLAT, HEEL_OFF = 0.08, 0.30  # the sole is flat in between; the heel bears before, the ball after
-STRIKE_PITCH, LEAVE_PITCH = -17, 62  # of the foot, degrees, toes down positive
+# the sole is flat in between; the heel bears before, the ball after
+FLAT = 0.08
+HEEL_OFF = 0.30
+# of the foot, degrees, toes down positive
+STRIKE_PITCH = -17
+LEAVE_PITCH = 62
 REACH = 0.996  # of the leg's length at most: the knee never quite straightens
 
 
@@ -38,7 +42,8 @@ def walk_cycle(joints: dict, period: int, stride: float) -> Cycle:
     """
     phase = np.arange(period + 1) % period / period  # 0: the left heel strikes
     k = joints["head"][2][2] / 1.75
-    swing, lean = np.cos(2 * np.pi * phase), np.sin(2 * np.pi * (phase - 0.05))
+    swing = np.cos(2 * np.pi * phase)
+    lean = np.sin(2 * np.pi * (phase - 0.05))
     zero = np.zeros_like(phase)
 
     hips = yaw(np.radians(-6) * swing) @ roll(np.radians(2.5) * lean)
@@ -70,7 +75,8 @@ def walk_cycle(joints: dict, period: int, stride: float) -> Cycle:
     for tag, (ankle, foot, toe) in feet.items():
         hip = hip_joint(joints, tag, hips, shift)
         turns["thigh" + tag], turns["shin" + tag] = bend_leg(joints, tag, hip, ankle)
-        turns["foot" + tag], turns["toe" + tag] = pitch(foot), pitch(toe)
+        turns["foot" + tag] = pitch(foot)
+        turns["toe" + tag] = pitch(toe)
     return Cycle(turns, shift, stride)
 
 
@@ -81,7 +87,9 @@ def idle_cycle(joints: dict, period: int) -> Cycle:
     """
     phase = np.arange(period + 1) % period / period
     k = joints["head"][2][2] / 1.75
-    sway, breath, zero = np.sin(2 * np.pi * phase), np.sin(6 * np.pi * phase), np.zeros_like(phase)
+    sway = np.sin(2 * np.pi * phase)
+    breath = np.sin(6 * np.pi * phase)
+    zero = np.zeros_like(phase)
     hips = yaw(np.radians(3) * sway) @ roll(np.radians(1.5) * sway)
     turns = {
         "hips": hips,
@@ -120,7 +128,8 @@ def foot_path(joints: dict, tag: str, phase: np.ndarray, stride: float):
     phase: (n,) in [0, 1), 0 when this foot's heel strikes.
     """
     _, ankle, ball = joints["foot" + tag]
-    ankle, ball = ankle[[0, 2]], np.array([ball[0], 0.0])
+    ankle = ankle[[0, 2]]
+    ball = np.array([ball[0], 0.0])
     heel = np.array([-0.24 * ball[0], 0.0])
     toes = joints["toe" + tag][2][0] - ball[0]
 
@@ -219,7 +228,8 @@ def hermite(t, a, b, slope_a, slope_b):
 def ease(phase, times, values):
     """Return smooth steps from value to value, level at each."""
     i = np.clip(np.searchsorted(times, phase, side="right") - 1, 0, len(times) - 2)
-    times, values = np.asarray(times), np.asarray(values, float)
+    times = np.asarray(times)
+    values = np.asarray(values, float)
     t = np.clip((phase - times[i]) / (times[i + 1] - times[i]), 0, 1)
     return values[i] + (values[i + 1] - values[i]) * t * t * (3 - 2 * t)
 
@@ -244,5 +254,6 @@ def rotation(angle, i: int, j: int) -> np.ndarray:
     matrix = np.zeros((len(angle), 3, 3))
     matrix[:, range(3), range(3)] = 1
     matrix[:, i, i] = matrix[:, j, j] = np.cos(angle)
-    matrix[:, j, i], matrix[:, i, j] = np.sin(angle), -np.sin(angle)
+    matrix[:, j, i] = np.sin(angle)
+    matrix[:, i, j] = -np.sin(angle)
     return matrix

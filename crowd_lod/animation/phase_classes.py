@@ -204,7 +204,8 @@ class Library:
 
         moved_as: (N,) intp, of the method of that name; None if no groups share rigs.
         """
-        first, blocks = self.first(gaits), first_blocks(gaits)
+        first = self.first(gaits)
+        blocks = first_blocks(gaits)
         block = np.full(first[-1], -1, np.intp)
         phase_class = np.zeros(first[-1], np.uint8)
         leaders = np.full(blocks[-1], -1, np.intp)  # the first character of each block

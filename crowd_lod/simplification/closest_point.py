@@ -24,7 +24,8 @@ def walk(
     for _ in range(settings.CURRENT.walk_steps):
         corner = mesh.corner(face[going], weights.take(going, 1))
         moved = corner != start[going]
-        going, corner = going[moved], corner[moved]
+        going = going[moved]
+        corner = corner[moved]
         if not len(going):
             break
         start[going] = corner
@@ -50,7 +51,9 @@ def follow(
     off = points - mesh.at(face, weights)
     distance = length(off)
     far = np.flatnonzero(distance > settings.CURRENT.walk_again * distance.max(initial=0))
-    face, weights, there = face.copy(), weights.copy(), points.take(far, 1)
+    face = face.copy()
+    weights = weights.copy()
+    there = points.take(far, 1)
     at = closest_weights(there, *mesh.vertices(face[far]))
     weights[:, far] = at
     side = np.flatnonzero((at <= 0).any(axis=0) & walking)
@@ -73,12 +76,15 @@ def doubt(
     face: (k,), weights: (3, k), the closest points as known; points: (3, k); count: how many to
     doubt at a time. It goes on while any of them was wrong. Returns faces and weights.
     """
-    face, weights, count = face.copy(), weights.copy(), count or settings.CURRENT.doubt_points
+    face = face.copy()
+    weights = weights.copy()
+    count = count or settings.CURRENT.doubt_points
     distance = length(points - mesh.at(face, weights))
     for _ in range(settings.CURRENT.doubt_rounds if len(face) else 0):
         far = np.argpartition(-distance, min(count, len(distance)) - 1)[:count]
         far = far[distance[far] > distance[far].max() / 2]
-        some, most = points.take(far, 1), distance[far] + 1e-6
+        some = points.take(far, 1)
+        most = distance[far] + 1e-6
         which, found = _faces_within(mesh, some, most)
         other = some.take(which, 1)
         at = closest_weights(other, *mesh.vertices(found))
@@ -89,8 +95,11 @@ def doubt(
         better = away[best] < 0.99 * distance[far[which]]
         if not better.any():
             break
-        best, far = best[better], far[which[better]]
-        face[far], weights[:, far], distance[far] = found[best], at.take(best, 1), away[best]
+        best = best[better]
+        far = far[which[better]]
+        face[far] = found[best]
+        weights[:, far] = at.take(best, 1)
+        distance[far] = away[best]
     return face, weights
 
 
@@ -139,10 +148,12 @@ def _closest_round(
     mesh: TriangleMesh, start: np.ndarray, points: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """As walk(), on the faces at the vertices `start` (k,) alone."""
-    face, weights = np.empty(len(start), np.intp), np.empty((3, len(start)))
+    face = np.empty(len(start), np.intp)
+    weights = np.empty((3, len(start)))
     for block in blocks(len(start), BLOCK // 8):
         around, count = mesh.faces_at(start[block])
-        which, some = np.repeat(np.arange(len(count)), count), points[:, block]
+        which = np.repeat(np.arange(len(count)), count)
+        some = points[:, block]
         square = squares(some.take(which, 1), *mesh.vertices(around))
         hit = np.flatnonzero(
             square == np.repeat(np.minimum.reduceat(square, np.cumsum(count) - count), count)
@@ -193,7 +204,8 @@ def _closest_weights(p: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray)
     last = ~one & (on_bc < on_ac) & ~inside
     two = ~(one | last | inside)
     one &= ~inside
-    s, t = s * inside + ab * one + (1 - bc) * last, t * inside + ac * two + bc * last
+    s = s * inside + ab * one + (1 - bc) * last
+    t = t * inside + ac * two + bc * last
     return np.stack([1 - s - t, s, t])
 
 
@@ -210,7 +222,9 @@ def _products(p: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> lis
 
     u = b - a, v = c - a, w = p - a.
     """
-    u, v, w = b - a, c - a, p - a
+    u = b - a
+    v = c - a
+    w = p - a
     return [
         np.einsum("dn,dn->n", *pair) for pair in ((u, u), (u, v), (v, v), (w, u), (w, v), (w, w))
     ]
@@ -236,8 +250,10 @@ def _planes_and_sides(
     uu, uv, vv, wu, wv, ww = products = _products(p, a, b, c)
     s, t = _on_plane(products)
     plane = -(s * wu + t * wv)
-    wu2, wv2 = wu + wu, wv + wv
-    ab, ac = (wu / (uu + 1e-300)).clip(0, 1), (wv / (vv + 1e-300)).clip(0, 1)
+    wu2 = wu + wu
+    wv2 = wv + wv
+    ab = (wu / (uu + 1e-300)).clip(0, 1)
+    ac = (wv / (vv + 1e-300)).clip(0, 1)
     from_b = uu - wu2
     along = wv - wu + uu - uv
     bc_bc = uu - uv - uv + vv + 1e-300

@@ -36,7 +36,8 @@ def grown(
     more[more < settings.CURRENT.parts_lost] = 0
     # as a box grows: (a + d) (b + d) + (b + d) (c + d) + (c + d) (a + d) is 1 + more times ab + bc
     # + ca; of what is flat (b + d) (c + d)
-    (a, b, c), flat = reach.T, reach[:, 0] < settings.CURRENT.parts_flat * reach[:, 2]
+    (a, b, c) = reach.T
+    flat = reach[:, 0] < settings.CURRENT.parts_flat * reach[:, 2]
     square, line, area = np.where(
         flat,
         (np.ones(count), b + c, b * c),
@@ -57,10 +58,12 @@ def areas(
     points: (n, 3); triangles: (m, 3); part: (m,) of each triangle, one at least of each part; cell:
     pixels across a part.
     """
-    total, across = np.zeros(count), int(np.ceil(np.sqrt(count)))
+    total = np.zeros(count)
+    across = int(np.ceil(np.sqrt(count)))
     for axes in DIRECTIONS:
         flat = (points @ axes.T)[triangles]
-        low, high = np.full((count, 2), np.inf), np.full((count, 2), -np.inf)
+        low = np.full((count, 2), np.inf)
+        high = np.full((count, 2), -np.inf)
         np.minimum.at(low, part, flat.min(axis=1))
         np.maximum.at(high, part, flat.max(axis=1))
         size = np.maximum(high - low, 1e-300)

@@ -85,7 +85,8 @@ def decimating(  # noqa: PLR0913 - what a mesh is decimated by
     _check(shape, ratio, name)
     used, triangles = np.unique(shape[1], return_inverse=True)
     triangles = triangles.reshape(-1, 3)
-    points, target = shape[0][used].astype(np.float64), max(1, round(ratio * len(triangles)))
+    points = shape[0][used].astype(np.float64)
+    target = max(1, round(ratio * len(triangles)))
     if target >= len(triangles):
         return LodMesh(points, triangles.astype(np.int32), used)
     problem = missing_library()
@@ -93,7 +94,8 @@ def decimating(  # noqa: PLR0913 - what a mesh is decimated by
         raise CrowdError(problem)
     # Of unit size at the origin, and rounded: neither scale nor place decides which of two like
     # edges goes first.
-    low, size = points.min(axis=0), float(np.ptp(points, axis=0).max()) or 1.0
+    low = points.min(axis=0)
+    size = float(np.ptp(points, axis=0).max()) or 1.0
     unit = np.round((points - low) / size * GRID) / GRID
     joined, held = _join_borders(unit, triangles)
     if seams is not None and len(seams):
@@ -108,7 +110,8 @@ def decimating(  # noqa: PLR0913 - what a mesh is decimated by
     index = np.full(len(unit), -1)
     index[solid] = np.arange(len(solid))
     held = index[held]
-    whole, held = whole.reshape(-1, 3), held[(held >= 0).all(axis=1)]
+    whole = whole.reshape(-1, 3)
+    held = held[(held >= 0).all(axis=1)]
     skin = skin and skin.of(used[solid]).scaled(low, size).telling(whole)
     yield
     # of points that became one the greatest weight counts
@@ -159,7 +162,8 @@ def _best(
     most.
     """
     points, triangles = shape
-    part, facing = connected_components(len(points), triangles), normals_of(points, triangles)
+    part = connected_components(len(points), triangles)
+    facing = normals_of(points, triangles)
     now = settings.CURRENT
     hold = 1.0 if skin else min(1.0, target / len(triangles) / now.seams_yield) ** 3
     held, border = sides = constrained_edges(triangles, seams, len(points))
@@ -190,7 +194,8 @@ def _best(
     left = yield from collapse((start, some), rows[:11], rows[11:].T, target, poses)
     collapse_map = left.collapse_map[collapse_map]
     kept, new_triangles = np.unique(left.triangles, return_inverse=True)
-    new_points, new_triangles = left.points[kept], new_triangles.reshape(-1, 3)
+    new_points = left.points[kept]
+    new_triangles = new_triangles.reshape(-1, 3)
     index = np.full(len(start), -1)
     index[kept] = np.arange(len(kept))
     collapse_map = index[collapse_map]
@@ -263,7 +268,8 @@ def _bulk(
     """
     import fast_simplification
 
-    n, every = len(points), np.arange(len(points))
+    n = len(points)
+    every = np.arange(len(points))
     if target >= len(triangles):
         return points, triangles, every
     faces = np.ascontiguousarray(triangles, np.int32)
@@ -281,12 +287,14 @@ def _bulk(
         return points, triangles, every
     moved = points.copy()
     moved[first] = some_points
-    some, collapse_map = first[some], first[collapse_map]
+    some = first[some]
+    collapse_map = first[collapse_map]
     whole = _without_flat_and_doubled(some)
     count, sound = (np.bincount(part[each[:, 0]], minlength=n) for each in (some, whole))
     bad = (count == 0) | (sound < count) | (_uneven(some, part) > _uneven(triangles, part))
     # where planes hardly differ it may throw a point far away
-    low, high = np.full((n, 3), np.inf), np.full((n, 3), -np.inf)
+    low = np.full((n, 3), np.inf)
+    high = np.full((n, 3), -np.inf)
     np.minimum.at(low, part, points)
     np.maximum.at(high, part, points)
     bad[part[(np.abs(moved - moved.clip(low[part], high[part])) > 0.01).any(axis=1)]] = True
@@ -318,7 +326,8 @@ def _join_borders(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray
     triangles: (m, 3). Returns the point that each is joined to (n,), and the edges (k, 2) that were
     open.
     """
-    n, half = len(points), half_edges(triangles)
+    n = len(points)
+    half = half_edges(triangles)
     joined = np.arange(n)
     _, inverse, count = np.unique(edge_keys(half.T, n), return_inverse=True, return_counts=True)
     border = half[count[inverse] == 1]

@@ -72,7 +72,8 @@ def quadrics_of(
     constrained edges, by their lengths squared. points: (n, 3); triangles: (m, 3); held: see
     constrained_edges(); hold: weight of seams, of that of borders.
     """
-    n, (side, border) = len(points), held
+    n = len(points)
+    (side, border) = held
     a, b, c = (points[triangles[:, i]] for i in range(3))
     normal, area = _unit(np.cross(b - a, c - a))
     total = _spread(_planes(normal, a, area / 2), triangles.T, n)
@@ -124,39 +125,34 @@ def collapse(
     own, corners = np.unique(triangles, return_inverse=True)
     # (3, m): NumPy is several times faster along the long axis
     corners = np.ascontiguousarray(corners.reshape(-1, 3).T)
-    points, quadrics, normals, n = (
-        points.T.take(own, 1),
-        quadrics.take(own, 1),
-        normals.T.take(own, 1),
-        len(own),
-    )
-    poses, follows = (
-        poses and Poses(poses.skin, [each.take(own, 1) for each in poses.quadrics]),
-        own.copy(),
-    )
+    points = points.T.take(own, 1)
+    quadrics = quadrics.take(own, 1)
+    normals = normals.T.take(own, 1)
+    n = len(own)
+    poses = poses and Poses(poses.skin, [each.take(own, 1) for each in poses.quadrics])
+    follows = own.copy()
     loose = LooseParts(
         [points.copy(), *(place[own].T for place in (poses.skin.place if poses else ()))],
         corners,
         quadrics[10],
     )
-    collapse_map, refused, thorough, facing = (
-        np.arange(n),
-        np.zeros(0, np.intp),
-        False,
-        settings.CURRENT.facing,
-    )
-    keys, known, changed = np.zeros(0, np.intp), np.zeros((5, 0)), np.zeros(n, bool)
+    collapse_map = np.arange(n)
+    refused = np.zeros(0, np.intp)
+    thorough = False
+    facing = settings.CURRENT.facing
+    keys = np.zeros(0, np.intp)
+    known = np.zeros((5, 0))
+    changed = np.zeros(n, bool)
     while corners.shape[1] > target:
-        before, (keys, edges, faces) = keys, edges_of(corners, n)
+        before = keys
+        (keys, edges, faces) = edges_of(corners, n)
         # of each edge where it would collapse to, its cost at rest and, if known, its error in the
         # poses: most stay as they were
         known = _taken_over(before, known, keys, changed[edges].any(axis=0))
         new = np.flatnonzero(np.isnan(known[3]))
         known[:3, new], known[3, new] = _place(points, quadrics, *edges.take(new, 1))
-        found, barred = (
-            _Edges(edges, faces, known[:3]),
-            _bridges(edges, faces, n) | np.isin(keys, refused),
-        )
+        found = _Edges(edges, faces, known[:3])
+        barred = _bridges(edges, faces, n) | np.isin(keys, refused)
         barred |= loose.is_card[loose.part[edges[0]]]
         cost = np.where(barred, np.inf, known[3])
         most = (
@@ -188,8 +184,10 @@ def collapse(
                 corners = loose.give_up(corners, np.inf, excess)
                 continue
             if thorough:
-                refused, facing = refused[:0], settings.CURRENT.facing_last
-            thorough, changed = not thorough, np.zeros(n, bool)
+                refused = refused[:0]
+                facing = settings.CURRENT.facing_last
+            thorough = not thorough
+            changed = np.zeros(n, bool)
             continue
         chosen = chosen[: np.searchsorted(np.cumsum(faces[chosen]), excess) + 1]
         if loose.cheapest < np.inf:
@@ -203,7 +201,8 @@ def collapse(
             loose.follow(edges[:, chosen], known[:3, chosen])
         keep, gone = ends = edges[:, chosen]
         around = _ring(corners, ends, n)
-        refused, thorough = refused[~around[np.stack(np.divmod(refused, n))].any(axis=0)], False
+        refused = refused[~around[np.stack(np.divmod(refused, n))].any(axis=0)]
+        thorough = False
         points[:, keep] = found.at.take(chosen, 1)
         follows[keep] = (
             poses.skin.nearer(points[:, keep], *follows[ends]) if poses else follows[keep]
@@ -215,7 +214,9 @@ def collapse(
         collapse_map, corners = _merged(ends, collapse_map, corners)
         yield
     points, collapse_map, follows = loose.restore_cards(points, collapse_map, follows, own)
-    all_points[own], all_landed[own], all_follow[own] = points.T, own[collapse_map], follows
+    all_points[own] = points.T
+    all_landed[own] = own[collapse_map]
+    all_follow[own] = follows
     return Collapsed(all_points, own[corners].T, all_landed, all_follow)
 
 
@@ -290,7 +291,9 @@ def _choose(
         each.compress(near[each].any(axis=0), axis=1) for each in (mesh.corners, edges)
     )
     mesh = _Mesh(mesh.points, corners, mesh.normals)
-    free, chosen, bad = np.ones(len(order.faces), bool), np.zeros(0, np.intp), np.zeros(0, np.intp)
+    free = np.ones(len(order.faces), bool)
+    chosen = np.zeros(0, np.intp)
+    bad = np.zeros(0, np.intp)
     for _ in range(passes):
         found = _apart(order.ends, free, corners, n)
         if not len(found):
@@ -313,7 +316,8 @@ def _planes(normal: np.ndarray, on: np.ndarray, weight: np.ndarray) -> np.ndarra
 
     normal: (k, 3); on: (k, 3), a point on each; weight: (k,).
     """
-    (x, y, z), d = normal.T, -np.einsum("nd,nd->n", normal, on)
+    (x, y, z) = normal.T
+    d = -np.einsum("nd,nd->n", normal, on)
     return (
         np.stack(
             [x * x, x * y, x * z, y * y, y * z, z * z, x * d, y * d, z * d, d * d, np.ones(len(d))]
@@ -331,7 +335,8 @@ def _place(
     points: np.ndarray, quadrics: np.ndarray, a: np.ndarray, b: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Where edges from a to b collapse to (3, k), and at what cost (k,)."""
-    at, cost = np.empty((3, len(a))), np.empty(len(a))
+    at = np.empty((3, len(a)))
+    cost = np.empty(len(a))
     for block in blocks(len(a), BLOCK):
         at[:, block], cost[block] = _place_block(points, quadrics, a[block], b[block])
     return at, cost
@@ -341,19 +346,24 @@ def _place_block(
     points: np.ndarray, quadrics: np.ndarray, a: np.ndarray, b: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """As _place(), all at once."""
-    p, q = points.take(a, 1), points.take(b, 1)
+    p = points.take(a, 1)
+    q = points.take(b, 1)
     xx, xy, xz, yy, yz, zz, xd, yd, zd, dd, area = quadrics.take(a, 1) + quadrics.take(b, 1)
     x, y, z = middle = (p + q) / 2
-    gx, gy, gz = (
-        xx * x + xy * y + xz * z + xd,
-        xy * x + yy * y + yz * z + yd,
-        xz * x + yz * y + zz * z + zd,
-    )
+    gx = xx * x + xy * y + xz * z + xd
+    gy = xy * x + yy * y + yz * z + yd
+    gz = xz * x + yz * y + zz * z + zd
     cost = (gx + xd) * x + (gy + yd) * y + (gz + zd) * z + dd
     hold = settings.CURRENT.midpoint * area + 1e-300
-    xx, yy, zz = xx + hold, yy + hold, zz + hold
-    cxx, cxy, cxz = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
-    cyy, cyz, czz = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
+    xx = xx + hold
+    yy = yy + hold
+    zz = zz + hold
+    cxx = yy * zz - yz * yz
+    cxy = xz * yz - xy * zz
+    cxz = xy * yz - xz * yy
+    cyy = xx * zz - xz * xz
+    cyz = xy * xz - xx * yz
+    czz = xx * yy - xy * xy
     adjugate = np.stack(
         [
             cxx * gx + cxy * gy + cxz * gz,
@@ -395,7 +405,8 @@ class _PoseErrors:
         # with poses none gets cheaper: what costs more than the limit before stays out
         for _ in range(2):
             some = np.flatnonzero(~known & (cost <= limit) & (cost < np.inf))
-            ends, at = edges.ends.take(some, 1), edges.at.take(some, 1)
+            ends = edges.ends.take(some, 1)
+            at = edges.at.take(some, 1)
             area = self.area.take(ends).sum(axis=0)
             error[some] = self.of(ends, at) / (area + 1e-300) ** settings.CURRENT.area_power
             cost[some] += error[some]
@@ -404,7 +415,8 @@ class _PoseErrors:
 
     def of(self, ends: np.ndarray, at: np.ndarray) -> np.ndarray:
         """The error in all poses (k,) of collapses of the edges (2, k) to `at` (3, k)."""
-        skin, error = self.poses.skin, np.zeros(ends.shape[1])
+        skin = self.poses.skin
+        error = np.zeros(ends.shape[1])
         follow = skin.nearer(at, *self.follows[ends])
         for block in blocks(len(follow), BLOCK):
             a, b = ends[:, block]
@@ -413,18 +425,17 @@ class _PoseErrors:
                     b, 1
                 )
                 x, y, z = skin.at(j, at[:, block], follow[block])
-                gx, gy, gz = (
-                    xx * x + xy * y + xz * z + xd,
-                    xy * x + yy * y + yz * z + yd,
-                    xz * x + yz * y + zz * z + zd,
-                )
+                gx = xx * x + xy * y + xz * z + xd
+                gy = xy * x + yy * y + yz * z + yd
+                gz = xz * x + yz * y + zz * z + zd
                 error[block] += np.maximum((gx + xd) * x + (gy + yd) * y + (gz + zd) * z + dd, 0)
         return error
 
 
 def _ring(corners: np.ndarray, ends: np.ndarray, n: int) -> np.ndarray:
     """Whether each of n points is in a triangle with one of `ends`, (n,) bool."""
-    mine, ring = np.zeros(n, bool), np.zeros(n, bool)
+    mine = np.zeros(n, bool)
+    ring = np.zeros(n, bool)
     mine[ends] = ring[ends] = True
     a, b, c = mine[corners]
     ring[corners[:, a | b | c]] = True
@@ -453,9 +464,14 @@ def _valid(mesh: _Mesh, edges: np.ndarray, chosen: _Edges, facing: float) -> np.
     edges: (2, j) all of the mesh; facing: the least cosine between a face's normals before and
     after.
     """
-    points, corners, normals = mesh.points, mesh.corners, mesh.normals
-    ends, at, faces = chosen.ends, chosen.at, chosen.faces
-    n, k = points.shape[1], ends.shape[1]
+    points = mesh.points
+    corners = mesh.corners
+    normals = mesh.normals
+    ends = chosen.ends
+    at = chosen.at
+    faces = chosen.faces
+    n = points.shape[1]
+    k = ends.shape[1]
     which = np.full(n, -1)
     which[ends] = np.arange(k)
     # link condition: only the corners opposite of the edge are neighbors of both its ends
@@ -466,7 +482,8 @@ def _valid(mesh: _Mesh, edges: np.ndarray, chosen: _Edges, facing: float) -> np.
     # the triangles that stay, with the edge's ends moved
     mine = which[corners]
     stays = (mine >= 0).sum(axis=0) == 1
-    mine, rest = mine[:, stays], corners[:, stays]
+    mine = mine[:, stays]
+    rest = corners[:, stays]
     edge = mine.max(axis=0)
     good &= np.bincount(edge, minlength=k) > 0
     # a tetrahedron would become two triangles back to back
@@ -479,8 +496,10 @@ def _valid(mesh: _Mesh, edges: np.ndarray, chosen: _Edges, facing: float) -> np.
         np.where(moved >= 0, at.take(edge, 1), corner)
         for moved, corner in zip(mine, old, strict=True)
     ]
-    was, now = normals_at(*old), normals_at(*new)
-    was_size, size = length(was), length(now)
+    was = normals_at(*old)
+    now = normals_at(*new)
+    was_size = length(was)
+    size = length(now)
     was_long, long = (
         sum(np.einsum("dn,dn->n", side, side) for side in (a - b, b - c, c - a))
         for a, b, c in (old, new)

@@ -86,7 +86,9 @@ class Interval:
         """Note distances (n,) from points `at` (n, 3), in the pose."""
         most = float(distance.max(initial=0.0))
         if most > self.measured:
-            self.measured, self.pose, self.place = most, pose, at[distance.argmax()]
+            self.measured = most
+            self.pose = pose
+            self.place = at[distance.argmax()]
 
     @property
     def enough(self) -> float:
@@ -247,7 +249,9 @@ def _map_counted(way: "_Way", places: Places, surface: Moving, beyond: float) ->
         corner = np.flatnonzero(places.weights[:, 0] == 1)
         visible[places.corners[corner, 0]] = way.other.counted[to[corner]]
         count = visible[places.corners].any(axis=1)
-        places, at, to = places.of(count), at[count], to[count]
+        places = places.of(count)
+        at = at[count]
+        to = to[count]
     points = way.mapped(at, to)
     far = places.of((points.near.max(axis=1) > beyond / 2) & (places.weights[:, 0] < 1))
     if not len(far.corners):
@@ -415,7 +419,9 @@ class _Way:
                 good = first <= self.found.enough
                 most[some[good]] = self.off(pairs.of(good), corners[good], self.poses)
                 still = (most[some] > self.found.enough).any(axis=1)
-                some, corners, beneath = some[still], corners[still], beneath[still]
+                some = some[still]
+                corners = corners[still]
+                beneath = beneath[still]
                 if not len(some):
                     break
         return most
@@ -452,12 +458,14 @@ class _Way:
         on = np.array(
             [[self.other.on(each, at[:, c], self.base) for c in range(3)] for each in beneath.T]
         )
-        to, first = self.other.triangles[beneath], slice(self.base, self.base + 1)
+        to = self.other.triangles[beneath]
+        first = slice(self.base, self.base + 1)
         off = [
             [_length(at[:, c] - self.mixed(to[:, t], on[t, c], first)[:, 0]) for c in range(3)]
             for t in range(3)
         ]
-        best, every = np.max(off, axis=1).argmin(axis=0), np.arange(len(at))
+        best = np.max(off, axis=1).argmin(axis=0)
+        every = np.arange(len(at))
         return _joined(
             [
                 _Pairs(
@@ -477,10 +485,12 @@ class _Way:
         hub. Edges of the piece are cut where they cross spokes, the edges that meet in the hub.
         Where they go all round the hub, it is mapped as well.
         """
-        to, every = self.other.triangles[beneath], np.arange(len(at))
+        to = self.other.triangles[beneath]
+        every = np.arange(len(at))
         common = (to[:, 0, :, None, None] == to[:, None, 1:, :]).any(axis=3).all(axis=2)
         hub = to[every, 0, common.argmax(axis=1)]
-        pairs, turned = [], np.zeros(len(at), np.intp)
+        pairs = []
+        turned = np.zeros(len(at), np.intp)
         for c in range(3):
             weights = np.broadcast_to(np.eye(3)[c], at.shape[:2])
             pairs.append(
@@ -519,12 +529,11 @@ class _Way:
         round the hub.
         """
         i, j = side
-        face, last, middle = (
-            beneath[some, i],
-            beneath[some, j],
-            self.other.points[hub[some], self.base],
-        )
-        one, other = at[some, i], at[some, j]
+        face = beneath[some, i]
+        last = beneath[some, j]
+        middle = self.other.points[hub[some], self.base]
+        one = at[some, i]
+        other = at[some, j]
         up = np.add(*(normals(*self.other.corners(each, self.base)) for each in (face, last))).T
         left = np.einsum("pd,pd->p", np.cross(one - middle, other - middle), up) > 0
         for more in reversed(range(settings.CURRENT.bound_spokes)):
@@ -535,9 +544,11 @@ class _Way:
             away = [np.einsum("pd,pd->p", each - middle, across) for each in (one, other)]
             part = np.clip(away[0] / np.where(away[0] == away[1], 1, away[0] - away[1]), 0, 1)
             weights, to_weights = np.zeros((2, len(some), 3))
-            weights[:, i], weights[:, j] = 1 - part, part
+            weights[:, i] = 1 - part
+            weights[:, j] = part
             part = _part(_between(one, other, part), middle, end)
-            to_weights[:, 0], to_weights[:, 1] = 1 - part, part
+            to_weights[:, 0] = 1 - part
+            to_weights[:, 1] = part
             face = self.other.rest.neighbors[face, np.where(left, (place + 2) % 3, place)]
             going = (face != last) & (face >= 0)
             to_weights[(face < 0) | going & (more == 0)] = np.nan

@@ -55,7 +55,9 @@ class LooseParts:
             [np.sum(np.square(off), axis=0), len(copies) * np.maximum(lost**2, shown)]
         )
         self._costs[:, 0] = np.inf
-        self._copies, self._rest, self._witness = len(copies), rest, rest.copy()
+        self._copies = len(copies)
+        self._rest = rest
+        self._witness = rest.copy()
 
     @property
     def cheapest(self) -> float:
@@ -79,7 +81,8 @@ class LooseParts:
         edge_of[ends] = np.arange(ends.shape[1])
         mine = edge_of[corners]
         stays = (mine >= 0).sum(axis=0) == 1
-        mine, corners = mine[:, stays], corners[:, stays]
+        mine = mine[:, stays]
+        corners = corners[:, stays]
         edge = mine.max(axis=0)
         faces = [
             np.where(own >= 0, at.take(edge, 1), points.take(corner, 1))
@@ -219,8 +222,10 @@ def _lost_distances(
     Source: Gonzalez, "Clustering to minimize the maximum intercluster distance", 1985, has the
     measure.
     """
-    now, order = settings.CURRENT, np.argsort(part, kind="stable")
-    points, first = points.take(order, 1), np.searchsorted(part[order], np.arange(len(radius)))
+    now = settings.CURRENT
+    order = np.argsort(part, kind="stable")
+    points = points.take(order, 1)
+    first = np.searchsorted(part[order], np.arange(len(radius)))
     place = np.argsort(order)
     nearest, gap = _nearest_points(points, first, middle)
     off = gap + radius
@@ -241,7 +246,8 @@ def _nearest_points(
     points: (3, n); count: (k,), ascending; wanted: (3, k). Returns indices and distances (k,): 0
     and infinite of none.
     """
-    nearest, away = np.zeros(len(count), np.intp), np.full(len(count), np.inf)
+    nearest = np.zeros(len(count), np.intp)
+    away = np.full(len(count), np.inf)
     square = np.einsum("dn,dn->n", points, points)
     for block in blocks(len(count), max(1, PAIRS_AT_ONCE // len(square))):
         most = count[block][-1]
@@ -261,8 +267,10 @@ def _lost_in_turn(off: np.ndarray, counts_on: np.ndarray) -> np.ndarray:
 
     off: (parts,) from the larger part that it counts on, counts_on: (parts,).
     """
-    off, counts_on = off.copy(), counts_on.copy()
-    lost, behind = np.full(len(off), np.inf), np.zeros(len(off))
+    off = off.copy()
+    counts_on = counts_on.copy()
+    lost = np.full(len(off), np.inf)
+    behind = np.zeros(len(off))
     waiting = [(off[k], k * GOLDEN % 1, k) for k in range(1, len(off))]
     heapify(waiting)
     while waiting:

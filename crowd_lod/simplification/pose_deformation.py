@@ -84,7 +84,8 @@ class Skin:
         a, b = triangles[:: len(triangles) // settings.CURRENT.pose_triangles + 1, [0, 1]].T
         # from one end of a side to the other: what a turn of all together leaves as it is
         turns = np.einsum("kmji,kmjl->kmil", self.frame[:, a], self.frame[:, b]) - np.eye(3)
-        unlike, most = np.full(len(turns), np.inf), most or settings.CURRENT.poses
+        unlike = np.full(len(turns), np.inf)
+        most = most or settings.CURRENT.poses
         chosen: list[int] = []
         new = np.zeros_like(turns[0])
         while len(chosen) < most:
@@ -105,7 +106,8 @@ def frames_of(rest: np.ndarray, place: np.ndarray, triangles: np.ndarray) -> np.
     """
     ends = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     start, end = np.concatenate([ends, ends[:, ::-1]]).T
-    n, size = len(rest), np.linalg.norm(rest[ends[:, 1]] - rest[ends[:, 0]], axis=1).mean()
+    n = len(rest)
+    size = np.linalg.norm(rest[ends[:, 1]] - rest[ends[:, 0]], axis=1).mean()
 
     def vectors(points: np.ndarray) -> np.ndarray:
         """Vectors (s + 4 n, 3) that the derivatives must map.
@@ -126,7 +128,8 @@ def frames_of(rest: np.ndarray, place: np.ndarray, triangles: np.ndarray) -> np.
             ]
         )
 
-    point, own = np.concatenate([start, np.tile(np.arange(n), 4)]), vectors(rest)
+    point = np.concatenate([start, np.tile(np.arange(n), 4)])
+    own = vectors(rest)
 
     def products(one: np.ndarray) -> np.ndarray:
         rows = [np.bincount(point, one[:, i] * own[:, j], n) for i in range(3) for j in range(3)]
@@ -145,10 +148,12 @@ class Copies:
     """
 
     def __init__(self, skin: Skin | None):
-        self.skin, self.count = skin, 1 if skin is None else 1 + len(skin.place)
+        self.skin = skin
+        self.count = 1 if skin is None else 1 + len(skin.place)
         self.rest = settings.CURRENT.rest_scale if self.count > 1 else 1.0
         if skin is not None:
-            low, high = skin.place.min(axis=1), skin.place.max(axis=1)
+            low = skin.place.min(axis=1)
+            high = skin.place.max(axis=1)
             gap = (
                 settings.CURRENT.pose_gap
                 * self.rest
@@ -190,8 +195,10 @@ class Copies:
         weight: (k * count,); ways: (3, k * count), weighed. Returns the weight (k,) and weighed
         offsets (3, k) of the larger copy at rest.
         """
-        weight, ways = weight.reshape(-1, self.count), ways.reshape(3, -1, self.count)
-        total, way = weight[:, 0].copy(), ways[..., 0].copy()
+        weight = weight.reshape(-1, self.count)
+        ways = ways.reshape(3, -1, self.count)
+        total = weight[:, 0].copy()
+        way = ways[..., 0].copy()
         if self.skin:
             for j in range(1, self.count):
                 total += weight[:, j] * self.skin.stretch[j - 1].take(follows) / self.rest**2

@@ -24,7 +24,8 @@ def cover(
     low = np.ceil(corners.min(axis=1) - 0.5).clip(0, (columns, rows)).astype(np.intp)
     high = (np.floor(corners.max(axis=1) - 0.5) + 1).clip(0, (columns, rows)).astype(np.intp)
     size = (high - low).clip(0)
-    u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    u = corners[:, 1] - corners[:, 0]
+    v = corners[:, 2] - corners[:, 0]
     area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
     chosen = np.flatnonzero((size.prod(axis=1) > 0) & (area != 0))
     pairs = size[chosen].prod(axis=1)
@@ -33,12 +34,15 @@ def cover(
         triangle = np.repeat(part, count)
         place = ranges(np.zeros_like(count), count)
         row, column = np.divmod(place, size[triangle, 0])
-        row, column = row + low[triangle, 1], column + low[triangle, 0]
-        x, y = column + 0.5 - corners[triangle, 0, 0], row + 0.5 - corners[triangle, 0, 1]
+        row = row + low[triangle, 1]
+        column = column + low[triangle, 0]
+        x = column + 0.5 - corners[triangle, 0, 0]
+        y = row + 0.5 - corners[triangle, 0, 1]
         b = (x * v[triangle, 1] - y * v[triangle, 0]) / area[triangle]
         c = (y * u[triangle, 0] - x * u[triangle, 1]) / area[triangle]
         inside = (b >= 0) & (c >= 0) & (b + c <= 1)
-        b, c = b[inside], c[inside]
+        b = b[inside]
+        c = c[inside]
         yield (
             row[inside] * columns + column[inside],
             triangle[inside],
@@ -53,22 +57,24 @@ def mask(corners: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     covered. corners, shape: see `cover`.
     """
     rows, columns = shape
-    u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    u = corners[:, 1] - corners[:, 0]
+    v = corners[:, 2] - corners[:, 0]
     x, y = corners[u[:, 0] * v[:, 1] != u[:, 1] * v[:, 0]].transpose(2, 1, 0)
-    low, high = (
-        np.ceil(y.min(axis=0) - 0.5).clip(0, rows),
-        (np.floor(y.max(axis=0) - 0.5) + 1).clip(0, rows),
-    )
+    low = np.ceil(y.min(axis=0) - 0.5).clip(0, rows)
+    high = (np.floor(y.max(axis=0) - 0.5) + 1).clip(0, rows)
     count = (high - low).clip(0).astype(np.intp)
     # each triangle in each of its rows
-    triangle, row = np.repeat(np.arange(len(count)), count), ranges(low.astype(np.intp), count)
-    begin, end = np.full(len(row), np.inf), np.full(len(row), -np.inf)
+    triangle = np.repeat(np.arange(len(count)), count)
+    row = ranges(low.astype(np.intp), count)
+    begin = np.full(len(row), np.inf)
+    end = np.full(len(row), -np.inf)
     for p, q in ((0, 1), (1, 2), (2, 0)):
         (x_p, y_p), (x_q, y_q) = ((x[k].take(triangle), y[k].take(triangle)) for k in (p, q))
         some = np.flatnonzero(((y_p - row - 0.5) * (y_q - row - 0.5) <= 0) & (y_p != y_q))
         part = (row[some] + 0.5 - y_p[some]) / (y_q[some] - y_p[some])
         at = x_p[some] + part * (x_q[some] - x_p[some])
-        begin[some], end[some] = np.minimum(begin[some], at), np.maximum(end[some], at)
+        begin[some] = np.minimum(begin[some], at)
+        end[some] = np.maximum(end[some], at)
     first = np.ceil(begin - 0.5 - EDGE).clip(0, columns).astype(np.intp)
     last = (np.floor(end - 0.5 + EDGE) + 1).clip(0, columns).astype(np.intp)
     spans = np.flatnonzero(first < last)
@@ -91,7 +97,8 @@ def edges(corners: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.n
     doubled = sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]
     low = np.flatnonzero(doubled**2 < squares.max(axis=1, initial=0))
     first = squares[low].argmax(axis=1)
-    begin, side = corners[low, first], sides[low, first]
+    begin = corners[low, first]
+    side = sides[low, first]
     count = np.ceil(np.abs(side).max(axis=1, initial=0)).astype(np.intp) + 1
     part = ranges(np.zeros_like(count), count) / np.repeat((count - 1).clip(1), count)
     at = np.repeat(begin, count, axis=0) + part[:, None] * np.repeat(side, count, axis=0)

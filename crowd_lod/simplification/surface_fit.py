@@ -80,7 +80,8 @@ class SurfaceFit:
         LOD's moves with. Both surfaces are then in Copies, at rest and in each pose, and so are
         vertices, faces and samples hereafter.
         """
-        (points, triangles), (source_points, source_triangles) = lod, source
+        (points, triangles) = lod
+        (source_points, source_triangles) = source
         self.copies = copies = Copies(skin)
         self.follows = np.zeros(len(points), np.intp) if follows is None else follows
         place = copies.at(copies.rest * source_points.T, np.arange(len(source_points)))
@@ -88,19 +89,23 @@ class SurfaceFit:
         mesh = TriangleMesh(
             copies.at(copies.rest * points.T, self.follows), copies.every(triangles.T)
         )
-        ends, collapse_map = collapse_map[seams].T, copies.every(collapse_map)
+        ends = collapse_map[seams].T
+        collapse_map = copies.every(collapse_map)
         self.seams = copies.every(ends[:, (ends >= 0).all(axis=0) & (ends[0] != ends[1])])
         self.outward = normals_of(source_points, source_triangles).T
-        self.least, self.rough = np.inf, False
+        self.least = np.inf
+        self.rough = False
         self.best: FitState | None = None
         # the source's points
         point, copy = np.divmod(np.arange(len(collapse_map)), copies.count)
         some = (copy == 0) | (point % -(-len(source_points) // settings.CURRENT.samples_posed) == 0)
-        self.collapse_map, self.mine = collapse_map, np.flatnonzero(some & (collapse_map >= 0))
+        self.collapse_map = collapse_map
+        self.mine = np.flatnonzero(some & (collapse_map >= 0))
         there = self.source.points.take(self.mine, 1)
         face, weights = walk(mesh, collapse_map[self.mine], there)
         # a grid on each of the LOD's triangles, then the LOD's points
-        n, m = mesh.points.shape[1], mesh.corners.shape[1]
+        n = mesh.points.shape[1]
+        m = mesh.corners.shape[1]
         self.fine = int(
             np.clip(
                 np.round(np.sqrt(2 * settings.CURRENT.samples / m)),
@@ -149,7 +154,8 @@ class SurfaceFit:
 
         Returns faces (g m + n,) and barycentric weights (3, g m + n).
         """
-        m, n = lod.corners.shape[1], lod.points.shape[1]
+        m = lod.corners.shape[1]
+        n = lod.points.shape[1]
         one = lod.vertex_faces[lod.first[:-1]]
         face = np.concatenate([np.tile(np.arange(m), self.grid.shape[1]), one])
         return face, np.concatenate(
@@ -164,8 +170,12 @@ class SurfaceFit:
         walking: see follow().
         """
         state = self.state
-        lod, here = state.lod, state.lod.at(state.own_face, state.own_weights)
-        face, weights, hit, hit_weights = state.face, state.weights, state.hit, state.hit_weights
+        lod = state.lod
+        here = state.lod.at(state.own_face, state.own_weights)
+        face = state.face
+        weights = state.weights
+        hit = state.hit
+        hit_weights = state.hit_weights
         for again in (False, True):
             face, weights, off, distance = follow(lod, face, weights, state.there, walking)
             hit, hit_weights, own_off, own_distance = follow(
@@ -194,7 +204,8 @@ class SurfaceFit:
     def facing(self) -> np.ndarray:
         """About the normals (3, m) of what each face of the LOD, at rest, stands for."""
         collapse_map = self.copies.one(self.collapse_map)
-        n, some = len(self.follows), collapse_map >= 0
+        n = len(self.follows)
+        some = collapse_map >= 0
         facing = np.stack([np.bincount(collapse_map[some], x[some], n) for x in self.outward])
         return (facing / (length(facing) + 1e-300))[:, self.corners].sum(axis=1)
 
@@ -217,11 +228,10 @@ class SurfaceFit:
         every = np.arange(0, self.lod.corners.shape[1], self.copies.count)  # the first samples
         away = every[self.lean(every) < 0]
         if len(away):
-            hit, weights = self.state.hit.copy(), self.state.hit_weights.copy()
-            start, (a, b, c) = (
-                self.source.corner(hit[away], weights.take(away, 1)),
-                self.lod.vertices(away),
-            )
+            hit = self.state.hit.copy()
+            weights = self.state.hit_weights.copy()
+            start = self.source.corner(hit[away], weights.take(away, 1))
+            (a, b, c) = self.lod.vertices(away)
             hit[away], weights[:, away] = walk(self.source, start, (a + b + c) / 3)
             self.state = replace(self.state, hit=hit, hit_weights=weights)
         return away[self.lean(away) < 0]
@@ -242,7 +252,8 @@ class SurfaceFit:
 
         Returns whether there was anything as far off as the worst distance, about.
         """
-        state, now = self.state, settings.CURRENT
+        state = self.state
+        now = settings.CURRENT
         near = np.full(self.source.points.shape[1], -1)
         near[self.mine] = np.arange(len(self.mine))
         near = near[self.source.corners]
@@ -268,7 +279,8 @@ class SurfaceFit:
         Returns whether there was anything as far off as the worst distance, about. No edge may be
         flipped afterwards.
         """
-        state, now = self.state, settings.CURRENT
+        state = self.state
+        now = settings.CURRENT
         if self.fine == now.samples_finest:
             return False
         steep = self.lean(np.arange(state.lod.corners.shape[1])) < now.looks_steep
@@ -308,7 +320,8 @@ class SurfaceFit:
         that leads to the least worst distance everywhere at once. Source: Lawson, "Contributions to
         the theory of linear least maximum approximation", 1961.
         """
-        before, facing = self.lod.points, self.facing()
+        before = self.lod.points
+        facing = self.facing()
         for step in range(steps):
             if self.worst < settings.CURRENT.near_enough:
                 break
@@ -326,7 +339,10 @@ class SurfaceFit:
 
     def _step(self, facing: np.ndarray) -> None:
         """Move the vertices once; facing: (3, m), where the faces at rest are to face."""
-        now, state, copies, corners = settings.CURRENT, self.state, self.copies, self.corners
+        now = settings.CURRENT
+        state = self.state
+        copies = self.copies
+        corners = self.corners
         n = state.lod.points.shape[1]
         # at rest there may be none
         worst = (
@@ -340,7 +356,8 @@ class SurfaceFit:
             now.weight_kept * state.own_pull
             + (state.own_distance / worst[state.own_face]) ** now.weight_power
         )
-        total, move = np.zeros(n), np.zeros((3, n))
+        total = np.zeros(n)
+        move = np.zeros((3, n))
         for face, weights, each, off in (
             (state.face, state.weights, pull, state.off),
             (state.own_face, state.own_weights, own_pull, state.own_off),
@@ -370,7 +387,8 @@ class SurfaceFit:
         Vertices on seams move along their normal and the seam only, or faces would reach across it.
         corners: (3, m).
         """
-        points, seams = self.points, self.copies.one(self.seams)
+        points = self.points
+        seams = self.copies.one(self.seams)
         a, b = seams
         held, ends = np.unique(seams, return_inverse=True)
         if len(held):
@@ -398,13 +416,19 @@ class SurfaceFit:
 
     def flip(self) -> None:
         """Flip edges, but no seams, where that lessens the worst distance nearby."""
-        copies, before = self.copies, self.state
-        points, corners, seams = self.points, self.corners, copies.one(self.seams)
-        n, m = points.shape[1], corners.shape[1]
+        copies = self.copies
+        before = self.state
+        points = self.points
+        corners = self.corners
+        seams = copies.one(self.seams)
+        n = points.shape[1]
+        m = corners.shape[1]
         errors = copies.worst(before.errors())
         one, two, keys = sides_of_two(corners, n)
         a, b, c = (corners[(one // m + k) % 3, one % m] for k in (1, 2, 0))
-        d, one, two = corners[two // m, two % m], one % m, two % m
+        d = corners[two // m, two % m]
+        one = one % m
+        two = two % m
         was = np.maximum(errors[one], errors[two])
         fine = (was > settings.CURRENT.flip_from * self.worst) & ~np.isin(
             edge_keys(np.stack([c, d]), n), keys
@@ -423,7 +447,9 @@ class SurfaceFit:
             )
         )
         good = np.flatnonzero(now < settings.CURRENT.flip_gain * was)
-        taken, made, chosen = np.zeros(m, bool), set(), []
+        taken = np.zeros(m, bool)
+        made = set()
+        chosen = []
         for g in good[np.argsort((now - was)[good], kind="stable")].tolist():
             side = frozenset((c[g], d[g]))
             if not (taken[one[g]] or taken[two[g]] or side in made):
@@ -433,22 +459,20 @@ class SurfaceFit:
         if not chosen:
             return
         a, b, c, d, one, two = (copies.every(each[chosen]) for each in (a, b, c, d, one, two))
-        corners, taken = before.lod.corners.copy(), np.repeat(taken, copies.count)
-        corners[:, one], corners[:, two] = (c, a, d), (d, b, c)
+        corners = before.lod.corners.copy()
+        taken = np.repeat(taken, copies.count)
+        corners[:, one] = (c, a, d)
+        corners[:, two] = (d, b, c)
         lod = TriangleMesh(before.lod.points, corners)
-        face, weights, new = (
-            before.face.copy(),
-            before.weights.copy(),
-            np.flatnonzero(taken[before.face]),
-        )
+        face = before.face.copy()
+        weights = before.weights.copy()
+        new = np.flatnonzero(taken[before.face])
         start = before.lod.corner(face[new], weights.take(new, 1))
         face[new], weights[:, new] = walk(lod, start, before.there.take(new, 1))
         own_face, own_weights = self._spread(lod)
-        hit, hit_weights, new = (
-            before.hit.copy(),
-            before.hit_weights.copy(),
-            np.flatnonzero(taken[own_face]),
-        )
+        hit = before.hit.copy()
+        hit_weights = before.hit_weights.copy()
+        new = np.flatnonzero(taken[own_face])
         start = self.source.corner(hit[new], hit_weights.take(new, 1))
         here = lod.at(own_face[new], own_weights.take(new, 1))
         hit[new], hit_weights[:, new] = walk(self.source, start, here)
@@ -464,8 +488,11 @@ class SurfaceFit:
         corners: (4, k), a to d: the edge from a to b becomes that from c to d; faces: (2, k), the
         two at the edge. Where the distance is no less than `most` (k,), only some of it is known.
         """
-        (a, b, c, d), (one, two) = corners, faces
-        state, points, every = self.state, self.lod.points, np.arange(len(a))
+        (a, b, c, d) = corners
+        (one, two) = faces
+        state = self.state
+        points = self.lod.points
+        every = np.arange(len(a))
         order = np.argsort(state.face, kind="stable")
         first = np.searchsorted(state.face[order], np.arange(self.lod.corners.shape[1] + 1))
         worst = np.zeros(len(a))
@@ -485,7 +512,8 @@ class SurfaceFit:
             (two, (pc + pb + pd) / 3),
         ):
             some = np.flatnonzero(worst < most)
-            middle, hit = middle.take(some, 1), state.hit[face[some]]
+            middle = middle.take(some, 1)
+            hit = state.hit[face[some]]
             start = self.source.corner(hit, state.hit_weights.take(face[some], 1))
             worst[some] = np.maximum(
                 worst[some], length(middle - self.source.at(*walk(self.source, start, middle)))

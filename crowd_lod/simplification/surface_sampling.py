@@ -33,9 +33,11 @@ def between(
 
     corners: (3, m); faces: (j,); grid: (3, g). Returns faces (k,) and barycentric weights (3, k).
     """
-    face, weights = np.tile(faces, grid.shape[1]), np.repeat(grid, len(faces), axis=1)
+    face = np.tile(faces, grid.shape[1])
+    weights = np.repeat(grid, len(faces), axis=1)
     on_side = np.flatnonzero((weights == 0).any(axis=0))
-    side, every = weights[:, on_side].argmin(axis=0), np.arange(len(on_side))
+    side = weights[:, on_side].argmin(axis=0)
+    every = np.arange(len(on_side))
     ends, share = (
         [each[side - k, every] for k in (2, 1)]
         for each in (corners.take(face[on_side], 1), weights.take(on_side, 1))

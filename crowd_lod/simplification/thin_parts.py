@@ -18,7 +18,9 @@ from .triangle_mesh import blocks, ranges
 
 PAIRED = 1_000_000  # pairs of samples that are compared at a time
 MEASURED = 60  # lost samples, at most, whose pictures are looked at
-VIEWS, AROUND = 6, 8  # along the other surface, and lines of sight about a sample in each
+# along the other surface, and lines of sight about a sample in each
+VIEWS = 6
+AROUND = 8
 GROWTH = 1.2  # of a circle of lines of sight to the next one
 
 # (points (k, 3), directions (k, 3) of unit length) to (k,) meters
@@ -58,26 +60,26 @@ def samples(points: np.ndarray, triangles: np.ndarray, through: Through) -> Samp
     order = (sides.argmax(axis=1)[:, None] + np.arange(3)) % 3
     a, b, c = (corners[np.arange(len(corners)), order[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
-    area, length = np.linalg.norm(normals, axis=1), sides.max(axis=1)
+    area = np.linalg.norm(normals, axis=1)
+    length = sides.max(axis=1)
     along, up = (
         np.ceil(each / spacing).astype(np.intp).clip(1) for each in (length, area / length)
     )
-    face, number = (
-        np.repeat(np.arange(len(corners)), along * up),
-        ranges(np.zeros(len(corners), np.intp), along * up),
-    )
-    x, y = (
-        ((number % along[face] + 0.5) / along[face])[:, None],
-        ((number // along[face] + 0.5) / up[face])[:, None],
-    )
+    face = np.repeat(np.arange(len(corners)), along * up)
+    number = ranges(np.zeros(len(corners), np.intp), along * up)
+    x = ((number % along[face] + 0.5) / along[face])[:, None]
+    y = ((number // along[face] + 0.5) / up[face])[:, None]
     foot = np.einsum("md,md->m", c - a, b - a)[face, None] / length[face, None] ** 2
-    rising, falling = x / np.maximum(foot, x), (1 - x) / (1 - np.minimum(foot, x))
+    rising = x / np.maximum(foot, x)
+    falling = (1 - x) / (1 - np.minimum(foot, x))
     top = np.where(x < foot, a[face] + rising * (c - a)[face], b[face] + falling * (c - b)[face])
     base = a[face] + x * (b - a)[face]
-    at, inwards = base + y * (top - base), -(normals / area[:, None])[face]
+    at = base + y * (top - base)
+    inwards = -(normals / area[:, None])[face]
     cell = np.floor(at / (spacing / 2)).astype(np.intp)
     _, first = np.unique(np.concatenate([cell, inwards > 0], axis=1), axis=0, return_index=True)
-    at, inwards = at[first], inwards[first]
+    at = at[first]
+    inwards = inwards[first]
     return Samples(at, inwards, through(at, inwards), through)
 
 
@@ -106,7 +108,8 @@ class _Comparison:
 
     def look(self, some: np.ndarray) -> None:
         """Compare the samples `some` (k,) with the other surface, both along that one's normal."""
-        thin, now = self.thin, settings.CURRENT
+        thin = self.thin
+        now = settings.CURRENT
         normals = self.nearest(thin.at[some])[1]
         middle = (
             thin.at[some]
@@ -118,7 +121,9 @@ class _Comparison:
                 for side in (1, -1)
             ]
         known = np.isfinite(ends).all(axis=(0, 2))
-        some, normals, ends = some[known], normals[known], [end[known] for end in ends]
+        some = some[known]
+        normals = normals[known]
+        ends = [end[known] for end in ends]
         width, left = (
             np.einsum("kd,kd->k", a - b, normals)
             for a, b in (ends, [self.nearest(end)[0] for end in ends])
@@ -129,7 +134,8 @@ class _Comparison:
 
     def beside(self, some: np.ndarray) -> np.ndarray:
         """Which of the samples `some` (k,) are no farther from a lost one than `most`: (j,)."""
-        near, lost = np.full(len(some), np.inf), np.flatnonzero(self.lost)
+        near = np.full(len(some), np.inf)
+        lost = np.flatnonzero(self.lost)
         for block in blocks(len(lost), max(1, PAIRED // max(len(some), 1))):
             near = np.minimum(
                 near, _squares(self.thin.at[lost[block]], self.thin.at[some]).min(axis=0)
@@ -144,7 +150,8 @@ class _Comparison:
         """
         lost = np.flatnonzero(self.lost)
         some = lost[np.linspace(0, len(lost) - 1, min(MEASURED, len(lost))).round().astype(int)]
-        at, normals = self.thin.at[some], self.normals[some]
+        at = self.thin.at[some]
+        normals = self.normals[some]
         at = (
             at
             + np.minimum(self.thin.thickness[some], self.most)[:, None]
@@ -158,10 +165,12 @@ class _Comparison:
         views = (np.cos(turns)[:, None, None] * side + np.sin(turns)[:, None, None] * up).reshape(
             -1, 3
         )
-        at, normals = np.tile(at, (VIEWS, 1)), np.tile(normals, (VIEWS, 1))
+        at = np.tile(at, (VIEWS, 1))
+        normals = np.tile(normals, (VIEWS, 1))
         across = np.cross(views, normals)
         size = float(np.linalg.norm(np.ptp(self.thin.at, axis=0)))
-        radius, around = self.deviation / GROWTH**4, 2 * np.pi * np.arange(AROUND) / AROUND
+        radius = self.deviation / GROWTH**4
+        around = 2 * np.pi * np.arange(AROUND) / AROUND
         waiting = np.flatnonzero(~meets(at, views))
         while len(waiting) and radius < size:
             shown = np.zeros(len(waiting), bool)

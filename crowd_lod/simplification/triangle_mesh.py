@@ -31,7 +31,8 @@ class TriangleMesh:
     """
 
     def __init__(self, points: np.ndarray, corners: np.ndarray):
-        self.points, self.corners = points, corners
+        self.points = points
+        self.corners = corners
         self.vertex_faces = np.argsort(corners.ravel(), kind="stable") % corners.shape[1]
         self.first = np.concatenate(
             [[0], np.cumsum(np.bincount(corners.ravel(), minlength=points.shape[1]))]
@@ -94,7 +95,8 @@ class TriangleMesh:
         """
         sides = np.stack([self.corners.T, self.corners.T[:, [1, 2, 0]]]).reshape(2, -1)
         n = self.points.shape[1]
-        back, own = sides[1] * n + sides[0], sides[0] * n + sides[1]
+        back = sides[1] * n + sides[0]
+        own = sides[0] * n + sides[1]
         keys, first, count = np.unique(own, return_index=True, return_counts=True)
         place = np.searchsorted(keys, back).clip(max=len(keys) - 1)
         one = (keys[place] == back) & (count[place] == 1) & (count[np.searchsorted(keys, own)] == 1)
@@ -137,7 +139,8 @@ def edges_of(corners: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.nd
     """
     keys = np.sort(edge_keys(np.stack([corners, np.roll(corners, 1, axis=0)]).reshape(2, -1), n))
     first = np.flatnonzero(np.diff(keys, prepend=-1))
-    faces, keys = np.diff(first, append=len(keys)), keys[first]
+    faces = np.diff(first, append=len(keys))
+    keys = keys[first]
     return keys, np.stack(np.divmod(keys, n)), faces
 
 
@@ -177,5 +180,6 @@ def length(vectors: np.ndarray) -> np.ndarray:
 
 def normals(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
     """Of triangles abc, each (3, k), as long as twice their area."""
-    (ux, uy, uz), (vx, vy, vz) = b - a, c - a
+    (ux, uy, uz) = b - a
+    (vx, vy, vz) = c - a
     return np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx])

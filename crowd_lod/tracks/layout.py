@@ -74,7 +74,8 @@ def _lines(data: bytearray, where: str) -> Iterator[bytearray]:
 
 def layout_of(data: bytearray, where: str) -> Table:
     """Return how the table `data` is laid out."""
-    at, row = 0, ""
+    at = 0
+    row = ""
     comments: list[str] = []
     titles: list[str] = []
     for raw in _lines(data, where):
@@ -252,5 +253,6 @@ def _numeric_places(row: str, titles: list[str]) -> bool:
     """Return whether the row has numbers where the titles have places, as beside ids that are
     texts.
     """
-    columns, values = columns_of(titles), _split(row)
+    columns = columns_of(titles)
+    values = _split(row)
     return all(columns[axis] < len(values) and _is_number(values[columns[axis]]) for axis in "xy")

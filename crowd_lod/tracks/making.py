@@ -31,7 +31,8 @@ def tracks_of(rows: Rows, where: str) -> Tracks:
     ids, agent = numbered(rows.id)
     columns = _by_agent(rows, agent.astype(np.int32))
     breath()
-    agent, frame = columns["agent"], columns["frame"]
+    agent = columns["agent"]
+    frame = columns["frame"]
     enters = np.diff(agent, prepend=-1) > 0
     passed = np.diff(frame, append=frame[-1:])
     passed[np.append(enters[1:], True)] = 0
@@ -85,7 +86,8 @@ def _by_agent(rows: Rows, agent: np.ndarray) -> dict[str, np.ndarray]:
     columns = {name: column for name, column in rows.columns.items() if name != "id"} | {
         "agent": agent
     }
-    frame, ahead = rows.frame, np.diff(agent)
+    frame = rows.frame
+    ahead = np.diff(agent)
     if len(agent) > 1 and not ((ahead > 0) | ((ahead == 0) & (np.diff(frame) >= 0))).all():
         order = order_by(agent, order_by(frame))
         columns = _taken(columns, order)
@@ -122,7 +124,8 @@ def _check_once(
 def _check_speeds(
     ids: np.ndarray, columns: dict[str, np.ndarray], seconds: np.ndarray, rows: Rows, where: str
 ) -> None:
-    agent, frame = columns["agent"], columns["frame"]
+    agent = columns["agent"]
+    frame = columns["frame"]
     first = np.flatnonzero(np.diff(agent, prepend=-1))
     ways = np.hypot(
         np.diff(columns["x"], append=columns["x"][-1:]),
@@ -135,7 +138,8 @@ def _check_speeds(
     if speed.max() <= FASTEST:
         return
     worst = int(speed.argmax())
-    since, until = first[worst], np.append(first[1:], len(agent))[worst] - 1
+    since = first[worst]
+    until = np.append(first[1:], len(agent))[worst] - 1
     times, by = UNITS[rows.unit or "m"]
     fits = [
         f"{unit} ({speed[worst] * by / times * own[0] / own[1]:.2g} m/s)"
@@ -205,7 +209,9 @@ def _in_classes(
     """Return (order, classes): the rows' order by class and frame, and Tracks.classes."""
     with np.errstate(divide="ignore"):
         classes = np.clip(np.ceil(np.log2(passed / step) - 1e-6), 0, 60).astype(np.uint8)
-    orders, found, at = [], [], 0
+    orders = []
+    found = []
+    at = 0
     for each in np.flatnonzero(np.bincount(classes)):
         some = np.flatnonzero(classes == each)
         orders.append(order_by(frame, some))

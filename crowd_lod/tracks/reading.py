@@ -171,7 +171,8 @@ def _standing(rows: Rows) -> Rows:
     """
     if rows.z is None or not rows.z.any():
         return replace(rows, z=None)
-    low, high = float(rows.z.min()), float(rows.z.max())
+    low = float(rows.z.min())
+    high = float(rows.z.max())
     if rows.heading is None and not rows.feet and HEADS[0] <= low and high <= HEADS[1]:
         told = (
             f"Its z of {low:.3g} to {high:.3g} m is taken for the height of heads: agents "

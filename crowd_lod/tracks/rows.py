@@ -92,7 +92,8 @@ def check_rows(rows: Rows, path: Path) -> Rows:
     CrowdError if there are none or too many, a column has another length, or a value cannot be
     used.
     """
-    where, count = printable(path), len(rows)
+    where = printable(path)
+    count = len(rows)
     if not count:
         raise CrowdError(f"The file {where} has no rows: choose a file of trajectories.")
     if count > MOST_ROWS:

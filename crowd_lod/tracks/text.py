@@ -116,7 +116,8 @@ def _rate_of(frame: np.ndarray, time: np.ndarray) -> float:
     """Return the frames a second of a table that has both, or 0 if they do not go together."""
     if not len(frame):
         return 0.0
-    first, last = int(frame.argmin()), int(frame.argmax())
+    first = int(frame.argmin())
+    last = int(frame.argmax())
     passed = float(time[last] - time[first])
     if passed * RATES[1] < 1:
         return 0.0
@@ -320,5 +321,6 @@ def _timed(columns: dict[str, Any], rate: float) -> tuple[dict[str, Any], float]
     rate = rate or min(max(round(1 / step, 3), RATES[0]), RATES[1])
     frame = np.rint(time * rate)
     if not np.allclose(frame, time * rate, rtol=0, atol=0.01):
-        frame, rate = time, 1.0
+        frame = time
+        rate = 1.0
     return columns | {"frame": frame}, rate

@@ -54,7 +54,8 @@ def _looked(scene: bpy.types.Scene) -> Iterator[tuple[str, str]]:
                 CHARACTER + name,
                 provenance.character_digest(objects, partial(_actions, scene, name, objects)),
             )
-        levels, seen = scene.crowd_lod.levels, set()
+        levels = scene.crowd_lod.levels
+        seen = set()
         for k, level in enumerate(levels.children if levels is not None else ()):
             for home in level.children:
                 if home not in seen:  # a character with few LODs shows its last in place of others

@@ -77,7 +77,9 @@ def sole(actors: Actors, depsgraph: bpy.types.Depsgraph) -> tuple[float, float]:
     """Return the height of a character's soles, and of its lowest point, world space; see
     sole_of.
     """
-    count, points, triangles = 0, [np.empty((0, 3))], [np.empty((0, 3), np.int32)]
+    count = 0
+    points = [np.empty((0, 3))]
+    triangles = [np.empty((0, 3), np.int32)]
     for actor in actors.values():
         places, sides = mesh_data.world_triangles(actor.evaluated_get(depsgraph))
         points.append(places)
@@ -101,7 +103,8 @@ def posing(
     Returns a measurement for each frame. Whenever it yields, the file holds none of its temporary
     data.
     """
-    performance, poses = performance or own_performance(objects), []
+    performance = performance or own_performance(objects)
+    poses = []
     while len(poses) < len(frames):
         with cleanup.scratch(), as_rendered(objects) as (stage, actors), performance:
             for item in armatures_of(objects):
@@ -154,7 +157,8 @@ def walked(act: Act) -> float:
     Points near the ground are taken to stand on it; their way backward, in the middle of those of a
     pose, is the walk's. 0 if nothing stands in any pose.
     """
-    ground, poses = ground_below(act), act.poses
+    ground = ground_below(act)
+    poses = act.poses
     low = min(float(pose[:, 2].min(initial=np.inf)) for pose in poses)
     near = FEET * (max(float(pose[:, 2].max(initial=-np.inf)) for pose in poses) - low)
     steps = []

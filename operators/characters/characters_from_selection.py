@@ -167,7 +167,8 @@ class CROWDLOD_OT_characters_from_selection(Reporting, bpy.types.Operator):
         )
 
     def run(self, context) -> str:
-        scene, selected = context.scene, context.selected_objects
+        scene = context.scene
+        selected = context.selected_objects
         top = scene.crowd_lod.characters
         if top is not None and (top.library or top.override_library):
             raise CrowdError(

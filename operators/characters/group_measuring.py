@@ -121,7 +121,8 @@ def _acted(
     """Measure the extent and the soles of `objects` over each action of the performance; see
     `posing`.
     """
-    acts, count = [], len(performance.spans)
+    acts = []
+    count = len(performance.spans)
     for k, span in enumerate(performance.spans):
         poses = yield from share(
             posing(objects, frames_of(*span), performance), k / count, (k + 0.8) / count

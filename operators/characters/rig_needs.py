@@ -78,7 +78,8 @@ def leads(characters: Characters, groups: Sequence[Group]) -> list[int]:
     groups: as they were measured, of the `characters`.
     CrowdError if a group has no such action any more.
     """
-    names, found = {group.name: g for g, group in enumerate(groups)}, []
+    names = {group.name: g for g, group in enumerate(groups)}
+    found = []
     for g, group in enumerate(groups):
         lead = names.get(group.variant_of, g)
         found.append(

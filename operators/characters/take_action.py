@@ -196,7 +196,8 @@ def take(rig: bpy.types.Object, fit: Fit) -> bpy.types.Action:
     placing = [curve for curve in fit.curves if curve.data_path in FIXED]
     if renamed or any(_shifts(rig, curve) for curve in placing):
         action = fit.action.copy()
-        action.name, action.use_fake_user = f"{fit.action.name} {rig.name}", True
+        action.name = f"{fit.action.name} {rig.name}"
+        action.use_fake_user = True
         _adapt(action, fit, renamed)
     data = rig.animation_data_create()
     data.action = action

@@ -92,7 +92,8 @@ def _seams(triangles: np.ndarray, ids: np.ndarray) -> np.ndarray:
         np.sort(np.stack([t, np.roll(t, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
         for t in (triangles, ids)
     )
-    edge, uv_edge = unique_rows(ends), unique_rows(own)
+    edge = unique_rows(ends)
+    uv_edge = unique_rows(own)
     _, first = np.unique(uv_edge, return_index=True)
     split = np.bincount(edge[first], minlength=edge.max() + 1) > 1
     _, at = np.unique(edge, return_index=True)
@@ -134,13 +135,15 @@ def locate(
     """
     charts = charts_of(source)
     at_points, triangles = source.geometry[:2]
-    triangle, distance = np.empty(len(points), np.intp), np.empty(len(points))
+    triangle = np.empty(len(points), np.intp)
+    distance = np.empty(len(points))
     inside = np.empty((len(points), 3))
     order = np.argsort(chart, kind="stable")
     for group in np.split(order, np.flatnonzero(np.diff(chart[order])) + 1):
         one = int(chart[group[0]])
         at, hit, distance[group] = charts.surface(one, at_points, triangles).nearest(points[group])
-        triangle[group], inside[group] = charts.members[one][hit], at
+        triangle[group] = charts.members[one][hit]
+        inside[group] = at
     abc = [at_points[triangles[triangle, i]].astype(np.float64).T for i in range(3)]
     within = barycentric(inside.T, *abc).T.clip(0, 1)
     within /= within.sum(axis=1, keepdims=True)
@@ -366,7 +369,8 @@ def set_keys(item: bpy.types.Object, source: Source) -> None:
     mesh = item.data
     if not source.keys:
         return
-    points, offsets = positions(mesh), [offset_of(mesh, index) for index in range(len(source.keys))]
+    points = positions(mesh)
+    offsets = [offset_of(mesh, index) for index in range(len(source.keys))]
     for index in range(len(source.keys)):
         mesh.attributes.remove(mesh.attributes[f"{KEY}{index}"])
     item.shape_key_add(name="Basis", from_mix=False)
@@ -375,11 +379,9 @@ def set_keys(item: bpy.types.Object, source: Source) -> None:
         original = source.item.data.shape_keys.key_blocks[name]
         key = item.shape_key_add(name=name, from_mix=False)
         key.data.foreach_set("co", (points + offset).ravel())
-        key.slider_min, key.slider_max, key.value = (
-            original.slider_min,
-            original.slider_max,
-            original.value,
-        )
+        key.slider_min = original.slider_min
+        key.slider_max = original.slider_max
+        key.value = original.value
         driver = key.driver_add("value").driver
         driver.type = "SUM"
         variable = driver.variables.new()
@@ -417,17 +419,18 @@ def set_weights(item: bpy.types.Object, names: list[str], rigs: list[set[str]], 
     rig = np.array(rig_of, np.intp)[group]
     order = np.lexsort((-weight, vertex, rig))
     order = order[(weight > 0)[order] | (rig == len(rigs))[order]]
-    vertex, group, weight, rig = vertex[order], group[order], weight[order], rig[order]
+    vertex = vertex[order]
+    group = group[order]
+    weight = weight[order]
+    rig = rig[order]
     place = rig * len(item.data.vertices) + vertex  # a vertex of a rig
     first = np.searchsorted(place, place)
     keep = (np.arange(len(place)) - first < MOST_INFLUENCES) | (rig == len(rigs))
-    vertex, group, weight, rig, place = (
-        vertex[keep],
-        group[keep],
-        weight[keep],
-        rig[keep],
-        place[keep],
-    )
+    vertex = vertex[keep]
+    group = group[keep]
+    weight = weight[keep]
+    rig = rig[keep]
+    place = place[keep]
     of_bone = rig < len(rigs)
     weight[of_bone] /= np.bincount(place, weight)[place[of_bone]]
     same = (

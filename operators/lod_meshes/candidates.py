@@ -34,12 +34,10 @@ from .search import Search
 # Custom properties of a LOD's collection of one character group: the hash of what it was made from,
 # which candidate it is, and how many objects it has; of the finest, what was measured of those that
 # were made.
-DIGEST, CANDIDATE, SIZE, MEASURED = (
-    "crowd_lod_digest",
-    "crowd_lod_candidate",
-    "crowd_lod_size",
-    "crowd_lod_measured",
-)
+DIGEST = "crowd_lod_digest"
+CANDIDATE = "crowd_lod_candidate"
+SIZE = "crowd_lod_size"
+MEASURED = "crowd_lod_measured"
 # Of Group, a value a LOD
 COLUMNS = {
     "vertices": int,
@@ -115,7 +113,9 @@ class Ladder:
         place: Sequence[float],
     ):
         actions = actions_named(settings.id_data, name)
-        self.name, self.objects, self.method = name, objects, settings.method
+        self.name = name
+        self.objects = objects
+        self.method = settings.method
         self.searched = settings.choice == "BY_TOLERANCE"
         self.goals = [0.0] if self.searched else ratios
         self.looks = Looks() if self.searched and settings.shading_counts else None
@@ -126,10 +126,8 @@ class Ladder:
         self.rows: dict[float, tuple] = {}
         self.found: dict[float, bpy.types.Collection] = {}
         self.made: dict[float, bpy.types.Collection] = {}
-        self.by, self.diagonal = (
-            Measure(name, objects, actions, settings.hidden_surface_counts),
-            0.0,
-        )
+        self.by = Measure(name, objects, actions, settings.hidden_surface_counts)
+        self.diagonal = 0.0
         self.search: Search | None = None
 
     def read(self) -> Iterator[float]:
@@ -322,7 +320,9 @@ class Ladder:
             item.name = f"{source.item.name} LOD {k}"
             if WAY in item:
                 item.data.name = item.name
-        home[DIGEST], home[CANDIDATE], home[SIZE] = self.digest, goal, len(items)
+        home[DIGEST] = self.digest
+        home[CANDIDATE] = goal
+        home[SIZE] = len(items)
         self.found[goal] = self.made[goal] = home
 
     def _note(
@@ -332,7 +332,8 @@ class Ladder:
         self.diagonal = self.by.diagonal
         self.rows[goal] = *counts, *measured
         if self.looks:
-            at, level = (self.by.performance, measured[-1]), list(self.found[goal].objects)
+            at = (self.by.performance, measured[-1])
+            level = list(self.found[goal].objects)
             self.rows[goal] += (
                 compare(self.objects, level, at, self.diagonal, self.looks) if goal else 0.0,
             )

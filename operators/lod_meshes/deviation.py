@@ -69,7 +69,9 @@ class Measure:
         actions: Sequence[str] = (),
         hidden_counts: bool = False,
     ):
-        self.name, self.objects, self.character = name, objects, None
+        self.name = name
+        self.objects = objects
+        self.character = None
         self.hidden_counts = hidden_counts
         self._levels: dict[tuple[int, ...], PosedSurface] = {}
         self.worst: Worst | None = None  # of the LOD that was measured last
@@ -137,7 +139,8 @@ class Measure:
         They are the character's, of the object whose number comes before them.
         """
         deviation, pose, place = self.worst
-        whole, begins = self.character.surface([pose]), self.character.shapes[pose].begins
+        whole = self.character.surface([pose])
+        begins = self.character.shapes[pose].begins
         face = whole.moving.find(0, place[None])
         around = np.flatnonzero(np.isin(whole.place, whole.moving.triangles[face]))
         number = int(np.searchsorted(begins, around[0], side="right")) - 1
@@ -201,7 +204,8 @@ class Measure:
         Measure has measured stay as they are.
         Returns the same, with greater bounds where a frame exceeds them.
         """
-        found, moments = list(found), moments_between(self.performance)
+        found = list(found)
+        moments = moments_between(self.performance)
         some = [k for k, row in enumerate(found) if row[0] > 0 and _key(levels[k]) in self._levels]
         lods = [self._levels[_key(levels[k])] for k in some]
         if (
@@ -216,7 +220,8 @@ class Measure:
             off = yield from share(look_at(posed, moments, pairs), 0.0, 0.8)
             beside = moments_beside(moments, off)
             closer = yield from share(look_at(posed, beside, pairs), 0.8, 0.9)
-            times, off = np.array([*moments, *beside]), np.concatenate([off, closer], axis=1)
+            times = np.array([*moments, *beside])
+            off = np.concatenate([off, closer], axis=1)
             for number, (k, lod) in enumerate(zip(some, lods, strict=True)):
                 looked = Looked(
                     posed, number, (self.character, lod), pairs[number], times, off[number]
@@ -260,7 +265,8 @@ def measure(
     objects: the character's; levels: those of each LOD; actions, hidden_counts: see Measure.
     Returns the group with deviations and bounds.
     """
-    by, found = Measure(group.name, objects, actions, hidden_counts), []
+    by = Measure(group.name, objects, actions, hidden_counts)
+    found = []
     for k, level in enumerate(levels):
         found.append(
             (
@@ -331,11 +337,13 @@ def measure_levels(scene: bpy.types.Scene) -> Iterator[float]:
                 f"The character group {name} has no LOD meshes in {settings.levels.name}: press "
                 f"Make LOD Meshes again."
             )
-        meshes, actions = meshes_of(settings.levels, g, name), actions_named(scene, name)
+        meshes = meshes_of(settings.levels, g, name)
+        actions = actions_named(scene, name)
         steps = measure(known[name], objects, meshes, actions, settings.hidden_surface_counts)
         found = yield from share(steps, g / len(characters), (g + 1) / len(characters))
         if settings.shading_counts:
-            looks, others = Looks(), zip(meshes[1:], found.worst[1:], strict=True)
+            looks = Looks()
+            others = zip(meshes[1:], found.worst[1:], strict=True)
             performance = performance_of(name, objects, actions)
             shaded = (
                 compare(objects, mesh, (performance, worst), found.diagonal, looks)

@@ -24,12 +24,10 @@ TINTS = (
 )
 # Custom properties of objects: the hash of what was made; how, why so, and the milliseconds it
 # took.
-AS_MADE, WAY, WHY, MILLISECONDS = (
-    "crowd_lod_as_made",
-    "crowd_lod_method",
-    "crowd_lod_why",
-    "crowd_lod_ms",
-)
+AS_MADE = "crowd_lod_as_made"
+WAY = "crowd_lod_method"
+WHY = "crowd_lod_why"
+MILLISECONDS = "crowd_lod_ms"
 
 
 def hash_made(item: bpy.types.Object) -> str:
@@ -73,11 +71,9 @@ def make_object(
     attribute_transfer.set_normals(made.mesh)
     attribute_transfer.set_keys(copy, source)
     attribute_transfer.mark_active(made.mesh, source.mesh)
-    copy[WAY], copy[WHY], copy[MILLISECONDS] = (
-        made.method,
-        " ".join([made.why, *source.notes]),
-        made.milliseconds,
-    )
+    copy[WAY] = made.method
+    copy[WHY] = " ".join([made.why, *source.notes])
+    copy[MILLISECONDS] = made.milliseconds
     return copy, len(made.mesh.vertices), _triangles(made.mesh)
 
 

@@ -29,7 +29,8 @@ from .selection import chosen
 
 # custom properties of the collection of all LODs: what they were made for, and what they were
 # chosen from
-MADE_FOR, CHOSEN_FROM = "crowd_lod_made_for", "crowd_lod_chosen_from"
+MADE_FOR = "crowd_lod_made_for"
+CHOSEN_FROM = "crowd_lod_chosen_from"
 # changes after which the candidates are others than those that LODs were chosen from
 UNFORESEEN = {"actions", "decimation", "character groups"}
 _known: dict[int, tuple[tuple, "Forecast | None"]] = scene_cache.add_cache({}, by_scene=True)
@@ -171,7 +172,8 @@ def changed(scene: bpy.types.Scene) -> dict[str, tuple[str, str]]:
     settings = scene.crowd_lod
     if settings.levels is None:
         return {}
-    before, now = provenance.read_inputs(settings.levels, MADE_FOR), _facts(scene)
+    before = provenance.read_inputs(settings.levels, MADE_FOR)
+    now = _facts(scene)
     return _lacks(settings) | {
         name: (before[name], now[name])
         for name in now
@@ -192,12 +194,11 @@ def edited(scene: bpy.types.Scene) -> list[str]:
 
 def _lacks(settings) -> dict[str, tuple[str, str]]:
     """Return how many LODs and groups there are, if the settings ask for others; as `changed`."""
-    levels, asked = settings.levels.children, count_of(settings)
+    levels = settings.levels.children
+    asked = count_of(settings)
     found = {"levels": (str(len(levels)), str(asked))} if len(levels) < asked else {}
-    names, homes = (
-        [group.name for group in settings.groups],
-        [*levels[0].children] if levels else [],
-    )
+    names = [group.name for group in settings.groups]
+    homes = [*levels[0].children] if levels else []
     if names and len(homes) != len(names):
         return found | {"character groups": (str(len(homes)), str(len(names)))}
     renamed = [
@@ -272,12 +273,15 @@ def forecast(scene: bpy.types.Scene) -> Forecast | None:
 
 def _forecast(scene: bpy.types.Scene, stored: dict) -> Forecast | None:
     """Choose again from what is `stored`, as the camera is now."""
-    settings, camera, now = scene.crowd_lod, _camera(scene), _scale(scene)
+    settings = scene.crowd_lod
+    camera = _camera(scene)
+    now = _scale(scene)
     before = stored["camera"]
     if camera is None or not now or not before or now[0] != before[0]:
         return None
     closer = now[1] / before[1]
-    engine, shading = scene_data.engine_of(scene), settings.shading_counts
+    engine = scene_data.engine_of(scene)
+    shading = settings.shading_counts
     shots = [
         GroupShot(
             [_unpacked(view, camera, closer) for view in own["views"]],
@@ -296,7 +300,8 @@ def _forecast(scene: bpy.types.Scene, stored: dict) -> Forecast | None:
     ).keep
     rows = []
     for own, group, then in zip(stored["groups"], groups, keep, strict=True):
-        before, after = _ratios(own["triangles"], own["keep"]), _ratios(group.triangles, then)
+        before = _ratios(own["triangles"], own["keep"])
+        after = _ratios(group.triangles, then)
         if before != after:
             rows.append((own["name"], before, after))
     tolerance = provenance.read_inputs(settings.levels, MADE_FOR)["tolerance"]
@@ -311,7 +316,8 @@ def _foreseen(settings, stored: dict, shot: GroupShot) -> Group:
     bounds, triangles, shaded = (
         np.array(stored[name]) for name in ("bounds", "triangles", "shaded")
     )
-    tolerance, finest = round(settings.tolerance, 6), stored["diagonal"] / triangles[0]
+    tolerance = round(settings.tolerance, 6)
+    finest = stored["diagonal"] / triangles[0]
     lengths = allowed_lengths(
         shot.views, stored["radius"], tolerance, finest, finer=DARKER if len(shaded) else 1.0
     )
@@ -370,7 +376,9 @@ def _scale(scene: bpy.types.Scene) -> list:
 
 def _facts(scene: bpy.types.Scene) -> dict[str, str]:
     """Return what the LODs depend on, besides the crowd. A lens that moves is left out."""
-    settings, render, camera = scene.crowd_lod, scene.render, scene.camera
+    settings = scene.crowd_lod
+    render = scene.render
+    camera = scene.camera
     method = settings.bl_rna.properties["method"].enum_items.get(settings.method)
     facts = {"decimation": method.name if method else "unknown"}
     if settings.choice == "BY_RATIO":

@@ -104,7 +104,8 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
     for view_layer in scene.view_layers:
         view_layer.update()  # a scene that was never evaluated has no layer collections yet
         view_layer.layer_collection.children[top.name].exclude = True
-    settings.levels, settings.dropped = top, "\n".join(_told(ladders, chosen.dropped))
+    settings.levels = top
+    settings.dropped = "\n".join(_told(ladders, chosen.dropped))
     note_shot(scene, guesses, shots, chosen.keep)
     settings.memory_tolerance, settings.memory_made, settings.estimate = (
         chosen.tolerance,
@@ -137,7 +138,9 @@ def _read(
     each.
     """
     settings = scene.crowd_lod
-    ladders, reaches, ratios = [], {}, selection.ratios_of(settings)
+    ladders = []
+    reaches = {}
+    ratios = selection.ratios_of(settings)
     for g, (name, objects, origin) in enumerate(characters):
         ladder = Ladder(name, objects, ratios, settings, (*origin, float(stands(settings, name))))
         yield from share(ladder.read(), 0.1 * g / len(characters), 0.1 * (g + 1) / len(characters))
@@ -170,7 +173,10 @@ def _chosen(
     One that was chosen by a guess is measured, and all are chosen again, until all that are chosen
     are measured. Returns the choice, and the groups with values of all their candidates.
     """
-    chosen, guesses, missing, total = None, [], True, sum(len(ladder.goals) for ladder in ladders)
+    chosen = None
+    guesses = []
+    missing = True
+    total = sum(len(ladder.goals) for ladder in ladders)
     while missing:
         usual = [lost for ladder in ladders for lost in ladder.lost()]
         guesses = [
@@ -191,7 +197,8 @@ def _chosen(
         ]
         for ladder, k in missing[:1]:  # it says more of the others
             tried = sum(len(known) for known in measured)
-            begin, end = 0.1 + 0.79 * tried / total, 0.1 + 0.79 * (tried + 1) / total
+            begin = 0.1 + 0.79 * tried / total
+            end = 0.1 + 0.79 * (tried + 1) / total
             yield from share(ladder.measure(ladder.goals[k]), begin, end)
     return chosen, guesses
 
@@ -204,7 +211,9 @@ def _made(
     Yields the progress. Returns their collections by ladder, and the names of groups whose LODs
     were edited.
     """
-    homes, edited, taken = [], [], set()
+    homes = []
+    edited = []
+    taken = set()
     for g, (ladder, kept) in enumerate(zip(ladders, keep, strict=True)):
         ladder.find(earlier, taken)
         goals = [ladder.goals[k] for k in kept]
@@ -229,7 +238,8 @@ def _linked(
     homes: by group, then LOD; feet: where each group stands; before: the data-blocks that there
     were. Returns the collection of all LODs, and those of each.
     """
-    top, levels = bpy.data.collections.new("Crowd LOD"), []
+    top = bpy.data.collections.new("Crowd LOD")
+    levels = []
     for k in range(max(map(len, homes))):
         levels.append(bpy.data.collections.new(f"Crowd LOD {k}"))
         top.children.link(levels[k])

@@ -91,7 +91,8 @@ def _sewn(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
         .reshape(-1, 2)
         .astype(np.int64)
     )
-    low, high = half.min(axis=1), half.max(axis=1)
+    low = half.min(axis=1)
+    high = half.max(axis=1)
     _, first, times = np.unique(low * count + high, return_index=True, return_counts=True)
     border = first[times == 1]
     if not len(border):

@@ -16,10 +16,9 @@ from .shaded_pictures import similarity
 from .source_mesh import Source, evaluated_mesh, read_weights, staged
 from .surface import Surface, roughly, scattered
 
-COMPARED, IN_MOTION = (
-    4_000,
-    1_000,
-)  # points of each surface that the two ways are compared at, at rest and in each pose
+# points of each surface that the two ways are compared at, at rest and in each pose
+COMPARED = 4_000
+IN_MOTION = 1_000
 UV_OFF = 0.05  # distance in UV space from which on a point counts as off
 MOST_OFF = 0.02  # part of the surface that may be off without the precise way being asked
 KEPT = 0.05  # part of the area that a LOD's silhouette may gain or lose
@@ -198,7 +197,8 @@ def _precise(source: Source, ratio: float, name: str, why: str) -> Made:
     item = bpy.data.objects.new(name, source.mesh)
     try:
         modifier = item.modifiers.new("Decimate", "DECIMATE")
-        modifier.ratio, modifier.use_collapse_triangulate = ratio, True
+        modifier.ratio = ratio
+        modifier.use_collapse_triangulate = True
         with staged(item) as depsgraph:
             mesh = evaluated_mesh(item, depsgraph)
     finally:
@@ -228,7 +228,8 @@ def errors(source: Source, mesh: bpy.types.Mesh) -> Generator[None, None, Errors
     points, triangles, corners, _ = mesh_data.read_triangles(mesh)
     diagonal = float(np.linalg.norm(np.ptp(source.surface.points, axis=0))) or 1.0
     made = Surface(points, triangles)
-    rest, motion = roughly(source.surface, made, COMPARED), 0.0
+    rest = roughly(source.surface, made, COMPARED)
+    motion = 0.0
     follows = nearest_vertices(source, points) if source.posed else None
     for pose, surface in enumerate(source.posed):
         yield
@@ -254,7 +255,8 @@ def uv_error(source: Source, mesh: bpy.types.Mesh, surface: Surface, corners: np
         return 0.0
     face, mine = scattered(surface.area, COMPARED)
     at, hit, _ = source.surface.nearest(surface.at(face, mine))
-    there, there_corners = source.geometry[1][hit], source.geometry[2][hit]
+    there = source.geometry[1][hit]
+    there_corners = source.geometry[2][hit]
     theirs = barycentric(
         at.T, *(source.geometry[0][there[:, i]].astype(np.float64).T for i in range(3))
     ).T.clip(0, 1)

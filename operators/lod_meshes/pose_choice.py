@@ -12,7 +12,8 @@ from ..blender.performance import Performance
 from .source_mesh import positions, read_weights
 
 # poses spread over the action, its ends included, and with those least like any before
-EVENLY, POSES = 4, 12
+EVENLY = 4
+POSES = 12
 # the origin and a point on each axis
 AXES = np.array([(0, 0, 0, 1), (1, 0, 0, 1), (0, 1, 0, 1), (0, 0, 1, 1)], np.float64).T
 LOOKED_AT = 3_000  # frames of an action at which its joints are looked at, at most
@@ -31,7 +32,8 @@ def poses(
     """
     performance = performance or own_performance(list(objects))
     parts = [_frames(*span) for span in performance.spans]
-    times, begins = np.concatenate(parts), np.cumsum([0, *map(len, parts)]).tolist()
+    times = np.concatenate(parts)
+    begins = np.cumsum([0, *map(len, parts)]).tolist()
     motions: tuple[np.ndarray, np.ndarray] | None = None
     chosen: list[int] = []
     for k, (begin, end) in enumerate(zip(begins, begins[1:], strict=False)):
@@ -93,10 +95,12 @@ def _motions(
     how far each shape key moves what it moves most. The second are the axes of each bone seen from
     its parent's, as long as the bone reaches.
     """
-    places, bends = [], []
+    places = []
+    bends = []
     with cleanup.scratch(), performance:
         stage = bpy.data.scenes.new("Crowd LOD poses")
-        rigs, items = armatures_of(objects), [item.copy() for item in objects]
+        rigs = armatures_of(objects)
+        items = [item.copy() for item in objects]
         for item in (*rigs, *items):
             stage.collection.objects.link(item)
         reaches = [mesh_data.key_reaches(item) for item in items]
@@ -146,7 +150,8 @@ class _Bones:
             number = np.array([names.get(group.name, -1) for group in item.vertex_groups])
             vertex, group, weight = read_weights(item.data)
             carried = (weight >= CARRIED) & (number[group] >= 0)
-            vertex, bone = vertex[carried], number[group[carried]]
+            vertex = vertex[carried]
+            bone = number[group[carried]]
             matrix = np.array(rig.matrix_world.inverted_safe() @ item.matrix_world, np.float64)
             points = positions(item.data)[vertex] @ matrix[:3, :3].T + matrix[:3, 3]
             np.maximum.at(reach, bone, np.linalg.norm(points - heads[bone], axis=1))

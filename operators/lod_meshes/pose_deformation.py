@@ -24,7 +24,8 @@ def skin_of(source: Source, frames: Sequence[float]) -> Iterator[None]:
     point. Then one copy gives the places, and the sides of its triangles give the derivatives. The
     strongest keys that are at zero in all poses add one more pose each, alone at full value.
     """
-    item, mesh = source.item, source.mesh
+    item = source.item
+    mesh = source.mesh
     if mesh is None or item.type != "MESH":
         return
     if not (
@@ -36,7 +37,10 @@ def skin_of(source: Source, frames: Sequence[float]) -> Iterator[None]:
     rest = source.geometry[0].astype(np.float64)
     step = APART * (float(np.ptp(rest, axis=0).max()) or 1.0)
     axes = np.zeros((1, 3)) if source.keys else np.concatenate([np.zeros((1, 3)), np.eye(3)])
-    stage, made, found, values = bpy.data.scenes.new("Crowd LOD skin"), [], [], []
+    stage = bpy.data.scenes.new("Crowd LOD skin")
+    made = []
+    found = []
+    values = []
     try:
         twins = [_twin(source, rest + step * axis, made) for axis in axes]
         for twin in twins:
@@ -81,7 +85,8 @@ def _twin(source: Source, points: np.ndarray, made: list[bpy.types.ID]) -> bpy.t
 
     Only what LODs follow deforms it. Its data-blocks are added to `made`.
     """
-    twin, mesh = source.item.copy(), source.mesh.copy()
+    twin = source.item.copy()
+    mesh = source.mesh.copy()
     made += [twin, mesh]
     if twin.override_library:
         twin.make_local()

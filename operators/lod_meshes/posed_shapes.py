@@ -87,12 +87,11 @@ class Posed:
 
 
 def _shape(objects: list[bpy.types.Object], depsgraph: bpy.types.Depsgraph) -> Shape:
-    points, triangles, hiding = (
-        [np.empty((0, 3))],
-        [np.empty((0, 3), np.int32)],
-        [np.empty(0, bool)],
-    )
-    begins, matrices = [0], []
+    points = [np.empty((0, 3))]
+    triangles = [np.empty((0, 3), np.int32)]
+    hiding = [np.empty(0, bool)]
+    begins = [0]
+    matrices = []
     for item in objects:
         evaluated = item.evaluated_get(depsgraph)
         corners, faces, slots = mesh_data.world_faces(evaluated)

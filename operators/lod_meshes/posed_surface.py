@@ -39,7 +39,10 @@ class PosedSurface:
     def __init__(
         self, shapes: Sequence[Shape], hidden_counts: bool, source: "PosedSurface | None" = None
     ):
-        self.shapes, self.runs, self.hidden_counts, self.source = shapes, [], hidden_counts, source
+        self.shapes = shapes
+        self.runs = []
+        self.hidden_counts = hidden_counts
+        self.source = source
         self._surfaces: dict[tuple[int, ...], Merged | None] = {}
         self._samples: dict[int, thin_parts.Samples] = {}
         for k, shape in enumerate(shapes):
@@ -130,7 +133,8 @@ class PosedSurface:
 
 def parts_of(surface: Merged, shape: Shape) -> list[Places]:
     """Return what of each object estimates look at: of what counts all corners, and large faces."""
-    faces, large = surface.moving.pieces, large_pieces(surface.moving)
+    faces = surface.moving.pieces
+    large = large_pieces(surface.moving)
     owner = np.searchsorted(shape.begins, surface.source[faces[:, 0]], side="right") - 1
     own = [owner == number for number in range(len(shape.begins) - 1)]
     return [places_on(faces[mine], faces[mine & large]) for mine in own]
@@ -150,7 +154,8 @@ def compare_surfaces(
 
     frames: of the poses. None where no pose shows both.
     """
-    found, bound = [], 0.0
+    found = []
+    bound = 0.0
     for run in character.runs:
         for shared in ([k for k in run if k in each] for each in other.runs):
             surfaces = [each.surface(shared) if shared else None for each in (character, other)]
@@ -165,7 +170,8 @@ def compare_surfaces(
                 continue
             apart = hausdorff.interval(*pair)
             _count_shown(pair[0], surfaces[1], other.shapes[shared[0]].hiding, apart)
-            pose, lost = shared[apart.pose], _lost(character, other, shared, apart.bound)
+            pose = shared[apart.pose]
+            lost = _lost(character, other, shared, apart.bound)
             posed = [Surface(m.points[:, apart.pose], m.triangles) for m in pair]
             rms = spread(*posed, [m.counted for m in pair], SAMPLES)
             found.append((max(apart.measured, lost), rms, pose, apart.place))
@@ -205,7 +211,9 @@ def _count_shown(character: Moving, surface: Merged, hiding: np.ndarray, apart: 
     )
     apart.bound = max(apart.bound, more.bound)
     if more.measured > apart.measured:
-        apart.measured, apart.pose, apart.place = more.measured, more.pose, more.place
+        apart.measured = more.measured
+        apart.pose = more.pose
+        apart.place = more.place
     lod.counted |= shown
 
 

@@ -31,7 +31,8 @@ USUAL = 1.08  # times the deviation as estimated, that a bound is
 WIDE = 2.0  # times the triangles, that a step is at most where it was tried before
 # Where a try is too far off at FEW_SPOTS of its vertices alone, these count HEAVIER in those after
 # it. Where more are, what is won at them is lost beside them; of a second time nothing is won.
-FEW_SPOTS, HEAVIER = 0.003, 32.0
+FEW_SPOTS = 0.003
+HEAVIER = 32.0
 # By preference. Decimate is far quicker: what it says guides the other's first try.
 NEAREST = 0.1  # of the length: what stands in for objects left out may be off by so much at least
 BELOW = 1e-9  # a division by less says nothing
@@ -209,7 +210,8 @@ class Search:
     """
 
     def __init__(self, sources: Sequence[Source], method: str, make: Make, by: Measure):
-        self.make, self.by = make, by
+        self.make = make
+        self.by = by
         self.methods = METHODS if method == "AUTO" else (method,)
         self.curves = [Curve(source) for source in sources]
         self.nearness = 1.0  # see NEAREST
@@ -227,7 +229,8 @@ class Search:
         before: list[list[Try]] = []
         yield from self._leave_out(length / USUAL)
         for k in range(MOST_MEASURED):
-            begin, end = k / MOST_MEASURED, (k + 1) / MOST_MEASURED
+            begin = k / MOST_MEASURED
+            end = (k + 1) / MOST_MEASURED
             aim = length / (USUAL * (SAFE if k + 1 == MOST_MEASURED else 1.0))
             yield from share(self._fit(aim, about), begin, 0.3 * begin + 0.7 * end)
             objects = self._best(aim)

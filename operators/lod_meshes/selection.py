@@ -62,18 +62,22 @@ def views(
     """
     frames = scene_data.frames_of(scene, settings.step)
     chosen = evenly(frames, MOST_FRAMES)
-    bias, cameras = bias_of(settings), cameras_at(scene, chosen)
+    bias = bias_of(settings)
+    cameras = cameras_at(scene, chosen)
     center, radius = (
         np.array([getattr(group, name) for group in trajectory.groups])
         for name in ("center", "radius")
     )
-    characters, gaits = characters_of(scene), trajectory.gaits
+    characters = characters_of(scene)
+    gaits = trajectory.gaits
     library = cast_of(characters, trajectory)
-    (rigs, moved_as), owner = rigs_of(characters, trajectory, library), library.owner(gaits)
+    (rigs, moved_as) = rigs_of(characters, trajectory, library)
+    owner = library.owner(gaits)
     made = rigs * np.bincount(
         owner[np.unique(moved_as)], minlength=len(rigs)
     )  # those of variants count where they are made
-    first, found = library.first(gaits), [[] for _ in trajectory.groups]
+    first = library.first(gaits)
+    found = [[] for _ in trajectory.groups]
     for done, (frame, eyes) in enumerate(zip(chosen, cameras, strict=True), start=1):
         crowd = trajectory.at(frame)
         visible, distance = radar(crowd, eyes, center, radius)
@@ -82,10 +86,8 @@ def views(
         for g, each in enumerate(found):
             agents = np.flatnonzero(visible & (crowd.group == g))
             if len(agents):
-                own, shown = (
-                    distance[agents],
-                    library.shown(gaits, crowd, trajectory.seconds(frame), agents) - first[g],
-                )
+                own = distance[agents]
+                shown = library.shown(gaits, crowd, trajectory.seconds(frame), agents) - first[g]
                 each.append(View(eyes[0], float(own.min()), float(own.max()), own, shown))
         yield done / len(chosen)
     anywhere = [View(eyes[0], eyes[0].near, eyes[0].far) for eyes in cameras]
@@ -163,9 +165,14 @@ def chosen(
     With a limit of memory, and candidates beyond it, the tolerance is raised until they fit.
     CrowdError if no tolerance is enough.
     """
-    tolerance, keep, dropped, memory = round(settings.tolerance, 6), [], [], 0.0
+    tolerance = round(settings.tolerance, 6)
+    keep = []
+    dropped = []
+    memory = 0.0
     for group, shot, known in zip(groups, shots, measured, strict=True):
-        kept, reasons, dear = list(range(len(group.triangles))), {}, {}
+        kept = list(range(len(group.triangles)))
+        reasons = {}
+        dear = {}
         if shot is not None:
             own = counting(group, tolerance, shot)
             kept, reasons = choose(own, tolerance, shot.views, meters)

@@ -24,7 +24,9 @@ from .source_mesh import NORMALS, Source
 AROUND = np.radians((35, 155, 275))  # where the body is looked at from
 # right, up and towards the eye: along each axis
 VIEWS = [np.roll(np.eye(3), -k, axis=0) for k in (1, 2, 3)]
-TALL, MOST_TALL = 128, 300  # pixels of a body's size: where no camera looks, and at most
+# pixels of a body's size: where no camera looks, and at most
+TALL = 128
+MOST_TALL = 300
 
 
 def body_of(mesh: bpy.types.Mesh, materials: Sequence, matrix: np.ndarray, looks: Looks) -> Body:
@@ -34,10 +36,8 @@ def body_of(mesh: bpy.types.Mesh, materials: Sequence, matrix: np.ndarray, looks
     looks: collects the images of the materials.
     """
     points, triangles, corners, faces = mesh_data.read_triangles(mesh)
-    normals, slots = (
-        np.empty((len(mesh.loops), 3), np.float32),
-        np.empty(len(mesh.polygons), np.int32),
-    )
+    normals = np.empty((len(mesh.loops), 3), np.float32)
+    slots = np.empty(len(mesh.polygons), np.int32)
     if NORMALS in mesh.attributes:
         mesh.attributes[NORMALS].data.foreach_get("vector", normals.ravel())
     else:
@@ -116,7 +116,8 @@ def within(one: Body, other: Body, images: np.ndarray, diagonal: float) -> float
     images: (i, size, size, 4) uint8, of the bodies' materials.
     diagonal: meters, of the character's bounding box.
     """
-    scale, differences = LARGEST / diagonal, []
+    scale = LARGEST / diagonal
+    differences = []
     for axes in map(side, AROUND):
         flat = [body.points @ axes.T * (scale, scale, -scale) for body in (one, other)]
         differences.append(from_afar(*lit((one, other), images, flat, axes)))
@@ -163,7 +164,8 @@ def similarity(source: Source, mesh: bpy.types.Mesh) -> float:
         source.body = body_of(source.mesh, source.mesh.materials, np.eye(4), looks), looks
     whole, looks = source.body
     other = body_of(mesh, mesh.materials, np.eye(4), looks)
-    scale, found = TALL / (float(np.ptp(whole.points, axis=0).max()) or 1.0), []
+    scale = TALL / (float(np.ptp(whole.points, axis=0).max()) or 1.0)
+    found = []
     for axes in VIEWS:
         flat = [body.points @ axes.T * (scale, scale, -scale) for body in (whole, other)]
         found.append(likeness(*pictures((whole, other), looks.images(), flat, axes))[1])

@@ -32,7 +32,8 @@ DEFORMERS = {
 }
 # What a LOD takes from its source beyond Blender's own layers travels as attributes of these names,
 # gone when it is done.
-NORMALS, KEY = "crowd_lod_normals", "crowd_lod_key_"
+NORMALS = "crowd_lod_normals"
+KEY = "crowd_lod_key_"
 
 
 @dataclass
@@ -177,7 +178,9 @@ def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
         twin.data.shape_keys.animation_data_clear()
         for name in values:
             key = twin.data.shape_keys.key_blocks[name]
-            key.slider_min, key.slider_max, key.value = 0, 1, 0
+            key.slider_min = 0
+            key.slider_max = 1
+            key.value = 0
     with _at_rest(item), staged(twin) as depsgraph:
         mesh = evaluated_mesh(twin, depsgraph)
         offsets = (
@@ -193,9 +196,12 @@ def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
             bpy.data.meshes.remove(mesh)
             for name, value in values.items():
                 key = twin.data.shape_keys.key_blocks[name]
-                key.slider_min, key.slider_max, key.value = min(value, 0), max(value, 1), value
+                key.slider_min = min(value, 0)
+                key.slider_max = max(value, 1)
+                key.value = value
             depsgraph.view_layer.update()
-            mesh, offsets = evaluated_mesh(twin, depsgraph), {}
+            mesh = evaluated_mesh(twin, depsgraph)
+            offsets = {}
         if any(instance.is_instance for instance in depsgraph.object_instances):
             notes.append("The objects that it instances are left out.")
         slots = [slot.material if slot.link == "OBJECT" else None for slot in item.material_slots]

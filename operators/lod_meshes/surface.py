@@ -12,14 +12,17 @@ from ...crowd_lod.simplification.components import areas
 from ...crowd_lod.simplification.hausdorff import Moving
 from ...crowd_lod.simplification.triangle_mesh import ranges
 
-ANYWHERE, ROUNDED = 1e19, 1e-5  # meters, and part of a distance that float32 may round away, amply
+# meters, and part of a distance that float32 may round away, amply
+ANYWHERE = 1e19
+ROUNDED = 1e-5
 # of a triangle's longest side over the square of its height as part of that: what the tree errs by,
 # in float32
 LOST = 4e-8
 NEAR = 5e-5  # of the surface's size: what it may err by
 # triangles, where samples are farthest off, that are looked at closer, and how often these are
 # divided
-CLOSER, HALVED = 400, 5
+CLOSER = 400
+HALVED = 5
 FARTHEST = 50  # triangles whose sides are looked at where that is roughly known
 LAYERS = 8  # of clothes about a body, at most, that a way through a surface passes
 SILHOUETTE = 256  # pixels across a surface's silhouette
@@ -38,7 +41,8 @@ class Surface:
     """
 
     def __init__(self, points: np.ndarray, triangles: np.ndarray):
-        self.points, self.triangles = np.asarray(points, np.float64), np.asarray(triangles)
+        self.points = np.asarray(points, np.float64)
+        self.triangles = np.asarray(triangles)
         self.middle = (self.points.min(axis=0) + self.points.max(axis=0)) / 2
 
     @cached_property
@@ -60,7 +64,8 @@ class Surface:
         thin = np.flatnonzero(LOST * longest**2.5 > near * doubled)
         height = np.sqrt(doubled[thin].clip(0) / longest[thin])
         count = np.ceil(height / near).astype(np.intp).clip(1)
-        triangle, number = np.repeat(thin, count), ranges(np.zeros_like(count), count)
+        triangle = np.repeat(thin, count)
+        number = ranges(np.zeros_like(count), count)
         up = (number / np.repeat(count, count))[:, None]
         first = squares[:, triangle].argmax(axis=0)
         a, b, c = (self.points[self.triangles[triangle, (first + k) % 3]] for k in range(3))
@@ -102,7 +107,8 @@ class Surface:
         A point's distance is at most that of the point before plus the way between them, but for
         rounding. This limits the search.
         """
-        points, find = points - self.middle, self.tree.find_nearest
+        points = points - self.middle
+        find = self.tree.find_nearest
         ways = (
             np.linalg.norm(np.diff(points, axis=0, prepend=points[:1]), axis=1)
             + ROUNDED * np.ptp(self.points, axis=0).max()
@@ -122,19 +128,21 @@ class Surface:
         where there is none. Triangles seen from their front lie inside, as a body does in its
         clothes.
         """
-        found, step, cast = (
-            np.full(len(points), np.inf),
-            ROUNDED * float(np.ptp(self.points, axis=0).max()),
-            self.tree.ray_cast,
-        )
+        found = np.full(len(points), np.inf)
+        step = ROUNDED * float(np.ptp(self.points, axis=0).max())
+        cast = self.tree.ray_cast
         for k, (start, way) in enumerate(zip(points - self.middle, ways, strict=True)):
-            at, way, far = Vector(start), Vector(way), 0.0
+            at = Vector(start)
+            way = Vector(way)
+            far = 0.0
             for _ in range(LAYERS):
-                at, far = at + step * way, far + step
+                at = at + step * way
+                far = far + step
                 hit, normal, _, length = cast(at, way)
                 if hit is None:
                     break
-                at, far = hit, far + length
+                at = hit
+                far = far + length
                 if normal.dot(way) > 0:
                     found[k] = far
                     break
@@ -145,7 +153,8 @@ class Surface:
 
         ways: (k, 3), of unit length.
         """
-        size, cast = float(np.linalg.norm(np.ptp(self.points, axis=0))), self.tree.ray_cast
+        size = float(np.linalg.norm(np.ptp(self.points, axis=0)))
+        cast = self.tree.ray_cast
         begins = points - self.middle - size * ways
         return np.array(
             [
@@ -211,7 +220,8 @@ def scattered(area: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     face = np.searchsorted(
         np.cumsum(area) / area.sum(), (np.arange(count) + random.random(count)) / count
     )
-    root, v = np.sqrt(random.random(count)), random.random(count)
+    root = np.sqrt(random.random(count))
+    v = random.random(count)
     return face.clip(0, len(area) - 1), np.stack([1 - root, root * (1 - v), root * v], axis=1)
 
 
@@ -271,9 +281,11 @@ def merge(points: Sequence[np.ndarray], triangles: np.ndarray) -> Merged | None:
     )
     # neighbors beside each other: a tree then finds what is nearest to points in half the time
     order = spatial_order(points[0][used[first]])
-    first, rank = first[order], np.argsort(order)
+    first = first[order]
+    rank = np.argsort(order)
     one = rank[one]
-    every, triangles = every[first].reshape(len(first), -1, 3), one[triangles].reshape(-1, 3)
+    every = every[first].reshape(len(first), -1, 3)
+    triangles = one[triangles].reshape(-1, 3)
     surfaces = [None] * len(points)
 
     def find(pose: int, at: np.ndarray) -> np.ndarray:
@@ -352,10 +364,8 @@ def roughly(one: Surface, other: Surface, count: int) -> float:
 def _roughly(one: Surface, other: Surface, count: int) -> float:
     """Estimate the largest distance from `one` to `other` at about `count` triangles."""
     some = np.arange(0, len(one.triangles), max(1, len(one.triangles) // count))
-    face, weights = (
-        np.concatenate([some, some]),
-        np.repeat([(1.0, 0, 0), (1 / 3, 1 / 3, 1 / 3)], len(some), axis=0),
-    )
+    face = np.concatenate([some, some])
+    weights = np.repeat([(1.0, 0, 0), (1 / 3, 1 / 3, 1 / 3)], len(some), axis=0)
     off = other.distances(one.at(face, weights))
     far = one.points[one.triangles[np.unique(face[np.argsort(-off, kind="stable")[:FARTHEST]])]]
     middles = (far + np.roll(far, -1, axis=1)) / 2
@@ -370,7 +380,8 @@ def _away(one: Surface, other: Surface, count: int) -> tuple[float, float]:
     corners = other.distances(one.points[used])
     if not one.area.any():
         return float(corners.max()), float(np.sqrt(np.mean(corners**2)))
-    at, off = one.points[one.triangles], corners[triangles.reshape(-1, 3)]
+    at = one.points[one.triangles]
+    off = corners[triangles.reshape(-1, 3)]
     face, weights = scattered(one.area, count)
     even = other.distances(one.at(face, weights))  # the corners are no even sample of the area
     worst = np.maximum(off.max(axis=1), other.distances(at.mean(axis=1)))
@@ -378,7 +389,8 @@ def _away(one: Surface, other: Surface, count: int) -> tuple[float, float]:
     most = worst.max()
     for _ in range(HALVED):
         far = np.argsort(-worst, kind="stable")[:CLOSER]
-        at, off = at[far], off[far]
+        at = at[far]
+        off = off[far]
         middles = (at + np.roll(at, -1, axis=1)) / 2
         between = other.distances(middles.reshape(-1, 3)).reshape(-1, 3)
         most = max(most, between.max())
@@ -389,7 +401,9 @@ def _away(one: Surface, other: Surface, count: int) -> tuple[float, float]:
         # what is as far off as can be lies between the corners
         longest = np.linalg.norm(at - np.roll(at, 1, axis=1), axis=2).max(axis=1)
         still = worst + longest / np.sqrt(3) > most
-        at, off, worst = at[still], off[still], worst[still]
+        at = at[still]
+        off = off[still]
+        worst = worst[still]
         if not len(at):
             break
     return float(most), float(np.sqrt(np.mean(even**2)))

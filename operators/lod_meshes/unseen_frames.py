@@ -85,7 +85,8 @@ def watch(one: Merged, other: Merged) -> Watched:
     likely = _worst_of(cell, most, LIKELY)
     likely = likely[most[likely] >= QUIET * most.max(initial=0)]
 
-    places, cell = places.of(likely), cell[likely]
+    places = places.of(likely)
+    cell = cell[likely]
     at = places.at(surface.points)
     distance = np.zeros(len(at))
     nearest = []
@@ -195,13 +196,15 @@ class Looked:
         deviation, bound, rms, worst = row
         apart = interval(one.moving, other.moving, bound)
         if apart.measured > deviation:
-            deviation, worst = apart.measured, some[apart.pose][0]
+            deviation = apart.measured
+            worst = some[apart.pose][0]
         return deviation, max(bound, apart.bound), rms, worst
 
     def _exceeding(self, beyond: float) -> list[tuple[float, tuple[np.ndarray, np.ndarray]]]:
         """Return moments that are not alike, and where the points of both surfaces are in these."""
         whole = [surface.surface(surface.runs[0]) for surface in self.surfaces]
-        found, left = [], self.off.copy()
+        found = []
+        left = self.off.copy()
         while len(found) < WHOLE_LOOKS and left.max() > beyond:
             k = int(left.argmax())
             left[k] = self.off[k] = 0.0

@@ -11,7 +11,8 @@ DIRECTIONS = 50
 POSES_SEEN = 6  # poses that are looked at, at most
 # directions, those nearest to its normal, that every point tries in the first pose, and in each
 # other one
-FIRST, FURTHER = 4, 2
+FIRST = 4
+FURTHER = 2
 ONE_IN = 8  # hidden points, far from seen ones, that try all directions
 OFF = 2e-4  # of the size: how far off the surface a ray begins
 SPACING = 1 / 32  # of the size: larger triangles have points within
@@ -66,12 +67,14 @@ def visible_faces(
     size = float(np.ptp(points[:, 0], axis=0).max())
     face, weights = _samples(points[:, 0], triangles[some], SPACING * size)
     middles = np.arange(len(some)), np.full((len(some), 3), 1 / 3)
-    face, weights = np.concatenate([face, middles[0]]), np.concatenate([weights, middles[1]])
+    face = np.concatenate([face, middles[0]])
+    weights = np.concatenate([weights, middles[1]])
     rays = _Rays(points, triangles, hiding, OFF * size)
     seen = np.zeros(len(points), bool)
     for ranks in (rays.nearest, rays.others):
         hidden = ~seen[triangles[some[face]]].any(axis=1)
-        face, weights = face[hidden], weights[hidden]
+        face = face[hidden]
+        weights = weights[hidden]
         leaves = rays.leave(some[face], weights, ranks)
         seen[triangles[some[face[leaves]]]] = True
     return seen[triangles[some]].any(axis=1)
@@ -87,7 +90,8 @@ class _Rays:
     """
 
     def __init__(self, points: np.ndarray, triangles: np.ndarray, hiding: np.ndarray, off: float):
-        self.triangles, self.off = triangles, off
+        self.triangles = triangles
+        self.off = off
         poses = np.unique(np.linspace(0, points.shape[1] - 1, POSES_SEEN).round().astype(int))
         middles = (points.min(axis=0) + points.max(axis=0)) / 2  # trees have float32 alone
         self.at = [points[:, pose] - middles[pose] for pose in poses]
@@ -140,9 +144,11 @@ def _samples(
     cells = np.where(along > 1, along * up.clip(1), 0)
     face = np.repeat(np.arange(len(triangles)), cells)
     row, column = np.divmod(ranges(np.zeros_like(cells), cells), along[face])
-    x, y = (column + 0.5) / along[face], (row + 0.5) / up[face].clip(1)
+    x = (column + 0.5) / along[face]
+    y = (row + 0.5) / up[face].clip(1)
     outside = x + y > 1
-    x, y = np.where(outside, 1 - x, x), np.where(outside, 1 - y, y)
+    x = np.where(outside, 1 - x, x)
+    y = np.where(outside, 1 - y, y)
     order = (lengths.argmax(axis=1)[face, None] + np.arange(3)) % 3
     inner = np.empty((len(face), 3))
     np.put_along_axis(inner, order, np.stack([1 - x - y, x, y], axis=1), axis=1)

@@ -30,7 +30,8 @@ def look_in_pose(whole: PosedSurface, character: Shape, level: Shape) -> InPose 
     """
     if len(character.points) != len(whole.shapes[0].points):
         whole = PosedSurface([character], whole.hidden_counts)
-    one, other = whole.at([character.points]), merge([level.points], level.triangles)
+    one = whole.at([character.points])
+    other = merge([level.points], level.triangles)
     if one is None or other is None:
         return None
     surfaces = [Surface(each.moving.points[:, 0], each.moving.triangles) for each in (one, other)]

@@ -54,7 +54,8 @@ def selected(scene: bpy.types.Scene, kind: str) -> str:
 
     kind: "states", "labels", or "rules": the label, or "*", whose rule is selected.
     """
-    found, editor = draft_of(scene), scene.crowd_lod_editor
+    found = draft_of(scene)
+    editor = scene.crowd_lod_editor
     if kind == "rules":
         names = found.rows(selected(scene, "states"))
     else:

@@ -49,7 +49,8 @@ def make(crowd, depsgraph: bpy.types.Depsgraph) -> int:
     entries = [entry for entry in crowd.areas if entry.use]
     if not len(crowd.areas):
         return 0
-    machine, area = machine_of(crowd), area_of(crowd)
+    machine = machine_of(crowd)
+    area = area_of(crowd)
     if crowd.map_image is not None:
         columns, rows = crowd.map_image.size
     else:
@@ -94,7 +95,8 @@ def _store(crowd, pixels: np.ndarray) -> None:
         if not np.array_equal(image_data.read_pixels(image), pixels):
             image_data.fill_image(image, pixels)
         return
-    old, crowd.areas_image = image, image_data.write_image("Walls and Areas", pixels)
+    old = image
+    crowd.areas_image = image_data.write_image("Walls and Areas", pixels)
     if old is not None and not old.users:
         bpy.data.images.remove(old)
 
@@ -143,7 +145,8 @@ def _outdated(scene: bpy.types.Scene) -> bool:
         settings.machine and settings.machine.as_string(),
         settings.map_image,
     )
-    before, _asked[scene.session_uid] = _asked.get(scene.session_uid), asked
+    before = _asked.get(scene.session_uid)
+    _asked[scene.session_uid] = asked
     if before == asked:
         return False
     try:

@@ -39,7 +39,8 @@ def show(scene: bpy.types.Scene) -> bpy.types.Object:
 
     Renders do not show it. CrowdError without a map.
     """
-    image, area = scene.crowd_lod.map_image, area_of(scene.crowd_lod)
+    image = scene.crowd_lod.map_image
+    area = area_of(scene.crowd_lod)
     if image is None:
         raise CrowdError("The scene has no label map: press New Map, or choose an image.")
     plane = plane_of(scene)
@@ -47,7 +48,8 @@ def show(scene: bpy.types.Scene) -> bpy.types.Object:
         plane = bpy.data.objects.new("Label Map", _square())
         plane[MARK] = True
         scene.collection.objects.link(plane)
-    plane.hide_render, plane.hide_viewport = True, False
+    plane.hide_render = True
+    plane.hide_viewport = False
     plane.parent = None
     plane.rotation_euler = plane.delta_rotation_euler = (0, 0, 0)
     plane.location = (
@@ -117,8 +119,10 @@ def _show_image(material: bpy.types.Material, image: bpy.types.Image) -> None:
         )
         tree.links.new(texture.outputs["Color"], glow.inputs["Color"])
         tree.links.new(glow.outputs["Emission"], output.inputs["Surface"])
-        texture.location.x, output.location.x = -300, 200
-    texture.image, texture.interpolation = image, "Closest"
+        texture.location.x = -300
+        output.location.x = 200
+    texture.image = image
+    texture.interpolation = "Closest"
     tree.nodes.active = texture
 
 
@@ -169,7 +173,8 @@ class CROWDLOD_OT_new_map(Reporting, bpy.types.Operator):
     def run(self, context) -> str:
         settings = context.scene.crowd_lod
         set_lengths(context.scene)
-        machine, area = machine_of(settings), area_of(settings)
+        machine = machine_of(settings)
+        area = area_of(settings)
         rows, columns = map_areas.cells_of(area.size, self.pixels)
         colors = np.broadcast_to(machine.label_colors[0], (rows, columns, 3))
         settings.map_image = image_data.write_image("Label Map", colors)
@@ -231,7 +236,9 @@ def _set_brush(context, color: np.ndarray) -> None:
     """Choose our brush, which writes exactly this sRGB color (3,), 0 to 1."""
     tools = context.scene.tool_settings
     paint = tools.image_paint
-    paint.mode, paint.dither, paint.seam_bleed = "MATERIAL", 0, 0
+    paint.mode = "MATERIAL"
+    paint.dither = 0
+    paint.seam_bleed = 0
     paint.use_normal_falloff = paint.use_stencil_layer = paint.use_cavity = False
     paint.use_symmetry_x = paint.use_symmetry_y = paint.use_symmetry_z = False
     brush = next(
@@ -258,9 +265,12 @@ def _set_brush(context, color: np.ndarray) -> None:
 
 def _harden(brush: bpy.types.Brush) -> None:
     """Have the brush write its color alone, without a soft edge."""
-    brush.blend, brush.strength, brush.hardness = "MIX", 1.0, 1.0
+    brush.blend = "MIX"
+    brush.strength = 1.0
+    brush.hardness = 1.0
     brush.use_paint_antialiasing = brush.use_pressure_strength = brush.use_color_jitter = False
-    brush.stroke_method, brush.color_type = "SPACE", "COLOR"
+    brush.stroke_method = "SPACE"
+    brush.color_type = "COLOR"
     falloff = (
         "curve_distance_falloff_preset"
         if hasattr(brush, "curve_distance_falloff_preset")

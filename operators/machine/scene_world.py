@@ -82,7 +82,8 @@ def area_of(settings) -> Area:
 
     CrowdError if it lies too far from the world's origin.
     """
-    (x, y, z), (width, depth) = settings.center, settings.size
+    (x, y, z) = settings.center
+    (width, depth) = settings.size
     area = Area(x - width / 2, y - depth / 2, x + width / 2, y + depth / 2, z)
     reach = max(map(abs, (area.x_min, area.y_min, area.x_max, area.y_max, z)))
     _check_reach(settings.id_data, "The crowd's ground", reach, "Center or Size")
@@ -95,7 +96,8 @@ def world_of(settings, machine: machines.StateMachine) -> LabelMap:
     Without an image it is edge_map's. The labels of meshes lie over it. CrowdError if it lies too
     far from the world's origin, or if too many of the image's colors are not those of the labels.
     """
-    area, over = area_of(settings), settings.areas_image if len(settings.areas) else None
+    area = area_of(settings)
+    over = settings.areas_image if len(settings.areas) else None
     if settings.map_image is None and over is None:
         return edge_map(area, machine.labels)
     if over is not None and not areas_hold(settings, machine):
@@ -103,7 +105,8 @@ def world_of(settings, machine: machines.StateMachine) -> LabelMap:
             "The walls and areas were laid over another ground, map or state machine: press "
             "Refresh Walls and Areas, or Populate."
         )
-    image, meshes = settings.map_image or over, over and image_data.read_pixels(over)
+    image = settings.map_image or over
+    meshes = over and image_data.read_pixels(over)
     if settings.map_image is not None:
         pixels = image_data.read_pixels(settings.map_image)[..., :3]
     else:
@@ -143,7 +146,8 @@ def heights_of(settings, area: Area) -> HeightMap | None:
     """
     if settings.height_image is None:
         return None
-    values, scale = image_data.read_values(settings.height_image)[..., :1], settings.height_scale
+    values = image_data.read_values(settings.height_image)[..., :1]
+    scale = settings.height_scale
     image_data.check_finite(settings.height_image, values)
     highest = float(np.abs(values).max()) * abs(scale) + abs(area.z)
     what = f"The ground of the height map {settings.height_image.name}"

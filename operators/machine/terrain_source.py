@@ -45,7 +45,10 @@ def read_terrain(crowd, depsgraph: bpy.types.Depsgraph) -> None:
     if not wanted(crowd):
         crowd.terrain_mesh = None
         return
-    objects, points, triangles, count = objects_of(crowd), [], [], 0
+    objects = objects_of(crowd)
+    points = []
+    triangles = []
+    count = 0
     meters = scene_data.meters(crowd.id_data)
     for _, _, own, sides in kept_meshes.evaluated_triangles(objects, depsgraph):
         sides = sides[upward(own[sides], meters)]
@@ -119,7 +122,8 @@ def terrain_notes(crowd, trajectory: Trajectory) -> Iterator[str]:
     """Yield sentences on agents that have no ground under them at the start, and on ground that may
     move.
     """
-    ground, start = trajectory.heights, trajectory.start
+    ground = trajectory.heights
+    start = trajectory.start
     if not isinstance(ground, Terrain):
         return
     if not trajectory.level:

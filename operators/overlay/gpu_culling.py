@@ -287,7 +287,8 @@ class Faster:
         if self.usable is None:
             self.usable = gpu.platform.device_type_get() != "SOFTWARE"
         if self._trajectory is not trajectory:
-            self._trajectory, self._planner = trajectory, Planner(trajectory)
+            self._trajectory = trajectory
+            self._planner = Planner(trajectory)
             self._took = [], []
         on_gpu = self.usable and worth_the_gpu(*self._took)
         try:

@@ -40,7 +40,8 @@ class Canvas:
     def __init__(self, size: tuple[int, int]):
         from gpu.types import GPUFrameBuffer, GPUOffScreen, GPUTexture
 
-        self.size, self._solid = size, GPUOffScreen(*size)
+        self.size = size
+        self._solid = GPUOffScreen(*size)
         # as a viewport has them for its overlays; a framebuffer does not keep its textures
         self._textures = (
             GPUTexture(size, format="SRGB8_A8"),
@@ -254,7 +255,8 @@ def camera_matrices(
     """
     view = np.linalg.inv(np.array(camera.evaluated_get(depsgraph).matrix_world, np.float64))
     x, y = size
-    scale_x, scale_y = (render.pixel_aspect_x, render.pixel_aspect_y)
+    scale_x = render.pixel_aspect_x
+    scale_y = render.pixel_aspect_y
     return view, np.array(
         camera.calc_matrix_camera(depsgraph, x=x, y=y, scale_x=scale_x, scale_y=scale_y), np.float64
     )

@@ -188,11 +188,9 @@ class Rendered:
 
 
 def _render(stage: bpy.types.Scene, path: Path, engine: str) -> None:
-    engine_before, stage.render.engine, stage.render.filepath = (
-        stage.render.engine,
-        engine,
-        str(path),
-    )
+    engine_before = stage.render.engine
+    stage.render.engine = engine
+    stage.render.filepath = str(path)
     # by override: with the operator's own argument `scene`, Blender renders the frame of the scene
     # in the window
     with image_data.check_written(path), bpy.context.temp_override(scene=stage):

@@ -35,7 +35,8 @@ from .shot_exceptions import digest_of, exceptions_by_number
 _stored: dict[tuple, StoredPlan] = scene_cache.add_cache({})
 _contents: dict[tuple, str] = scene_cache.add_cache({})  # digests of plans, by the same key
 _crowds: WeakKeyDictionary[Trajectory, dict[str, str]] = WeakKeyDictionary()
-CAMERA, MESHES = "the camera", "the LOD meshes"
+CAMERA = "the camera"
+MESHES = "the LOD meshes"
 ABOUT = "version", "blend_file", "made_for"  # arrays of a plan's file that say nothing of its LODs
 
 

@@ -142,7 +142,8 @@ def outdated(scene: bpy.types.Scene) -> list[str]:
     """
     if not len(scene.crowd_lod.groups):
         return []
-    now, inputs = clock.monotonic(), inputs_of(scene)
+    now = clock.monotonic()
+    inputs = inputs_of(scene)
     looked, before, found = _outdated.get(scene.session_uid, (-LOOK, (), []))
     if now >= looked + LOOK or inputs != before:
         found = [
@@ -328,7 +329,8 @@ def _recorded(crowd, groups: tuple[Group, ...], seconds: float) -> Trajectory:
     """Return the trajectory of a crowd that follows a file."""
     tracks = tracks_source.tracks_of_crowd(crowd, 1 / seconds)
     tracks_source.check_places(tracks, crowd)
-    area, draw = area_of(crowd), draw_of(crowd, groups)
+    area = area_of(crowd)
+    draw = draw_of(crowd, groups)
     heights = terrain_source.terrain_of(crowd, area.z) or heights_of(crowd, area)
     numbers = crowd.seed, crowd.first_frame, tuple(crowd.center), crowd.tilt, seconds
     key = tracks.digest, area, groups, draw, *numbers

@@ -20,9 +20,13 @@ from ...crowd_lod.errors import CrowdError
 
 # What JuPedSim needs at run time: its wheel asks for Qt and VTK, 1.2 GB, for a viewer of its own.
 PACKAGES = "jupedsim shapely deprecated wrapt"
-RADIUS, TIME_GAP = 0.2, 1.0  # meters and seconds: JuPedSim's defaults for people
+# meters and seconds: JuPedSim's defaults for people
+RADIUS = 0.2
+TIME_GAP = 1.0
 SPEED = (1.34, 0.26, 0.7, 2.0)  # meters per second: mean, deviation, least and most (Weidmann 1993)
-APART, OFF_WALL = 0.45, 0.25  # meters between two agents at the start, and from an agent to a wall
+# meters between two agents at the start, and from an agent to a wall
+APART = 0.45
+OFF_WALL = 0.25
 LONGEST_STEP = 0.02  # seconds
 
 
@@ -121,7 +125,8 @@ def _site(wanted: Wanted) -> tuple[Any, Any, list[Any]]:
         return _polygons(wanted.world, chosen[wanted.world.labels])
 
     ground = shapely.union_all(polygons(~wanted.walls)).difference(_solid(wanted))
-    starts, goals = shapely.union_all(polygons(wanted.starts)), polygons(wanted.goals)
+    starts = shapely.union_all(polygons(wanted.starts))
+    goals = polygons(wanted.goals)
     best = None, None, []
     for part in shapely.get_parts(ground):
         here = starts.intersection(part.buffer(-OFF_WALL))
@@ -163,7 +168,8 @@ def _polygons(world: LabelMap, cells: np.ndarray) -> list[Any]:
 
 def _solid(wanted: Wanted) -> Any:
     """Return the ground under the obstacles; lines that enclose nothing get a width of 2 cm."""
-    shapely, area = _module("shapely"), wanted.world.area
+    shapely = _module("shapely")
+    area = wanted.world.area
     middle = (area.x_min + area.x_max) / 2, (area.y_min + area.y_max) / 2
     lines = shapely.union_all(
         shapely.linestrings(wanted.obstacles - middle)
@@ -210,10 +216,8 @@ def _places(starts: Any, count: int, draws: np.random.Generator) -> np.ndarray:
             axis=-1,
         )
         places = grid.reshape(-1, 2)
-        turn, far = (
-            2 * np.pi * draws.random(len(places)),
-            (between - APART) / 2 * np.sqrt(draws.random(len(places))),
-        )
+        turn = 2 * np.pi * draws.random(len(places))
+        far = (between - APART) / 2 * np.sqrt(draws.random(len(places)))
         places = places + np.stack([far * np.cos(turn), far * np.sin(turn)], axis=1)
         places = places[shapely.contains_xy(starts, *places.T)]
         if len(places) >= count:
@@ -237,7 +241,8 @@ def _enter(
     """Add an agent at each of `places` (n, 2), on the way to one of `targets`, and return their
     ids.
     """
-    jupedsim, shapely = _module("jupedsim"), _module("shapely")
+    jupedsim = _module("jupedsim")
+    shapely = _module("shapely")
     stages = [simulation.add_exit_stage(each) for each in targets]
     journeys = [simulation.add_journey(jupedsim.JourneyDescription([stage])) for stage in stages]
     chosen = draws.integers(len(targets), size=len(places))
@@ -271,10 +276,8 @@ class _Numbered:
     """
 
     def __init__(self, simulation: Any, ids: list[int]) -> None:
-        self._simulation, self._numbers = (
-            simulation,
-            {own: number for number, own in enumerate(ids)},
-        )
+        self._simulation = simulation
+        self._numbers = {own: number for number, own in enumerate(ids)}
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._simulation, name)

@@ -45,7 +45,9 @@ def points_of_crowd(  # noqa: PLR0913 - what a crowd of points depends on
     draw: the groups that agents are of.
     before: what was returned last; returned again if nothing has changed.
     """
-    scene, seed, chosen = crowd.id_data, crowd.seed, draw.groups
+    scene = crowd.id_data
+    seed = crowd.seed
+    chosen = draw.groups
     names = tuple(groups[g].name for g in chosen)
     found = draw_group_variants(
         read_points(crowd.points, depsgraph, scene.crowd_lod.forward, chosen, names), seed, draw
@@ -155,12 +157,16 @@ def _attributes(
     matrix: of the object, to world space.
     facing: radians from the characters' forward axis to +x.
     """
-    heading, ahead = _values(item, shape, "heading"), 0.0
+    heading = _values(item, shape, "heading")
+    ahead = 0.0
     if "instance_transform" in shape.attributes:
         placed = _values(item, shape, "instance_transform").reshape(-1, 4, 4)
-        place, along, ahead = placed[:, 3, :3], placed[:, 0, :3], facing
+        place = placed[:, 3, :3]
+        along = placed[:, 0, :3]
+        ahead = facing
     else:
-        place, along = _values(item, shape, "position"), _values(item, shape, "velocity")
+        place = _values(item, shape, "position")
+        along = _values(item, shape, "velocity")
     if heading is None and along is not None:
         x, y = matrix[:2, :3] @ np.ascontiguousarray(along.T)
         heading = np.arctan2(y.astype(np.float32), x.astype(np.float32)) - np.float32(ahead)
@@ -169,7 +175,8 @@ def _attributes(
     columns = dict(zip("xyz", places, strict=True))
     if heading is not None:
         columns["heading"] = heading.astype(np.float32)
-    phase, ids = _values(item, shape, "phase"), _values(item, shape, "id")
+    phase = _values(item, shape, "phase")
+    ids = _values(item, shape, "id")
     if phase is not None:
         with np.errstate(invalid="ignore"):  # what is not finite is told below
             columns["phase"] = (phase % 1.0).astype(np.float32)
@@ -187,7 +194,8 @@ def _values(item: bpy.types.Object, shape, name: str) -> np.ndarray | None:
     attribute = shape.attributes.get(name)
     if attribute is None or attribute.domain != "POINT":
         return None
-    whole, width = attribute.data_type in WHOLE, WIDTHS.get(attribute.data_type, 1)
+    whole = attribute.data_type in WHOLE
+    width = WIDTHS.get(attribute.data_type, 1)
     expected = {"position": 3, "velocity": 3, "instance_transform": 16}.get(name, 1)
     if width != expected or (
         not whole and (name == "id" or attribute.data_type not in ("FLOAT", *WIDTHS))

@@ -110,7 +110,8 @@ def with_record(
                 paths = [record.folder / f"{k}.npz" for k in range(len(crowds))]
                 record.frames = [*record.frames, *frames]
                 yield from share(recording(scene, paths, record.frames), 0.0, 0.3)
-                record.of, record.settings = about, tuple(map(_followed, crowds))
+                record.of = about
+                record.settings = tuple(map(_followed, crowds))
             return (yield from share(work(), 0.3, 1.0))
         finally:
             _follow(crowds, own)
@@ -184,12 +185,10 @@ def recording(
             rows = _rows(crowd, own, known, len(times), groups)
             npz.write(written.enter_context(files.staged_file(path)), rows)
     for crowd, path, known in zip(crowds, paths, when, strict=True):
-        crowd.source, crowd.tracks_file, crowd.tracks_unit, crowd.tracks_rate = (
-            "FILE",
-            str(path),
-            "AUTO",
-            0,
-        )
+        crowd.source = "FILE"
+        crowd.tracks_file = str(path)
+        crowd.tracks_unit = "AUTO"
+        crowd.tracks_rate = 0
         crowd.tracks_up = "Z"
         crowd.first_frame = known[0]
     yield 1.0
@@ -220,7 +219,8 @@ def _rows(
     found, times: the points, and when they were found.
     frames: how many frames were looked at.
     """
-    item, counts = crowd.points, [len(each.x) for each in found]
+    item = crowd.points
+    counts = [len(each.x) for each in found]
     if not found:
         raise NoPoints(
             f"The object {item.name} has no points in any frame of the scene: choose another, or "
@@ -249,7 +249,9 @@ def _rows(
         return None if any(part is None for part in parts) else np.concatenate(parts)
 
     meters = scene_data.meters(crowd.id_data)
-    group, center, names = column("group"), crowd.center, np.array([each.name for each in groups])
+    group = column("group")
+    center = crowd.center
+    names = np.array([each.name for each in groups])
     return Rows(
         id=np.concatenate([_ids(each) for each in found]),
         frame=np.repeat(np.array(times, np.int64), counts),

@@ -47,7 +47,10 @@ def follow(scene: bpy.types.Scene, index: int, path: str) -> None:
     `simulating_crowd` writes it.
     """
     crowd = crowds_of(scene.crowd_lod)[index]
-    crowd.source, crowd.tracks_file, crowd.tracks_unit, crowd.tracks_rate = "FILE", path, "M", 0
+    crowd.source = "FILE"
+    crowd.tracks_file = path
+    crowd.tracks_unit = "M"
+    crowd.tracks_rate = 0
     crowd.tracks_up = "Z"
 
 
@@ -62,7 +65,8 @@ def _wanted(scene: bpy.types.Scene, index: int) -> Wanted:
     set_lengths(scene)
     stored_values.check(crowd)
     check_counts(crowd.count)
-    machine, meters = machine_of(crowd), scene_data.meters(scene)
+    machine = machine_of(crowd)
+    meters = scene_data.meters(scene)
     walls = _named(machine, "Walls", crowd.wall_labels, "wall")
     goals = _named(machine, "Goals", crowd.goal_labels, "exit")
     if not goals.any():

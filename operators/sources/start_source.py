@@ -65,10 +65,8 @@ def places_of(crowd, area: Area) -> Places | None:
     if mesh is None or HEADING not in mesh.attributes:
         raise CrowdError(_undrawn(crowd))
     if mesh.session_uid not in _places:
-        points, heading = (
-            np.empty((len(mesh.vertices), 3), np.float32),
-            np.empty(len(mesh.vertices), np.float32),
-        )
+        points = np.empty((len(mesh.vertices), 3), np.float32)
+        heading = np.empty(len(mesh.vertices), np.float32)
         mesh.vertices.foreach_get("co", points.ravel())
         mesh.attributes[HEADING].data.foreach_get("value", heading)
         while len(_places) >= MOST_PLACES:
@@ -123,7 +121,9 @@ def _made_of(crowd) -> dict[str, str]:
 
 
 def _on_surface(crowd, item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Places:
-    corners, weights, maps = [np.empty((0, 3, 3))], [np.empty((0, 3))], [np.empty((0, 3, 2))]
+    corners = [np.empty((0, 3, 3))]
+    weights = [np.empty((0, 3))]
+    maps = [np.empty((0, 3, 2))]
     for owner, mesh, points, triangles in kept_meshes.evaluated_triangles([item], depsgraph):
         corners.append(points[triangles])
         weights.append(
@@ -180,10 +180,8 @@ def _uvs(mesh: bpy.types.Mesh) -> np.ndarray:
         raise CrowdError(
             "it has no UV map, by which an image gives its density: unwrap it, or clear Image."
         )
-    found, corners = (
-        np.empty((len(mesh.loops), 2), np.float32),
-        np.empty((len(mesh.loop_triangles), 3), np.int32),
-    )
+    found = np.empty((len(mesh.loops), 2), np.float32)
+    corners = np.empty((len(mesh.loop_triangles), 3), np.int32)
     mesh.uv_layers.active.uv.foreach_get("vector", found.ravel())
     mesh.loop_triangles.foreach_get("loops", corners.ravel())
     return found[corners].astype(np.float64)
@@ -223,10 +221,8 @@ def _curves(
     shape = bare or evaluated
     try:
         mesh = shape.to_mesh()
-        points, edges = (
-            np.empty((len(mesh.vertices), 3), np.float32),
-            np.empty((len(mesh.edges), 2), np.int32),
-        )
+        points = np.empty((len(mesh.vertices), 3), np.float32)
+        edges = np.empty((len(mesh.edges), 2), np.int32)
         mesh.vertices.foreach_get("co", points.ravel())
         mesh.edges.foreach_get("vertices", edges.ravel())
         shape.to_mesh_clear()
@@ -245,7 +241,10 @@ def _curves(
 def _without_bevel(item: bpy.types.Object) -> bpy.types.Object:
     """Return a copy of a curve without what makes it a solid; its data is to be removed."""
     data = item.data.copy()
-    data.bevel_depth, data.extrude, data.bevel_object, data.dimensions = 0, 0, None, "3D"
+    data.bevel_depth = 0
+    data.extrude = 0
+    data.bevel_object = None
+    data.dimensions = "3D"
     return bpy.data.objects.new(item.name, data)
 
 

@@ -64,7 +64,8 @@ def tracks_of_crowd(crowd, usual: float) -> Tracks:
     usual: frames a second of a file that tells none.
     CrowdError if it cannot be read or used.
     """
-    stamp, told = stamp_of(crowd), _told(crowd, usual)
+    stamp = stamp_of(crowd)
+    told = _told(crowd, usual)
     return _kept(stamp, told) or _read(stamp, told, [0.0])
 
 

@@ -31,7 +31,8 @@ def scene():
 
     scene = bpy.context.scene
     scene.render.fps = 24
-    scene.render.resolution_x, scene.render.resolution_y = 160, 90
+    scene.render.resolution_x = 160
+    scene.render.resolution_y = 90
     characters = bpy.data.collections.new("People")
     scene.collection.children.link(characters)
     make_characters(characters)
@@ -44,8 +45,10 @@ def scene():
     camera.location = (0, -25, 2)
     camera.rotation_euler = (1.5, 0, 0)
     settings = scene.crowd_lod
-    settings.characters, settings.forward = characters, "X"
-    settings.count, settings.size = 300, (40, 40)
+    settings.characters = characters
+    settings.forward = "X"
+    settings.count = 300
+    settings.size = (40, 40)
     settings.thresholds[:2] = (0.2, 0.5)
     settings.method = "DECIMATE"  # the quickest
     return scene
@@ -57,13 +60,18 @@ def small_shot():
     be.
     """
     scene = bpy.context.scene
-    scene.render.resolution_x, scene.render.resolution_y = 80, 45
-    scene.frame_start, scene.frame_end = 1, 2
+    scene.render.resolution_x = 80
+    scene.render.resolution_y = 45
+    scene.frame_start = 1
+    scene.frame_end = 2
     scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
     scene.collection.objects.link(scene.camera)
-    scene.camera.location, scene.camera.rotation_euler = (0, -25, 2), (1.5, 0, 0)
+    scene.camera.location = (0, -25, 2)
+    scene.camera.rotation_euler = (1.5, 0, 0)
     settings = scene.crowd_lod
-    settings.count, settings.size, settings.method = 6, (10, 10), "DECIMATE"
+    settings.count = 6
+    settings.size = (10, 10)
+    settings.method = "DECIMATE"
     return scene
 
 
@@ -82,11 +90,9 @@ def rendered():
                 assert found.setdefault(time, look(scene)) == look(scene), time
 
         scene.frame_set(number)
-        scene.render.engine, scene.cycles.samples, scene.render.resolution_percentage = (
-            "CYCLES",
-            1,
-            10,
-        )
+        scene.render.engine = "CYCLES"
+        scene.cycles.samples = 1
+        scene.render.resolution_percentage = 10
         bpy.app.handlers.frame_change_post.append(looked)
         try:
             bpy.ops.render.render()
@@ -139,7 +145,8 @@ def _build(scene):
     from crowd_lod_extension.operators.render_setup.render_setup import build
 
     for frame, x, turn in ((1, -5, -0.3), (40, 12, 0.6)):
-        scene.camera.location.x, scene.camera.rotation_euler.z = x, turn
+        scene.camera.location.x = x
+        scene.camera.rotation_euler.z = turn
         scene.camera.keyframe_insert("location", frame=frame)
         scene.camera.keyframe_insert("rotation_euler", frame=frame)
     list(build(scene))

@@ -77,10 +77,12 @@ def itself(scene, group, action, phase):
     about its origin.
     """
     _, objects, origin = characters_of(scene)[group]
-    stage, (rig,) = bpy.data.scenes.new("itself"), {item.parent for item in objects}
+    stage = bpy.data.scenes.new("itself")
+    (rig,) = {item.parent for item in objects}
     for item in (rig, *objects):
         stage.collection.objects.link(item)
-    before, rig.animation_data.action = rig.animation_data.action, action
+    before = rig.animation_data.action
+    rig.animation_data.action = action
     first, last = action.frame_range
     frame = first + phase * (last - first)
     stage.frame_set(int(frame // 1), subframe=frame % 1)
@@ -99,8 +101,10 @@ def agents_of(scene, number):
     """(agent, its own action, its phase) of the first agents that the camera sees of each state and
     group.
     """
-    trajectory, plan = trajectory_of(scene), frame_of(scene, bpy.context.evaluated_depsgraph_get())
-    crowd, found = plan.crowd, {}
+    trajectory = trajectory_of(scene)
+    plan = frame_of(scene, bpy.context.evaluated_depsgraph_get())
+    crowd = plan.crowd
+    found = {}
     for agent in plan.buckets.order:
         found.setdefault((int(crowd.state[agent]), int(crowd.group[agent])), agent)
     for (state, group), agent in found.items():
@@ -119,14 +123,14 @@ def worst(scene, number):
     """Meters by which what the build shows of some agents is off the characters themselves, and how
     many actions they play.
     """
-    crowd, shown = (
-        trajectory_of(scene).at(number),
-        [points for level, points in instances(scene) if level == 0],
-    )
-    off, actions = 0.0, set()
+    crowd = trajectory_of(scene).at(number)
+    shown = [points for level, points in instances(scene) if level == 0]
+    off = 0.0
+    actions = set()
     for agent, action, phase in agents_of(scene, number):
         angle = crowd.heading[agent] + scene_data.rotation(scene.crowd_lod.forward)
-        c, s = np.cos(angle), np.sin(angle)
+        c = np.cos(angle)
+        s = np.sin(angle)
         points = itself(scene, crowd.group[agent], action, phase) @ np.array(
             [[c, s, 0], [-s, c, 0], [0, 0, 1]]
         )
@@ -184,7 +188,8 @@ def going(action, speed=1.25):
 
 def test_a_stride_is_measured_by_the_feet_and_an_idle_plays_by_time(waiting):
     group = group_of(waiting, walk=going("walk"), wait=going("idle", 0))
-    walk, idle = group.action("walk"), group.action("idle")
+    walk = group.action("walk")
+    idle = group.action("idle")
     solved = waiting.crowd_lod.characters.children["adult"][
         "stride"
     ]  # by which the feet of the walk were placed
@@ -198,7 +203,8 @@ def traveling(scene, way=1.3541666):
     action = bpy.data.actions["walk adult"].copy()
     action.name = "stroll adult"
     rig = bpy.data.objects["adult rig"]
-    before, rig.animation_data.action = rig.animation_data.action, action
+    before = rig.animation_data.action
+    rig.animation_data.action = action
     bone = rig.data.bones["hips"].matrix_local.to_3x3()
     for index in range(3):
         curve = action.fcurve_ensure_for_datablock(rig, 'pose.bones["hips"].location', index=index)
@@ -221,7 +227,8 @@ def test_root_motion_is_taken_out_and_is_the_stride(waiting):
         len(told) == 1
         and "stroll adult moves adult by 1.35 m in a cycle: that is taken out" in told[0]
     )
-    (_, objects, _), actions = characters_of(waiting)[0], len(bpy.data.actions)
+    (_, objects, _) = characters_of(waiting)[0]
+    actions = len(bpy.data.actions)
     stage = bpy.data.scenes.new("stage")
     for item in (*objects, objects[0].parent):
         stage.collection.objects.link(item)
@@ -284,12 +291,10 @@ def test_actions_that_cannot_be_played_are_told_in_a_sentence(waiting):
     with pytest.raises(CrowdError, match="The action jump is of another rig"):
         group_of(waiting, jump=going("jump"))
     pose_of_one = bpy.data.actions["walk adult"].copy()
-    (
-        pose_of_one.name,
-        pose_of_one.use_frame_range,
-        pose_of_one.frame_start,
-        pose_of_one.frame_end,
-    ) = "salute", True, 4, 4
+    pose_of_one.name = "salute"
+    pose_of_one.use_frame_range = True
+    pose_of_one.frame_start = 4
+    pose_of_one.frame_end = 4
     with pytest.raises(CrowdError, match="The action salute has one frame"):
         group_of(waiting, salute=going("salute", 0))
     bpy.data.actions["walk adult"]["stride"] = "long"
@@ -299,12 +304,14 @@ def test_actions_that_cannot_be_played_are_told_in_a_sentence(waiting):
 
 
 def test_bones_that_an_action_leaves_alone_stand_at_rest_in_it(waiting):
-    idle, rig = bpy.data.actions["idle adult"], bpy.data.objects["adult rig"]
+    idle = bpy.data.actions["idle adult"]
+    rig = bpy.data.objects["adult rig"]
     bag = idle.layers[0].strips[0].channelbags[0]
     for curve in [curve for curve in bag.fcurves if "forearm.L" in curve.data_path]:
         bag.fcurves.remove(curve)
     _, objects, _ = characters_of(waiting)[0]
-    stage, found = bpy.data.scenes.new("stage"), []
+    stage = bpy.data.scenes.new("stage")
+    found = []
     for item in (*objects, rig):
         stage.collection.objects.link(item)
     act = performance_of("adult", objects, ["idle"]).only("idle")
@@ -325,7 +332,8 @@ def test_bones_that_an_action_leaves_alone_stand_at_rest_in_it(waiting):
 
 @pytest.mark.once
 def test_spheres_and_deviations_hold_in_every_action(waiting):
-    idle, rig = bpy.data.actions["idle adult"], bpy.data.objects["adult rig"]
+    idle = bpy.data.actions["idle adult"]
+    rig = bpy.data.objects["adult rig"]
     rig.animation_data.action, walk = idle, rig.animation_data.action
     for index in range(3):  # it leaps while it waits
         curve = idle.fcurve_ensure_for_datablock(rig, 'pose.bones["hips"].location', index=index)
@@ -374,15 +382,19 @@ def test_a_share_is_live_and_stays_when_the_crowd_is_populated_again(waiting):
 
 def test_agents_have_sizes_of_their_own_in_build_bake_and_overlay_and_spheres_hold_them(ready):
     scene = ready
-    scene.crowd_lod.thresholds[:2], scene.crowd_lod.groups["adult"].scale = (0.98, 0.99), (0.5, 2.0)
+    scene.crowd_lod.thresholds[:2] = (0.98, 0.99)
+    scene.crowd_lod.groups["adult"].scale = (0.5, 2.0)
     list(render_setup.build(scene))
     scene.frame_set(50)
-    trajectory, plan = trajectory_of(scene), frame_of(scene, bpy.context.evaluated_depsgraph_get())
-    crowd, agents = plan.crowd, plan.buckets.order
+    trajectory = trajectory_of(scene)
+    plan = frame_of(scene, bpy.context.evaluated_depsgraph_get())
+    crowd = plan.crowd
+    agents = plan.buckets.order
     sizes = trajectory.scale(crowd, agents)
     adults = crowd.group[agents] == 0
     assert (sizes[~adults] == 1).all() and 0.5 <= sizes.min() < 0.8 and 1.5 < sizes.max() <= 2
-    center, radius = trajectory.spheres.center, trajectory.spheres.radius
+    center = trajectory.spheres.center
+    radius = trajectory.spheres.radius
     drawn = drawing(plan, Style("MESHES"))
     placed = {tuple(row[:3].round(4)): row[8] for row in drawn.agents}
     for baked in (False, True):
@@ -392,7 +404,8 @@ def test_agents_have_sizes_of_their_own_in_build_bake_and_overlay_and_spheres_ho
         for agent, action, phase in own:
             size = trajectory.scale(crowd, np.array([agent]))[0]
             angle = crowd.heading[agent] + scene_data.rotation(scene.crowd_lod.forward)
-            c, s = np.cos(angle), np.sin(angle)
+            c = np.cos(angle)
+            s = np.sin(angle)
             points = (
                 size
                 * itself(scene, crowd.group[agent], action, phase)
@@ -427,7 +440,10 @@ def test_only_groups_of_the_crowd_that_names_an_action_need_it(waiting):
     waiting.crowd_lod.group_names = "adult"
     scene = levelled(waiting)  # the child has no agents
     other = scene.crowd_lod.crowds.add()
-    other.name, other.count, other.size, other.group_names = "others", 30, (40, 40), "child"
+    other.name = "others"
+    other.count = 30
+    other.size = (40, 40)
+    other.group_names = "child"
     trajectory = trajectory_of(scene)
     assert [
         sorted({trajectory.gaits.actions[k] for k, _ in own}) for own in trajectory.gaits.plays

@@ -54,11 +54,9 @@ def test_without_its_scene_it_says_that_it_stands_still_by_name(built, tmp_path,
     assert steps.messages(scene)[0][0].startswith(told) and steps.messages(scene)[0][1] == "ERROR"
     scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
     scene.collection.objects.link(scene.camera)
-    scene.render.engine, scene.render.resolution_percentage, scene.render.filepath = (
-        "BLENDER_WORKBENCH",
-        1,
-        str(tmp_path / "x"),
-    )
+    scene.render.engine = "BLENDER_WORKBENCH"
+    scene.render.resolution_percentage = 1
+    scene.render.filepath = str(tmp_path / "x")
     scene.frame_end = 2
     capfd.readouterr()
     bpy.ops.render.render(animation=True)

@@ -52,12 +52,17 @@ def test_a_farm_renders_the_pictures_of_the_live_build(built, tmp_path, engine, 
     render = built.render
     sun = bpy.data.objects.new("Sun", bpy.data.lights.new("Sun", "SUN"))
     built.collection.objects.link(sun)
-    render.film_transparent, render.image_settings.color_mode = True, "RGBA"
-    render.engine, built.cycles.samples, built.cycles.use_denoising = engine, 2, False
+    render.film_transparent = True
+    render.image_settings.color_mode = "RGBA"
+    render.engine = engine
+    built.cycles.samples = 2
+    built.cycles.use_denoising = False
     built.display.render_aa = "OFF"
-    render.use_motion_blur, render.frame_map_new = blur is not None, stretch
+    render.use_motion_blur = blur is not None
+    render.frame_map_new = stretch
     if blur:
-        render.motion_blur_position, render.motion_blur_shutter = blur, 0.8
+        render.motion_blur_position = blur
+        render.motion_blur_shutter = 0.8
         list(render_setup.build(built))  # with limbs that are blurred, as the bake's are
     built.crowd_lod.first_frame = 5
     for number in FRAMES:
@@ -166,7 +171,9 @@ def test_a_file_for_renders_alone_shows_the_same_without_characters_and_lods(
         "--frames",
         "12,20,27",
     ]
-    sizes, meshes, hidden = [], [], []
+    sizes = []
+    meshes = []
+    hidden = []
     for name, more in (("whole", ()), ("slim", ("--render-only",))):
         out = tmp_path / f"{name}.blend"
         capfd.readouterr()
@@ -215,7 +222,8 @@ def test_a_bake_needs_what_a_build_needs(scene):
     with pytest.raises(CrowdError, match="Make LOD Meshes"):
         list(bake(scene, [1]))
     list(make_levels(scene))
-    scene.render.use_motion_blur, scene.render.motion_blur_shutter = True, 1.0
+    scene.render.use_motion_blur = True
+    scene.render.motion_blur_shutter = 1.0
     with pytest.raises(CrowdError, match="set it below 1"):
         list(bake(scene, [1]))
     assert scene.crowd_lod.build is None

@@ -40,7 +40,8 @@ def test_peers_find_what_the_core_finds_and_leave_the_file_as_it_was(bench, agen
 
 
 def test_nodes_that_walk_find_what_the_core_finds_and_leave_the_file_as_it_was(bench):
-    before, scene = set(bpy.data.user_map()), bpy.context.window.scene
+    before = set(bpy.data.user_map())
+    scene = bpy.context.window.scene
     row = bench.whole(700, 4, 1)
     assert row["agents"] == 700 and 0 < row["visible"] < 700
     assert set(bpy.data.user_map()) == before and bpy.context.window.scene == scene

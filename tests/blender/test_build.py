@@ -97,14 +97,13 @@ def test_buckets_stand_still_while_the_shutter_is_open_and_agents_move(built):
 
 
 def test_an_agents_looks_are_its_own_at_every_time_in_every_lod(built):
-    looks, levels = {}, {}
+    looks = {}
+    levels = {}
     for time in (1, 30, 12):
         built.frame_set(time)
         for item in built.crowd_lod.build.objects:
-            ids, values = (
-                np.empty(len(item.data.vertices), np.int32),
-                np.empty(len(item.data.vertices), np.float32),
-            )
+            ids = np.empty(len(item.data.vertices), np.int32)
+            values = np.empty(len(item.data.vertices), np.float32)
             item.data.attributes["id"].data.foreach_get("value", ids)
             item.data.attributes["looks"].data.foreach_get("value", values)
             for agent, value in zip(ids.tolist(), values.tolist(), strict=True):
@@ -128,8 +127,11 @@ def colored_by_looks(material, colors):
         tree.nodes.new(f"ShaderNode{kind}")
         for kind in ("Attribute", "CombineXYZ", "TexImage", "Emission", "OutputMaterial")
     )
-    looks.attribute_type, looks.attribute_name = "INSTANCER", "looks"
-    texture.image, texture.interpolation, texture.extension = image, "Closest", "EXTEND"
+    looks.attribute_type = "INSTANCER"
+    looks.attribute_name = "looks"
+    texture.image = image
+    texture.interpolation = "Closest"
+    texture.extension = "EXTEND"
     ends = (
         (looks.outputs["Fac"], place.inputs["X"]),
         (place.outputs[0], texture.inputs[0]),
@@ -143,16 +145,12 @@ def test_a_material_picks_from_an_image_by_the_agents_looks(built, tmp_path):
     colors = np.array([(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0)])
     for material in bpy.data.materials:
         colored_by_looks(material, colors)
-    built.render.engine, built.cycles.samples, built.view_settings.view_transform = (
-        "CYCLES",
-        1,
-        "Raw",
-    )
-    built.cycles.use_denoising, built.render.dither_intensity, built.render.filepath = (
-        False,
-        0,
-        str(tmp_path / "looks.png"),
-    )
+    built.render.engine = "CYCLES"
+    built.cycles.samples = 1
+    built.view_settings.view_transform = "Raw"
+    built.cycles.use_denoising = False
+    built.render.dither_intensity = 0
+    built.render.filepath = str(tmp_path / "looks.png")
     built.frame_set(12)
     plan = frame_of(built, bpy.context.evaluated_depsgraph_get())
     bpy.ops.render.render(write_still=True)
@@ -187,10 +185,15 @@ def test_headless_animation_renders_show_each_frame_at_its_place(built, tmp_path
     """
     built.crowd_lod.count = 1
     built.crowd_lod.size = (4, 4)
-    built.render.engine, built.cycles.samples, built.cycles.use_denoising = "CYCLES", 4, False
-    built.render.film_transparent, built.render.use_motion_blur = True, blur
+    built.render.engine = "CYCLES"
+    built.cycles.samples = 4
+    built.cycles.use_denoising = False
+    built.render.film_transparent = True
+    built.render.use_motion_blur = blur
     built.render.image_settings.color_mode = "RGBA"
-    built.frame_start, built.frame_end, built.frame_step = 5, 25, 10
+    built.frame_start = 5
+    built.frame_end = 25
+    built.frame_step = 10
     built.render.filepath = str(tmp_path / "f_")
     bpy.ops.render.render(animation=True)
     found = 0

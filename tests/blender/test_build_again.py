@@ -90,7 +90,8 @@ def test_what_undo_loses_of_a_build_is_put_back_and_nothing_else(built):
 def test_a_second_build_keeps_names_pointers_and_the_users_own_edits(built):
     top = built.crowd_lod.build
     first = render_setup.points_of(top)["LOD 1"]
-    first.name, first.color = "my points", (0.1, 0.2, 0.3, 1)
+    first.name = "my points"
+    first.color = (0.1, 0.2, 0.3, 1)
     later = first.modifiers.new("mine", "NODES")
     later.node_group = bpy.data.node_groups.new("my tree", "GeometryNodeTree")
     first.data.materials.append(bpy.data.materials.new("my material"))
@@ -99,12 +100,17 @@ def test_a_second_build_keeps_names_pointers_and_the_users_own_edits(built):
     elsewhere.objects.link(first)
     lamp = bpy.data.objects.new("lamp", None)
     top.objects.link(lamp)
-    top.name, top.hide_select = "my build", True
+    top.name = "my build"
+    top.hide_select = True
     layer = built.view_layers[0].layer_collection.children[top.name]
-    layer.children[0].exclude, layer.holdout = False, True
+    layer.children[0].exclude = False
+    layer.holdout = True
     kinds = "objects", "meshes", "armatures", "actions", "collections", "node_groups"
     names = {block.name for kind in kinds for block in getattr(bpy.data, kind)}
-    items, shown, before, looks = render_setup.points_of(top), points(top), counts(), visible()
+    items = render_setup.points_of(top)
+    shown = points(top)
+    before = counts()
+    looks = visible()
     ours = first.modifiers[0]
     list(render_setup.build(built))
     built.frame_set(1)
@@ -193,12 +199,15 @@ def test_a_level_more_or_less_adds_or_takes_its_points_and_poses(built):
 
 def test_other_poses_take_over_collections_but_not_what_the_user_put_there(built):
     shelf = next(c for c in built.crowd_lod.build.children_recursive if c.get(LIBRARY) == 0)
-    before, mine = list(shelf.children), bpy.data.objects.new("mine", None)
+    before = list(shelf.children)
+    mine = bpy.data.objects.new("mine", None)
     before[3].objects.link(mine)
     before[5].name = "my pose"
-    at_first, kept = len(before), {child.as_pointer() for child in before[6:]}
+    at_first = len(before)
+    kept = {child.as_pointer() for child in before[6:]}
     rig = next(item for item in built.crowd_lod.characters.all_objects if item.type == "ARMATURE")
-    action, poses = rig.animation_data.action, []
+    action = rig.animation_data.action
+    poses = []
     for given in (None, action):  # a group that stands has one pose
         rig.animation_data.action = given
         list(render_setup.build(built))
@@ -246,7 +255,8 @@ def test_two_scenes_have_builds_of_their_own(built):
 
 
 def test_a_linked_copy_of_a_scene_gets_a_build_of_its_own_and_leaves_the_others(built):
-    own, known = built.crowd_lod.build, points(built.crowd_lod.build)
+    own = built.crowd_lod.build
+    known = points(built.crowd_lod.build)
     bpy.context.window.scene = built
     for press in (
         lambda other: list(render_setup.build(other)),
@@ -273,7 +283,8 @@ def shown_in(layer):
 
 
 def test_the_crowd_shows_in_the_view_layers_that_are_chosen_and_stays_so(built):
-    first, later = built.view_layers[0], built.view_layers.new("later")
+    first = built.view_layers[0]
+    later = built.view_layers.new("later")
     there = shown_in(first)
     assert (
         there[0] > 0 and there[1] == 0 and shown_in(later) == there
@@ -303,7 +314,8 @@ def test_the_crowd_shows_in_the_view_layers_that_are_chosen_and_stays_so(built):
 def test_a_button_that_is_stopped_leaves_the_file_as_it_was(scene, name, part):
     scene.frame_end = 20
     store_groups(scene.crowd_lod, measure_groups(scene))
-    before, groups = set(bpy.data.user_map()), groups_of(scene.crowd_lod)
+    before = set(bpy.data.user_map())
+    groups = groups_of(scene.crowd_lod)
     work = prepared(
         scene, lambda: render_setup.build(scene) if name == "build" else bake(scene, range(1, 21))
     )
@@ -380,7 +392,8 @@ def test_a_build_that_fails_at_its_end_leaves_nothing_behind(levelled):
     bpy.ops.mesh.primitive_uv_sphere_add()
     mirrors = bpy.data.collections.new("mirrors")
     mirrors.objects.link(bpy.context.object)
-    levelled.crowd_lod.mirrors, levelled.render.engine = mirrors, "CYCLES"
+    levelled.crowd_lod.mirrors = mirrors
+    levelled.render.engine = "CYCLES"
     before = set(bpy.data.user_map())
     with pytest.raises(RuntimeError, match="mirror Sphere has"):
         bpy.ops.crowd_lod.build()

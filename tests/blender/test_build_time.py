@@ -37,7 +37,8 @@ def cut(built):
     """
     other = bpy.data.objects.new("Other camera", built.camera.data.copy())
     built.collection.objects.link(other)
-    other.location, other.rotation_euler = (0, 25, 2), (1.5, 0, np.pi)
+    other.location = (0, 25, 2)
+    other.rotation_euler = (1.5, 0, np.pi)
     for frame, camera in ((5, built.camera), (11, other)):
         built.timeline_markers.new(camera.name, frame=frame).camera = camera
     return built
@@ -129,7 +130,8 @@ def test_time_stretching_slows_crowd_and_camera_alike(built):
 
 @pytest.mark.parametrize("stretch", [100, 200])
 def test_a_stretched_shutter_opens_for_as_long_as_cycles_has_it_open(built, stretch):
-    built.render.use_motion_blur, built.render.frame_map_new = True, stretch
+    built.render.use_motion_blur = True
+    built.render.frame_map_new = stretch
     built.render.motion_blur_shutter = 0.5
     built.frame_set(20)
     times = [time for time, _ in cameras.read_shutter(built, scene_data.time_of(built))]
@@ -157,7 +159,9 @@ def test_an_open_shutter_is_read_once_a_rendered_frame_and_not_for_a_viewport(
         assert len(rendered(built, 21, columns)) == 3 and len(others) == 1
         # what is removed while compositing nodes show several scenes crashes Blender
         bpy.data.scenes.new("other")
-        built.frame_start, built.frame_end, built.render.filepath = 21, 22, str(tmp_path / "f")
+        built.frame_start = 21
+        built.frame_end = 22
+        built.render.filepath = str(tmp_path / "f")
         scenes = []
         bpy.app.handlers.render_post.append(count := lambda *_: scenes.append(len(bpy.data.scenes)))
         bpy.ops.render.render(animation=True)
@@ -169,16 +173,21 @@ def test_an_open_shutter_is_read_once_a_rendered_frame_and_not_for_a_viewport(
 
 @pytest.mark.parametrize("baked", [False, True])
 def test_who_comes_back_on_the_other_side_is_not_drawn_across_the_picture(built, baked):
-    settings, render = built.crowd_lod, built.render
+    settings = built.crowd_lod
+    render = built.render
     settings.machine = bpy.data.texts.new("fast")
     settings.machine.from_string(
         '{"version": 1, "edge": "wrap", "labels": {"ground": {"color": "#808080"}}, '
         '"states": {"east": {"on": {"*": {"move": [24, 0]}}}}}'
     )
-    render.use_motion_blur, render.motion_blur_shutter = True, 0.8
+    render.use_motion_blur = True
+    render.motion_blur_shutter = 0.8
     built.camera.animation_data_clear()
-    built.camera.data.type, built.camera.data.ortho_scale = "ORTHO", 100  # it sees them all
-    built.camera.location, built.camera.rotation_euler = (0, 0, 20), (0, 0, 0)
+    # it sees them all
+    built.camera.data.type = "ORTHO"
+    built.camera.data.ortho_scale = 100
+    built.camera.location = (0, 0, 20)
+    built.camera.rotation_euler = (0, 0, 0)
     crowds = [trajectory_of(built).at(time) for time in (11.6, 12.4)]
     jumps = (np.abs(crowds[1].x - crowds[0].x) > 20).sum()
     list(bake(built, [12]) if baked else render_setup.build(built))
@@ -206,14 +215,22 @@ def test_cycles_blurs_an_agent_over_the_way_it_walks(built, tmp_path, position):
     """Seen from above, one agent walks along x at 1.25 m/s: it is as much longer as it walks in 4
     frames.
     """
-    built.crowd_lod.count, built.crowd_lod.size = 1, (4, 4)
+    built.crowd_lod.count = 1
+    built.crowd_lod.size = (4, 4)
     built.camera.animation_data_clear()
-    built.camera.data.type, built.camera.data.ortho_scale = "ORTHO", 8
-    built.camera.location, built.camera.rotation_euler = (0, 0, 20), (0, 0, 0)
-    built.render.engine, built.cycles.samples, built.cycles.use_denoising = "CYCLES", 64, False
-    built.render.film_transparent, built.render.image_settings.color_mode = True, "RGBA"
-    built.render.resolution_x, built.render.resolution_y = 320, 160
-    built.render.motion_blur_shutter, built.render.motion_blur_position = 4.0, position
+    built.camera.data.type = "ORTHO"
+    built.camera.data.ortho_scale = 8
+    built.camera.location = (0, 0, 20)
+    built.camera.rotation_euler = (0, 0, 0)
+    built.render.engine = "CYCLES"
+    built.cycles.samples = 64
+    built.cycles.use_denoising = False
+    built.render.film_transparent = True
+    built.render.image_settings.color_mode = "RGBA"
+    built.render.resolution_x = 320
+    built.render.resolution_y = 160
+    built.render.motion_blur_shutter = 4.0
+    built.render.motion_blur_position = position
     for rig in [item for item in built.crowd_lod.characters.all_objects if item.type == "ARMATURE"]:
         rig.animation_data_clear()  # what its limbs do is another matter
     list(render_setup.build(built))

@@ -56,10 +56,12 @@ def depsgraph_of(scene):
 
 def shuffle(scene, random, kind):
     """Any lens, film and place of the scene's camera."""
-    camera, render = scene.camera, scene.render
+    camera = scene.camera
+    render = scene.render
     data = camera.data
     data.type = "ORTHO" if kind == "ORTHO" else "PERSP"
-    data.lens, data.ortho_scale = 10.0 ** random.uniform(0.3, 2.5), 10.0 ** random.uniform(0, 2)
+    data.lens = 10.0 ** random.uniform(0.3, 2.5)
+    data.ortho_scale = 10.0 ** random.uniform(0, 2)
     data.sensor_width, data.sensor_height = random.uniform(10, 50, 2)
     data.sensor_fit = str(random.choice(["AUTO", "HORIZONTAL", "VERTICAL"]))
     data.shift_x, data.shift_y = random.uniform(-1, 1, 2)
@@ -79,17 +81,21 @@ def shuffle(scene, random, kind):
     mirror = Matrix.Diagonal((random.choice([-1, 1]), 1, 1, 1))
     parent.matrix_world = Matrix.Translation(random.normal(size=3) * 100) @ scale @ mirror @ turn
     camera.parent = parent
-    camera.location, camera.rotation_euler = random.normal(size=3), random.uniform(-3, 3, 3)
+    camera.location = random.normal(size=3)
+    camera.rotation_euler = random.uniform(-3, 3, 3)
     return depsgraph_of(scene)
 
 
 def matrices(scene, depsgraph, side=None):
     """Blender's own (world to camera, camera to clip space), float64 (4, 4)."""
-    camera, render = scene.camera, scene.render
-    model, shift = np.array(camera.matrix_world.normalized()), camera.data.shift_x
+    camera = scene.camera
+    render = scene.render
+    model = np.array(camera.matrix_world.normalized())
+    shift = camera.data.shift_x
     if side:
         model, shift = Asked.answers[side]
-    own, camera.data.shift_x = camera.data.shift_x, shift
+    own = camera.data.shift_x
+    camera.data.shift_x = shift
     try:
         width, height = cameras.image_size(render)
         aspect = {"scale_x": render.pixel_aspect_x, "scale_y": render.pixel_aspect_y}
@@ -119,7 +125,8 @@ def test_no_agent_that_blender_shows_is_missed(scene, kind):
         depsgraph = shuffle(scene, random, kind)
         sides = [None]
         if kind == "stereo":
-            scene.render.use_multiview, scene.render.engine = True, Asked.bl_idname
+            scene.render.use_multiview = True
+            scene.render.engine = Asked.bl_idname
             stereo = scene.camera.data.stereo
             stereo.convergence_mode = str(random.choice(["OFFAXIS", "PARALLEL", "TOE"]))
             stereo.pivot = str(random.choice(["LEFT", "RIGHT", "CENTER"]))
@@ -137,13 +144,16 @@ def test_no_agent_that_blender_shows_is_missed(scene, kind):
                 scene.render.resolution_y,
                 scene.render.resolution_percentage,
             ) = size
-            depsgraph, sides = depsgraph_of(scene), ["left", "right"]
+            depsgraph = depsgraph_of(scene)
+            sides = ["left", "right"]
         eyes = cameras.read_cameras(scene, depsgraph)
         assert len(eyes) == len(sides)
         eye = eyes[0]
         # agents about the frustum, with points on their spheres
-        t, w = random.uniform(-0.2, 1.2, (AGENTS, 1)), random.uniform(-0.5, 1.5, (AGENTS, 2))
-        near, far = frustum_corners(eye, eye.near), frustum_corners(eye, eye.far)
+        t = random.uniform(-0.2, 1.2, (AGENTS, 1))
+        w = random.uniform(-0.5, 1.5, (AGENTS, 2))
+        near = frustum_corners(eye, eye.near)
+        far = frustum_corners(eye, eye.far)
         low, across, up = (near[k] + t * (far[k] - near[k]) for k in (0, 1, 3))
         points = low + w[:, :1] * (across - low) + w[:, 1:] * (up - low)
         radius = 10.0 ** random.uniform(-2, 1)
@@ -159,7 +169,9 @@ def test_no_agent_that_blender_shows_is_missed(scene, kind):
                 axis=1
             )
         assert not (seen & ~visible).any()
-        total, shown, kept = total + AGENTS, shown + int(seen.sum()), kept + int(visible.sum())
+        total = total + AGENTS
+        shown = shown + int(seen.sum())
+        kept = kept + int(visible.sum())
         if kind == "PERSP":
             scene.render.resolution_percentage = (
                 100  # world_to_camera_view knows no percentage, so no rounding to pixels
@@ -194,12 +206,17 @@ def test_the_window_is_blenders(scene, kind):
 @pytest.mark.parametrize("mode", ["OFFAXIS", "PARALLEL", "TOE"])
 @pytest.mark.parametrize("pivot", ["LEFT", "RIGHT", "CENTER"])
 def test_eyes_are_blenders(scene, mode, pivot):
-    camera, render = scene.camera, scene.render
-    camera.rotation_euler, camera.location = (1.0, 0.2, 0.3), (1, 2, 3)
+    camera = scene.camera
+    render = scene.render
+    camera.rotation_euler = (1.0, 0.2, 0.3)
+    camera.location = (1, 2, 3)
     stereo = camera.data.stereo
-    stereo.convergence_mode, stereo.pivot = mode, pivot
-    stereo.interocular_distance, stereo.convergence_distance = 0.5, 3.0
-    render.engine, render.use_multiview = Asked.bl_idname, True
+    stereo.convergence_mode = mode
+    stereo.pivot = pivot
+    stereo.interocular_distance = 0.5
+    stereo.convergence_distance = 3.0
+    render.engine = Asked.bl_idname
+    render.use_multiview = True
     render.resolution_x = render.resolution_y = 16
     bpy.ops.render.render(scene=scene.name)
     eyes = cameras.read_cameras(scene, depsgraph_of(scene))
@@ -222,7 +239,8 @@ def test_views_with_cameras_of_their_own(scene):
         item.location.x = x
         scene.collection.objects.link(item)
     scene.camera = scene.objects["Shot_L"]
-    render.use_multiview, render.views_format = True, "MULTIVIEW"
+    render.use_multiview = True
+    render.views_format = "MULTIVIEW"
     assert [camera.origin[0] for camera in cameras.read_cameras(scene, depsgraph_of(scene))] == [
         1,
         2,
@@ -249,12 +267,16 @@ def lit(scene, point, folder, engine, size=(96, 64)):
     mesh.materials.append(material)
     scene.collection.objects.link(ball)
     render = scene.render
-    render.engine, render.film_transparent = engine, True
+    render.engine = engine
+    render.film_transparent = True
     render.resolution_x, render.resolution_y, render.resolution_percentage = *size, 100
-    render.image_settings.file_format, render.image_settings.color_mode = "PNG", "RGBA"
+    render.image_settings.file_format = "PNG"
+    render.image_settings.color_mode = "RGBA"
     render.filepath = str(folder / "picture.png")
     if engine == "CYCLES":
-        scene.cycles.samples, scene.cycles.device, scene.cycles.use_denoising = 4, "CPU", False
+        scene.cycles.samples = 4
+        scene.cycles.device = "CPU"
+        scene.cycles.use_denoising = False
     bpy.ops.render.render(scene=scene.name, write_still=True)
     red, _, _, alpha = np.moveaxis(image_data.load_pixels(render.filepath), 2, 0)
     scene.collection.objects.unlink(ball)
@@ -278,11 +300,9 @@ def test_a_sheared_mirrored_camera_renders_where_its_coordinates_say(scene, engi
     scene.camera.parent = parent
     scene.camera.rotation_euler = 0.7, 0.4, 0.9
     scene.camera.data.lens = 20
-    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = (
-        96,
-        64,
-        100,
-    )
+    scene.render.resolution_x = 96
+    scene.render.resolution_y = 64
+    scene.render.resolution_percentage = 100
     camera = cameras.read_cameras(scene, depsgraph_of(scene))[0]
     assert abs(camera.X @ camera.Z) > 0.1  # sheared indeed
     point = camera.origin + np.linalg.inv([camera.X, camera.Y, camera.Z]) @ (3.0, -1.5, 8.0)
@@ -296,7 +316,9 @@ def test_fisheye_shows_its_cone(scene, tmp_path):
 
     addon_utils.enable("cycles")
     data = scene.camera.data
-    data.type, data.panorama_type, data.fisheye_fov = "PANO", "FISHEYE_EQUIDISTANT", 2.4
+    data.type = "PANO"
+    data.panorama_type = "FISHEYE_EQUIDISTANT"
+    data.fisheye_fov = 2.4
     camera = cameras.read_cameras(scene, depsgraph_of(scene))[0]
     assert camera.kind == "PANO" and camera.cone == pytest.approx(1.2)
     for angle, seen in ((1.1, True), (1.35, False)):
@@ -309,8 +331,11 @@ def test_every_panoramic_type_has_the_density_that_cycles_renders(scene, tmp_pat
     import addon_utils
 
     addon_utils.enable("cycles")
-    data, size = scene.camera.data, (90, 180)
-    data.type, data.central_cylindrical_radius, scene.render.pixel_aspect_y = "PANO", 1.5, 2
+    data = scene.camera.data
+    size = (90, 180)
+    data.type = "PANO"
+    data.central_cylindrical_radius = 1.5
+    scene.render.pixel_aspect_y = 2
     scene.render.resolution_x, scene.render.resolution_y = size
     for item in data.bl_rna.properties["panorama_type"].enum_items:
         data.panorama_type = item.identifier
@@ -327,12 +352,10 @@ def test_every_panoramic_type_has_the_density_that_cycles_renders(scene, tmp_pat
 def test_render_border_is_an_option(scene):
     render = scene.render
     render.use_border = True
-    render.border_min_x, render.border_max_x, render.border_min_y, render.border_max_y = (
-        0.25,
-        0.5,
-        0.1,
-        0.4,
-    )
+    render.border_min_x = 0.25
+    render.border_max_x = 0.5
+    render.border_min_y = 0.1
+    render.border_max_y = 0.4
     whole = cameras.read_cameras(scene, depsgraph_of(scene))[0]
     scene.crowd_lod.cull_to_border = True
     part = cameras.read_cameras(scene, depsgraph_of(scene))[0]
@@ -345,10 +368,14 @@ def test_render_border_is_an_option(scene):
 
 
 def animate(scene):
-    camera, data = scene.camera, scene.camera.data
+    camera = scene.camera
+    data = scene.camera.data
     for frame, lens, clip, shift, x in ((1, 20, 100, 0.0, 0.0), (11, 80, 300, 0.5, 40.0)):
-        camera.location.x, camera.rotation_euler = x, (1.5, 0, x / 40)
-        data.lens, data.clip_end, data.shift_x = lens, clip, shift
+        camera.location.x = x
+        camera.rotation_euler = (1.5, 0, x / 40)
+        data.lens = lens
+        data.clip_end = clip
+        data.shift_x = shift
         camera.keyframe_insert("location", frame=frame)
         camera.keyframe_insert("rotation_euler", frame=frame)
         for path in ("lens", "clip_end", "shift_x"):
@@ -370,12 +397,14 @@ def test_motion_blur_keeps_what_any_time_of_the_shutter_shows(scene):
     animate(scene)
     scene.frame_set(5)
     assert cameras.read_shutter(scene, 5.0) == []
-    scene.render.use_motion_blur, scene.render.motion_blur_shutter = True, 0.8
+    scene.render.use_motion_blur = True
+    scene.render.motion_blur_shutter = 0.8
     scene.render.motion_blur_position = "CENTER"
     samples = cameras.read_shutter(scene, 5.0)
     assert [time for time, _ in samples] == pytest.approx([4.6, 5.0, 5.4])
     points = np.random.default_rng(1).uniform(-150, 150, (20_000, 3))
-    crowd, radius = standing(points), np.array([0.5])
+    crowd = standing(points)
+    radius = np.array([0.5])
     kept = np.zeros(len(points), bool)
     for _, eyes in samples:
         kept |= radar(crowd, eyes, np.zeros(1), radius)[0]
@@ -389,7 +418,9 @@ def test_motion_blur_keeps_what_any_time_of_the_shutter_shows(scene):
 
 def test_depth_of_field_widens_the_view(scene):
     data = scene.camera.data
-    data.dof.use_dof, data.dof.aperture_fstop, data.lens = True, 1.0, 100.0
+    data.dof.use_dof = True
+    data.dof.aperture_fstop = 1.0
+    data.lens = 100.0
     target = bpy.data.objects.new("Focus", None)
     target.location = 3, 0, -4
     scene.collection.objects.link(target)

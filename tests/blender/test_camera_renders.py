@@ -29,18 +29,23 @@ def scene():
     scene = bpy.context.scene
     scene.camera = bpy.data.objects.new("Eye", bpy.data.cameras.new("Eye"))
     scene.collection.objects.link(scene.camera)
-    scene.camera.location, scene.camera.rotation_euler = (3, -2, 5), (1.1, 0.2, 0.7)
+    scene.camera.location = (3, -2, 5)
+    scene.camera.rotation_euler = (1.1, 0.2, 0.7)
     render = scene.render
-    render.engine, render.resolution_x, render.resolution_y, render.resolution_percentage = (
-        "CYCLES",
-        36,
-        22,
-        100,
-    )
-    render.image_settings.file_format, render.image_settings.color_mode = "PNG", "RGB"
-    scene.view_settings.view_transform, scene.world, render.dither_intensity = "Raw", None, 0
+    render.engine = "CYCLES"
+    render.resolution_x = 36
+    render.resolution_y = 22
+    render.resolution_percentage = 100
+    render.image_settings.file_format = "PNG"
+    render.image_settings.color_mode = "RGB"
+    scene.view_settings.view_transform = "Raw"
+    scene.world = None
+    render.dither_intensity = 0
     cycles = scene.cycles
-    cycles.samples, cycles.device, cycles.use_denoising, cycles.max_bounces = 24, "CPU", False, 0
+    cycles.samples = 24
+    cycles.device = "CPU"
+    cycles.use_denoising = False
+    cycles.max_bounces = 0
     cycles.use_adaptive_sampling = False
     return scene
 
@@ -104,7 +109,8 @@ def scattered(eye, random):
         return eye.origin + depth[:, None] * way, depth * 10.0 ** random.uniform(
             -1.5, -0.5, SPHERES
         )
-    w, across = eye.window, 1.0 if eye.kind == "ORTHO" else depth
+    w = eye.window
+    across = 1.0 if eye.kind == "ORTHO" else depth
     x, y = random.uniform(-0.4, 1.4, (2, SPHERES))
     edge = random.random(SPHERES)  # half of them within a few pixels of an edge
     x = np.where(edge < 0.25, np.where(x < 0.5, 0, 1) + random.uniform(-0.1, 0.1, SPHERES), x)
@@ -126,28 +132,32 @@ def plain(scene):
 
 
 def orthographic(scene):
-    scene.camera.data.type, scene.camera.data.ortho_scale, scene.camera.data.shift_y = (
-        "ORTHO",
-        9,
-        0.3,
-    )
+    scene.camera.data.type = "ORTHO"
+    scene.camera.data.ortho_scale = 9
+    scene.camera.data.shift_y = 0.3
 
 
 def shifted(scene):
-    scene.camera.data.shift_x, scene.camera.data.shift_y, scene.camera.data.lens = 0.7, -0.9, 18
+    scene.camera.data.shift_x = 0.7
+    scene.camera.data.shift_y = -0.9
+    scene.camera.data.lens = 18
 
 
 def fit(kind, width, height):
     def set_up(scene):
         data = scene.camera.data
-        data.sensor_fit, data.sensor_width, data.sensor_height = kind, 20, 35
-        scene.render.resolution_x, scene.render.resolution_y = width, height
+        data.sensor_fit = kind
+        data.sensor_width = 20
+        data.sensor_height = 35
+        scene.render.resolution_x = width
+        scene.render.resolution_y = height
 
     return set_up
 
 
 def pixel_aspect(scene):
-    scene.render.pixel_aspect_x, scene.render.pixel_aspect_y = 1, 1.9
+    scene.render.pixel_aspect_x = 1
+    scene.render.pixel_aspect_y = 1.9
 
 
 def below(matrix):
@@ -174,24 +184,27 @@ def linked(scene):
 def constrained(scene):
     """It looks at one thing and is carried by another."""
     target, carrier = (bpy.data.objects.new(name, None) for name in ("target", "carrier"))
-    target.location, carrier.location, carrier.scale = (-4, 6, 1), (2, 1, 3), (1, 2, 0.5)
+    target.location = (-4, 6, 1)
+    carrier.location = (2, 1, 3)
+    carrier.scale = (1, 2, 0.5)
     for item in (target, carrier):
         scene.collection.objects.link(item)
     scene.camera.constraints.new("CHILD_OF").target = carrier
     tracks = scene.camera.constraints.new("TRACK_TO")
-    tracks.target, tracks.track_axis, tracks.up_axis = target, "TRACK_NEGATIVE_Z", "UP_Y"
+    tracks.target = target
+    tracks.track_axis = "TRACK_NEGATIVE_Z"
+    tracks.up_axis = "UP_Y"
 
 
 def two_eyes(mode, pivot):
     def set_up(scene):
-        scene.render.use_multiview, scene.render.image_settings.views_format = True, "INDIVIDUAL"
+        scene.render.use_multiview = True
+        scene.render.image_settings.views_format = "INDIVIDUAL"
         eyes = scene.camera.data.stereo
-        eyes.convergence_mode, eyes.pivot, eyes.interocular_distance, eyes.convergence_distance = (
-            mode,
-            pivot,
-            2.0,
-            4.0,
-        )
+        eyes.convergence_mode = mode
+        eyes.pivot = pivot
+        eyes.interocular_distance = 2.0
+        eyes.convergence_distance = 4.0
 
     return set_up
 
@@ -200,36 +213,40 @@ def spherical(scene):
     two_eyes("OFFAXIS", "CENTER")(scene)
     panorama("EQUIRECTANGULAR")(scene)
     stereo = scene.camera.data.stereo
-    stereo.use_spherical_stereo, stereo.interocular_distance = True, 0.2
+    stereo.use_spherical_stereo = True
+    stereo.interocular_distance = 0.2
 
 
 def two_cameras(scene):
     scene.camera.name = "Eye_L"
     other = bpy.data.objects.new("Eye_R", scene.camera.data.copy())
-    other.location, other.rotation_euler, other.data.lens = (-4, 1, 2), (1.3, 0, -0.9), 22
+    other.location = (-4, 1, 2)
+    other.rotation_euler = (1.3, 0, -0.9)
+    other.data.lens = 22
     scene.collection.objects.link(other)
-    scene.render.use_multiview, scene.render.views_format = True, "MULTIVIEW"
+    scene.render.use_multiview = True
+    scene.render.views_format = "MULTIVIEW"
     scene.render.image_settings.views_format = "INDIVIDUAL"
 
 
 def panorama(kind):
     def set_up(scene):
         data = scene.camera.data
-        data.type, data.panorama_type, data.fisheye_fov, data.clip_start, data.clip_end = (
-            "PANO",
-            kind,
-            2.4,
-            0.5,
-            40,
-        )
-        data.fisheye_polynomial_k1, scene.render.resolution_y = -0.06, 36
+        data.type = "PANO"
+        data.panorama_type = kind
+        data.fisheye_fov = 2.4
+        data.clip_start = 0.5
+        data.clip_end = 40
+        data.fisheye_polynomial_k1 = -0.06
+        scene.render.resolution_y = 36
 
     return set_up
 
 
 def clipped(start, end):
     def set_up(scene):
-        scene.camera.data.clip_start, scene.camera.data.clip_end = start, end
+        scene.camera.data.clip_start = start
+        scene.camera.data.clip_end = end
 
     return set_up
 
@@ -238,27 +255,26 @@ def bordered(scene):
     """Its edges lie within pixels, which are rendered whole."""
     render = scene.render
     render.use_border = scene.crowd_lod.cull_to_border = True
-    render.border_min_x, render.border_max_x, render.border_min_y, render.border_max_y = (
-        0.27,
-        0.74,
-        0.22,
-        0.68,
-    )
+    render.border_min_x = 0.27
+    render.border_max_x = 0.74
+    render.border_min_y = 0.22
+    render.border_max_y = 0.68
     scene.cycles.pixel_filter_type = "BOX"
 
 
 def open_lens(scene):
     dof = scene.camera.data.dof
-    dof.use_dof, dof.aperture_fstop, dof.focus_distance, dof.aperture_ratio = True, 0.2, 3.0, 0.5
+    dof.use_dof = True
+    dof.aperture_fstop = 0.2
+    dof.focus_distance = 3.0
+    dof.aperture_ratio = 0.5
 
 
 def filtered(kind, width):
     def set_up(scene):
-        scene.cycles.pixel_filter_type, scene.cycles.filter_width, scene.cycles.samples = (
-            kind,
-            width,
-            200,
-        )
+        scene.cycles.pixel_filter_type = kind
+        scene.cycles.filter_width = width
+        scene.cycles.samples = 200
 
     return set_up
 
@@ -308,10 +324,8 @@ def judged(scene, lit, seed):
     eyes = cameras.read_cameras(scene, scene.view_layers[0].depsgraph)
     random = np.random.default_rng(seed)
     spheres = [scattered(eye, random) for eye in eyes]
-    points, radius = (
-        np.concatenate([p for p, _ in spheres]),
-        np.concatenate([r for _, r in spheres]),
-    )
+    points = np.concatenate([p for p, _ in spheres])
+    radius = np.concatenate([r for _, r in spheres])
     points = points.astype(np.float32).astype(np.float64)
     crowd = standing(points, np.arange(len(points)))
     seen, _ = radar(crowd, eyes, np.zeros(len(points)), radius)

@@ -57,10 +57,8 @@ def knight():
     """A rig and its mesh, 5.47 m high but for the two empties of an importer that they are
     below.
     """
-    item, armature = (
-        new("knight", tube("knight", 6, 4, radius=0.5, height=5.47)),
-        rig("knight's rig"),
-    )
+    item = new("knight", tube("knight", 6, 4, radius=0.5, height=5.47))
+    armature = rig("knight's rig")
     skin(item, armature)
     armature.animation_data_clear()
     armature.pose.bones["upper"].rotation_euler = (0, 0, 0)
@@ -127,7 +125,9 @@ def test_characters_have_their_size_in_spheres_build_bake_and_export(
     for name in ("appended", "linked"):
         character(brought(library, name == "linked"), name=name)
     settings = small_shot.crowd_lod
-    settings.count, settings.level_count, settings.thresholds[0] = 30, 2, 0.9
+    settings.count = 30
+    settings.level_count = 2
+    settings.thresholds[0] = 0.9
     settings.output_folder = str(tmp_path)
     bpy.ops.crowd_lod.populate()
     told = (
@@ -152,12 +152,15 @@ def test_characters_have_their_size_in_spheres_build_bake_and_export(
 
 
 def test_an_animated_empty_above_moves_the_character_in_all_phases(small_shot):
-    item, pivot = new("swung", tube("swung", 6, 4, radius=0.0001)), empty("pivot")
+    item = new("swung", tube("swung", 6, 4, radius=0.0001))
+    pivot = empty("pivot")
     item.parent = empty("between", parent=pivot)
     character(item, name="swung")
     keyed(pivot, "rotation_euler", (pi / 3, 0, 0), 11)
     settings = small_shot.crowd_lod
-    settings.count, settings.level_count, settings.thresholds[0] = 30, 2, 0.9
+    settings.count = 30
+    settings.level_count = 2
+    settings.thresholds[0] = 0.9
     bpy.ops.crowd_lod.populate()
     assert settings.groups[0].radius > 3**0.5  # where it is when it leans
     bpy.ops.crowd_lod.make_levels()
@@ -168,7 +171,8 @@ def test_an_animated_empty_above_moves_the_character_in_all_phases(small_shot):
 
 @pytest.mark.parametrize("link", (False, True))
 def test_the_root_motion_of_a_rig_of_another_file_is_taken_out(small_shot, tmp_path, link):
-    item, armature = new("body", tube("body", 6, 4)), rig()
+    item = new("body", tube("body", 6, 4))
+    armature = rig()
     skin(item, armature)
     armature.parent = new("root", None)
     armature.parent.scale = (0.01,) * 3
@@ -189,7 +193,8 @@ def depending():
     """A character that depends on much outside of its collection: its objects, and what they depend
     on: (data-block, path, index).
     """
-    item, armature = new("item", tube("item", 4, 3)), rig()
+    item = new("item", tube("item", 4, 3))
+    armature = rig()
     skin(item, armature)
     armature.animation_data_clear()
     grandparent, target_of_target, pointed, inner, driving = (
@@ -202,10 +207,8 @@ def depending():
     driver = item.driver_add("location", 0).driver
     driver.variables.new().targets[0].id = driving
     driver.variables[0].type = "TRANSFORMS"
-    wrapping, cage = (
-        beside("wrapping", tube("wrapping", 4, 3)),
-        beside("cage", bpy.data.lattices.new("cage")),
-    )
+    wrapping = beside("wrapping", tube("wrapping", 4, 3))
+    cage = beside("cage", bpy.data.lattices.new("cage"))
     item.modifiers.new("Shrinkwrap", "SHRINKWRAP").target = wrapping
     item.modifiers.new("Lattice", "LATTICE").object = cage
     item.modifiers.new("Solidify", "SOLIDIFY").thickness = 0.1
@@ -223,7 +226,8 @@ def depending():
     for each in (path, profile):
         each.data.splines.new("POLY").points.add(2)
         each.data.splines[0].points[1].co = (0, 0.1, 1, 1)
-    path.data.bevel_mode, path.data.bevel_object = "OBJECT", profile
+    path.data.bevel_mode = "OBJECT"
+    path.data.bevel_object = profile
     dependencies = {
         "parent": (armature.parent, "scale", 2),
         "parent's parent": (grandparent, "rotation_euler", 0),
@@ -297,7 +301,8 @@ def test_the_command_scene_keeps_all_that_a_character_is_made_of(small_shot, tmp
 
 
 def test_neither_the_scene_nor_what_a_lamp_shines_on_is_part_of_a_character(small_shot):
-    item, lit = new("item", tube("item", 4, 3)), new("lit", tube("lit", 4, 3))
+    item = new("item", tube("item", 4, 3))
+    lit = new("lit", tube("lit", 4, 3))
     small_shot.collection.objects.link(lit)
     variable = item.driver_add("location", 0).driver.variables.new()
     variable.type = "SINGLE_PROP"

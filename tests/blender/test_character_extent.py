@@ -15,7 +15,9 @@ from mathutils import Matrix
 from ..support.characters import character, new, rig, skin, tube
 from ..support.rigs import keyed
 
-PIXELS, WIDTH = 64, 12.0  # of the picture; meters that it shows
+# of the picture; meters that it shows
+PIXELS = 64
+WIDTH = 12.0
 
 
 def lit(tmp_path, height, frames=(1,)):
@@ -24,17 +26,19 @@ def lit(tmp_path, height, frames=(1,)):
     """
     scene = bpy.context.scene
     eye = new("eye", bpy.data.cameras.new("eye"))
-    eye.data.type, eye.data.ortho_scale = "ORTHO", WIDTH
-    eye.location, eye.rotation_euler = (0, -20, height), (np.pi / 2, 0, 0)
+    eye.data.type = "ORTHO"
+    eye.data.ortho_scale = WIDTH
+    eye.location = (0, -20, height)
+    eye.rotation_euler = (np.pi / 2, 0, 0)
     scene.collection.objects.link(eye)
     scene.camera, render = eye, scene.render
-    render.engine, scene.cycles.samples, scene.cycles.use_denoising = "CYCLES", 1, False
+    render.engine = "CYCLES"
+    scene.cycles.samples = 1
+    scene.cycles.use_denoising = False
     render.resolution_x = render.resolution_y = PIXELS
-    render.film_transparent, render.image_settings.color_mode, render.filter_size = (
-        True,
-        "RGBA",
-        0.01,
-    )
+    render.film_transparent = True
+    render.image_settings.color_mode = "RGBA"
+    render.filter_size = 0.01
     render.filepath = str(tmp_path / "picture.png")
     found = []
     for frame in frames:
@@ -47,7 +51,9 @@ def lit(tmp_path, height, frames=(1,)):
 
 def in_renders_only(body):
     array = body.modifiers.new("Array", "ARRAY")
-    array.count, array.use_relative_offset, array.use_constant_offset = 3, False, True
+    array.count = 3
+    array.use_relative_offset = False
+    array.use_constant_offset = True
     array.constant_offset_displace = (1.5, 0, 0)
     array.show_viewport = False
     return array
@@ -59,14 +65,14 @@ def finer_in_renders(body):
     mesh.from_pydata([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], [], [(0, 1, 2, 3)])
     tile = new("tile", mesh)
     finer = tile.modifiers.new("Finer", "SUBSURF")
-    finer.subdivision_type, finer.levels, finer.render_levels = "SIMPLE", 0, 3
+    finer.subdivision_type = "SIMPLE"
+    finer.levels = 0
+    finer.render_levels = 3
     pull = tile.modifiers.new("Pull", "DISPLACE")
-    pull.texture, pull.direction, pull.strength, pull.mid_level = (
-        bpy.data.textures.new("round", "BLEND"),
-        "Z",
-        5,
-        0,
-    )
+    pull.texture = bpy.data.textures.new("round", "BLEND")
+    pull.direction = "Z"
+    pull.strength = 5
+    pull.mid_level = 0
     pull.texture.progression = "SPHERICAL"
     body.users_collection[0].objects.link(tile)
 
@@ -86,7 +92,8 @@ def driven_in_renders(body):
 
 def hidden_in_the_viewport(body):
     part = new("hat", tube("hat", 8, 8))
-    part.location.z, part.hide_viewport = 2, True
+    part.location.z = 2
+    part.hide_viewport = True
     body.users_collection[0].objects.link(part)
 
 
@@ -100,7 +107,8 @@ def hidden_at_times(body):
 
 def in_a_hidden_collection(body):
     hidden_in_the_viewport(body)
-    part, home = bpy.data.objects["hat"], bpy.data.collections.new("hats")
+    part = bpy.data.objects["hat"]
+    home = bpy.data.collections.new("hats")
     part.hide_viewport = False
     body.users_collection[0].children.link(home)
     body.users_collection[0].objects.unlink(part)
@@ -130,7 +138,8 @@ def material(body, method="DISPLACEMENT"):
 
 def displaced_by(tree, height=None):
     node = tree.nodes.new("ShaderNodeDisplacement")
-    node.inputs["Scale"].default_value, node.inputs["Midlevel"].default_value = 2.0, 0.0
+    node.inputs["Scale"].default_value = 2.0
+    node.inputs["Midlevel"].default_value = 0.0
     node.inputs["Height"].default_value = 0.75
     if height is not None:
         tree.links.new(height, node.inputs["Height"])
@@ -147,7 +156,8 @@ def displaced(body):
 
 def displaced_by_a_ramp(body):
     tree = material(body)
-    noise, ramp = tree.nodes.new("ShaderNodeTexNoise"), tree.nodes.new("ShaderNodeValToRGB")
+    noise = tree.nodes.new("ShaderNodeTexNoise")
+    ramp = tree.nodes.new("ShaderNodeValToRGB")
     noise.inputs["Scale"].default_value = 20.0
     tree.links.new(noise.outputs[0], ramp.inputs[0])
     for element, value in zip(ramp.color_ramp.elements, (0.7, 0.8), strict=True):
@@ -180,8 +190,10 @@ def test_a_sphere_holds_all_that_a_render_shows(case, tmp_path):
 
 def test_the_plans_sphere_holds_lods_that_stick_out_of_the_character(tmp_path):
     body = new("body", tube("body", 8, 8))
-    home, scene = character(body), bpy.context.scene
-    scene.crowd_lod.level_count, scene.crowd_lod.method = 2, "DECIMATE"
+    home = character(body)
+    scene = bpy.context.scene
+    scene.crowd_lod.level_count = 2
+    scene.crowd_lod.method = "DECIMATE"
     list(make_levels(scene))
     level = scene.crowd_lod.levels.children[1].children[0].objects[0]
     level.data.transform(Matrix.Diagonal((3, 1, 2, 1)))  # an edited LOD
@@ -250,16 +262,15 @@ def test_a_bump_is_no_displacement():
 def sunk():
     """A crowd of one who stands half in the ground, and bends."""
     scene = bpy.context.scene
-    body, armature = new("body", tube("body", 8, 8)), rig()
+    body = new("body", tube("body", 8, 8))
+    armature = rig()
     skin(body, armature)
     character(body, armature, name="giraffe").instance_offset = (0, 0, 1)
     settings = scene.crowd_lod
-    settings.count, settings.size, settings.level_count, settings.method = (
-        1,
-        (0.001, 0.001),
-        2,
-        "DECIMATE",
-    )
+    settings.count = 1
+    settings.size = (0.001, 0.001)
+    settings.level_count = 2
+    settings.method = "DECIMATE"
     scene.render.fps = 24
     return scene
 

@@ -82,7 +82,8 @@ def with_constraints():
     """A tube for each type of constraint, and a skinned one with its rig, whose bone has them all;
     their targets are outside.
     """
-    armature, items = rig(), []
+    armature = rig()
+    items = []
     targets = new("mesh", tube("mesh", 3, 1)), new("path", curve()), rig("other")
     for target in targets:
         target.location = (0, 3, 1)
@@ -116,8 +117,10 @@ def curve(kind="POLY"):
 
 def with_faces():
     """A curve, a text and a surface, which have faces though they are no meshes."""
-    bevelled, text = curve(), bpy.data.curves.new("text", "FONT")
-    bevelled.bevel_depth, text.body = 0.2, "A"
+    bevelled = curve()
+    text = bpy.data.curves.new("text", "FONT")
+    bevelled.bevel_depth = 0.2
+    text.body = "A"
     bpy.ops.surface.primitive_nurbs_surface_sphere_add()
     surface = bpy.context.object
     surface.data.resolution_u = surface.data.resolution_v = 1
@@ -128,7 +131,8 @@ def with_faces():
 def without_faces():
     """One of each kind of object that has no faces: name -> object."""
     data = bpy.data
-    hair, cloud = data.hair_curves.new("hair"), data.pointclouds.new("cloud")
+    hair = data.hair_curves.new("hair")
+    cloud = data.pointclouds.new("cloud")
     hair.add_curves([3])
     hair.position_data.foreach_set("vector", [0, 0, 0, 0, 0, 1, 0, 0, 2])
     bpy.ops.object.grease_pencil_add(type="STROKE")
@@ -199,7 +203,8 @@ def test_a_character_without_faces_is_refused_by_name(small_shot):
 
 
 def test_what_a_constraint_puts_at_nan_is_refused_by_name(small_shot):
-    item, target = new("stretched", tube("stretched", 3, 1)), new("target", None)
+    item = new("stretched", tube("stretched", 3, 1))
+    target = new("target", None)
     item.constraints.new("STRETCH_TO").target = target  # from a place to the same place
     character(new("body", tube("body", 3, 1)), item)
     with pytest.raises(

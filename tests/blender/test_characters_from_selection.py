@@ -39,7 +39,8 @@ def stage():
     scene = bpy.context.scene
     home = bpy.data.collections.new("Collection")
     scene.collection.children.link(home)
-    anna, bert = rig("Anna"), rig("Bert")
+    anna = rig("Anna")
+    bert = rig("Bert")
     body, coat, hat, other = (
         new(name, tube(name, 6, 4)) for name in ("body", "coat", "hat", "other")
     )
@@ -49,11 +50,10 @@ def stage():
     skin(other, bert)
     bert.location = 3, 2, 1
     bert["stride"] = 1.5
-    statue, stand = new("statue", tube("statue", 6, 4)), new("stand", None)
-    lamp, camera = (
-        new("Lamp", bpy.data.lights.new("Lamp", "POINT")),
-        new("Camera", bpy.data.cameras.new("Camera")),
-    )
+    statue = new("statue", tube("statue", 6, 4))
+    stand = new("stand", None)
+    lamp = new("Lamp", bpy.data.lights.new("Lamp", "POINT"))
+    camera = new("Camera", bpy.data.cameras.new("Camera"))
     for item in (anna, bert, body, coat, hat, other, statue, stand, lamp, camera):
         home.objects.link(item)
     bpy.context.view_layer.update()
@@ -97,7 +97,8 @@ def test_all_selected_is_a_group_for_each_character_and_names_what_is_left(stage
 
 
 def test_a_selected_empty_brings_what_hangs_on_it(stage):
-    stand, statue = stage.objects["stand"], stage.objects["statue"]
+    stand = stage.objects["stand"]
+    statue = stage.objects["statue"]
     stand.location.x = 5
     base = new("base", tube("base", 6, 4))
     stage.collection.objects.link(base)
@@ -117,11 +118,17 @@ def test_meshes_under_an_empty_that_is_not_selected_are_characters_each(stage):
 
 
 def test_a_rig_and_its_mesh_take_along_the_empties_that_an_importer_put_above_them(stage):
-    anna, scale, file = stage.objects["Anna"], new("scale", None), new("file", None)
+    anna = stage.objects["Anna"]
+    scale = new("scale", None)
+    file = new("file", None)
     for item in (scale, file):
         stage.collection.objects.link(item)
-    anna.parent, scale.parent, file.parent = scale, file, stage.objects["stand"]
-    scale.scale, scale.rotation_euler, file.location = (0.01, 0.01, 0.01), (1.5, 0, 0), (0, 5, 0)
+    anna.parent = scale
+    scale.parent = file
+    file.parent = stage.objects["stand"]
+    scale.scale = (0.01, 0.01, 0.01)
+    scale.rotation_euler = (1.5, 0, 0)
+    file.location = (0, 5, 0)
     stage.objects["Bert"].parent = stage.objects["stand"]  # which is above both, and stays
     bpy.context.view_layer.update()
     place = anna.matrix_world.copy()
@@ -148,12 +155,11 @@ def test_it_adds_to_the_characters_that_there_are(stage):
 
 
 def test_instances_metaballs_and_meshes_without_faces_are_named(stage, capfd):
-    blob, empty = new("blob", bpy.data.metaballs.new("blob")), new("sword", None)
+    blob = new("blob", bpy.data.metaballs.new("blob"))
+    empty = new("sword", None)
     cloud = new("dust", bpy.data.pointclouds.new("dust"))
-    empty.instance_type, empty.instance_collection = (
-        "COLLECTION",
-        bpy.data.collections.new("swords"),
-    )
+    empty.instance_type = "COLLECTION"
+    empty.instance_collection = bpy.data.collections.new("swords")
     blob.parent = empty.parent = cloud.parent = stage.objects["Bert"]
     for item in (blob, empty, cloud, new("points", bpy.data.meshes.new("points"))):
         stage.collection.objects.link(item)
@@ -221,7 +227,8 @@ def test_lamps_and_cameras_beside_the_characters_are_no_groups(stage):
     home.children.link(lights)
     lights.objects.link(stage.objects["Lamp"])
     stage.objects["coat"].parent = stage.objects["Anna"]
-    stage.crowd_lod.characters, stage.crowd_lod.count = home, 20
+    stage.crowd_lod.characters = home
+    stage.crowd_lod.count = 20
     assert [name for name, _, _ in characters_of(stage)] == ["Anna", "Bert", "statue"]
     assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
     bpy.data.batch_remove([item for item in home.all_objects if item.type in ("MESH", "ARMATURE")])

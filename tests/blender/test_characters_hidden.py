@@ -20,23 +20,20 @@ def far():
     scene = bpy.context.scene
     character(new("body", tube("body", 8, 8)))
     settings = scene.crowd_lod
-    settings.count, settings.size, settings.center, settings.level_count, settings.method = (
-        1,
-        (1, 1),
-        (50, 0, 0),
-        2,
-        "DECIMATE",
-    )
+    settings.count = 1
+    settings.size = (1, 1)
+    settings.center = (50, 0, 0)
+    settings.level_count = 2
+    settings.method = "DECIMATE"
     eye = new("eye", bpy.data.cameras.new("eye"))
-    eye.data.clip_end, eye.rotation_euler = 100, Euler((np.pi / 2, 0, 0))
+    eye.data.clip_end = 100
+    eye.rotation_euler = Euler((np.pi / 2, 0, 0))
     scene.collection.objects.link(eye)
     scene.camera, render = eye, scene.render
-    render.engine, scene.cycles.samples, scene.cycles.use_denoising, render.film_transparent = (
-        "CYCLES",
-        1,
-        False,
-        True,
-    )
+    render.engine = "CYCLES"
+    scene.cycles.samples = 1
+    scene.cycles.use_denoising = False
+    render.film_transparent = True
     render.resolution_x = render.resolution_y = 32
     bpy.ops.crowd_lod.populate()
     return scene
@@ -45,10 +42,8 @@ def far():
 def pixels(scene, tmp_path, x):
     """The pixels that a render shows of what stands at `x`."""
     scene.camera.location = x, -8, 1
-    scene.render.filepath, scene.render.image_settings.color_mode = (
-        str(tmp_path / "picture.png"),
-        "RGBA",
-    )
+    scene.render.filepath = str(tmp_path / "picture.png")
+    scene.render.image_settings.color_mode = "RGBA"
     scene.frame_set(1)
     with bpy.context.temp_override(scene=scene):
         bpy.ops.render.render(write_still=True)
@@ -83,7 +78,9 @@ def test_characters_that_the_user_hides_stay_hidden(far, tmp_path, capfd):
 
 def instanced(scene, home):
     empty = new("stand", None)
-    empty.instance_type, empty.instance_collection, empty.location.x = "COLLECTION", home, 20
+    empty.instance_type = "COLLECTION"
+    empty.instance_collection = home
+    empty.location.x = 20
     scene.collection.objects.link(empty)
 
 
@@ -118,13 +115,15 @@ def test_of_two_builds_of_the_same_characters_the_last_shows_them_again(far):
 @pytest.mark.once
 def test_a_preview_leaves_them_out_and_the_file_alone(far, tmp_path):
     far.camera.location = 0, -8, 1
-    people, pictures = far.crowd_lod.characters, {}
+    people = far.crowd_lod.characters
+    pictures = {}
     for name, hides, keeps in (
         ("left out", False, False),
         ("hidden", True, False),
         ("kept", False, True),
     ):
-        people.hide_render, far.crowd_lod.keep_characters = hides, keeps
+        people.hide_render = hides
+        far.crowd_lod.keep_characters = keeps
         plan = finished(preview(far, Preview([1], tmp_path / name, 64), []))
         assert (
             people.hide_render == hides

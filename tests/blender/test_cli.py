@@ -165,7 +165,8 @@ def empty_group(scene):
 
 def missing_image(scene):
     image = bpy.data.images.new("map.png", 8, 8)
-    image.source, image.filepath = "FILE", "//gone/map.png"
+    image.source = "FILE"
+    image.filepath = "//gone/map.png"
     scene.crowd_lod.map_image = image
 
 
@@ -234,7 +235,8 @@ def nan_vertices(scene):
 
 
 def flat_clip(scene):
-    scene.camera.data.clip_start, scene.camera.data.clip_end = 10, 5
+    scene.camera.data.clip_start = 10
+    scene.camera.data.clip_end = 5
 
 
 def thresholds_out_of_order(scene):
@@ -277,7 +279,8 @@ MAPS = [
 def test_a_map_that_cannot_be_used_is_told_of_before_any_work(scene, spoil):
     scene.crowd_lod.choice = "BY_TOLERANCE"  # then LODs, too, ask where agents are
     spoil(scene)
-    before, done = set(bpy.data.user_map()), []
+    before = set(bpy.data.user_map())
+    done = []
     with pytest.raises(RuntimeError, match=BAD_SCENES[spoil].replace("+", r"\+")):
         bpy.ops.crowd_lod.populate()
     with pytest.raises(CrowdError, match=BAD_SCENES[spoil].replace("+", r"\+")):
@@ -453,7 +456,8 @@ def test_results_are_printed_in_any_encoding(tmp_path):
 @pytest.mark.once
 @posix
 def test_ctrl_c_leaves_the_folder_as_it_was(levelled, tmp_path):
-    file, folder = tmp_path / "crowd.blend", tmp_path / "there"
+    file = tmp_path / "crowd.blend"
+    folder = tmp_path / "there"
     bpy.ops.wm.save_as_mainfile(filepath=str(file))
     folder.mkdir()
     command = [sys.executable, "-m", "crowd_lod_extension.operators.cli.commands", "preview", file]
@@ -478,7 +482,8 @@ def test_nobody_in_a_scene_or_in_sight_is_one_sentence_in_a_folder_of_any_name(
 ):
     folder = tmp_path / "ein Ordner – 群衆 é"
     folder.mkdir()
-    empty, away = folder / "niemand ü.blend", folder / "weg ü.blend"
+    empty = folder / "niemand ü.blend"
+    away = folder / "weg ü.blend"
     levelled.camera.location.z = 1e4
     bpy.ops.wm.save_as_mainfile(filepath=str(away), copy=True)
     levelled.crowd_lod.count = 0

@@ -41,7 +41,8 @@ def shown(scene):
 
 @pytest.mark.parametrize("known", [False, True])
 def test_work_is_what_the_depsgraph_shows(levelled, known):
-    scene, frames = levelled, [3, 9, 14]
+    scene = levelled
+    frames = [3, 9, 14]
     found = finished(estimate(scene, scene.crowd_lod, frames, known=known))
     assert list(found.looked_at) == frames and FULL in found.works and found.engine == "EEVEE"
     work = found.works["By Ratio"]
@@ -91,12 +92,15 @@ def test_the_button_fills_the_table_and_asks_for_lod_meshes(scene):
 
 def test_lods_that_fit_in_memory_are_built_and_the_others_are_not(scene, tmp_path):
     settings = scene.crowd_lod
-    settings.choice, settings.tolerance, settings.frames = "BY_TOLERANCE", 0.2, "1:20"
+    settings.choice = "BY_TOLERANCE"
+    settings.tolerance = 0.2
+    settings.frames = "1:20"
     stored_groups.store_groups(settings, group_measuring.measure_groups(scene))
     list(make_levels(scene))
     free = finished(estimate(scene, scene.crowd_lod)).prices["By Tolerance"].memory / 1e6
     settings.memory = 1.0
-    before, groups = set(bpy.data.user_map()), stored_groups.groups_of(settings)
+    before = set(bpy.data.user_map())
+    groups = stored_groups.groups_of(settings)
     with pytest.raises(CrowdError, match="The characters cannot take less than .* MB") as error:
         list(make_levels(scene))
     assert set(bpy.data.user_map()) == before and stored_groups.groups_of(settings) == groups

@@ -49,17 +49,18 @@ def mixed(scene, group, actions, phase, share):
     and set by hand.
     """
     _, objects, origin = characters_of(scene)[group]
-    stage, (rig,) = bpy.data.scenes.new("mixed"), {item.parent for item in objects}
+    stage = bpy.data.scenes.new("mixed")
+    (rig,) = {item.parent for item in objects}
     for item in (rig, *objects):
         stage.collection.objects.link(item)
-    before, bases, kept = (
-        rig.animation_data.action,
-        [],
-        [bone.matrix_basis.copy() for bone in rig.pose.bones],
-    )
+    before = rig.animation_data.action
+    bases = []
+    kept = [bone.matrix_basis.copy() for bone in rig.pose.bones]
     for action in actions:
         for bone in rig.pose.bones:  # what an action leaves alone stands at rest
-            bone.location, bone.rotation_quaternion, bone.scale = (0, 0, 0), (1, 0, 0, 0), (1, 1, 1)
+            bone.location = (0, 0, 0)
+            bone.rotation_quaternion = (1, 0, 0, 0)
+            bone.scale = (1, 1, 1)
         rig.animation_data.action = action
         first, last = action.frame_range
         frame = first + phase * (last - first)
@@ -68,7 +69,8 @@ def mixed(scene, group, actions, phase, share):
         bases.append([bone.matrix_basis.decompose() for bone in evaluated.pose.bones])
     rig.animation_data.action = None
     for bone, one, other in zip(rig.pose.bones, *bases, strict=True):
-        a, b = np.array(one[1]), np.array(other[1])
+        a = np.array(one[1])
+        b = np.array(other[1])
         b *= np.sign(a @ b) or 1.0
         angle = np.arccos(np.clip(a @ b, -1, 1))
         weights = (
@@ -107,8 +109,10 @@ def faders(scene, number):
 
     The phase by what is to come.
     """
-    trajectory, plan = trajectory_of(scene), frame_of(scene, bpy.context.evaluated_depsgraph_get())
-    crowd, found = plan.crowd, {}
+    trajectory = trajectory_of(scene)
+    plan = frame_of(scene, bpy.context.evaluated_depsgraph_get())
+    crowd = plan.crowd
+    found = {}
     names = np.array(trajectory.gaits.paces.actions)[crowd.playing]
     for agent in plan.buckets.order:
         if mixed_in(names[agent]):
@@ -127,14 +131,14 @@ def faders(scene, number):
 
 def off(scene, number):
     """Meters by which what the build shows is off at most, and the steps that agents show."""
-    crowd, shown = (
-        trajectory_of(scene).at(number),
-        [points for level, points in instances(scene) if level == 0],
-    )
-    worst, steps = 0.0, set()
+    crowd = trajectory_of(scene).at(number)
+    shown = [points for level, points in instances(scene) if level == 0]
+    worst = 0.0
+    steps = set()
     for (group, name), (agent, phase) in faders(scene, number).items():
         angle = crowd.heading[agent] + scene_data.rotation(scene.crowd_lod.forward)
-        c, s = np.cos(angle), np.sin(angle)
+        c = np.cos(angle)
+        s = np.sin(angle)
         actions, share = actions_in(scene, group, name)
         points = mixed(scene, group, actions, phase, share) @ np.array(
             [[c, s, 0], [-s, c, 0], [0, 0, 1]]
@@ -148,7 +152,8 @@ def off(scene, number):
 
 
 def test_live_build_and_bake_show_the_steps_of_cross_fades(fading):
-    scene, seen = fading, set()
+    scene = fading
+    seen = set()
     scene.crowd_lod.thresholds[:2] = (0.98, 0.99)  # all at LOD 0
     list(render_setup.build(scene))
     assert bpy.data.objects["adult rig"].animation_data.action.name == "walk adult"
@@ -184,7 +189,8 @@ def test_the_overlay_has_the_frames_of_each_step(fading):
 
 def test_deviations_hold_within_cross_fades(fading):
     scene = fading
-    (group, *_), (_, objects, _) = groups_of(scene.crowd_lod), characters_of(scene)[0]
+    (group, *_) = groups_of(scene.crowd_lod)
+    (_, objects, _) = characters_of(scene)[0]
     meshes = deviation.meshes_of(scene.crowd_lod.levels, 0, "adult")
     act = group_performance(group, objects)
     for span, name in zip(act.spans, act.names, strict=True):
@@ -196,7 +202,8 @@ def test_deviations_hold_within_cross_fades(fading):
 
 
 def test_a_step_leaves_the_rig_as_it_was(fading):
-    rig, (_, objects, _) = bpy.data.objects["adult rig"], characters_of(fading)[0]
+    rig = bpy.data.objects["adult rig"]
+    (_, objects, _) = characters_of(fading)[0]
     rig.pose.bones["forearm.L"].rotation_quaternion = (0.6, 0.8, 0, 0)
     before = (
         [tuple(map(tuple, bone.matrix_basis)) for bone in rig.pose.bones],
@@ -246,7 +253,8 @@ def test_what_cannot_be_faded_is_one_sentence(waiting):  # noqa: F811
 @pytest.mark.once
 def test_lods_made_before_the_cross_fades_are_told(fading):
     scene = fading
-    scene.crowd_lod.choice, scene.crowd_lod.frames = "BY_TOLERANCE", "1:20"
+    scene.crowd_lod.choice = "BY_TOLERANCE"
+    scene.crowd_lod.frames = "1:20"
     name_actions(scene, STATES)
     list(make_levels(scene))
     assert not outdated(scene)
@@ -260,11 +268,10 @@ def test_lods_made_before_the_cross_fades_are_told(fading):
 
 def test_rigs_have_keys_where_either_action_of_a_cross_fade_bends(waiting):  # noqa: F811
     idle = bpy.data.actions["idle adult"]
-    idle.use_frame_range, idle.frame_start, idle.frame_end = (
-        True,
-        1,
-        48,
-    )  # 47 frames beside the walk's 26
+    # 47 frames beside the walk's 26
+    idle.use_frame_range = True
+    idle.frame_start = 1
+    idle.frame_end = 48
     (_, objects, _) = characters_of(waiting)[0]
     act = performance_of("adult", objects, ["idle", " > idle 1/4"]).only(" > idle 1/4")
     for each in (1, 2):

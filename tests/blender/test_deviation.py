@@ -33,7 +33,8 @@ def sphere(rings, segments, radius=1.0):
     first = np.arange((rings - 2) * segments).reshape(-1, segments)
     second = np.roll(first, -1, axis=1)
     quads = np.stack([first, first + segments, second + segments, second], -1).reshape(-1, 4)
-    top, last = len(points), len(points) - segments
+    top = len(points)
+    last = len(points) - segments
     caps = [(top, i, (i + 1) % segments) for i in range(segments)]
     caps += [(top + 1, last + (i + 1) % segments, last + i) for i in range(segments)]
     mesh.from_pydata(
@@ -44,7 +45,8 @@ def sphere(rings, segments, radius=1.0):
 
 @pytest.mark.once
 def test_a_sphere_deviates_from_its_inscribed_octahedron_as_geometry_says():
-    ball, octahedron = sphere(200, 400, radius=2.0), sphere(2, 4, radius=2.0)
+    ball = sphere(200, 400, radius=2.0)
+    octahedron = sphere(2, 4, radius=2.0)
     assert len(octahedron.data.polygons) == 8
     found = finished(deviation.measure(GROUP, [ball], [[ball], [octahedron]]))
     inside = 2 / np.sqrt(3)  # of the faces' planes from the center
@@ -64,7 +66,8 @@ def test_a_hole_in_one_of_many_triangles_is_found_and_measured():
     """A triangle of 800 lacks its middle, 0.6 of its size: nothing is farther off than that hole's
     inscribed circle is wide.
     """
-    n, size = 21, 0.05
+    n = 21
+    size = 0.05
     x, y = (each.ravel() * size for each in np.meshgrid(np.arange(n), np.arange(n)))
     points = np.stack([x, y, np.zeros(n * n)], axis=1)
     a = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
@@ -102,7 +105,8 @@ def cylinder(name, armature, upper):
     """A tube along z from 0 to 2, 0.2 wide, skinned: vertices above the height `upper` follow the
     bone "upper".
     """
-    heights, around = np.linspace(0, 2, 41), np.linspace(0, 2 * np.pi, 16, endpoint=False)
+    heights = np.linspace(0, 2, 41)
+    around = np.linspace(0, 2 * np.pi, 16, endpoint=False)
     points = [(0.1 * np.cos(a), 0.1 * np.sin(a), z) for z in heights for a in around]
     faces = [
         (16 * r + i, 16 * r + (i + 1) % 16, 16 * r + 16 + (i + 1) % 16, 16 * r + 16 + i)
@@ -129,8 +133,12 @@ def bending_armature():
     bpy.context.scene.collection.objects.link(rig)
     bpy.context.view_layer.objects.active = rig
     bpy.ops.object.mode_set(mode="EDIT")
-    lower, upper = data.edit_bones.new("lower"), data.edit_bones.new("upper")
-    lower.head, lower.tail, upper.head, upper.tail = (0, 0, 0), (0, 0, 1), (0, 0, 1), (0, 0, 2)
+    lower = data.edit_bones.new("lower")
+    upper = data.edit_bones.new("upper")
+    lower.head = (0, 0, 0)
+    lower.tail = (0, 0, 1)
+    upper.head = (0, 0, 1)
+    upper.tail = (0, 0, 2)
     upper.parent = lower
     bpy.ops.object.mode_set(mode="OBJECT")
     bone = rig.pose.bones["upper"]
@@ -143,7 +151,8 @@ def bending_armature():
 
 def test_wrong_weights_show_in_motion_alone():
     rig = bending_armature()
-    right, wrong = cylinder("right", rig, 1.0), cylinder("wrong", rig, 1.5)
+    right = cylinder("right", rig, 1.0)
+    wrong = cylinder("wrong", rig, 1.5)
     found = finished(deviation.measure(GROUP, [right], [[right], [wrong]]))
     assert found.deviations[0] == 0
     with deviation.Posed([right], [[wrong]]) as posed:
@@ -172,7 +181,8 @@ def test_the_pose_that_only_seems_second_worst_is_measured_as_well():
         )
     character, lod = (bpy.data.objects.new(mesh.name, mesh) for mesh in meshes)
     character.shape_key_add(name="Basis")
-    patch, point = character.shape_key_add(name="patch"), character.shape_key_add(name="point")
+    patch = character.shape_key_add(name="patch")
+    point = character.shape_key_add(name="point")
     for i in np.flatnonzero((x < 10).ravel() & (y < 10).ravel()):
         patch.data[i].co.z = 0.1
     point.data[65 * 40 + 41].co.z = 0.12
@@ -184,7 +194,8 @@ def test_the_pose_that_only_seems_second_worst_is_measured_as_well():
 
 
 def test_all_objects_of_a_character_count_together(scene):
-    body, belt = sphere(16, 32), sphere(16, 32, radius=0.5)
+    body = sphere(16, 32)
+    belt = sphere(16, 32, radius=0.5)
     belt.location.x = 3
     far = belt.copy()
     far.location.x = 3.25
@@ -199,7 +210,8 @@ def test_the_source_counts_as_it_is_rendered():
     hidden.hide_viewport = True
     for item in (rough, hidden):
         modifier = item.modifiers.new("smooth", "SUBSURF")
-        modifier.levels, modifier.render_levels = 0, 3
+        modifier.levels = 0
+        modifier.render_levels = 3
     bare = sphere(4, 6)
     found = finished(deviation.measure(GROUP, [rough], [[bare], [hidden]]))
     assert found.deviations[0] > 0.1 and found.deviations[1] == 0
@@ -207,7 +219,8 @@ def test_the_source_counts_as_it_is_rendered():
 
 
 def test_what_shows_no_face_is_named():
-    ball, nothing = sphere(4, 6), bpy.data.objects.new("nothing", bpy.data.meshes.new("nothing"))
+    ball = sphere(4, 6)
+    nothing = bpy.data.objects.new("nothing", bpy.data.meshes.new("nothing"))
     before = set(bpy.data.user_map())
     with pytest.raises(CrowdError, match="LOD 1 of one has no face"):
         finished(deviation.measure(GROUP, [ball], [[ball], [nothing]]))
@@ -221,7 +234,8 @@ def test_thin_triangles_are_as_near_as_others(height):
     """As n-gons and long strips are cut to: Blender's tree alone errs by up to the triangles'
     length.
     """
-    random, apart = np.random.default_rng(0), 0.2
+    random = np.random.default_rng(0)
+    apart = 0.2
     turn = np.linalg.qr(random.normal(size=(3, 3)))[0]
     flat = np.array(
         [
@@ -230,7 +244,8 @@ def test_thin_triangles_are_as_near_as_others(height):
         ]
     )
     one = surface.Surface((flat @ turn).reshape(-1, 3), np.arange(60).reshape(-1, 3))
-    triangle, off = np.repeat(np.arange(20), 60), random.choice([0, 0.25 * apart], 1200)
+    triangle = np.repeat(np.arange(20), 60)
+    off = random.choice([0, 0.25 * apart], 1200)
     points = np.einsum("kc,kcd->kd", random.dirichlet((1, 1, 1), 1200), flat[triangle]) + off[
         :, None
     ] * (0, 0, 1)
@@ -242,12 +257,12 @@ def test_thin_triangles_are_as_near_as_others(height):
 
 
 def test_a_face_without_area_is_no_surface():
-    whole, clean = sphere(8, 12), sphere(8, 12)
-    points, faces = (
-        [tuple(v.co) for v in whole.data.vertices],
-        [tuple(p.vertices) for p in whole.data.polygons],
-    )
-    stray, at = bpy.data.objects.new("stray", bpy.data.meshes.new("stray")), len(points)
+    whole = sphere(8, 12)
+    clean = sphere(8, 12)
+    points = [tuple(v.co) for v in whole.data.vertices]
+    faces = [tuple(p.vertices) for p in whole.data.polygons]
+    stray = bpy.data.objects.new("stray", bpy.data.meshes.new("stray"))
+    at = len(points)
     stray.data.from_pydata(
         [*points, (1, 2, 3), (2, 2.1, 3.3), (3, 2.2, 3.6), (9, 9, 9)],
         [],

@@ -22,7 +22,8 @@ class Film(bpy.types.RenderEngine):
 
     bl_idname = "CROWD_LOD_FILM"
     bl_label = "Film"
-    times, seen = (), {}
+    times = ()
+    seen = {}
 
     def render(self, depsgraph):
         for time in self.times:
@@ -37,8 +38,10 @@ def filmed():
     bpy.utils.register_class(Film)
 
     def film(scene, times):
-        own, scene.render.engine = scene.render.engine, Film.bl_idname
-        Film.times, Film.seen = times, {}
+        own = scene.render.engine
+        scene.render.engine = Film.bl_idname
+        Film.times = times
+        Film.seen = {}
         scene.frame_set(int(times[0] // 1))
         bpy.ops.render.render(scene=scene.name)
         scene.render.engine = own
@@ -62,9 +65,11 @@ def drive(scene, path, expression="v", context=False):
     variable.name = "v"
     target = variable.targets[0]
     if context:
-        variable.type, target.context_property = "CONTEXT_PROP", "ACTIVE_SCENE"
+        variable.type = "CONTEXT_PROP"
+        target.context_property = "ACTIVE_SCENE"
     else:
-        target.id_type, target.id = "SCENE", scene
+        target.id_type = "SCENE"
+        target.id = scene
     target.data_path = path
 
 
@@ -89,7 +94,8 @@ def by_rigid_body(scene):
     box = bpy.context.object
     bpy.ops.rigidbody.object_add()
     box.hide_render = True
-    scene.camera.parent, scene.camera.location = box, (0, 0, 0)
+    scene.camera.parent = box
+    scene.camera.location = (0, 0, 0)
 
 
 def by_handler(scene):
@@ -105,16 +111,17 @@ def by_handler(scene):
 def by_camera_solver(scene):
     """Its way is solved from a clip of 12 points, filmed by a camera that goes past them."""
     picture = bpy.data.images.new("film", 64, 36)
-    picture.filepath_raw, picture.file_format = bpy.app.tempdir + "film0001.png", "PNG"
+    picture.filepath_raw = bpy.app.tempdir + "film0001.png"
+    picture.file_format = "PNG"
     picture.save()
     clip = bpy.data.movieclips.load(picture.filepath_raw)
-    tracking, frames = clip.tracking, range(1, 22)
-    tracking.camera.units, tracking.camera.sensor_width, tracking.camera.focal_length = (
-        "MILLIMETERS",
-        36,
-        36,
-    )
-    tracking.objects[0].keyframe_a, tracking.objects[0].keyframe_b = frames[0], frames[-1]
+    tracking = clip.tracking
+    frames = range(1, 22)
+    tracking.camera.units = "MILLIMETERS"
+    tracking.camera.sensor_width = 36
+    tracking.camera.focal_length = 36
+    tracking.objects[0].keyframe_a = frames[0]
+    tracking.objects[0].keyframe_b = frames[-1]
     for point in np.random.default_rng(0).uniform((-4, -2, 8), (4, 2, 14), (12, 3)):
         markers = tracking.tracks.new(name="point", frame=1).markers
         for frame in frames:
@@ -122,7 +129,8 @@ def by_camera_solver(scene):
             markers.insert_frame(frame, co=(0.5 + x / depth, 0.5 + y / depth * 64 / 36))
     window = bpy.context.window_manager.windows[0]
     area = window.screen.areas[0]
-    shown, area.type = area.type, "CLIP_EDITOR"
+    shown = area.type
+    area.type = "CLIP_EDITOR"
     area.spaces.active.clip = clip
     with bpy.context.temp_override(window=window, area=area, region=area.regions[-1]):
         bpy.ops.clip.solve_camera()
@@ -180,7 +188,8 @@ def test_a_bake_shows_whom_the_build_shows(built, way):
     frames = [4, 12]
     live, _ = played(built, way, frames)
     finished(bake(built, frames))
-    baked, ids = columns(built, "frame"), columns(built)
+    baked = columns(built, "frame")
+    ids = columns(built)
     for number in frames:
         assert all(
             np.array_equal(ids[bucket][baked[bucket] == number], own)
@@ -229,9 +238,13 @@ def test_a_render_says_once_that_its_open_shutter_shows_another_camera(
 ):
     if way:
         way(built)
-    built.render.use_motion_blur, built.render.filepath = True, str(tmp_path / "f")
-    built.render.resolution_percentage, built.frame_start, built.frame_end = 10, 8, 9
-    built.render.engine, built.cycles.samples = "CYCLES", 1
+    built.render.use_motion_blur = True
+    built.render.filepath = str(tmp_path / "f")
+    built.render.resolution_percentage = 10
+    built.frame_start = 8
+    built.frame_end = 9
+    built.render.engine = "CYCLES"
+    built.cycles.samples = 1
     built.frame_set(3)
     bpy.ops.render.render(animation=True)
     said = capfd.readouterr().err
@@ -242,18 +255,16 @@ def test_a_render_says_once_that_its_open_shutter_shows_another_camera(
 def test_verify_renders_and_judges_what_the_scenes_own_frames_show(built, tmp_path):
     built.camera.animation_data_clear()
     by_property(built)
-    built.render.engine, built.cycles.pixel_filter_type = (
-        "CYCLES",
-        "BOX",
-    )  # else pictures of another width show others
+    # else pictures of another width show others
+    built.render.engine = "CYCLES"
+    built.cycles.pixel_filter_type = "BOX"
     built.frame_set(14)
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    lens, visible = (
-        round(of_scene(built, depsgraph), 3),
-        int(frame_of(built, depsgraph).visible.sum()),
-    )
+    lens = round(of_scene(built, depsgraph), 3)
+    visible = int(frame_of(built, depsgraph).visible.sum())
     built.frame_set(2)
-    before, lenses = settings(built), set()
+    before = settings(built)
+    lenses = set()
 
     def noted(scene, depsgraph):
         if depsgraph.mode == "RENDER" and scene == built:
@@ -303,7 +314,8 @@ def test_a_still_camera_is_the_one_it_was_made_of_in_any_scene(scene):
         scene.collection.objects.link(item)
     parent.scale, parent.rotation_euler, scene.camera.parent = (-2, 1, 0.5), (0.2, 0.3, 0.4), parent
     dof = scene.camera.data.dof
-    dof.use_dof, dof.focus_object = True, target
+    dof.use_dof = True
+    dof.focus_object = target
     for frame, x in ((1, 0.0), (21, 40.0)):
         target.location.x = x
         target.keyframe_insert("location", frame=frame)
@@ -312,10 +324,8 @@ def test_a_still_camera_is_the_one_it_was_made_of_in_any_scene(scene):
         wanted = cameras.cameras_from(scene, scene.camera, depsgraph)[0]
         found = cameras.still(scene.camera, depsgraph)
     other = bpy.data.scenes.new("other")
-    other.render.resolution_x, other.render.resolution_y = (
-        scene.render.resolution_x,
-        scene.render.resolution_y,
-    )
+    other.render.resolution_x = scene.render.resolution_x
+    other.render.resolution_y = scene.render.resolution_y
     other.collection.objects.link(found)
     other.frame_set(30)
     got = cameras.cameras_from(other, found, other.view_layers[0].depsgraph)[0]

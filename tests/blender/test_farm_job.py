@@ -40,12 +40,11 @@ def run(*words):
 
 @pytest.fixture
 def job(levelled, tmp_path):
-    levelled.crowd_lod.count, levelled.frame_step = 40, 3
-    levelled.render.engine, levelled.cycles.samples, levelled.render.resolution_percentage = (
-        "CYCLES",
-        1,
-        50,
-    )
+    levelled.crowd_lod.count = 40
+    levelled.frame_step = 3
+    levelled.render.engine = "CYCLES"
+    levelled.cycles.samples = 1
+    levelled.render.resolution_percentage = 50
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"))
     assert (
         run(

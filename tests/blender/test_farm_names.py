@@ -61,7 +61,8 @@ def test_a_name_that_no_job_can_hold_is_one_sentence(levelled, tmp_path, name, c
 
 def test_frames_below_zero_are_one_word_of_each_command(levelled, tmp_path):
     path = tmp_path / "crowd.blend"
-    levelled.crowd_lod.count, levelled.crowd_lod.width = 5, 32
+    levelled.crowd_lod.count = 5
+    levelled.crowd_lod.width = 32
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
     assert (
         run(

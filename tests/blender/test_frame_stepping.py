@@ -22,7 +22,8 @@ def test_the_build_is_not_evaluated_while_frames_are_stepped(built):
 
 
 def test_the_build_is_shown_and_selected_as_before_also_after_an_error(built):
-    points, layer = built.crowd_lod.build.objects[0], built.view_layers[0]
+    points = built.crowd_lod.build.objects[0]
+    layer = built.view_layers[0]
     points.select_set(True)
     with pytest.raises(ZeroDivisionError), step_frames(built) as at:
         at((), 5)

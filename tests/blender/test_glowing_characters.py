@@ -40,10 +40,8 @@ def emission():
 def principled(strength=1.0, color=(1, 1, 1, 1)):
     made = material("Principled", (0.8, 0.8, 0.8))
     node = next(node for node in made.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
-    node.inputs["Emission Strength"].default_value, node.inputs["Emission Color"].default_value = (
-        strength,
-        color,
-    )
+    node.inputs["Emission Strength"].default_value = strength
+    node.inputs["Emission Color"].default_value = color
     return made
 
 
@@ -67,8 +65,10 @@ def unlit(camera=2):
     KHR_materials_unlit.
     """
     made, tree, output = empty("Unlit")
-    mix, path = tree.nodes.new("ShaderNodeMixShader"), tree.nodes.new("ShaderNodeLightPath")
-    shown, other = tree.nodes.new("ShaderNodeEmission"), tree.nodes.new("ShaderNodeBsdfTransparent")
+    mix = tree.nodes.new("ShaderNodeMixShader")
+    path = tree.nodes.new("ShaderNodeLightPath")
+    shown = tree.nodes.new("ShaderNodeEmission")
+    other = tree.nodes.new("ShaderNodeBsdfTransparent")
     tree.links.new(path.outputs["Is Camera Ray"], mix.inputs[0])
     tree.links.new(shown.outputs[0], mix.inputs[camera])
     tree.links.new(other.outputs[0], mix.inputs[3 - camera])
@@ -91,7 +91,8 @@ def grouped(make):
     inner = make()
     group = bpy.data.node_groups.new("Toon", "ShaderNodeTree")
     group.interface.new_socket("Shader", in_out="OUTPUT", socket_type="NodeSocketShader")
-    node, end = group.nodes.new("ShaderNodeEmission"), group.nodes.new("NodeGroupOutput")
+    node = group.nodes.new("ShaderNodeEmission")
+    end = group.nodes.new("NodeGroupOutput")
     group.links.new(node.outputs[0], end.inputs[0])
     tree = inner.node_tree
     holder = tree.nodes.new("ShaderNodeGroup")
@@ -135,22 +136,22 @@ def glow_scene(made):
     add(scene.collection, "Ground", [(tile(-30, -30, 30, 30), material("Ground", (0.5, 0.5, 0.5)))])
     camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
     scene.collection.objects.link(camera)
-    scene.camera, camera.location, camera.data.lens, camera.data.clip_end = (
-        camera,
-        (0, 0, 4),
-        50,
-        60,
-    )
-    scene.render.engine, scene.render.resolution_x, scene.render.resolution_y = "CYCLES", 24, 24
-    scene.cycles.samples, scene.cycles.use_denoising, scene.cycles.seed = 256, False, 1
+    scene.camera = camera
+    camera.location = (0, 0, 4)
+    camera.data.lens = 50
+    camera.data.clip_end = 60
+    scene.render.engine = "CYCLES"
+    scene.render.resolution_x = 24
+    scene.render.resolution_y = 24
+    scene.cycles.samples = 256
+    scene.cycles.use_denoising = False
+    scene.cycles.seed = 1
     scene.view_settings.view_transform = "Raw"
     settings = scene.crowd_lod
-    settings.count, settings.size, settings.level_count, settings.method = (
-        30,
-        (16, 16),
-        2,
-        "DECIMATE",
-    )
+    settings.count = 30
+    settings.size = (16, 16)
+    settings.level_count = 2
+    settings.method = "DECIMATE"
     settings.ratios[1] = 0.5
     store_groups(settings, measure_groups(scene))
     list(make_levels(scene))
@@ -159,7 +160,8 @@ def glow_scene(made):
 
 def rendered(scene, path):
     list(build(scene))
-    scene.render.image_settings.file_format, scene.render.filepath = "OPEN_EXR", str(path)
+    scene.render.image_settings.file_format = "OPEN_EXR"
+    scene.render.filepath = str(path)
     bpy.ops.render.render(write_still=True)
     image = bpy.data.images.load(str(path))
     return np.array(image.pixels[:]).reshape(24, 24, -1)[..., :3]
@@ -179,7 +181,8 @@ def test_culling_leaves_the_light_of_characters_in_the_picture(name, tmp_path):
     culled = rendered(scene, tmp_path / "culled.exr")
     settings.shadows = False
     bare = rendered(scene, tmp_path / "bare.exr")
-    settings.margin_kind, settings.margin = "FIXED", 1000
+    settings.margin_kind = "FIXED"
+    settings.margin = 1000
     everyone = rendered(scene, tmp_path / "everyone.exr")
     if lights:
         assert np.median(culled) == pytest.approx(np.median(everyone), rel=0.05)

@@ -108,12 +108,10 @@ def test_a_live_build_with_a_spoilt_plan_shows_its_own_frame_and_says_why(
     built, tmp_path, capfd, spoil
 ):
     settings = built.crowd_lod
-    settings.choice, settings.tolerance, settings.frames, settings.output_folder = (
-        "BY_TOLERANCE",
-        4.0,
-        "1:6",
-        str(tmp_path),
-    )
+    settings.choice = "BY_TOLERANCE"
+    settings.tolerance = 4.0
+    settings.frames = "1:6"
+    settings.output_folder = str(tmp_path)
     assert bpy.ops.crowd_lod.make_levels() == {"FINISHED"}
     assert bpy.ops.crowd_lod.plan_shot() == {"FINISHED"}
     plan = Path(bpy.path.abspath(settings.shot_plan))

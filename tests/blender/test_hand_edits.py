@@ -21,7 +21,8 @@ def press(scene, agent, *kinds):
 
 
 def test_each_button_edits_the_picked_agent_and_its_entry_can_be_switched_off(levelled):
-    settings, own = levelled.crowd_lod, trajectory_of(levelled)
+    settings = levelled.crowd_lod
+    own = trajectory_of(levelled)
     before = own.at(7)
     press(levelled, 12, "NUDGE", "NUDGE", "TURN", "GROUP", "HIDE", "ALWAYS")
     assert [entry.kind for entry in settings.exceptions] == [
@@ -43,7 +44,8 @@ def test_each_button_edits_the_picked_agent_and_its_entry_can_be_switched_off(le
 
 
 def test_a_pin_and_a_hide_hold_without_a_shot_plan(levelled):
-    (hidden, finer, *_), (pinned, *_) = seen_at(levelled, 2), seen_at(levelled, 0)
+    (hidden, finer, *_) = seen_at(levelled, 2)
+    (pinned, *_) = seen_at(levelled, 0)
     add(levelled, "Pin", agents=f"{pinned}", kind="ALWAYS", level=2)
     add(levelled, "Detail", agents=f"{finer}", kind="NEVER_COARSER", level=1)
     add(
@@ -78,7 +80,8 @@ def shown(scene):
 @pytest.mark.parametrize("make", ["build", "bake"])
 def test_the_build_shows_edited_agents_where_they_are_put(built, make, monkeypatch):
     monkeypatch.setattr(staleness, "LOOK", 0.0)
-    built.frame_start, built.frame_end = 1, 3
+    built.frame_start = 1
+    built.frame_end = 3
     frame = frame_at(built, 2)
     moved, turned, swapped, hidden = np.flatnonzero(
         frame.visible & (frame.crowd.group == frame.crowd.group.max())
@@ -153,7 +156,8 @@ def test_the_plan_knows_of_edits_and_says_when_they_change(levelled, tmp_path):
 
 
 def test_erasing_and_thinning_keep_numbers_of_who_stands_in_the_box(levelled):
-    own, settings = trajectory_of(levelled), levelled.crowd_lod
+    own = trajectory_of(levelled)
+    settings = levelled.crowd_lod
     region = cube(levelled, (-5, -8, -1), (9, 0, 1), "Fountain")
     levelled.frame_set(6)
     bpy.context.view_layer.objects.active = region
@@ -168,7 +172,10 @@ def test_erasing_and_thinning_keep_numbers_of_who_stands_in_the_box(levelled):
     parts = []
     for share, seed in ((0.5, 0), (0.5, 0), (0.8, 0), (0.5, 1)):
         entry = settings.exceptions[0]
-        entry.chosen_by, entry.share, entry.share_seed, region.location.x = "REGION", share, seed, 2
+        entry.chosen_by = "REGION"
+        entry.share = share
+        entry.share_seed = seed
+        region.location.x = 2
         bpy.context.view_layer.update()
         bpy.ops.crowd_lod.find_agents()
         parts.append(set(gone()))
@@ -180,10 +187,13 @@ def test_a_volume_holds_whose_middle_is_in_its_mesh(levelled):
     """A prism over an L, which holds less than its box."""
     corners = [(0, 0), (12, 0), (12, 4), (5, 4), (5, 9), (0, 9)]
     sides = [(k, (k + 1) % 6, (k + 1) % 6 + 6, k + 6) for k in range(6)]
-    faces, mesh = [(5, 4, 3, 2, 1, 0), (6, 7, 8, 9, 10, 11), *sides], bpy.data.meshes.new("L")
+    faces = [(5, 4, 3, 2, 1, 0), (6, 7, 8, 9, 10, 11), *sides]
+    mesh = bpy.data.meshes.new("L")
     mesh.from_pydata([(x, y, z) for z in (0, 3) for x, y in corners], [], faces)
     item = bpy.data.objects.new("L", mesh)
-    item.location, item.rotation_euler.z, item.scale = (-6, -5, 0), 0.5, (1.5, 1, 1)
+    item.location = (-6, -5, 0)
+    item.rotation_euler.z = 0.5
+    item.scale = (1.5, 1, 1)
     levelled.collection.objects.link(item)
     levelled.frame_set(4)
     bpy.context.view_layer.update()
@@ -192,7 +202,8 @@ def test_a_volume_holds_whose_middle_is_in_its_mesh(levelled):
     turned = np.array([[np.cos(0.5), np.sin(0.5)], [-np.sin(0.5), np.cos(0.5)]]) @ np.stack(
         [crowd.x + 6, crowd.y + 5]
     )
-    x, y = turned[0] / 1.5, turned[1]
+    x = turned[0] / 1.5
+    y = turned[1]
     box = (x > 0) & (x < 12) & (y > 0) & (y < 9)
     inside = box & ((y < 4) | (x < 5))
     bpy.ops.crowd_lod.erase()
@@ -265,7 +276,8 @@ def test_wrong_edits_are_told_in_one_sentence_and_the_crowd_still_works(
     assert says in frame.unplanned and frame.unplanned.count("Hero") <= 1
     assert np.array_equal(frame.visible, before.visible)
     assert frame.crowd.heading[5] != before.crowd.heading[5]
-    levelled.crowd_lod.frames, levelled.crowd_lod.output_folder = "1:3", str(tmp_path)
+    levelled.crowd_lod.frames = "1:3"
+    levelled.crowd_lod.output_folder = str(tmp_path)
     with pytest.raises(RuntimeError) as told:
         bpy.ops.crowd_lod.plan_shot()
     assert says in str(told.value)
@@ -317,9 +329,11 @@ def test_numbers_of_several_crowds_are_those_of_all_together(levelled):
 
 
 def test_edits_follow_the_points_of_an_object_by_their_ids(levelled):
-    ids, settings = np.arange(60) * 7 + 100, levelled.crowd_lod
+    ids = np.arange(60) * 7 + 100
+    settings = levelled.crowd_lod
     item = scatter(levelled, attributes=[("id", "INT", ids)])
-    settings.source, settings.points = "POINTS", item
+    settings.source = "POINTS"
+    settings.points = item
     bpy.ops.crowd_lod.populate()
     before = trajectory_of(levelled)
     press(levelled, 5, "NUDGE", "GROUP")
@@ -337,7 +351,8 @@ def test_edits_follow_the_points_of_an_object_by_their_ids(levelled):
 
 
 def test_edits_follow_the_agents_of_a_file_that_grows(levelled, tmp_path):
-    settings, path = levelled.crowd_lod, tmp_path / "tracks.csv"
+    settings = levelled.crowd_lod
+    path = tmp_path / "tracks.csv"
 
     def written(ids):
         rows = [
@@ -348,19 +363,18 @@ def test_edits_follow_the_agents_of_a_file_that_grows(levelled, tmp_path):
         path.write_text("\n".join(["id,frame,x,y", *rows]))
 
     written(range(20, 30))
-    settings.source, settings.tracks_file, settings.tracks_rate, settings.tracks_unit = (
-        "FILE",
-        str(path),
-        24,
-        "M",
-    )
+    settings.source = "FILE"
+    settings.tracks_file = str(path)
+    settings.tracks_rate = 24
+    settings.tracks_unit = "M"
     bpy.ops.crowd_lod.populate()
     press(levelled, 4, "NUDGE")
     press(levelled, 5, "HIDE")
     assert [entry.agents for entry in settings.exceptions] == ["#24", "#25"]
     written(range(3, 30))
     edited = trajectory_of(levelled)
-    crowd, own = edited.at(9), edited.own.at(9)
+    crowd = edited.at(9)
+    own = edited.own.at(9)
     assert len(crowd) == 27 and np.flatnonzero(crowd.x != own.x).tolist() == [21]
     assert edited.ids[21] == 24 and np.flatnonzero(~crowd.present).tolist() == [22]
     # who is gone is told, the other is still edited

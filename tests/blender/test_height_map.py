@@ -11,7 +11,9 @@ from crowd_lod_extension.operators.scene import scene_crowd
 def test_agents_stand_on_the_height_image():
     settings = bpy.context.scene.crowd_lod
     groups = (Group("walker", 0.9, 1.0, 1.25, 1.0),)
-    settings.count, settings.size, settings.center = 500, (40, 20), (3, 4, 5)
+    settings.count = 500
+    settings.size = (40, 20)
+    settings.center = (3, 4, 5)
     values = np.ones((6, 9, 4), np.float32)
     values[..., 0] = np.random.default_rng(0).uniform(
         -0.3, 1.7, (6, 9)
@@ -20,10 +22,12 @@ def test_agents_stand_on_the_height_image():
     image.pixels.foreach_set(values.ravel())
     assert (image_data.read_values(image) == values).all()
     flat = scene_crowd.trajectory_of(bpy.context.scene, groups).at(40)
-    settings.height_image, settings.height_scale = image, 2.5
+    settings.height_image = image
+    settings.height_scale = 2.5
     hilly = scene_crowd.trajectory_of(bpy.context.scene, groups).at(40)
     assert (flat.x == hilly.x).all() and (flat.z == 5).all()
-    columns, rows = -17 + 40 / 9 * (np.arange(9) + 0.5), -6 + 20 / 6 * (np.arange(6) + 0.5)
+    columns = -17 + 40 / 9 * (np.arange(9) + 0.5)
+    rows = -6 + 20 / 6 * (np.arange(6) + 0.5)
     for x, y, z in zip(hilly.x[::25], hilly.y[::25], hilly.z[::25], strict=True):
         across = [np.interp(x, columns, row) for row in values[..., 0].astype(float)]
         assert z == pytest.approx(5 + 2.5 * np.interp(y, rows, across), abs=1e-5)

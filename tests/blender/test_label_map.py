@@ -18,7 +18,8 @@ def ground():
     """A scene with the market's machine and a ground of 40 by 20 meters, off the origin."""
     bpy.ops.crowd_lod.machine_preset(name="market")
     settings = bpy.context.scene.crowd_lod
-    settings.center, settings.size = (10, -5, 1), (40, 20)
+    settings.center = (10, -5, 1)
+    settings.size = (40, 20)
     return bpy.context.scene
 
 
@@ -48,7 +49,8 @@ def make(scene):
 
 def test_a_new_map_is_of_the_first_label_and_lies_on_the_ground(ground):
     bpy.ops.crowd_lod.new_map(pixels=80)
-    image, plane = ground.crowd_lod.map_image, plane_of(ground)
+    image = ground.crowd_lod.map_image
+    plane = plane_of(ground)
     assert tuple(image.size) == (80, 40) and image.packed_file is not None
     assert set(labels_of(ground).ravel()) == {"lane"}
     bpy.context.view_layer.update()
@@ -63,7 +65,8 @@ def test_a_new_map_is_of_the_first_label_and_lies_on_the_ground(ground):
 
 def test_the_plane_shows_pixels_where_the_crowd_has_them(ground):
     bpy.ops.crowd_lod.new_map(pixels=8)
-    image, plane = ground.crowd_lod.map_image, plane_of(ground)
+    image = ground.crowd_lod.map_image
+    plane = plane_of(ground)
     uv = {
         tuple(plane.data.vertices[loop.vertex_index].co)[:2]: tuple(
             plane.data.uv_layers[0].data[loop.index].uv
@@ -167,15 +170,20 @@ def test_collections_curves_and_modifiers_count_and_the_lower_area_lies_above(gr
     for x in (0, 20):
         shops.objects.link(block(x, -5))
     array = shops.objects[0].modifiers.new("Array", "ARRAY")
-    array.count, array.relative_offset_displace = 2, (0, 2, 0)
+    array.count = 2
+    array.relative_offset_displace = (0, 2, 0)
     bpy.ops.curve.primitive_bezier_circle_add(radius=2, location=(20, -5, 1))
-    bpy.context.object.data.dimensions, bpy.context.object.data.fill_mode = "2D", "BOTH"
+    bpy.context.object.data.dimensions = "2D"
+    bpy.context.object.data.fill_mode = "BOTH"
     for name, label, item, collection in (
         ("shops", "stall", None, shops),
         ("ring", "crossing", bpy.context.object, None),
     ):
         entry = settings.areas.add()
-        entry.name, entry.label, entry.object, entry.collection = name, label, item, collection
+        entry.name = name
+        entry.label = label
+        entry.object = item
+        entry.collection = collection
     assert make(ground) > 0
     assert (
         place(ground, 0, -5) == "stall"
@@ -198,7 +206,9 @@ def test_collections_curves_and_modifiers_count_and_the_lower_area_lies_above(gr
 def test_agents_do_not_start_in_a_wall_and_the_walk_knows_it(ground, scene):
     settings = scene.crowd_lod
     settings.machine = bpy.data.texts["market.json"]
-    settings.center, settings.size, settings.count = (0, 0, 0), (40, 40), 500
+    settings.center = (0, 0, 0)
+    settings.size = (40, 40)
+    settings.count = 500
     block(-10, 0, 20)
     groups = measure_groups(scene)
     outside = together(scene, groups).start

@@ -24,7 +24,8 @@ def two():
     """Two groups, `one` with a rig and a material, `two` without."""
     scene = bpy.context.scene
     scene.crowd_lod.method = "DECIMATE"  # the quickest
-    armature, body = rig(), new("body", tube("body", 12, 12))
+    armature = rig()
+    body = new("body", tube("body", 12, 12))
     body.data.materials.append(bpy.data.materials.new("skin"))
     skin(body, armature)
     character(armature, body, name="one")
@@ -114,7 +115,9 @@ def test_a_change_to_one_character_makes_that_one_anew(two, change):
 
 def test_a_custom_property_is_that_of_the_character_unless_it_is_animated(two):
     body = bpy.data.objects["body"]
-    body["shade"], body["glow"], body["some"] = 0.2, 0.0, {"of": [1, 2]}
+    body["shade"] = 0.2
+    body["glow"] = 0.0
+    body["some"] = {"of": [1, 2]}
     body.keyframe_insert('["glow"]', frame=1)
     run(two)
     body["glow"] = 0.7  # as another frame would
@@ -141,11 +144,9 @@ def test_spheres_are_measured_anew_where_the_scene_may_show_more(two):
     )
     tree = material.node_tree
     node = tree.nodes.new("ShaderNodeDisplacement")
-    (
-        node.inputs["Height"].default_value,
-        node.inputs["Midlevel"].default_value,
-        node.inputs["Scale"].default_value,
-    ) = 3, 0, 1
+    node.inputs["Height"].default_value = 3
+    node.inputs["Midlevel"].default_value = 0
+    node.inputs["Scale"].default_value = 1
     end = next(node for node in tree.nodes if node.type == "OUTPUT_MATERIAL")
     tree.links.new(node.outputs[0], end.inputs["Displacement"])
     outcome, _ = run(two)

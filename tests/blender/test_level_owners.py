@@ -31,12 +31,10 @@ def objects_of(scene, k):
 
 
 def test_lods_that_hang_on_a_character_s_armature_are_no_part_of_it(scene):
-    armature, body, root, hat = (
-        rig(),
-        new("body", tube("body", 8, 8)),
-        new("root", None),
-        new("hat", tube("hat", 8, 8)),
-    )
+    armature = rig()
+    body = new("body", tube("body", 8, 8))
+    root = new("root", None)
+    hat = new("hat", tube("hat", 8, 8))
     skin(body, armature)
     hat.parent = root
     bpy.data.collections.remove(character())
@@ -90,7 +88,8 @@ def test_a_lod_that_became_a_character_stays(scene, linked):
 def test_a_copy_of_the_scene_leaves_the_first_one_s(scene):
     character(new("body", tube("body", 8, 8)))
     run(scene)
-    levels, items = scene.crowd_lod.levels, list(scene.crowd_lod.levels.all_objects)
+    levels = scene.crowd_lod.levels
+    items = list(scene.crowd_lod.levels.all_objects)
     other = scene.copy()
     for ratio in (0.4, 0.5):
         other.crowd_lod.ratios[1] = ratio
@@ -149,7 +148,8 @@ def test_lods_of_another_group_are_never_taken_for_a_group_s_own(scene, change):
 def test_collections_that_the_user_put_among_the_lods_stay(scene):
     character(new("body", tube("body", 8, 8)))
     run(scene)
-    own, linked = bpy.data.collections.new("own"), bpy.data.collections.new("linked")
+    own = bpy.data.collections.new("own")
+    linked = bpy.data.collections.new("linked")
     scene.collection.children.link(linked)
     for collection in (own, linked):
         scene.crowd_lod.levels.children[1].children.link(collection)

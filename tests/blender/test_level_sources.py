@@ -35,24 +35,26 @@ def triangles(item):
 
 def test_curves_and_text_become_meshes_where_they_stand_with_their_own_materials():
     curve = bpy.data.curves.new("wire", "CURVE")
-    curve.dimensions, curve.bevel_depth = "3D", 0.1
+    curve.dimensions = "3D"
+    curve.bevel_depth = 0.1
     spline = curve.splines.new("POLY")
     spline.points.add(20)
     for i, point in enumerate(spline.points):
         point.co = (np.sin(i), 0, i / 10, 1)
     curve.materials.append(bpy.data.materials.new("shared"))
     wire = new("wire", curve)
-    wire.scale, wire.location = (-1, 1, 1), (3, 0, 0)
-    wire.material_slots[0].link, wire.material_slots[0].material = (
-        "OBJECT",
-        bpy.data.materials.new("own"),
-    )
+    wire.scale = (-1, 1, 1)
+    wire.location = (3, 0, 0)
+    wire.material_slots[0].link = "OBJECT"
+    wire.material_slots[0].material = bpy.data.materials.new("own")
     text = bpy.data.curves.new("sign", "FONT")
-    text.body, text.extrude = "Hello", 0.1
+    text.body = "Hello"
+    text.extrude = 0.1
     character(wire, new("sign", text))
     lods = made(1)
     assert [material.name for material in lods["wire LOD 1"].data.materials] == ["own"]
-    low, high = world(lods["wire LOD 1"]).min(axis=0), world(lods["wire LOD 1"]).max(axis=0)
+    low = world(lods["wire LOD 1"]).min(axis=0)
+    high = world(lods["wire LOD 1"]).max(axis=0)
     bpy.context.scene.collection.objects.link(wire)
     full = world(wire)
     assert np.allclose(low, full.min(axis=0), atol=0.06) and np.allclose(
@@ -84,10 +86,8 @@ def test_what_cannot_be_one_sentence_names_it_and_nothing_is_left(kind, says):
         item = new("mine", bpy.data.metaballs.new("mine"))
     elif kind == "instance":
         item = new("mine", None)
-        item.instance_type, item.instance_collection = (
-            "COLLECTION",
-            bpy.data.collections.new("inner"),
-        )
+        item.instance_type = "COLLECTION"
+        item.instance_collection = bpy.data.collections.new("inner")
     elif kind == "hair":
         item = new("mine", bpy.data.hair_curves.new("mine"))
         item.data.add_curves([4])
@@ -145,7 +145,8 @@ def test_what_is_hidden_in_renders_and_the_shapes_of_bones_are_left_out():
 
 
 def test_nested_collections_shared_meshes_and_props_on_bones_follow_the_bone():
-    armature, body = rig(), new("body", tube("body", 12, 12))
+    armature = rig()
+    body = new("body", tube("body", 12, 12))
     skin(body, armature)
     left, right = (
         new(name, bpy.data.meshes.get("club") or tube("club", 12, 8, 0.05, 0.5))
@@ -156,8 +157,11 @@ def test_nested_collections_shared_meshes_and_props_on_bones_follow_the_bone():
     group.children.link(props)
     for side, prop in ((-1, left), (1, right)):
         props.objects.link(prop)
-        prop.parent, prop.parent_type, prop.parent_bone = armature, "BONE", "upper"
-        prop.location, prop.scale = (0.4 * side, 0, 0), (side, 1, 1)
+        prop.parent = armature
+        prop.parent_type = "BONE"
+        prop.parent_bone = "upper"
+        prop.location = (0.4 * side, 0, 0)
+        prop.scale = (side, 1, 1)
     lods = made(2)
     assert set(lods) == {"body LOD 2", "left LOD 2", "right LOD 2"}
     assert left.data.users == 4  # the two, and the two of LOD 0
@@ -165,7 +169,8 @@ def test_nested_collections_shared_meshes_and_props_on_bones_follow_the_bone():
     for frame in (1, 10):
         scene.frame_set(frame)
         for prop in (left, right):
-            fine, coarse = world(prop), world(lods[f"{prop.name} LOD 2"])
+            fine = world(prop)
+            coarse = world(lods[f"{prop.name} LOD 2"])
             assert np.allclose(coarse.min(axis=0), fine.min(axis=0), atol=0.02)
             assert np.allclose(coarse.max(axis=0), fine.max(axis=0), atol=0.02)
     assert (
@@ -201,7 +206,8 @@ def test_shape_keys_that_move_are_kept_through_modifiers_and_driven_by_the_chara
 @pytest.mark.parametrize("mode", ["EDIT", "POSE"])
 def test_modes_selection_and_names_stay(mode):
     scene = bpy.context.scene
-    armature, body = rig(), new("body", tube("body", 8, 8))
+    armature = rig()
+    body = new("body", tube("body", 8, 8))
     skin(body, armature)
     character(armature, body)
     active = armature if mode == "POSE" else body
@@ -226,7 +232,8 @@ def test_modes_selection_and_names_stay(mode):
 @pytest.mark.once
 @pytest.mark.parametrize("override", [False, True])
 def test_characters_linked_from_another_file(tmp_path, override):
-    armature, body = rig(), new("body", tube("body", 12, 12))
+    armature = rig()
+    body = new("body", tube("body", 12, 12))
     skin(body, armature)
     body.modifiers.new("Subdivision", "SUBSURF").levels = 1
     character(armature, body, name="linked")
@@ -235,7 +242,8 @@ def test_characters_linked_from_another_file(tmp_path, override):
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     with bpy.data.libraries.load(path, link=True) as (_, wanted):
         wanted.collections = ["linked"]
-    scene, group = bpy.context.scene, wanted.collections[0]
+    scene = bpy.context.scene
+    group = wanted.collections[0]
     top = bpy.data.collections.new("People")
     scene.collection.children.link(top)
     top.children.link(group)
@@ -244,7 +252,8 @@ def test_characters_linked_from_another_file(tmp_path, override):
         top.children.unlink(bpy.data.collections["linked", path])
         if group.name not in top.children:
             top.children.link(group)
-    scene.crowd_lod.characters, scene.crowd_lod.choice = top, "BY_RATIO"
+    scene.crowd_lod.characters = top
+    scene.crowd_lod.choice = "BY_RATIO"
     states = {block: (block.name, block.library) for block in bpy.data.user_map()}
     lod = made(2)["body LOD 2"]
     assert (
@@ -284,7 +293,8 @@ def test_a_missing_library_is_named(tmp_path):
 def test_one_triangle_and_two_hundred_loose_parts(way):
     one = bpy.data.meshes.new("one")
     one.from_pydata([(0, 0, 0), (1, 0, 0), (0, 0, 1)], [], [(0, 1, 2)])
-    points, faces = [], []
+    points = []
+    faces = []
     for i in range(200):
         corner = np.array((0.1 * (i % 20), 0, 0.1 * (i // 20)))
         points += [
@@ -308,27 +318,31 @@ def test_one_triangle_and_two_hundred_loose_parts(way):
 def test_what_the_precise_way_would_leave_nothing_of_is_made_the_fast_way(way, monkeypatch):
     """Hair cards: Blender's Decimate takes the last face of a lone quad, too."""
     monkeypatch.setattr(methods, "LEAST", 0)
-    points, faces = [], []
+    points = []
+    faces = []
     for i in range(60):
-        x, y = 0.1 * np.cos(i), 0.1 * np.sin(2 * i)
+        x = 0.1 * np.cos(i)
+        y = 0.1 * np.sin(2 * i)
         points += [(x, y, 1.8), (x + 0.03, y, 1.8), (x + 0.03, y, 1.6), (x, y, 1.6)]
         faces.append(tuple(range(4 * i, 4 * i + 4)))
     cards = bpy.data.meshes.new("cards")
     cards.from_pydata(points, [], faces)
     character(new("cards", cards), new("body", tube("body")))
     settings = bpy.context.scene.crowd_lod
-    settings.method, settings.ratios[1], settings.ratios[2] = (
-        way,
-        0.005,
-        0.002,
-    )  # less than one face
+    # less than one face
+    settings.method = way
+    settings.ratios[1] = 0.005
+    settings.ratios[2] = 0.002
     lods = made(1)
     assert triangles(lods["cards LOD 1"]) >= 1
     assert (
         lods["cards LOD 1"]["crowd_lod_method"] == "POSE_AWARE"
         and "leaves no face" in lods["cards LOD 1"]["crowd_lod_why"]
     )
-    settings.method, settings.ratios[1], settings.ratios[2] = "DECIMATE", 0.5, 0.2  # it leaves some
+    # it leaves some
+    settings.method = "DECIMATE"
+    settings.ratios[1] = 0.5
+    settings.ratios[2] = 0.2
     cards = made(1)["cards LOD 1"]
     assert cards["crowd_lod_method"] == "DECIMATE" and len(cards.data.vertices) == len(
         {*(loop.vertex_index for loop in cards.data.loops)}
@@ -357,7 +371,8 @@ def test_vertex_groups_of_what_nodes_join_keep_their_names(way):
         (join.outputs[0], end.inputs[0]),
     ):
         tree.links.new(one, two)
-    armature, body = rig(), new("body", tube("body", 8, 8))
+    armature = rig()
+    body = new("body", tube("body", 8, 8))
     body.modifiers.new("Join", "NODES").node_group = tree
     skin(body, armature)
     character(body)
@@ -381,7 +396,8 @@ def test_modifiers_count_as_they_are_rendered():
     ):
         item = new(name, tube(name, 8, 8))
         array = item.modifiers.new("Array", "ARRAY")
-        array.show_viewport, array.show_render = seen, rendered
+        array.show_viewport = seen
+        array.show_render = rendered
         character(item, name=name)
     bpy.context.scene.crowd_lod.method = "DECIMATE"
     wide = {
@@ -397,7 +413,8 @@ def test_modifiers_count_as_they_are_rendered():
 
 def test_a_stray_face_without_area_costs_no_lod_its_likeness():
     body = tube("body", 12, 12)
-    points, faces = [tuple(v.co) for v in body.vertices], [tuple(p.vertices) for p in body.polygons]
+    points = [tuple(v.co) for v in body.vertices]
+    faces = [tuple(p.vertices) for p in body.polygons]
     at = len(points)
     points += [(5, 0, 2), (6, 0, 2), (7, 0, 2), (8, 8, 8), (8, 8, 8), (8, 8, 8)]
     stray = bpy.data.meshes.new("stray")
@@ -410,18 +427,17 @@ def test_a_stray_face_without_area_costs_no_lod_its_likeness():
 
 
 def test_what_is_shrunk_onto_a_body_is_so_at_rest():
-    armature, body, shirt = (
-        rig(),
-        new("body", tube("body", 16, 16)),
-        new("shirt", tube("shirt", 16, 16, 0.22)),
-    )
+    armature = rig()
+    body = new("body", tube("body", 16, 16))
+    shirt = new("shirt", tube("shirt", 16, 16, 0.22))
     for frame in (1, 10):
         armature.pose.bones["upper"].rotation_euler = (1.2, 0, 0)  # nowhere at rest
         armature.pose.bones["upper"].keyframe_insert("rotation_euler", frame=frame)
     for item in (body, shirt):
         skin(item, armature)
     wrap = shirt.modifiers.new("Shrinkwrap", "SHRINKWRAP")
-    wrap.target, wrap.offset = body, 0.02
+    wrap.target = body
+    wrap.offset = 0.02
     character(armature, body, shirt)
     bpy.context.scene.crowd_lod.method = "DECIMATE"
     low, high = (
@@ -436,7 +452,8 @@ def test_what_is_shrunk_onto_a_body_is_so_at_rest():
 
 def test_of_two_armatures_that_deform_it_in_turn_a_lod_follows_both():
     """A face's small weights are not cut for the sake of the body's."""
-    body, face = rig("body rig"), rig("face rig")
+    body = rig("body rig")
+    face = rig("face rig")
     for bone in face.data.bones:
         bone.name = f"face {bone.name}"
     item = new("body", tube("body"))

@@ -63,7 +63,8 @@ def test_uvs_of_every_map_are_right_on_both_sides_of_a_seam_within_one_island(wa
     assert [layer.name for layer in made.uv_layers] == ["UVMap", "Second"]
     assert made.uv_layers.active.name == "Second" and made.uv_layers["UVMap"].active_render
     points, face, weights = samples(made)
-    u, v = np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) % 1, points[:, 2] / 2
+    u = np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) % 1
+    v = points[:, 2] / 2
     for layer, expected in (("UVMap", (u, v)), ("Second", (v, u))):
         gap = np.linalg.norm(
             uvs_at(made, layer, face, weights) - np.stack(expected, axis=1), axis=1
@@ -86,7 +87,8 @@ def test_uvs_of_every_map_are_right_on_both_sides_of_a_seam_within_one_island(wa
 @pytest.mark.once
 @pytest.mark.parametrize("way", WAYS)
 def test_a_sleeve_takes_nothing_from_the_arm_in_it(way):
-    arm, sleeve = tube("arm", radius=0.2), tube("sleeve", radius=0.203)
+    arm = tube("arm", radius=0.2)
+    sleeve = tube("sleeve", radius=0.203)
     points = [tuple(v.co) for mesh in (arm, sleeve) for v in mesh.vertices]
     count = len(arm.vertices)
     faces = [
@@ -124,7 +126,8 @@ def test_a_sleeve_takes_nothing_from_the_arm_in_it(way):
     assert made.color_attributes.active_color.name == "Corner"
     seen = set()
     for start in neighbors:  # each loose part is all skin or all cloth, in every layer
-        part, todo = set(), [start]
+        part = set()
+        todo = [start]
         while todo:
             vertex = todo.pop()
             if vertex not in part:
@@ -149,7 +152,8 @@ def test_a_sleeve_takes_nothing_from_the_arm_in_it(way):
 @pytest.mark.usefixtures("exact_levels")
 @pytest.mark.parametrize("way", WAYS)
 def test_weights_sum_to_one_over_four_bones_at_most_and_other_groups_stay(way):
-    armature, body = rig(), new("body", tube("body"))
+    armature = rig()
+    body = new("body", tube("body"))
     skin(body, armature)
     for number in range(4):  # six bones at each vertex, two of them slight
         name = f"extra {number}"
@@ -161,7 +165,8 @@ def test_weights_sum_to_one_over_four_bones_at_most_and_other_groups_stay(way):
     bpy.ops.object.mode_set(mode="EDIT")
     for number in range(4):
         bone = armature.data.edit_bones.new(f"extra {number}")
-        bone.head, bone.tail = (0, 0, 0), (0, 0, 1)
+        bone.head = (0, 0, 0)
+        bone.tail = (0, 0, 1)
     bpy.ops.object.mode_set(mode="OBJECT")
     body.vertex_groups.new(name="pinned").add(range(len(body.data.vertices)), 0.7, "REPLACE")
     character(armature, body)
@@ -246,7 +251,8 @@ def test_no_face_is_flipped_or_doubled(way):
     made = lod(1, item, way).data
     depsgraph = bpy.context.evaluated_depsgraph_get()
     full = item.evaluated_get(depsgraph)
-    flipped, area = 0.0, 0.0
+    flipped = 0.0
+    area = 0.0
     for polygon in made.polygons:
         hit, _, normal, _ = full.closest_point_on_mesh(polygon.center)
         area += polygon.area

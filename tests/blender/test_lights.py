@@ -33,7 +33,8 @@ def lamp(scene, kind, location=(0, 0, 5), turn=(0, 0, 0), **values):
     for name, value in values.items():
         setattr(data, name, value)
     item = bpy.data.objects.new(kind, data)
-    item.location, item.rotation_euler = location, turn
+    item.location = location
+    item.rotation_euler = turn
     scene.collection.objects.link(item)
     return item
 
@@ -50,7 +51,8 @@ def test_lights_are_read_with_their_size_cone_and_range(lit):
     lamp(lit, "POINT", (1, 2, 3), shadow_soft_size=0.25).scale = (4, 1, 1)
     spot = lamp(lit, "SPOT", (0, 0, 9), spot_size=pi / 2, shadow_soft_size=0.5)
     lamp(lit, "AREA", (5, 0, 4), (pi, 0, 0), shape="RECTANGLE", size=3, size_y=4)
-    spot.data.use_custom_distance, spot.data.cutoff_distance = True, 12
+    spot.data.use_custom_distance = True
+    spot.data.cutoff_distance = 12
     sun, point, cone, area = read(lit).lights
     assert sun.origin is None and sun.angle == pytest.approx(0.05)
     np.testing.assert_allclose(sun.direction, (-1, 0, 0), atol=1e-6)
@@ -79,15 +81,14 @@ def test_what_casts_no_shadow_is_no_light(lit):
     home.objects.link(inside)
     home.hide_render = True
     assert read(lit).lights == () and leave_outs.NO_SHADOWS in read(lit).left_out
-    home.hide_render, lit.view_layers[0].layer_collection.children["Home"].exclude = False, True
+    home.hide_render = False
+    lit.view_layers[0].layer_collection.children["Home"].exclude = True
     assert read(lit).lights == ()
     lit.view_layers[0].layer_collection.children["Home"].exclude = False
-    dark.data.energy, unshadowed.data.use_shadow, hidden.hide_render, black.data.color = (
-        1,
-        True,
-        False,
-        (1, 0, 0),
-    )
+    dark.data.energy = 1
+    unshadowed.data.use_shadow = True
+    hidden.hide_render = False
+    black.data.color = (1, 0, 0)
     assert len(read(lit).lights) == 5 and leave_outs.NO_SHADOWS not in read(lit).left_out
     nodes = switch_nodes_on(inside.data).nodes
     next(node for node in nodes if node.type == "EMISSION").inputs["Strength"].default_value = 0
@@ -110,7 +111,8 @@ def test_objects_that_glow_and_lamps_in_instanced_collections_are_lights(lit):
     home.instance_offset = (0, 0, -2)
     for x in (10, 20):
         instancer = bpy.data.objects.new("Instancer", None)
-        instancer.instance_type, instancer.instance_collection = "COLLECTION", home
+        instancer.instance_type = "COLLECTION"
+        instancer.instance_collection = home
         instancer.matrix_world = Matrix.Translation((x, 0, 0)) @ Matrix.Rotation(pi / 2, 4, "Z")
         lit.collection.objects.link(instancer)
     places = sorted(tuple(light.origin.round(5)) for light in read(lit).lights if light.size < 1)
@@ -122,7 +124,8 @@ def test_what_is_not_looked_at_is_named_with_its_reason(lit):
     assert read(lit).left_out == (leave_outs.NO_MIRRORS,)
     lit.crowd_lod.shadows = False
     assert (read(lit).left_out, read(lit).lights) == ((leave_outs.NOT_WANTED,), ())
-    lit.crowd_lod.shadows, lit.render.engine = True, "BLENDER_WORKBENCH"
+    lit.crowd_lod.shadows = True
+    lit.render.engine = "BLENDER_WORKBENCH"
     assert (read(lit).left_out, read(lit).lights) == ((leave_outs.WORKBENCH,), ())
 
 
@@ -149,7 +152,8 @@ def test_mirrors_are_the_flat_sides_of_the_marked_objects(lit):
         [(0, 1, 2, 3), (1, 4, 5, 2)],
     )
     pane = add(home, "Pane", [(two, material("Glass", (1, 1, 1)))])
-    pane.location, pane.rotation_euler.z = (10, 0, 1), pi / 2
+    pane.location = (10, 0, 1)
+    pane.rotation_euler.z = pi / 2
     lit.crowd_lod.mirrors = home
     (mirror,) = read(lit).mirrors
     np.testing.assert_allclose(np.abs(mirror.normal), (1, 0, 0), atol=1e-6)
@@ -169,12 +173,15 @@ def test_mirrors_are_the_flat_sides_of_the_marked_objects(lit):
 
 
 def test_with_an_open_shutter_a_light_holds_itself_at_all_its_times(lit):
-    sun, point = lamp(lit, "SUN", angle=0.02), lamp(lit, "POINT", (0, 0, 5), shadow_soft_size=0.5)
+    sun = lamp(lit, "SUN", angle=0.02)
+    point = lamp(lit, "POINT", (0, 0, 5), shadow_soft_size=0.5)
     for frame, turn, x in ((1, 0.0, 0.0), (11, 1.0, 20.0)):
-        sun.rotation_euler.y, point.location.x = turn, x
+        sun.rotation_euler.y = turn
+        point.location.x = x
         sun.keyframe_insert("rotation_euler", frame=frame)
         point.keyframe_insert("location", frame=frame)
-    lit.render.use_motion_blur, lit.render.motion_blur_shutter = True, 1.0
+    lit.render.use_motion_blur = True
+    lit.render.motion_blur_shutter = 1.0
     found = read(lit, 6.0)
     assert found.box is None
     wide_sun, wide_point = found.lights
@@ -246,7 +253,8 @@ def test_a_bake_keeps_for_their_shadows_whom_each_frame_keeps(lit, blur, rendere
     sun = lamp(lit, "SUN", angle=0.05)
     wall = add(lit.collection, "Wall", [(tile(-30, 0, 30, 3), material("Wall", (0.5, 0.5, 0.5)))])
     for frame, turn, y in ((1, (0, 1.2, 0), 50), (40, (0, 1.2, 1.5), 10)):
-        sun.rotation_euler, wall.location.y = turn, y
+        sun.rotation_euler = turn
+        wall.location.y = y
         sun.keyframe_insert("rotation_euler", frame=frame)
         wall.keyframe_insert("location", frame=frame)
     lit.render.use_motion_blur = blur

@@ -62,7 +62,8 @@ def by_nodes(scene):
     link, given, on_points, info, out = tree(
         instancer(scene), "GeometryNodeInstanceOnPoints", "GeometryNodeObjectInfo"
     )
-    info.inputs["Object"].default_value, info.inputs["As Instance"].default_value = point, True
+    info.inputs["Object"].default_value = point
+    info.inputs["As Instance"].default_value = True
     link(given.outputs[0], on_points.inputs["Points"])
     link(info.outputs["Geometry"], on_points.inputs["Instance"])
     link(on_points.outputs[0], out.inputs[0])
@@ -95,7 +96,8 @@ def by_material(scene):
 def by_instances_of_a_mesh(scene):
     kinds = "GeometryNodeInstanceOnPoints", "GeometryNodeMeshIcoSphere", "GeometryNodeSetMaterial"
     link, given, on_points, ball, dye, out = tree(instancer(scene), *kinds)
-    ball.inputs["Radius"].default_value, dye.inputs["Material"].default_value = 0.2, glow()
+    ball.inputs["Radius"].default_value = 0.2
+    dye.inputs["Material"].default_value = glow()
     link(ball.outputs[0], dye.inputs[0])
     link(given.outputs[0], on_points.inputs["Points"])
     link(dye.outputs[0], on_points.inputs["Instance"])
@@ -104,11 +106,13 @@ def by_instances_of_a_mesh(scene):
 
 def in_an_instanced_collection(scene):
     by_nodes(scene)
-    places, home = bpy.data.objects["places"], bpy.data.collections.new("home")
+    places = bpy.data.objects["places"]
+    home = bpy.data.collections.new("home")
     scene.collection.objects.unlink(places)
     home.objects.link(places)
     empty = bpy.data.objects.new("empty", None)
-    empty.instance_type, empty.instance_collection = "COLLECTION", home
+    empty.instance_type = "COLLECTION"
+    empty.instance_collection = home
     scene.collection.objects.link(empty)
 
 
@@ -137,7 +141,8 @@ def held(lights, x):
 @pytest.mark.parametrize("blur", [False, True])
 def test_they_are_read_where_they_are_at_each_frame(lit, way, blur):  # noqa: F811
     way(lit)
-    lit.render.use_motion_blur, lit.render.motion_blur_shutter = blur, 0.5
+    lit.render.use_motion_blur = blur
+    lit.render.motion_blur_shutter = 0.5
     movers = [
         item for item in lit.collection.objects if item.name.startswith(("Cube", "empty", "places"))
     ]
@@ -177,7 +182,8 @@ def test_what_is_kept_of_them_follows_edits(lit):  # noqa: F811
         return len(kept)
 
     by_nodes(lit)
-    places, point = bpy.data.objects["places"], bpy.data.objects["POINT"]
+    places = bpy.data.objects["places"]
+    point = bpy.data.objects["POINT"]
     assert compared() == 3
     places.location.z = 4
     compared()

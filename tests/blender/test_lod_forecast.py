@@ -25,13 +25,12 @@ def made(scene) -> dict[str, list[float]]:
 
 
 def test_what_is_foretold_is_about_what_is_made(scene):
-    settings, lens = scene.crowd_lod, scene.camera.data
-    settings.choice, settings.tolerance, settings.frames, settings.method = (
-        "BY_TOLERANCE",
-        1.0,
-        "1:20",
-        "DECIMATE",
-    )
+    settings = scene.crowd_lod
+    lens = scene.camera.data
+    settings.choice = "BY_TOLERANCE"
+    settings.tolerance = 1.0
+    settings.frames = "1:20"
+    settings.method = "DECIMATE"
     settings.count = 300
     before = made(scene)
     assert forecast(scene) is None
@@ -58,12 +57,10 @@ def test_what_is_foretold_is_about_what_is_made(scene):
 
 def test_what_is_spoilt_or_takes_long_foretells_nothing(scene):
     settings = scene.crowd_lod
-    settings.choice, settings.tolerance, settings.frames, settings.method = (
-        "BY_TOLERANCE",
-        1.0,
-        "1:20",
-        "DECIMATE",
-    )
+    settings.choice = "BY_TOLERANCE"
+    settings.tolerance = 1.0
+    settings.frames = "1:20"
+    settings.method = "DECIMATE"
     settings.count = 50
     made(scene)
     settings.tolerance = 6.0
@@ -89,15 +86,14 @@ def told_of(scene) -> str:
 
 def test_lods_that_lack_what_the_settings_ask_for_are_to_be_made_again(scene):
     settings = scene.crowd_lod
-    settings.choice, settings.count, settings.frames, settings.method = (
-        "BY_TOLERANCE",
-        20,
-        "1:20",
-        "DECIMATE",
-    )
+    settings.choice = "BY_TOLERANCE"
+    settings.count = 20
+    settings.frames = "1:20"
+    settings.method = "DECIMATE"
     made(scene)
     assert not told_of(scene) and steps.next_operator(scene) != "crowd_lod.make_levels"
-    settings.choice, settings.level_count = "BY_RATIO", 6
+    settings.choice = "BY_RATIO"
+    settings.level_count = 6
     assert (
         f"levels {len(settings.levels.children)} (now 6)" in told_of(scene)
         and steps.next_operator(scene) == "crowd_lod.make_levels"
@@ -126,7 +122,9 @@ def test_lods_that_lack_what_the_settings_ask_for_are_to_be_made_again(scene):
 @pytest.mark.parametrize("spoilt", ["", "[]", "[1]", "{", 7, '{"ratios": 3}'])
 def test_lods_with_a_spoilt_note_are_told_of_without_an_error(scene, spoilt):
     settings = scene.crowd_lod
-    settings.choice, settings.level_count, settings.method = "BY_RATIO", 2, "DECIMATE"
+    settings.choice = "BY_RATIO"
+    settings.level_count = 2
+    settings.method = "DECIMATE"
     made(scene)
     settings.levels[MADE_FOR] = spoilt
     settings.level_count = 3
@@ -139,12 +137,10 @@ def test_lods_of_characters_that_were_edited_are_to_be_made_again_and_those_that
     monkeypatch.setattr(cast_provenance, "PAUSE", 0.0)
     monkeypatch.setattr(staleness, "LOOK", 0.0)
     settings = scene.crowd_lod
-    settings.choice, settings.level_count, settings.method, settings.count = (
-        "BY_RATIO",
-        2,
-        "DECIMATE",
-        20,
-    )
+    settings.choice = "BY_RATIO"
+    settings.level_count = 2
+    settings.method = "DECIMATE"
+    settings.count = 20
     mesh = next(item for item in settings.characters.all_objects if item.type == "MESH")
     for frame, height in ((1, 0.0), (20, 0.3)):
         mesh.location.z = height

@@ -32,7 +32,8 @@ def prism(judges, sides: int, radius: float):
 
 
 def test_a_prism_of_few_sides_is_off_by_what_its_sides_cut_away(judges):
-    fine, coarse = prism(judges, 96, 1.0), prism(judges, 6, 1.0)
+    fine = prism(judges, 96, 1.0)
+    coarse = prism(judges, 6, 1.0)
     cut = 1 - np.cos(np.pi / 6)
     for one, other in ((fine, coarse), (coarse, fine)):
         most, _, _ = judges.divide(one, other, 0.0)
@@ -40,7 +41,8 @@ def test_a_prism_of_few_sides_is_off_by_what_its_sides_cut_away(judges):
 
 
 def test_what_is_inside_does_not_count(judges):
-    outer, inner = prism(judges, 24, 1.0), prism(judges, 24, 0.01)
+    outer = prism(judges, 24, 1.0)
+    inner = prism(judges, 24, 0.01)
     lids = [[begin, begin + k, begin + k + 1] for begin in (0, 24) for k in range(1, 23)]
     closed = judges.Shape(outer.points, np.concatenate([outer.triangles, lids]))
     inner.points[:, 2] *= 0.1

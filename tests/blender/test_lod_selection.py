@@ -16,16 +16,19 @@ from mathutils import Vector
 
 @pytest.fixture
 def tolerant(scene):
-    scene.crowd_lod.choice, scene.crowd_lod.tolerance = "BY_TOLERANCE", 1.0
+    scene.crowd_lod.choice = "BY_TOLERANCE"
+    scene.crowd_lod.tolerance = 1.0
     scene.crowd_lod.frames = "1:20"
     return scene
 
 
 @pytest.mark.once
 def test_as_many_are_made_as_pay_and_the_build_shows_them(tolerant):
-    settings, before = tolerant.crowd_lod, set(bpy.data.user_map())
+    settings = tolerant.crowd_lod
+    before = set(bpy.data.user_map())
     list(make_levels(tolerant))
-    groups, count = stored_groups.groups_of(settings), stored_groups.count_of(settings)
+    groups = stored_groups.groups_of(settings)
+    count = stored_groups.count_of(settings)
     assert count == len(settings.levels.children) == max(len(set(g.triangles)) for g in groups) >= 2
     for g, group in enumerate(groups):
         own = len(set(group.triangles))
@@ -74,10 +77,14 @@ def made(scene, pixels=1.0):
 @pytest.mark.once
 def test_at_the_switch_distance_the_bound_spans_the_tolerance_in_blender_s_own_camera(tolerant):
     settings = made(tolerant, 2.0)
-    camera, render = tolerant.camera, tolerant.render
-    camera.location, camera.rotation_euler = (0, 0, 0), (0, 0, 0)
+    camera = tolerant.camera
+    render = tolerant.render
+    camera.location = (0, 0, 0)
+    camera.rotation_euler = (0, 0, 0)
     for lens, width in ((35, 640), (120, 640), (35, 1920)):
-        camera.data.lens, render.resolution_x, render.resolution_y = lens, width, width * 9 // 16
+        camera.data.lens = lens
+        render.resolution_x = width
+        render.resolution_y = width * 9 // 16
         bpy.context.view_layer.update()
         frame = scene_crowd.frame_of(tolerant, bpy.context.evaluated_depsgraph_get())
         for group, begins in zip(stored_groups.groups_of(settings), frame.begins, strict=True):
@@ -112,7 +119,8 @@ def test_a_tolerance_of_nothing_is_refused_before_anything_is_made(tolerant):
     before = set(bpy.data.user_map())
     with pytest.raises(CrowdError, match="tolerance is 0"):
         list(make_levels(tolerant))
-    tolerant.crowd_lod.tolerance, tolerant.camera = 1, None
+    tolerant.crowd_lod.tolerance = 1
+    tolerant.camera = None
     with pytest.raises(CrowdError, match="no active camera"):
         list(make_levels(tolerant))
     assert set(bpy.data.user_map()) == before and tolerant.crowd_lod.levels is None

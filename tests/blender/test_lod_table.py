@@ -52,12 +52,12 @@ def test_rendered_silhouettes_stay_within_what_the_deviation_predicts(
     settings = scene.crowd_lod
     monkeypatch.setattr(selection, "WORTH", 0)  # as many LODs as save anything
     settings.characters.children.unlink(settings.characters.children["adult"])
-    scene.camera.data.type, scene.camera.data.ortho_scale, scene.render.resolution_x = (
-        kind,
-        40.0,
-        1920,
-    )
-    settings.choice, settings.tolerance, settings.frames = choice, 8.0, "1"
+    scene.camera.data.type = kind
+    scene.camera.data.ortho_scale = 40.0
+    scene.render.resolution_x = 1920
+    settings.choice = choice
+    settings.tolerance = 8.0
+    settings.frames = "1"
     stored_groups.store_groups(settings, group_measuring.measure_groups(scene))
     list(make_levels(scene))
     tables, frame = told(scene, tmp_path)
@@ -105,12 +105,12 @@ def test_a_group_of_small_agents_is_measured_at_their_size(scene, tmp_path, kind
     """
     settings = scene.crowd_lod
     settings.characters.children.unlink(settings.characters.children["adult"])
-    scene.camera.data.type, scene.camera.data.ortho_scale, scene.render.resolution_x = (
-        kind,
-        40.0,
-        1920,
-    )
-    settings.choice, settings.tolerance, settings.frames = "BY_TOLERANCE", 8.0, "1"
+    scene.camera.data.type = kind
+    scene.camera.data.ortho_scale = 40.0
+    scene.render.resolution_x = 1920
+    settings.choice = "BY_TOLERANCE"
+    settings.tolerance = 8.0
+    settings.frames = "1"
     stored_groups.store_groups(settings, group_measuring.measure_groups(scene))
     settings.groups[0].scale = 0.4, 0.44
     list(make_levels(scene))
@@ -128,11 +128,9 @@ def test_the_way_a_lod_was_made_is_told_where_it_is_known(levelled, tmp_path):
     item = next(
         o for o in levelled.crowd_lod.levels.children[1].children[0].objects if o.type == "MESH"
     )
-    item["crowd_lod_method"], item["crowd_lod_why"], item["crowd_lod_ms"] = (
-        "precise",
-        "It has seams.",
-        12.5,
-    )
+    item["crowd_lod_method"] = "precise"
+    item["crowd_lod_why"] = "It has seams."
+    item["crowd_lod_ms"] = 12.5
     for other in (
         o for home in levelled.crowd_lod.levels.children[2].children for o in home.objects
     ):
@@ -149,7 +147,8 @@ def test_the_way_a_lod_was_made_is_told_where_it_is_known(levelled, tmp_path):
 
 def test_names_make_safe_and_different_files(scene, tmp_path):
     people = scene.crowd_lod.characters
-    people.children["adult"].name, people.children["child"].name = "../a <b>", "..?a ?b?"
+    people.children["adult"].name = "../a <b>"
+    people.children["child"].name = "..?a ?b?"
     stored_groups.store_groups(scene.crowd_lod, group_measuring.measure_groups(scene))
     scene.crowd_lod.level_count = 1
     list(make_levels(scene))
@@ -164,7 +163,8 @@ def test_names_make_safe_and_different_files(scene, tmp_path):
 def test_the_picture_tints_by_the_distance_to_the_source():
     square = np.array([(0, -1, -1), (0, 1, -1), (0, 1, 1), (0, -1, 1)], float)
     faces = np.array([(0, 1, 2), (0, 2, 3)])
-    flat, off = Surface(square, faces), Surface(square + (0.25, 0, 0), faces)
+    flat = Surface(square, faces)
+    off = Surface(square + (0.25, 0, 0), faces)
     nothing = np.zeros(2, bool)
     views = [InPose(flat, level, nothing, level.points[2]) for level in (flat, off)]
     pixels, most = lod_picture.draw_lods(
@@ -185,7 +185,8 @@ def test_the_picture_tints_by_the_distance_to_the_source():
 def test_the_picture_rings_the_worst_place_and_grays_what_nobody_sees():
     square = np.array([(0, -1, -1), (0, 1, -1), (0, 1, 1), (0, -1, 1)], float)
     faces = np.array([(0, 1, 2), (0, 2, 3)])
-    flat, off = Surface(square, faces), Surface(square + (0.25, 0, 0), faces)
+    flat = Surface(square, faces)
+    off = Surface(square + (0.25, 0, 0), faces)
     hidden = np.array([True, False])
     views = [InPose(flat, level, hidden, level.points[2]) for level in (flat, off)]
     pixels, _ = lod_picture.draw_lods(views, ["whole", "off"], ["hidden", "worst"], 0.0)
@@ -203,17 +204,19 @@ def test_the_picture_rings_the_worst_place_and_grays_what_nobody_sees():
 
 @pytest.mark.once
 def test_a_preview_by_tolerance_leaves_the_report(scene, tmp_path, capfd):
-    settings, scene.render.resolution_x, scene.render.resolution_y = scene.crowd_lod, 640, 360
+    settings = scene.crowd_lod
+    scene.render.resolution_x = 640
+    scene.render.resolution_y = 360
     settings.characters.children.unlink(settings.characters.children["child"])
-    scene.unit_settings.system, scene.unit_settings.scale_length = "METRIC", 0.01
-    settings.choice, settings.tolerance = "BY_TOLERANCE", 2
+    scene.unit_settings.system = "METRIC"
+    scene.unit_settings.scale_length = 0.01
+    settings.choice = "BY_TOLERANCE"
+    settings.tolerance = 2
     settings.lod_pictures = True
     stored_groups.store_groups(settings, group_measuring.measure_groups(scene))
     list(make_levels(scene))
-    begins, groups = (
-        scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get()).begins,
-        stored_groups.groups_of(settings),
-    )
+    begins = scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get()).begins
+    groups = stored_groups.groups_of(settings)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"))
     words = [
         "preview",
@@ -255,7 +258,9 @@ def test_a_preview_by_tolerance_leaves_the_report(scene, tmp_path, capfd):
 def test_measuring_in_steps_gives_the_same_and_leaves_nothing_in_between(scene, monkeypatch):
     whole = group_measuring.measure_groups(scene)
     monkeypatch.setattr(character_extent, "TICK", 0.0)  # a pose at a time
-    before, progress, steps = set(bpy.data.user_map()), [], group_measuring.measuring_groups(scene)
+    before = set(bpy.data.user_map())
+    progress = []
+    steps = group_measuring.measuring_groups(scene)
     while True:
         try:
             progress.append(next(steps))

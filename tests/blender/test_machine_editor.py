@@ -118,7 +118,8 @@ def test_undo_and_redo_bring_texts_back(market):
 
 
 def test_a_text_written_by_hand_shows_and_its_mistake_is_named_until_it_is_mended(market):
-    text, editor = market.crowd_lod.machine, market.crowd_lod_editor
+    text = market.crowd_lod.machine
+    editor = market.crowd_lod_editor
     text.from_string(
         MARKET.replace('"speed": 0.7, "heading": 0}', '"speed": "fast", "heading": 0}')
     )

@@ -27,9 +27,12 @@ def people(levelled, tmp_path):
     settings of its own.
     """
     settings = levelled.crowd_lod
-    settings.count, settings.center, settings.thresholds[0] = 77, (9, 9, 9), 0.25
+    settings.count = 77
+    settings.center = (9, 9, 9)
+    settings.thresholds[0] = 0.25
     settings.crowds.add().name = "Crowd 2"
-    levelled.frame_start, levelled.frame_end = 3, 30
+    levelled.frame_start = 3
+    levelled.frame_end = 30
     levelled.timeline_markers.new("cut", frame=2).camera = levelled.camera
     bpy.data.scenes.new("Other").collection.objects.link(
         bpy.data.objects.new("Set", bpy.data.meshes.new("Set"))
@@ -60,16 +63,15 @@ def opened(path):
 
 def part_seen(scene):
     """The part of the agents, if they are ever there, that the exact judge sees at a frame."""
-    found, ever = 0, 0
+    found = 0
+    ever = 0
     for frame in np.linspace(scene.frame_start, scene.frame_end, 8).round().astype(int).tolist():
         scene.frame_set(frame)
         trajectory = trajectory_of(scene)
         crowd = trajectory.at(frame)
         there = np.ones(len(crowd), bool) if crowd.present is None else crowd.present
-        center, radius = (
-            trajectory.spheres.center[crowd.group],
-            trajectory.spheres.radius[crowd.group],
-        )
+        center = trajectory.spheres.center[crowd.group]
+        radius = trajectory.spheres.radius[crowd.group]
         (camera,) = read_cameras(scene, bpy.context.evaluated_depsgraph_get())
         found |= (
             there & seen(camera, np.stack([crowd.x, crowd.y, crowd.z + center], axis=1), radius)[0]
@@ -127,7 +129,9 @@ def corridor(tmp_path):
     """
     rows = ["# framerate: 25 fps", "# id frame x/cm y/cm z/cm"]
     for agent in range(40):
-        way, lane, late = (-1) ** agent, 40 * (agent // 2 % 5) - 100, 9 * (agent // 2)
+        way = (-1) ** agent
+        lane = 40 * (agent // 2 % 5) - 100
+        late = 9 * (agent // 2)
         rows += [
             f"{agent + 1} {late + k} {way * (5.2 * k - 500) + 3000:.2f} {lane + 10 * way} 176"
             for k in range(0, 200)
@@ -145,7 +149,8 @@ def test_tracks_get_a_scene_that_films_them_on_the_ground_that_is_given(
     out = tmp_path / "shots" / "corridor.blend"
     assert run("scene", corridor, "--characters", people, "--ground", ground, "--out", out) == 0
     scene = opened(out)
-    settings, trajectory = scene.crowd_lod, trajectory_of(scene)
+    settings = scene.crowd_lod
+    trajectory = trajectory_of(scene)
     assert (settings.tracks_file, settings.terrain.name) == ("//../corridor.txt", "Ground")
     assert scene.render.fps == 24 and (scene.frame_start, scene.frame_end) == (
         1,
@@ -170,7 +175,8 @@ def test_the_file_of_the_characters_may_be_the_ground(levelled, corridor, tmp_pa
     levelled.collection.children.link(nested)
     levelled.collection.children.unlink(levelled.crowd_lod.characters)
     nested.children.link(levelled.crowd_lod.characters)
-    path, out = tmp_path / "all.blend", tmp_path / "shot.blend"
+    path = tmp_path / "all.blend"
+    out = tmp_path / "shot.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
     assert run("scene", corridor, "--characters", path, "--ground", path, "--out", out) == 0
     scene = opened(out)
@@ -194,7 +200,8 @@ def test_without_a_ground_there_is_light(people, tmp_path):
 
 
 def test_bad_input_is_one_sentence_and_writes_no_file(people, tmp_path, capfd):
-    empty, text = tmp_path / "empty.blend", tmp_path / "text.blend"
+    empty = tmp_path / "empty.blend"
+    text = tmp_path / "text.blend"
     text.write_text("no Blender file")
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     bpy.ops.wm.save_as_mainfile(filepath=str(empty), copy=True)
@@ -203,7 +210,8 @@ def test_bad_input_is_one_sentence_and_writes_no_file(people, tmp_path, capfd):
     long = tmp_path / "long.csv"
     long.write_text("id,frame,x,y\n1,0,0,0\n1,1000000000000,1,0\n")
     before = sorted(tmp_path.iterdir())
-    out, source = ("--out", tmp_path / "shot.blend"), ("--source", "Scatter")
+    out = ("--out", tmp_path / "shot.blend")
+    source = ("--source", "Scatter")
     for words, said in (
         (
             (*source, "--characters", tmp_path / "none.blend"),
@@ -256,11 +264,14 @@ def test_characters_keep_the_size_that_empties_outside_their_collection_give_the
     that moves.
     """
     scene = bpy.context.scene
-    mount, root = new("mount", None), new("root", None)
+    mount = new("mount", None)
+    root = new("root", None)
     for item in (mount, root):
         scene.collection.objects.link(item)
     mount.keyframe_insert("location", frame=1)
-    root.parent, root.scale, root.rotation_euler = mount, (0.01, 0.01, 0.01), (np.pi / 2, 0, 0)
+    root.parent = mount
+    root.scale = (0.01, 0.01, 0.01)
+    root.rotation_euler = (np.pi / 2, 0, 0)
     box = new("box", tube("box", 4, 4, height=1.0))
     points = [vertex.co.copy() for vertex in box.data.vertices]
     spans = [
@@ -279,7 +290,8 @@ def test_characters_keep_the_size_that_empties_outside_their_collection_give_the
     else:
         box.parent = root
     character(*items)
-    path, out = tmp_path / "characters.blend", tmp_path / "shot.blend"
+    path = tmp_path / "characters.blend"
+    out = tmp_path / "shot.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
     assert run("scene", corridor, "--characters", path, "--out", out) == 0
     scene = opened(out)
@@ -295,7 +307,8 @@ def test_characters_keep_the_size_that_empties_outside_their_collection_give_the
 
 
 def test_what_is_up_in_trajectories_is_an_option(people, tmp_path, capfd):
-    tracks, out = tmp_path / "unity.csv", tmp_path / "shot.blend"
+    tracks = tmp_path / "unity.csv"
+    out = tmp_path / "shot.blend"
     tracks.write_text(
         "id,time,x,y,z\n"
         + "".join(f"{k},{f / 10},{f / 8},0.5,{k}\n" for f in range(30) for k in range(8))

@@ -24,7 +24,8 @@ def paint(scene, odd=()):
     ones.
     """
     labels = np.zeros((40, 40), int)
-    labels[:, 0], labels[:, -1] = 1, 2
+    labels[:, 0] = 1
+    labels[:, -1] = 2
     pixels = COLORS[labels]
     for row, column in odd:
         pixels[row, column] = 255, 255, 0

@@ -21,8 +21,13 @@ from ..support.pages import Reader
 def small(scene):
     """Few agents, one LOD, one frame of few pixels."""
     settings = scene.crowd_lod
-    settings.count, settings.level_count, settings.frames, settings.width = 20, 1, "1", 32
-    settings.verify_count, settings.verify_width, settings.verify_samples = 1, 32, 1
+    settings.count = 20
+    settings.level_count = 1
+    settings.frames = "1"
+    settings.width = 32
+    settings.verify_count = 1
+    settings.verify_width = 32
+    settings.verify_samples = 1
     return settings
 
 
@@ -174,7 +179,8 @@ def test_a_record_of_points_moves_along(tmp_path):
     scene = bpy.context.scene
     mesh = bpy.data.meshes.new("Points")
     mesh.from_pydata([(0, 0, 0), (1, 0, 0)], [], [])
-    settings, item = scene.crowd_lod, bpy.data.objects.new("Points", mesh)
+    settings = scene.crowd_lod
+    item = bpy.data.objects.new("Points", mesh)
     scene.collection.objects.link(item)
     settings.characters = bpy.data.collections.new("People")
     body = bpy.data.meshes.new("Body")
@@ -183,7 +189,9 @@ def test_a_record_of_points_moves_along(tmp_path):
     one.objects.link(bpy.data.objects.new("Body", body))
     settings.characters.children.link(one)
     scene.collection.children.link(settings.characters)
-    settings.source, settings.points, scene.frame_end = "POINTS", item, 3
+    settings.source = "POINTS"
+    settings.points = item
+    scene.frame_end = 3
     assert bpy.ops.crowd_lod.record_points() == {"FINISHED"}
     assert full_path(settings.tracks_file).is_file()
     save(tmp_path / "a.blend")

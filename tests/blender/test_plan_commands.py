@@ -28,7 +28,9 @@ def planned(levelled, tmp_path, capfd):
     levelled.frame_set(3)
     seen = frame_of(levelled, bpy.context.evaluated_depsgraph_get()).visible
     entry = levelled.crowd_lod.exceptions.add()
-    entry.name, entry.kind, entry.agents = "Gone", "HIDE", str(seen.argmax())
+    entry.name = "Gone"
+    entry.kind = "HIDE"
+    entry.agents = str(seen.argmax())
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"))
     assert run("plan", tmp_path / "crowd.blend", "--frames", "1:6", "--out", tmp_path / "plan") == 0
     capfd.readouterr()

@@ -35,7 +35,8 @@ def scene(request):
     """A crowd of fifty boxes of a person's size on a square of 20 m, in a unit of so many
     meters.
     """
-    scene, meters = bpy.context.scene, request.param
+    scene = bpy.context.scene
+    meters = request.param
     scene.unit_settings.scale_length = meters
     scene.render.fps = 25
     character(
@@ -44,7 +45,8 @@ def scene(request):
         )
     )
     settings = scene.crowd_lod
-    settings.count, settings.size = 50, (20 / meters, 20 / meters)
+    settings.count = 50
+    settings.size = (20 / meters, 20 / meters)
     return scene
 
 
@@ -154,7 +156,8 @@ def test_who_stands_in_a_wall_is_told_and_who_stands_in_a_hall_is_not(scene):
 def tracks(scene, tmp_path, rows):
     path = tmp_path / "tracks.csv"
     path.write_text("id,frame,x,y,z\n" + "".join("{},{},{},{},{}\n".format(*row) for row in rows))
-    scene.crowd_lod.source, scene.crowd_lod.tracks_file = "FILE", str(path)
+    scene.crowd_lod.source = "FILE"
+    scene.crowd_lod.tracks_file = str(path)
 
 
 @units

@@ -17,7 +17,8 @@ from ..support.shots import raw
 
 
 def crowd_of(scene, item):
-    scene.crowd_lod.source, scene.crowd_lod.points = "POINTS", item
+    scene.crowd_lod.source = "POINTS"
+    scene.crowd_lod.points = item
     bpy.ops.crowd_lod.populate()
     return trajectory_of(scene)
 
@@ -76,7 +77,8 @@ def test_nobody_is_missed_and_leave_outs_change_nothing(scene):
 
 
 def test_named_attributes_give_group_heading_and_phase(scene):
-    heading, phase = np.linspace(-3, 3, 60), np.linspace(0, 0.99, 60)
+    heading = np.linspace(-3, 3, 60)
+    phase = np.linspace(0, 0.99, 60)
     attributes = [
         ("heading", "FLOAT", heading),
         ("phase", "FLOAT", phase),
@@ -115,7 +117,10 @@ def test_particles_that_are_alive_are_agents(scene):
     scene.collection.objects.link(item)
     item.modifiers.new("Particles", "PARTICLE_SYSTEM")
     kind = item.particle_systems[0].settings
-    kind.count, kind.frame_start, kind.frame_end, kind.lifetime = 40, 1, 20, 10
+    kind.count = 40
+    kind.frame_start = 1
+    kind.frame_end = 20
+    kind.lifetime = 10
     for number in range(1, 16):
         scene.frame_set(number)
     crowd = crowd_of(scene, item)
@@ -273,7 +278,9 @@ def test_a_build_reads_points_that_are_hidden_in_viewports_and_renders(scene, re
 
 
 def test_record_writes_each_frame_as_blender_evaluates_it(scene, tmp_path):
-    scene.frame_start, scene.frame_end, scene.crowd_lod.center = 3, 6, (10, -4, 0.5)
+    scene.frame_start = 3
+    scene.frame_end = 6
+    scene.crowd_lod.center = (10, -4, 0.5)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
     item = scatter(scene, instances=True, where=(1, 2, 3))
     crowd_of(scene, item)
@@ -313,7 +320,8 @@ def test_record_of_a_count_that_changes_without_ids_is_refused_and_all_stays(sce
     item = bare(scene, 40)
     crowd_of(scene, item)
     item.modifiers.new("Part", "BUILD").frame_duration = 5
-    scene.frame_end, scene.crowd_lod.tracks_file = 4, "before"
+    scene.frame_end = 4
+    scene.crowd_lod.tracks_file = "before"
     with pytest.raises(
         RuntimeError,
         match="16 points at frame 3, and 8 at frame 2: give its points an attribute id",
@@ -355,7 +363,8 @@ def moving(scene):
     item = scatter(scene, 30, instances=True, attributes=[("id", "INT", np.arange(30) * 3)])
     crowd_of(scene, item)
     bpy.ops.crowd_lod.make_levels()
-    scene.frame_start, scene.frame_end = 1, 4
+    scene.frame_start = 1
+    scene.frame_end = 4
     return scene
 
 
@@ -380,12 +389,11 @@ def test_recorded_crowd_is_the_live_one_in_each_frame(moving):
 @pytest.mark.once
 def test_points_are_recorded_once_for_all_that_a_bake_needs(scene, tmp_path):
     scatter_of = scatter(scene, 30, instances=True, attributes=[("id", "INT", np.arange(30))])
-    scene.crowd_lod.source, scene.crowd_lod.points, scene.crowd_lod.choice = (
-        "POINTS",
-        scatter_of,
-        "BY_TOLERANCE",
-    )
-    scene.frame_start, scene.frame_end = 1, 4
+    scene.crowd_lod.source = "POINTS"
+    scene.crowd_lod.points = scatter_of
+    scene.crowd_lod.choice = "BY_TOLERANCE"
+    scene.frame_start = 1
+    scene.frame_end = 4
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "points.blend"))
     seen = []
     note = bpy.app.handlers.persistent(

@@ -24,7 +24,8 @@ def arm():
 @pytest.mark.usefixtures("exact_levels")
 def test_points_move_as_blender_moves_a_mesh_with_the_same_weights():
     item = arm()
-    source, before = read_source(item), set(bpy.data.user_map())
+    source = read_source(item)
+    before = set(bpy.data.user_map())
     frames = poses([item])
     assert len(list(skin_of(source, frames))) == len(frames) > 8
     assert set(bpy.data.user_map()) == before  # nothing is left behind
@@ -97,7 +98,8 @@ def bowed(keyed=True):
     item.shape_key_add(name="Basis", from_mix=False)
     rest = mesh_data.read_triangles(item.data)[0]
     x, y, z = rest.T
-    arc, reach = 0.8 * z, y + 1 / 0.8
+    arc = 0.8 * z
+    reach = y + 1 / 0.8
     shapes = {
         "bow": np.column_stack([x, reach * np.cos(arc) - 1 / 0.8, reach * np.sin(arc)]),
         "lean": rest + np.outer(z, (0.2, 0, 0)),
@@ -115,7 +117,8 @@ def bowed(keyed=True):
 @pytest.mark.usefixtures("exact_levels")
 def test_a_shape_key_that_bends_counts_as_a_pose():
     bowed()
-    settings, found = bpy.context.scene.crowd_lod, {}
+    settings = bpy.context.scene.crowd_lod
+    found = {}
     for way in ("POSE_AWARE", "DECIMATE", "AUTO"):
         settings.method = way
         list(make_levels(bpy.context.scene))
@@ -170,7 +173,8 @@ def test_poses_of_shape_keys_are_told_apart():
     for curve in (
         item.data.shape_keys.animation_data.action.layers[0].strips[0].channelbags[0].fcurves
     ):
-        curve.keyframe_points[0].co.x, curve.keyframe_points[1].co.x = 20, 24
+        curve.keyframe_points[0].co.x = 20
+        curve.keyframe_points[1].co.x = 24
         curve.keyframe_points[0].interpolation = "LINEAR"
     item["clock"] = 0.0
     for frame in (1, 60):

@@ -36,13 +36,16 @@ KINDS = ["adult", "adult + hat", "adult + bag", "adult + bag + hat", "child"]
 
 def ball(name, radius, at, bone, chance=None):
     """A ball of the adult on a bone of its rig, a prop if it has a chance."""
-    mesh, made = bpy.data.meshes.new(name), bmesh.new()
+    mesh = bpy.data.meshes.new(name)
+    made = bmesh.new()
     bmesh.ops.create_icosphere(made, subdivisions=3, radius=radius)
     made.to_mesh(mesh)
     made.free()
     item = bpy.data.objects.new(name, mesh)
     bpy.data.collections["adult"].objects.link(item)
-    item.parent, item.parent_type, item.parent_bone = bpy.data.objects["adult rig"], "BONE", bone
+    item.parent = bpy.data.objects["adult rig"]
+    item.parent_type = "BONE"
+    item.parent_bone = bone
     bpy.context.view_layer.update()
     item.matrix_world = Matrix.Translation(at)
     if chance is not None:
@@ -90,7 +93,8 @@ def test_props_are_drawn_by_the_seed_and_change_nothing_else(scene):
         if name != "group":
             assert (column == start.columns[name]).all(), name
     assert ((plain.group == 0) == (start.group < 4)).all()
-    counts, adults = np.bincount(start.group, minlength=5), np.count_nonzero(plain.group == 0)
+    counts = np.bincount(start.group, minlength=5)
+    adults = np.count_nonzero(plain.group == 0)
     for count, part in zip(counts, (0.28, 0.42, 0.12, 0.18), strict=False):
         assert abs(count - adults * part) < 5 * np.sqrt(adults * part * (1 - part))
     assert (np.diff(start.group.astype(int)) >= 0).all()
@@ -109,7 +113,8 @@ def test_agents_of_points_keep_their_props_when_they_are_recorded(dressed):
     assert ((kinds < 4) == (number == 0)).all() and set(kinds) == {0, 1, 2, 3, 4}
     dressed.frame_set(3)
     assert (trajectory_of(dressed).start.group == kinds).all()
-    dressed.frame_start, dressed.frame_end = 1, 4
+    dressed.frame_start = 1
+    dressed.frame_end = 4
     bpy.ops.crowd_lod.record_points()
     recorded = trajectory_of(dressed)
     assert recorded is not live and (recorded.start.group == kinds).all()
@@ -127,7 +132,9 @@ def test_a_crowd_names_a_group_with_its_variants_or_a_variant_alone(dressed):
     dressed.crowd_lod.group_names = ""
     assert (trajectory_of(dressed).start.group == start.group).all()
     own = dressed.crowd_lod.groups["adult"]
-    own.own_thresholds, own.scale, own.share = True, (0.5, 2), 0
+    own.own_thresholds = True
+    own.scale = (0.5, 2)
+    own.share = 0
     assert [bool(each) for each in policy_of(dressed.crowd_lod).group_thresholds] == [True] * 4 + [
         False
     ]
@@ -164,23 +171,21 @@ def test_build_bake_and_overlay_show_who_has_what(ready):
         # one
         assert len({item.data for item in rigs}) == 3 and (baked or len(rigs) == 3 * 16)
         scene.frame_set(50)
-        trajectory, plan = (
-            trajectory_of(scene),
-            frame_of(scene, bpy.context.evaluated_depsgraph_get()),
-        )
-        crowd, agents = plan.crowd, plan.buckets.order
+        trajectory = trajectory_of(scene)
+        plan = frame_of(scene, bpy.context.evaluated_depsgraph_get())
+        crowd = plan.crowd
+        agents = plan.buckets.order
         shown = [points for level, points in instances(scene) if level == 0]
-        groups, objects = (
-            trajectory.groups,
-            {g: len(objects) for g, (_, objects, _) in enumerate(characters_of(scene))},
-        )
+        groups = trajectory.groups
+        objects = {g: len(objects) for g, (_, objects, _) in enumerate(characters_of(scene))}
         assert len(shown) == sum(objects[g] for g in crowd.group[agents])
         for g in range(5):
             agent = agents[crowd.group[agents] == g][0]
             rate = trajectory.gaits.rates[g, crowd.pace[agent]]
             phase = (crowd.phase_class[agent] / trajectory.gaits.classes + rate * 50 / 24) % 1.0
             angle = crowd.heading[agent] + scene_data.rotation(scene.crowd_lod.forward)
-            c, s = np.cos(angle), np.sin(angle)
+            c = np.cos(angle)
+            s = np.sin(angle)
             whole = itself(scene, g, phase) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
             whole += [crowd.x[agent], crowd.y[agent], crowd.z[agent]]
             sizes = [
@@ -197,7 +202,8 @@ def test_build_bake_and_overlay_show_who_has_what(ready):
         homes = [level.children[g] for level in scene.crowd_lod.levels.children]
         character = finished(skinned_characters.baking(name, lambda homes=homes: homes))
         assert character.off < 1e-4
-        mesh, (first, last) = character.meshes[0], action_range(objects)
+        mesh = character.meshes[0]
+        (first, last) = action_range(objects)
         points = skin(mesh, pose(character.frames, np.array([4 / (last - first)], np.float32)))[0]
         own = itself(scene, g, 4 / (last - first))
         np.testing.assert_allclose(
@@ -214,7 +220,8 @@ def test_rigs_are_estimated_and_planned_as_they_are_built(dressed, tmp_path, swa
         bag.keyframe_insert("rotation_euler", frame=1)
         bag.rotation_euler.x += 0.5
         bag.keyframe_insert("rotation_euler", frame=90)
-    scene.crowd_lod.level_count, scene.crowd_lod.thresholds[0] = 1, 0.9
+    scene.crowd_lod.level_count = 1
+    scene.crowd_lod.thresholds[0] = 0.9
     populated(scene)
     list(make_levels(scene))
     found = finished(estimate(scene, scene.crowd_lod, [50])).works
@@ -249,7 +256,8 @@ def test_a_chance_of_one_or_none_makes_no_variant(scene):
     ball("bag", 0.15, (0, -0.35, 0.7), "hand.L", 1)
     hat = ball("hat", 0.4, (0, 0, 1.8), "head", 0.0)
     feather = ball("feather", 0.1, (0, 0, 2.2), "head")
-    feather.parent, feather.parent_type = hat, "OBJECT"
+    feather.parent = hat
+    feather.parent_type = "OBJECT"
     assert [(name, sorted(item.name for item in objects if item.type == "MESH")) for name, objects, _ in characters_of(scene)] == [
         ("adult", ["adult", "bag"]), ("child", ["child"]),
     ]  # fmt: skip

@@ -139,7 +139,8 @@ def test_a_plan_is_not_used_after_a_lod_was_edited_and_strict_is_strict(levelled
     assert not frame.planned and words in frame.unplanned
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "b.blend"))
     capfd.readouterr()
-    plan, out = tmp_path / "a_crowd_lod" / "plan", tmp_path / "out.blend"
+    plan = tmp_path / "a_crowd_lod" / "plan"
+    out = tmp_path / "out.blend"
     for more in ((), ("--bake", "--frames", "1:2")):
         asked = [
             "build",

@@ -26,20 +26,24 @@ def by_strips(body):
     armature = rig()
     skin(body, armature)
     data = armature.animation_data
-    action, data.action = data.action, None
+    action = data.action
+    data.action = None
     strip = data.nla_tracks.new().strips.new("bend", 5, action)
-    strip.frame_start, strip.frame_end = 5, 14
+    strip.frame_start = 5
+    strip.frame_end = 14
     data.nla_tracks.new().strips.new("unused", 40, action).mute = True
 
 
 def by_parent(body):
-    grandparent, body.parent = new("mover", None), new("between", None)
+    grandparent = new("mover", None)
+    body.parent = new("between", None)
     body.parent.parent = grandparent
     keyed(grandparent, "location", (3, 0, 0), 30)
 
 
 def by_target(body):
-    armature, target = rig(), new("target", None)
+    armature = rig()
+    target = new("target", None)
     armature.animation_data_clear()
     skin(body, armature)
     armature.pose.bones["upper"].constraints.new("DAMPED_TRACK").target = target
@@ -65,7 +69,8 @@ def test_what_moves_a_character_is_its_action_and_in_its_sphere(by, expected):
 
 
 def test_an_action_of_its_own_goes_before_what_it_follows():
-    body, armature = new("body", tube("body", 8, 8)), rig()
+    body = new("body", tube("body", 8, 8))
+    armature = rig()
     skin(body, armature)
     armature.parent = new("turntable", None)
     keyed(armature.parent, "location", (3, 0, 0), 250)
@@ -74,7 +79,8 @@ def test_an_action_of_its_own_goes_before_what_it_follows():
 
 def test_of_an_action_shared_by_slots_a_character_plays_its_own():
     """As a file of one action for many characters has it, since Blender 4.4."""
-    body, other = new("body", tube("body", 8, 8)), new("other", None)
+    body = new("body", tube("body", 8, 8))
+    other = new("other", None)
     skin(body, rig())
     data = body.parent.animation_data
     strip = data.nla_tracks.new().strips.new("again", 20, data.action)
@@ -84,21 +90,24 @@ def test_of_an_action_shared_by_slots_a_character_plays_its_own():
     keyed(other, "location", (3, 0, 0), 400)
     assert action_range([body]) == (1, 29) and action_range([other]) == (1, 400)
     assert digest(body) == own
-    action.use_frame_range, action.frame_end = True, 6
+    action.use_frame_range = True
+    action.frame_end = 6
     strip.mute = True
     assert action_range([body])[1] == 6 and digest(body) != own
 
 
 @pytest.fixture
 def body():
-    item, armature = new("body", tube("body", 8, 8)), rig()
+    item = new("body", tube("body", 8, 8))
+    armature = rig()
     bpy.context.scene.collection.objects.link(armature)  # or it would be gone after saving
     skin(item, armature)
     item.data.uv_layers.new(name="second")
     item.modifiers.new("Subdivision", "SUBSURF").levels = 0
     character(item)
     bone = armature.pose.bones["upper"].constraints.new("COPY_ROTATION")
-    bone.target, bone.influence = new("target", None), 0.0
+    bone.target = new("target", None)
+    bone.influence = 0.0
     bpy.context.scene.collection.objects.link(bone.target)
     return item
 
@@ -107,7 +116,8 @@ def driven(body):
     """A constraint follows a custom property of the rig, as a Rigify rig's IK and FK do, and a bone
     an empty.
     """
-    pose, empty = body.parent.pose.bones, new("handle", None)
+    pose = body.parent.pose.bones
+    empty = new("handle", None)
     bpy.context.scene.collection.objects.link(empty)
     body.parent["ik"] = 0.0
     for curve, block, path in (
@@ -115,7 +125,8 @@ def driven(body):
         (pose["lower"].driver_add("location", 0), empty, "location.x"),
     ):
         curve.driver.type, variable = "AVERAGE", curve.driver.variables.new()
-        variable.targets[0].id, variable.targets[0].data_path = block, path
+        variable.targets[0].id = block
+        variable.targets[0].data_path = path
     return empty, curve.driver
 
 
@@ -168,9 +179,11 @@ def test_whatever_lods_take_is_noticed(body, change):
 
 def test_all_that_plays_an_action_otherwise_is_noticed(body):
     """Each of these moves the evaluated vertices of a character like this one."""
-    data, upper = body.parent.animation_data, body.parent.pose.bones["upper"]
+    data = body.parent.animation_data
+    upper = body.parent.pose.bones["upper"]
     curve = data.action.layers[0].strips[0].channelbags[0].fcurves[0]
-    first, noise = curve.keyframe_points[0], curve.modifiers.new("NOISE")
+    first = curve.keyframe_points[0]
+    noise = curve.modifiers.new("NOISE")
     lattice = new("cage", bpy.data.lattices.new("cage"))
     body.modifiers.new("Lattice", "LATTICE").object = lattice
     upper.constraints.new("IK").target = lattice
@@ -217,7 +230,9 @@ def test_what_drivers_read_is_noticed_unless_it_is_animated(body):
         change()
         found.append(digest(body))
     assert len(set(found)) == 6
-    body.parent["ik"], body.parent["unread"], empty.location = 0.3, 1, (0, 0, 0)
+    body.parent["ik"] = 0.3
+    body.parent["unread"] = 1
+    empty.location = (0, 0, 0)
     assert digest(body) == found[-1]
 
 

@@ -21,7 +21,8 @@ from crowd_lod_extension.operators.scene.scene_crowd import characters_of, frame
 
 def instances(scene):
     """[(LOD, agent, points (v, 3) in the world)] of all that the depsgraph holds of the build."""
-    depsgraph, found = bpy.context.evaluated_depsgraph_get(), []
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    found = []
     for each in depsgraph.object_instances:
         if (
             each.is_instance
@@ -68,8 +69,10 @@ def worst(scene, frame, agents=4):
     """Meters by which LOD 0 of the first `agents` that the camera sees is off the character itself,
     at most.
     """
-    trajectory, plan = trajectory_of(scene), frame_of(scene, bpy.context.evaluated_depsgraph_get())
-    crowd, chosen = plan.crowd, plan.buckets[0][:agents]
+    trajectory = trajectory_of(scene)
+    plan = frame_of(scene, bpy.context.evaluated_depsgraph_get())
+    crowd = plan.crowd
+    chosen = plan.buckets[0][:agents]
     assert len(chosen)
     shown = [points for level, points in instances(scene) if level == 0]
     off = 0.0
@@ -78,7 +81,8 @@ def worst(scene, frame, agents=4):
         seconds = frame * scene.render.fps_base / scene.render.fps
         phase = (crowd.phase_class[agent] / trajectory.gaits.classes + rate * seconds) % 1.0
         angle = crowd.heading[agent] + scene_data.rotation(scene.crowd_lod.forward)
-        c, s = np.cos(angle), np.sin(angle)
+        c = np.cos(angle)
+        s = np.sin(angle)
         points = itself(scene, crowd.group[agent], phase) @ np.array(
             [[c, s, 0], [-s, c, 0], [0, 0, 1]]
         )
@@ -113,7 +117,8 @@ def test_a_quick_swing_between_even_looks_gets_its_keys(scene):
         model, why = finished(
             rigs.modeled(rigs.Acting("adult", [home], stage, actors, 1.9), act, {})
         )
-        (begin, end), off = act.spans[0], 0.0
+        (begin, end) = act.spans[0]
+        off = 0.0
         played = rigs.perform(
             model, "trial", 1 / (end - begin), -begin / (end - begin), (begin, end)
         )
@@ -175,7 +180,8 @@ def props(scene, *objects):
     """
     top = bpy.data.collections.new("Props")
     scene.collection.children.link(top)
-    scene.crowd_lod.characters, scene.crowd_lod.level_count = top, 1
+    scene.crowd_lod.characters = top
+    scene.crowd_lod.level_count = 1
     group = bpy.data.collections.new("someone")
     top.children.link(group)
     for item in objects:
@@ -204,9 +210,11 @@ def turning_ball(turn=3.0):
 
 def test_what_no_rig_can_show_is_posed_and_keeps_what_materials_need(scene):
     ball = turning_ball()
-    own, other = bpy.data.materials.new("own"), bpy.data.materials.new("other")
+    own = bpy.data.materials.new("own")
+    other = bpy.data.materials.new("other")
     ball.data.materials.append(own)
-    ball.material_slots[0].link, ball.material_slots[0].material = "OBJECT", other
+    ball.material_slots[0].link = "OBJECT"
+    ball.material_slots[0].material = other
     ball.parent = bpy.data.objects.new("pivot", None)
     ball.parent.scale = (1, 3, 1)  # the ball turns under it: a shear, which bones have not
     ball.parent.location = (3, -2, 0.7)  # where a character stands in the scene is no matter
@@ -244,7 +252,8 @@ def test_why_a_character_is_posed_is_said(scene, why):
         bpy.context.view_layer.objects.active = rig
         bpy.ops.object.mode_set(mode="EDIT")
         bone = data.edit_bones.new("bone")
-        bone.tail, bone.bbone_segments = (0, 0, 1), 4
+        bone.tail = (0, 0, 1)
+        bone.bbone_segments = 4
         bpy.ops.object.mode_set(mode="OBJECT")
         ball.vertex_groups.new(name="bone").add(range(40), 1.0, "REPLACE")
         ball.modifiers.new("rig", "ARMATURE").object = rig
@@ -265,14 +274,16 @@ def test_bones_that_shear_are_shown_as_near_as_can_be_and_it_is_said(scene):
     scene.collection.objects.link(rig)
     bpy.context.view_layer.objects.active = rig
     bpy.ops.object.mode_set(mode="EDIT")
-    root, tip = data.edit_bones.new("root"), data.edit_bones.new("tip")
+    root = data.edit_bones.new("root")
+    tip = data.edit_bones.new("tip")
     root.tail, tip.head, tip.tail, tip.parent = (0, 0, 1), (0, 0, 1), (0, 0, 2), root
     bpy.ops.object.mode_set(mode="OBJECT")
     rig.pose.bones["root"].scale = (1.0, 1.03, 1.0)
     tip = rig.pose.bones["tip"]
     tip.rotation_mode = "XYZ"
     for frame, angle in ((1, 0.0), (25, 1.5)):
-        tip.rotation_euler.z, tip.rotation_euler.x = angle, angle
+        tip.rotation_euler.z = angle
+        tip.rotation_euler.x = angle
         tip.keyframe_insert("rotation_euler", frame=frame)
     bpy.ops.mesh.primitive_uv_sphere_add(location=(0, 0, 1.5))
     ball = bpy.context.object
@@ -287,14 +298,14 @@ def test_bones_that_shear_are_shown_as_near_as_can_be_and_it_is_said(scene):
 def test_objects_that_move_as_a_whole_are_carried(scene):
     """A text, with its own material and custom property, and the hair on it, whose parent it is."""
     words = bpy.data.curves.new("words", "FONT")
-    words.body, words.extrude = "Hi", 0.1
+    words.body = "Hi"
+    words.extrude = 0.1
     sign = bpy.data.objects.new("sign", words)
     words.materials.append(bpy.data.materials.new("shared"))
-    sign.material_slots[0].link, sign.material_slots[0].material = (
-        "OBJECT",
-        bpy.data.materials.new("own"),
-    )
-    sign.visible_shadow, sign["looks"] = False, 3
+    sign.material_slots[0].link = "OBJECT"
+    sign.material_slots[0].material = bpy.data.materials.new("own")
+    sign.visible_shadow = False
+    sign["looks"] = 3
     hair = bpy.data.objects.new("hair", bpy.data.hair_curves.new("hair"))
     hair.data.add_curves([4, 4])
     for frame, x in ((1, 0.0), (13, 3.0), (25, 0.0)):  # and back: a way would be taken out
@@ -353,7 +364,8 @@ def test_a_bake_holds_what_its_frames_show_and_nothing_else(built):
         len(c.children) for c in built.crowd_lod.build.children_recursive if c.get(LIBRARY, -1) >= 0
     )
     list(bake(built, [3, 4]))
-    top, used = built.crowd_lod.build, 0
+    top = built.crowd_lod.build
+    used = 0
     shelves = {c[LIBRARY]: c for c in top.children_recursive if c.get(LIBRARY, -1) >= 0}
     for level, shelf in shelves.items():
         shown = set()
@@ -406,17 +418,24 @@ def test_neighbors_are_drawn_in_different_poses(built, tmp_path, engine):
     with others not.
     """
     settings = built.crowd_lod
-    settings.count, settings.size, settings.center = 2, (3, 3), (0, 0, 0)
+    settings.count = 2
+    settings.size = (3, 3)
+    settings.center = (0, 0, 0)
     settings.characters.children.unlink(settings.characters.children["child"])
     list(make_levels(built))
     list(render_setup.build(built))
     built.camera.animation_data_clear()
-    built.camera.data.type, built.camera.data.ortho_scale = "ORTHO", 6
-    built.camera.location, built.camera.rotation_euler = (0, -10, 1), (np.pi / 2, 0, 0)
-    built.render.engine, built.render.film_transparent = engine, True
-    built.render.resolution_x, built.render.resolution_y = 300, 150
+    built.camera.data.type = "ORTHO"
+    built.camera.data.ortho_scale = 6
+    built.camera.location = (0, -10, 1)
+    built.camera.rotation_euler = (np.pi / 2, 0, 0)
+    built.render.engine = engine
+    built.render.film_transparent = True
+    built.render.resolution_x = 300
+    built.render.resolution_y = 150
     built.render.image_settings.color_mode = "RGBA"
-    built.cycles.samples, built.cycles.use_denoising = 1, False
+    built.cycles.samples = 1
+    built.cycles.use_denoising = False
     built.frame_set(1)
     (points,) = [item.data for item in settings.build.objects if len(item.data.vertices)]
 

@@ -16,7 +16,8 @@ from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 
 from ..support.characters import character, new, rig, skin, tube
 
-WAY, LAST = 1.2, 25
+WAY = 1.2
+LAST = 25
 
 
 def travel(owner, place=None):
@@ -64,7 +65,8 @@ def on_parent():
 
 def walker(name="someone"):
     scene = bpy.context.scene
-    armature, item = rig(), new("body", tube("body", 8, 4))
+    armature = rig()
+    item = new("body", tube("body", 8, 4))
     skin(item, armature)
     bpy.context.scene.collection.objects.link(armature)
     character(item, name=name)
@@ -176,10 +178,13 @@ def test_a_build_shows_agents_where_they_are(place):
     scene, item = walker()
     place()
     settings = scene.crowd_lod
-    settings.count, settings.level_count, settings.method = 1, 1, "DECIMATE"
+    settings.count = 1
+    settings.level_count = 1
+    settings.method = "DECIMATE"
     eye = bpy.data.objects.new("eye", bpy.data.cameras.new("eye"))
     scene.collection.objects.link(eye)
-    scene.camera, eye.data.clip_end = eye, 1000
+    scene.camera = eye
+    eye.data.clip_end = 1000
     eye.location = (0, 0, 400)
     bpy.ops.crowd_lod.populate()
     bpy.ops.crowd_lod.build()

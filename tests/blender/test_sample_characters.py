@@ -59,7 +59,8 @@ def walked(item, frames):
 def test_groups_are_an_armature_and_its_mesh(groups):
     assert list(groups) == NAMES == [group.name for group in bpy.context.scene.collection.children]
     for name, group in groups.items():
-        armature, item = only(group, "ARMATURE"), only(group, "MESH")
+        armature = only(group, "ARMATURE")
+        item = only(group, "MESH")
         assert len(group.objects) == 2
         assert item.parent == armature
         assert [modifier.object for modifier in item.modifiers if modifier.type == "ARMATURE"] == [
@@ -148,8 +149,10 @@ def test_weights_add_up_and_are_at_most_four(groups, name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_feet_do_not_slide(groups, name):
-    item, period = only(groups[name], "MESH"), PERIODS[name]
-    rest, values = coordinates(item.data), weights(item)
+    item = only(groups[name], "MESH")
+    period = PERIODS[name]
+    rest = coordinates(item.data)
+    values = weights(item)
     columns = {group.name: group.index for group in item.vertex_groups}
     poses = walked(item, range(1, period + 2))
     on_ground = rest[:, 2] < 1e-5
@@ -183,7 +186,8 @@ def test_feet_do_not_slide(groups, name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_walk_loops_for_ever(groups, name):
-    item, period = only(groups[name], "MESH"), PERIODS[name]
+    item = only(groups[name], "MESH")
+    period = PERIODS[name]
     first, quarter, last, later = walked(
         item, [1, 1 + period // 4, 1 + period, 1 + 7 * period + period // 4]
     )
@@ -194,8 +198,11 @@ def test_walk_loops_for_ever(groups, name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_joints_move_as_a_walker_does(groups, name):
-    armature, period = only(groups[name], "ARMATURE"), PERIODS[name]
-    ahead, knees, hips = {"shin.L": [], "hand.L": [], "hand.R": []}, [], []
+    armature = only(groups[name], "ARMATURE")
+    period = PERIODS[name]
+    ahead = {"shin.L": [], "hand.L": [], "hand.R": []}
+    knees = []
+    hips = []
     for frame in range(1, period + 1):
         bpy.context.scene.frame_set(frame)
         pose = armature.evaluated_get(bpy.context.evaluated_depsgraph_get()).pose.bones
@@ -203,11 +210,9 @@ def test_joints_move_as_a_walker_does(groups, name):
         for bone in ahead:
             ahead[bone].append(pose[bone].tail.x)
         for side in (".L", ".R"):
-            hip, knee, ankle = (
-                pose["thigh" + side].head,
-                pose["shin" + side].head,
-                pose["shin" + side].tail,
-            )
+            hip = pose["thigh" + side].head
+            knee = pose["shin" + side].head
+            ankle = pose["shin" + side].tail
             share = (knee.z - hip.z) / (ankle.z - hip.z)
             knees.append(knee.x - (hip.x + share * (ankle.x - hip.x)))
     assert min(knees) > 0  # in front of the line from hip to ankle
@@ -228,7 +233,8 @@ def test_same_every_time(groups):
 def test_speed_scales_the_stride():
     bpy.ops.wm.read_factory_settings(use_empty=True)
     groups = characters.make_characters(bpy.context.scene.collection, speed=0.8)
-    item, period = only(groups[0], "MESH"), PERIODS["adult"]
+    item = only(groups[0], "MESH")
+    period = PERIODS["adult"]
     assert groups[0]["stride"] == pytest.approx(0.8 * period / 24)
     rest = coordinates(item.data)
     toes = (weights(item)[:, item.vertex_groups["toe.L"].index] > 0.99) & (rest[:, 2] < 1e-5)

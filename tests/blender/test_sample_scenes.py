@@ -94,7 +94,8 @@ def frames_of(scene):
 
 @pytest.mark.parametrize("name", sample_scenes.NAMES)
 def test_two_makes_give_the_same_scene(name):
-    first, second = made(name), made(name)
+    first = made(name)
+    second = made(name)
     assert digest(first) == digest(second)
     second.camera.location.x += 1e-3
     assert digest(first) != digest(second)
@@ -170,7 +171,8 @@ def test_the_plaza_map_agrees_with_its_geometry():
 def test_people_of_the_station_stand_on_its_floors_and_keep_out_of_what_is_in_the_way():
     """Rays from the knees down meet the floor under each foot."""
     scene = made("station")
-    settings, floors = scene.crowd_lod, scene.crowd_lod.terrain.objects
+    settings = scene.crowd_lod
+    floors = scene.crowd_lod.terrain.objects
     trees = []
     for item in floors:
         faces = [tuple(polygon.vertices) for polygon in item.data.polygons]

@@ -48,22 +48,26 @@ def crowd():
     camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
     scene.collection.objects.link(camera)
     scene.camera = camera
-    camera.location, camera.rotation_euler, camera.data.clip_end = (0, -70, 4), (1.52, 0, 0), 200
+    camera.location = (0, -70, 4)
+    camera.rotation_euler = (1.52, 0, 0)
+    camera.data.clip_end = 200
     light = bpy.data.objects.new("Sun", bpy.data.lights.new("Sun", "SUN"))
     scene.collection.objects.link(light)
-    light.rotation_euler, light.data.energy = (0.8, 0.2, 0), 3
+    light.rotation_euler = (0.8, 0.2, 0)
+    light.data.energy = 3
     render = scene.render
-    render.resolution_x, render.resolution_y, render.engine, scene.cycles.samples = (
-        320,
-        180,
-        "CYCLES",
-        16,
-    )
+    render.resolution_x = 320
+    render.resolution_y = 180
+    render.engine = "CYCLES"
+    scene.cycles.samples = 16
     scene.view_settings.view_transform = "Standard"
     scene.frame_end = 3
     settings = scene.crowd_lod
-    settings.count, settings.size, settings.method = 60, (20, 60), "DECIMATE"
-    settings.level_count, settings.thresholds[:2] = 3, (0.15, 0.4)
+    settings.count = 60
+    settings.size = (20, 60)
+    settings.method = "DECIMATE"
+    settings.level_count = 3
+    settings.thresholds[:2] = (0.15, 0.4)
     store_groups(settings, measure_groups(scene))
     list(make_levels(scene))
     return scene
@@ -123,7 +127,8 @@ def test_images_are_in_what_builds_are_said_to_cost(crowd):
     node = next(
         node for node in bpy.data.materials["skin"].node_tree.nodes if node.type == "TEX_IMAGE"
     )
-    image, node.image = node.image, None
+    image = node.image
+    node.image = None
     bare = finished(estimate(crowd, crowd.crowd_lod)).prices
     node.image = image
     found = finished(estimate(crowd, crowd.crowd_lod))
@@ -152,12 +157,14 @@ def test_bake_of_far_agents_renders_without_the_full_image(crowd, tmp_path):
     Blender 5.2 loads all images, hidden or not: the scene's settings name them.
     """
     image = picture("large", 4096)
-    image.filepath_raw, image.file_format = str(tmp_path / "large.png"), "PNG"
+    image.filepath_raw = str(tmp_path / "large.png")
+    image.file_format = "PNG"
     image.save()
     next(
         node for node in bpy.data.materials["skin"].node_tree.nodes if node.type == "TEX_IMAGE"
     ).image = bpy.data.images.load(image.filepath_raw)
-    crowd.cycles.samples, crowd.render.resolution_percentage = 1, 10
+    crowd.cycles.samples = 1
+    crowd.render.resolution_percentage = 10
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"))
     code = (
         "import bpy, sys; bpy.ops.wm.open_mainfile(filepath=sys.argv[1]); bpy.ops.render.render(); "
@@ -167,7 +174,8 @@ def test_bake_of_far_agents_renders_without_the_full_image(crowd, tmp_path):
     for scaling in (False, True):
         bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "crowd.blend"))
         scene = bpy.context.scene
-        settings, path = scene.crowd_lod, tmp_path / f"{scaling}.blend"
+        settings = scene.crowd_lod
+        path = tmp_path / f"{scaling}.blend"
         settings.scale_textures = scaling
         cast = finished(bake.bake(scene, [1]))
         remove_owned(settings.levels)
@@ -187,7 +195,8 @@ def test_what_cannot_be_scaled_stays_and_is_named(crowd):
     """A normal map in a group, floats, an image placed by a group's input, a palette, and five
     kinds that stay.
     """
-    material, stays = bpy.data.materials["skin"], {}
+    material = bpy.data.materials["skin"]
+    stays = {}
     tree = material.node_tree
     group = bpy.data.node_groups.new("inner", "ShaderNodeTree")
     group.interface.new_socket("Place", in_out="INPUT", socket_type="NodeSocketVector")

@@ -31,7 +31,8 @@ def stage():
     parts = bpy.data.collections.new("parts")
     for name, item in props.items():
         (parts if name == "part" else home).objects.link(item)
-    props["crane"].instance_type, props["crane"].instance_collection = "COLLECTION", parts
+    props["crane"].instance_type = "COLLECTION"
+    props["crane"].instance_collection = parts
     props["child"].parent = props["walks"]
     for name, x in (("walks", 3), ("lamp", 5)):
         for frame in (1, 50):
@@ -98,7 +99,8 @@ def grouped(name):
     """Show the material `name` by a group that holds an Emission."""
     group = bpy.data.node_groups.new("group", "ShaderNodeTree")
     group.interface.new_socket("Shader", in_out="OUTPUT", socket_type="NodeSocketShader")
-    emission, end = group.nodes.new("ShaderNodeEmission"), group.nodes.new("NodeGroupOutput")
+    emission = group.nodes.new("ShaderNodeEmission")
+    end = group.nodes.new("NodeGroupOutput")
     group.links.new(emission.outputs[0], end.inputs[0])
     holder = node(name).new("ShaderNodeGroup")
     holder.node_tree = group
@@ -110,10 +112,8 @@ def grouped(name):
 def fog():
     world = bpy.context.scene.world = bpy.data.worlds.new("fog")
     switch_nodes_on(world)
-    scatter, output = (
-        world.node_tree.nodes.new("ShaderNodeVolumeScatter"),
-        world.node_tree.nodes["World Output"],
-    )
+    scatter = world.node_tree.nodes.new("ShaderNodeVolumeScatter")
+    output = world.node_tree.nodes["World Output"]
     world.node_tree.links.new(scatter.outputs[0], output.inputs["Volume"])
 
 
@@ -376,12 +376,17 @@ def test_renders_find_what_is_on_and_shown_at_their_own_frames(stage, handled, t
     handled("frame_change_post", "end", look)
     stage.camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
     stage.collection.objects.link(stage.camera)
-    stage.render.engine, stage.cycles.samples, stage.cycles.use_denoising = "CYCLES", 1, False
+    stage.render.engine = "CYCLES"
+    stage.cycles.samples = 1
+    stage.cycles.use_denoising = False
     stage.render.resolution_x = stage.render.resolution_y = 8
-    stage.render.filepath, stage.frame_start, stage.frame_end = str(tmp_path / "f"), 1, 4
+    stage.render.filepath = str(tmp_path / "f")
+    stage.frame_start = 1
+    stage.frame_end = 4
     for own in (1, 4):
         found.clear()
         stage.frame_set(own)
         bpy.ops.render.render(animation=True)
-        dark, lit = {"glows"}, {"glows", "lamp", "second", "still", "walks", "child", "part"}
+        dark = {"glows"}
+        lit = {"glows", "lamp", "second", "still", "walks", "child", "part"}
         assert [found["RENDER", frame] for frame in (1, 2, 3, 4)] == [dark, dark, lit, lit]

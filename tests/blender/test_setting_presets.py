@@ -70,7 +70,8 @@ def test_reset_brings_back_the_defaults_of_its_step_alone(settings, step):
     changed = change_all(settings)
     assert all(changed[name] != usual[name] for name in usual)
     settings.characters = kept = bpy.data.collections.new("Kept")
-    settings.output_folder, settings.estimate = "//mine", "old"
+    settings.output_folder = "//mine"
+    settings.estimate = "old"
     scene = settings.id_data
     with bpy.context.temp_override(scene=scene):
         assert bpy.ops.crowd_lod.reset(step=step) == {"FINISHED"}

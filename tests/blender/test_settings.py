@@ -27,7 +27,8 @@ def relief(scene, scale=6.0):
     values[..., 0] = np.random.default_rng(3).uniform(0, 1, (8, 8))
     image = bpy.data.images.new("relief", 8, 8, float_buffer=True, is_data=True)
     image.pixels.foreach_set(values.ravel())
-    scene.crowd_lod.height_image, scene.crowd_lod.height_scale = image, scale
+    scene.crowd_lod.height_image = image
+    scene.crowd_lod.height_scale = scale
 
 
 def turns(scene):
@@ -50,20 +51,24 @@ def turns(scene):
 @pytest.mark.parametrize("forward", ["X", "-Y"])
 def test_agents_that_tilt_stand_square_on_the_ground_and_keep_their_way(scene, forward):
     relief(scene)
-    scene.crowd_lod.tilt, scene.crowd_lod.forward = True, forward
+    scene.crowd_lod.tilt = True
+    scene.crowd_lod.forward = forward
     stored_groups.store_groups(scene.crowd_lod, group_measuring.measure_groups(scene))
     list(make_levels(scene))
     list(render_setup.build(scene))
     scene.frame_set(7)
     frame = scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get())
-    heights, found, checked = scene_crowd.trajectory_of(scene).heights, turns(scene), 0
+    heights = scene_crowd.trajectory_of(scene).heights
+    found = turns(scene)
+    checked = 0
     own_forward = np.array({"X": (1, 0, 0), "-Y": (0, -1, 0)}[forward])
     steepest = 0.0
     for agent in frame.buckets.order:
         x, y, heading = (
             float(column[agent]) for column in (frame.crowd.x, frame.crowd.y, frame.crowd.heading)
         )
-        turn, step = found[tuple(np.round(np.float32([x, y]).astype(float), 4))], 1e-4
+        turn = found[tuple(np.round(np.float32([x, y]).astype(float), 4))]
+        step = 1e-4
         rise = [
             heights.at(np.array([x + step * a]), np.array([y + step * b]))[0]
             for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1))
@@ -77,7 +82,8 @@ def test_agents_that_tilt_stand_square_on_the_ground_and_keep_their_way(scene, f
         np.testing.assert_allclose(
             way[:2] / np.linalg.norm(way[:2]), (np.cos(heading), np.sin(heading)), atol=1e-4
         )
-        steepest, checked = max(steepest, np.degrees(np.arccos(normal[2]))), checked + 1
+        steepest = max(steepest, np.degrees(np.arccos(normal[2])))
+        checked = checked + 1
     assert checked > 50 and steepest > 20
     scene.crowd_lod.tilt = False
     scene.frame_set(7)
@@ -201,7 +207,8 @@ def test_settings_that_nobody_can_set_are_named(levelled):
         ("size", [float("nan"), 1.0], "Size of Scene is nan"),
         ("map_image", levelled.camera, "Map of Scene is .*: choose one of the kind Image"),
     ):
-        before, sound = set(bpy.data.user_map()), getattr(settings, name)
+        before = set(bpy.data.user_map())
+        sound = getattr(settings, name)
         sound = tuple(sound) if name == "size" else sound
         raw.pop(name, None)
         raw[name] = value

@@ -13,7 +13,10 @@ def two(scene):
     bpy.ops.crowd_lod.populate()
     bpy.ops.crowd_lod.add_crowd()
     more = scene.crowd_lod.crowds[0]
-    more.count, more.center, more.size, more.group_names = 40, (0, 5, 3), (10, 10), "child"
+    more.count = 40
+    more.center = (0, 5, 3)
+    more.size = (10, 10)
+    more.group_names = "child"
     return scene
 
 
@@ -62,7 +65,8 @@ def test_a_group_that_is_not_there_is_named(two):
 @pytest.mark.once
 def test_a_plan_of_the_shot_holds_all_crowds_and_is_told_when_one_changes(two, tmp_path):
     settings = two.crowd_lod
-    settings.output_folder, two.frame_end = str(tmp_path), 3
+    settings.output_folder = str(tmp_path)
+    two.frame_end = 3
     bpy.ops.crowd_lod.make_levels()
     bpy.ops.crowd_lod.plan_shot()
     frame = frame_of(two, bpy.context.evaluated_depsgraph_get(), 2)

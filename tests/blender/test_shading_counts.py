@@ -30,10 +30,16 @@ def striped(monkeypatch):
     camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
     scene.collection.objects.link(camera)
     scene.camera = camera
-    camera.location, camera.rotation_euler, camera.data.clip_end = (0, -40, 2), (1.5, 0, 0), 100
+    camera.location = (0, -40, 2)
+    camera.rotation_euler = (1.5, 0, 0)
+    camera.data.clip_end = 100
     settings = scene.crowd_lod
-    settings.count, settings.size, settings.method, settings.frames = 60, (40, 60), "DECIMATE", "1"
-    settings.choice, settings.tolerance = "BY_TOLERANCE", 20.0
+    settings.count = 60
+    settings.size = (40, 60)
+    settings.method = "DECIMATE"
+    settings.frames = "1"
+    settings.choice = "BY_TOLERANCE"
+    settings.tolerance = 20.0
     store_groups(settings, measure_groups(scene))
     list(make_levels(scene))
     return scene

@@ -24,13 +24,15 @@ def run(*words):
 
 @pytest.fixture
 def file(levelled, tmp_path):
-    levelled.crowd_lod.count, levelled.cycles.samples = 8, 2
+    levelled.crowd_lod.count = 8
+    levelled.cycles.samples = 2
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"))
     return tmp_path / "crowd.blend"
 
 
 def test_chunks_are_assembled_to_the_files_of_one_run(file, tmp_path, capfd):
-    (name, *options), chunks = VERIFY, ("1", "9")
+    (name, *options) = VERIFY
+    chunks = ("1", "9")
     assert run(name, file, *options, "--out", tmp_path / "one") == 0
     for chunk in chunks:
         assert run(name, file, *options, "--part", chunk, "--out", tmp_path / "two") == 0
@@ -43,7 +45,8 @@ def test_chunks_are_assembled_to_the_files_of_one_run(file, tmp_path, capfd):
 
 
 def test_parts_of_a_scene_that_was_changed_since_are_not_assembled(file, tmp_path, capfd):
-    (name, *options), out = PREVIEW, tmp_path / "out"
+    (name, *options) = PREVIEW
+    out = tmp_path / "out"
     assert run(name, file, *options, "--part", "1,9,20", "--out", out) == 0
     before = contents(out / "parts")
     bpy.ops.wm.open_mainfile(filepath=str(file))
@@ -57,7 +60,9 @@ def test_parts_of_a_scene_that_was_changed_since_are_not_assembled(file, tmp_pat
 def test_two_processes_make_the_files_of_one(file, tmp_path, monkeypatch):
     name, *options = PREVIEW
     assert run(name, file, *options, "--out", tmp_path / "one") == 0
-    shoot, claim, made_here = preview._Run.shoot, FrameParts.claim, []
+    shoot = preview._Run.shoot
+    claim = FrameParts.claim
+    made_here = []
     monkeypatch.setattr(
         FrameParts, "claim", lambda self, number: number == 20 and claim(self, number)
     )
@@ -70,14 +75,16 @@ def test_two_processes_make_the_files_of_one(file, tmp_path, monkeypatch):
 
 
 def test_a_frame_is_made_by_one_process(tmp_path):
-    first, second = FrameParts(tmp_path, "state"), FrameParts(tmp_path, "state")
+    first = FrameParts(tmp_path, "state")
+    second = FrameParts(tmp_path, "state")
     assert first.claim(7) and not second.claim(7) and second.claim(8)
     first.release()
     assert second.claim(7)
 
 
 def test_parts_that_do_not_belong_to_the_run_are_refused(file, tmp_path, capfd):
-    (name, *options), out = PREVIEW, tmp_path / "out"
+    (name, *options) = PREVIEW
+    out = tmp_path / "out"
     assert run(name, file, *options, "--part", "2,9", "--out", out) == 1
     assert (
         "Frame 2 of --part is not among the run's: name frames of 1, 9, 20."
@@ -131,7 +138,8 @@ def test_only_options_that_change_nothing_are_left_out_of_the_key():
     ),
 )
 def test_a_damaged_run_starts_nothing_but_preview_and_verify(file, tmp_path, capfd, words):
-    (name, *options), out = PREVIEW, tmp_path / "out"
+    (name, *options) = PREVIEW
+    out = tmp_path / "out"
     assert run(name, file, *options, "--part", "1", "--out", out) == 0
     path = out / "parts" / "run.json"
     told = json.loads(path.read_text())

@@ -34,7 +34,8 @@ def chosen(scene, frames=FRAMES):
 def planned(scene, folder):
     """Press Plan Shot; return (the levels by frame, plan.json)."""
     settings = scene.crowd_lod
-    settings.frames, settings.output_folder = "1:12", str(folder.parent)
+    settings.frames = "1:12"
+    settings.output_folder = str(folder.parent)
     assert bpy.ops.crowd_lod.plan_shot() == {"FINISHED"}
     stored = plan_file.read(folder / "plan.npz")
     rows = [stored.row(f, settings.count) for f in range(12)]
@@ -57,7 +58,8 @@ def seen_at(scene, level):
 @pytest.mark.once
 def test_the_plan_keeps_to_exceptions_and_its_users_show_them(levelled, tmp_path):
     settings = levelled.crowd_lod
-    (finer, hidden, *_), (pinned, *_) = seen_at(levelled, 2), seen_at(levelled, 0)
+    (finer, hidden, *_) = seen_at(levelled, 2)
+    (pinned, *_) = seen_at(levelled, 0)
     add(levelled, "Detail", agents=f"{finer}", kind="NEVER_COARSER", level=1)
     add(
         levelled,
@@ -153,7 +155,8 @@ def cube(scene, low, high, name="Region"):
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], [], [])
     item = bpy.data.objects.new(name, mesh)
-    item.location, item.scale = (np.array(low) + high) / 2, (np.array(high) - low) / 2
+    item.location = (np.array(low) + high) / 2
+    item.scale = (np.array(high) - low) / 2
     scene.collection.objects.link(item)
     bpy.context.view_layer.update()
     return item
@@ -174,7 +177,9 @@ def test_a_region_means_those_inside_its_box_when_it_begins(levelled):
     assert chosen(levelled, range(2, 7)) == [inside(2), []]
     # turned by a quarter about its middle, its box is the other way round; flat, it counts at every
     # height
-    region.rotation_euler.z, region.scale.z, region.location.z = np.pi / 2, 1, 40
+    region.rotation_euler.z = np.pi / 2
+    region.scale.z = 1
+    region.location.z = 40
     for vertex in region.data.vertices:
         vertex.co.z = 0
     bpy.context.view_layer.update()
@@ -183,7 +188,8 @@ def test_a_region_means_those_inside_its_box_when_it_begins(levelled):
     assert chosen(levelled)[0] == turned
     # an empty's box is as wide as it is drawn
     empty = bpy.data.objects.new("Empty", None)
-    empty.empty_display_size, empty.location = 6, (1, 2, 0)
+    empty.empty_display_size = 6
+    empty.location = (1, 2, 0)
     levelled.collection.objects.link(empty)
     bpy.context.view_layer.update()
     levelled.crowd_lod.exceptions[0].region = empty
@@ -209,7 +215,9 @@ def test_a_region_that_moves_is_taken_where_it_is_when_the_exception_begins(leve
 
 def test_a_painted_map_means_those_on_light_pixels(levelled):
     pixels = np.zeros((2, 4, 3), np.uint8)
-    pixels[0, 1], pixels[1, 2], pixels[1, 3] = 255, 128, 127
+    pixels[0, 1] = 255
+    pixels[1, 2] = 128
+    pixels[1, 3] = 127
     add(levelled, chosen_by="MAP", map_image=write_image("front", pixels))
     crowd = trajectory_of(levelled).at(1)
     lower = (crowd.x >= -10) & (crowd.x < 0) & (crowd.y < 0)
@@ -221,10 +229,8 @@ def test_a_painted_map_means_those_on_light_pixels(levelled):
 
 @pytest.mark.parametrize("change", ["moved", "painted", "renumbered", "frames", "order"])
 def test_the_plan_says_when_an_exception_has_changed(levelled, tmp_path, change):
-    region, image = (
-        cube(levelled, (-20, -20, -1), (20, 20, 1)),
-        write_image("all", np.full((2, 2, 3), 255, np.uint8)),
-    )
+    region = cube(levelled, (-20, -20, -1), (20, 20, 1))
+    image = write_image("all", np.full((2, 2, 3), 255, np.uint8))
     add(levelled, "A", agents="1", kind="ALWAYS", level=1, all_frames=False)
     add(levelled, "B", chosen_by="REGION", region=region)
     add(levelled, "C", chosen_by="MAP", map_image=image)
@@ -282,7 +288,8 @@ def test_wrong_exceptions_are_named_in_one_sentence_and_change_nothing(
         levelled,
         **{key: blocks[key][value] if key in blocks else value for key, value in settings.items()},
     )
-    levelled.crowd_lod.frames, levelled.crowd_lod.output_folder = "1:3", str(tmp_path)
+    levelled.crowd_lod.frames = "1:3"
+    levelled.crowd_lod.output_folder = str(tmp_path)
     with pytest.raises(RuntimeError) as told:
         bpy.ops.crowd_lod.plan_shot()
     assert says in str(told.value) and "Hero" in str(told.value)

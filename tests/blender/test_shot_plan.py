@@ -25,18 +25,17 @@ def zoomed(levelled):
     lens = levelled.camera.data
     for frame, lens.lens in ((1, 15), (12, 200)):
         lens.keyframe_insert("lens", frame=frame)
-    levelled.crowd_lod.choice, levelled.crowd_lod.tolerance, levelled.crowd_lod.avoid_pops = (
-        "BY_TOLERANCE",
-        4.0,
-        0.5,
-    )
+    levelled.crowd_lod.choice = "BY_TOLERANCE"
+    levelled.crowd_lod.tolerance = 4.0
+    levelled.crowd_lod.avoid_pops = 0.5
     return levelled
 
 
 def planned(scene, folder):
     """Press Plan Shot; return the stored plan."""
     settings = scene.crowd_lod
-    settings.frames, settings.output_folder = "1:12", str(folder.parent)
+    settings.frames = "1:12"
+    settings.output_folder = str(folder.parent)
     assert bpy.ops.crowd_lod.plan_shot() == {"FINISHED"}
     return plan_file.read(folder / "plan.npz")
 
@@ -53,9 +52,11 @@ def shown(frame):
 
 def test_every_frame_shows_the_plan(zoomed, tmp_path):
     before = [shown(frame_at(zoomed, number)) for number in FRAMES]
-    stored, differ = planned(zoomed, tmp_path / "plan"), 0
+    stored = planned(zoomed, tmp_path / "plan")
+    differ = 0
     for f, number in enumerate(FRAMES):
-        frame, row = frame_at(zoomed, number), stored.row(f, zoomed.crowd_lod.count) & LEVEL
+        frame = frame_at(zoomed, number)
+        row = stored.row(f, zoomed.crowd_lod.count) & LEVEL
         assert frame.planned and not frame.unplanned
         assert shown(frame) == {agent: row[agent] for agent in before[f]}  # who is seen stays
         assert all(row[agent] <= level for agent, level in before[f].items())
@@ -200,7 +201,8 @@ def test_settings_that_are_animated_are_refused(zoomed, tmp_path):
     settings = zoomed.crowd_lod
     for frame, settings.count in ((1, 40), (12, 60)):
         settings.keyframe_insert("count", frame=frame)
-    settings.frames, settings.output_folder = "1:12", str(tmp_path)
+    settings.frames = "1:12"
+    settings.output_folder = str(tmp_path)
     with pytest.raises(RuntimeError, match="The crowd's settings change at frame"):
         bpy.ops.crowd_lod.plan_shot()
     assert not settings.shot_plan and not (tmp_path / "plan").exists()
@@ -212,7 +214,8 @@ def test_settings_that_are_animated_are_refused(zoomed, tmp_path):
 )
 def test_bad_input_leaves_the_scene_as_it_was(zoomed, tmp_path, name, value, words):
     settings = zoomed.crowd_lod
-    settings.frames, settings.output_folder = "1:12", str(tmp_path)
+    settings.frames = "1:12"
+    settings.output_folder = str(tmp_path)
     setattr(settings, name, value)
     with pytest.raises(RuntimeError, match=words):
         bpy.ops.crowd_lod.plan_shot()
@@ -281,10 +284,13 @@ def test_no_frames_is_an_error(zoomed):
 @pytest.mark.once
 def test_lods_of_other_settings_are_named(scene, tmp_path):
     settings = scene.crowd_lod
-    settings.choice, settings.level_count = "BY_RATIO", 2
+    settings.choice = "BY_RATIO"
+    settings.level_count = 2
     bpy.ops.crowd_lod.populate()
     bpy.ops.crowd_lod.make_levels()
-    settings.level_count, settings.frames, settings.output_folder = 3, "1:3", str(tmp_path)
+    settings.level_count = 3
+    settings.frames = "1:3"
+    settings.output_folder = str(tmp_path)
     with pytest.raises(RuntimeError, match="do not fit the settings"):
         bpy.ops.crowd_lod.plan_shot()
     assert not (tmp_path / "plan").exists()

@@ -21,11 +21,14 @@ def files_of(scene, folder):
     """The names and bytes of the files that Plan Shot writes into the folder, of a zoom towards the
     crowd.
     """
-    settings, lens = scene.crowd_lod, scene.camera.data
-    settings.choice, settings.tolerance = "BY_TOLERANCE", 4.0
+    settings = scene.crowd_lod
+    lens = scene.camera.data
+    settings.choice = "BY_TOLERANCE"
+    settings.tolerance = 4.0
     for frame, lens.lens in ((1, 15), (12, 200)):
         lens.keyframe_insert("lens", frame=frame)
-    settings.frames, settings.output_folder = "1:12", str(folder)
+    settings.frames = "1:12"
+    settings.output_folder = str(folder)
     assert bpy.ops.crowd_lod.plan_shot() == {"FINISHED"}
     return {path.name: path.read_bytes() for path in (folder / "plan").iterdir()}
 
@@ -45,7 +48,8 @@ def test_files_agree_and_come_out_the_same_again(levelled, tmp_path):
     )
     stored = plan_file.read(tmp_path / "one" / "plan" / "plan.npz")
     for row in switches:
-        frame, agent = int(row["frame"]), int(row["agent"])
+        frame = int(row["frame"])
+        agent = int(row["agent"])
         before, after = (
             int(stored.row(f, levelled.crowd_lod.count)[agent]) for f in (frame - 2, frame - 1)
         )
@@ -98,7 +102,8 @@ def shown_of(scene):
             and "crowd_lod_level" in each.parent.original
             and each.object.type == "MESH"
         ):
-            matrix, mesh = np.array(each.matrix_world, np.float64), each.object.data
+            matrix = np.array(each.matrix_world, np.float64)
+            mesh = each.object.data
             points = np.empty((len(mesh.vertices), 3), np.float32)
             mesh.vertices.foreach_get("co", points.ravel())
             found.setdefault(tuple(matrix[:2, 3].round(3)), []).append(
@@ -112,8 +117,10 @@ def test_an_agent_is_drawn_as_the_build_shows_it(levelled, forward):
     levelled.crowd_lod.forward = forward
     bpy.ops.crowd_lod.build()
     levelled.frame_set(9)
-    frame, shown = frame_of(levelled, bpy.context.evaluated_depsgraph_get()), shown_of(levelled)
-    order, levels = frame.buckets.order.tolist(), frame.buckets.levels.tolist()
+    frame = frame_of(levelled, bpy.context.evaluated_depsgraph_get())
+    shown = shown_of(levelled)
+    order = frame.buckets.order.tolist()
+    levels = frame.buckets.levels.tolist()
     for agent, level in list(zip(order, levels, strict=True))[:: len(order) // 6]:
         own = shown[tuple(np.array(frame.crowd.places(None, agent)[:2]).round(3))]
         (body,), _ = posed_agent(levelled, agent, Held(frame.crowd, 9.0), [level])

@@ -22,7 +22,10 @@ from crowd_lod_extension.operators.sources.simulate import follow, simulating_cr
 from ..support.cameras import straight
 from ..support.crowds import walker
 
-FLOOR, EXIT, WALL = "#909090", "#40c040", "#303030"  # of the preset evacuation
+# of the preset evacuation
+FLOOR = "#909090"
+EXIT = "#40c040"
+WALL = "#303030"
 CENTER = np.array((100.0, -50.0))
 
 
@@ -33,7 +36,8 @@ def hall(tmp_path):
     settings = scene.crowd_lod
     bpy.ops.crowd_lod.machine_preset(name="evacuation")
     cells = np.full((40, 80), FLOOR)
-    cells[:, 60:62], cells[17:23, 60:62] = WALL, FLOOR
+    cells[:, 60:62] = WALL
+    cells[17:23, 60:62] = FLOOR
     cells[[0, -1]] = cells[:, 0] = WALL
     cells[2:10, 76:79] = cells[30:38, 76:79] = EXIT
     image = bpy.data.images.new("hall", 80, 40)
@@ -45,8 +49,12 @@ def hall(tmp_path):
     )
     image.pixels.foreach_set(np.dstack([rgb, np.ones(cells.shape)]).astype(np.float32).ravel())
     image.pack()
-    settings.map_image, settings.size, settings.center = image, (40, 20), (*CENTER, 2)
-    settings.count, settings.seed, settings.simulated_seconds = 60, 5, 6
+    settings.map_image = image
+    settings.size = (40, 20)
+    settings.center = (*CENTER, 2)
+    settings.count = 60
+    settings.seed = 5
+    settings.simulated_seconds = 6
     scene.render.fps = 25
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "hall.blend"))
     return scene
@@ -74,7 +82,9 @@ def labels_at(scene, rows):
 @pytest.mark.once
 def test_a_thousand_people_start_where_they_may_keep_out_of_walls_and_arrive(hall, tmp_path):
     settings = hall.crowd_lod
-    settings.count, settings.simulated_seconds, settings.start_labels = 1000, 4, "floor"
+    settings.count = 1000
+    settings.simulated_seconds = 4
+    settings.start_labels = "floor"
     said = finished(simulating_crowd(hall, 0, tmp_path / "a.sqlite"))
     rows, fps = rows_of(tmp_path / "a.sqlite")
     assert fps == pytest.approx(25) and rows[:, 0].max() == 100
@@ -111,7 +121,8 @@ def test_button_writes_beside_the_file_and_the_crowd_follows_it(hall, tmp_path):
     rows, _ = rows_of(tmp_path / "hall_Scene.sqlite")
     trajectory = trajectory_of(hall, (walker(),))
     for frame in (0, 40, 150):
-        crowd, own = trajectory.at(1 + frame), rows[rows[:, 0] == frame]
+        crowd = trajectory.at(1 + frame)
+        own = rows[rows[:, 0] == frame]
         assert crowd.there == len(own)
         there = own[:, 1].astype(int)
         np.testing.assert_allclose(
@@ -146,13 +157,17 @@ def test_people_walk_around_the_meshes_of_a_collection(hall, tmp_path):
         item = bpy.data.objects.new(name, mesh)
         item.location = (x, CENTER[1], 2)
         obstacles.objects.link(item)
-    hall.crowd_lod.obstacles, hall.crowd_lod.count = obstacles, 200
+    hall.crowd_lod.obstacles = obstacles
+    hall.crowd_lod.count = 200
     finished(simulating_crowd(hall, 0, tmp_path / "a.sqlite"))
     rows, _ = rows_of(tmp_path / "a.sqlite")
-    x, y = rows[:, 2], rows[:, 3] - CENTER[1]
+    x = rows[:, 2]
+    y = rows[:, 3] - CENTER[1]
     assert not ((x > 90) & (x < 92) & (abs(y) < 6)).any()
     order = np.lexsort((rows[:, 0], rows[:, 1]))
-    x, y, same = x[order], y[order], np.diff(rows[order, 1]) == 0
+    x = x[order]
+    y = y[order]
+    same = np.diff(rows[order, 1]) == 0
     crossed = same & ((x[1:] > 105) != (x[:-1] > 105))
     assert crossed.any() and (abs(y[1:][crossed]) >= 6).all()
 

@@ -18,7 +18,8 @@ def at_once(monkeypatch):
 def paint(scene):
     """Ground between two edges, 20 x 20 pixels."""
     labels = np.zeros((20, 20), int)
-    labels[:, :2], labels[:, -1] = 1, 2
+    labels[:, :2] = 1
+    labels[:, -1] = 2
     scene.crowd_lod.map_image = image_data.write_image(
         "painted", load_preset("chapter").label_colors[labels]
     )
@@ -56,7 +57,8 @@ OF_A_BAKE = {
 def follow(scene, name, changes):
     """Make the build, change each thing, look, and make it again."""
     make = getattr(bpy.ops.crowd_lod, name)
-    scene.frame_start, scene.frame_end = 1, 3
+    scene.frame_start = 1
+    scene.frame_end = 3
     bpy.ops.crowd_lod.populate()
     assert staleness.changed(scene) == []  # there is no build
     make()

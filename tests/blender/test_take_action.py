@@ -88,7 +88,8 @@ def test_what_places_the_other_rig_does_not_move_this_one(skinned):
 def test_what_does_not_fit_is_refused_in_a_sentence(skinned, change):
     if change == "names":
         motion, _ = bent("motion")
-        motion.data.bones["lower"].name, motion.data.bones["upper"].name = "wheel", "axle"
+        motion.data.bones["lower"].name = "wheel"
+        motion.data.bones["upper"].name = "axle"
     elif change == "rest":
         motion, _ = bent("motion")
         bpy.context.view_layer.objects.active = motion

@@ -49,21 +49,18 @@ def station(scene):
     home = bpy.data.collections.new("Station")
     scene.collection.children.link(home)
     step = bpy.data.collections.new("Step")
-    floor, upper = (
-        box(scene, "Floor", (-1, -1, -1), (1, 1, 0)),
-        box(scene, "Upper", (0, -20, 3.75), (25, 20, 4)),
-    )
-    floor.scale, floor.rotation_euler = (-25, 25, 0.5), (0, 0, radians(90))
+    floor = box(scene, "Floor", (-1, -1, -1), (1, 1, 0))
+    upper = box(scene, "Upper", (0, -20, 3.75), (25, 20, 4))
+    floor.scale = (-25, 25, 0.5)
+    floor.rotation_euler = (0, 0, radians(90))
     items = [floor, upper]
     tread = box(scene, "Tread", (0, -5, 0), (1, 5, 0.25))
     step.objects.link(tread)
     for k in range(16):
         item = bpy.data.objects.new(f"Step {k}", None)
-        item.instance_type, item.instance_collection, item.location = (
-            "COLLECTION",
-            step,
-            (k - 16, 0, 0.25 * k),
-        )
+        item.instance_type = "COLLECTION"
+        item.instance_collection = step
+        item.location = (k - 16, 0, 0.25 * k)
         scene.collection.objects.link(item)
         items.append(item)
     for item in items:
@@ -118,10 +115,12 @@ def test_agents_stand_where_blenders_rays_meet_the_terrain(scene):
 
 def test_walkers_climb_stairs_of_instances_and_others_stay_below(scene):
     scene.crowd_lod.terrain = station(scene)
-    scene.crowd_lod.count, scene.crowd_lod.size = 400, (40, 38)
+    scene.crowd_lod.count = 400
+    scene.crowd_lod.size = (40, 38)
     crowd = populated(scene)
     assert crowd.heights.layered
-    start, later = crowd.at(1), crowd.at(500)
+    start = crowd.at(1)
+    later = crowd.at(500)
     assert start.z.max() <= 1.75 and (later.z > 3.9).sum() > 5
     heights = np.append(np.arange(0, 17) * 0.25, crowd.heights.z)
     assert np.abs(later.z[:, None] - heights).min(axis=1).max() < 1e-5
@@ -229,24 +228,28 @@ def test_terrain_among_the_characters_is_none_of_them(scene, capfd):
 
 
 def test_places_are_on_the_surface_where_it_is_dense(scene):
-    settings, item = scene.crowd_lod, waves(scene)
+    settings = scene.crowd_lod
+    item = waves(scene)
     sitting(scene)
-    item.location, item.rotation_euler, item.scale = (3, 4, 5), (0.3, 0.2, 1), (1, 0.5, 2)
+    item.location = (3, 4, 5)
+    item.rotation_euler = (0.3, 0.2, 1)
+    item.scale = (1, 0.5, 2)
     group = item.vertex_groups.new(name="Dense")
     group.add([v.index for v in item.data.vertices if v.co.x > 0], 1.0, "REPLACE")
-    settings.start_on, settings.start_object, settings.density_group = "SURFACE", item, "Dense"
+    settings.start_on = "SURFACE"
+    settings.start_object = item
+    settings.density_group = "Dense"
     volume = bpy.data.collections.new("Volumes")
     region = bpy.data.objects.new("Region", None)
-    region.empty_display_size, region.location = 8, (3, 4, 5)
+    region.empty_display_size = 8
+    region.location = (3, 4, 5)
     scene.collection.children.link(volume)
     volume.objects.link(region)
     settings.density_volumes = volume
     crowd = populated(scene)
     assert crowd.seated and len(crowd.start) == 300
-    tree, inverse = (
-        BVHTree.FromObject(item, bpy.context.evaluated_depsgraph_get()),
-        item.matrix_world.inverted(),
-    )
+    tree = BVHTree.FromObject(item, bpy.context.evaluated_depsgraph_get())
+    inverse = item.matrix_world.inverted()
     for x, y, z in zip(crowd.start.x, crowd.start.y, crowd.start.z, strict=True):
         own = inverse @ Vector((x, y, z))
         assert tree.find_nearest(own)[3] < 2e-6 and own.x > -1.001
@@ -254,19 +257,20 @@ def test_places_are_on_the_surface_where_it_is_dense(scene):
 
 
 def test_an_images_gray_is_the_density(scene):
-    settings, item = (
-        scene.crowd_lod,
-        add(
-            scene, "Tile", [(-20, -20, 0), (20, -20, 0), (20, 20, 0), (-20, 20, 0)], [(0, 1, 2, 3)]
-        ),
+    settings = scene.crowd_lod
+    item = add(
+        scene, "Tile", [(-20, -20, 0), (20, -20, 0), (20, 20, 0), (-20, 20, 0)], [(0, 1, 2, 3)]
     )
     item.data.uv_layers.new().uv.foreach_set("vector", [0, 0, 1, 0, 1, 1, 0, 1])
     image = bpy.data.images.new("Gray", 8, 4)
     pixels = np.ones((4, 8, 4), np.float32)
-    pixels[:, :4, :3], pixels[2:] = 0.0, (0, 0, 0, 1)
+    pixels[:, :4, :3] = 0.0
+    pixels[2:] = (0, 0, 0, 1)
     image.pixels.foreach_set(pixels.ravel())
     sitting(scene)
-    settings.start_on, settings.start_object, settings.density_image = "SURFACE", item, image
+    settings.start_on = "SURFACE"
+    settings.start_object = item
+    settings.density_image = image
     start = populated(scene).start
     assert len(start) == 300 and (start.x >= 0).all() and (start.y <= 0).all()
 
@@ -284,8 +288,12 @@ def test_rows_along_a_curve_do_not_depend_on_its_thickness(scene):
     scene.collection.objects.link(item)
     item.location.z = 2
     settings = scene.crowd_lod
-    settings.start_on, settings.start_object = "CURVES", item
-    settings.spacing, settings.rows, settings.row_depth, settings.row_rise = 1.0, 2, 1.0, 0.5
+    settings.start_on = "CURVES"
+    settings.start_object = item
+    settings.spacing = 1.0
+    settings.rows = 2
+    settings.row_depth = 1.0
+    settings.row_rise = 0.5
     thin = populated(scene).start
     assert len(thin) == 60 + 68 and set(thin.z.round(6)) == {2.0, 2.5}
     curve.bevel_depth = 0.3
@@ -297,9 +305,12 @@ def test_instances_give_places_and_headings(scene):
     sitting(scene)
     parent = add(scene, "Seats", [(0, 0, 1), (60, 0, 2), (0, 70, 3)])
     chair = box(scene, "Chair", (0, 0, 0), (0.1, 0.1, 0.1))
-    chair.parent, parent.instance_type, chair.rotation_euler = parent, "VERTS", (0, 0, radians(30))
+    chair.parent = parent
+    parent.instance_type = "VERTS"
+    chair.rotation_euler = (0, 0, radians(30))
     settings = scene.crowd_lod
-    settings.start_on, settings.start_object = "POINTS", parent
+    settings.start_on = "POINTS"
+    settings.start_object = parent
     start = populated(scene).start
     assert sorted(zip(start.x, start.y, start.z, strict=True)) == [
         (0, 0, 1),
@@ -315,7 +326,8 @@ def away(scene):
     sitting(scene)
     settings = scene.crowd_lod
     settings.machine = None
-    settings.start_on, settings.start_object = "SURFACE", waves(scene)
+    settings.start_on = "SURFACE"
+    settings.start_object = waves(scene)
     settings.center = (500, 0, 0)
 
 
@@ -346,7 +358,8 @@ def test_what_cannot_be_read_is_told_and_nothing_is_lost(scene, name):
     good = waves(scene)
     scene.crowd_lod.terrain_object = good
     populated(scene)
-    kept, groups = scene.crowd_lod.terrain_mesh, len(scene.crowd_lod.groups)
+    kept = scene.crowd_lod.terrain_mesh
+    groups = len(scene.crowd_lod.groups)
     scene.crowd_lod.terrain_object = None
     change, told = WRONG[name]
     change(scene)

@@ -15,7 +15,8 @@ from crowd_lod_extension.operators.lod_meshes import deviation
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 
 pytestmark = pytest.mark.once
-RADIUS, LONG = 0.012, 1.5
+RADIUS = 0.012
+LONG = 1.5
 PIXEL = 2 * RADIUS / 0.7  # meters: a rod covers most of a pixel's width
 SAMPLES = 4  # across a pixel, as Cycles takes them for the outline
 
@@ -73,10 +74,8 @@ def cover(flat, size):
     """(rows, columns) part of each pixel's samples within triangles (m, 3, 2) in pixels."""
     hit = np.zeros((size[1] * SAMPLES, size[0] * SAMPLES), bool)
     for triangle in flat * SAMPLES - 0.5:
-        low, high = (
-            np.floor(triangle.min(axis=0)).astype(int).clip(0),
-            np.ceil(triangle.max(axis=0)).astype(int) + 1,
-        )
+        low = np.floor(triangle.min(axis=0)).astype(int).clip(0)
+        high = np.ceil(triangle.max(axis=0)).astype(int) + 1
         x, y = np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1]))
         sides = [
             np.cross(np.append(b - a, 0), np.stack([x - a[0], y - a[1], 0 * x], axis=-1))[..., 2]
@@ -101,10 +100,8 @@ def shift(one, other, body, along):
         flat = [each @ np.stack([across, along], axis=1) / PIXEL for each in (one, other)]
         low = np.minimum(*(each.min(axis=(0, 1)) for each in flat)) - 2
         size = np.ceil(np.maximum(*(each.max(axis=(0, 1)) for each in flat)) - low).astype(int) + 2
-        solid, touched = (
-            np.argwhere(cover(flat[0] - low, size) >= 0.5),
-            np.argwhere(cover(flat[1] - low, size) > 0),
-        )
+        solid = np.argwhere(cover(flat[0] - low, size) >= 0.5)
+        touched = np.argwhere(cover(flat[1] - low, size) > 0)
         about = np.floor(body @ np.stack([across, along], axis=1) / PIXEL - low)[:, ::-1]
         touched = np.concatenate([touched, np.unique(about, axis=0)])
         if len(solid):
@@ -162,7 +159,9 @@ def test_a_rod_of_few_triangles_keeps_those_that_it_shows_with(scene, adult):
         bpy.data.collections["adult"].objects.link(item)
         bpy.data.collections["People"].children.unlink(bpy.data.collections["child"])
         settings = scene.crowd_lod
-        settings.method, settings.choice, settings.level_count = "AUTO", "BY_RATIO", 3
+        settings.method = "AUTO"
+        settings.choice = "BY_RATIO"
+        settings.level_count = 3
         settings.ratios[:3] = (1.0, 0.12, 0.03)
         store_groups(settings, measure_groups(scene))
         finished(make_levels(scene))

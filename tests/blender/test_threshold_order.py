@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from crowd_lod_extension.operators.scene.scene_crowd import policy_of
 
-NAN, INF = float("nan"), float("inf")
+NAN = float("nan")
+INF = float("inf")
 
 
 def drag(owner, name, index, values):
@@ -19,9 +20,11 @@ def drag(owner, name, index, values):
 @pytest.fixture
 def settings():
     scene = bpy.context.scene
-    scene.crowd_lod.level_count, scene.crowd_lod.estimate = 4, "old"
+    scene.crowd_lod.level_count = 4
+    scene.crowd_lod.estimate = "old"
     group = scene.crowd_lod.groups.add()
-    group.name, group.own_thresholds = "someone", True
+    group.name = "someone"
+    group.own_thresholds = True
     return scene.crowd_lod
 
 
@@ -89,7 +92,8 @@ def test_each_change_updates_once_more_at_most(owner, monkeypatch):
     """Blender calls the update of a property that an update sets, too."""
     from crowd_lod_extension.operators.settings import threshold_order
 
-    depth, deepest = 0, 0
+    depth = 0
+    deepest = 0
     put = threshold_order._put_in_order
 
     def counted(*which):

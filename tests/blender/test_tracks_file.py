@@ -31,7 +31,8 @@ def followed(scene, tmp_path):
     )
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
     settings = scene.crowd_lod
-    settings.source, settings.tracks_file = "FILE", "//tracks.txt"
+    settings.source = "FILE"
+    settings.tracks_file = "//tracks.txt"
     return scene
 
 
@@ -51,13 +52,16 @@ def test_populate_tells_of_the_file_and_the_plan_shows_who_is_there(followed, ca
 
 def test_settings_of_the_source_count(followed):
     bpy.ops.crowd_lod.populate()
-    settings, before = followed.crowd_lod, trajectory_of(followed)
+    settings = followed.crowd_lod
+    before = trajectory_of(followed)
     settings.center = (1, 2, 3)
     moved = trajectory_of(followed)
     assert np.array_equal(moved.at(9).x, before.at(9).x + 1) and (moved.at(9).z == 3).all()
-    settings.center, settings.tracks_rate = (0, 0, 0), 48
+    settings.center = (0, 0, 0)
+    settings.tracks_rate = 48
     assert np.allclose(trajectory_of(followed).at(9).x, before.at(17).x)
-    settings.tracks_rate, settings.group_names = 0, "child"
+    settings.tracks_rate = 0
+    settings.group_names = "child"
     assert {
         trajectory_of(followed).groups[g].name for g in trajectory_of(followed).start.group
     } == {"child"}

@@ -50,8 +50,11 @@ def make_scaled(scale):
     """Two sample characters and a camera in a file whose unit is `scale` meters."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     scene = bpy.context.scene
-    scene.unit_settings.system, scene.unit_settings.scale_length = "METRIC", scale
-    scene.render.fps, scene.render.resolution_x, scene.render.resolution_y = 24, 320, 180
+    scene.unit_settings.system = "METRIC"
+    scene.unit_settings.scale_length = scale
+    scene.render.fps = 24
+    scene.render.resolution_x = 320
+    scene.render.resolution_y = 180
     characters = bpy.data.collections.new("People")
     scene.collection.children.link(characters)
     make_characters(characters)
@@ -62,15 +65,17 @@ def make_scaled(scale):
             item.location /= scale
     camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
     scene.collection.objects.link(camera)
-    scene.camera, camera.location, camera.rotation_euler = (
-        camera,
-        np.array((0, -25, 2)) / scale,
-        (1.5, 0, 0),
-    )
-    camera.data.clip_start, camera.data.clip_end = 0.1 / scale, 60 / scale
+    scene.camera = camera
+    camera.location = np.array((0, -25, 2)) / scale
+    camera.rotation_euler = (1.5, 0, 0)
+    camera.data.clip_start = 0.1 / scale
+    camera.data.clip_end = 60 / scale
     settings = scene.crowd_lod
-    settings.characters, settings.forward, settings.count = characters, "X", 60
-    settings.choice, settings.method = "BY_RATIO", "DECIMATE"
+    settings.characters = characters
+    settings.forward = "X"
+    settings.count = 60
+    settings.choice = "BY_RATIO"
+    settings.method = "DECIMATE"
     settings.thresholds[:2] = (0.2, 0.5)
     bpy.context.view_layer.update()
 
@@ -94,27 +99,29 @@ def of_machine(scene, scale, folder):
 
 
 def of_file(scene, scale, folder):
-    settings, path = scene.crowd_lod, folder / "tracks.csv"
+    settings = scene.crowd_lod
+    path = folder / "tracks.csv"
     rows = [
         f"{agent},{frame},{agent + 0.05 * frame},{agent % 7}"
         for agent in range(20)
         for frame in range(60)
     ]
     path.write_text("\n".join(["id,frame,x [m],y [m]", *rows]))
-    settings.source, settings.tracks_file, settings.tracks_rate = "FILE", str(path), 24
+    settings.source = "FILE"
+    settings.tracks_file = str(path)
+    settings.tracks_rate = 24
 
 
 def of_rows(scene, scale, folder):
     curve = bpy.data.curves.new("Rows", "CURVE")
     spline = curve.splines.new("POLY")
     spline.points.add(1)
-    spline.points[0].co, spline.points[1].co = (-10 / scale, 0, 0, 1), (10 / scale, 0, 0, 1)
+    spline.points[0].co = (-10 / scale, 0, 0, 1)
+    spline.points[1].co = (10 / scale, 0, 0, 1)
     settings = scene.crowd_lod
-    settings.start_on, settings.start_object, settings.rows = (
-        "CURVES",
-        bpy.data.objects.new("Rows", curve),
-        3,
-    )
+    settings.start_on = "CURVES"
+    settings.start_object = bpy.data.objects.new("Rows", curve)
+    settings.rows = 3
     scene.collection.objects.link(settings.start_object)
     settings.spacing = 0.8 / scale
 
@@ -140,7 +147,8 @@ def of_terrain(scene, scale, folder):
 def of_points(scene, scale, folder):
     item = box("Points", scale, (-5, -5, 0), (5, 5, 0.5))
     item.hide_render = False
-    scene.crowd_lod.source, scene.crowd_lod.points = "POINTS", item
+    scene.crowd_lod.source = "POINTS"
+    scene.crowd_lod.points = item
 
 
 def of_record(scene, scale, folder):
@@ -166,7 +174,8 @@ def figures(scene, scale, source, folder):
     source(scene, scale, folder)
     assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
     list(make_levels(scene))
-    arrays, texts = {}, {}
+    arrays = {}
+    texts = {}
     for number in (1, 2, 49) if source is not of_points else (1,):
         scene.frame_set(number)
         depsgraph = bpy.context.evaluated_depsgraph_get()
@@ -215,7 +224,8 @@ def test_the_command_scene_films_tracks_alike_in_every_unit(scale, scaled, tmp_p
     scene = scaled(scale)
     of_file(scene, scale, tmp_path)
     scene.crowd_lod.source = "MACHINE"
-    people, out = tmp_path / "people.blend", tmp_path / "out.blend"
+    people = tmp_path / "people.blend"
+    out = tmp_path / "out.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(people), copy=True)
     words = [
         "scene",
@@ -232,7 +242,8 @@ def test_the_command_scene_films_tracks_alike_in_every_unit(scale, scaled, tmp_p
     bpy.ops.wm.open_mainfile(filepath=str(out), load_ui=False)
     scene = bpy.context.scene
     assert scene_data.meters(scene) == pytest.approx(scale)
-    crowd, camera = trajectory_of(scene).at(1 + 24), scene.camera
+    crowd = trajectory_of(scene).at(1 + 24)
+    camera = scene.camera
     assert crowd.x[0] * scale == pytest.approx(0.05 * 24, abs=1e-4)
     assert camera.location.z * scale == pytest.approx(1.7, rel=1e-4)
     assert camera.data.clip_start * scale == pytest.approx(0.1, rel=1e-4)
@@ -245,12 +256,15 @@ def test_jupedsim_walks_alike_in_every_unit(scale, scaled, tmp_path):
     scene = scaled(scale)
     of_machine(scene, scale, tmp_path)
     settings = scene.crowd_lod
-    settings.count, settings.simulated_seconds, settings.goal_labels = 10, 3, "right edge"
+    settings.count = 10
+    settings.simulated_seconds = 3
+    settings.goal_labels = "right edge"
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "hall.blend"))
     assert bpy.ops.crowd_lod.simulate() == {"FINISHED"}
     assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
     trajectory = trajectory_of(scene)
-    first, last = trajectory.at(1), trajectory.at(1 + 48)
+    first = trajectory.at(1)
+    last = trajectory.at(1 + 48)
     speed = np.hypot(last.x - first.x, last.y - first.y) * scale / 2
     assert 0.5 < np.median(speed) < 2.0
 
@@ -273,7 +287,8 @@ def test_a_shot_plan_and_its_export_are_alike_in_every_unit(scaled, tmp_path):
         file, out, usd = (
             tmp_path / f"{name}{scale:g}" for name in ("crowd.blend", "plan", "crowd")
         )
-        file, usd = file.with_suffix(".blend"), tmp_path / f"crowd{scale:g}.usdc"
+        file = file.with_suffix(".blend")
+        usd = tmp_path / f"crowd{scale:g}.usdc"
         bpy.ops.wm.save_as_mainfile(filepath=str(file))
         run = ["plan", file, "--frames", "1:3", "--out", out, "--quiet"]
         assert commands._run([*map(str, run)], "crowd-lod") == 0

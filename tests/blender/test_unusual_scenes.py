@@ -29,12 +29,14 @@ def bare(scene):
             *(item for item in bpy.data.objects if item.type != "CAMERA"),
         ]
     )
-    scene.crowd_lod.level_count, scene.crowd_lod.count = 2, 60
+    scene.crowd_lod.level_count = 2
+    scene.crowd_lod.count = 60
     return scene
 
 
 def person(name="body"):
-    armature, body = rig(f"{name} rig"), new(name, tube(name, 12, 8))
+    armature = rig(f"{name} rig")
+    body = new(name, tube(name, 12, 8))
     skin(body, armature)
     return armature, body
 
@@ -42,7 +44,8 @@ def person(name="body"):
 def two_armatures():
     armature, body = person()
     other, tail = person("tail")
-    other.location, other.rotation_euler = (0.4, 0, 0), (0, 0, 1)
+    other.location = (0.4, 0, 0)
+    other.rotation_euler = (0, 0, 1)
     return armature, body, other, tail
 
 
@@ -53,9 +56,14 @@ def mirrored():
     bpy.ops.mesh.primitive_cone_add(radius1=0.2, depth=0.5)
     hat = bpy.context.object
     bpy.context.scene.collection.objects.unlink(hat)
-    hat.parent, hat.parent_type, hat.parent_bone = armature, "BONE", "upper"
-    hat.scale, hat.delta_location, hat.delta_scale = (1, -1, 1), (0, 0.2, 0.1), (1, 0.5, -1)
-    hat.delta_rotation_euler, hat.rotation_euler = (0.3, 0.5, 0.7), (0.2, 0.1, 0.8)
+    hat.parent = armature
+    hat.parent_type = "BONE"
+    hat.parent_bone = "upper"
+    hat.scale = (1, -1, 1)
+    hat.delta_location = (0, 0.2, 0.1)
+    hat.delta_scale = (1, 0.5, -1)
+    hat.delta_rotation_euler = (0.3, 0.5, 0.7)
+    hat.rotation_euler = (0.2, 0.1, 0.8)
     return armature, body, hat
 
 
@@ -81,8 +89,11 @@ def test_poses_stand_as_the_character_does_and_a_bake_is_as_the_build(bare, part
     carries.
     """
     character(*parts())
-    bare.frame_start, bare.frame_end, bare.frame_step = 1001, 1011, 2
-    bare.render.frame_map_new, bare.crowd_lod.first_frame = 50, 2001
+    bare.frame_start = 1001
+    bare.frame_end = 1011
+    bare.frame_step = 2
+    bare.render.frame_map_new = 50
+    bare.crowd_lod.first_frame = 2001
     bare.render.use_motion_blur = blur
     dolly = new("dolly", None)
     bare.collection.objects.link(dolly)
@@ -104,7 +115,8 @@ def test_poses_stand_as_the_character_does_and_a_bake_is_as_the_build(bare, part
     lone = bpy.data.scenes.new("lone")
     for item in bare.crowd_lod.characters.all_objects:
         lone.collection.objects.link(item)
-    gaits, rigged = trajectory_of(bare).gaits, not bare.crowd_lod.build[render_setup.POSED][0]
+    gaits = trajectory_of(bare).gaits
+    rigged = not bare.crowd_lod.build[render_setup.POSED][0]
     for character_of_build in poses:
         for item in character_of_build.objects:
             lone.collection.objects.link(item)
@@ -115,7 +127,8 @@ def test_poses_stand_as_the_character_does_and_a_bake_is_as_the_build(bare, part
             if rigged
             else j / len(poses)
         )
-        time, reals = first + (last - first) * phase, {}
+        time = first + (last - first) * phase
+        reals = {}
         lone.frame_set(int(time), subframe=time % 1)
         for item in poses[j].objects:
             character_item = next(
@@ -150,7 +163,8 @@ def test_characters_of_a_library_and_overrides_of_them_are_built_alike(bare, tmp
     bpy.data.batch_remove([*group.objects, group])
     with bpy.data.libraries.load(str(tmp_path / "people.blend"), link=True) as (_, wanted):
         wanted.collections = ["someone"]
-    (linked,), top = wanted.collections, bare.crowd_lod.characters
+    (linked,) = wanted.collections
+    top = bare.crowd_lod.characters
     pictures = []
     for of_library in (True, False):
         if of_library:
@@ -174,11 +188,9 @@ def test_characters_of_a_library_and_overrides_of_them_are_built_alike(bare, tmp
 def test_a_collection_instanced_inside_a_character_is_refused_with_what_to_do(bare):
     armature, body = person()
     hat = new("hat", None)
-    hat.instance_type, hat.instance_collection, hat.parent = (
-        "COLLECTION",
-        bpy.data.collections.new("hats"),
-        armature,
-    )
+    hat.instance_type = "COLLECTION"
+    hat.instance_collection = bpy.data.collections.new("hats")
+    hat.parent = armature
     hat.instance_collection.objects.link(new("cone", tube("cone", 6, 2)))
     character(armature, body, hat)
     before = set(bpy.data.user_map())

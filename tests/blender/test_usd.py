@@ -55,10 +55,8 @@ def transforms(instancer, time, base):
 def in_usd(instancer, number):
     """By agent: its matrix and its prototype's path, as OpenUSD computes them."""
     found = transforms(instancer, number, number)
-    targets, which = (
-        instancer.GetPrototypesRel().GetTargets(),
-        instancer.GetProtoIndicesAttr().Get(number),
-    )
+    targets = instancer.GetPrototypesRel().GetTargets()
+    which = instancer.GetProtoIndicesAttr().Get(number)
     ids = list(instancer.GetIdsAttr().Get(number))
     shown = list(instancer.ComputeMaskAtTime(number)) or [True] * len(ids)
     return {
@@ -96,19 +94,22 @@ def name_of(group, level):
 def test_every_agent_stands_as_blender_puts_it_in_the_build_and_shows_its_lod(
     usd, built, tmp_path, animated
 ):
-    built.crowd_lod.groups[0].scale, built.render.frame_map_new = (0.8, 1.2), 150
+    built.crowd_lod.groups[0].scale = (0.8, 1.2)
+    built.render.frame_map_new = 150
     built.crowd_lod.forward = "-Y"
     marker = built.timeline_markers.new("cut", frame=15)
     marker.camera = bpy.data.objects.new("Other", built.camera.data)
     built.collection.objects.link(marker.camera)
-    marker.camera.location, marker.camera.rotation_euler = (25, 0, 3), (1.4, 0, 1.57)
+    marker.camera.location = (25, 0, 3)
+    marker.camera.rotation_euler = (1.4, 0, 1.57)
     built.timeline_markers.new("begin", frame=0).camera = built.camera
     list(render_setup.build(built))
     _, path = exported(built, tmp_path, animated=animated)
     stage, instancer = opened(usd, path)
     camera = usd.UsdGeom.Camera(stage.GetPrimAtPath("/Crowd/Camera"))
     for number in FRAMES:
-        here, there = in_usd(instancer, number), in_build(built, number)
+        here = in_usd(instancer, number)
+        there = in_build(built, number)
         assert here.keys() == there.keys() and len(here) > 20
         for agent, (matrix, level, group) in there.items():
             np.testing.assert_allclose(here[agent][0], matrix, atol=HALF)
@@ -145,7 +146,8 @@ def test_prototypes_are_blenders_own_meshes_of_the_lods_in_the_agents_phase(
 ):
     told, path = exported(built, tmp_path, animated=animated)
     stage, instancer = opened(usd, path)
-    trajectory, most = trajectory_of(built), 0.0
+    trajectory = trajectory_of(built)
+    most = 0.0
     for number in FRAMES:
         here = in_usd(instancer, number)
         agents = np.array(sorted(here))
@@ -173,16 +175,15 @@ def test_prototypes_are_blenders_own_meshes_of_the_lods_in_the_agents_phase(
 
 def faults_of(path):
     """What usdchecker finds: old versions by the first, new ones by the second, some have both."""
-    found, utils = [], importlib.import_module("pxr.UsdUtils")
+    found = []
+    utils = importlib.import_module("pxr.UsdUtils")
     if hasattr(utils, "ComplianceChecker"):
         checker = utils.ComplianceChecker()
         checker.CheckCompliance(str(path))
         found += [*checker.GetErrors(), *checker.GetFailedChecks(), *checker.GetWarnings()]
     if importlib.util.find_spec("pxr.UsdValidation"):
-        validation, stages = (
-            importlib.import_module("pxr.UsdValidation"),
-            importlib.import_module("pxr.Usd").Stage,
-        )
+        validation = importlib.import_module("pxr.UsdValidation")
+        stages = importlib.import_module("pxr.Usd").Stage
         rules = validation.ValidationRegistry().GetOrLoadAllValidators()
         found += [
             each.GetMessage()
@@ -196,9 +197,15 @@ def test_blender_imports_camera_and_agents_as_in_the_build_and_openusd_finds_no_
     usd, built, tmp_path, kind
 ):
     camera = built.camera.data
-    camera.type, camera.ortho_scale = kind, 30
-    camera.lens, camera.shift_x, camera.sensor_fit, camera.clip_start = 35, 0.1, "HORIZONTAL", 0.25
-    camera.dof.use_dof, camera.dof.focus_distance, camera.dof.aperture_fstop = True, 7, 1.4
+    camera.type = kind
+    camera.ortho_scale = 30
+    camera.lens = 35
+    camera.shift_x = 0.1
+    camera.sensor_fit = "HORIZONTAL"
+    camera.clip_start = 0.25
+    camera.dof.use_dof = True
+    camera.dof.focus_distance = 7
+    camera.dof.aperture_fstop = 1.4
     there = {number: in_build(built, number) for number in FRAMES}
     view = {
         number: (built.frame_set(number), np.array(built.camera.matrix_world))[1]
@@ -226,14 +233,13 @@ def test_blender_imports_camera_and_agents_as_in_the_build_and_openusd_finds_no_
             for i in listed
             if i.is_instance and i.object.type == "MESH"
         }
-        here, expected = (
-            np.array([*found.values()]),
-            np.array([matrix for matrix, _, _ in there[number].values()]),
-        )
+        here = np.array([*found.values()])
+        expected = np.array([matrix for matrix, _, _ in there[number].values()])
         assert len(here) == len(expected) > 20
         assert np.abs(here[:, None] - expected).max(axis=(2, 3)).min(axis=0).max() < HALF
         np.testing.assert_allclose(film.matrix_world, view[number], atol=1e-5)
-        own, dof = film.data, film.data.dof
+        own = film.data
+        dof = film.data.dof
         assert (
             own.type == kind
             and own.shift_x == pytest.approx(0.1, rel=1e-5)
@@ -298,20 +304,18 @@ def test_esc_leaves_no_file_and_the_scene_as_it_was(built, tmp_path):
 
 def test_the_button_writes_materials_with_their_images_beside_the_file(usd, built, tmp_path):
     item = built.crowd_lod.levels.children[0].children[0].objects[0]
-    material, pixels = (
-        item.material_slots[0].material,
-        np.array([[(255, 0, 0, 255), (0, 255, 0, 255)]] * 2, np.uint8),
-    )
+    material = item.material_slots[0].material
+    pixels = np.array([[(255, 0, 0, 255), (0, 255, 0, 255)]] * 2, np.uint8)
     tree = material.node_tree
-    node, shader = (
-        tree.nodes.new("ShaderNodeTexImage"),
-        tree.get_output_node("ALL").inputs["Surface"].links[0].from_node,
-    )
+    node = tree.nodes.new("ShaderNodeTexImage")
+    shader = tree.get_output_node("ALL").inputs["Surface"].links[0].from_node
     node.image = image_data.write_image("cloth", pixels)
     tree.links.new(node.outputs["Color"], shader.inputs["Base Color"])
     shader.inputs["Roughness"].default_value = 0.25
     settings = built.crowd_lod
-    settings.output_folder, settings.usd_file, settings.frames = str(tmp_path), "crowd.usda", "3:4"
+    settings.output_folder = str(tmp_path)
+    settings.usd_file = "crowd.usda"
+    settings.frames = "3:4"
     assert bpy.ops.crowd_lod.export_usd() == {"FINISHED"}
 
     stage = usd.Usd.Stage.Open(str(tmp_path / "usd" / "crowd.usda"))
@@ -339,24 +343,31 @@ def test_the_button_writes_materials_with_their_images_beside_the_file(usd, buil
 
 
 def test_in_a_file_without_a_place_the_button_writes_to_a_temporary_folder(scene):
-    scene.crowd_lod.count, scene.crowd_lod.frames, scene.crowd_lod.level_count = 20, "1", 1
+    scene.crowd_lod.count = 20
+    scene.crowd_lod.frames = "1"
+    scene.crowd_lod.level_count = 1
     assert not bpy.data.filepath
     assert bpy.ops.crowd_lod.export_usd() == {"FINISHED"}
     assert Path(output_folder(scene, "usd"), "crowd.usdc").stat().st_size > 1000
 
 
 def test_while_the_shutter_is_open_agents_go_on_as_in_the_build(usd, built, tmp_path):
-    render, part = built.render, 0.25
-    render.use_motion_blur, render.motion_blur_shutter, built.crowd_lod.seed = True, 0.6, 3
+    render = built.render
+    part = 0.25
+    render.use_motion_blur = True
+    render.motion_blur_shutter = 0.6
+    built.crowd_lod.seed = 3
     _, path = exported(built, tmp_path)
     stage, instancer = opened(usd, path)
     camera = usd.UsdGeom.Camera(stage.GetPrimAtPath("/Crowd/Camera"))
     assert (camera.GetShutterOpenAttr().Get(), camera.GetShutterCloseAttr().Get()) == pytest.approx(
         (-0.3, 0.3)
     )
-    trajectory, ids = trajectory_of(built), np.array(instancer.GetIdsAttr().Get())
+    trajectory = trajectory_of(built)
+    ids = np.array(instancer.GetIdsAttr().Get())
     for number in FRAMES:
-        then, now = trajectory.at(number + part), trajectory.at(number)
+        then = trajectory.at(number + part)
+        now = trajectory.at(number)
         found = np.array(transforms(instancer, number + part, number))[:, 3, :3]
         expected = np.stack([then.x, then.y, then.z], axis=1)[ids]
         straight = np.abs(np.hypot(then.x - now.x, then.y - now.y)[ids]) < 1

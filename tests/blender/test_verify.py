@@ -41,7 +41,8 @@ def lit(levelled):
         data = bpy.data.lights.new(kind, kind)
         data.energy = energy
         item = bpy.data.objects.new(kind, data)
-        item.location, item.rotation_euler = place, turn
+        item.location = place
+        item.rotation_euler = turn
         levelled.collection.objects.link(item)
     silver = material("Silver", (0.9, 0.9, 0.9), 0.0)
     next(node for node in silver.node_tree.nodes if node.type == "BSDF_PRINCIPLED").inputs[
@@ -50,7 +51,8 @@ def lit(levelled):
     home = bpy.data.collections.new("Mirrors")
     levelled.collection.children.link(home)
     pane = add(home, "Pane", [(tile(-4, 0, 4, 5), silver)])
-    pane.location, pane.rotation_euler = (4, -3, 0), (pi / 2, 0, -0.5)
+    pane.location = (4, -3, 0)
+    pane.rotation_euler = (pi / 2, 0, -0.5)
     levelled.crowd_lod.mirrors = home
     return levelled
 
@@ -141,11 +143,10 @@ def test_displacement_is_no_false_alarm(lit, tmp_path, method):
         for item in lit.crowd_lod.characters.all_objects
         for slot in item.material_slots
     }:
-        tree, each.displacement_method = each.node_tree, method
-        noise, displace = (
-            tree.nodes.new("ShaderNodeTexNoise"),
-            tree.nodes.new("ShaderNodeDisplacement"),
-        )
+        tree = each.node_tree
+        each.displacement_method = method
+        noise = tree.nodes.new("ShaderNodeTexNoise")
+        displace = tree.nodes.new("ShaderNodeDisplacement")
         displace.inputs["Scale"].default_value = 0.05
         tree.links.new(noise.outputs[0], displace.inputs["Height"])
         out = next(node for node in tree.nodes if node.type == "OUTPUT_MATERIAL")
@@ -161,7 +162,9 @@ def test_displacement_is_no_false_alarm(lit, tmp_path, method):
 
 
 def test_a_fixed_margin_of_nothing_is_found_out(lit, tmp_path):
-    lit.crowd_lod.margin_kind, lit.crowd_lod.margin, lit.crowd_lod.unseen_level = "FIXED", 0, 0
+    lit.crowd_lod.margin_kind = "FIXED"
+    lit.crowd_lod.margin = 0
+    lit.crowd_lod.unseen_level = 0
     for lamp in ("SUN", "POINT"):
         lit.objects[lamp].data.use_shadow = False
     lit.camera.data.lens = 80
@@ -189,9 +192,11 @@ def test_far_from_the_origin_no_shadow_is_missed(lit, tmp_path):
 
 def blurred(scene):
     """Camera and agents move while the shutter is open."""
-    scene.render.use_motion_blur, scene.render.motion_blur_shutter = True, 0.9
+    scene.render.use_motion_blur = True
+    scene.render.motion_blur_shutter = 0.9
     for frame, x in ((1, -3), (13, 3)):
-        scene.camera.location.x, scene.camera.rotation_euler.z = x, x / 12
+        scene.camera.location.x = x
+        scene.camera.rotation_euler.z = x / 12
         scene.camera.keyframe_insert("location", frame=frame)
         scene.camera.keyframe_insert("rotation_euler", frame=frame)
 
@@ -203,19 +208,21 @@ def stereo(scene):
 
 def bordered(scene):
     scene.render.use_border = scene.crowd_lod.cull_to_border = True
-    scene.render.border_min_x, scene.render.border_max_x, scene.render.border_max_y = 0.3, 0.6, 0.8
+    scene.render.border_min_x = 0.3
+    scene.render.border_max_x = 0.6
+    scene.render.border_max_y = 0.8
 
 
 def parallel(scene):
     """Seen from above, off-center, by an orthographic camera; lit by an area lamp."""
-    scene.camera.data.type, scene.camera.data.ortho_scale, scene.camera.data.shift_x = (
-        "ORTHO",
-        14,
-        0.6,
-    )
-    scene.camera.location, scene.camera.rotation_euler = (0, -12, 12), (0.8, 0, 0.3)
+    scene.camera.data.type = "ORTHO"
+    scene.camera.data.ortho_scale = 14
+    scene.camera.data.shift_x = 0.6
+    scene.camera.location = (0, -12, 12)
+    scene.camera.rotation_euler = (0.8, 0, 0.3)
     scene.objects["POINT"].data = bpy.data.lights.new("area", "AREA")
-    scene.objects["POINT"].data.energy, scene.objects["POINT"].data.size = 3000, 3
+    scene.objects["POINT"].data.energy = 3000
+    scene.objects["POINT"].data.size = 3
 
 
 @pytest.fixture(scope="module")
@@ -275,14 +282,16 @@ def test_fast_agents_are_blurred_and_more_of_them_are_kept(lit, tmp_path):
 
 
 def test_a_shutter_too_long_is_said(lit, tmp_path):
-    lit.render.use_motion_blur, lit.render.motion_blur_shutter = True, 1.5
+    lit.render.use_motion_blur = True
+    lit.render.motion_blur_shutter = 1.5
     result = rendered(lit, tmp_path / "out")
     assert result["ok"] and result["left_out"] == ["The shutter was open for 0.99 frames, not 1.5."]
     assert "0.99 frames" in to_text(result)
 
 
 def test_one_agent_alone_is_rounded_as_among_many(lit, tmp_path):
-    lit.crowd_lod.count, lit.crowd_lod.size = 4, (6, 30)
+    lit.crowd_lod.count = 4
+    lit.crowd_lod.size = (6, 30)
     row = rendered(lit, tmp_path / "out")["frames"][0]
     assert 0 < row["visible"] <= 4 and row["b_pixels"] == 0
 
@@ -330,12 +339,15 @@ def test_predictions_hold_where_planned_lods_switch(levelled, tmp_path, capfd, m
     """In the frame with the most switches and in the one before it, also where a budget or blur
     lets LODs deviate by more.
     """
-    settings, lens = levelled.crowd_lod, levelled.camera.data
-    settings.choice, settings.tolerance = "BY_TOLERANCE", 2.0
+    settings = levelled.crowd_lod
+    lens = levelled.camera.data
+    settings.choice = "BY_TOLERANCE"
+    settings.tolerance = 2.0
     levelled.render.use_motion_blur = "--blur" in more
     for frame, lens.lens in ((1, 15), (6, 200)):
         lens.keyframe_insert("lens", frame=frame)
-    file, plan = tmp_path / "zoom.blend", tmp_path / "plan"
+    file = tmp_path / "zoom.blend"
+    plan = tmp_path / "plan"
     bpy.ops.wm.save_as_mainfile(filepath=str(file))
     asked = ("plan", file, "--frames", "1:6", "--avoid-pops", 0, "--quiet", "--out", plan)
     assert run(*asked) == 0
@@ -360,7 +372,8 @@ def test_predictions_hold_where_planned_lods_switch(levelled, tmp_path, capfd, m
     )
     assert run("verify", file, *words, "--out", tmp_path / "out") == 0
     result = json.loads((tmp_path / "out" / "verify.json").read_text())
-    rows, agents = result["frames"], result["agents"]
+    rows = result["frames"]
+    agents = result["agents"]
     assert all(row["culling_ok"] and row["lod_ok"] and row["judged"] for row in rows)
     # of blurred agents the plan tells what their blur does not hide, verify the whole, and apart
     assert not more or max(agent["predicted_px"] for agent in agents) > 2.0

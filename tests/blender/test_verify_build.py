@@ -40,20 +40,23 @@ def _make_street():
         vertex.co.xy *= 1 + 0.5 * np.sin(5 * vertex.co.z)
     body.data.materials.append(material("Blue", (0.05, 0.1, 0.6)))
     character(body).hide_render = True
-    scene.render.engine, scene.render.resolution_x, scene.render.resolution_y = "CYCLES", 160, 90
+    scene.render.engine = "CYCLES"
+    scene.render.resolution_x = 160
+    scene.render.resolution_y = 90
     add(scene.collection, "Ground", [(tile(-30, -20, 30, 40), material("Ground", (0.5, 0.5, 0.5)))])
     camera = new("Camera", bpy.data.cameras.new("Camera"))
-    camera.location, camera.rotation_euler, camera.data.clip_end = (0, -12, 2), (1.45, 0, 0), 40
+    camera.location = (0, -12, 2)
+    camera.rotation_euler = (1.45, 0, 0)
+    camera.data.clip_end = 40
     scene.collection.objects.link(camera)
-    scene.camera, scene.frame_end = camera, 2
+    scene.camera = camera
+    scene.frame_end = 2
     _light("Lamp", (0, -10, 20), (0.3, 0, 0))
     settings = scene.crowd_lod
-    settings.count, settings.size, settings.level_count, settings.method = (
-        40,
-        (16, 16),
-        2,
-        "DECIMATE",
-    )
+    settings.count = 40
+    settings.size = (16, 16)
+    settings.level_count = 2
+    settings.method = "DECIMATE"
     settings.thresholds[0] = 0.2
     bpy.ops.crowd_lod.populate()
     bpy.ops.crowd_lod.make_levels()
@@ -61,7 +64,8 @@ def _make_street():
 
 def _light(name, place, turn):
     sun = new(name, bpy.data.lights.new(name, "SUN"))
-    sun.location, sun.rotation_euler = place, turn
+    sun.location = place
+    sun.rotation_euler = turn
     bpy.context.scene.collection.objects.link(sun)
 
 
@@ -95,7 +99,8 @@ def test_a_bake_as_it_was_made_is_ok_and_stays_as_it_was(baked, tmp_path):
     assert {agent["lod"] for agent in result["agents"]} == {0, 1} and row["color_off"] < 0.02
     assert image_data.load_pixels(tmp_path / "out" / "frame_0002_agents.png").shape[1] > 200
     assert {block.name for block in bpy.data.user_map()} == blocks
-    build, after = baked.crowd_lod.build, mesh_data.read_points(lods(baked).data)
+    build = baked.crowd_lod.build
+    after = mesh_data.read_points(lods(baked).data)
     assert (
         build is not None
         and not build.hide_render
@@ -119,7 +124,8 @@ def test_a_bake_whose_lod_has_a_red_material(baked, tmp_path):
     for item in [
         item for item in baked.crowd_lod.build.all_objects if item.name.startswith("body LOD 1")
     ]:
-        item.material_slots[0].link, item.material_slots[0].material = "OBJECT", red
+        item.material_slots[0].link = "OBJECT"
+        item.material_slots[0].material = red
     result = proof(baked, tmp_path / "out")
     assert result["frames"][0]["culling_ok"] and "has another color than the character" in verdict(
         result
@@ -138,7 +144,8 @@ def test_a_bake_that_is_older_than_a_low_sun_and_than_its_camera(baked, tmp_path
 
 def test_lods_that_are_off_at_the_final_size_are_not_ok_in_a_small_picture(street, tmp_path):
     """By 15 cm: at 640 pixels by five times as much as is allowed, at 64 by half of it."""
-    street.crowd_lod.choice, street.crowd_lod.tolerance = "BY_TOLERANCE", 3.0
+    street.crowd_lod.choice = "BY_TOLERANCE"
+    street.crowd_lod.tolerance = 3.0
     assert bpy.ops.crowd_lod.bake() == {"FINISHED"}
     fits = proof(street, tmp_path / "fits", agents=1)
     assert fits["ok"] and fits["frames"][0]["allowed_shift"] == 3.0
@@ -148,7 +155,8 @@ def test_lods_that_are_off_at_the_final_size_are_not_ok_in_a_small_picture(stree
         if item.name.startswith("body LOD 1")
     }:
         mesh.transform(Matrix.Diagonal((1.5, 1.5, 1, 1)))
-    street.render.resolution_x, street.render.resolution_y = 640, 360
+    street.render.resolution_x = 640
+    street.render.resolution_y = 360
     result = proof(street, tmp_path / "out", agents=1)
     worst = max(result["agents"], key=lambda agent: agent["shift_px"])
     assert not result["ok"] and result["width"] == 64 and not result["frames"][0]["lod_ok"]

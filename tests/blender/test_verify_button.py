@@ -17,14 +17,17 @@ pytestmark = pytest.mark.once  # long, and the same on every Blender
 
 def small(scene):
     settings = scene.crowd_lod
-    settings.verify_count, settings.verify_width, settings.verify_samples = 2, 64, 1
+    settings.verify_count = 2
+    settings.verify_width = 64
+    settings.verify_samples = 1
     return settings
 
 
 def test_a_few_frames_of_the_shot_are_proved_and_reported(levelled, tmp_path, capfd):
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "people.blend"))
     settings = small(levelled)
-    settings.frames, settings.count = "1:30", 20
+    settings.frames = "1:30"
+    settings.count = 20
     names = {each.name for each in bpy.data.user_map()}
     assert bpy.ops.crowd_lod.verify() == {"FINISHED"}
     assert {each.name for each in bpy.data.user_map()} == names and settings.build is None
@@ -54,7 +57,8 @@ def test_a_few_frames_of_the_shot_are_proved_and_reported(levelled, tmp_path, ca
 def test_a_proof_that_fails_is_an_error_and_its_report_stays(levelled, tmp_path):
     """Agents are culled whose shadows fall into the picture."""
     settings = small(levelled)
-    settings.verify_count, settings.output_folder = 1, str(tmp_path / "out")
+    settings.verify_count = 1
+    settings.output_folder = str(tmp_path / "out")
     add(
         levelled.collection,
         "Ground",
@@ -85,7 +89,9 @@ def test_without_cycles_it_is_said(levelled):
 @pytest.mark.parametrize("which", REPORTS)
 def test_open_report_shows_that_of_its_step_in_the_browser(which, tmp_path):
     """The browser is a program that writes down the address that it is given."""
-    scene, seen, folder = bpy.context.scene, tmp_path / "seen", tmp_path / "a b#é%"
+    scene = bpy.context.scene
+    seen = tmp_path / "seen"
+    folder = tmp_path / "a b#é%"
     program = "import sys; open(sys.argv[2], 'w').write(sys.argv[1])"
     webbrowser.register(
         "notes",

@@ -12,7 +12,9 @@ from crowd_lod_extension.operators.lod_meshes.posed_surface import PosedSurface,
 
 pytestmark = [pytest.mark.once, pytest.mark.usefixtures("exact_levels")]
 GROUP = Group("one", 0, 1, 0, 1)
-FINE, COARSE = (12, 24), (3, 6)  # rings, segments of spheres
+# rings, segments of spheres
+FINE = (12, 24)
+COARSE = (3, 6)
 
 
 @pytest.fixture(autouse=True)
@@ -21,7 +23,8 @@ def empty():
 
 
 def sphere(radius, size):
-    mesh, body = bpy.data.meshes.new("sphere"), bmesh.new()
+    mesh = bpy.data.meshes.new("sphere")
+    body = bmesh.new()
     bmesh.ops.create_uvsphere(body, u_segments=size[1], v_segments=size[0], radius=radius)
     body.to_mesh(mesh)
     body.free()
@@ -36,7 +39,8 @@ def off(objects, level, **settings):
 
 def nested():
     """A fine sphere about a fine one, and a LOD whose inner one is coarse: (character, LOD)."""
-    outer, inner = sphere(0.5, FINE), sphere(0.45, FINE)
+    outer = sphere(0.5, FINE)
+    inner = sphere(0.45, FINE)
     return [outer, inner], [sphere(0.5, FINE), sphere(0.45, COARSE)]
 
 
@@ -113,7 +117,8 @@ def sleeve():
 
 
 def test_a_body_counts_where_its_shirt_ends():
-    body, shirt = tube(41, 0.10), sleeve()
+    body = tube(41, 0.10)
+    shirt = sleeve()
     measure = deviation.Measure("one", [body, shirt])
     finished(measure.read())
     heights = np.array([vertex.co.z for vertex in body.data.vertices])
@@ -147,11 +152,9 @@ def rig(bones):
     parent = None
     for number in range(bones):
         bone = armature.data.edit_bones.new(f"bone {number}")
-        bone.head, bone.tail, bone.parent = (
-            (0, 0, number / bones),
-            (0, 0, (number + 1) / bones),
-            parent,
-        )
+        bone.head = (0, 0, number / bones)
+        bone.tail = (0, 0, (number + 1) / bones)
+        bone.parent = parent
         parent = bone
     bpy.ops.object.mode_set(mode="OBJECT")
     for number, bone in enumerate(armature.pose.bones):
@@ -169,7 +172,8 @@ def rig(bones):
 
 def test_a_bone_that_bends_alone_is_found_though_no_pose_has_it():
     bones = 14
-    body, level = tube(43, 0.05, bones=bones), tube(8, 0.05, bones=bones)
+    body = tube(43, 0.05, bones=bones)
+    level = tube(8, 0.05, bones=bones)
     armature = rig(bones)
     for item in (body, level):
         item.modifiers.new("Armature", "ARMATURE").object = armature

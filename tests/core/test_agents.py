@@ -63,9 +63,11 @@ def test_variants_are_drawn_within_their_group(count):
 
 
 def test_a_variant_depends_on_the_agents_key_alone():
-    draw, keys = Draw(2, (((0, 0.5), (1, 0.5)), ((2, 1.0),))), random_streams.keys(3, 1000)
+    draw = Draw(2, (((0, 0.5), (1, 0.5)), ((2, 1.0),)))
+    keys = random_streams.keys(3, 1000)
     group = np.repeat(np.array([0, 2], np.uint8), 500)
-    found, order = draw.draw_variants(group, keys), np.random.default_rng(1).permutation(1000)
+    found = draw.draw_variants(group, keys)
+    order = np.random.default_rng(1).permutation(1000)
     assert (draw.draw_variants(group[order], keys[order]) == found[order]).all() and (
         found[500:] == 2
     ).all()
@@ -82,7 +84,8 @@ def test_bounding_sphere_holds_the_points_at_every_heading():
     points = np.random.default_rng(3).normal(size=(500, 3)) * (0.3, 0.2, 0.9) + (0.1, 0, 0.9)
     center, radius = bounding_sphere(points)
     for angle in np.linspace(0, 6, 13):
-        c, s = np.cos(angle), np.sin(angle)
+        c = np.cos(angle)
+        s = np.sin(angle)
         turned = points @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
         distance = np.linalg.norm(turned - (0, 0, center), axis=1).max()
         assert distance == pytest.approx(radius, rel=1e-12)

@@ -41,7 +41,8 @@ def fast():
 
 @pytest.mark.once
 def test_the_crowd_is_the_same_and_then_known():
-    straight, slowly = trajectory(), trajectory()
+    straight = trajectory()
+    slowly = trajectory()
     told = list(slowly.approach(4001))
     assert told == sorted(told) and 0 <= told[0] < told[-1] <= 1 and len(set(told)) > 3
     begun = time.perf_counter()
@@ -53,7 +54,8 @@ def test_the_crowd_is_the_same_and_then_known():
 
 @pytest.mark.parametrize("make, frame", [(trajectory, FAR), (fast, 3)])
 def test_it_ends_at_any_time_and_leaves_the_crowd_as_it_was(make, frame):
-    crowds, threads = make(), threading.active_count()
+    crowds = make()
+    threads = threading.active_count()
     first = crowds.at(1).x
     steps = crowds.approach(frame)
     for _ in range(4):
@@ -66,7 +68,9 @@ def test_it_ends_at_any_time_and_leaves_the_crowd_as_it_was(make, frame):
 
 @pytest.mark.once
 def test_others_have_their_turn_meanwhile_and_do_not_throw_it_back():
-    crowds, told, waited = trajectory(), [], []
+    crowds = trajectory()
+    told = []
+    waited = []
     steps = crowds.approach(FAR)
     for _ in range(20):
         told.append(next(steps))

@@ -26,9 +26,12 @@ def test_a_step_within_a_cell_is_listing_1_1_bit_for_bit():
     after = step(crowd, machine, world, 1 / 24)
     stayed = 0
     for i in range(len(crowd)):
-        s, row, column = crowd.state[i], int(crowd.y[i] / 0.5), int(crowd.x[i] / 0.5)
+        s = crowd.state[i]
+        row = int(crowd.y[i] / 0.5)
+        column = int(crowd.x[i] / 0.5)
         dx, dy = machine.velocity[s, labels[row, column]]
-        x, y = crowd.x[i] + dx * (1 / 24), crowd.y[i] + dy * (1 / 24)
+        x = crowd.x[i] + dx * (1 / 24)
+        y = crowd.y[i] + dy * (1 / 24)
         if (int(x // 0.5), int(y // 0.5)) == (column, row):
             assert after.state[i] == machine.next_state[s, labels[row, column]]
             assert (after.x[i], after.y[i]) == (x, y)
@@ -40,7 +43,8 @@ def test_chapter_walks_right_to_the_edge_turns_and_walks_left():
     machine = load_preset("chapter")
     world = edge_map(Area(0, 0, 64, 1), machine.labels)
     crowd = crowd_at([(60.0, 0.5, 0)])
-    xs, states = [], []
+    xs = []
+    states = []
     for _ in range(24 * 120):
         crowd = step(crowd, machine, world, 1 / 24)
         xs.append(crowd.x[0])
@@ -143,19 +147,20 @@ def test_cost_grows_with_the_fast_agents_only():
 
 
 def test_nobody_gets_further_than_its_speed_about_the_origin():
-    random, fastest = np.random.default_rng(1), []
+    random = np.random.default_rng(1)
+    fastest = []
     for _ in range(12):
-        table, (width, depth) = load_preset("plaza"), 10 ** random.uniform(1, 2.5, 2)
+        table = load_preset("plaza")
+        (width, depth) = 10 ** random.uniform(1, 2.5, 2)
         labels = np.where(
             random.random((31, 37)) < 0.25, random.integers(len(table.labels), size=(31, 37)), 0
         ).astype(np.uint8)
         world = LabelMap(labels, Area(-width / 2, -depth / 2, width / 2, depth / 2))
-        crowd, reach = (
-            populate(500, 1, 1, table, world),
-            np.hypot(*table.velocity.reshape(-1, 2).T).max() / 24,
-        )
+        crowd = populate(500, 1, 1, table, world)
+        reach = np.hypot(*table.velocity.reshape(-1, 2).T).max() / 24
         for _ in range(12):
-            before, crowd = crowd, step(crowd, table, world, 1 / 24)
+            before = crowd
+            crowd = step(crowd, table, world, 1 / 24)
             fastest.append(np.hypot(crowd.x - before.x, crowd.y - before.y).max() / reach)
     assert 0.9 < max(fastest) < 1 + 1e-9
 
@@ -188,24 +193,30 @@ def test_edge_policies_at_any_speed(edge, seed):
             {"go": {"on": {"*": {"speed": speed, "heading": heading}}}}, edge, ("ground",)
         )
         crowd = populate(200, seed, 1, machine, world)
-        x, y = crowd.x, crowd.y
+        x = crowd.x
+        y = crowd.y
         vx, vy = machine.velocity[0, 0]
         for count in (1, 2, 3):
             crowd = step(crowd, machine, world, 1.0)
-            far_x, far_y = x + vx * count, y + vy * count
+            far_x = x + vx * count
+            far_y = y + vy * count
             if edge == "clamp":
-                far_x, far_y = far_x.clip(-4, 8), far_y.clip(1, 10)
+                far_x = far_x.clip(-4, 8)
+                far_y = far_y.clip(1, 10)
             elif edge == "wrap":
-                far_x, far_y = (far_x + 4) % 12 - 4, (far_y - 1) % 9 + 1
+                far_x = (far_x + 4) % 12 - 4
+                far_y = (far_y - 1) % 9 + 1
             elif edge == "reflect":
-                (far_x, flip_x), (far_y, flip_y) = mirrored(far_x, -4, 8), mirrored(far_y, 1, 10)
+                (far_x, flip_x) = mirrored(far_x, -4, 8)
+                (far_y, flip_y) = mirrored(far_y, 1, 10)
                 assert (crowd.mirror == flip_x + 2 * flip_y).all()
             else:
                 time = np.minimum(
                     (np.where(vx > 0, 8, -4) - x) / vx, (np.where(vy > 0, 10, 1) - y) / vy
                 )
                 time = np.minimum(time, count)
-                far_x, far_y = x + vx * time, y + vy * time
+                far_x = x + vx * time
+                far_y = y + vy * time
             np.testing.assert_allclose(crowd.x, far_x, atol=1e-9)
             np.testing.assert_allclose(crowd.y, far_y, atol=1e-9)
 
@@ -265,7 +276,8 @@ def test_the_times_of_an_open_shutter_do_not_step_from_far_back_again():
     """Blender asks for them before, at and after each frame: what those need is at hand."""
     asked = trajectory()
     for number in range(20, 36):
-        crowd, before = asked.at(number), asked.at(number - 1)
+        crowd = asked.at(number)
+        before = asked.at(number - 1)
         for time in (number - 0.25, number, number + 0.25, number, number - 0.75):
             asked.at(time)
         assert asked.at(number) is crowd and asked.at(number - 1) is before
@@ -283,7 +295,8 @@ def test_an_agents_chances_do_not_depend_on_the_rest_of_the_crowd():
     chosen = np.arange(0, 400, 7)
     fields = {name: column[chosen] for name, column in part.start.columns.items()}
     part = dataclasses.replace(part, start=dataclasses.replace(part.start, **fields))
-    a, b = whole.at(150), part.at(150)
+    a = whole.at(150)
+    b = part.at(150)
     assert (a.x[chosen] == b.x).all() and (a.state[chosen] == b.state).all()
 
 
@@ -448,7 +461,8 @@ def test_a_reflected_agent_walks_mirrored_until_its_state_changes():
     }
     machine = machine_of(states, "reflect")
     world = LabelMap(np.array([[0, 1, 0, 0]], np.uint8), Area(0, 0, 4, 4))
-    crowd, seen = crowd_at([(2.6, 0.5, 0)]), []
+    crowd = crowd_at([(2.6, 0.5, 0)])
+    seen = []
     for _ in range(8):
         crowd = step(crowd, machine, world, 0.5)
         seen.append((crowd.x[0], int(crowd.state[0]), int(crowd.mirror[0])))
@@ -493,14 +507,18 @@ def test_before_the_first_frame_the_crowd_stands():
 
 def test_sub_frames_lie_between_their_frames():
     asked = trajectory()
-    a, b, c = asked.at(20), asked.at(20.25), asked.at(21)
+    a = asked.at(20)
+    b = asked.at(20.25)
+    c = asked.at(21)
     np.testing.assert_allclose(b.x - a.x, (c.x - a.x) / 4, atol=1e-12)
 
 
 def test_agents_stand_on_the_height_map_wherever_they_walk():
     area = Area(-3, 5, 23, 14, 2.0)
     heights = HeightMap(np.random.default_rng(1).normal(size=(6, 8)).astype(np.float32), area)
-    flat, hilly = lively(), lively(heights=heights)
+    flat = lively()
+    hilly = lively(heights=heights)
     for time in (0, 30, 30.5):
-        a, b = flat.at(time), hilly.at(time)
+        a = flat.at(time)
+        b = hilly.at(time)
         assert (a.x == b.x).all() and (b.z == heights.at(b.x, b.y)).all() and b.z.std() > 0.1

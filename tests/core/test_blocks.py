@@ -40,7 +40,8 @@ def small_crowds_stand_in_blocks(monkeypatch):
 def one_by_one(trajectory, camera, policy, time, shutter=(), bias=None):
     """(visible, levels) by `radar` and `assign` of every agent."""
     eyes = camera if isinstance(camera, tuple) else (camera,)
-    center, radius = trajectory.spheres.center, trajectory.spheres.radius
+    center = trajectory.spheres.center
+    radius = trajectory.spheres.radius
     crowd = trajectory.at(time)
     visible, distance = radar(
         crowd, eyes, center, radius, RadarOptions(policy.margin, policy.metric == "RADIAL")
@@ -58,10 +59,8 @@ def one_by_one(trajectory, camera, policy, time, shutter=(), bias=None):
 
 def compare(trajectory, camera, policy=POLICY, time=9, *more):
     """The plan by blocks, after it was compared with that of testing every agent."""
-    frame, full = (
-        plan(trajectory, camera, policy, time, *more),
-        plan(trajectory.full, camera, policy, time, *more),
-    )
+    frame = plan(trajectory, camera, policy, time, *more)
+    full = plan(trajectory.full, camera, policy, time, *more)
     assert leave_outs.BLOCKS in frame.left_out or leave_outs.STATIC in frame.left_out
     assert raw(frame) == raw(full)
     visible, levels = one_by_one(trajectory, camera, policy, time, *more)
@@ -85,12 +84,11 @@ def test_any_shot_is_that_of_testing_every_agent(shot):
 
 def random_surroundings(random, camera):
     """Suns, lamps, spots, mirrors, and a ground, near the crowd and far off."""
-    lights, mirrors = [], []
+    lights = []
+    mirrors = []
     for _ in range(random.integers(1, 4)):
-        way, origin = (
-            random.normal(size=3),
-            (0, 50, 0) + random.normal(size=3) * 10.0 ** random.uniform(0, 4),
-        )
+        way = random.normal(size=3)
+        origin = (0, 50, 0) + random.normal(size=3) * 10.0 ** random.uniform(0, 4)
         lamp = {
             "size": 10.0 ** random.uniform(-2, 1),
             "angle": random.choice([np.pi, random.uniform(0.01, 3)]),
@@ -100,10 +98,8 @@ def random_surroundings(random, camera):
         lights.append(Light(origin, way / np.linalg.norm(way), **lamp))
         lights.append(Light(None, np.append(way[:2], -abs(way[2])) / np.linalg.norm(way), **sun))
     for _ in range(random.integers(0, 3)):
-        (a, b, normal), away = (
-            np.linalg.qr(random.normal(size=(3, 3)))[0],
-            10.0 ** random.uniform(0, 2),
-        )
+        (a, b, normal) = np.linalg.qr(random.normal(size=(3, 3)))[0]
+        away = 10.0 ** random.uniform(0, 2)
         middle = camera.origin + away * camera.Z
         mirrors.append(
             Mirror(
@@ -158,7 +154,8 @@ def test_blocks_of_agents_on_planes_never_say_more_than_the_radar(lens):
         radius = np.full(300, 10.0 ** random.uniform(-2, 1))
         crowd = crowd_at(scatter(camera, radius, random, 0.5))
         group = replace(walker(), center=0.0, radius=float(radius[0]))
-        margin, radial = random.choice([None, 0.25]), bool(random.integers(2))
+        margin = random.choice([None, 0.25])
+        radial = bool(random.integers(2))
         begin = limits(LevelPolicy((0.1, 0.5)), camera, radius[:1])
         order = blocks.filled(morton_order.order_of(crowd.x, crowd.y, crowd.group, AREA))
         found = blocks.blocks_of(crowd, order, spheres_of((group,)), AREA)
@@ -215,9 +212,14 @@ def test_the_order_is_of_groups_along_a_curve_and_holds_every_agent_once():
 
 def test_agents_of_mixed_groups_at_nan_and_beyond_the_map():
     trajectory = shot(walking("wrap"), groups=(walker(), replace(walker(), radius=5.0)), count=900)
-    start, random = trajectory.start, np.random.default_rng(3)
-    x, y, z = start.x.copy(), start.y.copy(), start.z.copy()
-    z[[5, 88, 300]], y[7], x[:3] = np.nan, np.inf, (-70, 90, -0.0)
+    start = trajectory.start
+    random = np.random.default_rng(3)
+    x = start.x.copy()
+    y = start.y.copy()
+    z = start.z.copy()
+    z[[5, 88, 300]] = np.nan
+    y[7] = np.inf
+    x[:3] = (-70, 90, -0.0)
     odd = replace(
         trajectory,
         start=replace(start, x=x, y=y, z=z, group=random.permutation(start.group)),
@@ -267,7 +269,8 @@ def test_characters_of_different_heights_that_share_a_block():
 
 
 def test_the_plan_does_not_depend_on_what_was_asked_before():
-    warm, camera = shot(walking("reflect"), count=1500), straight(offset=(0, 30, 0))
+    warm = shot(walking("reflect"), count=1500)
+    camera = straight(offset=(0, 30, 0))
     for time in (90, 5, 33.5, 47.9):
         plan(warm, camera, LevelPolicy((0.3, 0.6)), time)
     cold = shot(walking("reflect"), count=1500)
@@ -283,7 +286,9 @@ def test_a_thread_is_not_disturbed_by_another_that_asks_meanwhile(module, name, 
         return raw(plan(trajectory, straight(), POLICY, time))
 
     alone = {time: planned(shot(walking(), count=700), time) for time in (5, 90)}
-    trajectory, make, met = shot(walking(), count=700), getattr(module, name), []
+    trajectory = shot(walking(), count=700)
+    make = getattr(module, name)
+    met = []
     planned(trajectory, 90)  # so that there is something to fall for
 
     def meanwhile(*arguments):

@@ -31,7 +31,8 @@ def crowd():
 
 def panned(camera, angle):
     """The camera, turned about z."""
-    c, s = np.cos(angle), np.sin(angle)
+    c = np.cos(angle)
+    s = np.sin(angle)
     turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
     return replace(camera, X=turn @ camera.X, Z=turn @ camera.Z)
 
@@ -39,7 +40,8 @@ def panned(camera, angle):
 def pixels(camera, place):
     """Where a point lies in the picture, by hand: 100 pixels over 90 degrees."""
     x, y, z = np.subtract(place, camera.origin)
-    across, depth = x * camera.X[0] + y * camera.X[1], x * camera.Z[0] + y * camera.Z[1]
+    across = x * camera.X[0] + y * camera.X[1]
+    depth = x * camera.Z[0] + y * camera.Z[1]
     return np.array([50 * across / depth, 50 * z / depth])
 
 
@@ -70,15 +72,15 @@ def test_focus_blurs_by_the_circle_of_the_sharpest_part(crowd):
 def test_lods_are_coarser_by_the_blur_and_no_more(crowd):
     camera = straight()
     shutter = [(1.0, (panned(camera, angle),)) for angle in (-0.02, 0.0, 0.02)]
-    frame, library = plan(crowd, camera, POLICY, 1.0, shutter), Library(np.zeros(1, np.intp))
+    frame = plan(crowd, camera, POLICY, 1.0, shutter)
+    library = Library(np.zeros(1, np.intp))
     about = [1], [1.0], crowd.start.group, library.first(crowd.gaits)
-    plain, blurred = (
-        empty(*about),
-        replace(empty(*about), blurred=1.0, bounds=np.array([GROUP.bounds])),
-    )
+    plain = empty(*about)
+    blurred = replace(empty(*about), blurred=1.0, bounds=np.array([GROUP.bounds]))
     for survey in (plain, blurred):
         record(survey, 0, frame, library)
-    blur, coarser = blur_of(frame, np.arange(len(PLACES))), 0
+    blur = blur_of(frame, np.arange(len(PLACES)))
+    coarser = 0
     for agent in frame.buckets.order:
         scale = float(plain.scale[0, agent])
         allowed = [k for k, bound in enumerate(GROUP.bounds) if scale * bound <= 1.0 + blur[agent]]

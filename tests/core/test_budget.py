@@ -64,7 +64,10 @@ def between(shot, part):
 
 def priced(shot, weight, agent, sequence):
     """What the LODs (F,) of an agent cost that shares its character with nobody."""
-    seconds, seen, total, held = SECONDS["EEVEE"], shot.survey.kind[:, agent] == SEEN, 0.0, set()
+    seconds = SECONDS["EEVEE"]
+    seen = shot.survey.kind[:, agent] == SEEN
+    total = 0.0
+    held = set()
     for f, level in enumerate(sequence):
         if seen[f]:
             triangles = shot.meshes.triangles[shot.survey.group[agent], level]
@@ -82,7 +85,8 @@ def least_within(shot, weight, limit):
     The same for the other three. A minimum over all smaller loads then finds the best match of
     each.
     """
-    tables, side = [], limit + 1
+    tables = []
+    side = limit + 1
     for half in (range(3), range(3, 6)):
         known = {(0,) * 6: 0.0}
         for agent in half:
@@ -135,14 +139,15 @@ def greedy(shot, limit):
     """LODs of Funkhouser and Sequin (1993): in each frame the most error less per triangle first,
     until the budget is spent.
     """
-    levels, (triangles, bounds) = shot.coarsest, (shot.meshes.triangles, shot.meshes.bounds)
+    levels = shot.coarsest
+    triangles = shot.meshes.triangles
+    bounds = shot.meshes.bounds
     for f in range(len(levels)):
         agents = np.flatnonzero(shot.survey.kind[f] == SEEN)
-        group, scale = shot.survey.group[agents], shot.survey.scale[f, agents].astype(float)
-        now, left = (
-            levels[f, agents],
-            limit - triangles[shot.survey.group[agents], levels[f, agents]].sum(),
-        )
+        group = shot.survey.group[agents]
+        scale = shot.survey.scale[f, agents].astype(float)
+        now = levels[f, agents]
+        left = limit - triangles[shot.survey.group[agents], levels[f, agents]].sum()
         while True:
             finer = np.maximum(now, 1) - 1
             more = triangles[group, finer] - triangles[group, now]
@@ -224,10 +229,8 @@ def test_every_kind_of_budget_is_kept_at_once(engine):
 def test_exceptions_hold_within_a_budget():
     shot = plaza()
     number = np.arange(400)
-    always, limit = (
-        np.where(number % 20 == 0, 2, 0),
-        np.where(number % 20 == 0, 2, np.where(number % 20 == 1, 1, 255)),
-    )
+    always = np.where(number % 20 == 0, 2, 0)
+    limit = np.where(number % 20 == 0, 2, np.where(number % 20 == 1, 1, 255))
     whole = np.ones(shot.survey.kind.shape, np.uint8)
     survey = replace(
         shot.survey, finest=whole * always.astype(np.uint8), limit=whole * limit.astype(np.uint8)
@@ -247,7 +250,8 @@ def test_exceptions_hold_within_a_budget():
 def test_impossible_budget_says_what_is_possible(worst):
     shot = plaza()
     coarsest = bill(shot, np.full(shot.survey.kind.shape, 3, np.uint8))
-    frame, least = coarsest.triangles.argmax(), coarsest.triangles.max()
+    frame = coarsest.triangles.argmax()
+    least = coarsest.triangles.max()
     with pytest.raises(
         CrowdError, match=f"triangles is impossible: frame {frame} takes {least:,.0f} at least"
     ):

@@ -142,7 +142,8 @@ def test_open_shutter_sees_what_any_time_between_sees(kind, turns, lens):
     random = np.random.default_rng(9)
     seen_between = 0
     for _ in range(20):
-        a, b = np.eye(4), np.eye(4)
+        a = np.eye(4)
+        b = np.eye(4)
         a[:3, :3] = turned(random)
         a[:3, 3] = b[:3, 3] = random.normal(size=3) * 5
         b[:3, 3] += lens * random.normal(size=3) * 5
@@ -151,7 +152,8 @@ def test_open_shutter_sees_what_any_time_between_sees(kind, turns, lens):
         size = 10.0 if kind == "ORTHO" else 0.5
 
         def at(part, a=a, b=b, size=size):
-            base, change = straight(kind=kind, far=80.0), lens * part
+            base = straight(kind=kind, far=80.0)
+            change = lens * part
             shape = window(size * (1 + 0.3 * change), "AUTO", (160, 90))
             axes = dict(
                 zip(("origin", "X", "Y", "Z"), referential(between(a, b, part)), strict=True)

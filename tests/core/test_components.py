@@ -10,7 +10,10 @@ from ..support.bodies import drum
 
 def robot(count=60):
     """Drums, boxes, rods and plates of all sizes, turned anyhow, along a body of 1.8 m."""
-    random, points, triangles, total = np.random.default_rng(3), [], [], 0
+    random = np.random.default_rng(3)
+    points = []
+    triangles = []
+    total = 0
     for k in range(count):
         own, faces = drum(*((16, 4), (4, 3), (12, 4), (20, 3))[k % 4])
         size = ((0.05, 0.05, 0.06), (0.07, 0.07, 0.05), (0.012, 0.012, 0.12), (0.09, 0.09, 0.01))[

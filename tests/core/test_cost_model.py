@@ -65,7 +65,8 @@ def shot_of(random, views=2, agents=80, characters=8, engine="CYCLES", near=(2, 
 def test_work_is_what_one_counts(known):
     random = np.random.default_rng(5)
     owner = np.array([0, 0, 0, 1, 1])
-    triangles, finest = random.integers(10, 900, (2, 3)), np.array([0, 1])
+    triangles = random.integers(10, 900, (2, 3))
+    finest = np.array([0, 1])
     shown = random.poisson(0.4, (4, 3, 5))
     shown[:, 0, 3:] = 0
     moved_as = np.array([0, 1, 1, 3, 4])  # character 2 by the rig of 1
@@ -155,7 +156,8 @@ def counted(group, lods, tolerance, shot):
                 return None
             shown[f, max(fit), character] += 1
     triangles = np.array([[group.triangles[k] for k in lods]])
-    owner, stored = np.zeros(shot.characters, int), sum(group.triangles[k] for k in lods if k)
+    owner = np.zeros(shot.characters, int)
+    stored = sum(group.triangles[k] for k in lods if k)
     return price(work_of(Actors(triangles, owner, np.ones(1), stored), shown), shot.engine)
 
 

@@ -159,7 +159,8 @@ def test_blocks_agree_with_one_agent_at_a_time(count):
     random = np.random.default_rng(count)
     points = random.uniform(-100, 100, (count, 3))
     groups = random.integers(2, size=count)
-    center, radius = np.array([0.5, 1.5]), np.array([0.7, 4.0])
+    center = np.array([0.5, 1.5])
+    radius = np.array([0.7, 4.0])
     visible, distance = radar(crowd_at(points, groups), straight(), center, radius)
     assert len(visible) == len(distance) == count
     for i in range(0, count, 997):

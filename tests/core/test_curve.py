@@ -40,7 +40,8 @@ def test_points_are_what_their_lods_cost(engine):
     shot, plan = planned(engine=engine)
     curve = finished(curve_of(shot, plan, TOLERANCE))
     survey = shot.survey
-    (own,), (thresholds,) = of_kind(curve, "plan"), of_kind(curve, "thresholds")
+    (own,) = of_kind(curve, "plan")
+    (thresholds,) = of_kind(curve, "thresholds")
     for point, levels, cost in (
         (own, plan.levels, plan.bill),
         (thresholds, survey.coarsest, plan.thresholds),
@@ -86,7 +87,8 @@ def test_sweep_keeps_its_tolerances_and_more_tolerance_costs_no_more():
 def test_more_weight_of_pops_means_fewer_of_them():
     shot, plan = planned(tolerance=1.0)
     points = of_kind(finished(curve_of(shot, plan, 1.0)), "avoid")
-    most, least = points[0], points[-1]
+    most = points[0]
+    least = points[-1]
     assert (
         least.switches < most.switches
         and least.triangles > most.triangles
@@ -97,7 +99,8 @@ def test_more_weight_of_pops_means_fewer_of_them():
 @pytest.mark.parametrize("seed", range(4))
 def test_hysteresis_is_that_of_one_agent_after_another(seed):
     shot = some_shot(seed, agents=50, frames=20, lods=4, seen=0.9)
-    survey, found = shot.survey, hysteresis(shot.survey, BOUNDS, TOLERANCE)
+    survey = shot.survey
+    found = hysteresis(shot.survey, BOUNDS, TOLERANCE)
     held = 0
     for a in range(50):
         begins = BOUNDS[survey.group[a]] / TOLERANCE  # meters a pixel, which stand for distances
@@ -124,7 +127,8 @@ def test_many_agents_are_sampled():
     shot, plan = planned(agents=MOST_LOOKED_AT // 2 + 1000, frames=4, lods=2)
     curve = finished(curve_of(shot, plan, TOLERANCE))
     assert MOST_LOOKED_AT / 3 / 4 < curve.agents <= MOST_LOOKED_AT / 4
-    (point,), whole = of_kind(curve, "plan"), of_full_detail(shot, plan.bill)
+    (point,) = of_kind(curve, "plan")
+    whole = of_full_detail(shot, plan.bill)
     assert point.triangles == pytest.approx(whole[1], rel=0.02)
 
 

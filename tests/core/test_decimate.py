@@ -19,7 +19,10 @@ def torus(n=48, m=24):
         [(1 + 0.4 * np.cos(v)) * np.cos(u), (1 + 0.4 * np.cos(v)) * np.sin(u), 0.4 * np.sin(v)], -1
     )
     i = np.arange(n * m).reshape(n, m)
-    a, b, c, d = i, np.roll(i, -1, 0), np.roll(np.roll(i, -1, 0), -1, 1), np.roll(i, -1, 1)
+    a = i
+    b = np.roll(i, -1, 0)
+    c = np.roll(np.roll(i, -1, 0), -1, 1)
+    d = np.roll(i, -1, 1)
     triangles = np.concatenate([np.stack(t, -1).reshape(-1, 3) for t in ((a, b, c), (a, c, d))])
     return points.reshape(-1, 3), triangles
 
@@ -89,9 +92,13 @@ def sphere(n=40):
     r = 1 + 0.1 * np.sin(3 * u) * np.sin(v) ** 3
     ring = np.stack([r * np.cos(u) * np.sin(v), r * np.sin(u) * np.sin(v), np.cos(v)], -1)
     i = np.arange(ring.shape[0] * ring.shape[1]).reshape(ring.shape[:2])
-    a, b, c, d = i[:, :-1], np.roll(i, -1, 0)[:, :-1], np.roll(i, -1, 0)[:, 1:], i[:, 1:]
+    a = i[:, :-1]
+    b = np.roll(i, -1, 0)[:, :-1]
+    c = np.roll(i, -1, 0)[:, 1:]
+    d = i[:, 1:]
     sides = [np.stack(t, -1).reshape(-1, 3) for t in ((a, d, c), (a, c, b))]
-    top, bottom = i.size, i.size + 1
+    top = i.size
+    bottom = i.size + 1
     caps = [np.stack([0 * i[:, 0] + top, i[:, 0], np.roll(i[:, 0], -1)], -1)]
     caps += [np.stack([0 * i[:, 0] + bottom, np.roll(i[:, -1], -1), i[:, -1]], -1)]
     return np.vstack([ring.reshape(-1, 3), [(0, 0, 1), (0, 0, -1)]]), np.concatenate(
@@ -104,7 +111,10 @@ def terrain(n=30):
     x, y = np.meshgrid(np.linspace(0, 10, n), np.linspace(0, 10, n), indexing="ij")
     z = 0.5 * np.sin(x) * np.cos(0.7 * y) + 0.2 * np.sin(2.3 * x + y)
     i = np.arange(n * n).reshape(n, n)
-    a, b, c, d = i[:-1, :-1], i[1:, :-1], i[1:, 1:], i[:-1, 1:]
+    a = i[:-1, :-1]
+    b = i[1:, :-1]
+    c = i[1:, 1:]
+    d = i[:-1, 1:]
     return np.stack([x, y, z], -1).reshape(-1, 3), np.concatenate(
         [np.stack(t, -1).reshape(-1, 3) for t in ((a, b, c), (a, c, d))]
     )
@@ -112,7 +122,8 @@ def terrain(n=30):
 
 def cards(count=200, columns=1):
     """Loose cards of 2 * columns triangles, of growing size."""
-    points, triangles = [], []
+    points = []
+    triangles = []
     for k in range(count):
         x, y = np.meshgrid(np.arange(columns + 1.0), [0, 1.0], indexing="ij")
         card = np.stack([x, y, 0.1 * x * x], -1).reshape(-1, 3) * (0.2 + k / count) + (
@@ -140,9 +151,11 @@ def farthest(points, triangles, others):
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     worst = 0.0
     for p in others:
-        inside, least = np.ones(len(a), bool), np.full(len(a), np.inf)
+        inside = np.ones(len(a), bool)
+        least = np.full(len(a), np.inf)
         for u, v in ((a, b), (b, c), (c, a)):
-            side, w = v - u, p - u
+            side = v - u
+            w = p - u
             t = np.clip((w * side).sum(1) / (side * side).sum(1), 0, 1)
             least = np.minimum(least, np.linalg.norm(w - t[:, None] * side, axis=1))
             inside &= (np.cross(side, w) * normal).sum(1) >= 0
@@ -247,10 +260,8 @@ def test_far_lods_spend_no_more_on_many_seams_than_they_must():
 
 
 def test_seams_weigh_as_much_as_they_hold_and_borders_in_full():
-    points, triangles = (
-        np.array([(0.0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]),
-        np.array([(0, 1, 2), (0, 2, 3)]),
-    )
+    points = np.array([(0.0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)])
+    triangles = np.array([(0, 1, 2), (0, 2, 3)])
     seam = np.array([(0, 2)])
     bare, held = (constrained_edges(triangles, each, len(points)) for each in (seam[:0], seam))
     none, some, all_of_it = (

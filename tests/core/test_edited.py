@@ -68,7 +68,8 @@ def test_each_edit_changes_what_it_says_in_all_frames_and_nothing_else():
         ],
     )
     for time in (-4, 1, 7.5, 60, 12):
-        crowd, before = edited.at(time), own.at(time)
+        crowd = edited.at(time)
+        before = own.at(time)
         others = np.setdiff1d(np.arange(len(own.start)), [3, 7, 9])
         for name in COLUMNS:
             assert np.array_equal(getattr(crowd, name)[others], getattr(before, name)[others])
@@ -87,7 +88,8 @@ def test_who_is_moved_on_hills_stands_on_them_and_leans_with_them():
     own = shot(walking(), groups=GROUPS, heights=hills(), tilts=True)
     edited = Edited(own, [Edit(some(3, 7), move=(4.0, -6.0, 0.5)), Edit(some(9), move=(0, 0, 2.0))])
     for time in (1, 30.25):
-        crowd, before = edited.at(time), own.at(time)
+        crowd = edited.at(time)
+        before = own.at(time)
         there = own.heights.at(before.x[[3, 7]] + 4, before.y[[3, 7]] - 6)
         assert np.allclose(crowd.z[[3, 7, 9]], [*(there + 0.5), before.z[9] + 2])
         upright = own.heights.tilt(before.x[[3]] + 4, before.y[[3]] - 6, before.heading[[3]])
@@ -95,7 +97,8 @@ def test_who_is_moved_on_hills_stands_on_them_and_leans_with_them():
     # of several crowds each stands on its own ground
     crowds = several()
     crowd = Edited(crowds, [Edit(some(5, 205), move=(1.0, 1.0, 0.0))]).at(40)
-    before, relief = crowds.at(40), crowds.members[1].heights
+    before = crowds.at(40)
+    relief = crowds.members[1].heights
     assert (
         crowd.z[5] == before.z[5]
         and crowd.z[205] == relief.at(crowd.x[205:206], crowd.y[205:206])[0]
@@ -116,7 +119,8 @@ def test_who_changes_the_group_plays_its_action_without_a_jump():
     )
     edited = Edited(own, asked)
     for time in (1, 33, 75.5, 160):
-        crowd, expected = edited.at(time), other.at(time)
+        crowd = edited.at(time)
+        expected = other.at(time)
         assert raw(plan(edited, straight(), POLICY, time)) == raw(
             plan(other, straight(), POLICY, time)
         )
@@ -144,7 +148,8 @@ def test_a_crowd_that_stands_keeps_its_plan_though_some_are_moved():
 @pytest.mark.parametrize("edge", ["clamp", "wrap", "reflect"])
 def test_blocks_hold_for_agents_moved_far_away(edge, monkeypatch):
     monkeypatch.setattr(morton_order, "FEWEST", 1)
-    own, random = shot(walking(edge), groups=GROUPS), np.random.default_rng(6)
+    own = shot(walking(edge), groups=GROUPS)
+    random = np.random.default_rng(6)
     edited = Edited(
         own,
         [Edit(some(*range(a, 400, 8)), move=(*random.uniform(-50, 50, 2), 0.0)) for a in range(4)],
@@ -159,7 +164,8 @@ def test_blocks_hold_for_agents_moved_far_away(edge, monkeypatch):
 
 def test_agents_of_a_file_are_edited_by_their_ids_while_they_are_there(monkeypatch):
     monkeypatch.setattr(morton_order, "FEWEST", 1)
-    own, random = recorded(), np.random.default_rng(8)
+    own = recorded()
+    random = np.random.default_rng(8)
     agents = np.sort(random.choice(300, 90, replace=False))
     edits = [
         Edit(
@@ -172,14 +178,13 @@ def test_agents_of_a_file_are_edited_by_their_ids_while_they_are_there(monkeypat
     ]
     edited = Edited(own, edits)
     group = own.group.copy()
-    group[agents[:30]], group[agents[60:]] = 1, 2
+    group[agents[:30]] = 1
+    group[agents[60:]] = 2
     other = replace(own, group=group)
     for time in (1, 40.5, 120):
-        crowd, before, camera = (
-            edited.at(time),
-            own.at(time),
-            straight(offset=(random.uniform(-40, 60), 20, 1.7)),
-        )
+        crowd = edited.at(time)
+        before = own.at(time)
+        camera = straight(offset=(random.uniform(-40, 60), 20, 1.7))
         assert np.allclose(crowd.x - before.x, np.isin(np.arange(300), agents[:30]) * 12.0)
         assert np.array_equal(edited.phase(crowd, time), other.phase(other.at(time), time))
         there = np.ones(300, bool) if before.present is None else before.present

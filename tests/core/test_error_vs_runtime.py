@@ -15,7 +15,8 @@ from crowd_lod_extension.crowd_lod.validation.culling_audit import standing
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
 from crowd_lod_extension.crowd_lod.validation.extreme_cases import camera_of
 
-CENTER, RADIUS = np.array([0.9, 0.5]), np.array([1.0, 0.4])
+CENTER = np.array([0.9, 0.5])
+RADIUS = np.array([1.0, 0.4])
 
 
 def view(count=400, seed=3):

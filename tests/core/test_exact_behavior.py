@@ -50,16 +50,21 @@ def test_the_judge_knows_the_edges_in_closed_form(edge):
     machine = machine_of({"go": {"on": {"*": {"move": [25, -15.5]}}}}, edge, ("ground",))
     crowd = populate(20, 1, 1, machine, world)
     truth = follow_exactly(crowd, machine, world, 1.0, steps=2)
-    x, y = crowd.x + 50, crowd.y - 31
+    x = crowd.x + 50
+    y = crowd.y - 31
     if edge == "clamp":
-        x, y = x.clip(-4, 8), y.clip(1, 10)
+        x = x.clip(-4, 8)
+        y = y.clip(1, 10)
     elif edge == "wrap":
-        x, y = (x + 4) % 12 - 4, (y - 1) % 9 + 1
+        x = (x + 4) % 12 - 4
+        y = (y - 1) % 9 + 1
     elif edge == "reflect":
-        x, y = mirrored(x, -4, 8)[0], mirrored(y, 1, 10)[0]
+        x = mirrored(x, -4, 8)[0]
+        y = mirrored(y, 1, 10)[0]
     else:
         time = np.minimum((8 - crowd.x) / 25, (crowd.y - 1) / 15.5)
-        x, y = crowd.x + 25 * time, crowd.y - 15.5 * time
+        x = crowd.x + 25 * time
+        y = crowd.y - 15.5 * time
     np.testing.assert_allclose([truth.x, truth.y], [x, y], atol=1e-10)
 
 

@@ -29,7 +29,8 @@ def test_exact_walk_of_the_chapter_has_a_closed_form():
 
 def test_exact_walk_in_two_parts_is_the_walk_in_one():
     random = np.random.default_rng(8)
-    machine, world = random_machine(random, speeds=(0.1, 5)), random_world(random)
+    machine = random_machine(random, speeds=(0.1, 5))
+    world = random_world(random)
     crowd = populate(300, 8, 1, machine, world)
     once, chatters = walk(crowd, machine, world, 3.0)
     half, _ = walk(crowd, machine, world, 1.3)

@@ -62,10 +62,8 @@ def test_agents_of_a_file_are_found_by_its_numbers():
 
 @given(st.sets(st.integers(0, 99), min_size=1), sometimes(generators))
 def test_agents_that_are_named_are_found_again_when_the_file_grows(agents, random):
-    agents, ids = (
-        np.array(sorted(agents)),
-        None if random is None else random.choice(10**6, 100, replace=False),
-    )
+    agents = np.array(sorted(agents))
+    ids = None if random is None else random.choice(10**6, 100, replace=False)
     text = named(agents, ids)
     assert np.array_equal(parse_agents(text, 100, "Hero", ids), agents)
     if random is not None:
@@ -94,7 +92,8 @@ def test_agents_that_cannot_be_read_are_named_with_their_exception(text, says):
 
 
 def test_lods_that_an_agent_does_not_have_are_refused():
-    group, names = np.array([0, 1], np.uint8), ("adult", "child")
+    group = np.array([0, 1], np.uint8)
+    names = ("adult", "child")
     check_level(rule("ALWAYS", 2, [0, 1]), 3, (), group, names)
     check_level(rule("HIDE", 7, [0, 1]), 3, (2, 2), group, names)
     check_level(rule("NEVER_COARSER", 0, [0]), 3, (0, 1), group, names)
@@ -121,7 +120,8 @@ def test_plans_keep_to_the_exceptions_in_their_frames_and_lie_above_their_bound(
         rule("ALWAYS", 3, [2], 3, 6),
         rule("ALWAYS", 0, [3], 5),
     )
-    plan, seen = finished(decide(shot)), shot.survey.seen
+    plan = finished(decide(shot))
+    seen = shot.survey.seen
     assert (plan.levels[:, :2] <= 1)[seen[:, :2]].all() and (without[:, :2] > 1)[seen[:, :2]].any()
     assert (plan.levels[2:6, 2] == 3)[seen[2:6, 2]].all()
     assert (plan.levels[4:, 3] == 0)[seen[4:, 3]].all()
@@ -168,7 +168,8 @@ def test_hidden_agents_count_as_culled_and_enter_when_they_appear_in_sight():
 
 def test_of_two_exceptions_the_later_one_holds():
     shot = some_shot(0, agents=3, seen=1.0)
-    pin, hide = rule("ALWAYS", 2, [0, 1]), rule("HIDE", 0, [1, 2])
+    pin = rule("ALWAYS", 2, [0, 1])
+    hide = rule("HIDE", 0, [1, 2])
     assert excepted(shot.survey, [hide, pin]).kind[0].tolist() == [SEEN, SEEN, CULLED]
     assert excepted(some_shot(0, agents=3, seen=1.0).survey, [pin, hide]).kind[0].tolist() == [
         SEEN,

@@ -67,7 +67,8 @@ def test_planes_are_signed_distances_in_meters():
 )  # fmt: skip
 def test_who_passes_all_tests_is_seen_and_nobody_else(camera, margin):
     points = np.random.default_rng(4).uniform((-60, -30, -20), (60, 100, 20), (4000, 3))
-    center, radius = np.array([0.9]), np.array([1.0])
+    center = np.array([0.9])
+    radius = np.array([1.0])
     seen, _ = radar(crowd_at(points), camera, center, radius, RadarOptions(margin))
     for at, expected in zip(points, seen, strict=True):
         found = sides_of(camera, at + (0, 0, 0.9), 1.0 if margin is None else 0.0, margin)
@@ -79,7 +80,8 @@ def test_alternatives_tell_what_each_lod_costs_and_shows():
     frame = frame_of()
     agent = int(frame.buckets[1][0])
     found = explained(frame, agent, "EEVEE")
-    costs, depth = SECONDS["EEVEE"], frame.depths[agent]
+    costs = SECONDS["EEVEE"]
+    depth = frame.depths[agent]
     for level, each in enumerate(found.alternatives):
         assert each.level == level and each.triangles == 2 * SIZES[level]
         assert each.pixels == pytest.approx((0, 0.02, 0.1)[level] * 500 / (depth - 1))

@@ -58,17 +58,18 @@ def expected(states, steps=3):
     """What an agent of these states (names, a frame each) shows, frame by frame: a listing of its
     own.
     """
-    before, into, since, seen = ACTIONS[states[0]], ACTIONS[states[0]], None, []
+    before = ACTIONS[states[0]]
+    into = ACTIONS[states[0]]
+    since = None
+    seen = []
     for frame, state in enumerate(states):
         action = ACTIONS[state]
         if frame and action != ACTIONS[states[frame - 1]]:
             # it shows mostly the action to come once half of the fade, or more, shows
             weight = 1 if since is None else (int(since * steps + 1e-6) + 1) / (steps + 1)
             before = into if weight >= 0.5 else before
-            since, into = (
-                (0.5 / FPS / FADE[state] if FADE[state] and (before, action) in PAIRS else None),
-                action,
-            )
+            since = 0.5 / FPS / FADE[state] if FADE[state] and (before, action) in PAIRS else None
+            into = action
         elif since is not None:
             since += 1 / FPS / FADE[state]
             since = None if since > 1 - 1e-6 else since
@@ -104,9 +105,12 @@ def test_agents_show_the_steps_of_a_listing():
 
 
 def test_phases_go_on_through_a_cross_fade():
-    trajectory, jumps, mixes = walk(), [], 0
+    trajectory = walk()
+    jumps = []
+    mixes = 0
     for frame in range(1, 80):
-        before, after = trajectory.at(frame), trajectory.at(frame + 1)
+        before = trajectory.at(frame)
+        after = trajectory.at(frame + 1)
         changed = np.flatnonzero(before.playing != after.playing)
         rates = trajectory.gaits.rates[0]
         came = trajectory.phase(before, frame) + rates[before.playing] / FPS
@@ -155,7 +159,8 @@ def test_crowds_with_and_without_cross_fades_are_one():
     members[1] = replace(members[1], groups=group)
     for crowds in (members, members[::-1]):
         together = Several(crowds, ("", "others"), (True, True))
-        crowd, own = together.at(60), [each.at(60) for each in crowds]
+        crowd = together.at(60)
+        own = [each.at(60) for each in crowds]
         assert shown(together, crowd).tolist() == [
             name
             for each, at in zip(crowds, own, strict=True)

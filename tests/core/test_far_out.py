@@ -26,7 +26,8 @@ from ..support.shots import POLICY
 pytestmark = pytest.mark.once
 
 GROUP = walker()
-CENTER, RADIUS = np.array([GROUP.center]), np.array([GROUP.radius])
+CENTER = np.array([GROUP.center])
+RADIUS = np.array([GROUP.radius])
 STANDS = machine_of({"a": {"on": {"*": {}}}})
 
 
@@ -53,9 +54,11 @@ def at_the_planes(camera, random, count):
         )
         points = camera.origin + way * reach[:, None]
     else:
-        frustum, axes = frustum_of(camera), np.array([camera.X, camera.Y, camera.Z])
+        frustum = frustum_of(camera)
+        axes = np.array([camera.X, camera.Y, camera.Z])
         depth = camera.near + (camera.far - camera.near) * random.random(count)
-        w, at = camera.window, random.random((count, 2))
+        w = camera.window
+        at = random.random((count, 2))
         across = [w.left + at[:, 0] * (w.right - w.left), w.bottom + at[:, 1] * (w.top - w.bottom)]
         scale = 1.0 if camera.kind == "ORTHO" else depth
         v = np.array([scale * across[0], scale * across[1], depth]).T @ np.linalg.inv(axes).T
@@ -87,7 +90,8 @@ def seen_in_blender(camera, feet):
 
 
 def shot(feet):
-    low, high = feet.min(axis=0) - 10, feet.max(axis=0) + 10
+    low = feet.min(axis=0) - 10
+    high = feet.max(axis=0) + 10
     world = LabelMap(np.zeros((1, 1), np.uint8), Area(low[0], low[1], high[0], high[1]))
     return Walk(crowd_at(feet), STANDS, world, (GROUP,), 1 / 24, 0)
 
@@ -97,7 +101,9 @@ def shot(feet):
 def test_nobody_is_culled_whom_float32_positions_show(lens, away, monkeypatch):
     monkeypatch.setattr(morton_order, "FEWEST", 1)
     monkeypatch.setattr(blocks, "FIRST", 4)
-    random, missed, beside = np.random.default_rng([list(LENSES).index(lens), int(away)]), 0, 0
+    random = np.random.default_rng([list(LENSES).index(lens), int(away)])
+    missed = 0
+    beside = 0
     for _ in range(8):
         way = random.normal(size=3) * [1, 1, 0.1]
         camera = random_camera(random, lens)
@@ -121,7 +127,8 @@ def test_nobody_is_culled_whom_float32_positions_show(lens, away, monkeypatch):
 @pytest.mark.parametrize("away, meters", [(0.0, 1e-3), (1e3, 1e-2), (1e6, 5.0)])
 def test_who_is_clearly_outside_is_culled_all_the_same(away, meters):
     """Near the origin the bound is a tenth of a millimeter for each 100 m."""
-    random, culled = np.random.default_rng(1), 0
+    random = np.random.default_rng(1)
+    culled = 0
     for _ in range(20):
         camera = random_camera(random, "normal")
         camera = in_float32(
@@ -154,7 +161,9 @@ def test_no_shadow_is_missed_by_rays_that_start_beside_their_surface(kind, away)
     """Of points at a side of the picture, lit along it, so that a ray beside them never comes into
     the picture.
     """
-    random, asked, missed = np.random.default_rng([kind == "sun", int(away)]), 0, 0
+    random = np.random.default_rng([kind == "sun", int(away)])
+    asked = 0
+    missed = 0
     for _ in range(10):
         camera = random_camera(random, "normal")
         way = random.normal(size=3) * [1, 1, 0.1]
@@ -163,11 +172,10 @@ def test_no_shadow_is_missed_by_rays_that_start_beside_their_surface(kind, away)
                 camera, origin=camera.origin + away * way / np.linalg.norm(way), near=0.1, far=100.0
             )
         )
-        out, w = frustum_of(camera).normals[random.integers(4)], camera.window
-        depth, slopes = (
-            random.uniform(20, 90, 40),
-            random.uniform([w.left, w.bottom], [w.right, w.top], (40, 2)),
-        )
+        out = frustum_of(camera).normals[random.integers(4)]
+        w = camera.window
+        depth = random.uniform(20, 90, 40)
+        slopes = random.uniform([w.left, w.bottom], [w.right, w.top], (40, 2))
         v = (
             np.array([*(slopes.T * depth), depth]).T
             @ np.linalg.inv([camera.X, camera.Y, camera.Z]).T
@@ -179,13 +187,13 @@ def test_no_shadow_is_missed_by_rays_that_start_beside_their_surface(kind, away)
         ).all(axis=1)
         sun = np.cross(out, random.normal(size=3))
         sun /= np.linalg.norm(sun)
-        starts, lamp = (
-            where_rays_start(points, np.broadcast_to(out, points.shape)),
-            points[0] + 200 * sun,
-        )
-        light, to_light = Light(None, -sun, angle=0.0), np.broadcast_to(200 * sun, points.shape)
+        starts = where_rays_start(points, np.broadcast_to(out, points.shape))
+        lamp = points[0] + 200 * sun
+        light = Light(None, -sun, angle=0.0)
+        to_light = np.broadcast_to(200 * sun, points.shape)
         if kind == "spot":
-            light, to_light = Light(lamp, -sun, angle=0.4), lamp - starts
+            light = Light(lamp, -sun, angle=0.4)
+            to_light = lamp - starts
             beside = (points - lamp) @ -sun / np.linalg.norm(points - lamp, axis=1)
             seen &= np.arccos(beside.clip(-1, 1)) < 0.4
         aside = out - (to_light @ out / (to_light**2).sum(axis=1))[:, None] * to_light

@@ -104,7 +104,8 @@ def test_a_file_that_ends_too_early_keeps_all_out(tmp_path, name, data):
 
 
 def test_every_cut_of_a_png_is_noticed_and_every_spoilt_byte(tmp_path):
-    data, path = png(), tmp_path / "a.png"
+    data = png()
+    path = tmp_path / "a.png"
     for cut in range(len(data)):
         path.write_bytes(data[:cut])
         with pytest.raises(CrowdError, match="not written to its end"):
@@ -137,7 +138,8 @@ def test_a_rename_that_fails_half_way_is_taken_back(tmp_path):
     """
     for name in ("0", "1", "3"):
         (tmp_path / name).write_text("old")
-    busy, before = tmp_path / "3", content(tmp_path)
+    busy = tmp_path / "3"
+    before = content(tmp_path)
     other = tmp_path.with_name(tmp_path.name + "_other")
     other.write_text("old")
     if subprocess.run(["mount", "--bind", other, busy], stderr=subprocess.DEVNULL).returncode:
@@ -171,7 +173,8 @@ def test_a_run_killed_between_two_renames_leaves_whole_files_and_the_next_run_cl
 
 @posix
 def test_leftovers_of_a_killed_run_go_with_the_next_and_those_of_a_living_stay(tmp_path):
-    killed, living = start(tmp_path, "wait"), start(tmp_path, "wait")
+    killed = start(tmp_path, "wait")
+    living = start(tmp_path, "wait")
     try:
         assert killed.stdout.readline() == living.stdout.readline() == "written\n"
         left = set(tmp_path.iterdir())

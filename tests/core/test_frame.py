@@ -19,7 +19,8 @@ def test_costs_are_those_of_the_agents_counted_one_by_one():
     frame = plan(trajectory, straight(), LevelPolicy((0.3, 0.6)), 40)
     seen = np.flatnonzero(frame.visible)
     assert 0 < len(seen) < 3000
-    group, level = frame.crowd.group, frame.levels
+    group = frame.crowd.group
+    level = frame.levels
     assert frame.vertices == sum(trajectory.groups[group[i]].vertices[level[i]] for i in seen)
     assert frame.full_triangles == sum(trajectory.groups[g].triangles[0] for g in group)
     assert set(frame.milliseconds) == {"behavior", "culling", "levels", "sorting"}
@@ -37,7 +38,8 @@ def test_a_plan_does_not_depend_on_what_was_asked_before():
 
 
 def test_an_open_shutter_keeps_whoever_walks_through_the_picture():
-    trajectory, policy = shot(), LevelPolicy((0.3, 0.6))
+    trajectory = shot()
+    policy = LevelPolicy((0.3, 0.6))
     trajectory.seconds_per_frame = 8.0  # agents walk several times their size a frame
     times = (39.5, 40.0, 40.5)
     camera = straight()
@@ -50,7 +52,8 @@ def test_an_open_shutter_keeps_whoever_walks_through_the_picture():
 
 
 def test_two_eyes_and_a_painted_bias():
-    trajectory, policy = shot(), LevelPolicy((0.3, 0.6))
+    trajectory = shot()
+    policy = LevelPolicy((0.3, 0.6))
     eyes = straight(offset=(-5, 0, 0)), straight(offset=(5, 0, 0))
     both = plan(trajectory, eyes, policy, 10)
     each = [plan(trajectory, eye, policy, 10).visible for eye in eyes]
@@ -62,7 +65,8 @@ def test_two_eyes_and_a_painted_bias():
 
 @pytest.mark.parametrize("metric", ["AXIS", "RADIAL"])
 def test_distances_are_found_when_asked_for_and_once(metric):
-    trajectory, policy = shot(), LevelPolicy((0.3, 0.6), metric, hysteresis=0.1)
+    trajectory = shot()
+    policy = LevelPolicy((0.3, 0.6), metric, hysteresis=0.1)
     eyes = straight(offset=(-5, 0, 0)), straight(offset=(5, 0, 0))
     frame = plan(
         trajectory, eyes, policy, 10, bias=Bias(np.full((2, 2), 0.6), trajectory.world.area)

@@ -38,10 +38,8 @@ def test_whole_frames_are_found_again(parts):
     ],
 )
 def test_a_frame_that_is_not_whole_does_not_count(parts, spoil):
-    what, path = (
-        spoil.split()[0],
-        parts.folder / "2.txt" if "picture" in spoil else parts.folder / RECORDS / "0002.json",
-    )
+    what = spoil.split()[0]
+    path = parts.folder / "2.txt" if "picture" in spoil else parts.folder / RECORDS / "0002.json"
     data = path.read_bytes()
     if what == "no":
         path.unlink()

@@ -6,12 +6,15 @@ from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
 from crowd_lod_extension.crowd_lod.culling.framing import framing
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import seen
 
-ACROSS, BELOW, ABOVE = 0.6, 0.45, 0.2
+ACROSS = 0.6
+BELOW = 0.45
+ABOVE = 0.2
 
 
 def seen_of(places):
     view = framing(places, ACROSS, BELOW, ABOVE)
-    X, Z = np.array([view.ahead[1], -view.ahead[0], 0]), np.array([*view.ahead, 0])
+    X = np.array([view.ahead[1], -view.ahead[0], 0])
+    Z = np.array([*view.ahead, 0])
     camera = Camera(
         "PERSP",
         view.eye,

@@ -38,7 +38,8 @@ HILLS = HeightMap(np.random.default_rng(1).uniform(0, 5, (9, 9)).astype(np.float
 def test_state_blocks_and_results_stay_within_their_bytes(groups, edge, heights):
     trajectory = shot(walking(edge), groups=(walker(),) * groups, count=COUNT, heights=heights)
     assert sum(column.nbytes for column in trajectory.start.columns.values()) <= 51 * COUNT
-    camera, policy = straight(offset=(0, -30, 0)), LevelPolicy((0.3, 0.6))
+    camera = straight(offset=(0, -30, 0))
+    policy = LevelPolicy((0.3, 0.6))
     plan(trajectory, camera, policy, 63)
     trajectory.at(65)
     most = 16 if heights is None else 30  # with the heights of all agents
@@ -55,7 +56,8 @@ def test_state_blocks_and_results_stay_within_their_bytes(groups, edge, heights)
 
 def test_a_long_shot_keeps_few_crowds_and_stays_a_function_of_the_frame(monkeypatch):
     monkeypatch.setattr(morton_order, "FEWEST", 1)
-    camera, policy = straight(offset=(0, -30, 0)), LevelPolicy((0.3, 0.6))
+    camera = straight(offset=(0, -30, 0))
+    policy = LevelPolicy((0.3, 0.6))
     times = 700, 130, 500, 65, 64.5, 300, 129, 1, 499.25, 700
     free = shot(walking("wrap"), count=300)
     right = [raw(plan(free, camera, policy, time)) for time in times]

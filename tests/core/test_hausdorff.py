@@ -17,7 +17,8 @@ def away(points, corners):
     normal = np.cross(b - a, c - a)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     height = np.einsum("kmd,md->km", points[:, None] - a, normal)
-    inside, best = np.ones(height.shape, bool), np.full(height.shape, np.inf)
+    inside = np.ones(height.shape, bool)
+    best = np.full(height.shape, np.inf)
     for p, q in ((a, b), (b, c), (c, a)):
         inside &= np.einsum("kmd,md->km", points[:, None] - p, np.cross(normal, q - p)) >= 0
         t = (np.einsum("kmd,md->km", points[:, None] - p, q - p) / ((q - p) ** 2).sum(axis=1)).clip(
@@ -35,7 +36,8 @@ def brute(one, other, parts):
     """
     i, j = (each.ravel() for each in np.meshgrid(np.arange(parts + 1), np.arange(parts + 1)))
     weights = np.stack([i, j, parts - i - j], axis=1)[i + j <= parts] / parts
-    least, between = 0.0, 0.0
+    least = 0.0
+    between = 0.0
     for a, b in ((one, other), (other, one)):
         for triangle in a:
             least = max(least, away(weights @ triangle, b).min(axis=1).max())
@@ -69,7 +71,9 @@ def ball(rings, segments):
         [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1
     ).reshape(-1, 3)
     a = np.arange(rings * segments).reshape(rings, segments)
-    b, c, d = a[1:], np.roll(a[1:], -1, axis=1), np.roll(a[:-1], -1, axis=1)
+    b = a[1:]
+    c = np.roll(a[1:], -1, axis=1)
+    d = np.roll(a[:-1], -1, axis=1)
     return points, np.concatenate(
         [np.stack(each, -1).reshape(-1, 3) for each in ((a[:-1], b, c), (a[:-1], c, d))]
     )
@@ -124,10 +128,8 @@ def test_a_map_of_one_pose_that_says_too_much_in_another_is_found_anew():
     """
     one, faces = ball(6, 8)
     low, _ = ball(6, 8)
-    both, triangles = (
-        np.concatenate([one, low + (2.001, 0, 0)]),
-        np.concatenate([faces, faces + len(one)]),
-    )
+    both = np.concatenate([one, low + (2.001, 0, 0)])
+    triangles = np.concatenate([faces, faces + len(one)])
     apart = both + np.repeat([(0, 0, 0), (1.0, 0, 0)], len(one), axis=0)
     points = np.stack([both, apart], axis=1)
     moved = points + (0.0, 0.0, 0.01)
@@ -158,17 +160,14 @@ def test_what_lies_beneath_a_triangle_s_middle_counts(flat):
     too.
     """
     corners = np.array([(1, 0, 0), (-0.5, 3**0.5 / 2, 0), (-0.5, -(3**0.5) / 2, 0)])
-    faces, more = (
-        [(0, 3, 6), (3, 1, 6), (1, 4, 6), (4, 2, 6), (2, 5, 6), (5, 0, 6)],
-        (corners + corners[[1, 2, 0]]) / 2,
-    )
+    faces = [(0, 3, 6), (3, 1, 6), (1, 4, 6), (4, 2, 6), (2, 5, 6), (5, 0, 6)]
+    more = (corners + corners[[1, 2, 0]]) / 2
     if flat:
-        faces, more = (
-            [(0, 1, 3), (1, 4, 3), (1, 2, 4), (2, 5, 4), (2, 0, 5), (0, 3, 5), (3, 4, 5)],
-            np.empty((0, 3)),
-        )
+        faces = [(0, 1, 3), (1, 4, 3), (1, 2, 4), (2, 5, 4), (2, 0, 5), (0, 3, 5), (3, 4, 5)]
+        more = np.empty((0, 3))
     top = (corners / 2 if flat else np.zeros((1, 3))) + (0, 0, 0.5)
-    points, faces = np.concatenate([corners, more, top]), np.array(faces)
+    points = np.concatenate([corners, more, top])
+    faces = np.array(faces)
     both = np.concatenate([[(0, 1, 2)], faces])
     found = hausdorff.interval(moving(points[:, None], both), moving(points[:, None], faces))
     least, most = brute(points[both], points[faces], 24)

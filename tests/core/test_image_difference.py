@@ -6,7 +6,9 @@ from crowd_lod_extension.crowd_lod.validation.image_difference import between
 def test_the_difference_is_counted_pixel_by_pixel():
     a = np.zeros((4, 5, 4), np.float32)
     b = a.copy()
-    b[1, 2, 0], b[3, 3, 1], b[0, 0, 2] = 0.5, 1e-4, np.nan
+    b[1, 2, 0] = 0.5
+    b[3, 3, 1] = 1e-4
+    b[0, 0, 2] = np.nan
     found = between(a, b)
     assert (found.pixels, found.visible, found.share) == (3, 2, 0.1)
     assert found.largest == pytest.approx(3.4e38, rel=0.01)

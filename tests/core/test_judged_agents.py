@@ -60,15 +60,14 @@ def test_the_worst_come_first_others_by_chance_and_each_kind_before_any_twice():
 
 @pytest.mark.parametrize("kind", ["PERSP", "ORTHO"])
 def test_no_point_off_by_its_lods_deviation_lies_off_by_more_pixels_than_predicted(kind):
-    random, frame = np.random.default_rng(3), framed(kind, LevelPolicy((0.3, 0.6)))
+    random = np.random.default_rng(3)
+    frame = framed(kind, LevelPolicy((0.3, 0.6)))
     camera = frame.camera
     for each in judged(frame, None):
         way = random.normal(size=(2, 2000, 3))
         way /= np.linalg.norm(way, axis=2, keepdims=True)
-        off, z = (
-            frame.trajectory.groups[each.group].bounds[each.level],
-            frame.trajectory.spheres.center[each.group],
-        )
+        off = frame.trajectory.groups[each.group].bounds[each.level]
+        z = frame.trajectory.spheres.center[each.group]
         center = np.array(
             [frame.crowd.x[each.agent], frame.crowd.y[each.agent], frame.crowd.z[each.agent] + z]
         )

@@ -24,10 +24,8 @@ pytestmark = pytest.mark.once
 
 def left(trajectory, camera, policy=POLICY, time=9, *more):
     """What the plan left out, after it was compared with the full one."""
-    short, full = (
-        plan(trajectory, camera, policy, time, *more),
-        plan(trajectory.full, camera, policy, time, *more),
-    )
+    short = plan(trajectory, camera, policy, time, *more)
+    full = plan(trajectory.full, camera, policy, time, *more)
     assert full.left_out == ()
     assert raw(short) == raw(full)
     return set(short.left_out)
@@ -84,7 +82,8 @@ def test_one_pixel_of_another_label_keeps_the_stage():
 
 
 def test_a_crowd_that_stands_plays_its_actions_and_is_planned_once():
-    trajectory, camera = shot(groups=(IDLER, walker())), straight(offset=(0, 30, 0))
+    trajectory = shot(groups=(IDLER, walker()))
+    camera = straight(offset=(0, 30, 0))
     first = plan(trajectory, camera, POLICY, 9)
     assert leave_outs.STATIC not in first.left_out and leave_outs.STILL in first.left_out
     for time in (10, 40, 3, 7.25):
@@ -147,7 +146,8 @@ def test_a_level_height_map_would_not_have_moved_anyone():
 
 
 def test_savings_name_what_was_left_out_and_add_up():
-    trajectory, camera = shot(count=20_000), straight(offset=(0, 30, 0))
+    trajectory = shot(count=20_000)
+    camera = straight(offset=(0, 30, 0))
     result = savings(trajectory, camera, POLICY, 9, repeats=5)
     assert set(result.items) == left(trajectory, camera) | {leave_outs.STATIC}
     assert result.items[leave_outs.STILL] > 0 and result.full > 5 * result.lean

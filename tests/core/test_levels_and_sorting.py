@@ -26,7 +26,8 @@ from ..support.crowds import crowd_at
 
 
 def test_listing_1_3_and_equation_1_7_agree_but_for_the_threshold_itself():
-    thresholds, far = (0.1, 0.25, 0.6), 80.0
+    thresholds = (0.1, 0.25, 0.6)
+    far = 80.0
     distance = np.array([-5.0, 0, 7.999, 8, 8.001, 19.9, 20, 47.9, 48, 80, 1e9])
     ifs = []
     for d in distance:  # U(0) = 1: on the threshold the coarser LOD begins
@@ -59,7 +60,8 @@ def test_margin_must_be_a_length(margin):
 @pytest.mark.parametrize("count", [0, 1, 5000])
 def test_buckets_are_contiguous_complete_and_in_agent_order(count):
     random = np.random.default_rng(count)
-    visible, ids = random.random(count) < 0.6, random.integers(4, size=count).astype(np.uint8)
+    visible = random.random(count) < 0.6
+    ids = random.integers(4, size=count).astype(np.uint8)
     buckets = sort(visible, ids, 5)
     assert buckets.counts.sum() == visible.sum() == len(buckets.order)
     for level in range(5):
@@ -91,7 +93,8 @@ def test_sizes_in_pixels_follow_the_zoom():
 def test_a_tolerance_bounds_the_error_in_pixels():
     random = np.random.default_rng(2)
     deviation = np.array([[0, 0.01, 0.05, 0.04], [0, 0.002, 0.03, 0.2]])
-    radius, camera = np.array([1.0, 2.0]), straight()
+    radius = np.array([1.0, 2.0])
+    camera = straight()
     policy = LevelPolicy((0, 0, 0), "PIXELS", tolerance=0.5)
     group = random.integers(2, size=4000, dtype=np.uint8)
     distance = random.uniform(0, 100, 4000)
@@ -146,7 +149,8 @@ def test_painted_bias_scales_the_distance():
 def test_hysteresis_holds_within_the_band_and_only_there():
     edges = np.array([10.0, 20.0])
     walk = np.array([5, 9.5, 10.5, 11.1, 10.5, 9.5, 8.9, 30, 18.5, 17.9])
-    ids, held = np.zeros(1, np.uint8), []
+    ids = np.zeros(1, np.uint8)
+    held = []
     for distance in walk:
         ids = hold(ids, np.array([distance]), edges, width=0.1)
         held.append(int(ids[0]))
@@ -186,11 +190,14 @@ def test_ids_differ_from_exact_arithmetic_within_the_stated_bound_only():
 )
 def test_no_agent_has_a_finer_lod_than_there_is(kind, metric, tolerance):
     random = np.random.default_rng(4)
-    camera, radius, finest = straight(kind=kind), np.array([1.0, 2.0, 0.5]), (0, 2, 3)
+    camera = straight(kind=kind)
+    radius = np.array([1.0, 2.0, 0.5])
+    finest = (0, 2, 3)
     thresholds = (90.0, 30.0, 9.0) if metric == "PIXELS" else (0.1, 0.4, 0.8)
     deviation = np.sort(random.uniform(0, 0.4, (3, 4)), axis=1)
     policy = LevelPolicy(thresholds, metric, tolerance=tolerance)
-    group, distance = random.integers(3, size=500, dtype=np.uint8), random.uniform(-5, 120, 500)
+    group = random.integers(3, size=500, dtype=np.uint8)
+    distance = random.uniform(-5, 120, 500)
     free, held = (
         assign(distance, limits(each, camera, radius, deviation), group)
         for each in (policy, replace(policy, finest=finest))

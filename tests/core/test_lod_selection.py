@@ -73,11 +73,10 @@ def test_the_reason_holds_in_every_frame_and_in_an_orthographic_view():
     group = replace(
         LODS, triangles=(1000, 500, 190, 40), deviations=(0, 0.1, 0.3, 1.5)
     )  # from 6, 16 and 76 m on
-    one, other = View(straight(), 2.0, 4.0), View(straight(), 300.0, 400.0)
-    few, many = (
-        "are too few for all agents in 1 of the 2 frames checked",
-        "and more than needed in the others.",
-    )
+    one = View(straight(), 2.0, 4.0)
+    other = View(straight(), 300.0, 400.0)
+    few = "are too few for all agents in 1 of the 2 frames checked"
+    many = "and more than needed in the others."
     assert choose(group, 1.0, [one, other]) == (
         [0, 3],
         {1: f"500 triangles {few}, {many}", 2: f"190 triangles {few}, {many}"},
@@ -175,10 +174,8 @@ def test_lengths_go_from_what_the_nearest_agent_allows_to_what_the_farthest_does
 
 def test_a_lod_that_repeats_the_group_s_last_never_begins():
     """Groups have as many LODs as the one with most: without any of its own a group shows LOD 0."""
-    counts, bounds = (
-        ((900, 900, 900), (900, 90, 90), (900, 90, 9)),
-        ((0.0,) * 3, (0.0, 0.1, 0.1), (0.0, 0.1, 0.3)),
-    )
+    counts = ((900, 900, 900), (900, 90, 90), (900, 90, 9))
+    bounds = ((0.0,) * 3, (0.0, 0.1, 0.1), (0.0, 0.1, 0.3))
     groups = [
         Group(str(k), 1, 1.0, 0, 1, triangles=own, deviations=off, bounds=off)
         for k, (own, off) in enumerate(zip(counts, bounds, strict=True))

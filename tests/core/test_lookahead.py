@@ -77,7 +77,9 @@ def test_steps_are_plain_ones_to_the_bit(machine, world, seed, axis, strewn, sec
     crowd = populate(400, seed, 3, machine, world)
     if machine.edge == "reflect" or strewn:
         crowd = odd(crowd, np.random.default_rng(seed), machine, world)
-        crowd.x[10:20], crowd.y[20:30], crowd.x[30] = -0.0, -0.0, np.nextafter(AREA.x_max, 0)
+        crowd.x[10:20] = -0.0
+        crowd.y[20:30] = -0.0
+        crowd.x[30] = np.nextafter(AREA.x_max, 0)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(lookahead, "BLOCK", 64)
         patch.setattr(lookahead, "FEW", few)
@@ -86,7 +88,8 @@ def test_steps_are_plain_ones_to_the_bit(machine, world, seed, axis, strewn, sec
 
 @pytest.mark.parametrize("name", preset_names())
 def test_presets_know_most_steps_of_long_shots(name):
-    machine, random = load_preset(name), np.random.default_rng(1)
+    machine = load_preset(name)
+    random = np.random.default_rng(1)
     labels = np.kron(
         random.integers(len(machine.labels), size=(3, 4)), np.ones((4, 4), int)
     ).astype(np.uint8)
@@ -98,7 +101,8 @@ def test_presets_know_most_steps_of_long_shots(name):
 @pytest.mark.parametrize("axis, cells", [(0, 0.4), (0, 1.2), (1, 0.9), (1, 2.6)])
 def test_through_cells_of_one_label_goes_on_who_skips_none(axis, cells):
     world = LabelMap(np.repeat(ground([(3, 20)], (7, 40)).labels, 9, axis=0), AREA)
-    machine, way = walking(), np.eye(2)[axis]
+    machine = walking()
+    way = np.eye(2)[axis]
     machine = replace(
         machine, velocity=np.sign(machine.velocity[..., :1]) * way * world.cell[axis] * cells * 24
     )
@@ -114,7 +118,8 @@ def test_aslant_among_cells_of_one_label(turn, cells):
     once.
     """
     world = LabelMap(np.kron(ground([(2, 4)]).labels, np.ones((6, 6), int)).astype(np.uint8), AREA)
-    machine, way = walking(), np.array([np.cos(turn * np.pi / 8), np.sin(turn * np.pi / 8)])
+    machine = walking()
+    way = np.array([np.cos(turn * np.pi / 8), np.sin(turn * np.pi / 8)])
     velocity = (
         np.sign(machine.velocity[..., :1]) * way / np.abs(way).max() * world.cell * cells * 24
     )
@@ -131,10 +136,12 @@ def test_aslant_among_cells_of_one_label(turn, cells):
 
 def test_far_from_the_origin_and_at_nan_nothing_is_known_that_does_not_hold():
     area = dataclasses.replace(AREA, x_min=1e7 - 40, x_max=1e7 + 40)
-    machine, world = walking(), LabelMap(ground([(3, 4)]).labels, area)
+    machine = walking()
+    world = LabelMap(ground([(3, 4)]).labels, area)
     assert check(populate(500, 1, 3, machine, world), machine, world, 1e-6, 40) > 0.5
     crowd = populate(50, 1, 3, machine, world)
-    crowd.x[:10], crowd.y[5:20] = np.nan, np.inf
+    crowd.x[:10] = np.nan
+    crowd.y[5:20] = np.inf
     tables = Tables(machine, 1 / 24)
     assert not look_ahead(crowd, machine, world, tables).steps[:20].any()
 
@@ -168,7 +175,8 @@ def test_who_must_look_each_step_is_stepped_as_a_whole(monkeypatch):
 
 def test_one_door_gives_plain_steps_whatever_it_is_asked_for():
     """Steps in a row, shorter ones between, others from other crowds, and back."""
-    machine, world = walking("wrap"), ground([(3, slice(None))])
+    machine = walking("wrap")
+    world = ground([(3, slice(None))])
     steps = Steps(machine, world, 1 / 24)
     first = populate(300, 1, 3, machine, world)
     crowd = first
@@ -202,9 +210,12 @@ def test_runs_are_those_of_a_walk_from_cell_to_cell(shape):
     for axis, (down, right) in enumerate([(0, 1), (1, 0)]):
         for sign in (0, 1):
             for row, column in np.ndindex(shape):
-                count, r, c = 0, row, column
+                count = 0
+                r = row
+                c = column
                 while True:
-                    r, c = r + down * (2 * sign - 1), c + right * (2 * sign - 1)
+                    r = r + down * (2 * sign - 1)
+                    c = c + right * (2 * sign - 1)
                     if (
                         not (0 <= r < shape[0] and 0 <= c < shape[1])
                         or labels[r, c] != labels[row, column]

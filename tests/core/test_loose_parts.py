@@ -21,7 +21,8 @@ def toothy(count=60):
         0.02 + 0.1 * along,
         np.sqrt(np.maximum(1 - (3 * along - 2) ** 2, 0.06)) * 0.25,
     )
-    points, triangles = [np.column_stack([body[:, :2] * width[:, None], 1.5 * along])], [faces]
+    points = [np.column_stack([body[:, :2] * width[:, None], 1.5 * along])]
+    triangles = [faces]
     tooth, faces = drum(8, 4)
     tooth = tooth / np.ptp(tooth, axis=0) * (0.012, 0.012, 0.03)
     for k in range(count):
@@ -52,9 +53,7 @@ def test_a_tail_stays_beside_more_teeth_than_there_are_triangles_for(moves):
 
 def test_copies_of_a_body_in_one_place_both_stay():
     body, faces = drum(16, 20)
-    points, triangles = (
-        np.concatenate([body, body]),
-        np.concatenate([faces, faces[:, ::-1] + len(body)]),
-    )
+    points = np.concatenate([body, body])
+    triangles = np.concatenate([faces, faces[:, ::-1] + len(body)])
     lod = decimate((points, triangles), 0.1, "doubled", effort=0.1)
     assert len(np.unique(lod.source // len(body))) == 2

@@ -26,7 +26,8 @@ def after(text, *changes):
 def test_values_put_back_leave_a_preset_as_it_was_to_the_byte(name):
     text = preset_text(name)
     machine = draft(text, name)
-    state, label = machine.states[0], machine.labels[-1]
+    state = machine.states[0]
+    label = machine.labels[-1]
     there = (
         edits.rename("states", state, "another"),
         edits.rename("labels", label, "other"),
@@ -114,14 +115,17 @@ def test_names_change_wherever_they_stand():
         and '"stall":' not in text
         and text.count('"bargain"') == MARKET.count('"buy"')
     )
-    old, new = parse(MARKET, "t"), parse(text, "t")
+    old = parse(MARKET, "t")
+    new = parse(text, "t")
     assert (old.next_state == new.next_state).all() and (old.odds == new.odds).all()
 
 
 def test_what_led_to_a_removed_state_stays_in_its_own():
     text = after(preset_text("evacuation"), edits.remove("states", "safe"))
-    old, new = parse(preset_text("evacuation"), "t"), parse(text, "t")
-    exit_, safe = old.labels.index("exit"), old.states.index("safe")
+    old = parse(preset_text("evacuation"), "t")
+    new = parse(text, "t")
+    exit_ = old.labels.index("exit")
+    safe = old.states.index("safe")
     led = [
         s for s, state in enumerate(old.states) if old.next_state[s, exit_] == safe and s != safe
     ]
@@ -211,8 +215,10 @@ NUMBERS = st.floats(-1, 50, width=32) | st.sampled_from([0, 0.001, float("inf"),
 
 def changes(machine):
     """Any edit of what is there, with any new value."""
-    states, labels = st.sampled_from(machine.states), st.sampled_from(machine.labels)
-    rows, kinds = st.sampled_from(["*", *machine.labels]), st.sampled_from(["states", "labels"])
+    states = st.sampled_from(machine.states)
+    labels = st.sampled_from(machine.labels)
+    rows = st.sampled_from(["*", *machine.labels])
+    kinds = st.sampled_from(["states", "labels"])
     weights = st.lists(st.tuples(states, NUMBERS), max_size=3)
 
     def named(make):

@@ -126,7 +126,8 @@ HILLS = HeightMap(
 
 def bilinear(x, y):
     """One agent's height, by two linear interpolations in a row."""
-    columns, rows = 11 + 2 * np.arange(7), -2 + 2 * np.arange(5)
+    columns = 11 + 2 * np.arange(7)
+    rows = -2 + 2 * np.arange(5)
     return 100 + np.interp(
         y, rows, [np.interp(x, columns, row) for row in HILLS.heights.astype(float)]
     )
@@ -134,7 +135,8 @@ def bilinear(x, y):
 
 def test_height_is_bilinear_between_pixel_middles_and_level_beyond():
     random = np.random.default_rng(0)
-    x, y = random.uniform(8, 26, 500), random.uniform(-5, 9, 500)
+    x = random.uniform(8, 26, 500)
+    y = random.uniform(-5, 9, 500)
     np.testing.assert_allclose(
         HILLS.at(x, y), [bilinear(*p) for p in zip(x, y, strict=True)], rtol=0, atol=1e-12
     )
@@ -146,9 +148,12 @@ def test_height_is_bilinear_between_pixel_middles_and_level_beyond():
 
 def test_slope_is_the_derivative_of_the_height():
     random = np.random.default_rng(1)
-    x, y = random.uniform(9, 25, 500), random.uniform(-4, 8, 500)
+    x = random.uniform(9, 25, 500)
+    y = random.uniform(-4, 8, 500)
     apart = (abs((x - 1) % 2 - 0) > 1e-3) & (abs(y % 2) > 1e-3)  # not on a fold
-    x, y, step = x[apart], y[apart], 1e-6
+    x = x[apart]
+    y = y[apart]
+    step = 1e-6
     along_x, along_y = HILLS.slope(x, y)
     np.testing.assert_allclose(
         along_x, (HILLS.at(x + step, y) - HILLS.at(x - step, y)) / (2 * step), atol=1e-7
@@ -163,21 +168,22 @@ def test_a_tilted_agent_stands_square_on_the_ground():
     still faces its way.
     """
     random = np.random.default_rng(3)
-    x, y, heading = (
-        random.uniform(11, 23, 200),
-        random.uniform(-2, 6, 200),
-        random.uniform(-np.pi, np.pi, 200),
-    )
+    x = random.uniform(11, 23, 200)
+    y = random.uniform(-2, 6, 200)
+    heading = random.uniform(-np.pi, np.pi, 200)
     pitch, roll = HILLS.tilt(x, y, heading.astype(np.float32))
     along_x, along_y = HILLS.slope(x, y)
 
     def about(axis, angle):
-        c, s = np.cos(angle), np.sin(angle)
+        c = np.cos(angle)
+        s = np.sin(angle)
         i, j = [k for k in range(3) if k != axis]
         matrix = np.eye(3)
-        matrix[i, i], matrix[j, j] = c, c
+        matrix[i, i] = c
+        matrix[j, j] = c
         sign = -1 if axis == 1 else 1
-        matrix[i, j], matrix[j, i] = -sign * s, sign * s
+        matrix[i, j] = -sign * s
+        matrix[j, i] = sign * s
         return matrix
 
     for i in range(200):
@@ -217,10 +223,8 @@ def test_positions_put_into_a_cell_are_found_in_it(low):
     random = np.random.default_rng(0)
     world = LabelMap(np.zeros((30, 30), np.uint8), Area(low, low, low + 21.7, low + 9.1))
     column, row = random.integers(30, size=(2, 5000))
-    x, y = (
-        low + random.choice(31, 5000) * world.cell[0],
-        low + random.choice(31, 5000) * world.cell[1],
-    )
+    x = low + random.choice(31, 5000) * world.cell[0]
+    y = low + random.choice(31, 5000) * world.cell[1]
     x, y = world.into(x, y, column, row)
     found = world.cells(x, y)
     assert (found[0] == column).all() and (found[1] == row).all()
@@ -239,7 +243,8 @@ def test_squares_of_one_label_are_those_of_trying_each(shape):
     for up, right, row, column in np.ndindex(squares.shape):
         sizes = []
         for size in range(1, MOST_SQUARE + 1):
-            low, left = row - (1 - up) * (size - 1), column - (1 - right) * (size - 1)
+            low = row - (1 - up) * (size - 1)
+            left = column - (1 - right) * (size - 1)
             inside = low >= 0 and left >= 0 and low + size <= rows and left + size <= columns
             sizes.append(
                 inside

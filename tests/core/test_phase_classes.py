@@ -70,9 +70,11 @@ def test_a_class_changes_with_the_pace_alone_and_by_half_a_class_at_most(classes
     trajectory = Walk(
         start, machine, world, (walker(), walker(stride=0.8)), 1 / 24, classes=classes
     )
-    changed, jumps = 0, []
+    changed = 0
+    jumps = []
     for frame in range(2, 200):
-        before, crowd = trajectory.at(frame - 1), trajectory.at(frame)
+        before = trajectory.at(frame - 1)
+        crowd = trajectory.at(frame)
         speed = np.hypot(*machine.velocity[crowd.state, world.at(crowd.x, crowd.y)].T)
         assert np.allclose(machine.paces.speeds[crowd.pace], speed)
         other = crowd.pace != before.pace
@@ -136,7 +138,8 @@ def waiting(action="idle", **changes):
 def test_each_state_plays_its_action_at_its_own_rate():
     machine = waiting()
     trajectory = Walk(populate(500, 1, 1, machine, PLAIN), machine, PLAIN, (IDLES,), 1 / 24)
-    gaits, seen = trajectory.gaits, set()
+    gaits = trajectory.gaits
+    seen = set()
     assert gaits.actions == ("", "idle") and gaits.plays == (
         ((0, round(1 / 1.25, 9)), (1, 1 / 3.2)),
     )
@@ -173,7 +176,8 @@ def test_agents_that_wait_are_not_in_step():
 def test_an_action_named_alike_in_all_states_costs_no_pace_and_none_changes_nothing():
     one = machine_of({"go": {"action": "run", "on": {"*": {"move": [1.0, 0.0]}}}})
     assert len(one.paces.speeds) == 1 and one.paces.actions == ("run",)
-    plain, named = waiting(""), waiting()
+    plain = waiting("")
+    named = waiting()
     assert plain.paces.actions == () and plain.paces.speeds.tolist() == [0, 1] == sorted(
         named.paces.speeds
     )

@@ -87,7 +87,8 @@ def test_few_classes_leave_few_neighbors_in_step(planned):
 def test_in_step_is_what_the_crowd_shows(shot, planned):
     """Counted again from the crowd of each frame, by a plain search."""
     trajectory, survey = shot
-    close, in_step = 0, 0
+    close = 0
+    in_step = 0
     for f in range(0, len(survey.times), 4):
         time = survey.times[f]
         crowd = planned.phases.applied(trajectory.at(time), trajectory.gaits)

@@ -138,7 +138,8 @@ def test_plans_of_previews_are_compared_by_their_parts(tmp_path):
     ],
 )
 def test_spoilt_plans_are_named_in_one_sentence(tmp_path, content, says):
-    good, bad = planned(tmp_path / "good", [row(1, 1)]), tmp_path / "bad"
+    good = planned(tmp_path / "good", [row(1, 1)])
+    bad = tmp_path / "bad"
     if isinstance(content, str):
         bad.mkdir()
         (bad / "plan.json").write_bytes(content.encode("utf-8", "surrogateescape"))

@@ -21,7 +21,9 @@ def test_speeds_that_people_do_not_walk_at_are_found(speeds, kind):
 
 
 def test_a_speed_is_that_of_who_walks():
-    agents, ways, seconds = np.array([0, 0, 1, 1]), np.array([2.45, 0.0, 0.0, 0.001]), np.ones(4)
+    agents = np.array([0, 0, 1, 1])
+    ways = np.array([2.45, 0.0, 0.0, 0.001])
+    seconds = np.ones(4)
     assert judge.median_speeds(agents, ways, seconds, 3).tolist() == [2.45, 0, 0]
     assert judge.check_speeds(np.array([2.45, 0]), judge.HASTE).value == 2.45
 

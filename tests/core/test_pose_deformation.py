@@ -10,8 +10,10 @@ from crowd_lod_extension.crowd_lod.simplification.surface_fit import SurfaceFit
 
 def turn(angle):
     """Matrices (..., 3, 3) about x."""
-    c, s = np.cos(angle), np.sin(angle)
-    zero, one = np.zeros_like(c), np.ones_like(c)
+    c = np.cos(angle)
+    s = np.sin(angle)
+    zero = np.zeros_like(c)
+    one = np.ones_like(c)
     return np.stack([one, zero, zero, zero, c, -s, zero, s, c], axis=-1).reshape(
         *np.shape(angle), 3, 3
     )
@@ -28,9 +30,15 @@ def tube(rings=40, around=24):
     i, j = (
         grid.ravel() for grid in np.meshgrid(np.arange(rings - 1), np.arange(around), indexing="ij")
     )
-    k, low, high = (j + 1) % around, len(points) - 2, len(points) - 1
-    a, b, c, d = i * around + j, i * around + k, (i + 1) * around + j, (i + 1) * around + k
-    first, last = np.arange(around), np.arange(around) + (rings - 1) * around
+    k = (j + 1) % around
+    low = len(points) - 2
+    high = len(points) - 1
+    a = i * around + j
+    b = i * around + k
+    c = (i + 1) * around + j
+    d = (i + 1) * around + k
+    first = np.arange(around)
+    last = np.arange(around) + (rings - 1) * around
     caps = [
         np.column_stack([np.roll(first, -1), first, np.full(around, low)]),
         np.column_stack([last, np.roll(last, -1), np.full(around, high)]),
@@ -57,9 +65,11 @@ def distance(samples, points, triangles):
     found = []
     for p in samples:
         height = np.einsum("md,md->m", p - corners[:, 0], normal)
-        inside, nearest = np.ones(len(corners), bool), np.full(len(corners), np.inf)
+        inside = np.ones(len(corners), bool)
+        nearest = np.full(len(corners), np.inf)
         for i in range(3):
-            a, side = corners[:, i], corners[:, (i + 1) % 3] - corners[:, i]
+            a = corners[:, i]
+            side = corners[:, (i + 1) % 3] - corners[:, i]
             inside &= np.einsum("md,md->m", np.cross(side, p - a), normal) >= 0
             along = (np.einsum("md,md->m", p - a, side) / np.einsum("md,md->m", side, side)).clip(
                 0, 1
@@ -74,10 +84,8 @@ def distance(samples, points, triangles):
 def test_an_elbow_straight_at_rest_keeps_its_shape_when_it_bends(ratio):
     points, triangles = tube()
     skin = bent(points, [0.0, 0.7, 1.6])
-    heeding, blind = (
-        decimate((points, triangles), ratio, "arm", skin=skin),
-        decimate((points, triangles), ratio, "arm"),
-    )
+    heeding = decimate((points, triangles), ratio, "arm", skin=skin)
+    blind = decimate((points, triangles), ratio, "arm")
     assert len(heeding.triangles) <= len(blind.triangles) * 1.01
     off = [
         distance(skin.place[2], skin.at(2, lod.points.T, lod.source).T, lod.triangles).max()
@@ -114,10 +122,8 @@ def test_the_poses_that_tell_most_come_first_and_those_that_tell_nothing_not_at_
         points, np.einsum("knij,nj->kni", whole, points), whole
     )  # all of it turns: nothing bends
     assert turned.telling(triangles) is None
-    same, plain = (
-        decimate((points, triangles), 0.3, "arm", skin=turned),
-        decimate((points, triangles), 0.3, "arm"),
-    )
+    same = decimate((points, triangles), 0.3, "arm", skin=turned)
+    plain = decimate((points, triangles), 0.3, "arm")
     np.testing.assert_array_equal(same.points, plain.points)
 
 
@@ -126,7 +132,8 @@ def test_copies_lie_apart_and_what_all_of_them_ask_for_comes_back_to_rest():
     skin = bent(points, [1.1, -0.6])
     copies = Copies(skin)
     rng = np.random.default_rng(0)
-    follows, off = rng.integers(0, len(points), 50), rng.normal(0, 0.1, (50, 3))
+    follows = rng.integers(0, len(points), 50)
+    off = rng.normal(0, 0.1, (50, 3))
     every = copies.at(copies.rest * (points[follows] + off).T, follows).reshape(3, 50, 3)
     np.testing.assert_allclose(every[..., 0].T, copies.rest * (points[follows] + off))
     for j in range(2):
@@ -198,7 +205,8 @@ def test_what_rounds_take_over_from_those_before_is_what_they_would_find(posed, 
     points, triangles = tube()
     points = points + np.random.default_rng(0).normal(scale=0.002, size=points.shape)
     skin = bent(points, [-0.5, 1.0, 2.0]) if posed else None
-    took, taken_over = [], edge_collapse._taken_over
+    took = []
+    taken_over = edge_collapse._taken_over
 
     def counted(*arguments):
         took.append(taken_over(*arguments))

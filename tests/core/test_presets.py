@@ -19,7 +19,8 @@ def painted(machine, rows, columns, *strokes):
     return LabelMap(labels, Area(0, 0, columns / 2, rows / 2))
 
 
-ALL, RIM = slice(None), ((0, slice(None)), (-1, slice(None)), (slice(None), 0), (slice(None), -1))
+ALL = slice(None)
+RIM = ((0, slice(None)), (-1, slice(None)), (slice(None), 0), (slice(None), -1))
 
 
 def market(machine):

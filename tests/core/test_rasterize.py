@@ -38,8 +38,10 @@ def area_in(triangle, x, y, width, height):
 def test_cells_are_those_that_a_triangle_has_a_part_in(pairs, monkeypatch):
     monkeypatch.setattr(rasterize, "OVERLAPS", pairs)
     rng = np.random.default_rng(3)
-    rows, columns = 9, 13
-    width, height = AREA.size[0] / columns, AREA.size[1] / rows
+    rows = 9
+    columns = 13
+    width = AREA.size[0] / columns
+    height = AREA.size[1] / rows
     for _ in range(12):
         triangles = rng.uniform((-5, 0), (9, 10), (2, 3, 2)) * rng.choice([1, 0.7], (2, 1, 1))
         wanted = [

@@ -61,9 +61,12 @@ def test_a_samples_frame_is_the_files_to_the_bit_at_the_files_rate_and_at_others
 @pytest.mark.parametrize("z", [False, True])
 def test_between_samples_all_is_linear_and_who_is_away_stands_where_it_enters_or_left(z):
     rows = wanderers(80, z=z)
-    crowd, first, last = recorded(rows), rows.frame.min(), rows.frame.max()
+    crowd = recorded(rows)
+    first = rows.frame.min()
+    last = rows.frame.max()
     for time in (-5, 1, 1.25, 8, 33.4, 90.75, 150, 300):
-        found, frame = crowd.at(time), np.clip(first + (time - 1) * 16 / 24, first, last)
+        found = crowd.at(time)
+        frame = np.clip(first + (time - 1) * 16 / 24, first, last)
         for k, agent in enumerate(crowd.ids):
             frames, x, y, height = track(rows, agent)
             assert found.x[k] == pytest.approx(np.interp(frame, frames, x), abs=1e-12)
@@ -90,13 +93,15 @@ def test_rows_in_any_order_and_between_other_agents_give_the_same():
     rows = wanderers(50)
     order = np.lexsort((rows.frame, rows.id))
     other = replace(rows, **{name: column[order] for name, column in rows.columns.items()})
-    a, b = recorded(rows), recorded(other)
+    a = recorded(rows)
+    b = recorded(other)
     assert a.digests() == b.digests() and same(a.at(31.5), b.at(31.5))
 
 
 @pytest.mark.parametrize("z", [False, True])
 def test_velocities_are_never_exceeded(z):
-    rows, random = wanderers(200, z=z), np.random.default_rng(3)
+    rows = wanderers(200, z=z)
+    random = np.random.default_rng(3)
     heights = (
         None
         if z
@@ -105,7 +110,9 @@ def test_velocities_are_never_exceeded(z):
     crowd = recorded(rows, heights=heights)
     for since in random.uniform(-10, 200, 40):
         until = since + random.choice([0.01, 0.5, 3.0, 40.0])
-        bounds, (a, b) = crowd.velocity(since, until), (crowd.at(since), crowd.at(until))
+        bounds = crowd.velocity(since, until)
+        a = crowd.at(since)
+        b = crowd.at(until)
         least, most = bounds.between([(until - since) / 24])
         for axis, name in enumerate("xyz"):
             moved = getattr(b, name) - getattr(a, name)
@@ -132,7 +139,8 @@ def test_who_crosses_a_gap_is_fast_until_its_end():
     x = np.where(rows.frame < 30, rows.x, rows.x + 30)
     crowd = recorded(replace(rows, x=x), fps=10.0)
     for time in np.arange(1, 60, 0.3):
-        since, until = time, time + 0.1
+        since = time
+        until = time + 0.1
         moved = crowd.at(until).x[0] - crowd.at(since).x[0]
         assert moved <= crowd.velocity(since, until).between([0.01])[1][0] + 1e-9
     assert crowd.velocity(37, 38).speed > 15 > 2 > crowd.velocity(50, 59).speed
@@ -150,7 +158,8 @@ def test_nobody_is_missed_and_leave_outs_change_nothing(monkeypatch, fewest, kin
         else None
     )
     heights = Terrain(two_floors()) if kind == "terrain" else heights
-    crowd, found = recorded(wanderers(250, z=kind == "alone"), heights=heights), set()
+    crowd = recorded(wanderers(250, z=kind == "alone"), heights=heights)
+    found = set()
     if kind == "several":
         crowd = Several([shot(walking(), groups=GROUPS), crowd], ("", "File"), (True, True))
     for time in (1, 30, 61.25, 90, 147.5):
@@ -207,7 +216,8 @@ def test_who_stands_keeps_heading_way_and_pose_whatever_the_tracker_trembles():
 
 def test_headings_turn_the_shorter_way():
     angle = np.radians(np.linspace(150, 210, 30))  # over the seam at 180 degrees
-    x, y = np.cumsum(np.cos(angle)) * 0.1, np.cumsum(np.sin(angle)) * 0.1
+    x = np.cumsum(np.cos(angle)) * 0.1
+    y = np.cumsum(np.sin(angle)) * 0.1
     crowd = recorded(line(x, y), fps=10.0)
     headings = np.unwrap([float(crowd.at(time).heading[0]) for time in np.arange(1, 30, 0.1)])
     assert np.abs(np.diff(headings)).max() < 0.02
@@ -222,7 +232,8 @@ def test_feet_keep_to_the_ground_poses_are_a_32nd_of_a_cycle_off_at_most():
     strides = np.array([group.stride for group in crowd.groups])[crowd.start.group]
     walkers = strides > 0
     way = np.zeros(len(crowd.ids))
-    previous, off = None, []
+    previous = None
+    off = []
     for time in np.arange(1, 150, 1.5):  # the file's own frames
         now = crowd.at(time)
         phase = crowd.phase(now, time)
@@ -240,11 +251,13 @@ def test_feet_keep_to_the_ground_poses_are_a_32nd_of_a_cycle_off_at_most():
 def walked(rows, agent, frame):
     """Meters of the agent's smoothed way to a whole frame, summed row by row."""
     frames, x, y, _ = track(rows, agent)
-    total, near = 0.0, round(0.25 * rows.rate)
+    total = 0.0
+    near = round(0.25 * rows.rate)
     for k, own in enumerate(frames):
         if own >= frame:
             break
-        a, b = max(k - near, 0), min(k + near, len(frames) - 1)
+        a = max(k - near, 0)
+        b = min(k + near, len(frames) - 1)
         speed = np.hypot(x[b] - x[a], y[b] - y[a]) / (frames[b] - frames[a]) * rows.rate
         if speed >= 0.1 and k + 1 < len(frames):
             total += speed * (frames[k + 1] - own) / rows.rate
@@ -253,7 +266,8 @@ def walked(rows, agent, frame):
 
 def test_a_files_own_headings_phases_and_groups_are_played():
     count = 40
-    heading, phase = np.linspace(3, 5, count), np.arange(count) * 0.06
+    heading = np.linspace(3, 5, count)
+    phase = np.arange(count) * 0.06
     crowd = recorded(line(np.linspace(0, 4, count), heading=heading, phase=phase), fps=10.0)
     for time in (1, 9, 20, 39):
         now = crowd.at(time)
@@ -264,11 +278,14 @@ def test_a_files_own_headings_phases_and_groups_are_played():
 
 def test_the_crowd_is_moved_and_played_from_its_start_frame_on():
     rows = wanderers(30)
-    plain, moved = recorded(rows), recorded(rows, offset=(10.0, -5.0, 2.0), first_frame=101)
-    a, b = plain.at(31), moved.at(131)
+    plain = recorded(rows)
+    moved = recorded(rows, offset=(10.0, -5.0, 2.0), first_frame=101)
+    a = plain.at(31)
+    b = moved.at(131)
     assert np.array_equal(b.x, a.x + 10) and np.array_equal(b.y, a.y - 5) and (b.z == 2).all()
     assert moved.area.x_min == plain.area.x_min + 10
-    before, after = moved.at(50), moved.at(101)
+    before = moved.at(50)
+    after = moved.at(101)
     assert (
         np.array_equal(before.x, after.x)
         and np.array_equal(before.present, after.present)
@@ -281,7 +298,8 @@ def test_the_crowd_is_moved_and_played_from_its_start_frame_on():
 def test_on_several_floors_agents_keep_to_theirs_and_a_files_z_chooses_it():
     y = np.linspace(10, 70, 500)
     up, under = (np.stack([np.full(500, x), y]) for x in (0.0, 30.0))  # one takes the ramp
-    ids, frame = np.repeat([1, 2], 500), np.tile(np.arange(500.0), 2)
+    ids = np.repeat([1, 2], 500)
+    frame = np.tile(np.arange(500.0), 2)
     rows = Rows(ids, frame, *np.concatenate([up, under], axis=1), rate=10.0)
     crowd = recorded(rows, fps=10.0, heights=Terrain(two_floors()))
     assert crowd.at(500).z.tolist() == [4, 0] and crowd.at(1).z.tolist() == [0, 0]

@@ -53,7 +53,8 @@ def blocks(request, monkeypatch):
 def test_agents_follow_one_another_and_numbers_stay():
     crowds = several(heights=hills())
     for time in (1, 7, 7.5, 40):
-        crowd, own = crowds.at(time), [each.at(time) for each in crowds.members]
+        crowd = crowds.at(time)
+        own = [each.at(time) for each in crowds.members]
         for name in ("x", "y", "z", "heading", "group", "phase_class", "key"):
             assert np.array_equal(
                 getattr(crowd, name), np.concatenate([getattr(each, name) for each in own])
@@ -70,7 +71,8 @@ def test_agents_follow_one_another_and_numbers_stay():
 @pytest.mark.once
 @pytest.mark.parametrize("edge", ["clamp", "wrap", "reflect"])
 def test_nobody_is_missed(blocks, edge):
-    crowds, found = several(edge, hills()), set()
+    crowds = several(edge, hills())
+    found = set()
     random = np.random.default_rng(9)
     for time in (1, 9, 30.25, 61):
         camera = straight(offset=(random.uniform(-40, 60), random.uniform(-40, 60), 1.7))
@@ -92,7 +94,8 @@ def test_nobody_is_missed(blocks, edge):
 
 
 def test_a_crowd_that_is_not_shown_is_absent_in_all_that_follows(blocks):
-    crowds, whole = several(shown=(True, False, True)), several()
+    crowds = several(shown=(True, False, True))
+    whole = several()
     camera = straight(offset=(0, -30, 1.7))
     lights = Surroundings(lights=(Light(None, np.array([0.6, 0.0, -0.8])),))
     frame = surround(plan(crowds, camera, POLICY, 9), lights)
@@ -129,7 +132,9 @@ def test_rigs_are_those_that_a_crowds_own_groups_play():
 
 
 def test_a_plan_made_before_is_told_of_changes_in_any_crowd():
-    a, b, c = several(), several(), several(shown=(True, True, False))
+    a = several()
+    b = several()
+    c = several(shown=(True, True, False))
     assert a.digests() == b.digests() != c.digests()
     assert several(heights=hills()).digests() != a.digests()
 

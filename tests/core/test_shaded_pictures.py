@@ -49,7 +49,8 @@ def test_a_ball_is_lit_as_lambert_says():
     rows, columns = picture.shape[:2]
     y, x = np.mgrid[:rows, :columns]
     low = flat(points, 60)[:, :2].min(axis=0) - shaded_pictures.MARGIN
-    across, up = (x + 0.5 + low[0]) / 60, (y + 0.5 + low[1]) / 60
+    across = (x + 0.5 + low[0]) / 60
+    up = (y + 0.5 + low[1]) / 60
     inside = across**2 + up**2 < 0.9
     towards = np.sqrt(1 - (across**2 + up**2)[inside])
     lit = np.clip(
@@ -62,22 +63,23 @@ def test_a_ball_is_lit_as_lambert_says():
 
 def test_an_image_takes_the_place_of_the_color():
     """A square whose image is red on the left and blue on the right, seen from in front."""
-    points, triangles = (
-        np.array([(0, 0, 0), (1, 0, 0), (1, 0, 1), (0, 0, 1.0)]),
-        np.array([(0, 1, 2), (0, 2, 3)]),
-    )
+    points = np.array([(0, 0, 0), (1, 0, 0), (1, 0, 1), (0, 0, 1.0)])
+    triangles = np.array([(0, 1, 2), (0, 2, 3)])
     image = np.zeros((1, 4, 4, 4), np.uint8)
-    image[0, :, :2, 0], image[0, :, 2:, 2] = 255, 255
+    image[0, :, :2, 0] = 255
+    image[0, :, 2:, 2] = 255
     square = body(points, triangles, uvs=points[triangles][..., [0, 2]], image=0)
     square = Body(**{**vars(square), "normals": np.broadcast_to((0.0, -1.0, 0.0), (2, 3, 3))})
     (picture,) = pictures([square], image, [flat(points, 40)], AXES)
-    left, right = picture[20, shaded_pictures.MARGIN + 8], picture[20, shaded_pictures.MARGIN + 32]
+    left = picture[20, shaded_pictures.MARGIN + 8]
+    right = picture[20, shaded_pictures.MARGIN + 32]
     assert left[0] > 0.5 > left[2] + 0.4 and right[2] > 0.5 > right[0] + 0.4
 
 
 def test_what_is_nearer_hides_what_is_behind():
     points, triangles = ball(24, 13)
-    far, near = points + (0, 3, 0), points
+    far = points + (0, 3, 0)
+    near = points
     both = np.concatenate([far, near])
     normals = np.concatenate([points[triangles], points[triangles]])
     count = len(triangles)
@@ -103,16 +105,16 @@ def test_likeness_is_what_sums_pixel_by_pixel_give():
     gray = [picture @ (0.2126, 0.7152, 0.0722) for picture in (one, other)]
     weight = np.exp(-(np.arange(-5, 6)[:, None] ** 2 + np.arange(-5, 6) ** 2) / (2 * 1.5**2))
     weight /= weight.sum()
-    values, gaps = [], []
+    values = []
+    gaps = []
     for row in range(7, 17):
         for column in range(8, 22):
             a, b = (g[row - 5 : row + 6, column - 5 : column + 6] for g in gray)
-            u, v = (weight * a).sum(), (weight * b).sum()
-            s, t, c = (
-                (weight * (a - u) ** 2).sum(),
-                (weight * (b - v) ** 2).sum(),
-                (weight * (a - u) * (b - v)).sum(),
-            )
+            u = (weight * a).sum()
+            v = (weight * b).sum()
+            s = (weight * (a - u) ** 2).sum()
+            t = (weight * (b - v) ** 2).sum()
+            c = (weight * (a - u) * (b - v)).sum()
             values.append(
                 (2 * u * v + 1e-4) * (2 * c + 9e-4) / ((u * u + v * v + 1e-4) * (s + t + 9e-4))
             )
@@ -123,7 +125,8 @@ def test_likeness_is_what_sums_pixel_by_pixel_give():
 
 def test_a_thinner_ball_and_one_lit_otherwise_are_less_alike():
     points, triangles = ball(48, 25)
-    whole, found = body(points, triangles), []
+    whole = body(points, triangles)
+    found = []
     for other, shown in (
         (whole, points),
         (body(0.95 * points, triangles), 0.95 * points),

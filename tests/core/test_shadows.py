@@ -59,9 +59,11 @@ def hidden_from(light, points, random, centers, radius):
     found = np.zeros(len(centers), bool)
     for point, place in zip(points, emitter(light, random, len(points)), strict=True):
         if light.origin is None:
-            way, length = -place, np.inf
+            way = -place
+            length = np.inf
         else:
-            way, length = place - point, np.linalg.norm(place - point)
+            way = place - point
+            length = np.linalg.norm(place - point)
             way = way / length
             if length > light.reach + light.size or (-way) @ light.direction < np.cos(light.angle):
                 continue
@@ -208,7 +210,9 @@ def around(**more):
 
 
 def test_buckets_hold_each_agent_once_at_their_lod_and_do_not_depend_on_what_was_asked_before():
-    trajectory, camera, policy = shot(), straight(), LevelPolicy((0.3, 0.6))
+    trajectory = shot()
+    camera = straight()
+    policy = LevelPolicy((0.3, 0.6))
     glass = Mirror(
         np.array([0, 1.0, 0]), np.array([(-9, 60, 0), (9, 60, 0), (9, 60, 5), (-9, 60, 5)], float)
     )
@@ -228,7 +232,8 @@ def test_buckets_hold_each_agent_once_at_their_lod_and_do_not_depend_on_what_was
 
 
 def test_a_box_of_what_is_there_ends_the_shadows_of_a_low_sun():
-    trajectory, policy = shot(), LevelPolicy((0.3, 0.6))
+    trajectory = shot()
+    policy = LevelPolicy((0.3, 0.6))
     camera = Camera(
         "PERSP",
         np.array([0, -5, 2.0]),
@@ -247,7 +252,9 @@ def test_a_box_of_what_is_there_ends_the_shadows_of_a_low_sun():
 
 
 def test_an_open_shutter_keeps_whoevers_shadow_passes_through():
-    trajectory, policy, camera = shot(), LevelPolicy((0.3, 0.6)), straight()
+    trajectory = shot()
+    policy = LevelPolicy((0.3, 0.6))
+    camera = straight()
     trajectory.seconds_per_frame = 8.0
     samples = [(time, (camera,)) for time in (39.5, 40.0, 40.5)]
     blurred = surround(plan(trajectory, camera, policy, 40, samples), around())
@@ -258,7 +265,8 @@ def test_an_open_shutter_keeps_whoevers_shadow_passes_through():
 
 
 def test_lost_agents_cast_no_shadow():
-    trajectory, camera = shot(), straight()
+    trajectory = shot()
+    camera = straight()
     x = trajectory.start.x.copy()
     x[[5, 8]] = np.nan, np.inf
     lost = replace(trajectory, start=replace(trajectory.start, x=x))

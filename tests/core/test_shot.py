@@ -52,7 +52,9 @@ def test_program_finds_the_least_of_all_assignments(seed, weight):
 
 def costs(shot, weight):
     """What each joint assignment of LODs costs, switches included: all of them, in an array."""
-    survey, triangles, seconds = shot.survey, shot.meshes.triangles, SECONDS[shot.engine]
+    survey = shot.survey
+    triangles = shot.meshes.triangles
+    seconds = SECONDS[shot.engine]
     frames, agents = survey.kind.shape
     options = [np.array(sequences(shot, a)) for a in range(agents)]
     chosen = [
@@ -62,15 +64,16 @@ def costs(shot, weight):
     levels = np.stack(
         [each[index] for each, index in zip(options, chosen, strict=True)]
     )  # (n, N, F)
-    total, held = 0.0, {}
+    total = 0.0
+    held = {}
     for f in range(frames):
-        meshes, instances, instanced = {}, 0, 0.0
+        meshes = {}
+        instances = 0
+        instanced = 0.0
         for a in range(agents):
             if survey.kind[f, a] == SEEN:
-                instances, instanced = (
-                    instances + 1,
-                    instanced + triangles[survey.group[a], levels[a, :, f]],
-                )
+                instances = instances + 1
+                instanced = instanced + triangles[survey.group[a], levels[a, :, f]]
                 for k in range(shot.meshes.count):
                     mesh = k, survey.character[f, a]
                     meshes[mesh] = meshes.get(mesh, False) | (levels[a, :, f] == k)

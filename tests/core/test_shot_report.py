@@ -36,7 +36,8 @@ def told(title="plaza", names=("adult", "child"), **more):
         5, **{"agents": 60, "frames": FRAMES, "lods": 4, "tolerance": 2, "each": 2} | more
     )
     plan = finished(decide(shot))
-    found, curve = noticed(shot, plan.levels, RADIUS), finished(curve_of(shot, plan, 2.0))
+    found = noticed(shot, plan.levels, RADIUS)
+    curve = finished(curve_of(shot, plan, 2.0))
     none = np.zeros(len(shot.survey.group), np.uint8)
     phases = PhasePlan(Phases(none, np.array([4, 5], np.uint8), none), 0.031, 0.064, 12.5)
     classes = [
@@ -89,7 +90,8 @@ def heights(part, name):
     sides = []
     for stairs in path.groups():
         if stairs:
-            at, levels = float(stairs.split(",")[1].split("H")[0].split("V")[0]), []
+            at = float(stairs.split(",")[1].split("H")[0].split("V")[0])
+            levels = []
             for letter, number in re.findall(r"([HV])(-?[\d.]+)", stairs.split(",")[1]):
                 at = float(number) if letter == "V" else at
                 levels += [at] if letter == "H" else []
@@ -126,8 +128,11 @@ def test_names_are_text():
 
 def test_plots_show_the_data():
     data = told()
-    text, found, before = shot_page(data), data.plan.bill, data.plan.thresholds
-    survey, levels = data.shot.survey, data.plan.levels
+    text = shot_page(data)
+    found = data.plan.bill
+    before = data.plan.thresholds
+    survey = data.shot.survey
+    levels = data.plan.levels
     for k in range(4):
         at = survey.seen & (levels == k)
         own = np.where(at, TRIANGLES[survey.group, k], 0).sum(axis=1)
@@ -148,7 +153,9 @@ def test_plots_show_the_data():
 
 def test_figures_and_tables_are_those_of_the_plan():
     data = told()
-    text, found, before = shot_page(data), data.plan.bill, data.plan.thresholds
+    text = shot_page(data)
+    found = data.plan.bill
+    before = data.plan.thresholds
     whole = (
         found.triangles.sum()
         / TRIANGLES[
@@ -215,7 +222,8 @@ def test_marks_stay_inside_their_plots():
 def test_what_the_user_should_know_is_said():
     data = told()
     survey = data.shot.survey
-    survey.cuts[3], survey.kind[6] = True, CULLED
+    survey.cuts[3] = True
+    survey.kind[6] = CULLED
     survey.entered[5] = np.flatnonzero(survey.seen[5] & ~survey.seen[4])[:2]
     plan = finished(decide(data.shot))
     text = shot_page(replace(data, plan=plan, noticed=noticed(data.shot, plan.levels, RADIUS)))

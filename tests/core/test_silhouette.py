@@ -45,7 +45,8 @@ def test_a_mask_has_no_holes_where_centers_lie_on_edges(seed):
 
 def test_what_is_seen_is_the_nearest_triangle_with_its_weights(monkeypatch):
     random = np.random.default_rng(2)
-    corners, depth = random.uniform(0, 40, (50, 3, 2)), random.uniform(1, 9, (50, 3))
+    corners = random.uniform(0, 40, (50, 3, 2))
+    depth = random.uniform(1, 9, (50, 3))
     pixel, triangle, weights = rasterizer.nearest(corners, depth, (40, 40))
     assert len(np.unique(pixel)) == len(pixel) == rasterizer.mask(corners, (40, 40)).sum()
     at = np.einsum("kc,kcd->kd", weights, corners[triangle])
@@ -64,7 +65,8 @@ def test_what_is_seen_is_the_nearest_triangle_with_its_weights(monkeypatch):
 def test_shift_is_the_hausdorff_distance_of_the_areas_by_brute_force(seed):
     random = np.random.default_rng(seed)
     one, other = (rasterizer.mask(random.uniform(0, 40, (3, 3, 2)), (40, 50)) for _ in range(2))
-    a, b = np.argwhere(one), np.argwhere(other)
+    a = np.argwhere(one)
+    b = np.argwhere(other)
     apart = np.linalg.norm(a[:, None] - b[None], axis=2)
     assert silhouette.outline_distance(one, other) == pytest.approx(
         max(apart.min(axis=0).max(), apart.min(axis=1).max())
@@ -92,15 +94,14 @@ def ball(radius, n=32):
 @pytest.mark.parametrize("kind, distance", [("PERSP", 8.0), ("PERSP", 3.0), ("ORTHO", 8.0)])
 def test_a_smaller_ball_s_outline_lies_inside_by_what_optics_says(kind, distance):
     camera = straight(kind=kind)
-    large, small = ball(1.0), ball(0.9)
+    large = ball(1.0)
+    small = ball(0.9)
     unit = camera.pixels_per_unit
     # the outline of a sphere of radius r: the cone of half angle asin(r / d)
     seen = [unit * (r if kind == "ORTHO" else r / np.sqrt(distance**2 - r * r)) for r in (1.0, 0.9)]
     center = np.array([5.0, -3.0, 1.0])
-    pair, off = (
-        [(points + center, triangles) for points, triangles in (large, small)],
-        seen[0] - seen[1],
-    )
+    pair = [(points + center, triangles) for points, triangles in (large, small)]
+    off = seen[0] - seen[1]
     least, most = silhouette.error(*pair, center, distance, camera, off)
     assert least <= off <= most and most - least <= max(0.3 * off, 0.3)
     assert silhouette.error(large, large, np.zeros(3), distance, camera) == (0, 0)
@@ -108,7 +109,8 @@ def test_a_smaller_ball_s_outline_lies_inside_by_what_optics_says(kind, distance
 
 @pytest.mark.parametrize("expected", [0.05, 5.0])
 def test_a_small_error_is_measured_finer_and_a_large_one_coarser(expected):
-    large, camera = ball(1.0), replace(straight(), pixels=(2000, 2000))
+    large = ball(1.0)
+    camera = replace(straight(), pixels=(2000, 2000))
     away = 1000 * 0.02 / expected
     least, most = silhouette.error(large, ball(0.98), np.zeros(3), away, camera, expected)
     assert least <= 1000 / np.sqrt(away**2 - 1) - 980 / np.sqrt(away**2 - 0.98**2) <= most
@@ -150,7 +152,8 @@ def test_a_sheet_seen_edge_on_is_off_by_no_more_than_it_deviates():
     """
     camera = replace(straight(), pixels=(2000, 2000))
     flat = np.array([(0, -1, -0.1), (0, 1, -0.1), (0, 1, 0.1), (0, -1, 0.1)], float)
-    tilted, quad = flat + flat[:, [1]] * (0.01, 0, 0), np.array([(0, 1, 2), (0, 2, 3)])
+    tilted = flat + flat[:, [1]] * (0.01, 0, 0)
+    quad = np.array([(0, 1, 2), (0, 2, 3)])
     least, most = silhouette.error((flat, quad), (tilted, quad), np.zeros(3), 5.0, camera)
     assert least <= 0.01 * camera.pixels_per_unit / 4.0 and 0 < most
 

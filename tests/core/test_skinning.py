@@ -105,7 +105,8 @@ def test_only_surfaces_without_border_that_face_outwards_are_closed():
 
 
 def test_agents_stand_square_on_the_slope():
-    x, y = np.array([3.0, -2.0, 5.0]), np.array([1.0, 4.0, -6.0])
+    x = np.array([3.0, -2.0, 5.0])
+    y = np.array([1.0, 4.0, -6.0])
     rows, columns = np.mgrid[:20, :20]
     heights = HeightMap((0.7 * columns - 0.4 * rows).astype(np.float32), Area(-10, -10, 10, 10))
     heading = np.array([0.3, 2.0, -1.2], np.float32)

@@ -22,7 +22,8 @@ SIDES = [
 
 def boxes(*ends):
     """(points, triangles) of boxes, each from its least to its greatest corner."""
-    points, triangles = [], []
+    points = []
+    triangles = []
     for k, (low, high) in enumerate(ends):
         square = [(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1])]
         points += [(x, y, z) for z in (low[2], high[2]) for x, y in square]

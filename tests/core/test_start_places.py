@@ -31,7 +31,8 @@ from ..support.cameras import straight
 from ..support.shots import AREA, IDLER, POLICY, ground, machine, raw, walking
 
 # Of a chi-square test with 5 and 19 degrees of freedom: exceeded once in ten thousand.
-MOST_5, MOST_19 = 25.7, 52.4
+MOST_5 = 25.7
+MOST_19 = 52.4
 SQUARE = np.array([(-10.0, 0, 0), (10, 0, 0), (10, 20, 0), (-10, 20, 0)])
 
 
@@ -65,7 +66,8 @@ def chi_square(counts, expected):
 
 
 def test_places_lie_on_the_surface_by_area_times_density():
-    corners, count = bowl(), 20_000
+    corners = bowl()
+    count = 20_000
     flat = np.arange(1.0, 7)
     found = on_surface(corners, np.repeat(flat[:, None], 3, axis=1), count, 1)
     distances = np.array([closest(found.points, triangle) for triangle in corners])
@@ -100,7 +102,8 @@ def test_a_further_density_keeps_its_share():
 
 def test_the_same_seed_gives_the_same_places_to_the_bit():
     """The sums are those of Python 3.13 and of 3.11."""
-    corners, spacing = bowl(), Spacing(jitter=0.5, rows=3, rise=0.4)
+    corners = bowl()
+    spacing = Spacing(jitter=0.5, rows=3, rise=0.4)
     ways = {
         "surface": lambda seed: on_surface(corners, np.ones((6, 3)), 500, seed),
         "image": lambda seed: on_surface(
@@ -111,7 +114,9 @@ def test_the_same_seed_gives_the_same_places_to_the_bit():
     }
     sums = {}
     for name, way in ways.items():
-        one, two, other = way(7), way(7), way(8)
+        one = way(7)
+        two = way(7)
+        other = way(8)
         assert one.points.tobytes() == two.points.tobytes() != other.points.tobytes()
         sums[name] = hashlib.sha256(one.points.tobytes()).hexdigest()[:12]
     assert sums == {
@@ -196,7 +201,8 @@ def test_chains_of_edges_are_found_in_order():
 
 
 def test_bad_surfaces_and_curves_are_refused_in_a_sentence():
-    good, ones = bowl(), np.ones((6, 3))
+    good = bowl()
+    ones = np.ones((6, 3))
     flat = np.zeros((2, 3, 3))
     for corners, weights, told in (
         (np.empty((0, 3, 3)), np.empty((0, 3)), "has no faces"),
@@ -259,7 +265,9 @@ def test_who_never_walks_keeps_place_height_and_heading_and_nobody_is_missed(
         "sit": {"color": "#ff0000", "after": [1, 3], "then": "cheer", "on": {"*": {}}},
         "cheer": {"color": "#00ff00", "after": [1, 2], "then": "sit", "on": {"*": {}}},
     }
-    table, world, groups = machine(states if timed else None, "wrap"), ground(), (IDLER, IDLER)
+    table = machine(states if timed else None, "wrap")
+    world = ground()
+    groups = (IDLER, IDLER)
     start = settle(seats(), 3, 2, table, world)
     crowd = Walk(
         start,

@@ -49,7 +49,9 @@ def test_all_of_it_lies_in_the_picture(name):
     for text in tree.iter(f"{SVG}text"):
         size = float(re.search(r"font:(\d+)px", text.get("style"))[1])
         half = {"start": (0, 1), "middle": (0.5, 0.5), "end": (1, 0)}[text.get("text-anchor")]
-        wide, x, y = 0.57 * size * len(text.text), float(text.get("x")), float(text.get("y"))
+        wide = 0.57 * size * len(text.text)
+        x = float(text.get("x"))
+        y = float(text.get("y"))
         assert x - half[0] * wide > 0 and x + half[1] * wide < width and size < y < height, (
             text.text
         )

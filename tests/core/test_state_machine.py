@@ -73,7 +73,8 @@ def test_the_hash_is_splitmix64():
     """The first numbers of the published generator from the seed 0 (Java's SplittableRandom,
     Vigna's splitmix64.c).
     """
-    key, drawn = np.zeros(1, np.uint64), []
+    key = np.zeros(1, np.uint64)
+    drawn = []
     for _ in range(3):
         key = random_streams.advance_keys(key, np.ones(1))
         drawn.append(int(random_streams.uniform(key, random_streams.STATE)[0] * 2**53))

@@ -14,7 +14,8 @@ from .test_decimate import terrain
 def test_each_place_on_triangles_is_sampled_once_open_sides_in_full(fine, every):
     """Of all triangles and of every third, whose sides are mostly open."""
     points, triangles = terrain(5)
-    corners, faces = triangles.T, np.arange(0, len(triangles), every)
+    corners = triangles.T
+    faces = np.arange(0, len(triangles), every)
     face, weights = between(corners, faces, lattice(fine, whole=True))
     found = np.einsum("kn,knd->nd", weights, points[corners[:, face]])
     wanted = []
@@ -30,7 +31,8 @@ def test_each_place_on_triangles_is_sampled_once_open_sides_in_full(fine, every)
 
 
 def test_two_triangles_that_meet_share_the_samples_of_their_side():
-    triangles, points = np.array([(0, 1, 2), (2, 1, 3)]).T, np.random.default_rng(0).random((4, 3))
+    triangles = np.array([(0, 1, 2), (2, 1, 3)]).T
+    points = np.random.default_rng(0).random((4, 3))
     halves = lattice(5)[:, 1:]
     at = [halves.T @ points[triangle] for triangle in triangles.T]
     here, there = ({tuple(np.round(p, 9)) for p in each} for each in at)

@@ -21,7 +21,8 @@ def with_entries(shot, seed):
     """The shot; of the agents that a frame shows and the one before does not, half came through a
     clip.
     """
-    random, seen = np.random.default_rng(seed), shot.survey.seen
+    random = np.random.default_rng(seed)
+    seen = shot.survey.seen
     for f in range(1, len(seen)):
         new = np.flatnonzero(seen[f] & ~seen[f - 1])
         if not shot.survey.cuts[f]:
@@ -31,7 +32,8 @@ def with_entries(shot, seed):
 
 def looped(shot, levels):
     """The rows, one by one."""
-    survey, rows = shot.survey, []
+    survey = shot.survey
+    rows = []
     for f in range(1, len(survey.numbers)):
         for a in range(len(survey.group)):
             size = float(survey.scale[f, a]) * 2 * RADIUS[survey.group[a]]

@@ -59,7 +59,8 @@ def test_presets_step_plainly_with_a_map_of_one_label_not_looked_up(name, alike)
 
 
 def test_most_agents_step_within_cells_and_columns_that_stay_are_shared():
-    machine, world = load_preset("chapter"), ground()
+    machine = load_preset("chapter")
+    world = ground()
     crowd = populate(1000, 1, 1, machine, world)
     tables = tabulated_step.Tables(machine, 1 / 24)
     moved, others = tabulated_step.step_within_cells(

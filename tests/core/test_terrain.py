@@ -46,7 +46,8 @@ def two_floors(stairs=False):
 
     A ramp, or stairs, from y 20 to 40 joins them at x from -10 to 10.
     """
-    ground, upper = quad((-40, 40), (0, 100), 0.0), quad((-40, 40), (40, 100), 4.0)
+    ground = quad((-40, 40), (0, 100), 0.0)
+    upper = quad((-40, 40), (40, 100), 4.0)
     if stairs:
         steps = [box((-10, 10), (20 + k, 21 + k), (0, 0.2 * (k + 1))) for k in range(20)]
         return np.concatenate([ground, upper, *(each[upward(each)] for each in steps)])
@@ -65,7 +66,8 @@ def by_rays(corners, x, y):
     """All heights at which a vertical ray meets the triangles, by Cramer's rule on the ray's
     equations, and whether it is near a side.
     """
-    found, near = [], False
+    found = []
+    near = False
     for a, b, c in corners:
         matrix = np.array([[*(b - a)[:2]], [*(c - a)[:2]]]).T
         u, v = np.linalg.solve(matrix, np.array([x, y]) - a[:2])
@@ -84,10 +86,13 @@ def climbed(heights, last):
 
 
 def test_heights_are_those_that_a_ray_meets():
-    corners, random, holes = soup(), np.random.default_rng(2), 0
+    corners = soup()
+    random = np.random.default_rng(2)
+    holes = 0
     terrain = Terrain(corners, -7.0)
     x, y, last = *random.uniform(-13, 13, (2, 200)), random.uniform(-1, 5, 200)
-    low, high = terrain.at(x, y), terrain.at(x, y, last)
+    low = terrain.at(x, y)
+    high = terrain.at(x, y, last)
     for k in range(len(x)):
         heights, near = by_rays(corners, x[k], y[k])
         if near:
@@ -130,10 +135,8 @@ def test_the_ground_has_no_gaps_along_edges_and_corners():
 def test_slopes_lean_agents_as_on_a_height_map_but_cliffs_do_not():
     area = Area(-10, -10, 10, 10)
     rows, columns = np.mgrid[0:2, 0:2].astype(np.float32)
-    plane, mapped = (
-        Terrain(quad((-5, 5), (-5, 5), lambda x, y: 0.05 * x - 0.03 * y)),
-        HeightMap((0.5 * columns - 0.3 * rows).astype(np.float32), area),
-    )
+    plane = Terrain(quad((-5, 5), (-5, 5), lambda x, y: 0.05 * x - 0.03 * y))
+    mapped = HeightMap((0.5 * columns - 0.3 * rows).astype(np.float32), area)
     x, y, heading = np.random.default_rng(1).uniform(-4, 4, (3, 50))
     for own, other in zip(plane.tilt(x, y, heading), mapped.tilt(x, y, heading), strict=True):
         assert own == pytest.approx(other, abs=1e-6)
@@ -157,7 +160,9 @@ def test_who_walks_up_the_ramp_is_on_the_upper_floor_and_who_walks_under_it_is_n
     walk = shot(walking(), groups=GROUPS, count=300, heights=Terrain(two_floors(stairs)))
     lanes = np.array([-30.0, -5.0, 5.0, 30.0])
     start = walk.start.of(np.arange(4))
-    start.x[:], start.y[:], start.z[:] = lanes, 10.0, 0.0
+    start.x[:] = lanes
+    start.y[:] = 10.0
+    start.z[:] = 0.0
     table = walking()
     table.velocity[:] = 0, 1.5
     walk = Walk(start, table, walk.world, GROUPS, 1 / 24, heights=Terrain(two_floors(stairs)))
@@ -177,13 +182,16 @@ def test_who_walks_up_the_ramp_is_on_the_upper_floor_and_who_walks_under_it_is_n
 
 def test_where_agents_start_the_height_of_the_crowd_chooses_the_floor():
     terrain = Terrain(two_floors())
-    x, y = np.zeros(3), np.array([5.0, 60.0, 60.0])
+    x = np.zeros(3)
+    y = np.array([5.0, 60.0, 60.0])
     assert terrain.at(x, y, np.array([0.0, 0.0, 3.8])).tolist() == [0, 0, 4]
 
 
 def test_nobody_starts_within_stairs():
     terrain = Terrain(two_floors(stairs=True))
-    x, y = np.zeros(4), np.array([5.0, 24.5, 27.5, 36.5])  # steps at 1, 1.6 and 3.4 meters
+    # steps at 1, 1.6 and 3.4 meters
+    x = np.zeros(4)
+    y = np.array([5.0, 24.5, 27.5, 36.5])
     assert terrain.at(x, y, np.zeros(4)).tolist() == [0, 0, 0, 0]
     started = terrain.start(x, y, np.zeros(4))
     assert started == pytest.approx([0, 1, 1.6, 0]) and np.array_equal(
@@ -196,7 +204,8 @@ def test_nobody_starts_within_stairs():
 @pytest.mark.parametrize("edge", ["clamp", "wrap"])
 def test_nobody_on_terrain_is_missed(fewest, edge, monkeypatch):
     monkeypatch.setattr(morton_order, "FEWEST", fewest)
-    table, found = walking(edge), set()
+    table = walking(edge)
+    found = set()
     table.velocity[:] = (0.5, 1.5), (0.5, 1.5)
     crowd = shot(table, groups=GROUPS, heights=Terrain(two_floors(True)), tilts=True)
     random = np.random.default_rng(9)
@@ -224,10 +233,12 @@ def test_who_falls_from_a_floor_into_the_picture_is_seen(monkeypatch):
     walk.
     """
     monkeypatch.setattr(morton_order, "FEWEST", 1)
-    table, random = walking(), np.random.default_rng(7)
+    table = walking()
+    random = np.random.default_rng(7)
     table.velocity[:] = 0, -1.5
     crowd = shot(table, groups=GROUPS, heights=Terrain(two_floors()))
-    x, y = random.uniform(20, 21, 400), random.uniform(40.05, 40.4, 400)
+    x = random.uniform(20, 21, 400)
+    y = random.uniform(40.05, 40.4, 400)
     crowd = replace(crowd, start=replace(crowd.start, x=x, y=y, z=np.full(400, 4.0)))
     camera = replace(straight(offset=(20.5, 30, 0.5)), window=Window(-0.2, 0.2, -0.2, 0.2))
     assert (crowd.at(1).z == 4).all() and (crowd.at(9).z == 0).all()

@@ -28,7 +28,8 @@ def test_texel_is_its_longest_side(turn):
 
 
 def test_texel_heeds_all_but_a_twentieth_of_the_area():
-    (near, uvs), (far, _) = square(1.0, 1.0), square(10.0, 10.0)
+    (near, uvs) = square(1.0, 1.0)
+    (far, _) = square(10.0, 10.0)
     for count, expected in ((30, 0.1), (1, 0.1), (2500, 0.01)):
         corners = np.concatenate([near] * count + [far])
         assert texel(corners, np.concatenate([uvs] * (count + 1)), (100, 100)) == pytest.approx(
@@ -72,7 +73,8 @@ def test_scaled_texels_are_the_mean_light_of_their_area():
 
 def test_transparent_texels_lend_no_color():
     values = np.zeros((2, 2, 4), np.float32)
-    values[0, 0], values[1, 1] = (1.0, 0.5, 0.0, 1.0), (0.0, 1.0, 1.0, 0.0)
+    values[0, 0] = (1.0, 0.5, 0.0, 1.0)
+    values[1, 1] = (0.0, 1.0, 1.0, 0.0)
     np.testing.assert_allclose(
         scaled(values, 1, None, True)[0, 0], (1.0, 0.5, 0.0, 0.25), atol=1e-4
     )
@@ -94,7 +96,8 @@ def test_grain_is_what_a_pixel_shows_of_the_nearest_agent():
     assert grain(np.array([[np.inf]]), far, radius[:1]) == pytest.approx(
         1.58
     )  # of agents that nobody sees nearer
-    deviation, policy = np.array([[0, 0.05]]), LevelPolicy((0.0,), "PIXELS", tolerance=2.0)
+    deviation = np.array([[0, 0.05]])
+    policy = LevelPolicy((0.0,), "PIXELS", tolerance=2.0)
     for camera in (
         far,
         replace(far, pixels=(1000, 1000)),

@@ -22,7 +22,8 @@ ROWS = replace(ROWS, x=ROWS.x.round(4), y=ROWS.y.round(4))
 COLUMNS = list(
     zip(*(ROWS.columns[name].tolist() for name in ("id", "frame", "x", "y")), strict=True)
 )
-BY_ID, BY_FRAME = sorted(COLUMNS), sorted(COLUMNS, key=lambda row: (row[1], row[0]))
+BY_ID = sorted(COLUMNS)
+BY_FRAME = sorted(COLUMNS, key=lambda row: (row[1], row[0]))
 
 
 def lines(found, form, head=""):
@@ -93,7 +94,8 @@ FORMATS = {
 def test_a_crowd_is_the_same_in_every_format(tmp_path, format):
     path = tmp_path / "crowd"
     FORMATS[format](path)
-    found, wanted = read_tracks(path, rate=16), tracks_of(ROWS, "wanted")
+    found = read_tracks(path, rate=16)
+    wanted = tracks_of(ROWS, "wanted")
     shift = found.first - wanted.first
     assert found.ids.tolist() == wanted.ids.tolist() and found.rate == 16
     for name in ("x", "y", "heading", "way", "agent", "pace"):
@@ -252,7 +254,8 @@ def test_a_database_is_read_with_its_journal_and_by_its_values(tmp_path):
 def test_a_database_cut_anywhere_is_refused_or_read_whole(tmp_path):
     path = tmp_path / "crowd.sqlite"
     database(path)
-    data, count = path.read_bytes(), len(read_rows(path))
+    data = path.read_bytes()
+    count = len(read_rows(path))
     for keep in range(101, len(data), 3011):
         path.write_bytes(data[:keep])
         try:
@@ -264,9 +267,11 @@ def test_a_database_cut_anywhere_is_refused_or_read_whole(tmp_path):
 def test_a_database_with_a_page_that_is_not_its_own_is_refused(tmp_path):
     path = tmp_path / "crowd.sqlite"
     database(path)
-    wanted, data = read_rows(path), path.read_bytes()
+    wanted = read_rows(path)
+    data = path.read_bytes()
     pages = np.frombuffer(data, np.uint8).reshape(-1, int.from_bytes(data[16:18]))
-    random, refused = np.random.default_rng(4), 0
+    random = np.random.default_rng(4)
+    refused = 0
     for k in range(1, len(pages)):
         for other in (
             pages[k - 1],

@@ -50,7 +50,8 @@ def to_and_fro(place, way, seconds, at):
     exactly.
     """
     place, way, at = ([Fraction(float(value)) for value in pair] for pair in (place, way, at))
-    ahead, behind = (at[0] - place[0]) / way[0], (place[1] - at[1]) / way[1]
+    ahead = (at[0] - place[0]) / way[0]
+    behind = (place[1] - at[1]) / way[1]
     turn, offset = divmod(Fraction(seconds) + behind, ahead + behind)
     time = (ahead + behind - offset if turn % 2 else offset) - behind
     return [float(p + v * time) for p, v in zip(place, way, strict=True)], int(turn % 2)
@@ -59,7 +60,8 @@ def to_and_fro(place, way, seconds, at):
 @pytest.mark.parametrize("offset", [0.0, -5e4 / 3])
 def test_between_walls_that_touch_at_a_corner_agents_go_to_and_fro_or_stand(offset):
     """Who stands is off by no more than the room that the walls leave it."""
-    random, world = np.random.default_rng(1), corner(offset, -offset)
+    random = np.random.default_rng(1)
+    world = corner(offset, -offset)
     at = [world.area.x_min + world.cell[0], world.area.y_min + world.cell[1]]
     for away in 10.0 ** -np.arange(1, 9):
         way = random.uniform(0.2, 2, 2)
@@ -99,7 +101,8 @@ def test_between_walls_that_touch_at_a_corner_agents_go_to_and_fro_or_stand(offs
     ],
 )
 def test_who_does_not_come_back_to_where_it_was_stands_after_so_many_turns(edge, back, more):
-    machine, world = turning((1, 0.7), edge, back, **more), corner()
+    machine = turning((1, 0.7), edge, back, **more)
+    world = corner()
     for away in 10.0 ** -np.arange(2, 16, 3):
         crowd = dataclasses.replace(
             crowd_at([(1 - away, 1 + away / 3, 0)]), wait=np.full(1, 50.0 if more else np.inf)
@@ -127,11 +130,14 @@ def test_all_forms_of_a_step_agree_on_agents_between_walls(edge, more, monkeypat
     world = LabelMap(np.tile(np.array([[1, 0], [0, 1]], np.uint8), (6, 6)), Area(-30, 0, 30, 60))
     machine = turning((5, 4), edge, **more)
     crowd = populate(200, 1, 1, machine, world)
-    middle, away = 10 * random.integers(6, size=20) + 5, 10.0 ** random.uniform(-9, -2, 20)
-    crowd.x[:20], crowd.y[:20] = middle - 30 - away, middle + away * random.uniform(0.1, 0.9, 20)
+    middle = 10 * random.integers(6, size=20) + 5
+    away = 10.0 ** random.uniform(-9, -2, 20)
+    crowd.x[:20] = middle - 30 - away
+    crowd.y[:20] = middle + away * random.uniform(0.1, 0.9, 20)
     crowd.state[:20] = 0
     make = lambda: Walk(crowd, machine, world, (walker(),), FRAME, 0, every=8)  # noqa: E731
-    asked, whole = make(), make()
+    asked = make()
+    whole = make()
     alone = crowd
     for frame in range(4):
         alone, _ = advance(alone, machine, world, FRAME) if frame else (alone, None)
@@ -141,7 +147,8 @@ def test_all_forms_of_a_step_agree_on_agents_between_walls(edge, more, monkeypat
 
 
 def test_agents_caught_between_walls_are_in_trouble_and_others_are_not():
-    machine, world = turning((1, 0.7)), corner()
+    machine = turning((1, 0.7))
+    world = corner()
     away = np.array([1e-2, 1e-5, 1e-8, 0.7])
     crowd = crowd_at(np.array([1 - away, 1 + away / 3, 0 * away]).T)
     (found,) = trouble(crowd, machine, world)
@@ -155,12 +162,15 @@ def test_a_hundred_thousand_meters_a_second(edge, way):
     """Between walls all around, and where there are none: where a straight line leads that is
     folded at the walls.
     """
-    random, speed = np.random.default_rng(0), 1e5
+    random = np.random.default_rng(0)
+    speed = 1e5
     vx, vy = speed * np.array(way)
     for walls in (0, 1):
         labels = np.pad(np.zeros((62, 62), np.uint8), 1, constant_values=walls)
-        world, machine = LabelMap(labels, Area(-32, 0, 32, 64)), turning((vx, vy), edge)
-        x, y = random.uniform(-30, 30, 50), random.uniform(2, 62, 50)
+        world = LabelMap(labels, Area(-32, 0, 32, 64))
+        machine = turning((vx, vy), edge)
+        x = random.uniform(-30, 30, 50)
+        y = random.uniform(2, 62, 50)
         moved, tally = advance(crowd_at(np.array([x, y, 0 * x]).T), machine, world, FRAME)
         assert not tally.stuck.any() and tally.pieces < (200 if 0 in way else 2_000)
         if walls:  # straight back from the first wall on either side
@@ -239,7 +249,8 @@ def go_like_the_judge(crowd, machine, world, seconds, steps):
 def test_through_cells_of_one_label_at_once_is_through_each(seed):
     """Any table, up to 100 cells a step."""
     random = np.random.default_rng(seed)
-    world, machine = patches(random), random_machine(random, speeds=(1, 400))
+    world = patches(random)
+    machine = random_machine(random, speeds=(1, 400))
     assert go_like_the_judge(populate(60, seed, 1, machine, world), machine, world, 0.2371, 3) > 3
 
 

@@ -71,7 +71,8 @@ class Trial:
     """
 
     def __init__(self, folder: Path, words: list[str], moment: float | None = None, group=True):
-        self.folder, self.tmp = folder / "work", folder / "tmp"
+        self.folder = folder / "work"
+        self.tmp = folder / "tmp"
         (self.folder / "out").mkdir(parents=True)
         self.tmp.mkdir()
         for name in "x.blend", "x.md", "frames.csv":
@@ -95,11 +96,9 @@ class Trial:
                 (os.killpg if group else os.kill)(process.pid, signal.SIGINT)
         sent = time.monotonic()
         self.out, self.err = process.communicate(timeout=300)
-        self.code, self.took, self.ended = (
-            process.returncode,
-            time.monotonic() - begun,
-            time.monotonic() - sent,
-        )
+        self.code = process.returncode
+        self.took = time.monotonic() - begun
+        self.ended = time.monotonic() - sent
         self.lines = [
             line
             for line in self.err.replace("\r", "\n").split("\n")
@@ -132,7 +131,8 @@ def test_ctrl_c(name, small, tmp_path):
         pytest.skip(whole.err)
     assert whole.code == 0 and whole.after != whole.before, whole.err
     assert not whole.left, whole.left
-    chance, told = random.Random(name), []
+    chance = random.Random(name)
+    told = []
     for k in range(TRIALS):
         moment = 0.02 + (whole.took - 0.02) * (k + chance.random()) / TRIALS
         trial = Trial(tmp_path / str(k), words, moment, group=k % 2 == 0)

@@ -181,7 +181,8 @@ def test_killed_at_any_moment_the_outputs_are_of_one_run_and_the_next_cleans(tri
         started = time.monotonic()
         assert start(trials, name, out).wait(300) == 0
         seconds = time.monotonic() - started
-        before, names = content(out.parent), {path.name for path in out.parent.iterdir()}
+        before = content(out.parent)
+        names = {path.name for path in out.parent.iterdir()}
         for _ in range(3):
             run = start(trials, name, out)
             time.sleep(random.uniform(0.3, 1) * seconds)
@@ -247,7 +248,8 @@ def test_a_run_does_not_take_the_hidden_folder_of_another(trials, tmp_path):
 @pytest.mark.parametrize("name", COMMANDS)
 def test_links_are_followed_and_what_is_no_file_or_folder_is_refused(trials, tmp_path, name):
     file = COMMANDS[name][1]
-    suffix, far = Path(file).suffix, tmp_path / "far"
+    suffix = Path(file).suffix
+    far = tmp_path / "far"
     far.mkdir()
     link = tmp_path / f"link{suffix}"
     link.symlink_to(far / file)

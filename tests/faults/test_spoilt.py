@@ -20,10 +20,15 @@ from ..blender import conftest
 from .test_outputs import TRACKS
 
 pytestmark = pytest.mark.faults
-registered, empty_file, kept = conftest.registered, conftest.empty_file, conftest.kept
-scene, levelled, built = conftest.scene, conftest.levelled, conftest.built
+registered = conftest.registered
+empty_file = conftest.empty_file
+kept = conftest.kept
+scene = conftest.scene
+levelled = conftest.levelled
+built = conftest.built
 
-NAN, INF = float("nan"), float("inf")
+NAN = float("nan")
+INF = float("inf")
 VALUES = (
     *(
         0,
@@ -100,7 +105,8 @@ def spoil_property(scene, dice):
             ):
                 names.setdefault(key, []).append(block)
     key = dice.choice(sorted(names))
-    block, value = dice.choice(names[key]), dice.choice((None, scene, *VALUES))
+    block = dice.choice(names[key])
+    value = dice.choice((None, scene, *VALUES))
     if value is None:
         block.pop(key, None)
     else:
@@ -219,7 +225,8 @@ def test_what_is_spoilt_is_refused_in_one_sentence_and_nothing_is_left(built, ke
     for trial in range(TRIALS):
         bpy.ops.wm.open_mainfile(filepath=str(kept / "built.blend"), load_ui=False)
         opened = bpy.context.scene
-        opened.frame_end, opened.crowd_lod.count = 2, 100
+        opened.frame_end = 2
+        opened.crowd_lod.count = 100
         done = [spoil(opened, dice) for _ in range(3)]
         name = dice.choice(STEPS[:-3] * 3 + STEPS)
         if name == "remove_build" and opened.crowd_lod.build is None:
@@ -230,7 +237,8 @@ def test_what_is_spoilt_is_refused_in_one_sentence_and_nothing_is_left(built, ke
         try:
             step(opened, name)
         except (RuntimeError, CrowdError) as error:
-            said, refused = str(error), refused + 1
+            said = str(error)
+            refused = refused + 1
             left = sorted(set(size()) - set(before))
             assert not left and len(size()) == len(before), (trial, name, done, said, left[:5])
             assert len(said.strip().splitlines()) == 1 and len(said) < 700, (
@@ -249,16 +257,16 @@ def test_what_is_spoilt_is_refused_in_one_sentence_and_nothing_is_left(built, ke
 def test_commands_refuse_a_spoilt_file_in_one_sentence_and_write_nothing(
     built, kept, tmp_path, capfd, spoil
 ):
-    dice, crowd, out = random.Random(spoil.__name__), tmp_path / "crowd.blend", tmp_path / "out"
+    dice = random.Random(spoil.__name__)
+    crowd = tmp_path / "crowd.blend"
+    out = tmp_path / "out"
     (tmp_path / "tracks.txt").write_text(TRACKS)
     for trial in range(TRIALS // 2):
         bpy.ops.wm.open_mainfile(filepath=str(kept / "built.blend"), load_ui=False)
         opened = bpy.context.scene
-        opened.frame_end, opened.crowd_lod.count, opened.crowd_lod.goal_labels = (
-            2,
-            20,
-            "left edge, right edge",
-        )
+        opened.frame_end = 2
+        opened.crowd_lod.count = 20
+        opened.crowd_lod.goal_labels = "left edge, right edge"
         done = [spoil(opened, dice) for _ in range(3)]
         bpy.ops.wm.save_as_mainfile(filepath=str(crowd), copy=True)
         words = dice.choice(WORDS).format(crowd=crowd, tracks=tmp_path / "tracks.txt").split()

@@ -26,8 +26,10 @@ EDITS = (
 
 @pytest.mark.parametrize("preset", state_machine.preset_names())
 def test_a_spoilt_state_machine(preset):
-    dice, text = random.Random(preset), state_machine.preset_text(preset)
-    machine, read = json.loads(text), 0
+    dice = random.Random(preset)
+    text = state_machine.preset_text(preset)
+    machine = json.loads(text)
+    read = 0
     for _ in range(TRIALS // 4):
         spoilt = (
             spoilt_bytes(text.encode(), dice) if dice.random() < 0.5 else spoilt_text(machine, dice)
@@ -41,10 +43,12 @@ def test_a_spoilt_state_machine(preset):
 
 @pytest.mark.parametrize("kind", ("PNG", "OPEN_EXR", "JPEG"))
 def test_a_spoilt_image_of_a_map(tmp_path, kind):
-    dice, path = random.Random(kind), tmp_path / "map.img"
+    dice = random.Random(kind)
+    path = tmp_path / "map.img"
     image = bpy.data.images.new("map", 32, 16, float_buffer=kind == "OPEN_EXR")
     image.pixels.foreach_set(np.random.default_rng(1).random(32 * 16 * 4, np.float32))
-    image.filepath_raw, image.file_format = str(path), kind
+    image.filepath_raw = str(path)
+    image.file_format = kind
     image.save()
     whole = path.read_bytes()
     for _ in range(TRIALS // 10):

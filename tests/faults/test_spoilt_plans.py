@@ -57,7 +57,8 @@ def refused(read, *inputs):
 def spoilt_bytes(content, dice):
     content = bytearray(content)
     for _ in range(dice.choice((1, 1, 3, 30))):
-        place, size = dice.randrange(len(content)), dice.choice((1, 1, 4, 40))
+        place = dice.randrange(len(content))
+        size = dice.choice((1, 1, 4, 40))
         kind = dice.randrange(4)
         if kind == 0:
             content[place] ^= 1 << dice.randrange(8)
@@ -145,14 +146,16 @@ def read_all(path):
     "method", (zipfile.ZIP_DEFLATED, zipfile.ZIP_STORED, zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2)
 )
 def test_plan_npz_with_other_bytes(tmp_path, method):
-    dice, path = random.Random(method), tmp_path / "plan.npz"
+    dice = random.Random(method)
+    path = tmp_path / "plan.npz"
     np.savez(path, **plan_arrays())
     with zipfile.ZipFile(path) as archive:
         members = {name: archive.read(name) for name in archive.namelist()}
     with zipfile.ZipFile(path, "w", method) as archive:
         for name, content in members.items():
             archive.writestr(name, content)
-    whole, read = path.read_bytes(), 0
+    whole = path.read_bytes()
+    read = 0
     for _ in range(TRIALS // 4):
         path.write_bytes(spoilt_bytes(whole, dice))
         rows = refused(read_all, path)
@@ -164,7 +167,8 @@ def test_plan_npz_with_other_bytes(tmp_path, method):
 
 
 def test_plan_npz_with_other_arrays_and_headers(tmp_path):
-    dice, path = random.Random(1), tmp_path / "plan.npz"
+    dice = random.Random(1)
+    path = tmp_path / "plan.npz"
     refusals = 0
     for _ in range(TRIALS):
         arrays = plan_arrays()
@@ -188,7 +192,8 @@ def test_plan_npz_with_other_arrays_and_headers(tmp_path):
 
 
 def test_plan_json(tmp_path):
-    dice, path = random.Random(2), tmp_path / "plan.json"
+    dice = random.Random(2)
+    path = tmp_path / "plan.json"
     row = dict.fromkeys((*farm.COLUMNS, "switches", "switch_pixels"), 7)
     plan = {
         "version": 2,
@@ -218,7 +223,8 @@ def test_plan_json(tmp_path):
 
 
 def test_records_of_frames(tmp_path):
-    dice, parts = random.Random(4), FrameParts(tmp_path, "state")
+    dice = random.Random(4)
+    parts = FrameParts(tmp_path, "state")
     (tmp_path / "a.txt").write_text("picture")
     told = parts.put(1, {"row": {"frame": 1, "agents": 7}}, [tmp_path / "a.txt"])
     (path,) = tmp_path.glob(".frames/*.json")

@@ -72,7 +72,8 @@ SOURCES = FORMATS | {
 def test_spoilt_tracks_are_read_or_refused_in_a_sentence(tmp_path, format):
     path = tmp_path / "crowd"
     SOURCES[format](path)
-    data, dice = path.read_bytes(), random.Random(format)
+    data = path.read_bytes()
+    dice = random.Random(format)
     if path.read_bytes()[:2] not in (b"PK", b"SQ"):
         data = data[:4000]
     refused = 0

@@ -12,7 +12,9 @@ import pytest
 pytestmark = pytest.mark.faults
 
 SCRIPT = Path(__file__).parent / "undo_sequences.py"
-SEQUENCES, EACH = 6 * int(os.environ.get("CROWD_LOD_TRIALS", "1")), 3  # in all, and in one Blender
+# in all, and in one Blender
+SEQUENCES = 6 * int(os.environ.get("CROWD_LOD_TRIALS", "1"))
+EACH = 3
 
 
 @pytest.mark.parametrize("first", range(0, SEQUENCES, EACH))

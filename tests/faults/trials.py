@@ -23,7 +23,9 @@ import rough
 def operator(file: str, folder: str) -> int:
     bpy.ops.wm.open_mainfile(filepath=file)
     settings = bpy.context.scene.crowd_lod
-    settings.output_folder, settings.frames, settings.width = folder, "1,9", 64
+    settings.output_folder = folder
+    settings.frames = "1,9"
+    settings.width = 64
     try:
         bpy.ops.crowd_lod.preview()
     except RuntimeError as error:
@@ -34,7 +36,8 @@ def operator(file: str, folder: str) -> int:
 
 def trial(words: list[str], limit: int | None) -> dict:
     reading, writing = os.pipe()
-    kept, nowhere = [os.dup(1), os.dup(2)], os.open(os.devnull, os.O_WRONLY)
+    kept = [os.dup(1), os.dup(2)]
+    nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)
     os.dup2(writing, 2)
     os.close(writing)
@@ -67,8 +70,11 @@ def small(file: Path) -> None:
     sample_scenes.make("chapter", scene)
     for name in "child", "heavy":
         scene.crowd_lod.characters.children.unlink(bpy.data.collections[name])
-    scene.crowd_lod.count, scene.crowd_lod.method, scene.crowd_lod.level_count = 20, "DECIMATE", 2
-    scene.frame_end, scene.crowd_lod.goal_labels = 3, "left edge, right edge"
+    scene.crowd_lod.count = 20
+    scene.crowd_lod.method = "DECIMATE"
+    scene.crowd_lod.level_count = 2
+    scene.frame_end = 3
+    scene.crowd_lod.goal_labels = "left edge, right edge"
     store_groups(scene.crowd_lod, measure_groups(scene))
     list(make_levels(scene))
     bpy.ops.wm.save_as_mainfile(filepath=str(file), copy=True)

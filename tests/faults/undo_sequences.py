@@ -45,7 +45,8 @@ class Hands:
 
 def sequence(seed: int, hands):
     """Take STEPS random steps; yields where the `hands` have to wait."""
-    chance, states = random.Random(seed), defaultdict(list)
+    chance = random.Random(seed)
+    states = defaultdict(list)
     names = [name for name in sorted(dir(bpy.ops.crowd_lod)) if name not in IN_A_WINDOW]
     bpy.data.worlds.new(MARK).use_fake_user = True
     print(f"sequence {seed}:", end=" ", flush=True)
@@ -59,7 +60,8 @@ def sequence(seed: int, hands):
                 if (
                     MARK in bpy.data.worlds and "step" in bpy.data.worlds[MARK]
                 ):  # else back before the first step
-                    now, before = state(), states[bpy.data.worlds[MARK]["step"]]
+                    now = state()
+                    before = states[bpy.data.worlds[MARK]["step"]]
                     assert now in before, [
                         [(a, b) for a, b in zip(now, each, strict=True) if a != b]
                         for each in before
@@ -93,8 +95,11 @@ def quicken(scene: bpy.types.Scene, folder: str = "") -> None:
     """
     settings = scene.crowd_lod
     scene.frame_end, settings.method, settings.count = 5, "DECIMATE", min(settings.count, 200)
-    settings.frames, settings.width = "1,5", 64
-    settings.verify_count, settings.verify_width, settings.verify_samples = 1, 32, 1
+    settings.frames = "1,5"
+    settings.width = 64
+    settings.verify_count = 1
+    settings.verify_width = 32
+    settings.verify_samples = 1
     settings.output_folder = folder or settings.output_folder
 
 
@@ -126,7 +131,9 @@ def use(chance: random.Random) -> None:
         bpy.context.scene.frame_set(chance.randint(1, 40))
     if chance.random() < 0.1 and bpy.app.background:
         render = bpy.context.scene.render
-        render.resolution_x, render.resolution_y, render.engine = 64, 36, "BLENDER_WORKBENCH"
+        render.resolution_x = 64
+        render.resolution_y = 36
+        render.engine = "BLENDER_WORKBENCH"
         bpy.ops.render.render()
 
 
@@ -172,7 +179,10 @@ def saved(folder: str) -> str:
         )
     scene.frame_end, settings = 5, scene.crowd_lod
     settings.scale_textures = True
-    settings.count, settings.method, settings.frames, settings.width = 100, "DECIMATE", "1,5", 64
+    settings.count = 100
+    settings.method = "DECIMATE"
+    settings.frames = "1,5"
+    settings.width = 64
     settings.output_folder = folder
     bpy.ops.crowd_lod.populate()
     path = f"{folder}/crowd.blend"

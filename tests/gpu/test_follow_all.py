@@ -30,7 +30,8 @@ def image(name, value):
 
 
 def assert_as_planned(scene):
-    now, planned = shown(scene).frame, frame_of(scene, scene.view_layers[0].depsgraph)
+    now = shown(scene).frame
+    planned = frame_of(scene, scene.view_layers[0].depsgraph)
     assert (now.visible == planned.visible).all() and (now.levels == planned.levels).all()
     assert (now.crowd.z == planned.crowd.z).all()
     return now
@@ -38,25 +39,31 @@ def assert_as_planned(scene):
 
 def test_the_overlay_shows_what_the_plan_plans(scene):
     before = assert_as_planned(scene)
-    settings, render = scene.crowd_lod, scene.render
+    settings = scene.crowd_lod
+    render = scene.render
     settings.bias_image = image("bias", 1.0)
     finer = assert_as_planned(scene)
     assert (finer.levels <= before.levels).all() and (finer.levels < before.levels).any()
-    settings.height_image, settings.height_scale = image("height", 1.0), 4.0
+    settings.height_image = image("height", 1.0)
+    settings.height_scale = 4.0
     assert np.allclose(assert_as_planned(scene).crowd.z, 4.0)
     settings.height_scale = 2.0
     assert np.allclose(assert_as_planned(scene).crowd.z, 2.0)
     alone = shown(scene).frame.visible.sum()
-    render.use_multiview, scene.camera.data.stereo.interocular_distance = True, 8.0
+    render.use_multiview = True
+    scene.camera.data.stereo.interocular_distance = 8.0
     assert assert_as_planned(scene).visible.sum() > alone
     render.use_multiview = False
-    render.use_border, render.border_max_x, settings.cull_to_border = True, 0.3, True
+    render.use_border = True
+    render.border_max_x = 0.3
+    settings.cull_to_border = True
     assert assert_as_planned(scene).visible.sum() < alone
 
 
 def test_an_open_shutter_is_read_outside_the_drawing_and_then_shown(scene, monkeypatch):
     still = shown(scene)
-    scene.render.use_motion_blur, scene.render.motion_blur_shutter = True, 1.0
+    scene.render.use_motion_blur = True
+    scene.render.motion_blur_shutter = 1.0
     names = {s.name for s in bpy.data.scenes}
     shown(scene)
     assert bpy.app.timers.is_registered(viewport_overlay._read_shutters)
@@ -90,7 +97,8 @@ def test_hysteresis_holds_back_changes_of_lod_in_the_overlay_alone(scene):
         scene.crowd_lod.hysteresis = width
         scene.frame_set(1)
         viewport_overlay._shown.clear()
-        before, count = shown(scene).frame, 0
+        before = shown(scene).frame
+        count = 0
         assert (before.levels == frame_of(scene, scene.view_layers[0].depsgraph).levels).all()
         for step in (3, -3, 3, -3):
             scene.camera.location.y += step
@@ -99,7 +107,8 @@ def test_hysteresis_holds_back_changes_of_lod_in_the_overlay_alone(scene):
             assert (now.visible == planned.visible).all()
             assert now.buckets.counts.sum() == planned.buckets.counts.sum() == now.visible.sum()
             assert (np.bincount(now.levels[now.visible], minlength=3) == now.buckets.counts).all()
-            count, before = count + int((now.levels != before.levels).sum()), now
+            count = count + int((now.levels != before.levels).sum())
+            before = now
         changes[width] = count
         if not width:
             assert (now.levels == planned.levels).all()

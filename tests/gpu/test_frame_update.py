@@ -60,7 +60,8 @@ def test_count_and_seed_make_a_new_crowd(scene):
 
 
 def test_without_a_camera_it_says_so_and_goes_on_with_one(scene):
-    camera, scene.camera = scene.camera, None
+    camera = scene.camera
+    scene.camera = None
     assert "no active camera" in shown(scene).problem
     assert viewport_overlay.latest(scene) is None and "camera" in viewport_overlay.problem(scene)
     scene.camera = camera
@@ -73,7 +74,8 @@ def test_characters_and_scenes_may_be_deleted(scene):
         bpy.data.objects.remove(item)
     assert shown(scene).problem is None
     other = bpy.data.scenes.new("other")
-    other.camera, other.crowd_lod.overlay = scene.camera, True
+    other.camera = scene.camera
+    other.crowd_lod.overlay = True
     assert "Populate" in shown(other).problem
     bpy.data.scenes.remove(other)
     scene.crowd_lod.seed = 1
@@ -150,7 +152,8 @@ def ease(item):
     key = (
         item.animation_data.action.layers[0].strips[0].channelbags[0].fcurves[0].keyframe_points[0]
     )
-    key.handle_right_type, key.handle_right.y = "FREE", 20.0
+    key.handle_right_type = "FREE"
+    key.handle_right.y = 20.0
 
 
 def test_every_mode_and_color_is_drawn(scene):
@@ -159,11 +162,9 @@ def test_every_mode_and_color_is_drawn(scene):
     for mode in ("MESHES", "BOXES", "POINTS"):
         for color in ("LOD", "STATE", "GROUP", "REASON", "MATERIAL"):
             for fade in (0.0, 0.3):
-                settings.overlay_mode, settings.overlay_color, settings.overlay_fade = (
-                    mode,
-                    color,
-                    fade,
-                )
+                settings.overlay_mode = mode
+                settings.overlay_color = color
+                settings.overlay_fade = fade
                 now = shown(scene)
                 assert now.problem is None and now.notes == ()
                 assert (now.cast is None) == (mode == "POINTS") == (now.batches.draws == ())

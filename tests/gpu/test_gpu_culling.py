@@ -38,7 +38,8 @@ class Tally:
 
 @pytest.fixture
 def tally(monkeypatch):
-    settled, found = gpu_culling._settled, Tally()
+    settled = gpu_culling._settled
+    found = Tally()
 
     def counting(places, ends, spheres, asked):
         found.asked += len(asked.crowd)
@@ -52,7 +53,8 @@ def tally(monkeypatch):
 def same(planner, trajectory, camera, policy, time=1):
     """The plan on the GPU, after it was compared with the other."""
     request = Request(time=time, eyes=(camera,), policy=policy)
-    there, here = plan_of(trajectory, request, planner), plan_of(trajectory, request)
+    there = plan_of(trajectory, request, planner)
+    here = plan_of(trajectory, request)
     assert raw(there) == raw(here)
     return there
 
@@ -88,7 +90,8 @@ def test_random_shots_are_numpys_and_few_agents_are_left_open(lens, fewest, tall
         trajectory = shot(
             walking("reflect"), ground(), groups, count, int(random.integers(99)), heights=heights
         )
-        policy, planner = policy_of(random, groups), gpu_culling.Planner(trajectory)
+        policy = policy_of(random, groups)
+        planner = gpu_culling.Planner(trajectory)
         for time in (1, 9, 9, 70.5):
             camera = random_camera(random, lens)
             camera = replace(
@@ -112,7 +115,8 @@ def test_agents_on_planes_and_on_lod_borders_are_left_open_and_right(lens, tally
             0.25 * camera.far - (points[:40] - camera.origin) @ camera.Z, camera.Z
         ) / (camera.Z @ camera.Z)
         points = np.concatenate([points, on_border])
-        low, high = points.min(axis=0) - 1, points.max(axis=0) + 1
+        low = points.min(axis=0) - 1
+        high = points.max(axis=0) + 1
         table = machine()
         world = LabelMap(np.zeros((3, 3), np.uint8), Area(low[0], low[1], high[0], high[1]))
         trajectory = Walk(crowd_at(points), table, world, (group,), 1 / 24)
@@ -127,13 +131,14 @@ def test_agents_on_planes_and_on_lod_borders_are_left_open_and_right(lens, tally
 def test_places_that_float32_cannot_hold_are_left_to_numpy(tally):
     trajectory = shot(count=300)
     start = trajectory.start
-    x, y = start.x.copy(), start.y.copy()
-    x[:4], y[4:8], y[8] = (1e39, -1e200, 3e38, np.inf), (1e20, -1e-45, 0.0, 1e-300), np.nan
+    x = start.x.copy()
+    y = start.y.copy()
+    x[:4] = (1e39, -1e200, 3e38, np.inf)
+    y[4:8] = (1e20, -1e-45, 0.0, 1e-300)
+    y[8] = np.nan
     odd = replace(trajectory, start=replace(start, x=x, y=y))
-    camera, policy = (
-        replace(straight(), origin=np.array([0, -10, 0.0])),
-        LevelPolicy((0.3, 0.6), drop_lost=True),
-    )
+    camera = replace(straight(), origin=np.array([0, -10, 0.0]))
+    policy = LevelPolicy((0.3, 0.6), drop_lost=True)
     frame = same(gpu_culling.Planner(odd), odd, camera, policy)
     assert frame.dropped == 2 and len(frame.buckets.order) > 50 and tally.open >= 4
     world = LabelMap(trajectory.world.labels, replace(AREA, x_min=1e7 - 40, x_max=1e7 + 40))
@@ -162,7 +167,8 @@ def test_the_faster_way_is_taken():
 
 def ways_of(faster, trajectory, camera):
     """Which of the first frames are planned on the GPU; all are what frame.plan_of makes."""
-    policy, on_gpu = LevelPolicy((0.3,)), []
+    policy = LevelPolicy((0.3,))
+    on_gpu = []
     for time in range(1, 2 * gpu_culling.TRIES + 1):
         request = Request(time=time, eyes=(camera,), policy=policy)
         frame = faster.plan_of(trajectory, request)

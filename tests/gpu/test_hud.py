@@ -157,10 +157,12 @@ def test_the_figures_keep_clear_of_what_lies_over_the_viewport():
 
 @pytest.mark.parametrize("eye", [(0.0, -70.0, 3.0), (5.0, 5.0, 400.0)])
 def test_the_area_and_the_eye_are_seen_from_above_upright_and_undistorted(eye):
-    area, eye = Area(-50, -20, 30, 40), np.array(eye)
+    area = Area(-50, -20, 30, 40)
+    eye = np.array(eye)
     places = np.array([(0, 0, -eye[2]), (0.0, 900.0, 40.0)])
     view, projection = inset.from_above(area, eye, places)
-    across, up = projection[0, 0] * inset.SIZE[0], projection[1, 1] * inset.SIZE[1]
+    across = projection[0, 0] * inset.SIZE[0]
+    up = projection[1, 1] * inset.SIZE[1]
     assert across == pytest.approx(up)
     seen = [(area.x_min, area.y_min, 0.0), (area.x_max, area.y_max, 0.0), (*eye[:2], eye[2])]
     clip = np.array([projection @ view @ (*place, 1.0) for place in seen])
@@ -181,7 +183,8 @@ def test_the_view_from_above_holds_every_agent_in_its_color():
     seen = np.array(texture.read().to_list(), np.float32).reshape(height, width, 4) / 255
     for (x, y, z), group, level in AGENTS:
         at = projection @ view @ (x, y, z + GROUPS[group].center, 1.0)
-        row, column = int((at[1] + 1) / 2 * height), int((at[0] + 1) / 2 * width)
+        row = int((at[1] + 1) / 2 * height)
+        column = int((at[0] + 1) / 2 * width)
         near = seen[row - 1 : row + 2, column - 1 : column + 2, :3].reshape(-1, 3)
         if level is None:
             assert near.max() > 0.2
@@ -212,7 +215,8 @@ def test_off_color_pixels_of_the_map_are_magenta_over_the_agents():
     )
     for place in zip(*world.middles(*world.strays.T), strict=True):
         at = projection @ view @ (*place, z, 1.0)
-        row, column = int((at[1] + 1) / 2 * texture.height), int((at[0] + 1) / 2 * texture.width)
+        row = int((at[1] + 1) / 2 * texture.height)
+        column = int((at[0] + 1) / 2 * texture.width)
         assert seen[row, column, :3].tolist() == pytest.approx([1, 0, 1], abs=0.01)
 
 
@@ -220,9 +224,13 @@ def test_off_color_pixels_of_the_map_are_magenta_over_the_agents():
 def filmed():
     """A scene's camera object, moved, turned and shifted."""
     item = bpy.data.objects.new("filmed", bpy.data.cameras.new("filmed"))
-    item.location, item.rotation_euler = (3, -20, 5), (1.2, 0.1, 0.4)
-    item.data.clip_start, item.data.clip_end, item.data.ortho_scale = 0.1, 1000.0, 12.0
-    item.data.shift_x, item.data.shift_y = 0.1, -0.2
+    item.location = (3, -20, 5)
+    item.rotation_euler = (1.2, 0.1, 0.4)
+    item.data.clip_start = 0.1
+    item.data.clip_end = 1000.0
+    item.data.ortho_scale = 12.0
+    item.data.shift_x = 0.1
+    item.data.shift_y = -0.2
     bpy.context.scene.collection.objects.link(item)
     yield item
     bpy.data.cameras.remove(item.data)
@@ -232,13 +240,14 @@ def filmed():
 def test_a_view_through_a_camera_is_the_cameras(filmed, kind):
     filmed.data.type = kind
     bpy.context.view_layer.update()
-    depsgraph, render = bpy.context.evaluated_depsgraph_get(), bpy.context.scene.render
-    render.resolution_x, render.resolution_y, render.resolution_percentage = 640, 480, 100
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    render = bpy.context.scene.render
+    render.resolution_x = 640
+    render.resolution_y = 480
+    render.resolution_percentage = 100
     expected = camera_from(filmed, render, depsgraph)
-    view, projection = (
-        filmed.matrix_world.inverted(),
-        filmed.calc_matrix_camera(depsgraph, x=640, y=480),
-    )
+    view = filmed.matrix_world.inverted()
+    projection = filmed.calc_matrix_camera(depsgraph, x=640, y=480)
     found = camera_of(
         np.array(view, np.float64), np.array(projection, np.float64), (640, 480), (0.1, 1000.0)
     )
@@ -257,12 +266,14 @@ def test_the_clip_range_is_the_viewports_or_that_of_the_camera_it_looks_through(
         view_matrix=filmed.matrix_world.inverted(), window_matrix=matrix, view_perspective="PERSP"
     )
     space = SimpleNamespace(clip_start=0.5, clip_end=77.0, use_local_camera=False, camera=None)
-    scene, region = SimpleNamespace(camera=filmed), SimpleNamespace(width=640, height=480)
+    scene = SimpleNamespace(camera=filmed)
+    region = SimpleNamespace(width=640, height=480)
     context = SimpleNamespace(space_data=space, region_data=view, scene=scene, region=region)
     assert (viewpoint(context).near, viewpoint(context).far) == (0.5, 77.0)
     view.view_perspective = "CAMERA"
     assert viewpoint(context).far == 1000.0
     scene.camera = None
     assert viewpoint(context).far == 77.0
-    space.use_local_camera, space.camera = True, filmed
+    space.use_local_camera = True
+    space.camera = filmed
     assert viewpoint(context).far == 1000.0

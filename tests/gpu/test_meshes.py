@@ -22,7 +22,8 @@ from mathutils import Matrix, kdtree
 
 from ..support.rotations import stance
 
-WIDTH, HEIGHT = 640, 480
+WIDTH = 640
+HEIGHT = 480
 TINTS = np.array(
     [
         (1, 0.1, 0.1, 1),
@@ -51,10 +52,13 @@ def scene():
     adult = scene.crowd_lod.characters.children["adult"]
     rig = next(item for item in adult.objects if item.type == "ARMATURE")
     prop = bpy.data.objects.new("prop", tetrahedron("prop", 0.2))
-    prop.parent, prop.parent_type, prop.parent_bone = rig, "BONE", rig.data.bones[-1].name
+    prop.parent = rig
+    prop.parent_type = "BONE"
+    prop.parent_bone = rig.data.bones[-1].name
     swing = bpy.data.objects.new("swing", tetrahedron("swing", 0.3))
     for frame in range(1, 27):
-        swing.location, swing.rotation_euler = (0.5, 0, 0.04 * frame), (0, 0.1 * frame, 0)
+        swing.location = (0.5, 0, 0.04 * frame)
+        swing.rotation_euler = (0, 0.1 * frame, 0)
         swing.keyframe_insert("location", frame=frame)
         swing.keyframe_insert("rotation_euler", frame=frame)
     for item in (prop, swing):
@@ -117,14 +121,13 @@ def placed(what, cast, group, level) -> np.ndarray:
     """
     mesh = cast.characters[group].meshes[level]
     kind = cast.kind(level, group)
-    info, between = (
-        shader_programs.mesh_interface(kind),
-        gpu.types.GPUStageInterfaceInfo("crowd_lod_read_back"),
-    )
+    info = shader_programs.mesh_interface(kind)
+    between = gpu.types.GPUStageInterfaceInfo("crowd_lod_read_back")
     between.flat("VEC3", "world")
     info.vertex_out(between)
     info.fragment_out(0, "VEC4", "result")
-    count, columns = len(what.agents), len(mesh.points)
+    count = len(what.agents)
+    columns = len(mesh.points)
     main = f"""
     void main()
     {{
@@ -179,7 +182,9 @@ def some(count):
     random = np.random.default_rng(5)
     rows = np.zeros((count, 8), np.float32)
     rows[:, :3] = random.uniform(-4, 4, (count, 3))
-    rows[:, 3], rows[:, 4], rows[:, 5] = random.uniform(-3.2, 3.2, count), random.random(count), 2.0
+    rows[:, 3] = random.uniform(-3.2, 3.2, count)
+    rows[:, 4] = random.random(count)
+    rows[:, 5] = 2.0
     rows[1:, 6:] = random.uniform(-0.6, 0.6, (count - 1, 2))
     return rows
 
@@ -229,7 +234,8 @@ def apart(points, others) -> float:
 
 
 def test_baking_leaves_the_file_as_it_was(scene):
-    before, frame = {block.name_full for block in bpy.data.user_map()}, scene.frame_current
+    before = {block.name_full for block in bpy.data.user_map()}
+    frame = scene.frame_current
     poses = [
         bone.matrix.copy() for item in bpy.data.objects if item.pose for bone in item.pose.bones
     ]
@@ -247,7 +253,8 @@ def test_baking_in_steps_gives_the_same_and_leaves_nothing_in_between(
 ):
     monkeypatch.setattr(skinned_characters, "TICK", 0.0)  # a frame at a time
     before = {block.name_full for block in bpy.data.user_map()}
-    steps, progress = skinned_characters.baking("0", lambda: homes(scene, 0)), []
+    steps = skinned_characters.baking("0", lambda: homes(scene, 0))
+    progress = []
     while True:
         try:
             progress.append(next(steps))
@@ -270,7 +277,8 @@ def test_what_joints_cannot_express_is_measured_and_told(scene):
     item = next(item for item in homes(scene, 0)[0].objects if item.modifiers)
     twist = item.modifiers.new("twist", "SIMPLE_DEFORM")
     item.modifiers.move(1, 0)
-    twist.deform_method, twist.angle = "TWIST", 0.5
+    twist.deform_method = "TWIST"
+    twist.angle = 0.5
     assert (
         bake("twisted", homes(scene, 0)).told is None
     )  # before the armature: a part of the rest pose
@@ -287,13 +295,14 @@ def picture(
 ) -> tuple[np.ndarray, np.ndarray]:
     """((HEIGHT, WIDTH, 3) float32 bottom row first, the matrix to clip space), seen along +y."""
     view = np.linalg.inv(np.array(Matrix.Translation(eye) @ Matrix.Rotation(np.pi / 2, 4, "X")))
-    near, far, slope = 0.1, 200.0, 0.4
+    near = 0.1
+    far = 200.0
+    slope = 0.4
     projection = np.zeros((4, 4))
-    projection[0, 0], projection[1, 1] = HEIGHT / WIDTH / slope, 1 / slope
-    projection[2, 2:], projection[3, 2] = (
-        ((far + near) / (near - far), 2 * far * near / (near - far)),
-        -1,
-    )
+    projection[0, 0] = HEIGHT / WIDTH / slope
+    projection[1, 1] = 1 / slope
+    projection[2, 2:] = ((far + near) / (near - far), 2 * far * near / (near - far))
+    projection[3, 2] = -1
     canvas = gpu.types.GPUOffScreen(WIDTH, HEIGHT, format="RGBA32F")
     try:
         with canvas.bind():
@@ -398,7 +407,8 @@ def test_boxes_are_as_high_as_the_characters():
 def test_boxes_drawn_in_runs_are_those_drawn_one_by_one():
     cast = Cast((Group("one", 0.9, 0.95, 0.0, 1.0),), ())
     rows = [row(x - 4.5, 9.0 - 1.5 * y) for y in range(7) for x in range(10)]  # a run and six more
-    first, second = ((0, 0, 0, 3), (0, 0, 3, 67)), tuple((0, 0, k, 1) for k in range(70))
+    first = ((0, 0, 0, 3), (0, 0, 3, 67))
+    second = tuple((0, 0, k, 1) for k in range(70))
     runs, single, short = (
         picture(instances(rows, draws), cast)[0] for draws in (first, second, second[:-1])
     )

@@ -17,7 +17,8 @@ from mathutils import Matrix, Vector
 
 from ..support.overlays import AGENTS, GROUPS, planned
 
-WIDTH, HEIGHT = 320, 240
+WIDTH = 320
+HEIGHT = 240
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -36,15 +37,21 @@ def viewer():
 
     def make(kind):
         data = bpy.data.cameras.new("viewer")
-        data.type, data.ortho_scale, data.lens, data.clip_end = kind, 60.0, 24.0, 500.0
+        data.type = kind
+        data.ortho_scale = 60.0
+        data.lens = 24.0
+        data.clip_end = 500.0
         item = bpy.data.objects.new("viewer", data)
         made.append(item)
         bpy.context.scene.collection.objects.link(item)
-        eye, target = Vector((-12.0, -22.0, 20.0)), Vector((0.0, 10.0, 0.0))
+        eye = Vector((-12.0, -22.0, 20.0))
+        target = Vector((0.0, 10.0, 0.0))
         turn = (target - eye).to_track_quat("-Z", "Y").to_matrix().to_4x4()
         item.matrix_world = Matrix.Translation(eye) @ turn
         render = bpy.context.scene.render
-        render.resolution_x, render.resolution_y, render.resolution_percentage = WIDTH, HEIGHT, 100
+        render.resolution_x = WIDTH
+        render.resolution_y = HEIGHT
+        render.resolution_percentage = 100
         bpy.context.view_layer.update()
         return item
 

@@ -13,14 +13,13 @@ def test_the_panel_says_whether_the_plan_holds_in_the_frame_that_is_shown(tmp_pa
         settings = scene.crowd_lod
         shown(scene)
         seen = viewport_overlay.latest(scene).visible
-        settings.agent, settings.level_count = int(seen.argmax()), 1
+        settings.agent = int(seen.argmax())
+        settings.level_count = 1
         entry = settings.exceptions.add()
-        entry.agents, entry.kind, settings.frames, settings.output_folder = (
-            str(settings.agent),
-            "HIDE",
-            "1:3",
-            str(tmp_path),
-        )
+        entry.agents = str(settings.agent)
+        entry.kind = "HIDE"
+        settings.frames = "1:3"
+        settings.output_folder = str(tmp_path)
         with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
             assert bpy.ops.crowd_lod.plan_shot() == {"FINISHED"}
         scene.frame_set(2)
@@ -30,7 +29,8 @@ def test_the_panel_says_whether_the_plan_holds_in_the_frame_that_is_shown(tmp_pa
         said = dict(told(viewport_overlay.account_of(scene)))
         assert said["Shot plan"] == "hidden by an exception" and said["Culled"] == "exception"
         # what the user changes shows at the next redraw
-        entry.kind, entry.level = "ALWAYS", 0
+        entry.kind = "ALWAYS"
+        entry.level = 0
         shown(scene)
         assert shot_panels._held(scene) == ("Does not hold: see above", "ERROR")
         said = [sentence for sentence, _ in steps.messages(scene)]

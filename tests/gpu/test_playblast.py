@@ -96,10 +96,8 @@ def test_agents_have_the_colors_that_a_viewport_gives_them_to_the_bit(scene, can
 
     view, projection = matrices(scene)
     crowd = boxes(scene)
-    color, depth = (
-        GPUTexture(SIZE, format="SRGB8_A8"),
-        GPUTexture(SIZE, format="DEPTH_COMPONENT32F"),
-    )
+    color = GPUTexture(SIZE, format="SRGB8_A8")
+    depth = GPUTexture(SIZE, format="DEPTH_COMPONENT32F")
     buffer = GPUFrameBuffer(color_slots=color, depth_slot=depth)
     with buffer.bind():
         buffer.clear(color=(0, 0, 0, 0), depth=1.0)
@@ -155,14 +153,16 @@ def test_the_pictures_show_what_renders_show_and_only_that(tmp_path):
     scene = bpy.data.scenes.new("panels")
     scene.render.resolution_x, scene.render.resolution_y = SIZE
     scene.camera = bpy.data.objects.new("eye", bpy.data.cameras.new("eye"))
-    scene.camera.data.type, scene.camera.data.ortho_scale = "ORTHO", 8
+    scene.camera.data.type = "ORTHO"
+    scene.camera.data.ortho_scale = 8
     scene.collection.objects.link(scene.camera)
     panel = mesh_data.new_mesh(
         "panel",
         np.array([(0.2, -1, -3), (0.8, -1, -3), (0.8, 1, -3), (0.2, 1, -3)]),
         np.array([(0, 1, 2), (0, 2, 3)]),
     )
-    homes, items = [], []
+    homes = []
+    items = []
     for x in range(-4, 4):
         homes.append(bpy.data.collections.new(f"home {x}"))
         items.append(bpy.data.objects.new(f"panel {x}", panel))
@@ -181,12 +181,11 @@ def test_the_pictures_show_what_renders_show_and_only_that(tmp_path):
         items[7].hide_render = hidden
         items[7].keyframe_insert("hide_render", frame=frame)
     scene.frame_set(2)
-    scene.render.engine, scene.render.film_transparent, scene.render.filepath = (
-        "BLENDER_WORKBENCH",
-        True,
-        str(tmp_path / "render.png"),
-    )
-    scene.render.image_settings.file_format, scene.render.image_settings.color_mode = "PNG", "RGBA"
+    scene.render.engine = "BLENDER_WORKBENCH"
+    scene.render.film_transparent = True
+    scene.render.filepath = str(tmp_path / "render.png")
+    scene.render.image_settings.file_format = "PNG"
+    scene.render.image_settings.color_mode = "RGBA"
     scene.render.use_compositing = scene.render.use_sequencer = False
     with bpy.context.temp_override(scene=scene):
         bpy.ops.render.render(write_still=True)
@@ -216,11 +215,10 @@ def test_a_preview_is_drawn_by_the_overlay(tmp_path, capfd):
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     sample_scenes.make("chapter", bpy.context.scene)
     settings = bpy.context.scene.crowd_lod
-    settings.choice, settings.method, settings.group_names = (
-        "BY_RATIO",
-        "DECIMATE",
-        "adult",
-    )  # the quickest
+    # the quickest
+    settings.choice = "BY_RATIO"
+    settings.method = "DECIMATE"
+    settings.group_names = "adult"
     list(make_levels(bpy.context.scene))
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "chapter.blend"))
     command = [

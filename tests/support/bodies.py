@@ -14,8 +14,12 @@ def drum(around, along):
     i, j = (
         grid.ravel() for grid in np.meshgrid(np.arange(along - 1), np.arange(around), indexing="ij")
     )
-    k, first = (j + 1) % around, np.arange(around)
-    a, b, c, d = i * around + j, i * around + k, (i + 1) * around + k, (i + 1) * around + j
+    k = (j + 1) % around
+    first = np.arange(around)
+    a = i * around + j
+    b = i * around + k
+    c = (i + 1) * around + k
+    d = (i + 1) * around + j
     last = first + (along - 1) * around
     caps = [
         np.column_stack([np.roll(first, -1), first, np.full(around, len(points) - 2)]),

@@ -54,7 +54,8 @@ def rig(name: str = "rig") -> bpy.types.Object:
     bpy.ops.object.mode_set(mode="EDIT")
     for bone, low, high in (("lower", 0, 1), ("upper", 1, 2)):
         edit = armature.data.edit_bones.new(bone)
-        edit.head, edit.tail = (0, 0, low), (0, 0, high)
+        edit.head = (0, 0, low)
+        edit.tail = (0, 0, high)
     armature.data.edit_bones["upper"].parent = armature.data.edit_bones["lower"]
     bpy.ops.object.mode_set(mode="OBJECT")
     bone = armature.pose.bones["upper"]

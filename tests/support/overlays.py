@@ -77,10 +77,12 @@ def populated(count, **heights):
         )
         characters.objects.link(bpy.data.objects.new(name, mesh))
     camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
-    camera.location, camera.rotation_euler = (0, -40, 2), (1.5708, 0, 0)
+    camera.location = (0, -40, 2)
+    camera.rotation_euler = (1.5708, 0, 0)
     scene.collection.objects.link(camera)
     scene.camera = camera
-    scene.crowd_lod.characters, scene.crowd_lod.count = characters, count
+    scene.crowd_lod.characters = characters
+    scene.crowd_lod.count = count
     scene.crowd_lod.overlay = True
     with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
         assert bpy.ops.crowd_lod.populate() == {"FINISHED"}

@@ -10,7 +10,11 @@ class Reader(HTMLParser):
 
     def __init__(self, text):
         super().__init__()
-        self.open, self.tags, self.cells, self.links, self.texts = [], [], [], [], []
+        self.open = []
+        self.tags = []
+        self.cells = []
+        self.links = []
+        self.texts = []
         self.feed(text)
         self.close()
         assert not self.open

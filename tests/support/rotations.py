@@ -15,10 +15,13 @@ def stance(heading, pitch, roll, turn):
 
 def _about(axis, angle):
     """Return rotations (n, 3, 3) float64 about a coordinate axis."""
-    cos, sin = np.cos(angle, dtype=np.float64), np.sin(angle, dtype=np.float64)
+    cos = np.cos(angle, dtype=np.float64)
+    sin = np.sin(angle, dtype=np.float64)
     turned = np.zeros((len(angle), 3, 3))
-    i, j = (axis + 1) % 3, (axis + 2) % 3
+    i = (axis + 1) % 3
+    j = (axis + 2) % 3
     turned[:, axis, axis] = 1
     turned[:, i, i] = turned[:, j, j] = cos
-    turned[:, i, j], turned[:, j, i] = -sin, sin
+    turned[:, i, j] = -sin
+    turned[:, j, i] = sin
     return turned

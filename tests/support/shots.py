@@ -48,7 +48,8 @@ def ground(walls=(), shape=(7, 9)):
 
 
 def shot(table=None, world=None, groups=ONE, count=400, seed=3, **more):
-    table, world = table or machine(), world or ground()
+    table = table or machine()
+    world = world or ground()
     return Walk(
         populate(count, seed, len(groups), table, world), table, world, groups, 1 / 24, **more
     )

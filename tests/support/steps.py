@@ -18,14 +18,17 @@ def odd(crowd, random, machine, world):
     """With agents on the map's border or next to it, on cells' borders, beyond the map, and
     mirrored.
     """
-    x, y = crowd.x.copy(), crowd.y.copy()
+    x = crowd.x.copy()
+    y = crowd.y.copy()
     right = random.choice([AREA.x_max, np.nextafter(AREA.x_max, 0)])
-    x[::11], x[1::11], y[2::11], y[3::11] = AREA.x_min, right, AREA.y_min, AREA.y_max
-    x[4::11], y[5::11] = (
-        AREA.x_min + 80 / 9 * random.integers(9, size=x[4::11].shape),
-        AREA.y_min + 100 / 7 * 3,
-    )
-    x[6::101], y[7::101] = -70, 170
+    x[::11] = AREA.x_min
+    x[1::11] = right
+    y[2::11] = AREA.y_min
+    y[3::11] = AREA.y_max
+    x[4::11] = AREA.x_min + 80 / 9 * random.integers(9, size=x[4::11].shape)
+    y[5::11] = AREA.y_min + 100 / 7 * 3
+    x[6::101] = -70
+    y[7::101] = 170
     mirror = random.integers(4, size=len(x)).astype(np.uint8)
     pace = look_up_paces(x, y, crowd.state, machine, world)
     return replace(

@@ -34,12 +34,11 @@ def tables(draw):
     timed.
     """
     names = ["a", "b", "c"][: draw(st.integers(1, 3))]
-    still, constant = draw(st.booleans()), draw(st.booleans())
+    still = draw(st.booleans())
+    constant = draw(st.booleans())
     part = st.integers(-3000, 3000).map(lambda hundredths: hundredths / 100)
-    move, any_of = (
-        st.just([0, 0]) if still else st.lists(part, min_size=2, max_size=2),
-        st.sampled_from(names),
-    )
+    move = st.just([0, 0]) if still else st.lists(part, min_size=2, max_size=2)
+    any_of = st.sampled_from(names)
     weights = any_of | st.just({name: 1 for name in names})
     states = {}
     for k, name in enumerate(names):
@@ -79,7 +78,8 @@ def policies(draw, groups=1):
     own = st.tuples(
         *(st.just(tuple(step**power for step in steps)) for power in range(1, groups + 1))
     )
-    margin, metric = draw(sometimes(st.just(0.5))), draw(st.sampled_from(["AXIS", "RADIAL"]))
+    margin = draw(sometimes(st.just(0.5)))
+    metric = draw(st.sampled_from(["AXIS", "RADIAL"]))
     return LevelPolicy(steps, metric, margin, group_thresholds=draw(sometimes(own, ())))
 
 
@@ -107,8 +107,10 @@ def shots(draw, groups, counts):
     """(trajectory, camera, policy, shutter, bias) as `plan` takes them, before and after the
     time.
     """
-    trajectory, camera = draw(trajectories(groups, counts)), draw(cameras_of_crowd())
-    shutter, eyes = (), camera if isinstance(camera, tuple) else (camera,)
+    trajectory = draw(trajectories(groups, counts))
+    camera = draw(cameras_of_crowd())
+    shutter = ()
+    eyes = camera if isinstance(camera, tuple) else (camera,)
     if draw(st.booleans()):
         moving = [
             [replace(eye, origin=eye.origin + eye.X * part) for part in (0, 0.1)] for eye in eyes

@@ -34,7 +34,8 @@ def clip(agent):
 
 def mouse(kind, value, agent):
     """Send a mouse event where the agent is."""
-    region, (x, y, _, w) = main_region(), clip(agent)
+    region = main_region()
+    (x, y, _, w) = clip(agent)
     at = (
         int(region.x + (x / w + 1) * region.width / 2),
         int(region.y + (y / w + 1) * region.height / 2),
@@ -45,7 +46,9 @@ def mouse(kind, value, agent):
 def inspect():
     """Point at agents, keep one by a click, point at another and press Esc."""
     robot.view_3d().spaces[0].region_3d.view_perspective = "CAMERA"
-    settings().hud, settings().inset, settings().overlay = True, True, True
+    settings().hud = True
+    settings().inset = True
+    settings().overlay = True
     yield from robot.until(lambda: overlay().latest(scene()) is not None)
     yield 1.0
     # the nearest ones that are seen: no other stands in front of them
@@ -66,7 +69,8 @@ def inspect():
     mouse("LEFTMOUSE", "PRESS", first)
     mouse("LEFTMOUSE", "RELEASE", first)
     yield 0.5
-    found["kept"], found["modal"] = settings().agent, len(robot.window().modal_operators)
+    found["kept"] = settings().agent
+    found["modal"] = len(robot.window().modal_operators)
     account = overlay().account_of(scene())
     found["told"] = [account.agent, account.visible, account.level]
     with robot.over():
@@ -76,14 +80,16 @@ def inspect():
     found["pointed again"] = settings().agent
     robot.key("ESC")
     yield 0.5
-    found["after esc"], found["still modal"] = settings().agent, len(robot.window().modal_operators)
+    found["after esc"] = settings().agent
+    found["still modal"] = len(robot.window().modal_operators)
     settings().agent = -1
     return found
 
 
 def views():
     """Quad view, a second window, local view, hidden overlays, the viewport's own view."""
-    found, space = {}, robot.view_3d().spaces[0]
+    found = {}
+    space = robot.view_3d().spaces[0]
     with robot.over():
         bpy.ops.screen.region_quadview()
     found["quad view"] = yield from seen()
@@ -128,10 +134,13 @@ def views():
 
 def rendered(folder):
     """The viewport's own picture of the crowd, compared with what is on the screen."""
-    space, region = robot.view_3d().spaces[0], main_region()
+    space = robot.view_3d().spaces[0]
+    region = main_region()
     settings().hud = settings().inset = False
     view = space.region_3d
-    view.view_perspective, view.view_location, view.view_distance = "PERSP", (0, 0, 0), 40.0
+    view.view_perspective = "PERSP"
+    view.view_location = (0, 0, 0)
+    view.view_distance = 40.0
     view.view_rotation = Quaternion((0.8, 0.6, 0, 0))  # from above
     settings().overlay_mode = "BOXES"
     space.overlay.show_floor = space.overlay.show_axis_x = space.overlay.show_axis_y = False
@@ -143,7 +152,8 @@ def rendered(folder):
     yield from robot.picture("23_viewport")
     mine = bytes_of(image)
     screen = bpy.data.images.load(str(folder / "23_viewport.png"))
-    whole, width = bytes_of(screen), screen.size[0]
+    whole = bytes_of(screen)
+    width = screen.size[0]
     agents = same = 0
     for row in range(60, region.height - 120, 3):  # free of headers
         for column in range(100, region.width - 300, 3):
@@ -165,7 +175,8 @@ def rendered(folder):
         "same": same,
     }
     bpy.data.images.remove(screen)
-    image.filepath_raw, image.file_format = str(folder / "23_render_viewport.png"), "PNG"
+    image.filepath_raw = str(folder / "23_render_viewport.png")
+    image.file_format = "PNG"
     image.save()
     with robot.over():
         view.view_perspective = "CAMERA"
@@ -177,12 +188,15 @@ def rendered(folder):
         side * render.resolution_percentage // 100
         for side in (render.resolution_x, render.resolution_y)
     ]
-    second.filepath_raw, second.file_format = str(folder / "24_render_viewport.png"), "PNG"
+    second.filepath_raw = str(folder / "24_render_viewport.png")
+    second.file_format = "PNG"
     second.save()
     yield from robot.close_window_of(second)
     for made in (image, second):
         bpy.data.images.remove(made)
-    settings().overlay_mode, settings().hud, settings().inset = "MESHES", True, True
+    settings().overlay_mode = "MESHES"
+    settings().hud = True
+    settings().inset = True
     return found
 
 
@@ -218,7 +232,8 @@ def losses():
 
 def files(folder):
     """Another scene, a saved file opened again, a new one."""
-    found, own = {}, scene()
+    found = {}
+    own = scene()
     robot.window().scene = next(other for other in bpy.data.scenes if other is not own)
     found["other scene"] = yield from seen()
     robot.window().scene = own
@@ -256,7 +271,8 @@ def breakage():
 
 def repeat():
     """Disabled and enabled, the crowd drawn in between now and then."""
-    before, memory = robot.leftovers(), []
+    before = robot.leftovers()
+    memory = []
     for number in range(100):
         robot.toggle()
         yield 0.02

@@ -24,7 +24,8 @@ painted = []  # one for each drawing of characters
 def session():
     rough.use(robot.MODULE)
     yield from robot.press("crowd_lod.sample", name="chapter")
-    settings().count, settings().overlay_mode = 400, "BOXES"
+    settings().count = 400
+    settings().overlay_mode = "BOXES"
     yield from robot.press("crowd_lod.populate")
     robot.view_3d().spaces[0].region_3d.view_perspective = "CAMERA"
     paint = overlay().paint
@@ -74,7 +75,8 @@ def changes():
         lambda: machine.from_string(text.replace('"walk', '"go')),
         lambda now: any("go" in s for s in now.frame.trajectory.machine.states),
     )
-    image, world = settings().map_image, shown().frame.trajectory.world
+    image = settings().map_image
+    world = shown().frame.trajectory.world
     pixels = image.pixels[:]
     yield from robot.drawn()  # looks at the image, and so does not at once again
     found["image"] = yield from followed(
@@ -85,8 +87,11 @@ def changes():
     scene().collection.objects.link(empty)
     driver = settings().id_data.driver_add("crowd_lod.count").driver
     variable = driver.variables.new()
-    variable.name, variable.type, driver.expression = "x", "TRANSFORMS", "300 + x"
-    variable.targets[0].id, variable.targets[0].transform_type = empty, "LOC_X"
+    variable.name = "x"
+    variable.type = "TRANSFORMS"
+    driver.expression = "300 + x"
+    variable.targets[0].id = empty
+    variable.targets[0].transform_type = "LOC_X"
     found["driver"] = yield from followed(
         lambda: move(empty, 50.0), lambda now: len(now.frame.crowd) == 350
     )
@@ -145,7 +150,8 @@ def eyedropper():
         bpy.ops.crowd_lod.inspect("INVOKE_DEFAULT")
     life.mouse("MOUSEMOVE", "NOTHING", agent)
     yield from robot.until(lambda: settings().agent == agent and len(painted) > before, 10.0)
-    pointed, after = settings().agent == agent, len(painted)
+    pointed = settings().agent == agent
+    after = len(painted)
     life.mouse("LEFTMOUSE", "PRESS", agent)
     life.mouse("LEFTMOUSE", "RELEASE", agent)
     yield 1.0
@@ -161,7 +167,8 @@ def legends():
         yield 1.0
         yield from robot.picture(f"31_{color.lower()}")
         found[color] = [line.text for line in overlay().hud.legend(shown().colored)]
-    settings().agent, settings().overlay_color = -1, "LOD"
+    settings().agent = -1
+    settings().overlay_color = "LOD"
     return found | {
         "states": list(shown().frame.trajectory.machine.states),
         "groups": list(names()),
@@ -203,10 +210,12 @@ def local_view():
 def build():
     """Characters are drawn only where the build does not show."""
     settings().method = "DECIMATE"
-    settings().choice, settings().level_count = "BY_RATIO", 2
+    settings().choice = "BY_RATIO"
+    settings().level_count = 2
     yield from robot.press("crowd_lod.make_levels")
     yield from robot.press("crowd_lod.build")
-    space, top = robot.view_3d().spaces[0], settings().build
+    space = robot.view_3d().spaces[0]
+    top = settings().build
     place = next(p for p in scene().view_layers[0].layer_collection.children if p.collection == top)
     found = {"built": (yield from characters_drawn())}
     yield from robot.picture("33_built")

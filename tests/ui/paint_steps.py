@@ -24,7 +24,9 @@ def session():
     rough.use(robot.MODULE)
     bpy.context.preferences.system.viewport_aa = "OFF"
     yield from robot.press("crowd_lod.sample", name="chapter")
-    settings().count, settings().overlay_mode, settings().overlay_color = 400, "POINTS", "STATE"
+    settings().count = 400
+    settings().overlay_mode = "POINTS"
+    settings().overlay_color = "STATE"
     yield from robot.press("crowd_lod.machine_preset", name="chapter")
     yield from robot.press("crowd_lod.new_map", pixels=64)
     yield from robot.press("crowd_lod.populate")
@@ -40,11 +42,11 @@ def session():
 
 def from_above():
     view = robot.view_3d().spaces[0].region_3d
-    view.view_perspective, view.view_rotation = "ORTHO", (1, 0, 0, 0)
-    view.view_location, view.view_distance = (
-        settings().center,
-        2.4 * max(settings().size),
-    )  # clear of the shelf of brushes
+    view.view_perspective = "ORTHO"
+    view.view_rotation = (1, 0, 0, 0)
+    # clear of the shelf of brushes
+    view.view_location = settings().center
+    view.view_distance = 2.4 * max(settings().size)
 
 
 def crowd() -> dict:
@@ -75,7 +77,8 @@ def paint():
     """A stroke along the ground's whole depth, a quarter of its width right of the middle."""
     status = yield from robot.press("crowd_lod.paint_label", label="right edge")
     yield from robot.drawn()
-    (x, y, _), (width, depth) = settings().center, settings().size
+    (x, y, _) = settings().center
+    (width, depth) = settings().size
     path = [at(x + width / 4, y + depth * (n / 20 - 0.55)) for n in range(23)]
     robot.window().event_simulate(type="MOUSEMOVE", value="NOTHING", x=path[0][0], y=path[0][1])
     yield 0.2
@@ -97,7 +100,8 @@ def wall():
     """A mesh lays the label over the map, is moved, and moved back by undo."""
     with robot.over():
         bpy.ops.object.mode_set(mode="OBJECT")
-        x, y = settings().center[0] - settings().size[0] / 4, settings().center[1]
+        x = settings().center[0] - settings().size[0] / 4
+        y = settings().center[1]
         bpy.ops.mesh.primitive_cube_add(size=2, location=(x, y, 0))
         bpy.ops.ed.undo_push(message="cube")
     cube = bpy.context.object.name

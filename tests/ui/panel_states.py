@@ -23,7 +23,8 @@ from robot import scene, settings  # noqa: E402
 from small_plaza import REST, opened, saved  # noqa: E402
 
 FOLDER, PORT = sys.argv[sys.argv.index("--") + 1 :]
-FOLDER, PORT = Path(FOLDER), int(PORT)
+FOLDER = Path(FOLDER)
+PORT = int(PORT)
 KINDS_OF_DATA = {
     "Collection": "collections",
     "Mesh": "meshes",
@@ -193,7 +194,8 @@ def marked(value):
 def lost(image):
     """Its file is gone: it has no pixels."""
     if image is not None:
-        image.source, image.filepath = "FILE", "//gone.png"
+        image.source = "FILE"
+        image.filepath = "//gone.png"
 
 
 def preset(name: str):

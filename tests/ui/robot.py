@@ -32,7 +32,8 @@ class Counted:
     def __init__(self):
         self.count = 0
         space = bpy.types.SpaceView3D
-        add, remove = space.draw_handler_add, space.draw_handler_remove
+        add = space.draw_handler_add
+        remove = space.draw_handler_remove
 
         def counted_add(*arguments):
             self.count += 1
@@ -42,7 +43,8 @@ class Counted:
             remove(*arguments)
             self.count -= 1
 
-        space.draw_handler_add, space.draw_handler_remove = counted_add, counted_remove
+        space.draw_handler_add = counted_add
+        space.draw_handler_remove = counted_remove
 
 
 def start(folder):
@@ -188,7 +190,8 @@ def drawn(rest: float = 0.5):
 def key(name: str, **held: bool):
     """Type a key with the mouse over the viewport; `held`: ctrl, shift, alt."""
     area = view_3d()
-    x, y = area.x + area.width // 4, area.y + area.height // 2
+    x = area.x + area.width // 4
+    y = area.y + area.height // 2
     window().event_simulate(type=name, value="PRESS", x=x, y=y, **held)
     window().event_simulate(type=name, value="RELEASE", x=x, y=y)
 
@@ -202,7 +205,8 @@ def dismiss():
 def scroll(notches: int):
     """Turn the wheel over the sidebar: down, or up where negative."""
     region = sidebar(view_3d())
-    x, y = region.x + region.width // 3, region.y + region.height // 2
+    x = region.x + region.width // 3
+    y = region.y + region.height // 2
     window().event_simulate(type="MOUSEMOVE", value="NOTHING", x=x, y=y)
     yield 0.3
     for _ in range(abs(notches)):

@@ -196,7 +196,8 @@ def painted():
 
     Whether the painting is undone so.
     """
-    trajectory_of, image = overlay().trajectory_of, settings().map_image
+    trajectory_of = overlay().trajectory_of
+    image = settings().map_image
     world = trajectory_of(scene()).world
     pixels = image.pixels[:]
     with robot.over():
@@ -233,11 +234,9 @@ def points():
 
 
 def preview():
-    settings().output_folder, settings().frames, settings().width = (
-        str(FOLDER / "output"),
-        "1,60",
-        320,
-    )
+    settings().output_folder = str(FOLDER / "output")
+    settings().frames = "1,60"
+    settings().width = 320
     before = robot.snapshot()
     status = yield from robot.press("crowd_lod.preview")
     yield from robot.picture("08_preview_done")
@@ -247,7 +246,8 @@ def preview():
 
 def escape():
     """Esc in the middle of a long preview."""
-    settings().output_folder, settings().frames = str(FOLDER / "escaped"), "1:200"
+    settings().output_folder = str(FOLDER / "escaped")
+    settings().frames = "1:200"
     settings().step = 1
     before = robot.snapshot()
     status = yield from robot.press("crowd_lod.preview", escape_after=3.0)
@@ -281,7 +281,8 @@ def film(camera):
 
 def breakage():
     """An unforeseen error while drawing: told once, and the viewport goes on."""
-    module, real = overlay(), overlay().drawing_of
+    module = overlay()
+    real = overlay().drawing_of
 
     def broken(*_):
         raise ZeroDivisionError("made by the test")
@@ -338,7 +339,9 @@ def lifecycle():
 
 def leave():
     """Blender is quit amid a preview."""
-    settings().output_folder, settings().frames, settings().step = str(FOLDER / "left"), "1:200", 1
+    settings().output_folder = str(FOLDER / "left")
+    settings().frames = "1:200"
+    settings().step = 1
     with robot.over():
         status = bpy.ops.crowd_lod.preview("INVOKE_DEFAULT")
     yield from robot.until(lambda: (FOLDER / "left").exists())

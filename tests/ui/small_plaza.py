@@ -41,7 +41,10 @@ def saved(path: str, folder: str):
     )
     yield from robot.press("crowd_lod.sample", name="plaza")
     settings = robot.settings()
-    settings.count, settings.choice, settings.level_count, settings.agent = AGENTS, "BY_RATIO", 2, 7
+    settings.count = AGENTS
+    settings.choice = "BY_RATIO"
+    settings.level_count = 2
+    settings.agent = 7
     for group in settings.characters.children[2:]:
         settings.characters.children.unlink(group)
     quicken(robot.scene(), folder)

@@ -17,7 +17,8 @@ def test_a_stroke_writes_the_labels_color_and_no_other(seen):
 
 
 def test_the_crowd_turns_at_the_painted_wall_without_populate(seen):
-    before, after = seen["before"], seen["paint"]
+    before = seen["before"]
+    after = seen["paint"]
     assert before["turned"] == 0 and not any(before["walls"]) and before["time"] == after["time"]
     columns = [n for n, cells in enumerate(after["walls"]) if cells]
     right = after["left"] + (columns[-1] + 1) * after["cell"]
@@ -26,7 +27,8 @@ def test_the_crowd_turns_at_the_painted_wall_without_populate(seen):
 
 
 def test_a_mesh_is_a_wall_where_it_stands_now(seen):
-    wall, painted = seen["wall"], seen["paint"]["walls"]
+    wall = seen["wall"]
+    painted = seen["paint"]["walls"]
     own = {
         name: [a - b for a, b in zip(wall[name], painted, strict=True)]
         for name in ("added", "moved", "undone")

@@ -31,11 +31,9 @@ def session():
     area = robot.view_3d()
     area.spaces[0].show_region_ui = True
     view = area.spaces[0].region_3d
-    view.view_perspective, view.view_camera_zoom, view.view_camera_offset = (
-        "CAMERA",
-        14,
-        (0.09, 0.0),
-    )
+    view.view_perspective = "CAMERA"
+    view.view_camera_zoom = 14
+    view.view_camera_offset = (0.09, 0.0)
     yield 0.5
     robot.sidebar(area).active_panel_category = "Crowd LOD"
     yield 1.0
@@ -69,14 +67,19 @@ def own_scene():
     bpy.data.collections.remove(group)
     rig.rotation_euler.z = -pi / 2  # it faces +X, and Blender's front is -Y
     scenery.aim(scene().camera, (-9, -24, 3.2), (1, 0, 0.5))
-    scene().frame_end, scene().render.resolution_x, scene().render.resolution_y = 24, 960, 540
-    settings().count, settings().verify_count, settings().verify_width = 500, 1, 160
+    scene().frame_end = 24
+    scene().render.resolution_x = 960
+    scene().render.resolution_y = 540
+    settings().count = 500
+    settings().verify_count = 1
+    settings().verify_width = 160
     settings().output_folder = str(FOLDER / "output")
 
 
 def made():
     """What there is after a step."""
-    found, frame = settings(), robot.overlay().latest(scene())
+    found = settings()
+    frame = robot.overlay().latest(scene())
     return {
         "characters": [each.name for each in found.characters.children],
         "agents": len(frame.crowd) if frame else 0,
@@ -132,7 +135,8 @@ def picture(name: str):
     image = bpy.data.images.new(name, area.width, area.height)
     image.pixels.foreach_set(np.ascontiguousarray(part).ravel())
     image.scale(WIDE, round(area.height * WIDE / area.width))
-    image.filepath_raw, image.file_format = str(FOLDER / f"{name}.png"), "PNG"
+    image.filepath_raw = str(FOLDER / f"{name}.png")
+    image.file_format = "PNG"
     image.save()
     bpy.data.images.remove(image)
     return seen

@@ -22,7 +22,8 @@ from small_plaza import REST, opened, pressed, saved, worked  # noqa: E402
 from undo_sequences import quicken, state  # noqa: E402
 
 FOLDER, FIRST, COUNT = sys.argv[sys.argv.index("--") + 1 :]
-FOLDER, CHOSEN = Path(FOLDER), range(int(FIRST), int(FIRST) + int(COUNT))
+FOLDER = Path(FOLDER)
+CHOSEN = range(int(FIRST), int(FIRST) + int(COUNT))
 TRIPLES = 50
 FILES = str(FOLDER / "undo_files")
 FRESH = 12  # pairs and triples from one opening of the file to the next
