@@ -138,7 +138,7 @@ def test_ctrl_c(name, small, tmp_path):
         trial = Trial(tmp_path / str(k), words, moment, group=k % 2 == 0)
         about = (
             f"{name} at {moment:.2f} of {whole.took:.2f} s: {trial.code} after "
-            f"{trial.ended:.2f} s, {trial.lines}"
+            f"{trial.ended:.2f} s, {trial.lines}, {trial.err[-300:]!r}"
         )
         print(about)
         told.append(trial.ended)
