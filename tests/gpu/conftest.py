@@ -15,6 +15,10 @@ def extension(tmp_path_factory, rough_levels, rough_characters):
     # Mesa's cache is not made for several processes at a time
     os.environ["MESA_SHADER_CACHE_DIR"] = str(tmp_path_factory.getbasetemp() / "mesa")
     gpu.init()
+    try:
+        gpu.types.GPUTexture((1, 1))
+    except RuntimeError:  # seen once: tests before, in this process, had left the GPU to nobody
+        _render_something(bpy)
     registration.register()
     bpy.ops.wm.read_homefile(
         use_empty=True, use_factory_startup=True
@@ -24,3 +28,12 @@ def extension(tmp_path_factory, rough_levels, rough_characters):
     settings.lod_pictures = False
     yield
     registration.unregister()
+
+
+def _render_something(bpy):
+    """Render a pixel or two by Workbench, which takes the GPU for this thread again."""
+    bpy.ops.wm.read_homefile(use_factory_startup=True)
+    render = bpy.context.scene.render
+    render.engine = "BLENDER_WORKBENCH"
+    render.resolution_x = render.resolution_y = 8
+    bpy.ops.render.render()
