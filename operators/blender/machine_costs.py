@@ -129,5 +129,10 @@ def _stored_fits() -> list[Calibration]:
     """Return the fits of the file; none that was spoilt, or counts other things than today's."""
     with suppress(OSError, ValueError, TypeError, KeyError):
         fits = [Calibration(**row) for row in json.loads(costs_path().read_text("utf-8"))]
-        return [fit for fit in fits if fit.seconds.keys() == SECONDS[fit.engine].keys()]
+        return [
+            fit
+            for fit in fits
+            if fit.seconds.keys() == SECONDS[fit.engine].keys()
+            and all(seconds >= 0 for seconds in fit.seconds.values())
+        ]
     return []

@@ -271,14 +271,20 @@ def covered(frame: Frame, scene: bpy.types.Scene) -> float:
     camera = frame.camera
     crowd = frame.crowd
     agents = frame.buckets.order
-    render = scene.render
-    pixels = render.resolution_x * render.resolution_y * (render.resolution_percentage / 100) ** 2
     spheres = frame.trajectory.spheres
     radius = spheres.radius[crowd.group[agents]]
     away = np.stack(crowd.places(spheres.radius, agents, camera.origin))
     distance = 1.0 if camera.kind == "ORTHO" else np.maximum(np.sqrt((away**2).sum(axis=0)), radius)
-    squares = (2 * radius * camera.pixels_per_unit / distance) ** 2
-    return float(min(pixels, COVERS * squares.sum()))
+    return covered_pixels(scene.render, radius * camera.pixels_per_unit / distance)
+
+
+def covered_pixels(render: bpy.types.RenderSettings, radius: np.ndarray) -> float:
+    """Return roughly how many pixels of the picture characters cover.
+
+    radius: (m,) pixels, of their bounding spheres.
+    """
+    pixels = render.resolution_x * render.resolution_y * (render.resolution_percentage / 100) ** 2
+    return float(min(pixels, COVERS * ((2 * radius) ** 2).sum()))
 
 
 class CROWDLOD_OT_estimate(Stepwise, bpy.types.Operator):
