@@ -22,22 +22,39 @@ from ..blender.scene_data import engine_of
 from ..render_setup.cost_estimate import samples_of
 from .trial_crowds import TrialCrowd, make_stage, show_crowd
 
-# The first ones tell all counts apart; the others are rendered while there is time.
-CROWDS = (
-    TrialCrowd(-1, 4, 4, 16),
-    TrialCrowd(0, 4, 4, 16),
-    TrialCrowd(-1, 48, 48, 96),
-    TrialCrowd(-1, 8, 8, 3000),
-    TrialCrowd(0, 24, 2, 24),
-    TrialCrowd(1, 4, 4, 40),
-    TrialCrowd(-1, 96, 8, 100, 30.0),
-    TrialCrowd(-1, 16, 16, 30_000),
-    TrialCrowd(1, 16, 16, 200, 12.0),
-    TrialCrowd(0, 48, 48, 1000, 12.0),
-    TrialCrowd(2, 4, 4, 16),
-    TrialCrowd(1, 32, 2, 64, 12.0),
-    TrialCrowd(-1, 16, 16, 100_000, 12.0),
-)
+# The first ones tell all counts apart; the others are rendered while there is time. Cycles has dense
+# crowds, as rays that meet many agents take longer; EEVEE draws the triangles of each agent.
+CROWDS = {
+    "CYCLES": (
+        TrialCrowd(-1, 4, 4, 500),
+        TrialCrowd(0, 4, 4, 500, 8.0),
+        TrialCrowd(-1, 48, 48, 1500, 8.0),
+        TrialCrowd(0, 24, 2, 1000),
+        TrialCrowd(1, 8, 8, 1000, 8.0),
+        TrialCrowd(-1, 16, 16, 50_000, 12.0),
+        TrialCrowd(-1, 96, 8, 300, 30.0),
+        TrialCrowd(1, 16, 16, 2000, 12.0),
+        TrialCrowd(0, 48, 48, 5000, 12.0),
+        TrialCrowd(2, 4, 4, 300, 20.0),
+        TrialCrowd(1, 32, 2, 3000, 12.0),
+        TrialCrowd(-1, 16, 16, 100_000, 4.0),
+    ),
+    "EEVEE": (
+        TrialCrowd(-1, 2, 2, 10),
+        TrialCrowd(-1, 24, 24, 30),
+        TrialCrowd(0, 2, 2, 10),
+        TrialCrowd(0, 24, 2, 10, 20.0),
+        TrialCrowd(-1, 4, 4, 100, 12.0),
+        TrialCrowd(0, 8, 8, 30, 8.0),
+        TrialCrowd(1, 2, 2, 10, 20.0),
+        TrialCrowd(-1, 16, 16, 300, 12.0),
+        TrialCrowd(0, 16, 16, 100, 8.0),
+        TrialCrowd(1, 4, 4, 40, 8.0),
+        TrialCrowd(-1, 48, 48, 1000, 4.0),
+        TrialCrowd(0, 48, 48, 1000, 8.0),
+        TrialCrowd(-1, 96, 96, 10_000, 12.0),
+    ),
+}
 MOST_SAMPLES = 16  # of a pixel; seconds grow with them, and so does the minute
 LONGEST = 5.0  # seconds: a crowd that is predicted to take longer is left out
 ENOUGH = 90.0  # seconds after which no other crowd is rendered
@@ -47,11 +64,12 @@ ENOUGH = 90.0  # seconds after which no other crowd is rendered
 class Effort:
     """What is rendered.
 
+    crowds: if empty, those of CROWDS for the engine.
     width: of the pictures, pixels.
     repeats: renders of a crowd; the quickest counts.
     """
 
-    crowds: tuple[TrialCrowd, ...] = CROWDS
+    crowds: tuple[TrialCrowd, ...] = ()
     width: int = 320
     repeats: int = 2
 
@@ -91,14 +109,14 @@ def calibrate(
     return calibration
 
 
-def _render_trials(
-    scene: bpy.types.Scene, effort: Effort
-) -> Generator[float, None, Trials]:
+def _render_trials(scene: bpy.types.Scene, effort: Effort) -> Generator[float, None, Trials]:
     """Render the crowds, each with the scene's samples and with a quarter of them."""
+    engine = engine_of(scene)
+    crowds = effort.crowds or CROWDS[engine]
     most = min(samples_of(scene), MOST_SAMPLES)
     stage = make_stage(scene, effort.width)
     clock = _clock_of(scene)
-    costs = default_costs(engine_of(scene))
+    costs = default_costs(engine)
     begun = time.monotonic()
     empty = {}
     for samples in dict.fromkeys((most, max(most // 4, 1))):
@@ -108,7 +126,7 @@ def _render_trials(
     works = []
     seconds = []
     scale = 1.0  # of this machine's seconds to the developers'
-    for done, crowd in enumerate(effort.crowds, start=1):
+    for done, crowd in enumerate(crowds, start=1):
         passed = time.monotonic() - begun
         if passed > ENOUGH:
             break
@@ -123,7 +141,7 @@ def _render_trials(
                 scale = taken / predicted
                 works.append(sampled)
                 seconds.append(taken)
-                yield max(done / len(effort.crowds), passed / ENOUGH)
+                yield max(done / len(crowds), passed / ENOUGH)
     return Trials(works, np.array(seconds))
 
 

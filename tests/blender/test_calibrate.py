@@ -107,5 +107,3 @@ def test_a_spoilt_file_is_as_none(cycles):
         store_fit(fit_for(cycles))
         costs_path().write_text(spoilt)
         assert costs_of(cycles).basis == DEVELOPERS, spoilt
-
-
