@@ -89,8 +89,8 @@ def fit_seconds(engine: str, works: Sequence[Work], seconds: np.ndarray) -> Fit:
     if usable < needed or not fitted:
         raise CrowdError(
             f"Only {usable} of {len(seconds)} renders took longer with a crowd than without, and "
-            f"the costs of {NAMES[engine]} need {max(needed, 1)}: calibrate again when nothing else "
-            f"is at work on this machine."
+            f"the costs of {NAMES[engine]} need {max(needed, 1)}: calibrate again with fewer "
+            f"samples, when nothing else is at work on this machine."
         )
     fit = fit_costs(fitted, seconds)
     if fit.off > MOST_OFF:

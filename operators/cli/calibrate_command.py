@@ -17,8 +17,8 @@ def add_calibrate(commands, program: str) -> None:
         program,
         "calibrate",
         calibrate_machine,
-        "find what renders cost on this machine, by about a minute of small ones; estimates and "
-        "plans then use it",
+        "find what renders cost on this machine, by a minute of small ones, for estimates and "
+        "plans",
         "calibrate shot.blend",
     )
     command.add_argument(

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...crowd_lod.format import counted
 from ...crowd_lod.levels.cost_fit import fit_seconds
-from ...crowd_lod.levels.cost_model import NAMES, Work, default_costs, price
+from ...crowd_lod.levels.cost_model import NAMES, Work
 from ..blender import cleanup, console
 from ..blender.machine_costs import Calibration, device_of, key_of, store_fit
 from ..blender.operator import Stepwise
@@ -40,13 +40,12 @@ CROWDS = {
         TrialCrowd(-1, 16, 16, 100_000, 4.0),
     ),
     "EEVEE": (
-        TrialCrowd(-1, 2, 2, 10),
-        TrialCrowd(-1, 24, 24, 30),
-        TrialCrowd(0, 2, 2, 10),
-        TrialCrowd(0, 24, 2, 10, 20.0),
-        TrialCrowd(-1, 4, 4, 100, 12.0),
-        TrialCrowd(0, 8, 8, 30, 8.0),
-        TrialCrowd(1, 2, 2, 10, 20.0),
+        TrialCrowd(-1, 1, 1, 2),
+        TrialCrowd(-1, 16, 16, 16),
+        TrialCrowd(0, 2, 2, 4),
+        TrialCrowd(0, 16, 1, 4, 20.0),
+        TrialCrowd(-1, 2, 2, 40, 12.0),
+        TrialCrowd(1, 1, 1, 3, 20.0),
         TrialCrowd(-1, 16, 16, 300, 12.0),
         TrialCrowd(0, 16, 16, 100, 8.0),
         TrialCrowd(1, 4, 4, 40, 8.0),
@@ -55,9 +54,12 @@ CROWDS = {
         TrialCrowd(-1, 96, 96, 10_000, 12.0),
     ),
 }
-MOST_SAMPLES = 16  # of a pixel; seconds grow with them, and so does the minute
-LONGEST = 5.0  # seconds: a crowd that is predicted to take longer is left out
-ENOUGH = 90.0  # seconds after which no other crowd is rendered
+MOST_SAMPLES = {
+    "CYCLES": 16,
+    "EEVEE": 8,
+}  # of a pixel: seconds grow with them, and so does the minute
+LONGEST = 10.0  # seconds of a render, after which no other crowd is rendered
+ENOUGH = 90.0  # seconds of all, after which no other crowd is rendered
 
 
 @dataclass(frozen=True)
@@ -113,10 +115,9 @@ def _render_trials(scene: bpy.types.Scene, effort: Effort) -> Generator[float, N
     """Render the crowds, each with the scene's samples and with a quarter of them."""
     engine = engine_of(scene)
     crowds = effort.crowds or CROWDS[engine]
-    most = min(samples_of(scene), MOST_SAMPLES)
+    most = min(samples_of(scene), MOST_SAMPLES[engine])
     stage = make_stage(scene, effort.width)
     clock = _clock_of(scene)
-    costs = default_costs(engine)
     begun = time.monotonic()
     empty = {}
     for samples in dict.fromkeys((most, max(most // 4, 1))):
@@ -125,22 +126,18 @@ def _render_trials(scene: bpy.types.Scene, effort: Effort) -> Generator[float, N
             yield 0.0
     works = []
     seconds = []
-    scale = 1.0  # of this machine's seconds to the developers'
+    longest = 0.0
     for done, crowd in enumerate(crowds, start=1):
         passed = time.monotonic() - begun
-        if passed > ENOUGH:
+        if passed > ENOUGH or longest > LONGEST:
             break
         with cleanup.scratch():
             work = show_crowd(stage, crowd)
             for samples, ground in empty.items():
-                sampled = replace(work, rays=samples * work.rays)
-                predicted = price(sampled, costs).seconds
-                if scale * predicted > LONGEST:
-                    continue
-                taken = min(_seconds(stage, samples, clock) for _ in range(effort.repeats)) - ground
-                scale = taken / predicted
-                works.append(sampled)
-                seconds.append(taken)
+                taken = min(_seconds(stage, samples, clock) for _ in range(effort.repeats))
+                longest = max(longest, taken)
+                works.append(replace(work, rays=samples * work.rays))
+                seconds.append(taken - ground)
                 yield max(done / len(crowds), passed / ENOUGH)
     return Trials(works, np.array(seconds))
 

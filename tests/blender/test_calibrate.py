@@ -16,7 +16,6 @@ from crowd_lod_extension.operators.blender.machine_costs import (
     key_of,
     store_fit,
 )
-from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.runs.calibrate import Effort, calibrate
 from crowd_lod_extension.operators.runs.trial_crowds import TrialCrowd
 
