@@ -102,16 +102,16 @@ class Scale:
                 np.floor(np.log10(self.low)), np.ceil(np.log10(self.high)) + 1
             )
             for factors in ((1, 2, 5), (1, 3), (1,)):
-                found = [
+                values = [
                     v
                     for decade in decades
                     for v in np.multiply(factors, decade)
                     if self.low <= v <= self.high * (1 + 1e-9)
                 ]
-                if len(found) <= 7:
+                if len(values) <= 7:
                     break
-            every = max(-(-len(found) // 7), 1)
-            return [float(v) for v in found[::every]]
+            every = max(-(-len(values) // 7), 1)
+            return [float(v) for v in values[::every]]
         rough = (self.high - self.low) / 5
         unit = 10.0 ** np.floor(np.log10(rough))
         step = unit * next(each for each in STEPS if each * unit >= rough * (1 - 1e-9))

@@ -67,7 +67,7 @@ def convergence(
 ) -> Convergence:
     """Measure the position error against the judge's limit of ever shorter steps.
 
-    limit: where the agents are in the end, from follow_exactly.
+    limit: the places in the end, from follow_exactly.
     steps: numbers of equal steps to try.
     method: `step` or `listing`.
 

@@ -12,7 +12,7 @@ from ..crowd.agents import Crowd
 from ..culling.camera import Camera, crop, referential, window
 from ..culling.frustum import ROUNDING
 from ..culling.radar import radar
-from .exact_frustum import depth_error, gap, scatter, seen
+from .exact_frustum import depth_error, find_visible, gap, scatter
 
 # name: kind of camera, range of log10 of the fitted side (slope or meters), largest lens shift
 LENSES = {
@@ -33,13 +33,13 @@ EXACT_DEPTHS = 50  # agents a check whose distance is compared with exact arithm
 class Verdict:
     """The result of `check`.
 
-    pairs: of camera and agent.
+    pairs: of camera and agent. All other counts are of these pairs.
     visible: truly visible, by exact planes.
     kept: by the culling.
     missed: visible and not kept.
     surplus: kept and not visible.
-    grazing: those of the surplus that lie within roundings of a plane.
-    beside: visible by the planes, but at an edge or corner the sphere misses the frustum's body.
+    grazing: part of the surplus, within roundings of a plane.
+    beside: visible by the planes, but the sphere misses the frustum's body at an edge or corner.
     doubtful: pairs that only exact arithmetic could decide, not float64.
     depth_error: the largest error of a distance, as a part of the bound that `assign` states
         (levels/assignment.py).
@@ -81,7 +81,7 @@ def check(camera: Camera, points: np.ndarray, radius: np.ndarray, group: np.ndar
     group: (n,) uint8.
     """
     visible, distance = radar(standing(points, group), camera, np.zeros(len(radius)), radius)
-    truly, doubtful = seen(camera, points, radius[group])
+    truly, doubtful = find_visible(camera, points, radius[group])
     beside = 0
     if camera.kind != "PANO":
         beside = int((gap(camera, points[truly]) > radius[group][truly]).sum())

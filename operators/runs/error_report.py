@@ -49,7 +49,7 @@ def error(
         store_groups(scene.crowd_lod, measure_groups(scene))
         walk = _walk_of(scene)
         views = yield from share(_views(scene), 0.0, 0.5)
-        crowd = error_vs_runtime.some(walk.start, MOST_AGENTS)
+        crowd = error_vs_runtime.thin_out(walk.start, MOST_AGENTS)
         measurements = _measurements(scene, walk, crowd, views, repeats)
         tables = yield from share(_collect(measurements), 0.5, 1.0)
         machine = (
@@ -84,7 +84,7 @@ def _views(scene: bpy.types.Scene) -> Generator[float, None, list[error_vs_runti
     for k, frame in enumerate(frames):
         yield from share(approach(trajectory, frame), k / len(frames), (k + 1) / len(frames))
     return [
-        (error_vs_runtime.some(trajectory.at(frame), MOST_AGENTS), camera)
+        (error_vs_runtime.thin_out(trajectory.at(frame), MOST_AGENTS), camera)
         for frame, camera in zip(frames, view_cameras, strict=True)
     ]
 

@@ -21,7 +21,7 @@ from ...crowd_lod.progress import share, standing
 from ...crowd_lod.reporting import tables
 from ...crowd_lod.reporting.frame_parts import FrameParts
 from ...crowd_lod.reporting.html_report import page
-from ...crowd_lod.reporting.shot_report import preview_page
+from ...crowd_lod.reporting.shot_page import preview_page
 from ...crowd_lod.shot import plan_file
 from ..blender import cameras, cleanup, frame_stepping, image_data, scene_data
 from ..blender.operator import Stepwise

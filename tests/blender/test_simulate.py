@@ -12,7 +12,7 @@ from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.crowd_lod.validation.exact_frustum import seen
+from crowd_lod_extension.crowd_lod.validation.exact_frustum import find_visible
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.machine.scene_world import machine_of, world_of
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
@@ -106,7 +106,7 @@ def test_a_thousand_people_start_where_they_may_keep_out_of_walls_and_arrive(hal
         frame = plan(trajectory, camera, LevelPolicy(thresholds=(0.3, 0.6)), time)
         there = np.ones(1000, bool) if crowd.present is None else crowd.present
         center = np.stack([crowd.x, crowd.y, crowd.z + walker().center], axis=1)
-        inside = there & seen(camera, center, np.full(1000, walker().radius))[0]
+        inside = there & find_visible(camera, center, np.full(1000, walker().radius))[0]
         assert (
             inside.sum() > 50
             and not (inside & ~frame.visible).any()

@@ -187,7 +187,7 @@ def figures(scene, scale, source, folder):
         for agent in (0, len(crowd) - 1):
             account = explained(frame, agent, "CYCLES", scene_data.meters(scene))
             texts[f"explain {number} {agent}"] = account.text
-            texts[f"HUD {number} {agent}"] = str(hud.told(account.account))
+            texts[f"HUD {number} {agent}"] = str(hud.describe(account.account))
     groups = groups_of(scene.crowd_lod)
     arrays["triangles"] = np.array([group.triangles for group in groups])
     for name in ("center", "radius", "stride", "deviations", "bounds", "diagonal"):

@@ -115,8 +115,8 @@ def test_behavior_of_the_chapter_is_exact_and_the_listing_of_first_order():
 
 def test_some_takes_agents_evenly():
     crowd, _ = view()
-    few = error_vs_runtime.some(crowd, 3)
+    few = error_vs_runtime.thin_out(crowd, 3)
     assert (
         list(few.x) == [crowd.x[0], crowd.x[200], crowd.x[399]]
-        and len(error_vs_runtime.some(crowd, 1000)) == 400
+        and len(error_vs_runtime.thin_out(crowd, 1000)) == 400
     )
