@@ -93,14 +93,14 @@ def staged_file(path: Path) -> Iterator[Path]:
     It lies in the same folder, so that paths in it that are relative to its place stay right. A
     link is followed. Errors are those of `staged`.
     """
-    target = followed(path)
+    target = follow_link(path)
     with staged(target.parent, target.name) as hidden:
         part = hidden.with_suffix(".part")
         yield part
         part.replace(hidden / target.name)
 
 
-def followed(path: Path) -> Path:
+def follow_link(path: Path) -> Path:
     """Return where the file `path` is written: a link is followed.
 
     CrowdError if anything but a file is there.

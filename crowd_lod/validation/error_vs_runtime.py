@@ -23,7 +23,7 @@ from ..culling.camera import Camera
 from ..culling.frustum import frustum_of
 from ..culling.radar import RadarOptions, radar
 from ..levels.assignment import LevelPolicy, assign, limits
-from .convergence import convergence, drift, listing
+from .convergence import measure_convergence, measure_drift, step_by_listing
 from .exact_behavior import follow_exactly
 from .exact_frustum import find_visible
 
@@ -40,7 +40,7 @@ CullingMethod = tuple[str, str, float | None, Callable[[View], np.ndarray]]
 Result = TypeVar("Result")
 
 
-def timed(run: Callable[[], object], repeats: int) -> dict[str, float]:
+def time_runs(run: Callable[[], object], repeats: int) -> dict[str, float]:
     """Return the median, least and most milliseconds of `repeats` runs.
 
     The keys are "ms", "ms_least" and "ms_most". One run before them does not count.
@@ -65,7 +65,7 @@ def thin_out(crowd: Crowd, most: int) -> Crowd:
     return crowd.of(indices)
 
 
-def behavior(
+def compare_behavior(
     crowd: Crowd,
     machine: StateMachine,
     world: LabelMap,
@@ -73,11 +73,11 @@ def behavior(
     frames: int = 48,
     repeats: int = 7,
 ) -> Iterator[dict]:
-    """Yield rows of `step`, `listing` and the exact walk, each timed and judged.
+    """Yield rows of `step`, `step_by_listing` and the exact walk, each timed and judged.
 
     The reference is the slow judge. The default of the product is `step`, one step per frame.
     frame: seconds of a frame.
-    frames: how many frames the crowd walks. `step` and `listing` are tried with an eighth as many
+    frames: how many frames the crowd walks. `step` and `step_by_listing` are tried with an eighth as many
         steps to eight times as many. The exact walk is tried frame by frame, and in one go, a row
         whose dt_s is 0.
     ms: per second of the scene.
@@ -90,13 +90,13 @@ def behavior(
 
     methods: tuple[tuple[str, Method, list[int]], ...] = (
         ("step", step, counts),
-        ("listing", listing, counts),
+        ("listing", step_by_listing, counts),
         ("exact walk, frame by frame", exact_walk, [frames]),
         ("exact walk", exact_walk, [1]),
     )
     limit = follow_exactly(crowd, machine, world, seconds, limit=True)
     for name, method, step_counts in methods:
-        errors_by_step = convergence(crowd, machine, world, limit, step_counts, method)
+        errors_by_step = measure_convergence(crowd, machine, world, limit, step_counts, method)
         for k, count in enumerate(step_counts):
 
             def run(method: Method = method, count: int = count) -> None:
@@ -104,7 +104,7 @@ def behavior(
                 for _ in range(count):
                     moved = method(moved, machine, world, seconds / count)
 
-            spent = {key: ms / seconds for key, ms in timed(run, repeats).items()}
+            spent = {key: ms / seconds for key, ms in time_runs(run, repeats).items()}
             errors = {
                 f"{key}_m": float(getattr(errors_by_step, key)[k])
                 for key in ("median", "mean", "worst")
@@ -121,14 +121,14 @@ def behavior(
 
 
 def drifts(most: int = 1_000_000) -> Iterator[dict]:
-    """Yield rows of `drift` (convergence.py), for 10,000 steps and more, `most` at most.
+    """Yield rows of `measure_drift` (convergence.py), for 10,000 steps and more, `most` at most.
 
     A row has the precision, meters from the origin, steps, and the mean and worst error in meters.
     """
     for offset in (0.0, 1e4):
         for dtype in (np.float32, np.float64):
             for steps in (n for n in (10_000, 100_000, 1_000_000) if n <= most):
-                mean, worst = drift(dtype, steps, offset=offset)
+                mean, worst = measure_drift(dtype, steps, offset=offset)
                 yield {
                     "precision": dtype.__name__,
                     "offset_m": offset,
@@ -146,7 +146,7 @@ def pinhole(camera: Camera) -> Camera:
     return replace(camera, pad=0.0, turn=0.0, filtered=0.0, cone=np.pi)
 
 
-def moved(view: View, offset: float) -> View:
+def move_view(view: View, offset: float) -> View:
     """Return the view with crowd and cameras moved `offset` meters along x and y."""
     crowd, cameras = view
     shift = np.array([offset, offset, 0.0])
@@ -155,7 +155,9 @@ def moved(view: View, offset: float) -> View:
     )
 
 
-def relative(crowd: Crowd, camera: Camera, center: np.ndarray, way: str) -> tuple[np.ndarray, ...]:
+def subtract_origin(
+    crowd: Crowd, camera: Camera, center: np.ndarray, way: str
+) -> tuple[np.ndarray, ...]:
     """Return v = p - c of the spheres' centers in a way of WAYS: x, y and z, (n,) meters each.
 
     An experiment for the report alone.
@@ -173,7 +175,7 @@ def relative(crowd: Crowd, camera: Camera, center: np.ndarray, way: str) -> tupl
 WAYS = ("float64", "float32 relative", "float32 world")
 
 
-def plain(view: View, center: np.ndarray, radius: np.ndarray, way: str) -> np.ndarray:
+def cull_by_planes(view: View, center: np.ndarray, radius: np.ndarray, way: str) -> np.ndarray:
     """Return which agents the six planes leave, (n,) bool, without a bound on rounding.
 
     An experiment for the report alone. Delta is derived from the radii.
@@ -181,7 +183,7 @@ def plain(view: View, center: np.ndarray, radius: np.ndarray, way: str) -> np.nd
     crowd, cameras = view
     mask = np.zeros(len(crowd), bool)
     for camera in cameras:
-        v = relative(crowd, camera, center, way)
+        v = subtract_origin(crowd, camera, center, way)
         kind = v[0].dtype
         r = radius.astype(v[0].dtype)[crowd.group]
         frustum = frustum_of(camera)
@@ -194,7 +196,7 @@ def plain(view: View, center: np.ndarray, radius: np.ndarray, way: str) -> np.nd
     return mask
 
 
-def culling(
+def compare_culling(
     views: Sequence[View],
     center: np.ndarray,
     radius: np.ndarray,
@@ -211,7 +213,7 @@ def culling(
     views = [(crowd, tuple(map(pinhole, cameras))) for crowd, cameras in views]
     exactly = partial(_cull_exactly, center=center, radius=radius)
     for offset in OFFSETS:
-        moved_views = [moved(view, offset) for view in views] if offset else views
+        moved_views = [move_view(view, offset) for view in views] if offset else views
         count = len(moved_views)
         truth = map_views(moved_views, exactly)
         for name, precision, delta, method in _culling_methods(
@@ -221,7 +223,7 @@ def culling(
             pairs = list(zip(truth, masks, strict=True))
             missed = sum(int((visible & ~kept).sum()) for visible, kept in pairs)
             surplus = sum(int((kept & ~visible).sum()) for visible, kept in pairs)
-            spent = timed(partial(map_views, moved_views, method), repeats)
+            spent = time_runs(partial(map_views, moved_views, method), repeats)
             is_default = not offset and (
                 name == "derived Delta" if margin is None else delta == margin
             )
@@ -251,7 +253,7 @@ def _culling_methods(
     """
     exactly = partial(_cull_exactly, center=center, radius=radius)
     by_radar = partial(_cull_by_radar, center=center, radius=radius)
-    by_planes = partial(plain, center=center, radius=radius)
+    by_planes = partial(cull_by_planes, center=center, radius=radius)
     has_planes = all(camera.kind != "PANO" for _, cameras in views for camera in cameras)
     deltas = MARGINS if margin is None or margin in MARGINS else (*MARGINS, margin)
     methods: list[CullingMethod] = [("derived Delta", "float64", None, by_radar)]
@@ -308,7 +310,7 @@ def exact_levels(
     steps: from `exact_limits`.
     radial: distance from the camera, not along the view.
     """
-    v = relative(crowd, camera, center, "float64")
+    v = subtract_origin(crowd, camera, center, "float64")
     distance = (
         np.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2)
         if radial
@@ -346,7 +348,7 @@ def exact_distance(crowd: Crowd, camera: Camera, center: np.ndarray, i: int, rad
         return F((Decimal(square.numerator) / Decimal(square.denominator)).sqrt())
 
 
-def levels(
+def compare_levels(
     views: Sequence[View],
     center: np.ndarray,
     radius: np.ndarray,
@@ -368,7 +370,7 @@ def levels(
         if policy.metric == "PIXELS" and "ORTHO" in kinds:
             continue  # one LOD a group, at any distance
         for offset in LEVEL_OFFSETS:
-            moved_views = [moved((crowd, cameras[:1]), offset) for crowd, cameras in views]
+            moved_views = [move_view((crowd, cameras[:1]), offset) for crowd, cameras in views]
             for way in WAYS:
                 method = partial(_levels, center=center, radius=radius, policy=policy, way=way)
                 results = map_views(moved_views, method)
@@ -385,7 +387,7 @@ def levels(
                             crowd, camera, center, i, radial
                         )
                         worst = max(worst, abs(float(off)))
-                spent = timed(partial(map_views, moved_views, method), repeats)
+                spent = time_runs(partial(map_views, moved_views, method), repeats)
                 spent = {key: ms / len(moved_views) for key, ms in spent.items()}
                 agents = sum(len(crowd) for crowd, _ in moved_views)
                 default = int(policy.metric == metric and way == "float64" and not offset)
@@ -409,7 +411,7 @@ def _levels(
     view: View, center: np.ndarray, radius: np.ndarray, policy: LevelPolicy, way: str
 ) -> tuple[np.ndarray, np.ndarray]:
     crowd, (camera,) = view
-    x, y, z = relative(crowd, camera, center, way)
+    x, y, z = subtract_origin(crowd, camera, center, way)
     Z = camera.Z.astype(x.dtype)
     bounds = limits(policy, camera, radius).astype(x.dtype)
     radial = policy.metric == "RADIAL" or camera.kind == "PANO"

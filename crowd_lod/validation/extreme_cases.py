@@ -12,7 +12,7 @@ from ..culling.radar import lost, radar, refuse_lost
 from ..errors import CrowdError
 from ..format import aligned
 from ..levels.assignment import LevelPolicy, assign, limits
-from .culling_audit import Verdict, check, standing
+from .culling_audit import Verdict, judge_culling, standing_crowd
 from .exact_frustum import scatter
 
 # the camera, points (n, 3), radius (G,), group (n,)
@@ -160,7 +160,7 @@ def table(most: int = 10_000_000, seed: int = 0) -> Iterator[Row]:
     """
     for case in cases(most):
         camera, points, radius, group = case.make(np.random.default_rng(seed))
-        crowd = standing(points, group)
+        crowd = standing_crowd(points, group)
         started = clock.perf_counter()
         visible, distance = radar(crowd, camera, np.zeros(len(radius)), radius)
         policy = LevelPolicy((0.1, 0.15, 0.4, 1.0))
@@ -168,7 +168,7 @@ def table(most: int = 10_000_000, seed: int = 0) -> Iterator[Row]:
         spent = 1000 * (clock.perf_counter() - started)
         parts = (slice(begin, begin + PART) for begin in range(0, len(points), PART))
         verdict = sum(
-            (check(camera, points[part], radius, group[part]) for part in parts), Verdict()
+            (judge_culling(camera, points[part], radius, group[part]) for part in parts), Verdict()
         )
         levels = np.bincount(ids[visible], minlength=policy.count)
         yield Row(case.name, verdict, spent, "visible by LOD " + " ".join(f"{n:,}" for n in levels))
@@ -178,7 +178,7 @@ def table(most: int = 10_000_000, seed: int = 0) -> Iterator[Row]:
 def _lost(seed: int) -> Row:
     camera, points, radius, group = _spread(camera_of())(np.random.default_rng(seed))
     points[[7, 90, 4]] = [[np.nan, 0, 0], [0, np.inf, 0], [0, 0, -np.inf]]
-    crowd = standing(points, group)
+    crowd = standing_crowd(points, group)
     lost_agents = np.array([4, 7, 90])
     try:
         refuse_lost(lost(crowd), len(crowd))
@@ -189,7 +189,7 @@ def _lost(seed: int) -> Row:
     visible, _ = radar(crowd, camera, np.zeros(len(radius)), radius)
     spent = 1000 * (clock.perf_counter() - started)
     placed = np.delete(np.arange(len(points)), lost_agents)
-    verdict = check(camera, points[placed], radius, group[placed])
+    verdict = judge_culling(camera, points[placed], radius, group[placed])
     return Row("NaN and infinity", replace(verdict, kept=int(visible.sum())), spent, note)
 
 

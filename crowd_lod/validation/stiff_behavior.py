@@ -15,7 +15,7 @@ from ..crowd.maps import Area, LabelMap
 from ..crowd.state_machine import StateMachine, parse
 from ..errors import CrowdError
 from ..format import aligned
-from .culling_audit import standing
+from .culling_audit import standing_crowd
 from .exact_behavior import follow_exactly
 
 FRAME = 1 / 24  # seconds
@@ -132,7 +132,7 @@ def crowd_in(world: LabelMap, random: np.random.Generator, count: int = AGENTS) 
     width, depth = world.cell
     x = world.area.x_min + (column + random.uniform(0.1, 0.9, count)) * width
     y = world.area.y_min + (row + random.uniform(0.1, 0.9, count)) * depth
-    return standing(np.stack([x, y, np.zeros(count)], axis=1))
+    return standing_crowd(np.stack([x, y, np.zeros(count)], axis=1))
 
 
 def _crowd_near_corners(random: np.random.Generator) -> Crowd:
@@ -140,7 +140,7 @@ def _crowd_near_corners(random: np.random.Generator) -> Crowd:
     away = 10.0 ** random.uniform(-12, -1, AGENTS)
     x = 3 - away
     y = 3 + away * random.uniform(0.1, 0.9, AGENTS)
-    return standing(np.stack([x, y, np.zeros(AGENTS)], axis=1))
+    return standing_crowd(np.stack([x, y, np.zeros(AGENTS)], axis=1))
 
 
 def stiff_cases(seed: int = 0) -> list[StiffCase]:

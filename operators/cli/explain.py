@@ -4,7 +4,7 @@ from collections.abc import Generator
 
 import bpy
 
-from ...crowd_lod.frame.explanation import Explanation, explained
+from ...crowd_lod.frame.explanation import Explanation, explain_agent
 from ...crowd_lod.frame.frame_range import parse_frames
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.progress import share
@@ -32,6 +32,6 @@ def explain(
         eyes, around, shutter = lights.read_moment(scene, time, at)
         frame = frame_of(scene, at((), time), time, eyes, trajectory, around, shutter)
     yield 1.0
-    return explained(
+    return explain_agent(
         frame, agent, scene_data.engine_of(scene), scene_data.meters(scene)
     ), frame.unplanned

@@ -25,7 +25,7 @@ from ..characters.characters import GROUP
 from ..lod_meshes.cast_digest import cast_digest
 from ..machine.scene_world import actions_named
 from . import redraw
-from .skinned_characters import Character, baking
+from .skinned_characters import Character, bake_character
 
 
 @dataclass
@@ -142,7 +142,7 @@ def _bake_on(scene: bpy.types.Scene, casting: Casting) -> None:
     name = home.get(GROUP) or (groups[number].name if number < len(groups) else home.name)
     try:
         find = partial(_homes, scene.session_uid, number)
-        casting.baking = casting.baking or baking(name, find, actions_named(scene, name))
+        casting.baking = casting.baking or bake_character(name, find, actions_named(scene, name))
         casting.progress = (number + next(casting.baking)) / of
     except StopIteration as end:
         casting.characters += (end.value,)

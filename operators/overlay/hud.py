@@ -147,7 +147,7 @@ def size(count: int) -> str:
     )
 
 
-def broken(lines: Sequence[Line], letters: int, rows: int) -> list[Line]:
+def wrap_lines(lines: Sequence[Line], letters: int, rows: int) -> list[Line]:
     """Return `lines` wrapped to lines of at most `letters` characters.
 
     rows: the most lines returned; if there are more, the last one is "...".
@@ -179,7 +179,7 @@ def write(
     line_height = LINE * ui_scale
     blf.size(0, LETTERS * ui_scale)
     letter = blf.dimensions(0, SAMPLE)[0] / len(SAMPLE)
-    fitting = broken(
+    fitting = wrap_lines(
         lines, int((right - left - 2 * indent) / letter), int((top - bottom) / line_height)
     )
     if right - left < NARROWEST * ui_scale or not fitting:

@@ -22,7 +22,7 @@ from . import character_cache, hud
 from .appearance import cast_of, colors_of, drawing_of, style_of
 from .gpu_batches import Batches
 from .gpu_draw import paint, put_depth
-from .visibility import revealed, show_as_rendered
+from .visibility import reveal_hidden, show_as_rendered
 
 # Settings of the scene's Workbench renders that a viewport takes over for a picture.
 SHADING = (
@@ -194,7 +194,7 @@ class Playblast:
         self.canvas = Canvas(self.size)
         with ExitStack() as opened:
             opened.callback(self.canvas.free)
-            opened.enter_context(revealed(self.stage))
+            opened.enter_context(reveal_hidden(self.stage))
             self._opened = opened.pop_all()
         return self
 

@@ -10,7 +10,7 @@ import bpy
 
 from ..blender import scene_cache
 
-# The contents of each scene's settings at the last call of `changed`.
+# The contents of each scene's settings at the last call of `has_changed`.
 _known: dict[int, str] = scene_cache.add_cache({}, by_scene=True)
 
 
@@ -22,7 +22,7 @@ def viewports() -> None:
                 area.tag_redraw()
 
 
-def changed(scene: bpy.types.Scene) -> bool:
+def has_changed(scene: bpy.types.Scene) -> bool:
     """Return whether the scene's settings differ from those at the last call.
 
     False at the first call.

@@ -75,7 +75,7 @@ class _Part:
     bones: tuple[str, ...]
 
 
-def baking(
+def bake_character(
     name: str, find: Callable[[], Sequence[bpy.types.Collection]], actions: Sequence[str] = ()
 ) -> Generator[float, None, Character]:
     """Bake a character group over all of its actions; yield the progress, 0 to 1.

@@ -232,7 +232,7 @@ def _watch() -> float:
             and display.looked < display.draw_began
             and clock.monotonic() > display.looked + LOOK_AGAIN + WATCH
         )
-        if redraw.changed(scene) or is_due:
+        if redraw.has_changed(scene) or is_due:
             redraw.viewports()
     return WATCH
 

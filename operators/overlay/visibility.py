@@ -33,7 +33,7 @@ def shows_build(settings, layer: bpy.types.ViewLayer, space: bpy.types.SpaceView
 
 
 @contextmanager
-def revealed(scene: bpy.types.Scene) -> Iterator[None]:
+def reveal_hidden(scene: bpy.types.Scene) -> Iterator[None]:
     """Show collections and objects of the scene that are disabled in viewports; hide them again.
 
     This setting holds for the viewports of all scenes.
@@ -55,7 +55,7 @@ def revealed(scene: bpy.types.Scene) -> Iterator[None]:
 def show_as_rendered(layer: bpy.types.ViewLayer) -> None:
     """Let viewports show of the view layer what its renders show, and nothing else.
 
-    Inside `revealed`. It changes settings of the view layer. Objects are shown or hidden as they
+    Inside `reveal_hidden`. It changes settings of the view layer. Objects are shown or hidden as they
     are at the current frame, since their settings may be animated.
     """
     _show(layer.layer_collection)

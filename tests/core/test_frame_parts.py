@@ -2,7 +2,7 @@
 
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.frame.frame_range import parse_frames, parse_part, told_frames
+from crowd_lod_extension.crowd_lod.frame.frame_range import frames_text, parse_frames, parse_part
 from crowd_lod_extension.crowd_lod.reporting import files, frame_parts
 from crowd_lod_extension.crowd_lod.reporting.frame_parts import RECORDS, FrameParts
 
@@ -89,7 +89,7 @@ def test_the_next_run_with_the_same_key_takes_over_what_a_killed_run_left(tmp_pa
 @pytest.mark.parametrize("text", ["1:3, 7", "1", "-2:0, 5:6, 9"])
 def test_frames_are_told_as_ranges(text):
     frames = [frame for part in text.split(", ") for frame in parse_frames(part)]
-    assert told_frames(frames) == text
+    assert frames_text(frames) == text
 
 
 @pytest.mark.parametrize(

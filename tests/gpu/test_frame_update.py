@@ -113,7 +113,7 @@ def test_meshes_stay_on_the_gpu_from_frame_to_frame(scene, monkeypatch):
     )
     assert shown(scene).batches is first.batches
     monkeypatch.setattr(appearance, "Cast", None)
-    monkeypatch.setattr(character_cache, "baking", None)
+    monkeypatch.setattr(character_cache, "bake_character", None)
     scene.frame_set(30)
     later = shown(scene)
     assert later.batches is not first.batches and later.cast is first.cast

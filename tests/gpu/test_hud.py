@@ -127,12 +127,12 @@ def test_an_empty_crowd_has_its_lines_too():
 
 def test_narrow_and_low_viewports_break_lines_and_leave_the_last_out():
     said = (hud.Line("one two three four", (1.0, 0.0, 0.0)), hud.Line("five"))
-    assert hud.broken(said, 80, 9) == list(said)
-    narrow = hud.broken(said, 9, 9)
+    assert hud.wrap_lines(said, 80, 9) == list(said)
+    narrow = hud.wrap_lines(said, 9, 9)
     assert texts(narrow) == ["one two", "  three", "  four", "five"]
     assert [line.color for line in narrow] == [(1.0, 0.0, 0.0), None, None, None]
-    assert texts(hud.broken(said, 9, 3)) == ["one two", "  three", "..."]
-    assert hud.broken(said, 9, 0) == [] and texts(hud.broken(said, -5, 1)) == ["..."]
+    assert texts(hud.wrap_lines(said, 9, 3)) == ["one two", "  three", "..."]
+    assert hud.wrap_lines(said, 9, 0) == [] and texts(hud.wrap_lines(said, -5, 1)) == ["..."]
 
 
 def test_the_figures_keep_clear_of_what_lies_over_the_viewport():

@@ -17,7 +17,7 @@ from crowd_lod_extension.operators.overlay import gpu_batches, shader_programs, 
 from crowd_lod_extension.operators.overlay.draw_data import Drawing
 from crowd_lod_extension.operators.overlay.gpu_batches import Batches, Cast
 from crowd_lod_extension.operators.overlay.gpu_draw import paint, view_buffer
-from crowd_lod_extension.operators.overlay.skinned_characters import Character, baking
+from crowd_lod_extension.operators.overlay.skinned_characters import Character, bake_character
 from mathutils import Matrix, kdtree
 
 from ..support.rotations import stance
@@ -38,7 +38,7 @@ TINTS = np.array(
 
 
 def bake(name, homes):
-    return finished(baking(name, lambda: homes))
+    return finished(bake_character(name, lambda: homes))
 
 
 @pytest.fixture(scope="module")
@@ -253,7 +253,7 @@ def test_baking_in_steps_gives_the_same_and_leaves_nothing_in_between(
 ):
     monkeypatch.setattr(skinned_characters, "TICK", 0.0)  # a frame at a time
     before = {block.name_full for block in bpy.data.user_map()}
-    steps = skinned_characters.baking("0", lambda: homes(scene, 0))
+    steps = skinned_characters.bake_character("0", lambda: homes(scene, 0))
     progress = []
     while True:
         try:
