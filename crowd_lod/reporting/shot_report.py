@@ -141,7 +141,7 @@ def lead(told: Told) -> str:
     survey = told.shot.survey
     _, triangles, memory = of_full_detail(told.shot, found)
     frames = len(told.numbers)
-    engine = NAMES[told.shot.engine]
+    engine = NAMES[told.shot.costs.engine]
     return (
         f"{counted(frames, 'frame')} of {counted(len(survey.group), 'agent')} for {engine}. The "
         f"plan takes "
@@ -176,7 +176,10 @@ def _figures(told: Told) -> list[tuple[str, str]]:
     bound = f"{told.plan.bound:.2%}" if isfinite(told.plan.bound) else "not known"
     return [
         (f"{triangles:.1%}", "of full detail's triangles"),
-        (f"{seconds:.0%}", f"of its time in {NAMES[told.shot.engine]}"),
+        (
+            f"{seconds:.0%}",
+            f"of its time in {NAMES[told.shot.costs.engine]}, by costs of {told.shot.costs.basis}",
+        ),
         (f"{memory:.0%}", "of its memory"),
         (
             f"{int(found.switches.sum()):,}",
