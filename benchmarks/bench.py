@@ -394,6 +394,12 @@ def main(arguments: list[str] | None = None) -> None:
         "hour",
     )
     parser.add_argument(
+        "--held-out",
+        choices=("cycles", "eevee"),
+        help="instead, judge what this engine's costs say of time with LODs, by crowds that none "
+        "was fitted to: ten minutes",
+    )
+    parser.add_argument(
         "--out",
         type=Path,
         default=Path("bench"),
@@ -418,6 +424,10 @@ def main(arguments: list[str] | None = None) -> None:
         import costs
 
         return costs.main()
+    if args.held_out:
+        import costs
+
+        return costs.judge(args.held_out.upper())
     with files.staged(files.absolute(args.out)) as stage:
         measure(stage, args)
     print(f"\n{args.out.absolute()}")

@@ -9,7 +9,7 @@ from ..culling.camera import Camera, stretch
 from ..culling.frustum import ROUNDING, frustum_of, reach_of
 from ..format import aligned, number
 from ..levels.assignment import assign, shown
-from ..levels.cost_model import NAMES, SECONDS
+from ..levels.cost_model import NAMES, Costs
 from .agent_under_cursor import Account, account
 from .frame import Frame
 
@@ -69,6 +69,7 @@ class Explanation:
     by_distance: the LOD that follows from it.
     eyes: for each camera the tests.
     unseen: why it matters though no camera sees it, or "".
+    engine, costs: of what the seconds are, and what they rest on.
     """
 
     account: Account
@@ -81,6 +82,7 @@ class Explanation:
     eyes: tuple[tuple[Side, ...], ...]
     unseen: str
     engine: str
+    costs: str
     alternatives: tuple[Alternative, ...]
 
     @property
@@ -143,8 +145,8 @@ class Explanation:
             ),
         ]
         lines += [
-            f"Seconds of {NAMES[self.engine]}: for one more agent, and once a frame for the mesh. "
-            f"Others show the same LOD."
+            f"Seconds of {NAMES[self.engine]}: for one more agent, and once a frame for the mesh, by "
+            f"costs of {self.costs}. Others show the same LOD."
         ]
         return "\n".join(lines)
 
@@ -171,10 +173,10 @@ class Explanation:
         )
 
 
-def explain_agent(frame: Frame, agent: int, engine: str, meters: float = 1.0) -> Explanation:
+def explain_agent(frame: Frame, agent: int, costs: Costs, meters: float = 1.0) -> Explanation:
     """Return all that `frame` decided on one agent.
 
-    engine: one of cost_model.NAMES.
+    costs: of the engine, on the machine that renders.
     meters: in a unit of the scene.
     CrowdError if there is no such agent.
     """
@@ -207,9 +209,10 @@ def explain_agent(frame: Frame, agent: int, engine: str, meters: float = 1.0) ->
         unseen=" ".join(
             told for told, each in unseen.items() if each is not None and agent in each.order
         ),
-        engine=engine,
+        engine=costs.engine,
+        costs=costs.basis,
         alternatives=tuple(
-            _alternative(frame, about, g, level, engine, meters)
+            _alternative(frame, about, g, level, costs, meters)
             for level in range(frame.policy.count)
         ),
     )
@@ -254,10 +257,9 @@ def _in_meters(sides: tuple[Side, ...], meters: float) -> tuple[Side, ...]:
 
 
 def _alternative(
-    frame: Frame, about: Account, g: int, level: int, engine: str, meters: float
+    frame: Frame, about: Account, g: int, level: int, costs: Costs, meters: float
 ) -> Alternative:
     group = frame.trajectory.groups[g]
-    costs = SECONDS[engine]
     triangles = group.triangles[level] if level < len(group.triangles) else None
     pixels = None
     if level < len(group.bounds) and about.pixels is not None:
@@ -277,8 +279,8 @@ def _alternative(
         pixels=pixels,
         seconds=None
         if triangles is None
-        else costs["instances"] + costs.get("instanced", 0.0) * triangles,
-        mesh_seconds=None if triangles is None else costs["unique"] * triangles,
+        else costs.seconds["instances"] + costs.seconds.get("instanced", 0.0) * triangles,
+        mesh_seconds=None if triangles is None else costs.seconds["unique"] * triangles,
         others=same - (about.visible and about.level == level),
     )
 

@@ -40,7 +40,8 @@ def shot_facts(
         "made_for": dict(stored.made_for),
         "shot": {
             "frames": stored.numbers.tolist(),
-            "engine": shot.engine,
+            "engine": shot.costs.engine,
+            "costs": shot.costs.basis,
             "tolerance": stored.tolerance,
             "tolerance_raised": bool(plan.tolerance) if isinstance(plan, BudgetPlan) else False,
             "most_above_optimum": plan.bound if np.isfinite(plan.bound) else None,

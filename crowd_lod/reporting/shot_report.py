@@ -72,7 +72,7 @@ def lead_of(report: ShotReport) -> str:
     survey = report.shot.survey
     _, triangles, memory = of_full_detail(report.shot, bill)
     frames = len(report.numbers)
-    engine = NAMES[report.shot.engine]
+    engine = NAMES[report.shot.costs.engine]
     return (
         f"{counted(frames, 'frame')} of {counted(len(survey.group), 'agent')} for {engine}. The "
         f"plan takes "
@@ -107,7 +107,10 @@ def figures_of(report: ShotReport) -> list[tuple[str, str]]:
     bound = f"{report.plan.bound:.2%}" if isfinite(report.plan.bound) else "not known"
     return [
         (f"{triangles:.1%}", "of full detail's triangles"),
-        (f"{seconds:.0%}", f"of its time in {NAMES[report.shot.engine]}"),
+        (
+            f"{seconds:.0%}",
+            f"of its time in {NAMES[report.shot.costs.engine]}, by costs of {report.shot.costs.basis}",
+        ),
         (f"{memory:.0%}", "of its memory"),
         (
             f"{int(bill.switches.sum()):,}",

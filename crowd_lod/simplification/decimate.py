@@ -17,8 +17,9 @@ from ..format import counted
 from ..progress import finished
 from . import settings
 from .components import areas, grown
-from .edge_collapse import Collapsed, Poses, collapse, normals_of, quadrics_of
+from .edge_collapse import Collapsed, collapse
 from .pose_deformation import Skin
+from .quadrics import Poses, normals_of, quadrics_of
 from .surface_fit import SurfaceFit
 from .triangle_mesh import Shape, constrained_edges, edge_keys, half_edges
 

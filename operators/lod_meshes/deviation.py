@@ -12,7 +12,7 @@ from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
 from ...crowd_lod.progress import finished, share
-from ...crowd_lod.simplification import hausdorff
+from ...crowd_lod.simplification.distance_estimate import estimate_distances
 from ..blender.material_colors import Looks
 from ..blender.named_actions import performance_of
 from ..blender.operator import Stepwise
@@ -164,7 +164,7 @@ class Measure:
         character = self.character.surface(run)
         first = self.character.shapes[run[0]]
         parts = list(zip(parts_of(character, first), parts_of(lod, shapes[0]), strict=True))
-        deviations, away = hausdorff.estimate(character.moving, lod.moving, parts, beyond)
+        deviations, away = estimate_distances(character.moving, lod.moving, parts, beyond)
         away = np.append(away, 0.0)[character.place]  # loose vertices are at -1
         return Estimate(deviations, np.split(away, first.begins[1:-1]))
 

@@ -6,8 +6,10 @@ from functools import cached_property
 
 import numpy as np
 
-from ...crowd_lod.simplification import hausdorff, thin_parts
-from ...crowd_lod.simplification.hausdorff import Interval, Moving, Places, places_on
+from ...crowd_lod.simplification import thin_parts
+from ...crowd_lod.simplification.distance_estimate import Places, places_on, upper_distances
+from ...crowd_lod.simplification.hausdorff import Interval, bound_distance
+from ...crowd_lod.simplification.moving_surface import MovingSurface
 from .pose_choice import farthest_apart
 from .posed_shapes import Shape, surface_of
 from .surface import Merged, Surface, has_area, merge, same_faces, spread
@@ -140,7 +142,7 @@ def parts_of(surface: Merged, shape: Shape) -> list[Places]:
     return [places_on(faces[mine], faces[mine & large]) for mine in own]
 
 
-def large_pieces(surface: Moving) -> np.ndarray:
+def large_pieces(surface: MovingSurface) -> np.ndarray:
     """Return which of the triangles that count have long sides, (p,) bool."""
     corners = surface.points[surface.pieces, 0]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
@@ -168,7 +170,7 @@ def compare_surfaces(
             ):
                 found.append((0.0, 0.0, shared[0], pair[0].points[0, 0]))
                 continue
-            apart = hausdorff.interval(*pair)
+            apart = bound_distance(*pair)
             _count_shown(pair[0], surfaces[1], other.shapes[shared[0]].hiding, apart)
             pose = shared[apart.pose]
             lost = _lost(character, other, shared, apart.bound)
@@ -186,7 +188,9 @@ def compare_surfaces(
     )
 
 
-def _count_shown(character: Moving, surface: Merged, hiding: np.ndarray, apart: Interval) -> None:
+def _count_shown(
+    character: MovingSurface, surface: Merged, hiding: np.ndarray, apart: Interval
+) -> None:
     """Count faces of a LOD, too, that are seen though the character's nearest surface is hidden.
 
     Only those are looked at whose distance exceeds what is known. surface, hiding: the LOD's, see
@@ -196,7 +200,7 @@ def _count_shown(character: Moving, surface: Merged, hiding: np.ndarray, apart: 
     left = np.flatnonzero(~lod.counted)
     corners = places_on(lod.triangles[left], lod.triangles[:0])
     distance = np.zeros(len(lod.points))
-    distance[corners.corners[:, 0]] = hausdorff.upper_distances(lod, character, corners)
+    distance[corners.corners[:, 0]] = upper_distances(lod, character, corners)
     suspects = left[distance[lod.triangles[left]].max(axis=1) > apart.bound]
     if not len(suspects):
         return
@@ -204,7 +208,7 @@ def _count_shown(character: Moving, surface: Merged, hiding: np.ndarray, apart: 
     if not len(suspects):
         return
     shown = np.isin(np.arange(len(lod.triangles)), suspects)
-    more = hausdorff.interval(
+    more = bound_distance(
         replace(character, counted=np.zeros(len(character.triangles), bool)),
         replace(lod, counted=shown),
         apart.bound,

@@ -31,6 +31,7 @@ from ...crowd_lod.shot.exceptions import Exemption, excepted, marked
 from ...crowd_lod.shot.shot_cost import Shot, meshes_of
 from ...crowd_lod.shot.switches import WORST, largest, noticed
 from ..blender import cameras, provenance, scene_data
+from ..blender.machine_costs import costs_of
 from ..blender.operator import Reporting, Stepwise
 from ..blender.output_folders import full_path, output_path, place_of
 from ..blender.output_index import note_output
@@ -128,7 +129,7 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
     shot = Shot(
         excepted(survey, exemptions),
         meshes_of(trajectory.groups, policy.count),
-        scene_data.engine_of(scene),
+        costs_of(scene),
         *rigs,
     )
     plan = yield from share(decide_within(shot, request.budget, request.avoid), SURVEYED, DECIDED)

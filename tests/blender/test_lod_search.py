@@ -6,7 +6,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.lod_meshes.deviation import Measure
 from crowd_lod_extension.operators.lod_meshes.level_objects import make_object
-from crowd_lod_extension.operators.lod_meshes.search import Search
+from crowd_lod_extension.operators.lod_meshes.search import Curve, Search, Try
 from crowd_lod_extension.operators.lod_meshes.source_mesh import read_source
 
 pytestmark = pytest.mark.once  # long, and the same on every Blender
@@ -30,6 +30,13 @@ def test_a_lod_has_about_the_fewest_triangles_whose_bound_is_the_length(exact_le
     assert 0.8 * length < bound <= length
     assert attempt.triangles < 2.5 * 4 * np.pi / (3 * np.sqrt(3) * length)
     assert [item.name for item in bpy.data.objects] == [ball.name, attempt.item.name]
+
+
+def test_no_first_try_is_the_whole_itself(ball):
+    """Where Decimate's LOD of most triangles is far too coarse, Pose-Aware tries one of more."""
+    curve = Curve(read_source(ball))
+    curve.known["DECIMATE"].append(Try(ball, 2_000, 4_000, "DECIMATE", 0.8, deviation=0.006))
+    assert 0.8 < curve.ratio_for("POSE_AWARE", 0.0025, about=0.8) < 0.95
 
 
 def test_where_no_lod_fits_the_search_ends_with_the_character_itself(exact_levels, ball):
@@ -86,7 +93,7 @@ def found(items, length):
     return [attempt.triangles for attempt in tries], bound
 
 
-def test_small_objects_that_nobody_misses_are_left_out(body):
+def test_small_objects_that_nobody_misses_are_left_out(exact_levels, body):
     """Beads that stick out of a body by less than the length go, a larger one stays."""
     turns = np.arange(8) * 2 * np.pi / 8
     small = beads(0.99 * np.column_stack([np.cos(turns), np.sin(turns), 0 * turns]), 0.015)
