@@ -105,9 +105,11 @@ def _convergence(rows: Sequence[Row]) -> str:
     """Return in words how a method's error falls with its step."""
     order = rows[0]["order"]
     apart = rows[-1]["apart"]
+    order_text = "" if np.isnan(order) else f"order {order:.2f}"
     if apart > 0.001:
-        return f"order {order:.2f}, does not converge: {apart:.1%} of agents end over a cell away"
-    return "exact up to rounding" if order != order else f"order {order:.2f}"
+        outcome = f"does not converge: {apart:.1%} of agents end over a cell away"
+        return ", ".join(filter(None, (order_text, outcome)))
+    return order_text or "exact up to rounding"
 
 
 def _behavior(rows: list[Row]) -> svg.Panel:
