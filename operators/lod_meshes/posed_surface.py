@@ -26,7 +26,8 @@ LARGE = 1 / 64  # of the size: estimates look within triangles with longer sides
 
 # deviation, bound, root mean square (meters), and the moment of the worst pose
 Measured = tuple[float, float, float, float]
-# how far a LOD and its character are apart at most, in which pose, and where, (3,) meters
+# how far a LOD and its character are apart at most, in which pose, and where, (k, 3) meters: at one
+# place, or at all thin parts that the LOD has lost
 Worst = tuple[float, int, np.ndarray]
 
 
@@ -168,23 +169,26 @@ def compare_surfaces(
                 np.array_equal(*each)
                 for each in zip(*((m.points, m.triangles) for m in pair), strict=True)
             ):
-                found.append((0.0, 0.0, shared[0], pair[0].points[0, 0]))
+                found.append((0.0, 0.0, shared[0], pair[0].points[:1, 0]))
                 continue
             apart = bound_distance(*pair)
             _count_shown(pair[0], surfaces[1], other.shapes[shared[0]].hiding, apart)
             pose = shared[apart.pose]
-            lost = _lost(character, other, shared, apart.bound)
+            lost, lost_in, lost_at = _lost(character, other, shared, apart.bound)
             posed = [Surface(m.points[:, apart.pose], m.triangles) for m in pair]
             rms = spread(*posed, [m.counted for m in pair], SAMPLES)
-            found.append((max(apart.measured, lost), rms, pose, apart.place))
+            if lost > apart.measured:
+                found.append((lost, rms, lost_in, lost_at))
+            else:
+                found.append((apart.measured, rms, pose, apart.place[None]))
             bound = max(bound, apart.bound, lost)
     if not found:
         return None
-    most, rms, pose, place = max(found, key=lambda each: each[:3])
+    most, rms, pose, places = max(found, key=lambda each: each[:3])
     return (most, float(bound) * (1 + BETWEEN * (len(frames) > 1)), rms, frames[pose]), (
         most,
         pose,
-        place,
+        places,
     )
 
 
@@ -221,20 +225,28 @@ def _count_shown(
     lod.counted |= shown
 
 
-def _lost(character: PosedSurface, other: PosedSurface, poses: list[int], bound: float) -> float:
-    """How far thin parts of the character are from where a LOD shows, meters: see
-    thin_parts.unseen.
+def _lost(
+    character: PosedSurface, other: PosedSurface, poses: list[int], bound: float
+) -> tuple[float, int, np.ndarray]:
+    """How far thin parts of the character are from where a LOD shows, at most: see
+    thin_parts.find_unseen.
 
-    What is lost is so in all poses, and only far from what shows do some poses tell how far.
+    Returns meters, the pose, and the places (k, 3) that are lost there. What is lost is so in all
+    poses, and only far from what shows do some poses tell how far.
     """
-    found = 0.0
+    most = 0.0
+    pose_of_most = poses[0]
+    lost = np.zeros((0, 3))
     for pose in poses[:: max(1, len(poses) // LOST_IN)]:
         surface = surface_of(other.shapes[pose])
         if surface is not None:
-            found = max(
-                found,
-                thin_parts.unseen(character.samples(pose), surface.facing, surface.meets, bound),
+            away, places = thin_parts.find_unseen(
+                character.samples(pose), surface.facing, surface.meets, bound
             )
-        if found < 2 * bound:
+            if away.max(initial=0.0) > most:
+                most = float(away.max())
+                pose_of_most = pose
+                lost = places
+        if most < 2 * bound:
             break
-    return found
+    return most, pose_of_most, lost

@@ -269,29 +269,32 @@ class Search:
     def _learn(self, objects: list[Try], aim: float, deviation: float) -> None:
         """Note that the whole measure tells a greater deviation of a LOD than its estimate.
 
-        Its worst place is in a frame that was found just now, or where no estimate looks. What is
-        coarser is no nearer.
+        Its worst place is in a frame that was found just now, or where no estimate looks: between
+        places, or at thin parts that are lost. What is coarser is no nearer.
 
         aim, deviation: meters, as estimates are.
         """
-        known = [attempt.deviation for attempt in objects]
+        before = [attempt.deviation for attempt in objects]
         if any(attempt.poses < len(self.by.frames) for attempt in objects):
             estimate = self.by.estimate([attempt.item for attempt in objects], aim)
             for number, attempt in enumerate(objects):
                 self._note(number, attempt, estimate)
-            number = int(np.argmax(estimate.deviations))
+            missed = [int(np.argmax(estimate.deviations))]
         else:
-            _, number, vertices = self.by.worst_vertices()
-            if self.curves[number].count:
-                around = np.isin(self.curves[number].evaluated, vertices)
-                objects[number].away[around] = deviation
-        worst = objects[number]
-        worst.deviation = max(worst.deviation, deviation)
-        for other in self.curves[number].tries:
-            if other.poses < len(self.by.frames):  # in a new frame it is as much farther off, about
-                other.deviation *= worst.deviation / max(known[number], aim / MOST_STEP)
-            if other.method == worst.method and other.ratio < worst.ratio:
-                other.deviation = max(other.deviation, worst.deviation)
+            around = self.by.worst_vertices()
+            missed = [number for number, vertices in enumerate(around) if len(vertices)]
+            for number in missed:
+                if self.curves[number].count:
+                    spots = np.isin(self.curves[number].evaluated, around[number])
+                    objects[number].away[spots] = deviation
+        for number in missed:
+            worst = objects[number]
+            worst.deviation = max(worst.deviation, deviation)
+            for other in self.curves[number].tries:
+                if other.poses < len(self.by.frames):  # in a new frame as much farther off, about
+                    other.deviation *= worst.deviation / max(before[number], aim / MOST_STEP)
+                if other.method == worst.method and other.ratio < worst.ratio:
+                    other.deviation = max(other.deviation, worst.deviation)
 
     def _whole(self) -> Generator[float, None, list[Try]]:
         """Make the objects of the character itself, as no LOD fits."""

@@ -67,6 +67,30 @@ def test_an_estimate_sees_an_edge_across_a_crease():
     assert measure.estimate([lod]).deviation == pytest.approx(deviation, rel=0.01)
 
 
+def test_the_worst_places_of_a_lod_that_has_lost_a_rod_are_on_the_rod():
+    """Its strip is no farther off than the ball that is too large, but seen edge on it is gone."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=4, radius=0.1)
+    ball = bpy.context.object
+    bpy.ops.mesh.primitive_cylinder_add(vertices=16, radius=0.005, depth=1, location=(1, 0, 0))
+    rod = bpy.context.object
+    bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=4, radius=0.106)
+    large = bpy.context.object
+    strip = bpy.data.meshes.new("strip")
+    corners = [
+        (1 + x, 0, z) for x, z in ((-0.005, -0.5), (0.005, -0.5), (0.005, 0.5), (-0.005, 0.5))
+    ]
+    strip.from_pydata(corners, [], [(0, 1, 2, 3), (3, 2, 1, 0)])
+    flat = bpy.data.objects.new("flat", strip)
+    bpy.context.scene.collection.objects.link(flat)
+    measure = Measure("", [ball, rod])
+    deviation, *_ = finished(measure.level([large, flat], 1))
+    assert deviation > 0.05
+    of_ball, of_rod = measure.worst_vertices()
+    assert not len(of_ball)
+    assert len(of_rod) > 8
+
+
 @pytest.fixture
 def body():
     """Return a ball of a radius of 1 m, with 1,280 triangles."""
