@@ -122,7 +122,7 @@ def stages(agents: int, repeats: int, seed: int) -> dict:
 
     The peers' agents stand as at the first frame; they are asked once a repeat, in turn with the
     core, and find as many agents a LOD as the core does for the same crowd, but for those that
-    float32 may put on the other side of a plane: the core keeps them (camera.pictured).
+    float32 may put on the other side of a plane: the core keeps them (camera.as_pictured).
     """
     trajectory, side = crowd_of(agents, seed)
     still = replace(trajectory, seconds_per_frame=0.0)

@@ -4,7 +4,7 @@ from collections.abc import Generator
 
 import bpy
 
-from ...crowd_lod.frame.explanation import Explanation, explained
+from ...crowd_lod.frame.explanation import Explanation, explain_agent
 from ...crowd_lod.frame.frame_range import parse_frames
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.progress import share
@@ -33,5 +33,5 @@ def explain(
         eyes, around, shutter = lights.read_moment(scene, time, at)
         frame = frame_of(scene, at((), time), time, eyes, trajectory, around, shutter)
     yield 1.0
-    explanation = explained(frame, agent, costs_of(scene), scene_data.meters(scene))
+    explanation = explain_agent(frame, agent, costs_of(scene), scene_data.meters(scene))
     return explanation, frame.unplanned

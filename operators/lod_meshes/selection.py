@@ -10,7 +10,7 @@ from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.culling.radar import radar
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.frame.frame_range import evenly
+from ...crowd_lod.frame.frame_range import spread_evenly
 from ...crowd_lod.levels.assignment import LevelPolicy
 from ...crowd_lod.levels.selection import (
     GroupShot,
@@ -62,7 +62,7 @@ def views(
     camera's clip range.
     """
     frames = scene_data.frames_of(scene, settings.step)
-    chosen = evenly(frames, MOST_FRAMES)
+    chosen = spread_evenly(frames, MOST_FRAMES)
     bias = bias_of(settings)
     cameras = cameras_at(scene, chosen)
     center, radius = (

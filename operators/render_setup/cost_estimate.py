@@ -12,7 +12,7 @@ from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number as figure
 from ...crowd_lod.frame.frame import Frame, plan
-from ...crowd_lod.frame.frame_range import evenly, shot_frames
+from ...crowd_lod.frame.frame_range import shot_frames, spread_evenly
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.shadows import surround
 from ...crowd_lod.levels.assignment import LevelPolicy, deviations
@@ -171,7 +171,7 @@ def estimate(
     """
     render = scene.render
     frames = frames or range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
-    looked_at = evenly(frames, MOST_FRAMES)
+    looked_at = spread_evenly(frames, MOST_FRAMES)
     trajectory = trajectory_of(scene)
     choices = choices_of(settings)
     check_levels(scene)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.index_cache import approach
-from ...crowd_lod.frame.planned import HIDDEN, noted
+from ...crowd_lod.frame.planned import HIDDEN, note_of
 from ...crowd_lod.progress import share
 from ...crowd_lod.reporting import tables
 from ...crowd_lod.validation import image_difference
@@ -126,7 +126,7 @@ class Proof:
         account = {
             "row": row,
             "agents": agents,
-            "unplanned": noted(number, planned.unplanned, self.task.strict),
+            "unplanned": note_of(number, planned.unplanned, self.task.strict),
         }
         return account, pictures
 
@@ -175,7 +175,7 @@ class Proof:
                     )
                 yield (times + (pictures_done + 1) / len(PICTURES)) / (1 + (bounces > 0))
             for name in COMPARED:
-                difference = image_difference.between(shot["a"], shot[name])
+                difference = image_difference.difference_of(shot["a"], shot[name])
                 row |= {f"{name}{ending}_{key}": value for key, value in vars(difference).items()}
                 picture = amplified(shot["a"], shot[name])
                 image_data.save_png(

@@ -157,7 +157,7 @@ def made(
             done = len(wanted) - len(missing) + len(_whole(parts, missing))
             steps = (PREPARED + (1 - PREPARED) * (done + k) / len(wanted) for k in range(2))
             found, pictures = yield from share(make(number), *steps)
-            told[number] = parts.put(number, found, pictures)
+            told[number] = parts.store(number, found, pictures)
         if sharing.parent:  # the rest is made by others
             break
         while len(_whole(parts, missing)) < len(missing) and any(

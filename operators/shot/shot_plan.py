@@ -15,7 +15,8 @@ from ...crowd_lod.levels.assignment import deviations
 from ...crowd_lod.progress import share, standing
 from ...crowd_lod.reporting import files, tables
 from ...crowd_lod.reporting.shot_json import shot_facts
-from ...crowd_lod.reporting.shot_report import Told, shot_page
+from ...crowd_lod.reporting.shot_page import shot_page
+from ...crowd_lod.reporting.shot_report import ShotReport
 from ...crowd_lod.shot import plan_file
 from ...crowd_lod.shot.budget import Budget, BudgetPlan, decide_within
 from ...crowd_lod.shot.coloring import (
@@ -87,7 +88,7 @@ class PlannedShot:
     shot: Shot
     plan: BudgetPlan
     stored: plan_file.StoredPlan
-    report: Told
+    report: ShotReport
     request: PlanRequest
     exemptions: tuple[Exemption, ...] = ()
 
@@ -134,7 +135,7 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
     plan = yield from share(decide_within(shot, request.budget, request.avoid), SURVEYED, DECIDED)
     changes = noticed(shot, plan.levels, trajectory.spheres.radius)
     names = [group.name for group in trajectory.groups]
-    report = Told(
+    report = ShotReport(
         title=Path(bpy.data.filepath).stem or scene.name,
         shot=shot,
         plan=plan,

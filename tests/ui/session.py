@@ -68,9 +68,9 @@ def listen():
 
 def after(change):
     """Do it, wait until the viewport has followed; what it and the sidebar show then."""
-    before = overlay().shown_of(scene())
+    before = overlay().display_of(scene())
     change()
-    yield from robot.until(lambda: overlay().shown_of(scene()) is not before)
+    yield from robot.until(lambda: overlay().display_of(scene()) is not before)
     frame = overlay().latest(scene())
     yield from robot.until(lambda: frame is None or results["sidebar"] == frame.time)
     return shown()
@@ -316,7 +316,7 @@ def repeat():
         "before": before,
         "after": after,
         "scene": scene().name,
-        "cached": len(overlay()._shown),
+        "cached": len(overlay()._displays),
     }
 
 
