@@ -22,9 +22,15 @@ from pathlib import Path
 import bpy
 import numpy as np
 from crowd_lod_extension.crowd_lod.levels.cost_fit import fit_costs
-from crowd_lod_extension.crowd_lod.levels.cost_model import Work, default_costs, price
+from crowd_lod_extension.crowd_lod.levels.cost_model import (
+    SECONDS,
+    Costs,
+    Work,
+    default_costs,
+    price,
+)
 from crowd_lod_extension.operators.blender import scene_data
-from crowd_lod_extension.operators.blender.machine_costs import costs_of
+from crowd_lod_extension.operators.blender.machine_costs import calibration_of
 from ways import EVERYONE
 from worth import LIMIT, PICTURE, job, show
 
@@ -43,7 +49,7 @@ CROWDS = {
     "EEVEE": ((1, 0, 0, True), (1, 1, 0, True), (4, 0, 0, True), *TEXTURED),
 }
 AGENTS = {"CYCLES": (30, 1000, 30_000, 300_000), "EEVEE": (10, 100, 300)}
-SAMPLES = {"CYCLES": (4, 16), "EEVEE": (1,)}  # of a pixel
+SAMPLES = {"CYCLES": (4, 16), "EEVEE": (1, 4)}  # of a pixel
 REPEATS = {"CYCLES": 3, "EEVEE": 1}  # renders of each file, for medians
 COUNTS = {
     "memory": ("posed", "unique", "instances", "instanced", "rigs", "images"),
@@ -54,7 +60,7 @@ COUNTS = {
 # divided
 HELD_OUT = (3, 8, 1), (6, 3, 0)
 HELD_OUT_AGENTS = {"CYCLES": (300, 5000), "EEVEE": (50, 150)}
-RAYS = {"CYCLES": "traced", "EEVEE": "rays"}  # what is counted of these for seconds
+PER_SAMPLE = {"CYCLES": "traced", "EEVEE": "drawn"}  # the count that grows with the samples
 MEASURED = {"memory": "peak_mb", "seconds": "cpu_s", "file": "file_mb"}
 
 
@@ -71,7 +77,7 @@ def main() -> None:
                     AGENTS[engine],
                 )
             for name, key in MEASURED.items():
-                counts = (*COUNTS[name], *[RAYS[engine]] * (name == "seconds"))
+                counts = (*COUNTS[name], *[PER_SAMPLE[engine]] * (name == "seconds"))
                 table = {count: np.array([row[count] for row in rows], float) for count in counts}
                 fit = fit_costs(table, np.array([row[key] for row in rows]))
                 print(
@@ -87,7 +93,8 @@ def judge(engine: str) -> None:
     """Print the shares of time of HELD_OUT in `engine`: rendered, and by the costs."""
     scene = bpy.context.scene
     scene.render.engine = scene_data.EEVEE if engine == "EEVEE" else engine
-    machine = costs_of(scene)
+    calibration = calibration_of(scene)
+    machine = calibration.costs if calibration else Costs(engine, SECONDS[engine])
     print(f"Costs of {machine.basis}")
     names = [each.name for each in fields(Work)]
     with tempfile.TemporaryDirectory() as scratch:
@@ -98,7 +105,10 @@ def judge(engine: str) -> None:
             for whole, lods in pairs_of(rows):
                 share = {"agents": whole["agents"], "rays": whole["rays"]}
                 share["rendered"] = lods["cpu_s"] / whole["cpu_s"]
-                for title, costs in (("developers", default_costs(engine)), ("machine", machine)):
+                for title, costs in (
+                    ("developers", default_costs(engine, whole["samples"])),
+                    ("machine", machine.with_samples(whole["samples"])),
+                ):
                     own, full = (
                         price(Work(**{name: row[name] for name in names}), costs).seconds
                         for row in (lods, whole)
@@ -165,6 +175,7 @@ def measured(
                 own = {
                     "samples": samples,
                     "rays": rays,
+                    "drawn": row["instanced"] * samples,
                     "traced": Work(rays=rays, unique=row["unique"]).traced,
                     "file_mb": round(row["file_mb"] - empty["file_mb"], 2),
                 }

@@ -4,8 +4,9 @@ It follows from counts of what the build holds and what a frame shows.
 
 Engines pay for different things. Blender poses every triangle in the build's collections, shown or
 not. Cycles stores each triangle that a frame shows once, for all instances together, with the tree
-to trace rays through. EEVEE draws the triangles of each instance again. So LODs save *unique*
-triangles in Cycles and *instanced* ones in EEVEE; a LOD that few agents show saves neither.
+to trace rays through. EEVEE draws the triangles of each instance again, and all of them once for
+each sample of a pixel. So LODs save *unique* triangles in Cycles and *instanced* ones in EEVEE; a
+LOD that few agents show saves neither.
 
 The coefficients are fitted to renders by `./crowd-lod bench --costs`, which prints their residuals.
 Memory is absolute, and counts what the crowd adds to the scene. Seconds are those of the machine
@@ -13,7 +14,7 @@ that `Costs` rest on, the developers' or the user's (cost_fit.py): only their ra
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -33,6 +34,8 @@ class Work:
     instanced: triangles of all instances.
     rigs: armatures of the characters.
     rays: samples of the pixels that agents cover.
+    drawn: triangles of all instances, counted once for each sample of a pixel. Only what renders
+        are fitted to has it: see Costs.with_samples.
     images: bytes of the images that the characters' materials use.
     stored: triangles of LOD meshes in the file.
     points: points in the file, one per agent and baked frame.
@@ -44,6 +47,7 @@ class Work:
     instanced: np.ndarray | float = 0.0
     rigs: float = 0.0
     rays: np.ndarray | float = 0.0
+    drawn: np.ndarray | float = 0.0
     images: float = 0.0
     stored: float = 0.0
     points: float = 0.0
@@ -58,9 +62,10 @@ class Work:
 
 
 # Bytes of memory, and seconds of one processor, for one of each. Cycles: residuals of 20 renders up
-# to 3 % of memory; of 48 of seconds, half of them with LODs, 18 % rms. EEVEE on a software GPU: 3 %
-# of seconds, but up to 60 % of memory in scenes of few agents, which is little there. Seconds of
-# images: 8 renders by Cycles, within 24 %, 13 % rms; EEVEE has the same, for Blender decodes them.
+# to 3 % of memory; of 48 of seconds, half of them with LODs, 18 % rms. EEVEE on a software GPU: up to
+# 60 % of memory in scenes of few agents, which is little there; of seconds 12 % rms of 40 renders at
+# 1, 4 and 12 samples, 2 to 1,000 agents of 143 to 45,824 triangles. Seconds of images: 8 renders by
+# Cycles, within 24 %, 13 % rms; EEVEE has the same, for Blender decodes them.
 MEMORY = {
     "CYCLES": {"posed": 30, "unique": 133, "instances": 1800, "rigs": 551_000, "images": 1.4},
     "EEVEE": {"posed": 335, "unique": 107, "instances": 45_000, "rigs": 1_046_000, "images": 1.4},
@@ -75,11 +80,11 @@ SECONDS = {
         "images": 1.1e-8,
     },
     "EEVEE": {
-        "posed": 4.5e-7,
-        "unique": 2e-6,
-        "instances": 5.9e-3,
-        "instanced": 6.8e-6,
-        "rays": 1.55e-4,
+        "posed": 6.7e-8,
+        "unique": 2.85e-6,
+        "instances": 4.58e-3,
+        "instanced": 4.09e-6,
+        "drawn": 1.98e-6,
         "images": 1.1e-8,
     },
 }
@@ -102,9 +107,22 @@ class Costs:
     seconds: Mapping[str, float]
     basis: str = DEVELOPERS
 
+    def with_samples(self, samples: float) -> "Costs":
+        """Return the costs of renders with `samples` of each pixel.
 
-def default_costs(engine: str) -> Costs:
+        What EEVEE draws once for each sample is counted to the triangles of instances.
+        """
+        seconds = dict(self.seconds)
+        drawn = seconds.pop("drawn", 0.0)
+        if drawn:
+            seconds["instanced"] += samples * drawn
+        return replace(self, seconds=seconds)
+
+
+def default_costs(engine: str, samples: float = 1.0) -> Costs:
     """Return the costs of `engine`, one of NAMES, on the developers' machine.
+
+    samples: of each pixel, in the renders.
 
     CrowdError for any other engine.
     """
@@ -112,7 +130,7 @@ def default_costs(engine: str) -> Costs:
         raise CrowdError(
             f"There are no costs of the engine {engine}: choose one of {', '.join(NAMES)}."
         )
-    return Costs(engine, SECONDS[engine])
+    return Costs(engine, SECONDS[engine]).with_samples(samples)
 
 
 @dataclass(frozen=True)

@@ -108,10 +108,13 @@ def calibration_of(scene: bpy.types.Scene) -> Calibration | None:
 
 
 def costs_of(scene: bpy.types.Scene) -> Costs:
-    """Return the costs of the scene's engine: this machine's, else the developers'."""
+    """Return the costs of the scene's engine and samples: this machine's, else the developers'."""
     calibration = calibration_of(scene)
     engine = scene_data.engine_of(scene)
-    return default_costs(engine) if calibration is None else calibration.costs
+    samples = scene_data.samples_of(scene)
+    if calibration is None:
+        return default_costs(engine, samples)
+    return calibration.costs.with_samples(samples)
 
 
 def store_fit(fit: Calibration) -> Path:

@@ -150,3 +150,10 @@ def let_go(scene: bpy.types.Scene, name: str) -> None:
     setattr(scene.crowd_lod, name, None)
     if top is not None and top.name in scene.collection.children:
         scene.collection.children.unlink(top)
+
+
+def samples_of(scene: bpy.types.Scene) -> int:
+    """Return the samples per pixel that the scene's engine takes."""
+    return (
+        scene.cycles.samples if scene.render.engine == "CYCLES" else scene.eevee.taa_render_samples
+    )

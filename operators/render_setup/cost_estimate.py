@@ -181,7 +181,7 @@ def estimate(
     rigs, moved_as = rigs_of(characters, trajectory, library)
     shown = {name: [] for name in choices}
     bias = bias_of(settings)
-    samples = samples_of(scene)
+    samples = scene_data.samples_of(scene)
     rays = []
     with frame_stepping.step_frames(scene) as at:
         for number_done, number in enumerate(looked_at):
@@ -257,13 +257,6 @@ def _images(
         for k in np.flatnonzero(held[:, owner == g].any(axis=1)):
             for item in home_of(settings.levels.children[k], g, name).objects:
                 yield from pictures[item]
-
-
-def samples_of(scene: bpy.types.Scene) -> int:
-    """Return the samples per pixel that the scene's engine takes."""
-    return (
-        scene.cycles.samples if scene.render.engine == "CYCLES" else scene.eevee.taa_render_samples
-    )
 
 
 def covered(frame: Frame, scene: bpy.types.Scene) -> float:

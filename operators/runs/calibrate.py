@@ -18,8 +18,7 @@ from ...crowd_lod.levels.cost_model import NAMES, Work
 from ..blender import cleanup, console
 from ..blender.machine_costs import Calibration, device_of, key_of, store_fit
 from ..blender.operator import Stepwise
-from ..blender.scene_data import engine_of
-from ..render_setup.cost_estimate import samples_of
+from ..blender.scene_data import engine_of, samples_of
 from .trial_crowds import TrialCrowd, make_stage, show_crowd
 
 # The first ones tell all counts apart; the others are rendered while there is time. Cycles has dense
@@ -136,7 +135,9 @@ def _render_trials(scene: bpy.types.Scene, effort: Effort) -> Generator[float, N
             for samples, ground in empty.items():
                 taken = min(_seconds(stage, samples, clock) for _ in range(effort.repeats))
                 longest = max(longest, taken)
-                works.append(replace(work, rays=samples * work.rays))
+                works.append(
+                    replace(work, rays=samples * work.rays, drawn=samples * work.instanced)
+                )
                 seconds.append(taken - ground)
                 yield max(done / len(crowds), passed / ENOUGH)
     return Trials(works, np.array(seconds))

@@ -26,7 +26,7 @@ from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import cameras, frame_stepping, scene_data
 from ..lod_meshes.selection import cast_of, rigs_of
 from ..machine.scene_world import bias_of
-from ..render_setup.cost_estimate import covered, samples_of
+from ..render_setup.cost_estimate import covered
 from ..scene import lights, shot_reference
 from ..scene.scene_crowd import characters_of, policy_of, trajectory_of
 
@@ -90,7 +90,7 @@ def survey_of(
             if f >= begin:
                 film = cameras.bound_camera(scene, time)
                 cut = f > 0 and film != cameras.bound_camera(scene, times[f - 1])
-                samples = samples_of(scene) * covered(frame, scene)
+                samples = scene_data.samples_of(scene) * covered(frame, scene)
                 recorder.add(survey, f, frame, library, before, samples, cut)
                 parts.cameras.append(numbers_of(eyes))
                 took.update(frame.milliseconds)

@@ -256,3 +256,23 @@ def shares(shot) -> dict:
     """What each choice of LODs costs, as a part of the whole character's."""
     found = dict(priced(BODY, range(5), 1.0, shot))
     return {chosen: own.share(found[(0,)]) for chosen, own in found.items() if chosen[0] == 0}
+
+
+@pytest.mark.parametrize(("samples", "rendered"), [(1, 0.08), (4, 0.04)])
+def test_eevee_draws_all_triangles_once_for_each_sample(samples, rendered):
+    """342 agents at 640 x 360: LODs as a part of full detail, as rendered."""
+    costs = default_costs("EEVEE", samples)
+    full, lods = (
+        price(Work(instances=342.0, instanced=342.0 * triangles), costs).seconds
+        for triangles in (11_456, 100)
+    )
+    assert lods / full == pytest.approx(rendered, abs=0.03)
+    assert "drawn" not in costs.seconds
+    once = default_costs("EEVEE").seconds["instanced"]
+    assert costs.seconds["instanced"] == pytest.approx(
+        once + (samples - 1) * SECONDS["EEVEE"]["drawn"]
+    )
+
+
+def test_cycles_costs_know_no_samples_but_by_their_rays():
+    assert default_costs("CYCLES", 64) == default_costs("CYCLES")

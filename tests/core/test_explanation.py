@@ -80,7 +80,7 @@ def test_alternatives_tell_what_each_lod_costs_and_shows():
     frame = frame_of()
     agent = int(frame.buckets[1][0])
     found = explain_agent(frame, agent, default_costs("EEVEE"))
-    costs = SECONDS["EEVEE"]
+    costs = default_costs("EEVEE").seconds
     depth = frame.depths[agent]
     for level, each in enumerate(found.alternatives):
         assert each.level == level and each.triangles == 2 * SIZES[level]
