@@ -50,7 +50,7 @@ class Calibration:
     def age(self) -> str:
         """How long ago it was made, in words."""
         days = (datetime.now(UTC) - datetime.fromisoformat(self.made)).days
-        return f"{counted(days, 'day')} old" if days > 0 else "of today"
+        return f"{counted(days, 'day')} old" if days > 0 else "less than a day old"
 
     @property
     def costs(self) -> Costs:

@@ -54,7 +54,7 @@ def test_renders_find_the_costs_of_this_machine(cycles):
     blocks = set(bpy.data.user_map())
     kept = finished(calibrate(cycles, Effort(FEW, 64, 1)))
     assert set(bpy.data.user_map()) == blocks
-    assert kept == calibration_of(cycles) and kept.age == "of today"
+    assert kept == calibration_of(cycles) and kept.age == "less than a day old"
     assert kept.renders == 10 and kept.device == "CPU"
     costs = costs_of(cycles)
     assert costs.seconds == kept.seconds and costs.basis.startswith("this machine (CPU)")
