@@ -219,14 +219,14 @@ def shot_json(planned: PlannedShot) -> dict[str, Any]:
         for name, value in vars(planned.request.budget).items()
         if value not in (None, inf)
     }
-    asked = {
+    requested = {
         "avoid_pops": planned.request.avoid,
         "variety": planned.request.variety,
         "blur": planned.request.blurred,
         "budget": budget,
     }
     return shot_facts(
-        planned.report, planned.stored, asked, [each.as_json for each in planned.exemptions]
+        planned.report, planned.stored, requested, [each.as_json for each in planned.exemptions]
     )
 
 
