@@ -122,7 +122,7 @@ def stages(agents: int, repeats: int, seed: int) -> dict:
 
     The peers' agents stand as at the first frame; they are asked once a repeat, in turn with the
     core, and find as many agents a LOD as the core does for the same crowd, but for those that
-    float32 may put on the other side of a plane: the core keeps them (camera.pictured).
+    float32 may put on the other side of a plane: the core keeps them (camera.as_pictured).
     """
     trajectory, side = crowd_of(agents, seed)
     still = replace(trajectory, seconds_per_frame=0.0)
@@ -394,6 +394,12 @@ def main(arguments: list[str] | None = None) -> None:
         "hour",
     )
     parser.add_argument(
+        "--held-out",
+        choices=("cycles", "eevee"),
+        help="instead, judge what this engine's costs say of time with LODs, by crowds that none "
+        "was fitted to: ten minutes",
+    )
+    parser.add_argument(
         "--out",
         type=Path,
         default=Path("bench"),
@@ -418,6 +424,10 @@ def main(arguments: list[str] | None = None) -> None:
         import costs
 
         return costs.main()
+    if args.held_out:
+        import costs
+
+        return costs.judge(args.held_out.upper())
     with files.staged(files.absolute(args.out)) as stage:
         measure(stage, args)
     print(f"\n{args.out.absolute()}")

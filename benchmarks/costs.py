@@ -3,19 +3,29 @@
 The coefficients of crowd_lod/levels/cost_model.py, fitted to renders.
 
 ./crowd-lod bench --costs
+./crowd-lod bench --held-out cycles
 
 Crowds of few and many characters, triangles and agents, at full detail and with LODs, each a file
 that needs no Crowd LOD, are rendered in a process of their own. What a render takes beyond that of
 the empty ground is put down to the counts of Work by non-negative least squares of relative errors.
 Prints the rows, the coefficients and the residuals.
+
+--held-out judges costs by crowds that none was fitted to: the time with LODs as a part of full
+detail's, rendered, by the developers' costs, and by those that `crowd-lod calibrate` found here.
 """
 
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import fields
 from pathlib import Path
 
+import bpy
 import numpy as np
-from crowd_lod_extension.crowd_lod.levels.cost_model import Work
+from crowd_lod_extension.crowd_lod.levels.cost_fit import fit_costs
+from crowd_lod_extension.crowd_lod.levels.cost_model import Work, default_costs, price
+from crowd_lod_extension.operators.blender import scene_data
+from crowd_lod_extension.operators.blender.machine_costs import costs_of
+from ways import EVERYONE
 from worth import LIMIT, PICTURE, job, show
 
 # Of each engine the characters, how often their faces are divided, pixels of a side of their
@@ -40,50 +50,12 @@ COUNTS = {
     "seconds": ("posed", "unique", "instances", "instanced", "rigs", "images"),
     "file": ("rigs", "stored", "points"),
 }
+# Crowds that no costs are fitted to: characters, meters to the nearest, how often their faces are
+# divided
+HELD_OUT = (3, 8, 1), (6, 3, 0)
+HELD_OUT_AGENTS = {"CYCLES": (300, 5000), "EEVEE": (50, 150)}
 RAYS = {"CYCLES": "traced", "EEVEE": "rays"}  # what is counted of these for seconds
 MEASURED = {"memory": "peak_mb", "seconds": "cpu_s", "file": "file_mb"}
-
-
-def non_negative(table: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """The x (k,) >= 0 with the least squares of table (n, k) @ x - values (n,).
-
-    Lawson and Hanson's active sets.
-    """
-    x = np.zeros(table.shape[1])
-    used = np.zeros(table.shape[1], bool)
-    scale = np.linalg.norm(table, axis=0) + 1e-300
-    for _ in range(100):
-        gain = (table / scale).T @ (values - table @ x)
-        gain[used] = -np.inf
-        if gain.max() <= 1e-9 * np.linalg.norm(values):
-            return x
-        used[gain.argmax()] = True
-        while True:
-            trial = np.zeros_like(x)
-            trial[used] = (
-                np.linalg.lstsq(table[:, used] / scale[used], values, rcond=None)[0] / scale[used]
-            )
-            if (trial[used] > 0).all():
-                break
-            below = used & (trial <= 0)
-            step = (x[below] / (x[below] - trial[below])).min()
-            x += step * (trial - x)
-            used &= x > 1e-15 * max(x.max(), 1e-300)
-        x = trial
-    return x
-
-
-def fit(rows: list[dict], counts: Sequence[str], key: str) -> tuple[dict[str, float], np.ndarray]:
-    """(what one of each of `counts` costs, each row's relative error) of a `key`.
-
-    Errors are relative to the row's own value, or to a twentieth of the largest where that is less.
-    """
-    table = np.array([[row[name] for name in counts] for row in rows], float)
-    values = np.array([row[key] for row in rows])
-    over = 0.05 * values.max()
-    weight = 1 / np.maximum(values, over)
-    found = non_negative(table * weight[:, None], values * weight)
-    return dict(zip(counts, found.tolist(), strict=True)), (table @ found - values) * weight
 
 
 def main() -> None:
@@ -96,20 +68,60 @@ def main() -> None:
                     {"groups": groups, "meters": 5, "finer": finer, "pixels": pixels},
                     lods,
                     scratch,
+                    AGENTS[engine],
                 )
             for name, key in MEASURED.items():
-                found, off = fit(rows, (*COUNTS[name], *[RAYS[engine]] * (name == "seconds")), key)
+                counts = (*COUNTS[name], *[RAYS[engine]] * (name == "seconds"))
+                table = {count: np.array([row[count] for row in rows], float) for count in counts}
+                fit = fit_costs(table, np.array([row[key] for row in rows]))
                 print(
                     engine,
                     name,
-                    {k: float(f"{1e6 * v:.4g}") for k, v in found.items()},
+                    {count: float(f"{1e6 * cost:.4g}") for count, cost in fit.costs.items()},
                     "residuals",
-                    off.round(2).tolist(),
+                    fit.errors.round(2).tolist(),
                 )
 
 
-def measured(engine: str, crowd: dict, lods: bool, scratch: str) -> list[dict]:
-    """The rows of a crowd: its counts, and what renders take.
+def judge(engine: str) -> None:
+    """Print the shares of time of HELD_OUT in `engine`: rendered, and by the costs."""
+    scene = bpy.context.scene
+    scene.render.engine = scene_data.EEVEE if engine == "EEVEE" else engine
+    machine = costs_of(scene)
+    print(f"Costs of {machine.basis}")
+    names = [each.name for each in fields(Work)]
+    with tempfile.TemporaryDirectory() as scratch:
+        for groups, meters, finer in HELD_OUT:
+            crowd = {"groups": groups, "meters": meters, "finer": finer, "pixels": 0}
+            rows = measured(engine, crowd, True, scratch, HELD_OUT_AGENTS[engine])
+            shares = []
+            for whole, lods in pairs_of(rows):
+                share = {"agents": whole["agents"], "rays": whole["rays"]}
+                share["rendered"] = lods["cpu_s"] / whole["cpu_s"]
+                for title, costs in (("developers", default_costs(engine)), ("machine", machine)):
+                    own, full = (
+                        price(Work(**{name: row[name] for name in names}), costs).seconds
+                        for row in (lods, whole)
+                    )
+                    share[title] = own / full
+                    share[f"{title} off"] = share[title] / share["rendered"] - 1
+                shares.append({name: round(value, 3) for name, value in share.items()})
+            show(f"{engine}, {crowd}: time with LODs as a part of full detail's", shares)
+
+
+def pairs_of(rows: list[dict]) -> Iterator[tuple[dict, dict]]:
+    """Yield (the row at full detail, the row with LODs) of the same agents and samples."""
+    for whole in rows:
+        for lods in rows:
+            same = (whole["agents"], whole["samples"]) == (lods["agents"], lods["samples"])
+            if same and (whole["way"], lods["way"]) == (EVERYONE, "by ratio"):
+                yield whole, lods
+
+
+def measured(
+    engine: str, crowd: dict, lods: bool, scratch: str, sizes: Sequence[int]
+) -> list[dict]:
+    """The rows of a crowd of each of `sizes` agents: its counts, and what renders take.
 
     Less what those of the empty ground take.
     """
@@ -118,7 +130,7 @@ def measured(engine: str, crowd: dict, lods: bool, scratch: str) -> list[dict]:
         job="counts",
         folder=scratch,
         crowd=crowd,
-        sizes=AGENTS[engine],
+        sizes=sizes,
         lods=lods,
         **PICTURE[engine],
     )
@@ -151,6 +163,7 @@ def measured(engine: str, crowd: dict, lods: bool, scratch: str) -> list[dict]:
                 }
                 rays = row["rays"] * samples / PICTURE[engine]["samples"]
                 own = {
+                    "samples": samples,
                     "rays": rays,
                     "traced": Work(rays=rays, unique=row["unique"]).traced,
                     "file_mb": round(row["file_mb"] - empty["file_mb"], 2),

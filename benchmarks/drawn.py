@@ -15,7 +15,8 @@ from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.sorting.buckets import sort
 from crowd_lod_extension.crowd_lod.sources.trajectory import Trajectory
 from crowd_lod_extension.operators.overlay.draw_data import Style, drawing
-from crowd_lod_extension.operators.overlay.gpu_draw import Batches, Cast, paint
+from crowd_lod_extension.operators.overlay.gpu_batches import Batches, Cast
+from crowd_lod_extension.operators.overlay.gpu_draw import paint
 from crowd_lod_extension.operators.overlay.skinned_characters import Character
 
 SIZE = 900, 900  # the chapter's viewport

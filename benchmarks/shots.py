@@ -31,6 +31,7 @@ from crowd_lod_extension.crowd_lod.levels.assignment import (
     hold,
     limits,
 )
+from crowd_lod_extension.crowd_lod.levels.cost_model import default_costs
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.reporting import files, tables
 from crowd_lod_extension.crowd_lod.shot.shot import decide
@@ -222,7 +223,7 @@ def compared(
     name: str, engine: str, survey: Survey, films: Sequence[Camera], avoid: Sequence[float]
 ) -> list[dict]:
     """The rows of one camera and engine."""
-    shot = Shot(survey, meshes_of(GROUPS, POLICY.count), engine)
+    shot = Shot(survey, meshes_of(GROUPS, POLICY.count), default_costs(engine))
     thresholds = bill(shot, survey.coarsest)
     full = bill(shot, np.zeros_like(survey.coarsest))
     rows = [
@@ -247,7 +248,9 @@ def growth(sizes: Sequence[tuple[int, int]]) -> list[dict]:
         started = time.perf_counter()
         survey, _ = surveyed(trajectory, descent, frames)
         run_through = time.perf_counter()
-        made = finished(decide(Shot(survey, meshes_of(GROUPS, POLICY.count), "EEVEE"), 0.05))
+        made = finished(
+            decide(Shot(survey, meshes_of(GROUPS, POLICY.count), default_costs("EEVEE")), 0.05)
+        )
         ended = time.perf_counter()
         rows.append(
             {

@@ -73,11 +73,11 @@ class Trouble:
             ),
             "stuck": ("agent stands for good", "agents stand for good"),
         }[self.kind]
-        who = counted(len(self.agents), singular, plural)
+        agents = counted(len(self.agents), singular, plural)
         where = f"most of them ({self.counts[0]}) at" if len(self.counts) > 1 else "at"
         place = f"x {self.x[0]:.2f} m, y {self.y[0]:.2f} m"
         cell = f"map column {self.column[0]}, row {self.row[0]} from the bottom"
-        return f"{who}, {where} {place} ({cell})."
+        return f"{agents}, {where} {place} ({cell})."
 
 
 def trouble(

@@ -1,7 +1,7 @@
 """Edits of a state machine's JSON text, for the editor in the sidebar.
 
 An edit changes the object that the text says; the object is then written again, in one layout for
-all. `edited` makes an edit and keeps it only if the result is a state machine.
+all. `edit_text` makes an edit and keeps it only if the result is a state machine.
 """
 
 import colorsys
@@ -27,7 +27,7 @@ Edit = Callable[[Table], None]  # changes the object of a machine in place
 Targets = Sequence[tuple[str, float]]  # states and their weights
 
 
-def edited(text: str, where: str, edit: Edit) -> str:
+def edit_text(text: str, where: str, edit: Edit) -> str:
     """Return the text after the edit, in the layout of `layout`; as it is if nothing changes.
 
     CrowdError if it would then be no state machine; where it is none before, mistakes are
@@ -241,7 +241,7 @@ def move(kind: str, name: str, by: int) -> Edit:
     return edit
 
 
-def unused(name: str, names: Sequence[str]) -> str:
+def unused_name(name: str, names: Sequence[str]) -> str:
     """Return `name`, or where it is one of `names` with the first number that makes it new."""
     if name not in names:
         return name

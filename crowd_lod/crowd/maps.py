@@ -216,10 +216,10 @@ def labels_from_colors(
     off = np.argwhere(label_codes[labels] != codes)
     if not len(off):
         return labels, off
-    off_codes, which, counts = np.unique(codes[*off.T], return_inverse=True, return_counts=True)
+    off_codes, code_of, counts = np.unique(codes[*off.T], return_inverse=True, return_counts=True)
     nearest, is_strange = _nearest(off_codes, colors)
-    labels[*off.T] = nearest[which]
-    strays = off[is_strange[which]]
+    labels[*off.T] = nearest[code_of]
+    strays = off[is_strange[code_of]]
     if len(strays) > MOST_STRAYS * labels.size:
         strange = list(zip(off_codes[is_strange], counts[is_strange], strict=True))
         listed = ", ".join(

@@ -327,7 +327,7 @@ def stays(machine: StateMachine, world: LabelMap) -> bool:
     return not leave_outs.reachable_velocities(machine, world, np.flatnonzero(machine.start)).any()
 
 
-def allowed(places: Places, machine: StateMachine, world: LabelMap) -> np.ndarray:
+def allowed_agents(places: Places, machine: StateMachine, world: LabelMap) -> np.ndarray:
     """Return which places agents may start at, (n,) bool: on the map, where its label lets them."""
     x, y, _ = places.points.T
     area = world.area

@@ -26,8 +26,8 @@ from .frustum_box_test import COLUMNS, HUGE, SLACK, BoxTest, Look
 
 LEAF = 16  # agents in one of the smallest blocks
 FAN = 8  # blocks that form the next larger one
-FIRST = 1024  # the largest blocks are at most so many
-PART = 8192  # agents that leave their block undecided are tested in parts of so many
+FIRST = 1024  # the number of largest blocks is at most this
+PART = 8192  # agents of undecided blocks are tested in parts of so many
 # in place of a LOD
 CULLED = 255
 OPEN = 254  # of a block: its agents do not all have one LOD, or it is not known which
@@ -64,20 +64,20 @@ class Blocks:
 
 
 @dataclass(frozen=True)
-class Decided:
-    """What is known of the blocks.
+class BlockDecisions:
+    """What the tests of blocks decide.
 
     leaves: (b,) uint8, the LOD of each of the smallest blocks, or CULLED, or OPEN.
-    opened: (k,) intp, increasing, the blocks that are OPEN.
-    own: (k, LEAF) uint8, the LODs of the agents in these; CULLED if not seen.
+    open_blocks: (k,) intp, increasing, the blocks that are OPEN.
+    open_levels: (k, LEAF) uint8, the LODs of the agents in these; CULLED if not seen.
     """
 
     leaves: np.ndarray
-    opened: np.ndarray
-    own: np.ndarray
+    open_blocks: np.ndarray
+    open_levels: np.ndarray
 
 
-def filled(order: np.ndarray) -> np.ndarray:
+def fill_blocks(order: np.ndarray) -> np.ndarray:
     """Return the order (n,) with the last agent repeated to fill all blocks."""
     beyond = -len(order) % _largest(len(order))
     return np.append(order, np.full(beyond, order[-1])) if beyond else order
@@ -101,13 +101,11 @@ def blocks_of(
 ) -> Blocks:
     """Return the blocks of `crowd`.
 
-    order: from `filled`.
-    area: the crowd's ground. The blocks also hold for agents beyond it, once these are moved onto
-        it.
+    order: from `fill_blocks`.
+    area: the crowd's ground. The boxes also hold agents that leave it and are put back onto it.
     wraps: (least, most) displacement (3,) within which the boxes will be used, if agents that leave
         the area come back at its other side.
-    span: the least and greatest z of the ground that agents climb; None if they stay at their own
-    z.
+    span: the least and greatest z of the ground that agents climb; None if their z stays.
 
     Needs at most about 9 bytes an agent, of which the result keeps 5.
     """
@@ -122,17 +120,7 @@ def blocks_of(
     low, high, radii = np.split(boxes, [3, 6])
     with np.errstate(invalid="ignore"):
         floor = float(crowd.z[0]) if span is None and crowd.z.min() == crowd.z.max() else None
-        low[2] = high[2] = floor or 0.0
-        for at in range(0, leaves, COLUMNS // 4):
-            part = slice(at, at + COLUMNS // 4)
-            # a block a column: many blocks are compared at a time
-            agents = rows[part].T.astype(np.intp, order="C")
-            places = [column[agents] for column in (crowd.x, crowd.y)]
-            if floor is None:
-                places.append(crowd.z[agents])
-            for axis, place in enumerate(places):
-                low[axis, part] = place.min(axis=0)
-                high[axis, part] = place.max(axis=0)
+        _enclose(low, high, crowd, rows, floor)
         _stay(low, high, area, wraps, span)
         low[2] += _over(center, np.minimum)[*group]
         high[2] += _over(center, np.maximum)[*group]
@@ -153,6 +141,23 @@ def blocks_of(
         finite=bool(np.isfinite(extent)),
         floor=floor,
     )
+
+
+def _enclose(
+    low: np.ndarray, high: np.ndarray, crowd: Crowd, rows: np.ndarray, floor: float | None
+) -> None:
+    """Set the corners low and high (3, b) of boxes about the feet of each block's agents."""
+    low[2] = high[2] = floor or 0.0
+    for at in range(0, len(rows), COLUMNS // 4):
+        part = slice(at, at + COLUMNS // 4)
+        # transposed, a block a column, so that many blocks are compared at a time
+        agents = rows[part].T.astype(np.intp, order="C")
+        places = [column[agents] for column in (crowd.x, crowd.y)]
+        if floor is None:
+            places.append(crowd.z[agents])
+        for axis, place in enumerate(places):
+            low[axis, part] = place.min(axis=0)
+            high[axis, part] = place.max(axis=0)
 
 
 def _center(boxes: np.ndarray) -> None:
@@ -227,28 +232,28 @@ def _over(values: np.ndarray, extreme: np.ufunc) -> np.ndarray:
 def decide(
     blocks: Blocks,
     crowd: Crowd,
-    looks: Sequence[Sequence[Look]],
+    views: Sequence[Sequence[Look]],
     limits: np.ndarray | None,
     margin: float | None = None,
     radial: bool = False,
-) -> tuple[Decided, np.ndarray]:
+) -> tuple[BlockDecisions, np.ndarray]:
     """Return (decided, places): what the blocks decide, and which agents stay open.
 
     crowd: as it stands at the first of the looks' times.
-    looks: for each time at which agents may be seen, the Looks of the eyes. LODs follow from the
+    views: for each time at which agents may be seen, the Looks of the eyes. LODs follow from the
         first time's.
     limits: (G, n - 1) meters where LODs begin; None if they depend on more than distance.
     margin, radial: as for `radar`.
 
-    places: (m,) intp, increasing, indices of the open agents in decided.own, flattened. These are
-        CULLED there so far.
+    places: (m,) intp, increasing, indices of the open agents in decided.open_levels, flattened,
+        where they are CULLED so far.
     """
     steps = [] if limits is None else [_steps(step) for step in limits.T]
     leaves = np.full(len(blocks.rows), CULLED, np.uint8)
     opened = np.arange(blocks.tiers[0][1].shape[1])
     tests = [
         [BoxTest(look, blocks.extent, margin, radial and not t) for look in eyes]
-        for t, eyes in enumerate(looks)
+        for t, eyes in enumerate(views)
     ]
     for tier, (size, boxes, group) in enumerate(blocks.tiers):
         parts = FAN if tier else 1
@@ -267,18 +272,18 @@ def decide(
             is_open[leveled] = False
             undecided.append(numbers[is_open])
         opened = np.concatenate(undecided)
-    # the last agent repeated fills the last block that has others, and all blocks behind that
-    last, others = divmod(int(blocks.groups[-1]), LEAF)
-    leaves[last + (others > 0) :] = CULLED
-    opened = opened[: np.searchsorted(opened, last + (others > 0))]
-    if others and leaves[last] < CULLED:
+    # Copies of the last agent fill its block, and all blocks behind that one.
+    last, remainder = divmod(int(blocks.groups[-1]), LEAF)
+    leaves[last + (remainder > 0) :] = CULLED
+    opened = opened[: np.searchsorted(opened, last + (remainder > 0))]
+    if remainder and leaves[last] < CULLED:
         opened = np.append(opened, last)
     leaves[opened] = OPEN
-    decided = Decided(leaves, opened, np.full((len(opened), LEAF), CULLED, np.uint8))
+    decided = BlockDecisions(leaves, opened, np.full((len(opened), LEAF), CULLED, np.uint8))
     count = len(opened) * LEAF
-    if others and leaves[last] == OPEN:
-        count -= LEAF - others
-    if len(looks) == 1 and limits is not None and all(test.linear for test in tests[0]):
+    if remainder and leaves[last] == OPEN:
+        count -= LEAF - remainder
+    if len(views) == 1 and limits is not None and all(test.linear for test in tests[0]):
         return decided, _alone(blocks, crowd, tests[0], limits, decided, count)
     return decided, np.arange(count)
 
@@ -323,21 +328,21 @@ def _alone(
     crowd: Crowd,
     tests: list[BoxTest],
     limits: np.ndarray,
-    decided: Decided,
+    decided: BlockDecisions,
     count: int,
 ) -> np.ndarray:
     """Decide agents that are clearly in or out; return the places (m,) of the rest.
 
-    count: how many agents of decided.own, flattened, are tested. The places are indices into the
-        same array; only exact tests decide those.
+    count: how many agents of decided.open_levels, flattened, are tested. The places are indices
+        into the same array; only exact tests decide those.
     """
     left = [np.arange(0)]
     slack = max(test.slack for test in tests)
     center, radius = blocks.spheres
     uniform = (limits == limits[0]).all()
     begin = limits.T[:, :1] if uniform else np.ascontiguousarray(limits.T)
-    order = blocks.rows.take(decided.opened, axis=0).ravel()
-    levels = decided.own.reshape(-1)
+    order = blocks.rows.take(decided.open_blocks, axis=0).ravel()
+    levels = decided.open_levels.reshape(-1)
     groups = None
     if len(center) > 1:
         sizes = np.diff(edges(crowd.group, order[:count], len(center)))
@@ -404,12 +409,12 @@ def _test(
     outside: whether no camera sees the box.
     level: the LOD of boxes seen wholly and in one LOD, else CULLED.
     """
-    (outside, inside, nearest, farthest), *others = (test(boxes) for test in tests[0])
-    for _, _, eye_nearest, eye_farthest in others:
+    (outside, inside, nearest, farthest), *other_results = (test(boxes) for test in tests[0])
+    for _, _, eye_nearest, eye_farthest in other_results:
         nearest = np.minimum(nearest, eye_nearest)
         farthest = np.minimum(farthest, eye_farthest)
-    others += [test(boxes) for eyes in tests[1:] for test in eyes]
-    for eye_outside, eye_inside, *_ in others:
+    other_results += [test(boxes) for eyes in tests[1:] for test in eyes]
+    for eye_outside, eye_inside, *_ in other_results:
         outside = outside & eye_outside
         inside = inside | eye_inside
     finest, coarsest = np.zeros((2, boxes.shape[1]), np.uint8)

@@ -51,7 +51,7 @@ class Camera:
     rays: near and far are where rays begin and end, as in Cycles, not planes. It matters only for a
         sheared camera (see culling/frustum.py).
     grain: meters per meter of the coordinates, the sphere's and the camera's, by which spheres
-        count as larger still (see `pictured`).
+        count as larger still (see `as_pictured`).
     filtered: pixels by which the pixel filter reaches past the picture's edges. It widens what is
         seen, not the window, from which sizes in pixels follow.
     """
@@ -74,7 +74,7 @@ class Camera:
     filtered: float = 0.0
 
     @property
-    def seen(self) -> Window:
+    def visible_window(self) -> Window:
         """Return the window, widened by the reach of the pixel filter."""
         w = self.window
         (width, height) = self.pixels
@@ -200,7 +200,7 @@ def lens_blur(camera: Camera, aperture: float, focus: float) -> Camera:
     return replace(camera, pad=camera.pad + aperture, turn=camera.turn + aperture / focus)
 
 
-def pictured(cameras: Sequence[Camera]) -> tuple[Camera, ...]:
+def as_pictured(cameras: Sequence[Camera]) -> tuple[Camera, ...]:
     """Return the cameras with the rounding of Blender's pictures as their grain.
 
     Blender draws agents at float32 positions: at 1e6 m from the origin they stand up to 0.03 m

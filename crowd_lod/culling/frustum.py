@@ -71,7 +71,7 @@ def frustum_of(camera: Camera) -> Frustum:
     the direction. With `camera.rays` the two planes are moved apart by the bound of that factor,
     `stretch`.
     """
-    w = camera.seen
+    w = camera.visible_window
     X = camera.X
     Y = camera.Y
     Z = camera.Z

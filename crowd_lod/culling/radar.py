@@ -68,10 +68,10 @@ def radar(
     with np.errstate(invalid="ignore", over="ignore", under="ignore"):
         for begin in range(0, count, BLOCK):
             block = slice(begin, begin + BLOCK)
-            here = block if agents is None else agents[block]
-            group = crowd.group[here]
+            rows = block if agents is None else agents[block]
+            group = crowd.group[rows]
             r = radius[group] if options.margin is None else 0.0
-            places = crowd.x[here], crowd.y[here], crowd.z[here] + center[group]
+            places = crowd.x[rows], crowd.y[rows], crowd.z[rows] + center[group]
             for camera, frustum in views:
                 _look(camera, frustum, places, r, options, (visible[block], distance[block]))
     return visible, distance
@@ -83,7 +83,7 @@ def _look(
     places: tuple,
     r: np.ndarray | float,
     options: RadarOptions,
-    found: tuple,
+    results: tuple,
 ) -> None:
     """Add to `found`, (visible, distance) of a block of agents, what one camera sees.
 
@@ -91,7 +91,7 @@ def _look(
     places: x, y, z of the spheres' centers, each (b,).
     r: radius.
     """
-    visible, distance = found
+    visible, distance = results
     v = tuple(place - origin for place, origin in zip(places, camera.origin, strict=True))
     depth = dot(v, camera.Z)
     ranged = options.radial or frustum is None

@@ -9,7 +9,7 @@ from .camera import Camera
 from .frustum import frustum_of
 
 
-def opened(samples: Sequence[Camera]) -> tuple[Camera, ...]:
+def open_shutter(samples: Sequence[Camera]) -> tuple[Camera, ...]:
     """Return the cameras of an open shutter, each with its spheres grown.
 
     samples: one camera at consecutive times. Spheres grow by as much as the camera moves to the
@@ -34,16 +34,16 @@ def opened(samples: Sequence[Camera]) -> tuple[Camera, ...]:
     )
 
 
-def differs(planned: Camera, shown: Camera) -> bool:
+def differs(planned: Camera, window: Camera) -> bool:
     """Return whether two cameras differ by more than rounding.
 
-    planned: a sample of `opened`.
-    shown: the camera as it is.
+    planned: a sample of `open_shutter`.
+    window: the camera as it is.
     """
-    if planned.kind != shown.kind:
+    if planned.kind != window.kind:
         return True
-    moved, turned = _change(planned, shown)
-    rounding = 1e-5 * (1 + np.abs(shown.origin).max())  # float32's, and that of sub-frames
+    moved, turned = _change(planned, window)
+    rounding = 1e-5 * (1 + np.abs(window.origin).max())  # float32's, and that of sub-frames
     return moved > rounding + 1e-3 * planned.pad or turned > 1e-5 + 1e-3 * planned.turn
 
 
@@ -56,9 +56,9 @@ def _change(a: Camera, b: Camera) -> tuple[float, float]:
     if a.kind == "PANO" or b.kind == "PANO":
         clip = max(abs(b.near - a.near), abs(b.far - a.far))
         return moved + clip, float(np.linalg.norm(b.Z - a.Z)) + abs(b.cone - a.cone)
-    one = frustum_of(a)
+    first = frustum_of(a)
     two = frustum_of(b)
     return (
-        moved + float(np.abs(two.offsets - one.offsets).max()),
-        float(np.linalg.norm(two.normals - one.normals, axis=1).max()),
+        moved + float(np.abs(two.offsets - first.offsets).max()),
+        float(np.linalg.norm(two.normals - first.normals, axis=1).max()),
     )

@@ -76,7 +76,7 @@ def _cone_sides(camera: Camera) -> np.ndarray:
     return rows / np.linalg.norm(rows, axis=1, keepdims=True)
 
 
-def mirrored(camera: Camera, mirror: Mirror) -> Frustum | None:
+def mirror_volume(camera: Camera, mirror: Mirror) -> Frustum | None:
     """Return the volume that the camera sees in the mirror.
 
     It is the reflected camera's picture, as far as the mirror's rectangle frames it, in front of
@@ -201,7 +201,7 @@ def left_from(volume: Frustum, about: np.ndarray, turn: float = 0.0) -> Frustum:
     )
 
 
-def bounded(volume: Frustum, box: np.ndarray) -> Frustum:
+def bound_volume(volume: Frustum, box: np.ndarray) -> Frustum:
     """Return the part of the volume in the box (2, 3), least and greatest corner."""
     normals = np.concatenate([volume.normals, np.eye(3), -np.eye(3)])
     offsets = np.concatenate([volume.offsets, box[1] - volume.origin, volume.origin - box[0]])

@@ -115,11 +115,11 @@ def account(frame: Frame, agent: int) -> Account:
         depth=depth,
         pixels=pixels,
         error=error,
-        planned=told_row(int(row[0])) if row is not None and frame.planned else "",
+        planned=describe_row(int(row[0])) if row is not None and frame.planned else "",
     )
 
 
-def told_row(entry: int) -> str:
+def describe_row(entry: int) -> str:
     """Return in words what a shot plan has of an agent: an entry of planned.Row.levels."""
     if entry & HIDDEN:
         return "hidden by an exception"

@@ -9,7 +9,7 @@ from ..culling.camera import Camera, stretch
 from ..culling.frustum import ROUNDING, frustum_of, reach_of
 from ..format import aligned, number
 from ..levels.assignment import assign, shown
-from ..levels.cost_model import NAMES, SECONDS
+from ..levels.cost_model import NAMES, Costs
 from .agent_under_cursor import Account, account
 from .frame import Frame
 
@@ -69,6 +69,7 @@ class Explanation:
     by_distance: the LOD that follows from it.
     eyes: for each camera the tests.
     unseen: why it matters though no camera sees it, or "".
+    engine, costs: of what the seconds are, and what they rest on.
     """
 
     account: Account
@@ -81,23 +82,24 @@ class Explanation:
     eyes: tuple[tuple[Side, ...], ...]
     unseen: str
     engine: str
+    costs: str
     alternatives: tuple[Alternative, ...]
 
     @property
     def as_json(self) -> dict[str, Any]:
-        """Return it as plain data; what is infinite is None."""
-        told: dict[str, Any] = _finite(asdict(self))
-        told["eyes"] = [
+        """Return the explanation as plain data; infinite values are None."""
+        data: dict[str, Any] = _finite(asdict(self))
+        data["eyes"] = [
             [_finite(vars(side)) | {"passed": side.passed} for side in sides] for sides in self.eyes
         ]
-        return told
+        return data
 
     @property
     def text(self) -> str:
-        """Return it in lines of text."""
+        """Return the explanation as lines of text."""
         about = self.account
         x, y, z = self.place
-        said = [
+        lines = [
             f"Agent {about.agent:,} of {about.group}: {about.state}, at ({x:.2f}, {y:.2f}, "
             f"{z:.2f}).",
             f"{'Shown' if about.visible else 'Culled'}: {about.reason}."
@@ -116,7 +118,7 @@ class Explanation:
                 )
                 for side in sides
             ]
-            said += [
+            lines += [
                 "",
                 *aligned(
                     (
@@ -129,52 +131,52 @@ class Explanation:
                 ),
             ]
         detail = "" if self.factor == 1 else f" times {number(self.factor)} by the detail map"
-        said += ["", f"LOD {self.by_distance} by distance: {number(self.distance)} m{detail}."]
-        said += (
+        lines += ["", f"LOD {self.by_distance} by distance: {number(self.distance)} m{detail}."]
+        lines += (
             [f"The shot plan: {about.planned}{'' if about.visible else ', when it is seen next'}."]
             if about.planned
             else []
         )
-        said += [
+        lines += [
             "",
             *aligned(
                 ("LOD", "From", "Triangles", "Pixels off", "Seconds", "Mesh", "Others"),
-                [self._row(each) for each in self.alternatives],
+                [self._row(alternative) for alternative in self.alternatives],
             ),
         ]
-        said += [
-            f"Seconds of {NAMES[self.engine]}: for one more agent, and once a frame for the mesh. "
-            f"Others show the same LOD."
+        lines += [
+            f"Seconds of {NAMES[self.engine]}: for one more agent, and once a frame for the mesh, by "
+            f"costs of {self.costs}. Others show the same LOD."
         ]
-        return "\n".join(said)
+        return "\n".join(lines)
 
-    def _row(self, each: Alternative) -> tuple[str, ...]:
+    def _row(self, alternative: Alternative) -> tuple[str, ...]:
         begins = (
             "-"
-            if each.begins is None
-            else f"{number(each.begins)} m"
-            if abs(each.begins) < np.inf
+            if alternative.begins is None
+            else f"{number(alternative.begins)} m"
+            if abs(alternative.begins) < np.inf
             else "never"
         )
-        begins = "always" if each.begins == -np.inf else begins
-        mark = "*" if each.level == self.account.level and self.account.visible else ""
+        begins = "always" if alternative.begins == -np.inf else begins
+        mark = "*" if alternative.level == self.account.level and self.account.visible else ""
         return (
-            f"{each.level}{mark}",
+            f"{alternative.level}{mark}",
             begins,
-            "-" if each.triangles is None else f"{each.triangles:,}",
-            number(each.pixels),
+            "-" if alternative.triangles is None else f"{alternative.triangles:,}",
+            number(alternative.pixels),
             *(
                 "-" if seconds is None else f"{seconds:.2e}"
-                for seconds in (each.seconds, each.mesh_seconds)
+                for seconds in (alternative.seconds, alternative.mesh_seconds)
             ),
-            f"{each.others:,}",
+            f"{alternative.others:,}",
         )
 
 
-def explained(frame: Frame, agent: int, engine: str, meters: float = 1.0) -> Explanation:
+def explain_agent(frame: Frame, agent: int, costs: Costs, meters: float = 1.0) -> Explanation:
     """Return all that `frame` decided on one agent.
 
-    engine: one of cost_model.NAMES.
+    costs: of the engine, on the machine that renders.
     meters: in a unit of the scene.
     CrowdError if there is no such agent.
     """
@@ -207,9 +209,10 @@ def explained(frame: Frame, agent: int, engine: str, meters: float = 1.0) -> Exp
         unseen=" ".join(
             told for told, each in unseen.items() if each is not None and agent in each.order
         ),
-        engine=engine,
+        engine=costs.engine,
+        costs=costs.basis,
         alternatives=tuple(
-            _alternative(frame, about, g, level, engine, meters)
+            _alternative(frame, about, g, level, costs, meters)
             for level in range(frame.policy.count)
         ),
     )
@@ -236,7 +239,7 @@ def sides_of(
             Side(name, float(d), reach + frustum.rounding * slack)
             for name, d in zip(PLANES, outside, strict=True)
         )
-    found = [
+    sides = [
         Side("near", camera.near * (1 - ROUNDING) - away, reach + slack),
         Side("far", away - camera.far * (1 + ROUNDING), reach + slack),
     ]
@@ -245,8 +248,8 @@ def sides_of(
             float((center - camera.origin) @ axis) for axis in (camera.X, camera.Y, camera.Z)
         )
         beyond = float(np.hypot(x, y) * np.cos(camera.cone) - z * np.sin(camera.cone))
-        found.append(Side("cone", beyond, (reach + slack) * stretch(camera)[1]))
-    return tuple(found)
+        sides.append(Side("cone", beyond, (reach + slack) * stretch(camera)[1]))
+    return tuple(sides)
 
 
 def _in_meters(sides: tuple[Side, ...], meters: float) -> tuple[Side, ...]:
@@ -254,10 +257,9 @@ def _in_meters(sides: tuple[Side, ...], meters: float) -> tuple[Side, ...]:
 
 
 def _alternative(
-    frame: Frame, about: Account, g: int, level: int, engine: str, meters: float
+    frame: Frame, about: Account, g: int, level: int, costs: Costs, meters: float
 ) -> Alternative:
     group = frame.trajectory.groups[g]
-    costs = SECONDS[engine]
     triangles = group.triangles[level] if level < len(group.triangles) else None
     pixels = None
     if level < len(group.bounds) and about.pixels is not None:
@@ -277,8 +279,8 @@ def _alternative(
         pixels=pixels,
         seconds=None
         if triangles is None
-        else costs["instances"] + costs.get("instanced", 0.0) * triangles,
-        mesh_seconds=None if triangles is None else costs["unique"] * triangles,
+        else costs.seconds["instances"] + costs.seconds.get("instanced", 0.0) * triangles,
+        mesh_seconds=None if triangles is None else costs.seconds["unique"] * triangles,
         others=same - (about.visible and about.level == level),
     )
 

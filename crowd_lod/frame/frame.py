@@ -10,7 +10,7 @@ import numpy as np
 
 from ..crowd.agents import Crowd
 from ..crowd.leave_outs import ITEMS, STATIC, STILL, LeftOut
-from ..culling.camera import Camera, pictured
+from ..culling.camera import Camera, as_pictured
 from ..culling.radar import RadarOptions, radar
 from ..levels.assignment import Bias, LevelPolicy, assign, deviations, limits
 from ..sorting.buckets import Buckets
@@ -157,7 +157,9 @@ def plan_of(trajectory: Trajectory, request: Request, sorter: Sorter | None = No
     ticks = [clock.perf_counter()]
     crowd = trajectory.at(request.time)
     ticks.append(clock.perf_counter())
-    views = [replace(moment, eyes=pictured(moment.eyes)) for moment in moments(trajectory, request)]
+    views = [
+        replace(moment, eyes=as_pictured(moment.eyes)) for moment in moments(trajectory, request)
+    ]
     inputs = None
     outcome = None
     if STATIC in trajectory.leave and STILL in trajectory.left_out:
@@ -268,9 +270,9 @@ def cost(counted: tuple[np.ndarray, np.ndarray], sizes: list[tuple[int, ...]]) -
     present, full = counted
     if not all(len(size) >= len(present) for size in sizes):
         return 0, 0
-    drawn = [
+    shown_sizes = [
         int(present[level, g]) * size[level]
         for g, size in enumerate(sizes)
         for level in range(len(present))
     ]
-    return sum(drawn), sum(int(n) * size[0] for n, size in zip(full, sizes, strict=True))
+    return sum(shown_sizes), sum(int(n) * size[0] for n, size in zip(full, sizes, strict=True))

@@ -52,7 +52,7 @@ def parse_frames(text: str, step: int = 1) -> list[int]:
 
 
 def parse_part(text: str, frames: Sequence[int]) -> list[int]:
-    """Return those of a run's `frames` that `text` names, in increasing order.
+    """Return the run's `frames` that `text` names, in increasing order.
 
     text: numbers and ranges, 1,40 or 1:10, or as farms write them: 1-10, 1-41:10. A range may have
         frames that the run lacks: they do not count.
@@ -70,12 +70,12 @@ def parse_part(text: str, frames: Sequence[int]) -> list[int]:
     if strange := sorted(part.difference(frames)):
         raise CrowdError(
             f"{frames_are(strange, ' of --part')} not among the run's: name frames of "
-            f"{told_frames(frames)}."
+            f"{frames_text(frames)}."
         )
     return sorted(part)
 
 
-def told_frames(frames: Sequence[int]) -> str:
+def frames_text(frames: Sequence[int]) -> str:
     """Return increasing `frames` as text: 1:3, 7."""
     begins = [frame for k, frame in enumerate(frames) if k == 0 or frame != frames[k - 1] + 1]
     ends = [
@@ -92,7 +92,7 @@ def frames_are(frames: Sequence[int], more: str = "") -> str:
     more: words before the verb, such as " of --part".
     """
     one = len(frames) == 1
-    return f"Frame{'s' * (not one)} {told_frames(frames)}{more} {'is' if one else 'are'}"
+    return f"Frame{'s' * (not one)} {frames_text(frames)}{more} {'is' if one else 'are'}"
 
 
 def shot_frames(frames: Sequence[int]) -> str:
@@ -111,6 +111,6 @@ def _in_range(frame: int) -> int:
     return frame
 
 
-def evenly(things: Sequence[Any], most: int) -> list[Any]:
+def spread_evenly(things: Sequence[Any], most: int) -> list[Any]:
     """Return up to `most` of `things`: first, last, and others evenly between."""
     return [things[i] for i in np.unique(np.linspace(0, len(things) - 1, most).round().astype(int))]

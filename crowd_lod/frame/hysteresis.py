@@ -5,7 +5,7 @@ import numpy as np
 from ..levels.assignment import hold
 from ..sorting.buckets import sort
 from .frame import Frame
-from .planned import relevelled
+from .planned import with_levels
 
 
 def hold_levels(frame: Frame, previous: np.ndarray) -> Frame:
@@ -22,4 +22,4 @@ def hold_levels(frame: Frame, previous: np.ndarray) -> Frame:
         frame.factors,
         frame.policy.hysteresis,
     )
-    return relevelled(frame, sort(frame.visible, levels, frame.policy.count), levels)
+    return with_levels(frame, sort(frame.visible, levels, frame.policy.count), levels)

@@ -1,4 +1,4 @@
-"""What the planner remembers of a crowd between frames: its blocks, and the plan of a still crowd.
+"""Caches of a crowd between frames: its blocks, and the plan of a still crowd.
 
 Caches, never the truth: a plan is the same whichever frame was asked for before it. To that end
 boxes are computed at every `Trajectory.every`-th frame, and the order of the agents in them at
@@ -105,7 +105,7 @@ def _order_at(trajectory: Trajectory, frame: int) -> np.ndarray:
         order = cache.order = None
         crowd = trajectory.kept_at(frame)
         agents = morton_order.order_of(crowd.x, crowd.y, crowd.group, trajectory.area)
-        order = cache.order = frame, blocks.filled(agents)
+        order = cache.order = frame, blocks.fill_blocks(agents)
     return order[1]
 
 
@@ -117,7 +117,9 @@ def _velocity(trajectory: Trajectory, since: int) -> VelocityBounds | None:
     return trajectory.velocity(since - SHUTTER, since + trajectory.every + SHUTTER)
 
 
-def moved(trajectory: Trajectory, time: float, since: int) -> tuple[np.ndarray, np.ndarray]:
+def displacement_of(
+    trajectory: Trajectory, time: float, since: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Return (least, most) displacement, (3,) meters, of agents since their blocks.
 
     time: now; since: when the blocks were computed; both in frames. Infinite where the blocks do

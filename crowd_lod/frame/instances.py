@@ -1,4 +1,4 @@
-"""A plan as instances: which agents a shot shows, as which prototype, and turned how.
+"""A plan as instances: which agents a shot shows, as which prototypes, and their rotations.
 
 A prototype is a character of a LOD: LOD x number of characters + the character's number in its
 Library.
@@ -93,7 +93,9 @@ def _any(parts: Sequence[np.ndarray]) -> np.ndarray:
     return np.flatnonzero(is_present)
 
 
-def turned(heading: np.ndarray, pitch: np.ndarray, roll: np.ndarray, turn: float) -> np.ndarray:
+def rotations_of(
+    heading: np.ndarray, pitch: np.ndarray, roll: np.ndarray, turn: float
+) -> np.ndarray:
     """Return the rotations Rz(heading) Ry(-pitch) Rx(roll) Rz(turn) as unit quaternions.
 
     (m, 4) float64, columns x, y, z, w. Angles (m,) in radians.

@@ -39,7 +39,7 @@ def with_row(frame: Frame, row: np.ndarray) -> Frame:
     levels[order] = visible_levels
     hidden = row & HIDDEN != 0
     buckets = _without(hidden, order, visible_levels, len(frame.buckets.counts))
-    frame = replace(relevelled(frame, buckets, levels), plan_row=row)
+    frame = replace(with_levels(frame, buckets, levels), plan_row=row)
     if not hidden.any():
         return frame
     shadow, mirrored = (
@@ -57,7 +57,7 @@ def _without(hidden: np.ndarray, order: np.ndarray, levels: np.ndarray, count: i
     return Buckets(agents[buckets.order], buckets.offsets)
 
 
-def relevelled(frame: Frame, buckets: Buckets, levels: np.ndarray) -> Frame:
+def with_levels(frame: Frame, buckets: Buckets, levels: np.ndarray) -> Frame:
     """Return `frame` with other buckets, and the LOD of every agent in `levels` (n,) uint8."""
     groups = frame.trajectory.groups
     counted = tally(frame.crowd, buckets, len(groups))
@@ -68,8 +68,8 @@ def relevelled(frame: Frame, buckets: Buckets, levels: np.ndarray) -> Frame:
     )
 
 
-def noted(number: int, sentence: str, strict: bool) -> tuple[int, str]:
-    """Return what `told_unplanned` takes of a frame.
+def note_of(number: int, sentence: str, strict: bool) -> tuple[int, str]:
+    """Return what `unplanned_notes` takes of a frame.
 
     CrowdError if it lacks the plan's LODs and that is `strict`.
     """
@@ -78,7 +78,7 @@ def noted(number: int, sentence: str, strict: bool) -> tuple[int, str]:
     return number, sentence
 
 
-def told_unplanned(notes: Sequence[tuple[int, str]]) -> str:
+def unplanned_notes(notes: Sequence[tuple[int, str]]) -> str:
     """Return sentences on frames without the shot plan.
 
     notes: (frame, its sentence or "").
@@ -93,7 +93,7 @@ def told_unplanned(notes: Sequence[tuple[int, str]]) -> str:
 
 
 def numbers_of(cameras: Sequence[Camera]) -> np.ndarray:
-    """Return what of the cameras decides on visibility and LODs, (E, 21) float64.
+    """Return the cameras' numbers that decide on visibility and LODs, (E, 21) float64.
 
     Origin, axes, window, near, far, cone, kind; last the pixels per unit of the window.
     """

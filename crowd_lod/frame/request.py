@@ -1,4 +1,4 @@
-"""What the plan of a frame is asked with, and the times at which it looks for agents."""
+"""The input of a frame's plan, and the times at which it looks for agents."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,12 +12,12 @@ from ..sources.trajectory import Trajectory
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """What one frame is asked with.
+    """The input of one frame's plan, besides the crowd.
 
     time: in frames; LODs are those of this time.
     eyes: one camera, or the eyes of a stereo picture.
     policy: how LODs follow from distance.
-    shutter: with motion blur, (time in frames, the eyes' cameras from camera.opened) at each sample
+    shutter: with motion blur, (time in frames, the eyes' cameras from shutter.open_shutter) at each sample
         of the open shutter, in order. An agent seen at any of them is visible. With a fixed margin
         nothing is grown for the shutter except by the cameras' motion.
     bias: the painted detail map.

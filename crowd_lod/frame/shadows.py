@@ -18,9 +18,9 @@ from ..culling.volumes import (
     OFFSET,
     Light,
     Mirror,
-    bounded,
+    bound_volume,
     left_from,
-    mirrored,
+    mirror_volume,
     reaches_into,
     shades_into,
     spread,
@@ -61,7 +61,7 @@ def surround(frame: Frame, around: Surroundings) -> Frame:
     """Return `frame` with the agents that it culled and that still matter.
 
     In `shadow` are those that only cast a shadow into the picture or into what mirrors show of it,
-    or that glow; in `mirrored` those that mirrors show. A pure function of its arguments.
+    or that glow; in `mirror_volume` those that mirrors show. A pure function of its arguments.
     """
     begun = clock.perf_counter()
     trajectory = frame.trajectory
@@ -100,7 +100,7 @@ class _There:
 
     center, radius: (G,) meters, each group's sphere.
     beside: meters by which pictures may draw an agent beside where it stands, for the cameras'
-        coordinates; spheres are drawn (camera.pictured).
+        coordinates; spheres are drawn (camera.as_pictured).
     blocks: the crowd's, of a large one.
     moved: (least, most) displacement (3,) of the agents since these were made, meters.
     larger: meters by which spheres are larger than they were then.
@@ -142,7 +142,7 @@ def _there(frame: Frame, moment: Moment, dated_blocks: tuple[int, Blocks] | None
     if dated_blocks is None:
         return there
     since, blocks = dated_blocks
-    moved = index_cache.moved(trajectory, moment.time, since)
+    moved = index_cache.displacement_of(trajectory, moment.time, since)
     larger = float((moment.radius - spheres.reach).max()) + beside
     larger += GRAIN * 3 * (blocks.extent + np.abs(moved).max())
     return replace(there, blocks=blocks, moved=moved, larger=larger)
@@ -152,12 +152,12 @@ def _volumes(
     there: _There, eyes: Sequence[Camera], around: Surroundings
 ) -> tuple[list[Frustum], list[Frustum]]:
     """Return (what mirrors show, where shadows are seen)."""
-    pairs = [(mirrored(eye, mirror), mirror) for eye in eyes for mirror in around.mirrors]
+    pairs = [(mirror_volume(eye, mirror), mirror) for eye in eyes for mirror in around.mirrors]
     mirrors = [left_from(volume, mirror.corners) for volume, mirror in pairs if volume is not None]
     lit = [left_from(volume, volume.origin, OFFSET) for volume in (*map(view, eyes), *mirrors)]
     if around.box is not None:
         box = _joined(around.box, there)
-        lit = [bounded(volume, box) for volume in lit]
+        lit = [bound_volume(volume, box) for volume in lit]
     return mirrors, lit
 
 

@@ -11,20 +11,20 @@ import numpy as np
 
 from ..crowd.agents import Crowd
 from ..crowd.leave_outs import BLOCKS, LeftOut
-from ..culling.blocks import CULLED, LEAF, Blocks, Decided, decide
+from ..culling.blocks import CULLED, LEAF, BlockDecisions, Blocks, decide
 from ..culling.camera import Camera
 from ..culling.frustum_box_test import Look
 from ..culling.radar import RadarOptions, lost, radar, refuse_lost
 from ..levels.assignment import LevelPolicy, assign
 from ..sorting.buckets import Buckets, sort, sort_blocks, sort_in_order
 from ..sources.trajectory import Trajectory
-from .index_cache import blocks_at, moved
+from .index_cache import blocks_at, displacement_of
 from .request import Moment, Request
 
 
 @dataclass(frozen=True)
 class Unsorted:
-    """What a `Sorter` is asked with.
+    """The input of a `Sorter`.
 
     order: (n,) int32, agent indices; None for agent order.
     begins: (G, n - 1) meters, where LODs begin.
@@ -45,10 +45,10 @@ Sorter = Callable[[Unsorted], tuple[np.ndarray, np.ndarray]]
 
 @dataclass(frozen=True)
 class Task:
-    """What is to be culled, given LODs and sorted.
+    """The input of the three stages.
 
     crowd: at the request's time.
-    seen: the moments, with the grain of pictures.
+    moments: the moments, with the grain of pictures.
     begins: (G, n - 1) meters, where LODs begin.
     ticks: the clock's seconds at the ends of the stages so far; whoever does a stage adds its own.
     """
@@ -56,7 +56,7 @@ class Task:
     trajectory: Trajectory
     request: Request
     crowd: Crowd
-    seen: list[Moment]
+    moments: list[Moment]
     begins: np.ndarray
     ticks: list[float]
 
@@ -78,7 +78,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Sorted:
-    """What was found for a task.
+    """The result of a task.
 
     dropped: agents at NaN or infinity.
     left_out: what was not needed.
@@ -102,7 +102,7 @@ def sorted_by_level(task: Task, sorter: Sorter | None) -> Sorted:
     eyes = task.request.eyes
     if (
         sorter is not None
-        and len(task.seen) == len(eyes) == 1
+        and len(task.moments) == len(eyes) == 1
         and task.request.bias is None
         and not eyes[0].turn
         and eyes[0].kind != "PANO"
@@ -142,11 +142,11 @@ def _by_blocks(task: Task, since: int, blocks: Blocks) -> Sorted:
     group = task.crowd.group
     dropped = 0 if blocks.finite else task.lost()
     decided, places = _decided(task, since, blocks)
-    agents = blocks.rows[decided.opened[places // LEAF], places % LEAF]
+    agents = blocks.rows[decided.open_blocks[places // LEAF], places % LEAF]
     visible, distance = _radar(task, agents)
     task.ticks.append(clock.perf_counter())
     visible_agents = agents[visible]
-    decided.own.reshape(-1)[places[visible]] = assign(
+    decided.open_levels.reshape(-1)[places[visible]] = assign(
         distance[visible], task.begins, group[visible_agents], task.factors(visible_agents)
     )
     task.ticks.append(clock.perf_counter())
@@ -156,23 +156,23 @@ def _by_blocks(task: Task, since: int, blocks: Blocks) -> Sorted:
     return Sorted(buckets, dropped, task.trajectory.left_out, counted)
 
 
-def _decided(task: Task, since: int, blocks: Blocks) -> tuple[Decided, np.ndarray]:
+def _decided(task: Task, since: int, blocks: Blocks) -> tuple[BlockDecisions, np.ndarray]:
     """Return what the blocks, made at frame `since`, decide, and the open places."""
     policy = task.request.policy
-    radius = task.seen[0].radius
-    looks = [
+    radius = task.moments[0].radius
+    views = [
         [
             Look(
                 camera,
-                *moved(task.trajectory, moment.time, since),
+                *displacement_of(task.trajectory, moment.time, since),
                 float((moment.radius - radius).max()),
             )
             for camera in moment.eyes
         ]
-        for moment in task.seen
+        for moment in task.moments
     ]
     limits = task.begins if task.request.bias is None else None
-    return decide(blocks, task.crowd, looks, limits, policy.margin, policy.metric == "RADIAL")
+    return decide(blocks, task.crowd, views, limits, policy.margin, policy.metric == "RADIAL")
 
 
 def _radar(task: Task, agents: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
@@ -183,7 +183,7 @@ def _radar(task: Task, agents: np.ndarray | None = None) -> tuple[np.ndarray, np
     trajectory = task.trajectory
     policy = task.request.policy
     center = trajectory.spheres.center
-    now, *shutter = task.seen
+    now, *shutter = task.moments
     options = RadarOptions(policy.margin, policy.metric == "RADIAL")
     visible, distance = radar(task.crowd, now.eyes, center, now.radius, options, agents)
     unmeasured = replace(options, radial=False, measure=False)
@@ -199,7 +199,7 @@ def _elsewhere(task: Task, blocks: Blocks | None, sorter: Sorter) -> Sorted:
     dropped = 0 if blocks is not None and blocks.finite else task.lost()
     order = None if blocks is None else blocks.order
     places, offsets = sorter(
-        Unsorted(crowd, order, task.seen[0].eyes[0], task.request.policy, task.begins)
+        Unsorted(crowd, order, task.moments[0].eyes[0], task.request.policy, task.begins)
     )
     counted = None
     if blocks is not None:

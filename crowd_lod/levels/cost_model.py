@@ -8,10 +8,11 @@ to trace rays through. EEVEE draws the triangles of each instance again. So LODs
 triangles in Cycles and *instanced* ones in EEVEE; a LOD that few agents show saves neither.
 
 The coefficients are fitted to renders by `./crowd-lod bench --costs`, which prints their residuals.
-Memory is absolute, and counts what the crowd adds to the scene. Seconds are those of one machine:
-only their ratios are reported.
+Memory is absolute, and counts what the crowd adds to the scene. Seconds are those of the machine
+that `Costs` rest on, the developers' or the user's (cost_fit.py): only their ratios are reported.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -85,13 +86,42 @@ SECONDS = {
 FILE = {"stored": 42, "rigs": 17_200, "points": 14.6}  # bytes, compressed
 
 
+DEVELOPERS = "a processor of the developers"  # what SECONDS rest on, in words
+
+
+@dataclass(frozen=True)
+class Costs:
+    """The seconds that an engine takes for one of each count of Work, on one machine.
+
+    engine: one of NAMES.
+    seconds: the count's name -> seconds, with the names of SECONDS[engine].
+    basis: what they rest on, in words that follow "costs of".
+    """
+
+    engine: str
+    seconds: Mapping[str, float]
+    basis: str = DEVELOPERS
+
+
+def default_costs(engine: str) -> Costs:
+    """Return the costs of `engine`, one of NAMES, on the developers' machine.
+
+    CrowdError for any other engine.
+    """
+    if engine not in NAMES:
+        raise CrowdError(
+            f"There are no costs of the engine {engine}: choose one of {', '.join(NAMES)}."
+        )
+    return Costs(engine, SECONDS[engine])
+
+
 @dataclass(frozen=True)
 class Price:
     """The cost of a build.
 
     memory: bytes, in the frame that takes most.
     file: bytes.
-    seconds: mean per frame, on the machine of the benchmark.
+    seconds: mean per frame, on the machine that the costs rest on.
     """
 
     memory: float
@@ -104,21 +134,14 @@ class Price:
         return Price(*(own / other if other > 0 else 1.0 for own, other in pairs))
 
 
-def price(work: Work, engine: str) -> Price:
-    """Return the cost of `work` in `engine`, one of NAMES.
-
-    CrowdError for any other engine.
-    """
-    if engine not in NAMES:
-        raise CrowdError(
-            f"There are no costs of the engine {engine}: choose one of {', '.join(NAMES)}."
-        )
+def price(work: Work, costs: Costs) -> Price:
+    """Return the price of `work` by `costs`."""
     memory, file, seconds = (
         sum(
             coefficient * np.asarray(getattr(work, name), np.float64)
             for name, coefficient in table.items()
         )
-        for table in (MEMORY[engine], FILE, SECONDS[engine])
+        for table in (MEMORY[costs.engine], FILE, costs.seconds)
     )
     return Price(float(np.max(memory, initial=0.0)), float(file), float(np.mean(seconds)))
 

@@ -11,7 +11,7 @@ from ..culling.camera import Camera
 from ..errors import CrowdError
 from ..format import number
 from .assignment import LevelPolicy, deviations, limits
-from .cost_model import NAMES, Actors, Price, price, work_of
+from .cost_model import NAMES, Actors, Costs, Price, price, work_of
 
 LEAST_SAVED = 0.2  # of the triangles of the next finer LOD, else a LOD is not worth a mesh
 WORTH = 0.05  # of full detail's memory or time: what a LOD has to save
@@ -137,14 +137,14 @@ class GroupShot:
 
     views: where the shot has agents of the group.
     characters: how many characters of the group a build has.
-    engine: one of cost_model.NAMES.
+    costs: of the engine, on the machine that renders.
     shading: whether Shading Counts.
     rigs: armatures of all these characters; None: one each.
     """
 
     views: Sequence[View]
     characters: int
-    engine: str
+    costs: Costs
     shading: bool = False
     rigs: int | None = None
 
@@ -198,7 +198,7 @@ def priced(
             triangles = np.array([[group.triangles[kept[j]] for j in chosen]])
             stored = sum(group.triangles[kept[j]] for j in chosen if kept[j])
             work = work_of(Actors(triangles, owner, each, stored), shown)
-            yield tuple(kept[j] for j in chosen), price(work, shot.engine)
+            yield tuple(kept[j] for j in chosen), price(work, shot.costs)
 
 
 def cheapest(
@@ -231,7 +231,7 @@ def cheapest(
     gone = [k for k in kept if k not in best]
     return list(best), {
         k: f"{group.triangles[k]:,} triangles save too little memory and time in "
-        f"{NAMES[shot.engine]} to be worth a LOD."
+        f"{NAMES[shot.costs.engine]} to be worth a LOD."
         for k in gone
     }
 

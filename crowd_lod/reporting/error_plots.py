@@ -105,35 +105,39 @@ def _convergence(rows: Sequence[Row]) -> str:
     """Return in words how a method's error falls with its step."""
     order = rows[0]["order"]
     apart = rows[-1]["apart"]
+    order_text = "" if np.isnan(order) else f"order {order:.2f}"
     if apart > 0.001:
-        return f"order {order:.2f}, does not converge: {apart:.1%} of agents end over a cell away"
-    return "exact up to rounding" if order != order else f"order {order:.2f}"
+        outcome = f"does not converge: {apart:.1%} of agents end over a cell away"
+        return ", ".join(filter(None, (order_text, outcome)))
+    return order_text or "exact up to rounding"
 
 
 def _behavior(rows: list[Row]) -> svg.Panel:
     floor = 1e-17
-    drawn = []
+    series = []
     for color, (name, group) in zip(COLORS, groupby(rows, lambda row: row["method"]), strict=False):
         method = list(group)
         if name == "exact walk":
-            drawn.append(
+            series.append(
                 _timed(f"{name} (in one go)", method, lambda row: row["mean_m"], floor, color)
             )
             continue
         labels = f"{name}, mean ({_convergence(method)})", f"{name}, median", f"{name}, worst"
-        for k, (what, dash) in enumerate(
+        for k, (column, dash) in enumerate(
             {"mean_m": SOLID, "median_m": DASHED, "worst_m": DOTTED}.items()
         ):
-            value = _column(what)
-            drawn.append(_timed(labels[k], method, value, floor, color, dash=dash, shape=SHAPES[k]))
-    drawn += _stars(rows, lambda row: row["mean_m"], floor)
+            value = _column(column)
+            series.append(
+                _timed(labels[k], method, value, floor, color, dash=dash, shape=SHAPES[k])
+            )
+    series += _stars(rows, lambda row: row["mean_m"], floor)
     steps = [row["dt_s"] for row in rows if row["dt_s"]]
     y = f"error, m  (dt from {max(steps):.3g} s to {min(steps):.2g} s, left to right)"
-    return _log_plot("ms per second of scene (bars: least to most)", y, drawn, floor)
+    return _log_plot("ms per second of scene (bars: least to most)", y, series, floor)
 
 
 def _drift(rows: list[Row]) -> svg.Panel:
-    drawn = []
+    series = []
     for k, ((precision, offset), group) in enumerate(
         groupby(rows, lambda row: (row["precision"], row["offset_m"]))
     ):
@@ -141,17 +145,19 @@ def _drift(rows: list[Row]) -> svg.Panel:
         is_default = precision == "float64"
         label = f"{precision}, {f'{offset / 1000:g} km away' if offset else 'at the origin'}"
         label += " (default)" if is_default else ""
-        for what, dash in (("worst", SOLID), ("mean", DASHED)):
-            points = np.array([(row["steps"], row[f"{what}_m"]) for row in run])
+        for statistic, dash in (("worst", SOLID), ("mean", DASHED)):
+            points = np.array([(row["steps"], row[f"{statistic}_m"]) for row in run])
             shape = "star" if is_default else SHAPES[k]
-            drawn.append(svg.Series(f"{label}, {what}", points, COLORS[k], dash=dash, shape=shape))
-    return _log_plot("steps of 1/24 s", "drift of summed positions, m", drawn)
+            series.append(
+                svg.Series(f"{label}, {statistic}", points, COLORS[k], dash=dash, shape=shape)
+            )
+    return _log_plot("steps of 1/24 s", "drift of summed positions, m", series)
 
 
-def _culling(rows: list[Row], what: str, title: str) -> svg.Panel:
-    floor = _least(rows, what)
-    value = _column(what)
-    drawn = []
+def _culling(rows: list[Row], column: str, title: str) -> svg.Panel:
+    floor = _least(rows, column)
+    value = _column(column)
+    series = []
     kinds = _grouped(
         rows,
         lambda row: (
@@ -165,12 +171,12 @@ def _culling(rows: list[Row], what: str, title: str) -> svg.Panel:
             filter(None, (name, precision, f"{offset / 1000:g} km away" if offset else ""))
         )
         is_fixed = name == "fixed Delta"
-        deltas = [f"{row['delta_m']:g} m" if is_fixed and row[what] else "" for row in kind]
+        deltas = [f"{row['delta_m']:g} m" if is_fixed and row[column] else "" for row in kind]
         style = {"shape": SHAPES[k % 7], "hollow": bool(offset), "line": is_fixed, "labels": deltas}
-        drawn.append(_timed(label, kind, value, floor, COLORS[k % 7], **style))
-    drawn += _stars(rows, value, floor)
+        series.append(_timed(label, kind, value, floor, COLORS[k % 7], **style))
+    series += _stars(rows, value, floor)
     return _log_plot(
-        PER_FRAME, f"{title}, per frame of {rows[0]['visible']:,.0f} visible", drawn, floor
+        PER_FRAME, f"{title}, per frame of {rows[0]['visible']:,.0f} visible", series, floor
     )
 
 
@@ -178,21 +184,21 @@ def _distances(rows: list[Row]) -> svg.Panel:
     """Return the worst error of distances against time, by metric and precision."""
     floor = _least(rows, "worst_m")
     value = _column("worst_m")
-    drawn = []
+    series = []
     for row in rows:
         if row["offset_m"] in LEVEL_OFFSETS[:2]:
             away = f", {row['offset_m'] / 1000:g} km away" if row["offset_m"] else ""
             label = f"{row['metric'].lower()}, {row['precision']}{away}"
             style = _level_style(row, rows) | {"hollow": bool(away), "line": False}
-            drawn.append(_timed(label, [row], value, floor, **style))
-    drawn += _stars(rows, value, floor)
-    return _log_plot(PER_FRAME, "worst error of the distance, m", drawn, floor)
+            series.append(_timed(label, [row], value, floor, **style))
+    series += _stars(rows, value, floor)
+    return _log_plot(PER_FRAME, "worst error of the distance, m", series, floor)
 
 
 def _ids(rows: list[Row]) -> svg.Panel:
     """Return the LOD ids that differ against the crowd's distance from the origin."""
     floor = 0.2e6 / rows[0]["of"]
-    drawn = []
+    series = []
     kinds = _grouped(rows, lambda row: (row["metric"].lower(), row["precision"]))
     for k, (names, kind) in enumerate(kinds.items()):
         beside = 1.06**k  # kinds that agree stand side by side
@@ -200,10 +206,10 @@ def _ids(rows: list[Row]) -> svg.Panel:
             (max(row["offset_m"], LEVEL_OFFSETS[1] / 100) * beside, max(row["differ_ppm"], floor))
             for row in kind
         ]
-        drawn.append(svg.Series(", ".join(names), np.array(points), **_level_style(kind[0], rows)))
+        series.append(svg.Series(", ".join(names), np.array(points), **_level_style(kind[0], rows)))
     x_title = "crowd's distance from the world's origin, m (left: at the origin)"
     return _log_plot(
-        x_title, f"LOD ids that differ, of a million ({rows[0]['of']:,} looked at)", drawn, floor
+        x_title, f"LOD ids that differ, of a million ({rows[0]['of']:,} looked at)", series, floor
     )
 
 

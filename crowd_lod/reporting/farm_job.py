@@ -51,7 +51,7 @@ def template(job: FarmJob) -> dict[str, Any]:
 
 def _parameters(job: FarmJob) -> list[dict[str, Any]]:
     first, last, step = job.frames
-    found = [
+    parameters = [
         _path("Scene", "FILE", "IN", None, "The scene with the crowd"),
         _path("OutputDir", "DIRECTORY", "OUT", ".", "The folder for plan, frames and report"),
         {"name": "FirstFrame", "type": "INT", "default": first},
@@ -79,7 +79,7 @@ def _parameters(job: FarmJob) -> list[dict[str, Any]]:
         },
     ]
     if not job.preview:
-        found += [
+        parameters += [
             _path(
                 "BakedFile",
                 "FILE",
@@ -100,19 +100,19 @@ def _parameters(job: FarmJob) -> list[dict[str, Any]]:
                 "description": "Any Blender; it needs no extension",
             },
         ]
-    return found
+    return parameters
 
 
 def _path(name: str, kind: str, flow: str, default: str | None, about: str) -> dict[str, Any]:
     """Return a parameter that is a path; a default lies below the template's folder."""
-    found = {
+    parameter = {
         "name": name,
         "type": "PATH",
         "objectType": kind,
         "dataFlow": flow,
         "description": about,
     }
-    return found if default is None else found | {"default": default}
+    return parameter if default is None else parameter | {"default": default}
 
 
 def values(job: FarmJob) -> dict[str, Any]:

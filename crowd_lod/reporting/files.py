@@ -1,14 +1,14 @@
 """Output files of a run, put in place as a whole or not at all.
 
-Until then they wait in a hidden folder `.crowd-lod-*` beside the files that they replace. They are
-checked there, and then renamed, which takes milliseconds. A run that is killed meanwhile leaves
-some of its files new and the others old; each is whole. The hidden folder also holds:
-LOCK: locked by the run that owns the folder; it holds the name of the machine. The system releases
-    the lock when the process dies. The next run into the same place removes the folder if it can
-    lock it. On a file system without locks, hidden folders of killed runs stay.
-REPLACED: holds the old files while new ones take their places, in case a rename fails.
-KEY: which run it is. A later run with the same key takes the folder over, with its whole frames
-    (frame_parts.py).
+A run writes into a hidden folder `.crowd-lod-*` beside the files that it will replace. They are
+checked there, and then renamed, which takes milliseconds. A run that is killed during the renames
+leaves some files new and the others old; each is whole. The hidden folder also holds:
+LOCK: a file with the machine's name, locked by the run that owns the folder. The system releases
+    the lock when the process dies. The next run into the same place removes every hidden folder
+    that it can lock. On a file system without locks, hidden folders of killed runs stay.
+REPLACED: a folder of the old files while new ones take their places, in case a rename fails.
+KEY: a file that identifies the run. A later run with the same key takes over the folder with its
+    whole frames (frame_parts.py).
 """
 
 import errno
@@ -34,7 +34,7 @@ LOCK = ".lock"
 REPLACED = ".replaced"
 KEY = ".key"
 OWN = LOCK, REPLACED, KEY, RECORDS
-MOST_BYTES = 740  # of a folder's path: Blender cuts a file's, which is longer, at 1,023
+MOST_BYTES = 740  # of a folder's path: Blender cuts a file's path, which is longer, at 1,023
 KINDS = {
     "folder": stat.S_ISDIR,
     "pipe": stat.S_ISFIFO,
@@ -62,8 +62,10 @@ def staged(folder: Path, *names: str, key: str = "") -> Iterator[Path]:
             place = Path(os.path.realpath(folder))
             if len(os.fsencode(place)) > MOST_BYTES:
                 raise OSError(errno.ENAMETOOLONG, f"its path is longer than {MOST_BYTES} bytes")
-            made = [parent for parent in (place, *place.parents) if not os.path.lexists(parent)]
-            stack.enter_context(interrupt.unfinished(partial(_remove_empty, made)))
+            new_folders = [
+                parent for parent in (place, *place.parents) if not os.path.lexists(parent)
+            ]
+            stack.enter_context(interrupt.unfinished(partial(_remove_empty, new_folders)))
             place.mkdir(parents=True, exist_ok=True)
             hidden = _hidden_folder(place, stack, key)
             for name in names:
@@ -91,14 +93,14 @@ def staged_file(path: Path) -> Iterator[Path]:
     It lies in the same folder, so that paths in it that are relative to its place stay right. A
     link is followed. Errors are those of `staged`.
     """
-    target = followed(path)
+    target = follow_link(path)
     with staged(target.parent, target.name) as hidden:
         part = hidden.with_suffix(".part")
         yield part
         part.replace(hidden / target.name)
 
 
-def followed(path: Path) -> Path:
+def follow_link(path: Path) -> Path:
     """Return where the file `path` is written: a link is followed.
 
     CrowdError if anything but a file is there.
@@ -125,23 +127,23 @@ def _reason(error: OSError) -> str:
     return error.strerror or str(error)
 
 
-def _refuse_all_but(wanted: str, path: Path) -> None:
+def _refuse_all_but(kind: str, path: Path) -> None:
     """Raise CrowdError if anything but `wanted`, "file" or "folder", is at the path."""
     try:
         mode = os.stat(path).st_mode
-    # nothing there, or no way to it, which shows soon
+    # nothing is there, or the path cannot be entered: making the file will say so
     except (FileNotFoundError, NotADirectoryError, PermissionError):
         return
     except OSError as error:
         raise CrowdError(
-            f"The {wanted} {printable(path)} cannot be written ({_reason(error)})."
+            f"The {kind} {printable(path)} cannot be written ({_reason(error)})."
         ) from None
-    found = next(
-        (kind for kind, test in KINDS.items() if test(mode)),
+    actual_kind = next(
+        (name for name, test in KINDS.items() if test(mode)),
         "file" if stat.S_ISREG(mode) else "device",
     )
-    if found != wanted:
-        raise CrowdError(f"The {wanted} {printable(path)} cannot be written: it is a {found}.")
+    if actual_kind != kind:
+        raise CrowdError(f"The {kind} {printable(path)} cannot be written: it is a {actual_kind}.")
 
 
 def _try(part: Path, path: Path) -> None:
@@ -165,9 +167,9 @@ def _hidden_folder(place: Path, stack: ExitStack, key: str) -> Path:
     All other hidden folders of killed runs are removed.
     """
     with _turn(place):
-        left = _clean(place, key)
-        with interrupt.held():
-            hidden = left or Path(tempfile.mkdtemp(prefix=HIDDEN, dir=place))
+        same_run = _clean(place, key)
+        with interrupt.hold():
+            hidden = same_run or Path(tempfile.mkdtemp(prefix=HIDDEN, dir=place))
             stack.enter_context(interrupt.unfinished(partial(_remove, hidden)))
         lock = stack.enter_context((hidden / LOCK).open("a+b", buffering=0))
         _hold(lock)
@@ -178,20 +180,22 @@ def _hidden_folder(place: Path, stack: ExitStack, key: str) -> Path:
 
 
 def killed_runs(folder: Path, key: str) -> tuple[int, int]:
-    """Return the numbers of whole frames that killed runs left for `folder`: with this key, with
-    others.
+    """Return how many whole frames killed runs left for `folder`: with this key, with other keys.
+
+    Of several runs with this key the one with most frames counts.
     """
     place = Path(os.path.realpath(folder))
-    own = 0
-    others = 0
+    with_key = 0
+    without_key = 0
     for hidden in _hidden_folders(place):
         with suppress(OSError), (hidden / LOCK).open("r+b", buffering=0) as lock:
             if _left(lock):
                 count = len(whole_frames(hidden))
-                own, others = (
-                    (max(own, count), others) if _has_key(hidden, key) else (own, others + count)
-                )
-    return own, others
+                if _has_key(hidden, key):
+                    with_key = max(with_key, count)
+                else:
+                    without_key += count
+    return with_key, without_key
 
 
 def _put_in_place(hidden: Path, place: Path) -> None:
@@ -203,7 +207,7 @@ def _put_in_place(hidden: Path, place: Path) -> None:
     with _turn(place):
         for part in parts:
             _refuse_all_but("file", place / part.name)
-        with interrupt.held():
+        with interrupt.hold():
             _move(parts, hidden, place)
             interrupt.too_late(f"the output in {printable(place)} is complete")
 
@@ -243,17 +247,17 @@ def _clean(place: Path, key: str) -> Path | None:
 
     key: a folder with this key stays, and is returned, if there is one.
     """
-    taken = None
+    same_run = None
     for hidden in _hidden_folders(place):
         with suppress(OSError):  # another user's
             with (hidden / LOCK).open("a+b", buffering=0) as lock:
                 killed = _left(lock)
-            if killed and taken is None and _has_key(hidden, key):
+            if killed and same_run is None and _has_key(hidden, key):
                 shutil.rmtree(hidden / REPLACED, ignore_errors=True)
-                taken = hidden
+                same_run = hidden
             elif killed:
                 _remove(hidden)
-    return taken
+    return same_run
 
 
 def _hidden_folders(place: Path) -> list[Path]:
@@ -261,7 +265,7 @@ def _hidden_folders(place: Path) -> list[Path]:
 
 
 def _left(lock: FileIO) -> bool:
-    """Lock the open file; return whether a process of this machine held it that is gone."""
+    """Lock the open file; return whether its owner was a process of this machine that has ended."""
     return _hold(lock) and lock.read() in (b"", _machine())
 
 
@@ -273,14 +277,15 @@ def _has_key(hidden: Path, key: str) -> bool:
 
 def _remove(hidden: Path) -> None:
     """Remove the hidden folder and its part files."""
-    # under its own name, work that goes on would fill it meanwhile
-    gone = hidden.with_name(f"{hidden.name}-gone")
+    # renamed first, so that a thread that still writes cannot add files while it is emptied
+    renamed = hidden.with_name(f"{hidden.name}-gone")
     with suppress(OSError):
-        hidden.rename(gone)
-        # where a file is, Blender, still writing while Ctrl-C cleans up, can make no folder
+        hidden.rename(renamed)
+        # Blender may still write while Ctrl-C cleans up: a file in its place keeps it from making
+        # the folder again
         hidden.touch()
-    # each may be a file: of two runs that remove the folder at once, one renames the other's file
-    for path in (gone, hidden):
+    # Either may be a file: if two runs remove the folder at once, one renames the other's file.
+    for path in (renamed, hidden):
         shutil.rmtree(path, ignore_errors=True)
         with suppress(OSError):
             path.unlink()

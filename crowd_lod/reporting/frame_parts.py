@@ -1,6 +1,6 @@
-"""The frames of a run that are whole, each with a record that was written after its pictures.
+"""Whole frames of a run: each has a record, which is written after its pictures.
 
-With them a killed run goes on, processes share a run, and chunks are assembled
+So a killed run can be resumed, processes can share a run, and chunks can be assembled
 (docs/notes/files.md).
 """
 
@@ -17,7 +17,7 @@ from typing import Any
 from . import file_checks
 
 RECORDS = ".frames"  # the folder of the records, beside the pictures
-CLAIM = ".claim"  # the ending of a frame's mark that a process makes it
+CLAIM = ".claim"  # suffix of the file by which a process claims a frame
 
 
 @dataclass(frozen=True)
@@ -25,26 +25,26 @@ class FrameParts:
     """The whole frames of a run in a folder.
 
     folder: holds the pictures.
-    state: of all that the frames follow from; frames of another state do not count.
+    state: a digest of all input of the frames; frames of another state do not count.
     """
 
     folder: Path
     state: str
 
     def get(self, number: int) -> dict[str, Any] | None:
-        """Return what was told of the frame `number`; None if it is not whole."""
+        """Return the facts stored of the frame `number`; None if it is not whole."""
         record = _read_record(self._record(number))
         if record is None or record["state"] != self.state:
             return None
         with suppress(OSError):  # a picture that is gone
             if all(_sum(self.folder / name) == value for name, value in record["files"].items()):
-                return record["told"]
+                return record["facts"]
         return None
 
-    def put(self, number: int, told: dict[str, Any], pictures: Sequence[Path]) -> dict[str, Any]:
+    def store(self, number: int, facts: dict[str, Any], pictures: Sequence[Path]) -> dict[str, Any]:
         """Declare the frame `number` whole; return what `get` will return.
 
-        told: of the frame, for JSON.
+        facts: about the frame, plain data for JSON.
         pictures: its files, in this folder. CrowdError if one was not written to its end.
         """
         for picture in pictures:
@@ -54,16 +54,14 @@ class FrameParts:
         record.parent.mkdir(exist_ok=True)
         part = record.with_suffix(f".{os.getpid()}")
         sums = {picture.name: _sum(picture) for picture in pictures}
-        text = json.dumps({"state": self.state, "told": told, "files": sums})
+        text = json.dumps({"state": self.state, "facts": facts, "files": sums})
         part.write_text(json.dumps([_digest(text), text]), encoding="utf-8")
         file_checks.sync(part)
         part.replace(record)
-        return json.loads(text)["told"]
+        return json.loads(text)["facts"]
 
     def claim(self, number: int) -> bool:
-        """Take the frame `number` on for this process; return False if a process has done so
-        before.
-        """
+        """Claim the frame `number` for this process; return False if it is claimed already."""
         record = self._record(number)
         record.parent.mkdir(exist_ok=True)
         try:
@@ -83,29 +81,27 @@ class FrameParts:
 
 
 def whole_frames(folder: Path) -> list[int]:
-    """Return the numbers of the frames that have a record in `folder`, of whichever state,
-    increasing.
-    """
-    found = []
+    """Return the numbers of the frames with a record in `folder`, of any state, increasing."""
+    numbers = []
     for record in (folder / RECORDS).glob("*.json"):
         with suppress(ValueError):
-            found.append(int(record.stem))
-    return sorted(found)
+            numbers.append(int(record.stem))
+    return sorted(numbers)
 
 
 def keep_whole(folder: Path) -> None:
-    """Remove the files in `folder` that no record names: parts of frames that were not finished."""
-    named: set[str] = set()
+    """Remove the files in `folder` that no record names: parts of unfinished frames."""
+    names: set[str] = set()
     for record in (folder / RECORDS).glob("*.json"):
-        found = _read_record(record)
-        named.update(found["files"] if found else ())
+        content = _read_record(record)
+        names.update(content["files"] if content else ())
     for path in folder.glob("[!.]*"):
-        if path.is_file() and path.name not in named:
+        if path.is_file() and path.name not in names:
             path.unlink()
 
 
 def take(source: Path, folder: Path) -> None:
-    """Take all records and their pictures over from the folder `source`, whose files stay."""
+    """Copy all records and their pictures from the folder `source`."""
     (folder / RECORDS).mkdir(exist_ok=True)
     for path in [*source.glob("[!.]*.png"), *(source / RECORDS).glob("*.json")]:
         target = folder / path.relative_to(source)
@@ -116,7 +112,7 @@ def take(source: Path, folder: Path) -> None:
 
 
 def _read_record(path: Path) -> dict[str, Any] | None:
-    """Return what the record says; None if there is none, or it was not written to its end."""
+    """Return the record's content; None if there is none, or it was not written to its end."""
     try:
         digest, text = json.loads(path.read_bytes())
         return json.loads(text) if digest == _digest(text) else None

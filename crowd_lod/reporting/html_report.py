@@ -18,21 +18,31 @@ from ..validation.shaded_pictures import WITHIN
 from . import state_graph
 
 STYLE = """
-:root { color-scheme: light dark; --ink: #1d2026; --dim: #646b78; --paper: #fafbfc; --card: #fff; --line: #dde1e7; --best: #2a6fdb }
+:root { color-scheme: light dark; --ink: #1d2026; --dim: #646b78; --paper: #fafbfc; --card: #fff;
+  --line: #dde1e7; --best: #2a6fdb }
 @media (prefers-color-scheme: dark) {
-  :root { --ink: #e7e9ee; --dim: #9aa2b1; --paper: #15171b; --card: #1e2127; --line: #343943; --best: #7fb0ff } }
-body { margin: 0 auto; padding: 2rem 1.5rem 4rem; max-width: 76rem; background: var(--paper); color: var(--ink);
+  :root { --ink: #e7e9ee; --dim: #9aa2b1; --paper: #15171b; --card: #1e2127; --line: #343943;
+    --best: #7fb0ff } }
+body { margin: 0 auto; padding: 2rem 1.5rem 4rem; max-width: 76rem; background: var(--paper);
+  color: var(--ink);
   font: 15px/1.55 system-ui, sans-serif }
-h1, h3, li { overflow-wrap: anywhere } h1 { font-size: 1.9rem; margin: 0 } h2 { margin: 2.8rem 0 .8rem; font-size: 1.3rem } h3 { margin: 0 0 .6rem }
+h1, h3, li { overflow-wrap: anywhere } h1 { font-size: 1.9rem; margin: 0 }
+h2 { margin: 2.8rem 0 .8rem; font-size: 1.3rem } h3 { margin: 0 0 .6rem }
 p { margin: .4rem 0; color: var(--dim); max-width: 60rem } code { font-size: .9em }
 .figures { display: flex; flex-wrap: wrap; gap: .8rem; margin: 1.4rem 0 }
-.figures div { background: var(--card); border: 1px solid var(--line); border-radius: .6rem; padding: .6rem 1.1rem }
-.figures b { display: block; font-size: 1.35rem } .figures span { color: var(--dim); font-size: .85rem }
-section { background: var(--card); border: 1px solid var(--line); border-radius: .8rem; padding: 1.2rem; margin: 1rem 0 }
+.figures div { background: var(--card); border: 1px solid var(--line); border-radius: .6rem;
+  padding: .6rem 1.1rem }
+.figures b { display: block; font-size: 1.35rem }
+.figures span { color: var(--dim); font-size: .85rem }
+section { background: var(--card); border: 1px solid var(--line); border-radius: .8rem;
+  padding: 1.2rem; margin: 1rem 0 }
 img { max-width: 100%; height: auto; border-radius: .5rem; display: block; margin: 0 auto }
-.scroll { overflow-x: auto } table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums }
-th, td { padding: .32rem .7rem; text-align: right; white-space: nowrap; border-bottom: 1px solid var(--line) }
-th { color: var(--dim); font-weight: 600; font-size: .82rem } th:first-child, td:first-child { text-align: left }
+.scroll { overflow-x: auto }
+table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums }
+th, td { padding: .32rem .7rem; text-align: right; white-space: nowrap;
+  border-bottom: 1px solid var(--line) }
+th { color: var(--dim); font-weight: 600; font-size: .82rem }
+th:first-child, td:first-child { text-align: left }
 .dot { display: inline-block; width: .7em; height: .7em; border-radius: 50%; margin-right: .45em }
 ul { color: var(--dim) } footer { margin-top: 3rem; color: var(--dim); font-size: .85rem }
 """
@@ -57,21 +67,11 @@ def parts_of(plan: dict, above: str = "contact_sheet.png") -> list[str]:
     rows = plan["frames"]
     levels = plan["levels"]
     tints = [css_of(tint) for tint in levels["tints"]]
-    least, most = (pick(row["visible"] for row in rows) for pick in (min, max))
-    drawn = sum(r["triangles"] for r in rows)
-    full = sum(r["full_triangles"] for r in rows)
-    figures = [
-        (f"{rows[0]['agents']:,}", "agents"),
-        (f"{least:,}" if least == most else f"{least:,} to {most:,}", "visible"),
-        (str(len(levels["tints"])), "levels of detail"),
-        (f"{drawn / full:.1%}" if full else "-", "of the triangles without culling and LOD"),
-        (f"{len(rows)}", "frames previewed"),
-    ]
     parts = [
         f"<h1>{name_of(plan)}</h1><p>Crowd LOD {escape(plan['made_with']['crowd_lod'])}, Blender "
         f"{escape(plan['made_with']['blender'])}. "
         f"{escape(_rule(levels))}</p>",
-        cards(figures),
+        cards(_figures(rows, len(tints))),
         f"<p>{escape(plan['trouble_says'])}</p>" if plan["trouble_says"] else "",
         f'<section><a href="{quote(above)}"><img src="{quote(above)}" alt="All frames, tinted by '
         f'LOD and from above"></a></section>',
@@ -91,13 +91,11 @@ def parts_of(plan: dict, above: str = "contact_sheet.png") -> list[str]:
     ]
     parts += [_character(entry, tints) for entry in levels["characters"]]
     if levels["dropped"]:
-        said = "".join(f"<li>{escape(each)}</li>" for each in levels["dropped"])
-        parts.append(f"<h3>Not made</h3><ul>{said}</ul>")
+        items = "".join(f"<li>{escape(name)}</li>" for name in levels["dropped"])
+        parts.append(f"<h3>Not made</h3><ul>{items}</ul>")
     if plan.get("machine"):
-        parts += [
-            "<h2>State machine</h2>",
-            f"<section>{state_graph.svg(parse(json.dumps(plan['machine']), 'plan.json'))}</section>",
-        ]
+        graph = state_graph.svg(parse(json.dumps(plan["machine"]), "plan.json"))
+        parts += ["<h2>State machine</h2>", f"<section>{graph}</section>"]
     keys = [key for key in rows[0] if not key.endswith("_ms")]
     head = [
         f"LOD {key[3:]}" if key.startswith("lod") else key.replace("_", " ").capitalize()
@@ -113,6 +111,19 @@ def parts_of(plan: dict, above: str = "contact_sheet.png") -> list[str]:
         f"that repeats it.</footer>"
     )
     return parts
+
+
+def _figures(rows: Sequence[dict], lods: int) -> list[tuple[str, str]]:
+    least, most = (pick(row["visible"] for row in rows) for pick in (min, max))
+    triangles = sum(row["triangles"] for row in rows)
+    full = sum(row["full_triangles"] for row in rows)
+    return [
+        (f"{rows[0]['agents']:,}", "agents"),
+        (f"{least:,}" if least == most else f"{least:,} to {most:,}", "visible"),
+        (str(lods), "levels of detail"),
+        (f"{triangles / full:.1%}" if full else "-", "of the triangles without culling and LOD"),
+        (f"{len(rows)}", "frames previewed"),
+    ]
 
 
 def document(title: str, style: str, parts: Sequence[str]) -> str:
@@ -214,7 +225,10 @@ def table_of(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return an HTML table; `rows` are HTML, `head` is text."""
     top = "".join(f"<th>{escape(text)}</th>" for text in head)
     body = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>\n" for row in rows)
-    return f'<div class="scroll"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
+    return (
+        f'<div class="scroll"><table><thead><tr>{top}</tr></thead>'
+        f"<tbody>{body}</tbody></table></div>"
+    )
 
 
 def css_of(linear: Sequence[float]) -> str:

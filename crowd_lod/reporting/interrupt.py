@@ -15,11 +15,11 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 
 STOPPED = 128 + signal.SIGINT  # the exit code
-PATIENCE = 0.7  # seconds that a command whose output is complete has to tell so itself
+PATIENCE = 0.7  # seconds in which a command whose output is complete may end by itself
 
 left = "nothing on disk was changed"  # after Ctrl-C, as part of a sentence
 line = ""  # what ends the line that the terminal's cursor is on: "\n" after a progress bar
-# of the thread that puts files in place, or of the one that ends the process
+# held while files are put in place, or for ever once the process is being ended
 _turn = threading.RLock()
 _unfinished: list[Callable[[], None]] = []
 _late: list[str] = []
@@ -37,12 +37,12 @@ def heed() -> None:
     writer.setblocking(False)
     screen = -1
     with suppress(OSError):  # stderr may be closed: then the last line has no place to go
-        # what Blender prints is kept from the screen by other files in its place
+        # a copy, since stderr itself is redirected while Blender's own prints are kept off screen
         screen = os.dup(2)
     threading.Thread(target=_watch, args=(reader, writer, screen), daemon=True).start()
     signal.set_wakeup_fd(writer.fileno(), warn_on_full_buffer=False)
     signal.signal(signal.SIGINT, _ignore)
-    # environment.py holds back what comes while Python starts
+    # environment.py blocks the signal while Python starts
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
@@ -51,7 +51,7 @@ def heed() -> None:
 def unfinished(clean: Callable[[], None]) -> Iterator[None]:
     """Call `clean` when the block ends, after an error too.
 
-    After Ctrl-C another thread calls it before it ends the process.
+    After Ctrl-C the thread that ends the process calls it.
     """
     _unfinished.append(clean)
     try:
@@ -71,7 +71,7 @@ def work() -> Iterator[None]:
         too_late("the command had already finished")
 
 
-def held() -> AbstractContextManager[bool]:
+def hold() -> AbstractContextManager[bool]:
     """Return a context inside which Ctrl-C waits and does not end the process.
 
     If Ctrl-C is already ending the process, entering the context never returns.

@@ -1,6 +1,4 @@
-"""The page index.html of an output folder: what lies there, when it was made, and for which
-file.
-"""
+"""The page index.html of an output folder: what is in it, from when, and for which .blend file."""
 
 import json
 from collections.abc import Sequence
@@ -14,7 +12,7 @@ from . import files
 from .html_report import STYLE, document, table_of
 
 NAME = "index.html"
-ENTRIES = "index.json"  # what the page tells, for the next one
+ENTRIES = "index.json"  # the entries of the page, read when the page is written anew
 
 
 @dataclass(frozen=True)
@@ -35,15 +33,15 @@ class Entry:
 
 
 def add_to_index(folder: Path, entry: Entry) -> None:
-    """Note in the output folder what a step has made there, in place of its entry before.
+    """Note in the output folder what a step has made there; replaces the step's earlier entry.
 
     CrowdError if the folder cannot be written.
     """
-    entries = {known.part: known for known in read_index(folder)} | {entry.part: entry}
-    ordered = sorted(entries.values(), key=lambda known: known.made, reverse=True)
+    entries = {noted.part: noted for noted in read_index(folder)} | {entry.part: entry}
+    ordered = sorted(entries.values(), key=lambda noted: noted.made, reverse=True)
     with files.staged(folder, NAME, ENTRIES) as hidden:
         (hidden / ENTRIES).write_text(
-            json.dumps([asdict(known) for known in ordered], indent=1), encoding="utf-8"
+            json.dumps([asdict(noted) for noted in ordered], indent=1), encoding="utf-8"
         )
         (hidden / NAME).write_text(index_page(folder, ordered), encoding="utf-8")
 
@@ -93,11 +91,13 @@ def _links(folder: Path, part: str) -> str:
         if path.is_file() and not path.name.startswith(".")
     )
     first = [name for name in names if name == "report.html"]
-    others = [
+    other_names = [
         name
         for name in names
         if name not in first and (not name.endswith(".png") or name == "contact_sheet.png")
     ]
-    links = [f'<a href="{quote(part)}/{quote(name)}">{escape(name)}</a>' for name in first + others]
+    links = [
+        f'<a href="{quote(part)}/{quote(name)}">{escape(name)}</a>' for name in first + other_names
+    ]
     pictures = len(names) - len(links)
     return ", ".join([*links, *[f"{pictures} pictures"] * bool(pictures)])

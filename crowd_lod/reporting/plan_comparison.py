@@ -1,6 +1,4 @@
-"""Two plans side by side: what they were made for, and what they cost in total and frame by
-frame.
-"""
+"""Two plans side by side: what they were made for, and their costs in total and by frame."""
 
 import json
 import math
@@ -14,7 +12,7 @@ from ..format import aligned, number, printable
 from ..frame.planned import same_cameras
 from ..shot import plan_file
 
-# Of the rows of frames, and of the totals of a shot, in this order.
+# The figures of a frame that are compared, and those of a whole shot, in this order.
 IN_FRAMES = ("triangles", "visible", "switches", "switch_pixels")
 IN_TOTAL = (
     *IN_FRAMES,
@@ -26,7 +24,7 @@ IN_TOTAL = (
         "most_above_optimum",
     ),
 )
-# Of plans that do not tell what they were made for: the parts that may differ.
+# For plans without the field made_for: the parts of plan.json that are compared instead.
 PARTS = {
     "crowd": "the crowd",
     "machine": "the state machine",
@@ -39,12 +37,12 @@ MOST_FIGURE = 1e15  # no plan has a greater one; integers of JSON may be greater
 
 @dataclass(frozen=True)
 class Plan:
-    """What plan.json tells of a plan, as far as it does.
+    """A plan as read from plan.json; fields that the file lacks are absent.
 
     path: of the plan.json.
     numbers: the frames that were planned.
-    frames: by number: those of IN_FRAMES.
-    total: those of IN_TOTAL.
+    frames: by frame number, the figures of IN_FRAMES.
+    total: the figures of IN_TOTAL.
     content: all of the file.
     """
 
@@ -66,14 +64,15 @@ class Comparison:
     @property
     def as_json(self) -> dict[str, Any]:
         """Return plain data: pairs [A's, B's] of all figures that both plans have."""
-        both = sorted(self.a.frames.keys() & self.b.frames.keys())
+        common_frames = sorted(self.a.frames.keys() & self.b.frames.keys())
         return {
             "a": printable(self.a.path),
             "b": printable(self.b.path),
             "made_for_differs": list(self.differs),
             "total": _pairs(self.a.total, self.b.total, IN_TOTAL),
             "frames": [
-                {"frame": f, **_pairs(self.a.frames[f], self.b.frames[f], IN_FRAMES)} for f in both
+                {"frame": f, **_pairs(self.a.frames[f], self.b.frames[f], IN_FRAMES)}
+                for f in common_frames
             ],
             "only_in_a": sorted(self.a.numbers - self.b.numbers),
             "only_in_b": sorted(self.b.numbers - self.a.numbers),
@@ -81,29 +80,28 @@ class Comparison:
 
     @property
     def text(self) -> str:
-        """Return it in lines of text; of frames those that differ."""
-        told = self.as_json
-        said = [f"A: {told['a']}", f"B: {told['b']}"]
-        said += (
+        """Return the comparison as lines of text, with the frames that differ."""
+        content = self.as_json
+        lines = [f"A: {content['a']}", f"B: {content['b']}"]
+        lines += (
             [f"They were made for other input: {', '.join(self.differs)}."] if self.differs else []
         )
         for name in ("only_in_a", "only_in_b"):
-            if told[name]:
-                said.append(
-                    f"Only in {name[-1].upper()}: {_listed(told[name])}. They count in its total."
-                )
+            if content[name]:
+                frames = _listed(content[name])
+                lines.append(f"Only in {name[-1].upper()}: {frames}. They count in its total.")
         rows = [
             (name.replace("_", " "), number(a), number(b), _change(a, b))
-            for name, (a, b) in told["total"].items()
+            for name, (a, b) in content["total"].items()
         ]
-        said += ["", *aligned(("Total", "A", "B", "B to A"), rows)] if rows else []
-        other = [
+        lines += ["", *aligned(("Total", "A", "B", "B to A"), rows)] if rows else []
+        differing_rows = [
             row
-            for row in told["frames"]
+            for row in content["frames"]
             if any(row[name][0] != row[name][1] for name in IN_FRAMES if name in row)
         ]
-        if other:
-            names = [name for name in IN_FRAMES if any(name in row for row in other)]
+        if differing_rows:
+            names = [name for name in IN_FRAMES if any(name in row for row in differing_rows)]
             head = [
                 "Frame",
                 *(f"{name.replace('_', ' ')} {which}" for name in names for which in "AB"),
@@ -111,20 +109,20 @@ class Comparison:
             cells = [
                 [
                     str(row["frame"]),
-                    *(number(each) for name in names for each in row.get(name, (None, None))),
+                    *(number(value) for name in names for value in row.get(name, (None, None))),
                 ]
-                for row in other
+                for row in differing_rows
             ]
-            said += ["", *aligned(head, cells)]
-        elif told["frames"]:
-            count = len(told["frames"])
-            said += [
+            lines += ["", *aligned(head, cells)]
+        elif content["frames"]:
+            count = len(content["frames"])
+            lines += [
                 "",
                 f"All {count} common frames are the same."
                 if count > 1
                 else "The one common frame is the same.",
             ]
-        return "\n".join(said)
+        return "\n".join(lines)
 
 
 def compare(a: Path, b: Path) -> Comparison:
@@ -190,22 +188,26 @@ def _numbers(table: Mapping[str, Any], names: tuple[str, ...]) -> Numbers:
 
 def _differs(a: Plan, b: Plan) -> list[str]:
     """Return what the two plans were made for that is not the same."""
-    made = [plan.content.get("made_for") for plan in (a, b)]
-    one, other = made
-    if isinstance(one, dict) and isinstance(other, dict):
-        found = [name for name in {**one, **other} if one.get(name) != other.get(name)]
+    inputs = [plan.content.get("made_for") for plan in (a, b)]
+    a_input, b_input = inputs
+    if isinstance(a_input, dict) and isinstance(b_input, dict):
+        differences = [
+            name for name in {**a_input, **b_input} if a_input.get(name) != b_input.get(name)
+        ]
     else:
-        found = [told for name, told in PARTS.items() if a.content.get(name) != b.content.get(name)]
+        differences = [
+            words for name, words in PARTS.items() if a.content.get(name) != b.content.get(name)
+        ]
     shots = [shot if isinstance(shot := plan.content.get("shot"), dict) else {} for plan in (a, b)]
-    found += [
+    differences += [
         f"the {name}"
         for name in ("engine", "tolerance", "budget")
         if shots[0].get(name) != shots[1].get(name)
     ]
     stored = [plan.path.with_name(plan_file.NAME) for plan in (a, b)]
     if all(path.is_file() for path in stored) and not _same_views(*map(plan_file.read, stored)):
-        found.append("the camera")
-    return list(dict.fromkeys(map(printable, found)))
+        differences.append("the camera")
+    return list(dict.fromkeys(map(printable, differences)))
 
 
 def _same_views(a: plan_file.StoredPlan, b: plan_file.StoredPlan) -> bool:

@@ -16,7 +16,7 @@ def quiet_process(words: Sequence[str]) -> Iterator[subprocess.Popen[bytes]]:
     """
     nowhere = subprocess.DEVNULL
     with ExitStack() as stack:
-        with interrupt.held():
+        with interrupt.hold():
             process = subprocess.Popen(words, stdin=nowhere, stdout=nowhere, stderr=nowhere)
             stack.enter_context(interrupt.unfinished(partial(_end, process)))
         yield process

@@ -12,70 +12,72 @@ from ..shot.plan_file import StoredPlan
 from ..shot.shot_cost import Bill, Shot
 from ..shot.survey import CULLED, MIRRORED, SHADOW
 from ..shot.unneeded import unneeded
-from .shot_report import Told
+from .shot_report import ShotReport
 
 
 def shot_facts(
-    told: Told, stored: StoredPlan, asked: Mapping[str, Any], exceptions: Sequence[dict[str, Any]]
+    report: ShotReport,
+    stored: StoredPlan,
+    requested: Mapping[str, Any],
+    exceptions: Sequence[dict[str, Any]],
 ) -> dict[str, Any]:
     """Return the fields `preview`, `left_out`, `frames`, `made_for` and `shot` of plan.json.
 
-    Without times: two runs give the same.
-    asked: what the plan was asked for: Avoid Pops, and the budget.
+    They hold no times, so that two runs give the same file.
+    requested: the settings of the plan: Avoid Pops, and the budget.
     exceptions: as plain data.
     """
-    plan = told.plan
-    shot = told.shot
-    sentences = unneeded(shot, plan.bill.shown, told.names)
+    plan = report.plan
+    shot = report.shot
+    sentences = unneeded(shot, plan.bill.shown, report.names)
     return {
         "preview": None,
         "left_out": [
-            {"stage": "shot", "reason": each, "ms_saved": None, "ms_spread": None}
-            for each in sentences
+            {"stage": "shot", "reason": sentence, "ms_saved": None, "ms_spread": None}
+            for sentence in sentences
         ],
-        "frames": shot_rows(told),
+        "frames": shot_rows(report),
         "made_for": dict(stored.made_for),
         "shot": {
             "frames": stored.numbers.tolist(),
-            "engine": shot.engine,
+            "engine": shot.costs.engine,
+            "costs": shot.costs.basis,
             "tolerance": stored.tolerance,
             "tolerance_raised": bool(plan.tolerance) if isinstance(plan, BudgetPlan) else False,
             "most_above_optimum": plan.bound if np.isfinite(plan.bound) else None,
-            "asked": dict(asked),
+            "asked": dict(requested),
             "plan": _totals(shot, plan.bill),
             "thresholds": _totals(shot, plan.thresholds),
-            "curve": asdict(told.curve),
+            "curve": asdict(report.curve),
             "exceptions": list(exceptions),
             "phases": {
-                "in_step": told.phases.in_step,
-                "in_step_at_random": told.phases.at_random,
-                "largest_jump_pixels": told.phases.largest_jump,
-                "agents_with_finer_classes": int((told.phases.phases.finer > 0).sum()),
-                "classes": list(told.classes),
+                "in_step": report.phases.in_step,
+                "in_step_at_random": report.phases.at_random,
+                "largest_jump_pixels": report.phases.largest_jump,
+                "agents_with_finer_classes": int((report.phases.phases.finer > 0).sum()),
+                "classes": list(report.classes),
             },
         },
     }
 
 
-def shot_rows(told: Told) -> list[dict[str, int | float]]:
-    """Return a row of each frame: those of a preview's frames.csv without times, and the
-    switches.
-    """
-    survey = told.shot.survey
-    plan = told.plan
-    meshes = told.shot.meshes
+def shot_rows(report: ShotReport) -> list[dict[str, int | float]]:
+    """Return a row of each frame: a preview's row of frames.csv without times, and the switches."""
+    survey = report.shot.survey
+    plan = report.plan
+    meshes = report.shot.meshes
     full = [float(sizes[survey.group, 0].sum()) for sizes in (meshes.vertices, meshes.triangles)]
     rows = []
     for f, number in enumerate(survey.numbers.tolist()):
         kinds = survey.kind[f]
         agents = len(survey.group)
-        seen = int(plan.bill.counts[f].sum())
+        visible = int(plan.bill.counts[f].sum())
         rows.append(
             {
                 "frame": number,
                 "agents": agents,
-                "visible": seen,
-                "culled": agents - seen,
+                "visible": visible,
+                "culled": agents - visible,
                 **{f"lod{k}": int(n) for k, n in enumerate(plan.bill.counts[f])},
                 "shadow": int((kinds == SHADOW).sum()),
                 "mirrored": int((kinds == MIRRORED).sum()),
@@ -93,13 +95,13 @@ def shot_rows(told: Told) -> list[dict[str, int | float]]:
     return rows
 
 
-def _totals(shot: Shot, found: Bill) -> dict[str, int | float]:
+def _totals(shot: Shot, bill: Bill) -> dict[str, int | float]:
     return {
-        "triangles": int(found.triangles.sum()),
-        "switches": int(found.switches.sum()),
-        "switch_pixels": float(found.pixels.sum()),
-        "largest_switch_pixels": found.most,
-        "largest_deviation_pixels": found.error,
-        "time_share": of_full_detail(shot, found)[0],
-        "memory_mb": found.price.memory / 1e6,
+        "triangles": int(bill.triangles.sum()),
+        "switches": int(bill.switches.sum()),
+        "switch_pixels": float(bill.pixels.sum()),
+        "largest_switch_pixels": bill.most,
+        "largest_deviation_pixels": bill.error,
+        "time_share": of_full_detail(shot, bill)[0],
+        "memory_mb": bill.price.memory / 1e6,
     }

@@ -27,7 +27,7 @@ def ready() -> Iterator[None]:
         yield
 
 
-def put(text: str) -> None:
+def write_out(text: str) -> None:
     """Print the text and flush; "" only flushes.
 
     CrowdError if stdout is closed or cannot be written. A pipe whose reader has left is no error:

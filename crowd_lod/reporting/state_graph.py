@@ -22,16 +22,15 @@ Point = tuple[float, float]
 def svg(machine: StateMachine) -> str:
     """Return the picture as SVG, on white.
 
-    An arrow has the colors of the labels on which the state follows; a dashed one is that of a
-    timer. A state with a thick rim is one in which agents start. Pointing at an arrow tells its
-    labels.
+    An arrow has the color of the label on which the state changes; a dashed arrow is a timer's.
+    Agents start in states with a thick rim. A tooltip on an arrow names its labels.
     """
     count = len(machine.states)
     radius = max(120.0, 21.0 * count)
-    told = [(name, _does(machine, s)) for s, name in enumerate(machine.states)]
+    texts = [(name, _does(machine, s)) for s, name in enumerate(machine.states)]
     width = max(
         560.0,
-        2 * (radius + NODE + 30 + LETTER * max(len(text) for texts in told for text in texts)),
+        2 * (radius + NODE + 30 + LETTER * max(len(text) for pair in texts for text in pair)),
     )
     center = width / 2, radius + 70
     turns = [2 * math.pi * s / count - math.pi / 2 for s in range(count)]
@@ -46,8 +45,10 @@ def svg(machine: StateMachine) -> str:
     ]
     for s, (turn, place) in enumerate(zip(turns, places, strict=True)):
         parts += _state(machine, s, turn, place)
-    used = sorted({label for labels in arrows.values() for label in labels if label is not None})
-    legend, bottom = _legend(machine, used, width, 2 * radius + 150)
+    arrow_labels = sorted(
+        {label for labels in arrows.values() for label in labels if label is not None}
+    )
+    legend, bottom = _legend(machine, arrow_labels, width, 2 * radius + 150)
     return "\n".join(
         [
             f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0f} {bottom:.0f}" '
@@ -63,21 +64,18 @@ def svg(machine: StateMachine) -> str:
 
 
 def _arrows(machine: StateMachine) -> dict[tuple[int, int], list[int | None]]:
-    """Return for each two states, of which one follows the other, on which labels.
-
-    None stands for the timer.
-    """
-    found: dict[tuple[int, int], list[int | None]] = {}
+    """Return for each pair (state, next state) the labels on which it changes; None is a timer."""
+    arrows: dict[tuple[int, int], list[int | None]] = {}
     for s in range(len(machine.states)):
         for label in range(len(machine.labels)):
             for t in _targets(
                 machine, int(machine.next_state[s, label]), int(machine.next_choice[s, label])
             ):
-                found.setdefault((s, t), []).append(label)
+                arrows.setdefault((s, t), []).append(label)
         if np.isfinite(machine.after[s, 0]):
             for t in _targets(machine, int(machine.then[s]), int(machine.then_choice[s])):
-                found.setdefault((s, t), []).append(None)
-    return {pair: labels for pair, labels in found.items() if pair[0] != pair[1]}
+                arrows.setdefault((s, t), []).append(None)
+    return {pair: labels for pair, labels in arrows.items() if pair[0] != pair[1]}
 
 
 def _targets(machine: StateMachine, certain: int, choice: int) -> Iterator[int]:
@@ -142,11 +140,11 @@ def _state(machine: StateMachine, s: int, turn: float, place: Point) -> Iterator
 
 
 def _does(machine: StateMachine, s: int) -> str:
-    """Return what agents do in a state, in few words: speeds and time."""
+    """Return the speeds and the time of a state in a few words."""
     speeds = np.hypot(*machine.velocity[s].T)
     least = float(speeds.min())
     most = float(speeds.max())
-    said = (
+    words = (
         "stands"
         if not most
         else f"{number(most)} m/s"
@@ -154,18 +152,23 @@ def _does(machine: StateMachine, s: int) -> str:
         else f"{number(least)} to {number(most)} m/s"
     )
     if not math.isfinite(machine.after[s, 0]):
-        return said
+        return words
     low, high = machine.after[s].tolist()
     return (
-        f"{said}, {number(low)} s" if low == high else f"{said}, {number(low)} to {number(high)} s"
+        f"{words}, {number(low)} s"
+        if low == high
+        else f"{words}, {number(low)} to {number(high)} s"
     )
 
 
 def _legend(
-    machine: StateMachine, used: list[int], width: float, top: float
+    machine: StateMachine, arrow_labels: list[int], width: float, top: float
 ) -> tuple[list[str], float]:
     """Return the legend of the arrows' colors, and where it ends."""
-    entries: list[int | None] = [*used, *([None] if np.isfinite(machine.after).any() else [])]
+    entries: list[int | None] = [
+        *arrow_labels,
+        *([None] if np.isfinite(machine.after).any() else []),
+    ]
     names = ["after its time" if label is None else machine.labels[label] for label in entries]
     columns = max(1, int((width - 40) / (70 + LETTER * max(map(len, names), default=1))))
     parts = []

@@ -34,9 +34,10 @@ text { font: 11px system-ui, sans-serif; fill: #444 } .title { font-size: 15px; 
 .grid { stroke: #e4e4e4; fill: none } .axis { stroke: #444; fill: none }
 .line { fill: none; stroke-width: 1.4 } .mark { stroke-width: 1.2 }
 """
-# pixels; letters of a caption that fit into a line of a sheet
-LEGEND_ROW = 16
-LETTERS = 190
+LEGEND_ROW = 16  # pixels
+# Letters that fit into a line: of a caption over two panels, and of a legend under one.
+CAPTION_LETTERS = 190
+LEGEND_LETTERS = 75
 
 
 @dataclass(frozen=True)
@@ -102,16 +103,16 @@ class Scale:
                 np.floor(np.log10(self.low)), np.ceil(np.log10(self.high)) + 1
             )
             for factors in ((1, 2, 5), (1, 3), (1,)):
-                found = [
+                values = [
                     v
                     for decade in decades
                     for v in np.multiply(factors, decade)
                     if self.low <= v <= self.high * (1 + 1e-9)
                 ]
-                if len(found) <= 7:
+                if len(values) <= 7:
                     break
-            every = max(-(-len(found) // 7), 1)
-            return [float(v) for v in found[::every]]
+            every = max(-(-len(values) // 7), 1)
+            return [float(v) for v in values[::every]]
         rough = (self.high - self.low) / 5
         unit = 10.0 ** np.floor(np.log10(rough))
         step = unit * next(each for each in STEPS if each * unit >= rough * (1 - 1e-9))
@@ -280,9 +281,14 @@ def level(x: Scale, y: Scale, value: float, says: str) -> str:
 
 def sheet(title: str, caption: str, panels: Sequence[Panel]) -> str:
     """Return an SVG file: the plots side by side, each with its legend below."""
-    lines = wrap(caption, LETTERS)
+    lines = wrap(caption, CAPTION_LETTERS)
     top = 40 + 14 * len(lines)
-    height = top + max(panel.height + LEGEND_ROW * (len(panel.rows) + 1) for panel in panels)
+    legends = [[wrap(row.name, LEGEND_LETTERS) for row in panel.rows] for panel in panels]
+    heights = [
+        panel.height + LEGEND_ROW * (1 + sum(map(len, names)))
+        for panel, names in zip(panels, legends, strict=True)
+    ]
+    height = top + max(heights)
     width = WIDTH * len(panels)
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height:g}" '
@@ -297,18 +303,24 @@ def sheet(title: str, caption: str, panels: Sequence[Panel]) -> str:
     for n, panel in enumerate(panels):
         place = f'x="{WIDTH * n}" y="{top}" width="{WIDTH}" height="{panel.height:g}"'
         parts.append(f"<svg {place}>{panel.plot}</svg>")
-        for k, row in enumerate(panel.rows):
-            x = WIDTH * n + LEFT
-            y = top + panel.height + LEGEND_ROW * (k + 1)
-            parts.append(f'<g transform="translate({x},{y:g})">{_legend_entry(row)}</g>')
+        x = WIDTH * n + LEFT
+        y = top + panel.height + LEGEND_ROW
+        for row, name_lines in zip(panel.rows, legends[n], strict=True):
+            entry = _legend_entry(row, name_lines)
+            parts.append(f'<g transform="translate({x},{y:g})">{entry}</g>')
+            y += LEGEND_ROW * len(name_lines)
     return "\n".join([*parts, "</svg>\n"])
 
 
-def _legend_entry(row: Series) -> str:
+def _legend_entry(row: Series, name_lines: Sequence[str]) -> str:
     dashes = f' stroke-dasharray="{row.dash}"' if row.dash else ""
     line = f'<path class="line" stroke="{row.color}"{dashes} d="M0,0H34"/>' if row.line else ""
     mark = f'<path class="mark" {_paint(row)} d="{MARKS[row.shape]}" transform="translate(17,0)"/>'
-    return f'{line}{mark}<text x="42" dy=".33em">{escape(row.name)}</text>'
+    texts = [
+        f'<text x="42" y="{LEGEND_ROW * k}" dy=".33em">{escape(text)}</text>'
+        for k, text in enumerate(name_lines)
+    ]
+    return f"{line}{mark}{''.join(texts)}"
 
 
 def _stairs(places: np.ndarray, levels: np.ndarray) -> str:

@@ -33,7 +33,7 @@ def row(number: int, frame: Frame, more: dict[str, float]) -> dict[str, int | fl
     number: of the frame.
     more: milliseconds of stages outside the core, by name.
     """
-    shown = int(frame.visible.sum())
+    visible = int(frame.visible.sum())
     counts = {f"lod{k}": int(n) for k, n in enumerate(frame.buckets.counts)}
     unseen = {
         name: len(b.order)
@@ -44,8 +44,8 @@ def row(number: int, frame: Frame, more: dict[str, float]) -> dict[str, int | fl
     return {
         "frame": number,
         "agents": frame.crowd.there,
-        "visible": shown,
-        "culled": frame.crowd.there - shown,
+        "visible": visible,
+        "culled": frame.crowd.there - visible,
         **counts,
         **unseen,
         "vertices": frame.vertices,
@@ -82,14 +82,14 @@ def largest_switches(path: Path, most: int = 100) -> list[dict[str, str]]:
         ) from None
 
 
-def switches_csv(found: np.ndarray) -> str:
+def switches_csv(switches: np.ndarray) -> str:
     """Return switches.csv: the switches and entries that a viewer may notice.
 
-    found: (s,) of shot.switches.ROW. `from` is empty for an entry.
+    switches: (s,) of shot.switches.ROW. The column `from` is empty for an entry.
     """
     lines = [
         f"{frame},{agent},{'' if before == NOTHING else before},{after},{size:.3f},{change:.3f}\n"
-        for frame, agent, before, after, size, change in found.tolist()
+        for frame, agent, before, after, size, change in switches.tolist()
     ]
     return "frame,agent,from,to,size_px,change_px\n" + "".join(lines)
 

@@ -25,7 +25,7 @@ def own_temporary_folder() -> Iterator[None]:
     place = tempfile.tempdir
     variables = {name: os.environ[name] for name in VARIABLES if name in os.environ}
     with ExitStack() as stack:
-        with suppress(OSError), interrupt.held():
+        with suppress(OSError), interrupt.hold():
             folder = tempfile.mkdtemp(prefix=PREFIX)
             stack.enter_context(
                 interrupt.unfinished(partial(shutil.rmtree, folder, ignore_errors=True))

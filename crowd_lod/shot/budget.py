@@ -110,7 +110,7 @@ def _limits(shot: Shot, budget: Budget) -> _Limits:
 
 
 def _memory(shot: Shot, shown: np.ndarray) -> float:
-    return price(work_in(shot, shown), shot.engine).memory
+    return price(work_in(shot, shown), shot.costs).memory
 
 
 def decide_within(

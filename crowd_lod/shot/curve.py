@@ -93,7 +93,7 @@ def of_full_detail(shot: Shot, found: Bill) -> tuple[float, float, float]:
     """
     shown = np.zeros_like(found.shown)
     shown[:, 0] = found.shown.sum(axis=1)
-    part = found.price.share(price(work_in(shot, shown), shot.engine))
+    part = found.price.share(price(work_in(shot, shown), shot.costs))
     triangles = float((shown[:, 0] * shot.meshes.triangles[shot.survey.owner, 0]).sum())
     return part.seconds, float(found.triangles.sum()) / triangles if triangles else 1.0, part.memory
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..levels.cost_model import SECONDS, Work, price
+from ..levels.cost_model import Work, price
 from ..progress import share
 from .shot_cost import NOTICED, UNSEEN, Bill, Shot, bill, shown_by, work_in
 from .survey import SEEN
@@ -285,7 +285,7 @@ def solved(
     shares = unique / np.maximum(thresholds.shown.sum(axis=1), 1)[:, None, :]
     levels, shared = yield from share(decided(shot, _table(shot, shares), weight), 0.0, 0.5)
     if not _matter(shot, thresholds):
-        return levels, shared if "traced" not in SECONDS[shot.engine] else None
+        return levels, shared if "traced" not in shot.costs.seconds else None
     table = shared_table(shot, thresholds, bill(shot, levels))
     assert table is not None
     again, _ = yield from share(decided(shot, table, weight), 0.5, 1.0)
@@ -317,7 +317,7 @@ def mesh_seconds(shot: Shot, thresholds: Bill) -> np.ndarray:
 
     Also those of rays, which cost more among more triangles.
     """
-    seconds = SECONDS[shot.engine]
+    seconds = shot.costs.seconds
     work = work_in(shot, thresholds.shown)
     rays = (
         seconds.get("traced", 0.0) * shot.survey.rays / (np.log(2) * np.maximum(work.unique, 1.0))
@@ -359,7 +359,7 @@ def floor(shot: Shot) -> tuple[float, float, np.ndarray]:
     seen = shown.sum(axis=1)
     finest = (shown > 0).argmax(axis=1)
     least = np.where(seen > 0, each[finest, np.arange(characters)], 0.0)
-    unique = SECONDS[shot.engine]["unique"] * each / np.maximum(seen, 1)[:, None, :]
+    unique = shot.costs.seconds["unique"] * each / np.maximum(seen, 1)[:, None, :]
     work = Work(
         posed=float(least.max(axis=0).sum()),
         unique=least.sum(axis=1),
@@ -369,5 +369,5 @@ def floor(shot: Shot) -> tuple[float, float, np.ndarray]:
         rays=survey.rays,
     )
     alone = replace(work, posed=0.0, rigs=0.0, rays=0.0)
-    whole, parts = (frames * price(own, shot.engine).seconds for own in (work, alone))
+    whole, parts = (frames * price(own, shot.costs).seconds for own in (work, alone))
     return whole - parts, parts, _table(shot, unique)

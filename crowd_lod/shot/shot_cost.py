@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ..crowd.agents import Group
-from ..levels.cost_model import SECONDS, Actors, Price, Work, price, work_of
+from ..levels.cost_model import Actors, Costs, Price, Work, price, work_of
 from .survey import SEEN, Survey
 
 # pixels as which any switch in sight counts, besides those by which it changes the picture
@@ -49,13 +49,13 @@ def meshes_of(groups: Sequence[Group], count: int) -> Meshes:
 class Shot:
     """A surveyed shot, and what its LODs cost.
 
-    engine: one of cost_model.NAMES.
+    costs: of the engine, on the machine that renders.
     rigs, moved_as: as of Actors; None: each character has one rig of its own.
     """
 
     survey: Survey
     meshes: Meshes
-    engine: str
+    costs: Costs
     rigs: np.ndarray | None = None
     moved_as: np.ndarray | None = None
 
@@ -70,7 +70,7 @@ class Shot:
     @cached_property
     def instance(self) -> np.ndarray:
         """(K, L) float64 seconds that one instance of each mesh takes."""
-        seconds = SECONDS[self.engine]
+        seconds = self.costs.seconds
         each = seconds["instances"] + seconds.get("instanced", 0.0) * self.meshes.triangles
         return each.T[:, self.survey.owner]
 
@@ -195,7 +195,7 @@ def bill(shot: Shot, levels: np.ndarray) -> Bill:
         most=max(most),
         error=max(error),
         shown=shown,
-        price=price(work_in(shot, shown), shot.engine),
+        price=price(work_in(shot, shown), shot.costs),
         instanced=float((shown * shot.instance).sum()) / frames,
     )
 

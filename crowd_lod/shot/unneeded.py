@@ -61,5 +61,5 @@ def needed_meshes(shot: Shot, shown: np.ndarray) -> np.ndarray:
 
 
 def _saves(shot: Shot, triangles: float) -> str:
-    memory = price(Work(posed=float(triangles)), shot.engine).memory
-    return f"saves {triangles:,.0f} triangles, {memory / 1e6:.3g} MB in {NAMES[shot.engine]}"
+    memory = price(Work(posed=float(triangles)), shot.costs).memory
+    return f"saves {triangles:,.0f} triangles, {memory / 1e6:.3g} MB in {NAMES[shot.costs.engine]}"

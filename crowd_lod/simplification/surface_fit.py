@@ -7,8 +7,8 @@ import numpy as np
 
 from . import settings
 from .closest_point import beyond, distances, doubt, follow, walk
-from .edge_collapse import normals_of
 from .pose_deformation import Copies, Skin
+from .quadrics import normals_of
 from .surface_sampling import between, lattice
 from .triangle_mesh import Shape, TriangleMesh, edge_keys, length, normals, ranges, sides_of_two
 

@@ -142,22 +142,18 @@ class _Comparison:
             )
         return some[near <= self.most**2]
 
-    def farthest(self, meets: Meets) -> float:
-        """Return how far away the other surface shows of what is lost, at most, meters.
+    def distances(self, meets: Meets) -> tuple[np.ndarray, np.ndarray]:
+        """Return how far away the other surface shows of what is lost: (k,) meters, and the lost
+        samples (k, 3), meters.
 
         It is looked at in views along the other surface, which shows least in these: at each lost
         sample, then on circles of lines of sight about it.
         """
         lost = np.flatnonzero(self.lost)
-        some = lost[np.linspace(0, len(lost) - 1, min(MEASURED, len(lost))).round().astype(int)]
-        at = self.thin.at[some]
-        normals = self.normals[some]
-        at = (
-            at
-            + np.minimum(self.thin.thickness[some], self.most)[:, None]
-            / 2
-            * self.thin.inwards[some]
-        )
+        lost = lost[np.linspace(0, len(lost) - 1, min(MEASURED, len(lost))).round().astype(int)]
+        normals = self.normals[lost]
+        thickness = np.minimum(self.thin.thickness[lost], self.most)[:, None]
+        at = self.thin.at[lost] + thickness / 2 * self.thin.inwards[lost]
         side = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
         side /= np.linalg.norm(side, axis=1, keepdims=True)
         up = np.cross(normals, side)
@@ -172,19 +168,25 @@ class _Comparison:
         radius = self.deviation / GROWTH**4
         around = 2 * np.pi * np.arange(AROUND) / AROUND
         waiting = np.flatnonzero(~meets(at, views))
+        away = np.zeros(len(at))
         while len(waiting) and radius < size:
             shown = np.zeros(len(waiting), bool)
             for turn in around:
                 aside = np.cos(turn) * normals[waiting] + np.sin(turn) * across[waiting]
                 shown |= meets(at[waiting] + radius * aside, views[waiting])
-            waiting = waiting[~shown]
             radius *= GROWTH
-        return min(radius, size)
+            away[waiting] = min(radius, size)
+            waiting = waiting[~shown]
+        return away.reshape(VIEWS, -1).max(axis=0), self.thin.at[lost]
 
 
-def unseen(thin: Samples, nearest: Nearest, meets: Meets, deviation: float) -> float:
-    """How far the surface is, at most, from where another one shows: meters, 0 where that shows all
-    of it.
+def find_unseen(
+    thin: Samples, nearest: Nearest, meets: Meets, deviation: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """How far the surface is from where another one shows, and at which places.
+
+    Returns (k,) meters, and (k, 3): none where the other surface shows all, as far as `deviation`
+    tells.
 
     nearest, meets: of the other surface; deviation: the Hausdorff distance of the two, meters.
 
@@ -199,12 +201,13 @@ def unseen(thin: Samples, nearest: Nearest, meets: Meets, deviation: float) -> f
     )
     found.look(np.flatnonzero(~thick))
     if not found.lost.any():
-        return 0.0
+        return np.zeros(0), np.zeros((0, 3))
     found.look(
         found.beside(np.flatnonzero(thick))
     )  # the end of a rod is as thick as the rod is long
-    far = found.farthest(meets)
-    return far if far > deviation else 0.0
+    away, places = found.distances(meets)
+    far = away > deviation
+    return away[far], places[far]
 
 
 def _squares(one: np.ndarray, other: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..culling.blocks import LEAF, OPEN, Blocks, Decided, edges
+from ..culling.blocks import LEAF, OPEN, BlockDecisions, Blocks, edges
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def sort_in_order(levels: np.ndarray, order: np.ndarray, count: int) -> Buckets:
 
 
 def sort_blocks(
-    blocks: Blocks, decided: Decided, group: np.ndarray, count: int
+    blocks: Blocks, decided: BlockDecisions, group: np.ndarray, count: int
 ) -> tuple[Buckets, np.ndarray]:
     """Return (buckets of the agents in blocks, their counts (count, G)).
 
@@ -78,7 +78,7 @@ def sort_blocks(
     for level in range(count):
         leaves = ((decided.leaves == level) | differ).nonzero()[0]
         has_level = np.ones((len(leaves), LEAF), bool)
-        has_level[differ.take(leaves).nonzero()[0]] = decided.own == level
+        has_level[differ.take(leaves).nonzero()[0]] = decided.open_levels == level
         buckets.append(blocks.rows.take(leaves, axis=0)[has_level])
     present = [
         np.diff(edges(group, agents, groups)) if groups > 1 else [len(agents)] for agents in buckets

@@ -38,72 +38,71 @@ class Edited(Trajectory):
     Moves and turns of one agent add up; of two groups the later holds; who is hidden once is
     hidden. All else is as without: agents keep their numbers, and walk, wait and choose as before.
 
-    own: the trajectory without edits.
+    base: the trajectory without edits.
     CrowdError if an edit asks for another group, and the trajectory cannot give it.
     """
 
-    def __init__(self, own: Trajectory, edits: Sequence[Edit]):
+    def __init__(self, base: Trajectory, edits: Sequence[Edit]):
         self.edits = tuple(edits)
-        group = own.start.group.copy()
+        group = base.start.group.copy()
         hidden = np.zeros(len(group), bool)
         for edit in edits:
             hidden[edit.agents] |= edit.hide
             if edit.group is not None:
                 group[edit.agents] = edit.group
-        if not np.array_equal(group, own.start.group):
-            own = own.regrouped(group)
-        self.own = own
+        if not np.array_equal(group, base.start.group):
+            base = base.regrouped(group)
+        self.base = base
         self._visible = ~hidden if hidden.any() else None
         self._moved, self._move = _sum_edits(edits, lambda edit: edit.move)
         self._turned, self._turn = _sum_edits(edits, lambda edit: (edit.turn,))
         is_aside = self._move[:, :2].any(axis=1)
         self._aside = self._moved[is_aside]
         self._above_ground = self._move[is_aside, 2]
-        self.groups = own.groups
-        self.gaits = own.gaits
-        self.heights = own.heights
-        self.ids = own.ids
-        self.given_phases = own.given_phases
-        self.seconds_per_frame = own.seconds_per_frame
-        self.every = own.every
-        self.first_frame = own.first_frame
-        # of each column, what it was made of, and itself: it stays while the crowd stands still
+        self.groups = base.groups
+        self.gaits = base.gaits
+        self.heights = base.heights
+        self.ids = base.ids
+        self.given_phases = base.given_phases
+        self.seconds_per_frame = base.seconds_per_frame
+        self.every = base.every
+        self.first_frame = base.first_frame
+        # by name: the inputs of a column, and the column, which is reused while they are the same
         self._columns: dict[str, tuple[list[Any], np.ndarray]] = {}
-        self.start = self._of(own.start)
-        self.leave = own.leave
-        behavior = {item for item in own.left_out if item.stage == "behavior"}
+        self.start = self._of(base.start)
+        self.leave = base.leave
+        behavior = {item for item in base.left_out if item.stage == "behavior"}
         places = needless_of_places(self.start, not self.level)
         elsewhere = {item for item in places if item.stage != "behavior"}
         self.left_out = self.leave & (behavior | elsewhere)
-        # blocks count on agents that stay on the area where they cross its border: they are taken
-        # onto it, or to its other side
-        moves_off = own.wraps or not _all_on(own.start, self._moved, own.area)
+        # Blocks hold for agents that leave the area only if these are put back onto it.
+        moves_off = base.wraps or not _all_on(base.start, self._moved, base.area)
         self._leaves_area = bool(len(self._moved)) and moves_off
 
     @property
     def area(self) -> Area:
         """That of the trajectory; who is moved may stand beside it."""
-        return self.own.area
+        return self.base.area
 
     @property
     def states(self) -> States:
         """Those of the trajectory."""
-        return self.own.states
+        return self.base.states
 
     @property
     def parts(self) -> tuple[Trajectory, ...]:
         """Those of the trajectory."""
-        return self.own.parts
+        return self.base.parts
 
     @property
     def level(self) -> bool:
         """Whether nobody ever leaves its height."""
-        return self.own.level
+        return self.base.level
 
     @property
     def wraps(self) -> bool:
         """Whether agents come back at the other side of the area, moved as they are."""
-        return self.own.wraps
+        return self.base.wraps
 
     def velocity(self, since: float, until: float) -> VelocityBounds | None:
         """Return the trajectory's bounds.
@@ -111,45 +110,47 @@ class Edited(Trajectory):
         None if they are not known, or if agents who are moved may be taken from one side of the
         area to another.
         """
-        return None if self._leaves_area else self.own.velocity(since, until)
+        return None if self._leaves_area else self.base.velocity(since, until)
 
     def at(self, time: float) -> Crowd:
         """Return the crowd at `time`, in frames."""
-        return self._of(self.own.at(time))
+        return self._of(self.base.at(time))
 
     def kept_at(self, frame: int) -> Crowd:
         """Return the crowd at a whole `frame`, counted from the first."""
-        return self._of(self.own.kept_at(frame))
+        return self._of(self.base.kept_at(frame))
 
     def approach(
         self, time: float, then: Callable[[], object] = lambda: None
     ) -> Generator[float, None, None]:
         """Do what `at` needs."""
-        yield from self.own.approach(time, then)
+        yield from self.base.approach(time, then)
 
     def most_moved(self, times: Sequence[float]) -> float:
         """Return the trajectory's."""
-        return self.own.most_moved(times)
+        return self.base.most_moved(times)
 
     def jumped(self, now: Crowd, before: Crowd, agents: np.ndarray) -> np.ndarray | None:
         """Return which of `agents` came back at the other side of the area."""
-        return self.own.jumped(now, before, agents)
+        return self.base.jumped(now, before, agents)
 
     def tilt(self, crowd: Crowd, agents: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """Return (pitch, roll) of `agents` where they stand now."""
-        return self.own.tilt(crowd, agents)
+        return self.base.tilt(crowd, agents)
 
     def ground(self, crowd: Crowd, agents: np.ndarray) -> np.ndarray | None:
         """Return the height of the ground under `agents`."""
-        return self.own.ground(crowd, agents)
+        return self.base.ground(crowd, agents)
 
     def regrouped(self, group: np.ndarray) -> "Edited":
         """Return the same crowd, edited but for groups, with these."""
-        return Edited(self.own.regrouped(group), [replace(edit, group=None) for edit in self.edits])
+        return Edited(
+            self.base.regrouped(group), [replace(edit, group=None) for edit in self.edits]
+        )
 
     def leaving(self, leave: frozenset[LeftOut], time: float) -> "Edited":
         """Return the same crowd with only `leave` left out."""
-        edited = Edited(self.own.leaving(leave, time), self.edits)
+        edited = Edited(self.base.leaving(leave, time), self.edits)
         edited.left_out = leave & self.left_out
         return edited
 
@@ -159,7 +160,7 @@ class Edited(Trajectory):
             repr((edit.move, edit.turn, edit.group, edit.hide)).encode() + edit.agents.tobytes()
             for edit in self.edits
         ]
-        return self.own.digests() | {"the exceptions": b"\0".join(edits)}
+        return self.base.digests() | {"the exceptions": b"\0".join(edits)}
 
     def _of(self, crowd: Crowd) -> Crowd:
         """Return `crowd`, of the trajectory without edits, with them."""
@@ -198,7 +199,7 @@ class Edited(Trajectory):
     def _raise(self, crowd: Crowd) -> np.ndarray:
         """Return the heights of a crowd that is moved aside already."""
         z = self._shift(crowd.z, 2)
-        ground = self.own.ground(crowd, self._aside) if len(self._aside) else None
+        ground = self.base.ground(crowd, self._aside) if len(self._aside) else None
         if ground is not None:
             z[self._aside] = ground + self._above_ground
         return z

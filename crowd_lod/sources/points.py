@@ -111,14 +111,14 @@ class Points(Trajectory):
     def __init__(
         self,
         points: Snapshot,
-        drawn: Drawn,
+        draws: Drawn,
         time: float,
         groups: Sequence[Group],
         seconds: float,
         name: str,
     ):
         self.points = points
-        self.drawn = drawn
+        self.drawn = draws
         self.time = time
         self.name = name
         self.groups = tuple(groups)
@@ -139,9 +139,9 @@ class Points(Trajectory):
             points.z,
             heading=np.zeros(count, np.float32) if points.heading is None else points.heading,
             state=np.zeros(count, np.uint8),
-            group=drawn.group if points.group is None else points.group,
-            phase_class=drawn.phase_class if points.phase is None else _classes(points.phase),
-            key=drawn.key,
+            group=draws.group if points.group is None else points.group,
+            phase_class=draws.phase_class if points.phase is None else _classes(points.phase),
+            key=draws.key,
         )
         self.leave: frozenset[LeftOut] = ALL
         self.left_out = needless_of_places(self.start, relief=True)

@@ -147,11 +147,11 @@ class Recorded(Trajectory):
         return self.tracks.samples.z is None and self.heights is None
 
     @property
-    def told(self) -> str:
+    def note(self) -> str:
         """What the file has, and which frames of the scene play it."""
         first = self.scene_frame(self.tracks.first)
         last = self.scene_frame(self.tracks.last)
-        return f"{self.tracks.told} It plays from frame {first:.6g} to {last:.6g} of the scene."
+        return f"{self.tracks.note} It plays from frame {first:.6g} to {last:.6g} of the scene."
 
     def velocity(self, since: float, until: float) -> VelocityBounds:
         """Return the bounds of the steps between rows in that time, and of the ground's climbs."""

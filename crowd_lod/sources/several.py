@@ -32,10 +32,12 @@ class Several(Trajectory):
 
     heights = None
 
-    def __init__(self, members: Sequence[Trajectory], names: Sequence[str], shown: Sequence[bool]):
+    def __init__(
+        self, members: Sequence[Trajectory], names: Sequence[str], is_shown: Sequence[bool]
+    ):
         self.members = tuple(members)
         self.names = tuple(names)
-        self.shown = tuple(shown)
+        self.shown = tuple(is_shown)
         first = members[0]
         self.groups: tuple[Group, ...] = tuple(
             map(_largest, *(member.groups for member in members))
@@ -48,7 +50,7 @@ class Several(Trajectory):
         self._begins = np.append(0, np.cumsum(counts)).tolist()
         self._offsets = self._number_offsets()
         self.gaits = self._gaits()
-        # of each column, what it was made of, and itself: most do not change from frame to frame
+        # by name: the inputs of a column, and the column, which is reused while they are the same
         self._columns: dict[str, tuple[list[Any], np.ndarray]] = {}
         self._absent = [np.zeros(count, bool) for count in counts]
         self._all_there = [np.ones(count, bool) for count in counts]
@@ -286,13 +288,13 @@ class Several(Trajectory):
         answers: np.ndarray = np.zeros(shape, dtype)
         is_answered = False
         for k, member in enumerate(self.members):
-            own = np.flatnonzero(member_of == k)
-            if not len(own):
+            rows = np.flatnonzero(member_of == k)
+            if not len(rows):
                 continue
             begin, end = self._begins[k : k + 2]
-            answer = ask(member, slice(begin, end), agents[own] - begin)
+            answer = ask(member, slice(begin, end), agents[rows] - begin)
             if answer is not None:
-                answers[own] = answer
+                answers[rows] = answer
                 is_answered = True
         return answers if is_answered else None
 

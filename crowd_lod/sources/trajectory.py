@@ -154,10 +154,8 @@ class Trajectory(ABC):
         raise CrowdError("The source of these agents alone decides on their groups.")
 
     @property
-    def told(self) -> str:
-        """A sentence on where the agents come from, for who populates; "" if there is nothing to
-        say.
-        """
+    def note(self) -> str:
+        """A sentence for Populate on where the agents come from, or ""."""
         return ""
 
     @property

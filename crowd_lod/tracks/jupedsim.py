@@ -27,7 +27,7 @@ ROW = np.dtype([("id", np.int64), ("frame", np.float64), ("x", np.float64), ("y"
 
 
 def read_jupedsim(path: Path, tell: Callable[[float], None] = lambda _: None) -> Rows:
-    """Return the rows of the database `path`, as they are: check_rows has not seen them.
+    """Return the unchecked rows of the database `path` (see check_rows).
 
     tell: called with the progress, 0 to 1.
     CrowdError if it is none of JuPedSim's, or damaged.
@@ -37,10 +37,10 @@ def read_jupedsim(path: Path, tell: Callable[[float], None] = lambda _: None) ->
         with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as database:
             database.set_progress_handler(_is_unwanted, STEPS)
             _check_tables(database, where)
-            known = dict(database.execute("SELECT key, value FROM metadata LIMIT 1000"))
-            if str(known.get("version")) not in VERSIONS:
+            metadata = dict(database.execute("SELECT key, value FROM metadata LIMIT 1000"))
+            if str(metadata.get("version")) not in VERSIONS:
                 raise CrowdError(
-                    f"The database {where} has version {known.get('version')} of JuPedSim's "
+                    f"The database {where} has version {metadata.get('version')} of JuPedSim's "
                     f"format: versions 1 to 3 are read."
                 )
             rows = np.concatenate([np.empty(0, ROW), *_read_rows(database, where, tell)])
@@ -52,7 +52,7 @@ def read_jupedsim(path: Path, tell: Callable[[float], None] = lambda _: None) ->
             "it needs the tables metadata and trajectory_data; copy or write it again."
         ) from None
     try:
-        rate = float(known.get("fps", 0))
+        rate = float(metadata.get("fps", 0))
     except ValueError:
         rate = 0.0
     columns: dict[str, Any] = {name: np.ascontiguousarray(rows[name]) for name in ROW.names or ()}

@@ -4,6 +4,7 @@ import csv
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from ..errors import CrowdError
 from .names import LENGTHS, RADIANS, SECONDS, columns_of, notes_on_places, unit_of
@@ -72,8 +73,20 @@ def _lines(data: bytearray, where: str) -> Iterator[bytearray]:
         at = end
 
 
-def layout_of(data: bytearray, where: str) -> Table:
-    """Return how the table `data` is laid out."""
+class _Head(NamedTuple):
+    """The beginning of a table.
+
+    begins: bytes before the first row of values.
+    row: the first row of values; "" if there is none.
+    """
+
+    begins: int
+    row: str
+    titles: list[str]
+    comments: list[str]
+
+
+def _head_of(data: bytearray, where: str) -> _Head:
     at = 0
     row = ""
     comments: list[str] = []
@@ -104,6 +117,15 @@ def layout_of(data: bytearray, where: str) -> Table:
             row = text
             break
         at += len(raw)
+    return _Head(at, row, titles, comments)
+
+
+def layout_of(data: bytearray, where: str) -> Table:
+    """Return the layout of the table `data`; CrowdError if it lacks a column.
+
+    where: the file, for messages.
+    """
+    begins, row, titles, comments = _head_of(data, where)
     columns = columns_of(titles)
     values = _split(row) if row else []
     _check_titles(titles, columns, values, where)
@@ -133,7 +155,7 @@ def layout_of(data: bytearray, where: str) -> Table:
         if name in columns and (name == "group" or values and not _is_number(values[columns[name]]))
     )
     return Table(
-        begins=at,
+        begins=begins,
         split=_splitter(row),
         width=len(values),
         columns=columns,
@@ -156,11 +178,11 @@ def _check_titles(
         if name not in columns and not (name == "frame" and "time" in columns)
     ]
     if titles and lacks:
-        told = notes_on_places(titles) if "x" in lacks or "y" in lacks else ""
-        wanted = f"These are {told}; give it" if told else "give it"
+        kinds = notes_on_places(titles) if "x" in lacks or "y" in lacks else ""
+        request = f"These are {kinds}; give it" if kinds else "give it"
         raise CrowdError(
             f"The table {where} has the columns {', '.join(titles[:12])}, and none for "
-            f"{', '.join(lacks)}: {wanted} columns id, frame "
+            f"{', '.join(lacks)}: {request} columns id, frame "
             "(or time, in seconds), x and y."
         )
     if not values:
@@ -193,25 +215,23 @@ def _check_titles(
 
 
 def _unit(titles: list[str], columns: dict[str, int], where: str) -> str:
-    """Return the unit that the titles of places name, or "". CrowdError if they name several, or
-    another.
-    """
-    named = {axis: unit_of(titles[columns[axis]]) for axis in "xyz" if axis in columns}
-    for axis, unit in named.items():
+    """Return the unit in the titles of places, or ""; CrowdError if several or an unknown one."""
+    units = {axis: unit_of(titles[columns[axis]]) for axis in "xyz" if axis in columns}
+    for axis, unit in units.items():
         if unit is None:
             raise CrowdError(
                 f"The table {where} has the column {titles[columns[axis]]}: give places in one of "
                 f"{', '.join(dict.fromkeys(LENGTHS.values()))}."
             )
-    known = {axis: LENGTHS[unit] for axis, unit in named.items() if unit}
-    if len(set(known.values())) > 1:
-        told = " and ".join(f"{axis} in {unit}" for axis, unit in known.items())
-        raise CrowdError(f"The table {where} has {told}: give all places in one unit.")
-    return next(iter(known.values()), "")
+    known_units = {axis: LENGTHS[unit] for axis, unit in units.items() if unit}
+    if len(set(known_units.values())) > 1:
+        listed = " and ".join(f"{axis} in {unit}" for axis, unit in known_units.items())
+        raise CrowdError(f"The table {where} has {listed}: give all places in one unit.")
+    return next(iter(known_units.values()), "")
 
 
 def _splitter(row: str) -> str | None:
-    """Return what parts the values of a row; None for white space."""
+    """Return the separator of a row's values; None for white space."""
     if ";" in row:
         return ";"
     if "\t" in row:

@@ -11,7 +11,7 @@ from ..errors import CrowdError
 from ..format import counted
 from ..progress import at_once, breath
 from . import motion
-from .order import numbered, order_by
+from .order import number_ids, order_by
 from .rows import ASKED, UNITS, Rows
 from .samples import TrackSamples
 from .tracks import Tracks
@@ -28,20 +28,20 @@ def tracks_of(rows: Rows, where: str) -> Tracks:
     where: the file, for messages.
     CrowdError if an agent is twice in a frame, or moves faster than anybody can.
     """
-    ids, agent = numbered(rows.id)
+    ids, agent = number_ids(rows.id)
     columns = _by_agent(rows, agent.astype(np.int32))
     breath()
     agent = columns["agent"]
     frame = columns["frame"]
     enters = np.diff(agent, prepend=-1) > 0
-    passed = np.diff(frame, append=frame[-1:])
-    passed[np.append(enters[1:], True)] = 0
-    _check_once(ids, agent, frame, passed, where)
-    seconds = passed / rows.rate
-    steps = passed[passed > 0]
+    elapsed = np.diff(frame, append=frame[-1:])
+    elapsed[np.append(enters[1:], True)] = 0
+    _check_once(ids, agent, frame, elapsed, where)
+    seconds = elapsed / rows.rate
+    steps = elapsed[elapsed > 0]
     step = float(np.median(steps[:: -(-len(steps) // motion.SAMPLE)])) if len(steps) else 1.0
     hidden = seconds > max(HIDES, 1.5 * step / rows.rate)
-    crossed = int(np.count_nonzero(passed > 1.5 * step)) - int(hidden.sum())
+    crossed = int(np.count_nonzero(elapsed > 1.5 * step)) - int(hidden.sum())
     breath()
     move = partial(
         _moving,
@@ -53,19 +53,23 @@ def tracks_of(rows: Rows, where: str) -> Tracks:
         step / rows.rate,
     )
     check = partial(_check_speeds, ids, columns, seconds, rows, where)
-    _, (made, paces) = at_once(_call, ((check,), (move,)))
+    _, (motion_columns, paces) = at_once(_call, ((check,), (move,)))
     breath()
-    order, classes = _in_classes(frame, passed, step)
+    order, classes = _in_classes(frame, elapsed, step)
     place = np.empty(len(order), np.int32)
     place[order] = np.arange(len(order), dtype=np.int32)
     after = np.append(place[1:], place[-1:])
     leaves = np.append(enters[1:], True)
     after[leaves] = place[leaves]
-    columns = {**columns, **made, "hidden": hidden, "after": after}
+    columns = {**columns, **motion_columns, "hidden": hidden, "after": after}
     breath()
-    kept: dict[str, Any] = {each.name: columns.get(each.name) for each in fields(TrackSamples)}
-    kept |= _taken({name: column for name, column in kept.items() if column is not None}, order)
-    samples = TrackSamples(**kept)
+    sample_columns: dict[str, Any] = {
+        field.name: columns.get(field.name) for field in fields(TrackSamples)
+    }
+    sample_columns |= _taken(
+        {name: column for name, column in sample_columns.items() if column is not None}, order
+    )
+    samples = TrackSamples(**sample_columns)
     return Tracks(
         ids,
         samples,
@@ -184,23 +188,23 @@ def _moving(
     turn = motion.turns(heading, 2 * np.pi).astype(np.float32)
     phase = columns.get("phase")
     if phase is None:
-        way = motion.summed(np.where(walks, speed, 0) * seconds, enters)
+        way = motion.sum_by_agent(np.where(walks, speed, 0) * seconds, enters)
     else:
         change = motion.turns(phase, 1.0)
         change[leaves] = 0
-        way = phase[motion.first_of(enters)] % 1.0 + motion.summed(change, enters)
+        way = phase[motion.first_of(enters)] % 1.0 + motion.sum_by_agent(change, enters)
     turn[leaves] = 0
     paces = motion.ladder(speed[walks])
     pace = motion.paces_of(speed, enters, paces)
     pace[~walks] = 0
-    made = {
+    columns_of_motion = {
         "heading": heading,
         "turn": turn,
         "way": way.astype(np.float32),
         "walks": walks,
         "pace": pace,
     }
-    return made, paces
+    return columns_of_motion, paces
 
 
 def _in_classes(
@@ -210,16 +214,16 @@ def _in_classes(
     with np.errstate(divide="ignore"):
         classes = np.clip(np.ceil(np.log2(passed / step) - 1e-6), 0, 60).astype(np.uint8)
     orders = []
-    found = []
+    classes_found = []
     at = 0
-    for each in np.flatnonzero(np.bincount(classes)):
-        some = np.flatnonzero(classes == each)
-        orders.append(order_by(frame, some))
-        # a little more, for what rounding takes; who does not hold is left out when asked
-        longest = max(float(passed[some].max()), step) * (1 + 1e-9)
-        found.append((at, at + len(some), longest))
-        at += len(some)
-    return np.concatenate(orders), tuple(found)
+    for number in np.flatnonzero(np.bincount(classes)):
+        rows = np.flatnonzero(classes == number)
+        orders.append(order_by(frame, rows))
+        # a little more, for rounding; samples that do not hold then are left out when asked for
+        longest = max(float(passed[rows].max()), step) * (1 + 1e-9)
+        classes_found.append((at, at + len(rows), longest))
+        at += len(rows)
+    return np.concatenate(orders), tuple(classes_found)
 
 
 def _told(

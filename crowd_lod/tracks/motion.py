@@ -96,7 +96,7 @@ def turns(values: np.ndarray, round_about: float) -> np.ndarray:
     return change - round_about * np.rint(change / round_about)
 
 
-def summed(change: np.ndarray, begins: np.ndarray) -> np.ndarray:
+def sum_by_agent(change: np.ndarray, begins: np.ndarray) -> np.ndarray:
     """Return (k,) float64: the sum of `change` over the agent's rows before each row.
 
     begins: where agents begin.

@@ -157,12 +157,12 @@ def unit_of(title: str, units: Container[str] = LENGTHS) -> str | None:
     match = UNIT.search(title.strip())
     if match is None:
         return ""
-    told = next(group for group in match.groups() if group is not None).lower()
-    words = re.findall(r"[a-z\N{DEGREE SIGN}]+", told)
-    known = [word for word in words if word in units]
-    if known:
-        return known[-1]
-    is_name = match["word"] is not None or told in ("x", "y", "z")
+    word = next(group for group in match.groups() if group is not None).lower()
+    words = re.findall(r"[a-z\N{DEGREE SIGN}]+", word)
+    known_words = [word for word in words if word in units]
+    if known_words:
+        return known_words[-1]
+    is_name = match["word"] is not None or word in ("x", "y", "z")
     return "" if is_name or not words else None
 
 

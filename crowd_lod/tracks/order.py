@@ -35,7 +35,7 @@ def order_by(keys: np.ndarray, among: np.ndarray | None = None) -> np.ndarray:
     return order
 
 
-def numbered(ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def number_ids(ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return (different, place): the different `ids`, increasing, and where each id is there.
 
     ids: (k,) int64.

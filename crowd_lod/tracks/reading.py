@@ -174,11 +174,11 @@ def _standing(rows: Rows) -> Rows:
     low = float(rows.z.min())
     high = float(rows.z.max())
     if rows.heading is None and not rows.feet and HEADS[0] <= low and high <= HEADS[1]:
-        told = (
+        note = (
             f"Its z of {low:.3g} to {high:.3g} m is taken for the height of heads: agents "
             f"stand at the height of Center."
         )
-        return replace(rows, z=None, notes=(*rows.notes, told))
+        return replace(rows, z=None, notes=(*rows.notes, note))
     return rows
 
 

@@ -101,21 +101,23 @@ def check_rows(rows: Rows, path: Path) -> Rows:
             f"The file {where} has {count:,} rows: use at most {MOST_ROWS:,}, of fewer agents or "
             f"frames."
         )
-    found: dict[str, Any] = {}
+    columns: dict[str, Any] = {}
     for name, column in rows.columns.items():
         if column.shape != (count,):
             raise CrowdError(
                 f"The file {where} has {count:,} ids, and its column {name} has the shape "
                 f"{column.shape}: one value each."
             )
-        found[name] = _checked(name, column, where)
-    agents = 1 + int(np.count_nonzero(np.diff(np.sort(found["id"])))) if count > MOST_AGENTS else 0
+        columns[name] = _checked(name, column, where)
+    agents = (
+        1 + int(np.count_nonzero(np.diff(np.sort(columns["id"])))) if count > MOST_AGENTS else 0
+    )
     if agents > MOST_AGENTS:
         raise CrowdError(
             f"The file {where} has {agents:,} agents: a crowd has at most {MOST_AGENTS:,}."
         )
     check_rate(rows.rate, where)
-    return replace(rows, **found)
+    return replace(rows, **columns)
 
 
 def check_rate(rate: float, where: str) -> None:

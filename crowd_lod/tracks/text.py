@@ -16,7 +16,7 @@ import numpy as np
 from ..errors import CrowdError
 from ..progress import breath
 from .layout import ENDS, LONGEST_LINE, Table, layout_of, long_line, split_row
-from .order import numbered, order_by
+from .order import number_ids, order_by
 from .rows import GREATEST, RATES, Rows, check_range, check_rate
 
 BYTES_AT_ONCE = 2**20  # bytes that are read at a time
@@ -25,7 +25,7 @@ TURN = 2 * np.pi
 
 
 def read_text(data: bytearray, where: str, tell: Callable[[float], None] = lambda _: None) -> Rows:
-    """Return the rows of the text `data`, in UTF-8, as they are: check_rows has not seen them.
+    """Return the unchecked rows of the text `data`, in UTF-8 (see check_rows).
 
     where: the file, for messages.
     tell: called with the progress, 0 to 1.
@@ -36,12 +36,12 @@ def read_text(data: bytearray, where: str, tell: Callable[[float], None] = lambd
     table = layout_of(data, where)
     parts: dict[str, list[np.ndarray]] = {name: [] for name in table.columns}
     commas: set[bool] = set()
-    done = table.begins
+    position = table.begins
     for part, line in _parts(data, table.begins, where):
         for name, values in _values(part, table, where, line, commas).items():
             parts[name].append(values)
-        done += len(part)
-        tell(done / len(data))
+        position += len(part)
+        tell(position / len(data))
         breath()
     columns: dict[str, Any] = {
         name: np.concatenate(values) if values else np.empty(0) for name, values in parts.items()
@@ -190,14 +190,12 @@ def _numbers_alone(lines: list[str], table: Table) -> dict[str, np.ndarray] | No
 
 
 def _without_nobodies(lines: list[str], table: Table) -> list[str]:
-    """Return `lines` with those left empty that have neither id nor place, as SUMO's times without
-    a person.
-    """
-    told = [table.columns[name] for name in ("id", "x", "y")]
+    """Return `lines`, empty where a row has neither id nor place, as SUMO's times without a person."""
+    places = [table.columns[name] for name in ("id", "x", "y")]
 
     def tells(line: str) -> bool:
         values = split_row(line, table.split)
-        return len(values) != table.width or any(values[place].strip() for place in told)
+        return len(values) != table.width or any(values[place].strip() for place in places)
 
     return [line if tells(line) else "" for line in lines]
 
@@ -302,7 +300,7 @@ def _step(columns: dict[str, Any]) -> float:
     """
     if not ((columns["id"] == np.rint(columns["id"])) & (np.abs(columns["id"]) < 2.0**53)).all():
         return np.inf
-    ids, agent = numbered(columns["id"].astype(np.int64))
+    ids, agent = number_ids(columns["id"].astype(np.int64))
     order = order_by(agent, order_by(columns["frame"]))
     same = np.diff(agent[order]) == 0
     if not same.any():

@@ -30,7 +30,7 @@ class Tracks:
     paces: (P,) float64 m/s.
     phased: whether TrackSamples.way counts cycles.
     group: (n,) whole numbers or texts, what the file tells of each agent's group, or None.
-    told: a sentence on the file.
+    note: a sentence on the file.
     meters: in the unit of its lengths, see in_units.
     """
 
@@ -42,7 +42,7 @@ class Tracks:
     paces: np.ndarray
     phased: bool
     group: np.ndarray | None
-    told: str
+    note: str
     meters: float = 1.0
 
     def in_units(self, meters: float) -> "Tracks":

@@ -13,7 +13,7 @@ from ..crowd.state_machine import StateMachine
 from .exact_behavior import ExactPlaces
 
 
-def listing(crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float) -> Crowd:
+def step_by_listing(crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float) -> Crowd:
     """Return the crowd after one step of listing 1.1 to the letter, for comparison.
 
     One read and one move of any length, through walls too, clamped to the map, without timers.
@@ -57,7 +57,7 @@ class Convergence:
         )
 
 
-def convergence(
+def measure_convergence(
     crowd: Crowd,
     machine: StateMachine,
     world: LabelMap,
@@ -67,9 +67,9 @@ def convergence(
 ) -> Convergence:
     """Measure the position error against the judge's limit of ever shorter steps.
 
-    limit: where the agents are in the end, from follow_exactly.
+    limit: the places in the end, from follow_exactly.
     steps: numbers of equal steps to try.
-    method: `step` or `listing`.
+    method: `step` or `step_by_listing`.
 
     Agents that chatter, and those on which the judge gave up, are left out. On a map that wraps,
     the shorter way round counts.
@@ -92,7 +92,7 @@ def convergence(
     return Convergence(seconds / np.array(steps), median, mean, worst, apart, int(compared.sum()))
 
 
-def drift(
+def measure_drift(
     dtype: type[np.floating] = np.float64,
     steps: int = 1_000_000,
     agents: int = 64,

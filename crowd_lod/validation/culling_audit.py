@@ -12,7 +12,7 @@ from ..crowd.agents import Crowd
 from ..culling.camera import Camera, crop, referential, window
 from ..culling.frustum import ROUNDING
 from ..culling.radar import radar
-from .exact_frustum import depth_error, gap, scatter, seen
+from .exact_frustum import depth_error, find_visible, gap, scatter
 
 # name: kind of camera, range of log10 of the fitted side (slope or meters), largest lens shift
 LENSES = {
@@ -31,15 +31,15 @@ EXACT_DEPTHS = 50  # agents a check whose distance is compared with exact arithm
 
 @dataclass(frozen=True)
 class Verdict:
-    """The result of `check`.
+    """The result of `judge_culling`.
 
-    pairs: of camera and agent.
+    pairs: of camera and agent. All other counts are of these pairs.
     visible: truly visible, by exact planes.
     kept: by the culling.
     missed: visible and not kept.
     surplus: kept and not visible.
-    grazing: those of the surplus that lie within roundings of a plane.
-    beside: visible by the planes, but at an edge or corner the sphere misses the frustum's body.
+    grazing: part of the surplus, within roundings of a plane.
+    beside: visible by the planes, but the sphere misses the frustum's body at an edge or corner.
     doubtful: pairs that only exact arithmetic could decide, not float64.
     depth_error: the largest error of a distance, as a part of the bound that `assign` states
         (levels/assignment.py).
@@ -62,7 +62,7 @@ class Verdict:
         return Verdict(**sums | {"depth_error": max(self.depth_error, other.depth_error)})
 
 
-def standing(points: np.ndarray, group: np.ndarray | None = None) -> Crowd:
+def standing_crowd(points: np.ndarray, group: np.ndarray | None = None) -> Crowd:
     """Return a crowd that stands at the points (n, 3).
 
     group: (n,) uint8; group 0 for all if None.
@@ -73,15 +73,17 @@ def standing(points: np.ndarray, group: np.ndarray | None = None) -> Crowd:
     return Crowd(x, y, z, still, none, none if group is None else group, none)
 
 
-def check(camera: Camera, points: np.ndarray, radius: np.ndarray, group: np.ndarray) -> Verdict:
+def judge_culling(
+    camera: Camera, points: np.ndarray, radius: np.ndarray, group: np.ndarray
+) -> Verdict:
     """Return the verdict on the culling of spheres of radius[group] at the points.
 
     points: (n, 3) world meters.
     radius: (G,) meters.
     group: (n,) uint8.
     """
-    visible, distance = radar(standing(points, group), camera, np.zeros(len(radius)), radius)
-    truly, doubtful = seen(camera, points, radius[group])
+    visible, distance = radar(standing_crowd(points, group), camera, np.zeros(len(radius)), radius)
+    truly, doubtful = find_visible(camera, points, radius[group])
     beside = 0
     if camera.kind != "PANO":
         beside = int((gap(camera, points[truly]) > radius[group][truly]).sum())
@@ -160,5 +162,7 @@ def _audits(
         count = min(pairs, agents)
         radius = 10.0 ** random.uniform(-3, 1.5, 8)
         group = random.integers(len(radius), size=count, dtype=np.uint8)
-        yield check(camera, scatter(camera, radius[group], random, on_planes), radius, group)
+        yield judge_culling(
+            camera, scatter(camera, radius[group], random, on_planes), radius, group
+        )
         pairs -= count

@@ -23,9 +23,9 @@ from ..culling.camera import Camera
 from ..culling.frustum import frustum_of
 from ..culling.radar import RadarOptions, radar
 from ..levels.assignment import LevelPolicy, assign, limits
-from .convergence import convergence, drift, listing
+from .convergence import measure_convergence, measure_drift, step_by_listing
 from .exact_behavior import follow_exactly
-from .exact_frustum import seen
+from .exact_frustum import find_visible
 
 MARGINS = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)  # meters of fixed Delta
 # meters by which crowd and camera are moved together, to show what float32 loses far out
@@ -33,12 +33,14 @@ OFFSETS = (0.0, 1e5)
 LEVEL_OFFSETS = (*OFFSETS, 1e6, 1e7)
 SAMPLES = 100  # distances a view that are compared with exact arithmetic
 View = tuple[Crowd, tuple[Camera, ...]]
-# of behavior: a step of so many seconds
+# a step of behavior: crowd, table, map, seconds
 Method = Callable[[Crowd, StateMachine, LabelMap, float], Crowd]
-Found = TypeVar("Found")
+# name, precision, meters of a fixed Delta, and the function of a view to a mask (n,) bool
+CullingMethod = tuple[str, str, float | None, Callable[[View], np.ndarray]]
+Result = TypeVar("Result")
 
 
-def timed(run: Callable[[], object], repeats: int) -> dict[str, float]:
+def time_runs(run: Callable[[], object], repeats: int) -> dict[str, float]:
     """Return the median, least and most milliseconds of `repeats` runs.
 
     The keys are "ms", "ms_least" and "ms_most". One run before them does not count.
@@ -52,18 +54,18 @@ def timed(run: Callable[[], object], repeats: int) -> dict[str, float]:
     return {"ms": float(np.median(spent)), "ms_least": min(spent), "ms_most": max(spent)}
 
 
-def each(views: Sequence[View], method: Callable[[View], Found]) -> list[Found]:
-    """What the method finds in each of the views."""
+def map_views(views: Sequence[View], method: Callable[[View], Result]) -> list[Result]:
+    """Return the result of the method for each of the views."""
     return [method(view) for view in views]
 
 
-def some(crowd: Crowd, most: int) -> Crowd:
-    """Return the crowd, or `most` of its agents, evenly taken, if there are more."""
-    chosen = np.linspace(0, len(crowd) - 1, min(len(crowd), most)).round().astype(np.intp)
-    return crowd.of(chosen)
+def thin_out(crowd: Crowd, most: int) -> Crowd:
+    """Return the crowd if it has at most `most` agents, else so many, evenly spaced by index."""
+    indices = np.linspace(0, len(crowd) - 1, min(len(crowd), most)).round().astype(np.intp)
+    return crowd.of(indices)
 
 
-def behavior(
+def compare_behavior(
     crowd: Crowd,
     machine: StateMachine,
     world: LabelMap,
@@ -71,11 +73,13 @@ def behavior(
     frames: int = 48,
     repeats: int = 7,
 ) -> Iterator[dict]:
-    """Yield rows of `step`, `listing` and the exact walk, each timed and judged.
+    """Yield rows of `step`, `step_by_listing` and the exact walk, each timed and judged.
 
-    They run for `frames` frames of `frame` seconds. `step` and `listing` take from an eighth as
-    many steps as frames to eight times as many. The exact walk runs frame by frame and in one go,
-    whose dt_s is 0. The reference is the slow judge. The default takes one step per frame.
+    The reference is the slow judge. The default of the product is `step`, one step per frame.
+    frame: seconds of a frame.
+    frames: how many frames the crowd walks. `step` and `step_by_listing` are tried with an eighth as many
+        steps to eight times as many. The exact walk is tried frame by frame, and in one go, a row
+        whose dt_s is 0.
     ms: per second of the scene.
     """
     seconds = frames * frame
@@ -86,44 +90,45 @@ def behavior(
 
     methods: tuple[tuple[str, Method, list[int]], ...] = (
         ("step", step, counts),
-        ("listing", listing, counts),
+        ("listing", step_by_listing, counts),
         ("exact walk, frame by frame", exact_walk, [frames]),
         ("exact walk", exact_walk, [1]),
     )
     limit = follow_exactly(crowd, machine, world, seconds, limit=True)
-    for name, method, tried in methods:
-        found = convergence(crowd, machine, world, limit, tried, method)
-        for k, count in enumerate(tried):
+    for name, method, step_counts in methods:
+        errors_by_step = measure_convergence(crowd, machine, world, limit, step_counts, method)
+        for k, count in enumerate(step_counts):
 
             def run(method: Method = method, count: int = count) -> None:
                 moved = crowd
                 for _ in range(count):
                     moved = method(moved, machine, world, seconds / count)
 
-            spent = {key: ms / seconds for key, ms in timed(run, repeats).items()}
+            spent = {key: ms / seconds for key, ms in time_runs(run, repeats).items()}
             errors = {
-                f"{key}_m": float(getattr(found, key)[k]) for key in ("median", "mean", "worst")
+                f"{key}_m": float(getattr(errors_by_step, key)[k])
+                for key in ("median", "mean", "worst")
             }
             default = name == "step" and count == frames
-            more = {
-                "apart": float(found.apart[k]),
-                "order": found.order,
-                "agents": found.agents,
+            details = {
+                "apart": float(errors_by_step.apart[k]),
+                "order": errors_by_step.order,
+                "agents": errors_by_step.agents,
                 "default": int(default),
             }
             dt = 0.0 if name == "exact walk" else seconds / count
-            yield {"method": name, "dt_s": dt, **spent, **errors, **more}
+            yield {"method": name, "dt_s": dt, **spent, **errors, **details}
 
 
 def drifts(most: int = 1_000_000) -> Iterator[dict]:
-    """Yield rows of `drift` (convergence.py), at most `most` steps each.
+    """Yield rows of `measure_drift` (convergence.py), for 10,000 steps and more, `most` at most.
 
-    A row has the precision, the meters from the origin, the steps, and the mean and worst error.
+    A row has the precision, meters from the origin, steps, and the mean and worst error in meters.
     """
     for offset in (0.0, 1e4):
         for dtype in (np.float32, np.float64):
             for steps in (n for n in (10_000, 100_000, 1_000_000) if n <= most):
-                mean, worst = drift(dtype, steps, offset=offset)
+                mean, worst = measure_drift(dtype, steps, offset=offset)
                 yield {
                     "precision": dtype.__name__,
                     "offset_m": offset,
@@ -134,14 +139,14 @@ def drifts(most: int = 1_000_000) -> Iterator[dict]:
 
 
 def pinhole(camera: Camera) -> Camera:
-    """Return the camera as validation/exact_frustum.py judges it.
+    """Return the camera as validation/exact_frustum.py judges it: planes without any margin.
 
-    Without blur and pixel filter; a panoramic one without its cone.
+    Blur and pixel filter add nothing, and a panoramic camera sees in all directions.
     """
     return replace(camera, pad=0.0, turn=0.0, filtered=0.0, cone=np.pi)
 
 
-def moved(view: View, offset: float) -> View:
+def move_view(view: View, offset: float) -> View:
     """Return the view with crowd and cameras moved `offset` meters along x and y."""
     crowd, cameras = view
     shift = np.array([offset, offset, 0.0])
@@ -150,12 +155,13 @@ def moved(view: View, offset: float) -> View:
     )
 
 
-def relative(crowd: Crowd, camera: Camera, center: np.ndarray, way: str) -> tuple[np.ndarray, ...]:
-    """Return v = p - c of the spheres' centers: EXPERIMENT, for the report alone.
+def subtract_origin(
+    crowd: Crowd, camera: Camera, center: np.ndarray, way: str
+) -> tuple[np.ndarray, ...]:
+    """Return v = p - c of the spheres' centers in a way of WAYS: x, y and z, (n,) meters each.
 
-    Three arrays (n,).
-    way: "float64"; "float32 relative" narrows to float32 after the difference, "float32 world"
-        before it.
+    An experiment for the report alone.
+    way: "float32 relative" rounds to float32 after the difference, "float32 world" before it.
     """
     if way == "float32 world":
         return tuple(
@@ -169,15 +175,15 @@ def relative(crowd: Crowd, camera: Camera, center: np.ndarray, way: str) -> tupl
 WAYS = ("float64", "float32 relative", "float32 world")
 
 
-def plain(view: View, center: np.ndarray, radius: np.ndarray, way: str) -> np.ndarray:
-    """Return (n,) bool, visible by the six planes: EXPERIMENT, for the report alone.
+def cull_by_planes(view: View, center: np.ndarray, radius: np.ndarray, way: str) -> np.ndarray:
+    """Return which agents the six planes leave, (n,) bool, without a bound on rounding.
 
-    With the derived Delta, and without a bound on rounding.
+    An experiment for the report alone. Delta is derived from the radii.
     """
     crowd, cameras = view
     mask = np.zeros(len(crowd), bool)
     for camera in cameras:
-        v = relative(crowd, camera, center, way)
+        v = subtract_origin(crowd, camera, center, way)
         kind = v[0].dtype
         r = radius.astype(v[0].dtype)[crowd.group]
         frustum = frustum_of(camera)
@@ -190,7 +196,7 @@ def plain(view: View, center: np.ndarray, radius: np.ndarray, way: str) -> np.nd
     return mask
 
 
-def culling(
+def compare_culling(
     views: Sequence[View],
     center: np.ndarray,
     radius: np.ndarray,
@@ -199,95 +205,112 @@ def culling(
 ) -> Iterator[dict]:
     """Yield rows of the culling of all `views`, each timed and judged.
 
-    Methods: the derived Delta, fixed ones, exact planes; float32 and float64 without a bound on
-        rounding.
+    center, radius: (G,) meters, of the groups' bounding spheres.
+    margin: meters of the scene's Delta; its row is marked as the default. None: derived.
     missed, surplus: agents per view, against exact arithmetic.
     ms: per view.
-    margin: that of the scene; its row is marked as the default.
     """
     views = [(crowd, tuple(map(pinhole, cameras))) for crowd, cameras in views]
-
-    def exactly(view: View) -> np.ndarray:
-        crowd, cameras = view
-        points = np.stack(crowd.places(center), axis=1)
-        return np.logical_or.reduce(
-            [seen(camera, points, radius[crowd.group])[0] for camera in cameras]
-        )
-
-    def derived(view: View, delta: float | None = None) -> np.ndarray:
-        return radar(*view, center, radius, RadarOptions(delta))[0]
-
-    flat = all(camera.kind != "PANO" for _, cameras in views for camera in cameras)
-    fixed = MARGINS if margin is None or margin in MARGINS else (*MARGINS, margin)
+    exactly = partial(_cull_exactly, center=center, radius=radius)
     for offset in OFFSETS:
-        there = [moved(view, offset) for view in views] if offset else views
-        truth = each(there, exactly)
-        methods: list[tuple[str, str, float | None, Callable[[View], np.ndarray]]] = [
-            ("derived Delta", "float64", None, derived)
-        ]
-        if flat:
-            about = partial(plain, center=center, radius=radius)
-            methods += [
-                ("six planes, no bound", way, None, partial(about, way=way)) for way in WAYS
-            ]
-        if not offset:
-            methods += (
-                [("fixed Delta", "float64", d, partial(derived, delta=d)) for d in fixed]
-                if flat
-                else []
-            )
-            methods += [("exact planes", "rational", None, exactly)]
-        for name, precision, delta, method in methods:
-            masks = each(there, method)
-            missed = sum(int((want & ~got).sum()) for want, got in zip(truth, masks, strict=True))
-            surplus = sum(int((got & ~want).sum()) for want, got in zip(truth, masks, strict=True))
-            spent = timed(partial(each, there, method), repeats)
-            spent = {key: ms / len(there) for key, ms in spent.items()}
-            default = not offset and (
+        moved_views = [move_view(view, offset) for view in views] if offset else views
+        count = len(moved_views)
+        truth = map_views(moved_views, exactly)
+        for name, precision, delta, method in _culling_methods(
+            views, center, radius, margin, offset
+        ):
+            masks = map_views(moved_views, method)
+            pairs = list(zip(truth, masks, strict=True))
+            missed = sum(int((visible & ~kept).sum()) for visible, kept in pairs)
+            surplus = sum(int((kept & ~visible).sum()) for visible, kept in pairs)
+            spent = time_runs(partial(map_views, moved_views, method), repeats)
+            is_default = not offset and (
                 name == "derived Delta" if margin is None else delta == margin
             )
-            counts = {"missed": missed / len(there), "surplus": surplus / len(there)}
-            where = {
+            yield {
                 "method": name,
                 "precision": precision,
                 "delta_m": "" if delta is None else delta,
                 "offset_m": offset,
+                **{key: ms / count for key, ms in spent.items()},
+                "missed": missed / count,
+                "surplus": surplus / count,
+                "visible": sum(int(mask.sum()) for mask in truth) / count,
+                "default": int(is_default),
             }
-            yield {
-                **where,
-                **spent,
-                **counts,
-                "visible": sum(int(t.sum()) for t in truth) / len(there),
-                "default": int(default),
-            }
+
+
+def _culling_methods(
+    views: Sequence[View],
+    center: np.ndarray,
+    radius: np.ndarray,
+    margin: float | None,
+    offset: float,
+) -> list[CullingMethod]:
+    """Return the ways to cull that are compared, for views moved by `offset` meters.
+
+    Fixed Deltas and exact planes are tried at the origin alone. Panoramic cameras have no planes.
+    """
+    exactly = partial(_cull_exactly, center=center, radius=radius)
+    by_radar = partial(_cull_by_radar, center=center, radius=radius)
+    by_planes = partial(cull_by_planes, center=center, radius=radius)
+    has_planes = all(camera.kind != "PANO" for _, cameras in views for camera in cameras)
+    deltas = MARGINS if margin is None or margin in MARGINS else (*MARGINS, margin)
+    methods: list[CullingMethod] = [("derived Delta", "float64", None, by_radar)]
+    if has_planes:
+        methods += [
+            ("six planes, no bound", way, None, partial(by_planes, way=way)) for way in WAYS
+        ]
+    if has_planes and not offset:
+        methods += [
+            ("fixed Delta", "float64", delta, partial(by_radar, delta=delta)) for delta in deltas
+        ]
+    if not offset:
+        methods += [("exact planes", "rational", None, exactly)]
+    return methods
+
+
+def _cull_exactly(view: View, center: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    crowd, cameras = view
+    points = np.stack(crowd.places(center), axis=1)
+    return np.logical_or.reduce(
+        [find_visible(camera, points, radius[crowd.group])[0] for camera in cameras]
+    )
+
+
+def _cull_by_radar(
+    view: View, center: np.ndarray, radius: np.ndarray, delta: float | None = None
+) -> np.ndarray:
+    return radar(*view, center, radius, RadarOptions(delta))[0]
 
 
 def exact_limits(policy: LevelPolicy, camera: Camera, radius: np.ndarray) -> list[list[F]]:
     """Return `limits` of levels/assignment.py without rounding, one list per group.
 
-    PIXELS: for cameras that are not orthographic. Tolerance and `finest` of the policy do not
-        count.
+    Tolerance and `finest` of the policy do not count. By the metric PIXELS an orthographic camera
+    has no such distances.
     """
     rows = []
     for g, r in enumerate(radius.tolist()):
-        own = dict(enumerate(policy.group_thresholds)).get(g) or policy.thresholds
+        thresholds = dict(enumerate(policy.group_thresholds)).get(g) or policy.thresholds
         if policy.metric == "PIXELS":
-            rows.append([F(float(camera.pixels_per_unit)) * 2 * F(r) / F(t) for t in own])
+            rows.append([F(float(camera.pixels_per_unit)) * 2 * F(r) / F(t) for t in thresholds])
         else:
-            rows.append([F(float(camera.far)) * F(t) for t in own])
+            rows.append([F(float(camera.far)) * F(t) for t in thresholds])
     return rows
 
 
 def exact_levels(
     crowd: Crowd, camera: Camera, center: np.ndarray, steps: list[list[F]], radial: bool
 ) -> np.ndarray:
-    """Return (n,) uint8: LOD ids, by rational arithmetic where float64 cannot decide.
+    """Return exact LOD ids, (n,) uint8.
 
-    Float64 decides where its bound on rounding allows.
+    Rational arithmetic decides for agents whose distance is within float64's bound on rounding of
+    a step; float64 decides for the others.
     steps: from `exact_limits`.
     radial: distance from the camera, not along the view.
     """
-    v = relative(crowd, camera, center, "float64")
+    v = subtract_origin(crowd, camera, center, "float64")
     distance = (
         np.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2)
         if radial
@@ -315,7 +338,7 @@ def _vector(crowd: Crowd, camera: Camera, center: np.ndarray, i: int) -> list[F]
 
 
 def exact_distance(crowd: Crowd, camera: Camera, center: np.ndarray, i: int, radial: bool) -> F:
-    """Return the exact distance of agent i; with `radial` to 40 digits."""
+    """Return the exact distance of agent i in meters; to 40 digits if it is `radial`."""
     v = _vector(crowd, camera, center, i)
     if not radial:
         return sum((p * F(float(q)) for p, q in zip(v, camera.Z, strict=True)), F(0))
@@ -325,7 +348,7 @@ def exact_distance(crowd: Crowd, camera: Camera, center: np.ndarray, i: int, rad
         return F((Decimal(square.numerator) / Decimal(square.denominator)).sqrt())
 
 
-def levels(
+def compare_levels(
     views: Sequence[View],
     center: np.ndarray,
     radius: np.ndarray,
@@ -335,24 +358,25 @@ def levels(
 ) -> Iterator[dict]:
     """Yield rows of the distances and LODs of all agents, each timed and judged.
 
-    Of each of `views` the first camera counts, with each policy.
+    views: only the first camera of each counts.
+    policies: each is tried in each view.
+    metric: of the scene; its row is marked as the default.
     differ, differ_ppm: ids that differ from exact arithmetic, and how many of a million.
     worst_m: the largest error of a distance, meters.
     ms: per view.
-    metric: that of the scene; its row is marked as the default.
     """
     for policy in policies:
         kinds = {cameras[0].kind for _, cameras in views}
         if policy.metric == "PIXELS" and "ORTHO" in kinds:
             continue  # one LOD a group, at any distance
         for offset in LEVEL_OFFSETS:
-            there = [moved((crowd, cameras[:1]), offset) for crowd, cameras in views]
+            moved_views = [move_view((crowd, cameras[:1]), offset) for crowd, cameras in views]
             for way in WAYS:
                 method = partial(_levels, center=center, radius=radius, policy=policy, way=way)
-                found = each(there, method)
+                results = map_views(moved_views, method)
                 wrong = 0
                 worst = 0.0
-                for (crowd, (camera,)), (distance, ids) in zip(there, found, strict=True):
+                for (crowd, (camera,)), (distance, ids) in zip(moved_views, results, strict=True):
                     radial = policy.metric == "RADIAL" or camera.kind == "PANO"
                     truth = exact_levels(
                         crowd, camera, center, exact_limits(policy, camera, radius), radial
@@ -363,9 +387,9 @@ def levels(
                             crowd, camera, center, i, radial
                         )
                         worst = max(worst, abs(float(off)))
-                spent = timed(partial(each, there, method), repeats)
-                spent = {key: ms / len(there) for key, ms in spent.items()}
-                agents = sum(len(crowd) for crowd, _ in there)
+                spent = time_runs(partial(map_views, moved_views, method), repeats)
+                spent = {key: ms / len(moved_views) for key, ms in spent.items()}
+                agents = sum(len(crowd) for crowd, _ in moved_views)
                 default = int(policy.metric == metric and way == "float64" and not offset)
                 errors = {
                     "differ": wrong,
@@ -387,7 +411,7 @@ def _levels(
     view: View, center: np.ndarray, radius: np.ndarray, policy: LevelPolicy, way: str
 ) -> tuple[np.ndarray, np.ndarray]:
     crowd, (camera,) = view
-    x, y, z = relative(crowd, camera, center, way)
+    x, y, z = subtract_origin(crowd, camera, center, way)
     Z = camera.Z.astype(x.dtype)
     bounds = limits(policy, camera, radius).astype(x.dtype)
     radial = policy.metric == "RADIAL" or camera.kind == "PANO"

@@ -1,8 +1,8 @@
 """The judge of behavior: agents walk one by one, cell by cell, in rational arithmetic.
 
-Slow and plain. It has the state machine's table, the map and the random draws in common with
-`behavior`, and not a line of its steps. Nothing is rounded, so no place on a border is ever in
-doubt, and an agent that comes back to where it was is known to go on in rounds.
+Slow and plain. It shares the state machine's table, the map and the random draws with `behavior`,
+but no line of its steps. Nothing is rounded. So a place is on a border or not, without doubt, and
+an agent that returns to exactly where it was must repeat its way for ever.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from ..crowd.agents import Crowd
 from ..crowd.maps import LabelMap
 from ..crowd.state_machine import StateMachine
 
-# Pieces of a step after which the judge gives up: numbers that are never rounded grow with each.
+# The judge gives up after so many pieces of a step: unrounded fractions get longer with each piece.
 MOST_PIECES = 1_000
 # how a step ends
 ARRIVED = "arrived"
@@ -30,8 +30,8 @@ class ExactPlaces:
 
     x, y: (n,) float64, world meters, the exact places rounded once.
     state: (n,) uint8.
-    chatters: (n,) bool, agents whose state changes for ever in one place, so that time cannot go
-        on. Their place is exact, their state any of those that they change to.
+    chatters: (n,) bool, agents whose state changes without end in one place, in no time. Their
+        place is exact; their state is any of those that take turns.
     unknown: (n,) bool, agents on which the judge gave up; their other values mean nothing.
     """
 
@@ -53,8 +53,9 @@ def follow_exactly(
 ) -> ExactPlaces:
     """Return where the agents of `crowd` are after `steps` steps of `seconds` each.
 
-    limit: take the limit of ever shorter steps instead. An agent whose state changes then reads the
-        table again before it walks, unless the rule takes it over the border on which it stands.
+    limit: take the limit of ever shorter steps instead. An agent then reads the table again as soon
+        as its state changes, before it walks, unless its velocity takes it over the border on which
+        it stands.
     """
     rules = Rules(machine, world)
     agents = [ExactAgent(crowd, i, rules) for i in range(len(crowd))]
@@ -170,7 +171,7 @@ class ExactAgent:
                 int(self.key[0]),
             )
             if condition in rest_before:
-                # all that its way depends on is as it was: the same follows again and again
+                # All that determines its way is as before, so the same round repeats.
                 round_trip = rest_before[condition] - rest
                 if round_trip == 0:
                     self.wait = None if self.wait is None else self.wait - rest

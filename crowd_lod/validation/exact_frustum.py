@@ -44,17 +44,21 @@ def _planes(camera: Camera, number: Callable[[float], Number]) -> list[tuple[lis
     """
     X, Y, Z = ([number(float(q)) for q in axis] for axis in (camera.X, camera.Y, camera.Z))
     w = camera.window
-    found = [([-z for z in Z], -number(float(camera.near))), (Z, number(float(camera.far)))]
+    planes = [([-z for z in Z], -number(float(camera.near))), (Z, number(float(camera.far)))]
     for axis, sign, side in ((X, 1, w.right), (X, -1, w.left), (Y, 1, w.top), (Y, -1, w.bottom)):
         edge = number(float(side))
         if camera.kind == "ORTHO":
-            found.append(([sign * q for q in axis], sign * edge))
+            planes.append(([sign * q for q in axis], sign * edge))
         else:
-            found.append(([sign * (q - edge * z) for q, z in zip(axis, Z, strict=True)], number(0)))
-    return found
+            planes.append(
+                ([sign * (q - edge * z) for q, z in zip(axis, Z, strict=True)], number(0))
+            )
+    return planes
 
 
-def seen(camera: Camera, centers: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def find_visible(
+    camera: Camera, centers: np.ndarray, radius: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Return (mask, doubtful), each (n,) bool: `sees` for many spheres.
 
     doubtful: spheres that float64 could not decide and rational arithmetic did. Each plane is
@@ -184,10 +188,10 @@ def scatter(
     pick = np.where(random.random(count) < on_planes, random.integers(len(walls), size=count), -1)
     for k, (wall, offset) in enumerate(walls):
         normal = np.array(wall)
-        mine = pick == k
+        on_plane = pick == k
         length = np.linalg.norm(normal)
-        step = radius[mine] - (v[mine] @ normal - offset) / length
-        v[mine] += (step * (1 + random.normal(size=mine.sum()) * 1e-16))[:, None] * (
+        step = radius[on_plane] - (v[on_plane] @ normal - offset) / length
+        v[on_plane] += (step * (1 + random.normal(size=on_plane.sum()) * 1e-16))[:, None] * (
             normal / length
         )
     return camera.origin + v

@@ -12,7 +12,7 @@ from ..culling.radar import lost, radar, refuse_lost
 from ..errors import CrowdError
 from ..format import aligned
 from ..levels.assignment import LevelPolicy, assign, limits
-from .culling_audit import Verdict, check, standing
+from .culling_audit import Verdict, judge_culling, standing_crowd
 from .exact_frustum import scatter
 
 # the camera, points (n, 3), radius (G,), group (n,)
@@ -116,41 +116,41 @@ def cases(most: int = 10_000_000) -> tuple[Case, ...]:
         for x in (-y, y, 0.0)
         for z in (-y, y, 0.0)
     ]
-    on = [(0, 0, 0), (0, 101, 0), *((x, y, 0) for y in (10.0, 50.0) for x in (-y, y))]
-    found = [(f"world offset {o:.0e} m", _spread(camera_of(offset=o))) for o in (1e4, 1e6, 1e8)]
-    found += [("clip 1e-6 to 1e9 m", _spread(camera_of(near=1e-6, far=1e9)))]
-    found += [
+    on_planes = [(0, 0, 0), (0, 101, 0), *((x, y, 0) for y in (10.0, 50.0) for x in (-y, y))]
+    makers = [(f"world offset {o:.0e} m", _spread(camera_of(offset=o))) for o in (1e4, 1e6, 1e8)]
+    makers += [("clip 1e-6 to 1e9 m", _spread(camera_of(near=1e-6, far=1e9)))]
+    makers += [
         (f"field of view {fov:g} degrees", _spread(camera_of(fov=fov))) for fov in (0.01, 179.9)
     ]
-    found += [("characters of 1 mm", _spread(camera_of(near=1e-4, far=1.0), radii=(5e-4,)))]
-    found += [("characters of 1 km", _spread(camera_of(far=20_000.0), radii=(500.0,)))]
-    found += [
+    makers += [("characters of 1 mm", _spread(camera_of(near=1e-4, far=1.0), radii=(5e-4,)))]
+    makers += [("characters of 1 km", _spread(camera_of(far=20_000.0), radii=(500.0,)))]
+    makers += [
         (
             "camera inside an agent",
             _at(camera_of(), [(0, 0, 0), (0.5, 0, 0), (0, -0.99, 0), (0, -1.2, 0)]),
         )
     ]
-    found += [
+    makers += [
         ("straight down", _spread(camera_of(direction=(0, 0, -1)))),
         ("straight up", _spread(camera_of(direction=(0, 0, 1)))),
     ]
-    found += [
-        ("exactly on planes", _at(_axes(100.0), on)),
+    makers += [
+        ("exactly on planes", _at(_axes(100.0), on_planes)),
         ("exactly on thresholds", _at(_axes(100.0), steps)),
     ]
     tiny = 5e-324 * np.array([[1, 1, 1], [3, 2, 0], [0, 7, 1], [-1, 1e10, 2]])
-    found += [("denormals", _at(replace(camera_of(), near=0.0), tiny, 5e-324))]
-    found += [("spheres of 1e9 m (huge Delta)", _spread(camera_of(), radii=(1e9,)))]
-    found += [("no agents", _at(camera_of(), [])), ("one agent", _at(camera_of(), [(3, 9, -2)]))]
-    found += [
+    makers += [("denormals", _at(replace(camera_of(), near=0.0), tiny, 5e-324))]
+    makers += [("spheres of 1e9 m (huge Delta)", _spread(camera_of(), radii=(1e9,)))]
+    makers += [("no agents", _at(camera_of(), [])), ("one agent", _at(camera_of(), [(3, 9, -2)]))]
+    makers += [
         ("all agents in one point", _at(camera_of(), np.tile([[9.0, 27.0, -6.0]], (5000, 1))))
     ]
-    found += [
+    makers += [
         ("orthographic", _spread(camera_of(40.0, kind="ORTHO"))),
         ("panoramic", _spread(camera_of(kind="PANO"))),
     ]
-    found += [(f"{most:,} agents", _plain(most))]
-    return tuple(Case(name, make) for name, make in found)
+    makers += [(f"{most:,} agents", _plain(most))]
+    return tuple(Case(name, make) for name, make in makers)
 
 
 def table(most: int = 10_000_000, seed: int = 0) -> Iterator[Row]:
@@ -160,7 +160,7 @@ def table(most: int = 10_000_000, seed: int = 0) -> Iterator[Row]:
     """
     for case in cases(most):
         camera, points, radius, group = case.make(np.random.default_rng(seed))
-        crowd = standing(points, group)
+        crowd = standing_crowd(points, group)
         started = clock.perf_counter()
         visible, distance = radar(crowd, camera, np.zeros(len(radius)), radius)
         policy = LevelPolicy((0.1, 0.15, 0.4, 1.0))
@@ -168,7 +168,7 @@ def table(most: int = 10_000_000, seed: int = 0) -> Iterator[Row]:
         spent = 1000 * (clock.perf_counter() - started)
         parts = (slice(begin, begin + PART) for begin in range(0, len(points), PART))
         verdict = sum(
-            (check(camera, points[part], radius, group[part]) for part in parts), Verdict()
+            (judge_culling(camera, points[part], radius, group[part]) for part in parts), Verdict()
         )
         levels = np.bincount(ids[visible], minlength=policy.count)
         yield Row(case.name, verdict, spent, "visible by LOD " + " ".join(f"{n:,}" for n in levels))
@@ -178,8 +178,8 @@ def table(most: int = 10_000_000, seed: int = 0) -> Iterator[Row]:
 def _lost(seed: int) -> Row:
     camera, points, radius, group = _spread(camera_of())(np.random.default_rng(seed))
     points[[7, 90, 4]] = [[np.nan, 0, 0], [0, np.inf, 0], [0, 0, -np.inf]]
-    crowd = standing(points, group)
-    gone = np.array([4, 7, 90])
+    crowd = standing_crowd(points, group)
+    lost_agents = np.array([4, 7, 90])
     try:
         refuse_lost(lost(crowd), len(crowd))
         note = "not refused"
@@ -188,8 +188,8 @@ def _lost(seed: int) -> Row:
     started = clock.perf_counter()
     visible, _ = radar(crowd, camera, np.zeros(len(radius)), radius)
     spent = 1000 * (clock.perf_counter() - started)
-    kept = np.delete(np.arange(len(points)), gone)
-    verdict = check(camera, points[kept], radius, group[kept])
+    placed = np.delete(np.arange(len(points)), lost_agents)
+    verdict = judge_culling(camera, points[placed], radius, group[placed])
     return Row("NaN and infinity", replace(verdict, kept=int(visible.sum())), spent, note)
 
 

@@ -28,7 +28,7 @@ class Difference:
     rms: float
 
 
-def between(a: np.ndarray, b: np.ndarray) -> Difference:
+def difference_of(a: np.ndarray, b: np.ndarray) -> Difference:
     """Return the difference of two linear pictures (rows, columns, channels) float32.
 
     Values are equal if they compare equal, or if both are NaN.

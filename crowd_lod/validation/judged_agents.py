@@ -27,9 +27,8 @@ class JudgedAgent:
     camera: the eye that is nearest to it.
     window: of that camera, around the agent.
     predicted: pixels by which its LOD shifts its silhouette at most; None if that is not known.
-    allowed: pixels; None if neither a tolerance nor the prediction is known.
-    apart: why it is not held to that, one of PINNED_APART, BLURRED_APART, FADING_APART; "" if it
-    is.
+    allowed: pixels that it may shift; None if neither a tolerance nor the prediction is known.
+    apart: why `allowed` does not bind it: PINNED_APART, BLURRED_APART or FADING_APART; else "".
     """
 
     agent: int
@@ -73,28 +72,35 @@ def choose_agents(
     number: int,
     count: int = JUDGED,
 ) -> list[JudgedAgent]:
-    """Return the agents to be judged: the worst, some by chance, and the worst of those apart.
+    """Return the agents of a frame that are rendered alone and judged.
 
-    agents: (m,) intp, those that the build shows to the camera.
-    levels: (m,) intp, at which LODs.
+    They are `count` each of: those whose LOD is predicted to shift most, others by chance, and the
+    worst of those that stand apart (pinned, blurred or fading). A panoramic camera has none, since
+    its pictures have no crops.
+
+    agents: (m,) intp, that the build shows to the camera.
+    levels: (m,) intp, their LODs.
     tolerance: pixels that LODs may deviate. None where LODs follow from distances alone: they may
         then deviate as far as their bounds predict.
     number: of the frame; with SEED it fixes the draw.
-    count: how many of each.
-
-    None of a panoramic camera, whose pictures have no crops.
     """
     if not len(agents) or any(eye.kind == "PANO" for eye in frame.eyes):
         return []
-    known = _candidates(frame, agents, levels, tolerance)
-    apart = _apart(frame, known)
-    worst_first = np.lexsort((known.depth, -np.nan_to_num(known.pixels, posinf=np.inf)))
-    held = worst_first[[not apart[k] for k in worst_first]]
-    rest = np.random.default_rng((SEED, abs(number))).permutation(held[count:])
-    rest = rest[_of_all_kinds(known.group[rest], known.level[rest])]
-    others = worst_first[[bool(apart[k]) for k in worst_first]]
-    chosen = [*held[:count].tolist(), *rest[:count].tolist(), *others[:count].tolist()]
-    return [_judged(frame, known, k, apart[k]) for k in chosen]
+    candidates = _candidates(frame, agents, levels, tolerance)
+    apart = _apart(frame, candidates)
+    worst_first = np.lexsort((candidates.depth, -np.nan_to_num(candidates.pixels, posinf=np.inf)))
+    judged = worst_first[[not apart[k] for k in worst_first]]
+    drawn_by_chance = np.random.default_rng((SEED, abs(number))).permutation(judged[count:])
+    drawn_by_chance = drawn_by_chance[
+        _of_all_kinds(candidates.group[drawn_by_chance], candidates.level[drawn_by_chance])
+    ]
+    apart_worst_first = worst_first[[bool(apart[k]) for k in worst_first]]
+    indices = [
+        *judged[:count].tolist(),
+        *drawn_by_chance[:count].tolist(),
+        *apart_worst_first[:count].tolist(),
+    ]
+    return [_judged(frame, candidates, k, apart[k]) for k in indices]
 
 
 def _candidates(
@@ -127,50 +133,52 @@ def _candidates(
     return _Candidates(agents, levels, eye, group, center, depth, off, pixels, allowed)
 
 
-def _apart(frame: Frame, known: _Candidates) -> list[str]:
+def _apart(frame: Frame, candidates: _Candidates) -> list[str]:
     """Return for each candidate why it stands apart, "" if it does not."""
     row = np.zeros(len(frame.crowd), np.uint8) if frame.plan_row is None else frame.plan_row
-    row = row[known.agent]
-    pinned = (row & PINNED != 0) & (known.pixels > BEYOND * known.allowed)
-    asked = pinned & (row & EXCEPTED != 0)
-    fading = np.zeros(len(known.agent), bool)
+    row = row[candidates.agent]
+    pinned = (row & PINNED != 0) & (candidates.pixels > BEYOND * candidates.allowed)
+    excepted = pinned & (row & EXCEPTED != 0)
+    fading = np.zeros(len(candidates.agent), bool)
     if frame.crowd.faded is not None:
-        fading = frame.crowd.faded[known.agent] < 1
+        fading = frame.crowd.faded[candidates.agent] < 1
     return np.select(
-        [asked, pinned, fading], [PINNED_APART, BLURRED_APART, FADING_APART], ""
+        [excepted, pinned, fading], [PINNED_APART, BLURRED_APART, FADING_APART], ""
     ).tolist()
 
 
 def _of_all_kinds(group: np.ndarray, level: np.ndarray) -> np.ndarray:
-    """Return an order in which each LOD of each group comes before any comes twice, (m,) intp."""
-    seen: dict[tuple[int, int], int] = {}
-    times = []
+    """Return an order in which every (group, LOD) comes once before any comes twice, (m,) intp."""
+    counts: dict[tuple[int, int], int] = {}
+    occurrence = []
     for kind in zip(group.tolist(), level.tolist(), strict=True):
-        seen[kind] = seen.get(kind, 0) + 1
-        times.append(seen[kind])
-    return np.argsort(times, kind="stable")
+        counts[kind] = counts.get(kind, 0) + 1
+        occurrence.append(counts[kind])
+    return np.argsort(occurrence, kind="stable")
 
 
-def _judged(frame: Frame, known: _Candidates, k: int, apart: str) -> JudgedAgent:
-    camera = frame.eyes[known.eye[k]]
-    group = int(known.group[k])
-    off = float(known.off[k])
+def _judged(frame: Frame, candidates: _Candidates, k: int, apart: str) -> JudgedAgent:
+    camera = frame.eyes[candidates.eye[k]]
+    group = int(candidates.group[k])
+    off = float(candidates.off[k])
     radius = float(frame.trajectory.spheres.radius[group])
-    window = window_around(camera, known.center[k], radius + np.nan_to_num(off))
+    window = window_around(camera, candidates.center[k], radius + np.nan_to_num(off))
     stretch = _stretch(camera, window)
     # the LOD's surface may be nearer to the camera than the character's
     predicted = (
-        float(shown(off, known.depth[k], camera, radius + off)) * stretch if off >= 0 else np.nan
+        float(shown(off, candidates.depth[k], camera, radius + off)) * stretch
+        if off >= 0
+        else np.nan
     )
-    allowed = float(known.allowed[k]) * stretch
-    if predicted > 0 and known.pixels[k] > 0:
-        allowed *= predicted / stretch / float(known.pixels[k])
+    allowed = float(candidates.allowed[k]) * stretch
+    if predicted > 0 and candidates.pixels[k] > 0:
+        allowed *= predicted / stretch / float(candidates.pixels[k])
     if np.isnan(allowed):
         allowed = predicted
     return JudgedAgent(
-        agent=int(known.agent[k]),
+        agent=int(candidates.agent[k]),
         group=group,
-        level=int(known.level[k]),
+        level=int(candidates.level[k]),
         camera=camera,
         window=window,
         predicted=predicted if np.isfinite(predicted) else None,
@@ -180,10 +188,10 @@ def _judged(frame: Frame, known: _Candidates, k: int, apart: str) -> JudgedAgent
 
 
 def _stretch(camera: Camera, window: Window) -> float:
-    """Return how many times as many pixels a length shows at the window's corner as in the middle.
+    """Return by what factor a length looks longer at the window's corner than in the middle.
 
-    A point at p that moves by e to the depth z' moves by (e.XY - s e.Z) / z' in the picture, at the
-    slope s: by sqrt(1 + s^2) at most.
+    A point at slope s that moves by e to depth z' moves by (e.XY - s e.Z) / z' in the picture,
+    which is sqrt(1 + s^2) |e| / z' at most.
     """
     if camera.kind == "ORTHO":
         return 1.0

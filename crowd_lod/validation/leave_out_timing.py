@@ -20,11 +20,11 @@ from ..sources.trajectory import Trajectory
 class Savings:
     """Medians over repeats, in milliseconds.
 
-    full, lean: the four stages of a frame, with one step of behavior, made by itself: what a walk
-        looks ahead serves many frames, and is no part of any item.
-    items: the saving of each part that is left out while those before it are left out already. They
-        add up to about full - lean. The height map is different, as the full pipeline does not have
-        one either: its entry is the cost of the look-up on a level one.
+    full, lean: the four stages of a frame without and with all leave-outs. Behavior is one single
+        step: a walk's look-ahead serves many frames and would hide what an item saves.
+    items: what each item saves when those before it are left out already. Together they are about
+        full - lean. The height map is an exception, as the full pipeline has none either: its entry
+        is the cost of looking up all agents on a level one.
     spread: half of the interquartile range of each. A saving below it is below the clock's
         precision.
     """
@@ -48,10 +48,10 @@ def plan_leaving(
     time: in frames, two or more after the first.
     The other arguments are those of `plan` (frame/frame.py).
     """
-    settled = STILL in leave & trajectory.left_out  # then it follows one that was planned
+    settled = STILL in leave & trajectory.left_out  # a settled crowd needs a planned frame before
     first = time - 2 if settled else time - 1
     shot = trajectory.leaving(leave, first)
-    blocks_at(shot, first)  # one making serves many frames
+    blocks_at(shot, first)  # made before the clock starts, since blocks serve many frames
     if settled:
         plan(shot, camera, policy, time - 1, *more)
     return plan(shot, camera, policy, time, *more)
@@ -77,16 +77,16 @@ def savings(
         behavior, *rest = frame.milliseconds.values()
         return np.array([behavior, sum(rest)]), frame.left_out
 
-    found = set(measured(ALL)[1])
-    order = [item for item in ITEMS if item in found and item not in (STATIC, NO_HEIGHTS)] + [
+    left_out = set(measured(ALL)[1])
+    order = [item for item in ITEMS if item in left_out and item not in (STATIC, NO_HEIGHTS)] + [
         STATIC
-    ] * (STATIC in found)
+    ] * (STATIC in left_out)
     choices = [frozenset(order[:k]) for k in range(len(order) + 1)]
     took = np.array([[measured(leave)[0] for leave in choices] for _ in range(repeats)])
-    # each where it can save anything: the other part is the clock's noise
+    # Only the part in which an item can save anything counts: the other is the clock's noise.
     part = [0 if item.stage == "behavior" else 1 for item in order]
     gained = {item: took[:, k, part[k]] - took[:, k + 1, part[k]] for k, item in enumerate(order)}
-    if NO_HEIGHTS in found:
+    if NO_HEIGHTS in left_out:
         gained[NO_HEIGHTS] = _look_up(trajectory, repeats)
     quarters = {item: np.percentile(gained[item], (25, 50, 75)) for item in ITEMS if item in gained}
     full, lean = np.median(took[:, [0, -1]].sum(axis=2), axis=0)

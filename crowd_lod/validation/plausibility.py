@@ -1,7 +1,7 @@
 """Whether a crowd is plausible: sizes, speeds and heights, judged by arrays alone.
 
-In: arrays in meters and seconds. Out: findings, None where all is as people are. A finding is no
-error, since a crowd may be of giants or of ghosts: it is told, with what to do.
+In: arrays in meters and seconds. Out: findings; None where all is as with people. A finding is a
+note with a remedy, never an error: a crowd may be of giants or of ghosts.
 """
 
 from dataclasses import dataclass
@@ -9,15 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 HEIGHTS = 0.2, 4.0  # meters, of characters
-STILL = 0.02  # m/s; who is slower does not walk
+STILL = 0.02  # m/s; an agent that is slower does not walk
 SLOW = 0.1  # m/s; nobody walks so slowly
-RUNS = 4.0  # m/s; a crowd that was told to walk faster is none of people
+RUNS = 4.0  # m/s; people in a crowd do not walk faster
 HASTE = 2.2  # m/s; a recorded crowd whose median is faster has another frame rate or unit
 CLIMBS = 0.8  # meters for each meter of the way; a crowd that climbs more has another axis up
-FLAT = (
-    0.05,
-    1.0,
-)  # meters: a line on which a crowd stays, and the heights between which it then moves
+# meters: the crowd stays within the first in y while its heights spread over the second
+FLAT = 0.05, 1.0
 OFF = 0.1  # meters above or below the ground from which people float or sink
 FEW = 0.05  # of the agents: so many may be off the ground, on a step or a curb
 POSE = 0.1  # seconds for which a pose may stand
@@ -25,25 +23,25 @@ POSE = 0.1  # seconds for which a pose may stand
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that is not as people are.
+    """Something about groups or agents that is unlike people.
 
     kind: what it is.
-    which: (k,) intp, the groups or agents that are so.
+    indices: (k,) intp, the groups or agents that are so.
     value: what is typical of them, in meters, seconds or m/s.
     share: of all groups or agents, 0 to 1.
     """
 
     kind: str
-    which: np.ndarray
+    indices: np.ndarray
     value: float
     share: float
 
 
-def _finding(kind: str, chosen: np.ndarray, values: np.ndarray, of: int) -> Finding | None:
-    (which,) = np.nonzero(chosen)
-    if not len(which):
+def _finding(kind: str, mask: np.ndarray, values: np.ndarray, of: int) -> Finding | None:
+    (indices,) = np.nonzero(mask)
+    if not len(indices):
         return None
-    return Finding(kind, which, float(np.median(values[which])), len(which) / of)
+    return Finding(kind, indices, float(np.median(values[indices])), len(indices) / of)
 
 
 def check_heights(heights: np.ndarray) -> Finding | None:
@@ -58,7 +56,7 @@ def check_heights(heights: np.ndarray) -> Finding | None:
 
 
 def check_speeds(speeds: np.ndarray, most: float) -> Finding | None:
-    """Find that those who walk are too fast, or that nobody moves.
+    """Find that those who walk are too fast or too slow, or that nobody moves.
 
     speeds: (n,) m/s of each agent while it walks, 0 for one that never does.
     most: m/s; the median may be no faster.
@@ -77,9 +75,8 @@ def check_climbs(
 ) -> Finding | None:
     """Find that z rises as the ground's second axis would: another axis is up.
 
-    ways, rises: (k,) of each step, in the plane and along z.
-    sides, heights: the y and the z of the places, of which one is flat where the axes are
-    exchanged.
+    ways, rises: (k,) meters of each step, in the plane and along z.
+    sides, heights: y and z of the places, meters. Where the axes are exchanged, y hardly varies.
     """
     way = float(ways.sum())
     rise = float(np.abs(rises).sum())
@@ -90,23 +87,25 @@ def check_climbs(
 
 
 def check_ground(above: np.ndarray) -> list[Finding]:
-    """Find agents that float above the ground, and such that are sunk in it.
+    """Find agents that float above the ground, and agents that are sunk in it.
 
     above: (n,) of each agent's feet over the ground; NaN where there is none.
     """
-    (known,) = np.nonzero(~np.isnan(above))
-    off = above[known]
+    (over_ground,) = np.nonzero(~np.isnan(above))
+    off = above[over_ground]
     kinds = {"floats": off > OFF, "sinks": off < -OFF}
-    found = [_finding(kind, chosen, np.abs(off), len(known)) for kind, chosen in kinds.items()]
+    findings = [
+        _finding(kind, chosen, np.abs(off), len(over_ground)) for kind, chosen in kinds.items()
+    ]
     return [
-        Finding(one.kind, known[one.which], one.value, one.share)
-        for one in found
-        if one is not None and one.share > FEW
+        Finding(finding.kind, over_ground[finding.indices], finding.value, finding.share)
+        for finding in findings
+        if finding is not None and finding.share > FEW
     ]
 
 
 def check_poses(seconds: np.ndarray) -> Finding | None:
-    """Find groups shown in still poses each of which stands so long that one sees it.
+    """Find groups whose poses are held so long that the eye notices.
 
     seconds: (G,) for which a pose stands; 0 for a group that moves in each frame.
     """
@@ -116,8 +115,7 @@ def check_poses(seconds: np.ndarray) -> Finding | None:
 def median_speeds(
     agents: np.ndarray, ways: np.ndarray, seconds: np.ndarray, count: int
 ) -> np.ndarray:
-    """Return how fast each of `count` agents walks while it does, (count,) m/s; 0 for one that
-    never does.
+    """Return the mean speed of each agent while it walks, (count,) m/s; 0 for one that never does.
 
     agents, ways, seconds: (k,), of each step the agent, its meters in the plane, and its time.
     """

@@ -5,31 +5,29 @@ from typing import Any
 
 from ..format import counted
 
-BUILDS = {
-    "bake": "the bake",
-    "build": "the build",
-}  # kinds of builds that were there before the proof
+# kinds of builds that the scene had before the proof
+BUILDS = {"bake": "the bake", "build": "the build"}
 REMEDIES = {"bake": "bake again", "build": "press Build again"}
 
 
 def agents_row(agents: Sequence[dict], tolerance: float | None) -> dict[str, Any]:
-    """Return what a frame's row tells of the agents that were rendered alone.
+    """Return the columns of a frame's row about the agents that were rendered alone.
 
     agents: dicts of lone_agents.told_of.
     tolerance: pixels; None where LODs may deviate as far as their bounds predict.
     """
-    held = [agent for agent in agents if not agent["apart"]]
+    judged = [agent for agent in agents if not agent["apart"]]
     apart = [agent["shift_px"] for agent in agents if agent["apart"]]
-    predicted = [agent["predicted_px"] for agent in held]
+    predicted = [agent["predicted_px"] for agent in judged]
     return {
-        "judged": sum(agent["ok"] is not None for agent in held),
-        "silhouette_shift": max((agent["shift_px"] for agent in held), default=None),
+        "judged": sum(agent["ok"] is not None for agent in judged),
+        "silhouette_shift": max((agent["shift_px"] for agent in judged), default=None),
         "predicted_shift": None if None in predicted else max(predicted, default=None),
         "allowed_shift": tolerance,
         "apart": len(apart),
         "apart_shift": max(apart, default=None),
-        "color_off": max((agent["color_off"] for agent in held), default=None),
-        "lod_ok": all(agent["ok"] is not False for agent in held),
+        "color_off": max((agent["color_off"] for agent in judged), default=None),
+        "lod_ok": all(agent["ok"] is not False for agent in judged),
     }
 
 
@@ -62,7 +60,7 @@ def verdict(result: dict) -> str:
     )
     where = _frames(wrong or rows) if wrong or not differ else f"{_frames(rows)}, by rounding alone"
     strangers = sum(row["strangers"] for row in rows)
-    found = [
+    phrases = [
         *_build(build),
         f"{culling} in {where}",
         *[
@@ -72,25 +70,23 @@ def verdict(result: dict) -> str:
         * (strangers > 0),
         *_shifts(result),
     ]
-    of = f" for {BUILDS[build['kind']]}" if build["kind"] in BUILDS else ""
-    return f"{'OK' if result['ok'] else 'Not OK'}{of}: {'; '.join(found)}."
+    about = f" for {BUILDS[build['kind']]}" if build["kind"] in BUILDS else ""
+    return f"{'OK' if result['ok'] else 'Not OK'}{about}: {'; '.join(phrases)}."
 
 
 def _build(build: dict) -> list[str]:
     """Return what is wrong with a build as a whole, in phrases."""
     name = BUILDS.get(build["kind"], "")
-    found = [f"{name} is hidden from renders"] * build["hidden"]
+    phrases = [f"{name} is hidden from renders"] * build["hidden"]
     if build["older_than"]:
-        found.append(
+        phrases.append(
             f"{name} is older than {' and '.join(build['older_than'])}: {REMEDIES[build['kind']]}"
         )
-    return found
+    return phrases
 
 
 def _shifts(result: dict) -> list[str]:
-    """Return by how many pixels LODs shift silhouettes, who shifts further, and who stands
-    apart.
-    """
+    """Return phrases on the shift of silhouettes: the largest, the worst failure, those apart."""
     rows = result["frames"]
     judged = sum(row["judged"] for row in rows)
     shifts = [row["silhouette_shift"] for row in rows if row["silhouette_shift"] is not None]
@@ -105,93 +101,97 @@ def _shifts(result: dict) -> list[str]:
         if predicted
         else "no more is known"
     )
-    found = [
+    phrases = [
         f"LODs shift silhouettes at most {max(shifts):.2f} px, {bound}, {counted(judged, 'agent')}"
     ]
     wrong = [agent for agent in result["agents"] if agent["ok"] is False]
     if wrong:
-        found.append(_wrong(max(wrong, key=lambda agent: agent["shift_px"])))
+        phrases.append(_wrong(max(wrong, key=lambda agent: agent["shift_px"])))
     apart = sum(row["apart"] for row in rows)
     if apart:
         names = " or ".join(
             sorted({agent["apart"] for agent in result["agents"] if agent["apart"]}, reverse=True)
         )
         most = max(row["apart_shift"] for row in rows if row["apart"])
-        found.append(f"{counted(apart, 'agent')} apart ({names}) at most {most:.2f} px")
-    return found
+        phrases.append(f"{counted(apart, 'agent')} apart ({names}) at most {most:.2f} px")
+    return phrases
 
 
 def _wrong(agent: dict) -> str:
     """Return what is wrong with an agent."""
-    who = f"agent {agent['agent']} at LOD {agent['lod']} in frame {agent['frame']}"
+    subject = f"agent {agent['agent']} at LOD {agent['lod']} in frame {agent['frame']}"
     if (
         agent["allowed_px"] is not None
         and agent["shift_px"] - agent["error_px"] > agent["allowed_px"]
     ):
-        return f"{who} shifts {agent['shift_px']:.2f} px, {agent['allowed_px']:.2f} allowed there"
-    return f"{who} has another color than the character, {agent['color_off']:.0%} off on average"
+        return (
+            f"{subject} shifts {agent['shift_px']:.2f} px, {agent['allowed_px']:.2f} allowed there"
+        )
+    return (
+        f"{subject} has another color than the character, {agent['color_off']:.0%} off on average"
+    )
 
 
 def _culling(rows: list[dict], bounces: int) -> str:
-    """Return how many pixels the culling changes.
+    """Return in a sentence how many pixels the culling changes.
 
-    With and without the agents kept for their shadows or mirror images alone.
+    It says as well how many would change without the agents kept for shadows and mirrors alone.
     """
     wrong = [row["frame"] for row in rows if not row["culling_ok"]]
     differ, bare = (sum(row[f"{name}_pixels"] for row in rows) for name in ("b", "bare"))
     strangers = sum(row["strangers"] for row in rows)
     if wrong:
-        said = (
+        sentence = (
             f"Culling: WRONG, {counted(differ, 'pixel differs', 'pixels differ')} in "
             f"{_frames(wrong)}"
         )
     elif differ:
         most = max(row["b_largest"] for row in rows)
-        said = (
+        sentence = (
             f"Culling: {counted(differ, 'pixel differs', 'pixels differ')} in {_frames(rows)}, "
             f"by {most:.1g} at most"
         )
     else:
-        said = f"Culling: no pixel differs in {_frames(rows)}"
-    said += (
+        sentence = f"Culling: no pixel differs in {_frames(rows)}"
+    sentence += (
         f", {counted(strangers, 'point is no agent', 'points are no agents')}" if strangers else ""
     )
-    said += (
+    sentence += (
         f" ({bare:,} would differ without the agents kept for shadows and mirrors)."
         if bare > differ
         else "."
     )
     if bounces:
         row = max(rows, key=lambda row: row["b_bounces_share"])
-        said += (
+        sentence += (
             f" With the sky and {counted(bounces, 'bounce')} up to "
             f"{row['b_bounces_share']:.2%} differ visibly "
         )
-        said += f"(frame {row['frame']})."
-    return said
+        sentence += f"(frame {row['frame']})."
+    return sentence
 
 
 def _levels(result: dict) -> str:
-    """Return how far silhouettes shift, as allowed and found, and what differs."""
+    """Return in a sentence how far silhouettes shift, and what share of pixels differs."""
     rows = result["frames"]
     wrong = [row["frame"] for row in rows if not row["lod_ok"]]
-    found = "; ".join(_shifts(result)).replace("LODs shift silhouettes", "silhouettes shift", 1)
-    said = f"LODs: {f'WRONG in {_frames(wrong)}, ' if wrong else ''}{found}"
+    shifts = "; ".join(_shifts(result)).replace("LODs shift silhouettes", "silhouettes shift", 1)
+    sentence = f"LODs: {f'WRONG in {_frames(wrong)}, ' if wrong else ''}{shifts}"
     row = max(rows, key=lambda row: row["c_share"])
-    said += (
+    sentence += (
         f"; {row['c_share']:.2%} of the pixels differ visibly, shading included, by "
         f"{row['c_mean']:.2g} on average"
     )
-    return f"{said} (frame {row['frame']}; not predicted)."
+    return f"{sentence} (frame {row['frame']}; not predicted)."
 
 
 def _left_open(result: dict) -> str:
     return " ".join((f"Not proved: {'; '.join(result['not_proved'])}.", *result["left_out"]))
 
 
-def _frames(found: list) -> str:
-    """Return the count of rows, or the first few of frame numbers, as words."""
-    if found and isinstance(found[0], dict):
-        return f"{len(found)} frame{'s' * (len(found) > 1)}"
-    rest = f" and {len(found) - 5} more" if len(found) > 5 else ""
-    return f"frame{'s' * (len(found) > 1)} {', '.join(map(str, found[:5]))}{rest}"
+def _frames(frames: list) -> str:
+    """Return words for frames: the count of rows (dicts), or the first five of frame numbers."""
+    if frames and isinstance(frames[0], dict):
+        return f"{len(frames)} frame{'s' * (len(frames) > 1)}"
+    rest = f" and {len(frames) - 5} more" if len(frames) > 5 else ""
+    return f"frame{'s' * (len(frames) > 1)} {', '.join(map(str, frames[:5]))}{rest}"

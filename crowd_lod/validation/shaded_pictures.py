@@ -1,7 +1,4 @@
-"""Pictures of a body as a renderer shows it from afar, and how alike two are.
-
-A body is lit, in its colors and images.
-"""
+"""Shaded pictures of a body as a renderer shows it from afar, and how alike two of them are."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -66,15 +63,15 @@ def lit(
     flat: for each body (n, 3), its points in the picture: x right and y up in pixels, and depth.
     axes: (3, 3), the directions right, up and toward the camera.
     """
-    low = np.min([at[:, :2].min(axis=0) for at in flat], axis=0) - MARGIN
+    low = np.min([points[:, :2].min(axis=0) for points in flat], axis=0) - MARGIN
     columns, rows = np.ceil(
-        np.max([at[:, :2].max(axis=0) for at in flat], axis=0) + MARGIN - low
+        np.max([points[:, :2].max(axis=0) for points in flat], axis=0) + MARGIN - low
     ).astype(int)
-    found = []
-    for body, at in zip(bodies, flat, strict=True):
-        corners = ((at[:, :2] - low) * SUPERSAMPLING)[body.triangles]
+    linear_pictures = []
+    for body, points in zip(bodies, flat, strict=True):
+        corners = ((points[:, :2] - low) * SUPERSAMPLING)[body.triangles]
         pixel, triangle, weights = rasterizer.nearest(
-            corners, at[:, 2][body.triangles], (rows * SUPERSAMPLING, columns * SUPERSAMPLING)
+            corners, points[:, 2][body.triangles], (rows * SUPERSAMPLING, columns * SUPERSAMPLING)
         )
         normal = np.einsum("nk,nkd->nd", weights, body.normals[triangle])
         light = np.clip(
@@ -82,27 +79,35 @@ def lit(
         )
         fine = np.full((rows * SUPERSAMPLING * columns * SUPERSAMPLING, 3), PAPER)
         fine[pixel] = _colors(body, images, triangle, weights) * (SKY + (1 - SKY) * light)[:, None]
-        found.append(fine.reshape(rows, SUPERSAMPLING, columns, SUPERSAMPLING, 3).mean(axis=(1, 3)))
-    return found
+        linear_pictures.append(
+            fine.reshape(rows, SUPERSAMPLING, columns, SUPERSAMPLING, 3).mean(axis=(1, 3))
+        )
+    return linear_pictures
 
 
-def from_afar(one: np.ndarray, other: np.ndarray) -> list[float]:
-    """Return the mean differences of two pictures, at full size and halved.
+def from_afar(picture: np.ndarray, other_picture: np.ndarray) -> list[float]:
+    """Return the mean differences of two pictures at full size and after each of HALVINGS halvings.
 
-    one, other: from `lit`. They are halved HALVINGS times, each pixel the mean of four; each time
-        they look as from twice as far.
+    A pixel of a halved picture is the mean of four: it shows the body from twice as far.
+    picture, other_picture: (rows, columns, 3), linear, from `lit`.
     """
     pad = 2 ** (HALVINGS + 1)
-    found = []
+    differences = []
     # what stays empty about the smallest
-    sides = [(pad, pad + -length % pad) for length in one.shape[:2]]
-    one, other = (np.pad(each, [*sides, (0, 0)], constant_values=PAPER) for each in (one, other))
+    sides = [(pad, pad + -length % pad) for length in picture.shape[:2]]
+    picture, other_picture = (
+        np.pad(values, [*sides, (0, 0)], constant_values=PAPER)
+        for values in (picture, other_picture)
+    )
     for _ in range(HALVINGS + 1):
-        found.append(likeness(*(srgb.encoded(each).clip(0, 1) for each in (one, other)))[0])
-        one, other = (
-            each.reshape(len(each) // 2, 2, -1, 2, 3).mean(axis=(1, 3)) for each in (one, other)
+        differences.append(
+            likeness(*(srgb.encoded(values).clip(0, 1) for values in (picture, other_picture)))[0]
         )
-    return found
+        picture, other_picture = (
+            values.reshape(len(values) // 2, 2, -1, 2, 3).mean(axis=(1, 3))
+            for values in (picture, other_picture)
+        )
+    return differences
 
 
 def _colors(
@@ -111,34 +116,34 @@ def _colors(
     """Return linear colors (k, 3) at barycentric `weights` (k, 3) of triangles (k,)."""
     colors = body.colors[triangle]
     image = body.image[triangle]
-    some = np.flatnonzero(image >= 0)
-    if len(some):
+    textured = np.flatnonzero(image >= 0)
+    if len(textured):
         size = images.shape[1]
-        u, v = np.einsum("nk,nkd->dn", weights[some], body.uvs[triangle[some]])
+        u, v = np.einsum("nk,nkd->dn", weights[textured], body.uvs[triangle[textured]])
         column, row = (np.floor(each % 1 * size).astype(int).clip(0, size - 1) for each in (u, v))
-        colors[some] = srgb.linear(images[image[some], row, column, :3] / 255)
+        colors[textured] = srgb.linear(images[image[textured], row, column, :3] / 255)
     return colors
 
 
-def likeness(one: np.ndarray, other: np.ndarray) -> tuple[float, float]:
+def likeness(picture: np.ndarray, other_picture: np.ndarray) -> tuple[float, float]:
     """Return (mean absolute difference, mean structural similarity) of two pictures.
 
     The means are over pixels where either shows something: where it differs from its first pixel,
     which is empty. Without such pixels the result is (0, 1).
-    one, other: (rows, columns, 3).
+    picture, other_picture: (rows, columns, 3).
     Source: Wang, Bovik, Sheikh, Simoncelli, "Image quality assessment: from error visibility to
         structural similarity", 2004.
     """
-    shown = (np.abs(one - one[0, 0]) > 1e-9).any(axis=2) | (np.abs(other - other[0, 0]) > 1e-9).any(
-        axis=2
-    )
-    if not shown.any():
+    covered = (np.abs(picture - picture[0, 0]) > 1e-9).any(axis=2) | (
+        np.abs(other_picture - other_picture[0, 0]) > 1e-9
+    ).any(axis=2)
+    if not covered.any():
         return 0.0, 1.0
-    a, b = (each @ (0.2126, 0.7152, 0.0722) for each in (one, other))
+    a, b = (each @ (0.2126, 0.7152, 0.0722) for each in (picture, other_picture))
     mean_a, mean_b, aa, bb, ab = (_blurred(each) for each in (a, b, a * a, b * b, a * b))
     same = (2 * mean_a * mean_b + STEADY[0]) * (2 * (ab - mean_a * mean_b) + STEADY[1])
     same /= (mean_a**2 + mean_b**2 + STEADY[0]) * (aa - mean_a**2 + bb - mean_b**2 + STEADY[1])
-    return float(np.abs(one - other)[shown].mean()), float(same[shown].mean())
+    return float(np.abs(picture - other_picture)[covered].mean()), float(same[covered].mean())
 
 
 def _blurred(values: np.ndarray) -> np.ndarray:

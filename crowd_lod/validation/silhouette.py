@@ -62,44 +62,46 @@ def project(
     return np.stack([v @ right * scale, v @ np.cross(towards, right) * scale, depth], axis=1)
 
 
-def outline_distance(one: np.ndarray, other: np.ndarray) -> float:
-    """Return how far, in pixels, one mask's outline lies outside the other's at most.
+def outline_distance(mask: np.ndarray, other_mask: np.ndarray) -> float:
+    """Return the largest distance in pixels by which one mask reaches out of the other.
 
     This is the largest distance between pixel centers, from a pixel that one mask covers and the
     other does not to the nearest that the other covers. It is the Hausdorff distance of the two
     areas, not of their outlines: if a gap narrower than a pixel closes, no outline moves by more
     than half of it, while the gap's own outline may be anywhere else. Infinite if one mask alone is
     empty.
-    one, other: (rows, columns) bool.
+    mask, other_mask: (rows, columns) bool.
     """
-    return float(max(_off(*pair)[2].max(initial=0.0) for pair in ((one, other), (other, one))))
+    return float(
+        max(_off(*pair)[2].max(initial=0.0) for pair in ((mask, other_mask), (other_mask, mask)))
+    )
 
 
-def shift(one: np.ndarray, other: np.ndarray) -> float:
+def shift(coverage: np.ndarray, other_coverage: np.ndarray) -> float:
     """Return by how many pixels two rendered silhouettes lie apart.
 
     This is the largest distance from a pixel that one covers by half or more to the nearest pixel
     that the other touches, both ways. A shift of s pixels shows as s - 1 to s + 1. Infinite if one
     of them alone is empty.
-    one, other: (rows, columns) float in [0, 1], the coverage of each pixel.
+    coverage, other_coverage: (rows, columns) float in [0, 1], the coverage of each pixel.
     """
-    pairs = (one, other), (other, one)
+    pairs = (coverage, other_coverage), (other_coverage, coverage)
     return float(max(_off(a >= SOLID, b > TOUCHED)[2].max(initial=0.0) for a, b in pairs))
 
 
-def _off(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return (row, column, distance to `other`), each (k,), of pixels in `one` only."""
-    row, column = np.nonzero(one & ~other)
-    if not len(row) or not other.any():
+def _off(mask: np.ndarray, other_mask: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return (row, column, distance to `other_mask`), each (k,), of pixels in `mask` only."""
+    row, column = np.nonzero(mask & ~other_mask)
+    if not len(row) or not other_mask.any():
         return row, column, np.full(len(row), np.inf)
-    along = _along_rows(other)
+    along = _along_rows(other_mask)
     best = along[row, column] ** 2
-    for step in range(1, len(other)):
+    for step in range(1, len(other_mask)):
         rest = np.flatnonzero(best > step * step)
         if not len(rest):
             break
         for side in (row[rest] - step, row[rest] + step):
-            inside = (side >= 0) & (side < len(other))
+            inside = (side >= 0) & (side < len(other_mask))
             at = rest[inside]
             best[at] = np.minimum(best[at], along[side[inside], column[at]] ** 2 + step * step)
     return row, column, np.sqrt(best)
@@ -114,8 +116,8 @@ def _along_rows(area: np.ndarray) -> np.ndarray:
 
 
 def error(
-    one: tuple,
-    other: tuple,
+    surface: tuple,
+    other_surface: tuple,
     center: np.ndarray,
     distance: float,
     camera: Camera,
@@ -125,7 +127,7 @@ def error(
 
     The error is the largest `outline_distance` between two surfaces' silhouettes over all
     `directions`.
-    one, other: (points (n, 3) meters, triangles (m, 3)).
+    surface, other_surface: (points (n, 3) meters, triangles (m, 3)).
     center: (3,), the point that the camera looks at.
     distance: meters from the camera to it. The camera must be outside both surfaces.
     expected: about how many pixels the error will be.
@@ -134,34 +136,38 @@ def error(
     outlines are farthest apart, they are up to CLOSER times finer.
     """
     least = most = 0.0
-    wanted = MASK_PIXELS / min(max(expected, 1e-6), 1.0) / max(np.sqrt(expected) / 2, 1.0)
+    resolution = MASK_PIXELS / min(max(expected, 1e-6), 1.0) / max(np.sqrt(expected) / 2, 1.0)
     for towards in directions():
-        flat = [
+        corners_of = [
             project(points, center, towards, distance, camera)[:, :2][triangles]
-            for points, triangles in (one, other)
+            for points, triangles in (surface, other_surface)
         ]
-        low = np.minimum(*(each.min(axis=(0, 1)) for each in flat))
-        extent = np.maximum(*(each.max(axis=(0, 1)) for each in flat)) - low
-        finer = min(wanted, MOST_PIXELS / max(extent.max(), 1.0))
-        flat = [(each - low) * finer for each in flat]
+        low = np.minimum(*(corners.min(axis=(0, 1)) for corners in corners_of))
+        extent = np.maximum(*(corners.max(axis=(0, 1)) for corners in corners_of)) - low
+        finer = min(resolution, MOST_PIXELS / max(extent.max(), 1.0))
+        corners_of = [(corners - low) * finer for corners in corners_of]
         columns, rows = (np.ceil(extent * finer) + 1).astype(int)
-        masks = [_mask(each, (rows, columns)) for each in flat]
+        masks = [_mask(corners, (rows, columns)) for corners in corners_of]
         for k in range(2):
-            found = _interval(flat[k], flat[1 - k], masks[k], masks[1 - k], least * finer)
+            interval = _interval(
+                corners_of[k], corners_of[1 - k], masks[k], masks[1 - k], least * finer
+            )
             least, most = (
                 max(pair)
-                for pair in zip((least, most), (each / finer for each in found), strict=True)
+                for pair in zip(
+                    (least, most), (corners / finer for corners in interval), strict=True
+                )
             )
     return least, most
 
 
 def _interval(
-    one: np.ndarray, other: np.ndarray, mask: np.ndarray, other_mask: np.ndarray, least: float
+    area: np.ndarray, other_area: np.ndarray, mask: np.ndarray, other_mask: np.ndarray, least: float
 ) -> tuple[float, float]:
-    """Return (least, most) pixels by which the area `one` reaches out of `other`.
+    """Return (least, most) pixels by which `area` reaches out of `other_area`.
 
-    one, other: (m, 3, 2), corners of triangles, with their masks. If the area may reach out by more
-        than `least`, the farthest places are examined at higher resolution.
+    If it may reach out by more than `least`, the farthest places are examined more finely.
+    area, other_area: (m, 3, 2), corners of triangles. mask, other_mask: theirs.
     """
     row, column, off = _off(mask, other_mask)
     most = off.max(initial=0.0)
@@ -178,10 +184,10 @@ def _interval(
     around = np.stack(np.meshgrid(range(-2, 3), range(-2, 3)), axis=-1).reshape(-1, 1, 2)
     for k, tile in enumerate(tiles * TILE):
         windows = []
-        for each in (one, other):
-            each = each - (tile - margin)
-            inside = ((each.max(axis=1) >= 0) & (each.min(axis=1) <= size)).all(axis=1)
-            windows.append(_mask(each[inside] * closer, (size * closer, size * closer)))
+        for corners in (area, other_area):
+            corners = corners - (tile - margin)
+            inside = ((corners.max(axis=1) >= 0) & (corners.min(axis=1) <= size)).all(axis=1)
+            windows.append(_mask(corners[inside] * closer, (size * closer, size * closer)))
         # only the places that are farthest, and what lies about them
         near = np.zeros((size, size), bool)
         x, y = (
@@ -194,10 +200,10 @@ def _interval(
 
 
 def _mask(corners: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """Return the silhouette of triangles, those seen edge on included.
+    """Return the silhouette of triangles, with those that are seen edge on.
 
-    See `mask` in simplification/rasterizer.py. A sheet that one mesh shows edge on and the other at
-    a slant is then no error of its width.
+    Otherwise a sheet that one mesh shows edge on and the other at a slant would count as an error
+    of the sheet's width.
     """
     mask = rasterizer.mask(corners, shape)
     mask[rasterizer.edges(corners, shape)] = True

@@ -15,13 +15,14 @@ from ..crowd.maps import Area, LabelMap
 from ..crowd.state_machine import StateMachine, parse
 from ..errors import CrowdError
 from ..format import aligned
-from .culling_audit import standing
+from .culling_audit import standing_crowd
 from .exact_behavior import follow_exactly
 
 FRAME = 1 / 24  # seconds
 # Agents of a case, and of one whose steps are long for the judge.
 AGENTS = 40
 FEW = 10
+ASLANT = 1.0, 0.75  # m/s along x and y
 # Parts of a cell by which rounding may put an agent into a wall, or over its edge.
 ROUNDING = 1e-6
 
@@ -131,7 +132,7 @@ def crowd_in(world: LabelMap, random: np.random.Generator, count: int = AGENTS) 
     width, depth = world.cell
     x = world.area.x_min + (column + random.uniform(0.1, 0.9, count)) * width
     y = world.area.y_min + (row + random.uniform(0.1, 0.9, count)) * depth
-    return standing(np.stack([x, y, np.zeros(count)], axis=1))
+    return standing_crowd(np.stack([x, y, np.zeros(count)], axis=1))
 
 
 def _crowd_near_corners(random: np.random.Generator) -> Crowd:
@@ -139,15 +140,46 @@ def _crowd_near_corners(random: np.random.Generator) -> Crowd:
     away = 10.0 ** random.uniform(-12, -1, AGENTS)
     x = 3 - away
     y = 3 + away * random.uniform(0.1, 0.9, AGENTS)
-    return standing(np.stack([x, y, np.zeros(AGENTS)], axis=1))
+    return standing_crowd(np.stack([x, y, np.zeros(AGENTS)], axis=1))
 
 
 def stiff_cases(seed: int = 0) -> list[StiffCase]:
     """Return the cases; `seed` draws their agents."""
     random = np.random.default_rng(seed)
+    # The random numbers are drawn in this order.
+    near_corners = _crowd_near_corners(random)
+    hall = room()
+    plain = LabelMap(np.zeros((64, 64), np.uint8), hall.area)
+    ticking = replace(crowd_in(plain, random, FEW), wait=np.full(FEW, 0.001))
+    lost = crowd_in(hall, random)
+    lost.x[:3] = np.nan
+    ticks = _ticking_machine()
+    return [
+        *_chattering_cases(random),
+        *_corner_cases(near_corners),
+        *_fast_cases(random, hall, plain),
+        *_rounding_cases(random, hall),
+        StiffCase("timers of 0.001 s", ticking, ticks, plain, steps=4),
+        StiffCase("timers of 0.001 s, steps of 0.5 s", ticking, ticks, plain, 0.5, 2),
+        StiffCase("three agents at NaN", lost, turning_machine(ASLANT), hall),
+    ]
+
+
+def _ticking_machine() -> StateMachine:
+    """Return a table whose two states change by a timer of 0.001 s."""
+    return _machine(
+        {
+            "a": {"start": 1, "after": 0.001, "then": "b", "on": {"*": {"move": [1, 0.5]}}},
+            "b": {"after": 0.001, "then": "a", "on": {"*": {"move": [1, -0.5]}}},
+        }
+    )
+
+
+def _chattering_cases(random: np.random.Generator) -> list[StiffCase]:
+    """Return cases in which a state or a direction changes again and again in one place."""
     pair = LabelMap(np.tile(np.array([[0, 1]], np.uint8), (4, 1)), Area(0, 0, 2, 4))
     stripes = LabelMap(np.tile(np.array([[0, 1]], np.uint8), (8, 32)), Area(0, 0, 64, 8))
-    fro = {"to": {"on": {"ground": {"move": [1, 0]}, "wall": {"move": [-1, 0]}}}}
+    to_and_fro = {"to": {"on": {"ground": {"move": [1, 0]}, "wall": {"move": [-1, 0]}}}}
     by_turns = {
         "a": {
             "start": 1,
@@ -158,48 +190,37 @@ def stiff_cases(seed: int = 0) -> list[StiffCase]:
         },
         "b": {"on": {"*": {"next": "a", "move": [24, 0]}}},
     }
-    ticks = {
-        "a": {"start": 1, "after": 0.001, "then": "b", "on": {"*": {"move": [1, 0.5]}}},
-        "b": {"after": 0.001, "then": "a", "on": {"*": {"move": [1, -0.5]}}},
-    }
-    corners = _crowd_near_corners(random)
-    few_corners = corners.of(slice(FEW))
-    near = diagonal_walls()
-    aslant = 1.0, 0.75
-    hall = room()
-    plain = LabelMap(np.zeros((64, 64), np.uint8), hall.area)
-    ticking = crowd_in(plain, random, FEW)
-    ticking = replace(ticking, wait=np.full(FEW, 0.001))
-    far = room(offset=1e8)
-    tiny = room(cell=1e-6)
-    lost = crowd_in(hall, random)
-    lost.x[:3] = np.nan
     return [
-        StiffCase("chatter: to and fro over a border", crowd_in(pair, random), _machine(fro), pair),
+        StiffCase(
+            "chatter: to and fro over a border", crowd_in(pair, random), _machine(to_and_fro), pair
+        ),
         StiffCase(
             "chatter: another state at each step",
             crowd_in(stripes, random),
             _machine(by_turns, "wrap", "stripe"),
             stripes,
         ),
-        StiffCase("walls touch at a corner", corners, turning_machine(aslant), near, steps=8),
-        StiffCase(
-            "the same, 100 cells a step", corners, turning_machine((2400.0, 1800.0)), near, steps=4
-        ),
-        StiffCase(
-            "the same, back another way",
-            few_corners,
-            turning_machine(aslant, (-1.0, -0.7578125)),
-            near,
-            steps=4,
-        ),
-        StiffCase(
-            "the same, turns by chance",
-            few_corners,
-            turning_machine(aslant, chance=True),
-            near,
-            steps=4,
-        ),
+    ]
+
+
+def _corner_cases(crowd: Crowd) -> list[StiffCase]:
+    """Return cases of a crowd before a corner at which two walls touch."""
+    few = crowd.of(slice(FEW))
+    walls = diagonal_walls()
+    fast = turning_machine((2400.0, 1800.0))
+    another_way = turning_machine(ASLANT, (-1.0, -0.7578125))
+    by_chance = turning_machine(ASLANT, chance=True)
+    return [
+        StiffCase("walls touch at a corner", crowd, turning_machine(ASLANT), walls, steps=8),
+        StiffCase("the same, 100 cells a step", crowd, fast, walls, steps=4),
+        StiffCase("the same, back another way", few, another_way, walls, steps=4),
+        StiffCase("the same, turns by chance", few, by_chance, walls, steps=4),
+    ]
+
+
+def _fast_cases(random: np.random.Generator, hall: LabelMap, plain: LabelMap) -> list[StiffCase]:
+    """Return cases that cross many cells in a step."""
+    return [
         StiffCase(
             "60,000 cells a step",
             crowd_in(hall, random, FEW),
@@ -220,37 +241,24 @@ def stiff_cases(seed: int = 0) -> list[StiffCase]:
             plain,
             steps=4,
         ),
-        StiffCase("1e8 m from the origin", crowd_in(far, random), turning_machine(aslant), far),
-        StiffCase(
-            "1e8 m from the origin, steps of 1e-9 s",
-            crowd_in(far, random, FEW),
-            turning_machine(aslant),
-            far,
-            1e-9,
-            100,
-        ),
-        StiffCase(
-            "steps of 1e-9 s", crowd_in(hall, random, FEW), turning_machine(aslant), hall, 1e-9, 100
-        ),
-        StiffCase(
-            "a step of an hour",
-            crowd_in(hall, random, FEW),
-            turning_machine(aslant),
-            hall,
-            3600.0,
-            1,
-        ),
-        StiffCase(
-            "cells of 1e-6 m",
-            crowd_in(tiny, random, FEW),
-            turning_machine(aslant),
-            tiny,
-            FRAME / 8,
-            4,
-        ),
-        StiffCase("timers of 0.001 s", ticking, _machine(ticks), plain, steps=4),
-        StiffCase("timers of 0.001 s, steps of 0.5 s", ticking, _machine(ticks), plain, 0.5, 2),
-        StiffCase("three agents at NaN", lost, turning_machine(aslant), hall),
+    ]
+
+
+def _rounding_cases(random: np.random.Generator, hall: LabelMap) -> list[StiffCase]:
+    """Return cases of very long and short lengths and times, where rounding counts."""
+    machine = turning_machine(ASLANT)
+    far = room(offset=1e8)
+    tiny = room(cell=1e-6)
+
+    def case(name: str, world: LabelMap, seconds: float, steps: int, count: int = FEW) -> StiffCase:
+        return StiffCase(name, crowd_in(world, random, count), machine, world, seconds, steps)
+
+    return [
+        case("1e8 m from the origin", far, FRAME, 24, AGENTS),
+        case("1e8 m from the origin, steps of 1e-9 s", far, 1e-9, 100),
+        case("steps of 1e-9 s", hall, 1e-9, 100),
+        case("a step of an hour", hall, 3600.0, 1),
+        case("cells of 1e-6 m", tiny, FRAME / 8, 4),
     ]
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...crowd_lod.culling import stereo
 from ...crowd_lod.culling.camera import Camera, Window, crop, lens_blur, referential, window
-from ...crowd_lod.culling.shutter import opened
+from ...crowd_lod.culling.shutter import open_shutter
 from ...crowd_lod.errors import CrowdError
 from .frame_stepping import At, stage, step_frames
 from .ownership import is_ours
@@ -384,7 +384,7 @@ def read_shutter(
 ) -> list[tuple[float, tuple[Camera, ...]]]:
     """Return (time, cameras) at the start, middle and end of the open shutter.
 
-    The samples are those of Cycles. The cameras are those of crowd_lod.culling.camera.opened. Empty
+    The samples are those of Cycles. The cameras are those of crowd_lod.culling.shutter.open_shutter. Empty
     without motion blur. A marker that switches the camera while the shutter is open does not count:
     one camera films a frame.
 
@@ -395,7 +395,7 @@ def read_shutter(
     if not times:
         return []
     eyes = [
-        opened(each)
+        open_shutter(each)
         for each in zip(*cameras_at(scene, times, bound_camera(scene, time), at), strict=True)
     ]
     return list(zip(times, zip(*eyes, strict=True), strict=True))

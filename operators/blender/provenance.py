@@ -1,7 +1,7 @@
 """What something was made of: digests of named inputs, kept with what was made.
 
 A digest is of content. No data-block's name is in it: renaming is no edit.
-docs/notes/provenance.md tells what is read, when, and what that costs.
+docs/notes/files.md says what is read, when, and what that costs.
 """
 
 import hashlib

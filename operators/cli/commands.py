@@ -55,17 +55,17 @@ def _run(argv: list[str], program: str) -> int:
 
 def _tell(argv: list[str], program: str) -> int:
     try:
-        standard_streams.put("")  # a closed stream is no place for a result
+        standard_streams.write_out("")  # a closed stream is no place for a result
         try:
             args = parser(program).parse_args(argv)
         # argparse has printed why; Blender must not be torn down from inside a command
         except SystemExit as end:
-            standard_streams.put("")
+            standard_streams.write_out("")
             return int(end.code or 0)
         with interrupt.work():
             result = args.run(args, [program, *map(printable, argv)])
         console.flush()  # what Blender holds back would come after the JSON
-        standard_streams.put(
+        standard_streams.write_out(
             json.dumps(result, allow_nan=False) if args.json else result["summary"]
         )
     except FAULTS as fault:

@@ -17,7 +17,7 @@ import bpy
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
-from ...crowd_lod.frame.frame_range import evenly, frames_are, parse_frames, shot_frames
+from ...crowd_lod.frame.frame_range import frames_are, parse_frames, shot_frames, spread_evenly
 from ...crowd_lod.reporting import file_checks, files, tables
 from ...crowd_lod.reporting.farm_job import FarmJob, template, values
 from ...crowd_lod.reporting.html_report import STYLE, cards, document, table_of
@@ -186,7 +186,7 @@ def assemble_frames(folder: Path, frames: Sequence[int], command: Sequence[str])
     with files.staged(folder) as part:
         shrunk = [
             tables.shrink(image_data.load_pixels(pictures[number]), WIDTH)
-            for number in evenly(list(frames), MOST_SHOWN)
+            for number in spread_evenly(list(frames), MOST_SHOWN)
         ]
         image_data.save_png(
             part / "contact_sheet.png",

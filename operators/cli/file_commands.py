@@ -157,6 +157,7 @@ def build(args, command: list[str]) -> dict:
         "points": points,
         "bytes": size,
         "predicted": predicted.as_json,
+        "costs": predicted.costs.basis,
         "load_seconds": round(seconds, 3),
         "image_bytes": cast.images,
         "summary": "\n".join(filter(None, lines)),

@@ -11,7 +11,7 @@ import numpy as np
 from ...crowd_lod.culling.framing import framing
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
-from ...crowd_lod.frame.frame_range import evenly
+from ...crowd_lod.frame.frame_range import spread_evenly
 from ...crowd_lod.progress import share
 from ...crowd_lod.reporting import files
 from ...crowd_lod.sources.recorded import Recorded
@@ -285,7 +285,7 @@ def _last(trajectory: Recorded) -> int:
 
 def _places(scene: bpy.types.Scene) -> Generator[float, None, np.ndarray]:
     """Find where agents are all over the shot: yield the progress, return (n, 3) float64."""
-    frames = evenly(range(scene.frame_start, scene.frame_end + 1), LOOKS)
+    frames = spread_evenly(range(scene.frame_start, scene.frame_end + 1), LOOKS)
     places = []
     for k, frame in enumerate(frames):
         scene.frame_set(frame)

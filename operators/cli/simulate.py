@@ -29,12 +29,12 @@ def add_simulate(commands, program: str) -> None:
 def simulate_scene(args, command: list[str]) -> dict:
     """Write the scene with its crowd simulated, and the trajectories beside it."""
     stem = stem_of(args)
-    path = files.followed(blend_path(args.out or Path(f"{stem}_simulated.blend")))
+    path = files.follow_link(blend_path(args.out or Path(f"{stem}_simulated.blend")))
     tracks = path.with_suffix(".sqlite")
     with files.staged(path.parent, path.name, tracks.name) as hidden:
         settings = open_scene(args.scene).crowd_lod
         apply_settings(args, settings)
-        steps = simulate.simulating_crowd(settings.id_data, 0, hidden / tracks.name)
+        steps = simulate.simulate_crowd(settings.id_data, 0, hidden / tracks.name)
         sentence = finish(steps, f"simulation of {stem}", args.quiet)
         simulate.follow(settings.id_data, 0, f"//{tracks.name}")
         part = hidden.with_suffix(".part")

@@ -68,7 +68,7 @@ PLAIN = {
 USUALLY_LOST = 4.0
 OFTEN_LOST = 12.0  # the same in the middle
 MOST_GOALS = 100  # that measurements are kept of
-VERSION = 24  # of the code that makes LOD meshes: another one makes them anew
+VERSION = 25  # of the code that makes LOD meshes: another one makes them anew
 
 
 def _untouched(home: bpy.types.Collection) -> bool:

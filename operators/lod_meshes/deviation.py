@@ -12,7 +12,7 @@ from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
 from ...crowd_lod.progress import finished, share
-from ...crowd_lod.simplification import hausdorff
+from ...crowd_lod.simplification.distance_estimate import estimate_distances
 from ..blender.material_colors import Looks
 from ..blender.named_actions import performance_of
 from ..blender.operator import Stepwise
@@ -132,19 +132,17 @@ class Measure:
             [tree.find(point)[1] for point in points @ matrix[:3, :3].T + matrix[:3, 3]], np.intp
         )
 
-    def worst_vertices(self) -> tuple[float, int, np.ndarray]:
-        """Return how far the LOD measured last is off at most, and the vertices (k,) around that
-        place.
+    def worst_vertices(self) -> list[np.ndarray]:
+        """Return the vertices around the places where the LOD measured last is off most.
 
-        They are the character's, of the object whose number comes before them.
+        They are the character's: (k,) of each of its objects.
         """
-        deviation, pose, place = self.worst
+        _, pose, places = self.worst
         whole = self.character.surface([pose])
+        faces = whole.moving.find(0, places)
+        is_around = np.isin(whole.place, whole.moving.triangles[faces])
         begins = self.character.shapes[pose].begins
-        face = whole.moving.find(0, place[None])
-        around = np.flatnonzero(np.isin(whole.place, whole.moving.triangles[face]))
-        number = int(np.searchsorted(begins, around[0], side="right")) - 1
-        return deviation, number, around[around < begins[number + 1]] - begins[number]
+        return [np.flatnonzero(of_object) for of_object in np.split(is_around, begins[1:-1])]
 
     def estimate(self, objects: Sequence[bpy.types.Object], beyond: float = np.inf) -> Estimate:
         """Measure a LOD roughly but quickly. The character must be read.
@@ -164,7 +162,7 @@ class Measure:
         character = self.character.surface(run)
         first = self.character.shapes[run[0]]
         parts = list(zip(parts_of(character, first), parts_of(lod, shapes[0]), strict=True))
-        deviations, away = hausdorff.estimate(character.moving, lod.moving, parts, beyond)
+        deviations, away = estimate_distances(character.moving, lod.moving, parts, beyond)
         away = np.append(away, 0.0)[character.place]  # loose vertices are at -1
         return Estimate(deviations, np.split(away, first.begins[1:-1]))
 

@@ -21,6 +21,7 @@ from ...crowd_lod.levels.lengths import DARKER, NEAR_ENOUGH, allowed_lengths, re
 from ...crowd_lod.levels.selection import GroupShot, View
 from ..blender import provenance, scene_cache, scene_data
 from ..blender.cameras import read_cameras
+from ..blender.machine_costs import costs_of
 from ..characters.cast_provenance import cast_inputs, of_characters
 from ..characters.stored_groups import count_of
 from ..machine.scene_world import actions_named
@@ -280,13 +281,13 @@ def _forecast(scene: bpy.types.Scene, stored: dict) -> Forecast | None:
     if camera is None or not now or not before or now[0] != before[0]:
         return None
     closer = now[1] / before[1]
-    engine = scene_data.engine_of(scene)
+    costs = costs_of(scene)
     shading = settings.shading_counts
     shots = [
         GroupShot(
             [_unpacked(view, camera, closer) for view in own["views"]],
             own["characters"],
-            engine,
+            costs,
             shading,
             own.get("rigs"),
         )

@@ -6,8 +6,10 @@ from functools import cached_property
 
 import numpy as np
 
-from ...crowd_lod.simplification import hausdorff, thin_parts
-from ...crowd_lod.simplification.hausdorff import Interval, Moving, Places, places_on
+from ...crowd_lod.simplification import thin_parts
+from ...crowd_lod.simplification.distance_estimate import Places, places_on, upper_distances
+from ...crowd_lod.simplification.hausdorff import Interval, bound_distance
+from ...crowd_lod.simplification.moving_surface import MovingSurface
 from .pose_choice import farthest_apart
 from .posed_shapes import Shape, surface_of
 from .surface import Merged, Surface, has_area, merge, same_faces, spread
@@ -24,7 +26,8 @@ LARGE = 1 / 64  # of the size: estimates look within triangles with longer sides
 
 # deviation, bound, root mean square (meters), and the moment of the worst pose
 Measured = tuple[float, float, float, float]
-# how far a LOD and its character are apart at most, in which pose, and where, (3,) meters
+# how far a LOD and its character are apart at most, in which pose, and where, (k, 3) meters: at one
+# place, or at all thin parts that the LOD has lost
 Worst = tuple[float, int, np.ndarray]
 
 
@@ -140,7 +143,7 @@ def parts_of(surface: Merged, shape: Shape) -> list[Places]:
     return [places_on(faces[mine], faces[mine & large]) for mine in own]
 
 
-def large_pieces(surface: Moving) -> np.ndarray:
+def large_pieces(surface: MovingSurface) -> np.ndarray:
     """Return which of the triangles that count have long sides, (p,) bool."""
     corners = surface.points[surface.pieces, 0]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
@@ -166,27 +169,32 @@ def compare_surfaces(
                 np.array_equal(*each)
                 for each in zip(*((m.points, m.triangles) for m in pair), strict=True)
             ):
-                found.append((0.0, 0.0, shared[0], pair[0].points[0, 0]))
+                found.append((0.0, 0.0, shared[0], pair[0].points[:1, 0]))
                 continue
-            apart = hausdorff.interval(*pair)
+            apart = bound_distance(*pair)
             _count_shown(pair[0], surfaces[1], other.shapes[shared[0]].hiding, apart)
             pose = shared[apart.pose]
-            lost = _lost(character, other, shared, apart.bound)
+            lost, lost_in, lost_at = _lost(character, other, shared, apart.bound)
             posed = [Surface(m.points[:, apart.pose], m.triangles) for m in pair]
             rms = spread(*posed, [m.counted for m in pair], SAMPLES)
-            found.append((max(apart.measured, lost), rms, pose, apart.place))
+            if lost > apart.measured:
+                found.append((lost, rms, lost_in, lost_at))
+            else:
+                found.append((apart.measured, rms, pose, apart.place[None]))
             bound = max(bound, apart.bound, lost)
     if not found:
         return None
-    most, rms, pose, place = max(found, key=lambda each: each[:3])
+    most, rms, pose, places = max(found, key=lambda each: each[:3])
     return (most, float(bound) * (1 + BETWEEN * (len(frames) > 1)), rms, frames[pose]), (
         most,
         pose,
-        place,
+        places,
     )
 
 
-def _count_shown(character: Moving, surface: Merged, hiding: np.ndarray, apart: Interval) -> None:
+def _count_shown(
+    character: MovingSurface, surface: Merged, hiding: np.ndarray, apart: Interval
+) -> None:
     """Count faces of a LOD, too, that are seen though the character's nearest surface is hidden.
 
     Only those are looked at whose distance exceeds what is known. surface, hiding: the LOD's, see
@@ -196,7 +204,7 @@ def _count_shown(character: Moving, surface: Merged, hiding: np.ndarray, apart: 
     left = np.flatnonzero(~lod.counted)
     corners = places_on(lod.triangles[left], lod.triangles[:0])
     distance = np.zeros(len(lod.points))
-    distance[corners.corners[:, 0]] = hausdorff.upper_distances(lod, character, corners)
+    distance[corners.corners[:, 0]] = upper_distances(lod, character, corners)
     suspects = left[distance[lod.triangles[left]].max(axis=1) > apart.bound]
     if not len(suspects):
         return
@@ -204,7 +212,7 @@ def _count_shown(character: Moving, surface: Merged, hiding: np.ndarray, apart: 
     if not len(suspects):
         return
     shown = np.isin(np.arange(len(lod.triangles)), suspects)
-    more = hausdorff.interval(
+    more = bound_distance(
         replace(character, counted=np.zeros(len(character.triangles), bool)),
         replace(lod, counted=shown),
         apart.bound,
@@ -217,20 +225,28 @@ def _count_shown(character: Moving, surface: Merged, hiding: np.ndarray, apart: 
     lod.counted |= shown
 
 
-def _lost(character: PosedSurface, other: PosedSurface, poses: list[int], bound: float) -> float:
-    """How far thin parts of the character are from where a LOD shows, meters: see
-    thin_parts.unseen.
+def _lost(
+    character: PosedSurface, other: PosedSurface, poses: list[int], bound: float
+) -> tuple[float, int, np.ndarray]:
+    """How far thin parts of the character are from where a LOD shows, at most: see
+    thin_parts.find_unseen.
 
-    What is lost is so in all poses, and only far from what shows do some poses tell how far.
+    Returns meters, the pose, and the places (k, 3) that are lost there. What is lost is so in all
+    poses, and only far from what shows do some poses tell how far.
     """
-    found = 0.0
+    most = 0.0
+    pose_of_most = poses[0]
+    lost = np.zeros((0, 3))
     for pose in poses[:: max(1, len(poses) // LOST_IN)]:
         surface = surface_of(other.shapes[pose])
         if surface is not None:
-            found = max(
-                found,
-                thin_parts.unseen(character.samples(pose), surface.facing, surface.meets, bound),
+            away, places = thin_parts.find_unseen(
+                character.samples(pose), surface.facing, surface.meets, bound
             )
-        if found < 2 * bound:
+            if away.max(initial=0.0) > most:
+                most = float(away.max())
+                pose_of_most = pose
+                lost = places
+        if most < 2 * bound:
             break
-    return found
+    return most, pose_of_most, lost

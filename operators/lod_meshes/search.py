@@ -12,7 +12,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...crowd_lod.levels.lengths import NEAR_ENOUGH, read_curve
+from ...crowd_lod.levels.lengths import read_curve
 from ...crowd_lod.progress import share, standing
 from .deviation import Estimate, Measure
 from .dispensable import find_dispensable
@@ -23,16 +23,18 @@ from .source_mesh import Source
 ROUNDS = 5  # tries of a length, at most, before the whole is measured
 MOST_MEASURED = 4  # times that the whole is measured, at most
 SAFE = 1.3  # times as near as is estimated to do, a LOD is tried last where none fits
-AIM = 0.93  # of a length: the deviation that tries aim at, between NEAR_ENOUGH and 1
+CLOSE = 0.92  # of a length: a LOD that deviates by as much is not made coarser
+AIM = 0.96  # of a length: the deviation that tries aim at, between CLOSE and 1
 USUALLY = 1.3  # times as far off Decimate's LODs are, of as many triangles
 STEP = 1.08  # times the triangles, that a try must differ by from those before
 MOST_STEP = 6.0  # times the triangles, that it may differ by
 USUAL = 1.08  # times the deviation as estimated, that a bound is
 WIDE = 2.0  # times the triangles, that a step is at most where it was tried before
 # Where a try is too far off at FEW_SPOTS of its vertices alone, these count HEAVIER in those after
-# it. Where more are, what is won at them is lost beside them; of a second time nothing is won.
+# it. Where more are, or heavier ones, what is won at them is lost beside them; of a second time
+# nothing is won.
 FEW_SPOTS = 0.003
-HEAVIER = 32.0
+HEAVIER = 8.0
 # By preference. Decimate is far quicker: what it says guides the other's first try.
 NEAREST = 0.1  # of the length: what stands in for objects left out may be off by so much at least
 BELOW = 1e-9  # a division by less says nothing
@@ -110,14 +112,15 @@ class Curve:
         about: that part if nothing is known.
         """
         known = self._known(method, length)
+        others = [pair for other in METHODS for pair in self._known(other, length)]
         ratio = about
         if known:
             ratio = float(read_curve([AIM * length], known, -1.0)[0])
-            # the whole itself would tell nothing: at most half the way there
-            ratio = min(ratio, max(part for _, part in known) ** 0.5)
-        elif others := [pair for other in METHODS for pair in self._known(other, length)]:
+        elif others:
             other = float(read_curve([AIM * USUALLY * length], others, -1.0)[0])
             ratio = (about * other) ** 0.5
+        if others:  # the whole itself would tell nothing: at most half the way there
+            ratio = min(ratio, max(part for _, part in known or others) ** 0.5)
         return min(max(ratio, LEAST / max(self.count, 1)), 1.0)
 
     def _known(self, method: str, length: float) -> list[tuple[float, float]]:
@@ -168,7 +171,7 @@ class Curve:
         if not any(self.known.values()):
             return [(methods[-1], about)]
         untried = [method for method in methods if not self.known[method]]
-        near_enough = NEAR_ENOUGH * length <= self.best(length).deviation if self.tries else False
+        near_enough = CLOSE * length <= self.best(length).deviation if self.tries else False
         if near_enough and not untried and self.best(length).deviation <= length:
             return []
         ratios = {method: self.ratio_for(method, length, about) for method in methods}
@@ -266,29 +269,32 @@ class Search:
     def _learn(self, objects: list[Try], aim: float, deviation: float) -> None:
         """Note that the whole measure tells a greater deviation of a LOD than its estimate.
 
-        Its worst place is in a frame that was found just now, or where no estimate looks. What is
-        coarser is no nearer.
+        Its worst place is in a frame that was found just now, or where no estimate looks: between
+        places, or at thin parts that are lost. What is coarser is no nearer.
 
         aim, deviation: meters, as estimates are.
         """
-        known = [attempt.deviation for attempt in objects]
+        before = [attempt.deviation for attempt in objects]
         if any(attempt.poses < len(self.by.frames) for attempt in objects):
             estimate = self.by.estimate([attempt.item for attempt in objects], aim)
             for number, attempt in enumerate(objects):
                 self._note(number, attempt, estimate)
-            number = int(np.argmax(estimate.deviations))
+            missed = [int(np.argmax(estimate.deviations))]
         else:
-            _, number, vertices = self.by.worst_vertices()
-            if self.curves[number].count:
-                around = np.isin(self.curves[number].evaluated, vertices)
-                objects[number].away[around] = deviation
-        worst = objects[number]
-        worst.deviation = max(worst.deviation, deviation)
-        for other in self.curves[number].tries:
-            if other.poses < len(self.by.frames):  # in a new frame it is as much farther off, about
-                other.deviation *= worst.deviation / max(known[number], aim / MOST_STEP)
-            if other.method == worst.method and other.ratio < worst.ratio:
-                other.deviation = max(other.deviation, worst.deviation)
+            around = self.by.worst_vertices()
+            missed = [number for number, vertices in enumerate(around) if len(vertices)]
+            for number in missed:
+                if self.curves[number].count:
+                    spots = np.isin(self.curves[number].evaluated, around[number])
+                    objects[number].away[spots] = deviation
+        for number in missed:
+            worst = objects[number]
+            worst.deviation = max(worst.deviation, deviation)
+            for other in self.curves[number].tries:
+                if other.poses < len(self.by.frames):  # in a new frame as much farther off, about
+                    other.deviation *= worst.deviation / max(before[number], aim / MOST_STEP)
+                if other.method == worst.method and other.ratio < worst.ratio:
+                    other.deviation = max(other.deviation, worst.deviation)
 
     def _whole(self) -> Generator[float, None, list[Try]]:
         """Make the objects of the character itself, as no LOD fits."""

@@ -10,7 +10,7 @@ from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.culling.radar import radar
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.frame.frame_range import evenly
+from ...crowd_lod.frame.frame_range import spread_evenly
 from ...crowd_lod.levels.assignment import LevelPolicy
 from ...crowd_lod.levels.selection import (
     GroupShot,
@@ -24,6 +24,7 @@ from ...crowd_lod.levels.selection import (
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_data
 from ..blender.cameras import cameras_at
+from ..blender.machine_costs import costs_of
 from ..blender.named_actions import own_performance
 from ..characters.characters import check_measured
 from ..characters.rig_needs import Characters, armatures, leads
@@ -61,7 +62,7 @@ def views(
     camera's clip range.
     """
     frames = scene_data.frames_of(scene, settings.step)
-    chosen = evenly(frames, MOST_FRAMES)
+    chosen = spread_evenly(frames, MOST_FRAMES)
     bias = bias_of(settings)
     cameras = cameras_at(scene, chosen)
     center, radius = (
@@ -90,12 +91,13 @@ def views(
                 shown = library.shown(gaits, crowd, trajectory.seconds(frame), agents) - first[g]
                 each.append(View(eyes[0], float(own.min()), float(own.max()), own, shown))
         yield done / len(chosen)
+    costs = costs_of(scene)
     anywhere = [View(eyes[0], eyes[0].near, eyes[0].far) for eyes in cameras]
     return [
         GroupShot(
             each or anywhere,
             int(own),
-            scene_data.engine_of(scene),
+            costs,
             settings.shading_counts,
             int(count),
         )

@@ -9,7 +9,7 @@ from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 
 from ...crowd_lod.simplification.components import areas
-from ...crowd_lod.simplification.hausdorff import Moving
+from ...crowd_lod.simplification.moving_surface import MovingSurface
 from ...crowd_lod.simplification.triangle_mesh import ranges
 
 # meters, and part of a distance that float32 may round away, amply
@@ -257,7 +257,7 @@ class Merged:
     shown: (given triangles,) bool, those with area.
     """
 
-    moving: Moving
+    moving: MovingSurface
     source: np.ndarray
     place: np.ndarray
     shown: np.ndarray
@@ -299,7 +299,7 @@ def merge(points: Sequence[np.ndarray], triangles: np.ndarray) -> Merged | None:
 
     place = np.full(len(points[0]), -1)
     place[used] = one
-    return Merged(Moving(every, triangles, find), used[first], place, shown)
+    return Merged(MovingSurface(every, triangles, find), used[first], place, shown)
 
 
 def same_faces(one: np.ndarray, other: np.ndarray) -> bool:

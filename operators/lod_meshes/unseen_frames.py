@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...crowd_lod.simplification.closest_point import closest_weights
-from ...crowd_lod.simplification.hausdorff import Places, interval, places_on, upper_distances
+from ...crowd_lod.simplification.distance_estimate import Places, places_on, upper_distances
+from ...crowd_lod.simplification.hausdorff import bound_distance
 from ..blender.performance import Performance
 from .posed_shapes import Posed
 from .posed_surface import Measured, PosedSurface, large_pieces
@@ -194,7 +195,7 @@ class Looked:
         if one is None or other is None:
             return row
         deviation, bound, rms, worst = row
-        apart = interval(one.moving, other.moving, bound)
+        apart = bound_distance(one.moving, other.moving, bound)
         if apart.measured > deviation:
             deviation = apart.measured
             worst = some[apart.pose][0]

@@ -11,13 +11,13 @@ from ...crowd_lod.format import counted
 from ...crowd_lod.reporting import files
 from ..blender.labeled_properties import BoolProperty, EnumProperty, IntProperty, StringProperty
 from ..blender.operator import Reporting
-from .machine_editor import cell_of, change, draft_of, lacking, selected
+from .machine_editor import cell_of, change, draft_of, missing_text, selected_name
 
 LISTS = [("states", "State", "A state of the machine"), ("labels", "Label", "A label of the map")]
 
 
 class _Editing(Reporting):
-    needs = (lacking,)
+    needs = (missing_text,)
 
 
 class _Listed(_Editing):
@@ -40,7 +40,7 @@ class CROWDLOD_OT_machine_add(_Listed, bpy.types.Operator):
     bl_label = "Add to State Machine"
 
     def run(self, context) -> str:
-        name = edits.unused(self.kind[:-1], self.names(context.scene))
+        name = edits.unused_name(self.kind[:-1], self.names(context.scene))
         change(context.scene, (edits.add_state if self.kind == "states" else edits.add_label)(name))
         self.select(context.scene, name)
         return f"The {self.kind[:-1]} {name} is added."
@@ -53,8 +53,8 @@ class CROWDLOD_OT_machine_duplicate(_Listed, bpy.types.Operator):
     bl_label = "Duplicate in State Machine"
 
     def run(self, context) -> str:
-        name = selected(context.scene, self.kind)
-        copy = edits.unused(name, self.names(context.scene))
+        name = selected_name(context.scene, self.kind)
+        copy = edits.unused_name(name, self.names(context.scene))
         change(context.scene, edits.duplicate(self.kind, name, copy))
         self.select(context.scene, copy)
         return f"{copy} is a copy of {name}."
@@ -67,7 +67,7 @@ class CROWDLOD_OT_machine_remove(_Listed, bpy.types.Operator):
     bl_label = "Remove from State Machine"
 
     def run(self, context) -> str:
-        name = selected(context.scene, self.kind)
+        name = selected_name(context.scene, self.kind)
         index = self.names(context.scene).index(name)
         change(context.scene, edits.remove(self.kind, name))
         setattr(context.scene.crowd_lod_editor, f"{self.kind[:-1]}_index", max(index - 1, 0))
@@ -83,7 +83,7 @@ class CROWDLOD_OT_machine_move(_Listed, bpy.types.Operator):
     by: IntProperty(name="By", description="Rows down; up below 0", default=1)
 
     def run(self, context) -> str:
-        name = selected(context.scene, self.kind)
+        name = selected_name(context.scene, self.kind)
         change(context.scene, edits.move(self.kind, name, self.by))
         self.select(context.scene, name)
         return f"{name} is at place {self.names(context.scene).index(name) + 1}."
@@ -123,15 +123,17 @@ class CROWDLOD_OT_machine_unfollow(_Following, bpy.types.Operator):
 
     def run(self, context) -> str:
         state, label, targets = self.targets(context.scene)
-        known = [name for name, _ in targets]
-        if self.state not in known:
+        names = [name for name, _ in targets]
+        if self.state not in names:
             raise CrowdError(
                 f"{self.state or 'No state'} does not follow {state}: set State to one of "
-                f"{', '.join(known)}."
+                f"{', '.join(names)}."
             )
         change(
             context.scene,
-            edits.set_targets(state, label, [each for each in targets if each[0] != self.state]),
+            edits.set_targets(
+                state, label, [target for target in targets if target[0] != self.state]
+            ),
         )
         return f"{self.state} does not follow {state}."
 

@@ -1,23 +1,23 @@
-"""The state machine that the sidebar edits: the scene's text, and nothing beside it.
+"""The state machine that the sidebar edits: the scene's text, and no state besides it.
 
-The editor reads the text anew each time, and each edit writes it. So what was typed into the text
-by hand, loaded or undone shows up by itself.
+The editor reads the text each time, and each edit writes it. So the sidebar shows at once what was
+typed into the text by hand, loaded, or undone.
 """
 
 import bpy
 
 from ...crowd_lod.crowd.json_reader import FieldPath
 from ...crowd_lod.crowd.machine_draft import Draft, draft
-from ...crowd_lod.crowd.machine_edits import Edit, edited
+from ...crowd_lod.crowd.machine_edits import Edit, edit_text
 from ...crowd_lod.errors import CrowdError
 from ..blender import scene_cache
 from .scene_world import machine_text
 
-# Of each scene the edit that was refused last: the text that it left, and a sentence.
+# By scene: the text when an edit was refused last, and the sentence that says why.
 _refused: dict[int, tuple[str, str]] = scene_cache.add_cache({}, by_scene=True)
 
 
-def lacking(scene: bpy.types.Scene) -> str:
+def missing_text(scene: bpy.types.Scene) -> str:
     """Return a sentence if the scene has no text to edit, else ""."""
     text = scene.crowd_lod.machine
     if text is None:
@@ -30,18 +30,16 @@ def lacking(scene: bpy.types.Scene) -> str:
 
 
 def draft_of(scene: bpy.types.Scene) -> Draft:
-    """Return what the scene's text says, or the machine that moves agents where it is empty.
+    """Return the machine of the scene's text; that of the chapter if the text is empty.
 
-    An empty Draft without a text.
+    Without a text the Draft is empty.
     """
     text = scene.crowd_lod.machine
     return Draft({}) if text is None else draft(machine_text(scene.crowd_lod), text.name)
 
 
 def problem_of(scene: bpy.types.Scene) -> str:
-    """Return a sentence on the edit that was just refused, or on the text's first mistake; else
-    "".
-    """
+    """Return a sentence on the edit just refused, or on the text's first mistake; "" if none."""
     text = scene.crowd_lod.machine
     if text is None:
         return ""
@@ -49,45 +47,40 @@ def problem_of(scene: bpy.types.Scene) -> str:
     return sentence if sentence and left == text.as_string() else draft_of(scene).problem
 
 
-def selected(scene: bpy.types.Scene, kind: str) -> str:
+def selected_name(scene: bpy.types.Scene, kind: str) -> str:
     """Return the name of the state or label that is selected in the list; "" for none.
 
     kind: "states", "labels", or "rules": the label, or "*", whose rule is selected.
     """
-    found = draft_of(scene)
+    draft = draft_of(scene)
     editor = scene.crowd_lod_editor
     if kind == "rules":
-        names = found.rows(selected(scene, "states"))
+        names = draft.rows(selected_name(scene, "states"))
     else:
-        names = found.states if kind == "states" else found.labels
+        names = draft.states if kind == "states" else draft.labels
     index = getattr(editor, f"{kind[:-1]}_index")
     return names[min(index, len(names) - 1)] if names else ""
 
 
 def cell_of(scene: bpy.types.Scene) -> tuple[str, str]:
     """Return the state and the label, or "*", of the selected rule."""
-    return selected(scene, "states"), selected(scene, "rules")
+    return selected_name(scene, "states"), selected_name(scene, "rules")
 
 
 def change(scene: bpy.types.Scene, edit: Edit) -> None:
-    """Make the edit in the scene's text.
-
-    CrowdError if it is refused; the text is then as it was.
-    """
-    lack = lacking(scene)
+    """Make the edit in the scene's text; CrowdError if it is refused, and the text stays."""
+    lack = missing_text(scene)
     if lack:
         raise CrowdError(f"{lack}.")
     _refused.pop(scene.session_uid, None)
     text = scene.crowd_lod.machine
-    new = edited(machine_text(scene.crowd_lod), text.name, edit)
+    new = edit_text(machine_text(scene.crowd_lod), text.name, edit)
     if new != text.as_string():
         text.from_string(new)
 
 
 def change_or_tell(scene: bpy.types.Scene, edit: Edit) -> None:
-    """Make the edit; if it is refused, have the sidebar say why. For fields, which cannot
-    report.
-    """
+    """Make the edit; if it is refused, the sidebar says why. For fields, which cannot report."""
     try:
         change(scene, edit)
     except CrowdError as error:
@@ -95,7 +88,7 @@ def change_or_tell(scene: bpy.types.Scene, edit: Edit) -> None:
 
 
 def tell(scene: bpy.types.Scene, error: CrowdError) -> None:
-    """Have the sidebar say why an edit was refused, until the text changes."""
+    """Show in the sidebar why an edit was refused, until the text changes."""
     text = scene.crowd_lod.machine
     _refused[scene.session_uid] = text.as_string() if text is not None else "", str(error)
 

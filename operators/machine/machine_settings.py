@@ -1,7 +1,4 @@
-"""The fields of the state machine editor.
-
-They keep nothing: each reads the scene's text and writes it.
-"""
+"""The fields of the state machine editor: each reads and writes the scene's text."""
 
 import math
 from collections.abc import Callable
@@ -24,7 +21,7 @@ from ..blender.labeled_properties import (
     StringProperty,
 )
 from . import map_painting
-from .machine_editor import cell_of, change_or_tell, draft_of, selected, tell
+from .machine_editor import cell_of, change_or_tell, draft_of, selected_name, tell
 
 Accessors = dict[str, Callable]  # get and set of a property
 MOST_TARGETS = 32  # weights that a property of Blender's holds
@@ -37,7 +34,7 @@ EDGE_TELLS = {
 
 
 def shortest(value: float) -> float:
-    """Return the number of fewest digits that Blender keeps as this one, a float32."""
+    """Return the number of fewest digits that rounds to the same float32."""
     return float(str(np.float32(value)))
 
 
@@ -60,50 +57,50 @@ def _field(kind: str, name: str, empty=None) -> tuple[Callable, Callable]:
 
     def get(self) -> Any:
         scene = self.id_data
-        found = draft_of(scene)
-        table = found.state if kind == "states" else found.label
-        return table(selected(scene, kind)).get(name, empty)
+        draft = draft_of(scene)
+        table = draft.state if kind == "states" else draft.label
+        return table(selected_name(scene, kind)).get(name, empty)
 
     def put(self, value) -> None:
-        path = kind, selected(self.id_data, kind), name
+        path = kind, selected_name(self.id_data, kind), name
         change_or_tell(self.id_data, edits.set_field(path, None if value == empty else value))
 
     return get, put
 
 
 def _color_field(kind: str) -> Accessors:
-    get, put = _field(kind, "color")
+    get, set_field = _field(kind, "color")
     return {
         "get": lambda self: color_of(get(self) or edits.FALLBACK),
-        "set": lambda self, value: put(self, _hex(value)),
+        "set": lambda self, value: set_field(self, _hex(value)),
     }
 
 
 def _text_field(kind: str, name: str) -> Accessors:
-    get, put = _field(kind, name, "")
-    return {"get": lambda self: str(get(self)), "set": put}
+    get, set_field = _field(kind, name, "")
+    return {"get": lambda self: str(get(self)), "set": set_field}
 
 
 def _number_field(kind: str, name: str) -> Accessors:
-    get, put = _field(kind, name, 0.0)
+    get, set_field = _field(kind, name, 0.0)
 
     def number(self) -> float:
         value = get(self)
         return float(value) if isinstance(value, int | float) and abs(value) < 1e30 else 0.0
 
-    return {"get": number, "set": lambda self, value: put(self, edits.plain(shortest(value)))}
+    return {"get": number, "set": lambda self, value: set_field(self, edits.plain(shortest(value)))}
 
 
 def _name_field(kind: str) -> Accessors:
     def put(self, value: str) -> None:
         scene = self.id_data
-        before = selected(scene, kind)
+        before = selected_name(scene, kind)
         change_or_tell(scene, edits.rename(kind, before, value))
         if kind == "labels" and before not in draft_of(scene).labels:
             for entry in scene.crowd_lod.areas:
                 entry.label = value if entry.label == before else entry.label
 
-    return {"get": lambda self: selected(self.id_data, kind), "set": put}
+    return {"get": lambda self: selected_name(self.id_data, kind), "set": put}
 
 
 def _targets(timer: bool) -> tuple[Callable, Callable]:
@@ -148,11 +145,13 @@ def _single(timer: bool) -> Accessors:
 
 
 def _timer_at(self) -> tuple[float, float]:
-    return draft_of(self.id_data).timer(selected(self.id_data, "states")) or (0.0, 0.0)
+    return draft_of(self.id_data).timer(selected_name(self.id_data, "states")) or (0.0, 0.0)
 
 
 def _set_timer(self, least: float, most: float) -> None:
-    change_or_tell(self.id_data, edits.set_timer(selected(self.id_data, "states"), least, most))
+    change_or_tell(
+        self.id_data, edits.set_timer(selected_name(self.id_data, "states"), least, most)
+    )
 
 
 def _set_least(self, value: float) -> None:
@@ -164,7 +163,7 @@ def _set_most(self, value: float) -> None:
 
 
 def _use_timer(self, value: bool) -> None:
-    state = selected(self.id_data, "states")
+    state = selected_name(self.id_data, "states")
     change_or_tell(
         self.id_data, edits.set_timer(state, 5, 20) if value else edits.drop_timer(state)
     )
@@ -208,9 +207,7 @@ def _edge(self) -> int:
 
 
 class CrowdLodMachineEditor(bpy.types.PropertyGroup):
-    """A view of the scene's state machine: what is selected, and fields that read and write its
-    text.
-    """
+    """A view of the scene's state machine: the selection, and fields that edit its text."""
 
     state_index: IntProperty(
         name="State", min=0, description="The state that is selected in the list"
@@ -228,7 +225,7 @@ class CrowdLodMachineEditor(bpy.types.PropertyGroup):
         name="Show on Ground",
         description="Show the label map on a plane over the crowd's ground, which renders leave "
         "out",
-        get=lambda self: map_painting.shown(self.id_data),
+        get=lambda self: map_painting.is_plane_shown(self.id_data),
         set=_show_map,
     )
     edge: EnumProperty(
@@ -277,7 +274,9 @@ class CrowdLodMachineEditor(bpy.types.PropertyGroup):
     use_timer: BoolProperty(
         name="Timer",
         description="The state ends after a time, wherever the agent is",
-        get=lambda self: draft_of(self.id_data).timer(selected(self.id_data, "states")) is not None,
+        get=lambda self: (
+            draft_of(self.id_data).timer(selected_name(self.id_data, "states")) is not None
+        ),
         set=_use_timer,
     )
     timer_least: FloatProperty(
@@ -358,7 +357,8 @@ class CrowdLodMachineEditor(bpy.types.PropertyGroup):
         name="Agents Start Here",
         description="Agents may start on this label",
         get=lambda self: (
-            draft_of(self.id_data).label(selected(self.id_data, "labels")).get("spawn") is not False
+            draft_of(self.id_data).label(selected_name(self.id_data, "labels")).get("spawn")
+            is not False
         ),
         set=lambda self, value: _field("labels", "spawn", True)[1](self, value),
     )
@@ -369,7 +369,7 @@ class CrowdLodRow(bpy.types.PropertyGroup):
 
 
 class CrowdLodRows(bpy.types.PropertyGroup):
-    """The rows of the lists, of the window manager: they are set whenever the lists are drawn."""
+    """The rows of the lists, in the window manager; set whenever the lists are drawn."""
 
     states: CollectionProperty(
         type=CrowdLodRow, name="States", description="Rows of the list of states"
@@ -383,13 +383,13 @@ class CrowdLodRows(bpy.types.PropertyGroup):
 
 
 def rows_of(context, kind: str, names: list[str]) -> CrowdLodRows:
-    """Return the rows, those of this kind with these names."""
+    """Return the rows after setting those of this kind to these names."""
     rows = context.window_manager.crowd_lod_rows
-    known = getattr(rows, kind)
-    while len(known) > len(names):
-        known.remove(len(known) - 1)
+    kind_rows = getattr(rows, kind)
+    while len(kind_rows) > len(names):
+        kind_rows.remove(len(kind_rows) - 1)
     for n, name in enumerate(names):
-        row = known[n] if n < len(known) else known.add()
+        row = kind_rows[n] if n < len(kind_rows) else kind_rows.add()
         if row.name != name:
             row.name = name
     return rows

@@ -1,8 +1,8 @@
 """Walls and areas: meshes that lay labels over the label map.
 
-They are rasterized into an image of the crowd, `areas_image`: the color of a label where a mesh is,
-and transparent elsewhere. So a frame needs no mesh, and the pixels are compared as those of the
-painted map are. The image is made at Populate, by a button, and when a mesh is moved or edited.
+They are rasterized into the crowd's image `areas_image`: a label's color where a mesh is,
+transparent elsewhere. So no frame reads a mesh, and changes are found by comparing pixels, as with
+the painted map. The image is made at Populate, by a button, and when a mesh is moved or edited.
 """
 
 from collections.abc import Iterator
@@ -19,8 +19,8 @@ from .scene_world import MADE_FOR, area_of, areas_hold, areas_inputs, machine_of
 
 LONGER_SIDE = 256  # cells along the ground's longer side, where no image says how many
 REST = 0.1  # seconds from a change to the new image
-# Of each scene whose meshes have changed: True. What its image depended on when last asked, and
-# what was wrong when it was last made.
+# By scene: True if its meshes have changed; the inputs of its image at the last check; and a
+# sentence on what was wrong when the image was last made.
 _due: dict[int, bool] = scene_cache.add_cache({}, by_scene=True)
 _asked: dict[int, tuple] = scene_cache.add_cache({}, by_scene=True)
 _trouble: dict[int, str] = scene_cache.add_cache({}, by_scene=True)
@@ -40,8 +40,7 @@ def meshes_in(entry) -> list[bpy.types.Object]:
 
 
 def make(crowd, depsgraph: bpy.types.Depsgraph) -> int:
-    """Rasterize the areas of the settings `crowd` into their image; return how many cells they
-    cover.
+    """Rasterize the areas of the settings `crowd` into their image; return the count of cells.
 
     A later area lies over an earlier one. CrowdError, before anything changes, if an area names no
     label, or has nothing to rasterize.
@@ -117,9 +116,9 @@ def _triangles(
 
 @handler
 def moved_or_edited(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """Handler of depsgraph_update_post: have the areas follow their objects and settings.
+    """Handler of depsgraph_update_post: the areas follow their objects and settings.
 
-    Not in renders and not in the background: there Populate has made them.
+    Not in renders and in the background, where the image of Populate serves.
     """
     if bpy.app.background or not len(scene.crowd_lod.areas):
         return
@@ -139,32 +138,32 @@ def _outdated(scene: bpy.types.Scene) -> bool:
     Quick while none of them changes.
     """
     settings = scene.crowd_lod
-    asked = (
+    inputs = (
         *settings.center,
         *settings.size,
         settings.machine and settings.machine.as_string(),
         settings.map_image,
     )
     before = _asked.get(scene.session_uid)
-    _asked[scene.session_uid] = asked
-    if before == asked:
+    _asked[scene.session_uid] = inputs
+    if before == inputs:
         return False
     try:
         return not areas_hold(settings, machine_of(settings))
-    except CrowdError:  # who uses the map says so
+    except CrowdError:  # reported where the map is used
         return False
 
 
 @handler
 def undone(*_) -> None:
-    """Handler of undo_post and redo_post: undo brings objects back, and may bring an old image."""
+    """Handler of undo_post and redo_post: undo restores objects, and perhaps an older image."""
     for scene in bpy.data.scenes:
         if len(scene.crowd_lod.areas):
             follow_soon(scene)
 
 
 def follow_soon(scene: bpy.types.Scene) -> None:
-    """Have the image made anew soon, in a window."""
+    """Make the image anew soon, by a timer; only in a window."""
     if bpy.app.background:
         return
     _due[scene.session_uid] = True

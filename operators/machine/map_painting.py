@@ -17,9 +17,9 @@ from . import map_areas
 from .scene_world import area_of, machine_of
 
 MARK = "crowd_lod_map"  # custom property of the plane
-# custom property of the plane: what solid viewports were colored by, before it was shown
+# custom property of the plane: the color setting of solid viewports before it was shown
 COLORS = "crowd_lod_colors"
-ABOVE = 0.02  # meters of the plane above the ground, so that it does not flicker with it
+ABOVE = 0.02  # meters of the plane above the ground, so that the two do not flicker
 BRUSH = "Crowd LOD Label"
 
 
@@ -28,8 +28,8 @@ def plane_of(scene: bpy.types.Scene) -> bpy.types.Object | None:
     return next((item for item in scene.objects if MARK in item and item.type == "MESH"), None)
 
 
-def shown(scene: bpy.types.Scene) -> bool:
-    """Return whether the plane is there and shown."""
+def is_plane_shown(scene: bpy.types.Scene) -> bool:
+    """Return whether the plane exists and is shown."""
     plane = plane_of(scene)
     return plane is not None and not plane.hide_viewport and bool(scene.crowd_lod.map_image)
 
@@ -69,9 +69,7 @@ def show(scene: bpy.types.Scene) -> bpy.types.Object:
 
 
 def hide(scene: bpy.types.Scene) -> None:
-    """Hide the plane, out of the mode in which it is painted; viewports look as before it was
-    shown.
-    """
+    """Leave Texture Paint and hide the plane; viewports look again as before it was shown."""
     plane = plane_of(scene)
     if plane is None:
         return
@@ -93,9 +91,7 @@ def _square() -> bpy.types.Mesh:
 
 
 def _stretch(mesh: bpy.types.Mesh, size: tuple[float, float]) -> None:
-    """Give the square another width and depth. A scale of the object would do, but brushes warn of
-    it.
-    """
+    """Set the square's width and depth in the mesh, since brushes warn of scaled objects."""
     for vertex in mesh.vertices:
         vertex.co = (
             math.copysign(size[0] / 2, vertex.co.x),
@@ -106,9 +102,7 @@ def _stretch(mesh: bpy.types.Mesh, size: tuple[float, float]) -> None:
 
 
 def _show_image(material: bpy.types.Material, image: bpy.types.Image) -> None:
-    """Have the material glow in the image's colors, pixel by pixel, as what Texture Paint paints
-    on.
-    """
+    """Let the material emit the image's colors, unsmoothed; it is what Texture Paint paints on."""
     tree = switch_nodes_on(material)
     texture = next((node for node in tree.nodes if node.type == "TEX_IMAGE"), None)
     if texture is None:
@@ -135,9 +129,7 @@ def _viewports(scene: bpy.types.Scene) -> Iterator[tuple[str, bpy.types.View3DSh
 
 
 def _textured(scene: bpy.types.Scene, plane: bpy.types.Object) -> None:
-    """Have solid viewports show textures, else the plane is gray there; the plane notes what they
-    showed.
-    """
+    """Let solid viewports show textures, also the plane's; the plane notes their earlier setting."""
     for name, shading in _viewports(scene):
         if shading.type == "SOLID" and shading.color_type != "TEXTURE":
             plane[COLORS] = dict(plane.get(COLORS, {})) | {name: shading.color_type}
@@ -145,7 +137,7 @@ def _textured(scene: bpy.types.Scene, plane: bpy.types.Object) -> None:
 
 
 def _untextured(scene: bpy.types.Scene, plane: bpy.types.Object) -> None:
-    """Have viewports show what they showed before `_textured`."""
+    """Restore the viewports' colors from before `_textured`."""
     before = dict(plane.get(COLORS, {}))
     for name, shading in _viewports(scene):
         if name in before and shading.color_type == "TEXTURE":
@@ -233,7 +225,7 @@ class CROWDLOD_OT_paint_label(Reporting, bpy.types.Operator):
 
 
 def _set_brush(context, color: np.ndarray) -> None:
-    """Choose our brush, which writes exactly this sRGB color (3,), 0 to 1."""
+    """Activate our brush with exactly this sRGB color (3,), 0 to 1."""
     tools = context.scene.tool_settings
     paint = tools.image_paint
     paint.mode = "MATERIAL"
@@ -264,7 +256,7 @@ def _set_brush(context, color: np.ndarray) -> None:
 
 
 def _harden(brush: bpy.types.Brush) -> None:
-    """Have the brush write its color alone, without a soft edge."""
+    """Let the brush write its plain color, without a soft edge."""
     brush.blend = "MIX"
     brush.strength = 1.0
     brush.hardness = 1.0

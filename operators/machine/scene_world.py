@@ -66,9 +66,7 @@ def actions_named(scene: bpy.types.Scene, group: str) -> tuple[str, ...]:
 
 
 def names_in(crowd) -> set[str]:
-    """Return the names of the groups that the crowd's agents are drawn from; none where they are
-    all.
-    """
+    """Return the names of the groups that the crowd's agents are drawn from; none means all."""
     return {name.strip() for name in crowd.group_names.split(",")} - {""}
 
 
@@ -119,9 +117,9 @@ def world_of(settings, machine: machines.StateMachine) -> LabelMap:
 
 
 def areas_hold(settings, machine: machines.StateMachine) -> bool:
-    """Return whether the map of walls and areas was made of what the settings have now.
+    """Return whether the map of walls and areas was made from the present settings.
 
-    Its meshes do not count: it follows them.
+    Its meshes do not count, since it follows them.
     """
     image = settings.areas_image
     inputs = areas_inputs(settings, machine)
@@ -165,12 +163,12 @@ def check_maps(settings) -> None:
     heights_of(settings, area), bias_of(settings)
 
 
-def _check_reach(scene: bpy.types.Scene, what: str, reach: float, setting: str) -> None:
+def _check_reach(scene: bpy.types.Scene, subject: str, reach: float, setting: str) -> None:
     reach *= scene_data.meters(scene)
     if reach > FARTHEST:
         raise CrowdError(
-            f"{what} lies up to {reach:.3g} m from the world's origin, where Blender's positions "
-            f"are too coarse to show a walk: "
+            f"{subject} lies up to {reach:.3g} m from the world's origin, where Blender's "
+            f"positions are too coarse to show a walk: "
             f"change its {setting} so that it stays within {FARTHEST:,.0f} m."
         )
 

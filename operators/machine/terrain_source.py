@@ -13,26 +13,27 @@ from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import kept_meshes, mesh_data, provenance, scene_cache, scene_data
 from ..blender.ownership import OWNED
 
-# By the session_uid of the kept mesh, the height where there is no ground, and the meters in a
-# unit.
+# By the session_uid of the stored mesh, the height where there is no ground, and meters per unit.
 _terrains: dict[tuple[int, float, float], Terrain] = scene_cache.add_cache({})
 MOST_TERRAINS = 4
 
 
 def objects_of(crowd) -> list[bpy.types.Object]:
     """Return the objects of the crowd's terrain, sorted by name, without what Crowd LOD made."""
-    found = {crowd.terrain_object} if crowd.terrain_object is not None else set()
+    objects = {crowd.terrain_object} if crowd.terrain_object is not None else set()
     if crowd.terrain is not None:
-        found |= set(crowd.terrain.all_objects)
-    return sorted((item for item in found if not item.get(OWNED)), key=lambda item: item.name_full)
+        objects |= set(crowd.terrain.all_objects)
+    return sorted(
+        (item for item in objects if not item.get(OWNED)), key=lambda item: item.name_full
+    )
 
 
 def grounds_of(crowds: Sequence) -> set[bpy.types.ID]:
-    """Return all objects that one of the crowds stands on: they are no characters."""
+    """Return all objects that a crowd stands on; they are no characters."""
     return {item for crowd in crowds for item in objects_of(crowd)}
 
 
-def wanted(crowd) -> bool:
+def has_terrain(crowd) -> bool:
     """Return whether the crowd is to stand on a terrain."""
     return crowd.terrain is not None or crowd.terrain_object is not None
 
@@ -42,7 +43,7 @@ def read_terrain(crowd, depsgraph: bpy.types.Depsgraph) -> None:
 
     CrowdError if it has no faces to stand on, or lies too far from the world's origin.
     """
-    if not wanted(crowd):
+    if not has_terrain(crowd):
         crowd.terrain_mesh = None
         return
     objects = objects_of(crowd)
@@ -50,37 +51,35 @@ def read_terrain(crowd, depsgraph: bpy.types.Depsgraph) -> None:
     triangles = []
     count = 0
     meters = scene_data.meters(crowd.id_data)
-    for _, _, own, sides in kept_meshes.evaluated_triangles(objects, depsgraph):
-        sides = sides[upward(own[sides], meters)]
-        points.append(own)
+    for _, _, vertices, sides in kept_meshes.evaluated_triangles(objects, depsgraph):
+        sides = sides[upward(vertices[sides], meters)]
+        points.append(vertices)
         triangles.append(sides + count)
-        count += len(own)
-    which = np.concatenate(triangles) if triangles else np.empty((0, 3), np.int32)
-    if not len(which):
+        count += len(vertices)
+    corners = np.concatenate(triangles) if triangles else np.empty((0, 3), np.int32)
+    if not len(corners):
         raise CrowdError(
             f"The terrain {_name(crowd)} has no face that one can stand on: choose one with faces "
             f"that are not upright."
         )
-    used, which = np.unique(which, return_inverse=True)
+    used, corners = np.unique(corners, return_inverse=True)
     places = np.concatenate(points)[used]
     if np.abs(places).max() * meters > FARTHEST:
         raise CrowdError(
             f"The terrain {_name(crowd)} reaches beyond {FARTHEST:,.0f} m from the world's "
             f"origin: move or shrink it."
         )
-    mesh = mesh_data.new_mesh("Crowd LOD terrain", places, which.reshape(-1, 3))
+    mesh = mesh_data.new_mesh("Crowd LOD terrain", places, corners.reshape(-1, 3))
     kept_meshes.keep(crowd, "terrain_mesh", mesh, _made_of(objects))
 
 
 def terrain_of(crowd, z: float) -> Terrain | None:
-    """Return the terrain that the file keeps of the crowd, with height `z` where there is no
-    ground.
+    """Return the crowd's terrain as stored in the file; None if it has none.
 
-    None without one.
-
+    z: the height, in units, where there is no ground.
     CrowdError if Populate has not read it yet.
     """
-    if not wanted(crowd):
+    if not has_terrain(crowd):
         return None
     mesh = crowd.terrain_mesh
     if mesh is None:
@@ -92,17 +91,17 @@ def terrain_of(crowd, z: float) -> Terrain | None:
         mesh.vertices.foreach_get("co", points.ravel())
         triangles = np.empty(len(mesh.loops), np.int32)
         mesh.loops.foreach_get("vertex_index", triangles)
-        made = Terrain(points[triangles].astype(np.float64).reshape(-1, 3, 3), z, meters)
+        terrain = Terrain(points[triangles].astype(np.float64).reshape(-1, 3, 3), z, meters)
         while len(_terrains) >= MOST_TERRAINS:
             _terrains.pop(next(iter(_terrains)))
-        _terrains[key] = made
+        _terrains[key] = terrain
     return _terrains[key]
 
 
 def terrain_outdated(crowd) -> Iterator[str]:
-    """Yield a sentence if the crowd's terrain is not what Populate read."""
+    """Yield a sentence if the crowd's terrain has changed since Populate read it."""
     mesh = crowd.terrain_mesh
-    if not wanted(crowd):
+    if not has_terrain(crowd):
         return
     if mesh is None:
         yield _unread(crowd)
@@ -119,9 +118,7 @@ def _unread(crowd) -> str:
 
 
 def terrain_notes(crowd, trajectory: Trajectory) -> Iterator[str]:
-    """Yield sentences on agents that have no ground under them at the start, and on ground that may
-    move.
-    """
+    """Yield sentences on agents without ground under them at the start, and on moving ground."""
     ground = trajectory.heights
     start = trajectory.start
     if not isinstance(ground, Terrain):
@@ -129,10 +126,12 @@ def terrain_notes(crowd, trajectory: Trajectory) -> Iterator[str]:
     if not trajectory.level:
         over = int(ground.missing(start.x, start.y).sum())
         if over:
-            have, them, stand = ("has", "it", "stands") if over == 1 else ("have", "them", "stand")
+            has_verb, pronoun, stand_verb = (
+                ("has", "it", "stands") if over == 1 else ("have", "them", "stand")
+            )
             yield (
-                f"{over:,} of {len(start):,} agents {have} no ground of the terrain "
-                f"{_name(crowd)} under {them}, and {stand} at the "
+                f"{over:,} of {len(start):,} agents {has_verb} no ground of the terrain "
+                f"{_name(crowd)} under {pronoun}, and {stand_verb} at the "
                 f"crowd's height, {number(ground.z * ground.meters)} m."
             )
     top = crowd.id_data.crowd_lod.characters

@@ -40,7 +40,7 @@ class CROWDLOD_OT_inspect(Needing, bpy.types.Operator):
 
     def modal(self, context, event) -> set[str]:
         settings = context.scene.crowd_lod
-        display = viewport_overlay.shown_of(context.scene)
+        display = viewport_overlay.display_of(context.scene)
         if event.type in ("ESC", "RIGHTMOUSE") or display is None or display.frame is None:
             settings.agent = self._before
             redraw.viewports()
@@ -52,7 +52,7 @@ class CROWDLOD_OT_inspect(Needing, bpy.types.Operator):
         if event.type == "LEFTMOUSE":
             self.cancel(context)
             return {"FINISHED"}
-        found = nearest(
+        nearest_agent = nearest(
             display.frame.crowd.places(display.frame.trajectory.spheres.center),
             np.array(region.data.perspective_matrix, np.float64),
             (region.width, region.height),
@@ -62,7 +62,7 @@ class CROWDLOD_OT_inspect(Needing, bpy.types.Operator):
             if settings.overlay_culled
             else display.frame.visible,
         )
-        agent = -1 if found is None else found
+        agent = -1 if nearest_agent is None else nearest_agent
         if settings.agent != agent:
             settings.agent = agent
             redraw.viewports()

@@ -7,7 +7,7 @@ from ...crowd_lod.frame.frame import Frame
 from ..blender import scene_data
 from . import agent_colors, character_cache
 from .draw_data import Drawing, Style, drawing
-from .gpu_draw import Cast
+from .gpu_batches import Cast
 from .skinned_characters import Character
 
 
@@ -47,15 +47,13 @@ def style_of(scene, levels: int) -> tuple[Style, tuple[Character, ...], tuple[st
         group.name for group in settings.groups
     ]
     if fits and all(len(character.meshes) >= levels for character in casting.characters):
-        return style, casting.characters, casting.told
+        return style, casting.characters, casting.notes
     misfit = "The LOD meshes do not fit the settings: press Make LOD Meshes to see the characters."
-    return points, (), casting.told or (misfit,)
+    return points, (), casting.notes or (misfit,)
 
 
 def missing_groups(settings) -> tuple[str, ...]:
-    """Return a sentence on populated groups that are no longer among the characters; () if all
-    are.
-    """
+    """Return a sentence on populated groups whose character has gone; () if there is none."""
     top = settings.characters
     present = (
         {*top.objects.keys(), *(child.name for child in top.children if child.all_objects)}

@@ -25,7 +25,7 @@ from ..characters.characters import GROUP
 from ..lod_meshes.cast_digest import cast_digest
 from ..machine.scene_world import actions_named
 from . import redraw
-from .skinned_characters import Character, baking
+from .skinned_characters import Character, bake_character
 
 
 @dataclass
@@ -39,7 +39,7 @@ class Casting:
     baking: the generator that bakes the next character, or None.
     progress: 0 to 1.
     ready: whether baking has ended, also after an error.
-    told: sentences for the user.
+    notes: sentences for the user.
     """
 
     key: bytes
@@ -49,14 +49,14 @@ class Casting:
     baking: Generator[float, None, Character] | None = None
     progress: float = 0.0
     ready: bool = False
-    told: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def give_up(self, why: str) -> None:
         """Bake no more, and show no characters."""
         self.characters = ()
         self.baking = None
         self.ready = True
-        self.told = (why,)
+        self.notes = (why,)
 
 
 _castings: dict[int, Casting] = scene_cache.add_cache({}, by_scene=True)
@@ -74,10 +74,10 @@ def casting_of(scene: bpy.types.Scene) -> Casting | None:
     casting = _castings.get(scene.session_uid)
     now = clock.monotonic()
     if casting is None or now > casting.looked + LOOK_AGAIN:
-        key, looks = _key(scene)
-        # to read pixels takes milliseconds
-        seen = casting is None or scene.crowd_lod.overlay_color == "MATERIAL"
-        painted = _painted(looks.sources) if seen else casting.painted
+        key, appearance = _key(scene)
+        # reading pixels takes milliseconds
+        reads_images = casting is None or scene.crowd_lod.overlay_color == "MATERIAL"
+        painted = _painted(appearance.sources) if reads_images else casting.painted
         if casting is None or (casting.key, casting.painted) != (key, painted):
             casting = _castings[scene.session_uid] = Casting(key, painted, now)
         casting.looked = now
@@ -117,9 +117,9 @@ def bake_some() -> float | None:
             try:
                 for group in scene.crowd_lod.groups:
                     actions_named(scene, group.name)
-            except (
-                CrowdError
-            ):  # the state machine is being mended: the overlay says so, and then asks again
+            except CrowdError:
+                # The state machine has an error, which the overlay shows. Once it is mended, the
+                # next drawing starts this timer again.
                 continue
             _bake_on(scene, casting)
             redraw.viewports()
@@ -142,11 +142,11 @@ def _bake_on(scene: bpy.types.Scene, casting: Casting) -> None:
     name = home.get(GROUP) or (groups[number].name if number < len(groups) else home.name)
     try:
         find = partial(_homes, scene.session_uid, number)
-        casting.baking = casting.baking or baking(name, find, actions_named(scene, name))
+        casting.baking = casting.baking or bake_character(name, find, actions_named(scene, name))
         casting.progress = (number + next(casting.baking)) / of
     except StopIteration as end:
         casting.characters += (end.value,)
-        casting.told += (end.value.told,) if end.value.told else ()
+        casting.notes += (end.value.note,) if end.value.note else ()
         casting.baking = None
         casting.progress = (number + 1) / of
         casting.ready = number + 1 == of
@@ -179,8 +179,8 @@ def _key(scene: bpy.types.Scene) -> tuple[bytes, Looks]:
     when an object enters or leaves a painting or edit mode.
     """
     digest = hashlib.sha256()
-    looks = Looks()
-    told = set()
+    appearance = Looks()
+    actions_read = set()
     homes = [home for level in scene.crowd_lod.levels.children for home in level.children]
     digest.update(cast_digest(item for home in homes for item in home.all_objects).encode())
     for home in homes:
@@ -189,7 +189,7 @@ def _key(scene: bpy.types.Scene) -> tuple[bytes, Looks]:
             repr((home.session_uid, home.get(GROUP), tuple(home.instance_offset))).encode()
         )
         for item in items:
-            materials = [looks.of(slot.material) for slot in item.material_slots]
+            materials = [appearance.of(slot.material) for slot in item.material_slots]
             modifiers = [(m.type, m.show_viewport) for m in item.modifiers]
             sizes = len(item.data.vertices), len(item.data.polygons)
             digest.update(
@@ -209,8 +209,8 @@ def _key(scene: bpy.types.Scene) -> tuple[bytes, Looks]:
             digest.update(points)
         for player in players_of([*items, *armatures_of(items)]):
             action = player.action, player.action_slot_handle
-            if action not in told:
-                told.add(action)
+            if action not in actions_read:
+                actions_read.add(action)
                 digest.update(
                     repr((action[0].session_uid, action[1], tuple(action[0].frame_range))).encode()
                 )
@@ -220,13 +220,11 @@ def _key(scene: bpy.types.Scene) -> tuple[bytes, Looks]:
         names = actions_named(scene, group)
         if names:
             digest.update(repr(_named(group, items, names)).encode())
-    return digest.digest(), looks
+    return digest.digest(), appearance
 
 
 def _named(group: str, items: list[bpy.types.Object], names: tuple[str, ...]) -> list | str:
-    """Return what the actions `names` of the `group` are; or why it has none such, which baking
-    will tell.
-    """
+    """Return a value that changes with the actions `names` of the `group`, or the error's text."""
     try:
         return performance.digest(named_actions.performance_of(group, items, names).parts)
     except CrowdError as error:

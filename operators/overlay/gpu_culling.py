@@ -37,15 +37,15 @@ PART = 256  # counts that a thread sums
 THREADS = 64  # in a work group
 # Far more than all roundings of float32: some ten of them, each 2 ** -24 of the terms' sizes.
 SLACK = 2.0**-19
-# Meters: of what is larger, float32 loses the square; a slack is no smaller.
+# Meters; no slack is smaller, since float32 would lose the square of a smaller one.
 HUGE = 1e15
 TINY = 1e-20
-# Frames that each way is tried for, and milliseconds from which on a plan is worth trying another.
+# Each way is tried for so many frames, if a plan takes at least so many milliseconds.
 TRIES = 4
 WORTH = 1.0
 
 PLAN = "struct CrowdPlan { vec4 planes[6]; vec4 axis; vec4 origin; vec4 slack; };"
-# Of each pass, in their order: what it reads, what it writes, and the numbers that it is told.
+# The passes in their order: the textures that each reads and writes, and its constants.
 PASSES = {
     "levels": (
         ("agents", "spheres", "feet_x", "feet_y", "feet_z"),
@@ -244,18 +244,20 @@ def _settled(places, ends, spheres: tuple, request: Unsorted) -> tuple[np.ndarra
     ends: (n + 2,), starts with 0; bucket k is places[ends[k]:ends[k + 1]], and the last bucket is
         the open one.
     """
-    places, open_, offsets = places[: ends[-2]], places[ends[-2] :], ends[:-1]
-    if not len(open_):
+    undecided = places[ends[-2] :]
+    places = places[: ends[-2]]
+    offsets = ends[:-1]
+    if not len(undecided):
         return places, offsets
     crowd = request.crowd
     policy = request.policy
-    agents = open_ if request.order is None else request.order[open_]
+    agents = undecided if request.order is None else request.order[undecided]
     options = RadarOptions(policy.margin, policy.metric == "RADIAL")
     visible, distance = radar(crowd, request.camera, *spheres, options, agents)
     levels = assign(distance, request.begins, crowd.group[agents])
     buckets = []
     for level, (first, last) in enumerate(zip(offsets[:-1], offsets[1:], strict=True)):
-        more = open_[visible & (levels == level)]
+        more = undecided[visible & (levels == level)]
         buckets.append(
             np.insert(places[first:last], np.searchsorted(places[first:last], more), more)
         )

@@ -87,7 +87,7 @@ def figures(
     if account is not None:
         lines.append(
             Line(
-                ", ".join(f"{name} {value}" for name, value in told(account)),
+                ", ".join(f"{name} {value}" for name, value in describe(account)),
                 colors.of_agent(account.agent, account.visible),
             )
         )
@@ -102,16 +102,14 @@ def figures(
 
 
 def legend(colors: Colors) -> list[Line]:
-    """Return a line for each name of the colors, at most MOST_NAMES of them, and how many are
-    left.
-    """
+    """Return a line for each of the colors' names, MOST_NAMES at most, and the count of others."""
     more = len(colors.names) - MOST_NAMES
     lines = [Line(name, colors.of_name(k)) for k, name in enumerate(colors.names[:MOST_NAMES])]
     return [*lines, Line(f"and {more} more")] if more > 0 else lines
 
 
-def told(account: Account) -> list[tuple[str, str]]:
-    """Return (name, value) pairs of all that is known of an agent."""
+def describe(account: Account) -> list[tuple[str, str]]:
+    """Return an agent's account as (name, value) pairs of text."""
     unknown = "-" if account.pixels is None else "not measured"
     return [
         ("Agent", f"{account.agent:,}"),
@@ -149,7 +147,7 @@ def size(count: int) -> str:
     )
 
 
-def broken(lines: Sequence[Line], letters: int, rows: int) -> list[Line]:
+def wrap_lines(lines: Sequence[Line], letters: int, rows: int) -> list[Line]:
     """Return `lines` wrapped to lines of at most `letters` characters.
 
     rows: the most lines returned; if there are more, the last one is "...".
@@ -178,24 +176,38 @@ def write(
 
     left, bottom, right, top = box
     indent = 2 * MARGIN * ui_scale
-    line = LINE * ui_scale
+    line_height = LINE * ui_scale
     blf.size(0, LETTERS * ui_scale)
     letter = blf.dimensions(0, SAMPLE)[0] / len(SAMPLE)
-    fitting = broken(lines, int((right - left - 2 * indent) / letter), int((top - bottom) / line))
+    fitting = wrap_lines(
+        lines, int((right - left - 2 * indent) / letter), int((top - bottom) / line_height)
+    )
     if right - left < NARROWEST * ui_scale or not fitting:
         return left, top
-    width = indent + max(blf.dimensions(0, each.text)[0] for each in fitting)
+    width = indent + max(blf.dimensions(0, line.text)[0] for line in fitting)
     edge = MARGIN * ui_scale / 2
-    _fill(left + edge, top - len(fitting) * line - 2 * edge, left + width + 2 * edge, top, BEHIND)
-    for number, each in enumerate(fitting, start=1):
-        base = top - number * line
-        if each.color is not None:
-            color = to_srgb(np.array([*each.color, 1.0], np.float32))
-            _fill(left + 2 * edge, base, left + 2 * edge + line / 2, base + line / 2, color)
+    _fill(
+        left + edge,
+        top - len(fitting) * line_height - 2 * edge,
+        left + width + 2 * edge,
+        top,
+        BEHIND,
+    )
+    for number, line in enumerate(fitting, start=1):
+        base = top - number * line_height
+        if line.color is not None:
+            color = to_srgb(np.array([*line.color, 1.0], np.float32))
+            _fill(
+                left + 2 * edge,
+                base,
+                left + 2 * edge + line_height / 2,
+                base + line_height / 2,
+                color,
+            )
         blf.color(0, *WHITE)
         blf.position(0, left + indent + edge, base, 0)
-        blf.draw(0, each.text)
-    return left + width + 2 * edge, top - len(fitting) * line - 2 * edge
+        blf.draw(0, line.text)
+    return left + width + 2 * edge, top - len(fitting) * line_height - 2 * edge
 
 
 def _fill(left: float, bottom: float, right: float, top: float, color) -> None:

@@ -11,7 +11,8 @@ import numpy as np
 
 from ...crowd_lod.crowd.maps import Area
 from .draw_data import Drawing
-from .gpu_draw import Batches, paint
+from .gpu_batches import Batches
+from .gpu_draw import paint
 
 if TYPE_CHECKING:
     from gpu.types import GPUTexture
@@ -26,9 +27,7 @@ STRAY = 1.0, 0.0, 1.0, 1.0  # linear RGBA, of the map's off-color pixels
 
 
 def with_strays(drawing: Drawing, strays: np.ndarray) -> Drawing:
-    """Return the drawing of points with a point more for each stray of the maps (k, 3), over all
-    agents.
-    """
+    """Return the drawing of points with a point above all for each stray (k, 3) of the maps."""
     if not len(strays):
         return drawing
     marks = (strays - drawing.origin).astype(np.float32)
@@ -55,7 +54,7 @@ def from_above(area: Area, eye: np.ndarray, places: np.ndarray) -> tuple[np.ndar
     low = np.minimum(eye[:2], (area.x_min, area.y_min))
     high = np.maximum(eye[:2], (area.x_max, area.y_max))
     width, height = 1.06 * np.maximum(high - low, 1e-3)
-    width, height = max(width, height * aspect), max(height, width / aspect)
+    (width, height) = (max(width, height * aspect), max(height, width / aspect))
     bottom, top = (eye[2] + end(places[:, 2]) for end in (np.min, np.max))
     view = np.eye(4)
     projection = np.eye(4)

@@ -20,10 +20,11 @@ from ..blender.color_space import to_linear
 from ..scene.scene_crowd import policy_of
 from . import character_cache, hud
 from .appearance import cast_of, colors_of, drawing_of, style_of
-from .gpu_draw import Batches, paint, put_depth
-from .visibility import revealed, show_as_rendered
+from .gpu_batches import Batches
+from .gpu_draw import paint, put_depth
+from .visibility import reveal_hidden, show_as_rendered
 
-# What a viewport is lent for a picture, from the scene's own shading of its Workbench renders.
+# Settings of the scene's Workbench renders that a viewport takes over for a picture.
 SHADING = (
     "light color_type show_shadows show_cavity show_object_outline show_xray "
     "show_specular_highlight show_backface_culling"
@@ -42,7 +43,7 @@ class Canvas:
 
         self.size = size
         self._solid = GPUOffScreen(*size)
-        # as a viewport has them for its overlays; a framebuffer does not keep its textures
+        # the formats of a viewport's overlays; a framebuffer does not hold on to its textures
         self._textures = (
             GPUTexture(size, format="SRGB8_A8"),
             GPUTexture(size, format="DEPTH_COMPONENT32F"),
@@ -193,7 +194,7 @@ class Playblast:
         self.canvas = Canvas(self.size)
         with ExitStack() as opened:
             opened.callback(self.canvas.free)
-            opened.enter_context(revealed(self.stage))
+            opened.enter_context(reveal_hidden(self.stage))
             self._opened = opened.pop_all()
         return self
 

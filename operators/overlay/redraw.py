@@ -1,7 +1,7 @@
-"""Has viewports drawn again where Blender does not know that they are old.
+"""Redraws viewports that are out of date without Blender's notice.
 
-Blender draws a viewport again after an edit in its own interface. It does not after a script, an
-operator, a driver or an animation has set a property of ours.
+Blender redraws a viewport after an edit in its own interface, but not after a script, an operator,
+a driver or an animation has set a property of ours.
 """
 
 from typing import Any
@@ -10,7 +10,7 @@ import bpy
 
 from ..blender import scene_cache
 
-# What the settings of each scene held when `changed` was last asked.
+# The contents of each scene's settings at the last call of `has_changed`.
 _known: dict[int, str] = scene_cache.add_cache({}, by_scene=True)
 
 
@@ -22,8 +22,8 @@ def viewports() -> None:
                 area.tag_redraw()
 
 
-def changed(scene: bpy.types.Scene) -> bool:
-    """Return whether the scene's settings hold anything else than at the last call.
+def has_changed(scene: bpy.types.Scene) -> bool:
+    """Return whether the scene's settings differ from those at the last call.
 
     False at the first call.
     """

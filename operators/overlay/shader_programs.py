@@ -26,7 +26,7 @@ def source(*names: str) -> str:
 def mesh_interface(kind: str, materials: bool = False) -> "GPUShaderCreateInfo":
     """Return the inputs that all programs for mesh instances share.
 
-    For what the inputs hold, see gpu_draw.Batches.
+    For what the inputs hold, see gpu_batches.Batches.
 
     kind: RIGID for boxes; JOINTS for meshes skinned in the draw from joint frames; FRAMES for
         meshes skinned before at each frame of the action.

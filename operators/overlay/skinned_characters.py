@@ -24,24 +24,23 @@ MOST_FRAMES = 500  # of a baked action; a longer one is baked at as many even st
 MOST_ROWS = 16384  # frames of all actions
 TICK = 0.25  # seconds of baking at a time
 POSES = 5  # at which the baked character is compared with Blender's own
-TOLERANCE = 1e-3  # of the character's diagonal, beyond which the difference is told
+TOLERANCE = 1e-3  # of the character's diagonal; a larger difference is noted for the user
 
 
 @dataclass(frozen=True, eq=False)
 class Character:
     """A character group as the shaders draw it.
 
-    frames: (F, J, 3, 4) float32, see crowd_lod.animation.skinning; those of its actions one after
-        the other.
+    frames: (F, J, 3, 4) float32, see crowd_lod.animation.skinning; of one action after the other.
     meshes: one per LOD, finest first.
     images: (n, size, size, 4) uint8, sRGB, bottom row first: the images of the meshes' materials.
     color: (3,) linear, the mean base color of the vertices of all LODs.
     off: greatest distance in meters of a vertex of LOD 0 from Blender's own; inf if the two cannot
         be compared.
-    told: a sentence about `off` for the user if it is more than TOLERANCE of the diagonal, else
+    note: a sentence about `off` for the user if it is more than TOLERANCE of the diagonal, else
         None.
-    rows: (first, count) of the frames of each action, by its name, "" for the own; {} if it has
-        none but its own.
+    rows: by the action's name, (first, count) of its frames; "" is the group's own action. {} if
+        there is no other.
     """
 
     name: str
@@ -50,13 +49,11 @@ class Character:
     images: np.ndarray
     color: np.ndarray
     off: float
-    told: str | None
+    note: str | None
     rows: dict[str, tuple[int, int]] = field(default_factory=dict)
 
     def rows_of(self, action: str) -> tuple[int, int]:
-        """Return the first of the frames of `action` and their number; those of its own if it has
-        none such.
-        """
+        """Return (first, count) of the frames of `action`; of the group's own if it has no such."""
         return self.rows.get(action) or self.rows.get("") or (0, len(self.frames))
 
 
@@ -78,22 +75,22 @@ class _Part:
     bones: tuple[str, ...]
 
 
-def baking(
+def bake_character(
     name: str, find: Callable[[], Sequence[bpy.types.Collection]], actions: Sequence[str] = ()
 ) -> Generator[float, None, Character]:
     """Bake a character group over all of its actions; yield the progress, 0 to 1.
 
     Returns the Character. CrowdError if it has more than MOST_JOINTS joints.
-    Nothing of the user's is changed. At each yield nothing temporary is left in the file, so that
-    Blender may go on in between.
+    The user's data stays as it is. At each yield nothing temporary is in the file, so that Blender
+    may go on in between.
 
     name: of the character group.
     find: called after each yield; find()[k] is the collection of LOD k, and its instance_offset is
         the origin.
-    actions: that states name, besides its own.
+    actions: names that states give, besides the group's own.
     """
-    looks = Looks()
-    read = []
+    appearance = Looks()
+    meshes_at_rest = []
     progress = 0
     recorder = None
     while True:
@@ -102,11 +99,11 @@ def baking(
         flat = [item for level in objects for item in level]
         performance = performance_of(name, flat, actions)
         most = min(MOST_FRAMES, MOST_ROWS // len(performance.spans))
-        each = [
+        times_by_action = [
             np.linspace(*span, min(int(np.ceil(span[1] - span[0])) + 1, most))
             for span in performance.spans
         ]
-        times = np.concatenate(each)
+        times = np.concatenate(times_by_action)
         recorder = recorder or _Recorder(np.array(homes[0].instance_offset, np.float64))
         with cleanup.scratch(), performance:
             stage = bpy.data.scenes.new("Crowd LOD joints")
@@ -115,9 +112,11 @@ def baking(
             parts = [_part(number, item, stage) for number, item in enumerate(flat)]
             if not progress:
                 performance.go_to(stage, times[0])
-                read = [_read(part, stage.view_layers[0].depsgraph, looks) for part in parts]
+                meshes_at_rest = [
+                    _read(part, stage.view_layers[0].depsgraph, appearance) for part in parts
+                ]
             for part in parts:
-                part.rest.modifiers.clear()  # from here on only where it is matters
+                part.rest.modifiers.clear()  # from here on only its place is read
             until = clock.monotonic() + TICK
             while True:
                 performance.go_to(stage, times[progress])
@@ -129,26 +128,32 @@ def baking(
                 levels = np.split(
                     np.arange(len(flat)), np.cumsum([len(level) for level in objects])[:-1]
                 )
-                pieces = [[(parts[i], read[i]) for i in level] for level in levels]
-                character = _character(name, (stage, performance, times), pieces, recorder, looks)
-                begins = np.cumsum([0, *map(len, each)]).tolist()
-                named = dict(
-                    zip(performance.names, zip(begins, map(len, each), strict=False), strict=True)
-                )
-                return replace(character, rows=named if len(named) > 1 else {})
+                pieces = [[(parts[i], meshes_at_rest[i]) for i in level] for level in levels]
+                played = stage, performance, times
+                character = _character(name, played, pieces, recorder, appearance)
+                return replace(character, rows=_rows_by_action(performance, times_by_action))
         yield progress / len(times)
 
 
-# A stage, what the character plays on it, and the moments at which that was recorded.
+def _rows_by_action(performance, times_by_action: list[np.ndarray]) -> dict[str, tuple[int, int]]:
+    """Return `rows` of a Character."""
+    if len(performance.names) == 1:
+        return {}
+    counts = [len(times) for times in times_by_action]
+    begins = np.cumsum([0, *counts])[:-1].tolist()
+    return dict(zip(performance.names, zip(begins, counts, strict=True), strict=True))
+
+
+# A stage, the performance on it, and the recorded times in frames.
 Played = tuple[bpy.types.Scene, Performance, np.ndarray]
 
 
 def _character(
-    name: str, played: Played, levels: list[list[tuple]], recorder, looks: Looks
+    name: str, played: Played, levels: list[list[tuple]], recorder, appearance: Looks
 ) -> Character:
     """Return the Character of the recorded matrices.
 
-    levels: of each LOD, (part, what was read of it at rest).
+    levels: of each LOD, pairs of a part and the result of `_read`.
     """
     joints = _Joints(recorder)
     meshes = []
@@ -169,13 +174,12 @@ def _character(
     color = np.concatenate([mesh.colors for mesh in meshes]).mean(axis=0)
     sentence = None
     if off > TOLERANCE * diagonal:
+        how = "at rest there" if np.isinf(off) else f"up to {off / diagonal:.1%} of its size off"
         sentence = (
             f"{name} moves in ways that joints cannot express (shape keys, other modifiers than "
-            f"armatures, or more than four "
-            f"bones a vertex): the overlay shows it "
-            f"{'at rest there' if np.isinf(off) else f'up to {off / diagonal:.1%} of its size off'}."
+            f"armatures, or more than four bones a vertex): the overlay shows it {how}."
         )
-    return Character(name, frames, tuple(meshes), looks.images(), color, off, sentence)
+    return Character(name, frames, tuple(meshes), appearance.images(), color, off, sentence)
 
 
 def _part(number: int, item: bpy.types.Object, stage: bpy.types.Scene) -> _Part:
@@ -202,10 +206,7 @@ def _part(number: int, item: bpy.types.Object, stage: bpy.types.Scene) -> _Part:
 
 
 class _Recorder:
-    """Records matrices over time.
-
-    They are the matrices of objects, and of bones as they move points in the world.
-    """
+    """Records over time the matrices of objects, and of bones as they move points in the world."""
 
     def __init__(self, origin: np.ndarray):
         self.origin = origin
@@ -213,12 +214,12 @@ class _Recorder:
         self.bones: dict[tuple[str, str], list] = {}
 
     def record(self, parts: list[_Part], depsgraph: bpy.types.Depsgraph) -> None:
-        wanted: dict[bpy.types.Object, set] = {}
+        bones_by_rig: dict[bpy.types.Object, set] = {}
         for part in parts:
             self.objects.setdefault(part.number, []).append(self._placed(part.rest, depsgraph))
             if part.rig is not None:
-                wanted.setdefault(part.rig, set()).update(part.bones)
-        for rig, bones in wanted.items():
+                bones_by_rig.setdefault(part.rig, set()).update(part.bones)
+        for rig, bones in bones_by_rig.items():
             evaluated = rig.evaluated_get(depsgraph)
             to_rig = np.linalg.pinv(np.array(evaluated.matrix_world, np.float64))
             from_rig = self._placed(rig, depsgraph)
@@ -261,7 +262,7 @@ class _Joints:
         return np.ascontiguousarray(np.stack(self.kept, axis=1))
 
 
-def _read(part: _Part, depsgraph: bpy.types.Depsgraph, looks: Looks) -> tuple:
+def _read(part: _Part, depsgraph: bpy.types.Depsgraph, appearance: Looks) -> tuple:
     """Return the part at rest: its vertices, and its distinct corners.
 
     Returns (points (v, 3), weights (v, bones), then of each distinct corner its vertex, normal, uv,
@@ -296,25 +297,25 @@ def _read(part: _Part, depsgraph: bpy.types.Depsgraph, looks: Looks) -> tuple:
         slots = np.zeros(len(mesh.polygons), np.int32)
         mesh.polygons.foreach_get("material_index", slots)
         materials = [slot.material for slot in part.item.material_slots] or [None]
-        table = np.array([looks.of(material) for material in materials], np.float32)
+        table = np.array([appearance.of(material) for material in materials], np.float32)
         look = table[slots[faces].clip(0, len(materials) - 1)].repeat(3, axis=0)
         loop = corners.ravel()
-        # only an image needs them, and they split vertices
+        # Only corners with an image keep their uv: others would split vertices for nothing.
         uvs = np.where(look[:, 3:] < 0, np.float32(0), uvs[loop])
         rows = np.concatenate(
             [triangles.reshape(-1, 1), normals[loop].round(4), uvs, look], axis=1, dtype=np.float32
         )
-        _, kept, number = np.unique(
+        _, distinct, number = np.unique(
             rows.view(f"V{rows.shape[1] * 4}").ravel(), return_index=True, return_inverse=True
         )
-        vertices = triangles.ravel()[kept]
+        vertices = triangles.ravel()[distinct]
         return (
             points,
             weights,
             vertices,
-            normals[loop][kept],
-            uvs[kept],
-            look[kept],
+            normals[loop][distinct],
+            uvs[distinct],
+            look[distinct],
             number.reshape(-1, 3),
             solid,
         )
@@ -328,23 +329,23 @@ def _piece(part: _Part, joints: _Joints, read: tuple) -> tuple[SkinnedMesh, Skin
     The first mesh has only points, joints and weights.
     """
     points, weights, vertices, normals, uvs, look, triangles, solid = read
-    columns, kept = strongest(weights)
-    free = kept[:, 0] == 0  # such vertices go with the object
-    kept[free, 0] = 1
+    columns, strengths = strongest(weights)
+    free = strengths[:, 0] == 0  # vertices without weights move with the object
+    strengths[free, 0] = 1
     numbers = np.zeros(len(part.bones) + 1, np.uint16)
     columns[free, 0] = len(part.bones)
-    for column in np.unique(columns[kept > 0]):
+    for column in np.unique(columns[strengths > 0]):
         numbers[column] = joints.index(
             part, part.bones[column] if column < len(part.bones) else None
         )
-    followed = np.where(kept > 0, numbers[columns], 0).astype(np.uint16)
+    followed = np.where(strengths > 0, numbers[columns], 0).astype(np.uint16)
     nothing = np.empty((0, 3), np.float32)
-    source = SkinnedMesh(points, nothing, followed, kept, nothing, nothing, nothing, nothing)
+    source = SkinnedMesh(points, nothing, followed, strengths, nothing, nothing, nothing, nothing)
     corners = SkinnedMesh(
         points[vertices],
         normals,
         followed[vertices],
-        kept[vertices],
+        strengths[vertices],
         uvs,
         np.ascontiguousarray(look[:, :3]),
         np.ascontiguousarray(look[:, 3]),

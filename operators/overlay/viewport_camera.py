@@ -29,9 +29,9 @@ def camera_of(
     view: (4, 4) float64, world to viewer's space.
     projection: (4, 4) float64, OpenGL's, perspective or orthographic.
     pixels: width and height of the picture.
-    clip: near and far in meters, used for perspective: a float32 matrix no longer holds the far
-        one. An orthographic view takes both from the matrix, because Blender's begins behind the
-        viewer.
+    clip: near and far in meters, of a perspective view, since far cannot be recovered from a
+        float32 matrix. An orthographic view begins behind the viewer in Blender, so both of its
+        are taken from the matrix.
     """
     origin, X, Y, Z = referential(np.linalg.inv(view), "of the viewport")
     edges = np.array([-1.0, 1.0])

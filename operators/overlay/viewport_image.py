@@ -34,7 +34,7 @@ class CROWDLOD_OT_render_viewport(Stepwise, bpy.types.Operator):
         return super().poll(context)
 
     def steps(self, context) -> Iterator[float]:
-        display = viewport_overlay.shown_of(context.scene)
+        display = viewport_overlay.display_of(context.scene)
         space = context.space_data
         if display.batches is None:
             raise CrowdError(f"The viewport shows no crowd: {display.problem}")
@@ -75,15 +75,15 @@ def _waiting(window: bpy.types.Window | None) -> Iterator[None]:
 
 def _seen(context, space, region) -> tuple[np.ndarray, np.ndarray, tuple[int, int]]:
     """Return (view, projection, size in pixels) of the viewport's picture."""
-    seen = space.region_3d
+    view_3d = space.region_3d
     camera = space.camera
-    if seen.view_perspective == "CAMERA" and camera is not None and camera.type == "CAMERA":
+    if view_3d.view_perspective == "CAMERA" and camera is not None and camera.type == "CAMERA":
         depsgraph = context.evaluated_depsgraph_get()
         render = context.scene.render
         size = cameras.image_size(render)
         return *camera_matrices(camera, depsgraph, render, size), size
     view, projection = (
-        np.array(matrix, np.float64) for matrix in (seen.view_matrix, seen.window_matrix)
+        np.array(matrix, np.float64) for matrix in (view_3d.view_matrix, view_3d.window_matrix)
     )
     return view, projection, (region.width, region.height)
 

@@ -1,6 +1,4 @@
-"""What shows beside the overlay: whether a viewport shows its characters, and what its pictures
-show.
-"""
+"""What a viewport shows besides the overlay: the crowd's own objects, the build, hidden objects."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,9 +9,9 @@ STEPS_BACK = "The build shows here, so the overlay draws no characters."
 
 
 def shows_crowd(settings, space: bpy.types.SpaceView3D) -> bool:
-    """Return whether the viewport shows the crowd: in local view only with some of its objects.
+    """Return whether the viewport shows the crowd.
 
-    Those are the objects of the characters and of the build.
+    A local view shows it only with an object of the characters or of the build.
     """
     if space.local_view is None:
         return True
@@ -35,32 +33,30 @@ def shows_build(settings, layer: bpy.types.ViewLayer, space: bpy.types.SpaceView
 
 
 @contextmanager
-def revealed(scene: bpy.types.Scene) -> Iterator[None]:
-    """Show what the scene's viewports hide by a setting that they share with those of other scenes.
+def reveal_hidden(scene: bpy.types.Scene) -> Iterator[None]:
+    """Show collections and objects of the scene that are disabled in viewports; hide them again.
 
-    Hide it again at the end.
-
-    Those are collections and objects disabled in viewports.
+    This setting holds for the viewports of all scenes.
     """
     hidden = [
-        each
-        for each in (*scene.collection.children_recursive, *scene.objects)
-        if each.hide_viewport
+        item
+        for item in (*scene.collection.children_recursive, *scene.objects)
+        if item.hide_viewport
     ]
     try:
-        for each in hidden:
-            each.hide_viewport = False
+        for item in hidden:
+            item.hide_viewport = False
         yield
     finally:
-        for each in hidden:
-            each.hide_viewport = True
+        for item in hidden:
+            item.hide_viewport = True
 
 
 def show_as_rendered(layer: bpy.types.ViewLayer) -> None:
-    """Let viewports show of the view layer only what its renders show, and what `revealed` shows.
+    """Let viewports show of the view layer what its renders show, and nothing else.
 
-    The view layer's own settings change. Those of objects may be animated: they count as they are
-    now.
+    Inside `reveal_hidden`. It changes settings of the view layer. Objects are shown or hidden as they
+    are at the current frame, since their settings may be animated.
     """
     _show(layer.layer_collection)
     layer.depsgraph.update()
@@ -70,9 +66,7 @@ def show_as_rendered(layer: bpy.types.ViewLayer) -> None:
 
 
 def _show(place: bpy.types.LayerCollection) -> None:
-    """Exclude from the view layer the collections in `place` that renders hide, and show the
-    others.
-    """
+    """Exclude the collections in `place` that renders hide from the view layer; show the others."""
     for child in place.children:
         if child.exclude:
             continue

@@ -15,7 +15,7 @@ from ...crowd_lod.crowd.leave_outs import WORKBENCH
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.index_cache import approach
-from ...crowd_lod.frame.planned import noted, told_unplanned
+from ...crowd_lod.frame.planned import note_of, unplanned_notes
 from ...crowd_lod.progress import share
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import frame_stepping, mesh_data, scene_data
@@ -77,7 +77,7 @@ def bake(
     mark(scene, frames)
     _write(top, moments)
     dress_all(scene)
-    cast.notes.extend(filter(None, [told_unplanned(moments.unplanned)]))
+    cast.notes.extend(filter(None, [unplanned_notes(moments.unplanned)]))
     yield 1.0
     return cast
 
@@ -193,7 +193,7 @@ def _compute(
             way = approach(trajectory, scene_data.remap(scene.render, number))
             yield from share(way, k / len(frames), (k + 0.9) / len(frames))
             frame = _plan(scene, trajectory, number, at, moments)
-            moments.unplanned.append(noted(number, frame.unplanned, strict))
+            moments.unplanned.append(note_of(number, frame.unplanned, strict))
             shutter = held_by(scene, trajectory, number, frame.crowd)
             for name, agents in members(frame).items():
                 columns = columns_in_time(trajectory, shutter, number, agents, library)

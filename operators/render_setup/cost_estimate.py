@@ -12,14 +12,15 @@ from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number as figure
 from ...crowd_lod.frame.frame import Frame, plan
-from ...crowd_lod.frame.frame_range import evenly, shot_frames
+from ...crowd_lod.frame.frame_range import shot_frames, spread_evenly
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.shadows import surround
 from ...crowd_lod.levels.assignment import LevelPolicy, deviations
-from ...crowd_lod.levels.cost_model import NAMES, Actors, Price, Work, price, work_of
+from ...crowd_lod.levels.cost_model import NAMES, Actors, Costs, Price, Work, price, work_of
 from ...crowd_lod.progress import share
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import frame_stepping, scene_data
+from ..blender.machine_costs import costs_of
 from ..blender.operator import Stepwise
 from ..characters.stored_groups import groups_of
 from ..lod_meshes.selection import MOST_FRAMES, cast_of, rigs_of
@@ -53,21 +54,22 @@ class Choice:
 class Estimate:
     """The work that builds give the engine, for each choice of LODs.
 
-    works: the choice's name in the interface -> the work that its build gives the `engine` in the
+    works: the choice's name in the interface -> the work that its build gives the engine in the
         frames `looked_at`.
+    costs: of the engine, on the machine that renders.
     frames: those of the shot.
     looked_at: those of them that were planned.
     """
 
     works: dict[str, Work]
-    engine: str
+    costs: Costs
     frames: Sequence[int]
     looked_at: Sequence[int]
 
     @cached_property
     def prices(self) -> dict[str, Price]:
         """Return the cost of each choice."""
-        return {name: price(work, self.engine) for name, work in self.works.items()}
+        return {name: price(work, self.costs) for name, work in self.works.items()}
 
     @property
     def rows(self) -> list[tuple[str, str, str, str]]:
@@ -103,7 +105,7 @@ class Estimate:
     def table(self) -> str:
         """Return the rows under their heads as text: a line each, tabs between columns."""
         head = (
-            f"{NAMES[self.engine]}, {self.frames[0]} to {self.frames[-1]}",
+            f"{NAMES[self.costs.engine]}, {self.frames[0]} to {self.frames[-1]}",
             "Memory",
             "File",
             "Time",
@@ -116,7 +118,10 @@ class Estimate:
             f"{name}: memory {memory}, file {file}, time {time}"
             for name, memory, file, time in self.rows
         )
-        return f"The crowd takes in {NAMES[self.engine]}, {shot_frames(self.frames)}: {told}."
+        return (
+            f"The crowd takes in {NAMES[self.costs.engine]}, {shot_frames(self.frames)}: {told}. "
+            f"Time is by costs of {self.costs.basis}."
+        )
 
 
 def choices_of(settings) -> dict[str, Choice]:
@@ -166,7 +171,7 @@ def estimate(
     """
     render = scene.render
     frames = frames or range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
-    looked_at = evenly(frames, MOST_FRAMES)
+    looked_at = spread_evenly(frames, MOST_FRAMES)
     trajectory = trajectory_of(scene)
     choices = choices_of(settings)
     check_levels(scene)
@@ -220,7 +225,7 @@ def estimate(
             )
             work = replace(work, points=work.points * len(frames) / len(looked_at), images=images)
             works[f"{name}, Baked" if baked and not known else name] = work
-    return Estimate(works, scene_data.engine_of(scene), frames, looked_at)
+    return Estimate(works, costs_of(scene), frames, looked_at)
 
 
 def _shown(frame: Frame, library: Library, trajectory: Trajectory, count: int) -> np.ndarray:
@@ -266,14 +271,20 @@ def covered(frame: Frame, scene: bpy.types.Scene) -> float:
     camera = frame.camera
     crowd = frame.crowd
     agents = frame.buckets.order
-    render = scene.render
-    pixels = render.resolution_x * render.resolution_y * (render.resolution_percentage / 100) ** 2
     spheres = frame.trajectory.spheres
     radius = spheres.radius[crowd.group[agents]]
     away = np.stack(crowd.places(spheres.radius, agents, camera.origin))
     distance = 1.0 if camera.kind == "ORTHO" else np.maximum(np.sqrt((away**2).sum(axis=0)), radius)
-    squares = (2 * radius * camera.pixels_per_unit / distance) ** 2
-    return float(min(pixels, COVERS * squares.sum()))
+    return covered_pixels(scene.render, radius * camera.pixels_per_unit / distance)
+
+
+def covered_pixels(render: bpy.types.RenderSettings, radius: np.ndarray) -> float:
+    """Return roughly how many pixels of the picture characters cover.
+
+    radius: (m,) pixels, of their bounding spheres.
+    """
+    pixels = render.resolution_x * render.resolution_y * (render.resolution_percentage / 100) ** 2
+    return float(min(pixels, COVERS * ((2 * radius) ** 2).sum()))
 
 
 class CROWDLOD_OT_estimate(Stepwise, bpy.types.Operator):

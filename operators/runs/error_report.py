@@ -17,7 +17,7 @@ from ...crowd_lod.behavior.walk import Walk, walks_of
 from ...crowd_lod.crowd.agents import Crowd
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
-from ...crowd_lod.frame.frame_range import evenly
+from ...crowd_lod.frame.frame_range import spread_evenly
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.levels.assignment import LevelPolicy
 from ...crowd_lod.progress import share
@@ -49,7 +49,7 @@ def error(
         store_groups(scene.crowd_lod, measure_groups(scene))
         walk = _walk_of(scene)
         views = yield from share(_views(scene), 0.0, 0.5)
-        crowd = error_vs_runtime.some(walk.start, MOST_AGENTS)
+        crowd = error_vs_runtime.thin_out(walk.start, MOST_AGENTS)
         measurements = _measurements(scene, walk, crowd, views, repeats)
         tables = yield from share(_collect(measurements), 0.5, 1.0)
         machine = (
@@ -79,12 +79,12 @@ def _walk_of(scene: bpy.types.Scene) -> Walk:
 def _views(scene: bpy.types.Scene) -> Generator[float, None, list[error_vs_runtime.View]]:
     """Return the crowd and the camera of a few frames of `scene`; yields the progress."""
     trajectory = trajectory_of(scene)
-    frames = evenly(scene_data.frames_of(scene, scene.crowd_lod.step), VIEWS)
+    frames = spread_evenly(scene_data.frames_of(scene, scene.crowd_lod.step), VIEWS)
     view_cameras = cameras.cameras_at(scene, frames)
     for k, frame in enumerate(frames):
         yield from share(approach(trajectory, frame), k / len(frames), (k + 1) / len(frames))
     return [
-        (error_vs_runtime.some(trajectory.at(frame), MOST_AGENTS), camera)
+        (error_vs_runtime.thin_out(trajectory.at(frame), MOST_AGENTS), camera)
         for frame, camera in zip(frames, view_cameras, strict=True)
     ]
 
@@ -112,14 +112,14 @@ def _measurements(
     """Return the tables to measure by name."""
     policy = policy_of(scene.crowd_lod)
     spheres = trajectory_of(scene).spheres
-    steps = error_vs_runtime.behavior(
+    steps = error_vs_runtime.compare_behavior(
         crowd, walk.machine, walk.world, walk.seconds_per_frame, repeats=repeats
     )
     drifts = error_vs_runtime.drifts()
-    culling = error_vs_runtime.culling(
+    culling = error_vs_runtime.compare_culling(
         views, spheres.center, spheres.radius, policy.margin, repeats
     )
-    levels = error_vs_runtime.levels(
+    levels = error_vs_runtime.compare_levels(
         views, spheres.center, spheres.radius, _policies(policy), policy.metric, repeats
     )
     return {

@@ -13,15 +13,15 @@ import numpy as np
 
 from ...crowd_lod.format import counted
 from ...crowd_lod.frame.frame import Frame
-from ...crowd_lod.frame.frame_range import evenly
+from ...crowd_lod.frame.frame_range import spread_evenly
 from ...crowd_lod.frame.index_cache import approach
-from ...crowd_lod.frame.planned import noted, told_unplanned
+from ...crowd_lod.frame.planned import note_of, unplanned_notes
 from ...crowd_lod.levels.assignment import deviations
 from ...crowd_lod.progress import share, standing
 from ...crowd_lod.reporting import tables
 from ...crowd_lod.reporting.frame_parts import FrameParts
 from ...crowd_lod.reporting.html_report import page
-from ...crowd_lod.reporting.shot_report import preview_page
+from ...crowd_lod.reporting.shot_page import preview_page
 from ...crowd_lod.shot import plan_file
 from ..blender import cameras, cleanup, frame_stepping, image_data, scene_data
 from ..blender.operator import Stepwise
@@ -132,7 +132,7 @@ def _picture(
 ) -> Generator[float, None, tuple[list[dict], list[dict]]]:
     """Picture the LODs and the frames: yield the progress, from `ready` to 0.95.
 
-    Returns (what is told of the LODs, what is told of each frame; see FrameParts.put).
+    Returns (what is told of the LODs, what is told of each frame; see FrameParts.store).
     """
     stage = run.on.stage
     frames = run.on.task.frames
@@ -158,7 +158,7 @@ def _describe(
     notes = (
         *run.shots.notes,
         tables.nobody_seen(row["visible"] for row in rows),
-        told_unplanned([tuple(frame["unplanned"]) for frame in frames]),
+        unplanned_notes([tuple(frame["unplanned"]) for frame in frames]),
         to_make_again(run.on.stage),
         leaves_out(run.on.scene) and LEFT_OUT,
         frame_stepping.describe_unbaked(run.on.scene),
@@ -248,7 +248,7 @@ class _Run:
     ) -> Generator[float, None, tuple[dict[str, Any], tuple[Path, Path]]]:
         """Write the two pictures of the timeline's frame `number`.
 
-        Yields the progress and returns (what is told of it, the pictures); see FrameParts.put.
+        Yields the progress and returns (what is told of it, the pictures); see FrameParts.store.
         """
         stage = self.on.stage
         main, above = self.pictures(number)
@@ -265,11 +265,11 @@ class _Run:
         self._shoot_above(frame, above, caption)
         ticks.append(clock.perf_counter())
         took = dict(zip(("points", "main", "above"), np.diff(ticks) * 1000, strict=True))
-        told = {
+        facts = {
             "row": tables.row(number, frame, took),
-            "unplanned": noted(number, frame.unplanned, self.on.task.strict),
+            "unplanned": note_of(number, frame.unplanned, self.on.task.strict),
         }
-        return told, (main, above)
+        return facts, (main, above)
 
     def approach(self, number: int) -> Generator[float, None, None]:
         """Let the crowd walk on to the frame: yield the progress."""
@@ -329,7 +329,7 @@ def _sheet(pictures: list[tuple[Path, Path]]) -> np.ndarray:
     Each has its main picture and the picture from above. Of a long shot it has MOST_IN_SHEET
     frames, evenly spaced.
     """
-    pairs = evenly(pictures, MOST_IN_SHEET)
+    pairs = spread_evenly(pictures, MOST_IN_SHEET)
     shrunk = [
         tables.shrink(image_data.load_pixels(path), THUMBNAIL) for pair in pairs for path in pair
     ]

@@ -8,9 +8,9 @@ from typing import Any
 import bpy
 
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.frame.frame_range import evenly
+from ...crowd_lod.frame.frame_range import spread_evenly
 from ...crowd_lod.frame.index_cache import approach
-from ...crowd_lod.frame.planned import told_unplanned
+from ...crowd_lod.frame.planned import unplanned_notes
 from ...crowd_lod.progress import share, standing
 from ...crowd_lod.reporting import tables
 from ...crowd_lod.reporting.frame_parts import FrameParts
@@ -142,7 +142,7 @@ def _prepare_crowd(scene: bpy.types.Scene) -> Generator[float, None, None]:
 
 
 def _prove_frames(run: Proof, sharing: Sharing) -> Generator[float, None, list[dict[str, Any]]]:
-    """Prove the frames: yield the progress, return what is told of each (see FrameParts.put)."""
+    """Prove the frames: yield the progress, return what is told of each (see FrameParts.store)."""
     frames = run.task.frames
     parts = FrameParts(run.folder, state_of(run.scene, run.task))
     with sharing.helped(parts, frames) as helpers:
@@ -168,7 +168,7 @@ def _write(run: Proof, result: dict[str, Any]) -> None:
     (folder / "verify.json").write_text(tables.to_json(result), encoding="utf-8")
     (folder / "verify.csv").write_text(tables.to_csv(result["frames"]), encoding="utf-8")
     (folder / "report.html").write_text(verify_page(title, result), encoding="utf-8")
-    frames = evenly(run.task.frames, MOST_PROVED_IN_SHEET)
+    frames = spread_evenly(run.task.frames, MOST_PROVED_IN_SHEET)
     tiles = [image_data.load_pixels(path) for number in frames for path in run.pictures(number)]
     sheet = tables.contact_sheet(tiles, columns=len(PICTURES) + 3)
     image_data.save_png(folder / "contact_sheet.png", sheet)
@@ -182,7 +182,7 @@ def _result(
     unplanned = [tuple(frame["unplanned"]) for frame in frames]
     notes = unjudged(scene, rows, task)
     if any(why for _, why in unplanned):
-        notes.append(told_unplanned(unplanned))
+        notes.append(unplanned_notes(unplanned))
     return {
         "version": 1,
         "command": command,

@@ -5,7 +5,7 @@ from collections.abc import Generator
 import bpy
 
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.frame.frame_range import evenly
+from ...crowd_lod.frame.frame_range import spread_evenly
 from ...crowd_lod.validation.render_proof import verdict
 from ..blender import scene_cache, scene_data
 from ..blender.operator import Stepwise
@@ -48,7 +48,7 @@ class CROWDLOD_OT_verify(Stepwise, bpy.types.Operator):
         settings = context.scene.crowd_lod
         frames = frames_to_verify(context.scene, scene_data.frames_of(context.scene))
         task = Verify(
-            frames=evenly(frames, settings.verify_count),
+            frames=spread_evenly(frames, settings.verify_count),
             folder=output_folder(context.scene, "verify"),
             width=settings.verify_width,
             samples=settings.verify_samples,

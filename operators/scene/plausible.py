@@ -86,7 +86,7 @@ def _heights(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
     if finding is not None:
         texts = [
             f"{groups[g].name} is {number(heights[g])} m tall"
-            for g in finding.which
+            for g in finding.indices
             if not groups[g].variant_of
         ]
         yield (
@@ -164,7 +164,7 @@ def _around(
     if not isinstance(part.heights, Terrain):
         above = np.where(within, np.nan, places[:, 2] - around.ground)
         for finding in judge.check_ground(above * meters):
-            names = [around.names[index] for index in finding.which]
+            names = [around.names[index] for index in finding.indices]
             ground = max(sorted(set(names)), key=names.count)
             side = "above" if finding.kind == "floats" else "below"
             yield (
@@ -208,7 +208,7 @@ def _poses(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
     )
     posed = np.array([bool(reason) for reason in reasons])
     found = judge.check_poses(np.where(posed, cycles / POSES, 0.0))
-    for g in found.which if found is not None else ():
+    for g in found.indices if found is not None else ():
         if not groups[g].variant_of:
             stands = stands_for(cycles[g] * fps, fps)
             yield (

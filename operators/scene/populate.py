@@ -41,9 +41,9 @@ def populate_scene(
         map_areas.make(crowd, depsgraph)
     check_maps(settings)
     with kept_meshes.restore_on_failure(crowds):
-        yield from crowd_sources.reading(crowds, settings.forward, depsgraph)
+        yield from crowd_sources.read_sources(crowds, settings.forward, depsgraph)
         groups = yield from measuring_groups(scene)
-        trajectory = crowd_sources.populated(scene, groups, depsgraph)
+        trajectory = crowd_sources.populate_crowds(scene, groups, depsgraph)
         troubles = yield from aside(lambda: find(trajectory, scene_data.meters(scene)), lambda: 1.0)
         warnings = [troubles.sentence] if troubles.troubles else []
         warnings += _warnings(scene, groups, crowds, trajectory, depsgraph)
@@ -53,7 +53,7 @@ def populate_scene(
     settings.trouble = "\n".join(filter(None, (*warnings, *notes)))
     sentences = [
         _result(groups, trajectory),
-        *(part.told for part in trajectory.parts),
+        *(part.note for part in trajectory.parts),
         *warnings,
         *notes,
     ]

@@ -119,7 +119,7 @@ def trajectory_of(
             f"The crowd of the scene {scene.name} is not populated: press Populate in the Crowd "
             f"panel."
         )
-    return crowd_sources.together(scene, groups, depsgraph)
+    return crowd_sources.combine_crowds(scene, groups, depsgraph)
 
 
 def frame_of(  # noqa: PLR0913 - most are at hand, and read if not

@@ -15,7 +15,8 @@ from ...crowd_lod.levels.assignment import deviations
 from ...crowd_lod.progress import share, standing
 from ...crowd_lod.reporting import files, tables
 from ...crowd_lod.reporting.shot_json import shot_facts
-from ...crowd_lod.reporting.shot_report import Told, shot_page
+from ...crowd_lod.reporting.shot_page import shot_page
+from ...crowd_lod.reporting.shot_report import ShotReport
 from ...crowd_lod.shot import plan_file
 from ...crowd_lod.shot.budget import Budget, BudgetPlan, decide_within
 from ...crowd_lod.shot.coloring import (
@@ -30,6 +31,7 @@ from ...crowd_lod.shot.shot_cost import Shot, meshes_of
 from ...crowd_lod.shot.switches import WORST, largest, noticed
 from ...crowd_lod.shot.unneeded import needed_meshes
 from ..blender import cameras, provenance, scene_data
+from ..blender.machine_costs import costs_of
 from ..blender.operator import Reporting, Stepwise
 from ..blender.output_folders import full_path, output_path, place_of
 from ..blender.output_index import note_output
@@ -86,7 +88,7 @@ class PlannedShot:
     shot: Shot
     plan: BudgetPlan
     stored: plan_file.StoredPlan
-    report: Told
+    report: ShotReport
     request: PlanRequest
     exemptions: tuple[Exemption, ...] = ()
 
@@ -127,13 +129,13 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
     shot = Shot(
         excepted(survey, exemptions),
         meshes_of(trajectory.groups, policy.count),
-        scene_data.engine_of(scene),
+        costs_of(scene),
         *rigs,
     )
     plan = yield from share(decide_within(shot, request.budget, request.avoid), SURVEYED, DECIDED)
     changes = noticed(shot, plan.levels, trajectory.spheres.radius)
     names = [group.name for group in trajectory.groups]
-    report = Told(
+    report = ShotReport(
         title=Path(bpy.data.filepath).stem or scene.name,
         shot=shot,
         plan=plan,
@@ -217,14 +219,14 @@ def shot_json(planned: PlannedShot) -> dict[str, Any]:
         for name, value in vars(planned.request.budget).items()
         if value not in (None, inf)
     }
-    asked = {
+    requested = {
         "avoid_pops": planned.request.avoid,
         "variety": planned.request.variety,
         "blur": planned.request.blurred,
         "budget": budget,
     }
     return shot_facts(
-        planned.report, planned.stored, asked, [each.as_json for each in planned.exemptions]
+        planned.report, planned.stored, requested, [each.as_json for each in planned.exemptions]
     )
 
 

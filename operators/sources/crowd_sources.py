@@ -1,6 +1,4 @@
-"""From a scene's crowds to one trajectory: who moves the agents of each, and all of them
-together.
-"""
+"""From a scene's crowds to one trajectory: each crowd's agents by its source, then all together."""
 
 import hashlib
 import time as clock
@@ -36,16 +34,15 @@ from .points_source import points_of_crowd
 # Trajectories by the digest of all they depend on.
 _trajectories: dict[bytes, Trajectory] = scene_cache.add_cache({})
 MOST_TRAJECTORIES = 8
-# Of each crowd of a scene what was asked last: (numbers and texts, the images' values, the
-# trajectory).
+# By scene and crowd, of the last call: (numbers and texts, the images' values, the trajectory).
 _latest: dict[int, dict[int, tuple]] = scene_cache.add_cache({}, by_scene=True)
-# Of each scene the crowds that were put together last, and the trajectory of all.
+# By scene: the crowds that were combined last, and the trajectory of all.
 _together: dict[int, tuple[tuple, Trajectory]] = scene_cache.add_cache({}, by_scene=True)
 
 
-# Of each scene when `outdated` looked last, at what inputs, and what it found.
+# By scene, of the last check by `outdated`: the time, the inputs, and the sentences.
 _outdated: dict[int, tuple[float, tuple, list[str]]] = scene_cache.add_cache({}, by_scene=True)
-LOOK = 1.0  # seconds between two looks
+LOOK = 1.0  # seconds between two checks
 ASKED = start_source.places_outdated, terrain_source.terrain_outdated
 
 
@@ -55,24 +52,22 @@ def crowds_of(settings) -> list[bpy.types.PropertyGroup]:
 
 
 def inputs_of(scene: bpy.types.Scene) -> tuple:
-    """Return all that the trajectory depends on but the character groups and the pixels of
-    images.
-    """
-    found = [_asked(crowd) for crowd in crowds_of(scene.crowd_lod)]
+    """Return the inputs of the trajectory, without the character groups and pixels of images."""
+    numbers = [_asked(crowd) for crowd in crowds_of(scene.crowd_lod)]
     images = [
         tuple(image and image.session_uid for image in _images(crowd))
         for crowd in crowds_of(scene.crowd_lod)
     ]
     return (
-        *found,
+        *numbers,
         *images,
         scene.render.fps,
         scene.render.fps_base,
-        hand_edits.asked(scene.crowd_lod),
+        hand_edits.edit_inputs(scene.crowd_lod),
     )
 
 
-def together(
+def combine_crowds(
     scene: bpy.types.Scene, groups: tuple[Group, ...], depsgraph: bpy.types.Depsgraph | None = None
 ) -> Trajectory:
     """Return the trajectory of all crowds of `scene`, with what is edited by hand.
@@ -90,28 +85,29 @@ def together(
     if len(members) == 1 and crowds[0].use_crowd:
         return hand_edits.with_edits(scene, members[0])
     key = *members, *((crowd.name, crowd.use_crowd) for crowd in crowds)
-    known = _together.get(scene.session_uid)
-    if known is None or known[0] != key:
+    cached = _together.get(scene.session_uid)
+    if cached is None or cached[0] != key:
         several = Several(
             members, [crowd.name for crowd in crowds], [crowd.use_crowd for crowd in crowds]
         )
-        known = _together[scene.session_uid] = key, several
-    return hand_edits.with_edits(scene, known[1])
+        cached = _together[scene.session_uid] = key, several
+    return hand_edits.with_edits(scene, cached[1])
 
 
-def reading(
+def read_sources(
     crowds: Sequence, forward: str, depsgraph: bpy.types.Depsgraph
 ) -> Generator[float, None, None]:
-    """Read the places and the terrain of the crowds from their objects, and keep them in the file.
+    """Read the crowds' places and terrain from their objects, and store them in the file.
 
-    Yields the progress of what takes long. CrowdError if an object has none.
+    Files of tracks are read as well, which takes long: yields the progress. CrowdError if an object
+    has no places or terrain.
     """
     for crowd in crowds:
         start_source.read_places(crowd, forward, depsgraph)
         terrain_source.read_terrain(crowd, depsgraph)
         yield 0.0
     render = crowds[0].id_data.render
-    yield from tracks_source.reading_files(crowds, render.fps / render.fps_base)
+    yield from tracks_source.read_files(crowds, render.fps / render.fps_base)
     for crowd in crowds:
         terrain = terrain_source.terrain_of(crowd, area_of(crowd).z)
         if terrain is not None:
@@ -119,7 +115,7 @@ def reading(
 
 
 def notes(crowds: Sequence, trajectory: Trajectory) -> Iterator[str]:
-    """Yield sentences on what the crowds' places and terrain lack."""
+    """Yield sentences on shortcomings of the crowds' places and terrain."""
     for crowd, part in zip(crowds, trajectory.parts, strict=True):
         yield from terrain_source.terrain_notes(crowd, part)
         if isinstance(part, Walk) and crowd.start_on != "RECTANGLE":
@@ -134,24 +130,23 @@ def notes(crowds: Sequence, trajectory: Trajectory) -> Iterator[str]:
 
 
 def outdated(scene: bpy.types.Scene) -> list[str]:
-    """Return sentences on what Populate would now read otherwise: places, terrain, props, actions.
+    """Return sentences on what has changed since Populate: places, terrain, props, actions.
 
-    There is one for each crowd, one on props and one on actions; none before the first Populate.
-
-    The sidebar asks whenever it is drawn: while the settings stay, the answer may be a second old.
+    None before the first Populate. The sidebar calls this whenever it is drawn: while the settings
+    stay, the answer may be LOOK seconds old.
     """
     if not len(scene.crowd_lod.groups):
         return []
     now = clock.monotonic()
     inputs = inputs_of(scene)
-    looked, before, found = _outdated.get(scene.session_uid, (-LOOK, (), []))
+    looked, before, sentences = _outdated.get(scene.session_uid, (-LOOK, (), []))
     if now >= looked + LOOK or inputs != before:
-        found = [
+        sentences = [
             note for crowd in crowds_of(scene.crowd_lod) for ask in ASKED for note in ask(crowd)
         ]
-        found += [*props_outdated(scene), *action_outdated(scene)]
-        _outdated[scene.session_uid] = now, inputs, found
-    return found
+        sentences += [*props_outdated(scene), *action_outdated(scene)]
+        _outdated[scene.session_uid] = now, inputs, sentences
+    return sentences
 
 
 def _images(crowd) -> tuple:
@@ -169,66 +164,67 @@ def _asked(crowd) -> tuple:
         crowd.first_frame,
     )
     points = (crowd.source, crowd.points and crowd.points.session_uid, crowd.points_count)
-    ground = terrain_source.wanted(crowd) and (
+    ground = terrain_source.has_terrain(crowd) and (
         crowd.terrain_mesh and crowd.terrain_mesh.session_uid
     )
     text = crowd.machine and crowd.machine.as_string()
     place = (
-        start_source.places_asked(crowd),
+        start_source.places_inputs(crowd),
         ground,
-        tracks_source.file_asked(crowd) if crowd.source == "FILE" else (),
+        tracks_source.file_inputs(crowd) if crowd.source == "FILE" else (),
     )
     units = scene_data.meters(crowd.id_data)
     return text, units, numbers, crowd.tilt, crowd.group_names, crowd.use_crowd, points, *place
 
 
 def is_live(crowd) -> bool:
-    """Return whether the agents of the settings `crowd` are where Blender has an object's points
-    now.
-    """
+    """Return whether the crowd's agents are the points that an object has at present."""
     return crowd.source == "POINTS"
 
 
 def live(settings) -> bool:
-    """Return whether a crowd of the settings is."""
+    """Return whether `is_live` holds for any crowd of the settings."""
     return any(map(is_live, crowds_of(settings)))
 
 
-def check_recorded(scene: bpy.types.Scene, what: str) -> None:
-    """Raise CrowdError if agents are an object's points, which `what` would need in other frames,
-    too.
+def check_recorded(scene: bpy.types.Scene, task: str) -> None:
+    """Raise CrowdError if a crowd is live, since `task` needs its points in other frames as well.
+
+    task: begins the message.
     """
     for crowd in filter(is_live, crowds_of(scene.crowd_lod)):
         raise CrowdError(
-            f"{what} needs to know where the points of "
+            f"{task} needs to know where the points of "
             f"{crowd.points.name if crowd.points else 'an object'} are at other times: "
             "press Record Points first."
         )
 
 
-def populated(
+def populate_crowds(
     scene: bpy.types.Scene, groups: tuple[Group, ...], depsgraph: bpy.types.Depsgraph
 ) -> Trajectory:
-    """Return the trajectory of all crowds, and note how many points objects have.
+    """Return the trajectory of all crowds, and note in the settings how many points objects have.
 
-    Without ids that may not change.
+    Without ids this number may not change.
     """
     _outdated.pop(scene.session_uid, None)
-    found = [(k, crowd) for k, crowd in enumerate(crowds_of(scene.crowd_lod)) if is_live(crowd)]
-    counts = [crowd.points_count for _, crowd in found]
+    live_crowds = [
+        (k, crowd) for k, crowd in enumerate(crowds_of(scene.crowd_lod)) if is_live(crowd)
+    ]
+    counts = [crowd.points_count for _, crowd in live_crowds]
     try:
-        for _, crowd in found:
+        for _, crowd in live_crowds:
             crowd.points_count = 0  # not known
-        trajectory = together(scene, groups, depsgraph)
-        counts = [len(trajectory.parts[k].start) for k, _ in found]
+        trajectory = combine_crowds(scene, groups, depsgraph)
+        counts = [len(trajectory.parts[k].start) for k, _ in live_crowds]
         return trajectory
     finally:
-        for (_, crowd), count in zip(found, counts, strict=True):
+        for (_, crowd), count in zip(live_crowds, counts, strict=True):
             crowd.points_count = count
 
 
 def _depsgraph(scene: bpy.types.Scene) -> bpy.types.Depsgraph:
-    """Return that of the window's view layer, or of the scene's first."""
+    """Return the depsgraph of the window's view layer, or of the scene's first."""
     layer = bpy.context.view_layer if bpy.context.scene == scene else scene.view_layers[0]
     if layer.depsgraph is None:  # it was never shown
         layer.update()
@@ -243,7 +239,7 @@ def _member(
     depsgraph: bpy.types.Depsgraph | None,
 ) -> Trajectory:
     """Return the trajectory of one crowd, cached while its inputs stay the same."""
-    # read at each call; all else where something has changed
+    # These are checked at each call, all other settings only after a change.
     pointers = (
         "points",
         "map_image",
@@ -258,25 +254,26 @@ def _member(
     latest = _latest.setdefault(scene.session_uid, {})
     before = latest.get(index)
     if is_live(crowd):
-        asked = crowd.seed, crowd.group_names, groups, seconds
-        known = (
-            before[2] if before is not None and before[0] == asked else stored_values.check(crowd)
+        inputs = crowd.seed, crowd.group_names, groups, seconds
+        cached = (
+            before[2] if before is not None and before[0] == inputs else stored_values.check(crowd)
         )
-        found = points_of_crowd(crowd, depsgraph, groups, draw_of(crowd, groups), seconds, known)
-        latest[index] = asked, (), found
-        return found
-    # the pixels are compared, not trusted; all that is made of them is made again only where they
-    # differ
+        trajectory = points_of_crowd(
+            crowd, depsgraph, groups, draw_of(crowd, groups), seconds, cached
+        )
+        latest[index] = inputs, (), trajectory
+        return trajectory
+    # Pixels are compared at each call: nothing tells when they change.
     images = [image and image_data.read_values(image) for image in _images(crowd)]
-    asked = _asked(crowd), groups, seconds
+    inputs = _asked(crowd), groups, seconds
     if (
         before is None
-        or before[0] != asked
+        or before[0] != inputs
         or not all(a is b for a, b in zip(before[1], images, strict=True))
     ):
         stored_values.check(crowd)
         latest[index] = (
-            asked,
+            inputs,
             images,
             (_recorded if crowd.source == "FILE" else _walk)(crowd, groups, seconds),
         )
@@ -299,12 +296,12 @@ def _walk(crowd, groups: tuple[Group, ...], seconds: float) -> Trajectory:
         draw,
         *numbers,
         seconds,
-        start_source.places_asked(crowd),
+        start_source.places_inputs(crowd),
     )
     relief = b"" if heights is None else heights.digest()
 
-    def made() -> Trajectory:
-        lean = leaning(groups, heights) if crowd.tilt and heights is not None else groups
+    def make() -> Trajectory:
+        lean = widen_for_lean(groups, heights) if crowd.tilt and heights is not None else groups
         start, seated = _start(crowd, machine, world, draw)
         if isinstance(heights, Terrain) and not seated:
             start = replace(start, z=heights.start(start.x, start.y, start.z))
@@ -321,7 +318,7 @@ def _walk(crowd, groups: tuple[Group, ...], seconds: float) -> Trajectory:
         )
 
     return _kept(
-        repr(key).encode() + world.labels.tobytes() + world.strays.tobytes() + relief, made
+        repr(key).encode() + world.labels.tobytes() + world.strays.tobytes() + relief, make
     )
 
 
@@ -335,14 +332,14 @@ def _recorded(crowd, groups: tuple[Group, ...], seconds: float) -> Trajectory:
     numbers = crowd.seed, crowd.first_frame, tuple(crowd.center), crowd.tilt, seconds
     key = tracks.digest, area, groups, draw, *numbers
 
-    def made() -> Trajectory:
-        lean = leaning(groups, heights) if crowd.tilt and heights is not None else groups
-        shown = groups_of_agents(tracks, [group.name for group in groups], draw.groups, crowd.seed)
-        shown = draw.draw_variants(shown, random_streams.keys_of(crowd.seed, tracks.ids))
+    def make() -> Trajectory:
+        lean = widen_for_lean(groups, heights) if crowd.tilt and heights is not None else groups
+        group = groups_of_agents(tracks, [group.name for group in groups], draw.groups, crowd.seed)
+        group = draw.draw_variants(group, random_streams.keys_of(crowd.seed, tracks.ids))
         place = crowd.first_frame, crowd.seed, tuple(crowd.center)
-        return Recorded(tracks, lean, shown, seconds, *place, heights=heights, tilts=crowd.tilt)
+        return Recorded(tracks, lean, group, seconds, *place, heights=heights, tilts=crowd.tilt)
 
-    return _kept(repr(key).encode() + (b"" if heights is None else heights.digest()), made)
+    return _kept(repr(key).encode() + (b"" if heights is None else heights.digest()), make)
 
 
 def _start(crowd, machine: StateMachine, world: LabelMap, groups: Draw) -> tuple[Crowd, bool]:
@@ -355,7 +352,7 @@ def _start(crowd, machine: StateMachine, world: LabelMap, groups: Draw) -> tuple
         return populate(crowd.count, crowd.seed, groups, machine, world), False
     seated = start_places.stays(machine, world)
     if not seated:
-        able = start_places.allowed(places, machine, world)
+        able = start_places.allowed_agents(places, machine, world)
         if not able.any():
             raise CrowdError(
                 f"None of the {len(places):,} places of the crowd {crowd.name or 1} lies on the "
@@ -367,50 +364,47 @@ def _start(crowd, machine: StateMachine, world: LabelMap, groups: Draw) -> tuple
 
 
 def _kept(data: bytes, make: Callable[[], Trajectory]) -> Trajectory:
-    """Return the trajectory that `data` fixes; `make` makes it where it is not known."""
+    """Return the cached trajectory for the inputs `data`, or the result of `make`."""
     digest = hashlib.sha256(data).digest()
     if digest not in _trajectories:
-        made = make()
+        trajectory = make()
         while len(_trajectories) >= MOST_TRAJECTORIES:
             _trajectories.pop(next(iter(_trajectories)))
-        _trajectories[digest] = made
+        _trajectories[digest] = trajectory
     return _trajectories[digest]
 
 
 def draw_of(crowd, groups: Sequence[Group]) -> Draw:
-    """Return how the crowd's agents are drawn from groups and their variants.
+    """Return how the crowd's agents are drawn at random from groups and their variants.
 
-    The groups are those that it names, or all.
-
-    A variant may be named, too: who is named without its group stands alone. CrowdError if there is
-    no such group.
+    The crowd may name groups; otherwise all count. A variant that is named without its group counts
+    as a group by itself. CrowdError if there is no group of a name.
     """
-    chosen = names_in(crowd)
-    for name in sorted(chosen - {group.name for group in groups}):
+    names = names_in(crowd)
+    for name in sorted(names - {group.name for group in groups}):
         raise CrowdError(
             f"The crowd {crowd.name or 1} asks for the character group {name}, and there is none: "
             f"its Groups may name "
             f"{', '.join(group.name for group in groups)}; with none, all are used."
         )
-    found: dict[str, list[int]] = {}
+    families: dict[str, list[int]] = {}
     for g, group in enumerate(groups):
-        of_all = not chosen or group.variant_of in chosen
-        if of_all or group.name in chosen:
-            found.setdefault(
+        of_all = not names or group.variant_of in names
+        if of_all or group.name in names:
+            families.setdefault(
                 group.variant_of if of_all and group.variant_of else group.name, []
             ).append(g)
-    shares = tuple(groups[own[0]].share for own in found.values())
+    shares = tuple(groups[family[0]].share for family in families.values())
     alike = len(set(shares)) == 1 and shares[0] > 0
-    variants = tuple(tuple((g, groups[g].chance) for g in own) for own in found.values())
+    variants = tuple(tuple((g, groups[g].chance) for g in family) for family in families.values())
     return Draw(len(shares) if alike else shares, variants)
 
 
-def leaning(groups: tuple[Group, ...], heights: Ground) -> tuple[Group, ...]:
-    """Return `groups` with spheres that hold characters leaning on slopes.
+def widen_for_lean(groups: tuple[Group, ...], heights: Ground) -> tuple[Group, ...]:
+    """Return `groups` with spheres wide enough for characters that lean on slopes.
 
-    A lean of t moves a sphere's center, `center` meters above the feet, by 2 sin(t / 2) of that
-    height. The sphere is widened by as much, for the steepest slope that `heights` may have
-    anywhere.
+    A lean by t moves the sphere's center, h meters above the feet, by 2 h sin(t / 2). The radius
+    grows by as much, for the steepest slope of `heights`.
     """
     # pitch and roll are float32
     away = 2 * np.sin(np.arctan(np.hypot(*heights.steepest)) / 2) * (1 + 1e-6)

@@ -11,13 +11,13 @@ from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_cache, stored_values
 
 EDITS = ("NUDGE", "TURN", "GROUP")  # kinds of exceptions that only edit
-# Of each scene the trajectory and the edits that were asked last, and (the edited crowd, what is
-# wrong).
+# By scene: the trajectory and the inputs of the edits at the last call, the edited crowd, and
+# sentences on edits that are wrong.
 _edited: dict[int, tuple] = scene_cache.add_cache({}, by_scene=True)
 
 
-def asked(settings) -> tuple:
-    """Return what the edits of the settings follow from; () without any."""
+def edit_inputs(settings) -> tuple:
+    """Return the inputs of the settings' edits; () without any."""
     return tuple(
         (entry.name, *marks_of(entry))
         for entry in settings.exceptions
@@ -26,7 +26,7 @@ def asked(settings) -> tuple:
 
 
 def marks_of(entry) -> tuple:
-    """Return what changes when the entry would edit anything else."""
+    """Return the values of the entry that its edit depends on."""
     value = {"NUDGE": tuple(entry.move), "TURN": entry.turn, "GROUP": entry.group_name}.get(
         entry.kind
     )
@@ -34,27 +34,26 @@ def marks_of(entry) -> tuple:
 
 
 def with_edits(scene: bpy.types.Scene, trajectory: Trajectory) -> Trajectory:
-    """Return `trajectory` with the edits of the scene's exceptions; cached while both stay the
-    same.
+    """Return `trajectory` with the edits of the scene's exceptions, cached by both.
 
-    Those that are wrong are left out; see `troubles_of`.
+    Wrong edits are left out; see `troubles_of`.
     """
-    marks = asked(scene.crowd_lod)
-    known = _edited.get(scene.session_uid)
-    if known is None or known[0] is not trajectory or known[1] != marks:
-        known = _edited[scene.session_uid] = trajectory, marks, *_made(scene, trajectory)
-    return known[2]
+    marks = edit_inputs(scene.crowd_lod)
+    cached = _edited.get(scene.session_uid)
+    if cached is None or cached[0] is not trajectory or cached[1] != marks:
+        cached = _edited[scene.session_uid] = trajectory, marks, *_edited_crowd(scene, trajectory)
+    return cached[2]
 
 
 def troubles_of(scene: bpy.types.Scene) -> list[str]:
-    """Return a sentence for each edit that was left out when the crowd was asked for last."""
+    """Return a sentence for each edit that the last call of `with_edits` left out."""
     known = _edited.get(scene.session_uid)
     return known[3] if known is not None else []
 
 
-def unedited(trajectory: Trajectory) -> Trajectory:
-    """Return the crowd as it is without edits, but for its groups."""
-    return trajectory.own if isinstance(trajectory, Edited) else trajectory
+def without_edits(trajectory: Trajectory) -> Trajectory:
+    """Return the crowd without edits; its groups are the edited ones."""
+    return trajectory.base if isinstance(trajectory, Edited) else trajectory
 
 
 def edits(entry) -> bool:
@@ -64,19 +63,19 @@ def edits(entry) -> bool:
     )
 
 
-def _made(scene: bpy.types.Scene, trajectory: Trajectory) -> tuple[Trajectory, list[str]]:
-    found: list[Edit] = []
+def _edited_crowd(scene: bpy.types.Scene, trajectory: Trajectory) -> tuple[Trajectory, list[str]]:
+    edit_list: list[Edit] = []
     wrong = []
     for entry in scene.crowd_lod.exceptions:
         try:
             if entry.use and edits(entry):
-                found.append(_edit(entry, trajectory))
+                edit_list.append(_edit(entry, trajectory))
         except CrowdError as error:
             wrong.append(str(error))
     try:
-        return (Edited(trajectory, found) if found else trajectory), wrong
+        return (Edited(trajectory, edit_list) if edit_list else trajectory), wrong
     except CrowdError as error:  # of sources that decide on groups
-        return Edited(trajectory, [replace(edit, group=None) for edit in found]), [
+        return Edited(trajectory, [replace(edit, group=None) for edit in edit_list]), [
             *wrong,
             str(error),
         ]

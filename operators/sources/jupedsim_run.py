@@ -18,7 +18,7 @@ import numpy as np
 from ...crowd_lod.crowd.maps import LabelMap
 from ...crowd_lod.errors import CrowdError
 
-# What JuPedSim needs at run time: its wheel asks for Qt and VTK, 1.2 GB, for a viewer of its own.
+# JuPedSim needs only these to simulate; its wheel also requires Qt and VTK, 1.2 GB, for a viewer.
 PACKAGES = "jupedsim shapely deprecated wrapt"
 # meters and seconds: JuPedSim's defaults for people
 RADIUS = 0.2
@@ -31,14 +31,14 @@ LONGEST_STEP = 0.02  # seconds
 
 
 @dataclass(frozen=True)
-class Wanted:
+class SimulationRequest:
     """What to simulate.
 
     world: the label map.
-    walls, starts, goals: (L,) bool, which labels nobody enters, agents start on, and agents walk
-    to.
-    obstacles: (k, 2, 2) float64, world meters: segments of lines that nobody crosses, such as
-        outlines of meshes. What closed ones enclose is not entered either.
+    walls, starts, goals: (L,) bool: the labels that nobody enters, that agents start on, and that
+        they walk to.
+    obstacles: (k, 2, 2) float64, world meters: segments that nobody crosses, such as outlines of
+        meshes. Nobody enters what closed ones enclose.
     nearest: whether agents walk to the nearest goal; else each draws one.
     count, seed: of agents.
     seconds: how long.
@@ -57,46 +57,45 @@ class Wanted:
     rate: float
 
 
-def simulating(wanted: Wanted, path: Path) -> Generator[float, None, int]:
-    """Simulate, and write JuPedSim's own SQLite file of trajectories to `path`, which must not
-    exist.
+def simulate(request: SimulationRequest, path: Path) -> Generator[float, None, int]:
+    """Simulate people, and write JuPedSim's SQLite file of trajectories to the new file `path`.
 
-    Positions are in meters from the middle of the map's area.
-    Yields the progress, 0 to 1, and returns how many agents arrived at a goal, where they leave.
+    Positions are in meters from the middle of the map's area. Agents leave at a goal.
+    Yields the progress, 0 to 1, and returns how many agents arrived.
     CrowdError if JuPedSim is not installed, or cannot simulate it.
     """
     jupedsim = _module("jupedsim")
-    ground, starts, targets = _site(wanted)
+    ground, starts, targets = _site(request)
     yield 0.01
-    draws = np.random.default_rng(wanted.seed)
-    places = _places(starts, wanted.count, draws)
+    draws = np.random.default_rng(request.seed)
+    places = _places(starts, request.count, draws)
     yield 0.04
-    steps = ceil(1 / (wanted.rate * LONGEST_STEP))  # of each frame in the file
+    steps = ceil(1 / (request.rate * LONGEST_STEP))  # of each frame in the file
     writer = jupedsim.SqliteTrajectoryWriter(output_file=path, every_nth_frame=steps)
     try:
         simulation = jupedsim.Simulation(
-            model=jupedsim.CollisionFreeSpeedModel(), geometry=ground, dt=1 / (wanted.rate * steps)
+            model=jupedsim.CollisionFreeSpeedModel(), geometry=ground, dt=1 / (request.rate * steps)
         )
-        numbered = _Numbered(simulation, _enter(simulation, places, targets, wanted.nearest, draws))
+        numbered = _Numbered(
+            simulation, _enter(simulation, places, targets, request.nearest, draws)
+        )
         writer.begin_writing(numbered)
         writer.write_iteration_state(numbered)
-        whole = ceil(wanted.seconds * wanted.rate) * steps
+        whole = ceil(request.seconds * request.rate) * steps
         while simulation.agent_count() and simulation.iteration_count() < whole:
             simulation.iterate()
             writer.write_iteration_state(numbered)
             yield 0.05 + 0.95 * simulation.iteration_count() / whole
-        return wanted.count - simulation.agent_count()
+        return request.count - simulation.agent_count()
     except (RuntimeError, jupedsim.TrajectoryWriter.Exception) as error:
-        said = str(error).strip().partition("\n")[0].rstrip(".")
-        raise CrowdError(f"JuPedSim cannot simulate this crowd: {said}.") from None
+        reason = str(error).strip().partition("\n")[0].rstrip(".")
+        raise CrowdError(f"JuPedSim cannot simulate this crowd: {reason}.") from None
     finally:
         writer.close()
 
 
 def _module(name: str) -> Any:
-    """Return the module of that name; CrowdError with the command that installs it, if it is
-    missing.
-    """
+    """Return the module; CrowdError with the command to install it if it is missing."""
     try:
         return import_module(name)
     except ImportError as error:
@@ -115,29 +114,31 @@ def _remedy() -> str:
     return f'"{sys.executable}" -m pip install --no-deps{place} {PACKAGES}'
 
 
-def _site(wanted: Wanted) -> tuple[Any, Any, list[Any]]:
-    """Return where agents walk (a Polygon), may start, and the convex Polygons that they walk
-    to.
-    """
+def _site(request: SimulationRequest) -> tuple[Any, Any, list[Any]]:
+    """Return the Polygon to walk in, the area to start in, and the goals, convex Polygons."""
     shapely = _module("shapely")
 
     def polygons(chosen: np.ndarray) -> list[Any]:
-        return _polygons(wanted.world, chosen[wanted.world.labels])
+        return _polygons(request.world, chosen[request.world.labels])
 
-    ground = shapely.union_all(polygons(~wanted.walls)).difference(_solid(wanted))
-    starts = shapely.union_all(polygons(wanted.starts))
-    goals = polygons(wanted.goals)
+    ground = shapely.union_all(polygons(~request.walls)).difference(_solid(request))
+    starts = shapely.union_all(polygons(request.starts))
+    goals = polygons(request.goals)
     best = None, None, []
     for part in shapely.get_parts(ground):
-        here = starts.intersection(part.buffer(-OFF_WALL))
+        start_area = starts.intersection(part.buffer(-OFF_WALL))
         targets = [
             _target(piece, part)
             for goal in goals
             for piece in shapely.get_parts(goal.intersection(part))
         ]
-        targets = [each for each in targets if each is not None]
-        if targets and not here.is_empty and (best[0] is None or here.area > best[1].area):
-            best = part, here, targets
+        targets = [target for target in targets if target is not None]
+        if (
+            targets
+            and not start_area.is_empty
+            and (best[0] is None or start_area.area > best[1].area)
+        ):
+            best = part, start_area, targets
     if best[0] is None:
         raise CrowdError(
             "No ground has both a place to start and a goal: paint a goal's label that the starts "
@@ -150,8 +151,8 @@ def _site(wanted: Wanted) -> tuple[Any, Any, list[Any]]:
 def _polygons(world: LabelMap, cells: np.ndarray) -> list[Any]:
     """Return the cells that are True as Polygons in meters from the middle of the map's area.
 
-    cells: (rows, columns) bool. Those that hang together by their sides are one Polygon. They come
-    in the order of their first cells.
+    cells: (rows, columns) bool. Cells that share sides make one Polygon. Polygons are in the order
+        of their first cells.
     """
     shapely = _module("shapely")
     changes = np.diff(np.pad(cells, ((0, 0), (1, 1))).astype(np.int8), axis=1)
@@ -166,22 +167,22 @@ def _polygons(world: LabelMap, cells: np.ndarray) -> list[Any]:
     ]
 
 
-def _solid(wanted: Wanted) -> Any:
+def _solid(request: SimulationRequest) -> Any:
     """Return the ground under the obstacles; lines that enclose nothing get a width of 2 cm."""
     shapely = _module("shapely")
-    area = wanted.world.area
+    area = request.world.area
     middle = (area.x_min + area.x_max) / 2, (area.y_min + area.y_max) / 2
     lines = shapely.union_all(
-        shapely.linestrings(wanted.obstacles - middle)
+        shapely.linestrings(request.obstacles - middle)
     )  # cut where they cross
     closed = shapely.get_parts(shapely.polygonize([lines]))
     return shapely.union_all([*closed, lines.buffer(0.01, cap_style="square", join_style="mitre")])
 
 
 def _target(goal: Any, part: Any) -> Any:
-    """Return a convex Polygon in `goal` that agents in `part` walk to: JuPedSim takes no other.
+    """Return a convex Polygon in `goal` that agents in `part` can walk to; None if there is none.
 
-    None if there is none.
+    JuPedSim takes only convex ones.
     """
     shapely = _module("shapely")
     if goal.geom_type != "Polygon":  # where it only touches the part
@@ -189,11 +190,11 @@ def _target(goal: Any, part: Any) -> Any:
     hull = goal.convex_hull
     if not part.covers(hull):
         within = [
-            each
-            for each in shapely.get_parts(shapely.delaunay_triangles(goal))
-            if goal.covers(each)
+            triangle
+            for triangle in shapely.get_parts(shapely.delaunay_triangles(goal))
+            if goal.covers(triangle)
         ]
-        hull = max(within, key=lambda each: each.area, default=None)
+        hull = max(within, key=lambda triangle: triangle.area, default=None)
     return hull
 
 
@@ -238,17 +239,15 @@ def _enter(
     nearest: bool,
     draws: np.random.Generator,
 ) -> list[int]:
-    """Add an agent at each of `places` (n, 2), on the way to one of `targets`, and return their
-    ids.
-    """
+    """Add an agent at each of `places` (n, 2) with one of `targets` as its goal; return ids."""
     jupedsim = _module("jupedsim")
     shapely = _module("shapely")
-    stages = [simulation.add_exit_stage(each) for each in targets]
+    stages = [simulation.add_exit_stage(target) for target in targets]
     journeys = [simulation.add_journey(jupedsim.JourneyDescription([stage])) for stage in stages]
-    chosen = draws.integers(len(targets), size=len(places))
+    target_of = draws.integers(len(targets), size=len(places))
     if nearest:
-        chosen = np.array(
-            [shapely.distance(shapely.points(places), each) for each in targets]
+        target_of = np.array(
+            [shapely.distance(shapely.points(places), target) for target in targets]
         ).argmin(axis=0)
     mean, deviation, least, most = SPEED
     speeds = np.clip(draws.normal(mean, deviation, len(places)), least, most)
@@ -264,16 +263,13 @@ def _enter(
             )
         )
         for place, speed, goal in zip(
-            places.tolist(), speeds.tolist(), chosen.tolist(), strict=True
+            places.tolist(), speeds.tolist(), target_of.tolist(), strict=True
         )
     ]
 
 
 class _Numbered:
-    """A simulation as its writer sees it, with the agents numbered from 0.
-
-    JuPedSim counts on from run to run.
-    """
+    """A simulation for its writer, with agents numbered from 0; JuPedSim counts on from run to run."""
 
     def __init__(self, simulation: Any, ids: list[int]) -> None:
         self._simulation = simulation

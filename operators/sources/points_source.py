@@ -27,7 +27,7 @@ ALIVE = 3  # Particle.alive_state
 
 
 class NoPoints(CrowdError):
-    """An object has no points at the time."""
+    """The error that an object has no points at this time."""
 
 
 def points_of_crowd(  # noqa: PLR0913 - what a crowd of points depends on
@@ -42,55 +42,57 @@ def points_of_crowd(  # noqa: PLR0913 - what a crowd of points depends on
 
     CrowdError if the object yields no usable points.
 
-    draw: the groups that agents are of.
-    before: what was returned last; returned again if nothing has changed.
+    draw: how agents are drawn from groups.
+    before: the last result, returned again if nothing has changed.
     """
     scene = crowd.id_data
     seed = crowd.seed
-    chosen = draw.groups
-    names = tuple(groups[g].name for g in chosen)
-    found = draw_group_variants(
-        read_points(crowd.points, depsgraph, scene.crowd_lod.forward, chosen, names), seed, draw
+    drawn_groups = draw.groups
+    names = tuple(groups[g].name for g in drawn_groups)
+    snapshot = draw_group_variants(
+        read_points(crowd.points, depsgraph, scene.crowd_lod.forward, drawn_groups, names),
+        seed,
+        draw,
     )
-    if found.ids is None and crowd.points_count not in (0, len(found.x)):
+    if snapshot.ids is None and crowd.points_count not in (0, len(snapshot.x)):
         raise CrowdError(
-            f"The object {crowd.points.name} has {counted(len(found.x), 'point')}, and had "
+            f"The object {crowd.points.name} has {counted(len(snapshot.x), 'point')}, and had "
             f"{crowd.points_count:,} at Populate: give its "
             "points an attribute id of whole numbers, by which agents are known, or press "
             "Populate again."
         )
     time = scene_data.time_of(depsgraph.scene_eval)
-    same = before is not None and before.points.same(found)
+    same = before is not None and before.points.same(snapshot)
     if (
         same
-        and before.drawn.holds(found, seed, draw)
+        and before.drawn.holds(snapshot, seed, draw)
         and (before.time, before.name) == (time, crowd.points.name)
     ):
         return before
-    drawn = before.drawn if before is not None else None
-    if drawn is None or not drawn.holds(found, seed, draw):
-        check_ids(crowd.points, found.ids)
-        drawn = draw_for(found, seed, draw)
-    return Points(found, drawn, time, groups, seconds, crowd.points.name)
+    drawn_agents = before.drawn if before is not None else None
+    if drawn_agents is None or not drawn_agents.holds(snapshot, seed, draw):
+        check_ids(crowd.points, snapshot.ids)
+        drawn_agents = draw_for(snapshot, seed, draw)
+    return Points(snapshot, drawn_agents, time, groups, seconds, crowd.points.name)
 
 
 def read_points(
     item: bpy.types.Object | None,
     depsgraph: bpy.types.Depsgraph,
     forward: str,
-    chosen: np.ndarray,
+    groups: np.ndarray,
     names: tuple[str, ...],
 ) -> Snapshot:
     """Return the points of `item` as `depsgraph` has evaluated it.
 
     Its instances count, or else its particles, its point cloud, or the vertices of its mesh.
-    Attributes of the points: id (whole numbers), group (a number, from 0 on, or a name), heading
-    (radians from +X), phase (0 to 1). Without a heading that of an instance's rotation counts, or
-    else the direction of the attribute velocity.
+    Attributes of the points: id (whole numbers), group (a number from 0 on, or a name), heading
+    (radians from +X), phase (0 to 1). Without a heading, an instance's rotation counts, or else the
+    direction of the attribute velocity.
 
     forward: the axis that characters face, as in the settings; an instance that is not turned shows
         its character as it stands.
-    chosen, names: index and name of each group that a crowd may be of.
+    groups, names: index and name of each group that a crowd may be of.
     CrowdError if there are no points, or a value cannot be used.
     """
     if item is None:
@@ -105,19 +107,19 @@ def read_points(
     systems = [system for system in evaluated.particle_systems if len(system.particles)]
     clouds = [shape for shape in (instances, shapes.pointcloud, shapes.mesh) if _count(shape)]
     if instances not in clouds and systems:
-        found = _particles(systems[0])
+        columns = _particles(systems[0])
     elif clouds:
-        found = _attributes(item, clouds[0], matrix, scene_data.rotation(forward))
-        found |= _groups(item, clouds[0].attributes.get("group"), chosen, names)
+        columns = _attributes(item, clouds[0], matrix, scene_data.rotation(forward))
+        columns |= _groups(item, clouds[0].attributes.get("group"), groups, names)
     else:
-        found = {}
-    if not found or not len(found["x"]):
+        columns = {}
+    if not columns or not len(columns["x"]):
         raise NoPoints(
             f"The object {item.name} has no points, instances or particles in this frame: choose "
             f"another, or another frame."
         )
-    _check(item, found, scene_data.meters(depsgraph.scene))
-    return Snapshot(**found)
+    _check(item, columns, scene_data.meters(depsgraph.scene))
+    return Snapshot(**columns)
 
 
 def _shapes(
@@ -131,7 +133,7 @@ def _shapes(
         )
     try:
         return evaluated.evaluated_geometry()
-    except TypeError:  # says Blender of objects that it does not evaluate
+    except TypeError:  # of objects that Blender does not evaluate
         where = "in renders" if depsgraph.mode == "RENDER" else "in viewports"
         raise CrowdError(
             f"The object {item.name} is disabled {where}, or in no collection of this view layer: "
@@ -186,8 +188,7 @@ def _attributes(
 
 
 def _values(item: bpy.types.Object, shape, name: str) -> np.ndarray | None:
-    """Return the point attribute `name`, (m,) or (m, width) float32 or int32; None if there is
-    none.
+    """Return the point attribute `name`, (m,) or (m, width) float32 or int32; None without it.
 
     CrowdError if it is not a number, or for id not a whole one, at each point.
     """
@@ -210,20 +211,20 @@ def _values(item: bpy.types.Object, shape, name: str) -> np.ndarray | None:
 
 
 def _groups(
-    item: bpy.types.Object, attribute, chosen: np.ndarray, names: tuple[str, ...]
+    item: bpy.types.Object, attribute, groups: np.ndarray, names: tuple[str, ...]
 ) -> dict[str, np.ndarray]:
     """Return the column of groups, if the points name them."""
     if attribute is None or attribute.domain != "POINT":
         return {}
     if attribute.data_type == "STRING":
-        told = np.array([each.value.decode(errors="replace") for each in attribute.data])
-        kinds, which = np.unique(told, return_inverse=True)
+        point_names = np.array([each.value.decode(errors="replace") for each in attribute.data])
+        kinds, kind_of_point = np.unique(point_names, return_inverse=True)
         for name in set(kinds.tolist()) - set(names):
             raise CrowdError(
                 f"The points of {item.name} name a group {name or 'without a name'}: the crowd "
                 f"has {', '.join(names)}."
             )
-        return {"group": chosen[[names.index(name) for name in kinds]][which]}
+        return {"group": groups[[names.index(name) for name in kinds]][kind_of_point]}
     values = np.empty(len(attribute.data), np.int32 if attribute.data_type in WHOLE else np.float32)
     if attribute.data_type not in (*WHOLE, "FLOAT"):
         raise CrowdError(
@@ -238,7 +239,7 @@ def _groups(
             f"{len(names)}, numbered from 0 on "
             f"({', '.join(names)})."
         )
-    return {"group": chosen[values.astype(np.intp)]}
+    return {"group": groups[values.astype(np.intp)]}
 
 
 def _particles(system: bpy.types.ParticleSystem) -> dict[str, np.ndarray]:
@@ -260,15 +261,15 @@ def _particles(system: bpy.types.ParticleSystem) -> dict[str, np.ndarray]:
     }
 
 
-def _check(item: bpy.types.Object, found: dict[str, np.ndarray], meters: float) -> None:
-    count = len(found["x"])
+def _check(item: bpy.types.Object, columns: dict[str, np.ndarray], meters: float) -> None:
+    count = len(columns["x"])
     if count > MOST_AGENTS:
         raise CrowdError(
             f"The object {item.name} has {count:,} points: a crowd has at most {MOST_AGENTS:,} "
             f"agents."
         )
     for name in ("x", "y", "z", "heading", "phase"):
-        values = found.get(name, np.zeros(1))
+        values = columns.get(name, np.zeros(1))
         reach = max(values.max(), -values.min())
         if not np.isfinite(reach):
             wrong = np.flatnonzero(~np.isfinite(values))[0]

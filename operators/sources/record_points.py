@@ -1,7 +1,4 @@
-"""From an object's points, frame by frame, to a file of tracks.
-
-Then their other frames are known, too.
-"""
+"""From an object's points, frame by frame, to a file of tracks, so that all frames are known."""
 
 import tempfile
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -42,11 +39,11 @@ STEPPED = 0.95  # part of the progress
 
 @dataclass
 class _Record:
-    """A record that several works follow, one after the other.
+    """A record of a scene's points that several tasks use, one after the other.
 
-    frames: of the timeline, that they need besides those of the scene.
-    of: what was recorded: the scene's ends and the points' objects; None before.
-    settings: of each crowd, by which it follows the record, in the order of SOURCE.
+    frames: of the timeline, that the tasks need besides those of the scene.
+    of: what was recorded: the scene's ends and the points' objects; None before recording.
+    settings: of each crowd, in the order of SOURCE, with which it follows the record.
     """
 
     folder: Path
@@ -55,7 +52,7 @@ class _Record:
     settings: tuple[tuple, ...] = ()
 
     def holds(self, about: tuple, frames: Sequence[int]) -> bool:
-        """Return whether it is a record `about` the same that holds these frames, too."""
+        """Return whether the record is of the same inputs `about`, and holds these frames."""
         ends = (*about[:2], *self.frames)
         return self.of == about and all(min(ends) <= frame <= max(ends) for frame in frames)
 
@@ -65,11 +62,11 @@ _shared: dict[int, _Record] = {}  # by the session_uid of its scene
 
 @contextmanager
 def shared_record(scene: bpy.types.Scene, frames: Sequence[int] = ()) -> Iterator[None]:
-    """Let all that runs `with_record` of `scene` in here follow one record.
+    """Let all tasks inside the block that run `with_record` of `scene` use one record.
 
-    It is made when it is first needed.
+    It is made when a task first needs it.
 
-    frames: those of the timeline that any of them needs; the scene's own are always in it.
+    frames: of the timeline, that any task needs besides those of the scene.
     """
     if scene.session_uid in _shared:
         yield
@@ -85,17 +82,17 @@ def shared_record(scene: bpy.types.Scene, frames: Sequence[int] = ()) -> Iterato
 def with_record(
     scene: bpy.types.Scene, frames: Sequence[int], work: Callable[[], Generator[float, None, Made]]
 ) -> Generator[float, None, Made]:
-    """Run `work()` while the crowds of `scene` that are an object's points follow a record of them.
+    """Run `work()` while the live crowds of `scene` follow a record of their points.
 
-    It holds all frames of the scene, and `frames` of the timeline, and is gone at the end, or with
-    the `shared_record` around. Without such crowds nothing is recorded.
+    The record has all frames of the scene, and `frames` of the timeline. It is removed at the end,
+    or at the end of an enclosing `shared_record`. Without live crowds nothing is recorded.
 
     Yields the progress and returns the result of the work.
     """
     crowds = [crowd for crowd in crowds_of(scene.crowd_lod) if is_live(crowd)]
     if not crowds:
         return (yield from work())
-    own = [_followed(crowd) for crowd in crowds]
+    sources = [_followed(crowd) for crowd in crowds]
     about = (
         scene.frame_start,
         scene.frame_end,
@@ -109,16 +106,16 @@ def with_record(
             else:
                 paths = [record.folder / f"{k}.npz" for k in range(len(crowds))]
                 record.frames = [*record.frames, *frames]
-                yield from share(recording(scene, paths, record.frames), 0.0, 0.3)
+                yield from share(record_crowds(scene, paths, record.frames), 0.0, 0.3)
                 record.of = about
                 record.settings = tuple(map(_followed, crowds))
             return (yield from share(work(), 0.3, 1.0))
         finally:
-            _follow(crowds, own)
+            _follow(crowds, sources)
 
 
 def _followed(crowd) -> tuple:
-    """Return the settings by which the crowd follows its source."""
+    """Return the crowd's settings named in SOURCE."""
     return tuple(getattr(crowd, name) for name in SOURCE)
 
 
@@ -129,19 +126,19 @@ def _follow(crowds: Sequence, settings: Sequence[tuple]) -> None:
 
 
 def on_record(frames: Callable[..., Sequence[int]]) -> Callable:
-    """Return a decorator of generator functions of a scene, which then run `with_record`.
+    """Return a decorator that lets a generator function of a scene run `with_record`.
 
-    frames: gets the function's arguments; returns the frames of the timeline that it needs.
+    frames: a function of the same arguments that returns the frames that it needs.
     """
 
     def decorate(
         work: Callable[..., Generator[float, None, Made]],
     ) -> Callable[..., Generator[float, None, Made]]:
         @wraps(work)
-        def on(scene: bpy.types.Scene, *args, **named) -> Generator[float, None, Made]:
+        def on(scene: bpy.types.Scene, *args, **options) -> Generator[float, None, Made]:
             return (
                 yield from with_record(
-                    scene, frames(scene, *args, **named), lambda: work(scene, *args, **named)
+                    scene, frames(scene, *args, **options), lambda: work(scene, *args, **options)
                 )
             )
 
@@ -150,7 +147,7 @@ def on_record(frames: Callable[..., Sequence[int]]) -> Callable:
     return decorate
 
 
-def recording(
+def record_crowds(
     scene: bpy.types.Scene, paths: Sequence[Path], frames: Sequence[int] = ()
 ) -> Generator[float, None, list[int]]:
     """Write the points of each live crowd of `scene` in all of its frames to `paths`.
@@ -164,47 +161,56 @@ def recording(
     crowds = [crowd for crowd in crowds_of(scene.crowd_lod) if is_live(crowd)]
     cast = all_characters(scene)
     groups = tuple(
-        Group(each.name, 0.0, 0.0, 0.0, 0.0, variant_of=each.variant_of) for each in cast
+        Group(member.name, 0.0, 0.0, 0.0, 0.0, variant_of=member.variant_of) for member in cast
     )  # nothing else counts
     ends = scene.frame_start, scene.frame_end, *frames
     since, until = (scene_data.remap(scene.render, frame) for frame in (min(ends), max(ends)))
     times = range(int(np.floor(since)), int(np.ceil(until)) + 1)
-    found: list[list[Snapshot]] = [[] for _ in crowds]
-    when: list[list[int]] = [[] for _ in crowds]
+    snapshots: list[list[Snapshot]] = [[] for _ in crowds]
+    frames_with_points: list[list[int]] = [[] for _ in crowds]
     with frame_stepping.step_frames(scene) as at:
-        for done, time in enumerate(times):
+        for count, time in enumerate(times):
             depsgraph = at((), time)
-            for crowd, own, known in zip(crowds, found, when, strict=True):
+            for crowd, crowd_snapshots, crowd_frames in zip(
+                crowds, snapshots, frames_with_points, strict=True
+            ):
                 snapshot = _looked_at(crowd, depsgraph, groups)
                 if snapshot is not None:
-                    own.append(snapshot)
-                    known.append(time)
-            yield STEPPED * (done + 1) / len(times)
-    with ExitStack() as written:
-        for crowd, own, known, path in zip(crowds, found, when, paths, strict=True):
-            rows = _rows(crowd, own, known, len(times), groups)
-            npz.write(written.enter_context(files.staged_file(path)), rows)
-    for crowd, path, known in zip(crowds, paths, when, strict=True):
+                    crowd_snapshots.append(snapshot)
+                    crowd_frames.append(time)
+            yield STEPPED * (count + 1) / len(times)
+    with ExitStack() as stack:
+        for crowd, crowd_snapshots, crowd_frames, path in zip(
+            crowds, snapshots, frames_with_points, paths, strict=True
+        ):
+            rows = _rows(crowd, crowd_snapshots, crowd_frames, len(times), groups)
+            npz.write(stack.enter_context(files.staged_file(path)), rows)
+    for crowd, path, crowd_frames in zip(crowds, paths, frames_with_points, strict=True):
         crowd.source = "FILE"
         crowd.tracks_file = str(path)
         crowd.tracks_unit = "AUTO"
         crowd.tracks_rate = 0
         crowd.tracks_up = "Z"
-        crowd.first_frame = known[0]
+        crowd.first_frame = crowd_frames[0]
     yield 1.0
-    return [len(np.unique(np.concatenate([_ids(snapshot) for snapshot in own]))) for own in found]
+    return [
+        len(np.unique(np.concatenate([_ids(snapshot) for snapshot in crowd_snapshots])))
+        for crowd_snapshots in snapshots
+    ]
 
 
 def _looked_at(crowd, depsgraph: bpy.types.Depsgraph, groups: tuple[Group, ...]) -> Snapshot | None:
-    """Return the points now; None if there are none."""
-    chosen = draw_of(crowd, groups).groups
-    names = tuple(groups[g].name for g in chosen)
+    """Return the present points; None if there are none."""
+    drawn_groups = draw_of(crowd, groups).groups
+    names = tuple(groups[g].name for g in drawn_groups)
     try:
-        found = read_points(crowd.points, depsgraph, crowd.id_data.crowd_lod.forward, chosen, names)
+        snapshot = read_points(
+            crowd.points, depsgraph, crowd.id_data.crowd_lod.forward, drawn_groups, names
+        )
     except NoPoints:
         return None
-    check_ids(crowd.points, found.ids)
-    return found
+    check_ids(crowd.points, snapshot.ids)
+    return snapshot
 
 
 def _ids(found: Snapshot) -> np.ndarray:
@@ -212,16 +218,16 @@ def _ids(found: Snapshot) -> np.ndarray:
 
 
 def _rows(
-    crowd, found: list[Snapshot], times: list[int], frames: int, groups: tuple[Group, ...]
+    crowd, snapshots: list[Snapshot], times: list[int], frames: int, groups: tuple[Group, ...]
 ) -> Rows:
     """Return the rows of a file.
 
-    found, times: the points, and when they were found.
+    snapshots, times: the points, and when they were found.
     frames: how many frames were looked at.
     """
     item = crowd.points
-    counts = [len(each.x) for each in found]
-    if not found:
+    counts = [len(snapshot.x) for snapshot in snapshots]
+    if not snapshots:
         raise NoPoints(
             f"The object {item.name} has no points in any frame of the scene: choose another, or "
             f"set the frame range."
@@ -231,7 +237,9 @@ def _rows(
             f"The object {item.name} has {sum(counts):,} points in all frames: record at most "
             f"{MOST_ROWS:,}."
         )
-    if any(each.ids is None for each in found) and (len(set(counts)) > 1 or len(found) < frames):
+    if any(snapshot.ids is None for snapshot in snapshots) and (
+        len(set(counts)) > 1 or len(snapshots) < frames
+    ):
         k = next((k for k, count in enumerate(counts) if count != counts[0]), 0)
         other = (
             f"{counts[k]:,} points at frame {times[k]}, and {counts[0]:,} at frame {times[0]}"
@@ -245,17 +253,17 @@ def _rows(
 
     def column(name: str) -> np.ndarray | None:
         """Return a column that all frames have, or None."""
-        parts = [getattr(each, name) for each in found]
+        parts = [getattr(snapshot, name) for snapshot in snapshots]
         return None if any(part is None for part in parts) else np.concatenate(parts)
 
     meters = scene_data.meters(crowd.id_data)
     group = column("group")
     center = crowd.center
-    names = np.array([each.name for each in groups])
+    names = np.array([snapshot.name for snapshot in groups])
     return Rows(
-        id=np.concatenate([_ids(each) for each in found]),
+        id=np.concatenate([_ids(snapshot) for snapshot in snapshots]),
         frame=np.repeat(np.array(times, np.int64), counts),
-        # the setting Center is added to what a file has, in meters
+        # a file's places are meters from the setting Center
         **{name: (column(name) - center[axis]) * meters for axis, name in enumerate("xyz")},
         heading=column("heading"),
         phase=column("phase"),
@@ -280,14 +288,14 @@ class CROWDLOD_OT_record_points(Stepwise, bpy.types.Operator):
         names = [bpy.path.clean_name("_".join(filter(None, each))) for each in parts]
         texts = [saved_path(f"//{BLEND_NAME}_{name}.npz") for name in names]
         paths = [full_path(text) for text in texts]
-        counts = yield from recording(scene, paths)
+        counts = yield from record_crowds(scene, paths)
         for crowd, text in zip(crowds, texts, strict=True):
             crowd.tracks_file = text
-        told = ", ".join(
+        sentence = ", ".join(
             f"{counted(count, 'agent')} in {printable(path)}"
             for count, path in zip(counts, paths, strict=True)
         )
-        return f"Recorded: {told}. To follow the object again, set Source to Points."
+        return f"Recorded: {sentence}. To follow the object again, set Source to Points."
 
 
 CLASSES = (CROWDLOD_OT_record_points,)

@@ -20,12 +20,12 @@ from ..blender.operator import Stepwise
 from ..machine.scene_world import machine_of, world_of
 from ..settings.lengths import set_lengths
 from .crowd_sources import crowds_of
-from .jupedsim_run import Wanted, simulating
+from .jupedsim_run import SimulationRequest, simulate
 
 KNEE = 0.5  # meters above the ground, where the meshes of obstacles are cut
 
 
-def simulating_crowd(scene: bpy.types.Scene, index: int, path: Path) -> Generator[float, None, str]:
+def simulate_crowd(scene: bpy.types.Scene, index: int, path: Path) -> Generator[float, None, str]:
     """Simulate a crowd of `scene`, and write the trajectories to `path`, which must not exist.
 
     Yields the progress, and returns a sentence on the result. The scene stays as it is.
@@ -33,18 +33,18 @@ def simulating_crowd(scene: bpy.types.Scene, index: int, path: Path) -> Generato
 
     index: 0 for the scene's own crowd, from 1 on for the further ones.
     """
-    wanted = _wanted(scene, index)
-    arrived = yield from simulating(wanted, path)
+    request = _request_of(scene, index)
+    arrived = yield from simulate(request, path)
     return (
-        f"{counted(wanted.count, 'agent was', 'agents were')} simulated for "
-        f"{number(wanted.seconds)} s; {arrived:,} arrived."
+        f"{counted(request.count, 'agent was', 'agents were')} simulated for "
+        f"{number(request.seconds)} s; {arrived:,} arrived."
     )
 
 
 def follow(scene: bpy.types.Scene, index: int, path: str) -> None:
     """Let the crowd `index` of `scene` follow the file of trajectories at `path`.
 
-    `simulating_crowd` writes it.
+    `simulate_crowd` writes it.
     """
     crowd = crowds_of(scene.crowd_lod)[index]
     crowd.source = "FILE"
@@ -54,8 +54,8 @@ def follow(scene: bpy.types.Scene, index: int, path: str) -> None:
     crowd.tracks_up = "Z"
 
 
-def _wanted(scene: bpy.types.Scene, index: int) -> Wanted:
-    """Return what the settings of the crowd `index` ask for."""
+def _request_of(scene: bpy.types.Scene, index: int) -> SimulationRequest:
+    """Return the request by the settings of the crowd `index`."""
     crowds = crowds_of(scene.crowd_lod)
     if not 0 <= index < len(crowds):
         raise CrowdError(
@@ -79,7 +79,7 @@ def _wanted(scene: bpy.types.Scene, index: int) -> Wanted:
         if crowd.start_labels.strip()
         else machine.spawn
     )
-    return Wanted(
+    return SimulationRequest(
         world=_in_meters(world_of(crowd, machine), meters),
         walls=walls & ~goals,
         starts=starts & ~walls & ~goals,
@@ -99,10 +99,9 @@ def _in_meters(world: LabelMap, meters: float) -> LabelMap:
 
 
 def _named(machine: StateMachine, setting: str, text: str, usual: str = "") -> np.ndarray:
-    """Return which labels the text names, (L,) bool; if it is empty, the label `usual` if there is
-    one.
+    """Return which labels the text names, (L,) bool; CrowdError if there is no such label.
 
-    CrowdError if the state machine has no label of a name.
+    usual: the label that counts if the text is empty, where the state machine has it.
     """
     names = {name.strip() for name in text.split(",")} - {""}
     for name in sorted(names - set(machine.labels)):
@@ -114,7 +113,7 @@ def _named(machine: StateMachine, setting: str, text: str, usual: str = "") -> n
 
 
 def _obstacles(crowd, meters: float) -> np.ndarray:
-    """Return the lines of the obstacles' meshes at knee height, as Wanted has them.
+    """Return `obstacles` of a SimulationRequest: the meshes' outlines at knee height.
 
     meters: in a unit of the scene.
     """
@@ -158,7 +157,7 @@ class CROWDLOD_OT_simulate(Stepwise, bpy.types.Operator):
         )
         path = files.absolute(home.with_name(f"{name}.sqlite"))
         with files.staged_file(path) as part:
-            said = yield from simulating_crowd(scene, self.crowd, part)
+            said = yield from simulate_crowd(scene, self.crowd, part)
         follow(scene, self.crowd, f"//{path.name}")
         return f"{said} The trajectories are in {printable(path.name)}."
 

@@ -1,4 +1,4 @@
-"""Where the state machine's agents start: from objects to places that the file keeps."""
+"""Where the state machine's agents start: from objects to places stored in the file."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -21,9 +21,9 @@ LIVE = "RECTANGLE", "GRID"  # these follow from the settings alone
 
 
 def read_places(crowd, forward: str, depsgraph: bpy.types.Depsgraph) -> None:
-    """Keep the places where the crowd starts, as `depsgraph` has evaluated its object.
+    """Store the places where the crowd starts, as `depsgraph` has evaluated its object.
 
-    None where they need no object.
+    A start that needs no object stores none.
 
     forward: the way the characters face, as in the settings.
     CrowdError if there are no such places.
@@ -82,8 +82,8 @@ def spacing_of(crowd) -> Spacing:
     )
 
 
-def places_asked(crowd) -> tuple:
-    """Return all that the places follow from."""
+def places_inputs(crowd) -> tuple:
+    """Return the inputs of the places."""
     if crowd.start_on == "RECTANGLE":
         return ()
     if crowd.start_on == "GRID":
@@ -92,7 +92,7 @@ def places_asked(crowd) -> tuple:
 
 
 def places_outdated(crowd) -> Iterator[str]:
-    """Yield a sentence if the crowd's places are not those that Populate would draw now."""
+    """Yield a sentence if the inputs of the crowd's places have changed since Populate."""
     mesh = crowd.start_places
     if crowd.source != "MACHINE" or crowd.start_on in LIVE or crowd.start_object is None:
         return
@@ -163,12 +163,12 @@ def _painted(owner: bpy.types.Object, mesh: bpy.types.Mesh, name: str) -> np.nda
         raise CrowdError(
             f"it has no vertex group {name}: paint one of that name, or clear Vertex Group."
         )
-    found = np.zeros(len(mesh.vertices))
+    weights = np.zeros(len(mesh.vertices))
     for k, vertex in enumerate(mesh.vertices):
         for entry in vertex.groups:
             if entry.group == index:
-                found[k] = entry.weight
-    return found
+                weights[k] = entry.weight
+    return weights
 
 
 def _uvs(mesh: bpy.types.Mesh) -> np.ndarray:
@@ -180,17 +180,17 @@ def _uvs(mesh: bpy.types.Mesh) -> np.ndarray:
         raise CrowdError(
             "it has no UV map, by which an image gives its density: unwrap it, or clear Image."
         )
-    found = np.empty((len(mesh.loops), 2), np.float32)
+    uvs = np.empty((len(mesh.loops), 2), np.float32)
     corners = np.empty((len(mesh.loop_triangles), 3), np.int32)
-    mesh.uv_layers.active.uv.foreach_get("vector", found.ravel())
+    mesh.uv_layers.active.uv.foreach_get("vector", uvs.ravel())
     mesh.loop_triangles.foreach_get("loops", corners.ravel())
-    return found[corners].astype(np.float64)
+    return uvs[corners].astype(np.float64)
 
 
 def _looked_up(
     gray: np.ndarray, maps: np.ndarray, points: np.ndarray, triangle: np.ndarray, weight: np.ndarray
 ) -> np.ndarray:
-    """Return the image's gray, 0 to 1, at the places; it repeats beyond its borders."""
+    """Return the image's gray, 0 to 1, at the places; the image repeats beyond its borders."""
     place = (weight[:, :, None] * maps[triangle]).sum(axis=1)
     column, row = ((place - np.floor(place)) * gray.shape[::-1]).astype(np.intp).T
     return gray[np.minimum(row, gray.shape[0] - 1), np.minimum(column, gray.shape[1] - 1)]
@@ -212,9 +212,7 @@ def _along_curves(crowd, item: bpy.types.Object, depsgraph: bpy.types.Depsgraph)
 def _curves(
     item: bpy.types.Object, depsgraph: bpy.types.Depsgraph
 ) -> Iterator[tuple[np.ndarray, bool]]:
-    """Yield (points (k, 3) world meters, whether closed) of the object's splines or chains of
-    edges.
-    """
+    """Yield (points (k, 3) world meters, is closed) of the object's splines or chains of edges."""
     evaluated = item.evaluated_get(depsgraph)
     matrix = np.array(evaluated.matrix_world, np.float64)
     bare = _without_bevel(item) if item.type == "CURVE" else None
@@ -239,7 +237,7 @@ def _curves(
 
 
 def _without_bevel(item: bpy.types.Object) -> bpy.types.Object:
-    """Return a copy of a curve without what makes it a solid; its data is to be removed."""
+    """Return a copy of a curve without bevel or extrusion; the caller removes its data."""
     data = item.data.copy()
     data.bevel_depth = 0
     data.extrude = 0
@@ -252,9 +250,9 @@ def _on_points(
     crowd, item: bpy.types.Object, depsgraph: bpy.types.Depsgraph, forward: str
 ) -> Places:
     instances = [
-        np.array(each.matrix_world)
-        for each in depsgraph.object_instances
-        if each.is_instance and each.parent.original == item
+        np.array(instance.matrix_world)
+        for instance in depsgraph.object_instances
+        if instance.is_instance and instance.parent.original == item
     ]
     if instances:
         matrices = np.array(instances, np.float64)
@@ -265,11 +263,11 @@ def _on_points(
         points = np.empty((len(evaluated.data.points), 3), np.float32)
         evaluated.data.points.foreach_get("co", points.ravel())
         matrix = np.array(evaluated.matrix_world, np.float64)
-        found = points @ matrix[:3, :3].T + matrix[:3, 3]
+        points = points @ matrix[:3, :3].T + matrix[:3, 3]
     else:
-        found = mesh_data.world_points(evaluated)
-    if not len(found):
+        points = mesh_data.world_points(evaluated)
+    if not len(points):
         raise CrowdError(
             "it has neither instances nor points nor vertices to start on: choose another object."
         )
-    return start_places.without_heading(found)
+    return start_places.without_heading(points)

@@ -14,10 +14,10 @@ from ..blender import scene_cache, scene_data
 from ..blender.output_folders import full_path
 
 UNITS = {"AUTO": "", "M": "m", "CM": "cm", "MM": "mm", "FT": "ft"}
-MOST_FILES = 4  # that are kept
-# Of a path, its time of change and its size: the digest of its content.
+MOST_FILES = 4  # in the cache
+# By path, time of change and size: the digest of the file's content.
 _contents: dict[tuple, bytes] = scene_cache.add_cache({})
-# Of a content and how it is read: its tracks.
+# By digest and options of reading: the tracks.
 _files: dict[tuple, Tracks] = scene_cache.add_cache({})
 
 
@@ -32,36 +32,34 @@ def tracks_path(crowd) -> Path:
 
 
 def stamp_of(crowd) -> tuple:
-    """Return what the content of the crowd's file goes by, until it is read.
-
-    These are its path, time of change and size.
+    """Return path, time of change and size of the crowd's file, which stand for its content.
 
     CrowdError if there is no such file.
     """
     path = tracks_path(crowd)
     try:
-        found = os.stat(path)
+        status = os.stat(path)
     except OSError as error:
         raise CrowdError(
             f"The file of trajectories {printable(path)} cannot be read ({error.strerror}): "
             f"choose another."
         ) from None
-    return str(path), found.st_mtime_ns, found.st_size
+    return str(path), status.st_mtime_ns, status.st_size
 
 
-def file_asked(crowd) -> tuple:
-    """Return what the crowd's tracks depend on."""
+def file_inputs(crowd) -> tuple:
+    """Return the inputs of the crowd's tracks."""
     try:
         stamp = stamp_of(crowd)
-    except CrowdError:  # whoever reads the file says so
+    except CrowdError:  # reported where the file is read
         stamp = (crowd.tracks_file,)
     return *stamp, crowd.tracks_unit, crowd.tracks_rate, crowd.tracks_up
 
 
 def tracks_of_crowd(crowd, usual: float) -> Tracks:
-    """Return the tracks of the crowd's file, kept while its content stays the same.
+    """Return the tracks of the crowd's file, cached by its content.
 
-    usual: frames a second of a file that tells none.
+    usual: frames a second, for a file that does not say.
     CrowdError if it cannot be read or used.
     """
     stamp = stamp_of(crowd)
@@ -70,10 +68,7 @@ def tracks_of_crowd(crowd, usual: float) -> Tracks:
 
 
 def notes_on_frames(crowd) -> str:
-    """Return which frames the crowd's file has, as far as that is known without reading it.
-
-    For the sidebar.
-    """
+    """Return a sentence for the sidebar on the frames of the crowd's file, if it has been read."""
     scene = crowd.id_data
     try:
         tracks = _kept(stamp_of(crowd), _told(crowd, scene.render.fps / scene.render.fps_base))
@@ -87,32 +82,29 @@ def notes_on_frames(crowd) -> str:
     )
 
 
-def reading_files(crowds: list, usual: float) -> Generator[float, None, None]:
-    """Read the files of `crowds` that are not known yet, for `tracks_of_crowd` to find.
-
-    Yield the progress, 0 to 1.
-    """
-    wanted = dict.fromkeys(
+def read_files(crowds: list, usual: float) -> Generator[float, None, None]:
+    """Read the crowds' files into the cache of `tracks_of_crowd`; yield the progress, 0 to 1."""
+    files = dict.fromkeys(
         (stamp_of(crowd), _told(crowd, usual)) for crowd in crowds if crowd.source == "FILE"
     )
-    for k, (stamp, told) in enumerate(wanted):
-        if _kept(stamp, told) is None:
+    for k, (stamp, options) in enumerate(files):
+        if _kept(stamp, options) is None:
             progress = [0.0]
 
-            def read(stamp: tuple = stamp, told: tuple = told, progress: list = progress) -> Tracks:
-                return _read(stamp, told, progress)
+            def read(
+                stamp: tuple = stamp, options: tuple = options, progress: list = progress
+            ) -> Tracks:
+                return _read(stamp, options, progress)
 
             yield from share(
                 aside(read, lambda progress=progress: progress[0]),
-                k / len(wanted),
-                (k + 1) / len(wanted),
+                k / len(files),
+                (k + 1) / len(files),
             )
 
 
 def _told(crowd, usual: float) -> tuple[str, float, float, str, float]:
-    """Return how the crowd's file is read: unit, rate, the rate if it tells none, what is up, the
-    scene's meters.
-    """
+    """Return the options of reading: unit, rate, usual rate, upward axis, meters per unit."""
     rate = round(float(crowd.tracks_rate), 6)
     return (
         UNITS[crowd.tracks_unit],
@@ -128,7 +120,7 @@ def _kept(stamp: tuple, told: tuple) -> Tracks | None:
     return None if content is None else _files.get((content, *told))
 
 
-def _read(stamp: tuple, told: tuple, progress: list[float]) -> Tracks:
+def _read(stamp: tuple, options: tuple, progress: list[float]) -> Tracks:
     path = Path(stamp[0])
     try:
         content = content_of(path)
@@ -138,13 +130,13 @@ def _read(stamp: tuple, told: tuple, progress: list[float]) -> Tracks:
             f"choose another."
         ) from None
     _contents[stamp] = content
-    key = content, *told
+    key = content, *options
     if key not in _files:
 
         def tell(part: float) -> None:
             progress[0] = part
 
-        *how, meters = told
+        *how, meters = options
         tracks = read_tracks(path, *how, tell).in_units(meters)
         while len(_files) >= MOST_FILES:
             _files.pop(next(iter(_files)))

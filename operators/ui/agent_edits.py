@@ -21,7 +21,7 @@ from ..scene.scene_crowd import trajectory_of
 from ..scene.shot_exceptions import find_agents
 from ..settings import needs
 from ..settings.exception_settings import REGIONS
-from ..sources.hand_edits import unedited
+from ..sources.hand_edits import without_edits
 
 # meters and radians by which one press moves and turns
 NUDGE = 0.5
@@ -133,7 +133,7 @@ def _found(context, entry) -> str:
 
     Returns a sentence; CrowdError if there are none.
     """
-    trajectory = unedited(trajectory_of(context.scene))
+    trajectory = without_edits(trajectory_of(context.scene))
     agents = find_agents(context.scene, entry, trajectory, context.evaluated_depsgraph_get())
     if not len(agents):
         where = entry.map_image if entry.chosen_by == "MAP" else entry.region

@@ -6,7 +6,7 @@ from ...crowd_lod.format import counted
 from ..blender.character_objects import is_scenery
 from ..blender.operator import Reporting
 from ..machine import map_areas
-from ..machine.machine_editor import draft_of, selected
+from ..machine.machine_editor import draft_of, selected_name
 from .settings_list import Moving, Removing, SwitchedRow, draw_list
 
 
@@ -34,7 +34,7 @@ class CROWDLOD_OT_add_area(Reporting, bpy.types.Operator):
         scene = context.scene
         settings = context.scene.crowd_lod
         labels = map_areas.machine_of(settings).labels
-        label = "wall" if "wall" in labels else selected(scene, "labels") or labels[-1]
+        label = "wall" if "wall" in labels else selected_name(scene, "labels") or labels[-1]
         items = [item for item in context.selected_objects if is_scenery(item)]
         for item in items or [None]:
             entry = settings.areas.add()

@@ -11,7 +11,14 @@ import numpy as np
 from ..blender import scene_cache
 from ..blender.labeled_properties import CONTEXT
 from ..machine import map_areas
-from ..machine.machine_editor import cell_of, draft_of, faulty, lacking, problem_of, selected
+from ..machine.machine_editor import (
+    cell_of,
+    draft_of,
+    faulty,
+    missing_text,
+    problem_of,
+    selected_name,
+)
 from ..machine.machine_settings import MOST_TARGETS, color_of, rows_of
 from ..overlay import viewport_overlay
 from .area_list import draw_areas
@@ -71,7 +78,7 @@ class CROWDLOD_UL_rules(_List, bpy.types.UIList):
 
     def item(self, context, row, name: str, index: int) -> None:
         draft = draft_of(context.scene)
-        state = selected(context.scene, "states")
+        state = selected_name(context.scene, "states")
         row.alert = draft.faulty("states", state, "on", name)
         row.active = draft.has_rule(state, name)
         split = row.split(factor=0.42)
@@ -107,7 +114,7 @@ def _following(targets: list, state: str) -> str:
 
 def _problem(context, layout) -> None:
     """Draw the mistake of the text, or a line that it has none."""
-    sentence = problem_of(context.scene) or lacking(context.scene)
+    sentence = problem_of(context.scene) or missing_text(context.scene)
     if sentence:
         paragraph(
             layout,
@@ -154,7 +161,7 @@ class _Editor(Step):
 
     def body(self, context, layout, settings) -> None:
         draft = draft_of(context.scene)
-        if not draft.states or lacking(context.scene):
+        if not draft.states or missing_text(context.scene):
             _problem(context, layout)
             return
         rows_of(context, "states", draft.states)
@@ -173,7 +180,7 @@ class CROWDLOD_PT_states(_Editor, bpy.types.Panel):
 
     def editor(self, context, layout, editor, draft) -> None:
         _list(context, layout, "states", draft.states, 6)
-        state = selected(context.scene, "states")
+        state = selected_name(context.scene, "states")
 
         def field(name: str, path: str = "") -> None:
             row = layout.row()
@@ -272,7 +279,7 @@ class CROWDLOD_PT_labels(_Editor, bpy.types.Panel):
 
     def editor(self, context, layout, editor, draft) -> None:
         _list(context, layout, "labels", draft.labels, 5)
-        name = selected(context.scene, "labels")
+        name = selected_name(context.scene, "labels")
         column = layout.column()
         column.alert = draft.faulty("labels", name)
         for field in ("label_name", "label_color", "spawn"):

@@ -9,7 +9,7 @@ from ..blender.labeled_properties import CONTEXT
 from ..characters.stored_groups import count_of
 from ..characters.take_action import TAKE_ACTION
 from ..overlay import viewport_overlay
-from ..overlay.hud import STAGES, share, told
+from ..overlay.hud import STAGES, describe, share
 from . import steps
 from .drawing import LOD_COLORS, MOST_ROWS, button, distance, label, paragraph, table
 
@@ -130,7 +130,7 @@ class CROWDLOD_PT_agent(_Popover, bpy.types.Panel):
         if account is None:
             label(self.layout, "Pick an agent with the eyedropper", "EYEDROPPER")
         else:
-            table(self.layout, ("Agent", f"{account.agent:,}"), told(account)[1:])
+            table(self.layout, ("Agent", f"{account.agent:,}"), describe(account)[1:])
 
 
 CLASSES = (CROWDLOD_PT_statistics, CROWDLOD_PT_messages, CROWDLOD_PT_agent)

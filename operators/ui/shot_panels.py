@@ -3,6 +3,8 @@
 import bpy
 
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.levels.cost_model import DEVELOPERS
+from ..blender.machine_costs import calibration_of
 from ..overlay import viewport_overlay
 from ..render_setup import staleness
 from ..render_setup.render_setup import BAKED, baked_of
@@ -200,6 +202,17 @@ class CROWDLOD_PT_cost(Step, bpy.types.Panel):
             else (("Not estimated",),)
         )
         table(layout, head, rows)
+        row = layout.row(align=True)
+        button(row, "crowd_lod.calibrate", icon="PREVIEW_RANGE")
+        label(layout, *_calibrated(context.scene))
+
+
+def _calibrated(scene: bpy.types.Scene) -> tuple[str, str]:
+    """Return (what the estimates of time rest on, its icon)."""
+    calibration = calibration_of(scene)
+    if calibration is None:
+        return f"Time by costs of {DEVELOPERS}", "INFO"
+    return f"Time by costs of this machine, {calibration.age}", "CHECKMARK"
 
 
 class CROWDLOD_PT_view_layers(Step, bpy.types.Panel):

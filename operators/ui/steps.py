@@ -47,7 +47,7 @@ def label_of(operator: str) -> str:
 def messages(scene: bpy.types.Scene) -> list[tuple[str, str]]:
     """Return (sentence, icon) of all that the user should know, the most urgent first."""
     settings = scene.crowd_lod
-    drawn_frame = viewport_overlay.shown_of(scene)
+    drawn_frame = viewport_overlay.display_of(scene)
     errors = [
         viewport_overlay.problem(scene),
         missing_library(),

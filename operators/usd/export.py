@@ -18,9 +18,9 @@ from ...crowd_lod.frame.instances import (
     Instances,
     instances_of,
     instances_of_frame,
-    turned,
+    rotations_of,
 )
-from ...crowd_lod.frame.planned import noted, told_unplanned
+from ...crowd_lod.frame.planned import note_of, unplanned_notes
 from ...crowd_lod.progress import share
 from ...crowd_lod.reporting import files
 from ..blender import frame_stepping, scene_data
@@ -87,7 +87,7 @@ def export_usd(scene: bpy.types.Scene, request: UsdExport) -> Generator[float, N
     no file.
     """
     usd = openusd()
-    path = files.followed(request.path)
+    path = files.follow_link(request.path)
     if printable(path) != str(path):
         raise CrowdError(
             f"OpenUSD cannot write to {printable(path)}, which is no text in UTF-8: choose "
@@ -127,7 +127,7 @@ def export_usd(scene: bpy.types.Scene, request: UsdExport) -> Generator[float, N
         len(cast.agents),
         len(cast.prototypes),
         off,
-        tuple(filter(None, (*notes, told_unplanned(unplanned)))),
+        tuple(filter(None, (*notes, unplanned_notes(unplanned)))),
     )
 
 
@@ -138,7 +138,7 @@ def _plans(
 ]:
     """Plan all frames: yield the progress, return what is shown, what films, and what is unplanned.
 
-    The last is what `told_unplanned` takes.
+    The last is what `unplanned_notes` takes.
     """
     trajectory = trajectory_of(scene)
     frames = request.frames
@@ -153,7 +153,7 @@ def _plans(
             )
             film, around, shutter = lights.read_moment(scene, time, at)
             frame = frame_of(scene, None, time, film, trajectory, around, shutter)
-            unplanned.append(noted(number, frame.unplanned, request.strict))
+            unplanned.append(note_of(number, frame.unplanned, request.strict))
             plans[number] = instances_of_frame(frame, library)
             films[number] = film_frame(scene, time, at((), time))
             yield (count + 1) / len(frames)
@@ -192,7 +192,7 @@ def _instances(
         file.agents(
             number,
             positions=columns["position"],
-            orientations=turned(columns["heading"], *lean, turn),
+            orientations=rotations_of(columns["heading"], *lean, turn),
             prototypes=prototype,
             hidden=hidden,
             scales=columns["size"] + 1 if "size" in columns else None,

@@ -161,7 +161,9 @@ def test_the_overlay_has_the_frames_of_each_action(ready):
     scene = ready
     for group, (name, _, _) in enumerate(characters_of(scene)):
         homes = [level.children[group] for level in scene.crowd_lod.levels.children]
-        character = finished(skinned_characters.baking(name, lambda homes=homes: homes, ("idle",)))
+        character = finished(
+            skinned_characters.bake_character(name, lambda homes=homes: homes, ("idle",))
+        )
         for title in ("walk", "idle"):
             action = bpy.data.actions[f"{title} {name}"]
             first, count = character.rows_of("idle" if title == "idle" else "")

@@ -9,7 +9,7 @@ from bpy_extras.object_utils import world_to_camera_view
 from crowd_lod_extension.crowd_lod.culling.camera import frustum_corners
 from crowd_lod_extension.crowd_lod.culling.radar import radar
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.crowd_lod.validation.culling_audit import standing
+from crowd_lod_extension.crowd_lod.validation.culling_audit import standing_crowd
 from crowd_lod_extension.operators.blender import cameras, image_data, mesh_data
 from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
 from crowd_lod_extension.operators.characters.character_extent import bounds, frames_of, posing
@@ -161,7 +161,7 @@ def test_no_agent_that_blender_shows_is_missed(scene, kind):
         surface = (
             points[:, None] + radius * way / np.linalg.norm(way, axis=2, keepdims=True)
         ).reshape(-1, 3)
-        visible, _ = radar(standing(points), eyes, np.zeros(1), np.array([radius]))
+        visible, _ = radar(standing_crowd(points), eyes, np.zeros(1), np.array([radius]))
         seen = np.zeros(AGENTS, bool)
         for side in sides:
             view, clip = matrices(scene, depsgraph, side)
@@ -181,7 +181,7 @@ def test_no_agent_that_blender_shows_is_missed(scene, kind):
                 x, y, depth = world_to_camera_view(scene, scene.camera, Vector(point))
                 if 1e-4 < min(x, y) and max(x, y) < 1 - 1e-4 and eye.near < depth < eye.far:
                     assert radar(
-                        standing(point[None]), eye, np.zeros(1), np.full(1, 1e-4 * eye.far)
+                        standing_crowd(point[None]), eye, np.zeros(1), np.full(1, 1e-4 * eye.far)
                     )[0][0]
     assert 0.1 * total < shown <= kept < 0.95 * total
 
@@ -324,7 +324,9 @@ def test_fisheye_shows_its_cone(scene, tmp_path):
     for angle, seen in ((1.1, True), (1.35, False)):
         point = np.array([0, 4 * np.sin(angle), -4 * np.cos(angle)])
         assert (lit(scene, point, tmp_path, "CYCLES") is not None) == seen
-        assert radar(standing(point[None]), camera, np.zeros(1), np.full(1, 0.15))[0][0] == seen
+        assert (
+            radar(standing_crowd(point[None]), camera, np.zeros(1), np.full(1, 0.15))[0][0] == seen
+        )
 
 
 def test_every_panoramic_type_has_the_density_that_cycles_renders(scene, tmp_path):
@@ -403,7 +405,7 @@ def test_motion_blur_keeps_what_any_time_of_the_shutter_shows(scene):
     samples = cameras.read_shutter(scene, 5.0)
     assert [time for time, _ in samples] == pytest.approx([4.6, 5.0, 5.4])
     points = np.random.default_rng(1).uniform(-150, 150, (20_000, 3))
-    crowd = standing(points)
+    crowd = standing_crowd(points)
     radius = np.array([0.5])
     kept = np.zeros(len(points), bool)
     for _, eyes in samples:

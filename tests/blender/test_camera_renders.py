@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.culling.radar import radar
-from crowd_lod_extension.crowd_lod.validation.culling_audit import standing
+from crowd_lod_extension.crowd_lod.validation.culling_audit import standing_crowd
 from crowd_lod_extension.operators.blender import cameras, image_data
 from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
 from mathutils import Matrix
@@ -327,7 +327,7 @@ def judged(scene, lit, seed):
     points = np.concatenate([p for p, _ in spheres])
     radius = np.concatenate([r for _, r in spheres])
     points = points.astype(np.float32).astype(np.float64)
-    crowd = standing(points, np.arange(len(points)))
+    crowd = standing_crowd(points, np.arange(len(points)))
     seen, _ = radar(crowd, eyes, np.zeros(len(points)), radius)
     pinholes = [replace(eye, pad=0.0, turn=0.0) for eye in eyes]
     center_seen, _ = radar(crowd, pinholes, np.zeros(len(points)), np.zeros(len(points)))

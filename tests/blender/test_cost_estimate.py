@@ -44,7 +44,7 @@ def test_work_is_what_the_depsgraph_shows(levelled, known):
     scene = levelled
     frames = [3, 9, 14]
     found = finished(estimate(scene, scene.crowd_lod, frames, known=known))
-    assert list(found.looked_at) == frames and FULL in found.works and found.engine == "EEVEE"
+    assert list(found.looked_at) == frames and FULL in found.works and found.costs.engine == "EEVEE"
     work = found.works["By Ratio"]
     finished(bake.bake(scene, frames) if known else render_setup.build(scene))
     top = scene.crowd_lod.build

@@ -174,7 +174,7 @@ def test_the_overlay_has_the_frames_of_each_step(fading):
     name = characters_of(scene)[0][0]
     homes = [level.children[0] for level in scene.crowd_lod.levels.children]
     steps = [action.name for action in groups_of(scene.crowd_lod)[0].actions]
-    character = finished(skinned_characters.baking(name, lambda: homes, steps))
+    character = finished(skinned_characters.bake_character(name, lambda: homes, steps))
     for step in (step for step in steps if mixed_in(step)):
         first, count = character.rows_of(step)
         for phase in np.array([0, 9, count // 2]) / (count - 1):

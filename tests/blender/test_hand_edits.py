@@ -344,7 +344,7 @@ def test_edits_follow_the_points_of_an_object_by_their_ids(levelled):
     item.data.update()
     bpy.context.view_layer.update()
     crowd = trajectory_of(levelled).start
-    assert crowd.x[54] == pytest.approx(trajectory_of(levelled).own.start.x[54] + 0.5)
+    assert crowd.x[54] == pytest.approx(trajectory_of(levelled).base.start.x[54] + 0.5)
     assert crowd.group[54] != before.start.group[5] and np.flatnonzero(~crowd.present).tolist() == [
         50
     ]
@@ -374,11 +374,11 @@ def test_edits_follow_the_agents_of_a_file_that_grows(levelled, tmp_path):
     written(range(3, 30))
     edited = trajectory_of(levelled)
     crowd = edited.at(9)
-    own = edited.own.at(9)
+    own = edited.base.at(9)
     assert len(crowd) == 27 and np.flatnonzero(crowd.x != own.x).tolist() == [21]
     assert edited.ids[21] == 24 and np.flatnonzero(~crowd.present).tolist() == [22]
     # who is gone is told, the other is still edited
     written(range(3, 25))
     frame = frame_at(levelled, 9)
     assert "names #25: no agent has that number in its file or object" in frame.unplanned
-    assert frame.crowd.x[21] == pytest.approx(frame.trajectory.own.at(9).x[21] + 0.5)
+    assert frame.crowd.x[21] == pytest.approx(frame.trajectory.base.at(9).x[21] + 0.5)

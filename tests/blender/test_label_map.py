@@ -10,7 +10,7 @@ from crowd_lod_extension.operators.characters.group_measuring import measure_gro
 from crowd_lod_extension.operators.machine import map_areas
 from crowd_lod_extension.operators.machine.map_painting import plane_of
 from crowd_lod_extension.operators.machine.scene_world import machine_of, world_of
-from crowd_lod_extension.operators.sources.crowd_sources import inputs_of, together
+from crowd_lod_extension.operators.sources.crowd_sources import combine_crowds, inputs_of
 
 
 @pytest.fixture
@@ -211,12 +211,12 @@ def test_agents_do_not_start_in_a_wall_and_the_walk_knows_it(ground, scene):
     settings.count = 500
     block(-10, 0, 20)
     groups = measure_groups(scene)
-    outside = together(scene, groups).start
+    outside = combine_crowds(scene, groups).start
     inside = (outside.x < 0) & (np.abs(outside.y) < 10)
     bpy.ops.crowd_lod.add_area()
-    found = together(scene, groups)
+    found = combine_crowds(scene, groups)
     now = (found.start.x < 0) & (np.abs(found.start.y) < 9.9)
-    assert inside.any() and not now.any() and together(scene, groups) is found
+    assert inside.any() and not now.any() and combine_crowds(scene, groups) is found
 
 
 @pytest.mark.parametrize("change, sentence", [

@@ -6,7 +6,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.lod_meshes.deviation import Measure
 from crowd_lod_extension.operators.lod_meshes.level_objects import make_object
-from crowd_lod_extension.operators.lod_meshes.search import Search
+from crowd_lod_extension.operators.lod_meshes.search import Curve, Search, Try
 from crowd_lod_extension.operators.lod_meshes.source_mesh import read_source
 
 pytestmark = pytest.mark.once  # long, and the same on every Blender
@@ -30,6 +30,13 @@ def test_a_lod_has_about_the_fewest_triangles_whose_bound_is_the_length(exact_le
     assert 0.8 * length < bound <= length
     assert attempt.triangles < 2.5 * 4 * np.pi / (3 * np.sqrt(3) * length)
     assert [item.name for item in bpy.data.objects] == [ball.name, attempt.item.name]
+
+
+def test_no_first_try_is_the_whole_itself(ball):
+    """Where Decimate's LOD of most triangles is far too coarse, Pose-Aware tries one of more."""
+    curve = Curve(read_source(ball))
+    curve.known["DECIMATE"].append(Try(ball, 2_000, 4_000, "DECIMATE", 0.8, deviation=0.006))
+    assert 0.8 < curve.ratio_for("POSE_AWARE", 0.0025, about=0.8) < 0.95
 
 
 def test_where_no_lod_fits_the_search_ends_with_the_character_itself(exact_levels, ball):
@@ -60,6 +67,30 @@ def test_an_estimate_sees_an_edge_across_a_crease():
     assert measure.estimate([lod]).deviation == pytest.approx(deviation, rel=0.01)
 
 
+def test_the_worst_places_of_a_lod_that_has_lost_a_rod_are_on_the_rod():
+    """Its strip is no farther off than the ball that is too large, but seen edge on it is gone."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=4, radius=0.1)
+    ball = bpy.context.object
+    bpy.ops.mesh.primitive_cylinder_add(vertices=16, radius=0.005, depth=1, location=(1, 0, 0))
+    rod = bpy.context.object
+    bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=4, radius=0.106)
+    large = bpy.context.object
+    strip = bpy.data.meshes.new("strip")
+    corners = [
+        (1 + x, 0, z) for x, z in ((-0.005, -0.5), (0.005, -0.5), (0.005, 0.5), (-0.005, 0.5))
+    ]
+    strip.from_pydata(corners, [], [(0, 1, 2, 3), (3, 2, 1, 0)])
+    flat = bpy.data.objects.new("flat", strip)
+    bpy.context.scene.collection.objects.link(flat)
+    measure = Measure("", [ball, rod])
+    deviation, *_ = finished(measure.level([large, flat], 1))
+    assert deviation > 0.05
+    of_ball, of_rod = measure.worst_vertices()
+    assert not len(of_ball)
+    assert len(of_rod) > 8
+
+
 @pytest.fixture
 def body():
     """Return a ball of a radius of 1 m, with 1,280 triangles."""
@@ -86,7 +117,7 @@ def found(items, length):
     return [attempt.triangles for attempt in tries], bound
 
 
-def test_small_objects_that_nobody_misses_are_left_out(body):
+def test_small_objects_that_nobody_misses_are_left_out(exact_levels, body):
     """Beads that stick out of a body by less than the length go, a larger one stays."""
     turns = np.arange(8) * 2 * np.pi / 8
     small = beads(0.99 * np.column_stack([np.cos(turns), np.sin(turns), 0 * turns]), 0.015)

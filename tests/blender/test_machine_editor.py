@@ -3,7 +3,7 @@
 import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.crowd.state_machine import parse, preset_text
-from crowd_lod_extension.operators.machine.machine_editor import draft_of, problem_of, selected
+from crowd_lod_extension.operators.machine.machine_editor import draft_of, problem_of, selected_name
 
 MARKET = preset_text("market")
 
@@ -84,9 +84,9 @@ def test_weights_are_fields_and_a_state_is_added_to_them_and_removed(market):
 def test_buttons_of_a_list_add_duplicate_move_and_remove(market, kind, count):
     index = f"{kind[:-1]}_index"
     setattr(market.crowd_lod_editor, index, 1)
-    first = selected(market, kind)
+    first = selected_name(market, kind)
     bpy.ops.crowd_lod.machine_duplicate(kind=kind)
-    assert selected(market, kind) == f"{first} 2"
+    assert selected_name(market, kind) == f"{first} 2"
     bpy.ops.crowd_lod.machine_move(kind=kind, by=-2)
     names = getattr(draft_of(market), kind)
     assert (
@@ -95,7 +95,7 @@ def test_buttons_of_a_list_add_duplicate_move_and_remove(market, kind, count):
         and len(names) == count + 1
     )
     bpy.ops.crowd_lod.machine_add(kind=kind)
-    assert selected(market, kind) == kind[:-1]
+    assert selected_name(market, kind) == kind[:-1]
     for name in (kind[:-1], f"{first} 2"):
         setattr(market.crowd_lod_editor, index, getattr(draft_of(market), kind).index(name))
         bpy.ops.crowd_lod.machine_remove(kind=kind)

@@ -8,7 +8,7 @@ import re
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.validation.exact_frustum import seen
+from crowd_lod_extension.crowd_lod.validation.exact_frustum import find_visible
 from crowd_lod_extension.operators.blender.cameras import read_cameras
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
@@ -74,7 +74,10 @@ def part_seen(scene):
         radius = trajectory.spheres.radius[crowd.group]
         (camera,) = read_cameras(scene, bpy.context.evaluated_depsgraph_get())
         found |= (
-            there & seen(camera, np.stack([crowd.x, crowd.y, crowd.z + center], axis=1), radius)[0]
+            there
+            & find_visible(camera, np.stack([crowd.x, crowd.y, crowd.z + center], axis=1), radius)[
+                0
+            ]
         )
         ever |= there
     return found.sum() / ever.sum()

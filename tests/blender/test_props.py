@@ -200,7 +200,7 @@ def test_build_bake_and_overlay_show_who_has_what(ready):
                 )
     for g, (name, objects, _) in enumerate(characters_of(scene)[:4]):
         homes = [level.children[g] for level in scene.crowd_lod.levels.children]
-        character = finished(skinned_characters.baking(name, lambda homes=homes: homes))
+        character = finished(skinned_characters.bake_character(name, lambda homes=homes: homes))
         assert character.off < 1e-4
         mesh = character.meshes[0]
         (first, last) = action_range(objects)

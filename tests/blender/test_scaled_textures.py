@@ -4,7 +4,7 @@ import sys
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.levels.cost_model import MEMORY, SECONDS
+from crowd_lod_extension.crowd_lod.levels.cost_model import MEMORY
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.blender.ownership import remove_owned
@@ -134,10 +134,10 @@ def test_images_are_in_what_builds_are_said_to_cost(crowd):
     found = finished(estimate(crowd, crowd.crowd_lod))
     for name, own in found.prices.items():
         assert own.memory - bare[name].memory == pytest.approx(
-            MEMORY[found.engine]["images"] * 4 * SIZE**2
+            MEMORY[found.costs.engine]["images"] * 4 * SIZE**2
         )
         assert own.seconds - bare[name].seconds == pytest.approx(
-            SECONDS[found.engine]["images"] * 4 * SIZE**2
+            found.costs.seconds["images"] * 4 * SIZE**2
         )
     crowd.crowd_lod.scale_textures = True
     for known in (False, True):

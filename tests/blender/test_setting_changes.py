@@ -16,7 +16,7 @@ def scene():
 def test_every_setting_counts_also_those_of_groups_and_texts(scene):
     settings = scene.crowd_lod
     settings.machine = text = bpy.data.texts.new("machine")
-    assert not redraw.changed(scene)  # asked for the first time
+    assert not redraw.has_changed(scene)  # asked for the first time
     for change in (
         lambda: setattr(settings, "count", 60),
         lambda: setattr(settings, "agent", 3),
@@ -28,9 +28,9 @@ def test_every_setting_counts_also_those_of_groups_and_texts(scene):
         lambda: setattr(settings, "characters", None),
         lambda: text.write("{"),
     ):
-        assert not redraw.changed(scene)
+        assert not redraw.has_changed(scene)
         change()
-        assert redraw.changed(scene) and not redraw.changed(scene)
+        assert redraw.has_changed(scene) and not redraw.has_changed(scene)
     settings.groups[0].center = float("nan")
-    assert redraw.changed(scene) and not redraw.changed(scene)
+    assert redraw.has_changed(scene) and not redraw.has_changed(scene)
     bpy.data.texts.remove(text)

@@ -12,12 +12,12 @@ from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.crowd_lod.validation.exact_frustum import seen
+from crowd_lod_extension.crowd_lod.validation.exact_frustum import find_visible
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.machine.scene_world import machine_of, world_of
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 from crowd_lod_extension.operators.sources.jupedsim_run import _polygons
-from crowd_lod_extension.operators.sources.simulate import follow, simulating_crowd
+from crowd_lod_extension.operators.sources.simulate import follow, simulate_crowd
 
 from ..support.cameras import straight
 from ..support.crowds import walker
@@ -85,7 +85,7 @@ def test_a_thousand_people_start_where_they_may_keep_out_of_walls_and_arrive(hal
     settings.count = 1000
     settings.simulated_seconds = 4
     settings.start_labels = "floor"
-    said = finished(simulating_crowd(hall, 0, tmp_path / "a.sqlite"))
+    said = finished(simulate_crowd(hall, 0, tmp_path / "a.sqlite"))
     rows, fps = rows_of(tmp_path / "a.sqlite")
     assert fps == pytest.approx(25) and rows[:, 0].max() == 100
     first = rows[rows[:, 0] == 0]
@@ -106,7 +106,7 @@ def test_a_thousand_people_start_where_they_may_keep_out_of_walls_and_arrive(hal
         frame = plan(trajectory, camera, LevelPolicy(thresholds=(0.3, 0.6)), time)
         there = np.ones(1000, bool) if crowd.present is None else crowd.present
         center = np.stack([crowd.x, crowd.y, crowd.z + walker().center], axis=1)
-        inside = there & seen(camera, center, np.full(1000, walker().radius))[0]
+        inside = there & find_visible(camera, center, np.full(1000, walker().radius))[0]
         assert (
             inside.sum() > 50
             and not (inside & ~frame.visible).any()
@@ -130,11 +130,11 @@ def test_button_writes_beside_the_file_and_the_crowd_follows_it(hall, tmp_path):
             np.c_[own[:, 2:], np.full(len(own), 2)],
         )
     again = tmp_path / "again.sqlite"
-    finished(simulating_crowd(hall, 0, again))
+    finished(simulate_crowd(hall, 0, again))
     assert (rows_of(again)[0] == rows).all()
     settings.seed += 1
     again.unlink()
-    finished(simulating_crowd(hall, 0, again))
+    finished(simulate_crowd(hall, 0, again))
     assert (rows_of(again)[0][:60] != rows[:60]).any()
 
 
@@ -159,7 +159,7 @@ def test_people_walk_around_the_meshes_of_a_collection(hall, tmp_path):
         obstacles.objects.link(item)
     hall.crowd_lod.obstacles = obstacles
     hall.crowd_lod.count = 200
-    finished(simulating_crowd(hall, 0, tmp_path / "a.sqlite"))
+    finished(simulate_crowd(hall, 0, tmp_path / "a.sqlite"))
     rows, _ = rows_of(tmp_path / "a.sqlite")
     x = rows[:, 2]
     y = rows[:, 3] - CENTER[1]

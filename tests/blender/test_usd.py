@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.frame.instances import turned
+from crowd_lod_extension.crowd_lod.frame.instances import rotations_of
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.blender.output_folders import output_folder
@@ -130,7 +130,9 @@ def test_every_agent_stands_as_blender_puts_it_in_the_build_and_shows_its_lod(
 
 def test_turns_are_those_of_the_builds_node_group():
     angles = np.random.default_rng(3).uniform(-np.pi, np.pi, (40, 3))
-    for (heading, pitch, roll), (x, y, z, w) in zip(angles, turned(*angles.T, 0.7), strict=True):
+    for (heading, pitch, roll), (x, y, z, w) in zip(
+        angles, rotations_of(*angles.T, 0.7), strict=True
+    ):
         z_y_x = (
             Matrix.Rotation(heading, 3, "Z")
             @ Matrix.Rotation(-pitch, 3, "Y")

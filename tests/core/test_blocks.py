@@ -140,8 +140,8 @@ def test_shadows_and_reflections_of_any_shot_are_those_of_testing_every_agent():
 def in_order(found, decided, places):
     """(the LODs that are decided, which places are not), in the blocks' order."""
     levels = np.repeat(decided.leaves, blocks.LEAF).reshape(-1, blocks.LEAF)
-    levels[decided.opened] = decided.own
-    places = decided.opened[places // blocks.LEAF] * blocks.LEAF + places % blocks.LEAF
+    levels[decided.open_blocks] = decided.open_levels
+    places = decided.open_blocks[places // blocks.LEAF] * blocks.LEAF + places % blocks.LEAF
     return levels.ravel()[: len(found.order)], places
 
 
@@ -157,7 +157,7 @@ def test_blocks_of_agents_on_planes_never_say_more_than_the_radar(lens):
         margin = random.choice([None, 0.25])
         radial = bool(random.integers(2))
         begin = limits(LevelPolicy((0.1, 0.5)), camera, radius[:1])
-        order = blocks.filled(morton_order.order_of(crowd.x, crowd.y, crowd.group, AREA))
+        order = blocks.fill_blocks(morton_order.order_of(crowd.x, crowd.y, crowd.group, AREA))
         found = blocks.blocks_of(crowd, order, spheres_of((group,)), AREA)
         look = blocks.Look(camera, np.zeros(3), np.zeros(3))
         levels, places = in_order(
@@ -183,7 +183,7 @@ def test_a_crowd_seen_wholly_or_not_at_all_is_decided_by_few_blocks():
         (endless, 2000),
         (replace(inside, origin=np.array([0, -2000, 0])), 0),
     ):
-        look = blocks.Look(camera, *index_cache.moved(trajectory, 9, since))
+        look = blocks.Look(camera, *index_cache.displacement_of(trajectory, 9, since))
         levels, places = in_order(
             found, *blocks.decide(found, trajectory.at(9), [[look]], np.array([[400.0]]))
         )
@@ -192,7 +192,7 @@ def test_a_crowd_seen_wholly_or_not_at_all_is_decided_by_few_blocks():
     # agents left to the radar
     cut = replace(inside, window=replace(inside.window, left=0.0))
     for camera, least, most in ((cut, 0, 0), (lens_blur(cut, 1e-9, 1.0), 1, 500)):
-        look = blocks.Look(camera, *index_cache.moved(trajectory, 9, since))
+        look = blocks.Look(camera, *index_cache.displacement_of(trajectory, 9, since))
         _, places = blocks.decide(found, trajectory.at(9), [[look]], np.array([[400.0]]))
         assert least <= len(places) <= most
 

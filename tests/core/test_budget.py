@@ -9,7 +9,7 @@ from math import inf, nan
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.levels.cost_model import SECONDS
+from crowd_lod_extension.crowd_lod.levels.cost_model import SECONDS, default_costs
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot.budget import Budget, decide_within, relaxed
 from crowd_lod_extension.crowd_lod.shot.shot import decide, objective
@@ -40,7 +40,7 @@ def plaza(agents=400, frames=40, engine="EEVEE", lods=4, tolerance=1.0):
     return Shot(
         at_tolerance(survey, BOUNDS[:, :lods], tolerance),
         Meshes(TRIANGLES[:, :lods], TRIANGLES[:, :lods] / 2, BOUNDS[:, :lods]),
-        engine,
+        default_costs(engine),
     )
 
 
@@ -125,7 +125,7 @@ def test_plan_lies_between_its_bound_and_the_best_of_all_assignments(seed, limit
         shot.survey, character=own.astype(np.uint16), owner=np.repeat([0, 1], 6).astype(np.uint8)
     )
     survey.rays[:] = 0
-    shot = Shot(survey, Meshes(triangles, triangles, BOUNDS[:, :3]), "EEVEE")
+    shot = Shot(survey, Meshes(triangles, triangles, BOUNDS[:, :3]), default_costs("EEVEE"))
     plan = finished(decide_within(shot, Budget(triangles=limit * 1000)))
     assert loads(shot, plan.levels, triangles).max() <= limit * 1000
     wide = relaxed(shot, plan.tolerance)

@@ -11,7 +11,7 @@ from crowd_lod_extension.crowd_lod.culling.camera import (
 )
 from crowd_lod_extension.crowd_lod.culling.frustum import frustum_of
 from crowd_lod_extension.crowd_lod.culling.radar import radar
-from crowd_lod_extension.crowd_lod.culling.shutter import opened
+from crowd_lod_extension.crowd_lod.culling.shutter import open_shutter
 from crowd_lod_extension.crowd_lod.culling.stereo import Stereo, eye, spherical
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, random_camera
@@ -169,7 +169,7 @@ def test_open_shutter_sees_what_any_time_between_sees(kind, turns, lens):
 
         points = a[:3, 3] + random.uniform(-90, 90, (4000, 3))
         kept = np.zeros(len(points), bool)
-        for camera in opened([at(0.0), at(0.5), at(1.0)]):
+        for camera in open_shutter([at(0.0), at(0.5), at(1.0)]):
             kept |= radar(crowd_at(points), camera, ONE, np.array([0.5]))[0]
         ends = radar(crowd_at(points), [at(0.0), at(0.5), at(1.0)], ONE, np.array([0.5]))[0]
         for part in random.uniform(0, 1, 12):

@@ -17,6 +17,7 @@ from crowd_lod_extension.crowd_lod.levels.cost_model import (
     Actors,
     Price,
     Work,
+    default_costs,
     price,
     work_of,
 )
@@ -32,6 +33,7 @@ from crowd_lod_extension.crowd_lod.levels.selection import (
 
 from ..support.cameras import straight
 
+CYCLES = default_costs("CYCLES")
 BODY = Group(
     "body",
     1,
@@ -58,7 +60,7 @@ def shot_of(random, views=2, agents=80, characters=8, engine="CYCLES", near=(2, 
                 random.integers(characters, size=agents),
             )
         )
-    return GroupShot(found, characters, engine)
+    return GroupShot(found, characters, default_costs(engine))
 
 
 @pytest.mark.parametrize("known", [False, True])
@@ -106,7 +108,7 @@ def test_a_price_is_that_of_the_dearest_frame_and_of_the_mean_one():
         stored=50.0,
         points=9.0,
     )
-    own = price(work, "CYCLES")
+    own = price(work, CYCLES)
     memory = [
         MEMORY["CYCLES"]["unique"] * u + MEMORY["CYCLES"]["instances"] * i
         for u, i in ((10, 500), (1000, 1))
@@ -123,7 +125,7 @@ def test_a_price_is_that_of_the_dearest_frame_and_of_the_mean_one():
     with pytest.raises(
         CrowdError, match="no costs of the engine WORKBENCH: choose one of CYCLES, EEVEE"
     ):
-        price(work, "WORKBENCH")
+        default_costs("WORKBENCH")
 
 
 def test_a_ray_costs_more_the_more_unique_triangles_there_are():
@@ -134,7 +136,7 @@ def test_a_ray_costs_more_the_more_unique_triangles_there_are():
         and many.traced.tolist() == [0, 15e7]
         and Work(rays=5.0).traced == 0
     )
-    more = price(many, "CYCLES").seconds - price(few, "CYCLES").seconds
+    more = price(many, CYCLES).seconds - price(few, CYCLES).seconds
     unique, traced = (SECONDS["CYCLES"][name] for name in ("unique", "traced"))
     assert more == pytest.approx(((2**15 - 2**9) * unique + 6e7 * traced) / 2)
 
@@ -158,7 +160,7 @@ def counted(group, lods, tolerance, shot):
     triangles = np.array([[group.triangles[k] for k in lods]])
     owner = np.zeros(shot.characters, int)
     stored = sum(group.triangles[k] for k in lods if k)
-    return price(work_of(Actors(triangles, owner, np.ones(1), stored), shown), shot.engine)
+    return price(work_of(Actors(triangles, owner, np.ones(1), stored), shown), shot.costs)
 
 
 @pytest.mark.once
@@ -186,11 +188,11 @@ def test_lods_that_many_agents_show_pay_by_eevee_and_one_more_mesh_costs_by_cycl
     slim = replace(
         BODY, triangles=(1000, 700), deviations=(0, 0.1)
     )  # which begins at 6 m, in the crowd's midst
-    kept, gone = cheapest(slim, [0, 1], 1.0, replace(many, engine="CYCLES"))
+    kept, gone = cheapest(slim, [0, 1], 1.0, replace(many, costs=CYCLES))
     assert kept == [0] and gone == {
         1: "700 triangles save too little memory and time in Cycles to be worth a LOD."
     }
-    assert cheapest(BODY, range(5), 1.0, replace(many, engine="EEVEE"))[0] != [0]
+    assert cheapest(BODY, range(5), 1.0, replace(many, costs=default_costs("EEVEE")))[0] != [0]
 
 
 @pytest.mark.parametrize("seed", range(4))

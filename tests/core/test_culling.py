@@ -12,7 +12,7 @@ from crowd_lod_extension.crowd_lod.culling.radar import (
 )
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, audit, random_camera
-from crowd_lod_extension.crowd_lod.validation.exact_frustum import gap, scatter, seen, sees
+from crowd_lod_extension.crowd_lod.validation.exact_frustum import find_visible, gap, scatter, sees
 from crowd_lod_extension.crowd_lod.validation.extreme_cases import table, table_text
 
 from ..support.cameras import ONE, straight
@@ -49,7 +49,7 @@ def test_the_judge_in_float64_agrees_with_its_rational_self():
         camera = random_camera(random, lens)
         radius = 10.0 ** random.uniform(-3, 1.5, 150)
         points = scatter(camera, radius, random)
-        assert seen(camera, points, radius)[0].tolist() == [
+        assert find_visible(camera, points, radius)[0].tolist() == [
             sees(camera, p, r) for p, r in zip(points, radius, strict=True)
         ]
 

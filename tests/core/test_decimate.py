@@ -5,7 +5,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.simplification import settings
 from crowd_lod_extension.crowd_lod.simplification.decimate import decimate
-from crowd_lod_extension.crowd_lod.simplification.edge_collapse import quadrics_of
+from crowd_lod_extension.crowd_lod.simplification.quadrics import quadrics_of
 from crowd_lod_extension.crowd_lod.simplification.triangle_mesh import constrained_edges
 
 pytestmark = pytest.mark.once

@@ -133,7 +133,7 @@ def test_no_edits_and_edits_that_change_nothing_are_the_old_crowd_to_the_bit():
     own = shot(walking(), groups=GROUPS, count=50)
     for edits in ([], [Edit(some(3), group=int(own.start.group[3]))], [Edit(some(3))]):
         edited = Edited(own, edits)
-        assert edited.own is own and edited.at(9) is own.at(9)
+        assert edited.base is own and edited.at(9) is own.at(9)
         assert edited.left_out == own.left_out
 
 

@@ -11,7 +11,7 @@ from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.radar import RadarOptions, radar
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, assign, limits
 from crowd_lod_extension.crowd_lod.validation import error_vs_runtime
-from crowd_lod_extension.crowd_lod.validation.culling_audit import standing
+from crowd_lod_extension.crowd_lod.validation.culling_audit import standing_crowd
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
 from crowd_lod_extension.crowd_lod.validation.extreme_cases import camera_of
 
@@ -22,14 +22,14 @@ RADIUS = np.array([1.0, 0.4])
 def view(count=400, seed=3):
     random = np.random.default_rng(seed)
     points = random.uniform((-30, 0, -2), (60, 110, 2), (count, 3))
-    return standing(points, random.integers(2, size=count, dtype=np.uint8)), (camera_of(),)
+    return standing_crowd(points, random.integers(2, size=count, dtype=np.uint8)), (camera_of(),)
 
 
 def test_missed_and_surplus_are_those_that_rational_arithmetic_counts():
     crowd, (camera,) = view()
     points = np.stack([crowd.x, crowd.y, crowd.z + CENTER[crowd.group]], axis=1)
     truth = np.array([sees(camera, p, r) for p, r in zip(points, RADIUS[crowd.group], strict=True)])
-    rows = list(error_vs_runtime.culling([(crowd, (camera,))], CENTER, RADIUS, repeats=1))
+    rows = list(error_vs_runtime.compare_culling([(crowd, (camera,))], CENTER, RADIUS, repeats=1))
     assert all(row["visible"] == truth.sum() for row in rows if not row["offset_m"])
     for row in rows:
         if row["method"] == "fixed Delta":
@@ -44,7 +44,7 @@ def test_missed_and_surplus_are_those_that_rational_arithmetic_counts():
 
 
 def test_a_fixed_delta_of_the_scene_is_the_default():
-    rows = error_vs_runtime.culling([view(20)], CENTER, RADIUS, 0.7, repeats=1)
+    rows = error_vs_runtime.compare_culling([view(20)], CENTER, RADIUS, 0.7, repeats=1)
     assert [(r["method"], r["delta_m"]) for r in rows if r["default"]] == [("fixed Delta", 0.7)]
 
 
@@ -83,7 +83,7 @@ def test_the_default_in_the_report_is_the_arithmetic_of_the_plan(metric):
 def test_float32_in_the_world_loses_ids_far_out_and_float64_none(monkeypatch):
     monkeypatch.setattr(error_vs_runtime, "LEVEL_OFFSETS", (0.0, 1e7))
     rows = list(
-        error_vs_runtime.levels(
+        error_vs_runtime.compare_levels(
             [view(4000)], CENTER, RADIUS, [LevelPolicy((0.16, 0.4))], "AXIS", repeats=1
         )
     )
@@ -102,7 +102,7 @@ def test_behavior_of_the_chapter_is_exact_and_the_listing_of_first_order():
     machine = load_preset("chapter")
     world = edge_map(Area(-20, -20, 20, 20, 0), machine.labels)
     rows = list(
-        error_vs_runtime.behavior(
+        error_vs_runtime.compare_behavior(
             populate(300, 1, 1, machine, world), machine, world, 1 / 24, 48, repeats=1
         )
     )
@@ -115,8 +115,8 @@ def test_behavior_of_the_chapter_is_exact_and_the_listing_of_first_order():
 
 def test_some_takes_agents_evenly():
     crowd, _ = view()
-    few = error_vs_runtime.some(crowd, 3)
+    few = error_vs_runtime.thin_out(crowd, 3)
     assert (
         list(few.x) == [crowd.x[0], crowd.x[200], crowd.x[399]]
-        and len(error_vs_runtime.some(crowd, 1000)) == 400
+        and len(error_vs_runtime.thin_out(crowd, 1000)) == 400
     )

@@ -7,7 +7,11 @@ from crowd_lod_extension.crowd_lod.behavior.step import step
 from crowd_lod_extension.crowd_lod.crowd.agents import populate
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
-from crowd_lod_extension.crowd_lod.validation.convergence import convergence, drift, listing
+from crowd_lod_extension.crowd_lod.validation.convergence import (
+    measure_convergence,
+    measure_drift,
+    step_by_listing,
+)
 from crowd_lod_extension.crowd_lod.validation.exact_behavior import follow_exactly
 
 from ..support.crowds import crowd_at
@@ -41,7 +45,7 @@ def test_exact_walk_in_two_parts_is_the_walk_in_one():
 
 def against_the_judge(crowd, machine, world, seconds, steps, method=step):
     limit = follow_exactly(crowd, machine, world, seconds, limit=True)
-    return convergence(crowd, machine, world, limit, steps, method)
+    return measure_convergence(crowd, machine, world, limit, steps, method)
 
 
 def late_turn():
@@ -58,7 +62,7 @@ def late_turn():
 
 
 @pytest.mark.once
-@pytest.mark.parametrize("method", [step, listing])
+@pytest.mark.parametrize("method", [step, step_by_listing])
 def test_stepping_converges_with_order_one(method):
     found = against_the_judge(*late_turn(), 20.0, (32, 64, 128, 256, 512, 1024), method)
     assert found.order == pytest.approx(1, abs=0.15)
@@ -75,20 +79,20 @@ def test_steps_are_exact_where_rules_move_as_the_state_they_lead_to():
     world = edge_map(Area(0, 0, 16, 4), machine.labels, 16)
     crowd = populate(200, 2, 1, machine, world)
     cut = against_the_judge(crowd, machine, world, 40.0, (64, 512))
-    letter = against_the_judge(crowd, machine, world, 40.0, (64, 512), listing)
+    letter = against_the_judge(crowd, machine, world, 40.0, (64, 512), step_by_listing)
     assert cut.worst.max() < 1e-11 and np.isnan(cut.order)
     assert letter.mean.min() > 1e-3
 
 
 def test_drift_chooses_float64():
-    assert drift(np.float64, 100_000)[1] < 1e-9
-    mean, worst = drift(np.float32, 100_000)
+    assert measure_drift(np.float64, 100_000)[1] < 1e-9
+    mean, worst = measure_drift(np.float32, 100_000)
     assert 1e-4 < mean <= worst < 1
-    assert drift(np.float32, 100_000, offset=1e4)[1] > 0.1
+    assert measure_drift(np.float32, 100_000, offset=1e4)[1] > 0.1
 
 
 def test_drift_rounds_as_the_step_does():
-    """`drift` sums in one go what `step` adds up: the same bits."""
+    """`measure_drift` sums in one go what `step` adds up: the same bits."""
     machine = machine_of({"go": {"on": {"*": {"move": [1.1, 0]}}}})
     world = LabelMap(np.zeros((1, 1), np.uint8), Area(-1e4, 0, 1e4, 1))
     crowd = crowd_at([(0.1, 0.5, 0)])

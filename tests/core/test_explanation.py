@@ -11,11 +11,11 @@ from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
 from crowd_lod_extension.crowd_lod.culling.radar import RadarOptions, radar
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.frame.explanation import explained, sides_of
+from crowd_lod_extension.crowd_lod.frame.explanation import explain_agent, sides_of
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.frame.planned import EXCEPTED, PINNED, with_row
 from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy
-from crowd_lod_extension.crowd_lod.levels.cost_model import SECONDS
+from crowd_lod_extension.crowd_lod.levels.cost_model import SECONDS, default_costs
 
 from ..support.crowds import crowd_at
 from ..support.shots import AREA, shot
@@ -79,7 +79,7 @@ def test_who_passes_all_tests_is_seen_and_nobody_else(camera, margin):
 def test_alternatives_tell_what_each_lod_costs_and_shows():
     frame = frame_of()
     agent = int(frame.buckets[1][0])
-    found = explained(frame, agent, "EEVEE")
+    found = explain_agent(frame, agent, default_costs("EEVEE"))
     costs = SECONDS["EEVEE"]
     depth = frame.depths[agent]
     for level, each in enumerate(found.alternatives):
@@ -96,7 +96,8 @@ def test_alternatives_tell_what_each_lod_costs_and_shows():
         pytest.approx(54),
     ]
     assert (
-        explained(frame, agent, "CYCLES").alternatives[0].seconds == SECONDS["CYCLES"]["instances"]
+        explain_agent(frame, agent, default_costs("CYCLES")).alternatives[0].seconds
+        == SECONDS["CYCLES"]["instances"]
     )
     assert (
         found.by_distance == found.account.level == 1 and found.distance == frame.distances[agent]
@@ -108,12 +109,12 @@ def test_detail_map_and_shot_plan_are_told():
     bias = Bias(np.full((2, 2), 0.25), AREA)
     frame = frame_of(bias=bias)
     agent = int(frame.buckets[2][0])
-    found = explained(frame, agent, "CYCLES")
+    found = explain_agent(frame, agent, default_costs("CYCLES"))
     assert (
         found.factor == 2 and found.by_distance == 2 and "times 2 by the detail map" in found.text
     )
     row = np.full(len(frame.crowd), EXCEPTED | PINNED, np.uint8)
-    pinned = explained(with_row(frame, row), agent, "CYCLES")
+    pinned = explain_agent(with_row(frame, row), agent, default_costs("CYCLES"))
     assert (
         pinned.by_distance == 2
         and pinned.account.level == 0
@@ -130,7 +131,7 @@ def test_detail_map_and_shot_plan_are_told():
 def test_culled_agents_are_told_by_which_side():
     frame = frame_of()
     agent = int(np.flatnonzero(~frame.visible)[0])
-    found = explained(frame, agent, "EEVEE")
+    found = explain_agent(frame, agent, default_costs("EEVEE"))
     assert found.text.splitlines()[1].startswith("Culled: ") and "*" not in found.text
     assert any(line.endswith("outside") for line in found.text.splitlines())
     assert sum(each.others for each in found.alternatives) == len(frame.buckets.order)
@@ -138,7 +139,7 @@ def test_culled_agents_are_told_by_which_side():
 
 def test_tests_of_every_eye_are_told():
     two = (CAMERA, replace(CAMERA, origin=CAMERA.origin + (0.5, 0, 0)))
-    found = explained(frame_of(two), 3, "EEVEE")
+    found = explain_agent(frame_of(two), 3, default_costs("EEVEE"))
     assert len(found.eyes) == 2 and found.eyes[0] != found.eyes[1] and "Side, eye 1" in found.text
 
 
@@ -146,9 +147,9 @@ def test_without_lod_meshes_costs_are_not_known():
     frame = plan(
         shot(groups=(Group("walker", 0.9, 1.0, 0.0, 1.0),)), CAMERA, LevelPolicy((0.3,)), 1
     )
-    found = explained(frame, 0, "EEVEE").alternatives
+    found = explain_agent(frame, 0, default_costs("EEVEE")).alternatives
     assert {(each.triangles, each.pixels, each.seconds, each.mesh_seconds) for each in found} == {
         (None, None, None, None)
     }
     with pytest.raises(CrowdError, match="no agent 400"):
-        explained(frame, 400, "EEVEE")
+        explain_agent(frame, 400, default_costs("EEVEE"))

@@ -2,7 +2,7 @@
 
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.frame.frame_range import parse_frames, parse_part, told_frames
+from crowd_lod_extension.crowd_lod.frame.frame_range import frames_text, parse_frames, parse_part
 from crowd_lod_extension.crowd_lod.reporting import files, frame_parts
 from crowd_lod_extension.crowd_lod.reporting.frame_parts import RECORDS, FrameParts
 
@@ -12,7 +12,7 @@ def parts(tmp_path):
     made = FrameParts(tmp_path, "state")
     for number in (1, 2):
         (tmp_path / f"{number}.txt").write_text(f"picture {number}")
-        assert made.put(number, {"row": {"frame": number}}, [tmp_path / f"{number}.txt"]) == {
+        assert made.store(number, {"row": {"frame": number}}, [tmp_path / f"{number}.txt"]) == {
             "row": {"frame": number}
         }
     return made
@@ -52,7 +52,7 @@ def test_a_frame_that_is_not_whole_does_not_count(parts, spoil):
 def test_no_record_names_a_picture_that_was_not_written(parts):
     (parts.folder / "3.png").write_bytes(b"\x89PNG\r\n\x1a\n")
     with pytest.raises(CrowdError, match="not written to its end"):
-        parts.put(3, {}, [parts.folder / "3.png"])
+        parts.store(3, {}, [parts.folder / "3.png"])
     assert parts.get(3) is None
 
 
@@ -71,7 +71,7 @@ def test_the_next_run_with_the_same_key_takes_over_what_a_killed_run_left(tmp_pa
         (hidden / files.LOCK).write_bytes(files._machine())
         (hidden / files.KEY).write_text(key)
         (hidden / "1.txt").write_text("picture")
-        FrameParts(hidden, "state").put(1, {}, [hidden / "1.txt"])
+        FrameParts(hidden, "state").store(1, {}, [hidden / "1.txt"])
         return hidden
 
     left = killed("a")
@@ -89,7 +89,7 @@ def test_the_next_run_with_the_same_key_takes_over_what_a_killed_run_left(tmp_pa
 @pytest.mark.parametrize("text", ["1:3, 7", "1", "-2:0, 5:6, 9"])
 def test_frames_are_told_as_ranges(text):
     frames = [frame for part in text.split(", ") for frame in parse_frames(part)]
-    assert told_frames(frames) == text
+    assert frames_text(frames) == text
 
 
 @pytest.mark.parametrize(
@@ -122,5 +122,5 @@ def test_a_part_that_names_others_is_refused(text, said):
 
 def test_records_hold_what_json_can(parts):
     with pytest.raises(TypeError):
-        parts.put(3, {"set": {1}}, [])
+        parts.store(3, {"set": {1}}, [])
     assert parts.get(1) == {"row": {"frame": 1}}

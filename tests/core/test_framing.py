@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
 from crowd_lod_extension.crowd_lod.culling.framing import framing
-from crowd_lod_extension.crowd_lod.validation.exact_frustum import seen
+from crowd_lod_extension.crowd_lod.validation.exact_frustum import find_visible
 
 ACROSS = 0.6
 BELOW = 0.45
@@ -26,7 +26,7 @@ def seen_of(places):
         view.far,
         (1920, 1080),
     )
-    return view, seen(camera, places + [0, 0, 1.0], np.full(len(places), 0.3))[0]
+    return view, find_visible(camera, places + [0, 0, 1.0], np.full(len(places), 0.3))[0]
 
 
 def crowd(shape, random):

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.simplification import hausdorff, settings
+from crowd_lod_extension.crowd_lod.simplification.moving_surface import MovingSurface
 
 
 def away(points, corners):
@@ -58,7 +59,7 @@ def moving(points, triangles):
             ]
         )
 
-    return hausdorff.Moving(points, triangles, find)
+    return MovingSurface(points, triangles, find)
 
 
 def ball(rings, segments):
@@ -101,7 +102,7 @@ def test_the_true_distance_over_all_poses_lies_in_the_interval(seed, tolerance, 
             )
             poses.append((1 - upper[:, None]) * points + upper[:, None] * (points @ turn.T))
         surfaces.append((np.stack(poses, axis=1), triangles))
-    found = hausdorff.interval(*(moving(*each) for each in surfaces))
+    found = hausdorff.bound_distance(*(moving(*each) for each in surfaces))
     exact = [brute(*(points[triangles, k] for points, triangles in surfaces), 8) for k in range(4)]
     least, most = (max(each) for each in zip(*exact, strict=True))
     assert least <= found.bound and found.measured <= most
@@ -116,7 +117,7 @@ def test_what_lies_between_the_vertices_counts():
     square = np.array([(0, 0, 0), (2, 0, 0), (2, 2, 0), (0, 2, 0)], float)[:, None]
     roof = np.concatenate([square, [[(0.0, 1.0, 0.3)], [(2.0, 1.0, 0.3)]]])
     faces = np.array([(0, 1, 5), (0, 5, 4), (4, 5, 2), (4, 2, 3)])
-    found = hausdorff.interval(
+    found = hausdorff.bound_distance(
         moving(square, np.array([(0, 1, 2), (0, 2, 3)])), moving(roof, faces)
     )
     assert found.measured <= 0.3 + 1e-12 and 0.3 <= found.bound <= 0.3 * 1.101
@@ -133,7 +134,7 @@ def test_a_map_of_one_pose_that_says_too_much_in_another_is_found_anew():
     apart = both + np.repeat([(0, 0, 0), (1.0, 0, 0)], len(one), axis=0)
     points = np.stack([both, apart], axis=1)
     moved = points + (0.0, 0.0, 0.01)
-    found = hausdorff.interval(moving(points, triangles), moving(moved, triangles))
+    found = hausdorff.bound_distance(moving(points, triangles), moving(moved, triangles))
     least, most = (
         max(each)
         for each in zip(
@@ -145,7 +146,7 @@ def test_a_map_of_one_pose_that_says_too_much_in_another_is_found_anew():
 
 def test_equal_surfaces_are_off_by_no_more_than_the_floor():
     points, triangles = ball(6, 8)
-    found = hausdorff.interval(
+    found = hausdorff.bound_distance(
         *(moving(points[:, None], each) for each in (triangles, triangles[::-1]))
     )
     assert (
@@ -169,6 +170,6 @@ def test_what_lies_beneath_a_triangle_s_middle_counts(flat):
     points = np.concatenate([corners, more, top])
     faces = np.array(faces)
     both = np.concatenate([[(0, 1, 2)], faces])
-    found = hausdorff.interval(moving(points[:, None], both), moving(points[:, None], faces))
+    found = hausdorff.bound_distance(moving(points[:, None], both), moving(points[:, None], faces))
     least, most = brute(points[both], points[faces], 24)
     assert least <= found.bound <= 1.11 * most and found.measured <= most

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.validation.image_difference import between
+from crowd_lod_extension.crowd_lod.validation.image_difference import difference_of
 
 
 def test_the_difference_is_counted_pixel_by_pixel():
@@ -9,16 +9,16 @@ def test_the_difference_is_counted_pixel_by_pixel():
     b[1, 2, 0] = 0.5
     b[3, 3, 1] = 1e-4
     b[0, 0, 2] = np.nan
-    found = between(a, b)
+    found = difference_of(a, b)
     assert (found.pixels, found.visible, found.share) == (3, 2, 0.1)
     assert found.largest == pytest.approx(3.4e38, rel=0.01)
     c = a.copy()
     c[1, 2, 0] = 0.5
-    found = vars(between(a, c))
+    found = vars(difference_of(a, c))
     assert found.pop("rms") == pytest.approx(0.5 / 80**0.5)
     assert found == {"pixels": 1, "visible": 1, "share": 0.05, "largest": 0.5, "mean": 0.5 / 80}
     same = np.where(np.isnan(b), np.float32(np.inf), b)
-    assert vars(between(same, same.copy())) == {
+    assert vars(difference_of(same, same.copy())) == {
         "pixels": 0,
         "visible": 0,
         "share": 0.0,
@@ -26,7 +26,7 @@ def test_the_difference_is_counted_pixel_by_pixel():
         "mean": 0.0,
         "rms": 0.0,
     }
-    assert between(b, b.copy()).pixels == 0
+    assert difference_of(b, b.copy()).pixels == 0
 
 
 def test_rounding_is_no_difference():
@@ -34,7 +34,7 @@ def test_rounding_is_no_difference():
     a[0, 0] = 100
     b = a + np.float32(3.8e-6)
     b[0, 0] = 100.0008
-    found = between(a, b)
+    found = difference_of(a, b)
     assert found.pixels == 0 and found.largest > 3e-6
     b[1, 1, 2] += 1e-4
-    assert between(a, b).pixels == 1
+    assert difference_of(a, b).pixels == 1

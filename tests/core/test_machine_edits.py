@@ -7,7 +7,7 @@ import json
 import pytest
 from crowd_lod_extension.crowd_lod.crowd import machine_edits as edits
 from crowd_lod_extension.crowd_lod.crowd.machine_draft import draft
-from crowd_lod_extension.crowd_lod.crowd.machine_edits import edited
+from crowd_lod_extension.crowd_lod.crowd.machine_edits import edit_text
 from crowd_lod_extension.crowd_lod.crowd.state_machine import parse, preset_names, preset_text
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from hypothesis import given, settings
@@ -18,7 +18,7 @@ MARKET = preset_text("market")
 
 def after(text, *changes):
     for change in changes:
-        text = edited(text, "t", change)
+        text = edit_text(text, "t", change)
     return text
 
 
@@ -195,7 +195,7 @@ def test_a_mistake_is_named_with_its_place_and_can_be_mended_in_the_editor():
             and said.targets("a", "*") == [("a", 1)]
         )
         with pytest.raises(CrowdError):
-            edited(broken, "m.json", edits.set_speed("a", "*", 1, 0))
+            edit_text(broken, "m.json", edits.set_speed("a", "*", 1, 0))
 
 
 def test_numbers_are_written_as_one_types_them():
@@ -260,7 +260,7 @@ def test_after_any_edits_the_text_is_a_machine_or_the_edit_was_refused(data, nam
     for _ in range(data.draw(st.integers(1, 8))):
         _, make, *values = data.draw(changes(draft(text, name)))
         try:
-            text = edited(text, name, make(*values))
+            text = edit_text(text, name, make(*values))
         except CrowdError as refused:
             assert str(refused).endswith(".")
         parse(text, name)

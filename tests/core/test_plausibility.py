@@ -7,7 +7,7 @@ from crowd_lod_extension.crowd_lod.validation import plausibility as judge
 
 def test_giants_and_dwarfs_are_found_and_people_are_not():
     found = judge.check_heights(np.array([1.75, 78.0, 0.002, 0.0, 2.4]))
-    assert found.which.tolist() == [1, 2]
+    assert found.indices.tolist() == [1, 2]
     assert judge.check_heights(np.array([1.1, 1.9, 0.0])) is None
 
 
@@ -44,7 +44,7 @@ def test_an_axis_that_is_up_is_found_and_stairs_are_not():
 def test_who_floats_and_who_is_sunk_is_found_with_the_height():
     above = np.array([0.01, 1.2, np.nan, -3.0, 1.4, 0, 0, 0])
     floats, sinks = judge.check_ground(above)
-    assert (floats.which.tolist(), floats.value, sinks.which.tolist(), sinks.value) == (
+    assert (floats.indices.tolist(), floats.value, sinks.indices.tolist(), sinks.value) == (
         [1, 4],
         pytest.approx(1.3),
         [3],
@@ -55,5 +55,5 @@ def test_who_floats_and_who_is_sunk_is_found_with_the_height():
 
 
 def test_a_pose_that_stands_is_found():
-    assert judge.check_poses(np.array([0.03, 3.6])).which.tolist() == [1]
+    assert judge.check_poses(np.array([0.03, 3.6])).indices.tolist() == [1]
     assert judge.check_poses(np.zeros(2)) is None

@@ -291,7 +291,7 @@ def test_the_crowd_is_moved_and_played_from_its_start_frame_on():
         and np.array_equal(before.present, after.present)
         and not before.pace.any()
     )
-    assert moved.told.startswith("The file has 30 agents in frames")
+    assert moved.note.startswith("The file has 30 agents in frames")
     assert plain.regrouped(np.zeros(30, np.uint8)).at(31).x.tobytes() == a.x.tobytes()
 
 

@@ -7,8 +7,8 @@ from crowd_lod_extension.crowd_lod.culling.radar import radar
 from crowd_lod_extension.crowd_lod.culling.volumes import (
     Light,
     Mirror,
-    bounded,
-    mirrored,
+    bound_volume,
+    mirror_volume,
     reaches_into,
     shades_into,
     view,
@@ -90,7 +90,7 @@ def test_no_shadow_that_falls_into_the_picture_is_missed(light, kind):
     box = np.array([(-100, -30, -1), (100, 150, 20.0)])
     centers = random.uniform((-100, -30, 0), (100, 150, 20), (1000, 3))
     radius = random.uniform(0.5, 5, 1000)
-    kept = shades_into(bounded(view(camera), box), light, centers, radius)
+    kept = shades_into(bound_volume(view(camera), box), light, centers, radius)
     found = hidden_from(light, seen_points(camera, random, 1500, box), random, centers, radius)
     assert found.sum() >= 5 and not (found & ~kept).any() and not kept.all()
 
@@ -171,7 +171,7 @@ def test_a_mirror_shows_what_its_reflection_shows():
         mirror = Mirror(np.array(normal), rectangle)
         for camera in (straight(), straight(kind="ORTHO"), straight(kind="PANO")):
             points = random.uniform((-60, -80, -10), (60, 40, 20), (20_000, 3))
-            kept = reaches_into(mirrored(camera, mirror), points, np.zeros(20_000))
+            kept = reaches_into(mirror_volume(camera, mirror), points, np.zeros(20_000))
             # by hand: the ray from the eye to the point's image meets the rectangle, and the point
             # stands before it
             image = points * (1, -1, 1) + (0, 60, 0)
@@ -199,9 +199,9 @@ def test_a_mirror_that_the_camera_does_not_see_shows_nothing():
     behind = np.array([(-4, -30, 0), (6, -30, 0), (6, -30, 5), (-4, -30, 5)], float)
     beyond = behind + (0, 200, 0)
     for rectangle in (behind, beyond):
-        assert mirrored(straight(), Mirror(np.array([0, 1.0, 0]), rectangle)) is None
+        assert mirror_volume(straight(), Mirror(np.array([0, 1.0, 0]), rectangle)) is None
     on_edge = np.array([(0, 10, 0), (0, 20, 0), (0, 20, 5), (0, 10, 5)], float)
-    assert mirrored(straight(), Mirror(np.array([1.0, 0, 0]), on_edge)) is None
+    assert mirror_volume(straight(), Mirror(np.array([1.0, 0, 0]), on_edge)) is None
 
 
 def around(**more):

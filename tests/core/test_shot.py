@@ -4,7 +4,6 @@ import hashlib
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.levels.cost_model import SECONDS
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot.shot import by_character, decide, decided, lower_bound
 from crowd_lod_extension.crowd_lod.shot.shot_cost import bill
@@ -54,7 +53,7 @@ def costs(shot, weight):
     """What each joint assignment of LODs costs, switches included: all of them, in an array."""
     survey = shot.survey
     triangles = shot.meshes.triangles
-    seconds = SECONDS[shot.engine]
+    seconds = shot.costs.seconds
     frames, agents = survey.kind.shape
     options = [np.array(sequences(shot, a)) for a in range(agents)]
     chosen = [

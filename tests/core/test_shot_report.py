@@ -12,7 +12,8 @@ from html import unescape
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.crowd_lod.reporting.shot_report import Told, shot_page
+from crowd_lod_extension.crowd_lod.reporting.shot_page import shot_page
+from crowd_lod_extension.crowd_lod.reporting.shot_report import ShotReport
 from crowd_lod_extension.crowd_lod.reporting.svg_plots import across
 from crowd_lod_extension.crowd_lod.shot.coloring import PhasePlan
 from crowd_lod_extension.crowd_lod.shot.curve import curve_of
@@ -44,7 +45,7 @@ def told(title="plaza", names=("adult", "child"), **more):
         {"group": name, "action": "", "cycles_per_second": 1.0, "classes": count}
         for name, count in zip(names, (4, 5), strict=True)
     ]
-    return Told(
+    return ShotReport(
         title=title,
         shot=shot,
         plan=plan,

@@ -13,7 +13,7 @@ from crowd_lod_extension.crowd_lod.crowd.maps import Area
 from crowd_lod_extension.crowd_lod.crowd.start_places import (
     Places,
     Spacing,
-    allowed,
+    allowed_agents,
     chains,
     in_rows,
     on_grid,
@@ -241,7 +241,7 @@ def test_only_agents_that_walk_must_start_where_labels_let_them():
     assert stays(machine(), ground()) and not stays(walking(), ground())
     world = ground([(0, 0)])
     points = np.array([(-39.0, 1, 0), (0, 50, 0), (60, 50, 0), (0, -1, 0)])
-    assert allowed(without_heading(points), machine(), world).tolist() == [
+    assert allowed_agents(without_heading(points), machine(), world).tolist() == [
         False,
         True,
         False,

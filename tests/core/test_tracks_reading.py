@@ -133,7 +133,7 @@ def test_heights_of_heads_are_not_taken_for_the_ground_and_those_of_floors_are(t
         )
         found = read_tracks(path)
         assert (found.samples.z if stand is None else found.samples.z.tolist()) == stand
-        assert ("height of heads" in found.told) == (heights[0] == "1.62")
+        assert ("height of heads" in found.note) == (heights[0] == "1.62")
 
 
 def test_groups_go_by_the_scenes_names_and_others_in_turn():
@@ -215,7 +215,7 @@ def test_a_file_that_is_gone_or_without_a_rate_is_named(tmp_path):
     with pytest.raises(CrowdError, match="a.csv tells no frame rate: set Frame Rate"):
         read_tracks(tmp_path / "a.csv")
     assert (
-        "each of its frames is one of the scene's" in read_tracks(tmp_path / "a.csv", usual=24).told
+        "each of its frames is one of the scene's" in read_tracks(tmp_path / "a.csv", usual=24).note
     )
 
 

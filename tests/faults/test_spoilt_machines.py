@@ -37,7 +37,7 @@ def test_a_spoilt_state_machine(preset):
         read += refused(state_machine.parse, spoilt, "The file") is not None
         draft = refused(machine_draft.draft, spoilt, "The file")
         if draft is not None and draft.states and draft.labels:
-            refused(machine_edits.edited, spoilt, "The file", dice.choice(EDITS)(draft))
+            refused(machine_edits.edit_text, spoilt, "The file", dice.choice(EDITS)(draft))
     assert read < TRIALS // 4
 
 

@@ -226,7 +226,7 @@ def test_records_of_frames(tmp_path):
     dice = random.Random(4)
     parts = FrameParts(tmp_path, "state")
     (tmp_path / "a.txt").write_text("picture")
-    told = parts.put(1, {"row": {"frame": 1, "agents": 7}}, [tmp_path / "a.txt"])
+    told = parts.store(1, {"row": {"frame": 1, "agents": 7}}, [tmp_path / "a.txt"])
     (path,) = tmp_path.glob(".frames/*.json")
     record = json.loads(path.read_text())
     for _ in range(TRIALS):

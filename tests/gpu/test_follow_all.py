@@ -5,7 +5,7 @@ hysteresis.
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.operators.overlay import viewport_overlay
+from crowd_lod_extension.operators.overlay import display, open_shutter, viewport_overlay
 from crowd_lod_extension.operators.scene.scene_crowd import frame_of
 
 from ..support.overlays import populated, shown
@@ -66,23 +66,23 @@ def test_an_open_shutter_is_read_outside_the_drawing_and_then_shown(scene, monke
     scene.render.motion_blur_shutter = 1.0
     names = {s.name for s in bpy.data.scenes}
     shown(scene)
-    assert bpy.app.timers.is_registered(viewport_overlay._read_shutters)
+    assert bpy.app.timers.is_registered(open_shutter.read_shutters)
     assert {s.name for s in bpy.data.scenes} == names
-    assert 0 < viewport_overlay._read_shutters() <= viewport_overlay.REST  # other frames may come
-    monkeypatch.setattr(viewport_overlay, "REST", 0.0)
-    assert viewport_overlay._read_shutters() is None
+    assert 0 < open_shutter.read_shutters() <= open_shutter.REST  # other frames may come
+    monkeypatch.setattr(open_shutter, "REST", 0.0)
+    assert open_shutter.read_shutters() is None
     blurred = assert_as_planned(scene)
     assert (
         blurred.visible >= still.frame.visible
     ).all() and blurred.visible.sum() > 1.05 * still.frame.visible.sum()
-    monkeypatch.setattr(viewport_overlay._faster, "plan_of", None)
+    monkeypatch.setattr(display._faster, "plan_of", None)
     assert shown(scene).frame is blurred
 
 
 def test_a_painted_detail_map_is_seen_and_one_that_stays_is_kept(scene, monkeypatch):
     scene.crowd_lod.bias_image = image("bias", 128 / 255)
     first = shown(scene)
-    monkeypatch.setattr(viewport_overlay, "LOOK_AGAIN", 0.0)
+    monkeypatch.setattr(display, "LOOK_AGAIN", 0.0)
     assert shown(scene) is first
     scene.crowd_lod.bias_image.pixels.foreach_set(np.zeros(64, np.float32))
     assert (shown(scene).frame.levels >= first.frame.levels).all() and shown(
@@ -96,7 +96,7 @@ def test_hysteresis_holds_back_changes_of_lod_in_the_overlay_alone(scene):
     for width in (0.0, 0.3):
         scene.crowd_lod.hysteresis = width
         scene.frame_set(1)
-        viewport_overlay._shown.clear()
+        viewport_overlay._displays.clear()
         before = shown(scene).frame
         count = 0
         assert (before.levels == frame_of(scene, scene.view_layers[0].depsgraph).levels).all()

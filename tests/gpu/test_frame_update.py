@@ -3,7 +3,12 @@
 import bpy
 import pytest
 from crowd_lod_extension.operators.blender import scene_cache
-from crowd_lod_extension.operators.overlay import character_cache, viewport_overlay
+from crowd_lod_extension.operators.overlay import (
+    appearance,
+    character_cache,
+    display,
+    viewport_overlay,
+)
 from crowd_lod_extension.operators.sources import crowd_sources
 
 from ..support.overlays import populated, shown
@@ -18,14 +23,14 @@ def scene():
 def test_nothing_is_computed_while_nothing_changes(scene, monkeypatch):
     first = shown(scene)
     assert first.problem is None and viewport_overlay.latest(scene) is first.frame
-    monkeypatch.setattr(viewport_overlay._faster, "plan_of", None)
-    monkeypatch.setattr(viewport_overlay, "trajectory_of", None)
+    monkeypatch.setattr(display._faster, "plan_of", None)
+    monkeypatch.setattr(display, "trajectory_of", None)
     assert shown(scene) is first
 
 
 def test_a_still_crowd_is_looked_at_again_now_and_then_and_kept(scene, monkeypatch):
     first = shown(scene)
-    monkeypatch.setattr(viewport_overlay, "LOOK_AGAIN", 0.0)
+    monkeypatch.setattr(display, "LOOK_AGAIN", 0.0)
     assert shown(scene) is first
     text = bpy.data.texts.new("machine")
     scene.crowd_lod.machine = text
@@ -35,7 +40,7 @@ def test_a_still_crowd_is_looked_at_again_now_and_then_and_kept(scene, monkeypat
 
 def test_frame_camera_and_thresholds_make_a_new_frame_of_the_same_crowd(scene, monkeypatch):
     before = shown(scene)
-    monkeypatch.setattr(viewport_overlay, "trajectory_of", None)
+    monkeypatch.setattr(display, "trajectory_of", None)
     changes = (
         lambda: scene.frame_set(20),
         lambda: setattr(scene.camera, "location", (5, -40, 2)),
@@ -80,7 +85,7 @@ def test_characters_and_scenes_may_be_deleted(scene):
     bpy.data.scenes.remove(other)
     scene.crowd_lod.seed = 1
     shown(scene)
-    assert list(viewport_overlay._shown) == [scene.session_uid]
+    assert list(viewport_overlay._displays) == [scene.session_uid]
 
 
 def test_nothing_is_shown_while_the_overlay_is_off(scene):
@@ -107,8 +112,8 @@ def test_meshes_stay_on_the_gpu_from_frame_to_frame(scene, monkeypatch):
         level for level, *_ in first.batches.draws
     )
     assert shown(scene).batches is first.batches
-    monkeypatch.setattr(viewport_overlay, "Cast", None)
-    monkeypatch.setattr(character_cache, "baking", None)
+    monkeypatch.setattr(appearance, "Cast", None)
+    monkeypatch.setattr(character_cache, "bake_character", None)
     scene.frame_set(30)
     later = shown(scene)
     assert later.batches is not first.batches and later.cast is first.cast
@@ -186,8 +191,8 @@ def test_another_file_lets_everything_go(scene):
     assert scene_cache.forget in bpy.app.handlers.load_pre
     scene_cache.forget()
     assert (
-        not viewport_overlay._shown
+        not viewport_overlay._displays
         and not character_cache._castings
         and not crowd_sources._trajectories
     )
-    assert viewport_overlay._faster._trajectory is None and character_cache.bake_some() is None
+    assert display._faster._trajectory is None and character_cache.bake_some() is None

@@ -22,7 +22,7 @@ from crowd_lod_extension.operators.overlay.agent_colors import (
     by_state,
 )
 from crowd_lod_extension.operators.overlay.draw_data import Style, drawing
-from crowd_lod_extension.operators.overlay.gpu_draw import Batches
+from crowd_lod_extension.operators.overlay.gpu_batches import Batches
 from crowd_lod_extension.operators.overlay.viewport_camera import camera_of, viewpoint
 
 from ..support.overlays import AGENTS, GROUPS, planned
@@ -105,14 +105,14 @@ def test_a_long_legend_ends_with_how_many_are_left():
 
 def test_what_is_not_known_of_an_agent_is_said():
     culled = dict(
-        hud.told(
+        hud.describe(
             replace(ACCOUNT, visible=False, reason="outside the frustum", pixels=None, error=None)
         )
     )
     assert (
         culled["Culled"] == "outside the frustum" and culled["Size"] == culled["LOD error"] == "-"
     )
-    assert dict(hud.told(replace(ACCOUNT, error=None)))["LOD error"] == "not measured"
+    assert dict(hud.describe(replace(ACCOUNT, error=None)))["LOD error"] == "not measured"
 
 
 def test_an_empty_crowd_has_its_lines_too():
@@ -127,12 +127,12 @@ def test_an_empty_crowd_has_its_lines_too():
 
 def test_narrow_and_low_viewports_break_lines_and_leave_the_last_out():
     said = (hud.Line("one two three four", (1.0, 0.0, 0.0)), hud.Line("five"))
-    assert hud.broken(said, 80, 9) == list(said)
-    narrow = hud.broken(said, 9, 9)
+    assert hud.wrap_lines(said, 80, 9) == list(said)
+    narrow = hud.wrap_lines(said, 9, 9)
     assert texts(narrow) == ["one two", "  three", "  four", "five"]
     assert [line.color for line in narrow] == [(1.0, 0.0, 0.0), None, None, None]
-    assert texts(hud.broken(said, 9, 3)) == ["one two", "  three", "..."]
-    assert hud.broken(said, 9, 0) == [] and texts(hud.broken(said, -5, 1)) == ["..."]
+    assert texts(hud.wrap_lines(said, 9, 3)) == ["one two", "  three", "..."]
+    assert hud.wrap_lines(said, 9, 0) == [] and texts(hud.wrap_lines(said, -5, 1)) == ["..."]
 
 
 def test_the_figures_keep_clear_of_what_lies_over_the_viewport():

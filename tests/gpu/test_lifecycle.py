@@ -8,7 +8,12 @@ import weakref
 import bpy
 from crowd_lod_extension.operators import registration
 from crowd_lod_extension.operators.blender import sidebars
-from crowd_lod_extension.operators.overlay import character_cache, shader_programs, viewport_overlay
+from crowd_lod_extension.operators.overlay import (
+    character_cache,
+    open_shutter,
+    shader_programs,
+    viewport_overlay,
+)
 
 from .test_frame_update import scene, shown  # noqa: F401  a fixture
 from .test_hud import hud, inset
@@ -27,7 +32,7 @@ def left():
             for f in (
                 viewport_overlay._watch,
                 sidebars.redraw,
-                viewport_overlay._read_shutters,
+                open_shutter.read_shutters,
                 viewport_overlay._stop,
                 character_cache.bake_some,
             )
@@ -62,7 +67,7 @@ def test_unregistering_lets_go_of_what_is_on_the_gpu(scene):  # noqa: F811
     try:
         del now
         gc.collect()
-        assert kept() is None and not viewport_overlay._shown
+        assert kept() is None and not viewport_overlay._displays
         assert all(
             program.cache_info().currsize == 0
             for program in (shader_programs.points, shader_programs.lines, shader_programs.meshes)
@@ -83,7 +88,7 @@ def test_the_account_is_of_the_agent_that_the_settings_name(scene):  # noqa: F81
     )
     assert any(
         line.text.startswith("Agent 5,")
-        for line in hud.figures(now.frame, now.colored, 0.0, 0, found)
+        for line in hud.figures(now.frame, now.colors, 0.0, 0, found)
     )
     scene.crowd_lod.agent = 200  # of 200
     assert viewport_overlay.account_of(scene) is None

@@ -13,11 +13,11 @@ from crowd_lod_extension.crowd_lod.animation.skinning import SkinnedMesh, pose, 
 from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import cleanup, mesh_data
-from crowd_lod_extension.operators.overlay import gpu_draw as gpu_side
-from crowd_lod_extension.operators.overlay import shader_programs, skinned_characters
+from crowd_lod_extension.operators.overlay import gpu_batches, shader_programs, skinned_characters
 from crowd_lod_extension.operators.overlay.draw_data import Drawing
-from crowd_lod_extension.operators.overlay.gpu_draw import Batches, Cast, paint
-from crowd_lod_extension.operators.overlay.skinned_characters import Character, baking
+from crowd_lod_extension.operators.overlay.gpu_batches import Batches, Cast
+from crowd_lod_extension.operators.overlay.gpu_draw import paint, view_buffer
+from crowd_lod_extension.operators.overlay.skinned_characters import Character, bake_character
 from mathutils import Matrix, kdtree
 
 from ..support.rotations import stance
@@ -38,7 +38,7 @@ TINTS = np.array(
 
 
 def bake(name, homes):
-    return finished(baking(name, lambda: homes))
+    return finished(bake_character(name, lambda: homes))
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +94,7 @@ def cast(characters, request):
     """
     with pytest.MonkeyPatch.context() as patch:
         if request.param == "JOINTS":
-            patch.setattr(gpu_side, "MOST_SKINNED", 0)
+            patch.setattr(gpu_batches, "MOST_SKINNED", 0)
         cast = Cast((), characters)
     assert all(cast.kind(level, group) == request.param for level in range(3) for group in range(3))
     return cast
@@ -142,7 +142,7 @@ def placed(what, cast, group, level) -> np.ndarray:
     shader = gpu.shader.create_from_info(info)
     batches = Batches(what, cast)
     columns_of = {name: getattr(mesh, name) for name in ("joints", "weights")}
-    points = gpu_side._batch(
+    points = gpu_batches.batch_of(
         {"position": mesh.points, "normal": mesh.normals, **columns_of}, None, "POINTS"
     )
     canvas = gpu.types.GPUOffScreen(columns, count, format="RGBA32F")
@@ -151,7 +151,7 @@ def placed(what, cast, group, level) -> np.ndarray:
             buffer = gpu.state.active_framebuffer_get()
             buffer.clear(color=(0, 0, 0, 0))
             shader.bind()
-            batches.view.update(gpu_side.view_buffer(np.eye(4), np.eye(4)))
+            batches.view.update(view_buffer(np.eye(4), np.eye(4)))
             shader.uniform_block("view", batches.view)
             shader.uniform_sampler("agents", batches.agents)
             shader.uniform_sampler("palette", batches.palette)
@@ -253,7 +253,7 @@ def test_baking_in_steps_gives_the_same_and_leaves_nothing_in_between(
 ):
     monkeypatch.setattr(skinned_characters, "TICK", 0.0)  # a frame at a time
     before = {block.name_full for block in bpy.data.user_map()}
-    steps = skinned_characters.baking("0", lambda: homes(scene, 0))
+    steps = skinned_characters.bake_character("0", lambda: homes(scene, 0))
     progress = []
     while True:
         try:
@@ -273,19 +273,19 @@ def test_baking_in_steps_gives_the_same_and_leaves_nothing_in_between(
 
 
 def test_what_joints_cannot_express_is_measured_and_told(scene):
-    assert all(bake("fine", homes(scene, g)).told is None for g in range(3))
+    assert all(bake("fine", homes(scene, g)).note is None for g in range(3))
     item = next(item for item in homes(scene, 0)[0].objects if item.modifiers)
     twist = item.modifiers.new("twist", "SIMPLE_DEFORM")
     item.modifiers.move(1, 0)
     twist.deform_method = "TWIST"
     twist.angle = 0.5
     assert (
-        bake("twisted", homes(scene, 0)).told is None
+        bake("twisted", homes(scene, 0)).note is None
     )  # before the armature: a part of the rest pose
     item.modifiers.move(0, 1)
     try:
         character = bake("bent", homes(scene, 0))
-        assert character.off > 0.01 and character.told.startswith("bent moves in ways")
+        assert character.off > 0.01 and character.note.startswith("bent moves in ways")
     finally:
         item.modifiers.remove(twist)
 
@@ -353,7 +353,7 @@ def test_agents_stand_on_their_pixels_at_their_lod(cast):
 def test_both_ways_of_skinning_draw_the_same(characters, monkeypatch):
     what = instances(some(7), [(0, 0, 0, 3), (1, 1, 3, 2), (2, 2, 5, 2)])
     frames, _ = picture(what, Cast((), characters))
-    monkeypatch.setattr(gpu_side, "MOST_SKINNED", 0)
+    monkeypatch.setattr(gpu_batches, "MOST_SKINNED", 0)
     joints, _ = picture(what, Cast((), characters))
     off = np.abs(frames - joints).max(axis=-1)
     assert (joints > 0).any(axis=-1).sum() > 2000
@@ -449,7 +449,7 @@ def test_materials_show_their_color_or_their_image():
 @pytest.mark.parametrize("kind", ["FRAMES", "JOINTS"])
 def test_a_draw_shows_its_action_and_an_agent_its_size(kind, monkeypatch):
     if kind == "JOINTS":
-        monkeypatch.setattr(gpu_side, "MOST_SKINNED", 0)
+        monkeypatch.setattr(gpu_batches, "MOST_SKINNED", 0)
     frames = np.repeat(np.eye(4, dtype=np.float32)[None, None, :3], 4, axis=0)
     frames[2:, 0, 2, 3] = (
         0.5,

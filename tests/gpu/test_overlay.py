@@ -12,7 +12,8 @@ from crowd_lod_extension.operators.blender.color_space import to_srgb
 from crowd_lod_extension.operators.lod_meshes.make_lods import TINTS
 from crowd_lod_extension.operators.overlay import draw_data
 from crowd_lod_extension.operators.overlay.draw_data import CULLED, FRUSTUM, Style, drawing
-from crowd_lod_extension.operators.overlay.gpu_draw import POINT_PIXELS, Batches, paint
+from crowd_lod_extension.operators.overlay.gpu_batches import Batches
+from crowd_lod_extension.operators.overlay.gpu_draw import POINT_PIXELS, paint
 from mathutils import Matrix, Vector
 
 from ..support.overlays import AGENTS, GROUPS, planned

@@ -2,7 +2,7 @@
 
 import bpy
 from crowd_lod_extension.operators.overlay import viewport_overlay
-from crowd_lod_extension.operators.overlay.hud import told
+from crowd_lod_extension.operators.overlay.hud import describe
 from crowd_lod_extension.operators.ui import shot_panels, steps
 
 from ..support.overlays import populated, shown
@@ -26,7 +26,7 @@ def test_the_panel_says_whether_the_plan_holds_in_the_frame_that_is_shown(tmp_pa
         frame = shown(scene).frame
         assert shot_panels._held(scene) == ("Frame 2 is as planned", "CHECKMARK")
         assert not frame.visible[settings.agent] and seen[settings.agent]
-        said = dict(told(viewport_overlay.account_of(scene)))
+        said = dict(describe(viewport_overlay.account_of(scene)))
         assert said["Shot plan"] == "hidden by an exception" and said["Culled"] == "exception"
         # what the user changes shows at the next redraw
         entry.kind = "ALWAYS"
@@ -38,7 +38,7 @@ def test_the_panel_says_whether_the_plan_holds_in_the_frame_that_is_shown(tmp_pa
             each.startswith("The shot plan is not used, for the exceptions changed since")
             for each in said
         )
-        assert "Shot plan" not in dict(told(viewport_overlay.account_of(scene)))
+        assert "Shot plan" not in dict(describe(viewport_overlay.account_of(scene)))
         entry.kind = "HIDE"
         shown(scene)
         assert shot_panels._held(scene)[1] == "CHECKMARK"

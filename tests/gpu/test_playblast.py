@@ -14,7 +14,8 @@ from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.overlay import playblast
 from crowd_lod_extension.operators.overlay.draw_data import Style, drawing
-from crowd_lod_extension.operators.overlay.gpu_draw import Batches, Cast, paint
+from crowd_lod_extension.operators.overlay.gpu_batches import Batches, Cast
+from crowd_lod_extension.operators.overlay.gpu_draw import paint
 from crowd_lod_extension.operators.scene.scene_crowd import frame_of
 
 WIDTH, HEIGHT = SIZE = 320, 180

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from crowd_lod_extension.crowd_lod.crowd.height_map import HeightMap
 from crowd_lod_extension.crowd_lod.culling.camera import lens_blur
-from crowd_lod_extension.crowd_lod.culling.shutter import opened
+from crowd_lod_extension.crowd_lod.culling.shutter import open_shutter
 from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy
 from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, random_camera
 from hypothesis import strategies as st
@@ -116,7 +116,7 @@ def shots(draw, groups, counts):
             [replace(eye, origin=eye.origin + eye.X * part) for part in (0, 0.1)] for eye in eyes
         ]
         shutter = list(
-            zip((8.5, 9.0), zip(*(opened(each) for each in moving), strict=True), strict=True)
+            zip((8.5, 9.0), zip(*(open_shutter(each) for each in moving), strict=True), strict=True)
         )
     bias = draw(sometimes(generators.map(lambda random: Bias(random.random((3, 3)), AREA))))
     return trajectory, camera, draw(policies(len(trajectory.groups))), shutter, bias

@@ -3,6 +3,7 @@
 from itertools import product
 
 import numpy as np
+from crowd_lod_extension.crowd_lod.levels.cost_model import default_costs
 from crowd_lod_extension.crowd_lod.shot.shot_cost import Meshes, Shot
 from crowd_lod_extension.crowd_lod.shot.survey import (
     CULLED,
@@ -45,7 +46,9 @@ def some_shot(seed, agents=3, frames=5, lods=3, engine="EEVEE", tolerance=None, 
     if tolerance is not None:
         survey = at_tolerance(survey, BOUNDS[:, :lods], tolerance)
     return Shot(
-        survey, Meshes(TRIANGLES[:, :lods], TRIANGLES[:, :lods] / 2, BOUNDS[:, :lods]), engine
+        survey,
+        Meshes(TRIANGLES[:, :lods], TRIANGLES[:, :lods] / 2, BOUNDS[:, :lods]),
+        default_costs(engine),
     )
 
 

@@ -11,7 +11,7 @@ from robot import overlay, scene, settings
 def seen():
     """Whether the overlay still runs, what it draws, and what it says."""
     yield from robot.drawn()
-    shown = overlay().shown_of(scene())
+    shown = overlay().display_of(scene())
     return {
         "handlers": robot.draw_handlers.count,
         "agents": len(shown.frame.crowd) if shown and shown.frame else None,
@@ -122,11 +122,11 @@ def views():
         with robot.over():
             bpy.ops.view3d.localview()
         found[name] = yield from seen()
-    before = overlay()._shown[scene().session_uid]
+    before = overlay()._displays[scene().session_uid]
     space.overlay.show_overlays = False
     settings().seed += 1
     hidden = yield from seen()
-    found["hidden"] = hidden | {"followed": overlay()._shown[scene().session_uid] is not before}
+    found["hidden"] = hidden | {"followed": overlay()._displays[scene().session_uid] is not before}
     space.overlay.show_overlays = True
     found["seen again"] = yield from seen()
     return found
@@ -246,7 +246,7 @@ def files(folder):
         ("opened again", lambda: bpy.ops.wm.open_mainfile(filepath=path)),
     ):
         load()
-        found[name] = (yield from seen()) | {"kept": len(overlay()._shown)}
+        found[name] = (yield from seen()) | {"kept": len(overlay()._displays)}
     return found
 
 
@@ -254,7 +254,9 @@ def breakage():
     """An unforeseen error in either part of the drawing: told once, and all is let go."""
     found = {}
     for part in ("plan", "figures"):
-        home, name = (overlay()._faster, "plan_of") if part == "plan" else (overlay().hud, part)
+        home, name = (
+            (robot.display()._faster, "plan_of") if part == "plan" else (overlay().hud, part)
+        )
         real = getattr(home, name)
 
         def broken(*_, part=part):

@@ -37,7 +37,7 @@ def session():
 
 
 def shown():
-    return overlay().shown_of(scene())
+    return overlay().display_of(scene())
 
 
 def followed(change, condition):
@@ -64,7 +64,7 @@ def changes():
         put("seed", 9), lambda now: now.frame.trajectory is not first
     )
     found["color"] = yield from followed(
-        put("overlay_color", "GROUP"), lambda now: now.colored.names == names()
+        put("overlay_color", "GROUP"), lambda now: now.colors.names == names()
     )
     found["mode"] = yield from followed(
         put("overlay_mode", "POINTS"), lambda now: not now.batches.draws
@@ -166,7 +166,7 @@ def legends():
         settings().overlay_color = color
         yield 1.0
         yield from robot.picture(f"31_{color.lower()}")
-        found[color] = [line.text for line in overlay().hud.legend(shown().colored)]
+        found[color] = [line.text for line in overlay().hud.legend(shown().colors)]
     settings().agent = -1
     settings().overlay_color = "LOD"
     return found | {

@@ -68,9 +68,9 @@ def listen():
 
 def after(change):
     """Do it, wait until the viewport has followed; what it and the sidebar show then."""
-    before = overlay().shown_of(scene())
+    before = overlay().display_of(scene())
     change()
-    yield from robot.until(lambda: overlay().shown_of(scene()) is not before)
+    yield from robot.until(lambda: overlay().display_of(scene()) is not before)
     frame = overlay().latest(scene())
     yield from robot.until(lambda: frame is None or results["sidebar"] == frame.time)
     return shown()
@@ -196,7 +196,7 @@ def painted():
 
     Whether the painting is undone so.
     """
-    trajectory_of = overlay().trajectory_of
+    trajectory_of = robot.display().trajectory_of
     image = settings().map_image
     world = trajectory_of(scene()).world
     pixels = image.pixels[:]
@@ -281,8 +281,8 @@ def film(camera):
 
 def breakage():
     """An unforeseen error while drawing: told once, and the viewport goes on."""
-    module = overlay()
-    real = overlay().drawing_of
+    module = robot.display()
+    real = module.drawing_of
 
     def broken(*_):
         raise ZeroDivisionError("made by the test")
@@ -316,7 +316,7 @@ def repeat():
         "before": before,
         "after": after,
         "scene": scene().name,
-        "cached": len(overlay()._shown),
+        "cached": len(overlay()._displays),
     }
 
 

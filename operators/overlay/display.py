@@ -1,0 +1,223 @@
+"""What a viewport shows of a scene: a frame's plan on the GPU, made anew when input changes."""
+
+import time as clock
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...crowd_lod.culling.camera import Camera
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.frame.frame import Frame
+from ...crowd_lod.frame.hysteresis import hold_levels
+from ...crowd_lod.frame.request import Request
+from ...crowd_lod.levels.assignment import Bias, LevelPolicy
+from ...crowd_lod.sources.trajectory import Trajectory
+from ..blender import scene_cache, scene_data
+from ..blender.cameras import read_cameras
+from ..blender.image_data import LOOK_AGAIN
+from ..characters.stored_groups import groups_of
+from ..machine.scene_world import bias_of
+from ..scene.scene_crowd import policy_of, trajectory_of
+from ..scene.shot_exceptions import overlay_inputs
+from ..scene.shot_reference import reference, use_of
+from ..sources.crowd_sources import inputs_of, live
+from . import agent_colors, gpu_culling
+from .appearance import cast_of, colors_of, drawing_of, missing_groups, style_of
+from .draw_data import Style
+from .gpu_batches import Batches, Cast
+from .open_shutter import open_shutter, values_of
+from .viewport_camera import viewpoint
+
+_faster = scene_cache.add_cache(gpu_culling.Faster())
+
+
+@dataclass
+class Display:
+    """What the viewport shows of a scene: a frame, or a problem.
+
+    crowd_inputs: values that trajectory and bias depend on. frame_inputs: that the plan of the
+        frame depends on as well. cast_inputs: that the cast depends on. If all are equal the
+        display is up to date.
+    looked: time in seconds when the trajectory was last compared with its map and state machine.
+    colors: the agents' colors.
+    cast, batches: on the GPU.
+    prepared: milliseconds to upload them.
+    painted: milliseconds to submit one draw of them.
+    draw_began: time in seconds when its last drawing began.
+    above: texture of the frame from above; None until it is needed.
+    notes: sentences for the user.
+    problem: a sentence for the user, if nothing can be shown.
+    """
+
+    crowd_inputs: tuple = ()
+    frame_inputs: tuple = ()
+    cast_inputs: tuple = ()
+    looked: float = 0.0
+    frame: Frame | None = None
+    colors: agent_colors.Colors | None = None
+    cast: Cast | None = None
+    batches: Batches | None = None
+    prepared: float = 0.0
+    painted: float = 0.0
+    draw_began: float = 0.0
+    above: object = None
+    notes: tuple[str, ...] = ()
+    problem: str | None = None
+
+
+@dataclass(frozen=True)
+class _View:
+    """What the next frame of a viewport is made from, besides the crowd.
+
+    region: the viewport's region if its own view plans the crowd; None if the scene's camera does.
+    eyes: the cameras that the plan is for.
+    shutter: read_shutter's answer; () without motion blur, or while it is not known.
+    inputs: all of it and the settings that the frame depends on, to be compared.
+    """
+
+    region: int | None
+    eyes: tuple[Camera, ...]
+    policy: LevelPolicy
+    time: float
+    shutter: tuple
+    style: Style
+    characters: tuple
+    notes: tuple[str, ...]
+    inputs: tuple
+
+
+def _view_of(context) -> _View:
+    scene = context.scene
+    settings = scene.crowd_lod
+    region = context.region.as_pointer() if settings.overlay_camera == "VIEWPORT" else None
+    depsgraph = context.view_layer.depsgraph
+    eyes = (viewpoint(context),) if region is not None else read_cameras(scene, depsgraph)
+    policy = replace(policy_of(settings), hysteresis=round(settings.hysteresis, 6))
+    time = scene_data.time_of(scene)
+    key: tuple = ()
+    shutter: tuple = ()
+    if region is None and not live(settings):
+        key, shutter = open_shutter(scene, time, eyes)
+    style, characters, notes = style_of(scene, policy.count)
+    notes = missing_groups(settings) or notes  # LODs are made for the names that Populate gives
+    inputs = (
+        region,
+        time,
+        policy,
+        *map(values_of, eyes),
+        key if shutter else (),
+        style,
+        notes,
+        settings.overlay_color,
+        round(settings.overlay_fade, 6),
+        reference(settings),
+        *overlay_inputs(settings),
+    )
+    return _View(
+        region, tuple(eyes), policy, time, tuple(shutter), style, characters, notes, inputs
+    )
+
+
+def _crowd_of(
+    context, before: Display | None, same_frame: Frame | None, now: float
+) -> tuple[Trajectory, Bias | None, float]:
+    """Return the trajectory, the bias, and when they were last compared with their sources.
+
+    They are compared every LOOK_AGAIN seconds, since the pixels of maps are slow to read.
+    same_frame: the frame of `before`, if nothing else has changed about the crowd.
+    """
+    settings = context.scene.crowd_lod
+    if same_frame is not None and now < before.looked + LOOK_AGAIN and not live(settings):
+        return same_frame.trajectory, same_frame.bias, before.looked
+    trajectory = trajectory_of(context.scene, depsgraph=context.view_layer.depsgraph)
+    bias = bias_of(settings)
+    if same_frame is not None and _same(bias, same_frame.bias):
+        bias = same_frame.bias
+    return trajectory, bias, now
+
+
+def display_now(context, before: Display | None) -> Display:
+    """Return what to show: `before` if nothing has changed."""
+    now = clock.monotonic()
+    try:
+        crowd_inputs = _crowd_inputs(context.scene)
+        view = _view_of(context)
+        same_frame = (
+            before.frame if before is not None and before.crowd_inputs == crowd_inputs else None
+        )
+        trajectory, bias, looked = _crowd_of(context, before, same_frame, now)
+        cast_inputs = trajectory.groups, view.style.mode, view.characters
+        same_cast = before is not None and before.cast_inputs == cast_inputs
+        same_crowd = same_frame is not None and trajectory is same_frame.trajectory
+        if (
+            same_crowd
+            and bias is same_frame.bias
+            and before.frame_inputs == view.inputs
+            and same_cast
+        ):
+            before.looked = looked
+            return before
+        frame = _plan_frame(context.scene.crowd_lod, view, trajectory, bias)
+        same_view = before is not None and before.frame_inputs[:1] == (view.region,)
+        if view.policy.hysteresis and same_view and same_crowd and frame.plan_row is None:
+            frame = hold_levels(frame, same_frame.levels)
+        display = Display(
+            crowd_inputs=crowd_inputs,
+            frame_inputs=view.inputs,
+            cast_inputs=cast_inputs,
+            looked=looked,
+            frame=frame,
+            notes=(*view.notes, *filter(None, [frame.unplanned])),
+        )
+        _upload(display, context.scene.crowd_lod, view, before if same_cast else None, before)
+        return display
+    except CrowdError as error:
+        if before is not None and before.problem == str(error):
+            return before
+        return Display(problem=str(error))
+
+
+def _plan_frame(settings, view: _View, trajectory: Trajectory, bias: Bias | None) -> Frame:
+    scene_eyes = view.eyes if view.region is None else ()
+    use = use_of(settings, trajectory, view.policy, bias, view.time, scene_eyes)
+    request = Request(
+        time=view.time, eyes=view.eyes, policy=view.policy, shutter=view.shutter, bias=bias
+    )
+    return use.applied(_faster.plan_of(trajectory, request))
+
+
+def _upload(
+    display: Display,
+    settings,
+    view: _View,
+    with_cast: Display | None,
+    before: Display | None,
+) -> None:
+    """Hand the display's frame to the GPU.
+
+    with_cast: a display with the same characters on the GPU; None if they must be uploaded.
+    before: the display before, whose equal textures and batches are used again.
+    """
+    began = clock.perf_counter()
+    frame = display.frame
+    groups = frame.trajectory.groups
+    display.cast = with_cast.cast if with_cast else cast_of(groups, view.style, view.characters)
+    display.colors = colors_of(settings.overlay_color, frame, view.characters)
+    # Of the viewport's own view the frustum is the viewport's edge.
+    draws_frustum = view.region is None
+    drawing = drawing_of(settings, frame, view.style, display.colors, draws_frustum)
+    display.batches = Batches(drawing, display.cast, before and before.batches)
+    display.prepared = 1000 * (clock.perf_counter() - began)
+
+
+def _crowd_inputs(scene) -> tuple:
+    """Return the inputs of trajectory and bias, except image pixels."""
+    settings = scene.crowd_lod
+    bias = settings.bias_image and settings.bias_image.session_uid
+    return groups_of(settings), bias, *inputs_of(scene)
+
+
+def _same(first: Bias | None, second: Bias | None) -> bool:
+    if first is None or second is None:
+        return first is second
+    return first.area == second.area and np.array_equal(first.values, second.values)
