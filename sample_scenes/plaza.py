@@ -91,7 +91,7 @@ def who_wait(text: str) -> str:
 
 def fly(scene: bpy.types.Scene) -> bpy.types.Object:
     """Add the camera with its flight."""
-    made = camera(scene, "Flight", near=0.2, far=FAR)
+    flight = camera(scene, "Flight", near=0.2, far=FAR)
     frames, places, targets, lenses = zip(*FLIGHT, strict=True)
     places = np.array(places, float)
     x, y, z = (np.array(targets, float) - places).T
@@ -100,9 +100,9 @@ def fly(scene: bpy.types.Scene) -> bpy.types.Object:
     curves = {("location", axis): places[:, axis].tolist() for axis in range(3)}
     for axis, angles in enumerate((pitch, [0.0] * len(frames), yaw.tolist())):
         curves["rotation_euler", axis] = angles
-    animate(made, frames, curves)
-    animate(made.data, frames, {("lens", 0): lenses})
-    return made
+    animate(flight, frames, curves)
+    animate(flight.data, frames, {("lens", 0): lenses})
+    return flight
 
 
 def build_houses(obstacles: bpy.types.Collection, scenery: bpy.types.Collection) -> None:

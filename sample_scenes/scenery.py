@@ -79,14 +79,14 @@ def material(name: str, color: tuple[float, float, float], roughness=0.8) -> bpy
 
     It looks the same in the viewport and in a render.
     """
-    made = bpy.data.materials.new(name)
-    made.diffuse_color = (*color, 1.0)
-    made.roughness = roughness
-    nodes = switch_nodes_on(made).nodes
+    new_material = bpy.data.materials.new(name)
+    new_material.diffuse_color = (*color, 1.0)
+    new_material.roughness = roughness
+    nodes = switch_nodes_on(new_material).nodes
     shader = next(node for node in nodes if node.type == "BSDF_PRINCIPLED")
     shader.inputs["Base Color"].default_value = (*color, 1.0)
     shader.inputs["Roughness"].default_value = roughness
-    return made
+    return new_material
 
 
 def add(
@@ -121,12 +121,12 @@ def child(scene: bpy.types.Scene, name: str, hidden=False) -> bpy.types.Collecti
 
     hidden: exclude it from the scene's view layers.
     """
-    made = bpy.data.collections.new(name)
-    scene.collection.children.link(made)
+    collection = bpy.data.collections.new(name)
+    scene.collection.children.link(collection)
     for layer in scene.view_layers:
         layer.update()  # a new scene's has no layer collections yet
-        layer.layer_collection.children[made.name].exclude = hidden
-    return made
+        layer.layer_collection.children[collection.name].exclude = hidden
+    return collection
 
 
 def film(scene: bpy.types.Scene) -> None:

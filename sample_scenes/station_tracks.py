@@ -83,7 +83,7 @@ def simulate(seed: int = 3) -> dict[str, np.ndarray]:
     draws = np.random.default_rng(seed)
     stairs = shapely.box(*site.STAIRS)
     landing = shapely.box(*site.LANDING)
-    blocks = [shapely.box(*each) for each in (site.KIOSK, *site.WAITING, *site.COLUMNS)]
+    blocks = [shapely.box(*rectangle) for rectangle in (site.KIOSK, *site.WAITING, *site.COLUMNS)]
     lower = Floor(
         shapely.box(*site.CONCOURSE) - shapely.union_all([stairs, landing, *blocks]),
         (*site.DOORS, FOOT),
@@ -126,7 +126,7 @@ def simulate(seed: int = 3) -> dict[str, np.ndarray]:
                                 speed,
                             )
                         )
-        waiting = [(floor, *each) for floor, *each in waiting if not floor.enter(*each)]
+        waiting = [(floor, *entry) for floor, *entry in waiting if not floor.enter(*entry)]
         for agent in upper.simulation.agents():
             slow = (
                 ON_STAIRS
@@ -148,7 +148,7 @@ def simulate(seed: int = 3) -> dict[str, np.ndarray]:
                     )
     person, frame, *place = np.array(sorted(rows)).T
     _, number = np.unique(person, return_inverse=True)
-    x, y, z = (np.rint(100 * each) for each in place)
+    x, y, z = (np.rint(100 * coordinate) for coordinate in place)
     columns = {"id": number, "frame": frame, "x": x, "y": y, "z": z}
     return {name: values.astype(np.int16) for name, values in columns.items()}
 

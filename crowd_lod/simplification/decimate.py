@@ -73,8 +73,7 @@ def decimating(  # noqa: PLR0913 - what a mesh is decimated by
 
     shape: points (n, 3) meters and triangles (m, 3) indices; ratio: in (0, 1], 1 gives the mesh
     itself; name: of the mesh, for errors.
-    seams: (k, 2) indices of points, edges to be kept in place as open borders are, such as UV seams
-    and where materials meet.
+    seams: (k, 2) indices of points, edges kept in place as open borders are, such as UV seams.
     skin: how its points move, if they do: the poses count as much as the rest.
     effort: what part of Settings.moves it may do, as one of a character's meshes.
     weight: (n,), how much the planes at each point count when edges collapse; 1 each if None.
@@ -90,35 +89,32 @@ def decimating(  # noqa: PLR0913 - what a mesh is decimated by
     target = max(1, round(ratio * len(triangles)))
     if target >= len(triangles):
         return LodMesh(points, triangles.astype(np.int32), used)
-    problem = missing_library()
-    if problem:
+    if problem := missing_library():
         raise CrowdError(problem)
     # Of unit size at the origin, and rounded: neither scale nor place decides which of two like
     # edges goes first.
     low = points.min(axis=0)
     size = float(np.ptp(points, axis=0).max()) or 1.0
     unit = np.round((points - low) / size * GRID) / GRID
-    joined, held = _join_borders(unit, triangles)
+    joined, constrained = _join_borders(unit, triangles)
     if seams is not None and len(seams):
-        index = np.full(max(used[-1], np.max(seams)) + 1, -1)
-        index[used] = joined
-        seams = index[seams]
-        held = np.concatenate([held, seams[(seams >= 0).all(axis=1)]])
+        numbers = np.full(max(used[-1], np.max(seams)) + 1, -1)
+        numbers[used] = joined
+        constrained = np.concatenate([constrained, _renumber(seams, numbers)])
     whole = _without_flat_and_doubled(joined[triangles])
     if not len(whole):
         return LodMesh(points, triangles.astype(np.int32), used)
-    solid, whole = np.unique(whole, return_inverse=True)
-    index = np.full(len(unit), -1)
-    index[solid] = np.arange(len(solid))
-    held = index[held]
-    whole = whole.reshape(-1, 3)
-    held = held[(held >= 0).all(axis=1)]
+    solid = np.unique(whole)
+    index = _index_of(solid, len(unit))
+    whole = index[whole]
+    constrained = _renumber(constrained, index)
     skin = skin and skin.of(used[solid]).scaled(low, size).telling(whole)
     yield
     # of points that became one the greatest weight counts
     weights = np.zeros(len(unit))
     np.maximum.at(weights, joined, 1.0 if weight is None else weight[used])
-    best = yield from _best((unit[solid], whole), held, target, skin, effort, weights[solid])
+    mesh = unit[solid], whole
+    best = yield from _best(mesh, constrained, target, skin, effort, weights[solid])
     if skin:
         source = solid[best.follows]
     else:
@@ -164,48 +160,17 @@ def _best(
     """
     points, triangles = shape
     part = connected_components(len(points), triangles)
-    facing = normals_of(points, triangles)
-    now = settings.CURRENT
-    hold = 1.0 if skin else min(1.0, target / len(triangles) / now.seams_yield) ** 3
-    held, border = sides = constrained_edges(triangles, seams, len(points))
-    quadrics = quadrics_of(points, triangles, sides, hold)
-    pose_quadrics = [
-        quadrics_of(place, triangles, sides, now.seams_posed)
-        for place in (skin.place if skin else ())
-    ]
-    for each in (quadrics, *pose_quadrics):
-        each[:10] *= weight  # not the area, by which errors are divided
-    spared = now.bulk_posed if skin else now.bulk_seamed if len(seams) else 0
+    constrained = constrained_edges(triangles, seams, len(points))
+    left = yield from _collapse(shape, part, seams, constrained, target, skin, weight)
+    kept_points, new_triangles = np.unique(left.triangles, return_inverse=True)
+    collapse_map = _index_of(kept_points, len(left.points))[left.collapse_map]
     yield
-    most = max(int(now.bulk_margin * target + now.bulk_part * len(triangles)), spared)
-    start, some, collapse_map = _bulk(
-        points, triangles, part, most, skin.place[0] if skin else points
-    )
-    yield
-    rows, *pose_quadrics = (
-        np.stack([np.bincount(collapse_map, row, len(start)) for row in each])
-        for each in ((*quadrics, *facing.T), *pose_quadrics)
-    )
-    poses = Poses(skin, pose_quadrics) if skin else None
-    if len(some) < len(triangles) and not poses:
-        # of a flat face all points may have landed far from its corners, which must not forget it
-        rows[:11] += now.bulk_planes * quadrics_of(
-            start, some, constrained_edges(some, collapse_map[seams], len(start)), hold
-        )
-    left = yield from collapse((start, some), rows[:11], rows[11:].T, target, poses)
-    collapse_map = left.collapse_map[collapse_map]
-    kept, new_triangles = np.unique(left.triangles, return_inverse=True)
-    new_points = left.points[kept]
-    new_triangles = new_triangles.reshape(-1, 3)
-    index = np.full(len(start), -1)
-    index[kept] = np.arange(len(kept))
-    collapse_map = index[collapse_map]
-    yield
-    inner = half_edges(triangles)[held[~border]]  # open borders may move along themselves
+    sides, is_border = constrained
+    inner = half_edges(triangles)[sides[~is_border]]  # open borders may move along themselves
     inside = np.isin(edge_keys(seams.T, len(points)), edge_keys(inner.T, len(points)))
-    fit = SurfaceFit(
-        (new_points, new_triangles), shape, collapse_map, seams[inside], skin, left.follows[kept]
-    )
+    lod = left.points[kept_points], new_triangles.reshape(-1, 3)
+    fit = SurfaceFit(lod, shape, collapse_map, seams[inside], skin, left.follows[kept_points])
+    now = settings.CURRENT
     yield from _fitted(fit, max(effort * now.moves, now.moves_each * len(triangles)))
     return Collapsed(
         _widened(points, triangles, part, fit),
@@ -213,6 +178,65 @@ def _best(
         fit.copies.one(fit.collapse_map),
         fit.follows,
     )
+
+
+def _collapse(  # noqa: PLR0913 - what a mesh is decimated by
+    shape: Shape,
+    part: np.ndarray,
+    seams: np.ndarray,
+    constrained: tuple[np.ndarray, np.ndarray],
+    target: int,
+    skin: Skin | None,
+    weight: np.ndarray,
+) -> Generator[None, None, Collapsed]:
+    """Collapse edges until `target` triangles are left; yields between the steps.
+
+    part: (n,), the loose part of each point; constrained: see constrained_edges(); the others: see
+    _best().
+    """
+    points, triangles = shape
+    now = settings.CURRENT
+    hold = 1.0 if skin else min(1.0, target / len(triangles) / now.seams_yield) ** 3
+    facing = normals_of(points, triangles)
+    quadrics = quadrics_of(points, triangles, constrained, hold)
+    pose_quadrics = [
+        quadrics_of(place, triangles, constrained, now.seams_posed)
+        for place in (skin.place if skin else ())
+    ]
+    for rows in (quadrics, *pose_quadrics):
+        rows[:10] *= weight  # not the area, by which errors are divided
+    spared = now.bulk_posed if skin else now.bulk_seamed if len(seams) else 0
+    yield
+    most = max(int(now.bulk_margin * target + now.bulk_part * len(triangles)), spared)
+    start, coarse, collapse_map = _bulk(
+        points, triangles, part, most, skin.place[0] if skin else points
+    )
+    yield
+    sums, *pose_quadrics = (
+        np.stack([np.bincount(collapse_map, row, len(start)) for row in rows])
+        for rows in ((*quadrics, *facing.T), *pose_quadrics)
+    )
+    poses = Poses(skin, pose_quadrics) if skin else None
+    if len(coarse) < len(triangles) and not poses:
+        # of a flat face all points may have landed far from its corners, which must not forget it
+        sums[:11] += now.bulk_planes * quadrics_of(
+            start, coarse, constrained_edges(coarse, collapse_map[seams], len(start)), hold
+        )
+    left = yield from collapse((start, coarse), sums[:11], sums[11:].T, target, poses)
+    return left._replace(collapse_map=left.collapse_map[collapse_map])
+
+
+def _index_of(numbers: np.ndarray, n: int) -> np.ndarray:
+    """Where each of n points comes among `numbers` (k,), -1 where it does not, (n,)."""
+    index = np.full(n, -1)
+    index[numbers] = np.arange(len(numbers))
+    return index
+
+
+def _renumber(edges: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+    """Edges (k, 2) by the new `numbers` (n,) of points, without those that have a point of -1."""
+    edges = numbers[edges]
+    return edges[(edges >= 0).all(axis=1)]
 
 
 def _fitted(fit: SurfaceFit, moves: float) -> Iterator[None]:

@@ -34,10 +34,12 @@ def notes_on_actions(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterato
             yield from _slides(scene, group, action, machines)
 
 
-def _root_motion(scene: bpy.types.Scene, group: Group, what: str, way: float) -> Iterator[str]:
+def _root_motion(
+    scene: bpy.types.Scene, group: Group, action_name: str, way: float
+) -> Iterator[str]:
     if way:
         yield (
-            f"The {what} moves {group.name} by {number(way * scene_data.meters(scene))} m in a "
+            f"The {action_name} moves {group.name} by {number(way * scene_data.meters(scene))} m in a "
             f"cycle: that is taken out, because "
             "the crowd moves its agents."
         )

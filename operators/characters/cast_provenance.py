@@ -55,11 +55,13 @@ def _looked(scene: bpy.types.Scene) -> Iterator[tuple[str, str]]:
                 provenance.character_digest(objects, partial(_actions, scene, name, objects)),
             )
         levels = scene.crowd_lod.levels
-        seen = set()
+        homes_read = set()
         for k, level in enumerate(levels.children if levels is not None else ()):
             for home in level.children:
-                if home not in seen:  # a character with few LODs shows its last in place of others
-                    seen.add(home)
+                if (
+                    home not in homes_read
+                ):  # a character with few LODs shows its last in place of others
+                    homes_read.add(home)
                     yield (
                         f"LOD {k} of {home.get(GROUP)}",
                         provenance.level_digest(home, cast.get(home.get(GROUP), [])),

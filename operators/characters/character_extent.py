@@ -213,10 +213,10 @@ def extent(actor: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> np.ndarra
         for instance in depsgraph.object_instances:
             if (instance.parent or instance.object).original == actor.original:
                 points.append(_shape(instance.object, np.array(instance.matrix_world, np.float64)))
-    found = np.concatenate(points)
-    if len(found) and np.isfinite(found).all():
-        found[:, 3] += displaced(evaluated)
-    return found
+    spheres = np.concatenate(points)
+    if len(spheres) and np.isfinite(spheres).all():
+        spheres[:, 3] += displaced(evaluated)
+    return spheres
 
 
 def _with(points: np.ndarray, reach: np.ndarray | float) -> np.ndarray:
@@ -284,10 +284,10 @@ def displacement(material: bpy.types.Material) -> float | None:
         for node in material.node_tree.nodes
         if node.type == "OUTPUT_MATERIAL"
     ]
-    found = [_shift(end) for end in ends if end.is_linked]
-    if None in found:
+    shifts = [_shift(end) for end in ends if end.is_linked]
+    if None in shifts:
         return material.max_vertex_displacement or None
-    return max(found, default=0.0)
+    return max(shifts, default=0.0)
 
 
 def _shift(socket: bpy.types.NodeSocket) -> float | None:
@@ -353,15 +353,15 @@ def _ends(value) -> tuple[float, float]:
 def unknown(objects: list[bpy.types.Object]) -> Iterator[str]:
     """Yield a clause for each part of the extent that only a render knows."""
     for item in objects:
-        found = sorted(reached_blocks(item), key=lambda block: block.name)
-        trees = [block for block in found if isinstance(block, bpy.types.GeometryNodeTree)]
+        blocks = sorted(reached_blocks(item), key=lambda block: block.name)
+        trees = [block for block in blocks if isinstance(block, bpy.types.GeometryNodeTree)]
         if any(
             node.bl_idname == "GeometryNodeIsViewport" and not node.mute
             for tree in trees
             for node in tree.nodes
         ):
             yield f"the nodes of {item.name} use the node Is Viewport"
-        for material in found:
+        for material in blocks:
             if isinstance(material, bpy.types.Material) and displacement(material) is None:
                 yield (
                     f"the material {material.name} displaces {item.name} by an unlimited height "

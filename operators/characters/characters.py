@@ -63,7 +63,7 @@ def all_characters(scene: bpy.types.Scene) -> list[Character]:
             f"The collection {top.name} {state}: put the characters in it, one child collection "
             f"or object each."
         )
-    found = []
+    cast = []
     for owner, members, origin in groups:
         shapes = parts(owner, members)
         if not any(map(may_have_faces, shapes)):
@@ -72,21 +72,21 @@ def all_characters(scene: bpy.types.Scene) -> list[Character]:
                 f"it one, or take it out."
             )
         for name, objects, chance in variants_of(owner.name, members, shapes):
-            found.append(
+            cast.append(
                 Character(name, objects, origin, owner.name if name != owner.name else "", chance)
             )
-    names = [character.name for character in found]
+    names = [character.name for character in cast]
     for name in names:
         if names.count(name) > 1:
             raise CrowdError(
                 f"Two character groups in {top.name} are called {name}: rename one of them."
             )
-    if len(found) > MOST_GROUPS:
+    if len(cast) > MOST_GROUPS:
         raise CrowdError(
-            f"The collection {top.name} holds {len(found)} character groups; use at most "
+            f"The collection {top.name} holds {len(cast)} character groups; use at most "
             f"{MOST_GROUPS}."
         )
-    return found
+    return cast
 
 
 def groups_in(

@@ -34,18 +34,18 @@ def characters_in(
         item for item in selected if item.type == "EMPTY" and item.instance_collection is None
     }
     root = {item: _root(item, empties) for item in usable}
-    chosen = {item if item.type in ("ARMATURE", "EMPTY") else root.get(item) for item in selected}
+    roots = {item if item.type in ("ARMATURE", "EMPTY") else root.get(item) for item in selected}
     # a selected empty brings what is below it
-    chosen |= {
+    roots |= {
         root[item] for item in usable if empties.intersection(_parents(item) + _parents(root[item]))
     }
     members: dict[bpy.types.Object, list[bpy.types.Object]] = {}
     for item in usable:
-        if root[item] in chosen:
+        if root[item] in roots:
             members.setdefault(root[item], [root[item]]).append(item)
     return {
-        top: list(dict.fromkeys([*found, *_empties_above(found, usable)]))
-        for top, found in members.items()
+        top: list(dict.fromkeys([*items, *_empties_above(items, usable)]))
+        for top, items in members.items()
     }
 
 
@@ -55,12 +55,12 @@ def _empties_above(
     """Return the empties that `items` alone of all `shapes` are parented to, such as importers
     make.
     """
-    others = set(shapes).difference(items)
+    other_shapes = set(shapes).difference(items)
     above = dict.fromkeys(
         parent for item in items for parent in _parents(item) if parent.type == "EMPTY"
     )
-    own = (empty for empty in above if empty.instance_collection is None and not _fixed(empty))
-    return [empty for empty in own if others.isdisjoint(empty.children_recursive)]
+    movable = (empty for empty in above if empty.instance_collection is None and not _fixed(empty))
+    return [empty for empty in movable if other_shapes.isdisjoint(empty.children_recursive)]
 
 
 def _is_shape(item: bpy.types.Object) -> bool:
@@ -122,12 +122,12 @@ def _notes(selected: Sequence[bpy.types.Object], characters: dict, moved: dict) 
 
     characters: of characters_in; moved: those of them that are moved.
     """
-    used = {item for items in characters.values() for item in items}
+    members = {item for items in characters.values() for item in items}
     # an empty above characters is none of them, and not left out
     left = {
         item
         for item in selected
-        if item not in used and not used.intersection(item.children_recursive)
+        if item not in members and not members.intersection(item.children_recursive)
     }
     faceless = {"META", *WITHOUT_FACES}
     left |= {

@@ -17,7 +17,7 @@ LIT_BY = (
 
 def glowing(scene: bpy.types.Scene) -> dict[str, list[bpy.types.Material]]:
     """Return the materials that light others, of each character group that wears any."""
-    found = {}
+    lights_by_group = {}
     for name, objects, _ in characters_of(scene):
         worn = {
             slot.material
@@ -27,23 +27,25 @@ def glowing(scene: bpy.types.Scene) -> dict[str, list[bpy.types.Material]]:
         }
         lights = [material for material in worn - {None} if emits(material.node_tree)]
         if lights:
-            found[name] = sorted(lights, key=lambda material: material.name_full)
-    return found
+            lights_by_group[name] = sorted(lights, key=lambda material: material.name_full)
+    return lights_by_group
 
 
 def notes_on_glow(scene: bpy.types.Scene) -> Iterator[str]:
     """Yield a sentence on characters whose materials light others."""
-    found = glowing(scene)
-    if not found:
+    lights_by_group = glowing(scene)
+    if not lights_by_group:
         return
-    names = ", ".join(f"{name} (material {materials[0].name})" for name, materials in found.items())
-    kept = (
+    names = ", ".join(
+        f"{name} (material {materials[0].name})" for name, materials in lights_by_group.items()
+    )
+    effect = (
         "each agent of them stays in the render"
         if scene.crowd_lod.shadows
         else "without Shadows and Reflections culling takes it away"
     )
     yield (
-        f"In Cycles these characters light what is around them: {names}; {kept}. If that is not "
+        f"In Cycles these characters light what is around them: {names}; {effect}. If that is not "
         f"meant, mix the emission with "
         "Transparent by Light Path > Is Camera Ray."
     )

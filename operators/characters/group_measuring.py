@@ -40,19 +40,19 @@ def measuring_groups(
 
     reaches: (lowest, center, radius) by group, for groups that are not to be measured.
     """
-    known: dict[str, Group] = {}
+    earlier: dict[str, Group] = {}
     with suppress(CrowdError):  # what is spoilt is measured anew
-        known = {group.name: group for group in groups_of(scene.crowd_lod)}
+        earlier = {group.name: group for group in groups_of(scene.crowd_lod)}
     groups: dict[str, Group] = {}
     cast = all_characters(scene)
     for index, character in enumerate(cast):
         base = groups.get(character.variant_of)
         measuring = _measuring_group(scene, character, base, reaches.get(character.name))
         group = yield from share(measuring, index / len(cast), (index + 1) / len(cast))
-        kept: dict[str, Any] = {}
-        if character.name in known:
-            kept = {key: getattr(known[character.name], key) for key in KEPT}
-        groups[character.name] = replace(group, chance=character.chance, **kept)
+        measured: dict[str, Any] = {}
+        if character.name in earlier:
+            measured = {key: getattr(earlier[character.name], key) for key in KEPT}
+        groups[character.name] = replace(group, chance=character.chance, **measured)
     return tuple(groups.values())
 
 
@@ -103,12 +103,12 @@ def _actions(
     group: Group, performance: Performance, acts: Sequence[Act], fps: float, meters: float
 ) -> tuple[Action, ...]:
     """Return what the group plays besides its own action, which is the performance's first part."""
-    others = performance.parts[1:]
+    other_parts = performance.parts[1:]
     actions = {
         part.name: _action(part, act, fps, 2 * group.radius, meters)
-        for part, act in zip(others, acts[1:], strict=True)
+        for part, act in zip(other_parts, acts[1:], strict=True)
     }
-    for part in others:
+    for part in other_parts:
         if part.mixed:  # a cross-fade goes at the rate of the action to come
             coming = actions.get(part.mixed[1].name, group.action(""))
             actions[part.name] = replace(coming, name=part.name, way=0.0)

@@ -66,18 +66,20 @@ class CROWDLOD_OT_mark_as_prop(Reporting, bpy.types.Operator):
     def run(self, context) -> str:
         scene = context.scene
         members = {
-            item for _, own, _ in groups_in(scene, scene.crowd_lod.characters) for item in own
+            item
+            for _, group_members, _ in groups_in(scene, scene.crowd_lod.characters)
+            for item in group_members
         }
-        chosen = [
+        props = [
             item for item in context.selected_objects if item in members and item.library is None
         ]
-        if not chosen:
+        if not props:
             raise CrowdError(
                 "Select an object of a character group first: one that only some of its agents "
                 "are to have."
             )
-        mark(scene, chosen, round(self.chance, 6))
-        names = ", ".join(sorted(item.name for item in chosen))
+        mark(scene, props, round(self.chance, 6))
+        names = ", ".join(sorted(item.name for item in props))
         return f"{self.chance:.0%} of the agents will have {names}: press Populate."
 
 

@@ -79,15 +79,15 @@ def leads(characters: Characters, groups: Sequence[Group]) -> list[int]:
     CrowdError if a group has no such action any more.
     """
     names = {group.name: g for g, group in enumerate(groups)}
-    found = []
+    numbers = []
     for g, group in enumerate(groups):
         lead = names.get(group.variant_of, g)
-        found.append(
+        numbers.append(
             lead
             if lead != g and _alike(characters, groups, lead, g) and not refusal(characters[g][1])
             else g
         )
-    return found
+    return numbers
 
 
 def _alike(characters: Characters, groups: Sequence[Group], *pair: int) -> bool:
@@ -101,14 +101,14 @@ def armatures(characters: Characters, groups: Sequence[Group], lead: Sequence[in
     There is one for each armature that deforms it, and one for all that moves as a whole. Groups
     of one `lead` (see leads) have the same, which move each of them.
     """
-    found = np.zeros(len(groups), np.intp)
+    counts = np.zeros(len(groups), np.intp)
     for g in set(lead):
-        family = [v for v, own in enumerate(lead) if own == g]
+        family = [v for v, group_lead in enumerate(lead) if group_lead == g]
         objects = list(dict.fromkeys(item for v in family for item in characters[v][1]))
         act = group_performance(groups[g], characters[g][1])
         bending = sum(bool(deforming(rig, objects)) for rig in armatures_of(objects))
-        found[family] = bending + any(_carried(item, act) for item in objects)
-    return found
+        counts[family] = bending + any(_carried(item, act) for item in objects)
+    return counts
 
 
 def _carried(item: bpy.types.Object | None, act: Performance) -> bool:

@@ -37,24 +37,24 @@ def _group(entry, lead, count: int) -> Group:
 
     lead: see lead_of. CrowdError if its measurements are invalid.
     """
-    made = sum(n > 0 for n in entry.triangles[:count])
-    measured = made if entry.diagonal else 0
+    count_made = sum(n > 0 for n in entry.triangles[:count])
+    measured = count_made if entry.diagonal else 0
     # Blender keeps no infinity
-    shaded = [np.inf if each > 1e30 else each for each in entry.shaded[:measured]]
+    shaded = [np.inf if value > 1e30 else value for value in entry.shaded[:measured]]
     group = Group(
         entry.name,
         entry.center,
         entry.radius,
         entry.stride,
         entry.period,
-        vertices=tuple(entry.vertices[:made]),
-        triangles=tuple(entry.triangles[:made]),
+        vertices=tuple(entry.vertices[:count_made]),
+        triangles=tuple(entry.triangles[:count_made]),
         deviations=tuple(entry.deviations[:measured]),
         bounds=tuple(entry.bounds[:measured]),
         rms=tuple(entry.rms[:measured]),
         worst=tuple(entry.worst[:measured]),
         diagonal=entry.diagonal,
-        shaded=tuple(shaded) if all(each >= 0 for each in shaded) else (),
+        shaded=tuple(shaded) if all(value >= 0 for value in shaded) else (),
         lowest=entry.lowest,
         on_ground=entry.on_ground,
         share=round(lead.share, 6),

@@ -56,12 +56,12 @@ class Fit:
 
 def motionless(scene: bpy.types.Scene) -> dict[str, bpy.types.Object]:
     """Return the character groups of `scene` whose rig plays nothing, and the rig."""
-    found = {}
+    rigs_at_rest = {}
     for name, objects, _, variant_of, _ in all_characters(scene):
         rigs = armatures_of(objects)
         if rigs and not variant_of and own_performance(objects).still:
-            found[name] = rigs[0]
-    return found
+            rigs_at_rest[name] = rigs[0]
+    return rigs_at_rest
 
 
 def gliding(scene: bpy.types.Scene) -> dict[str, bpy.types.Object]:
@@ -78,14 +78,16 @@ def _walks(crowd: bpy.types.PropertyGroup) -> bool:
 
 def notes_on_gliding(scene: bpy.types.Scene) -> Iterator[str]:
     """Yield a sentence on characters that glide in their bind pose, with the way out."""
-    found = gliding(scene)
-    if not found:
+    rigs_at_rest = gliding(scene)
+    if not rigs_at_rest:
         return
-    names = ", ".join(found)
-    verb, them = ("has", "it") if len(found) == 1 else ("have", "them")
-    fits = sorted({fit.action.name for rig in found.values() if (fit := best(rig, [])) is not None})
+    names = ", ".join(rigs_at_rest)
+    verb, pronoun = ("has", "it") if len(rigs_at_rest) == 1 else ("have", "them")
+    fits = sorted(
+        {fit.action.name for rig in rigs_at_rest.values() if (fit := best(rig, [])) is not None}
+    )
     way = (
-        f"press {TAKE_ACTION}, which gives {them} {', '.join(fits)}"
+        f"press {TAKE_ACTION}, which gives {pronoun} {', '.join(fits)}"
         if fits
         else f"import the file of the pack that holds its motion, then press {TAKE_ACTION}"
     )
@@ -277,11 +279,11 @@ class CROWDLOD_OT_take_action(Reporting, bpy.types.Operator):
                 f"The character group {self.group} has an action, or no rig: there is nothing to "
                 f"give it."
             )
-        chosen = {self.group: rigs[self.group]} if self.group else rigs
-        if not chosen:
+        rigs_to_move = {self.group: rigs[self.group]} if self.group else rigs
+        if not rigs_to_move:
             raise CrowdError("All characters with a rig have an action.")
-        fits = {name: _chosen(rig, name, self.action) for name, rig in chosen.items()}
-        plays = [f"{name} plays {take(chosen[name], fit).name}" for name, fit in fits.items()]
+        fits = {name: _chosen(rig, name, self.action) for name, rig in rigs_to_move.items()}
+        plays = [f"{name} plays {take(rigs_to_move[name], fit).name}" for name, fit in fits.items()]
         return f"{', '.join(plays)} now: press Populate."
 
 

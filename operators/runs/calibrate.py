@@ -126,20 +126,20 @@ def _render_trials(scene: bpy.types.Scene, effort: Effort) -> Generator[float, N
     works = []
     seconds = []
     longest = 0.0
-    for done, crowd in enumerate(crowds, start=1):
+    for number, crowd in enumerate(crowds, start=1):
         passed = time.monotonic() - begun
         if passed > ENOUGH or longest > LONGEST:
             break
         with cleanup.scratch():
             work = show_crowd(stage, crowd)
             for samples, ground in empty.items():
-                taken = min(_seconds(stage, samples, clock) for _ in range(effort.repeats))
-                longest = max(longest, taken)
+                render_seconds = min(_seconds(stage, samples, clock) for _ in range(effort.repeats))
+                longest = max(longest, render_seconds)
                 works.append(
                     replace(work, rays=samples * work.rays, drawn=samples * work.instanced)
                 )
-                seconds.append(taken - ground)
-                yield max(done / len(crowds), passed / ENOUGH)
+                seconds.append(render_seconds - ground)
+                yield max(number / len(crowds), passed / ENOUGH)
     return Trials(works, np.array(seconds))
 
 

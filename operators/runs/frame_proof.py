@@ -86,7 +86,7 @@ class Proof:
     def prove(self, number: int) -> Generator[float, None, tuple[dict[str, Any], list[Path]]]:
         """Prove one frame; yields the progress.
 
-        Returns (what is told of it, its pictures); see FrameParts.put.
+        Returns (what is told of it, its pictures); see FrameParts.store.
         """
         scene = self.scene
         trajectory = trajectory_of(scene)
@@ -94,8 +94,8 @@ class Proof:
         yield from share(approach(trajectory, time), 0.0, 0.1)
         film, around, shutter = lights.read_moment(scene, time, self.at)
         planned = frame_of(scene, self.at((), time), time, film, trajectory, around, shutter)
-        held = frame_update.held_by(scene, trajectory, number, planned.crowd)
-        rows = self.proved.rows(trajectory, planned, held, number)
+        poses = frame_update.held_by(scene, trajectory, number, planned.crowd)
+        rows = self.proved.rows(trajectory, planned, poses, number)
         agents_of, strangers = seen_by_kind(rows, len(planned.crowd))
         row = {
             "frame": number,
@@ -106,10 +106,10 @@ class Proof:
             "strangers": strangers,
         }
         differences = yield from share(
-            self._compare(number, planned, held, rows, agents_of), 0.1, 1 - CROPS
+            self._compare(number, planned, poses, rows, agents_of), 0.1, 1 - CROPS
         )
         row |= differences
-        judged_agents, pairs = self._choose(number, planned, held, rows)
+        judged_agents, pairs = self._choose(number, planned, poses, rows)
         crops = []
         for crop in lone_crops(self.alone, number, judged_agents, pairs):
             crops.append(crop)
@@ -134,7 +134,7 @@ class Proof:
         self,
         number: int,
         planned: Frame,
-        held: frame_update.Held,
+        poses: frame_update.Held,
         rows: dict[str, Columns],
         agents_of: dict[str, np.ndarray],
     ) -> Generator[float, None, dict[str, Any]]:
@@ -162,7 +162,7 @@ class Proof:
                 if name in members:
                     trajectory = planned.trajectory
                     self._write(
-                        columns_of_members(self.full, trajectory, members[name], held, number)
+                        columns_of_members(self.full, trajectory, members[name], poses, number)
                     )
                 elif self.proved.kind == MADE:
                     self._write(rows)
@@ -190,7 +190,7 @@ class Proof:
             mesh_data.write_points(points.data, rows[name])
 
     def _choose(
-        self, number: int, planned: Frame, held: frame_update.Held, rows: dict[str, Columns]
+        self, number: int, planned: Frame, poses: frame_update.Held, rows: dict[str, Columns]
     ) -> tuple[list[JudgedAgent], list[tuple[Shown, Shown]]]:
         """Return the agents that are judged alone, and each at full detail and as built."""
         trajectory = planned.trajectory
@@ -221,7 +221,7 @@ class Proof:
         pairs = []
         for judged in judged_agents:
             alone = columns_of_members(
-                self.full, trajectory, {"LOD 0": np.array([judged.agent])}, held, number
+                self.full, trajectory, {"LOD 0": np.array([judged.agent])}, poses, number
             )["LOD 0"]
             name = f"LOD {judged.level}"
             row = {

@@ -121,7 +121,7 @@ class _Pictured:
 
         Yields the progress. Returns the view of each LOD; None where there is nothing to see.
         """
-        looks = Looks()
+        materials = Looks()
         views = []
         with Posed(self.objects, self.meshes, self.performance) as posed:
             # the LOD that deviates most gives LOD 0 its pose
@@ -133,12 +133,12 @@ class _Pictured:
                     views.append(look_in_pose(whole, character, levels[0]))
                     continue
                 views.append(look_in_pose(whole, character, levels[k]))
-                rows[k] |= self._measured(posed, k, rows[k]["predicted_px"] or 1.0, looks)
+                rows[k] |= self._measured(posed, k, rows[k]["predicted_px"] or 1.0, materials)
                 self.performance.rest()
                 yield k / len(rows)
         return views
 
-    def _measured(self, posed: Posed, k: int, predicted: float, looks: Looks) -> dict[str, Any]:
+    def _measured(self, posed: Posed, k: int, predicted: float, materials: Looks) -> dict[str, Any]:
         """Return what LOD `k` measures in its worst pose, where it begins; {} if it never does.
 
         predicted: pixels that it should be off.
@@ -156,7 +156,7 @@ class _Pictured:
         return {
             "measured_px": _known((least + most) / 2),
             "measured_px_between": [_known(least), _known(most)],
-        } | _seen(posed, k, looks, size, (self.center, distance, self.camera))
+        } | _seen(posed, k, materials, size, (self.center, distance, self.camera))
 
     def draw(self, rows: list[dict[str, Any]], views: list[InPose]) -> np.ndarray:
         """Return the picture of the LODs with their captions."""
@@ -179,7 +179,7 @@ def _row(
 ) -> dict:
     begin = begins[k - 1] if k else 0.0
     deviation = group.deviations[k]
-    told = {
+    notes = {
         key: [item[f"crowd_lod_{key}"] for item in meshes if f"crowd_lod_{key}" in item]
         for key in ("method", "why", "ms")
     }
@@ -204,10 +204,10 @@ def _row(
         else None,
         "picture_difference": None,
         "picture_similarity": None,
-        "method": ", ".join(dict.fromkeys(map(str, told["method"]))) or None,
-        "why": " ".join(dict.fromkeys(map(str, told["why"]))) or None,
-        "ms": _known(sum(told["ms"]))
-        if told["ms"] and all(isinstance(each, float) for each in told["ms"])
+        "method": ", ".join(dict.fromkeys(map(str, notes["method"]))) or None,
+        "why": " ".join(dict.fromkeys(map(str, notes["why"]))) or None,
+        "ms": _known(sum(notes["ms"]))
+        if notes["ms"] and all(isinstance(each, float) for each in notes["ms"])
         else None,
     }
 
@@ -231,7 +231,7 @@ def at_size(points: np.ndarray, feet: np.ndarray, size: float) -> np.ndarray:
 def _seen(
     posed: Posed,
     k: int,
-    looks: Looks,
+    materials: Looks,
     size: tuple[np.ndarray, float],
     view: tuple[np.ndarray, float, Camera],
 ) -> dict:
@@ -242,12 +242,12 @@ def _seen(
     """
     depsgraph = posed.stage.view_layers[0].depsgraph
     bodies = [
-        bodies_of(objects, depsgraph, looks) for objects in (posed.character, posed.levels[k])
+        bodies_of(objects, depsgraph, materials) for objects in (posed.character, posed.levels[k])
     ]
     if None in bodies:
         return {}
     bodies = [replace(body, points=at_size(body.points, *size)) for body in bodies]
-    difference, similarity = alike(*bodies, looks.images(), *view)
+    difference, similarity = alike(*bodies, materials.images(), *view)
     return {"picture_difference": difference, "picture_similarity": similarity}
 
 

@@ -132,7 +132,7 @@ def _picture(
 ) -> Generator[float, None, tuple[list[dict], list[dict]]]:
     """Picture the LODs and the frames: yield the progress, from `ready` to 0.95.
 
-    Returns (what is told of the LODs, what is told of each frame; see FrameParts.put).
+    Returns (what is told of the LODs, what is told of each frame; see FrameParts.store).
     """
     stage = run.on.stage
     frames = run.on.task.frames
@@ -248,7 +248,7 @@ class _Run:
     ) -> Generator[float, None, tuple[dict[str, Any], tuple[Path, Path]]]:
         """Write the two pictures of the timeline's frame `number`.
 
-        Yields the progress and returns (what is told of it, the pictures); see FrameParts.put.
+        Yields the progress and returns (what is told of it, the pictures); see FrameParts.store.
         """
         stage = self.on.stage
         main, above = self.pictures(number)
@@ -265,11 +265,11 @@ class _Run:
         self._shoot_above(frame, above, caption)
         ticks.append(clock.perf_counter())
         took = dict(zip(("points", "main", "above"), np.diff(ticks) * 1000, strict=True))
-        told = {
+        facts = {
             "row": tables.row(number, frame, took),
             "unplanned": note_of(number, frame.unplanned, self.on.task.strict),
         }
-        return told, (main, above)
+        return facts, (main, above)
 
     def approach(self, number: int) -> Generator[float, None, None]:
         """Let the crowd walk on to the frame: yield the progress."""

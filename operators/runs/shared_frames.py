@@ -131,13 +131,13 @@ def made(
     """Make the frames that are not whole: yield the progress, return what is told of each frame.
 
     prepare: called once before the first frame that this process makes.
-    make: (number) -> steps that return (told, pictures) of a frame; see FrameParts.put.
+    make: (number) -> steps that return (told, pictures) of a frame; see FrameParts.store.
     helpers: processes that make some of the frames; a frame that they fail to make is made here.
     CrowdError if frames are to be taken alone and some are missing.
     """
-    wanted = frames if sharing.part is None else sharing.part
-    told = {number: parts.get(number) for number in wanted}
-    missing = [number for number in wanted if told[number] is None]
+    numbers = frames if sharing.part is None else sharing.part
+    facts = {number: parts.get(number) for number in numbers}
+    missing = [number for number in numbers if facts[number] is None]
     if missing and sharing.part is None and sharing.into is not None:
         raise CrowdError(
             f"{frames_are(missing)} not in {printable(sharing.into)}, or made of another scene: "
@@ -154,10 +154,10 @@ def made(
             if not prepared:
                 yield from share(prepare(), 0.0, PREPARED)
                 prepared = True
-            done = len(wanted) - len(missing) + len(_whole(parts, missing))
-            steps = (PREPARED + (1 - PREPARED) * (done + k) / len(wanted) for k in range(2))
+            done = len(numbers) - len(missing) + len(_whole(parts, missing))
+            steps = (PREPARED + (1 - PREPARED) * (done + k) / len(numbers) for k in range(2))
             found, pictures = yield from share(make(number), *steps)
-            told[number] = parts.store(number, found, pictures)
+            facts[number] = parts.store(number, found, pictures)
         if sharing.parent:  # the rest is made by others
             break
         while len(_whole(parts, missing)) < len(missing) and any(
@@ -165,12 +165,12 @@ def made(
         ):
             clock.sleep(LOOK)
             yield PREPARED + (1 - PREPARED) * (
-                1 - (len(missing) - len(_whole(parts, missing))) / len(wanted)
+                1 - (len(missing) - len(_whole(parts, missing))) / len(numbers)
             )
-        told |= {number: parts.get(number) for number in missing if told[number] is None}
-        missing = [number for number in missing if told[number] is None]
+        facts |= {number: parts.get(number) for number in missing if facts[number] is None}
+        missing = [number for number in missing if facts[number] is None]
         parts.release()
-    return [each for each in told.values() if each is not None]
+    return [frame_facts for frame_facts in facts.values() if frame_facts is not None]
 
 
 def _whole(parts: FrameParts, numbers: Sequence[int]) -> set[int]:

@@ -142,7 +142,7 @@ def _prepare_crowd(scene: bpy.types.Scene) -> Generator[float, None, None]:
 
 
 def _prove_frames(run: Proof, sharing: Sharing) -> Generator[float, None, list[dict[str, Any]]]:
-    """Prove the frames: yield the progress, return what is told of each (see FrameParts.put)."""
+    """Prove the frames: yield the progress, return what is told of each (see FrameParts.store)."""
     frames = run.task.frames
     parts = FrameParts(run.folder, state_of(run.scene, run.task))
     with sharing.helped(parts, frames) as helpers:

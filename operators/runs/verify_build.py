@@ -42,20 +42,20 @@ class ProvedBuild:
     hidden: bool = False
 
     def rows(
-        self, trajectory: Trajectory, planned: Frame, held: frame_update.Held, number: int
+        self, trajectory: Trajectory, planned: Frame, poses: frame_update.Held, number: int
     ) -> dict[str, Columns]:
         """Return the points that each bucket shows in the frame `number`, by the bucket's name.
 
         A live build gets the points that renders of that frame give it.
 
-        planned, held: of the frame.
+        planned, poses: of the frame.
         """
         if self.kind == MADE:
             return columns_of_members(
-                self.top, trajectory, frame_update.members(planned), held, number
+                self.top, trajectory, frame_update.members(planned), poses, number
             )
         if self.kind == LIVE:
-            frame_update.write(self.top, trajectory, planned, held, planned.crowd)
+            frame_update.write(self.top, trajectory, planned, poses, planned.crowd)
         rows = {
             name: mesh_data.read_points(points.data)
             for name, points in render_setup.points_of(self.top).items()
@@ -89,7 +89,7 @@ def columns_of_members(
     top: bpy.types.Collection,
     trajectory: Trajectory,
     members: Mapping[str, np.ndarray],
-    held: frame_update.Held,
+    poses: frame_update.Held,
     number: int,
 ) -> dict[str, Columns]:
     """Return the attributes of each bucket's points in a build that shows `members` (m,) intp."""
@@ -97,7 +97,7 @@ def columns_of_members(
     nobody = np.empty(0, np.intp)
     library = render_setup.library_of(top, trajectory)
     return {
-        name: bake.columns_in_time(trajectory, held, number, members.get(name, nobody), library)
+        name: bake.columns_in_time(trajectory, poses, number, members.get(name, nobody), library)
         for name in points
     }
 

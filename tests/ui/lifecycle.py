@@ -254,7 +254,9 @@ def breakage():
     """An unforeseen error in either part of the drawing: told once, and all is let go."""
     found = {}
     for part in ("plan", "figures"):
-        home, name = (overlay()._faster, "plan_of") if part == "plan" else (overlay().hud, part)
+        home, name = (
+            (robot.display()._faster, "plan_of") if part == "plan" else (overlay().hud, part)
+        )
         real = getattr(home, name)
 
         def broken(*_, part=part):

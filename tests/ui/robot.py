@@ -100,6 +100,11 @@ def overlay():
     return sys.modules[f"{MODULE}.operators.overlay.viewport_overlay"]
 
 
+def display():
+    """The module that makes what a viewport shows."""
+    return sys.modules[f"{MODULE}.operators.overlay.display"]
+
+
 def window_of(image) -> bpy.types.Window | None:
     """The window that shows the image, or None."""
     editors = (

@@ -196,7 +196,7 @@ def painted():
 
     Whether the painting is undone so.
     """
-    trajectory_of = overlay().trajectory_of
+    trajectory_of = robot.display().trajectory_of
     image = settings().map_image
     world = trajectory_of(scene()).world
     pixels = image.pixels[:]
@@ -281,8 +281,8 @@ def film(camera):
 
 def breakage():
     """An unforeseen error while drawing: told once, and the viewport goes on."""
-    module = overlay()
-    real = overlay().drawing_of
+    module = robot.display()
+    real = module.drawing_of
 
     def broken(*_):
         raise ZeroDivisionError("made by the test")

@@ -1,0 +1,17 @@
+import re
+
+import numpy as np
+from crowd_lod_extension.crowd_lod.reporting import svg_plots as svg
+
+
+def test_a_long_legend_stays_under_its_plot():
+    long = (
+        "exact walk, frame by frame, mean (does not converge: 0.1% of agents end over a cell away)"
+    )
+    rows = [svg.Series(name, np.zeros((1, 2)), "#000") for name in (long, "short")]
+    sheet = svg.sheet("Title", "caption", [svg.Panel("", 100.0, rows)] * 2)
+    texts = re.findall(r'<text x="42" y="\d+" dy=".33em">([^<]*)', sheet)
+    assert " ".join(texts[:2]) == long and texts[2] == "short" and len(texts) == 6
+    assert max(map(len, texts)) <= svg.LEGEND_LETTERS
+    rows_at = [float(y) for y in re.findall(r'<g transform="translate\(58,([\d.]+)\)', sheet)]
+    assert rows_at[1] - rows_at[0] == 2 * svg.LEGEND_ROW
