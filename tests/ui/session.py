@@ -289,9 +289,9 @@ def breakage():
 
     module.drawing_of = broken
     scene().frame_set(61)
-    yield from robot.until(lambda: module.problem(scene()))
+    yield from robot.until(lambda: overlay().problem(scene()))
     yield from robot.drawn()
-    found = {"problem": module.problem(scene()), "handlers": robot.draw_handlers.count}
+    found = {"problem": overlay().problem(scene()), "handlers": robot.draw_handlers.count}
     yield from robot.picture("12_broken")
     module.drawing_of = real
     robot.toggle()
