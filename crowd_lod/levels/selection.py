@@ -1,6 +1,6 @@
 """Choice of a character's LODs from candidates, by a tolerance in pixels."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 
@@ -210,9 +210,9 @@ def cheapest(
 ) -> tuple[list[int], dict[int, str]]:
     """Return (the candidates that cost least, {dropped candidate: reason}).
 
-    A reason is a sentence. Time counts first: the choices of `kept` that take at most WORTH more
-    time than the quickest remain. Of these, those remain that take at most WORTH more memory than
-    the smallest of them. Of these the one with the fewest LODs is taken, and then the one with the
+    A reason is a sentence. The cost of a choice of `kept` is the sum of its memory and its time,
+    each as a part of what the group takes at full detail. Of the choices that cost at most WORTH
+    more than the cheapest, the one with the fewest LODs is taken, and of these the one with the
     most `measured` candidates. The first candidate is kept for agents that come nearer than the
     shot shows. All are kept if the distances of the shot's agents are not known.
     """
@@ -221,15 +221,12 @@ def cheapest(
     found = {
         chosen: own for chosen, own in priced(group, kept, tolerance, shot) if chosen[0] == kept[0]
     }
-    quick = _near_least({chosen: own.seconds for chosen, own in found.items()})
-    small = _near_least({chosen: found[chosen].memory for chosen in quick})
+    whole = found[(kept[0],)]
+    parts = {chosen: own.share(whole) for chosen, own in found.items()}
+    cost = {chosen: own.memory + own.seconds for chosen, own in parts.items()}
+    good = [chosen for chosen in cost if cost[chosen] <= min(cost.values()) + WORTH]
     best = min(
-        small,
-        key=lambda chosen: (
-            len(chosen),
-            len(set(chosen).difference(measured)),
-            found[chosen].seconds,
-        ),
+        good, key=lambda chosen: (len(chosen), len(set(chosen).difference(measured)), cost[chosen])
     )
     gone = [k for k in kept if k not in best]
     return list(best), {
@@ -237,12 +234,6 @@ def cheapest(
         f"{NAMES[shot.costs.engine]} to be worth a LOD."
         for k in gone
     }
-
-
-def _near_least(costs: Mapping[tuple[int, ...], float]) -> list[tuple[int, ...]]:
-    """Return the choices whose cost is at most WORTH more than the least."""
-    most = (1 + WORTH) * min(costs.values())
-    return [chosen for chosen, cost in costs.items() if cost <= most]
 
 
 def _least(
