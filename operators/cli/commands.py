@@ -27,7 +27,7 @@ def from_blender(argv: list[str]) -> int:
         own_temporary_folder(),
         interrupt.unfinished(partial(shutil.rmtree, bpy.app.tempdir, ignore_errors=True)),
     ):
-        status = _run(argv, "blender -b [FILE] --command crowd_lod")
+        status = run_command(argv, "blender -b [FILE] --command crowd_lod")
     if "--json" in argv:  # what Blender still has to say would come after it
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     return status
@@ -43,12 +43,16 @@ def main(argv: list[str] | None = None) -> int:
     interrupt.heed()
     register()
     try:
-        return _run(sys.argv[1:] if argv is None else argv, "crowd-lod")
+        return run_command(sys.argv[1:] if argv is None else argv, "crowd-lod")
     finally:
         unregister()
 
 
-def _run(argv: list[str], program: str) -> int:
+def run_command(argv: list[str], program: str) -> int:
+    """Run the words after `program`, as one of its commands; return the exit status.
+
+    program: how its messages and its help name the command line.
+    """
     with standard_streams.ready():
         return _tell(argv, program)
 

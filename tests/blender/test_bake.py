@@ -126,7 +126,7 @@ def test_the_command_bakes_a_file_and_says_its_size(levelled, tmp_path, capfd):
     out = tmp_path / "out.blend"
     words = ["build", str(tmp_path / "crowd.blend"), "--out", str(out), "--json", "--quiet"]
     capfd.readouterr()
-    assert commands._run([*words, "--bake", "--frames", "9:11"], "crowd-lod") == 0
+    assert commands.run_command([*words, "--bake", "--frames", "9:11"], "crowd-lod") == 0
     result = json.loads(capfd.readouterr().out)
     assert (
         result["predicted"]["Full Detail"]["time_share"] == 1
@@ -143,12 +143,12 @@ def test_the_command_bakes_a_file_and_says_its_size(levelled, tmp_path, capfd):
     assert result["points"] == {
         name: len(item.data.vertices) for name, item in render_setup.points_of(top).items()
     }
-    assert commands._run(words, "crowd-lod") == 0
+    assert commands.run_command(words, "crowd-lod") == 0
     assert json.loads(capfd.readouterr().out.splitlines()[-1])["frames"] is None
     bpy.ops.wm.open_mainfile(filepath=str(out))
     assert render_setup.BAKED not in bpy.context.scene.crowd_lod.build
     assert (tmp_path / "crowd.blend").read_bytes() == untouched
-    assert commands._run([*words, "--frames", "9:11"], "crowd-lod") == 1
+    assert commands.run_command([*words, "--frames", "9:11"], "crowd-lod") == 1
     assert "add --bake" in capfd.readouterr().err
     assert sorted(path.name for path in tmp_path.iterdir()) == ["crowd.blend", "out.blend"]
 
@@ -177,7 +177,7 @@ def test_a_file_for_renders_alone_shows_the_same_without_characters_and_lods(
     for name, more in (("whole", ()), ("slim", ("--render-only",))):
         out = tmp_path / f"{name}.blend"
         capfd.readouterr()
-        assert commands._run([*words, "--out", str(out), *more], "crowd-lod") == 0
+        assert commands.run_command([*words, "--out", str(out), *more], "crowd-lod") == 0
         result = json.loads(capfd.readouterr().out)
         assert ("open the file that it was baked from" in result["summary"]) == bool(more)
         farm(out, tmp_path)
@@ -201,7 +201,8 @@ def test_a_file_for_renders_alone_shows_the_same_without_characters_and_lods(
     with pytest.raises(CrowdError, match="no LOD meshes"):
         list(render_setup.build(scene))
     assert (
-        commands._run(["build", str(tmp_path / "crowd.blend"), "--render-only"], "crowd-lod") == 1
+        commands.run_command(["build", str(tmp_path / "crowd.blend"), "--render-only"], "crowd-lod")
+        == 1
     )
     assert "add --bake" in capfd.readouterr().err
 
@@ -258,7 +259,7 @@ def test_names_and_paths_of_any_script_and_scenes_with_more_than_the_crowd(scene
     shown = []
     for more in ((), ("--bake", "--frames", "12")):
         capfd.readouterr()
-        assert commands._run([*words, *more], "crowd-lod") == 0, capfd.readouterr().err
+        assert commands.run_command([*words, *more], "crowd-lod") == 0, capfd.readouterr().err
         bpy.ops.wm.open_mainfile(filepath=str(folder / "bâti 1.blend"))
         bpy.context.scene.frame_set(12)
         found = [

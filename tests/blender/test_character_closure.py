@@ -290,7 +290,7 @@ def test_the_command_scene_keeps_all_that_a_character_is_made_of(small_shot, tmp
     before = cast_provenance.of_characters(cast_provenance.cast_inputs(small_shot))
     bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
     assert (
-        commands._run(
+        commands.run_command(
             ["scene", str(tracks), "--characters", str(path), "--out", str(out), "--quiet"],
             "crowd-lod",
         )

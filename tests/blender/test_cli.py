@@ -21,7 +21,7 @@ SHORT = ("--frames", "1,60", "--width", "160", "--quiet")
 
 
 def run(*words):
-    return commands._run([str(word) for word in words], "crowd-lod")
+    return commands.run_command([str(word) for word in words], "crowd-lod")
 
 
 def shares(path, low=1 / 255, ratio=1.6):

@@ -35,7 +35,7 @@ runpy.run_path(sys.argv[sys.argv.index("--python") + 1])
 
 
 def run(*words):
-    return commands._run([str(word) for word in words], "crowd-lod")
+    return commands.run_command([str(word) for word in words], "crowd-lod")
 
 
 @pytest.fixture

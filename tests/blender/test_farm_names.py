@@ -15,7 +15,7 @@ OPENJD = Path(sys.executable).with_name("openjd")
 
 
 def run(*words):
-    return commands._run([*map(str, words)], "crowd-lod")
+    return commands.run_command([*map(str, words)], "crowd-lod")
 
 
 def parts_of(folder, scene):

@@ -224,6 +224,6 @@ def test_verify_proves_that_the_light_stays(tmp_path):
         tmp_path / "proof",
         "--quiet",
     ]
-    commands._run([*map(str, run)], "crowd-lod")
+    commands.run_command([*map(str, run)], "crowd-lod")
     (row,) = json.loads((tmp_path / "proof" / "verify.json").read_text())["frames"]
     assert row["b_pixels"] == 0 and row["bare_pixels"] > 50

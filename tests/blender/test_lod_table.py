@@ -229,7 +229,7 @@ def test_a_preview_by_tolerance_leaves_the_report(scene, tmp_path, capfd):
         "--out",
         tmp_path / "out",
     ]
-    assert commands._run([*map(str, words), "--tolerance", "2"], "crowd-lod") == 0
+    assert commands.run_command([*map(str, words), "--tolerance", "2"], "crowd-lod") == 0
     plan = json.loads((tmp_path / "out" / "plan.json").read_text())
     for told, begin, group in zip(plan["levels"]["characters"], begins, groups, strict=True):
         # the sidebar's figures: of the scene's own renders, in its unit
@@ -251,7 +251,7 @@ def test_a_preview_by_tolerance_leaves_the_report(scene, tmp_path, capfd):
     assert set(links) == {"contact_sheet.png", "levels_adult.png"}
     assert all(image_data.load_pixels(tmp_path / "out" / name).size for name in links)
     for wrong in ("0", "-1", "nan", "inf"):
-        assert commands._run([*map(str, words), "--tolerance", wrong], "crowd-lod") == 1
+        assert commands.run_command([*map(str, words), "--tolerance", wrong], "crowd-lod") == 1
         assert "tolerance" in capfd.readouterr().err
 
 

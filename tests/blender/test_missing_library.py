@@ -12,7 +12,7 @@ import bpy, crowd_lod_extension
 from crowd_lod_extension.operators.cli import commands
 crowd_lod_extension.register()
 assert hasattr(bpy.types.Scene, "crowd_lod")
-code = commands._run(["preview", "chapter", "--frames", "1", "--width", "64", "--quiet", "--out", sys.argv[1]], "crowd-lod")
+code = commands.run_command(["preview", "chapter", "--frames", "1", "--width", "64", "--quiet", "--out", sys.argv[1]], "crowd-lod")
 crowd_lod_extension.unregister()
 sys.exit(code)
 """

@@ -18,7 +18,7 @@ from ..support.scatter import scatter
 
 
 def run(*words):
-    return commands._run([*map(str, words), "--quiet"], "crowd-lod")
+    return commands.run_command([*map(str, words), "--quiet"], "crowd-lod")
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from crowd_lod_extension.operators.scene.scene_crowd import frame_of
 
 
 def run(*words):
-    return commands._run([*map(str, words), "--quiet"], "crowd-lod")
+    return commands.run_command([*map(str, words), "--quiet"], "crowd-lod")
 
 
 @pytest.fixture

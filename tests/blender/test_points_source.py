@@ -410,7 +410,7 @@ def test_points_are_recorded_once_for_all_that_a_bake_needs(scene, tmp_path):
             "--out",
             str(tmp_path / "baked.blend"),
         ]
-        assert commands._run([*words, "--quiet"], "crowd-lod") == 0
+        assert commands.run_command([*words, "--quiet"], "crowd-lod") == 0
     finally:
         bpy.app.handlers.frame_change_post.remove(note)
     # LODs by tolerance, the estimate and the bake each follow a record; none looks at frame 6

@@ -152,9 +152,9 @@ def test_a_plan_is_not_used_after_a_lod_was_edited_and_strict_is_strict(levelled
             *more,
             "--quiet",
         ]
-        assert commands._run([*asked, "--strict"], "crowd-lod") == 1 and not out.exists()
+        assert commands.run_command([*asked, "--strict"], "crowd-lod") == 1 and not out.exists()
         assert f"{words} for the file a.blend" in capfd.readouterr().err
-        assert commands._run(asked, "crowd-lod") == 0 and out.exists()
+        assert commands.run_command(asked, "crowd-lod") == 0 and out.exists()
         assert words in capfd.readouterr().out
         out.unlink()
 
@@ -173,7 +173,7 @@ def test_a_live_build_with_strict_needs_the_camera_path_of_the_plan(levelled, tm
         "--strict",
         "--quiet",
     ]
-    assert commands._run(asked, "crowd-lod") == 0
+    assert commands.run_command(asked, "crowd-lod") == 0
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "a.blend"))
     camera = bpy.context.scene.camera
     for frame, x in ((2, 0.0), (3, 1.0)):
@@ -182,7 +182,7 @@ def test_a_live_build_with_strict_needs_the_camera_path_of_the_plan(levelled, tm
     bpy.ops.wm.save_mainfile()
     capfd.readouterr()
     assert (
-        commands._run(asked, "crowd-lod") == 1
+        commands.run_command(asked, "crowd-lod") == 1
         and "the camera changed since it was made" in capfd.readouterr().err
     )
 

@@ -12,7 +12,7 @@ SVG = "{http://www.w3.org/2000/svg}"
 
 
 def run(*words):
-    return commands._run([str(word) for word in words], "crowd-lod")
+    return commands.run_command([str(word) for word in words], "crowd-lod")
 
 
 @pytest.mark.once

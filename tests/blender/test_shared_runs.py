@@ -19,7 +19,7 @@ VERIFY = ("verify", "--frames", "1,9", "--width", "48", "--samples", "1", "--qui
 
 
 def run(*words):
-    return commands._run([str(word) for word in words], "crowd-lod")
+    return commands.run_command([str(word) for word in words], "crowd-lod")
 
 
 @pytest.fixture

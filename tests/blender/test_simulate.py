@@ -241,14 +241,14 @@ def test_command_writes_a_scene_that_follows_the_trajectories_beside_it(hall, tm
         "--out",
         str(tmp_path / "walked.blend"),
     ]
-    assert commands._run([*words, "--quiet"], "crowd-lod") == 0
+    assert commands.run_command([*words, "--quiet"], "crowd-lod") == 0
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "walked.blend"))
     settings = bpy.context.scene.crowd_lod
     assert (settings.source, settings.tracks_file) == ("FILE", "//walked.sqlite")
     rows, _ = rows_of(tmp_path / "walked.sqlite")
     assert len(np.unique(rows[:, 1])) == 40 and rows[:, 0].max() == 50
     before = (tmp_path / "walked.blend").read_bytes()
-    assert commands._run([*words, "--seed", "-1"], "crowd-lod") == 1
+    assert commands.run_command([*words, "--seed", "-1"], "crowd-lod") == 1
     assert (tmp_path / "walked.blend").read_bytes() == before
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         "hall.blend",

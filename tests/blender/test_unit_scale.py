@@ -239,7 +239,7 @@ def test_the_command_scene_films_tracks_alike_in_every_unit(scale, scaled, tmp_p
         out,
         "--quiet",
     ]
-    assert commands._run([*map(str, words)], "crowd-lod") == 0
+    assert commands.run_command([*map(str, words)], "crowd-lod") == 0
     bpy.ops.wm.open_mainfile(filepath=str(out), load_ui=False)
     scene = bpy.context.scene
     assert scene_data.meters(scene) == pytest.approx(scale)
@@ -292,9 +292,9 @@ def test_a_shot_plan_and_its_export_are_alike_in_every_unit(scaled, tmp_path):
         usd = tmp_path / f"crowd{scale:g}.usdc"
         bpy.ops.wm.save_as_mainfile(filepath=str(file))
         run = ["plan", file, "--frames", "1:3", "--out", out, "--quiet"]
-        assert commands._run([*map(str, run)], "crowd-lod") == 0
+        assert commands.run_command([*map(str, run)], "crowd-lod") == 0
         run = ["export", file, "--frames", "1:3", "--out", usd, "--quiet"]
-        assert commands._run([*map(str, run)], "crowd-lod") == 0
+        assert commands.run_command([*map(str, run)], "crowd-lod") == 0
         plan = json.loads((out / "plan.json").read_text())
         stage = modules.Usd.Stage.Open(str(usd))
         (agents,) = [prim for prim in stage.Traverse() if prim.IsA(modules.UsdGeom.PointInstancer)]

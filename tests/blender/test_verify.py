@@ -23,7 +23,7 @@ FAST = """{"version": 1, "labels": {"ground": {"color": "#808080"}},
 
 
 def run(*words):
-    return commands._run([str(word) for word in words], "crowd-lod")
+    return commands.run_command([str(word) for word in words], "crowd-lod")
 
 
 @pytest.fixture

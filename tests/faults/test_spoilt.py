@@ -272,7 +272,9 @@ def test_commands_refuse_a_spoilt_file_in_one_sentence_and_write_nothing(
         words = dice.choice(WORDS).format(crowd=crowd, tracks=tmp_path / "tracks.txt").split()
         out.mkdir()
         capfd.readouterr()
-        status = commands._run([*words, "--quiet", "--out", str(out / FILE[words[0]])], "crowd-lod")
+        status = commands.run_command(
+            [*words, "--quiet", "--out", str(out / FILE[words[0]])], "crowd-lod"
+        )
         said = capfd.readouterr().err
         about = trial, words[0], done, said
         told = [line for line in said.splitlines() if line.startswith("crowd-lod: ")]

@@ -45,7 +45,9 @@ def trial(words: list[str], limit: int | None) -> dict:
     resource.setrlimit(resource.RLIMIT_FSIZE, (hard if limit is None else limit, hard))
     try:
         status = (
-            operator(*words[1:]) if words[0] == "operator" else commands._run(words, "crowd-lod")
+            operator(*words[1:])
+            if words[0] == "operator"
+            else commands.run_command(words, "crowd-lod")
         )
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (hard, hard))

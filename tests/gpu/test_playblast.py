@@ -234,7 +234,7 @@ def test_a_preview_is_drawn_by_the_overlay(tmp_path, capfd):
     ]
 
     def run(*words):
-        return commands._run([*command, *map(str, words)], "crowd-lod")
+        return commands.run_command([*command, *map(str, words)], "crowd-lod")
 
     assert run("--engine", "overlay", "--out", tmp_path / "lod") == 0
     plan = json.loads((tmp_path / "lod" / "plan.json").read_text())
@@ -278,6 +278,6 @@ def test_without_a_driver_it_is_said_in_a_sentence(tmp_path, capfd, monkeypatch)
         "--out",
         str(tmp_path / "out"),
     ]
-    assert commands._run(words, "crowd-lod") == 1
+    assert commands.run_command(words, "crowd-lod") == 1
     said = capfd.readouterr().err
     assert "no driver for either starts here" in said and not (tmp_path / "out").exists()
