@@ -62,10 +62,10 @@ class Work:
 
 
 # Bytes of memory, and seconds of one processor, for one of each. Cycles: residuals of 20 renders up
-# to 3 % of memory; of 48 of seconds, half of them with LODs, 18 % rms. EEVEE on a software GPU: up to 60 %
-# of memory in scenes of few agents, which is little there; of seconds 12 % rms of 40 renders at 1,
-# 4 and 12 samples, 2 to 1,000 agents of 143 to 45,824 triangles. Seconds of images: 8 renders by
-# Cycles, within 24 %, 13 % rms; EEVEE has the same, for Blender decodes them.
+# to 3 % of memory; of 48 of seconds, half of them with LODs, 18 % rms. EEVEE on a software GPU: up
+# to 60 % of memory in scenes of few agents, which is little there; of seconds 12 % rms of 40
+# renders at 1, 4 and 12 samples, 2 to 1,000 agents of 143 to 45,824 triangles. Seconds of images: 8
+# renders by Cycles, within 24 %, 13 % rms; EEVEE has the same, for Blender decodes them.
 MEMORY = {
     "CYCLES": {"posed": 30, "unique": 133, "instances": 1800, "rigs": 551_000, "images": 1.4},
     "EEVEE": {"posed": 335, "unique": 107, "instances": 45_000, "rigs": 1_046_000, "images": 1.4},
