@@ -102,7 +102,7 @@ def prepare(
                 ).as_json
                 finished(bake.bake(scene, FRAMES))
             elif way not in (NOBODY, *CROWD_LOD):
-                _dress(scene, way)
+                dress_scene(scene, way)
             path = Path(folder) / f"{way}_{agents}.blend"
             if way == NOBODY:
                 render_setup.remove_build(scene.crowd_lod)
@@ -179,7 +179,7 @@ def _counted(scene: bpy.types.Scene, way: str, agents: int) -> dict:
         return {name: float(np.sum(value)) for name, value in vars(works["By Ratio"]).items()}
     top = scene.crowd_lod.build
     full = works[cost_estimate.FULL]
-    _dress(scene, EVERYONE)
+    dress_scene(scene, EVERYONE)
     return counted(top) | {
         "rays": float(full.rays[0]),
         "images": full.images,
@@ -248,7 +248,7 @@ def _build(scene: bpy.types.Scene, way: str, path: Path) -> dict:
     }
 
 
-def _dress(scene: bpy.types.Scene, way: str) -> None:
+def dress_scene(scene: bpy.types.Scene, way: str) -> None:
     """Show the crowd as it stands in FRAMES in that way.
 
     Nothing is left for Crowd LOD to do.

@@ -174,7 +174,7 @@ def _hidden_folder(place: Path, stack: ExitStack, key: str) -> Path:
         lock = stack.enter_context((hidden / LOCK).open("a+b", buffering=0))
         _hold(lock)
         lock.truncate(0)
-        lock.write(_machine())
+        lock.write(machine_name())
         (hidden / KEY).write_text(key)
     return hidden
 
@@ -266,7 +266,7 @@ def _hidden_folders(place: Path) -> list[Path]:
 
 def _left(lock: FileIO) -> bool:
     """Lock the open file; return whether its owner was a process of this machine that has ended."""
-    return _hold(lock) and lock.read() in (b"", _machine())
+    return _hold(lock) and lock.read() in (b"", machine_name())
 
 
 def _has_key(hidden: Path, key: str) -> bool:
@@ -303,7 +303,7 @@ def _remove_empty(folders: list[Path]) -> None:
             return
 
 
-def _machine() -> bytes:
+def machine_name() -> bytes:
     """Return the machine's name: network file systems may lock for one machine alone."""
     return platform.node().encode(errors="replace")
 

@@ -131,7 +131,7 @@ class _Collapse:
         """Find the edges there are, and where those that are new or have changed collapse to."""
         before = self.keys
         self.keys, ends, faces = edges_of(self.corners, len(self.used))
-        self.estimates = _taken_over(
+        self.estimates = take_over_estimates(
             before, self.estimates, self.keys, self.changed[ends].any(axis=0)
         )
         new = np.flatnonzero(np.isnan(self.estimates[3]))
@@ -238,7 +238,7 @@ def _merged(
     return move[collapse_map], corners.compress(~are_flat(corners), axis=1)
 
 
-def _taken_over(
+def take_over_estimates(
     before: np.ndarray, estimates: np.ndarray, keys: np.ndarray, changed: np.ndarray
 ) -> np.ndarray:
     """What is known of edges from the round before.

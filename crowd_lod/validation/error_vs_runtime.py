@@ -372,7 +372,9 @@ def compare_levels(
         for offset in LEVEL_OFFSETS:
             moved_views = [move_view((crowd, cameras[:1]), offset) for crowd, cameras in views]
             for way in WAYS:
-                method = partial(_levels, center=center, radius=radius, policy=policy, way=way)
+                method = partial(
+                    distances_and_levels, center=center, radius=radius, policy=policy, way=way
+                )
                 results = map_views(moved_views, method)
                 wrong = 0
                 worst = 0.0
@@ -407,9 +409,14 @@ def compare_levels(
                 }
 
 
-def _levels(
+def distances_and_levels(
     view: View, center: np.ndarray, radius: np.ndarray, policy: LevelPolicy, way: str
 ) -> tuple[np.ndarray, np.ndarray]:
+    """Return (distances, LODs) of n agents, found in one `way` of the table of ways.
+
+    center: (3,) meters, of an agent's sphere above its place. radius: (G,) meters, by group.
+    Distances: (n,), depths or by the policy's metric, of the way's dtype. LODs: (n,) integers.
+    """
     crowd, (camera,) = view
     x, y, z = subtract_origin(crowd, camera, center, way)
     Z = camera.Z.astype(x.dtype)

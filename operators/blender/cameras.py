@@ -318,7 +318,9 @@ def cameras_at(
     }
     if at is None:
         with (
-            stage() if all(map(_stands, {*films, *eyes})) else step_frames(scene, rest=False) as at
+            stage()
+            if all(map(stands_still, {*films, *eyes}))
+            else step_frames(scene, rest=False) as at
         ):
             return cameras_at(scene, times, camera, at)
     return [
@@ -327,7 +329,7 @@ def cameras_at(
     ]
 
 
-def _stands(camera: bpy.types.Object) -> bool:
+def stands_still(camera: bpy.types.Object) -> bool:
     """Return whether nothing in the file moves the camera.
 
     The scene need not be stepped to find such a camera.

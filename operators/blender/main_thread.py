@@ -41,7 +41,8 @@ def on_main_thread(work: Callable[[], Made]) -> Made:
 
 
 @guard(failed=PAUSE)
-def _work() -> float:
+def do_waiting() -> float:
+    """Do what other threads wait for; return the seconds until the next look."""
     while not _waiting.empty():
         task, work = _waiting.get()
         if task.set_running_or_notify_cancel():
@@ -54,9 +55,9 @@ def _work() -> float:
 
 def register() -> None:
     if not bpy.app.background:  # there all renders run in the main thread
-        bpy.app.timers.register(_work, persistent=True)
+        bpy.app.timers.register(do_waiting, persistent=True)
 
 
 def unregister() -> None:
-    if bpy.app.timers.is_registered(_work):
-        bpy.app.timers.unregister(_work)
+    if bpy.app.timers.is_registered(do_waiting):
+        bpy.app.timers.unregister(do_waiting)

@@ -182,7 +182,7 @@ def assemble_frames(folder: Path, frames: Sequence[int], command: Sequence[str])
         )
     for number in frames:
         file_checks.check(pictures[number])
-    rows = _planned_rows(folder / "plan" / "plan.json", frames)
+    rows = planned_rows(folder / "plan" / "plan.json", frames)
     with files.staged(folder) as part:
         shrunk = [
             tables.shrink(image_data.load_pixels(pictures[number]), WIDTH)
@@ -195,7 +195,7 @@ def assemble_frames(folder: Path, frames: Sequence[int], command: Sequence[str])
         if rows:
             (part / "frames.csv").write_text(tables.to_csv(rows), encoding="utf-8")
         (part / "report.html").write_text(
-            _page(folder.name, frames, rows, command), encoding="utf-8"
+            farm_page(folder.name, frames, rows, command), encoding="utf-8"
         )
     out = printable(folder)
     return {
@@ -205,7 +205,7 @@ def assemble_frames(folder: Path, frames: Sequence[int], command: Sequence[str])
     }
 
 
-def _planned_rows(plan: Path, frames: Sequence[int]) -> list[dict[str, Any]]:
+def planned_rows(plan: Path, frames: Sequence[int]) -> list[dict[str, Any]]:
     """Return the rows that the file `plan` has of the `frames`.
 
     Empty without such a file; CrowdError if it is damaged.
@@ -232,7 +232,9 @@ def _number(path: Path) -> int | None:
     return int(match[1]) if match and path.suffix.lower() in PICTURES else None
 
 
-def _page(name: str, frames: Sequence[int], rows: Sequence[dict], command: Sequence[str]) -> str:
+def farm_page(
+    name: str, frames: Sequence[int], rows: Sequence[dict], command: Sequence[str]
+) -> str:
     figures = [(f"{len(frames)}", "frames rendered")]
     parts = []
     if rows:

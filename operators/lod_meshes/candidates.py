@@ -135,7 +135,7 @@ class Ladder:
         for number, item in enumerate(self.objects):
             source = sources.read_source(item)
             self.sources.append(source)
-            digests.append(_object_digest(item, source))
+            digests.append(object_digest(item, source))
             yield (number + 1) / len(self.objects)
         if not any(source.mesh for source in self.sources):
             raise CrowdError(
@@ -433,7 +433,7 @@ class Ladder:
             item[AS_MADE] = hash_made(item)
 
 
-def _object_digest(item: bpy.types.Object, source: sources.Source) -> str:
+def object_digest(item: bpy.types.Object, source: sources.Source) -> str:
     """Return a hash of everything that LODs take from the object."""
     blocks = source.keys and item.data.shape_keys.key_blocks
     looks = (

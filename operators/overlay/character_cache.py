@@ -74,7 +74,7 @@ def casting_of(scene: bpy.types.Scene) -> Casting | None:
     casting = _castings.get(scene.session_uid)
     now = clock.monotonic()
     if casting is None or now > casting.looked + LOOK_AGAIN:
-        key, appearance = _key(scene)
+        key, appearance = cache_key(scene)
         # reading pixels takes milliseconds
         reads_images = casting is None or scene.crowd_lod.overlay_color == "MATERIAL"
         painted = _painted(appearance.sources) if reads_images else casting.painted
@@ -91,7 +91,7 @@ def read(scene: bpy.types.Scene) -> Iterator[float]:
 
     Call it outside drawing.
     """
-    key, looks = _key(scene)
+    key, looks = cache_key(scene)
     casting = _castings[scene.session_uid] = Casting(
         key, _painted(looks.sources), clock.monotonic()
     )
@@ -172,7 +172,7 @@ def _homes(scene: int, number: int) -> list[bpy.types.Collection]:
     return [level.children[number] for level in levels.children]
 
 
-def _key(scene: bpy.types.Scene) -> tuple[bytes, Looks]:
+def cache_key(scene: bpy.types.Scene) -> tuple[bytes, Looks]:
     """Return (digest of the characters' sources, looks of their materials).
 
     The pixels of the looks' images are left out. Weights are slow to read: they count as changed

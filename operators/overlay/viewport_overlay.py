@@ -135,7 +135,7 @@ def _draw(part) -> None:
 def _draw_crowd(context) -> None:
     """POST_VIEW handler: draw the crowd."""
     began = clock.monotonic()
-    display = _follow(context)
+    display = follow(context)
     display.draw_began = began
     if display.batches is not None and not steps_back(context):
         view = context.region_data
@@ -167,7 +167,7 @@ def _draw_figures(context) -> None:
     box = hud.free_box(context.area, region, context.space_data.overlay, ui_scale)
     # of the four views of a quad view, only the one that turns freely has text and inset
     main = context.region_data == context.space_data.region_3d
-    above = _picture_from_above(display, ui_scale) if settings.inset and main else None
+    above = picture_from_above(display, ui_scale) if settings.inset and main else None
     account = account_of(scene)
     if account is not None:
         hud.ring(display.frame, account.agent, region, ui_scale)
@@ -190,7 +190,7 @@ def _draw_figures(context) -> None:
         inset.show(above, box, legend, ui_scale)
 
 
-def _picture_from_above(display: Display, ui_scale: float) -> "GPUTexture":
+def picture_from_above(display: Display, ui_scale: float) -> "GPUTexture":
     """Return the texture of the frame from above, painted once per frame."""
     if display.above is None or (display.above.width, display.above.height) != inset.pixels(
         ui_scale
@@ -205,7 +205,7 @@ def _picture_from_above(display: Display, ui_scale: float) -> "GPUTexture":
     return display.above
 
 
-def _follow(context) -> Display:
+def follow(context) -> Display:
     """Return what to show of the context's scene; compute only what has changed."""
     scene = context.scene
     before = _displays.get(scene.session_uid)

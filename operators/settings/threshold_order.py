@@ -21,7 +21,7 @@ def push(name: str) -> Callable:
 
     def update(owner: bpy.types.PropertyGroup, _) -> None:
         owner.id_data.crowd_lod.estimate = ""
-        _put_in_order(owner, name)
+        put_in_order(owner, name)
 
     return update
 
@@ -31,7 +31,7 @@ def push_all(settings: bpy.types.PropertyGroup, _) -> None:
     settings.estimate = ""
     for owner in (settings, *settings.groups):
         for name in METRIC_OF:
-            _put_in_order(owner, name)
+            put_in_order(owner, name)
 
 
 def note_thresholds(settings: bpy.types.PropertyGroup) -> None:
@@ -44,7 +44,7 @@ def note_thresholds(settings: bpy.types.PropertyGroup) -> None:
             owner[BEFORE.format(name)] = list(getattr(owner, name))
 
 
-def _put_in_order(owner: bpy.types.PropertyGroup, name: str) -> None:
+def put_in_order(owner: bpy.types.PropertyGroup, name: str) -> None:
     """Let the changed value of `name` push the others, as far as there are LODs.
 
     Blender does not tell which value of an array has changed, so the values before are kept beside.

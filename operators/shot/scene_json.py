@@ -53,7 +53,7 @@ def scene_json(
             "numpy": np.__version__,
         },
         "scene": _scene_of(scene),
-        "crowd": _crowd_of(settings, trajectory),
+        "crowd": crowd_json(settings, trajectory),
         "map": _map_of(settings, trajectory),
         "height": {
             "image": settings.height_image.name if settings.height_image else None,
@@ -92,7 +92,8 @@ def _scene_of(scene: bpy.types.Scene) -> dict[str, Any]:
     }
 
 
-def _crowd_of(settings, trajectory: Trajectory) -> dict[str, Any]:
+def crowd_json(settings, trajectory: Trajectory) -> dict[str, Any]:
+    """Return what plan.json tells of the crowd: its source, area and counts, as plain data."""
     area = trajectory.area
     meters = scene_data.meters(settings.id_data)
     return {

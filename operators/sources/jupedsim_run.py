@@ -119,7 +119,7 @@ def _site(request: SimulationRequest) -> tuple[Any, Any, list[Any]]:
     shapely = _module("shapely")
 
     def polygons(chosen: np.ndarray) -> list[Any]:
-        return _polygons(request.world, chosen[request.world.labels])
+        return walkable_polygons(request.world, chosen[request.world.labels])
 
     ground = shapely.union_all(polygons(~request.walls)).difference(_solid(request))
     starts = shapely.union_all(polygons(request.starts))
@@ -148,7 +148,7 @@ def _site(request: SimulationRequest) -> tuple[Any, Any, list[Any]]:
     return best
 
 
-def _polygons(world: LabelMap, cells: np.ndarray) -> list[Any]:
+def walkable_polygons(world: LabelMap, cells: np.ndarray) -> list[Any]:
     """Return the cells that are True as Polygons in meters from the middle of the map's area.
 
     cells: (rows, columns) bool. Cells that share sides make one Polygon. Polygons are in the order

@@ -40,7 +40,7 @@ class CROWDLOD_PT_plan(Step, bpy.types.Panel):
         row.prop(settings, "use_shot_plan", toggle=True)
         row.operator("crowd_lod.remove_plan", text="", icon="TRASH")
         layout.operator("crowd_lod.go_to_switch", icon="VIEWZOOM")
-        label(layout, *_held(context.scene))
+        label(layout, *describe_hold(context.scene))
 
 
 def _with_report(layout, name: str, icon: str, report: str, following: str) -> None:
@@ -50,7 +50,7 @@ def _with_report(layout, name: str, icon: str, report: str, following: str) -> N
     row.operator("crowd_lod.open_report", text="", icon="URL").which = report
 
 
-def _held(scene: bpy.types.Scene) -> tuple[str, str]:
+def describe_hold(scene: bpy.types.Scene) -> tuple[str, str]:
     """Return (whether the stored plan holds in the frame that the overlay shows, its icon)."""
     if not scene.crowd_lod.shot_plan:
         return "No plan: LODs by distance", "INFO"

@@ -118,7 +118,7 @@ def test_a_way_to_render_shows_whom_it_says_and_its_cost_is_measured(bench, buil
     number = ways.FRAMES[-1]  # at which the nodes are aimed
     built.frame_set(number)
     frame = frame_of(built, bpy.context.evaluated_depsgraph_get())
-    ways._dress(built, way)
+    ways.dress_scene(built, way)
     built.frame_set(number)
     found = shown(built)
     if way == "geometry nodes":

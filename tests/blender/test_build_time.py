@@ -269,7 +269,7 @@ def test_frames_asked_for_from_another_thread_are_done_in_the_main_one(built, mo
     render = threading.Thread(target=frame_update.follow, args=(built, depsgraph))
     render.start()
     while render.is_alive():
-        main_thread._work()
+        main_thread.do_waiting()
     assert where == [threading.main_thread()] and columns(built) == wanted
 
 
@@ -290,12 +290,12 @@ def test_errors_come_back_to_the_thread_that_asked_and_a_busy_main_thread_ends_i
     asking = threading.Thread(target=ask, args=(fails,))
     asking.start()
     while asking.is_alive():
-        main_thread._work()
+        main_thread.do_waiting()
     monkeypatch.setattr(main_thread, "PATIENCE", 0.01)
     late = threading.Thread(target=ask, args=(lambda: said.append("done too late"),))
     late.start()
     late.join()
-    main_thread._work()
+    main_thread.do_waiting()
     assert said[0] == "no crowd here" and "too busy" in said[1] and len(said) == 2
 
 

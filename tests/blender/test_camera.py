@@ -456,9 +456,9 @@ def test_handlers_of_ours_move_no_camera(scene):
     """
     from crowd_lod_extension.operators.blender import cameras
 
-    assert bpy.app.handlers.frame_change_post and cameras._stands(scene.camera)
+    assert bpy.app.handlers.frame_change_post and cameras.stands_still(scene.camera)
     bpy.app.handlers.frame_change_post.append(test_handlers_of_ours_move_no_camera)
     try:
-        assert not cameras._stands(scene.camera)
+        assert not cameras.stands_still(scene.camera)
     finally:
         bpy.app.handlers.frame_change_post.remove(test_handlers_of_ours_move_no_camera)

@@ -262,7 +262,7 @@ def test_a_change_of_anything_that_a_character_is_made_of_is_an_edit_of_it(small
     bpy.ops.crowd_lod.make_levels()
     bpy.ops.crowd_lod.build()
     assert (staleness.changed(small_shot), to_make_again(small_shot)) == ([], "")
-    drawn = character_cache._key(small_shot)[0]
+    drawn = character_cache.cache_key(small_shot)[0]
     for name, (block, path, index) in dependencies.items():
         holder, _, last = path.rpartition(".")
         owner = block.path_resolve(holder) if holder else block
@@ -279,7 +279,7 @@ def test_a_change_of_anything_that_a_character_is_made_of_is_an_edit_of_it(small
             small_shot.view_layers[0].update()
             assert staleness.changed(small_shot) == said, name
             if block != items[0]:  # LODs have modifiers of their own
-                assert (character_cache._key(small_shot)[0] != drawn) == bool(said), name
+                assert (character_cache.cache_key(small_shot)[0] != drawn) == bool(said), name
 
 
 def test_the_command_scene_keeps_all_that_a_character_is_made_of(small_shot, tmp_path):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.operators.blender.animation import action_range
 from crowd_lod_extension.operators.characters.group_measuring import measure_groups
-from crowd_lod_extension.operators.lod_meshes.candidates import _object_digest
+from crowd_lod_extension.operators.lod_meshes.candidates import object_digest
 from crowd_lod_extension.operators.lod_meshes.source_mesh import read_source
 
 from ..support.characters import character, new, rig, skin, tube
@@ -133,7 +133,7 @@ def driven(body):
 def digest(item):
     source = read_source(item)
     try:
-        return _object_digest(item, source)
+        return object_digest(item, source)
     finally:
         bpy.data.meshes.remove(source.mesh)
 

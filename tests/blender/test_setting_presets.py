@@ -139,6 +139,7 @@ OPERATORS = [
 ALWAYS = {
     "add_area",
     "add_exception",
+    "calibrate",
     "machine_import",
     "machine_preset",
     "new_map",

@@ -16,7 +16,7 @@ from crowd_lod_extension.crowd_lod.validation.exact_frustum import find_visible
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.machine.scene_world import machine_of, world_of
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
-from crowd_lod_extension.operators.sources.jupedsim_run import _polygons
+from crowd_lod_extension.operators.sources.jupedsim_run import walkable_polygons
 from crowd_lod_extension.operators.sources.simulate import follow, simulate_crowd
 
 from ..support.cameras import straight
@@ -264,7 +264,7 @@ def test_polygons_hold_the_cells_that_hang_together_and_nothing_else():
     shapely = pytest.importorskip("shapely")
     cells = np.array([[1, 1, 1, 0], [1, 0, 1, 0], [1, 1, 0, 1], [0, 0, 1, 1]], bool)
     world = LabelMap(cells.astype(np.uint8), Area(-4, -2, 4, 2))
-    ring, apart = _polygons(world, cells)
+    ring, apart = walkable_polygons(world, cells)
     assert (
         (ring.area, apart.area) == (14, 6)
         and len(ring.interiors) == 1
@@ -276,4 +276,4 @@ def test_polygons_hold_the_cells_that_hang_together_and_nothing_else():
         assert shapely.contains_xy(part, 2 * column - 3, row - 1.5)
     inside = shapely.contains_xy(shapely.union(ring, apart), 2 * x - 4, y - 2)
     np.testing.assert_array_equal(inside, cells)
-    assert _polygons(world, np.zeros_like(cells)) == []
+    assert walkable_polygons(world, np.zeros_like(cells)) == []

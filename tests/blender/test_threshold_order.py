@@ -94,7 +94,7 @@ def test_each_change_updates_once_more_at_most(owner, monkeypatch):
 
     depth = 0
     deepest = 0
-    put = threshold_order._put_in_order
+    put = threshold_order.put_in_order
 
     def counted(*which):
         nonlocal depth, deepest
@@ -103,7 +103,7 @@ def test_each_change_updates_once_more_at_most(owner, monkeypatch):
         put(*which)
         depth -= 1
 
-    monkeypatch.setattr(threshold_order, "_put_in_order", counted)
+    monkeypatch.setattr(threshold_order, "put_in_order", counted)
     for value in (0.9, NAN, 0.0, 1.0, INF):
         owner.thresholds[1] = value
     assert deepest == 2

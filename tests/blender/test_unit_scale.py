@@ -18,7 +18,7 @@ from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.overlay import hud
 from crowd_lod_extension.operators.scene.scene_crowd import frame_of, trajectory_of
-from crowd_lod_extension.operators.shot.scene_json import _crowd_of
+from crowd_lod_extension.operators.shot.scene_json import crowd_json
 from crowd_lod_extension.operators.usd.openusd import openusd
 from crowd_lod_extension.sample_scenes.characters import make_characters
 
@@ -194,7 +194,7 @@ def figures(scene, scale, source, folder):
     for name in ("center", "radius", "stride", "deviations", "bounds", "diagonal"):
         arrays[name] = np.array([getattr(group.scaled(scale), name) for group in groups])
     trajectory = trajectory_of(scene)
-    area = _crowd_of(scene.crowd_lod, trajectory)["area"]
+    area = crowd_json(scene.crowd_lod, trajectory)["area"]
     arrays["area"] = np.array([*area["x"], *area["y"], area["z"]])
     arrays["paces"] = trajectory.gaits.paces.speeds * scale
     return arrays, texts

@@ -73,7 +73,9 @@ def test_exact_levels_agree_with_rational_arithmetic_for_each_agent(metric, thre
 def test_the_default_in_the_report_is_the_arithmetic_of_the_plan(metric):
     crowd, (camera,) = view()
     policy = LevelPolicy((0.16, 0.4), metric)
-    distance, ids = error_vs_runtime._levels((crowd, (camera,)), CENTER, RADIUS, policy, "float64")
+    distance, ids = error_vs_runtime.distances_and_levels(
+        (crowd, (camera,)), CENTER, RADIUS, policy, "float64"
+    )
     same = radar(crowd, camera, CENTER, RADIUS, RadarOptions(radial=metric == "RADIAL"))[1]
     assert (distance == same).all() and (
         ids == assign(same, limits(policy, camera, RADIUS), crowd.group)

@@ -68,7 +68,7 @@ def test_the_next_run_with_the_same_key_takes_over_what_a_killed_run_left(tmp_pa
         with files.staged(tmp_path, key=key) as hidden:
             pass
         hidden.mkdir()
-        (hidden / files.LOCK).write_bytes(files._machine())
+        (hidden / files.LOCK).write_bytes(files.machine_name())
         (hidden / files.KEY).write_text(key)
         (hidden / "1.txt").write_text("picture")
         FrameParts(hidden, "state").store(1, {}, [hidden / "1.txt"])

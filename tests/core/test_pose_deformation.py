@@ -206,7 +206,7 @@ def test_what_rounds_take_over_from_those_before_is_what_they_would_find(posed, 
     points = points + np.random.default_rng(0).normal(scale=0.002, size=points.shape)
     skin = bent(points, [-0.5, 1.0, 2.0]) if posed else None
     took = []
-    taken_over = edge_collapse._taken_over
+    taken_over = edge_collapse.take_over_estimates
 
     def counted(*arguments):
         took.append(taken_over(*arguments))
@@ -217,7 +217,7 @@ def test_what_rounds_take_over_from_those_before_is_what_they_would_find(posed, 
 
     lods = []
     for way in (counted, nothing):
-        monkeypatch.setattr(edge_collapse, "_taken_over", way)
+        monkeypatch.setattr(edge_collapse, "take_over_estimates", way)
         lods.append(decimate((points, triangles), 0.1, "tube", skin=skin, effort=0.05))
     assert (~np.isnan(took[-1][3])).mean() > 0.5  # most is taken over, and with poses errors, too
     assert not posed or any((~np.isnan(each[4])).any() for each in took)

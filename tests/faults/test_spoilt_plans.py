@@ -216,9 +216,9 @@ def test_plan_json(tmp_path):
             read += 1
             json.dumps(found.as_json, allow_nan=False)
             found.text.encode()
-        rows = refused(farm._planned_rows, path, (1, 2, 3))
+        rows = refused(farm.planned_rows, path, (1, 2, 3))
         if rows:
-            assert farm._page("x", (1, 2, 3), rows, ["crowd-lod"])
+            assert farm.farm_page("x", (1, 2, 3), rows, ["crowd-lod"])
     assert 0 < read < TRIALS
 
 

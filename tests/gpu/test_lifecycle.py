@@ -55,12 +55,12 @@ def test_a_hundred_times_registered_leaves_nothing():
 
 def test_unregistering_lets_go_of_what_is_on_the_gpu(scene):  # noqa: F811
     now = shown(scene)
-    viewport_overlay._picture_from_above(now, 1.0)
-    assert viewport_overlay._picture_from_above(now, 1.0) is now.above  # painted once
+    viewport_overlay.picture_from_above(now, 1.0)
+    assert viewport_overlay.picture_from_above(now, 1.0) is now.above  # painted once
     assert (now.above.width, now.above.height) == inset.SIZE and inset.nbytes(
         now.above
     ) == 4 * inset.SIZE[0] * inset.SIZE[1]
-    assert viewport_overlay._picture_from_above(now, 2.0).width == 2 * inset.SIZE[0]
+    assert viewport_overlay.picture_from_above(now, 2.0).width == 2 * inset.SIZE[0]
     kept = weakref.ref(now.batches)
     shader_programs.points()
     registration.unregister()

@@ -24,7 +24,7 @@ def test_the_panel_says_whether_the_plan_holds_in_the_frame_that_is_shown(tmp_pa
             assert bpy.ops.crowd_lod.plan_shot() == {"FINISHED"}
         scene.frame_set(2)
         frame = shown(scene).frame
-        assert shot_panels._held(scene) == ("Frame 2 is as planned", "CHECKMARK")
+        assert shot_panels.describe_hold(scene) == ("Frame 2 is as planned", "CHECKMARK")
         assert not frame.visible[settings.agent] and seen[settings.agent]
         said = dict(describe(viewport_overlay.account_of(scene)))
         assert said["Shot plan"] == "hidden by an exception" and said["Culled"] == "exception"
@@ -32,7 +32,7 @@ def test_the_panel_says_whether_the_plan_holds_in_the_frame_that_is_shown(tmp_pa
         entry.kind = "ALWAYS"
         entry.level = 0
         shown(scene)
-        assert shot_panels._held(scene) == ("Does not hold: see above", "ERROR")
+        assert shot_panels.describe_hold(scene) == ("Does not hold: see above", "ERROR")
         said = [sentence for sentence, _ in steps.messages(scene)]
         assert any(
             each.startswith("The shot plan is not used, for the exceptions changed since")
@@ -41,10 +41,10 @@ def test_the_panel_says_whether_the_plan_holds_in_the_frame_that_is_shown(tmp_pa
         assert "Shot plan" not in dict(describe(viewport_overlay.account_of(scene)))
         entry.kind = "HIDE"
         shown(scene)
-        assert shot_panels._held(scene)[1] == "CHECKMARK"
+        assert shot_panels.describe_hold(scene)[1] == "CHECKMARK"
         scene.frame_set(9)
         shown(scene)
         said = [sentence for sentence, _ in steps.messages(scene)]
         assert "The shot plan covers frames 1 to 3: here thresholds hold." in said
         settings.overlay = False
-        assert shot_panels._held(scene) == ("The overlay tells if it holds", "INFO")
+        assert shot_panels.describe_hold(scene) == ("The overlay tells if it holds", "INFO")

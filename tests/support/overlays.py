@@ -95,4 +95,4 @@ def shown(scene):
     """What a redraw of a viewport on `scene` shows."""
     layer = scene.view_layers[0]
     layer.update()
-    return viewport_overlay._follow(SimpleNamespace(scene=scene, view_layer=layer))
+    return viewport_overlay.follow(SimpleNamespace(scene=scene, view_layer=layer))
