@@ -92,7 +92,7 @@ def main() -> None:
 def judge(engine: str) -> None:
     """Print the shares of time of HELD_OUT in `engine`: rendered, and by the costs."""
     scene = bpy.context.scene
-    scene.render.engine = scene_data.EEVEE if engine == "EEVEE" else engine
+    scene.render.engine = scene_data.BLENDER_ENGINES[engine]
     calibration = calibration_of(scene)
     machine = calibration.costs if calibration else Costs(engine, SECONDS[engine])
     print(f"Costs of {machine.basis}")

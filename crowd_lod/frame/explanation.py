@@ -145,8 +145,8 @@ class Explanation:
             ),
         ]
         lines += [
-            f"Seconds of {NAMES[self.engine]}: for one more agent, and once a frame for the mesh, by "
-            f"costs of {self.costs}. Others show the same LOD."
+            f"Seconds of {NAMES[self.engine]}: for one more agent, and once a frame for the mesh, "
+            f"by costs of {self.costs}. Others show the same LOD."
         ]
         return "\n".join(lines)
 

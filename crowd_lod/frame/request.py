@@ -17,9 +17,9 @@ class Request:
     time: in frames; LODs are those of this time.
     eyes: one camera, or the eyes of a stereo picture.
     policy: how LODs follow from distance.
-    shutter: with motion blur, (time in frames, the eyes' cameras from shutter.open_shutter) at each sample
-        of the open shutter, in order. An agent seen at any of them is visible. With a fixed margin
-        nothing is grown for the shutter except by the cameras' motion.
+    shutter: with motion blur, (time in frames, the eyes' cameras from shutter.open_shutter) at each
+        sample of the open shutter, in order. An agent seen at any of them is visible. With a fixed
+        margin nothing is grown for the shutter except by the cameras' motion.
     bias: the painted detail map.
     """
 

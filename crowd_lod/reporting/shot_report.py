@@ -104,13 +104,11 @@ def figures_of(report: ShotReport) -> list[tuple[str, str]]:
     bill = report.plan.bill
     before = report.plan.thresholds
     seconds, triangles, memory = of_full_detail(report.shot, bill)
+    costs = report.shot.costs
     bound = f"{report.plan.bound:.2%}" if isfinite(report.plan.bound) else "not known"
     return [
         (f"{triangles:.1%}", "of full detail's triangles"),
-        (
-            f"{seconds:.0%}",
-            f"of its time in {NAMES[report.shot.costs.engine]}, by costs of {report.shot.costs.basis}",
-        ),
+        (f"{seconds:.0%}", f"of its time in {NAMES[costs.engine]}, by costs of {costs.basis}"),
         (f"{memory:.0%}", "of its memory"),
         (
             f"{int(bill.switches.sum()):,}",

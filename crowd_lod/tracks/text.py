@@ -190,7 +190,7 @@ def _numbers_alone(lines: list[str], table: Table) -> dict[str, np.ndarray] | No
 
 
 def _without_nobodies(lines: list[str], table: Table) -> list[str]:
-    """Return `lines`, empty where a row has neither id nor place, as SUMO's times without a person."""
+    """Return `lines`, empty where a row has neither id nor place, as SUMO's empty times."""
     places = [table.columns[name] for name in ("id", "x", "y")]
 
     def tells(line: str) -> bool:

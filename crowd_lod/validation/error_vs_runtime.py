@@ -77,9 +77,9 @@ def compare_behavior(
 
     The reference is the slow judge. The default of the product is `step`, one step per frame.
     frame: seconds of a frame.
-    frames: how many frames the crowd walks. `step` and `step_by_listing` are tried with an eighth as many
-        steps to eight times as many. The exact walk is tried frame by frame, and in one go, a row
-        whose dt_s is 0.
+    frames: how many frames the crowd walks. `step` and `step_by_listing` are tried with an eighth
+        as many steps to eight times as many. The exact walk is tried frame by frame, and in one go,
+        a row whose dt_s is 0.
     ms: per second of the scene.
     """
     seconds = frames * frame

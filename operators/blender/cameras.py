@@ -386,9 +386,9 @@ def read_shutter(
 ) -> list[tuple[float, tuple[Camera, ...]]]:
     """Return (time, cameras) at the start, middle and end of the open shutter.
 
-    The samples are those of Cycles. The cameras are those of crowd_lod.culling.shutter.open_shutter. Empty
-    without motion blur. A marker that switches the camera while the shutter is open does not count:
-    one camera films a frame.
+    The samples are those of Cycles. The cameras are those of
+    crowd_lod.culling.shutter.open_shutter. Empty without motion blur. A marker that switches the
+    camera while the shutter is open does not count: one camera films a frame.
 
     time: of the frame, see scene_data.time_of.
     at: see camera_at.

@@ -11,6 +11,7 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame_range import parse_frames
 
 EEVEE = "BLENDER_EEVEE" if bpy.app.version >= (5, 0, 0) else "BLENDER_EEVEE_NEXT"
+BLENDER_ENGINES = {"CYCLES": "CYCLES", "EEVEE": EEVEE}  # the engine of each result of engine_of
 
 
 def engine_of(scene: bpy.types.Scene) -> str:

@@ -39,9 +39,8 @@ def _root_motion(
 ) -> Iterator[str]:
     if way:
         yield (
-            f"The {action_name} moves {group.name} by {number(way * scene_data.meters(scene))} m in a "
-            f"cycle: that is taken out, because "
-            "the crowd moves its agents."
+            f"The {action_name} moves {group.name} by {number(way * scene_data.meters(scene))} m "
+            "in a cycle: that is taken out, because the crowd moves its agents."
         )
 
 

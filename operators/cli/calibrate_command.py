@@ -1,13 +1,11 @@
 """The command calibrate: what renders cost on this machine."""
 
 from ...crowd_lod.format import printable
-from ..blender import scene_data
 from ..blender.machine_costs import costs_path
-from ..runs.calibrate import calibrate, told
+from ..blender.scene_data import BLENDER_ENGINES
+from ..runs.calibrate import calibrate, calibration_sentence
 from .options import add_command
 from .scene_files import finish, open_scene
-
-ENGINES = {"cycles": "CYCLES", "eevee": scene_data.EEVEE}
 
 
 def add_calibrate(commands, program: str) -> None:
@@ -29,7 +27,9 @@ def add_calibrate(commands, program: str) -> None:
         "(default: the file that is open, in a shell Blender's startup file)",
     )
     command.add_argument(
-        "--engine", choices=ENGINES, help="the engine to calibrate (default: the scene's)"
+        "--engine",
+        choices=[name.lower() for name in BLENDER_ENGINES],
+        help="the engine to calibrate (default: the scene's)",
     )
 
 
@@ -37,7 +37,8 @@ def calibrate_machine(args, command: list[str]) -> dict:
     """Run the command calibrate."""
     scene = open_scene(args.scene)
     if args.engine is not None:
-        scene.render.engine = ENGINES[args.engine]
+        scene.render.engine = BLENDER_ENGINES[args.engine.upper()]
     calibration = finish(calibrate(scene), "calibration", args.quiet)
     out = printable(costs_path())
-    return {"out": out, **vars(calibration), "summary": f"{told(calibration)}\n{out}"}
+    summary = f"{calibration_sentence(calibration)}\n{out}"
+    return {"out": out, **vars(calibration), "summary": summary}

@@ -235,6 +235,11 @@ def _number(path: Path) -> int | None:
 def farm_page(
     name: str, frames: Sequence[int], rows: Sequence[dict], command: Sequence[str]
 ) -> str:
+    """Return the HTML page of the rendered frames: cards, the contact sheet, a table of figures.
+
+    rows: as of planned_rows; without any the page has no table.
+    command: the command line of the run.
+    """
     figures = [(f"{len(frames)}", "frames rendered")]
     parts = []
     if rows:

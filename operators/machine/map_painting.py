@@ -129,7 +129,7 @@ def _viewports(scene: bpy.types.Scene) -> Iterator[tuple[str, bpy.types.View3DSh
 
 
 def _textured(scene: bpy.types.Scene, plane: bpy.types.Object) -> None:
-    """Let solid viewports show textures, also the plane's; the plane notes their earlier setting."""
+    """Let solid viewports show textures, the plane's too; the plane notes their earlier setting."""
     for name, shading in _viewports(scene):
         if shading.type == "SOLID" and shading.color_type != "TEXTURE":
             plane[COLORS] = dict(plane.get(COLORS, {})) | {name: shading.color_type}

@@ -55,8 +55,8 @@ def reveal_hidden(scene: bpy.types.Scene) -> Iterator[None]:
 def show_as_rendered(layer: bpy.types.ViewLayer) -> None:
     """Let viewports show of the view layer what its renders show, and nothing else.
 
-    Inside `reveal_hidden`. It changes settings of the view layer. Objects are shown or hidden as they
-    are at the current frame, since their settings may be animated.
+    Inside `reveal_hidden`. It changes settings of the view layer. Objects are shown or hidden as
+    they are at the current frame, since their settings may be animated.
     """
     _show(layer.layer_collection)
     layer.depsgraph.update()

@@ -21,8 +21,8 @@ from ..blender.operator import Stepwise
 from ..blender.scene_data import engine_of, samples_of
 from .trial_crowds import TrialCrowd, make_stage, show_crowd
 
-# The first ones tell all counts apart; the others are rendered while there is time. Cycles has dense
-# crowds, as rays that meet many agents take longer; EEVEE draws the triangles of each agent.
+# The first ones tell all counts apart; the others are rendered while there is time. Cycles has
+# dense crowds, as rays that meet many agents take longer; EEVEE draws each agent's triangles.
 CROWDS = {
     "CYCLES": (
         TrialCrowd(-1, 4, 4, 500),
@@ -53,10 +53,8 @@ CROWDS = {
         TrialCrowd(-1, 96, 96, 10_000, 12.0),
     ),
 }
-MOST_SAMPLES = {
-    "CYCLES": 16,
-    "EEVEE": 8,
-}  # of a pixel: seconds grow with them, and so does the minute
+# of a pixel: seconds grow with them, and so does the minute
+MOST_SAMPLES = {"CYCLES": 16, "EEVEE": 8}
 LONGEST = 10.0  # seconds of a render, after which no other crowd is rendered
 ENOUGH = 90.0  # seconds of all, after which no other crowd is rendered
 
@@ -162,7 +160,7 @@ def _seconds(stage: bpy.types.Scene, samples: int, clock: Callable[[], float]) -
     return clock() - begun
 
 
-def told(calibration: Calibration) -> str:
+def calibration_sentence(calibration: Calibration) -> str:
     """Return a sentence on what was found."""
     return (
         f"{NAMES[calibration.engine]} on {calibration.device}: "
@@ -182,7 +180,7 @@ class CROWDLOD_OT_calibrate(Stepwise, bpy.types.Operator):
 
     def steps(self, context) -> Generator[float, None, str]:
         calibration = yield from calibrate(context.scene)
-        return told(calibration)
+        return calibration_sentence(calibration)
 
 
 CLASSES = (CROWDLOD_OT_calibrate,)

@@ -18,8 +18,7 @@ from ..settings.shot_settings import COLORS
 # What renders the pictures; the overlay's are drawn, and only the pictures of LODs rendered.
 ENGINES = {
     "WORKBENCH": "BLENDER_WORKBENCH",
-    "CYCLES": "CYCLES",
-    "EEVEE": scene_data.EEVEE,
+    **scene_data.BLENDER_ENGINES,
     "OVERLAY": "BLENDER_WORKBENCH",
 }
 COLOR_MODES = tuple(name for name, *_ in COLORS)  # that every engine has

@@ -48,9 +48,8 @@ def make_stage(scene: bpy.types.Scene, width: int) -> bpy.types.Scene:
     stage.camera = camera(stage, "Camera", near=0.1, far=5000.0)
     aim(stage.camera, (0, 0, 3), (100, 0, -0.5))
     render = stage.render
-    render.engine = scene_data.EEVEE
-    if scene_data.engine_of(scene) == "CYCLES":
-        render.engine = "CYCLES"
+    render.engine = scene_data.BLENDER_ENGINES[scene_data.engine_of(scene)]
+    if render.engine == "CYCLES":
         stage.cycles.device = scene.cycles.device
         stage.cycles.max_bounces = scene.cycles.max_bounces
         stage.cycles.use_adaptive_sampling = False
@@ -118,7 +117,7 @@ def _places_of(crowd: TrialCrowd) -> np.ndarray:
 def _instance(
     stage: bpy.types.Scene, shelf: bpy.types.Collection, places: np.ndarray, poses: np.ndarray
 ) -> None:
-    """Instance the characters of `shelf` at `places` (n, 2); poses: (n,), which one stands there."""
+    """Instance the characters of `shelf` at `places` (n, 2); poses: (n,), which of them each is."""
     mesh = bpy.data.meshes.new("Crowd LOD calibration")
     positions = np.zeros((len(places), 3), np.float32)
     positions[:, :2] = places

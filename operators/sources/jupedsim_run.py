@@ -269,7 +269,7 @@ def _enter(
 
 
 class _Numbered:
-    """A simulation for its writer, with agents numbered from 0; JuPedSim counts on from run to run."""
+    """A simulation for its writer, agents numbered from 0; JuPedSim counts on from run to run."""
 
     def __init__(self, simulation: Any, ids: list[int]) -> None:
         self._simulation = simulation
