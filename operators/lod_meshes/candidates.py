@@ -76,6 +76,7 @@ PLAIN = {
 USUALLY_LOST = 4.0
 OFTEN_LOST = 12.0  # the same in the middle
 MOST_GOALS = 100  # that measurements are kept of
+LEAST_TRIANGLES = 300  # of a character: one of fewer needs no LOD, and is not worth a search
 FOLLOWING = 0.5  # of a given LOD's triangles, by ratio: what the LOD after it has at most
 DIGITS = 12  # of a hash, which a goal can hold
 VERSION = 26  # of the code that makes LOD meshes: another one makes them anew
@@ -214,13 +215,18 @@ class Ladder:
         """
         size = group.scale[1]
         finest = self.diagonal / self._value(0.0, "triangles")
-        lengths = allowed_lengths(
-            views,
-            cover_sizes(group).radius,
-            tolerance / size,
-            finest,
-            higher,
-            DARKER if self.looks else 1.0,
+        few = self._value(0.0, "triangles") < LEAST_TRIANGLES
+        lengths = (
+            []
+            if few
+            else allowed_lengths(
+                views,
+                cover_sizes(group).radius,
+                tolerance / size,
+                finest,
+                higher,
+                DARKER if self.looks else 1.0,
+            )
         )
         deviates = {goal: self._value(goal, "bounds") for goal in self.given}
         gaps = in_gaps(lengths, list(deviates.values()))

@@ -69,7 +69,6 @@ def by_tolerance(scene):
     settings.choice = "BY_TOLERANCE"
     bpy.ops.crowd_lod.make_levels()
     group = settings.groups[0]
-    print(settings.dropped, [*group.triangles], [*group.bounds])
     return [(group.triangles[k], group.bounds[k]) for k in range(len(settings.levels.children))]
 
 
@@ -115,7 +114,7 @@ def test_lods_side_by_side_are_measured_where_the_character_stands():
     scene = bpy.context.scene
     for k in range(2):
         person(scene, f"Car_LOD{k}", k).location.x = 5 * k
-    person(scene, "Tree").location.x = -5
+    person(scene, "Tree", 2).location.x = -5
     take_all(scene)
     assert [(each.name, len(each.given)) for each in all_characters(scene)] == [
         ("Car_LOD0", 1),
