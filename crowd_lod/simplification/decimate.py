@@ -253,14 +253,14 @@ def _fitted(fit: SurfaceFit, moves: float) -> Iterator[None]:
             break
         yield
     fit.restore()
-    for _ in range(now.looks):
+    for _ in range(now.resamplings):
         before = fit.worst
-        if before < now.near_enough or not fit.watch() | fit.look():
+        if before < now.near_enough or not fit.add_source_samples() | fit.add_lod_samples():
             break
-        found = fit.worst
+        resampled = fit.worst
         fit.move(now.steps)
         fit.restore()
-        if found < now.looks_gain * before:
+        if resampled < now.resample_gain * before:
             break
 
 

@@ -70,15 +70,15 @@ class Settings:
     # times the worst distance that flips together may lead to, or none is made
     flip_loss: float = 1.05
 
-    # Fit: looks at what lies between the samples.
-    looks: int = 3  # at most
-    # times farther off than known, that a look must find something for another look
-    looks_gain: float = 1.1
-    looks_from: float = 0.6  # of the worst distance: near samples as far off, it looks
-    # cosine between a triangle and what it is nearest to, below which it looks, too
-    looks_steep: float = 0.5
-    looks_few: int = 2  # samples along an edge, up to which it looks at all triangles
-    looks_kept: float = 0.9  # of the worst distance: what is as far off is a sample from then on
+    # Fit: new samples between the others.
+    resamplings: int = 3  # at most
+    # times farther off than known, that a resampling must find something for another one
+    resample_gain: float = 1.1
+    resample_from: float = 0.6  # of the worst distance: near samples as far off, it adds others
+    # cosine between a triangle and what it is nearest to, below which it does so, too
+    resample_steep: float = 0.5
+    resample_few: int = 2  # samples along an edge, up to which it does so on all triangles
+    resample_kept: float = 0.9  # of the worst distance: what is as far off is a sample from then on
 
     # Loose parts.
     # of how far a collapse leaves a point of the source behind, what it counts against a part:

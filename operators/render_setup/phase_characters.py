@@ -178,7 +178,7 @@ def _models(
         if alike:  # its own action, in place of one that another group plays
             models.append(alike[0])
             continue
-        modeling = rigs.modeled(character, act, blocks)
+        modeling = rigs.make_model(character, act, blocks)
         model, reason = yield from share(modeling, k / len(acts), (k + 1) / len(acts))
         if reason:
             sentences.append(reason)

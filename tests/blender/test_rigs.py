@@ -115,7 +115,7 @@ def test_a_quick_swing_between_even_looks_gets_its_keys(scene):
     with as_rendered(home.objects) as (stage, actors):
         act = named_actions.own_performance(objects)
         model, why = finished(
-            rigs.modeled(rigs.Acting("adult", [home], stage, actors, 1.9), act, {})
+            rigs.make_model(rigs.Acting("adult", [home], stage, actors, 1.9), act, {})
         )
         (begin, end) = act.spans[0]
         off = 0.0
@@ -127,7 +127,7 @@ def test_a_quick_swing_between_even_looks_gets_its_keys(scene):
             stage.collection.objects.link(block)
         for moment in np.linspace(first, last, 200):
             act.go_to(stage, moment)
-            off = max(off, rigs.shown_off(copies, actors, stage, np.array(origin)))
+            off = max(off, rigs.measure_copies(copies, actors, stage, np.array(origin)))
         bpy.data.batch_remove([*played.values(), *copies.values()])
     assert not why and off < 2e-4 * 1.9  # 1.5e-3 where only even looks are taken
 
