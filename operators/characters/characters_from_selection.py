@@ -10,6 +10,8 @@ from ...crowd_lod.errors import CrowdError
 from ..blender.character_objects import GEOMETRY, WITHOUT_FACES, may_have_faces
 from ..blender.operator import Reporting
 from ..blender.ownership import OWNED
+from .characters import groups_in
+from .given_lods import lods_of_one
 
 MOST_NAMES = 6  # in a message
 
@@ -151,6 +153,14 @@ def _notes(selected: Sequence[bpy.types.Object], characters: dict, moved: dict) 
         )
 
 
+def _given_notes(scene: bpy.types.Scene, top: bpy.types.Collection, moved: dict) -> Iterator[str]:
+    """Yield a sentence for each of the `moved` characters that has LODs of its own."""
+    for group in groups_in(scene, top):
+        if group.lods and not moved.keys().isdisjoint(group.members):
+            names = [_listed(lod.objects_with_faces()) for lod in group.lods]
+            yield f"LODs of {group.owner.name} that were given: {'; '.join(names)}."
+
+
 class CROWDLOD_OT_characters_from_selection(Reporting, bpy.types.Operator):
     bl_description = (
         "Move the selected rigs and meshes to the crowd's characters, a collection for each rig "
@@ -191,8 +201,11 @@ class CROWDLOD_OT_characters_from_selection(Reporting, bpy.types.Operator):
             home = _home(top, root)
             for item in items:
                 _move(item, home, scene)
-        many = f"{len(moved)} characters" if len(moved) > 1 else "A character"
-        return " ".join([f"{many} in the collection {top.name}: {_listed(moved)}.", *notes])
+        families = lods_of_one(list(moved.items()))
+        finest = [list(moved)[family[0]] for family in families]
+        many = f"{len(finest)} characters" if len(finest) > 1 else "A character"
+        notes = [*_given_notes(scene, top, moved), *notes]
+        return " ".join([f"{many} in the collection {top.name}: {_listed(finest)}.", *notes])
 
 
 CLASSES = (CROWDLOD_OT_characters_from_selection,)

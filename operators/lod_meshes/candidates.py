@@ -14,19 +14,27 @@ from idprop.types import IDPropertyGroup
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.crowd.bounding_spheres import cover_sizes
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.levels.lengths import DARKER, NEAR_ENOUGH, allowed_lengths, read_curve
+from ...crowd_lod.levels.lengths import (
+    DARKER,
+    MOST_LENGTHS,
+    NEAR_ENOUGH,
+    allowed_lengths,
+    in_gaps,
+    read_curve,
+)
 from ...crowd_lod.levels.selection import View
 from ...crowd_lod.progress import share, standing
-from ..blender import mesh_data, stored_values
+from ..blender import stored_values
 from ..blender.material_colors import Looks
 from ..blender.ownership import OWNED
 from ..blender.performance import digest as digest_of
 from ..blender.provenance import text_digest
-from ..blender.rig_dependencies import stance
 from ..characters.character_extent import displaced
+from ..characters.given_lods import GivenLod
 from ..machine.scene_world import actions_named
 from . import source_mesh as sources
 from .deviation import Measure, compare
+from .given_objects import copy_given, read_given
 from .level_objects import AS_MADE, WAY, WHY, discard, hash_made, make_object, share_object
 from .pose_deformation import skin_of
 from .search import Search
@@ -68,7 +76,10 @@ PLAIN = {
 USUALLY_LOST = 4.0
 OFTEN_LOST = 12.0  # the same in the middle
 MOST_GOALS = 100  # that measurements are kept of
-VERSION = 25  # of the code that makes LOD meshes: another one makes them anew
+LEAST_TRIANGLES = 300  # of a character: one of fewer needs no LOD, and is not worth a search
+FOLLOWING = 0.5  # of a given LOD's triangles, by ratio: what the LOD after it has at most
+DIGITS = 12  # of a hash, which a goal can hold
+VERSION = 26  # of the code that makes LOD meshes: another one makes them anew
 
 
 def _untouched(home: bpy.types.Collection) -> bool:
@@ -83,7 +94,8 @@ class Ladder:
     """The candidates for the LODs of one character group, one for each of `goals`.
 
     A goal is the part of the triangles that a candidate keeps; by tolerance the length in meters by
-    which it may deviate, 0 of the character itself.
+    which it may deviate, 0 of the character itself. That of a LOD that was given is negative, and
+    changes with the LOD.
 
     Order of calls:
     read() reads the source meshes and sets `digest`, a hash of everything that candidates depend
@@ -102,6 +114,7 @@ class Ladder:
     rows: measurements by goal, a value for each of `kinds`.
     reach: the group's lowest point, center and radius in meters, or None.
     found: collections by goal; made: those of them that are new.
+    given: LODs that artists made, by goal; counts: their vertices and triangles.
     """
 
     def __init__(
@@ -111,6 +124,7 @@ class Ladder:
         ratios: list[float],
         settings,
         place: Sequence[float],
+        given: Sequence[GivenLod] = (),
     ):
         actions = actions_named(settings.id_data, name)
         self.name = name
@@ -127,6 +141,9 @@ class Ladder:
         self.found: dict[float, bpy.types.Collection] = {}
         self.made: dict[float, bpy.types.Collection] = {}
         self.by = Measure(name, objects, actions, settings.hidden_surface_counts)
+        self.artists = given
+        self.given: dict[float, GivenLod] = {}
+        self.counts: dict[float, tuple[int, int]] = {}
         self.diagonal = 0.0
         self.search: Search | None = None
 
@@ -135,7 +152,7 @@ class Ladder:
         for number, item in enumerate(self.objects):
             source = sources.read_source(item)
             self.sources.append(source)
-            digests.append(object_digest(item, source))
+            digests.append(sources.object_digest(item, source))
             yield (number + 1) / len(self.objects)
         if not any(source.mesh for source in self.sources):
             raise CrowdError(
@@ -156,6 +173,33 @@ class Ladder:
         triangles = [len(source.mesh.loops) - 2 * len(source.mesh.polygons) for source in shown]
         for source, own in zip(shown, triangles, strict=True):
             source.share = own / sum(triangles)
+        self._read_given(sum(triangles))
+
+    def _read_given(self, whole: int) -> None:
+        """Read the LODs that were given. By ratio they come first.
+
+        whole: triangles of the character. The ratios of others are lowered to follow them.
+        """
+        if len(self.artists) > MOST_LENGTHS:
+            raise CrowdError(
+                f"The character group {self.name} has {len(self.artists)} LODs of its own: use at "
+                f"most {MOST_LENGTHS}."
+            )
+        for lod in self.artists:
+            made_of, counts = read_given(lod)
+            goal = -float(1 + int(text_digest([made_of])[:DIGITS], 16))
+            self.given[goal] = lod
+            self.counts[goal] = counts
+        if self.searched:
+            self.goals += self.given
+            return
+        for k, goal in enumerate(self.goals[1:], start=1):
+            if k <= len(self.given):
+                self.goals[k] = list(self.given)[k - 1]
+                part = self.counts[self.goals[k]][1] / whole
+            elif self.given:
+                part = min(goal, FOLLOWING * part)
+                self.goals[k] = part
 
     def recall(self, earlier: bpy.types.Collection | None) -> None:
         for home in self._homes(earlier):
@@ -171,15 +215,23 @@ class Ladder:
         """
         size = group.scale[1]
         finest = self.diagonal / self._value(0.0, "triangles")
-        lengths = allowed_lengths(
-            views,
-            cover_sizes(group).radius,
-            tolerance / size,
-            finest,
-            higher,
-            DARKER if self.looks else 1.0,
+        few = self._value(0.0, "triangles") < LEAST_TRIANGLES
+        lengths = (
+            []
+            if few
+            else allowed_lengths(
+                views,
+                cover_sizes(group).radius,
+                tolerance / size,
+                finest,
+                higher,
+                DARKER if self.looks else 1.0,
+            )
         )
-        self.goals = [0.0, *(self._known_goal(length) for length in lengths)]
+        deviates = {goal: self._value(goal, "bounds") for goal in self.given}
+        gaps = in_gaps(lengths, list(deviates.values()))
+        goals = [*(self._known_goal(length) for length in gaps), *self.given]
+        self.goals = [0.0, *sorted(goals, key=lambda goal: deviates.get(goal, goal))]
 
     def _known_goal(self, length: float) -> float:
         """Return the goal of a measured LOD that deviates by about `length`, but no more; `length`
@@ -187,7 +239,7 @@ class Ladder:
         """
         near = [
             goal
-            for goal in self.rows
+            for goal in self._made_goals()
             if NEAR_ENOUGH * length <= self._value(goal, "bounds") <= length
         ]
         return (
@@ -195,6 +247,10 @@ class Ladder:
             if length in self.rows or not near
             else min(near, key=lambda goal: self._value(goal, "triangles"))
         )
+
+    def _made_goals(self) -> list[float]:
+        """Return the goals of all that was measured but for LODs that were given."""
+        return [goal for goal in self.rows if goal >= 0]
 
     def _value(self, goal: float, kind: str) -> float:
         return self.rows[goal][list(self.kinds).index(kind)]
@@ -236,14 +292,16 @@ class Ladder:
 
     def make(self, goal: float) -> Iterator[float]:
         """Make the LOD for `goal`; by tolerance also measure it."""
-        if self.searched and goal:
+        if self.searched and goal > 0:
             yield from self.measure(goal)
         else:
             yield from self._make(goal)
 
     def measure(self, goal: float) -> Iterator[float]:
-        if self.searched and goal:
+        if self.searched and goal > 0:
             yield from self._seek(goal)
+        elif goal in self.given:
+            yield from self._measure_given(goal)
         else:
             counts = yield from share(self._make(goal), 0.0, 0.7)
             k = self.goals.index(goal)
@@ -253,10 +311,23 @@ class Ladder:
             measured = yield from share(steps, 0.7, 1.0)
             self._note(goal, counts, measured)
 
+    def _measure_given(self, goal: float) -> Iterator[float]:
+        """Measure a LOD that was given, by tolerance in further frames as well."""
+        counts = yield from self._make(goal)
+        level = list(self.found[goal].objects)
+        measured = yield from share(self.by.level(level, self.goals.index(goal)), 0.0, 0.7)
+        if self.searched:
+            (measured,) = yield from share(self.by.look_between([level], [measured]), 0.7, 1.0)
+        self._note(goal, counts, measured)
+
     def _make(self, goal: float) -> Generator[float, None, tuple[int, int]]:
-        """Make the LOD that keeps the part `goal` of the triangles; return its (vertices,
-        triangles).
+        """Make the LOD that keeps the part `goal` of the triangles, or the copy of one that was
+        given; return its (vertices, triangles).
         """
+        if goal in self.given:
+            lod = self.given[goal]
+            self._keep(goal, lod.objects, copy_given(self.name, lod, self.objects))
+            return self.counts[goal]
         yield from self._read_skins()
         whole = self._is_whole(goal)
         made = []
@@ -272,7 +343,7 @@ class Ladder:
                         )
                     )
                 )
-        self._keep(goal, [item for item, _, _ in made])
+        self._keep(goal, self.objects, [item for item, _, _ in made])
         return sum(each[1] for each in made), sum(each[2] for each in made)
 
     def _is_whole(self, goal: float) -> bool:
@@ -280,7 +351,7 @@ class Ladder:
         return goal == self.goals[0] and goal in (0.0, 1.0)
 
     def _read_skins(self) -> Iterator[float]:
-        if not self.made:
+        if self.made.keys() <= self.given.keys():
             for source in self.sources:
                 yield from standing(skin_of(source, self.by.own_frames), 0.0)
 
@@ -301,7 +372,7 @@ class Ladder:
                     f"agents allow."
                 )
                 attempt.item[WHY] = " ".join([reason, *source.notes])
-        self._keep(length, [attempt.item for attempt in tries])
+        self._keep(length, self.objects, [attempt.item for attempt in tries])
         self._note(
             length,
             (
@@ -311,13 +382,18 @@ class Ladder:
             measured,
         )
 
-    def _keep(self, goal: float, items: Sequence[bpy.types.Object]) -> None:
-        """Put a LOD's objects into a collection of their own."""
+    def _keep(
+        self,
+        goal: float,
+        originals: Sequence[bpy.types.Object],
+        items: Sequence[bpy.types.Object],
+    ) -> None:
+        """Put a LOD's objects, made of the `originals`, into a collection of their own."""
         k = self.goals.index(goal)
         home = bpy.data.collections.new(f"{self.name} LOD {k}")
-        for source, item in zip(self.sources, items, strict=True):
+        for original, item in zip(originals, items, strict=True):
             home.objects.link(item)
-            item.name = f"{source.item.name} LOD {k}"
+            item.name = f"{original.name} LOD {k}"
             if WAY in item:
                 item.data.name = item.name
         home[DIGEST] = self.digest
@@ -363,7 +439,8 @@ class Ladder:
         Candidates without deviation are left out.
         """
         pairs = [
-            (self._value(goal, "triangles"), self._value(goal, "bounds")) for goal in self.rows
+            (self._value(goal, "triangles"), self._value(goal, "bounds"))
+            for goal in self._made_goals()
         ]
         return [triangles * bound / self.diagonal for triangles, bound in pairs if bound > 0]
 
@@ -386,7 +463,8 @@ class Ladder:
         }
         if self.looks:
             known = [
-                (self._value(goal, "bounds"), self._value(goal, "shaded")) for goal in self.rows
+                (self._value(goal, "bounds"), self._value(goal, "shaded"))
+                for goal in self._made_goals()
             ]
             known = [
                 (bound, shaded) for bound, shaded in known if 0 < shaded < np.inf and bound > 0
@@ -407,7 +485,8 @@ class Ladder:
         """Return about how many triangles a LOD has that deviates by each of `lengths`."""
         whole = int(self._value(0.0, "triangles"))
         known = [
-            (self._value(goal, "bounds"), self._value(goal, "triangles")) for goal in self.rows
+            (self._value(goal, "bounds"), self._value(goal, "triangles"))
+            for goal in self._made_goals()
         ]
         known = [pair for pair in known if pair[0] > 0] or [(usual * self.diagonal / whole, whole)]
         return read_curve(lengths, known, -1.0).round().astype(int).clip(1, whole).tolist()
@@ -431,24 +510,3 @@ class Ladder:
             item for home in self.made.values() if home in chosen for item in home.objects
         ):
             item[AS_MADE] = hash_made(item)
-
-
-def object_digest(item: bpy.types.Object, source: sources.Source) -> str:
-    """Return a hash of everything that LODs take from the object."""
-    blocks = source.keys and item.data.shape_keys.key_blocks
-    looks = (
-        [
-            getattr(item, name)
-            for name in mesh_data.SHOWN
-            if name not in ("hide_render", "hide_viewport", "color")
-        ],
-        [slot.material and slot.material.name_full for slot in item.material_slots],
-        [(name, blocks[name].slider_min, blocks[name].slider_max) for name in source.keys],
-    )
-    if source.mesh is None:
-        return text_digest(stance(item), looks)
-    active = (
-        [layer.active_render for layer in source.mesh.uv_layers],
-        source.mesh.attributes.default_color_name,
-    )
-    return sources.digest(source.mesh, stance(item), looks, active, source.groups)

@@ -13,11 +13,11 @@ from ...crowd_lod.progress import share, standing
 from ..blender import scene_data
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED, remove_owned
-from ..characters.characters import GROUP
+from ..characters.characters import GROUP, Character, all_characters
 from ..characters.group_measuring import measuring_groups, stands
 from ..characters.stored_groups import store_groups
 from ..machine.scene_world import check_maps
-from ..scene.scene_crowd import characters_of, trajectory_of
+from ..scene.scene_crowd import trajectory_of
 from ..settings import needs
 from ..sources.record_points import with_record
 from . import selection
@@ -66,7 +66,7 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
     """
     scene_data.check_own(scene)
     settings = scene.crowd_lod
-    characters = characters_of(scene)
+    characters = all_characters(scene)
     if settings.choice == "BY_TOLERANCE":
         check_maps(settings)  # where agents are is asked after the meshes were read
     # a linked copy begins with the LODs of the other scene, which stay that one's
@@ -92,11 +92,11 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
         [ladder.name for ladder in ladders if bool(ladder.made) == new] for new in (True, False)
     )
     feet = [
-        (*origin[:2], origin[2] + group.feet)
-        for (_, _, origin), group in zip(characters, groups, strict=True)
+        (*character.origin[:2], character.origin[2] + group.feet)
+        for character, group in zip(characters, groups, strict=True)
     ]
     top, levels = _linked(homes, feet, earlier, before)
-    _named([name for name, _, _ in characters], homes, before)
+    _named([character.name for character in characters], homes, before)
     if copied:
         scene_data.let_go(scene, "levels")
     scene.collection.children.link(top)
@@ -130,7 +130,9 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
 
 
 def _read(
-    scene: bpy.types.Scene, characters: list, earlier: bpy.types.Collection | None
+    scene: bpy.types.Scene,
+    characters: Sequence[Character],
+    earlier: bpy.types.Collection | None,
 ) -> Iterator[float]:
     """Read and measure the characters; yields the progress.
 
@@ -141,8 +143,10 @@ def _read(
     ladders = []
     reaches = {}
     ratios = selection.ratios_of(settings)
-    for g, (name, objects, origin) in enumerate(characters):
-        ladder = Ladder(name, objects, ratios, settings, (*origin, float(stands(settings, name))))
+    for g, character in enumerate(characters):
+        name = character.name
+        place = (*character.origin, float(stands(settings, name)))
+        ladder = Ladder(name, character.objects, list(ratios), settings, place, character.given)
         yield from share(ladder.read(), 0.1 * g / len(characters), 0.1 * (g + 1) / len(characters))
         ladder.recall(earlier)
         ladders.append(ladder)
@@ -158,8 +162,9 @@ def _read(
         shots = yield from standing(looking, 0.1)
     for ladder, group, shot in zip(ladders, groups, shots, strict=True):
         ladder.reach = group.lowest, group.center, group.radius
-        if ladder.goals[0] not in ladder.rows:
-            yield from standing(ladder.measure(ladder.goals[0]), 0.1)
+        for goal in (ladder.goals[0], *ladder.given):
+            if goal in ladder.goals and goal not in ladder.rows:
+                yield from standing(ladder.measure(goal), 0.1)
         if shot is not None:
             ladder.aim(group, shot.views, round(settings.tolerance, 6), bool(settings.memory))
     return ladders, groups, shots
@@ -186,8 +191,11 @@ def _chosen(
         measured = [
             [k for k, goal in enumerate(ladder.goals) if goal in ladder.rows] for ladder in ladders
         ]
+        given = [
+            [k for k, goal in enumerate(ladder.goals) if goal in ladder.given] for ladder in ladders
+        ]
         chosen = selection.chosen(
-            scene.crowd_lod, guesses, shots, scene_data.meters(scene), measured
+            scene.crowd_lod, guesses, shots, scene_data.meters(scene), measured, given
         )
         missing = [
             (ladder, k)

@@ -14,7 +14,9 @@ from ...crowd_lod.format import counted
 from ...crowd_lod.simplification.pose_deformation import Skin
 from ..blender import mesh_data
 from ..blender.animation import armatures_of, curves_of
+from ..blender.provenance import text_digest
 from ..blender.references import closure_of
+from ..blender.rig_dependencies import stance
 from .mesh_repair import drop_flat_parts, mend
 from .surface import Surface
 
@@ -393,3 +395,24 @@ def digest(mesh: bpy.types.Mesh, *others) -> str:
     ):
         hashed.update(np.ascontiguousarray(array))
     return hashed.hexdigest()
+
+
+def object_digest(item: bpy.types.Object, source: Source) -> str:
+    """Return a hash of everything that LODs take from the object."""
+    blocks = source.keys and item.data.shape_keys.key_blocks
+    looks = (
+        [
+            getattr(item, name)
+            for name in mesh_data.SHOWN
+            if name not in ("hide_render", "hide_viewport", "color")
+        ],
+        [slot.material and slot.material.name_full for slot in item.material_slots],
+        [(name, blocks[name].slider_min, blocks[name].slider_max) for name in source.keys],
+    )
+    if source.mesh is None:
+        return text_digest(stance(item), looks)
+    active = (
+        [layer.active_render for layer in source.mesh.uv_layers],
+        source.mesh.attributes.default_color_name,
+    )
+    return digest(source.mesh, stance(item), looks, active, source.groups)
