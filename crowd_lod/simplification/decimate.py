@@ -115,12 +115,7 @@ def decimating(  # noqa: PLR0913 - what a mesh is decimated by
     np.maximum.at(weights, joined, 1.0 if weight is None else weight[used])
     mesh = unit[solid], whole
     best = yield from _best(mesh, constrained, target, skin, effort, weights[solid])
-    if skin:
-        source = solid[best.follows]
-    else:
-        collapse_map = np.append(best.collapse_map, -1)[index[joined]]
-        stands = np.flatnonzero(collapse_map >= 0)
-        source = stands[_nearest(unit[stands], best.points, collapse_map[stands])]
+    source = solid[best.follows] if skin else _stand_for(unit, best, index[joined])
     return LodMesh(best.points * size + low, best.triangles.astype(np.int32), used[source])
 
 
@@ -366,6 +361,16 @@ def _join_borders(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray
         apart = np.isin(joined, joined[half[count[inverse] > 2]])
         joined[apart] = np.flatnonzero(apart)
     return joined, joined[border]
+
+
+def _stand_for(points: np.ndarray, lod: Collapsed, index: np.ndarray) -> np.ndarray:
+    """For each of the LOD's points the nearest of those that collapsed into it, (k,) intp.
+
+    points: (n, 3) of the source; index: (n,) among the points that were collapsed, or -1.
+    """
+    collapse_map = np.append(lod.collapse_map, -1)[index]
+    left = np.flatnonzero(collapse_map >= 0)
+    return left[_nearest(points[left], lod.points, collapse_map[left])]
 
 
 def _nearest(points: np.ndarray, new_points: np.ndarray, collapse_map: np.ndarray) -> np.ndarray:

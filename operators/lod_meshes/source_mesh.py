@@ -50,7 +50,7 @@ class Source:
         KEY).
     notes: sentences that say what LODs leave out.
     custom_normals: whether it has custom normals or sharp edges.
-    charts: attribute_transfer.Charts, made when first needed; None before.
+    charts: uv_charts.Charts, made when first needed; None before.
     body: (Body, Looks) for the shaded pictures, made by shaded_pictures.similarity; None before.
     skin: how its points move in the poses (see pose_deformation.skin_of); None if they do not.
     share: its part of the character's triangles, from 0 to 1.
