@@ -84,13 +84,6 @@ def with_given_lods(
     return [_group_of([(groups[k], numbered[k]) for k in family]) for family in families]
 
 
-def lods_of_one(
-    characters: Sequence[tuple[bpy.types.Object, list[bpy.types.Object]]],
-) -> list[list[int]]:
-    """Return which of several (root, members) are LODs of one character, the finest first."""
-    return _families([(root, _by_number(root, members)) for root, members in characters])
-
-
 def _group_of(family: Sequence[tuple[tuple, Numbered]]) -> CharacterGroup:
     """Return the group of (owner, members, origin), LODs by number; the finest comes first."""
     (owner, _, origin), lods = family[0]

@@ -137,8 +137,10 @@ def test_every_kept_candidate_is_used_and_none_that_is_used_saves_too_little(can
         np.array([1.0]),
         deviation,
     )
+    # where each LOD begins, or the nearest agent that shows it stands
+    edges = np.append(-np.inf, begins[0])
     reach = np.concatenate(
-        [np.geomspace(v.nearest / BETWEEN, v.farthest * BETWEEN, 20_000) for v in views]
+        [np.clip(edges, view.nearest / BETWEEN, view.farthest * BETWEEN) for view in views]
     )
     assert set(assign(reach, begins[0]).tolist()) | {0} == set(range(len(kept)))
 
