@@ -3,6 +3,7 @@ compares.
 """
 
 import faulthandler
+import gc
 import json
 import os
 import shutil
@@ -104,6 +105,12 @@ def overlay():
 def display():
     """The module that makes what a viewport shows."""
     return sys.modules[f"{MODULE}.operators.overlay.display"]
+
+
+def count_displays() -> int:
+    """Count the scenes whose display is kept in memory."""
+    gc.collect()
+    return sum(isinstance(thing, display().Display) for thing in gc.get_objects())
 
 
 def window_of(image) -> bpy.types.Window | None:

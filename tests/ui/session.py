@@ -53,15 +53,12 @@ def session():
 
 def listen():
     """Note the frame of the figures whenever the sidebar draws them."""
-    panels = sys.modules[f"{robot.MODULE}.operators.ui.panels"]
-    line = panels._line
 
-    def noted(scene):
-        frame = overlay().latest(scene)
+    def note(panel, context):
+        frame = overlay().latest(context.scene)
         results["sidebar"] = frame and frame.time
-        return line(scene)
 
-    panels._line = noted
+    bpy.types.CROWDLOD_PT_main.append(note)
 
 
 def after(change):
@@ -314,7 +311,6 @@ def repeat():
         "before": before,
         "after": after,
         "scene": scene().name,
-        "cached": len(overlay()._displays),
     }
 
 
