@@ -28,6 +28,7 @@ AS_MADE = "crowd_lod_as_made"
 WAY = "crowd_lod_method"
 WHY = "crowd_lod_why"
 MILLISECONDS = "crowd_lod_ms"
+GIVEN = "crowd_lod_given"  # an artist made the LOD
 
 
 def hash_made(item: bpy.types.Object) -> str:
@@ -60,7 +61,7 @@ def make_object(
     if not ratio:
         return _leave_out(item)
     made = yield from methods.make(source, ratio, method, item.name)
-    copy = _copy(item) if item.type == "MESH" else _stand_in(item, made.mesh)
+    copy = copy_object(item) if item.type == "MESH" else _stand_in(item, made.mesh)
     for modifier in list(copy.modifiers):
         if modifier.type not in sources.FOLLOWED:
             copy.modifiers.remove(modifier)
@@ -91,7 +92,11 @@ def share_object(source: sources.Source) -> tuple[bpy.types.Object, int, int]:
     modifiers applied.
     """
     mesh = source.mesh
-    return _copy(source.item), len(mesh.vertices) if mesh else 0, _triangles(mesh) if mesh else 0
+    return (
+        copy_object(source.item),
+        len(mesh.vertices) if mesh else 0,
+        _triangles(mesh) if mesh else 0,
+    )
 
 
 def _triangles(mesh: bpy.types.Mesh) -> int:
@@ -117,11 +122,12 @@ def _rigs(item: bpy.types.Object, groups: list[str]) -> list[set[str]]:
     return rigs
 
 
-def _copy(item: bpy.types.Object) -> bpy.types.Object:
+def copy_object(item: bpy.types.Object) -> bpy.types.Object:
+    """Return a copy that shares the object's data, is shown, and is in no collection."""
     copy = item.copy()
     if copy.override_library:
         copy.make_local()
-    for name in (OWNED, AS_MADE, WAY, WHY, MILLISECONDS):  # of a LOD that became a character
+    for name in (OWNED, AS_MADE, WAY, WHY, MILLISECONDS, GIVEN):  # of a LOD that became a character
         copy.pop(name, None)
     # Blender puts a copy of a rigid body into the simulation
     for collection in copy.users_collection:

@@ -26,6 +26,7 @@ from ..characters.cast_provenance import cast_inputs, of_characters
 from ..characters.stored_groups import count_of
 from ..machine.scene_world import actions_named
 from ..scene.scene_crowd import GROUP
+from .level_objects import GIVEN
 from .selection import chosen
 
 # custom properties of the collection of all LODs: what they were made for, and what they were
@@ -244,11 +245,14 @@ def forecast(scene: bpy.types.Scene) -> Forecast | None:
     It takes the agents that the shot showed when the LODs were made: what another lens leaves out,
     or brings in, is not counted. No LOD is made or measured, and the answer is kept until something
     changes. With a limit of memory it is not known: to try tolerances until LODs fit takes seconds.
-    Nor is it by ratio, and where the candidates themselves would be others: see UNFORESEEN.
+    Nor is it by ratio, with LODs that artists gave, and where the candidates themselves would be
+    others: see UNFORESEEN.
     """
     settings = scene.crowd_lod
     stored = settings.levels.get(CHOSEN_FROM) if settings.levels is not None else None
     if not isinstance(stored, str) or settings.memory or settings.choice != "BY_TOLERANCE":
+        return None
+    if any(GIVEN in item for item in settings.levels.all_objects):
         return None
     news = changed(scene)
     if not news or UNFORESEEN & set(news) or edited(scene):
@@ -296,9 +300,8 @@ def _forecast(scene: bpy.types.Scene, stored: dict) -> Forecast | None:
     groups = [
         _foreseen(settings, own, shot) for own, shot in zip(stored["groups"], shots, strict=True)
     ]
-    keep = chosen(
-        settings, groups, shots, 1.0, [range(len(group.triangles)) for group in groups]
-    ).keep
+    known = [range(len(group.triangles)) for group in groups]
+    keep = chosen(settings, groups, shots, 1.0, known, [()] * len(groups)).keep
     rows = []
     for own, group, then in zip(stored["groups"], groups, keep, strict=True):
         before = _ratios(own["triangles"], own["keep"])

@@ -10,11 +10,12 @@ import numpy as np
 from ...crowd_lod.simplification.closest_point import barycentric
 from ...crowd_lod.simplification.decimate import decimating
 from ..blender import mesh_data
-from .attribute_transfer import charts_of, dress, nearest_vertices, shade, weights_of
+from .attribute_transfer import dress, nearest_vertices, shade, weights_of
 from .mesh_repair import drop_loose
 from .shaded_pictures import similarity
 from .source_mesh import Source, evaluated_mesh, read_weights, staged
 from .surface import Surface, roughly, scattered
+from .uv_charts import charts_of
 
 # points of each surface that the two ways are compared at, at rest and in each pose
 COMPARED = 4_000
@@ -84,32 +85,39 @@ def make(source: Source, ratio: float, method: str, name: str) -> Generator[None
         fast.why = _without(precise)
         return fast
     yield
-    one = yield from errors(source, fast.mesh)
-    two = yield from errors(source, precise.mesh)
-    if one.as_near_as(two):  # else pictures, which take a while, decide nothing
-        one, two = (
-            replace(each, similar=similarity(source, made.mesh))
-            for each, made in zip((one, two), (fast, precise), strict=True)
+    return (yield from _better(source, fast, precise, round(ratio * len(triangles))))
+
+
+def _better(source: Source, fast: Made, precise: Made, target: int) -> Generator[None, None, Made]:
+    """Measure both, and remove the mesh of the worse one.
+
+    target: triangles asked for. Yields between its steps; returns the better, with the reason.
+    """
+    fast_errors = yield from errors(source, fast.mesh)
+    precise_errors = yield from errors(source, precise.mesh)
+    if fast_errors.as_near_as(precise_errors):  # else pictures, which take a while, decide nothing
+        fast_errors, precise_errors = (
+            replace(measured, similar=similarity(source, way.mesh))
+            for measured, way in ((fast_errors, fast), (precise_errors, precise))
         )
-    better, reason = chosen_method(one, two)
-    best, other = (fast, precise) if better else (precise, fast)
-    where = " in motion" if one.motion else ""
-    best.why = (
-        f"{'Pose-Aware' if best is fast else 'Decimate Modifier'}, as {reason}: Pose-Aware is up "
-        f"to {one.near:.2%} of the size away{where}, "
-        f"with wrong UVs on {one.off:.1%} of the surface, {one.area:.0%} of the silhouette's "
-        f"area, in {fast.milliseconds:.0f} ms; "
-        f"Decimate Modifier {two.near:.2%}, {two.off:.1%}, {two.area:.0%}, "
+    is_fast_better, reason = choose_method(fast_errors, precise_errors)
+    better, worse = (fast, precise) if is_fast_better else (precise, fast)
+    where = " in motion" if fast_errors.motion else ""
+    better.why = (
+        f"{'Pose-Aware' if is_fast_better else 'Decimate Modifier'}, as {reason}: Pose-Aware is up "
+        f"to {fast_errors.near:.2%} of the size away{where}, "
+        f"with wrong UVs on {fast_errors.off:.1%} of the surface, {fast_errors.area:.0%} of the "
+        f"silhouette's area, in {fast.milliseconds:.0f} ms; Decimate Modifier "
+        f"{precise_errors.near:.2%}, {precise_errors.off:.1%}, {precise_errors.area:.0%}, "
         f"{precise.milliseconds:.0f} ms."
     )
-    bpy.data.meshes.remove(other.mesh)
-    wanted = round(ratio * len(triangles))
-    if len(best.mesh.polygons) > MISSED * wanted:
-        best.why += (
-            f" It has {len(best.mesh.polygons):,} triangles, not {wanted:,}: with fewer, "
+    bpy.data.meshes.remove(worse.mesh)
+    if len(better.mesh.polygons) > MISSED * target:
+        better.why += (
+            f" It has {len(better.mesh.polygons):,} triangles, not {target:,}: with fewer, "
             f"loose parts of the mesh would be lost."
         )
-    return best
+    return better
 
 
 @dataclass(frozen=True)
@@ -142,7 +150,7 @@ def _alike(one: float, other: float) -> bool:
     return max(one, other) + NEAR_ENOUGH <= SLACK * (min(one, other) + NEAR_ENOUGH)
 
 
-def chosen_method(fast: Errors, precise: Errors) -> tuple[bool, str]:
+def choose_method(fast: Errors, precise: Errors) -> tuple[bool, str]:
     """(whether the fast way is to be taken, why).
 
     The distance in motion decides, unless only one of them keeps the silhouette and is at most

@@ -156,6 +156,7 @@ def chosen(
     shots: Sequence[GroupShot | None],
     meters: float,
     measured: Sequence[Collection[int]],
+    given: Sequence[Collection[int]],
 ) -> Chosen:
     """Choose the candidates to keep.
 
@@ -163,6 +164,7 @@ def chosen(
     shots: for each group its GroupShot. None keeps all its candidates.
     meters: that a unit of the scene is.
     measured: for each group, the candidates whose values are no guesses.
+    given: for each group, the candidates that artists made, which go before others.
 
     With a limit of memory, and candidates beyond it, the tolerance is raised until they fit.
     CrowdError if no tolerance is enough.
@@ -171,14 +173,14 @@ def chosen(
     keep = []
     dropped = []
     memory = 0.0
-    for group, shot, known in zip(groups, shots, measured, strict=True):
+    for group, shot, known, by_hand in zip(groups, shots, measured, given, strict=True):
         kept = list(range(len(group.triangles)))
         reasons = {}
         dear = {}
         if shot is not None:
             own = counting(group, tolerance, shot)
-            kept, reasons = choose(own, tolerance, shot.views, meters)
-            kept, dear = cheapest(own, kept, tolerance, shot, known)
+            kept, reasons = choose(own, tolerance, shot.views, meters, by_hand)
+            kept, dear = cheapest(own, kept, tolerance, shot, known, by_hand)
             if settings.memory:
                 memory += dict(priced(own, kept, tolerance, shot))[tuple(kept)].memory
         keep.append(kept)

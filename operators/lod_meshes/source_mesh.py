@@ -14,7 +14,9 @@ from ...crowd_lod.format import counted
 from ...crowd_lod.simplification.pose_deformation import Skin
 from ..blender import mesh_data
 from ..blender.animation import armatures_of, curves_of
+from ..blender.provenance import text_digest
 from ..blender.references import closure_of
+from ..blender.rig_dependencies import stance
 from .mesh_repair import drop_flat_parts, mend
 from .surface import Surface
 
@@ -48,7 +50,7 @@ class Source:
         KEY).
     notes: sentences that say what LODs leave out.
     custom_normals: whether it has custom normals or sharp edges.
-    charts: attribute_transfer.Charts, made when first needed; None before.
+    charts: uv_charts.Charts, made when first needed; None before.
     body: (Body, Looks) for the shaded pictures, made by shaded_pictures.similarity; None before.
     skin: how its points move in the poses (see pose_deformation.skin_of); None if they do not.
     share: its part of the character's triangles, from 0 to 1.
@@ -393,3 +395,24 @@ def digest(mesh: bpy.types.Mesh, *others) -> str:
     ):
         hashed.update(np.ascontiguousarray(array))
     return hashed.hexdigest()
+
+
+def object_digest(item: bpy.types.Object, source: Source) -> str:
+    """Return a hash of everything that LODs take from the object."""
+    blocks = source.keys and item.data.shape_keys.key_blocks
+    looks = (
+        [
+            getattr(item, name)
+            for name in mesh_data.SHOWN
+            if name not in ("hide_render", "hide_viewport", "color")
+        ],
+        [slot.material and slot.material.name_full for slot in item.material_slots],
+        [(name, blocks[name].slider_min, blocks[name].slider_max) for name in source.keys],
+    )
+    if source.mesh is None:
+        return text_digest(stance(item), looks)
+    active = (
+        [layer.active_render for layer in source.mesh.uv_layers],
+        source.mesh.attributes.default_color_name,
+    )
+    return digest(source.mesh, stance(item), looks, active, source.groups)

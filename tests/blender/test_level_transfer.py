@@ -298,7 +298,7 @@ def test_the_way_and_why_are_kept_with_each_lod_and_auto_takes_one_of_both():
     ],
 )
 def test_the_choice_between_the_ways_weighs_shape_and_uvs(fast, precise, takes_fast):
-    assert methods.chosen_method(methods.Errors(*fast), methods.Errors(*precise))[0] == takes_fast
+    assert methods.choose_method(methods.Errors(*fast), methods.Errors(*precise))[0] == takes_fast
 
 
 @pytest.mark.parametrize(
@@ -323,7 +323,7 @@ def test_the_choice_weighs_motion_first(fast, precise, takes_fast):
     fast, precise = (
         methods.Errors(rest, off, motion=motion) for rest, off, motion in (fast, precise)
     )
-    assert methods.chosen_method(fast, precise)[0] == takes_fast
+    assert methods.choose_method(fast, precise)[0] == takes_fast
 
 
 @pytest.mark.parametrize(
@@ -345,7 +345,7 @@ def test_the_choice_weighs_motion_first(fast, precise, takes_fast):
     ],
 )
 def test_the_choice_counts_what_shows(fast, precise, takes_fast):
-    assert methods.chosen_method(methods.Errors(*fast), methods.Errors(*precise))[0] == takes_fast
+    assert methods.choose_method(methods.Errors(*fast), methods.Errors(*precise))[0] == takes_fast
 
 
 @pytest.mark.once
