@@ -104,15 +104,15 @@ def choose_flips(flips: Flips, change: np.ndarray) -> Flips:
     """The flips of the least `change` (k,), of which no two share a triangle or make one edge."""
     flipped_faces: set[int] = set()
     new_edges = set()
-    chosen = []
+    indices = []
     for k in np.argsort(change, kind="stable").tolist():
         faces = flips.faces[:, k].tolist()
         edge = frozenset(flips.corners[2:, k].tolist())
         if flipped_faces.isdisjoint(faces) and edge not in new_edges:
             flipped_faces.update(faces)
             new_edges.add(edge)
-            chosen.append(k)
-    return flips.take(np.array(chosen, np.intp))
+            indices.append(k)
+    return flips.take(np.array(indices, np.intp))
 
 
 def flip_edges(lod: TriangleMesh, flips: Flips) -> TriangleMesh:

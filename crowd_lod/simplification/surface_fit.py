@@ -144,7 +144,7 @@ class SurfaceFit:
     @property
     def corners(self) -> np.ndarray:
         """(3, m): the LOD's triangles, of one copy."""
-        return self.copies.one(self.lod.corners)
+        return self.copies.originals(self.lod.corners)
 
     def restore(self) -> None:
         """Go back to where the worst distance was least."""
@@ -202,7 +202,7 @@ class SurfaceFit:
 
     def source_normals(self) -> np.ndarray:
         """About the normals (3, m) of what each face of the LOD, at rest, stands for."""
-        collapse_map = self.copies.one(self.collapse_map)
+        collapse_map = self.copies.originals(self.collapse_map)
         n = len(self.follows)
         left = collapse_map >= 0
         sums = np.stack([np.bincount(collapse_map[left], x[left], n) for x in self.outward])
@@ -333,7 +333,7 @@ class SurfaceFit:
         move *= now.stride / (total + now.damping * total.mean())
         points = self.points
         corners = self.corners
-        move = hold_on_seams(points, corners, self.copies.one(self.seams), move)
+        move = hold_on_seams(points, corners, self.copies.originals(self.seams), move)
         moved = self.copies.at(unfold(points, points + move, corners, facing), self.follows)
         self.state = replace(state, lod=state.lod.moved(moved), pull=pull, lod_pull=lod_pull)
 
@@ -351,7 +351,7 @@ class SurfaceFit:
     def _find_gaining_flips(self) -> Flips:
         """The flips of edges near the worst distance, at rest, that lessen it enough."""
         copies = self.copies
-        flips = find_flips(self.points, self.corners, copies.one(self.seams))
+        flips = find_flips(self.points, self.corners, copies.originals(self.seams))
         error = copies.worst(self.state.errors())[flips.faces].max(axis=0)
         far = error > settings.CURRENT.flip_from * self.worst
         flips = flips.take(far)

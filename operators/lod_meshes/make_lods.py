@@ -89,7 +89,8 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
     for ladder, own in zip(ladders, homes, strict=True):
         ladder.settle(own)
     made, kept = (
-        [ladder.name for ladder in ladders if bool(ladder.made) == new] for new in (True, False)
+        [ladder.name for ladder in ladders if bool(ladder.new_homes) == new]
+        for new in (True, False)
     )
     feet = [
         (*character.origin[:2], character.origin[2] + group.feet)
@@ -113,7 +114,7 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
         "",
     )
     columns = [
-        ladder.columns([home[CANDIDATE] for home in own])
+        ladder.measured.columns([home[CANDIDATE] for home in own])
         for ladder, own in zip(ladders, homes, strict=True)
     ]
     store_groups(
@@ -163,7 +164,7 @@ def _read(
     for ladder, group, shot in zip(ladders, groups, shots, strict=True):
         ladder.reach = group.lowest, group.center, group.radius
         for goal in (ladder.goals[0], *ladder.given):
-            if goal in ladder.goals and goal not in ladder.rows:
+            if goal in ladder.goals and goal not in ladder.measured.rows:
                 yield from standing(ladder.measure(goal), 0.1)
         if shot is not None:
             ladder.aim(group, shot.views, round(settings.tolerance, 6), bool(settings.memory))
@@ -183,18 +184,19 @@ def _chosen(
     missing = True
     total = sum(len(ladder.goals) for ladder in ladders)
     while missing:
-        usual = [lost for ladder in ladders for lost in ladder.lost()]
+        usual = [lost for ladder in ladders for lost in ladder.measured.lost()]
         guesses = [
             cover_sizes(ladder.guess(group, usual))
             for ladder, group in zip(ladders, groups, strict=True)
         ]
         measured = [
-            [k for k, goal in enumerate(ladder.goals) if goal in ladder.rows] for ladder in ladders
+            [k for k, goal in enumerate(ladder.goals) if goal in ladder.measured.rows]
+            for ladder in ladders
         ]
         given = [
             [k for k, goal in enumerate(ladder.goals) if goal in ladder.given] for ladder in ladders
         ]
-        chosen = selection.chosen(
+        chosen = selection.choose_candidates(
             scene.crowd_lod, guesses, shots, scene_data.meters(scene), measured, given
         )
         missing = [
@@ -221,20 +223,20 @@ def _made(
     """
     homes = []
     edited = []
-    taken = set()
+    used_homes = set()
     for g, (ladder, kept) in enumerate(zip(ladders, keep, strict=True)):
-        ladder.find(earlier, taken)
+        ladder.find(earlier, used_homes)
         goals = [ladder.goals[k] for k in kept]
-        missing = [goal for goal in goals if goal not in ladder.found]
-        if ladder.held(earlier, missing) and ladder.digest not in [
+        missing = [goal for goal in goals if goal not in ladder.homes]
+        if ladder.has_earlier(earlier, missing) and ladder.digest not in [
             each.digest for each in ladders[:g]
         ]:
             edited.append(ladder.name)
         for goal in missing:
             yield from standing(ladder.make(goal), 0.9 + 0.09 * g / len(ladders))
         yield from standing(ladder.look_between(goals), 0.9 + 0.09 * g / len(ladders))
-        homes.append([ladder.found[goal] for goal in goals])
-        taken.update(homes[-1])
+        homes.append([ladder.homes[goal] for goal in goals])
+        used_homes.update(homes[-1])
     return homes, edited
 
 
@@ -287,13 +289,13 @@ def _named(names: list[str], homes: list, before: set) -> None:
 
 def _told(ladders: list[Ladder], dropped: list[dict[int, str]]) -> list[str]:
     """Return a line for each dropped candidate; "About" marks guessed values."""
-    found = []
+    lines = []
     for ladder, reasons in zip(ladders, dropped, strict=True):
-        found += [
-            f"{ladder.name}: {'' if ladder.goals[k] in ladder.rows else 'About '}{reasons[k]}"
+        lines += [
+            f"{ladder.name}: {'' if ladder.goals[k] in ladder.measured.rows else 'About '}{reasons[k]}"
             for k in sorted(reasons)
         ]
-    return found
+    return lines
 
 
 def _padded(columns: dict, count: int) -> dict:
