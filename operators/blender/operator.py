@@ -76,7 +76,11 @@ class Stepwise(Reporting):
     `steps(context)` is a generator that yields its progress, 0 to 1, and returns the message. In a
     window the steps run in a timer, with a progress bar, and Esc cancels. The generator's own
     cleanup must then leave the scene as it was. Without a window the steps run in one go.
+
+    remains: what a cancel leaves, in words; steps set it where parts of the work stay.
     """
+
+    remains = "nothing was changed"
 
     @classmethod
     def poll(cls, context) -> bool:
@@ -101,7 +105,7 @@ class Stepwise(Reporting):
     def modal(self, context, event) -> set[str]:
         if event.type == "ESC":
             self._end(context)
-            self.report({"WARNING"}, f"{self.bl_label} was canceled; nothing was changed.")
+            self.report({"WARNING"}, f"{self.bl_label} was canceled; {self.remains}.")
             return {"CANCELLED"}
         if event.type != "TIMER":
             return {"RUNNING_MODAL"}

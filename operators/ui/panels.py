@@ -12,11 +12,14 @@ from ... import sample_scenes
 from ...crowd_lod.behavior.walk import walks_of
 from ...crowd_lod.format import counted
 from ...crowd_lod.levels.cost_model import NAMES
+from ..blender import operator
 from ..blender.props import PROP
 from ..blender.scene_data import engine_of
 from ..characters.prop_button import props_in
 from ..lod_meshes.made_for import changed, edited, forecast
 from ..overlay import viewport_overlay
+from ..runs.update_all import due_steps
+from ..settings import needs
 from . import steps
 from .agent_edits import draw_edits
 from .crowd_list import MOVERS, draw_behavior, draw_ground, draw_simulation, draw_source
@@ -57,6 +60,20 @@ class CROWDLOD_PT_main(Sidebar, bpy.types.Panel):
         row = column.row(align=True)
         row.alert = icon == "ERROR"
         row.popover("CROWDLOD_PT_messages", text=sentence, icon=icon, translate=False)
+        _update_row(column, scene)
+
+
+def _update_row(layout, scene: bpy.types.Scene) -> None:
+    """Draw the button that does all steps which are due; gray where none is."""
+    due = due_steps(scene) if not needs.crowd(scene) and not needs.camera(scene) else {}
+    row = layout.row()
+    row.enabled = bool(due) or "crowd_lod.update_all" in operator.at_work
+    words = {"Make LOD Meshes": "Make", "Plan Shot": "Plan"}
+    names = ", ".join(words.get(label, label) for label in due)
+    text = f"Update All: {names}" if due else "Meshes, plan and build are up to date"
+    if needs.crowd(scene):
+        text = "Update All"
+    button(row, "crowd_lod.update_all", text, "FILE_REFRESH", steps.next_operator(scene))
 
 
 def _line(scene: bpy.types.Scene) -> str:
