@@ -35,7 +35,7 @@ def test_a_lod_has_about_the_fewest_triangles_whose_bound_is_the_length(ball, le
 def test_no_first_try_is_the_whole_itself(ball):
     """Where Decimate's LOD of most triangles is far too coarse, Pose-Aware tries one of more."""
     curve = Curve(read_source(ball))
-    curve.known["DECIMATE"].append(Try(ball, 2_000, 4_000, "DECIMATE", 0.8, deviation=0.006))
+    curve.known_tries["DECIMATE"].append(Try(ball, 2_000, 4_000, "DECIMATE", 0.8, deviation=0.006))
     assert 0.8 < curve.ratio_for("POSE_AWARE", 0.0025, about=0.8) < 0.95
 
 
