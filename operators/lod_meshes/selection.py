@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Generator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import bpy
 import numpy as np
@@ -134,6 +135,16 @@ def rigs_of(
     )
 
 
+class Limits(NamedTuple):
+    """What the choice keeps within: the settings of these names, as they are now.
+
+    tolerance: pixels; memory: MB, 0 for no limit.
+    """
+
+    tolerance: float
+    memory: float
+
+
 @dataclass(frozen=True)
 class Chosen:
     """The choice of candidates. Candidates go by their number in the ladder.
@@ -151,7 +162,7 @@ class Chosen:
 
 
 def chosen(
-    settings,
+    limits: Limits,
     groups: Sequence[Group],
     shots: Sequence[GroupShot | None],
     meters: float,
@@ -169,7 +180,7 @@ def chosen(
     With a limit of memory, and candidates beyond it, the tolerance is raised until they fit.
     CrowdError if no tolerance is enough.
     """
-    tolerance = round(settings.tolerance, 6)
+    tolerance = round(limits.tolerance, 6)
     keep = []
     dropped = []
     memory = 0.0
@@ -181,12 +192,12 @@ def chosen(
             own = counting(group, tolerance, shot)
             kept, reasons = choose(own, tolerance, shot.views, meters, by_hand)
             kept, dear = cheapest(own, kept, tolerance, shot, known, by_hand)
-            if settings.memory:
+            if limits.memory:
                 memory += dict(priced(own, kept, tolerance, shot))[tuple(kept)].memory
         keep.append(kept)
         dropped.append(reasons | dear)
-    if settings.memory and memory > 1e6 * settings.memory:
-        reached, keep, built = fit_in_memory(groups, tolerance, shots, 1e6 * settings.memory)
+    if limits.memory and memory > 1e6 * limits.memory:
+        reached, keep, built = fit_in_memory(groups, tolerance, shots, 1e6 * limits.memory)
         finest = [kept.index(own[0]) for kept, own in zip(keep, built, strict=True)]
         return Chosen(keep, [{}] * len(keep), finest, reached)
     return Chosen(keep, dropped, [0] * len(keep))
