@@ -200,10 +200,16 @@ def _chosen(
             [k for k, goal in enumerate(ladder.goals) if goal in ladder.given] for ladder in ladders
         ]
         choosing = partial(
-            selection.chosen, limits, guesses, shots, scene_data.meters(scene), measured, given
+            selection.choose_candidates,
+            limits,
+            guesses,
+            shots,
+            scene_data.meters(scene),
+            measured,
+            given,
         )
-        known = sum(map(len, measured)) / total
-        chosen = yield from standing(aside(choosing), 0.1 + 0.79 * known)
+        done = sum(map(len, measured)) / total
+        chosen = yield from standing(aside(choosing), 0.1 + 0.79 * done)
         missing = [
             (ladder, k)
             for ladder, keep, known in zip(ladders, chosen.keep, measured, strict=True)
@@ -228,9 +234,9 @@ def _made(
     """
     homes = []
     edited = []
-    taken = set()
+    used_homes = set()
     for g, (ladder, kept) in enumerate(zip(ladders, keep, strict=True)):
-        ladder.find(earlier, taken)
+        ladder.find(earlier, used_homes)
         goals = [ladder.goals[k] for k in kept]
         missing = [goal for goal in goals if goal not in ladder.homes]
         if ladder.has_earlier(earlier, missing) and ladder.digest not in [
@@ -241,7 +247,7 @@ def _made(
             yield from standing(ladder.make(goal), 0.9 + 0.09 * g / len(ladders))
         yield from standing(ladder.look_between(goals), 0.9 + 0.09 * g / len(ladders))
         homes.append([ladder.homes[goal] for goal in goals])
-        taken.update(homes[-1])
+        used_homes.update(homes[-1])
     return homes, edited
 
 
@@ -294,13 +300,13 @@ def _named(names: list[str], homes: list, before: set) -> None:
 
 def _told(ladders: list[Ladder], dropped: list[dict[int, str]]) -> list[str]:
     """Return a line for each dropped candidate; "About" marks guessed values."""
-    found = []
+    lines = []
     for ladder, reasons in zip(ladders, dropped, strict=True):
-        found += [
+        lines += [
             f"{ladder.name}: {'' if ladder.goals[k] in ladder.measured.rows else 'About '}{reasons[k]}"
             for k in sorted(reasons)
         ]
-    return found
+    return lines
 
 
 def _padded(columns: dict, count: int) -> dict:

@@ -43,8 +43,9 @@ def perform(
     first, last = span
     for armature, (data, action) in model.rigs.items():
         rig = rigs[armature] = bpy.data.objects.new(f"{title} {armature}", data)
+        # Makes the pose. Without it Blender crashes as soon as an animation editor is drawn.
+        rig.data = data
         track = rig.animation_data_create().nla_tracks.new()
-        # which plays its one slot; to set that crashes Blender
         strip = track.strips.new("Phase", 0, action)
         strip.use_animated_time = True
         strip.extrapolation = "HOLD"
