@@ -20,7 +20,7 @@ RESTS_ON: list[Callable[[bpy.types.Scene], Any]] = []
 # jobs of Blender that read the file in threads of their own
 JOBS = ("RENDER", "OBJECT_BAKE", "COMPOSITE")
 # beginnings of the names of operators beside which a step goes on: they look, or scrub
-LOOKING = ("CROWDLOD_OT_", "VIEW3D_OT_", "VIEW2D_OT_", "ANIM_OT_change_frame")
+LOOKING = ("CROWD_LOD_OT_", "VIEW3D_OT_", "VIEW2D_OT_", "ANIM_OT_change_frame")
 _running: list["Stepwise"] = []
 
 
