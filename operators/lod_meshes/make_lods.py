@@ -3,13 +3,14 @@
 import re
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import bpy
 
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.crowd.bounding_spheres import cover_sizes
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.progress import share, standing
+from ...crowd_lod.progress import aside, share, standing
 from ..blender import scene_data
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED, remove_owned
@@ -179,6 +180,8 @@ def _chosen(
     One that was chosen by a guess is measured, and all are chosen again, until all that are chosen
     are measured. Returns the choice, and the groups with values of all their candidates.
     """
+    settings = scene.crowd_lod
+    limits = selection.Limits(settings.tolerance, settings.memory)
     chosen = None
     guesses = []
     missing = True
@@ -196,9 +199,17 @@ def _chosen(
         given = [
             [k for k, goal in enumerate(ladder.goals) if goal in ladder.given] for ladder in ladders
         ]
-        chosen = selection.choose_candidates(
-            scene.crowd_lod, guesses, shots, scene_data.meters(scene), measured, given
+        choosing = partial(
+            selection.choose_candidates,
+            limits,
+            guesses,
+            shots,
+            scene_data.meters(scene),
+            measured,
+            given,
         )
+        done = sum(map(len, measured)) / total
+        chosen = yield from standing(aside(choosing), 0.1 + 0.79 * done)
         missing = [
             (ladder, k)
             for ladder, keep, known in zip(ladders, chosen.keep, measured, strict=True)
