@@ -206,6 +206,8 @@ def excepted(survey: Survey, exemptions: Sequence[Exemption]) -> Survey:
         shows = survey.kind[f] == SEEN
         appears = np.flatnonzero(was_hidden & shows & ~hidden & (not survey.cuts[f]))
         survey.entered[f] = np.union1d(survey.entered[f][~hidden[survey.entered[f]]], appears)
+        gone = survey.left[f]
+        survey.left[f] = gone[~(hidden | was_hidden)[gone]]
         was_hidden = shows & hidden
         survey.kind[f, hidden] = CULLED
         for column in (survey.coarsest, survey.scale, survey.character):
