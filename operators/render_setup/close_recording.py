@@ -126,30 +126,30 @@ def _part(rounds: int) -> float:
 
 
 def _inserted(
-    recording: Recording, between: Recording, begins: np.ndarray, chosen: np.ndarray
+    recording: Recording, between: Recording, begins: np.ndarray, numbers: np.ndarray
 ) -> Recording:
-    """Return `recording` with those moments of `between` that are `chosen`.
+    """Return `recording` with the moments of `between` of these `numbers`.
 
     begins: for each moment of `between` the number of the interval that it halves.
     """
-    before = begins[chosen] + 1
+    before = begins[numbers] + 1
     bones = {}
     for armature, motion in recording.bones.items():
         moves = motion.moves
         if motion.rest:
             moves = list(
-                np.insert(moves, before, np.array(between.bones[armature].moves)[chosen], axis=0)
+                np.insert(moves, before, np.array(between.bones[armature].moves)[numbers], axis=0)
             )
         bones[armature] = Bones(motion.rest, motion.lengths, moves, motion.back)
     places = {
-        item: np.insert(matrices, before, between.places[item][chosen], axis=0)
+        item: np.insert(matrices, before, between.places[item][numbers], axis=0)
         for item, matrices in recording.places.items()
     }
     off = recording.off.copy()
     off[before - 1] = np.nan
     return replace(
         recording,
-        times=np.insert(recording.times, before, between.times[chosen]),
+        times=np.insert(recording.times, before, between.times[numbers]),
         bones=bones,
         places=places,
         off=np.insert(off, before, np.nan),
