@@ -35,12 +35,14 @@ class Points:
 
     def __call__(self, camera: Camera, frame: int) -> None:
         """The frame, from behavior to points that the dependency graph holds."""
-        found = plan(self.trajectory, camera, self.policy, frame)
-        held = frame_update.Held(found.crowd, frame)
-        buckets = [found.buckets[level] for level in range(len(self.objects))]
+        frame_plan = plan(self.trajectory, camera, self.policy, frame)
+        agents = frame_update.Held(frame_plan.crowd, frame)
+        buckets = [frame_plan.buckets[level] for level in range(len(self.objects))]
         library = Library(np.full(len(self.trajectory.groups), POSES))
-        made = frame_update.columns_by_bucket(self.trajectory, found.crowd, held, buckets, library)
-        for each, columns in zip(self.objects, made, strict=True):
+        bucket_columns = frame_update.columns_by_bucket(
+            self.trajectory, frame_plan.crowd, agents, buckets, library
+        )
+        for each, columns in zip(self.objects, bucket_columns, strict=True):
             mesh_data.write_points(each.data, columns)
         self.scene.view_layers[0].update()
 

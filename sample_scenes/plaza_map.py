@@ -42,8 +42,8 @@ def plan(machine: StateMachine) -> LabelMap:
     """Return the label map, 0.5 m per cell.
 
     machine: the preset "plaza", whose labels are used.
-    Cells within 1 m of an obstacle, or of the map's border, bear the direction away from it: "turn
-    east" is at a wall's east side.
+    Cells within 1 m of an obstacle, or of the map's border, have the label of the direction away
+    from it: "turn east" is at a wall's east side.
     """
     half = SIZE / 2
     middles = np.arange(-half, half, CELL) + CELL / 2

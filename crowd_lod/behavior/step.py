@@ -19,7 +19,7 @@ from .tabulated_step import Tables, merge_columns, step_within_cells
 
 # A crowd of fewer agents is stepped faster as a whole than in two ways.
 FEW_AGENTS = 3000
-# Steps of a crowd that must look at the map too often, before the next try to look ahead.
+# After a try in which too many agents must look at the map, so many steps until the next one.
 PAUSE = 16
 # The columns of a crowd that a step reads.
 READ = ("x", "y", "heading", "state", "wait", "key", "mirror")
@@ -53,6 +53,11 @@ class Steps:
         # a crowd, and what is known of its next steps
         self._known: tuple[Crowd | None, Ahead | None] = None, None
         self._pause = 0
+
+    @property
+    def looks_ahead(self) -> bool:
+        """Whether the next steps of most agents of the crowd last returned are known."""
+        return self._known[1] is not None
 
     def after(self, crowd: Crowd, seconds: float) -> Crowd:
         """Return the crowd `seconds` later: at most `row`, if there is one.

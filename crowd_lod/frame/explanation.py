@@ -227,10 +227,11 @@ def sides_of(
     radius: meters; 0 for a fixed margin.
     margin: see RadarOptions.
     """
-    v = tuple(np.array([each]) for each in center - camera.origin)
+    v = tuple(np.array([coordinate]) for coordinate in center - camera.origin)
     away = float(np.linalg.norm(center - camera.origin))
     reach, slack = (
-        float(each[0]) for each in reach_of(camera, v, np.array([away]), np.array([radius]))
+        float(coordinate[0])
+        for coordinate in reach_of(camera, v, np.array([away]), np.array([radius]))
     )
     if camera.kind != "PANO":
         frustum = frustum_of(camera)

@@ -63,8 +63,8 @@ class Phases:
         block = first_blocks(gaits)[:-1, None] + gaits.which
         nearest = NEAREST[self.counts[block]]
         ahead = (crowd.phase_class + self.shift) % CLASSES
-        shown = nearest[crowd.group, crowd.playing, ahead]
+        classes = nearest[crowd.group, crowd.playing, ahead]
         (finer,) = np.nonzero(self.finer)
         blocks = block[crowd.group[finer], crowd.playing[finer]]
-        shown[finer] = self.shown(finer, blocks, crowd.phase_class[finer])
-        return replace(crowd, phase_class=shown)
+        classes[finer] = self.shown(finer, blocks, crowd.phase_class[finer])
+        return replace(crowd, phase_class=classes)

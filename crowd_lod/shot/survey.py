@@ -212,7 +212,7 @@ def record(  # noqa: PLR0913 - what a frame tells, and what it follows
             "its number must not change during a shot."
         )
     trajectory = frame.trajectory
-    seen = frame.buckets.order
+    visible = frame.buckets.order
     seconds = trajectory.seconds(frame.time)
     for kind, buckets in (
         (SHADOW, frame.shadow),
@@ -226,17 +226,17 @@ def record(  # noqa: PLR0913 - what a frame tells, and what it follows
             survey.character[f, agents] = library.shown(
                 trajectory.gaits, frame.crowd, seconds, agents
             )
-    survey.scale[f, seen] = scale_of(frame, seen)
+    survey.scale[f, visible] = scale_of(frame, visible)
     if survey.blurred:
-        sharp = survey.scale[f, seen] / (1 + blur_of(frame, seen) / survey.blurred)
-        survey.scale[f, seen] = _rounded_up(sharp)
-        survey.coarsest[f, seen] = _coarsest(survey, f, seen, survey.blurred)
+        sharp = survey.scale[f, visible] / (1 + blur_of(frame, visible) / survey.blurred)
+        survey.scale[f, visible] = _rounded_up(sharp)
+        survey.coarsest[f, visible] = _coarsest(survey, f, visible, survey.blurred)
     if survey.roles is not None and f % MEET_EVERY == 0:
         survey.pairs[f], survey.nearness[f] = _close(survey, f, frame.crowd)
     survey.rays[f] = rays
     survey.cuts[f] = cut
     if before is not None and not cut:
-        survey.entered[f] = _unclipped(before, seen[survey.kind[f - 1, seen] != SEEN])
+        survey.entered[f] = _unclipped(before, visible[survey.kind[f - 1, visible] != SEEN])
 
 
 def _close(survey: Survey, f: int, crowd: Crowd) -> tuple[np.ndarray, np.ndarray]:
@@ -289,10 +289,10 @@ def scale_of(frame: Frame, agents: np.ndarray) -> np.ndarray:
 
 def _rounded_up(values: np.ndarray) -> np.ndarray:
     """Return `values` as float16, none below its own, at most MOST_SCALE."""
-    found = np.minimum(values, MOST_SCALE).astype(np.float16)
-    low = found < np.minimum(values, MOST_SCALE)
-    found[low] = np.nextafter(found[low], np.float16(np.inf))
-    return found
+    scale = np.minimum(values, MOST_SCALE).astype(np.float16)
+    low = scale < np.minimum(values, MOST_SCALE)
+    scale[low] = np.nextafter(scale[low], np.float16(np.inf))
+    return scale
 
 
 def _coarsest(survey: Survey, f: int, agents: np.ndarray, tolerance: float) -> np.ndarray:
@@ -302,10 +302,10 @@ def _coarsest(survey: Survey, f: int, agents: np.ndarray, tolerance: float) -> n
     assert survey.bounds is not None
     group = survey.group[agents]
     scale = survey.scale[f, agents].astype(np.float64)
-    found = np.zeros(len(agents), np.uint8)
+    level = np.zeros(len(agents), np.uint8)
     for k in range(1, survey.bounds.shape[1]):
-        found[scale * survey.bounds[group, k] <= tolerance] = k
-    return found
+        level[scale * survey.bounds[group, k] <= tolerance] = k
+    return level
 
 
 def at_tolerance(survey: Survey, bounds: np.ndarray, tolerance: float) -> Survey:
@@ -316,8 +316,8 @@ def at_tolerance(survey: Survey, bounds: np.ndarray, tolerance: float) -> Survey
     coarsest = survey.coarsest.copy()
     for f in range(len(coarsest)):
         agents = np.flatnonzero(survey.kind[f] == SEEN)
-        found = _coarsest(replace(survey, bounds=bounds), f, agents, tolerance)
+        level = _coarsest(replace(survey, bounds=bounds), f, agents, tolerance)
         if survey.finest is not None and survey.limit is not None:
-            found = np.clip(found, survey.finest[f, agents], survey.limit[f, agents])
-        coarsest[f, agents] = found
+            level = np.clip(level, survey.finest[f, agents], survey.limit[f, agents])
+        coarsest[f, agents] = level
     return replace(survey, coarsest=coarsest)

@@ -215,11 +215,13 @@ class Ladder:
         goals = [*(self.measured.goal_near(length) for length in gaps), *self.given]
         self.goals = [0.0, *sorted(goals, key=lambda goal: bounds.get(goal, goal))]
 
-    def find(self, earlier: bpy.types.Collection | None, used: set[bpy.types.Collection]) -> None:
+    def find(
+        self, earlier: bpy.types.Collection | None, others_homes: set[bpy.types.Collection]
+    ) -> None:
         for home in self._earlier_homes(earlier) if self.measured.rows else ():
             with suppress(CrowdError):
                 goal = stored_values.read(home, CANDIDATE, float, "")
-                if goal not in self.homes and home not in used and _untouched(home):
+                if goal not in self.homes and home not in others_homes and _untouched(home):
                     self.homes[goal] = home
 
     def has_earlier(self, earlier: bpy.types.Collection | None, goals: Sequence[float]) -> bool:
@@ -388,20 +390,20 @@ class Ladder:
         # by ratio all are made, whatever they deviate by
         return self.measured.complete(group, self.goals, usual if self.searched else None)
 
-    def settle(self, chosen: list[bpy.types.Collection]) -> None:
+    def settle(self, kept_homes: list[bpy.types.Collection]) -> None:
         goals = list(self.measured.rows)
         if len(goals) > MOST_GOALS:
             goals = [self.goals[0], *goals[1 - MOST_GOALS :]]
-        chosen[0][MEASURED] = {
+        kept_homes[0][MEASURED] = {
             CANDIDATE: goals,
             REACH: [*self.place, *self.reach],
             **self.measured.columns(goals),
         }
         bpy.data.batch_remove([source.mesh for source in self.sources if source.mesh])
-        doomed = [home for home in self.new_homes.values() if home not in chosen]
+        doomed = [home for home in self.new_homes.values() if home not in kept_homes]
         discard([item for home in doomed for item in home.objects])
         bpy.data.batch_remove(doomed)
         for home in self.new_homes.values():
-            if home in chosen:
+            if home in kept_homes:
                 for item in home.objects:
                     item[AS_MADE] = hash_made(item)

@@ -27,7 +27,7 @@ from ..characters.stored_groups import count_of
 from ..machine.scene_world import actions_named
 from ..scene.scene_crowd import GROUP
 from .level_objects import GIVEN
-from .selection import chosen
+from .selection import choose_candidates
 
 # custom properties of the collection of all LODs: what they were made for, and what they were
 # chosen from
@@ -62,24 +62,26 @@ class Forecast:
             "finer": len(self.rows) - coarser - without,
             "without LODs": without,
         }
-        told = [
+        parts = [
             f"{count} {'group' if count == 1 else 'groups'} {which}"
             for which, count in counts.items()
             if count
         ]
-        return f"About: {', '.join(told)}" if told else "About the same LODs would do"
+        return f"About: {', '.join(parts)}" if parts else "About the same LODs would do"
 
     @property
     def sentence(self) -> str:
         """Return the change in full."""
-        told = [f"{name} from {_parts(now)} to {_parts(then)}" for name, now, then in self.rows]
+        parts = [f"{name} from {_parts(now)} to {_parts(then)}" for name, now, then in self.rows]
         where = (
             "where they did"
             if abs(self.farther - 1) < 0.005
             else f"at {number(self.farther)} times the distance"
         )
         change = (
-            f"would change, about: {'; '.join(told)}" if told else "would keep about the same LODs"
+            f"would change, about: {'; '.join(parts)}"
+            if parts
+            else "would keep about the same LODs"
         )
         return f"LODs begin {where} when they were made. Make LOD Meshes {change}."
 
@@ -126,10 +128,10 @@ def note_shot(
                     "shaded": [*map(float, group.shaded)],
                     "characters": shot.characters,
                     "rigs": shot.rigs,
-                    "keep": [*map(int, own)],
+                    "keep": [*map(int, indices)],
                     "views": [_packed(view.counted()) for view in shot.views],
                 }
-                for group, shot, own in zip(groups, shots, keep, strict=True)
+                for group, shot, indices in zip(groups, shots, keep, strict=True)
                 if shot is not None
             ],
         }
@@ -198,21 +200,21 @@ def _lacks(settings) -> dict[str, tuple[str, str]]:
     """Return how many LODs and groups there are, if the settings ask for others; as `changed`."""
     levels = settings.levels.children
     asked = count_of(settings)
-    found = {"levels": (str(len(levels)), str(asked))} if len(levels) < asked else {}
+    changes = {"levels": (str(len(levels)), str(asked))} if len(levels) < asked else {}
     names = [group.name for group in settings.groups]
     homes = [*levels[0].children] if levels else []
     if names and len(homes) != len(names):
-        return found | {"character groups": (str(len(homes)), str(len(names)))}
+        return changes | {"character groups": (str(len(homes)), str(len(names)))}
     renamed = [
         (home[GROUP], name)
         for home, name in zip(homes, names, strict=False)
         if home.get(GROUP, name) != name
     ]
     if renamed:
-        found["character groups"] = tuple(
+        changes["character groups"] = tuple(
             ", ".join(column) for column in zip(*renamed, strict=True)
         )
-    return found
+    return changes
 
 
 def outdated(scene: bpy.types.Scene) -> str:
@@ -258,11 +260,11 @@ def forecast(scene: bpy.types.Scene) -> Forecast | None:
     if not news or UNFORESEEN & set(news) or edited(scene):
         return None
     key = stored, json.dumps(_facts(scene)), json.dumps(_scale(scene)), settings.shading_counts
-    known = _known.get(scene.session_uid)
-    if known is None or known[0] != key:
+    remembered = _known.get(scene.session_uid)
+    if remembered is None or remembered[0] != key:
         scene_cache.tidy()
         try:
-            found = _forecast(scene, json.loads(stored))
+            answer = _forecast(scene, json.loads(stored))
         except (
             CrowdError,
             ValueError,
@@ -271,9 +273,9 @@ def forecast(scene: bpy.types.Scene) -> Forecast | None:
             IndexError,
             zlib.error,
         ):  # a script may have put anything there
-            found = None
-        known = _known[scene.session_uid] = key, found
-    return known[1]
+            answer = None
+        remembered = _known[scene.session_uid] = key, answer
+    return remembered[1]
 
 
 def _forecast(scene: bpy.types.Scene, stored: dict) -> Forecast | None:
@@ -289,25 +291,26 @@ def _forecast(scene: bpy.types.Scene, stored: dict) -> Forecast | None:
     shading = settings.shading_counts
     shots = [
         GroupShot(
-            [_unpacked(view, camera, closer) for view in own["views"]],
-            own["characters"],
+            [_unpacked(view, camera, closer) for view in entry["views"]],
+            entry["characters"],
             costs,
             shading,
-            own.get("rigs"),
+            entry.get("rigs"),
         )
-        for own in stored["groups"]
+        for entry in stored["groups"]
     ]
     groups = [
-        _foreseen(settings, own, shot) for own, shot in zip(stored["groups"], shots, strict=True)
+        _foreseen(settings, entry, shot)
+        for entry, shot in zip(stored["groups"], shots, strict=True)
     ]
     known = [range(len(group.triangles)) for group in groups]
-    keep = chosen(settings, groups, shots, 1.0, known, [()] * len(groups)).keep
+    keep = choose_candidates(settings, groups, shots, 1.0, known, [()] * len(groups)).keep
     rows = []
-    for own, group, then in zip(stored["groups"], groups, keep, strict=True):
-        before = _ratios(own["triangles"], own["keep"])
+    for entry, group, then in zip(stored["groups"], groups, keep, strict=True):
+        before = _ratios(entry["triangles"], entry["keep"])
         after = _ratios(group.triangles, then)
         if before != after:
-            rows.append((own["name"], before, after))
+            rows.append((entry["name"], before, after))
     tolerance = provenance.read_inputs(settings.levels, MADE_FOR)["tolerance"]
     return Forecast(closer * float(tolerance.split()[0]) / settings.tolerance, tuple(rows))
 
@@ -331,11 +334,13 @@ def _foreseen(settings, stored: dict, shot: GroupShot) -> Group:
         float(fitting.max(initial=0)) or length
         for fitting, length in zip(near, lengths, strict=True)
     ]
-    known = bounds > 0
+    deviates = bounds > 0
     columns = {"triangles": -1.0, "shaded": 1.0} if len(shaded) else {"triangles": -1.0}
     values = {
         name: read_curve(
-            lengths, list(zip(bounds[known], np.array(stored[name])[known], strict=True)), power
+            lengths,
+            list(zip(bounds[deviates], np.array(stored[name])[deviates], strict=True)),
+            power,
         )
         for name, power in columns.items()
     }
@@ -411,8 +416,8 @@ def _facts(scene: bpy.types.Scene) -> dict[str, str]:
 
 def _actions(scene: bpy.types.Scene) -> str:
     """Return the actions in which LODs are measured, in words."""
-    named: set[str] = set()
+    names: set[str] = set()
     with suppress(CrowdError):  # a bad state machine is told elsewhere
-        named.update(*(actions_named(scene, group.name) for group in scene.crowd_lod.groups))
-    plain = sorted(name for name in named if not mixed_in(name))
-    return ", ".join(["the own", *plain]) + (" with cross-fades" if len(plain) < len(named) else "")
+        names.update(*(actions_named(scene, group.name) for group in scene.crowd_lod.groups))
+    plain = sorted(name for name in names if not mixed_in(name))
+    return ", ".join(["the own", *plain]) + (" with cross-fades" if len(plain) < len(names) else "")

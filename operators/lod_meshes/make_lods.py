@@ -3,13 +3,14 @@
 import re
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import bpy
 
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.crowd.bounding_spheres import cover_sizes
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.progress import share, standing
+from ...crowd_lod.progress import aside, share, standing
 from ..blender import scene_data
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED, remove_owned
@@ -179,6 +180,8 @@ def _chosen(
     One that was chosen by a guess is measured, and all are chosen again, until all that are chosen
     are measured. Returns the choice, and the groups with values of all their candidates.
     """
+    settings = scene.crowd_lod
+    limits = selection.Limits(settings.tolerance, settings.memory)
     chosen = None
     guesses = []
     missing = True
@@ -196,9 +199,17 @@ def _chosen(
         given = [
             [k for k, goal in enumerate(ladder.goals) if goal in ladder.given] for ladder in ladders
         ]
-        chosen = selection.chosen(
-            scene.crowd_lod, guesses, shots, scene_data.meters(scene), measured, given
+        choosing = partial(
+            selection.choose_candidates,
+            limits,
+            guesses,
+            shots,
+            scene_data.meters(scene),
+            measured,
+            given,
         )
+        done = sum(map(len, measured)) / total
+        chosen = yield from standing(aside(choosing), 0.1 + 0.79 * done)
         missing = [
             (ladder, k)
             for ladder, keep, known in zip(ladders, chosen.keep, measured, strict=True)
@@ -223,9 +234,9 @@ def _made(
     """
     homes = []
     edited = []
-    taken = set()
+    used_homes = set()
     for g, (ladder, kept) in enumerate(zip(ladders, keep, strict=True)):
-        ladder.find(earlier, taken)
+        ladder.find(earlier, used_homes)
         goals = [ladder.goals[k] for k in kept]
         missing = [goal for goal in goals if goal not in ladder.homes]
         if ladder.has_earlier(earlier, missing) and ladder.digest not in [
@@ -236,7 +247,7 @@ def _made(
             yield from standing(ladder.make(goal), 0.9 + 0.09 * g / len(ladders))
         yield from standing(ladder.look_between(goals), 0.9 + 0.09 * g / len(ladders))
         homes.append([ladder.homes[goal] for goal in goals])
-        taken.update(homes[-1])
+        used_homes.update(homes[-1])
     return homes, edited
 
 
@@ -289,13 +300,13 @@ def _named(names: list[str], homes: list, before: set) -> None:
 
 def _told(ladders: list[Ladder], dropped: list[dict[int, str]]) -> list[str]:
     """Return a line for each dropped candidate; "About" marks guessed values."""
-    found = []
+    lines = []
     for ladder, reasons in zip(ladders, dropped, strict=True):
-        found += [
+        lines += [
             f"{ladder.name}: {'' if ladder.goals[k] in ladder.measured.rows else 'About '}{reasons[k]}"
             for k in sorted(reasons)
         ]
-    return found
+    return lines
 
 
 def _padded(columns: dict, count: int) -> dict:

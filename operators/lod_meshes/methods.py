@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import bpy
 import numpy as np
 
+from ...crowd_lod.progress import steps_aside
 from ...crowd_lod.simplification.closest_point import barycentric
 from ...crowd_lod.simplification.decimate import decimating
 from ..blender import mesh_data
@@ -157,10 +158,10 @@ def choose_method(fast: Errors, precise: Errors) -> tuple[bool, str]:
     TWICE as far off. Where both are as far off in motion, or nothing moves, UVs, pictures and the
     distance at rest do.
     """
-    kept = [abs(each.area - 1) <= KEPT for each in (fast, precise)]
+    keeps_area = [abs(each.area - 1) <= KEPT for each in (fast, precise)]
     near = [each.near + NEAR_ENOUGH for each in (fast, precise)]
-    if kept[0] != kept[1] and near[kept[1]] <= TWICE * near[kept[0]]:
-        return kept[0], "its silhouette keeps the character's area"
+    if keeps_area[0] != keeps_area[1] and near[keeps_area[1]] <= TWICE * near[keeps_area[0]]:
+        return keeps_area[0], "its silhouette keeps the character's area"
     if not _alike(fast.motion, precise.motion):
         return fast.motion < precise.motion, "it is closer in motion"
     if fast.off <= max(MOST_OFF, precise.off):
@@ -189,7 +190,8 @@ def _fast(source: Source, ratio: float, name: str, why: str) -> Generator[None, 
     """
     start = clock.perf_counter()
     about = charts_of(source).seams, source.telling, source.share, source.weight
-    result = yield from decimating(source.geometry[:2], ratio, source.item.name, *about)
+    decimation = decimating(source.geometry[:2], ratio, source.item.name, *about)
+    result = yield from steps_aside(decimation)
     spent = clock.perf_counter() - start
     yield
     start = clock.perf_counter()
@@ -235,8 +237,8 @@ def errors(source: Source, mesh: bpy.types.Mesh) -> Generator[None, None, Errors
     """
     points, triangles, corners, _ = mesh_data.read_triangles(mesh)
     diagonal = float(np.linalg.norm(np.ptp(source.surface.points, axis=0))) or 1.0
-    made = Surface(points, triangles)
-    rest = roughly(source.surface, made, COMPARED)
+    lod_surface = Surface(points, triangles)
+    rest = roughly(source.surface, lod_surface, COMPARED)
     motion = 0.0
     follows = nearest_vertices(source, points) if source.posed else None
     for pose, surface in enumerate(source.posed):
@@ -248,9 +250,14 @@ def errors(source: Source, mesh: bpy.types.Mesh) -> Generator[None, None, Errors
             ),
         )
     yield
-    off = uv_error(source, mesh, made, corners)
+    off = uv_error(source, mesh, lod_surface, corners)
     yield
-    return Errors(rest / diagonal, off, made.shown / source.surface.shown, motion=motion / diagonal)
+    return Errors(
+        rest / diagonal,
+        off,
+        lod_surface.silhouette / source.surface.silhouette,
+        motion=motion / diagonal,
+    )
 
 
 def uv_error(source: Source, mesh: bpy.types.Mesh, surface: Surface, corners: np.ndarray) -> float:

@@ -2,6 +2,7 @@
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import inf, isfinite
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, number, printable
 from ...crowd_lod.frame.planned import PINNED
 from ...crowd_lod.levels.assignment import deviations
-from ...crowd_lod.progress import share, standing
+from ...crowd_lod.progress import aside, share, standing, steps_aside
 from ...crowd_lod.reporting import files, tables
 from ...crowd_lod.reporting.shot_json import shot_facts
 from ...crowd_lod.reporting.shot_page import shot_page
@@ -116,13 +117,15 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
         READY,
         SURVEYED,
     )
-    phases = plan_phases(
+    planning = partial(
+        plan_phases,
         through.survey,
         strides_of(trajectory.groups, trajectory.gaits),
         policy.tolerance,
         request.variety,
         trajectory.given_phases,
     )
+    phases = yield from standing(aside(planning), SURVEYED)
     survey = recast(through.survey, phases.phases)
     characters = characters_of(scene)
     rigs = rigs_of(characters, trajectory, cast_of(characters, trajectory))
@@ -132,15 +135,18 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
         costs_of(scene),
         *rigs,
     )
-    plan = yield from share(decide_within(shot, request.budget, request.avoid), SURVEYED, DECIDED)
-    changes = noticed(shot, plan.levels, trajectory.spheres.radius)
+    deciding = steps_aside(decide_within(shot, request.budget, request.avoid))
+    plan = yield from share(deciding, SURVEYED, DECIDED)
+    noticing = aside(lambda: noticed(shot, plan.levels, trajectory.spheres.radius))
+    changes = yield from standing(noticing, DECIDED)
+    curve = steps_aside(curve_of(shot, plan, policy.tolerance))
     names = [group.name for group in trajectory.groups]
     report = ShotReport(
         title=Path(bpy.data.filepath).stem or scene.name,
         shot=shot,
         plan=plan,
         noticed=changes,
-        curve=(yield from share(curve_of(shot, plan, policy.tolerance), DECIDED, CURVED)),
+        curve=(yield from share(curve, DECIDED, CURVED)),
         names=names,
         phases=phases,
         classes=phases.rows(names, trajectory.gaits),
@@ -187,7 +193,7 @@ def write_plan(
 
     command: the command line of the run.
     """
-    write_levels(folder, planned)
+    yield from standing(aside(lambda: write_levels(folder, planned)), 0.0)
     content = yield from standing(
         scene_json(scene, scene, command, int(planned.stored.numbers[-1]), []), 1.0
     )
@@ -197,7 +203,8 @@ def write_plan(
     (folder / "switches.csv").write_text(
         tables.switches_csv(planned.report.noticed), encoding="utf-8"
     )
-    (folder / "report.html").write_text(shot_page(planned.report), encoding="utf-8")
+    page = yield from standing(aside(lambda: shot_page(planned.report)), 1.0)
+    (folder / "report.html").write_text(page, encoding="utf-8")
     return content
 
 

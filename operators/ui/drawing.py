@@ -39,7 +39,9 @@ def button(
     """
     if name in operator.at_work:
         done = operator.at_work[name]
-        layout.progress(factor=done, text=f"{done:.0%}, Esc", translate=False)
+        row = layout.row(align=True)
+        row.progress(factor=done, text=f"{done:.0%}, Esc", translate=False)
+        row.operator("crowd_lod.stop", text="", icon="X")
         return None
     row = layout.row(align=True)
     row.active_default = name == following

@@ -149,7 +149,6 @@ def test_a_sleeve_takes_nothing_from_the_arm_in_it(way):
 
 
 @pytest.mark.once
-@pytest.mark.usefixtures("exact_levels")
 @pytest.mark.parametrize("way", WAYS)
 def test_weights_sum_to_one_over_four_bones_at_most_and_other_groups_stay(way):
     armature = rig()
@@ -350,7 +349,6 @@ def test_the_choice_counts_what_shows(fast, precise, takes_fast):
 
 
 @pytest.mark.once
-@pytest.mark.usefixtures("exact_levels")
 @pytest.mark.parametrize("way", ["POSE_AWARE", "DECIMATE"])
 def test_normals_of_few_triangles_are_the_source_s_under_posing_too(way):
     """A smooth egg without custom normals, which a bone turns: of its LODs normals are those of the

@@ -208,7 +208,7 @@ def test_given_phases_stay(shot):
     trajectory, survey = shot
     given = np.arange(len(survey.group)) % 2 == 0
     strides = strides_of(trajectory.groups, trajectory.gaits)
-    phases = plan_phases(survey, strides, 1.0, given=given).phases
+    phases = plan_phases(survey, strides, 1.0, fixed=given).phases
     crowd = trajectory.at(20)
     shown = phases.applied(crowd, trajectory.gaits).phase_class
     assert (shown == crowd.phase_class)[given].all()
