@@ -72,7 +72,8 @@ def record_closely(
     """Record the first action of the performance, at each frame and where it bends most between.
 
     actors: see record.
-    most_off: meters, how far straight lines may be off between moments. They are farther off where moments are SHORTEST apart, and where MOST do not do.
+    most_off: meters, how far straight lines may be off between moments. They are farther off where
+        moments are SHORTEST apart, and where MOST do not do.
 
     Yields the progress.
     """
