@@ -1,4 +1,4 @@
-"""Models of rigs: from recorded motion to armatures and actions that all rigs of a character share."""
+"""Models of rigs: recorded motion as armatures and actions, shared by a character's rigs."""
 
 from dataclasses import dataclass
 
