@@ -112,7 +112,7 @@ def parse_agents(text: str, count: int, name: str, ids: np.ndarray | None = None
     return np.flatnonzero(is_chosen)
 
 
-def named(agents: np.ndarray, ids: np.ndarray | None = None) -> str:
+def agents_text(agents: np.ndarray, ids: np.ndarray | None = None) -> str:
     """Return the text by which `parse_agents` finds these `agents` (m,), increasing.
 
     An agent is named by the number of its file if no other has the same, so that it is found again

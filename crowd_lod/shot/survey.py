@@ -228,7 +228,7 @@ def record(  # noqa: PLR0913 - what a frame tells, and what it follows
             agents = buckets.order
             survey.kind[f, agents] = kind
             survey.coarsest[f, agents] = buckets.levels
-            survey.character[f, agents] = library.shown(
+            survey.character[f, agents] = library.character_of(
                 trajectory.gaits, frame.crowd, seconds, agents
             )
     survey.scale[f, visible] = scale_of(frame, visible)

@@ -11,9 +11,8 @@ from ..blender.object_volumes import ALONG, ONWARD, is_closed
 from ..blender.ownership import OWNED
 
 HEAD = 1.0  # meters above the feet, from which the ground below is sought
-ROOM = (
-    2.0  # meters free above the feet: within a closed mesh that has as much, agents are in a hall
-)
+# Meters free above the feet: within a closed mesh that has as much, agents stand in a hall.
+ROOM = 2.0
 STEEP = 0.3  # least z of the normal of a surface that is ground
 MOST_SHAPES = 20_000  # that are looked at
 MOST_HITS = 1000  # surfaces along a ray
