@@ -72,7 +72,8 @@ def aimed(
 
     Lens in millimeters, roll in radians.
     """
-    origin, ahead = np.array(origin, float), np.subtract(target, origin)
+    origin = np.array(origin, float)
+    ahead = np.subtract(target, origin)
     Z = ahead / np.linalg.norm(ahead)
     right = np.cross(Z, (0, 0, 1))
     right /= np.linalg.norm(right)
@@ -231,10 +232,10 @@ def compared(
         for way, way_bill in (("full detail", full), ("thresholds", thresholds))
     ]
     for width in WIDTHS:
-        for keeps, what in ((False, ""), (True, " within tolerance")):
+        for keeps, condition in ((False, ""), (True, " within tolerance")):
             way_bill = bill(shot, held_levels(survey, films, width, keeps))
             rows.append(
-                row(name, engine, f"hysteresis {width:g}{what}", way_bill, thresholds, full)
+                row(name, engine, f"hysteresis {width:g}{condition}", way_bill, thresholds, full)
             )
     for part in avoid:
         made = finished(decide(shot, part))

@@ -185,7 +185,7 @@ def grain(begins: np.ndarray, camera: Camera, radius: np.ndarray) -> np.ndarray:
     return (np.minimum(begins, camera.far) - radius[:, None]).clip(0) / camera.pixels_per_unit
 
 
-def shown(
+def pixels_of(
     deviation: np.ndarray | float,
     distance: np.ndarray | float,
     camera: Camera,

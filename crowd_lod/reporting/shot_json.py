@@ -46,6 +46,7 @@ def shot_facts(
             "tolerance_raised": bool(plan.tolerance) if isinstance(plan, BudgetPlan) else False,
             "most_above_optimum": plan.bound if np.isfinite(plan.bound) else None,
             "asked": dict(requested),
+            "verdict": {"sentence": report.verdict.sentence, **asdict(report.verdict)},
             "plan": _totals(shot, plan.bill),
             "thresholds": _totals(shot, plan.thresholds),
             "curve": asdict(report.curve),

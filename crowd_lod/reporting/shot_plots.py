@@ -109,7 +109,9 @@ def plots_of(report: ShotReport) -> list[str]:
         svg.Series("plan", bill.switches, "var(--plan)"),
     ]
     if report.entries.any():
-        switches.append(svg.Series("agents that appear at once", report.entries, "var(--entry)"))
+        switches.append(
+            svg.Series("agents that appear or vanish at once", report.entries, "var(--entry)")
+        )
     return [
         _areas(
             at,

@@ -87,25 +87,25 @@ def step_frames(scene: bpy.types.Scene, rest: bool = True) -> Iterator[At]:
     """
     render = scene.render
     user_frame = _frame_of(scene)
-    asked = None
+    last_frame = None
     stepped = None  # the frame that it is at since
     outer = is_stepped(scene)
     world = scene.rigidbody_world
     played = world.point_cache.frame_start - 1 if describe_unbaked(scene) else None
 
     def at(objects: Iterable[bpy.types.Object], time: float) -> bpy.types.Depsgraph:
-        nonlocal asked, stepped, played, user_frame
+        nonlocal last_frame, stepped, played, user_frame
         frame = round(time * render.frame_map_new / render.frame_map_old, 9)
         now = _frame_of(scene)
         if stepped is not None and now != stepped:
             user_frame = now
-        if now != stepped or frame != asked:
+        if now != stepped or frame != last_frame:
             while played is not None and played < frame:  # also the whole frame after a part of one
                 played += 1
                 scene.frame_set(played)
             scene.frame_set(int(frame // 1), subframe=frame % 1)
             stepped = _frame_of(scene)
-            asked = frame
+            last_frame = frame
         return scene.view_layers[0].depsgraph
 
     _stepped.add(scene.session_uid)

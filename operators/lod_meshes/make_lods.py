@@ -182,7 +182,7 @@ def _chosen(
     """
     settings = scene.crowd_lod
     limits = selection.Limits(settings.tolerance, settings.memory)
-    chosen = None
+    choice = None
     guesses = []
     missing = True
     total = sum(len(ladder.goals) for ladder in ladders)
@@ -209,19 +209,19 @@ def _chosen(
             given,
         )
         done = sum(map(len, measured)) / total
-        chosen = yield from standing(aside(choosing), 0.1 + 0.79 * done)
+        choice = yield from standing(aside(choosing), 0.1 + 0.79 * done)
         missing = [
             (ladder, k)
-            for ladder, keep, known in zip(ladders, chosen.keep, measured, strict=True)
+            for ladder, keep, indices in zip(ladders, choice.keep, measured, strict=True)
             for k in keep
-            if k not in known
+            if k not in indices
         ]
         for ladder, k in missing[:1]:  # it says more of the others
-            tried = sum(len(known) for known in measured)
+            tried = sum(len(indices) for indices in measured)
             begin = 0.1 + 0.79 * tried / total
             end = 0.1 + 0.79 * (tried + 1) / total
             yield from share(ladder.measure(ladder.goals[k]), begin, end)
-    return chosen, guesses
+    return choice, guesses
 
 
 def _made(
@@ -302,10 +302,9 @@ def _told(ladders: list[Ladder], dropped: list[dict[int, str]]) -> list[str]:
     """Return a line for each dropped candidate; "About" marks guessed values."""
     lines = []
     for ladder, reasons in zip(ladders, dropped, strict=True):
-        lines += [
-            f"{ladder.name}: {'' if ladder.goals[k] in ladder.measured.rows else 'About '}{reasons[k]}"
-            for k in sorted(reasons)
-        ]
+        for k in sorted(reasons):
+            about = "" if ladder.goals[k] in ladder.measured.rows else "About "
+            lines.append(f"{ladder.name}: {about}{reasons[k]}")
     return lines
 
 

@@ -86,9 +86,11 @@ class Try:
 class Curve:
     """What is known of an object's LODs.
 
-    source: the object's; known_tries: of each method; tries: of this length, whose objects are
-    still there; weighed: whether spots are heavier, for this length; dispensable: whether its LODs leave
-    the object out.
+    source: the object's.
+    known_tries: of each method.
+    tries: those of this length, whose objects are still there.
+    weighed: whether spots are heavier, for this length.
+    dispensable: whether its LODs leave the object out.
     evaluated: (n,) which vertex of the evaluated object each of the source's is; None before that
     is asked for.
     """

@@ -88,7 +88,9 @@ def views(
             agents = np.flatnonzero(visible & (crowd.group == g))
             if len(agents):
                 away = distance[agents]
-                pose = library.shown(gaits, crowd, trajectory.seconds(frame), agents) - first[g]
+                pose = (
+                    library.character_of(gaits, crowd, trajectory.seconds(frame), agents) - first[g]
+                )
                 view = View(eyes[0], float(away.min()), float(away.max()), away, pose)
                 group_views.append(view)
         yield number / len(looked_at)

@@ -11,7 +11,7 @@ import bpy
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, number, printable
-from ...crowd_lod.frame.planned import PINNED
+from ...crowd_lod.frame.planned import PINNED, camera_of
 from ...crowd_lod.levels.assignment import deviations
 from ...crowd_lod.progress import aside, share, standing, steps_aside
 from ...crowd_lod.reporting import files, tables
@@ -31,6 +31,7 @@ from ...crowd_lod.shot.exceptions import Exemption, excepted, marked
 from ...crowd_lod.shot.shot_cost import Shot, meshes_of
 from ...crowd_lod.shot.switches import WORST, largest, noticed
 from ...crowd_lod.shot.unneeded import needed_meshes
+from ...crowd_lod.shot.verdict import verdict_of
 from ..blender import cameras, provenance, scene_data
 from ..blender.machine_costs import costs_of
 from ..blender.operator import Reporting, Stepwise
@@ -139,6 +140,8 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
     plan = yield from share(deciding, SURVEYED, DECIDED)
     noticing = aside(lambda: noticed(shot, plan.levels, trajectory.spheres.radius))
     changes = yield from standing(noticing, DECIDED)
+    eyes = [camera_of(numbers) for numbers in through.cameras[:, 0]]
+    verdict = verdict_of(shot.survey, changes, eyes, scene_data.meters(scene))
     curve = steps_aside(curve_of(shot, plan, policy.tolerance))
     names = [group.name for group in trajectory.groups]
     report = ShotReport(
@@ -146,6 +149,7 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
         shot=shot,
         plan=plan,
         noticed=changes,
+        verdict=verdict,
         curve=(yield from share(curve, DECIDED, CURVED)),
         names=names,
         phases=phases,
@@ -238,7 +242,7 @@ def shot_json(planned: PlannedShot) -> dict[str, Any]:
 
 
 def sentence(planned: PlannedShot) -> str:
-    """Return a sentence that compares the plan with LODs by thresholds."""
+    """Return the verdict, and a sentence that compares the plan with LODs by thresholds."""
     plan = planned.plan
     frames = len(planned.stored.numbers)
     bill = plan.bill
@@ -250,6 +254,7 @@ def sentence(planned: PlannedShot) -> str:
         else ""
     )
     return (
+        f"{planned.report.verdict.sentence} "
         f"{counted(frames, 'frame')} of {counted(len(planned.shot.survey.group), 'agent')} "
         f"planned. LODs change in sight {int(bill.switches.sum()):,} times, by distance "
         f"{int(before.switches.sum()):,} times, for {max(bill.above(before), 0.0):.1%} more cost "
@@ -299,6 +304,7 @@ class CROWDLOD_OT_plan_shot(Stepwise, bpy.types.Operator):
             yield from standing(write_plan(scene, part, planned, ["sidebar"]), 0.99)
         settings.shot_plan = f"{place}/{plan_file.NAME}"
         settings.use_shot_plan = True
+        settings.shot_verdict = planned.report.verdict.sentence
         note_output(scene, "plan")
         return f"{sentence(planned)} The plan is in {place_of(folder)}."
 
@@ -311,17 +317,17 @@ class CROWDLOD_OT_remove_plan(Reporting, bpy.types.Operator):
     needs = (needs.plan,)
 
     def run(self, context) -> str:
-        context.scene.crowd_lod.shot_plan = ""
+        context.scene.crowd_lod.shot_plan = context.scene.crowd_lod.shot_verdict = ""
         return "LODs follow from distances again."
 
 
 class CROWDLOD_OT_go_to_switch(Reporting, bpy.types.Operator):
     bl_description = (
-        "Go to the frame of the largest change by a LOD switch, and mark its agent; again, to "
-        "the next largest"
+        "Go to the frame of the largest change in sight, and mark its agent; again, to the next "
+        "largest"
     )
     bl_idname = "crowd_lod.go_to_switch"
-    bl_label = "Go to Largest Switch"
+    bl_label = "Go to Largest Change"
     needs = (needs.plan,)
 
     def run(self, context) -> str:
@@ -335,11 +341,11 @@ class CROWDLOD_OT_go_to_switch(Reporting, bpy.types.Operator):
         at = (places.index(now) + 1) % len(places) if now in places else 0
         scene.frame_current, settings.agent = places[at]
         switch = rows[at]
-        lods = (
-            f"LOD {switch['from']} to {switch['to']}"
-            if switch["from"]
-            else f"appears at LOD {switch['to']}"
-        )
+        lods = f"LOD {switch['from']} to {switch['to']}"
+        if not switch["from"]:
+            lods = f"appears at LOD {switch['to']}"
+        elif not switch["to"]:
+            lods = f"vanishes from LOD {switch['from']}"
         return (
             f"Frame {places[at][0]}, agent {places[at][1]}: {lods}, changes up to "
             f"{float(switch['change_px']):.2f} pixels."

@@ -49,7 +49,7 @@ class CROWDLOD_PT_main(Sidebar, bpy.types.Panel):
         row.popover("CROWDLOD_PT_statistics", text=_line(scene), translate=False)
         (sentence, icon), *others = steps.messages(scene)
         warnings = sum(other == "ERROR" for _, other in others)
-        # A sentence in red needs the room. Blender would cut its middle; the popover has all of it.
+        # An error needs all the room: Blender cuts the middle of a long line. The popover has all.
         more = f" ({counted(warnings, 'warning')})" if warnings and icon != "ERROR" else ""
         sentence = (
             shorten(sentence, max(20, letters_of(context) - len(more)), placeholder="...") + more
