@@ -222,6 +222,7 @@ class CROWDLOD_OT_stop(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context) -> bool:
+        cls.poll_message_set("No step is at work")
         return bool(at_work)
 
     def execute(self, context) -> set[str]:

@@ -102,7 +102,7 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
     """
     if not 0 <= request.avoid < 1e6:
         raise CrowdError(
-            f"Avoid Pops is {request.avoid:g}; give the part of the cost that it may add, such as "
+            f"Extra Cost for Fewer Pops is {request.avoid:g}; give the part of the cost that it may add, such as "
             f"0.05."
         )
     check_recorded(scene, "Plan Shot")
