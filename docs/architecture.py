@@ -76,7 +76,7 @@ def rows_of(below: dict[str, set[str]]) -> dict[str, int]:
     return rows
 
 
-def told(package: str, floor: str) -> str:
+def describe_floor(package: str, floor: str) -> str:
     """What the floor is, by its docstring up to the first colon or full stop; of own modules, their
     names.
     """
@@ -132,7 +132,15 @@ def house(axes: Axes, package: str, all_imports: dict, rows: dict[str, int], tal
         }
     for floor, (x, y) in places.items():
         is_alone = list(rows.values()).count(rows[floor]) == 1
-        box(axes, x, y, 2 * WIDTH if is_alone else WIDTH, floor, told(package, floor), color)
+        box(
+            axes,
+            x,
+            y,
+            2 * WIDTH if is_alone else WIDTH,
+            floor,
+            describe_floor(package, floor),
+            color,
+        )
         for other in below[floor]:
             ends = (
                 (places[other][0] + 0.15 * (x - places[other][0]), places[other][1] + HEIGHT / 2),
@@ -145,7 +153,15 @@ def house(axes: Axes, package: str, all_imports: dict, rows: dict[str, int], tal
     )
     side = max(side, 1.8)
     lowest = any((package, "") in all_imports[package, floor] for floor in below)
-    box(axes, 0, -0.75 if lowest else top + 0.75, 3.5, "", f"{told(package, '')}: {role}", color)
+    box(
+        axes,
+        0,
+        -0.75 if lowest else top + 0.75,
+        3.5,
+        "",
+        f"{describe_floor(package, '')}: {role}",
+        color,
+    )
     axes.set(xlim=(-side, side), ylim=(-1.1, tall + 0.1), aspect="auto")
     axes.set_title(title, color=color, weight="bold", size=12)
     axes.axis("off")

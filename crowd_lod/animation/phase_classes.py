@@ -73,7 +73,7 @@ class Gaits:
         return int(self.action[p]), float(self.rates[g, p].round(9))
 
     @cached_property
-    def which(self) -> np.ndarray:
+    def play_number(self) -> np.ndarray:
         """(G, P) intp: which of what it `plays` each group plays at each pace; 0 where it does not
         play.
         """
@@ -234,7 +234,9 @@ class Library:
                 )
         return movers
 
-    def shown(self, gaits: Gaits, crowd: Crowd, seconds: float, agents: np.ndarray) -> np.ndarray:
+    def character_of(
+        self, gaits: Gaits, crowd: Crowd, seconds: float, agents: np.ndarray
+    ) -> np.ndarray:
         """Return (m,) int32: the index of the character that each agent shows.
 
         seconds: time after frame 0.
@@ -242,7 +244,8 @@ class Library:
         """
         group = crowd.group[agents]
         number = (
-            gaits.which[group, crowd.playing[agents]] * gaits.classes + crowd.phase_class[agents]
+            gaits.play_number[group, crowd.playing[agents]] * gaits.classes
+            + crowd.phase_class[agents]
         )
         if self.posed.any():
             count = self.posed[group]

@@ -8,7 +8,7 @@ import numpy as np
 from ..culling.camera import Camera, stretch
 from ..culling.frustum import ROUNDING, frustum_of, reach_of
 from ..format import aligned, number
-from ..levels.assignment import assign, shown
+from ..levels.assignment import assign, pixels_of
 from ..levels.cost_model import NAMES, Costs
 from .agent_under_cursor import Account, account
 from .frame import Frame
@@ -265,7 +265,7 @@ def _alternative(
     pixels = None
     if level < len(group.bounds) and about.pixels is not None:
         pixels = float(
-            shown(
+            pixels_of(
                 np.float64(group.bounds[level]),
                 np.float64(about.depth),
                 frame.camera,

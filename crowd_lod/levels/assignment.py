@@ -185,7 +185,7 @@ def grain(begins: np.ndarray, camera: Camera, radius: np.ndarray) -> np.ndarray:
     return (np.minimum(begins, camera.far) - radius[:, None]).clip(0) / camera.pixels_per_unit
 
 
-def shown(
+def pixels_of(
     deviation: np.ndarray | float,
     distance: np.ndarray | float,
     camera: Camera,
@@ -314,7 +314,7 @@ def deviations(groups: Sequence[Group], policy: LevelPolicy) -> np.ndarray | Non
         return table
     if not all(len(group.shaded) >= count for group in groups):
         raise CrowdError(
-            "Shading Counts needs LODs whose pictures were compared with their characters': press "
+            "Match Shading needs LODs whose pictures were compared with their characters': press "
             "Measure LOD Meshes, or Make LOD Meshes."
         )
     return np.maximum(

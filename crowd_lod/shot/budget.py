@@ -68,21 +68,21 @@ class _Limits:
     """The Q kinds of load that have a limit.
 
     names: Q of them.
-    each: (Q, K, L) float64, of one agent that shows a LOD of a character.
+    unit_loads: (Q, K, L) float64, of one agent that shows a LOD of a character.
     most: (Q,) float64, in each frame.
     memory: bytes.
     """
 
     names: list[str]
-    each: np.ndarray
+    unit_loads: np.ndarray
     most: np.ndarray
     memory: float
 
     def loads(self, shown: np.ndarray) -> np.ndarray:
         """Return (F, Q) the load of each frame that shows `shown` (F, K, L) agents."""
-        return (shown[:, None] * self.each).sum(axis=(2, 3))
+        return (shown[:, None] * self.unit_loads).sum(axis=(2, 3))
 
-    def kept(self, shot: Shot, shown: np.ndarray) -> bool:
+    def hold(self, shot: Shot, shown: np.ndarray) -> bool:
         """Return whether a shot that shows `shown` (F, K, L) agents is within all limits."""
         return bool((self.loads(shown) <= self.most).all()) and _memory(shot, shown) <= self.memory
 
@@ -133,7 +133,7 @@ def decide_within(
     levels = plan.levels
     best_bill = plan.bill
     weight = plan.weight
-    if not limits.kept(shot, best_bill.shown):
+    if not limits.hold(shot, best_bill.shown):
         tolerance = yield from share(_least_tolerance(shot, limits), 0.1, 0.2)
         wide = relaxed(shot, tolerance)
         if tolerance:
@@ -184,7 +184,7 @@ def _least_tolerance(shot: Shot, limits: _Limits) -> Generator[float, None, floa
 
     def fits(tolerance: float) -> bool:
         wide = relaxed(shot, tolerance)
-        return limits.kept(shot, shown_by(wide, wide.allowed))
+        return limits.hold(shot, shown_by(wide, wide.allowed))
 
     if fits(0.0):
         return 0.0
@@ -218,7 +218,7 @@ class _Search:
     weight: float
     paid: float = inf
     bound: float = 0.0
-    found: tuple[np.ndarray, Bill] = field(init=False)
+    solution: tuple[np.ndarray, Bill] = field(init=False)
 
     @property
     def gap(self) -> float:
@@ -239,11 +239,11 @@ class _Search:
             self.descend(table + banned, np.zeros((len(table), len(limits.most)))), 0.0, 0.6
         )
         self.bound = fixed + max(least, dual)
-        again = shared_table(shot, plan.thresholds, self.found[1])
+        again = shared_table(shot, plan.thresholds, self.solution[1])
         if again is not None:
             self.keep(by_character(shot, mesh_seconds(shot, plan.thresholds), self.weight))
             yield from share(self.descend(again + banned, prices), 0.6, 1.0)
-        return self.found
+        return self.solution
 
     def descend(
         self, table: np.ndarray, prices: np.ndarray
@@ -263,7 +263,7 @@ class _Search:
         length = 1.0
         stale = 0
         for step in range(STEPS_MOST):
-            costs = table + (prices[:, :, None, None] * limits.each).sum(axis=1)
+            costs = table + (prices[:, :, None, None] * limits.unit_loads).sum(axis=1)
             decision = decided(shot, costs.astype(np.float32), self.weight)
             levels, cost = yield from share(decision, step / STEPS_MOST, (step + 1) / STEPS_MOST)
             cost -= fsum((prices * limits.most).flat)
@@ -291,9 +291,9 @@ class _Search:
         """
         plan_bill = bill(self.shot, levels)
         paid = objective(plan_bill, self.weight)
-        if paid < self.paid and self.limits.kept(self.shot, plan_bill.shown):
+        if paid < self.paid and self.limits.hold(self.shot, plan_bill.shown):
             self.paid = paid
-            self.found = (levels, plan_bill)
+            self.solution = (levels, plan_bill)
         return plan_bill
 
     def repaired(self, levels: np.ndarray, table: np.ndarray, over: np.ndarray) -> np.ndarray:
@@ -316,7 +316,7 @@ class _Search:
         character = shot.survey.character[f, agents]
         now = levels[f, agents]
         columns = np.arange(len(agents))
-        unit_loads = limits.each[:, :, character]
+        unit_loads = limits.unit_loads[:, :, character]
         loads = unit_loads[:, now, columns]
         over = loads.sum(axis=1) - limits.most
         if not (over > 0).any():

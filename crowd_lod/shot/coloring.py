@@ -45,13 +45,13 @@ class Meetings:
     frames: np.ndarray
     weight: np.ndarray
 
-    def shown(self, phases: Phases, side: int) -> np.ndarray:
+    def classes_of(self, phases: Phases, side: int) -> np.ndarray:
         """Return the classes (m,) uint8 that the agents of one side, 0 or 1, show."""
-        return phases.shown(self.pair[:, side], self.block[:, side], self.classes[:, side])
+        return phases.classes_of(self.pair[:, side], self.block[:, side], self.classes[:, side])
 
     def in_step(self, phases: Phases) -> np.ndarray:
         """Return which of them have the same class, (m,) bool."""
-        return self.shown(phases, 0) == self.shown(phases, 1)
+        return self.classes_of(phases, 0) == self.classes_of(phases, 1)
 
     def share_in_step(self, phases: Phases) -> float:
         """Return the part of the meetings that are in step, 0 without any."""
@@ -115,7 +115,7 @@ class Changes:
         ahead = np.empty(self.classes.shape)
         for side in (0, 1):
             own = (self.classes[:, side] + phases.shift[self.agent]) % CLASSES
-            shown = phases.shown(self.agent, self.block[:, side], self.classes[:, side])
+            shown = phases.classes_of(self.agent, self.block[:, side], self.classes[:, side])
             ahead[:, side] = (shown.astype(np.int16) - own + CLASSES // 2) % CLASSES
         return self.pixels * np.abs(ahead[:, 1] - ahead[:, 0]) / CLASSES
 
@@ -128,7 +128,7 @@ class Changes:
         classes = self.classes[mask, 0]
         shift = phases.shift.copy()
         finer = phases.finer.copy()
-        shift[agent] = (phases.shown(agent, self.block[mask, 0], classes) - classes) % CLASSES
+        shift[agent] = (phases.classes_of(agent, self.block[mask, 0], classes) - classes) % CLASSES
         finer[agent] = phases.finer[agent] + 1
         return replace(phases, shift=shift, finer=finer)
 
@@ -266,7 +266,7 @@ def color(meetings: Meetings, phases: Phases, fixed: np.ndarray | None = None) -
     shift = phases.shift[sides.agents]
     everyone = np.arange(len(shift))
     for _ in range(MOST_ROUNDS):
-        classes = sides.shown(shift)
+        classes = sides.classes_of(shift)
         in_step = classes == sides.other(classes)
         now = np.bincount(sides.place, sides.weight * in_step, len(shift))
         cost = _costs(sides, classes, options, now > 0)
@@ -296,7 +296,7 @@ class _Sides:
     weight: np.ndarray
     row: np.ndarray
 
-    def shown(self, shift: np.ndarray) -> np.ndarray:
+    def classes_of(self, shift: np.ndarray) -> np.ndarray:
         """Return the class that each side shows; shift: (a,) uint8."""
         return NEAREST.ravel()[self.row + (self.classes + shift[self.place]) % CLASSES]
 
@@ -368,6 +368,6 @@ def recast(survey: Survey, phases: Phases) -> Survey:
         block = survey.roles.block[row]
         (agents,) = np.nonzero((survey.kind[f] != CULLED) & (block >= 0))
         own = survey.roles.phase_class[row[agents]]
-        change = phases.shown(agents, block[agents], own).astype(np.int32) - own
+        change = phases.classes_of(agents, block[agents], own).astype(np.int32) - own
         row[agents] = row[agents] + change
     return replace(survey, character=character)

@@ -112,7 +112,7 @@ def parse_agents(text: str, count: int, name: str, ids: np.ndarray | None = None
     return np.flatnonzero(is_chosen)
 
 
-def named(agents: np.ndarray, ids: np.ndarray | None = None) -> str:
+def agents_text(agents: np.ndarray, ids: np.ndarray | None = None) -> str:
     """Return the text by which `parse_agents` finds these `agents` (m,), increasing.
 
     An agent is named by the number of its file if no other has the same, so that it is found again
@@ -206,6 +206,8 @@ def excepted(survey: Survey, exemptions: Sequence[Exemption]) -> Survey:
         shows = survey.kind[f] == SEEN
         appears = np.flatnonzero(was_hidden & shows & ~hidden & (not survey.cuts[f]))
         survey.entered[f] = np.union1d(survey.entered[f][~hidden[survey.entered[f]]], appears)
+        gone = survey.left[f]
+        survey.left[f] = gone[~(hidden | was_hidden)[gone]]
         was_hidden = shows & hidden
         survey.kind[f, hidden] = CULLED
         for column in (survey.coarsest, survey.scale, survey.character):

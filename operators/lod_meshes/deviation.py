@@ -11,7 +11,7 @@ from mathutils.kdtree import KDTree
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
-from ...crowd_lod.progress import finished, share
+from ...crowd_lod.progress import aside, share, standing
 from ...crowd_lod.simplification.distance_estimate import estimate_distances
 from ..blender.material_colors import Looks
 from ..blender.named_actions import performance_of
@@ -22,7 +22,7 @@ from ..machine.scene_world import actions_named
 from ..scene.scene_crowd import characters_of, home_of
 from ..settings import needs
 from .pose_choice import poses
-from .posed_shapes import Posed, read_shapes, surface_of
+from .posed_shapes import Posed, Shape, read_shapes, surface_of
 from .posed_surface import Measured, PosedSurface, Worst, compare_surfaces, parts_of
 from .shaded_pictures import bodies_of, within
 from .surface import merge
@@ -36,10 +36,11 @@ BELOW = 5e-5  # of the size: no frame exceeds a bound by less
 class Estimate:
     """What is roughly known of a LOD.
 
-    deviations: for each of its objects meters from all of the character, and of the character's
-        object from all of the LOD, of what is visible, as far as some poses and points tell.
-    away: for each object of the character that of each of its vertices, (k,) meters. What is no
-        more than was asked for may be less.
+    deviations: for each of its objects meters, the larger one of its distance from all of the
+        character, and of the character's object from all of the LOD. Only visible places count, in
+        some poses and at some points.
+    away: for each object of the character the deviation at each of its vertices, (k,) meters. Where
+        that is not beyond the length asked for, it may be too small.
     """
 
     deviations: list[float]
@@ -52,9 +53,9 @@ class Estimate:
 
 
 class Measure:
-    """What LODs of a character are measured by: the character in all poses.
+    """Measures LODs of a character against the character in all poses.
 
-    It is read when first needed. Its steps yield, of a whole of 1, the part done.
+    The character is read when first needed. Steps yield the progress, 0 to 1.
 
     name: of the group.
     objects: the character's.
@@ -144,19 +145,25 @@ class Measure:
         begins = self.character.shapes[pose].begins
         return [np.flatnonzero(of_object) for of_object in np.split(is_around, begins[1:-1])]
 
-    def estimate(self, objects: Sequence[bpy.types.Object], beyond: float = np.inf) -> Estimate:
-        """Measure a LOD roughly but quickly. The character must be read.
+    def estimate(
+        self, objects: Sequence[bpy.types.Object], beyond: float = np.inf
+    ) -> Generator[float, None, Estimate]:
+        """Measure a LOD roughly but quickly; yield between steps. The character must be read.
 
         objects: the LOD's, one for each of the character's, in their order.
         beyond: meters, from which on vertices are told exactly.
         Deviations are infinite where the LOD has no face.
         """
         run = max(self.character.runs, key=len)
-        shapes = finished(read_shapes(objects, [self.frames[k] for k in run], self.performance))
+        shapes = yield from read_shapes(objects, [self.frames[k] for k in run], self.performance)
+        return (yield from aside(lambda: self._estimate(run, shapes, beyond)))
+
+    def _estimate(self, run: list[int], shapes: list[Shape], beyond: float) -> Estimate:
+        """Return the estimate of a LOD of these `shapes` in the poses of the run."""
         lod = merge([shape.points for shape in shapes], shapes[0].triangles)
         if lod is None:
             return Estimate(
-                [np.inf] * len(objects),
+                [np.inf] * (len(shapes[0].begins) - 1),
                 [np.full(n, np.inf) for n in np.diff(self.character.shapes[0].begins)],
             )
         character = self.character.surface(run)
@@ -183,7 +190,8 @@ class Measure:
         shapes = yield from share(read_shapes(objects, self.frames, self.performance), 0.2, 0.4)
         lod = PosedSurface(shapes, self.hidden_counts, self.character)
         self._levels[_key(objects)] = lod
-        compared = compare_surfaces(self.character, lod, self.frames)
+        comparing = aside(lambda: compare_surfaces(self.character, lod, self.frames))
+        compared = yield from standing(comparing, 0.4)
         if compared is None:
             raise CrowdError(
                 f"LOD {k} of {self.name} has no face: raise its ratio and press Make LOD Meshes."
@@ -195,8 +203,9 @@ class Measure:
     def look_between(
         self, levels: Sequence[Sequence[bpy.types.Object]], rows: Sequence[Measured]
     ) -> Generator[float, None, list[Measured]]:
-        """Look at LODs in frames that no pose has, where their places deviate most; yields the
-        progress.
+        """Look at LODs in further frames, at the places where they deviate most.
+
+        Yields the progress.
 
         levels: the objects of each; rows: what `level` returned of them. Those that another
         Measure has measured stay as they are.
@@ -215,7 +224,9 @@ class Measure:
         ):
             return rows
         character, *surfaces = (each.surface(each.runs[0]) for each in (self.character, *lods))
-        pairs = [(watch(character, surface), watch(surface, character)) for surface in surfaces]
+        pairs = yield from aside(
+            lambda: [(watch(character, lod), watch(lod, character)) for lod in surfaces]
+        )
         with Posed(self.objects, [levels[k] for k in indices], self.performance) as posed:
             off = yield from share(look_at(posed, moments, pairs), 0.0, 0.8)
             beside = moments_beside(moments, off)
@@ -227,21 +238,16 @@ class Measure:
                     posed, number, (self.character, lod), pairs[number], times, off[number]
                 )
                 before = rows[k][1]
-                beyond = rows[k][
-                    0
-                ]  # what lies between places may be farther off than any pose tells
-                while row := looked.measure(rows[k], beyond):
+                beyond = rows[k][0]  # between places a LOD may be farther off than in any pose
+                while row := (yield from standing(looked.measure(rows[k], beyond), 0.9)):
                     rows[k] = row
                     beyond = row[1] + BELOW * self.diagonal
-                    yield 0.9
                 if rows[k][1] > before:
                     self._learn(posed, looked.measured)
         return rows
 
     def _learn(self, posed: Posed, moments: Sequence[float]) -> None:
-        """Measure LODs at further moments from now on, as one was farther off there than in any
-        pose.
-        """
+        """Measure LODs at further moments from now on: one was farther off there than elsewhere."""
         for moment in moments:
             shape = posed.shapes(moment)[0]
             self.performance.rest()

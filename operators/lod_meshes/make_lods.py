@@ -3,13 +3,14 @@
 import re
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import bpy
 
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.crowd.bounding_spheres import cover_sizes
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.progress import share, standing
+from ...crowd_lod.progress import aside, share, standing
 from ..blender import scene_data
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED, remove_owned
@@ -54,15 +55,16 @@ class Outcome:
 
 
 def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
-    """Make the LOD collections of `scene`; yields the progress, 0 to 1.
+    """Make the LOD collections of `scene`; yields the progress, 0 to 1, and returns the Outcome.
 
-    "Crowd LOD" holds a collection a LOD, which holds one a character group, named so that their
-    natural order is the groups'. LOD 0 shares the characters' own meshes; the others are decimated
-    from the character as modified, at rest, follow its armature, and are measured over its action.
-    By tolerance candidates are made, as far as they may be used, and those kept that pay; a group
-    with fewer than others repeats its last. Groups whose LODs were made from just what there is
-    now, and were not edited since, are kept. Nothing of the user's is changed. If it fails or is
-    closed early, the LODs that were there stay. Returns the Outcome.
+    The collection "Crowd LOD" holds one for each LOD, which holds one for each character group.
+    Their names sort in the order of the groups. LOD 0 shares the characters' own meshes. The others
+    are decimated from the character at rest, modifiers applied. They follow its armature, and are
+    measured over its action. By tolerance only candidates are made that may be used, and those kept
+    that pay. A group with fewer LODs than others repeats its last.
+
+    LODs stay that were made from just what there is now, and were not edited since. Nothing of the
+    user's is changed. If it fails or is closed early, the LODs that were there stay.
     """
     scene_data.check_own(scene)
     settings = scene.crowd_lod
@@ -179,7 +181,9 @@ def _chosen(
     One that was chosen by a guess is measured, and all are chosen again, until all that are chosen
     are measured. Returns the choice, and the groups with values of all their candidates.
     """
-    chosen = None
+    settings = scene.crowd_lod
+    limits = selection.Limits(settings.tolerance, settings.memory)
+    choice = None
     guesses = []
     missing = True
     total = sum(len(ladder.goals) for ladder in ladders)
@@ -196,21 +200,29 @@ def _chosen(
         given = [
             [k for k, goal in enumerate(ladder.goals) if goal in ladder.given] for ladder in ladders
         ]
-        chosen = selection.choose_candidates(
-            scene.crowd_lod, guesses, shots, scene_data.meters(scene), measured, given
+        choosing = partial(
+            selection.choose_candidates,
+            limits,
+            guesses,
+            shots,
+            scene_data.meters(scene),
+            measured,
+            given,
         )
+        done = sum(map(len, measured)) / total
+        choice = yield from standing(aside(choosing), 0.1 + 0.79 * done)
         missing = [
             (ladder, k)
-            for ladder, keep, known in zip(ladders, chosen.keep, measured, strict=True)
+            for ladder, keep, indices in zip(ladders, choice.keep, measured, strict=True)
             for k in keep
-            if k not in known
+            if k not in indices
         ]
         for ladder, k in missing[:1]:  # it says more of the others
-            tried = sum(len(known) for known in measured)
+            tried = sum(len(indices) for indices in measured)
             begin = 0.1 + 0.79 * tried / total
             end = 0.1 + 0.79 * (tried + 1) / total
             yield from share(ladder.measure(ladder.goals[k]), begin, end)
-    return chosen, guesses
+    return choice, guesses
 
 
 def _made(
@@ -274,8 +286,8 @@ def _named(names: list[str], homes: list, before: set) -> None:
     for block in bpy.data.user_map():
         if block not in before:
             block[OWNED] = True
-            # free again, now that the earlier LODs are gone; never at the cost of what else has the
-            # name
+            # The name is free again, now that the earlier LODs are gone. If another data-block has
+            # it, that one keeps it.
             block.rename(re.sub(r"\.\d+$", "", block.name), mode="NEVER")
     for g, (name, own) in enumerate(zip(names, homes, strict=True)):
         for k, home in enumerate(own):
@@ -291,10 +303,9 @@ def _told(ladders: list[Ladder], dropped: list[dict[int, str]]) -> list[str]:
     """Return a line for each dropped candidate; "About" marks guessed values."""
     lines = []
     for ladder, reasons in zip(ladders, dropped, strict=True):
-        lines += [
-            f"{ladder.name}: {'' if ladder.goals[k] in ladder.measured.rows else 'About '}{reasons[k]}"
-            for k in sorted(reasons)
-        ]
+        for k in sorted(reasons):
+            about = "" if ladder.goals[k] in ladder.measured.rows else "About "
+            lines.append(f"{ladder.name}: {about}{reasons[k]}")
     return lines
 
 

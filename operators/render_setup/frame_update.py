@@ -136,7 +136,7 @@ def columns_by_bucket(
         "phase": trajectory.gaits.phase(shown_crowd.crowd, seconds, agents),
     }
     columns |= {"group": of(crowd.group).astype(np.int32), "looks": of(trajectory.looks), "id": ids}
-    columns["pose"] = library.shown(trajectory.gaits, shown_crowd.crowd, seconds, agents)
+    columns["pose"] = library.character_of(trajectory.gaits, shown_crowd.crowd, seconds, agents)
     scale = trajectory.scale(shown_crowd.crowd, agents)
     if scale is not None:
         columns["size"] = scale - 1

@@ -20,6 +20,7 @@ from ..lod_meshes.made_for import changed, edited, forecast
 from ..overlay import viewport_overlay
 from ..runs.update_all import due_steps
 from ..settings import needs
+from ..sources.jupedsim_run import has_jupedsim
 from . import steps
 from .agent_edits import draw_edits
 from .crowd_list import MOVERS, draw_behavior, draw_ground, draw_simulation, draw_source
@@ -32,6 +33,7 @@ from .drawing import (
     label,
     length,
     letters_of,
+    limit,
     table,
     wide,
 )
@@ -52,7 +54,7 @@ class CROWDLOD_PT_main(Sidebar, bpy.types.Panel):
         row.popover("CROWDLOD_PT_statistics", text=_line(scene), translate=False)
         (sentence, icon), *others = steps.messages(scene)
         warnings = sum(other == "ERROR" for _, other in others)
-        # A sentence in red needs the room. Blender would cut its middle; the popover has all of it.
+        # An error needs all the room: Blender cuts the middle of a long line. The popover has all.
         more = f" ({counted(warnings, 'warning')})" if warnings and icon != "ERROR" else ""
         sentence = (
             shorten(sentence, max(20, letters_of(context) - len(more)), placeholder="...") + more
@@ -65,14 +67,14 @@ class CROWDLOD_PT_main(Sidebar, bpy.types.Panel):
 
 def _update_row(layout, scene: bpy.types.Scene) -> None:
     """Draw the button that does all steps which are due; gray where none is."""
-    due = due_steps(scene) if not needs.crowd(scene) and not needs.camera(scene) else {}
     row = layout.row()
-    row.enabled = bool(due) or "crowd_lod.update_all" in operator.at_work
-    words = {"Make LOD Meshes": "Make", "Plan Shot": "Plan"}
-    names = ", ".join(words.get(label, label) for label in due)
-    text = f"Update All: {names}" if due else "Meshes, plan and build are up to date"
-    if needs.crowd(scene):
-        text = "Update All"
+    text = "Update All"
+    if not (operator.at_work or needs.crowd(scene) or needs.camera(scene)):
+        due = due_steps(scene)
+        words = {"Make LOD Meshes": "Make", "Plan Shot": "Plan"}
+        names = ", ".join(words.get(step, step) for step in due)
+        row.enabled = bool(due)
+        text = f"Update All: {names}" if due else "Meshes, plan and build are up to date"
     button(row, "crowd_lod.update_all", text, "FILE_REFRESH", steps.next_operator(scene))
 
 
@@ -105,6 +107,7 @@ class CROWDLOD_PT_crowd(Step, bpy.types.Panel):
             )
         else:
             button(self.layout, "crowd_lod.populate", "Populate", following=following)
+        self.draw_presets()
 
     def body(self, context, layout, settings) -> None:
         following = steps.next_operator(context.scene)
@@ -188,6 +191,10 @@ class CROWDLOD_PT_simulation(Step, bpy.types.Panel):
     bl_label = "Simulation"
     bl_parent_id = "CROWDLOD_PT_behavior"
 
+    @classmethod
+    def poll(cls, context) -> bool:
+        return has_jupedsim()
+
     def body(self, context, layout, settings) -> None:
         draw_simulation(layout, settings, 0)
 
@@ -227,7 +234,9 @@ class CROWDLOD_PT_levels(Step, bpy.types.Panel):
         row.prop(settings, "choice", expand=True)
         if settings.choice == "BY_TOLERANCE":
             layout.prop(settings, "tolerance")
-            layout.prop(settings, "memory", text="Memory", translate=False)
+            layout.prop(
+                settings, "memory", text=limit("Memory, MB", settings.memory), translate=False
+            )
         else:
             layout.prop(settings, "level_count")
             layout.prop(settings, "metric")
