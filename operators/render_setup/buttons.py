@@ -130,6 +130,7 @@ class CROWDLOD_OT_bake(Stepwise, bpy.types.Operator):
                 None,
                 (
                     baked,
+                    scene.crowd_lod.shot_verdict * scene.crowd_lod.use_shot_plan,
                     notes_on_cast(scene, cast),
                     notes_on_characters(scene),
                     frame_stepping.describe_unbaked(scene),
