@@ -13,6 +13,8 @@ from crowd_lod_extension.operators.render_setup import render_setup
 from crowd_lod_extension.operators.scene import scene_crowd
 from mathutils import Vector
 
+FINER = -1  # coarser characters have a LOD that loses nothing
+
 
 @pytest.fixture
 def tolerant(scene):

@@ -16,7 +16,7 @@ from crowd_lod_extension.operators.runs.verify_stage import PAIRS, Verify
 from crowd_lod_extension.sample_scenes.scenery import add, material, tile
 
 pytestmark = pytest.mark.once  # long, and the same on every Blender
-
+FINER = -1  # LODs of coarser characters have other colors
 
 FAST = """{"version": 1, "labels": {"ground": {"color": "#808080"}},
  "states": {"east": {"on": {"*": {"move": [30, 0]}}}}, "edge": "wrap"}"""
@@ -353,7 +353,7 @@ def test_predictions_hold_where_planned_lods_switch(levelled, tmp_path, capfd, m
     assert run(*asked) == 0
     if "budget" in more:
         rows = list(csv.DictReader((plan / "frames.csv").open()))
-        more = "--triangles", 0.98 * max(int(row["triangles"]) for row in rows)
+        more = "--triangles", int(0.98 * max(int(row["triangles"]) for row in rows))
     if more:
         assert run(*asked, *more) == 0
     frames = [int(row["frame"]) for row in csv.DictReader((plan / "switches.csv").open())]
