@@ -103,6 +103,7 @@ def bake_frames(scene: bpy.types.Scene) -> Generator[float, None, str]:
     cast = yield from prepared(scene, lambda: bake(scene, frames), frames)
     sentences = (
         f"{counted(len(frames), 'frame is', 'frames are')} baked: {shot_frames(frames)}.",
+        scene.crowd_lod.shot_verdict * scene.crowd_lod.use_shot_plan,
         notes_on_cast(scene, cast),
         notes_on_characters(scene),
         frame_stepping.describe_unbaked(scene),
