@@ -18,8 +18,8 @@ ROUNDED = 1e-5  # part of a distance, more than float32 rounds away
 # part of the surface's size, is how much it may err.
 LOST = 4e-8
 NEAR = 5e-5
-# Triangles where samples are farthest off are looked at closer: CLOSER of them, divided up to HALVED
-# times.
+# Triangles where samples are farthest off are looked at closer: CLOSER of them, divided up to
+# HALVED times.
 CLOSER = 400
 HALVED = 5
 FARTHEST = 50  # triangles whose sides a rough estimate looks at
