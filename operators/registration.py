@@ -35,6 +35,7 @@ from .ui import (
     crowd_list,
     exception_list,
     machine_panels,
+    manual,
     menus,
     panels,
     popovers,
@@ -77,6 +78,7 @@ MODULES = (
     agent_picker,
     presets,
     popovers,
+    manual,
     menus,
     panels,
     machine_panels,
@@ -136,6 +138,7 @@ def register() -> None:
             getattr(bpy.app.handlers, name).append(function)
     main_thread.register()
     menus.register()
+    manual.register()
     viewport_overlay.register()
     _commands.append(bpy.utils.register_cli_command("crowd_lod", commands.from_blender))
 
@@ -144,6 +147,7 @@ def unregister() -> None:
     while _commands:
         bpy.utils.unregister_cli_command(_commands.pop())
     viewport_overlay.unregister()
+    manual.unregister()
     menus.unregister()
     main_thread.unregister()
     for name, functions in HANDLERS.items():
