@@ -231,7 +231,7 @@ def _avoid_plot(curve: Curve) -> str:
             "circle",
             [f"{p.kind}: {p.switches:,} switches, {max(p.above, 0.0):.1%} more cost"],
         )
-    text = "What other values of Avoid Pops would cost. The blue mark is this plan."
+    text = "What other values of Extra Cost for Fewer Pops would cost. The blue mark is this plan."
     legend = _legend([svg.Series(kind, np.empty(0), color) for kind, color in colors.items()])
     return (
         f"<h3>Switches against "

@@ -154,7 +154,9 @@ def warnings_of(report: ShotReport) -> list[str]:
         plan.thresholds.switches.sum()
         and plan.bill.switches.sum() >= plan.thresholds.switches.sum()
     ):
-        sentences.append("The plan avoids no switch: raise Avoid Pops, or the tolerance.")
+        sentences.append(
+            "The plan avoids no switch: raise Extra Cost for Fewer Pops, or the tolerance."
+        )
     empty = ~survey.seen.any(axis=1)
     if empty.any():
         sentences.append(f"No character is seen in {_frames(survey.numbers[empty])}.")

@@ -11,7 +11,7 @@ from ..render_setup.render_setup import BAKED, baked_of
 from ..render_setup.view_layers import layers_of
 from ..sources.hand_edits import EDITS
 from . import steps
-from .drawing import active_column, button, label, letters_of, paragraph, table, wide
+from .drawing import active_column, button, label, letters_of, limit, paragraph, table, wide
 from .settings_list import draw_list
 from .step_panel import Step
 
@@ -78,8 +78,9 @@ class CROWDLOD_PT_budget(Step, bpy.types.Panel):
     bl_parent_id = "CROWDLOD_PT_plan"
 
     def body(self, context, layout, settings) -> None:
-        layout.prop(settings, "budget_triangles")
-        layout.prop(settings, "budget_memory")
+        for name, text in (("budget_triangles", "Triangles"), ("budget_memory", "Memory, MB")):
+            value = getattr(settings, name)
+            layout.prop(settings, name, text=limit(text, value), translate=False)
         wide(layout, settings, "plan_blurred")
 
 
