@@ -1,6 +1,6 @@
 """What a shot takes at the least, tolerance by tolerance: which budgets are possible."""
 
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import astuple, dataclass
 from math import inf
 
@@ -28,7 +28,7 @@ class BudgetPoint:
 
 
 # by the field of Budget that limits it: the name of the setting, and how its value reads
-LIMITED = {
+LIMITED: dict[str, tuple[str, Callable[[float], str]]] = {
     "triangles": ("Triangles", lambda value: f"{value:,.0f}"),
     "memory": ("Memory", lambda value: f"{value / 1e6:,.1f} MB"),
     "finest": ("Agents at LOD 0", lambda value: f"{value:,.0f}"),

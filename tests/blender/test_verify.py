@@ -342,7 +342,8 @@ def test_predictions_hold_where_planned_lods_switch(levelled, tmp_path, capfd, m
     settings = levelled.crowd_lod
     lens = levelled.camera.data
     settings.choice = "BY_TOLERANCE"
-    settings.tolerance = 2.0
+    # at 2 px blur lets so coarse LODs come so near that their colors differ
+    settings.tolerance = 1.0 if "--blur" in more else 2.0
     levelled.render.use_motion_blur = "--blur" in more
     for frame, lens.lens in ((1, 15), (6, 200)):
         lens.keyframe_insert("lens", frame=frame)
@@ -353,7 +354,7 @@ def test_predictions_hold_where_planned_lods_switch(levelled, tmp_path, capfd, m
     assert run(*asked) == 0
     if "budget" in more:
         rows = list(csv.DictReader((plan / "frames.csv").open()))
-        more = "--triangles", int(0.98 * max(int(row["triangles"]) for row in rows))
+        more = "--triangles", int(0.99 * max(int(row["triangles"]) for row in rows))
     if more:
         assert run(*asked, *more) == 0
     frames = [int(row["frame"]) for row in csv.DictReader((plan / "switches.csv").open())]
