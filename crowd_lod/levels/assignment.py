@@ -314,7 +314,7 @@ def deviations(groups: Sequence[Group], policy: LevelPolicy) -> np.ndarray | Non
         return table
     if not all(len(group.shaded) >= count for group in groups):
         raise CrowdError(
-            "Shading Counts needs LODs whose pictures were compared with their characters': press "
+            "Match Shading needs LODs whose pictures were compared with their characters': press "
             "Measure LOD Meshes, or Make LOD Meshes."
         )
     return np.maximum(

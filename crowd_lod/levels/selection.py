@@ -149,7 +149,7 @@ class GroupShot:
     views: where the shot has agents of the group.
     characters: how many characters of the group a build has.
     costs: of the engine, on the machine that renders.
-    shading: whether Shading Counts.
+    shading: whether Match Shading.
     rigs: armatures of all these characters; None: one each.
     """
 

@@ -73,7 +73,7 @@ def parse_agents(text: str, count: int, name: str, ids: np.ndarray | None = None
     """
     if not text.strip():
         raise CrowdError(
-            f"The exception {name} names no agents: write their numbers, such as 12, 40-50."
+            f"The override {name} names no agents: write their numbers, such as 12, 40-50."
         )
     is_chosen = np.zeros(count, bool)
     file_ids = np.empty(0, np.int64) if ids is None or "#" not in text else ids
@@ -83,7 +83,7 @@ def parse_agents(text: str, count: int, name: str, ids: np.ndarray | None = None
         match = re.fullmatch(r"\s*(#?)(\d{1,18})\s*(?:-\s*(\d{1,18})\s*)?", part)
         if match is None:
             raise CrowdError(
-                f"The exception {name} names agents by {part.strip()!r}: write numbers and "
+                f"The override {name} names agents by {part.strip()!r}: write numbers and "
                 f"ranges, such as 12, 40-50."
             )
         mark = match[1]
@@ -91,7 +91,7 @@ def parse_agents(text: str, count: int, name: str, ids: np.ndarray | None = None
         last = int(match[3] or match[2])
         if first > last:
             raise CrowdError(
-                f"The exception {name} has agents {mark}{first}-{last}, a range that runs "
+                f"The override {name} has agents {mark}{first}-{last}, a range that runs "
                 f"backwards: write {mark}{last}-{first}."
             )
         if mark:
@@ -100,13 +100,13 @@ def parse_agents(text: str, count: int, name: str, ids: np.ndarray | None = None
             continue
         if last >= count:
             raise CrowdError(
-                f"The exception {name} names agent {last}: the crowd has {count:,}, numbered from "
+                f"The override {name} names agent {last}: the crowd has {count:,}, numbered from "
                 f"0 on."
             )
         is_chosen[first : last + 1] = True
     if not is_chosen.any():
         raise CrowdError(
-            f"The exception {name} names {text.strip()}: no agent has that number in its file or "
+            f"The override {name} names {text.strip()}: no agent has that number in its file or "
             f"object."
         )
     return np.flatnonzero(is_chosen)
@@ -151,7 +151,7 @@ def check_level(
         return
     if level >= count:
         has = f"LODs 0 to {count - 1}" if count > 1 else "LOD 0 alone"
-        raise CrowdError(f"The exception {name} asks for LOD {level}: the crowd has {has}.")
+        raise CrowdError(f"The override {name} asks for LOD {level}: the crowd has {has}.")
     lacks = [
         g
         for g in np.unique(group[exemption.agents]).tolist()
@@ -159,7 +159,7 @@ def check_level(
     ]
     if lacks:
         raise CrowdError(
-            f"The exception {name} asks for LOD {level} of {names[lacks[0]]}, which Memory for "
+            f"The override {name} asks for LOD {level} of {names[lacks[0]]}, which Memory for "
             f"Characters leaves out: ask for LOD "
             f"{finest[lacks[0]]}, or raise that limit and make the LOD meshes again."
         )
@@ -206,6 +206,8 @@ def excepted(survey: Survey, exemptions: Sequence[Exemption]) -> Survey:
         shows = survey.kind[f] == SEEN
         appears = np.flatnonzero(was_hidden & shows & ~hidden & (not survey.cuts[f]))
         survey.entered[f] = np.union1d(survey.entered[f][~hidden[survey.entered[f]]], appears)
+        gone = survey.left[f]
+        survey.left[f] = gone[~(hidden | was_hidden)[gone]]
         was_hidden = shows & hidden
         survey.kind[f, hidden] = CULLED
         for column in (survey.coarsest, survey.scale, survey.character):
@@ -247,10 +249,10 @@ def marked(levels: np.ndarray, number: int, exemptions: Sequence[Exemption]) -> 
     if not (exemption >= 0).any():
         return levels
     pinned, hidden = (
-        np.array([*(each.kind == kind for each in exemptions), False])[exemption]
+        np.array([*(entry.kind == kind for entry in exemptions), False])[exemption]
         for kind in (ALWAYS, HIDE)
     )
-    level = np.array([*(each.level for each in exemptions), 0], np.uint8)[exemption]
+    level = np.array([*(entry.level for entry in exemptions), 0], np.uint8)[exemption]
     return np.where(pinned, level | PINNED | EXCEPTED, levels) | np.where(hidden, HIDDEN, 0).astype(
         np.uint8
     )

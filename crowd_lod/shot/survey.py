@@ -51,6 +51,8 @@ class Survey:
     rays: (F,) float64, samples of the pixels that agents cover (levels/cost_model.py).
     entered: for each frame the agents (m,) intp that it shows, and that the near or the far clip
         culled in the frame before, or an exception hid: they appear at once.
+    left: for each frame the agents (m,) intp that the frame before shows, and that the near or the
+        far clip culls: they vanish at once.
     blurred: pixels of tolerance; above 0, a LOD may deviate by so many pixels and as many more as
         its agent is blurred wide. `scale` then counts as many pixels less in proportion.
     bounds: (G, K) meters, of the LODs, where `blurred` is above 0.
@@ -73,6 +75,7 @@ class Survey:
     owner: np.ndarray
     rays: np.ndarray
     entered: list[np.ndarray]
+    left: list[np.ndarray]
     blurred: float = 0.0
     bounds: np.ndarray | None = None
     roles: Roles | None = None
@@ -87,7 +90,7 @@ class Survey:
         return self.kind == SEEN
 
     def of(self, agents: slice) -> "Survey":
-        """Return the survey of these agents alone; nobody counts as entered."""
+        """Return the survey of these agents alone; nobody counts as entered or gone."""
         names = (
             "kind",
             "coarsest",
@@ -103,6 +106,7 @@ class Survey:
             group=self.group[agents],
             rays=self.rays * part,
             entered=[np.empty(0, np.intp)] * len(self.times),
+            left=[np.empty(0, np.intp)] * len(self.times),
         )
 
     def joined(self, f: int, agents: slice = slice(None)) -> np.ndarray:
@@ -156,6 +160,7 @@ def empty(
         owner=np.repeat(np.arange(len(library) - 1, dtype=np.uint8), np.diff(library)),
         rays=np.zeros(frames),
         entered=[np.empty(0, np.intp)] * frames,
+        left=[np.empty(0, np.intp)] * frames,
         roles=roles,
         pairs=[np.empty((0, 2), np.int32)] * frames,
         nearness=[np.empty(0, np.float32)] * frames,
@@ -236,7 +241,9 @@ def record(  # noqa: PLR0913 - what a frame tells, and what it follows
     survey.rays[f] = rays
     survey.cuts[f] = cut
     if before is not None and not cut:
-        survey.entered[f] = _unclipped(before, visible[survey.kind[f - 1, visible] != SEEN])
+        survey.entered[f] = _clipped(before, visible[survey.kind[f - 1, visible] != SEEN])
+        (gone,) = np.nonzero((survey.kind[f - 1] == SEEN) & (survey.kind[f] != SEEN))
+        survey.left[f] = _clipped(frame, gone)
 
 
 def _close(survey: Survey, f: int, crowd: Crowd) -> tuple[np.ndarray, np.ndarray]:
@@ -251,15 +258,15 @@ def _close(survey: Survey, f: int, crowd: Crowd) -> tuple[np.ndarray, np.ndarray
     return agents[pairs].astype(np.int32), (1 / np.maximum(apart, BESIDE)).astype(np.float32)
 
 
-def _unclipped(before: Frame, agents: np.ndarray) -> np.ndarray:
-    """Return those of `agents` (m,) that the near or far clip culled in the frame `before`."""
-    camera = before.camera
-    reach = before.trajectory.spheres.reach[before.crowd.group[agents]]
+def _clipped(frame: Frame, agents: np.ndarray) -> np.ndarray:
+    """Return those of `agents` (m,) that the near or far clip culls in the frame."""
+    camera = frame.camera
+    reach = frame.trajectory.spheres.reach[frame.crowd.group[agents]]
     _, depth = radar(
-        before.crowd,
+        frame.crowd,
         camera,
-        before.trajectory.spheres.center,
-        before.trajectory.spheres.reach,
+        frame.trajectory.spheres.center,
+        frame.trajectory.spheres.reach,
         EVERYONE,
         agents,
     )

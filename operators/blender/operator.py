@@ -8,11 +8,14 @@ import bpy
 
 from ...crowd_lod.errors import FAULTS, sentence
 from ...crowd_lod.progress import finished
-from . import collection_caches, sidebars
+from . import collection_caches, sidebars, unfinished
 from .guard import handler
 from .labeled_properties import CONTEXT
 
-TICK = 0.04  # seconds of work between two events that the window handles
+# Seconds of work between two drawings of the window: as many as the last one took. Steps change data,
+# after which Blender draws all of the window: 0.2 s on software OpenGL, a few ms on a graphics card.
+LEAST_TICK = 0.04
+MOST_TICK = 0.2
 # by the bl_idname of an operator at work: its progress, 0 to 1
 at_work: dict[str, float] = {}
 # functions of a scene that return what steps rest on; registration fills the list
@@ -20,7 +23,7 @@ RESTS_ON: list[Callable[[bpy.types.Scene], Any]] = []
 # jobs of Blender that read the file in threads of their own
 JOBS = ("RENDER", "OBJECT_BAKE", "COMPOSITE")
 # beginnings of the names of operators beside which a step goes on: they look, or scrub
-LOOKING = ("CROWDLOD_OT_", "VIEW3D_OT_", "VIEW2D_OT_", "ANIM_OT_change_frame")
+LOOKING = ("CROWD_LOD_OT_", "VIEW3D_OT_", "VIEW2D_OT_", "ANIM_OT_change_frame")
 _running: list["Stepwise"] = []
 
 
@@ -91,7 +94,11 @@ class Stepwise(Reporting):
 
     The steps are dropped, and the generator's own cleanup leaves the scene as it was, where the
     user presses Esc or the progress, undoes, opens a file, or changes what the steps rest on.
+
+    remains: what such an end leaves, in words; steps set it where parts of the work stay.
     """
+
+    remains = "nothing was changed"
 
     def run(self, context) -> str:
         return finished(self.steps(context))
@@ -99,7 +106,7 @@ class Stepwise(Reporting):
     def invoke(self, context, event) -> set[str]:
         self._steps = self.steps(context)
         self._scene = context.scene
-        self._started = clock.monotonic()
+        self._started = self._rested = clock.monotonic()
         self._dropped = ""
         self._status = ""
         self._rests_on = _inputs_of(context.scene)
@@ -118,26 +125,30 @@ class Stepwise(Reporting):
             return self._take_steps(context)
         if self._dropped:
             self._end(context)
-            self.report({"WARNING"}, f"{self.bl_label} {self._dropped}; nothing was changed.")
+            self.report({"WARNING"}, f"{self.bl_label} {self._dropped}; {self.remains}.")
             return {"CANCELLED"}
         return {"PASS_THROUGH"}
 
     def drop(self, reason: str) -> None:
         """Close the steps; `modal` ends the operator and reports the reason."""
         self._steps.close()
+        unfinished.end(self._scene)
         self._dropped = self._dropped or reason
 
     def _take_steps(self, context) -> set[str]:
-        """Take steps for TICK seconds."""
+        """Take steps for as long as the window was drawn since the last ones."""
+        drawing = clock.monotonic() - self._rested
         try:
-            if _inputs_of(self._scene) != self._rests_on:
-                self.drop("was stopped, as settings that it rests on were changed")
+            if _inputs_of(self._scene) != self._rests_on:  # by the user, since the last steps
+                self.drop("was stopped, as settings, characters or the camera were changed")
                 return {"PASS_THROUGH"}
-            until = clock.monotonic() + TICK
+            before = unfinished.state()
+            until = clock.monotonic() + min(max(drawing, LEAST_TICK), MOST_TICK)
             while True:  # small steps together
                 progress = next(self._steps)
                 if clock.monotonic() >= until:
                     break
+            unfinished.note(self._scene, before)
             self._rests_on = _inputs_of(self._scene)  # steps may set some for a while
         except StopIteration as end:
             self._end(context)
@@ -154,6 +165,7 @@ class Stepwise(Reporting):
             self._end(context)
             raise
         self._show(context, progress)
+        self._rested = clock.monotonic()
         return {"PASS_THROUGH"}
 
     def _show(self, context, progress: float) -> None:
@@ -175,6 +187,7 @@ class Stepwise(Reporting):
         at_work.clear()
         _running.clear()
         self._steps.close()
+        unfinished.end(self._scene)
         collection_caches.renew()  # the work removed data-blocks that collections may remember
         context.window_manager.event_timer_remove(self._timer)
         context.window_manager.progress_end()
@@ -222,6 +235,7 @@ class CROWDLOD_OT_stop(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context) -> bool:
+        cls.poll_message_set("No step is at work")
         return bool(at_work)
 
     def execute(self, context) -> set[str]:

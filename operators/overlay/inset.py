@@ -71,11 +71,6 @@ def pixels(ui_scale: float) -> tuple[int, int]:
     return round(SIZE[0] * ui_scale), round(SIZE[1] * ui_scale)
 
 
-def nbytes(texture) -> int:
-    """Return the bytes of the texture on the GPU; 0 for None."""
-    return 4 * texture.width * texture.height if texture else 0
-
-
 def picture(
     batches: Batches, view: np.ndarray, projection: np.ndarray, ui_scale: float
 ) -> "GPUTexture":

@@ -11,7 +11,7 @@ import bpy
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, number, printable
-from ...crowd_lod.frame.planned import PINNED
+from ...crowd_lod.frame.planned import PINNED, camera_of
 from ...crowd_lod.levels.assignment import deviations
 from ...crowd_lod.progress import aside, share, standing, steps_aside
 from ...crowd_lod.reporting import files, tables
@@ -31,6 +31,7 @@ from ...crowd_lod.shot.exceptions import Exemption, excepted, marked
 from ...crowd_lod.shot.shot_cost import Shot, meshes_of
 from ...crowd_lod.shot.switches import WORST, largest, noticed
 from ...crowd_lod.shot.unneeded import needed_meshes
+from ...crowd_lod.shot.verdict import verdict_of
 from ..blender import cameras, provenance, scene_data
 from ..blender.machine_costs import costs_of
 from ..blender.operator import Reporting, Stepwise
@@ -101,8 +102,8 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
     """
     if not 0 <= request.avoid < 1e6:
         raise CrowdError(
-            f"Avoid Pops is {request.avoid:g}; give the part of the cost that it may add, such as "
-            f"0.05."
+            f"Extra Cost for Fewer Pops is {request.avoid:g}; give the part of the cost that it may "
+            f"add, such as 0.05."
         )
     check_recorded(scene, "Plan Shot")
     provenance.look_afresh()
@@ -139,6 +140,8 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
     plan = yield from share(deciding, SURVEYED, DECIDED)
     noticing = aside(lambda: noticed(shot, plan.levels, trajectory.spheres.radius))
     changes = yield from standing(noticing, DECIDED)
+    eyes = [camera_of(numbers) for numbers in through.cameras[:, 0]]
+    verdict = verdict_of(shot.survey, changes, eyes, scene_data.meters(scene))
     curve = steps_aside(curve_of(shot, plan, policy.tolerance))
     names = [group.name for group in trajectory.groups]
     report = ShotReport(
@@ -146,6 +149,7 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
         shot=shot,
         plan=plan,
         noticed=changes,
+        verdict=verdict,
         curve=(yield from share(curve, DECIDED, CURVED)),
         names=names,
         phases=phases,
@@ -221,24 +225,27 @@ def write_levels(folder: Path, planned: PlannedShot) -> None:
 
 def shot_json(planned: PlannedShot) -> dict[str, Any]:
     """Return what plan.json tells of the shot."""
-    budget = {
-        name: value
-        for name, value in vars(planned.request.budget).items()
-        if value not in (None, inf)
-    }
-    requested = {
-        "avoid_pops": planned.request.avoid,
-        "variety": planned.request.variety,
-        "blur": planned.request.blurred,
-        "budget": budget,
-    }
+    requested = requested_of(planned.request)
     return shot_facts(
         planned.report, planned.stored, requested, [each.as_json for each in planned.exemptions]
     )
 
 
+def requested_of(request: PlanRequest) -> dict[str, Any]:
+    """Return the settings that a plan was asked for, as plan.json has them."""
+    budget = {
+        name: value for name, value in vars(request.budget).items() if value not in (None, inf)
+    }
+    return {
+        "avoid_pops": request.avoid,
+        "variety": request.variety,
+        "blur": request.blurred,
+        "budget": budget,
+    }
+
+
 def sentence(planned: PlannedShot) -> str:
-    """Return a sentence that compares the plan with LODs by thresholds."""
+    """Return the verdict, and a sentence that compares the plan with LODs by thresholds."""
     plan = planned.plan
     frames = len(planned.stored.numbers)
     bill = plan.bill
@@ -250,6 +257,7 @@ def sentence(planned: PlannedShot) -> str:
         else ""
     )
     return (
+        f"{planned.report.verdict.sentence} "
         f"{counted(frames, 'frame')} of {counted(len(planned.shot.survey.group), 'agent')} "
         f"planned. LODs change in sight {int(bill.switches.sum()):,} times, by distance "
         f"{int(before.switches.sum()):,} times, for {max(bill.above(before), 0.0):.1%} more cost "
@@ -278,6 +286,26 @@ def wanted_of(scene: bpy.types.Scene, folder: Path, frames: Sequence[int]) -> Pl
     )
 
 
+def plan_of_settings(scene: bpy.types.Scene) -> Generator[float, None, str]:
+    """Plan the shot as the settings ask, and let the scene follow the plan.
+
+    Yields the progress and returns a sentence on the plan. The plan's files and settings are
+    written at the end, all or none.
+    """
+    settings = scene.crowd_lod
+    place = output_path(scene, "plan")
+    folder = full_path(place)
+    with files.staged(folder, plan_file.NAME) as part:
+        request = wanted_of(scene, folder, scene_data.frames_of(scene))
+        planned = yield from share(plan_shot(scene, request), 0.0, 0.99)
+        yield from standing(write_plan(scene, part, planned, ["sidebar"]), 0.99)
+    settings.shot_plan = f"{place}/{plan_file.NAME}"
+    settings.use_shot_plan = True
+    settings.shot_verdict = planned.report.verdict.sentence
+    note_output(scene, "plan")
+    return f"{sentence(planned)} The plan is in {place_of(folder)}."
+
+
 class CROWDLOD_OT_plan_shot(Stepwise, bpy.types.Operator):
     """Decide on all LODs of the shot at once, so that few characters change theirs in sight"""
 
@@ -289,18 +317,7 @@ class CROWDLOD_OT_plan_shot(Stepwise, bpy.types.Operator):
     )
 
     def steps(self, context) -> Generator[float, None, str]:
-        scene = context.scene
-        settings = context.scene.crowd_lod
-        place = output_path(scene, "plan")
-        folder = full_path(place)
-        with files.staged(folder, plan_file.NAME) as part:
-            request = wanted_of(scene, folder, scene_data.frames_of(scene))
-            planned = yield from share(plan_shot(scene, request), 0.0, 0.99)
-            yield from standing(write_plan(scene, part, planned, ["sidebar"]), 0.99)
-        settings.shot_plan = f"{place}/{plan_file.NAME}"
-        settings.use_shot_plan = True
-        note_output(scene, "plan")
-        return f"{sentence(planned)} The plan is in {place_of(folder)}."
+        return (yield from plan_of_settings(context.scene))
 
 
 class CROWDLOD_OT_remove_plan(Reporting, bpy.types.Operator):
@@ -311,17 +328,17 @@ class CROWDLOD_OT_remove_plan(Reporting, bpy.types.Operator):
     needs = (needs.plan,)
 
     def run(self, context) -> str:
-        context.scene.crowd_lod.shot_plan = ""
+        context.scene.crowd_lod.shot_plan = context.scene.crowd_lod.shot_verdict = ""
         return "LODs follow from distances again."
 
 
 class CROWDLOD_OT_go_to_switch(Reporting, bpy.types.Operator):
     bl_description = (
-        "Go to the frame of the largest change by a LOD switch, and mark its agent; again, to "
-        "the next largest"
+        "Go to the frame of the largest change in sight, and mark its agent; again, to the next "
+        "largest"
     )
     bl_idname = "crowd_lod.go_to_switch"
-    bl_label = "Go to Largest Switch"
+    bl_label = "Go to Largest Change"
     needs = (needs.plan,)
 
     def run(self, context) -> str:
@@ -335,11 +352,11 @@ class CROWDLOD_OT_go_to_switch(Reporting, bpy.types.Operator):
         at = (places.index(now) + 1) % len(places) if now in places else 0
         scene.frame_current, settings.agent = places[at]
         switch = rows[at]
-        lods = (
-            f"LOD {switch['from']} to {switch['to']}"
-            if switch["from"]
-            else f"appears at LOD {switch['to']}"
-        )
+        lods = f"LOD {switch['from']} to {switch['to']}"
+        if not switch["from"]:
+            lods = f"appears at LOD {switch['to']}"
+        elif not switch["to"]:
+            lods = f"vanishes from LOD {switch['from']}"
         return (
             f"Frame {places[at][0]}, agent {places[at][1]}: {lods}, changes up to "
             f"{float(switch['change_px']):.2f} pixels."

@@ -64,6 +64,11 @@ def wide(layout, settings, name: str) -> None:
     row.prop(settings, name)
 
 
+def limit(name: str, value: float) -> str:
+    """Return the name of a limit, which says so where the value 0 is none."""
+    return name if value else f"{name} (No Limit)"
+
+
 def length(context, units: float) -> str:
     return bpy.utils.units.to_string(
         context.scene.unit_settings.system,

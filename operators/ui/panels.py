@@ -12,11 +12,15 @@ from ... import sample_scenes
 from ...crowd_lod.behavior.walk import walks_of
 from ...crowd_lod.format import counted
 from ...crowd_lod.levels.cost_model import NAMES
+from ..blender import operator
 from ..blender.props import PROP
 from ..blender.scene_data import engine_of
 from ..characters.prop_button import props_in
 from ..lod_meshes.made_for import changed, edited, forecast
 from ..overlay import viewport_overlay
+from ..runs.update_all import due_steps
+from ..settings import needs
+from ..sources.jupedsim_run import has_jupedsim
 from . import steps
 from .agent_edits import draw_edits
 from .crowd_list import MOVERS, draw_behavior, draw_ground, draw_simulation, draw_source
@@ -29,10 +33,11 @@ from .drawing import (
     label,
     length,
     letters_of,
+    limit,
     table,
     wide,
 )
-from .step_panel import Sidebar, Step, presets_button
+from .step_panel import Sidebar, Step, help_button, presets_button
 
 
 class CROWDLOD_PT_main(Sidebar, bpy.types.Panel):
@@ -40,6 +45,7 @@ class CROWDLOD_PT_main(Sidebar, bpy.types.Panel):
 
     def draw_header_preset(self, context) -> None:
         presets_button(self.layout, "all")
+        help_button(self.layout, "The sidebar")
 
     def draw(self, context) -> None:
         column = self.layout.column(align=True)
@@ -57,6 +63,20 @@ class CROWDLOD_PT_main(Sidebar, bpy.types.Panel):
         row = column.row(align=True)
         row.alert = icon == "ERROR"
         row.popover("CROWDLOD_PT_messages", text=sentence, icon=icon, translate=False)
+        _update_row(column, scene)
+
+
+def _update_row(layout, scene: bpy.types.Scene) -> None:
+    """Draw the button that does all steps which are due; gray where none is."""
+    row = layout.row()
+    text = "Update All"
+    if not (operator.at_work or needs.crowd(scene) or needs.camera(scene)):
+        due = due_steps(scene)
+        words = {"Make LOD Meshes": "Make", "Plan Shot": "Plan"}
+        names = ", ".join(words.get(step, step) for step in due)
+        row.enabled = bool(due)
+        text = f"Update All: {names}" if due else "Meshes, plan and build are up to date"
+    button(row, "crowd_lod.update_all", text, "FILE_REFRESH", steps.next_operator(scene))
 
 
 def _line(scene: bpy.types.Scene) -> str:
@@ -88,6 +108,7 @@ class CROWDLOD_PT_crowd(Step, bpy.types.Panel):
             )
         else:
             button(self.layout, "crowd_lod.populate", "Populate", following=following)
+        self.draw_icons()
 
     def body(self, context, layout, settings) -> None:
         following = steps.next_operator(context.scene)
@@ -107,14 +128,26 @@ class CROWDLOD_PT_groups(Step, bpy.types.Panel):
     bl_label = "Character Groups"
     bl_parent_id = "CROWDLOD_PT_crowd"
 
+    @classmethod
+    def poll(cls, context) -> bool:
+        return len(context.scene.crowd_lod.groups) > 1
+
     def body(self, context, layout, settings) -> None:
         rows = [
             (g.name, length(context, g.radius), length(context, g.stride)) for g in settings.groups
         ]
-        table(layout, ("Group", "Radius", "Stride"), rows or [("Press Populate", "", "")])
+        table(layout, ("Group", "Radius", "Stride"), rows)
         groups = [group for group in settings.groups if not group.variant_of]
         for group in groups[:MOST_ROWS] if len(groups) > 1 else ():
             layout.prop(group, "share", text=f"{group.name} Share", translate=False)
+
+
+class CROWDLOD_PT_crowd_advanced(Step, bpy.types.Panel):
+    bl_label = "Advanced"
+    bl_parent_id = "CROWDLOD_PT_crowd"
+
+    def body(self, context, layout, settings) -> None:
+        groups = [group for group in settings.groups if not group.variant_of]
         for group in groups[:MOST_ROWS]:
             layout.row().prop(group, "scale", text=f"{group.name} Scale", translate=False)
         for group in [group for group in groups if group.lowest][:MOST_ROWS]:
@@ -171,6 +204,10 @@ class CROWDLOD_PT_simulation(Step, bpy.types.Panel):
     bl_label = "Simulation"
     bl_parent_id = "CROWDLOD_PT_behavior"
 
+    @classmethod
+    def poll(cls, context) -> bool:
+        return has_jupedsim()
+
     def body(self, context, layout, settings) -> None:
         draw_simulation(layout, settings, 0)
 
@@ -186,7 +223,7 @@ class CROWDLOD_PT_camera(Step, bpy.types.Panel):
 
 
 class CROWDLOD_PT_culling(Step, bpy.types.Panel):
-    bl_label = "Culling"
+    bl_label = "Advanced"
     bl_parent_id = "CROWDLOD_PT_camera"
 
     def body(self, context, layout, settings) -> None:
@@ -210,10 +247,11 @@ class CROWDLOD_PT_levels(Step, bpy.types.Panel):
         row.prop(settings, "choice", expand=True)
         if settings.choice == "BY_TOLERANCE":
             layout.prop(settings, "tolerance")
-            layout.prop(settings, "memory", text="Memory", translate=False)
+            layout.prop(
+                settings, "memory", text=limit("Memory, MB", settings.memory), translate=False
+            )
         else:
             layout.prop(settings, "level_count")
-            layout.prop(settings, "metric")
             self.ratios(context, layout, settings)
         button(
             layout,
@@ -304,10 +342,11 @@ class CROWDLOD_PT_own_thresholds(Step, bpy.types.Panel):
 
 
 class CROWDLOD_PT_decimation(Step, bpy.types.Panel):
-    bl_label = "Decimation and Textures"
+    bl_label = "Advanced"
     bl_parent_id = "CROWDLOD_PT_levels"
 
     def body(self, context, layout, settings) -> None:
+        active_column(layout, settings.choice == "BY_RATIO").prop(settings, "metric")
         layout.prop(settings, "method")
         active_column(layout, settings.choice == "BY_TOLERANCE").prop(settings, "shading_counts")
         layout.prop(settings, "hidden_surface_counts")
@@ -336,7 +375,7 @@ class CROWDLOD_PT_overlay(Step, bpy.types.Panel):
 
 
 class CROWDLOD_PT_drawing(Step, bpy.types.Panel):
-    bl_label = "Drawing"
+    bl_label = "Advanced"
     bl_parent_id = "CROWDLOD_PT_overlay"
 
     def body(self, context, layout, settings) -> None:
@@ -349,6 +388,7 @@ CLASSES = (
     CROWDLOD_PT_main,
     CROWDLOD_PT_crowd,
     CROWDLOD_PT_groups,
+    CROWDLOD_PT_crowd_advanced,
     CROWDLOD_PT_samples,
     CROWDLOD_PT_behavior,
     CROWDLOD_PT_heights,
