@@ -29,27 +29,39 @@ class Work:
 
     Each field is a number, or (F,) float64 with one value per frame.
     posed: triangles of the characters in the build's collections.
+    objects: objects of these characters.
     unique: triangles that the frame shows, each counted once for all instances.
     instances: agents shown.
     instanced: triangles of all instances.
     rigs: armatures of the characters.
+    bones: bones of these armatures.
     rays: samples of the pixels that agents cover.
     drawn: triangles of all instances, counted once for each sample of a pixel. Only what renders
         are fitted to has it: see Costs.with_samples.
     images: bytes of the images that the characters' materials use.
-    stored: triangles of LOD meshes in the file.
+    keys: keys of the actions of the build's rigs.
+    other_keys: keys of all other actions in the file, such as the characters' own.
+    meshes: triangles of meshes in the file: of the characters, of their LODs, and of still poses.
+    materials: materials of the characters.
+    packed: bytes of the images' files that are in the file.
     points: points in the file, one per agent and baked frame.
     """
 
     posed: float = 0.0
+    objects: float = 0.0
     unique: np.ndarray | float = 0.0
     instances: np.ndarray | float = 0.0
     instanced: np.ndarray | float = 0.0
     rigs: float = 0.0
+    bones: float = 0.0
     rays: np.ndarray | float = 0.0
     drawn: np.ndarray | float = 0.0
     images: float = 0.0
-    stored: float = 0.0
+    keys: float = 0.0
+    other_keys: float = 0.0
+    meshes: float = 0.0
+    materials: float = 0.0
+    packed: float = 0.0
     points: float = 0.0
 
     @property
@@ -67,7 +79,17 @@ class Work:
 # renders at 1, 4 and 12 samples, 2 to 1,000 agents of 143 to 45,824 triangles. Seconds of images: 8
 # renders by Cycles, within 24 %, 13 % rms; EEVEE has the same, for Blender decodes them.
 MEMORY = {
-    "CYCLES": {"posed": 30, "unique": 133, "instances": 1800, "rigs": 551_000, "images": 1.4},
+    "CYCLES": {
+        "posed": 36,
+        "objects": 12_000,
+        "unique": 110,
+        "instances": 1800,
+        "bones": 12_000,
+        "images": 3,
+        "keys": 160,
+        "meshes": 440,
+        "materials": 250_000,
+    },
     "EEVEE": {"posed": 335, "unique": 107, "instances": 45_000, "rigs": 1_046_000, "images": 1.4},
 }
 SECONDS = {
@@ -88,7 +110,14 @@ SECONDS = {
         "images": 1.1e-8,
     },
 }
-FILE = {"stored": 42, "rigs": 17_200, "points": 14.6}  # bytes, compressed
+FILE = {
+    "meshes": 25,
+    "rigs": 3_100,
+    "keys": 11.3,
+    "packed": 1,
+    "materials": 8_000,
+    "points": 14.6,
+}  # bytes, compressed
 
 
 DEVELOPERS = "a processor of the developers"  # what SECONDS rest on, in words
@@ -165,12 +194,30 @@ def price(work: Work, costs: Costs) -> Price:
 
 
 @dataclass(frozen=True)
+class Holdings:
+    """What G groups hold, whatever frames show: each field is (G,), or one number for all.
+
+    rigs, bones: armatures of one character, and their bones.
+    objects: of one LOD of a character.
+    keys, other_keys, meshes, materials: as of Work, of each group; meshes of the characters alone.
+        What two groups share is counted for the first.
+    """
+
+    rigs: np.ndarray | float = 1.0
+    bones: np.ndarray | float = 0.0
+    objects: np.ndarray | float = 1.0
+    keys: np.ndarray | float = 0.0
+    other_keys: np.ndarray | float = 0.0
+    meshes: np.ndarray | float = 0.0
+    materials: np.ndarray | float = 0.0
+
+
+@dataclass(frozen=True)
 class Actors:
     """The characters that a build may hold: K LODs of N characters in G groups.
 
     triangles: (G, K), of each group's LODs.
     group: (N,) intp, the group of each character.
-    rigs: (G,), armatures of one character.
     stored: triangles of LOD meshes in the file.
     finest: (G,), for each group the finest LOD that the build has.
     moved_as: (N,) intp, for each character the one whose rigs move it; None: each has its own.
@@ -178,10 +225,15 @@ class Actors:
 
     triangles: np.ndarray
     group: np.ndarray
-    rigs: np.ndarray
+    holdings: Holdings = Holdings()
     stored: float = 0.0
     finest: np.ndarray | int = 0
     moved_as: np.ndarray | None = None
+
+
+def stored_triangles(triangles: np.ndarray) -> float:
+    """Return how many triangles of LODs (G, K) a file holds besides LOD 0; a last one once."""
+    return float((triangles[:, 1:] * (np.diff(triangles, axis=1) != 0)).sum())
 
 
 def work_of(
@@ -211,17 +263,35 @@ def work_of(
         shown[:, k] *= ~same
         held[k] &= ~same
     each = actors.triangles.T[:, actors.group].astype(np.float64)  # (K, N)
-    rigs = np.zeros(held.shape[1])
-    moved_as = actors.moved_as
-    own = np.arange(held.shape[1]) if moved_as is None else moved_as
-    np.maximum.at(rigs, own, held.any(axis=0) * actors.rigs[actors.group])
+    holdings = actors.holdings
+    groups = len(actors.triangles)
+    still = np.broadcast_to(holdings.rigs, groups)[actors.group] == 0
+    copied = (held * each)[:, still].sum()  # each pose is a mesh of its own
     return Work(
         posed=float((held * each).sum()),
+        objects=float((held * np.broadcast_to(holdings.objects, groups)[actors.group]).sum()),
         unique=((shown > 0) * each).sum(axis=(1, 2)),
         instances=shown.sum(axis=(1, 2)).astype(np.float64),
         instanced=(shown * each).sum(axis=(1, 2)),
-        rigs=float(rigs.sum()),
+        rigs=_moving(actors, held, holdings.rigs),
+        bones=_moving(actors, held, holdings.bones),
         rays=rays,
-        stored=actors.stored,
+        keys=float(np.broadcast_to(holdings.keys, groups).sum()),
+        other_keys=float(np.broadcast_to(holdings.other_keys, groups).sum()),
+        meshes=float(np.broadcast_to(holdings.meshes, groups).sum() + actors.stored + copied),
+        materials=float(np.broadcast_to(holdings.materials, groups).sum()),
         points=float(agents) if known else 0.0,
     )
+
+
+def _moving(actors: Actors, held: np.ndarray, counts: np.ndarray | float) -> float:
+    """Return how many of something a build has that moves characters.
+
+    held: (K, N) bool, the LODs of characters that it has.
+    counts: (G,), of one character of each group.
+    """
+    moved_as = np.arange(held.shape[1]) if actors.moved_as is None else actors.moved_as
+    of_group = np.broadcast_to(counts, len(actors.triangles))
+    moving = np.zeros(held.shape[1])
+    np.maximum.at(moving, moved_as, held.any(axis=0) * of_group[actors.group])
+    return float(moving.sum())

@@ -11,7 +11,7 @@ from ..culling.camera import Camera
 from ..errors import CrowdError
 from ..format import number
 from .assignment import LevelPolicy, deviations, limits
-from .cost_model import NAMES, Actors, Costs, Price, price, work_of
+from .cost_model import NAMES, Actors, Costs, Holdings, Price, price, work_of
 
 LEAST_SAVED = 0.2  # of the triangles of the next finer LOD, else a LOD is not worth a mesh
 WORTH = 0.05  # of full detail's memory or time: what a LOD has to save
@@ -139,14 +139,14 @@ class GroupShot:
     characters: how many characters of the group a build has.
     costs: of the engine, on the machine that renders.
     shading: whether Shading Counts.
-    rigs: armatures of all these characters; None: one each.
+    holdings: of the group; armatures and bones are means over these characters.
     """
 
     views: Sequence[View]
     characters: int
     costs: Costs
     shading: bool = False
-    rigs: int | None = None
+    holdings: Holdings = Holdings()
 
 
 def counting(group: Group, tolerance: float, shot: GroupShot) -> Group:
@@ -189,7 +189,6 @@ def priced(
     may = allowed(group, kept, tolerance, shot)
     seen = np.flatnonzero(may.any(axis=(0, 2)))
     owner = np.zeros(shot.characters, np.intp)
-    each = np.ones(1) if shot.rigs is None else np.array([shot.rigs / shot.characters])
     for count in range(1, len(kept) + 1):
         for chosen in combinations(range(len(kept)), count):
             if len(seen) and chosen[0] > seen[0]:
@@ -197,7 +196,7 @@ def priced(
             shown = np.add.reduceat(may[:, chosen[0] :], np.array(chosen) - chosen[0], axis=1)
             triangles = np.array([[group.triangles[kept[j]] for j in chosen]])
             stored = sum(group.triangles[kept[j]] for j in chosen if kept[j])
-            work = work_of(Actors(triangles, owner, each, stored), shown)
+            work = work_of(Actors(triangles, owner, shot.holdings, stored), shown)
             yield tuple(kept[j] for j in chosen), price(work, shot.costs)
 
 

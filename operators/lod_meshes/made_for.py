@@ -17,6 +17,7 @@ from ...crowd_lod.crowd.paces import mixed_in
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number
+from ...crowd_lod.levels.cost_model import Holdings
 from ...crowd_lod.levels.lengths import DARKER, NEAR_ENOUGH, allowed_lengths, read_curve
 from ...crowd_lod.levels.selection import GroupShot, View
 from ..blender import provenance, scene_cache, scene_data
@@ -124,7 +125,7 @@ def note_shot(
                     "bounds": [*map(float, group.bounds)],
                     "shaded": [*map(float, group.shaded)],
                     "characters": shot.characters,
-                    "rigs": shot.rigs,
+                    "holdings": vars(shot.holdings),
                     "keep": [*map(int, own)],
                     "views": [_packed(view.counted()) for view in shot.views],
                 }
@@ -289,7 +290,7 @@ def _forecast(scene: bpy.types.Scene, stored: dict) -> Forecast | None:
             own["characters"],
             costs,
             shading,
-            own.get("rigs"),
+            Holdings(**own["holdings"]),
         )
         for own in stored["groups"]
     ]

@@ -27,7 +27,8 @@ from ..blender.cameras import cameras_at
 from ..blender.machine_costs import costs_of
 from ..blender.named_actions import own_performance
 from ..characters.characters import check_measured
-from ..characters.rig_needs import Characters, armatures, leads
+from ..characters.holdings import holdings_of
+from ..characters.rig_needs import Characters
 from ..machine.scene_world import bias_of
 from ..scene.scene_crowd import characters_of
 
@@ -72,12 +73,11 @@ def views(
     characters = characters_of(scene)
     gaits = trajectory.gaits
     library = cast_of(characters, trajectory)
-    (rigs, moved_as) = rigs_of(characters, trajectory, library)
-    owner = library.owner(gaits)
-    made = rigs * np.bincount(
-        owner[np.unique(moved_as)], minlength=len(rigs)
-    )  # those of variants count where they are made
+    cast = holdings_of(characters, trajectory, library)
+    moving = np.unique(cast.moved_as)
+    # the part of a group's characters with rigs: those of variants count where they are made
     first = library.first(gaits)
+    made = np.bincount(library.owner(gaits)[moving], minlength=len(first) - 1) / np.diff(first)
     found = [[] for _ in trajectory.groups]
     for done, (frame, eyes) in enumerate(zip(chosen, cameras, strict=True), start=1):
         crowd = trajectory.at(frame)
@@ -99,9 +99,9 @@ def views(
             int(own),
             costs,
             settings.shading_counts,
-            int(count),
+            cast.of_group(g, part),
         )
-        for each, own, count in zip(found, np.diff(first), made, strict=True)
+        for g, (each, own, part) in enumerate(zip(found, np.diff(first), made, strict=True))
     ]
 
 
@@ -117,21 +117,6 @@ def cast_of(characters: Characters, trajectory: Trajectory) -> Library:
         for _, objects, _ in characters
     ]
     return Library(np.array(still, np.intp))
-
-
-def rigs_of(
-    characters: Characters, trajectory: Trajectory, library: Library
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return how many armatures move a character of each group, and whose move each character.
-
-    The first is (G,) intp, the second (N,) intp: numbers of characters.
-
-    characters, library: see cast_of.
-    """
-    lead = leads(characters, trajectory.groups)
-    return armatures(characters, trajectory.groups, lead) * (library.posed == 0), library.moved_as(
-        trajectory.gaits, lead
-    )
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,150 @@
+"""What character groups hold in a file and in a build, whatever frames show."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.animation.phase_classes import Gaits, Library
+from ...crowd_lod.levels.cost_model import Holdings
+from ...crowd_lod.sources.trajectory import Trajectory
+from ..blender.named_actions import group_performance
+from ..blender.ownership import OWNED
+from .rig_needs import Characters, armatures, leads
+
+CURVES = 7  # with keys, of a bone of a rig: its place and its turn, seldom its size
+# keys a frame of a rig's action, as most characters need that were measured (they need 1 to 16),
+# and keys of a curve at most
+KEYS = 5
+MOST_KEYS = 4096
+EITHER_SIDE = 1.0  # frames about each baked one whose keys stay (baked_actions.py)
+
+
+@dataclass(frozen=True)
+class CastHoldings:
+    """The holdings of a scene's groups in a live build, and their keys by action.
+
+    groups: of a live build.
+    moved_as: (N,) intp, the character whose rigs move each character.
+    rig_keys: for each group the number of an action in Gaits.actions -> keys of its rigs' action.
+    """
+
+    groups: Holdings
+    moved_as: np.ndarray
+    rig_keys: Sequence[dict[int, float]]
+
+    def of_group(self, g: int, rigged: float) -> Holdings:
+        """Return the holdings of group `g` alone.
+
+        rigged: the part of its characters that have rigs of their own.
+        """
+        values = {name: float(value[g]) for name, value in vars(self.groups).items()}
+        return Holdings(**values | {name: rigged * values[name] for name in ("rigs", "bones")})
+
+    def baked(
+        self, frames: Sequence[int], trajectory: Trajectory, library: Library, used: np.ndarray
+    ) -> Holdings:
+        """Return the holdings of a bake, whose rigs have the keys about its frames alone.
+
+        frames: increasing.
+        used: (N,) bool, the characters that they show.
+        """
+        gaits = trajectory.gaits
+        gaps = np.diff(np.asarray(frames, np.float64))
+        seconds = (np.minimum(gaps, 2 * EITHER_SIDE).sum() + 2 * EITHER_SIDE) * (
+            trajectory.seconds_per_frame
+        )
+        first = library.first(gaits)
+        less = np.zeros(len(self.rig_keys))
+        for g, keys in enumerate(self.rig_keys):
+            if keys:
+                parts = _parts_played(gaits, g, used[first[g] : first[g + 1]], seconds)
+                less[g] = sum(keys[action] * (1 - parts[action]) for action in keys)
+        return replace(self.groups, keys=self.groups.keys - less)
+
+
+def _parts_played(gaits: Gaits, g: int, used: np.ndarray, seconds: float) -> dict[int, float]:
+    """Return which part of each action group `g` plays in so many `seconds`, by its number.
+
+    used: (n,) bool, which of the group's characters play. Their phases are taken for even.
+    """
+    classes = used.reshape(-1, gaits.classes).sum(axis=1)
+    parts: dict[int, float] = {}
+    for (action, rate), count in zip(gaits.plays[g], classes, strict=True):
+        parts[action] = min(1.0, parts.get(action, 0.0) + float(count) * rate * seconds)
+    return parts
+
+
+def holdings_of(characters: Characters, trajectory: Trajectory, library: Library) -> CastHoldings:
+    """Return what the groups of `characters` (see characters_of) of a `trajectory` hold.
+
+    library: what a build makes of them.
+    """
+    groups = trajectory.groups
+    gaits = trajectory.gaits
+    lead = leads(characters, groups)
+    rigged = library.posed == 0
+    rigs, bones = armatures(characters, groups, lead)
+    rig_keys = []
+    for g, (_, objects, _) in enumerate(characters):
+        keys = {}
+        if rigged[g] and lead[g] == g:
+            performance = group_performance(groups[g], objects)
+            for action in {action for action, _ in gaits.plays[g]}:
+                (span,) = performance.only(gaits.actions[action]).spans
+                keys[action] = bones[g] * CURVES * _keys_of_curve(span[1] - span[0])
+        rig_keys.append(keys)
+    # importers leave actions in the file that nothing plays
+    other_keys = np.zeros(len(groups))
+    other_keys[:1] = sum(_keys_in(action) for action in bpy.data.actions if OWNED not in action)
+    meshes = _first_counted([_meshes_of(objects) for _, objects, _ in characters], _triangles)
+    materials = _first_counted([_materials_of(objects) for _, objects, _ in characters], _one)
+    holdings = Holdings(
+        rigs=rigs * rigged,
+        bones=bones * rigged,
+        objects=np.array([len(objects) for _, objects, _ in characters], np.float64),
+        keys=np.array([float(sum(keys.values())) for keys in rig_keys]),
+        other_keys=other_keys,
+        meshes=meshes,
+        materials=materials,
+    )
+    return CastHoldings(holdings, library.moved_as(gaits, lead), rig_keys)
+
+
+def _keys_of_curve(frames: float) -> float:
+    """Return how many keys a curve of an action of so many `frames` has, roughly."""
+    frames = max(frames, 1.0)
+    return frames * min(KEYS, max(MOST_KEYS // frames, 1)) + 1
+
+
+def _first_counted(blocks: Sequence[set], count) -> np.ndarray:
+    """Return (G,) float64: the sum of what `count` says of the blocks that no group had before."""
+    known = set()
+    sums = []
+    for own in blocks:
+        sums.append(float(sum(map(count, own - known))))
+        known |= own
+    return np.array(sums)
+
+
+def _keys_in(action: bpy.types.Action) -> int:
+    strips = (strip for layer in action.layers for strip in layer.strips)
+    bags = (bag for strip in strips if strip.type == "KEYFRAME" for bag in strip.channelbags)
+    return sum(len(curve.keyframe_points) for bag in bags for curve in bag.fcurves)
+
+
+def _meshes_of(objects: Sequence[bpy.types.Object]) -> set[bpy.types.Mesh]:
+    return {item.data for item in objects if item.type == "MESH"}
+
+
+def _triangles(mesh: bpy.types.Mesh) -> int:
+    return len(mesh.loops) - 2 * len(mesh.polygons)
+
+
+def _materials_of(objects: Sequence[bpy.types.Object]) -> set[bpy.types.Material]:
+    return {slot.material for item in objects for slot in item.material_slots if slot.material}
+
+
+def _one(_: bpy.types.Material) -> int:
+    return 1
