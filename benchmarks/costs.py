@@ -109,11 +109,11 @@ def judge(engine: str) -> None:
                     ("developers", default_costs(engine, whole["samples"])),
                     ("machine", machine.with_samples(whole["samples"])),
                 ):
-                    own, full = (
+                    by_ratio, full = (
                         price(Work(**{name: row[name] for name in names}), costs).seconds
                         for row in (lods, whole)
                     )
-                    share[title] = own / full
+                    share[title] = by_ratio / full
                     share[f"{title} off"] = share[title] / share["rendered"] - 1
                 shares.append({name: round(value, 3) for name, value in share.items()})
             show(f"{engine}, {crowd}: time with LODs as a part of full detail's", shares)
@@ -135,7 +135,7 @@ def measured(
 
     Less what those of the empty ground take.
     """
-    made = job(
+    files_job = job(
         1200,
         job="counts",
         folder=scratch,
@@ -144,42 +144,42 @@ def measured(
         lods=lods,
         **PICTURE[engine],
     )
-    if "ended" in made:
+    if "ended" in files_job:
         raise SystemExit(
             f"crowd-lod bench: a crowd of {crowd['groups']} characters was not made "
-            f"({made['ended']})."
+            f"({files_job['ended']})."
         )
-    empty, *files = made["rows"]
+    empty, *files = files_job["rows"]
     rows = []
     for samples in SAMPLES[engine]:
-        asked = {
+        picture = {
             "engine": engine,
             "frame": 30,
             "picture": str(Path(scratch) / "one.exr"),
             "width": PICTURE[engine]["width"],
         }
-        nobody, *found = (
+        nobody, *timed_files = (
             [
-                job(LIMIT, job="render", file=row["file"], samples=samples, **asked)
+                job(LIMIT, job="render", file=row["file"], samples=samples, **picture)
                 for _ in range(REPEATS[engine])
             ]
-            for row in made["rows"]
+            for row in files_job["rows"]
         )
-        for row, renders in zip(files, found, strict=True):
+        for row, renders in zip(files, timed_files, strict=True):
             if not any("ended" in each for each in (*nobody, *renders)):
                 beyond = {
                     key: round(_median(renders, key) - _median(nobody, key), 2)
                     for key in ("peak_mb", "cpu_s")
                 }
                 rays = row["rays"] * samples / PICTURE[engine]["samples"]
-                own = {
+                levels = {
                     "samples": samples,
                     "rays": rays,
                     "drawn": row["instanced"] * samples,
                     "traced": Work(rays=rays, unique=row["unique"]).traced,
                     "file_mb": round(row["file_mb"] - empty["file_mb"], 2),
                 }
-                rows.append({name: row[name] for name in row if name != "file"} | own | beyond)
+                rows.append({name: row[name] for name in row if name != "file"} | levels | beyond)
                 show(engine, rows[-1:])
     return rows
 

@@ -82,13 +82,13 @@ def _paint(group: bpy.types.Collection, pixels: int, seed: int) -> None:
     image = image_data.write_image(
         f"{group.name} image", spots.repeat(32, axis=0).repeat(32, axis=1).repeat(3, axis=2)
     )
-    for one in [
+    for surface in [
         each for item in group.objects if item.type == "MESH" for each in item.data.materials
     ]:
-        shader = next(node for node in one.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
-        node = one.node_tree.nodes.new("ShaderNodeTexImage")
+        shader = next(node for node in surface.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
+        node = surface.node_tree.nodes.new("ShaderNodeTexImage")
         node.image = image
-        one.node_tree.links.new(node.outputs["Color"], shader.inputs["Base Color"])
+        surface.node_tree.links.new(node.outputs["Color"], shader.inputs["Base Color"])
 
 
 def _split(mesh: bpy.types.Mesh) -> None:

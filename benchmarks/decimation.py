@@ -130,7 +130,7 @@ def other_meshes() -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Those that are hard in some way."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     mesh = bpy.ops.mesh
-    found = {}
+    shapes = {}
     kinds = {
         "UV spheres": lambda: mesh.primitive_uv_sphere_add(segments=16, ring_count=10),
         "icospheres": lambda: mesh.primitive_ico_sphere_add(subdivisions=2),
@@ -141,36 +141,36 @@ def other_meshes() -> dict[str, tuple[np.ndarray, np.ndarray]]:
     }
     for name, add in kinds.items():
         count = 60 if name == "Suzannes" else 200
-        found[f"{count} {name}"] = loose(*added(add), count)
-    found["knot (2, 3)"] = knot(2, 3, 600, 50)
-    found["knot (3, 5)"] = knot(3, 5, 400, 30)
-    found["UV sphere"] = added(mesh.primitive_uv_sphere_add)
-    found["torus, small"] = added(
+        shapes[f"{count} {name}"] = loose(*added(add), count)
+    shapes["knot (2, 3)"] = knot(2, 3, 600, 50)
+    shapes["knot (3, 5)"] = knot(3, 5, 400, 30)
+    shapes["UV sphere"] = added(mesh.primitive_uv_sphere_add)
+    shapes["torus, small"] = added(
         lambda: mesh.primitive_torus_add(major_segments=80, minor_segments=48)
     )
-    points, triangles = found["remeshed"] = added(
+    points, triangles = shapes["remeshed"] = added(
         mesh.primitive_monkey_add, "REMESH", mode="VOXEL", voxel_size=0.017
     )
-    found["with noise"] = (
+    shapes["with noise"] = (
         points + np.random.default_rng(0).normal(scale=0.002, size=points.shape),
         triangles,
     )
-    return found
+    return shapes
 
 
 def meshes(files: list[str]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     bpy.ops.wm.read_factory_settings(use_empty=True)
     mesh = bpy.ops.mesh
-    found = {"Suzanne": added(mesh.primitive_monkey_add, "SUBSURF", levels=3)}
-    found["sphere"] = added(lambda: mesh.primitive_ico_sphere_add(subdivisions=6))
-    found["torus"] = added(lambda: mesh.primitive_torus_add(major_segments=192, minor_segments=96))
-    found["cube"] = added(mesh.primitive_cube_add, "SUBSURF", subdivision_type="SIMPLE", levels=6)
-    found["terrain"] = terrain()
-    found["200 parts"] = loose(*added(lambda: mesh.primitive_ico_sphere_add(subdivisions=3)))
+    shapes = {"Suzanne": added(mesh.primitive_monkey_add, "SUBSURF", levels=3)}
+    shapes["sphere"] = added(lambda: mesh.primitive_ico_sphere_add(subdivisions=6))
+    shapes["torus"] = added(lambda: mesh.primitive_torus_add(major_segments=192, minor_segments=96))
+    shapes["cube"] = added(mesh.primitive_cube_add, "SUBSURF", subdivision_type="SIMPLE", levels=6)
+    shapes["terrain"] = terrain()
+    shapes["200 parts"] = loose(*added(lambda: mesh.primitive_ico_sphere_add(subdivisions=3)))
     characters = bpy.data.collections.new("characters")
     bpy.context.scene.collection.children.link(characters)
     for group in make_characters(characters):
-        found[group.name] = evaluated(next(item for item in group.objects if item.type == "MESH"))
+        shapes[group.name] = evaluated(next(item for item in group.objects if item.type == "MESH"))
     for path in files:
         before = set(bpy.data.objects)
         bpy.ops.import_scene.gltf(filepath=path)
@@ -178,8 +178,8 @@ def meshes(files: list[str]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
             (o for o in set(bpy.data.objects) - before if o.type == "MESH"),
             key=lambda o: len(o.data.polygons),
         )
-        found[body.name] = evaluated(body)
-    return found
+        shapes[body.name] = evaluated(body)
+    return shapes
 
 
 def main(picture: Path | None, files: list[str], other: bool) -> None:
@@ -227,13 +227,13 @@ def draw(picture: Path, rows: list[tuple]) -> None:
         figure.subplots(1, len(RATIOS), sharex=True, sharey=True), RATIOS, strict=True
     ):
         for k, method in enumerate(METHODS):
-            found = [
+            dots = [
                 (ms, max(distance, FLOOR))
                 for r, m, ms, distance in rows
                 if (r, m) == (ratio, method)
             ]
             axes.plot(
-                *zip(*found, strict=True), MARKERS[k], color=COLORS[k], alpha=0.8, label=method
+                *zip(*dots, strict=True), MARKERS[k], color=COLORS[k], alpha=0.8, label=method
             )
         axes.set(
             xscale="log",

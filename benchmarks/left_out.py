@@ -48,7 +48,7 @@ def scenes() -> dict[str, tuple[StateMachine, int, Camera, LevelPolicy]]:
     walk = parse(WALK, "walk")
     stand = parse(STAND, "stand")
     three = LevelPolicy((0.2, 0.6))
-    one = LevelPolicy(())
+    one_lod = LevelPolicy(())
     part = camera((0.0, -210.0, 60.0), 0.2, 0.5, 400)
     whole = camera((0.0, -300.0, 150.0), 0.4, 4.0, 700)
     away = camera((0.0, 300.0, 60.0), 0.0, 0.5, 400)
@@ -58,7 +58,7 @@ def scenes() -> dict[str, tuple[StateMachine, int, Camera, LevelPolicy]]:
         "one group": (chapter, 1, part, three),
         "one label": (walk, 1, part, three),
         "all in the picture": (chapter, 1, whole, three),
-        "all in the picture, one LOD": (chapter, 1, whole, one),
+        "all in the picture, one LOD": (chapter, 1, whole, one_lod),
         "nobody in the picture": (chapter, 1, away, three),
         "a tenth in the picture": (chapter, 1, close, three),
         "nobody moves": (stand, 1, part, three),

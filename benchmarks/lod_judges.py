@@ -165,10 +165,10 @@ def seen_at(
 def shown_faces(shape: Shape) -> np.ndarray:
     """Return the faces (m,) of which a corner or the middle shows."""
     off = OFF * np.ptp(shape.points, axis=0).max()
-    shown = np.zeros(len(shape.points), bool)
+    is_visible = np.zeros(len(shape.points), bool)
     for corner in np.unique(shape.triangles).tolist():
-        shown[corner] = shape.shows(shape.points[corner], off)
-    faces = shown[shape.triangles].any(axis=1)
+        is_visible[corner] = shape.shows(shape.points[corner], off)
+    faces = is_visible[shape.triangles].any(axis=1)
     for face in np.flatnonzero(~faces).tolist():
         faces[face] = shape.shows(shape.points[shape.triangles[face]].mean(axis=0), off)
     return np.flatnonzero(faces)
@@ -187,7 +187,7 @@ def divide(
     face = shown_faces(shape)
     weights = np.tile(np.eye(3), (len(face), 1, 1))
     corners, back = np.unique(shape.triangles[face], return_inverse=True)
-    distance, to = (each[back].reshape(-1, 3) for each in other.nearest(shape.points[corners]))
+    distance, to = (rows[back].reshape(-1, 3) for rows in other.nearest(shape.points[corners]))
     measured = [(np.repeat(face, 3), weights.reshape(-1, 3), distance.ravel())]
     most, _ = seen_at(shape, measured[0][:2], measured[0][2], least)
     for _ in range(DEEPEST):
@@ -207,14 +207,14 @@ def divide(
         to = to[left]
         middles = (weights + np.roll(weights, -1, axis=1)) / 2
         places = np.einsum("fwc,fcd->fwd", middles, shape.points[shape.triangles[face]])
-        between, to_between = (each.reshape(-1, 3) for each in other.nearest(places.reshape(-1, 3)))
+        between, to_between = (rows.reshape(-1, 3) for rows in other.nearest(places.reshape(-1, 3)))
         measured.append((np.repeat(face, 3), middles.reshape(-1, 3), between.ravel()))
         most, _ = seen_at(shape, measured[-1][:2], between.ravel(), most)
         weights = quarters(weights, middles)
         distance = quarters(distance, between)
         face = np.tile(face, 4)
         to = quarters(to, to_between)
-    faces, weights, distance = (np.concatenate(each) for each in zip(*measured, strict=True))
+    faces, weights, distance = (np.concatenate(rows) for rows in zip(*measured, strict=True))
     return most, (faces, weights), distance
 
 
@@ -227,26 +227,28 @@ def quarters(corners: np.ndarray, middles: np.ndarray) -> np.ndarray:
 def judge_bounds(stage: Stage, lods: list[Lod], frames: list[float]) -> None:
     """Find how far LODs are off in `frames`; add it to their figures."""
     watched = watch(stage, len(lods), frames)
-    seen = np.zeros((len(lods), len(frames)))
+    farthest = np.zeros((len(lods), len(frames)))
     for count in ROUNDS:
-        for number in np.argsort(-seen.max(axis=0))[:count]:
-            for here, one, other in ways(stage.at(frames[number])):
-                distance = other.distances(one.at(watched[here]))
-                k = here // 2
-                seen[k, number], _ = seen_at(one, watched[here], distance, seen[k, number])
+        for number in np.argsort(-farthest.max(axis=0))[:count]:
+            for way, surface, other in ways(stage.at(frames[number])):
+                distance = other.distances(surface.at(watched[way]))
+                k = way // 2
+                farthest[k, number], _ = seen_at(
+                    surface, watched[way], distance, farthest[k, number]
+                )
         watched = [(face[:0], weights[:0]) for face, weights in watched]
-        for k, own in enumerate(seen):
-            for number in np.argsort(-own)[:CLOSER]:
-                for here, one, other in ways(stage.at(frames[number]))[2 * k : 2 * k + 2]:
-                    most, found, distance = divide(one, other, own.max())
-                    own[number] = most if most > own.max() else own[number]
-                    watched[here] = joined(
-                        watched[here], found, visible_worst(one, found, distance)
+        for k, by_frame in enumerate(farthest):
+            for number in np.argsort(-by_frame)[:CLOSER]:
+                for way, surface, other in ways(stage.at(frames[number]))[2 * k : 2 * k + 2]:
+                    most, samples, distance = divide(surface, other, by_frame.max())
+                    by_frame[number] = most if most > by_frame.max() else by_frame[number]
+                    watched[way] = joined(
+                        watched[way], samples, visible_worst(surface, samples, distance)
                     )
-    for lod, own in zip(lods, seen, strict=True):
-        worst = int(own.argmax())
-        misses = int((own > lod.bound).sum())
-        lod.figures.update(seen=own[worst], frame=frames[worst], misses=misses)
+    for lod, by_frame in zip(lods, farthest, strict=True):
+        worst = int(by_frame.argmax())
+        misses = int((by_frame > lod.bound).sum())
+        lod.figures.update(seen=by_frame[worst], frame=frames[worst], misses=misses)
 
 
 def joined(samples: tuple, more: tuple, some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -267,15 +269,15 @@ def watch(stage: Stage, count: int, frames: list[float]) -> list[tuple[np.ndarra
     samples: list = [None] * (2 * count)
     most: list = [None] * (2 * count)
     for frame in first:
-        for here, one, other in ways(stage.at(frame)):
-            if samples[here] is None:
-                samples[here] = scatter(one, random)
-                most[here] = np.zeros(len(samples[here][0]))
-            most[here] = np.maximum(most[here], other.distances(one.at(samples[here])))
+        for way, surface, other in ways(stage.at(frame)):
+            if samples[way] is None:
+                samples[way] = scatter(surface, random)
+                most[way] = np.zeros(len(samples[way][0]))
+            most[way] = np.maximum(most[way], other.distances(surface.at(samples[way])))
     watched = []
-    for here, one, _ in ways(stage.at(frames[0])):
-        some = visible_worst(one, samples[here], most[here])
-        watched.append((samples[here][0][some], samples[here][1][some]))
+    for way, surface, _ in ways(stage.at(frames[0])):
+        worst = visible_worst(surface, samples[way], most[way])
+        watched.append((samples[way][0][worst], samples[way][1][worst]))
     return watched
 
 
@@ -286,15 +288,15 @@ def visible_worst(shape: Shape, samples: tuple, distance: np.ndarray) -> np.ndar
     cell = np.floor(12 * (points - points.min(axis=0)) / np.ptp(points, axis=0).max()).astype(
         int
     ) @ (1, 100, 10_000)
-    found = []
+    indices = []
     count = {}
     for index in np.argsort(-distance)[: 8 * WATCHED].tolist():
-        if len(found) == WATCHED:
+        if len(indices) == WATCHED:
             break
         if count.get(cell[index], 0) < WATCHED // 10 and shape.shows(points[index], off):
             count[cell[index]] = count.get(cell[index], 0) + 1
-            found.append(index)
-    return np.array(found, int)
+            indices.append(index)
+    return np.array(indices, int)
 
 
 def project(points: np.ndarray, towards: np.ndarray, distance: float) -> np.ndarray:
@@ -339,11 +341,11 @@ def reach_out(one: np.ndarray, other: np.ndarray, parts: float) -> tuple[float, 
 
 def shift(flat: list[np.ndarray]) -> float:
     """Return by how many pixels two silhouettes differ. flat: corners (m, 3, 2) of both, pixels."""
-    low = np.minimum(*(each.min(axis=(0, 1)) for each in flat)) - 1
-    extent = np.maximum(*(each.max(axis=(0, 1)) for each in flat)) + 1 - low
+    low = np.minimum(*(triangles.min(axis=(0, 1)) for triangles in flat)) - 1
+    extent = np.maximum(*(triangles.max(axis=(0, 1)) for triangles in flat)) + 1 - low
     parts = min(FINE / 2, SIDE / extent.max())
     shape = tuple(np.ceil(extent[::-1] * parts).astype(int) + 1)
-    masks = [mask((each - low) * parts, shape) for each in flat]
+    masks = [mask((triangles - low) * parts, shape) for triangles in flat]
     most = 0.0
     for k in range(2):
         far, place = reach_out(masks[k], masks[1 - k], parts)
@@ -354,13 +356,13 @@ def shift(flat: list[np.ndarray]) -> float:
 
 
 def closer_shift(
-    one: np.ndarray, other: np.ndarray, place: np.ndarray, far: float, about: float
+    outline: np.ndarray, other_outline: np.ndarray, place: np.ndarray, far: float, about: float
 ) -> float:
     """Return how far a silhouette reaches out of another within `about` pixels of a place."""
     half = far + about + 1
     side = int(2 * half * FINE)
     masks = []
-    for each in (one, other):
+    for each in (outline, other_outline):
         inside = ((each.max(axis=1) > place - half) & (each.min(axis=1) < place + half)).all(axis=1)
         masks.append(mask((each[inside] - place + half) * FINE, (side, side)))
     row, column = np.mgrid[:side, :side] - side / 2

@@ -44,16 +44,16 @@ def load(path: Path, action: str) -> list[bpy.types.Object]:
     for item in [item for item in scene.objects if item.name.startswith("Icosphere")]:
         bpy.data.objects.remove(item)  # what the importer draws bones with
     for rig in [item for item in scene.objects if item.type == "ARMATURE"]:
-        named = [
+        actions = [
             each for each in bpy.data.actions if action and action.lower() in each.name.lower()
         ]
-        if named:
+        if actions:
             rig.animation_data_create()
             for track in list(rig.animation_data.nla_tracks):
                 rig.animation_data.nla_tracks.remove(track)
-            rig.animation_data.action = named[0]
-            if named[0].slots:
-                rig.animation_data.action_slot = named[0].slots[0]
+            rig.animation_data.action = actions[0]
+            if actions[0].slots:
+                rig.animation_data.action_slot = actions[0].slots[0]
         elif not bpy.data.actions:
             bend(rig)
     return [item for item in scene.objects if item.type == "MESH" and len(item.data.polygons)]
@@ -129,20 +129,20 @@ def try_character(
     height = float(extent[2])
     source = len(stage.at(first)[0].triangles)
     rows = []
-    known = {}
+    figures = {}
     for near in nears:
         begun = time.process_time()
         lods = make(near, height)
         seconds = time.process_time() - begun
-        new = [lod for lod in lods if (lod.triangles, lod.bound) not in known]
+        new = [lod for lod in lods if (lod.triangles, lod.bound) not in figures]
         if judged and new:
             stage = Stage([objects, *(lod.objects for lod in new)])
             frames = np.sort(np.random.default_rng(11).uniform(first, last, count)).tolist()
             judge_bounds(stage, new, frames)
             judge_outlines(stage, new, frames)
-        known |= {(lod.triangles, lod.bound): lod.figures for lod in new}
+        figures |= {(lod.triangles, lod.bound): lod.figures for lod in new}
         for lod in lods:
-            lod.figures = known[lod.triangles, lod.bound]
+            lod.figures = figures[lod.triangles, lod.bound]
         rows += [row_of(path.stem, source, near, lod, height, seconds) for lod in lods]
         if not lods:
             why = bpy.context.scene.crowd_lod.dropped
@@ -162,7 +162,7 @@ def row_of(name: str, source: int, near: float, lod: Lod, height: float, seconds
     return row
 
 
-def told(row: dict) -> str:
+def describe(row: dict) -> str:
     values = [
         f"{key} {value:.3g}" if isinstance(value, float) else f"{key} {value}"
         for key, value in row.items()
@@ -192,7 +192,7 @@ def main() -> None:
             for row in try_character(
                 file, action, options.near, options.frames, not options.make_only
             ):
-                print(told(row), flush=True)
+                print(describe(row), flush=True)
                 if options.json:
                     with options.json.open("a") as out:
                         out.write(json.dumps(row) + "\n")

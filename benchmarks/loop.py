@@ -30,11 +30,11 @@ def library() -> ctypes.CDLL | None:
     if compiler is None:
         return None
     with tempfile.TemporaryDirectory() as folder:
-        built = Path(folder) / "loop.so"
-        made = subprocess.run(
-            [compiler, *FLAGS, str(Path(__file__).with_name("loop.c")), "-o", str(built), "-lm"]
+        target = Path(folder) / "loop.so"
+        compilation = subprocess.run(
+            [compiler, *FLAGS, str(Path(__file__).with_name("loop.c")), "-o", str(target), "-lm"]
         )
-        return ctypes.CDLL(str(built)) if not made.returncode else None
+        return ctypes.CDLL(str(target)) if not compilation.returncode else None
 
 
 def _at(array: np.ndarray) -> ctypes.c_void_p:
@@ -57,15 +57,15 @@ class Cull:
         """Agents a LOD (n,) int64; their indices are in `buckets`."""
         frustum = frustum_of(camera)
         crowd = self.crowd
-        one = ctypes.c_double
+        number = ctypes.c_double
         sides = np.column_stack(
             [frustum.normals, frustum.offsets + frustum.normals @ camera.origin]
         )
         depth = np.append(camera.Z, camera.Z @ camera.origin)
         counts = np.zeros(len(self.buckets), np.int64)
         library().cull(
-            ctypes.c_int64(len(crowd)), _at(crowd.x), _at(crowd.y), _at(crowd.z), one(self.group.center),
-            one(self.group.radius), _at(sides), _at(depth), len(self.limits), _at(self.limits), _at(self.buckets), _at(counts),
+            ctypes.c_int64(len(crowd)), _at(crowd.x), _at(crowd.y), _at(crowd.z), number(self.group.center),
+            number(self.group.radius), _at(sides), _at(depth), len(self.limits), _at(self.limits), _at(self.buckets), _at(counts),
         )  # fmt: skip
         return counts
 

@@ -37,7 +37,7 @@ def session():
     window = bpy.context.window_manager.windows[0]
     area = next(area for area in window.screen.areas if area.type == "VIEW_3D")
     region = next(region for region in area.regions if region.type == "WINDOW")
-    found = {}
+    results = {}
     with bpy.context.temp_override(window=window, area=area, region=region):
         bpy.ops.crowd_lod.sample(name="chapter")
         scene = window.scene
@@ -57,10 +57,10 @@ def session():
         yield from ready(scene)
         with bpy.context.temp_override(window=window, area=area, region=region):
             bpy.ops.crowd_lod.build("EXEC_DEFAULT")
-        visible, taken = yield from in_turns(scene, window)
+        visible, way_times = yield from in_turns(scene, window)
         with bpy.context.temp_override(window=window, area=area, region=region):
             bpy.ops.crowd_lod.remove_build()
-        found[f"{count} agents"] = compared(count, visible, taken)
+        results[f"{count} agents"] = compared(count, visible, way_times)
         yield
     settings.overlay = True
     for mode, counts in (("MESHES", (1_000_000,)), ("BOXES", COUNTS), ("POINTS", COUNTS)):
@@ -68,11 +68,11 @@ def session():
             settings.count = count
             settings.overlay_mode = mode
             yield
-            entry = found[f"{count} {mode}"] = summary(measure(scene, window))
-            said_each = ", ".join(f"{clock} {said(times)}" for clock, times in entry.items())
+            entry = results[f"{count} {mode}"] = summary(measure(scene, window))
+            said_each = ", ".join(f"{clock} {describe(times)}" for clock, times in entry.items())
             print(f"{count:,} agents as {mode.lower()}: {said_each}", flush=True)
     if ARGUMENTS:
-        Path(ARGUMENTS[0]).write_text(json.dumps(found, indent=1), encoding="utf-8")
+        Path(ARGUMENTS[0]).write_text(json.dumps(results, indent=1), encoding="utf-8")
 
 
 def in_turns(scene, window):
@@ -83,11 +83,11 @@ def in_turns(scene, window):
     settings = scene.crowd_lod
     visible = 0
     top = settings.build
-    taken = {"empty": [], "overlay": [], "nodes": [], "full": []}
+    times = {"empty": [], "overlay": [], "nodes": [], "full": []}
     thresholds = settings.thresholds[:]
     at_the_end = [0.99 + k / 1000 for k in range(len(thresholds))]  # of what the camera sees
     for _ in range(ROUNDS):
-        for name, frames in taken.items():
+        for name, frames in times.items():
             if name == "full" and frames:  # one round takes long enough
                 continue
             settings.overlay = name in ("overlay", "full")
@@ -100,22 +100,22 @@ def in_turns(scene, window):
                 visible = int(overlay().latest(scene).visible.sum())
     settings.build = top
     settings.thresholds = thresholds
-    return visible, taken
+    return visible, times
 
 
-def compared(count: int, visible: int, taken: dict[str, list]) -> dict:
+def compared(count: int, visible: int, times: dict[str, list]) -> dict:
     """Print and return what `in_turns` took, and its ratios to the overlay."""
-    entry = {"visible": visible} | {name: summary(frames) for name, frames in taken.items()}
+    entry = {"visible": visible} | {name: summary(frames) for name, frames in times.items()}
     print(f"{count:,} agents, {visible:,} visible", flush=True)
     for clock in ("shown", "processor"):
-        empty, drawn, *others = (entry[name][clock] for name in taken)
-        print(f"  {clock}: empty {said(empty)}, overlay {said(drawn)}", flush=True)
+        empty, overlay, *others = (entry[name][clock] for name in times)
+        print(f"  {clock}: empty {describe(empty)}, overlay {describe(overlay)}", flush=True)
         for name, other in zip(("nodes", "full"), others, strict=True):
-            ratio = other["median"] / drawn["median"]
-            net = (other["median"] - empty["median"]) / (drawn["median"] - empty["median"])
+            ratio = other["median"] / overlay["median"]
+            net = (other["median"] - empty["median"]) / (overlay["median"] - empty["median"])
             entry[f"{clock} {name} ratio"] = ratio
             entry[f"{clock} {name} ratio less empty"] = net
-            print(f"    {name} {said(other)}, x{ratio:.2f}, x{net:.2f} less empty", flush=True)
+            print(f"    {name} {describe(other)}, x{ratio:.2f}, x{net:.2f} less empty", flush=True)
     return entry
 
 
@@ -151,11 +151,11 @@ def measure(scene, window) -> list[tuple[float, float]]:
 
 def summary(frames: list[tuple[float, float]]) -> dict:
     """Medians and quartiles of what `measure` took."""
-    found = {}
+    clocks = {}
     for name, times in zip(("shown", "processor"), zip(*frames, strict=True), strict=True):
         low, median, high = statistics.quantiles(times, n=4)
-        found[name] = {"median": median, "quartiles": [low, high], "frames": len(times)}
-    return found
+        clocks[name] = {"median": median, "quartiles": [low, high], "frames": len(times)}
+    return clocks
 
 
 def redraw():
@@ -163,7 +163,7 @@ def redraw():
     bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=1)
 
 
-def said(times: dict) -> str:
+def describe(times: dict) -> str:
     low, high = times["quartiles"]
     return f"{times['median']:.1f} ms ({low:.1f} to {high:.1f})"
 

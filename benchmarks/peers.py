@@ -42,10 +42,10 @@ def six_planes(crowd: Crowd, group: Group, camera: Camera, limits: np.ndarray) -
     rows = np.vstack([frustum.normals, camera.Z])
     spheres = np.array([crowd.x, crowd.y, crowd.z + group.center])
     signed = rows @ spheres - (rows @ camera.origin)[:, None]
-    seen = np.flatnonzero((signed[:6] <= (frustum.offsets + group.radius)[:, None]).all(axis=0))
-    level = np.searchsorted(limits, signed[6, seen], side="right").astype(np.uint8)
-    seen = seen[np.argsort(level, kind="stable")]
-    return np.split(seen, np.cumsum(np.bincount(level, minlength=len(limits) + 1))[:-1])
+    visible = np.flatnonzero((signed[:6] <= (frustum.offsets + group.radius)[:, None]).all(axis=0))
+    level = np.searchsorted(limits, signed[6, visible], side="right").astype(np.uint8)
+    visible = visible[np.argsort(level, kind="stable")]
+    return np.split(visible, np.cumsum(np.bincount(level, minlength=len(limits) + 1))[:-1])
 
 
 @cache
@@ -85,15 +85,15 @@ class Tree:
 
         values: of its inputs, sockets to link or numbers; None leaves one as it is.
         """
-        made = self.group.nodes.new(kind)
+        new_node = self.group.nodes.new(kind)
         for name, value in settings.items():
-            setattr(made, name, value)
-        for socket, value in zip(made.inputs, values, strict=False):
+            setattr(new_node, name, value)
+        for socket, value in zip(new_node.inputs, values, strict=False):
             if isinstance(value, bpy.types.NodeSocket):
                 self.group.links.new(value, socket)
             elif value is not None:
                 socket.default_value = value
-        return made
+        return new_node
 
     def math(self, operation: str, *values) -> bpy.types.NodeSocket:
         return self.node("ShaderNodeMath", *values, operation=operation).outputs[0]

@@ -41,7 +41,7 @@ def session():
     parts = timed()
     settings = window.scene.crowd_lod
     camera = window.scene.camera
-    taken = {mode: {} for mode in MODES}
+    times = {mode: {} for mode in MODES}
     for _ in range(ROUNDS):
         for mode in MODES:
             settings.overlay, settings.overlay_mode = (
@@ -58,16 +58,18 @@ def session():
                     bpy.ops.wm.redraw_timer(type="DRAW_SWAP", iterations=1)
                 parts["whole redraw"] = 1000 * (time.perf_counter() - began)
                 for name, value in parts.items() if number >= WARM else ():
-                    taken[mode].setdefault(name, []).append(value)
-    for mode, named in taken.items():
+                    times[mode].setdefault(name, []).append(value)
+    for mode, by_part in times.items():
         print(
-            mode, "; ".join(f"{name} {told(values)}" for name, values in named.items()), flush=True
+            mode,
+            "; ".join(f"{name} {describe(values)}" for name, values in by_part.items()),
+            flush=True,
         )
 
 
 def timed() -> dict[str, float]:
     """Have the overlay's draw handlers note their milliseconds; returns where they note them."""
-    shown = overlay()
+    state = overlay()
     noted: dict[str, float] = {}
 
     def noting(part):
@@ -89,10 +91,10 @@ def timed() -> dict[str, float]:
         return draw
 
     space = bpy.types.SpaceView3D
-    while shown._handlers:
-        space.draw_handler_remove(shown._handlers.pop(), "WINDOW")
-    for part, when in ((shown._draw_crowd, "POST_VIEW"), (shown._draw_figures, "POST_PIXEL")):
-        shown._handlers.append(space.draw_handler_add(shown._draw, (noting(part),), "WINDOW", when))
+    while state._handlers:
+        space.draw_handler_remove(state._handlers.pop(), "WINDOW")
+    for part, when in ((state._draw_crowd, "POST_VIEW"), (state._draw_figures, "POST_PIXEL")):
+        state._handlers.append(space.draw_handler_add(state._draw, (noting(part),), "WINDOW", when))
     return noted
 
 
@@ -101,7 +103,7 @@ def finish() -> None:
     gpu.state.active_framebuffer_get().read_color(0, 0, 1, 1, 4, 0, "FLOAT")
 
 
-def told(values: list[float]) -> str:
+def describe(values: list[float]) -> str:
     return f"{statistics.median(values):.1f} ({statistics.quantiles(values, n=20)[-1]:.1f})"
 
 

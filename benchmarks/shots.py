@@ -181,7 +181,7 @@ def held_levels(
         distance = film.pixels_per_unit / np.where(scale > 0, scale, np.inf) + radius[survey.group]
         levels[f] = assign(distance, begins, survey.group)
         if f:
-            own = hold(
+            with_hysteresis = hold(
                 levels[f - 1],
                 distance,
                 begins,
@@ -189,7 +189,7 @@ def held_levels(
                 None,
                 width / (1 + width) if keeps else width,
             )
-            levels[f] = np.where(survey.joined(f), own, levels[f])
+            levels[f] = np.where(survey.joined(f), with_hysteresis, levels[f])
     return levels
 
 
@@ -197,7 +197,7 @@ def row(
     camera: str,
     engine: str,
     way: str,
-    found: Bill,
+    way_bill: Bill,
     thresholds: Bill,
     full: Bill,
     bound: float | None = None,
@@ -207,14 +207,14 @@ def row(
         "camera": camera,
         "engine": engine,
         "way": way,
-        "switches": int(found.switches.sum()),
-        "switch_pixels": round(float(found.pixels.sum())),
-        "largest_switch": round(found.most, 2),
-        "triangles_millions": round(found.triangles.sum() / 1e6, 1),
-        "of_full": round(float(found.triangles.sum() / full.triangles.sum()), 4),
-        "time": round(found.price.seconds / thresholds.price.seconds, 3),
-        "memory": round(found.price.memory / thresholds.price.memory, 3),
-        "deviation_pixels": round(found.error, 2),
+        "switches": int(way_bill.switches.sum()),
+        "switch_pixels": round(float(way_bill.pixels.sum())),
+        "largest_switch": round(way_bill.most, 2),
+        "triangles_millions": round(way_bill.triangles.sum() / 1e6, 1),
+        "of_full": round(float(way_bill.triangles.sum() / full.triangles.sum()), 4),
+        "time": round(way_bill.price.seconds / thresholds.price.seconds, 3),
+        "memory": round(way_bill.price.memory / thresholds.price.memory, 3),
+        "deviation_pixels": round(way_bill.error, 2),
         "above_optimum": None if bound is None else round(bound, 4),
     }
 
@@ -227,13 +227,15 @@ def compared(
     thresholds = bill(shot, survey.coarsest)
     full = bill(shot, np.zeros_like(survey.coarsest))
     rows = [
-        row(name, engine, way, found, thresholds, full)
-        for way, found in (("full detail", full), ("thresholds", thresholds))
+        row(name, engine, way, way_bill, thresholds, full)
+        for way, way_bill in (("full detail", full), ("thresholds", thresholds))
     ]
     for width in WIDTHS:
         for keeps, what in ((False, ""), (True, " within tolerance")):
-            found = bill(shot, held_levels(survey, films, width, keeps))
-            rows.append(row(name, engine, f"hysteresis {width:g}{what}", found, thresholds, full))
+            way_bill = bill(shot, held_levels(survey, films, width, keeps))
+            rows.append(
+                row(name, engine, f"hysteresis {width:g}{what}", way_bill, thresholds, full)
+            )
     for part in avoid:
         made = finished(decide(shot, part))
         rows.append(row(name, engine, f"plan {part:g}", made.bill, thresholds, full, made.bound))
@@ -248,7 +250,7 @@ def growth(sizes: Sequence[tuple[int, int]]) -> list[dict]:
         started = time.perf_counter()
         survey, _ = surveyed(trajectory, descent, frames)
         run_through = time.perf_counter()
-        made = finished(
+        shot_plan = finished(
             decide(Shot(survey, meshes_of(GROUPS, POLICY.count), default_costs("EEVEE")), 0.05)
         )
         ended = time.perf_counter()
@@ -261,9 +263,12 @@ def growth(sizes: Sequence[tuple[int, int]]) -> list[dict]:
                 "ns_per_agent_frame": round(1e9 * (ended - started) / agents / frames, 1),
                 "seen": round(float((survey.kind == SEEN).mean()), 3),
                 "peak_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
-                "switches": int(made.bill.switches.sum()),
+                "switches": int(shot_plan.bill.switches.sum()),
                 "of_thresholds": round(
-                    float(made.bill.switches.sum() / max(made.thresholds.switches.sum(), 1)), 3
+                    float(
+                        shot_plan.bill.switches.sum() / max(shot_plan.thresholds.switches.sum(), 1)
+                    ),
+                    3,
                 ),
             }
         )
@@ -314,13 +319,13 @@ def _tables(out: Path, quick: bool) -> None:
         for engine in ("EEVEE", "CYCLES"):
             found = compared(name, engine, survey, films, AVOID[:3] if quick else AVOID)
             rows += found
-            for each in found:
-                print(*each.values(), sep="\t", flush=True)
+            for table_row in found:
+                print(*table_row.values(), sep="\t", flush=True)
     (out / "shots.csv").write_text(tables.to_csv(rows), encoding="utf-8")
     sizes = [(10_000, 120), (100_000, 250)] + ([] if quick else [(1_000_000, 240)])
     (out / "growth.csv").write_text(tables.to_csv(growth(sizes)), encoding="utf-8")
     with tempfile.TemporaryDirectory() as scratch:
         rows = baked(Path(scratch))
-    for each in rows:
-        print(*each.values(), sep="\t", flush=True)
+    for table_row in rows:
+        print(*table_row.values(), sep="\t", flush=True)
     (out / "baked.csv").write_text(tables.to_csv(rows), encoding="utf-8")

@@ -35,12 +35,14 @@ class Points:
 
     def __call__(self, camera: Camera, frame: int) -> None:
         """The frame, from behavior to points that the dependency graph holds."""
-        found = plan(self.trajectory, camera, self.policy, frame)
-        held = frame_update.Held(found.crowd, frame)
-        buckets = [found.buckets[level] for level in range(len(self.objects))]
+        frame_plan = plan(self.trajectory, camera, self.policy, frame)
+        agents = frame_update.Held(frame_plan.crowd, frame)
+        buckets = [frame_plan.buckets[level] for level in range(len(self.objects))]
         library = Library(np.full(len(self.trajectory.groups), POSES))
-        made = frame_update.columns_by_bucket(self.trajectory, found.crowd, held, buckets, library)
-        for each, columns in zip(self.objects, made, strict=True):
+        bucket_columns = frame_update.columns_by_bucket(
+            self.trajectory, frame_plan.crowd, agents, buckets, library
+        )
+        for each, columns in zip(self.objects, bucket_columns, strict=True):
             mesh_data.write_points(each.data, columns)
         self.scene.view_layers[0].update()
 
@@ -86,74 +88,75 @@ class Walkers(Nodes):
             kind = "INT" if values.dtype == np.int32 else "FLOAT"
             mesh.attributes.new(name, kind, "POINT").data.foreach_set("value", values)
         # simulations run in the window's scene alone
-        self.before, bpy.context.window.scene = bpy.context.window.scene, self.scene
+        self.before = bpy.context.window.scene
+        bpy.context.window.scene = self.scene
         bpy.context.evaluated_depsgraph_get()
         self.frame(1)
 
     def prepare(self, tree: Tree) -> None:
-        area = self.trajectory.area
-        machine = self.trajectory.machine
-        width, depth = area.size
-        speed = float(machine.velocity[0, 0, 0])
         entry, leave = (
             tree.group.nodes.new(f"GeometryNodeSimulation{end}") for end in ("Input", "Output")
         )
         entry.pair_with_output(leave)
         tree.group.links.new(tree.geometry, entry.inputs["Geometry"])
         tree.geometry = entry.outputs["Geometry"]
-        seconds = entry.outputs["Delta Time"]
-
-        def attribute(name: str, kind: str) -> bpy.types.NodeSocket:
-            node = tree.node("GeometryNodeInputNamedAttribute", name, data_type=kind)
-            return next(
-                socket for socket in node.outputs if socket.enabled and socket.name == "Attribute"
-            )
-
-        place = tree.node(
-            "ShaderNodeSeparateXYZ", tree.node("GeometryNodeInputPosition").outputs[0]
-        ).outputs
-        u = tree.math("MULTIPLY", tree.math("SUBTRACT", place[0], area.x_min), 1 / width)
-        v = tree.math("MULTIPLY", tree.math("SUBTRACT", place[1], area.y_min), 1 / depth)
-        at = tree.node("ShaderNodeCombineXYZ", u, v).outputs[0]
-        label = tree.node(
-            "GeometryNodeImageTexture", self.image, at, interpolation="Closest", extension="EXTEND"
-        ).outputs["Color"]
-        on = {
-            name: tree.math("COMPARE", label, machine.labels.index(name), 0.5)
-            for name in ("left edge", "right edge")
-        }
-        state = attribute("state", "INT")  # 0 walks right, 1 left
-        stays = tree.math("MULTIPLY", state, tree.math("SUBTRACT", 1.0, on["left edge"]))
-        state = tree.math("MAXIMUM", stays, on["right edge"])
-        walked = tree.math("MULTIPLY", seconds, speed)
-        moves = tree.math("MULTIPLY", walked, tree.math("MULTIPLY_ADD", state, -2.0, 1.0))
-        cycles = tree.math("MULTIPLY", walked, 1 / self.person.stride)
-        phase = tree.math("FRACT", tree.math("ADD", attribute("phase", "FLOAT"), cycles))
-        heading = tree.math("MULTIPLY", state, np.pi)
-        pose = tree.math("FLOOR", tree.math("MULTIPLY", phase, POSES))
+        fields = self._next_fields(tree, entry.outputs["Delta Time"])
         # all are read from the points as they were: what is written changes no field before the
         # zone's end
         captured = tree.node("GeometryNodeCaptureAttribute", tree.geometry, domain="POINT")
         tree.geometry = captured.outputs[0]
-        kept = {}
-        for name, kind, value in (
-            ("state", "INT", state),
-            ("phase", "FLOAT", phase),
-            ("heading", "FLOAT", heading),
-            ("pose", "INT", pose),
-            ("moves", "FLOAT", moves),
-        ):
+        for name, (kind, value) in fields.items():
             captured.capture_items.new(kind, name)
             tree.group.links.new(value, captured.inputs[name])
-            kept[name] = kind, captured.outputs[name]
-        way = tree.node("ShaderNodeCombineXYZ", kept.pop("moves")[1]).outputs[0]
-        tree.geometry = tree.node(
-            "GeometryNodeSetPosition", tree.geometry, None, None, way
-        ).outputs[0]
-        for name, (kind, value) in kept.items():
-            tree.store(name, kind, value)
+        moves = captured.outputs["moves"]
+        way = tree.node("ShaderNodeCombineXYZ", moves).outputs[0]
+        moved = tree.node("GeometryNodeSetPosition", tree.geometry, None, None, way)
+        tree.geometry = moved.outputs[0]
+        for name, (kind, _) in fields.items():
+            if name != "moves":
+                tree.store(name, kind, captured.outputs[name])
         tree.group.links.new(tree.geometry, leave.inputs["Geometry"])
         tree.geometry = leave.outputs["Geometry"]
+
+    def _next_fields(
+        self, tree: Tree, seconds: bpy.types.NodeSocket
+    ) -> dict[str, tuple[str, bpy.types.NodeSocket]]:
+        """Each attribute after `seconds`, and how far each point "moves" in x, as (type, socket)."""
+        machine = self.trajectory.machine
+        speed = float(machine.velocity[0, 0, 0])
+        label = self._label_below(tree)
+        on_left, on_right = (
+            tree.math("COMPARE", label, machine.labels.index(name), 0.5)
+            for name in ("left edge", "right edge")
+        )
+        state = _attribute(tree, "state", "INT")  # 0 walks right, 1 left
+        stays = tree.math("MULTIPLY", state, tree.math("SUBTRACT", 1.0, on_left))
+        state = tree.math("MAXIMUM", stays, on_right)
+        walked = tree.math("MULTIPLY", seconds, speed)
+        moves = tree.math("MULTIPLY", walked, tree.math("MULTIPLY_ADD", state, -2.0, 1.0))
+        cycles = tree.math("MULTIPLY", walked, 1 / self.person.stride)
+        phase = tree.math("FRACT", tree.math("ADD", _attribute(tree, "phase", "FLOAT"), cycles))
+        return {
+            "state": ("INT", state),
+            "phase": ("FLOAT", phase),
+            "heading": ("FLOAT", tree.math("MULTIPLY", state, np.pi)),
+            "pose": ("INT", tree.math("FLOOR", tree.math("MULTIPLY", phase, POSES))),
+            "moves": ("FLOAT", moves),
+        }
+
+    def _label_below(self, tree: Tree) -> bpy.types.NodeSocket:
+        """The map's label under each point."""
+        area = self.trajectory.area
+        width, depth = area.size
+        position = tree.node("GeometryNodeInputPosition").outputs[0]
+        place = tree.node("ShaderNodeSeparateXYZ", position).outputs
+        u = tree.math("MULTIPLY", tree.math("SUBTRACT", place[0], area.x_min), 1 / width)
+        v = tree.math("MULTIPLY", tree.math("SUBTRACT", place[1], area.y_min), 1 / depth)
+        at = tree.node("ShaderNodeCombineXYZ", u, v).outputs[0]
+        texture = tree.node(
+            "GeometryNodeImageTexture", self.image, at, interpolation="Closest", extension="EXTEND"
+        )
+        return texture.outputs["Color"]
 
     def frame(self, number: int) -> None:
         self.scene.frame_set(number)
@@ -162,3 +165,8 @@ class Walkers(Nodes):
         bpy.context.window.scene = self.before
         super().close()
         bpy.data.images.remove(self.image)
+
+
+def _attribute(tree: Tree, name: str, kind: str) -> bpy.types.NodeSocket:
+    node = tree.node("GeometryNodeInputNamedAttribute", name, data_type=kind)
+    return next(socket for socket in node.outputs if socket.enabled and socket.name == "Attribute")

@@ -140,10 +140,13 @@ def counts(
     settings.choice = "BY_RATIO"
     store_groups(settings, measure_groups(scene))
     settings.thresholds[:2] = [meters / scene.camera.data.clip_end for meters in (8, 25)]
-    made = {EVERYONE: 1} | ({"by ratio": 3} if lods else {})
-    for way, settings.level_count in made.items():
+    level_counts = {EVERYONE: 1} | ({"by ratio": 3} if lods else {})
+    for way, settings.level_count in level_counts.items():
         _build(scene, way, Path(folder) / f"{way}.blend")
-    for way, agents in [(EVERYONE, 0), *((way, agents) for way in made for agents in sizes)]:
+    for way, agents in [
+        (EVERYONE, 0),
+        *((way, agents) for way in level_counts for agents in sizes),
+    ]:
         bpy.ops.wm.open_mainfile(filepath=f"{folder}/{way}.blend")
         row = _counted(bpy.context.scene, way, agents)
         path = Path(folder) / f"{way}_{agents}.blend"
@@ -206,13 +209,13 @@ def counted(top: bpy.types.Collection) -> dict[str, int]:
     points.data.attributes["pose"].data.foreach_get("value", numbers)
     at = np.zeros(len(numbers), np.int32)
     points.data.attributes["frame"].data.foreach_get("value", at)
-    shown = np.bincount(numbers[at == FRAMES[0]], minlength=len(homes))
+    instances = np.bincount(numbers[at == FRAMES[0]], minlength=len(homes))
     rigs = next(child for child in top.children_recursive if RIGS in child)
     return {
         "posed": int(triangles.sum()),
-        "unique": int(triangles[shown > 0].sum()),
-        "instances": int(shown.sum()),
-        "instanced": int((shown * triangles).sum()),
+        "unique": int(triangles[instances > 0].sum()),
+        "instances": int(instances.sum()),
+        "instanced": int((instances * triangles).sum()),
         "rigs": len(rigs.objects),
     }
 
@@ -220,7 +223,7 @@ def counted(top: bpy.types.Collection) -> dict[str, int]:
 def _scene(crowd: dict, engine: str, width: int, samples: int) -> bpy.types.Scene:
     """The scene of a crowd of crowds.make, for such pictures."""
     scene = crowds.make(**crowd)
-    scene.render.engine = scene_data.EEVEE if engine == "EEVEE" else engine
+    scene.render.engine = scene_data.BLENDER_ENGINES[engine]
     scene.render.resolution_x = width
     scene.render.resolution_y = round(width * 9 / 16)
     scene.cycles.samples = scene.eevee.taa_render_samples = samples
@@ -234,17 +237,17 @@ def _build(scene: bpy.types.Scene, way: str, path: Path) -> dict:
     """
     begun = time.process_time()
     finished(make_levels(scene))
-    made = time.process_time()
+    levels_end = time.process_time()
     finished(render_setup.build(scene))
-    took = time.process_time()
+    build_end = time.process_time()
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
     return {
         "lods": way,
         "triangles": "; ".join(
             " ".join(f"{n:,}" for n in group.triangles if n) for group in scene.crowd_lod.groups[:1]
         ),
-        "make_cpu_s": round(made - begun, 1),
-        "build_cpu_s": round(took - made, 1),
+        "make_cpu_s": round(levels_end - begun, 1),
+        "build_cpu_s": round(build_end - levels_end, 1),
     }
 
 
@@ -263,15 +266,17 @@ def dress_scene(scene: bpy.types.Scene, way: str) -> None:
         scene.frame_set(number)
         frame = frame_of(scene, scene.view_layers[0].depsgraph, trajectory=trajectory)
         agents = np.arange(len(frame.crowd))
-        held = frame_update.Held(frame.crowd, frame.time)
+        crowd_now = frame_update.Held(frame.crowd, frame.time)
         for name in points:
-            shown = (
+            is_used = (
                 name == "LOD 0"
                 if way in (EVERYONE, CAMERA_CULL)
                 else way == NODES and name.startswith("LOD")
             )
-            if shown:
-                rows[name].append(bake.columns_in_time(trajectory, held, number, agents, library))
+            if is_used:
+                rows[name].append(
+                    bake.columns_in_time(trajectory, crowd_now, number, agents, library)
+                )
     bake.mark(scene, FRAMES)
     render_setup.dress_all(scene)
     settings.build = None
@@ -304,11 +309,11 @@ def _cull(points: bpy.types.Object, groups: tuple[Group, ...], frame) -> None:
     )
     nodes = peers.Nodes(frame.crowd, sphere, frame.begins[0])
     nodes.aim(replace(frame.camera, origin=frame.camera.origin - (0, 0, center)))
-    own = bpy.data.node_groups.new("one LOD", "GeometryNodeTree")
+    level_tree = bpy.data.node_groups.new("one LOD", "GeometryNodeTree")
     for in_out in ("INPUT", "OUTPUT"):
-        own.interface.new_socket("Geometry", in_out=in_out, socket_type="NodeSocketGeometry")
+        level_tree.interface.new_socket("Geometry", in_out=in_out, socket_type="NodeSocketGeometry")
     entry, leave, lod, equal, keep = (
-        own.nodes.new(kind)
+        level_tree.nodes.new(kind)
         for kind in (
             "NodeGroupInput",
             "NodeGroupOutput",
@@ -321,16 +326,16 @@ def _cull(points: bpy.types.Object, groups: tuple[Group, ...], frame) -> None:
     equal.data_type = "INT"
     equal.operation = "EQUAL"
     lod.inputs["Name"].default_value = "lod"
-    one, other = (socket for socket in equal.inputs if socket.enabled)
-    other.default_value = points[render_setup.LEVEL]
+    lod_input, level_input = (socket for socket in equal.inputs if socket.enabled)
+    level_input.default_value = points[render_setup.LEVEL]
     for output, socket in (
-        (next(s for s in lod.outputs if s.enabled), one),
+        (next(s for s in lod.outputs if s.enabled), lod_input),
         (equal.outputs[0], keep.inputs["Selection"]),
         (entry.outputs[0], keep.inputs["Geometry"]),
         (keep.outputs["Selection"], leave.inputs[0]),
     ):
-        own.links.new(output, socket)
-    for place, tree in enumerate((nodes.tree.group, own)):
+        level_tree.links.new(output, socket)
+    for place, tree in enumerate((nodes.tree.group, level_tree)):
         points.modifiers.new("cull", "NODES").node_group = tree
         points.modifiers.move(len(points.modifiers) - 1, place)
     bpy.data.scenes.remove(nodes.scene)
@@ -349,7 +354,7 @@ def render(file: str, picture: str, engine: str, frame: int, width: int, samples
     scene = bpy.context.scene
     settings = scene.render
     cycles = scene.cycles
-    settings.engine = scene_data.EEVEE if engine == "EEVEE" else engine
+    settings.engine = scene_data.BLENDER_ENGINES[engine]
     height = round(width * settings.resolution_y / settings.resolution_x)
     settings.resolution_x = width
     settings.resolution_y = height
@@ -364,22 +369,24 @@ def render(file: str, picture: str, engine: str, frame: int, width: int, samples
     scene.eevee.taa_render_samples = samples
     scene.frame_set(frame - 1)  # the crowd's way to here is no part of one frame's cost
     scene.frame_start = scene.frame_end = frame
-    said = []
+    messages = []
     bpy.app.handlers.render_stats.append(
-        lambda text, *_: said.append((time.perf_counter(), str(text)))
+        lambda text, *_: messages.append((time.perf_counter(), str(text)))
     )
     begun = time.perf_counter()
     cpu = time.process_time()
     bpy.ops.render.render(animation=True)
     ended = time.perf_counter()
-    used = time.process_time() - cpu
+    cpu_seconds = time.process_time() - cpu
     Path(f"{settings.filepath}{frame:04d}.exr").replace(picture)
-    first = next((at for at, text in said if "Sample 0/" in text or "Rendering 1 " in text), ended)
+    first = next(
+        (at for at, text in messages if "Sample 0/" in text or "Rendering 1 " in text), ended
+    )
     if live:
         crowd_lod_extension.unregister()
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return {
-        "cpu_s": round(used, 2),
+        "cpu_s": round(cpu_seconds, 2),
         "render_s": round(ended - begun, 2),
         "export_s": round(first - begun, 2),
         "peak_mb": round(peak / (1e6 if sys.platform == "darwin" else 1e3)),

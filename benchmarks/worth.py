@@ -84,13 +84,15 @@ def job(limit: float, **inputs) -> dict:
     """What a process of ways.py prints as JSON, or {"ended": why}."""
     command = [sys.executable, str(Path(__file__).with_name("ways.py")), json.dumps(inputs)]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=limit)
+        process = subprocess.run(command, capture_output=True, text=True, timeout=limit)
     except subprocess.TimeoutExpired:
         return {"ended": f"not done in {limit:g} s"}
-    lines = done.stdout.strip().splitlines()
+    lines = process.stdout.strip().splitlines()
     if not lines or not lines[-1].startswith("{"):
-        last = done.stderr.strip().rpartition("\n")[2]
-        return {"ended": f"exit status {done.returncode}: {last or 'no message; out of memory?'}"}
+        last = process.stderr.strip().rpartition("\n")[2]
+        return {
+            "ended": f"exit status {process.returncode}: {last or 'no message; out of memory?'}"
+        }
     return json.loads(lines[-1])
 
 
@@ -105,19 +107,19 @@ def rendered(folder: Path, engine: str, way: str, agents: int, repeats: int) -> 
 
     If None, "ended" says why it could not be measured.
     """
-    asked = {
+    picture = {
         "engine": engine,
         "frame": FRAMES[1],
         "picture": str(folder / f"{way}.exr"),
         **PICTURE[engine],
     }
-    found = [job(LIMIT, job="render", file=str(folder / f"{way}_{agents}.blend"), **asked)]
-    while "ended" not in found[-1] and len(found) < repeats:
-        found.append(job(LIMIT, job="render", file=str(folder / f"{way}_{agents}.blend"), **asked))
-    if "ended" in found[-1]:
-        return {**dict.fromkeys(("cpu_s", "peak_mb")), "ended": found[-1]["ended"]}
+    rows = [job(LIMIT, job="render", file=str(folder / f"{way}_{agents}.blend"), **picture)]
+    while "ended" not in rows[-1] and len(rows) < repeats:
+        rows.append(job(LIMIT, job="render", file=str(folder / f"{way}_{agents}.blend"), **picture))
+    if "ended" in rows[-1]:
+        return {**dict.fromkeys(("cpu_s", "peak_mb")), "ended": rows[-1]["ended"]}
     return {
-        key: round(float(np.median([each[key] for each in found])), 2)
+        key: round(float(np.median([each[key] for each in rows])), 2)
         for key in ("cpu_s", "peak_mb")
     } | {"ended": ""}
 
@@ -150,11 +152,11 @@ def costs(
         rows = list(pool.map(costs_of, shown_by(engine)))
     nobody, whole = (next(row for row in rows if row["way"] == way) for way in (NOBODY, EVERYONE))
     for row in rows:
-        known = row["way"] != NOBODY and not (row["ended"] or nobody["ended"] or whole["ended"])
+        is_known = row["way"] != NOBODY and not (row["ended"] or nobody["ended"] or whole["ended"])
         for key, part in PARTS.items():
             row[part] = (
                 round((row[key] - nobody[key]) / max(whole[key] - nobody[key], 1e-9), 3)
-                if known
+                if is_known
                 else None
             )
     return rows
@@ -166,29 +168,29 @@ def beside(rows: list[dict], predicted: dict, files: dict[str, float]) -> dict:
     At full detail and by tolerance, MB; time as the latter's part. Of files that all hold the
     characters.
     """
-    nobody, whole, own = (
+    nobody, whole, by_tolerance = (
         next(row for row in rows if row["way"] == way) for way in (NOBODY, EVERYONE, BAKED)
     )
-    found = {key: own[key] for key in ("engine", "crowd", "agents")}
-    agents = own["agents"]
+    result = {key: by_tolerance[key] for key in ("engine", "crowd", "agents")}
+    agents = by_tolerance["agents"]
     characters = ", with characters"
     ground = files[f"{NOBODY}{characters}_{agents}"]
     for name, row, way in (
         ("Full Detail", whole, EVERYONE),
-        ("By Tolerance", own, BAKED + characters),
+        ("By Tolerance", by_tolerance, BAKED + characters),
     ):
         memory = (
             "-"
             if None in (row["peak_mb"], nobody["peak_mb"])
             else round(row["peak_mb"] - nobody["peak_mb"], 1)
         )
-        found[f"{name} memory_mb"] = f"{predicted[name]['memory_mb']:g} / {memory}"
-        found[f"{name} file_mb"] = (
+        result[f"{name} memory_mb"] = f"{predicted[name]['memory_mb']:g} / {memory}"
+        result[f"{name} file_mb"] = (
             f"{predicted[name]['file_mb']:g} / {files[f'{way}_{agents}'] - ground:.2f}"
         )
-    return found | {
+    return result | {
         "time": f"{predicted['By Tolerance']['time_share']:.2f} / "
-        f"{'-' if own['time'] is None else own['time']}"
+        f"{'-' if by_tolerance['time'] is None else by_tolerance['time']}"
     }
 
 
@@ -197,26 +199,26 @@ def judged(rows: list[dict]) -> list[dict]:
 
     It says whether the goal is met, and what misses it.
     """
-    found = []
+    table_rows = []
     for goal in GOALS:
-        own = [
+        way_rows = [
             row for row in rows if row["way"] == BAKED and goal.of(row) and row["time"] is not None
         ]
         missed = [
             f"{part} {row[part]} ({row['engine']}, {row['crowd']}, {row['agents']:,} agents)"
-            for row in own
+            for row in way_rows
             for part, most in goal.most.items()
             if row[part] > most
         ]
-        if own:
-            found.append(
+        if way_rows:
+            table_rows.append(
                 {
                     "goal": goal.says,
                     "met": "not met" if missed else "met",
                     "missed": "; ".join(missed),
                 }
             )
-    return found
+    return table_rows
 
 
 def main(out: Path, quick: bool, jobs: int) -> None:
@@ -237,13 +239,13 @@ def main(out: Path, quick: bool, jobs: int) -> None:
 
 
 def measure(
-    asked: list[tuple[str, dict, tuple[int, ...]]], repeats: int, jobs: int
+    cases: list[tuple[str, dict, tuple[int, ...]]], repeats: int, jobs: int
 ) -> dict[str, list[dict]]:
     """The tables: of the LODs, the ways, the predictions and the goals."""
     results = {"builds": [], "ways": [], "predicted": [], "goals": []}
-    for engine, crowd, sizes in asked:
+    for engine, crowd, sizes in cases:
         with tempfile.TemporaryDirectory() as scratch:
-            made = job(
+            files_job = job(
                 1800,
                 job="prepare",
                 folder=scratch,
@@ -252,18 +254,18 @@ def measure(
                 sizes=sizes,
                 **PICTURE[engine],
             )
-            if "ended" in made:
+            if "ended" in files_job:
                 raise SystemExit(
                     f"crowd-lod bench: the files of {name_of(crowd)} were not made "
-                    f"({made['ended']})."
+                    f"({files_job['ended']})."
                 )
-            show(f"{engine}, {name_of(crowd)}: builds", made["builds"])
+            show(f"{engine}, {name_of(crowd)}: builds", files_job["builds"])
             results["builds"] += [
-                {"engine": engine, "crowd": name_of(crowd), **row} for row in made["builds"]
+                {"engine": engine, "crowd": name_of(crowd), **row} for row in files_job["builds"]
             ]
             for agents in sizes:
                 again = repeats if engine == "CYCLES" and agents <= REPEATED else 1
-                rows = costs(Path(scratch), engine, crowd, agents, made["files"], again, jobs)
+                rows = costs(Path(scratch), engine, crowd, agents, files_job["files"], again, jobs)
                 show(
                     f"{engine}, {name_of(crowd)}, {agents:,} agents, {PICTURE[engine]['width']} "
                     f"pixels wide",
@@ -271,7 +273,7 @@ def measure(
                 )
                 results["ways"] += rows
                 results["predicted"].append(
-                    beside(rows, made["predicted"][str(agents)], made["files"])
+                    beside(rows, files_job["predicted"][str(agents)], files_job["files"])
                 )
     show("Of the crowd alone, predicted / measured", results["predicted"])
     results["goals"] = judged(results["ways"])
@@ -318,19 +320,19 @@ def draw(path: Path, rows: list[dict], machine: str) -> None:
     panels = figure.subplots(1, len(PARTS), sharey=True)
     for axes, part in zip(panels, PARTS.values(), strict=True):
         for way, color, marker in zip(ways, COLORS, MARKERS, strict=False):
-            found = {
+            values = {
                 (row["engine"], row["crowd"], row["agents"]): row[part]
                 for row in rows
                 if row["way"] == way
             }
-            known = [
-                (place, found[crowd])
+            dots = [
+                (place, values[crowd])
                 for place, crowd in enumerate(crowds)
-                if found.get(crowd) is not None
+                if values.get(crowd) is not None
             ]
             axes.scatter(
-                [x for _, x in known],
-                [y for y, _ in known],
+                [x for _, x in dots],
+                [y for y, _ in dots],
                 90 if way == BAKED else 40,
                 color,
                 marker,

@@ -10,7 +10,7 @@ from .blender import (
     scene_cache,
     scenery,
 )
-from .characters import characters_from_selection, prop_button, take_action
+from .characters import characters_from_selection, give_lod, prop_button, take_action
 from .cli import commands
 from .lod_meshes import deviation, make_lods
 from .machine import machine_buttons, machine_settings, map_areas, map_painting, state_machine_menu
@@ -51,6 +51,7 @@ MODULES = (
     simulate,
     record_points,
     characters_from_selection,
+    give_lod,
     prop_button,
     take_action,
     make_lods,

@@ -1,4 +1,4 @@
-"""Bodies of the sample characters: closed quad meshes, in NumPy alone.
+"""Bodies of the sample characters: closed meshes, in NumPy alone.
 
 They have UVs, materials and skinning weights. A coarse cage of rings (torso and head of 8 points,
 arms and legs of 6) is smoothed by two steps of Catmull-Clark subdivision.
@@ -63,18 +63,20 @@ class Build:
 
 @dataclass(frozen=True)
 class Body:
-    """A character's mesh: closed, every face a quad, normals outward.
+    """A character's mesh: closed, normals outward, every face a quad if it is subdivided at all.
 
     vertices: (V, 3) float64.
-    quads: (F, 4) int.
-    uvs: (F, 4, 2), one for each corner, in [0, 1].
+    corners: (C,) int, the vertex of each face's corners, face after face.
+    sizes: (F,) int, corners of each face.
+    uvs: (C, 2), one for each corner, in [0, 1].
     materials: (F,), SKIN or CLOTHES.
     weights: (V, J), rows sum to 1, with at most 4 entries that are not 0; columns follow `joints`.
     joints: bone name > (parent or None, head, tail), parents first.
     """
 
     vertices: np.ndarray
-    quads: np.ndarray
+    corners: np.ndarray
+    sizes: np.ndarray
     uvs: np.ndarray
     materials: np.ndarray
     weights: np.ndarray
@@ -131,7 +133,7 @@ def skeleton(build: Build) -> dict:
 def make_body(build: Build, finer: int = 0) -> Body:
     """Return the mesh and joints of a character, the same for a build bit for bit.
 
-    finer: additional steps of subdivision.
+    finer: additional steps of subdivision, or fewer: -2 is the cage itself.
     """
     joints = skeleton(build)
     cage = Cage(list(joints))
@@ -172,7 +174,7 @@ def make_body(build: Build, finer: int = 0) -> Body:
     weights = np.where(weights >= np.partition(weights, -4, axis=1)[:, [-4]], weights, 0)
     weights[weights < 0.01] = 0
     weights /= weights.sum(axis=1, keepdims=True)
-    return Body(vertices, corners.reshape(-1, 4), uvs.reshape(-1, 4, 2), materials, weights, joints)
+    return Body(vertices, corners, sizes, uvs, materials, weights, joints)
 
 
 def torso(cage: Cage, build: Build) -> list[list[int]]:

@@ -46,7 +46,8 @@ def make_characters(
     for ever, with one key per frame from frame 1, for 24 frames per second. In a character's own
     space the standing foot moves along -x at `speed`, meters per second.
     Selection, modes and the current frame stay as they are.
-    finer: additional steps of subdivision, each with four times the faces.
+    finer: additional steps of subdivision, each with four times the faces; -2 leaves those of the
+    cage, some 350.
     idle: whether each also gets an action in which it stands and waits, called "idle" and its name.
     """
     groups = []
@@ -110,10 +111,11 @@ def make_mesh(build: Build, body: Body) -> bpy.types.Object:
     mesh = bpy.data.meshes.new(build.name)
     mesh.vertices.add(len(body.vertices))
     mesh.vertices.foreach_set("co", body.vertices.astype(np.float32).ravel())
-    mesh.loops.add(body.quads.size)
-    mesh.loops.foreach_set("vertex_index", body.quads.astype(np.int32).ravel())
-    mesh.polygons.add(len(body.quads))
-    mesh.polygons.foreach_set("loop_start", np.arange(0, body.quads.size, 4, dtype=np.int32))
+    mesh.loops.add(len(body.corners))
+    mesh.loops.foreach_set("vertex_index", body.corners.astype(np.int32))
+    mesh.polygons.add(len(body.sizes))
+    starts = np.cumsum(body.sizes) - body.sizes
+    mesh.polygons.foreach_set("loop_start", starts.astype(np.int32))
     mesh.update(calc_edges=True)
     mesh.polygons.foreach_set("material_index", body.materials.astype(np.int32))
     mesh.shade_smooth()

@@ -43,14 +43,13 @@ class Floor:
             model=jupedsim.CollisionFreeSpeedModel(), geometry=ground, dt=1 / (FPS * STEPS)
         )
         self.ground = ground
-        self.stages = [self.simulation.add_exit_stage(shapely.box(*each)) for each in exits]
+        self.stages = [self.simulation.add_exit_stage(shapely.box(*area)) for area in exits]
         self.journeys = [
             self.simulation.add_journey(jupedsim.JourneyDescription([stage]))
             for stage in self.stages
         ]
-        self.people: dict[
-            int, tuple[int, int, float]
-        ] = {}  # by JuPedSim's id: (person, where to, speed)
+        # by JuPedSim's id: (person, where to, speed)
+        self.people: dict[int, tuple[int, int, float]] = {}
 
     def enter(self, place: np.ndarray, person: int, goal: int, speed: float) -> bool:
         """Let a person in; return whether there is room."""
@@ -75,77 +74,94 @@ class Floor:
         return [(before[agent], *self.people.pop(agent)) for agent in sorted(left)]
 
 
+class Station:
+    """Both floors, the people between them, and how many there have been.
+
+    between: of each, (floor, place, person, where to, speed), until there is room.
+    """
+
+    def __init__(self, draws: np.random.Generator) -> None:
+        stairs = shapely.box(*site.STAIRS)
+        landing = shapely.box(*site.LANDING)
+        blocks = (site.KIOSK, *site.WAITING, *site.COLUMNS)
+        walls = shapely.union_all([stairs, landing, *(shapely.box(*block) for block in blocks)])
+        railing = shapely.box(APRON[0], 8.9, site.STAIRS[2], 9.1)
+        gallery = shapely.box(*site.GALLERY)
+        upstairs = shapely.union_all([shapely.box(*APRON), stairs, landing, gallery]) - railing
+        self.draws = draws
+        self.lower = Floor(shapely.box(*site.CONCOURSE) - walls, (*site.DOORS, FOOT))
+        self.upper = Floor(upstairs, (*site.UPPER_DOORS, BOTTOM))
+        self.between: list[tuple[Floor, np.ndarray, int, int, float]] = []
+        self.count = 0
+
+    def let_in(self) -> None:
+        """Let someone in at a door, if there are few people and there is room."""
+        draws = self.draws
+        if len(self.lower.people) + len(self.upper.people) >= COUNT:
+            return
+        floor = self.lower
+        doors = site.DOORS
+        if draws.random() >= 0.8:
+            floor = self.upper
+            doors = site.UPPER_DOORS
+        door = draws.integers(len(doors))
+        goal = draws.integers(len(doors))
+        if draws.random() < TO_STAIRS:
+            goal = len(doors)
+        if goal == door:
+            return
+        place = _in(doors[door], draws)
+        self.count += floor.enter(place, self.count, goal, draws.normal(1.34, 0.2))
+
+    def step(self) -> None:
+        """Walk on, on both floors; who has come to the stairs' end goes over."""
+        for floor, other, doors in (
+            (self.lower, self.upper, site.DOORS),
+            (self.upper, self.lower, site.UPPER_DOORS),
+        ):
+            for place, person, goal, speed in floor.step():
+                if goal == len(doors):
+                    new_goal = int(self.draws.integers(len(other.stages) - 1))
+                    self.between.append((other, place, person, new_goal, speed))
+
+    def go_over(self) -> None:
+        """Let those between the floors in where there is room; slow down who is on the stairs."""
+        self.between = [entry for entry in self.between if not entry[0].enter(*entry[1:])]
+        for agent in self.upper.simulation.agents():
+            x, y = agent.position
+            on_stairs = x < site.STAIRS[2] and y < site.STAIRS[3]
+            speed = self.upper.people[agent.id][2]
+            agent.model.desired_speed = (ON_STAIRS if on_stairs else 1.0) * speed
+
+    def rows(self, frame: int) -> list[tuple]:
+        """(person, frame, x, y, z) of everyone, in meters."""
+        rows = []
+        for floor in (self.lower, self.upper):
+            for agent in floor.simulation.agents():
+                x, y = agent.position
+                z = 0.0
+                if floor is self.upper:
+                    z = site.HEIGHT
+                    if y < site.GALLERY[1]:
+                        z = float(site.height_on_stairs(np.array(x)))
+                rows.append((floor.people[agent.id][0], frame, x, y, z))
+        return rows
+
+
 def simulate(seed: int = 3) -> dict[str, np.ndarray]:
     """Return the columns of the walkers' tracks, in centimeters, by their names in the file.
 
     See crowd_lod/tracks/npz.py.
     """
-    draws = np.random.default_rng(seed)
-    stairs = shapely.box(*site.STAIRS)
-    landing = shapely.box(*site.LANDING)
-    blocks = [shapely.box(*rectangle) for rectangle in (site.KIOSK, *site.WAITING, *site.COLUMNS)]
-    lower = Floor(
-        shapely.box(*site.CONCOURSE) - shapely.union_all([stairs, landing, *blocks]),
-        (*site.DOORS, FOOT),
-    )
-    railing = shapely.box(APRON[0], 8.9, site.STAIRS[2], 9.1)
-    upper = Floor(
-        shapely.union_all([shapely.box(*APRON), stairs, landing, shapely.box(*site.GALLERY)])
-        - railing,
-        (*site.UPPER_DOORS, BOTTOM),
-    )
-    waiting: list[tuple[Floor, np.ndarray, int, int, float]] = []  # between the floors
+    station = Station(np.random.default_rng(seed))
     rows = []
-    count = 0
     for frame in range(-WARM_UP, FRAMES + 1):
-        if len(lower.people) + len(upper.people) < COUNT:
-            floor, doors = (
-                (lower, site.DOORS) if draws.random() < 0.8 else (upper, site.UPPER_DOORS)
-            )
-            door = draws.integers(len(doors))
-            goal = draws.integers(len(doors))
-            if draws.random() < TO_STAIRS:
-                goal = len(doors)
-            if goal != door and floor.enter(
-                _in(doors[door], draws), count, goal, draws.normal(1.34, 0.2)
-            ):
-                count += 1
+        station.let_in()
         for _ in range(STEPS):
-            for floor in (lower, upper):
-                other, last = (
-                    (upper, len(site.DOORS)) if floor is lower else (lower, len(site.UPPER_DOORS))
-                )
-                for place, person, goal, speed in floor.step():
-                    if goal == last:
-                        waiting.append(
-                            (
-                                other,
-                                place,
-                                person,
-                                int(draws.integers(len(other.stages) - 1)),
-                                speed,
-                            )
-                        )
-        waiting = [(floor, *entry) for floor, *entry in waiting if not floor.enter(*entry)]
-        for agent in upper.simulation.agents():
-            slow = (
-                ON_STAIRS
-                if agent.position[0] < site.STAIRS[2] and agent.position[1] < site.STAIRS[3]
-                else 1.0
-            )
-            agent.model.desired_speed = slow * upper.people[agent.id][2]
+            station.step()
+        station.go_over()
         if frame >= 0 and frame % EVERY == 0:
-            for floor in (lower, upper):
-                for agent in floor.simulation.agents():
-                    x, y = agent.position
-                    z = (
-                        float(site.height_on_stairs(np.array(x)))
-                        if y < site.GALLERY[1]
-                        else site.HEIGHT
-                    )
-                    rows.append(
-                        (floor.people[agent.id][0], frame + 1, x, y, z if floor is upper else 0.0)
-                    )
+            rows += station.rows(frame + 1)
     person, frame, *place = np.array(sorted(rows)).T
     _, number = np.unique(person, return_inverse=True)
     x, y, z = (np.rint(100 * coordinate) for coordinate in place)
@@ -158,9 +174,9 @@ def _in(area: tuple, draws: np.random.Generator) -> np.ndarray:
 
 
 if __name__ == "__main__":
-    made = simulate()
-    np.savez_compressed(FILE, fps=FPS, unit="cm", **made)
+    columns = simulate()
+    np.savez_compressed(FILE, fps=FPS, unit="cm", **columns)
     print(
-        f"{FILE.name}: {made['id'].max() + 1} people, {len(made['id']):,} rows, "
+        f"{FILE.name}: {columns['id'].max() + 1} people, {len(columns['id']):,} rows, "
         f"{FILE.stat().st_size:,} bytes"
     )

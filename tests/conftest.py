@@ -20,11 +20,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
-from . import rough
-
 TESTS = Path(__file__).parent
-# of unseen_frames: a third of the time that making LODs takes
-FEW_LOOKS = {"MOMENTS": 24, "PEAKS": 4, "CELLS": 6, "LIKELY": 3, "WORST": 2, "WHOLE_LOOKS": 1}
 
 # Hypothesis tries the same examples each time, on each Python; others by
 # --hypothesis-profile=search
@@ -107,38 +103,3 @@ def pytest_collection_modifyitems(config, items):
     for name in sorted(required - {group(item.path) for item in items}):
         reason = obstacle(name) or "there is none"
         raise pytest.UsageError(f"CROWD_LOD_REQUIRE: no test of tests/{name} can run: {reason}")
-
-
-@pytest.fixture(scope="module")
-def rough_levels():
-    """LOD meshes as rough.levels says, watched in few frames; the users' numbers, by place."""
-    from crowd_lod_extension.operators.lod_meshes import unseen_frames
-
-    numbers = rough.levels("crowd_lod_extension")
-    numbers |= {(unseen_frames, name): number for name, number in FEW_LOOKS.items()}
-    with pytest.MonkeyPatch.context() as patch:
-        yield patched(patch, numbers)
-
-
-@pytest.fixture(scope="module")
-def rough_characters():
-    """The sample characters have a quarter of their faces.
-
-    A file of tests of the characters themselves has a fixture of this name.
-    """
-    with pytest.MonkeyPatch.context() as patch:
-        yield patched(patch, rough.characters("crowd_lod_extension"))
-
-
-def patched(patch, numbers):
-    """Set the numbers; those that were there, by place."""
-    before = {place: getattr(*place) for place in numbers}
-    for place, value in numbers.items():
-        patch.setattr(*place, value)
-    return before
-
-
-@pytest.fixture
-def exact_levels(rough_levels, monkeypatch):
-    """LOD meshes are refined and measured as users have them."""
-    patched(monkeypatch, rough_levels)

@@ -54,6 +54,11 @@ class Steps:
         self._known: tuple[Crowd | None, Ahead | None] = None, None
         self._pause = 0
 
+    @property
+    def looks_ahead(self) -> bool:
+        """Whether the next steps of most agents of the crowd last returned are known."""
+        return self._known[1] is not None
+
     def after(self, crowd: Crowd, seconds: float) -> Crowd:
         """Return the crowd `seconds` later: at most `row`, if there is one.
 

@@ -158,10 +158,15 @@ class Walk(Trajectory):
             then()
 
         def progress() -> float:
-            frames = self._recent[0][0] - begin
+            frames = self.reached - begin
             return min(max(frames, 0) / max(target - begin, 1), 1.0)
 
         yield from aside(go, progress)
+
+    @property
+    def reached(self) -> int:
+        """The frame, counted from 0, whose crowd was computed last."""
+        return self._recent[0][0]
 
     @cached_property
     def full(self) -> "Trajectory":

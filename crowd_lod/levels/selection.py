@@ -50,17 +50,23 @@ class View:
 
 
 def choose(
-    group: Group, tolerance: float, views: Sequence[View], meters: float = 1.0
+    group: Group,
+    tolerance: float,
+    views: Sequence[View],
+    meters: float = 1.0,
+    given: Collection[int] = (),
 ) -> tuple[list[int], dict[int, str]]:
     """Return (candidates to keep, {dropped candidate: reason, a sentence}).
 
     The first is always kept: it is the character. Another one is dropped in these cases:
     - One with fewer triangles deviates no more.
+    - A coarser one was given that has about as many triangles: what artists made goes before.
     - It saves less than LEAST_SAVED of the triangles of the next finer one kept.
     - In no view an agent is at a distance at which it would be used within the tolerance.
     group: with triangles and bounds of its candidates, finest first.
     tolerance: pixels.
     meters: the length of a unit in meters, for the sentences.
+    given: candidates that artists made. Only the last two rules drop these.
     """
     kept = [0]
     dropped = {}
@@ -69,7 +75,11 @@ def choose(
         finer = group.triangles[kept[-1]]
         coarser = zip(group.triangles[k + 1 :], group.bounds[k + 1 :], strict=True)
         lower = [n for n, deviation in coarser if n < own and deviation <= group.bounds[k]]
-        if lower:
+        rivals = [group.triangles[n] for n in given if n > k and k not in given]
+        rivals = [triangles for triangles in rivals if triangles > (1 - LEAST_SAVED) * own]
+        if rivals:
+            dropped[k] = f"{own:,} triangles save too little beside a given LOD of {rivals[0]:,}."
+        elif lower and k not in given:
             dropped[k] = f"{own:,} triangles deviate as much as {lower[0]:,} triangles, or more."
         elif own > (1 - LEAST_SAVED) * finer:
             dropped[k] = (
@@ -206,13 +216,14 @@ def cheapest(
     tolerance: float,
     shot: GroupShot,
     measured: Collection[int] = (),
+    given: Collection[int] = (),
 ) -> tuple[list[int], dict[int, str]]:
     """Return (the candidates that cost least, {dropped candidate: reason}).
 
     A reason is a sentence. The cost of a choice of `kept` is the sum of its memory and its time,
     each as a part of what the group takes at full detail. Of the choices that cost at most WORTH
     more than the cheapest, the one with the fewest LODs is taken, and of these the one with the
-    most `measured` candidates. The first candidate is kept for agents that come nearer than the
+    most `measured` candidates. Those `given` by artists are taken. The first candidate is kept for agents that come nearer than the
     shot shows. All are kept if the distances of the shot's agents are not known.
     """
     if not any(len(view.distance) for view in shot.views):
@@ -223,7 +234,10 @@ def cheapest(
     whole = found[(kept[0],)]
     parts = {chosen: own.share(whole) for chosen, own in found.items()}
     cost = {chosen: own.memory + own.seconds for chosen, own in parts.items()}
-    good = [chosen for chosen in cost if cost[chosen] <= min(cost.values()) + WORTH]
+    wanted = set(given).intersection(kept)
+    usable = [chosen for chosen in cost if wanted.issubset(chosen)]
+    least = min(cost[chosen] for chosen in usable)
+    good = [chosen for chosen in usable if cost[chosen] <= least + WORTH]
     best = min(
         good, key=lambda chosen: (len(chosen), len(set(chosen).difference(measured)), cost[chosen])
     )

@@ -170,7 +170,7 @@ def _hidden_folder(place: Path, stack: ExitStack, key: str) -> Path:
         same_run = _clean(place, key)
         with interrupt.hold():
             hidden = same_run or Path(tempfile.mkdtemp(prefix=HIDDEN, dir=place))
-            stack.enter_context(interrupt.unfinished(partial(_remove, hidden)))
+            stack.enter_context(interrupt.unfinished(partial(remove_hidden, hidden)))
         lock = stack.enter_context((hidden / LOCK).open("a+b", buffering=0))
         _hold(lock)
         lock.truncate(0)
@@ -256,7 +256,7 @@ def _clean(place: Path, key: str) -> Path | None:
                 shutil.rmtree(hidden / REPLACED, ignore_errors=True)
                 same_run = hidden
             elif killed:
-                _remove(hidden)
+                remove_hidden(hidden)
     return same_run
 
 
@@ -275,7 +275,7 @@ def _has_key(hidden: Path, key: str) -> bool:
     return False
 
 
-def _remove(hidden: Path) -> None:
+def remove_hidden(hidden: Path) -> None:
     """Remove the hidden folder and its part files."""
     # renamed first, so that a thread that still writes cannot add files while it is emptied
     renamed = hidden.with_name(f"{hidden.name}-gone")

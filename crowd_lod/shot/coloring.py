@@ -369,11 +369,3 @@ def recast(survey: Survey, phases: Phases) -> Survey:
         change = phases.shown(agents, block[agents], own).astype(np.int32) - own
         row[agents] = row[agents] + change
     return replace(survey, character=character)
-
-
-def shown_characters(survey: Survey) -> np.ndarray:
-    """Return which characters any frame of `survey` shows, (L,) bool."""
-    shown = np.zeros(len(survey.owner), bool)
-    for kinds, characters in zip(survey.kind, survey.character, strict=True):
-        shown[characters[kinds != CULLED]] = True
-    return shown

@@ -8,7 +8,7 @@ made_for: texts: pairs of what the plan was made for and its digest.
 blend_file: the name of the .blend file that it was made for; "" if that was not saved.
 tolerance: the most pixels that LODs may deviate, or NaN if thresholds by distance chose them.
 shift, finer: (n,) uint8; counts: (B,) uint8: the shot's phase classes, see phases.Phases.
-cast: (L,) bool, the characters that its frames show.
+cast: (K, L) bool, the LODs of characters that its frames show.
 levels_N: (n,) uint8 of frame N, of LEVEL, PINNED and HIDDEN in frame/planned.py. Each is read only
 when its frame is shown.
 """
@@ -44,7 +44,7 @@ FORM = {
     "shift": ("u", 1),
     "finer": ("u", 1),
     "counts": ("u", 1),
-    "cast": ("b", 1),
+    "cast": ("b", 2),
 }
 
 

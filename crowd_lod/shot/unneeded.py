@@ -1,4 +1,4 @@
-"""What a shot does not need: LODs, characters and agents that no frame shows."""
+"""What a shot needs, and what it does not: LODs, characters and agents that no frame shows."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ def unneeded(shot: Shot, shown: np.ndarray, names: list[str]) -> list[str]:
     """
     survey = shot.survey
     meshes = shot.meshes
-    needed = shown.any(axis=0) | _cast(shot)
+    needed = needed_meshes(shot, shown)
     found = []
     for group, name in enumerate(names):
         own = np.flatnonzero(survey.owner == group)
@@ -46,14 +46,18 @@ def unneeded(shot: Shot, shown: np.ndarray, names: list[str]) -> list[str]:
     return found
 
 
-def _cast(shot: Shot) -> np.ndarray:
-    """Return which LODs of which characters unseen casters and mirror images show, (K, L) bool."""
+def needed_meshes(shot: Shot, shown: np.ndarray) -> np.ndarray:
+    """Return which LODs of which characters the frames show, (K, L) bool.
+
+    shown: (F, K, L), seen agents of each. Unseen agents that cast shadows into the picture or that
+    mirrors show count, too.
+    """
     survey = shot.survey
-    found = np.zeros((shot.meshes.count, len(survey.owner)), bool)
+    needed: np.ndarray = shown.any(axis=0)
     for f in range(len(survey.kind)):
         agents = np.flatnonzero((survey.kind[f] == SHADOW) | (survey.kind[f] == MIRRORED))
-        found[survey.coarsest[f, agents], survey.character[f, agents]] = True
-    return found
+        needed[survey.coarsest[f, agents], survey.character[f, agents]] = True
+    return needed
 
 
 def _saves(shot: Shot, triangles: float) -> str:

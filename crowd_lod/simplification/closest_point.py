@@ -83,21 +83,21 @@ def doubt(
     for _ in range(settings.CURRENT.doubt_rounds if len(face) else 0):
         far = np.argpartition(-distance, min(count, len(distance)) - 1)[:count]
         far = far[distance[far] > distance[far].max() / 2]
-        some = points.take(far, 1)
+        doubted = points.take(far, 1)
         most = distance[far] + 1e-6
-        which, found = _faces_within(mesh, some, most)
-        other = some.take(which, 1)
-        at = closest_weights(other, *mesh.vertices(found))
-        away = length(other - mesh.at(found, at))
-        order = np.lexsort((away, which))
-        which, first = np.unique(which[order], return_index=True)
+        point, candidate = _faces_within(mesh, doubted, most)
+        place = doubted.take(point, 1)
+        at = closest_weights(place, *mesh.vertices(candidate))
+        away = length(place - mesh.at(candidate, at))
+        order = np.lexsort((away, point))
+        point, first = np.unique(point[order], return_index=True)
         best = order[first]
-        better = away[best] < 0.99 * distance[far[which]]
+        better = away[best] < 0.99 * distance[far[point]]
         if not better.any():
             break
         best = best[better]
-        far = far[which[better]]
-        face[far] = found[best]
+        far = far[point[better]]
+        face[far] = candidate[best]
         weights[:, far] = at.take(best, 1)
         distance[far] = away[best]
     return face, weights
@@ -117,14 +117,14 @@ def _faces_within(
         begin, end = (
             np.searchsorted(middle[along], points[along] + side) for side in (-reach, reach)
         )
-        which = np.repeat(np.arange(len(most)), end - begin)
-        found = ranges(begin, end - begin)
-        away = length(points.take(which, 1) - middle.take(found, 1))
-        np.minimum.at(most, which, away + radius[found] + 1e-6)
-        parts.append((which, faces[found], away - radius[found]))
-    which, face, least = (np.concatenate(part) for part in zip(*parts, strict=True))
-    near = least < most[which]
-    return which[near], face[near]
+        point = np.repeat(np.arange(len(most)), end - begin)
+        candidate = ranges(begin, end - begin)
+        away = length(points.take(point, 1) - middle.take(candidate, 1))
+        np.minimum.at(most, point, away + radius[candidate] + 1e-6)
+        parts.append((point, faces[candidate], away - radius[candidate]))
+    point, face, least = (np.concatenate(part) for part in zip(*parts, strict=True))
+    near = least < most[point]
+    return point[near], face[near]
 
 
 def beyond(
@@ -152,14 +152,14 @@ def _closest_round(
     weights = np.empty((3, len(start)))
     for block in blocks(len(start), BLOCK // 8):
         around, count = mesh.faces_at(start[block])
-        which = np.repeat(np.arange(len(count)), count)
-        some = points[:, block]
-        square = squares(some.take(which, 1), *mesh.vertices(around))
+        owner = np.repeat(np.arange(len(count)), count)
+        block_points = points[:, block]
+        square = squares(block_points.take(owner, 1), *mesh.vertices(around))
         hit = np.flatnonzero(
             square == np.repeat(np.minimum.reduceat(square, np.cumsum(count) - count), count)
         )
-        face[block] = around[hit[np.searchsorted(which[hit], np.arange(len(count)))]]
-        weights[:, block] = _closest_weights(some, *mesh.vertices(face[block]))
+        face[block] = around[hit[np.searchsorted(owner[hit], np.arange(len(count)))]]
+        weights[:, block] = _closest_weights(block_points, *mesh.vertices(face[block]))
     return face, weights
 
 
@@ -200,12 +200,12 @@ def _closest_weights(p: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray)
     _, s, t, (ab, ac, bc), (on_ab, on_ac, on_bc) = _planes_and_sides(p, a, b, c)
     # no where(): the processor cannot foresee which
     inside = np.minimum(np.minimum(s, t), 1 - s - t) >= 0
-    one = (on_ab <= on_ac) & (on_ab <= on_bc)
-    last = ~one & (on_bc < on_ac) & ~inside
-    two = ~(one | last | inside)
-    one &= ~inside
-    s = s * inside + ab * one + (1 - bc) * last
-    t = t * inside + ac * two + bc * last
+    is_ab = (on_ab <= on_ac) & (on_ab <= on_bc)
+    is_bc = ~is_ab & (on_bc < on_ac) & ~inside
+    is_ac = ~(is_ab | is_bc | inside)
+    is_ab &= ~inside
+    s = s * inside + ab * is_ab + (1 - bc) * is_bc
+    t = t * inside + ac * is_ac + bc * is_bc
     return np.stack([1 - s - t, s, t])
 
 

@@ -13,15 +13,19 @@ DIRECTIONS = np.stack([_right, np.cross(_towards, _right)], axis=1)
 
 
 def grown(
-    points: np.ndarray, triangles: np.ndarray, part: np.ndarray, wanted: np.ndarray, most: float
+    points: np.ndarray,
+    triangles: np.ndarray,
+    part: np.ndarray,
+    target_areas: np.ndarray,
+    most: float,
 ) -> np.ndarray:
     """Widen parts that show too little, and return the points (n, 3).
 
-    A part is widened about its middle, along each of its own axes as far as along the others.
-    points: (n, 3); triangles: (m, 3); part: (n,) each one's number; wanted: (p,) area that each
-    part should show; most: how far a part may be widened.
+    A part is widened about its middle, by the same length along each of its own axes.
+    points: (n, 3); triangles: (m, 3); part: (n,) the number of each point's part; target_areas:
+    (p,) that the parts should show; most: length by which a part may be widened.
     """
-    count = len(wanted)
+    count = len(target_areas)
     middle = (
         np.stack([np.bincount(part, x, count) for x in points.T], axis=1)
         / np.bincount(part, minlength=count)[:, None]
@@ -32,7 +36,10 @@ def grown(
     along = np.einsum("nd,ndk->nk", off, axes[part])
     reach = np.zeros((count, 3))  # the shortest first
     np.maximum.at(reach, part, np.abs(along))
-    more = wanted / np.maximum(areas(points, triangles, part[triangles[:, 0]], count), 1e-300) - 1
+    more = (
+        target_areas / np.maximum(areas(points, triangles, part[triangles[:, 0]], count), 1e-300)
+        - 1
+    )
     more[more < settings.CURRENT.parts_lost] = 0
     # as a box grows: (a + d) (b + d) + (b + d) (c + d) + (c + d) (a + d) is 1 + more times ab + bc
     # + ca; of what is flat (b + d) (c + d)

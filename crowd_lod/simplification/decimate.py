@@ -83,12 +83,12 @@ def decimating(  # noqa: PLR0913 - what a mesh is decimated by
     elsewhere, see LooseParts. CrowdError for bad input.
     """
     _check(shape, ratio, name)
-    used, triangles = np.unique(shape[1], return_inverse=True)
+    vertices, triangles = np.unique(shape[1], return_inverse=True)
     triangles = triangles.reshape(-1, 3)
-    points = shape[0][used].astype(np.float64)
+    points = shape[0][vertices].astype(np.float64)
     target = max(1, round(ratio * len(triangles)))
     if target >= len(triangles):
-        return LodMesh(points, triangles.astype(np.int32), used)
+        return LodMesh(points, triangles.astype(np.int32), vertices)
     if problem := missing_library():
         raise CrowdError(problem)
     # Of unit size at the origin, and rounded: neither scale nor place decides which of two like
@@ -98,30 +98,25 @@ def decimating(  # noqa: PLR0913 - what a mesh is decimated by
     unit = np.round((points - low) / size * GRID) / GRID
     joined, constrained = _join_borders(unit, triangles)
     if seams is not None and len(seams):
-        numbers = np.full(max(used[-1], np.max(seams)) + 1, -1)
-        numbers[used] = joined
+        numbers = np.full(max(vertices[-1], np.max(seams)) + 1, -1)
+        numbers[vertices] = joined
         constrained = np.concatenate([constrained, _renumber(seams, numbers)])
     whole = _without_flat_and_doubled(joined[triangles])
     if not len(whole):
-        return LodMesh(points, triangles.astype(np.int32), used)
+        return LodMesh(points, triangles.astype(np.int32), vertices)
     solid = np.unique(whole)
     index = _index_of(solid, len(unit))
     whole = index[whole]
     constrained = _renumber(constrained, index)
-    skin = skin and skin.of(used[solid]).scaled(low, size).telling(whole)
+    skin = skin and skin.of(vertices[solid]).scaled(low, size).telling(whole)
     yield
     # of points that became one the greatest weight counts
     weights = np.zeros(len(unit))
-    np.maximum.at(weights, joined, 1.0 if weight is None else weight[used])
+    np.maximum.at(weights, joined, 1.0 if weight is None else weight[vertices])
     mesh = unit[solid], whole
     best = yield from _best(mesh, constrained, target, skin, effort, weights[solid])
-    if skin:
-        source = solid[best.follows]
-    else:
-        collapse_map = np.append(best.collapse_map, -1)[index[joined]]
-        stands = np.flatnonzero(collapse_map >= 0)
-        source = stands[_nearest(unit[stands], best.points, collapse_map[stands])]
-    return LodMesh(best.points * size + low, best.triangles.astype(np.int32), used[source])
+    source = solid[best.follows] if skin else _stand_for(unit, best, index[joined])
+    return LodMesh(best.points * size + low, best.triangles.astype(np.int32), vertices[source])
 
 
 def _check(shape: Shape, ratio: float, name: str) -> None:
@@ -175,7 +170,7 @@ def _best(
     return Collapsed(
         _widened(points, triangles, part, fit),
         fit.corners.T,
-        fit.copies.one(fit.collapse_map),
+        fit.copies.originals(fit.collapse_map),
         fit.follows,
     )
 
@@ -191,7 +186,7 @@ def _collapse(  # noqa: PLR0913 - what a mesh is decimated by
 ) -> Generator[None, None, Collapsed]:
     """Collapse edges until `target` triangles are left; yields between the steps.
 
-    part: (n,), the loose part of each point; constrained: see constrained_edges(); the others: see
+    part: (n,), the loose part of each point; constrained: see constrained_edges(); all else: see
     _best().
     """
     points, triangles = shape
@@ -240,7 +235,7 @@ def _renumber(edges: np.ndarray, numbers: np.ndarray) -> np.ndarray:
 
 
 def _fitted(fit: SurfaceFit, moves: float) -> Iterator[None]:
-    """Move the LOD nearer to its source, then mend what lies between the samples.
+    """Move the LOD nearer to its source, then also what lies between the samples.
 
     moves: how many samples to move in all, about. Yields between the rounds.
     """
@@ -253,14 +248,14 @@ def _fitted(fit: SurfaceFit, moves: float) -> Iterator[None]:
             break
         yield
     fit.restore()
-    for _ in range(now.looks):
+    for _ in range(now.resamplings):
         before = fit.worst
-        if before < now.near_enough or not fit.watch() | fit.look():
+        if before < now.near_enough or not fit.add_source_samples() | fit.add_lod_samples():
             break
-        found = fit.worst
+        resampled = fit.worst
         fit.move(now.steps)
         fit.restore()
-        if found < now.looks_gain * before:
+        if resampled < now.resample_gain * before:
             break
 
 
@@ -282,11 +277,11 @@ def _widened(
 
 
 def _bulk(
-    points: np.ndarray, triangles: np.ndarray, part: np.ndarray, target: int, seen: np.ndarray
+    points: np.ndarray, triangles: np.ndarray, part: np.ndarray, target: int, guide: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """About `target` triangles by fast-simplification.
 
-    points: (n, 3); triangles: (m, 3); part: (n,); seen: (n, 3), the points by which it chooses what
+    points: (n, 3); triangles: (m, 3); part: (n,); guide: (n, 3), the points by which it chooses what
     to collapse. Loose parts that it would lose, or whose faces it would open, double or join, stay
     as they are.
     Returns points (n, 3), triangles, collapse_map (n,).
@@ -301,22 +296,22 @@ def _bulk(
     care = settings.CURRENT.bulk_aggression
     with _one_at_a_time:
         _, _, collapses = fast_simplification.simplify(
-            seen, faces, target_count=target, agg=care, return_collapses=True
+            guide, faces, target_count=target, agg=care, return_collapses=True
         )
-        some_points, some, collapse_map = fast_simplification.replay_simplification(
+        new_points, new_triangles, collapse_map = fast_simplification.replay_simplification(
             points, faces, collapses
         )
     # it numbers the points anew: each takes back the number of the first that landed on it
     _, first = np.unique(collapse_map, return_index=True)
-    if len(first) != len(some_points) or (collapse_map[first] != np.arange(len(first))).any():
+    if len(first) != len(new_points) or (collapse_map[first] != np.arange(len(first))).any():
         return points, triangles, every
     moved = points.copy()
-    moved[first] = some_points
-    some = first[some]
+    moved[first] = new_points
+    new_triangles = first[new_triangles]
     collapse_map = first[collapse_map]
-    whole = _without_flat_and_doubled(some)
-    count, sound = (np.bincount(part[each[:, 0]], minlength=n) for each in (some, whole))
-    bad = (count == 0) | (sound < count) | (_uneven(some, part) > _uneven(triangles, part))
+    whole = _without_flat_and_doubled(new_triangles)
+    count, sound = (np.bincount(part[each[:, 0]], minlength=n) for each in (new_triangles, whole))
+    bad = (count == 0) | (sound < count) | (_uneven(new_triangles, part) > _uneven(triangles, part))
     # where planes hardly differ it may throw a point far away
     low = np.full((n, 3), np.inf)
     high = np.full((n, 3), -np.inf)
@@ -325,8 +320,10 @@ def _bulk(
     bad[part[(np.abs(moved - moved.clip(low[part], high[part])) > 0.01).any(axis=1)]] = True
     bad[part[part[collapse_map] != part]] = True
     bad = bad[part]
-    some = np.concatenate([some[~bad[some[:, 0]]], triangles[bad[triangles[:, 0]]]])
-    return np.where(bad[:, None], points, moved), some, np.where(bad, every, collapse_map)
+    new_triangles = np.concatenate(
+        [new_triangles[~bad[new_triangles[:, 0]]], triangles[bad[triangles[:, 0]]]]
+    )
+    return np.where(bad[:, None], points, moved), new_triangles, np.where(bad, every, collapse_map)
 
 
 def _uneven(triangles: np.ndarray, part: np.ndarray) -> np.ndarray:
@@ -345,11 +342,11 @@ def _without_flat_and_doubled(triangles: np.ndarray) -> np.ndarray:
 
 
 def _join_borders(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Make one of open borders at the same points, or they would part.
+    """Join open borders that lie at the same points, which collapses would part otherwise.
 
-    glTF has such along UV seams. No edge gets more than two triangles by it. points: (n, 3);
-    triangles: (m, 3). Returns the point that each is joined to (n,), and the edges (k, 2) that were
-    open.
+    glTF has such borders along UV seams. Points are not joined where an edge would get more than
+    two triangles. points: (n, 3); triangles: (m, 3). Returns the point that each is joined to (n,),
+    and the edges (k, 2) that were open.
     """
     n = len(points)
     half = half_edges(triangles)
@@ -366,6 +363,16 @@ def _join_borders(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray
         apart = np.isin(joined, joined[half[count[inverse] > 2]])
         joined[apart] = np.flatnonzero(apart)
     return joined, joined[border]
+
+
+def _stand_for(points: np.ndarray, lod: Collapsed, index: np.ndarray) -> np.ndarray:
+    """For each of the LOD's points the nearest of those that collapsed into it, (k,) intp.
+
+    points: (n, 3) of the source; index: (n,) among the points that were collapsed, or -1.
+    """
+    collapse_map = np.append(lod.collapse_map, -1)[index]
+    left = np.flatnonzero(collapse_map >= 0)
+    return left[_nearest(points[left], lod.points, collapse_map[left])]
 
 
 def _nearest(points: np.ndarray, new_points: np.ndarray, collapse_map: np.ndarray) -> np.ndarray:

@@ -66,46 +66,48 @@ class _Collapse:
     def __init__(
         self,
         points: np.ndarray,
-        used: np.ndarray,
+        vertices: np.ndarray,
         triangles: np.ndarray,
         quadrics: np.ndarray,
         normals: np.ndarray,
         poses: Poses | None,
     ):
-        """A mesh of the points `used` (k,) alone, of all (n, 3).
+        """A mesh of the points `vertices` (k,) alone, of all (n, 3).
 
         triangles: (m, 3), of the points used; quadrics: (11, n), normals: (n, 3), poses: of all.
         """
         # NumPy is several times faster along the long axis
         self.corners = np.ascontiguousarray(triangles.T)
-        self.points = points.T.take(used, 1)
-        self.quadrics = quadrics.take(used, 1)
-        self.normals = normals.T.take(used, 1)
-        self.poses = poses and Poses(poses.skin, [rows.take(used, 1) for rows in poses.quadrics])
-        self.used = used
-        self.follows = used.copy()
-        self.collapse_map = np.arange(len(used))
+        self.points = points.T.take(vertices, 1)
+        self.quadrics = quadrics.take(vertices, 1)
+        self.normals = normals.T.take(vertices, 1)
+        self.poses = poses and Poses(
+            poses.skin, [rows.take(vertices, 1) for rows in poses.quadrics]
+        )
+        self.used = vertices
+        self.follows = vertices.copy()
+        self.collapse_map = np.arange(len(vertices))
         places = poses.skin.place if poses else ()
-        copies = [self.points.copy(), *(place[used].T for place in places)]
+        copies = [self.points.copy(), *(place[vertices].T for place in places)]
         self.loose = LooseParts(copies, self.corners, self.quadrics[10])
         self.stuck = False
-        # Where no edge may collapse, first all edges are tried, not the cheapest alone, then those
-        # that turn faces further.
+        # Where none of the cheapest edges may collapse, all are tried, then also those that turn
+        # faces further.
         self.thorough = False
         self.facing = settings.CURRENT.facing
         self.refused = np.zeros(0, np.intp)  # keys of edges that must not collapse as things are
-        # Of the last round's edges, by key: where each collapses to, its cost at rest and its error
-        # in the poses, NaN if that was not asked for.
+        # Of the last round's edges, by key: where each collapses to (3 rows), its cost at rest, and
+        # its error in the poses, NaN where it was not needed.
         self.keys = np.zeros(0, np.intp)
         self.estimates = np.zeros((5, 0))
-        self.changed = np.zeros(len(used), bool)  # points, since then
+        self.changed = np.zeros(len(vertices), bool)  # points, since then
 
     def next_collapses(self, excess: int) -> tuple[np.ndarray, np.ndarray]:
-        """Choose edges that may collapse together, the cheapest: their ends (2, k), and where to
-        (3, k).
+        """Choose the cheapest edges that may collapse together.
 
-        None, if loose parts have been given up instead, or if others are to be tried next, or if
-        `stuck`. excess: how many triangles are too many.
+        excess: how many triangles are too many. Returns their ends (2, k), and where they collapse
+        to (3, k). k is 0 if loose parts have been given up instead, if the next call is to try
+        other edges, or if `stuck`.
         """
         edges = self._estimate_edges()
         cost, order = self._rank_edges(edges)
@@ -121,11 +123,13 @@ class _Collapse:
         if not len(good):
             self._try_harder(excess)
             return nothing
-        chosen = edges.take(order[good])
-        chosen = chosen.take(slice(np.searchsorted(np.cumsum(chosen.faces), excess) + 1))
+        candidates = edges.take(order[good])
+        candidates = candidates.take(
+            slice(np.searchsorted(np.cumsum(candidates.faces), excess) + 1)
+        )
         if self.loose.cheapest < np.inf:
-            chosen = self._spare_thin_ends(chosen, excess)
-        return chosen.ends, chosen.at
+            candidates = self._spare_thin_ends(candidates, excess)
+        return candidates.ends, candidates.at
 
     def _estimate_edges(self) -> Edges:
         """Find the edges there are, and where those that are new or have changed collapse to."""
@@ -155,8 +159,9 @@ class _Collapse:
         return cost, _cheapest(cost, most)
 
     def _try_harder(self, excess: int) -> None:
-        """Go on where no edge may collapse: try all, then let faces turn further, then let loose
-        parts go.
+        """Go on where no edge may collapse.
+
+        Try all edges, then let faces turn further, then give up loose parts.
         """
         if self.thorough and self.facing == settings.CURRENT.facing_last:
             self.stuck = self.loose.cheapest == np.inf
@@ -169,21 +174,21 @@ class _Collapse:
         self.thorough = not self.thorough
         self.changed = np.zeros(len(self.used), bool)
 
-    def _spare_thin_ends(self, chosen: Edges, excess: int) -> Edges:
+    def _spare_thin_ends(self, edges: Edges, excess: int) -> Edges:
         """Return those of the edges whose collapse costs less than to give up the next loose part.
 
-        Ends that get shorter cost more than quadrics tell. None are left if the part has been given
-        up.
+        The cost is the true one: quadrics do not tell that an end gets shorter. If all cost more,
+        the part is given up, and no edge is returned.
         """
         true_cost = self.loose.true_costs(
-            self.points, self.corners, chosen.ends, chosen.at, self.quadrics[10]
+            self.points, self.corners, edges.ends, edges.at, self.quadrics[10]
         )
         if true_cost.min() > self.loose.cheapest:
             self.corners = self.loose.give_up(self.corners, true_cost.min(), excess)
-            return chosen.take(slice(0))
-        chosen = chosen.take(true_cost <= self.loose.cheapest)
-        self.loose.follow(chosen.ends, chosen.at)
-        return chosen
+            return edges.take(slice(0))
+        edges = edges.take(true_cost <= self.loose.cheapest)
+        self.loose.follow(edges.ends, edges.at)
+        return edges
 
     def carry_out(self, ends: np.ndarray, at: np.ndarray) -> None:
         """Collapse edges that lie apart: ends (2, k), each to its place of `at` (3, k)."""
@@ -241,10 +246,10 @@ def _merged(
 def take_over_estimates(
     before: np.ndarray, estimates: np.ndarray, keys: np.ndarray, changed: np.ndarray
 ) -> np.ndarray:
-    """What is known of edges from the round before.
+    """The estimates of the round before, for the edges of this round.
 
-    before: (j,) keys, in order; estimates: (r, j), of these; keys: (k,), in order; changed: (k,)
-    bool. Returns (r, k): NaN for edges that are new or have changed.
+    before: (j,) keys of that round's edges, in order; estimates: (r, j). keys: (k,) of this round's
+    edges, in order; changed: (k,) bool. Returns (r, k): NaN for edges that are new or changed.
     """
     result = np.full((len(estimates), len(keys)), np.nan)
     if len(before):

@@ -70,23 +70,23 @@ class MappedPoints:
 def bound_distance(surface: MovingSurface, other: MovingSurface, least: float = 0.0) -> Interval:
     """The symmetric Hausdorff distance of two surfaces, the largest over their poses.
 
-    It is that of what counts of either from the whole of the other. least: meters, a bound need not
-    be lower.
+    Of each surface those pieces are measured that count (MovingSurface.pieces), against the whole
+    of the other. least: meters, a bound need not be lower.
     """
     interval = begin_interval(surface)
     interval.floor = max(interval.floor, least)
     poses = slice(0, surface.points.shape[1])
     surfaces = (surface, other)
     ways = [DistanceTo(Target(target, poses), interval) for target in (other, surface)]
-    used = [np.unique(each.pieces, return_inverse=True) for each in surfaces]
+    numbered = [np.unique(side.pieces, return_inverse=True) for side in surfaces]
     mapped = [
-        way.map_points(each.points[points])
-        for way, each, (points, _) in zip(ways, surfaces, used, strict=True)
+        way.map_points(side.points[points])
+        for way, side, (points, _) in zip(ways, surfaces, numbered, strict=True)
     ]
     for way, points in zip(ways, mapped, strict=True):
         way.look_again(points)
-    for way, points, each, (_, pieces) in zip(ways, mapped, surfaces, used, strict=True):
-        corners = each.points[each.pieces]
+    for way, points, side, (_, pieces) in zip(ways, mapped, surfaces, numbered, strict=True):
+        corners = side.points[side.pieces]
         longest = length_of(corners - corners[:, [1, 2, 0]]).max(axis=1)
         way.cover(points, pieces.reshape(-1, 3), longest)
     interval.bound = max(interval.bound, interval.enough)
@@ -138,16 +138,14 @@ class DistanceTo:
                 for block in blocks(len(far), TOGETHER):
                     self._search_again(points, k, far[block])
 
-    def _search_again(self, points: MappedPoints, k: int, which: np.ndarray) -> None:
-        """Find what is nearest to points `which` (s,) in the k-th pose, and how far that is off in
-        all.
-        """
-        at = points.at[which]
+    def _search_again(self, points: MappedPoints, k: int, far: np.ndarray) -> None:
+        """Find what is nearest to the points `far` (s,) in the k-th pose, and measure it in all."""
+        at = points.at[far]
         again = self.alone(k).map_points(at[:, k, None])
         corners = self.target.surface.triangles[again.to]
         image = self.target.mix(corners, again.weights, self.target.poses)
-        points.near[which] = np.minimum(points.near[which], length_of(at - image))
-        points.near[which, k] = again.off[:, 0]
+        points.near[far] = np.minimum(points.near[far], length_of(at - image))
+        points.near[far, k] = again.off[:, 0]
 
     def alone(self, k: int) -> "DistanceTo":
         """The same in the k-th of the poses alone."""
@@ -223,26 +221,26 @@ class DistanceTo:
         return most
 
     def _map_far_pieces(
-        self, points: MappedPoints, pieces: np.ndarray, which: np.ndarray, most: np.ndarray
+        self, points: MappedPoints, pieces: np.ndarray, far: np.ndarray, most: np.ndarray
     ) -> None:
-        """Map the pieces `which` (s,) to neighbors, those still too far off to one triangle.
+        """Map the pieces `far` (s,) to neighbors, those still too far off to one triangle.
 
         most: (p, poses), of all pieces (p, 3): takes up how far these are off at most.
         """
         target = self.target
-        of_which = pieces[which]
-        corners = points.at[of_which]
+        far_pieces = pieces[far]
+        corners = points.at[far_pieces]
         beneath = faces_beneath(
-            target, corners[:, :, 0], points.to[of_which], points.weights[of_which]
+            target, corners[:, :, 0], points.to[far_pieces], points.weights[far_pieces]
         )
         for map_to in (map_to_neighbors, map_to_one):
             pairs = map_to(target, corners[:, :, 0], beneath)
             in_base = piece_distances(target, pairs, corners[:, :, :1], target.base_alone)
             good = in_base[:, 0] <= self.interval.enough
-            most[which[good]] = piece_distances(target, pairs.of(good), corners[good], target.poses)
-            still = (most[which] > self.interval.enough).any(axis=1)
-            which = which[still]
+            most[far[good]] = piece_distances(target, pairs.of(good), corners[good], target.poses)
+            still = (most[far] > self.interval.enough).any(axis=1)
+            far = far[still]
             corners = corners[still]
             beneath = beneath[still]
-            if not len(which):
+            if not len(far):
                 break

@@ -15,14 +15,14 @@ GOLDEN = (np.sqrt(5) - 1) / 2  # fractions of its multiples spread evenly from 0
 
 
 class LooseParts:
-    """The loose parts of a mesh, each of which but the largest may become a card of two triangles,
-    or go.
+    """The loose parts of a mesh. All but the largest may become a card of two triangles, or go.
 
-    A closed part collapses to four triangles, one with holes to more: beside many small ones the
-    largest alone would go on collapsing, until nothing is left of it. So what a part would be off
-    as a card, or if it were gone, is compared with what collapses elsewhere cost: squared distances
-    in all copies, weighed by its area as quadrics are. Planes tell nothing of how much shorter a
-    thin end gets, so that a point of the source which each point stands for is followed, too.
+    A closed part cannot collapse to fewer than four triangles, nor one with holes to so few. Beside
+    many small parts the largest would go on collapsing until nothing is left of it. So the error
+    of each part as a card, and its error if it were gone, are compared with the costs of the next
+    collapses: squared distances in all copies, weighed by area as quadrics are. Quadrics do not
+    tell that a thin end gets shorter. So each point also follows a point of the source, its
+    witness.
 
     part: (n,) the number of each point's part, from the largest on; is_card: (parts,) bool, which
     are cards by now.
@@ -32,8 +32,7 @@ class LooseParts:
         """The parts of a mesh, none given up.
 
         copies: its points (3, n) at rest, then in each pose; corners: (3, m), of its triangles,
-        which have all points; area:
-        (n,), that each point stands for in quadrics.
+        which use all points; area: (n,), of each point, as in its quadric.
         """
         rest = copies[0]
         self.part, middle, radius = _parts(rest, corners)
@@ -41,18 +40,18 @@ class LooseParts:
         self.is_card = np.zeros(count, bool)
         self._cards, thickness = _cards(rest, self.part, count)
         gap, lost = _lost_distances(rest, self.part, self._cards, middle, radius)
-        # Seen edge on a card shows nothing: it is half a loss, unless the part is so thin that a
-        # LOD which errs as much need not show it.
+        # Seen edge on a card shows nothing: it counts as half lost, unless the part is so thin that
+        # a LOD with such an error need not show it.
         unseen = np.minimum((gap + radius) / 2, thickness / settings.CURRENT.thin_least)
         off = [
             np.maximum(unseen, _card_distances(points, corners, self.part, self._cards))
             for points in copies
         ]
         faces = normals(*(rest.take(corner, 1) for corner in corners))
-        shown = np.bincount(self.part[corners[0]], length(faces), count) / 8
+        silhouette = np.bincount(self.part[corners[0]], length(faces), count) / 8
         weight = np.bincount(self.part, area, count) ** (1 - settings.CURRENT.area_power)
         self._costs = weight * np.stack(
-            [np.sum(np.square(off), axis=0), len(copies) * np.maximum(lost**2, shown)]
+            [np.sum(np.square(off), axis=0), len(copies) * np.maximum(lost**2, silhouette)]
         )
         self._costs[:, 0] = np.inf
         self._copies = len(copies)
@@ -72,10 +71,10 @@ class LooseParts:
         at: np.ndarray,
         area: np.ndarray,
     ) -> np.ndarray:
-        """What collapses cost by the points of the source that they leave behind, (k,).
+        """The costs (k,) of collapses by how far they leave the points' witnesses behind.
 
         points: (3, n), corners: (3, m), as they are; ends: (2, k) edges without a common face; at:
-        (3, k), where they collapse to; area: (n,), that each point stands for in quadrics.
+        (3, k), where they collapse to; area: (n,), of each point, as in its quadric.
         """
         edge_of = np.full(points.shape[1], -1)
         edge_of[ends] = np.arange(ends.shape[1])
@@ -95,18 +94,21 @@ class LooseParts:
         return self._copies * off**2 * area[ends].sum(axis=0) ** (1 - settings.CURRENT.area_power)
 
     def follow(self, ends: np.ndarray, at: np.ndarray) -> None:
-        """Take up that edges `ends` (2, k) have collapsed to `at` (3, k), as their first ends."""
+        """Note that edges `ends` (2, k) have become their first ends, at the places `at` (3, k).
+
+        Of the two witnesses the one farther off stays.
+        """
         first, second = (self._witness.take(end, 1) for end in ends)
         self._witness[:, ends[0]] = np.where(
             length(first - at) < length(second - at), second, first
         )
 
     def give_up(self, corners: np.ndarray, limit: float, excess: int) -> np.ndarray:
-        """Let parts become cards, or go, that cost `limit` at most.
+        """Turn parts into cards, or remove them, at a cost of `limit` at most each.
 
         corners: (3, m), of the triangles there are; excess: how many of them are too many. The
-        cheapest parts go first, and no more than free as many. Returns the corners (3, k) that are
-        left.
+        cheapest parts go first, until as many triangles are freed. Returns the corners (3, k) that
+        are left.
         """
         count = len(self.is_card)
         part = self.part[corners[0]]
@@ -121,22 +123,29 @@ class LooseParts:
             return corners
         due = due[np.argsort(costs[due], kind="stable")]
         due = due[: np.searchsorted(np.cumsum(freed[due]), excess) + 1]
-        gone = due[due >= count] - count
-        flat = np.setdiff1d(due[due < count], gone)
-        self.is_card[flat] = True
-        self._costs[0, flat] = self._costs[:, gone] = np.inf
-        left = corners.compress(~np.isin(part, np.append(flat, gone)), axis=1)
+        removed = due[due >= count] - count
+        flattened = np.setdiff1d(due[due < count], removed)
+        self.is_card[flattened] = True
+        self._costs[0, flattened] = self._costs[:, removed] = np.inf
+        remaining = corners.compress(~np.isin(part, np.append(flattened, removed)), axis=1)
         return np.concatenate(
-            [left, cards[..., flat].reshape(3, -1).compress(sound[:, flat].ravel(), axis=1)], axis=1
+            [
+                remaining,
+                cards[..., flattened].reshape(3, -1).compress(sound[:, flattened].ravel(), axis=1),
+            ],
+            axis=1,
         )
 
     def restore_cards(
-        self, points: np.ndarray, collapse_map: np.ndarray, follows: np.ndarray, own: np.ndarray
+        self,
+        points: np.ndarray,
+        collapse_map: np.ndarray,
+        follows: np.ndarray,
+        source_follows: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Put the corners of cards back to where the source has them, and let their parts collapse
-        into them.
+        """Put the corners of cards where the source has them, and collapse their parts into these.
 
-        points: (3, n), collapse_map: (n,), follows: (n,), of the mesh as it has collapsed; own:
+        points: (3, n), collapse_map: (n,), follows: (n,), of the mesh as it has collapsed; source_follows:
         (n,), what each point of the source moves with. Returns the same, changed.
         """
         flat = self.is_card[self.part]
@@ -147,7 +156,7 @@ class LooseParts:
         return (
             np.where(flat, self._rest, points),
             np.where(flat, corners, collapse_map),
-            np.where(flat, own, follows),
+            np.where(flat, source_follows, follows),
         )
 
 
@@ -209,16 +218,15 @@ def _card_distances(
 def _lost_distances(
     points: np.ndarray, part: np.ndarray, cards: np.ndarray, middle: np.ndarray, radius: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """How far each part is from larger ones, and how far what it shows is from what is left once it
-    is gone.
+    """How far each part is from larger ones, and the error of the picture once the part is gone.
 
     points: (3, n); part: (n,), cards: (4, parts); middle: (3, parts), radius: (parts,). Returns
     (parts,) each, infinite for the largest part.
 
-    A part counts on a larger one to be left: on one of many times its size if it is at such a one,
-    else on the nearest. Where that goes before, it counts on the one that that counted on. What
-    went before and counts on it is as much farther off. So of parts that are alike first every
-    second goes, then every second of those left.
+    Once a part is gone, a larger one stands in for it: one of many times its size if there is such
+    a one nearby, else the nearest. If that part goes before, its own stand-in serves. A part that
+    stands in for others which are gone has their distance added to its error. So of parts that are
+    alike first every second goes, then every second of those left.
     Source: Gonzalez, "Clustering to minimize the maximum intercluster distance", 1985, has the
     measure.
     """
@@ -239,11 +247,11 @@ def _lost_distances(
 
 
 def _nearest_points(
-    points: np.ndarray, count: np.ndarray, wanted: np.ndarray
+    points: np.ndarray, count: np.ndarray, targets: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Of the first `count` points the one nearest to each of those `wanted`.
+    """Of the first `count` points the one nearest to each of those `targets`.
 
-    points: (3, n); count: (k,), ascending; wanted: (3, k). Returns indices and distances (k,): 0
+    points: (3, n); count: (k,), ascending; targets: (3, k). Returns indices and distances (k,): 0
     and infinite of none.
     """
     nearest = np.zeros(len(count), np.intp)
@@ -252,20 +260,20 @@ def _nearest_points(
     for block in blocks(len(count), max(1, PAIRS_AT_ONCE // len(square))):
         most = count[block][-1]
         if most:
-            squares = square[:most] - 2 * wanted[:, block].T @ points[:, :most]
+            squares = square[:most] - 2 * targets[:, block].T @ points[:, :most]
             squares[np.arange(most) >= count[block, None]] = np.inf
             nearest[block] = squares.argmin(axis=1)
             away[block] = np.where(
-                count[block] > 0, length(wanted[:, block] - points.take(nearest[block], 1)), np.inf
+                count[block] > 0, length(targets[:, block] - points.take(nearest[block], 1)), np.inf
             )
     return nearest, away
 
 
 def _lost_in_turn(off: np.ndarray, counts_on: np.ndarray) -> np.ndarray:
-    """How far off each part is once it is gone, (parts,), if the least goes first: see
-    _lost_distances().
+    """The error of each part once it is gone, (parts,), if the least goes first.
 
-    off: (parts,) from the larger part that it counts on, counts_on: (parts,).
+    off: (parts,) distance from the larger part that stands in for it, counts_on: (parts,), which
+    that is: see _lost_distances().
     """
     off = off.copy()
     counts_on = counts_on.copy()
@@ -274,13 +282,13 @@ def _lost_in_turn(off: np.ndarray, counts_on: np.ndarray) -> np.ndarray:
     waiting = [(off[k], k * GOLDEN % 1, k) for k in range(1, len(off))]
     heapify(waiting)
     while waiting:
-        known, turn, k = heappop(waiting)
+        estimate, turn, k = heappop(waiting)
         while lost[counts_on[k]] < np.inf:
             off[k] += off[counts_on[k]]
             counts_on[k] = counts_on[counts_on[k]]
-        if off[k] + behind[k] > known:
+        if off[k] + behind[k] > estimate:
             heappush(waiting, (off[k] + behind[k], turn, k))
             continue
-        lost[k] = known
-        behind[counts_on[k]] = max(behind[counts_on[k]], known)
+        lost[k] = estimate
+        behind[counts_on[k]] = max(behind[counts_on[k]], estimate)
     return lost

@@ -32,19 +32,19 @@ class Skin:
         x, y, z = points - rows[:3]
         return rows[3:6] + (rows[6:9] * x + rows[9:12] * y + rows[12:] * z)
 
-    def nearer(self, points: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    def nearer(self, points: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Of two of the mesh's points the nearer at rest, (m,).
 
-        points: (3, m); one, other: (m,).
+        points: (3, m); a, b: (m,).
         """
-        off, off_other = (length(self.rest.T.take(each, 1) - points) for each in (one, other))
-        return np.where(off_other < off, other, one)
+        off, off_other = (length(self.rest.T.take(each, 1) - points) for each in (a, b))
+        return np.where(off_other < off, b, a)
 
     def back(self, pose: int, ways: np.ndarray, follows: np.ndarray) -> np.ndarray:
-        """Offsets in the pose taken back to rest, (3, m).
+        """Offsets in the pose taken back to rest by the transposed frames, (3, m).
 
-        They are the right side of least squares, `stretch` the left. ways: (3, m) offsets, weighed;
-        follows: (m,) what each point moves with.
+        In the normal equations of least squares they are the right side, `stretch` the left.
+        ways: (3, m) offsets, weighed; follows: (m,) what each point moves with.
         """
         x, y, z = ways
         xx, yx, zx, xy, yy, zy, xz, yz, zz = self._rows[pose, 6:].take(follows, 1)
@@ -75,26 +75,26 @@ class Skin:
         """That of the mesh moved by -origin and divided by size."""
         return Skin((self.rest - origin) / size, (self.place - origin) / size, self.frame)
 
-    def telling(self, triangles: np.ndarray, most: int | None = None) -> "Skin | None":
-        """The poses that tell most: each bends the mesh most unlike those before.
+    def telling(self, triangles: np.ndarray, count: int | None = None) -> "Skin | None":
+        """The poses that tell count: each bends the mesh most unlike those before.
 
-        triangles: (m, 3); most: how many, or Settings.poses. None is like the rest or another.
+        triangles: (m, 3); count: how many, or Settings.poses. None is like the rest or another.
         Returns None if nothing bends.
         """
         a, b = triangles[:: len(triangles) // settings.CURRENT.pose_triangles + 1, [0, 1]].T
         # from one end of a side to the other: what a turn of all together leaves as it is
         turns = np.einsum("kmji,kmjl->kmil", self.frame[:, a], self.frame[:, b]) - np.eye(3)
         unlike = np.full(len(turns), np.inf)
-        most = most or settings.CURRENT.poses
-        chosen: list[int] = []
+        count = count or settings.CURRENT.poses
+        indices: list[int] = []
         new = np.zeros_like(turns[0])
-        while len(chosen) < most:
+        while len(indices) < count:
             unlike = np.minimum(unlike, np.sqrt(((turns - new) ** 2).sum(axis=(2, 3))).mean(axis=1))
             if unlike.max(initial=0) < settings.CURRENT.pose_least:
                 break
-            chosen.append(int(unlike.argmax()))
-            new = turns[chosen[-1]]
-        return Skin(self.rest, self.place[chosen], self.frame[chosen]) if chosen else None
+            indices.append(int(unlike.argmax()))
+            new = turns[indices[-1]]
+        return Skin(self.rest, self.place[indices], self.frame[indices]) if indices else None
 
 
 def frames_of(rest: np.ndarray, place: np.ndarray, triangles: np.ndarray) -> np.ndarray:
@@ -129,13 +129,17 @@ def frames_of(rest: np.ndarray, place: np.ndarray, triangles: np.ndarray) -> np.
         )
 
     point = np.concatenate([start, np.tile(np.arange(n), 4)])
-    own = vectors(rest)
+    rest_vectors = vectors(rest)
 
     def products(one: np.ndarray) -> np.ndarray:
-        rows = [np.bincount(point, one[:, i] * own[:, j], n) for i in range(3) for j in range(3)]
+        rows = [
+            np.bincount(point, one[:, i] * rest_vectors[:, j], n)
+            for i in range(3)
+            for j in range(3)
+        ]
         return np.stack(rows, axis=-1).reshape(n, 3, 3)
 
-    inverse = np.linalg.inv(products(own))
+    inverse = np.linalg.inv(products(rest_vectors))
     return np.array([products(vectors(at)) @ inverse for at in place])
 
 
@@ -161,12 +165,12 @@ class Copies:
             )
             self.shift = gap * np.arange(1, self.count) - low[:, 0]
 
-    def every(self, one: np.ndarray) -> np.ndarray:
-        """The numbers (..., k * count) of all copies of `one` (..., k), -1 of -1."""
-        copies = np.ascontiguousarray(one)[..., None] * self.count + np.arange(self.count)
-        return np.where(copies < 0, -1, copies).reshape(*one.shape[:-1], -1)
+    def every(self, numbers: np.ndarray) -> np.ndarray:
+        """The numbers (..., k * count) of all copies of `numbers` (..., k), -1 of -1."""
+        copies = np.ascontiguousarray(numbers)[..., None] * self.count + np.arange(self.count)
+        return np.where(copies < 0, -1, copies).reshape(*numbers.shape[:-1], -1)
 
-    def one(self, every: np.ndarray) -> np.ndarray:
+    def originals(self, every: np.ndarray) -> np.ndarray:
         """The numbers (..., k) of which `every` (..., k * count) are all copies."""
         return every[..., :: self.count] // self.count
 

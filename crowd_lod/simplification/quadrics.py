@@ -162,8 +162,8 @@ class PoseErrors:
     def add(self, cost: np.ndarray, errors: np.ndarray, edges: Edges, most: int) -> None:
         """Add the errors in all poses to the `cost` (k,) of edges that may be cheapest.
 
-        errors: (k,), from the round before, or NaN; it takes up what is new. most: how many of the
-        cheapest are asked for.
+        errors: (k,), from the round before, or NaN; new ones are written into it. most: how many of
+        the cheapest edges are needed.
         """
         has_error = ~np.isnan(errors)
         cost[has_error] += errors[has_error]

@@ -8,43 +8,47 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Settings:
-    """How often, how far and how carefully: each field says its unit and why."""
+    """Each field says its unit, and what it decides."""
 
-    # Bulk: fast-simplification's collapses, cheap but without knowledge of poses.
-    # times the triangles wanted, that it leaves at least: the last collapses are chosen better
+    # Bulk: fast-simplification's collapses, cheap but without knowledge of poses. It leaves
+    # bulk_margin x the triangles wanted + bulk_part x the source's: the last collapses are chosen
+    # better.
     bulk_margin: float = 1.1
-    bulk_part: float = 0.04  # of the source's triangles, that it leaves besides
-    # triangles, that it leaves at least of a mesh with seams, of which it knows nothing
+    bulk_part: float = 0.04
+    # triangles that it leaves at least: of a mesh with seams, which it does not know, and with poses
     bulk_seamed: int = 30_000
-    bulk_posed: int = 60_000  # the same of a mesh with poses
+    bulk_posed: int = 60_000
     bulk_aggression: int = 3  # its care; its own default of 7 errs more
-    # weight of the planes that it leaves, of those of the source: a flat face keeps its corners
+    # weight of the planes of what it leaves, relative to the source's: a flat face keeps its corners
     bulk_planes: float = 0.5
 
     # Quadrics and collapses.
-    # part of the triangles: where fewer are wanted and nothing moves, seams weigh less, by its cube
+    # Where a smaller part of the triangles than this is wanted, and nothing moves, seams weigh less:
+    # by the cube of the ratio of the two.
     seams_yield: float = 0.1
-    seams_posed: float = 0.5  # weight of seams in each pose, of that at rest: they add up
-    # of its area, that a collapse's error is divided by: 0 spares large faces, 1 all alike
+    seams_posed: float = 0.5  # weight of seams in each pose, relative to rest: they add up
+    # A collapse's error is divided by its area to this power: 0 spares large faces, 1 treats all
+    # alike.
     area_power: float = 0.9
     # weight of an edge's middle against the planes: decides where they leave a choice
     midpoint: float = 1e-9
     facing: float = 0.2  # least cosine between a triangle's normals before and after a collapse
     facing_last: float = -1.0  # the same where nothing else is left to collapse
-    # twice a triangle's area over its squared sides: no collapse makes a thinner one
+    # No collapse makes a triangle thinner than this: twice its area over the sum of squared sides.
     thinnest: float = 0.001
-    round_part: float = 0.15  # of a round's edges, the cheapest, that may collapse in it
+    round_part: float = 0.15  # part of the edges, the cheapest, that may collapse in a round
     round_passes: int = 6  # choices of edges in a round
 
     # Poses.
     poses: int = 3  # besides the one at rest, that decimation heeds
-    pose_triangles: int = 5_000  # triangles that tell poses apart, about
+    pose_triangles: int = 5_000  # triangles by which poses are compared, about
     pose_least: float = 1e-3  # mean change of an edge's turn, below which poses are alike
-    # of an edge's length, that the axes count where a vertex's triangles tell nothing
+    # weight of the three axes, as part of an edge's length: they decide where a vertex's triangles
+    # do not
     pose_axes: float = 1e-3
-    # sizes of the mesh between its copies in the poses: none is nearest to another
+    # sizes of the mesh between its copies in the poses, so that no copy is nearest to another
     pose_gap: float = 2.0
-    # times that the mesh at rest is as large as in its poses: there distances count more
+    # The copy at rest is larger by this factor, so that distances count more there.
     rest_scale: float = 2.0
 
     # Fit: rounds of moves.
@@ -57,64 +61,71 @@ class Settings:
     samples_finest: int = 5  # along an edge, at most
     samples_posed: int = 3_000  # of the source's vertices, about, that count in each pose
     stride: float = 0.8  # part of each move that is made
-    damping: float = 0.01  # weight, of all vertices' mean, that holds a vertex in place
-    weight_kept: float = 0.8  # part of a sample's weight that it has for the next move
-    # of a sample's distance over the worst near it, which each move adds to its weight
+    damping: float = 0.01  # weight that holds a vertex in place, as part of all vertices' mean
+    weight_kept: float = 0.8  # part of a sample's weight that it keeps for the next move
+    # Each move adds to a sample's weight its distance over the worst near it, to this power.
     weight_power: float = 10.0
-    weight_local: float = 0.8  # power of the worst near it, against the worst of all
-    halvings: int = 3  # times that a move which turns a triangle is halved before it is left
+    # That worst is a mean of the worst near it and the worst of all; this is the former's exponent.
+    weight_local: float = 0.8
+    halvings: int = 3  # times that a move which turns a triangle is halved before it is dropped
     near_enough: float = 1e-6  # worst distance below which nothing is moved
-    # of the worst distance, that an edge's triangles are off at least before it is flipped
+    # An edge is flipped only if its triangles are off by this part of the worst distance at least,
+    # and by flip_gain of that at most afterwards.
     flip_from: float = 0.6
-    flip_gain: float = 0.9  # of its triangles' distance, that a flip must at least come down to
-    # times the worst distance that flips together may lead to, or none is made
+    flip_gain: float = 0.9
+    # If the flips of a round raise the worst distance by more than this factor, none is made.
     flip_loss: float = 1.05
 
-    # Fit: looks at what lies between the samples.
-    looks: int = 3  # at most
-    # times farther off than known, that a look must find something for another look
-    looks_gain: float = 1.1
-    looks_from: float = 0.6  # of the worst distance: near samples as far off, it looks
-    # cosine between a triangle and what it is nearest to, below which it looks, too
-    looks_steep: float = 0.5
-    looks_few: int = 2  # samples along an edge, up to which it looks at all triangles
-    looks_kept: float = 0.9  # of the worst distance: what is as far off is a sample from then on
+    # Fit: new samples between the others.
+    resamplings: int = 3  # at most
+    # Another one follows if this one found a distance as many times larger than the one known.
+    resample_gain: float = 1.1
+    # Triangles get new samples where they are off by this part of the worst distance, or where the
+    # cosine to the nearest triangle is below resample_steep; all of them up to resample_few samples
+    # along an edge.
+    resample_from: float = 0.6
+    resample_steep: float = 0.5
+    resample_few: int = 2
+    resample_kept: float = 0.9  # new samples that are off by this part of the worst distance stay
 
     # Loose parts.
-    # of how far a collapse leaves a point of the source behind, what it counts against a part:
-    # the fit moves surfaces nearer
+    # A point of the source that a collapse leaves behind counts with this part of the distance: the
+    # fit brings the surfaces nearer afterwards.
     parts_fitted: float = 0.25
-    parts_larger: float = 4.0  # times as large as a part, that another must be to outlast it
-    parts_near: float = 4.0  # of a part's radius, that it may reach away from such a one
-    parts_lost: float = 0.03  # of a part's area, that it may show less than the source's
-    parts_flat: float = 0.01  # of a part's length: no thicker, it is flat
-    parts_grown: float = 1.0  # of the worst distance, that parts may be widened by to show as much
+    # A part is replaced by one that is parts_larger times its size, if it lies within parts_near
+    # times its own radius of that.
+    parts_larger: float = 4.0
+    parts_near: float = 4.0
+    # A part is widened if its silhouette is smaller than the source's by more than this part, by at
+    # most parts_grown times the worst distance.
+    parts_lost: float = 0.03
+    parts_grown: float = 1.0
+    parts_flat: float = 0.01  # a part whose thickness is less than this part of its length is flat
 
     # Walks to closest points.
     walk_steps: int = 40  # along a surface to the nearest triangle, at most
-    # of the largest distance: beyond it a point's nearest triangle is sought again
+    # Points that are off by this part of the largest distance search their nearest triangle again.
     walk_again: float = 0.5
     doubt_points: int = 32  # those farthest off, whose walks may have ended at a wrong place
-    doubt_rounds: int = 12  # times that such are doubted, at most, while any of them was wrong
+    doubt_rounds: int = 12  # searches for these, at most, while one of them was wrong
 
     # The bound of the Hausdorff distance.
-    bound_tolerance: float = 0.03  # part of what was measured, by which the bound may lie above it
+    bound_tolerance: float = 0.03  # the bound is larger by this part than what was measured
     bound_floor: float = 5e-5  # of the size: no bound need be lower
     bound_depth: int = 10  # times that pieces are divided, at most
-    # of one surface in a pose; where there would be more, the bound is left as it is
+    # pieces of one surface in a pose; where there would be more, the bound is left as it is
     bound_pieces: int = 400_000
     # points of each pose that are measured first, those which may be farthest off
     bound_first: int = 8
     bound_spokes: int = 4  # edges that one side of a piece crosses, at most
-    # of the way to a piece's middle: where the triangles beneath its corners are sought
+    # The triangle beneath a piece's corner is sought this part of the way to the piece's middle.
     bound_inside: float = 0.1
 
     # Thin parts, which a LOD may show from some sides alone.
-    # of the size: samples of a large triangle are no farther apart
-    thin_spacing: float = 1 / 32
+    thin_spacing: float = 1 / 32  # of the size, between samples of a large triangle at most
     # of the deviation: what is thinner is less than half a pixel wide where a LOD of a pixel begins
     thin_least: float = 0.5
-    # of a thickness, that a LOD must have: of half a pixel, 16 samples in a pixel then meet it
+    # A LOD must have this part of a thickness. Of half a pixel, 16 samples in a pixel then meet it.
     thin_shown: float = 0.25
 
 

@@ -10,8 +10,8 @@ PARTS = 60  # of a side: all samples of a lattice lie at whole ones
 def lattice(fine: int, whole: bool = False) -> np.ndarray:
     """Barycentric weights (3, g) of a grid on a triangle.
 
-    Its middle, points inside it, and points on each edge up to its middle, or on the `whole` edge:
-    where two triangles meet, each has the other's half. fine: points along an edge.
+    The triangle's middle comes first, then points inside it, then points on the first half of each
+    edge: the neighbor has the other half. whole: on all of each edge. fine: points along an edge.
     """
     inside = [
         (i, j, fine - i - j)
@@ -29,7 +29,7 @@ def lattice(fine: int, whole: bool = False) -> np.ndarray:
 def between(
     corners: np.ndarray, faces: np.ndarray, grid: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The points of a lattice on some faces, those on their shared edges once.
+    """The points of a lattice on some faces, those on shared edges once.
 
     corners: (3, m); faces: (j,); grid: (3, g). Returns faces (k,) and barycentric weights (3, k).
     """
@@ -39,8 +39,8 @@ def between(
     side = weights[:, on_side].argmin(axis=0)
     every = np.arange(len(on_side))
     ends, share = (
-        [each[side - k, every] for k in (2, 1)]
-        for each in (corners.take(face[on_side], 1), weights.take(on_side, 1))
+        [rows[side - k, every] for k in (2, 1)]
+        for rows in (corners.take(face[on_side], 1), weights.take(on_side, 1))
     )
     low = np.round(PARTS * np.where(ends[0] < ends[1], *share)).astype(np.intp)
     _, first = np.unique(

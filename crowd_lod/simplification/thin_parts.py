@@ -85,11 +85,10 @@ def samples(points: np.ndarray, triangles: np.ndarray, through: Through) -> Samp
 
 @dataclass
 class _Comparison:
-    """What of the samples of a surface another one shows, whose Hausdorff distance is `deviation`
-    meters.
+    """Which samples of a surface another one does not show from all sides.
 
-    normals: (n, 3), of the other surface where a sample is narrow along it, else 0; lost: (n,)
-    bool.
+    deviation: the Hausdorff distance of the two, meters. normals: (n, 3), of the other surface
+    where a sample is narrow along it, else 0; lost: (n,) bool.
     """
 
     thin: Samples
@@ -97,57 +96,56 @@ class _Comparison:
     deviation: float
 
     def __post_init__(self) -> None:
-        self.normals, self.lost = np.zeros_like(self.thin.at), np.zeros(len(self.thin.at), bool)
+        self.normals = np.zeros_like(self.thin.at)
+        self.lost = np.zeros(len(self.thin.at), bool)
 
     @property
     def most(self) -> float:
-        """Meters beyond which a part shows: the other surface has points on either side of its
-        middle.
-        """
+        """Thickness in meters from which on the other surface has points on either side of it."""
         return 2 * self.deviation / (1 - settings.CURRENT.thin_shown)
 
-    def look(self, some: np.ndarray) -> None:
-        """Compare the samples `some` (k,) with the other surface, both along that one's normal."""
+    def look(self, indices: np.ndarray) -> None:
+        """Compare thickness at the samples `indices` (k,), both along the other one's normal."""
         thin = self.thin
         now = settings.CURRENT
-        normals = self.nearest(thin.at[some])[1]
+        normals = self.nearest(thin.at[indices])[1]
         middle = (
-            thin.at[some]
-            + np.minimum(thin.thickness[some], self.most)[:, None] / 2 * thin.inwards[some]
+            thin.at[indices]
+            + np.minimum(thin.thickness[indices], self.most)[:, None] / 2 * thin.inwards[indices]
         )
         with np.errstate(invalid="ignore"):  # where the way inwards never ends
             ends = [
                 middle + side * thin.through(middle, side * normals)[:, None] * normals
                 for side in (1, -1)
             ]
-        known = np.isfinite(ends).all(axis=(0, 2))
-        some = some[known]
-        normals = normals[known]
-        ends = [end[known] for end in ends]
+        ends_inside = np.isfinite(ends).all(axis=(0, 2))
+        indices = indices[ends_inside]
+        normals = normals[ends_inside]
+        ends = [end[ends_inside] for end in ends]
         width, left = (
             np.einsum("kd,kd->k", a - b, normals)
             for a, b in (ends, [self.nearest(end)[0] for end in ends])
         )
         narrow = (width < self.most) & (width > now.thin_least * self.deviation)
-        self.normals[some[narrow]] = normals[narrow]
-        self.lost[some[narrow & (left < now.thin_shown * width)]] = True
+        self.normals[indices[narrow]] = normals[narrow]
+        self.lost[indices[narrow & (left < now.thin_shown * width)]] = True
 
-    def beside(self, some: np.ndarray) -> np.ndarray:
-        """Which of the samples `some` (k,) are no farther from a lost one than `most`: (j,)."""
-        near = np.full(len(some), np.inf)
+    def beside(self, indices: np.ndarray) -> np.ndarray:
+        """Which of the samples `indices` (k,) are no farther from a lost one than `most`: (j,)."""
+        near = np.full(len(indices), np.inf)
         lost = np.flatnonzero(self.lost)
-        for block in blocks(len(lost), max(1, PAIRED // max(len(some), 1))):
+        for block in blocks(len(lost), max(1, PAIRED // max(len(indices), 1))):
             near = np.minimum(
-                near, _squares(self.thin.at[lost[block]], self.thin.at[some]).min(axis=0)
+                near, _squares(self.thin.at[lost[block]], self.thin.at[indices]).min(axis=0)
             )
-        return some[near <= self.most**2]
+        return indices[near <= self.most**2]
 
     def distances(self, meets: Meets) -> tuple[np.ndarray, np.ndarray]:
-        """Return how far away the other surface shows of what is lost: (k,) meters, and the lost
-        samples (k, 3), meters.
+        """How far in the picture the other surface is from lost samples (k,) meters, and these.
 
-        It is looked at in views along the other surface, which shows least in these: at each lost
-        sample, then on circles of lines of sight about it.
+        The views are along the other surface, which covers least in them. Each lost sample's line
+        of sight is tried, then circles of lines about it that grow. Returns also the samples'
+        places (k, 3), meters.
         """
         lost = np.flatnonzero(self.lost)
         lost = lost[np.linspace(0, len(lost) - 1, min(MEASURED, len(lost))).round().astype(int)]
@@ -170,42 +168,40 @@ class _Comparison:
         waiting = np.flatnonzero(~meets(at, views))
         away = np.zeros(len(at))
         while len(waiting) and radius < size:
-            shown = np.zeros(len(waiting), bool)
+            is_shown = np.zeros(len(waiting), bool)
             for turn in around:
                 aside = np.cos(turn) * normals[waiting] + np.sin(turn) * across[waiting]
-                shown |= meets(at[waiting] + radius * aside, views[waiting])
+                is_shown |= meets(at[waiting] + radius * aside, views[waiting])
             radius *= GROWTH
             away[waiting] = min(radius, size)
-            waiting = waiting[~shown]
+            waiting = waiting[~is_shown]
         return away.reshape(VIEWS, -1).max(axis=0), self.thin.at[lost]
 
 
 def find_unseen(
     thin: Samples, nearest: Nearest, meets: Meets, deviation: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """How far the surface is from where another one shows, and at which places.
-
-    Returns (k,) meters, and (k, 3): none where the other surface shows all, as far as `deviation`
-    tells.
+    """How far thin parts of the surface are, in a picture, from where another surface shows.
 
     nearest, meets: of the other surface; deviation: the Hausdorff distance of the two, meters.
 
-    The other surface covers least in views along itself. There its own width counts, against that
-    of the surface: both along the normal of the other. Where the surface is thicker than twice the
-    distance, the other has points on either side of its middle, and so shows in all views. Where it
-    is thinner and shows, it does so in views along the same normal.
+    The other surface covers least in views along itself. There the widths of both surfaces along
+    its normal are compared. Where the surface is thicker than about twice the distance, the other
+    has points on either side of its middle, and so shows in all views.
+
+    Returns (k,) meters, and the places (k, 3), of those alone that are farther off than
+    `deviation`.
     """
-    found = _Comparison(thin, nearest, deviation)
-    thick = (thin.thickness > found.most) | (
+    comparison = _Comparison(thin, nearest, deviation)
+    thick = (thin.thickness > comparison.most) | (
         thin.thickness < settings.CURRENT.thin_least * deviation
     )
-    found.look(np.flatnonzero(~thick))
-    if not found.lost.any():
+    comparison.look(np.flatnonzero(~thick))
+    if not comparison.lost.any():
         return np.zeros(0), np.zeros((0, 3))
-    found.look(
-        found.beside(np.flatnonzero(thick))
-    )  # the end of a rod is as thick as the rod is long
-    away, places = found.distances(meets)
+    # the end of a rod is as thick as the rod is long
+    comparison.look(comparison.beside(np.flatnonzero(thick)))
+    away, places = comparison.distances(meets)
     far = away > deviation
     return away[far], places[far]
 

@@ -40,10 +40,10 @@ class TriangleMesh:
 
     def moved(self, points: np.ndarray) -> "TriangleMesh":
         """The same mesh with its vertices at `points` (3, n)."""
-        found = copy(self)
-        found.points = points
-        found.__dict__.pop("spheres", None)
-        return found
+        mesh = copy(self)
+        mesh.points = points
+        mesh.__dict__.pop("spheres", None)
+        return mesh
 
     def at(self, face: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """The points (3, k) at barycentric weights (3, k) of the faces (k,)."""
@@ -90,21 +90,22 @@ class TriangleMesh:
     def neighbors(self) -> np.ndarray:
         """The face (m, 3) across each face's edge from corner i to the next.
 
-        -1 where there is none, where there are several, and where the other runs the edge the same
-        way.
+        -1 where there is none or several, and where the other has the edge in the same direction.
         """
         sides = np.stack([self.corners.T, self.corners.T[:, [1, 2, 0]]]).reshape(2, -1)
         n = self.points.shape[1]
         back = sides[1] * n + sides[0]
-        own = sides[0] * n + sides[1]
-        keys, first, count = np.unique(own, return_index=True, return_counts=True)
+        forth = sides[0] * n + sides[1]
+        keys, first, count = np.unique(forth, return_index=True, return_counts=True)
         place = np.searchsorted(keys, back).clip(max=len(keys) - 1)
-        one = (keys[place] == back) & (count[place] == 1) & (count[np.searchsorted(keys, own)] == 1)
-        return np.where(one, first[place] // 3, -1).reshape(-1, 3)
+        is_single = (
+            (keys[place] == back) & (count[place] == 1) & (count[np.searchsorted(keys, forth)] == 1)
+        )
+        return np.where(is_single, first[place] // 3, -1).reshape(-1, 3)
 
 
 def half_edges(triangles: np.ndarray) -> np.ndarray:
-    """The edges (3 m, 2) of each of the triangles (m, 3), as it runs them.
+    """The edges (3 m, 2) of each of the triangles (m, 3), in the direction that it has them.
 
     Edge 3 t + i is that of triangle t from its corner i to the next.
     """

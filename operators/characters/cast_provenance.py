@@ -10,7 +10,7 @@ import bpy
 from ...crowd_lod.errors import CrowdError
 from ..blender import named_actions, performance, provenance, scene_cache
 from ..machine.scene_world import actions_named
-from .characters import GROUP, characters_of
+from .characters import GROUP, all_characters
 
 CHARACTER = "the character "  # begins the names of their inputs
 PAUSE = 1.0  # seconds between two looks at a scene in which Blender tells of no edit
@@ -48,11 +48,14 @@ def _actions(scene: bpy.types.Scene, name: str, objects: list[bpy.types.Object])
 
 def _looked(scene: bpy.types.Scene) -> Iterator[tuple[str, str]]:
     with suppress(CrowdError):  # missing characters are told elsewhere
-        cast = {name: objects for name, objects, _ in characters_of(scene)}
-        for name, objects in cast.items():
+        cast = {}
+        for name, objects, _, _, _, given in all_characters(scene):
+            cast[name] = objects
+            read_actions = partial(_actions, scene, name, objects)
+            lods = [item for lod in given for item in lod.objects]
             yield (
                 CHARACTER + name,
-                provenance.character_digest(objects, partial(_actions, scene, name, objects)),
+                provenance.character_digest([*objects, *lods], read_actions),
             )
         levels = scene.crowd_lod.levels
         homes_read = set()

@@ -11,9 +11,10 @@ from ...crowd_lod.errors import CrowdError
 from ..blender import stored_values
 from ..blender.character_objects import WITHOUT_FACES, is_stage, may_have_faces, parts
 from ..blender.ownership import OWNED
-from ..blender.props import variants_of
+from ..blender.props import Variant, variants_of
 from ..blender.references import closure_of
 from ..machine import terrain_source
+from .given_lods import CharacterGroup, GivenLod, Owner, with_given_lods
 
 # custom property of a LOD's collection of one character group: the group's name
 GROUP = "crowd_lod_group"
@@ -27,6 +28,7 @@ class Character(NamedTuple):
     origin: world meters.
     variant_of: the group's name, "" for the variant without props.
     chance: that an agent of the group is this variant.
+    given: LODs that an artist made of it, the finer ones first.
     """
 
     name: str
@@ -34,6 +36,7 @@ class Character(NamedTuple):
     origin: tuple[float, float, float]
     variant_of: str
     chance: float
+    given: tuple[GivenLod, ...] = ()
 
 
 def characters_of(
@@ -56,7 +59,7 @@ def all_characters(scene: bpy.types.Scene) -> list[Character]:
             f"The scene {scene.name} has no characters: choose a collection in the Crowd panel "
             f"whose children are the characters."
         )
-    groups = sorted(groups_in(scene, top), key=lambda group: group[0].name.casefold())
+    groups = sorted(groups_in(scene, top), key=lambda group: group.owner.name.casefold())
     if not groups:
         state = "holds lamps, cameras and empties alone" if top.all_objects else "is empty"
         raise CrowdError(
@@ -64,17 +67,20 @@ def all_characters(scene: bpy.types.Scene) -> list[Character]:
             f"or object each."
         )
     cast = []
-    for owner, members, origin in groups:
-        shapes = parts(owner, members)
-        if not any(map(may_have_faces, shapes)):
-            raise CrowdError(
-                f"The character group {owner.name} in {top.name} holds no mesh with faces: give "
-                f"it one, or take it out."
+    for group in groups:
+        name = group.owner.name
+        lods = [
+            {variant.name: variant for variant in _variants(top, group.owner, lod.objects)}
+            for lod in group.lods
+        ]
+        for variant in _variants(top, group.owner, group.members):
+            given = tuple(
+                GivenLod(variants[variant.name].objects, lod.offset)
+                for lod, variants in zip(group.lods, lods, strict=True)
+                if variant.name in variants  # else its props are others
             )
-        for name, objects, chance in variants_of(owner.name, members, shapes):
-            cast.append(
-                Character(name, objects, origin, owner.name if name != owner.name else "", chance)
-            )
+            variant_of = name if variant.name != name else ""
+            cast.append(Character(*variant[:2], group.origin, variant_of, variant.chance, given))
     names = [character.name for character in cast]
     for name in names:
         if names.count(name) > 1:
@@ -89,10 +95,31 @@ def all_characters(scene: bpy.types.Scene) -> list[Character]:
     return cast
 
 
-def groups_in(
+def _variants(
+    top: bpy.types.Collection, owner: Owner, members: list[bpy.types.Object]
+) -> list[Variant]:
+    """Return the variants of a character in `top`, or of a LOD of it.
+
+    CrowdError if it has no mesh.
+    """
+    shapes = parts(owner, members)
+    if not any(map(may_have_faces, shapes)):
+        raise CrowdError(
+            f"The character group {owner.name} in {top.name} holds no mesh with faces: give it "
+            f"one, or take it out."
+        )
+    return list(variants_of(owner.name, members, shapes))
+
+
+def groups_in(scene: bpy.types.Scene, top: bpy.types.Collection) -> list[CharacterGroup]:
+    """Return the groups in the characters' collection `top`."""
+    return with_given_lods(list(_groups_as_they_lie(scene, top)))
+
+
+def _groups_as_they_lie(
     scene: bpy.types.Scene, top: bpy.types.Collection
-) -> Iterator[tuple[bpy.types.ID, list[bpy.types.Object], tuple]]:
-    """Yield (owner, objects, origin) of each group in the characters' collection `top`."""
+) -> Iterator[tuple[Owner, list[bpy.types.Object], tuple]]:
+    """Yield (owner, objects, origin) of each child of `top`; LODs of one may be several."""
     settings = scene.crowd_lod
     ground = terrain_source.grounds_of([settings, *settings.crowds])
     for child in top.children:
@@ -112,7 +139,7 @@ def notes_on_left_out(scene: bpy.types.Scene) -> Iterator[str]:
     faces.
     """
     members = [
-        item for _, group, _ in groups_in(scene, scene.crowd_lod.characters) for item in group
+        item for group in groups_in(scene, scene.crowd_lod.characters) for item in group.members
     ]
     names = [
         f"{item.name} ({WITHOUT_FACES[item.type]})"

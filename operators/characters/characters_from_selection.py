@@ -7,77 +7,14 @@ from collections.abc import Iterable, Iterator, Sequence
 import bpy
 
 from ...crowd_lod.errors import CrowdError
-from ..blender.character_objects import GEOMETRY, WITHOUT_FACES, may_have_faces
+from ..blender.character_objects import GEOMETRY, WITHOUT_FACES
+from ..blender.labeled_properties import EnumProperty
 from ..blender.operator import Reporting
-from ..blender.ownership import OWNED
+from .characters import groups_in
+from .selection_reading import Reading, is_fixed, read_selection
 
 MOST_NAMES = 6  # in a message
-
-
-def characters_in(
-    scene: bpy.types.Scene, selected: Sequence[bpy.types.Object]
-) -> dict[bpy.types.Object, list[bpy.types.Object]]:
-    """Return the characters that `selected` belong to: root -> the root and all its shapes.
-
-    A root is a rig. Its shapes are what it deforms and what is parented to it. Shapes that no rig
-    moves have as root the topmost shape, or selected empty, that they are parented to. Empties
-    above all these, with no shape of others below them, come last.
-    """
-    shapes = {
-        bone.custom_shape
-        for item in scene.objects
-        if item.type == "ARMATURE"
-        for bone in item.pose.bones
-    }
-    usable = [item for item in scene.objects if item not in shapes and _is_shape(item)]
-    empties = {
-        item for item in selected if item.type == "EMPTY" and item.instance_collection is None
-    }
-    root = {item: _root(item, empties) for item in usable}
-    roots = {item if item.type in ("ARMATURE", "EMPTY") else root.get(item) for item in selected}
-    # a selected empty brings what is below it
-    roots |= {
-        root[item] for item in usable if empties.intersection(_parents(item) + _parents(root[item]))
-    }
-    members: dict[bpy.types.Object, list[bpy.types.Object]] = {}
-    for item in usable:
-        if root[item] in roots:
-            members.setdefault(root[item], [root[item]]).append(item)
-    return {
-        top: list(dict.fromkeys([*items, *_empties_above(items, usable)]))
-        for top, items in members.items()
-    }
-
-
-def _empties_above(
-    items: Sequence[bpy.types.Object], shapes: Iterable[bpy.types.Object]
-) -> list[bpy.types.Object]:
-    """Return the empties that `items` alone of all `shapes` are parented to, such as importers
-    make.
-    """
-    other_shapes = set(shapes).difference(items)
-    above = dict.fromkeys(
-        parent for item in items for parent in _parents(item) if parent.type == "EMPTY"
-    )
-    movable = (empty for empty in above if empty.instance_collection is None and not _fixed(empty))
-    return [empty for empty in movable if other_shapes.isdisjoint(empty.children_recursive)]
-
-
-def _is_shape(item: bpy.types.Object) -> bool:
-    return item.type in GEOMETRY and may_have_faces(item) and not item.get(OWNED)
-
-
-def _parents(item: bpy.types.Object) -> list[bpy.types.Object]:
-    """Return the parent of `item`, that one's parent, and so on."""
-    return [] if item.parent is None else [item.parent, *_parents(item.parent)]
-
-
-def _root(item: bpy.types.Object, empties: Iterable[bpy.types.Object]) -> bpy.types.Object:
-    """Return the root of the character that the shape `item` belongs to; see characters_in."""
-    above = [item, *_parents(item)]
-    rigs = (each if each.type == "ARMATURE" else each.find_armature() for each in above)
-    tops = [each for each in above if _is_shape(each) or each in empties]
-    return next(filter(None, rigs), tops[-1])
+MOST_LINES = 20  # in the list of what is read
 
 
 def _home(top: bpy.types.Collection, root: bpy.types.Object) -> bpy.types.Collection:
@@ -106,12 +43,32 @@ def _move(item: bpy.types.Object, home: bpy.types.Collection, scene: bpy.types.S
         other.objects.unlink(item)
 
 
-def _fixed(item: bpy.types.Object) -> bool:
-    """Return whether the object is in a collection that it cannot be taken from."""
-    return any(home.library or home.override_library for home in item.users_collection)
+def _bring(
+    scene: bpy.types.Scene,
+    top: bpy.types.Collection,
+    home: bpy.types.Collection,
+    instance: bpy.types.Object,
+) -> bpy.types.Collection:
+    """Make the instanced collection `home` one of the characters; return it, or its override."""
+    if home.library:
+        home = home.override_hierarchy_create(
+            scene, bpy.context.view_layer, reference=instance, do_fully_editable=True
+        )
+        for other in {scene.collection, *scene.collection.children_recursive} - {top}:
+            if home in other.children[:]:
+                other.children.unlink(home)
+    if home not in top.children[:]:
+        top.children.link(home)
+    return home
 
 
-def _listed(objects: Iterable[bpy.types.Object]) -> str:
+def _instance_notes(reading: Reading) -> Iterator[str]:
+    instances = [item for item in reading.instanced.values() if item.name in bpy.data.objects]
+    if instances:
+        yield f"Still in the scene, as one more each: {_listed(instances)}."
+
+
+def _listed(objects: Iterable[bpy.types.ID]) -> str:
     names = sorted((item.name for item in objects), key=str.casefold)
     more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
     return ", ".join(names[:MOST_NAMES]) + more
@@ -139,16 +96,24 @@ def _notes(selected: Sequence[bpy.types.Object], characters: dict, moved: dict) 
     instances = {item for item in left if item.instance_collection is not None}
     if left - instances:
         yield f"Left where they are: {_listed(left - instances)}."
-    if instances:
+    if inner := instances.difference(selected):
         yield (
             f"Instances of collections, left until you make them real (Object > Apply): "
-            f"{_listed(instances)}."
+            f"{_listed(inner)}."
         )
     if fixed := characters.keys() - moved.keys():
         yield (
             f"Left in linked collections, which you can drag into the characters' collection: "
             f"{_listed(fixed)}."
         )
+
+
+def _given_notes(scene: bpy.types.Scene, top: bpy.types.Collection, moved: dict) -> Iterator[str]:
+    """Yield a sentence for each of the `moved` characters that has LODs of its own."""
+    for group in groups_in(scene, top):
+        if group.lods and not moved.keys().isdisjoint(group.members):
+            names = [_listed(lod.objects_with_faces()) for lod in group.lods]
+            yield f"LODs of {group.owner.name} that were given: {'; '.join(names)}."
 
 
 class CROWDLOD_OT_characters_from_selection(Reporting, bpy.types.Operator):
@@ -159,12 +124,38 @@ class CROWDLOD_OT_characters_from_selection(Reporting, bpy.types.Operator):
     bl_idname = "crowd_lod.characters_from_selection"
     bl_label = "Characters from Selection"
 
+    reading: EnumProperty(
+        name="Read As",
+        items=(
+            (
+                "LISTED",
+                "As Listed",
+                "A rig with its meshes, or loose parts that lie in one another",
+            ),
+            ("ONE", "One Character", "All that is selected together"),
+            ("EACH", "One Each", "Each rig with its meshes, and each other mesh alone"),
+        ),
+        default="LISTED",
+        description="What of the selection is a character",
+    )
+
     @classmethod
     def poll(cls, context) -> bool:
         cls.poll_message_set("Select the characters first: their rigs or meshes")
         return any(
             item.type in ("ARMATURE", "EMPTY", *GEOMETRY) for item in context.selected_objects
         )
+
+    def invoke(self, context, event) -> set[str]:
+        return context.window_manager.invoke_props_dialog(self, width=420)
+
+    def draw(self, context) -> None:
+        self.layout.prop(self, "reading", expand=True)
+        lines = list(read_selection(context.scene, context.selected_objects, self.reading).lines())
+        for line in lines[:MOST_LINES]:
+            self.layout.label(text=line, translate=False)
+        if len(lines) > MOST_LINES:
+            self.layout.label(text=f"and {len(lines) - MOST_LINES} more", translate=False)
 
     def run(self, context) -> str:
         scene = context.scene
@@ -176,10 +167,14 @@ class CROWDLOD_OT_characters_from_selection(Reporting, bpy.types.Operator):
                 f"added to: clear Characters first."
             )
         context.view_layer.update()  # a script may have moved something
-        characters = characters_in(scene, selected)
-        moved = {root: items for root, items in characters.items() if not any(map(_fixed, items))}
-        notes = list(_notes(selected, characters, moved))
-        if not moved:
+        reading = read_selection(scene, selected, self.reading)
+        moved = {
+            root: items
+            for root, items in reading.characters.items()
+            if not any(map(is_fixed, items))
+        }
+        notes = list(_notes(selected, reading.characters, moved))
+        if not moved and not reading.instanced:
             raise CrowdError(
                 " ".join(["Nothing selected is a rig with meshes, or a mesh with faces.", *notes])
             )
@@ -191,8 +186,11 @@ class CROWDLOD_OT_characters_from_selection(Reporting, bpy.types.Operator):
             home = _home(top, root)
             for item in items:
                 _move(item, home, scene)
-        many = f"{len(moved)} characters" if len(moved) > 1 else "A character"
-        return " ".join([f"{many} in the collection {top.name}: {_listed(moved)}.", *notes])
+        brought = [_bring(scene, top, *pair) for pair in reading.instanced.items()]
+        finest = [*(group.owner for group in Reading(moved, {}).groups()), *brought]
+        many = f"{len(finest)} characters" if len(finest) > 1 else "A character"
+        notes = [*_given_notes(scene, top, moved), *_instance_notes(reading), *notes]
+        return " ".join([f"{many} in the collection {top.name}: {_listed(finest)}.", *notes])
 
 
 CLASSES = (CROWDLOD_OT_characters_from_selection,)

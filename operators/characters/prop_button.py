@@ -16,7 +16,7 @@ def props_in(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """Return the props of all character groups of `scene`, sorted by name."""
     top = scene.crowd_lod.characters
     members = (
-        {item for _, own, _ in groups_in(scene, top) for item in own if PROP in item}
+        {item for group in groups_in(scene, top) for item in group.members if PROP in item}
         if top is not None
         else set()
     )
@@ -66,9 +66,7 @@ class CROWDLOD_OT_mark_as_prop(Reporting, bpy.types.Operator):
     def run(self, context) -> str:
         scene = context.scene
         members = {
-            item
-            for _, group_members, _ in groups_in(scene, scene.crowd_lod.characters)
-            for item in group_members
+            item for group in groups_in(scene, scene.crowd_lod.characters) for item in group.members
         }
         props = [
             item for item in context.selected_objects if item in members and item.library is None

@@ -57,7 +57,7 @@ class Fit:
 def motionless(scene: bpy.types.Scene) -> dict[str, bpy.types.Object]:
     """Return the character groups of `scene` whose rig plays nothing, and the rig."""
     rigs_at_rest = {}
-    for name, objects, _, variant_of, _ in all_characters(scene):
+    for name, objects, _, variant_of, *_ in all_characters(scene):
         rigs = armatures_of(objects)
         if rigs and not variant_of and own_performance(objects).still:
             rigs_at_rest[name] = rigs[0]

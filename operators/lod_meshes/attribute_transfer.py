@@ -6,12 +6,10 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ...crowd_lod.connected_components import connected_components
-from ...crowd_lod.simplification.closest_point import barycentric
 from ...crowd_lod.simplification.decimate import LodMesh
 from ..blender import mesh_data
 from .source_mesh import KEY, NORMALS, Source, offset_of, positions, read_attributes
-from .surface import Surface
+from .uv_charts import Place, charts_of, choose_charts, locate, unique_rows
 
 MOST_INFLUENCES = 4  # bones that a vertex of a LOD follows
 # part of the way to its triangle's center from where a corner looks for its side of a seam or sharp
@@ -25,155 +23,45 @@ FEW = 3_000  # triangles of a LOD, up to which its normals are those that suit a
 # Six points spread over a triangle: their barycentric weights. Source: Dunavant, "High degree
 # efficient symmetrical Gaussian quadrature rules for the triangle", 1985.
 SPREAD = np.array([np.roll((1 - 2 * a, a, a), k) for a in (0.091576, 0.445948) for k in range(3)])
-BEYOND = 5.0  # how many sizes of a triangle beyond it its UVs are continued
-
-
-@dataclass
-class Charts:
-    """The source's triangles cut into charts: islands of its UVs and its surface.
-
-    label: (m,) chart of each triangle; members: per chart its triangles; surfaces: per chart, made
-    when first asked for.
-    vertex, chart: (k,) the pairs of a vertex and a chart around it, by vertex. seams: (s, 2)
-    vertices of the edges whose two sides differ in UVs, material or smoothness.
-    """
-
-    label: np.ndarray
-    members: list[np.ndarray]
-    surfaces: dict[int, Surface]
-    vertex: np.ndarray
-    chart: np.ndarray
-    seams: np.ndarray
-
-    def surface(self, chart: int, points: np.ndarray, triangles: np.ndarray) -> Surface:
-        if chart not in self.surfaces:
-            used, local = np.unique(triangles[self.members[chart]], return_inverse=True)
-            self.surfaces[chart] = Surface(points[used], local.reshape(-1, 3))
-        return self.surfaces[chart]
-
-
-def charts_of(source: Source) -> Charts:
-    """The charts of the source, kept with it.
-
-    Triangles that share a vertex with the same UVs, in all UV maps, are of one chart.
-    """
-    if source.charts is None:
-        _, triangles, corners, faces = source.geometry
-        columns = [triangles.reshape(-1, 1).astype(np.int64)]
-        for layer in source.mesh.uv_layers:
-            uvs = np.empty((len(source.mesh.loops), 2), np.float32)
-            layer.uv.foreach_get("vector", uvs.ravel())
-            columns.append(
-                np.rint(uvs[corners].reshape(-1, 2).astype(np.float64) * 1e5).astype(np.int64)
-            )
-        ids = unique_rows(np.concatenate(columns, axis=1)).reshape(-1, 3)
-        looks = np.empty((2, len(source.mesh.polygons)), np.int32)
-        source.mesh.polygons.foreach_get("material_index", looks[0])
-        source.mesh.polygons.foreach_get("use_smooth", looks[1])
-        looks = np.column_stack([ids.ravel(), *looks[:, faces].repeat(3, axis=1)])
-        _, label = np.unique(
-            connected_components(ids.max() + 1, ids)[ids[:, 0]], return_inverse=True
-        )
-        order = np.argsort(label, kind="stable")
-        members = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
-        pairs = np.unique(np.stack([triangles.ravel(), label.repeat(3)], axis=1), axis=0)
-        source.charts = Charts(
-            label, members, {}, *pairs.T, _seams(triangles, unique_rows(looks).reshape(-1, 3))
-        )
-    return source.charts
-
-
-def _seams(triangles: np.ndarray, ids: np.ndarray) -> np.ndarray:
-    """The edges (s, 2) whose triangles differ in UVs or looks at them.
-
-    triangles: (m, 3); ids: (m, 3), the corners numbered with their UVs and looks.
-    """
-    ends, own = (
-        np.sort(np.stack([t, np.roll(t, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
-        for t in (triangles, ids)
-    )
-    edge = unique_rows(ends)
-    uv_edge = unique_rows(own)
-    _, first = np.unique(uv_edge, return_index=True)
-    split = np.bincount(edge[first], minlength=edge.max() + 1) > 1
-    _, at = np.unique(edge, return_index=True)
-    return ends[at[split]]
-
-
-def unique_rows(rows: np.ndarray) -> np.ndarray:
-    """Return (n,) integers that are equal for equal `rows`, (n, c) integers."""
-    number = np.zeros(len(rows), np.int64)
-    for column in rows.T:
-        _, value = np.unique(column, return_inverse=True)
-        _, number = np.unique(number * (value.max() + 1) + value, return_inverse=True)
-    return number
 
 
 @dataclass(frozen=True)
-class Place:
-    """Where points lie on the source.
+class LodPlaces:
+    """Where a LOD's triangles, corners and points lie on its source.
 
-    triangle: (n,); weights: (n, 3) barycentric, within it; outside: the same where the point itself
-    is, which may lie beyond the chart's edge.
+    chart: (m,) that each triangle is in; in it lie
+    center: (m,), the triangles' middles,
+    corner: (3 m,), their corners,
+    inner: (3 m,), points a little inwards of the corners.
+    point: (n,), the LOD's points, each in the chart that is nearest to it.
     """
 
-    triangle: np.ndarray
-    weights: np.ndarray
-    outside: np.ndarray
-
-    def __getitem__(self, index) -> "Place":
-        return Place(self.triangle[index], self.weights[index], self.outside[index])
-
-
-def locate(
-    source: Source, chart: np.ndarray, points: np.ndarray, beyond: np.ndarray | None = None
-) -> tuple[Place, np.ndarray]:
-    """The places of points in their charts.
-
-    chart: (n,); points: (n, 3); `outside` is of the points `beyond`, if given. Returns the Place
-    and distances (n,).
-    """
-    charts = charts_of(source)
-    at_points, triangles = source.geometry[:2]
-    triangle = np.empty(len(points), np.intp)
-    distance = np.empty(len(points))
-    inside = np.empty((len(points), 3))
-    order = np.argsort(chart, kind="stable")
-    for group in np.split(order, np.flatnonzero(np.diff(chart[order])) + 1):
-        one = int(chart[group[0]])
-        at, hit, distance[group] = charts.surface(one, at_points, triangles).nearest(points[group])
-        triangle[group] = charts.members[one][hit]
-        inside[group] = at
-    abc = [at_points[triangles[triangle, i]].astype(np.float64).T for i in range(3)]
-    within = barycentric(inside.T, *abc).T.clip(0, 1)
-    within /= within.sum(axis=1, keepdims=True)
-    outside = barycentric((points if beyond is None else beyond).T, *abc).T
-    far = np.abs(outside - within).max(axis=1) > BEYOND
-    outside[far] = within[far]
-    return Place(triangle, within, outside), distance
+    chart: np.ndarray
+    center: Place
+    corner: Place
+    inner: Place
+    point: Place
 
 
-def charts_chosen(source: Source, result: LodMesh) -> tuple[np.ndarray, Place]:
-    """The chart of each triangle of the LOD, and the place of its center there.
-
-    Of the charts around the source's vertices that its corners stand for, it is the one nearest to
-    its center: so a sleeve takes nothing from the arm in it. Returns charts (m,) and the Place.
-    """
-    charts = charts_of(source)
-    first = np.searchsorted(charts.vertex, result.source)
-    count = np.searchsorted(charts.vertex, result.source, side="right") - first
-    # the pairs (LOD triangle, chart around one of its corners)
-    corner = result.triangles.ravel()
-    counts = count[corner]
-    triangle = np.repeat(np.arange(len(corner)) // 3, counts)
-    step = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-    chart = charts.chart[np.repeat(first[corner], counts) + step]
-    triangle, chart = np.unique(np.stack([triangle, chart], axis=1), axis=0).T
-    centers = result.points[result.triangles].mean(axis=1)
-    place, distance = locate(source, chart, centers[triangle])
-    order = np.lexsort((distance, triangle))
-    best = order[np.searchsorted(triangle[order], np.arange(len(result.triangles)))]
-    return chart[best], place[best]
+def find_places(result: LodMesh, source: Source) -> Generator[None, None, LodPlaces]:
+    """Find where the LOD lies on its source; yields between the steps, returns the LodPlaces."""
+    chart, center = choose_charts(source, result)
+    yield
+    corners = result.points[result.triangles]
+    middle = corners.mean(axis=1, keepdims=True)
+    inwards = ((1 - INWARD) * corners + INWARD * middle).reshape(-1, 3)
+    corners = corners.reshape(-1, 3)
+    point = result.triangles.ravel()
+    corner_chart = chart.repeat(3)
+    inner, _ = locate(source, corner_chart, inwards, corners)
+    yield
+    # a point is looked up once a chart
+    pairs = np.stack([point, corner_chart], axis=1)
+    _, first, back = np.unique(pairs, axis=0, return_index=True, return_inverse=True)
+    corner, off = locate(source, corner_chart[first], corners[first])
+    by_point = np.lexsort((off, point[first]))
+    nearest = by_point[np.searchsorted(point[first][by_point], np.arange(len(result.points)))]
+    return LodPlaces(chart, center, corner[back.ravel()], inner, corner[nearest])
 
 
 def dress(name: str, result: LodMesh, source: Source) -> Generator[None, None, bpy.types.Mesh]:
@@ -188,78 +76,86 @@ def dress(name: str, result: LodMesh, source: Source) -> Generator[None, None, b
     mesh = mesh_data.new_mesh(name, result.points, result.triangles)
     for material in source.mesh.materials:
         mesh.materials.append(material)
-    corners, faces = source.geometry[2:]
     yield
-    chart, center = charts_chosen(source, result)
+    places = yield from find_places(result, source)
     yield
-    at = result.points[result.triangles]
-    middle = at.mean(axis=1, keepdims=True)
-    every = chart.repeat(3)
-    inner, _ = locate(
-        source, every, ((1 - INWARD) * at + INWARD * middle).reshape(-1, 3), at.reshape(-1, 3)
-    )
-    yield
-    # a vertex is looked up once a chart
-    _, first, back = np.unique(
-        np.stack([result.triangles.ravel(), every], axis=1),
-        axis=0,
-        return_index=True,
-        return_inverse=True,
-    )
-    edge, off = locate(source, every[first], at.reshape(-1, 3)[first])
-    # of each point the place in the chart nearest to it
-    nearest = np.lexsort((off, result.triangles.ravel()[first]))
-    nearest = edge[
-        nearest[
-            np.searchsorted(result.triangles.ravel()[first][nearest], np.arange(len(result.points)))
-        ]
-    ]
-    edge = edge[back.ravel()]
-    yield
-    attributes = read_attributes(source.mesh)
-    for key, (domain, kind, values) in attributes.items():
-        if key.startswith(KEY):
-            carried = np.einsum(
-                "nk,nkd->nd", nearest.weights, values[source.geometry[1][nearest.triangle]]
-            )
-        elif domain == "POINT":
-            carried = values[result.source]
-        elif domain == "FACE":
-            carried = values[faces[center.triangle]]
-        elif domain == "CORNER" and kind == "FLOAT2":
-            uvs = values[corners]
-            carried = _same_side(
-                *(
-                    np.einsum("nk,nkd->nd", place.outside, uvs[place.triangle])
-                    for place in (edge, inner, center)
-                )
-            )
-            # never beyond the chart's own range: it may end at the picture's edge
-            low, high = (
-                np.array(
-                    [limit(uvs[members], axis=(0, 1)) for members in charts_of(source).members]
-                )
-                for limit in (np.min, np.max)
-            )
-            carried = carried.clip(low[every], high[every])
-        elif key == NORMALS and len(result.triangles) <= FEW:
-            carried = _shading(source, result, chart, values)
-        elif key == NORMALS:
-            # one a vertex, but on the two sides of a sharp edge
-            one, side = (
-                np.einsum("nk,nkd->nd", place.weights, values[corners[place.triangle]])
-                for place in (edge, inner)
-            )
-            carried = np.where(np.linalg.norm(one - side, axis=1, keepdims=True) > SHARP, side, one)
-        elif domain == "CORNER" and values.dtype == np.float32:
-            carried = np.einsum("nk,nkd->nd", inner.weights, values[corners[inner.triangle]])
+    for key, (domain, kind, values) in read_attributes(source.mesh).items():
+        if key == NORMALS:
+            carried = _carry_normals(values, result, source, places)
         elif domain == "CORNER":
-            carried = values[corners[inner.triangle, inner.weights.argmax(axis=1)]]
+            carried = _carry_corners(kind, values, source, places)
         else:
-            continue
-        write_attribute(mesh, key, domain, kind, carried.astype(values.dtype))
+            carried = _carry(key, domain, values, result, source, places)
+        if carried is not None:
+            write_attribute(mesh, key, domain, kind, carried.astype(values.dtype))
     mesh.update()
     return mesh
+
+
+def _carry(
+    key: str, domain: str, values: np.ndarray, result: LodMesh, source: Source, places: LodPlaces
+) -> np.ndarray | None:
+    """Values of the LOD's points or faces from the source's; None for another domain."""
+    _, triangles, _, faces = source.geometry
+    if key.startswith(KEY):
+        return _mix(places.point.weights, values[triangles[places.point.triangle]])
+    if domain == "POINT":
+        return values[result.source]
+    if domain == "FACE":
+        return values[faces[places.center.triangle]]
+    return None
+
+
+def _carry_corners(kind: str, values: np.ndarray, source: Source, places: LodPlaces) -> np.ndarray:
+    """Values of the LOD's corners from the source's."""
+    corners = source.geometry[2]
+    inner = places.inner
+    if kind == "FLOAT2":
+        return _carry_uvs(values[corners], charts_of(source).members, places)
+    if values.dtype == np.float32:
+        return _mix(inner.weights, values[corners[inner.triangle]])
+    return values[corners[inner.triangle, inner.weights.argmax(axis=1)]]
+
+
+def _carry_uvs(uvs: np.ndarray, members: list[np.ndarray], places: LodPlaces) -> np.ndarray:
+    """UVs (3 m, 2) of the LOD's corners.
+
+    uvs: of the source's triangles, (triangles, 3, 2); members: the triangles of each chart.
+    """
+    carried = _same_side(
+        *(
+            _mix(place.outside, uvs[place.triangle])
+            for place in (places.corner, places.inner, places.center)
+        )
+    )
+    # never beyond the chart's own range: it may end at the picture's edge
+    low, high = (
+        np.array([limit(uvs[triangles], axis=(0, 1)) for triangles in members])
+        for limit in (np.min, np.max)
+    )
+    chart = places.chart.repeat(3)
+    return carried.clip(low[chart], high[chart])
+
+
+def _carry_normals(
+    normals: np.ndarray, result: LodMesh, source: Source, places: LodPlaces
+) -> np.ndarray:
+    """Normals (3 m, 3) of the LOD's corners; normals: (loops, 3), of the source's corners."""
+    if len(result.triangles) <= FEW:
+        return _shading(source, result, places.chart, normals)
+    corners = source.geometry[2]
+    # one a vertex, but on the two sides of a sharp edge
+    at_corner, inwards = (
+        _mix(place.weights, normals[corners[place.triangle]])
+        for place in (places.corner, places.inner)
+    )
+    is_sharp = np.linalg.norm(at_corner - inwards, axis=1, keepdims=True) > SHARP
+    return np.where(is_sharp, inwards, at_corner)
+
+
+def _mix(weights: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values (n, d) at barycentric weights (n, 3) of triangles with `values` (n, 3, d)."""
+    return np.einsum("nk,nkd->nd", weights, values)
 
 
 def _shading(source: Source, result: LodMesh, chart: np.ndarray, normals: np.ndarray) -> np.ndarray:
@@ -272,13 +168,12 @@ def _shading(source: Source, result: LodMesh, chart: np.ndarray, normals: np.nda
     _, triangles, corners, _ = source.geometry
     at = np.einsum("sk,mkd->msd", SPREAD, result.points[result.triangles])
     place, _ = locate(source, chart.repeat(len(SPREAD)), at.reshape(-1, 3))
-    there = np.einsum("nk,nkd->nd", place.weights, normals[corners[place.triangle]]).reshape(
-        at.shape
-    )
-    own = unit(np.einsum("ks,msd->mkd", np.linalg.pinv(SPREAD), there).reshape(-1, 3))
+    sampled = _mix(place.weights, normals[corners[place.triangle]]).reshape(at.shape)
+    fitted = unit(np.einsum("ks,msd->mkd", np.linalg.pinv(SPREAD), sampled).reshape(-1, 3))
     vertex = result.triangles.ravel()
-    one = unit(np.stack([np.bincount(vertex, x) for x in own.T], axis=1))[vertex]
-    return np.where(np.linalg.norm(one - own, axis=1, keepdims=True) > ALIKE, own, one)
+    shared = unit(np.stack([np.bincount(vertex, x) for x in fitted.T], axis=1))[vertex]
+    is_sharp = np.linalg.norm(shared - fitted, axis=1, keepdims=True) > ALIKE
+    return np.where(is_sharp, fitted, shared)
 
 
 def shade(mesh: bpy.types.Mesh, source: Source) -> None:
@@ -292,7 +187,7 @@ def shade(mesh: bpy.types.Mesh, source: Source) -> None:
     points, triangles, corners, _ = mesh_data.read_triangles(mesh)
     if len(triangles) <= FEW:
         result = LodMesh(points, triangles, nearest_vertices(source, points))
-        chart, _ = charts_chosen(source, result)
+        chart, _ = choose_charts(source, result)
         values = np.empty((len(mesh.loops), 3), np.float32)
         values[corners.ravel()] = _shading(
             source, result, chart, read_attributes(source.mesh)[NORMALS][2]

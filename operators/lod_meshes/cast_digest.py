@@ -76,7 +76,7 @@ def holds(item: bpy.types.Object, still: bool = True) -> tuple:
         (m.name, m.type, m.show_render, m.show_viewport, getattr(m, "object", None))
         for m in item.modifiers
     ]
-    named = [(*each, other and other.name) for *each, other in modifiers]
+    modifier_names = [(*each, other and other.name) for *each, other in modifiers]
     sizes = (len(item.data.vertices), len(item.data.loops)) if item.type == "MESH" else ()
     places = np.array([*item.matrix_basis, *item.matrix_parent_inverse]).tolist() if still else []
     return (
@@ -86,7 +86,7 @@ def holds(item: bpy.types.Object, still: bool = True) -> tuple:
         item.parent and item.parent.name,
         item.parent_bone,
         places,
-        named,
+        modifier_names,
         _node_inputs(item),
     )
 

@@ -96,13 +96,13 @@ class Measure:
         if self.character is not None:
             return
         shapes = yield from read_shapes(self.objects, self.frames, self.performance)
-        shown = [each.points for each in map(surface_of, shapes) if each]
-        if not shown:
+        surfaces = [each.points for each in map(surface_of, shapes) if each]
+        if not surfaces:
             raise CrowdError(
                 f"The character {self.name} shows no face in any pose of its action: check its "
                 f"modifiers."
             )
-        self.diagonal = max(float(np.linalg.norm(np.ptp(points, axis=0))) for points in shown)
+        self.diagonal = max(float(np.linalg.norm(np.ptp(points, axis=0))) for points in surfaces)
         self.character = PosedSurface(shapes, self.hidden_counts)
 
     def visible(self, number: int) -> np.ndarray:
@@ -193,48 +193,50 @@ class Measure:
         return found
 
     def look_between(
-        self, levels: Sequence[Sequence[bpy.types.Object]], found: Sequence[Measured]
+        self, levels: Sequence[Sequence[bpy.types.Object]], rows: Sequence[Measured]
     ) -> Generator[float, None, list[Measured]]:
         """Look at LODs in frames that no pose has, where their places deviate most; yields the
         progress.
 
-        levels: the objects of each; found: what `level` returned of them. Those that another
+        levels: the objects of each; rows: what `level` returned of them. Those that another
         Measure has measured stay as they are.
         Returns the same, with greater bounds where a frame exceeds them.
         """
-        found = list(found)
+        rows = list(rows)
         moments = moments_between(self.performance)
-        some = [k for k, row in enumerate(found) if row[0] > 0 and _key(levels[k]) in self._levels]
-        lods = [self._levels[_key(levels[k])] for k in some]
+        indices = [
+            k for k, row in enumerate(rows) if row[0] > 0 and _key(levels[k]) in self._levels
+        ]
+        lods = [self._levels[_key(levels[k])] for k in indices]
         if (
-            not (some and moments)
+            not (indices and moments)
             or len(self.character.runs) > 1
             or any(len(lod.runs) > 1 for lod in lods)
         ):
-            return found
+            return rows
         character, *surfaces = (each.surface(each.runs[0]) for each in (self.character, *lods))
         pairs = [(watch(character, surface), watch(surface, character)) for surface in surfaces]
-        with Posed(self.objects, [levels[k] for k in some], self.performance) as posed:
+        with Posed(self.objects, [levels[k] for k in indices], self.performance) as posed:
             off = yield from share(look_at(posed, moments, pairs), 0.0, 0.8)
             beside = moments_beside(moments, off)
             closer = yield from share(look_at(posed, beside, pairs), 0.8, 0.9)
             times = np.array([*moments, *beside])
             off = np.concatenate([off, closer], axis=1)
-            for number, (k, lod) in enumerate(zip(some, lods, strict=True)):
+            for number, (k, lod) in enumerate(zip(indices, lods, strict=True)):
                 looked = Looked(
                     posed, number, (self.character, lod), pairs[number], times, off[number]
                 )
-                before = found[k][1]
-                beyond = found[k][
+                before = rows[k][1]
+                beyond = rows[k][
                     0
                 ]  # what lies between places may be farther off than any pose tells
-                while row := looked.measure(found[k], beyond):
-                    found[k] = row
+                while row := looked.measure(rows[k], beyond):
+                    rows[k] = row
                     beyond = row[1] + BELOW * self.diagonal
                     yield 0.9
-                if found[k][1] > before:
+                if rows[k][1] > before:
                     self._learn(posed, looked.measured)
-        return found
+        return rows
 
     def _learn(self, posed: Posed, moments: Sequence[float]) -> None:
         """Measure LODs at further moments from now on, as one was farther off there than in any
@@ -264,17 +266,17 @@ def measure(
     Returns the group with deviations and bounds.
     """
     by = Measure(group.name, objects, actions, hidden_counts)
-    found = []
+    rows = []
     for k, level in enumerate(levels):
-        found.append(
+        rows.append(
             (
                 yield from share(
                     by.level(level, k), 0.8 * k / len(levels), 0.8 * (k + 1) / len(levels)
                 )
             )
         )
-    found = yield from share(by.look_between(levels, found), 0.8, 1.0)
-    deviations, bounds, rms, worst = zip(*found, strict=True)
+    rows = yield from share(by.look_between(levels, rows), 0.8, 1.0)
+    deviations, bounds, rms, worst = zip(*rows, strict=True)
     return replace(
         group,
         deviations=deviations,
@@ -291,18 +293,20 @@ def compare(
     level: Sequence[bpy.types.Object],
     at: tuple[Performance, float],
     diagonal: float,
-    looks: Looks,
+    appearance: Looks,
 ) -> float:
     """What the shaded pictures of a LOD and its character say, see Group.shaded.
 
     objects: the character's; level: the LOD's; at: what it plays, and a moment of that; diagonal:
-    meters, of the character's bounding box; looks: of all objects.
+    meters, of the character's bounding box; appearance: of all objects.
     """
     with Posed(objects, [level], at[0]) as posed:
         posed.shapes(at[1])
         depsgraph = posed.stage.view_layers[0].depsgraph
-        bodies = [bodies_of(each, depsgraph, looks) for each in (posed.character, *posed.levels)]
-        return np.inf if None in bodies else within(*bodies, looks.images(), diagonal)
+        bodies = [
+            bodies_of(each, depsgraph, appearance) for each in (posed.character, *posed.levels)
+        ]
+        return np.inf if None in bodies else within(*bodies, appearance.images(), diagonal)
 
 
 def meshes_of(levels: bpy.types.Collection, g: int, name: str) -> list[list[bpy.types.Object]]:
@@ -327,28 +331,30 @@ def measure_levels(scene: bpy.types.Scene) -> Iterator[float]:
         raise CrowdError(
             f"The scene {scene.name} has no LOD meshes to measure: press Make LOD Meshes."
         )
-    known = {group.name: group for group in groups_of(settings)}
+    group_by_name = {group.name: group for group in groups_of(settings)}
     measured = []
     for g, (name, objects, _) in enumerate(characters):
-        if name not in known:
+        if name not in group_by_name:
             raise CrowdError(
                 f"The character group {name} has no LOD meshes in {settings.levels.name}: press "
                 f"Make LOD Meshes again."
             )
         meshes = meshes_of(settings.levels, g, name)
         actions = actions_named(scene, name)
-        steps = measure(known[name], objects, meshes, actions, settings.hidden_surface_counts)
-        found = yield from share(steps, g / len(characters), (g + 1) / len(characters))
+        steps = measure(
+            group_by_name[name], objects, meshes, actions, settings.hidden_surface_counts
+        )
+        measured_group = yield from share(steps, g / len(characters), (g + 1) / len(characters))
         if settings.shading_counts:
-            looks = Looks()
-            others = zip(meshes[1:], found.worst[1:], strict=True)
+            appearance = Looks()
+            coarser = zip(meshes[1:], measured_group.worst[1:], strict=True)
             performance = performance_of(name, objects, actions)
             shaded = (
-                compare(objects, mesh, (performance, worst), found.diagonal, looks)
-                for mesh, worst in others
+                compare(objects, mesh, (performance, worst), measured_group.diagonal, appearance)
+                for mesh, worst in coarser
             )
-            found = replace(found, shaded=(0.0, *shaded))
-        measured.append(found)
+            measured_group = replace(measured_group, shaded=(0.0, *shaded))
+        measured.append(measured_group)
     store_groups(settings, tuple(measured))
 
 

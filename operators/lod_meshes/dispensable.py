@@ -44,12 +44,12 @@ def _cover(stands_in: np.ndarray) -> list[int]:
     stands_in: (n, n) bool, its diagonal true.
     """
     left = np.ones(len(stands_in), bool)
-    chosen = []
+    rows = []
     while left.any():
         row = int(np.where(left, stands_in[:, left].sum(axis=1), 0).argmax())
-        chosen.append(row)
+        rows.append(row)
         left &= ~stands_in[row]
-    return chosen
+    return rows
 
 
 class _Surfaces:
@@ -67,15 +67,15 @@ class _Surfaces:
         corners = merged.source[self.moving.triangles[:, 0]]
         self._owner = np.searchsorted(first.begins, corners, side="right") - 1
         # what is transparent, or worn by some agents alone, stands in for nothing
-        self._owner[~first.hiding[merged.shown]] = -1
+        self._owner[~first.hiding[merged.with_area]] = -1
 
-    def distances(self, others: Sequence[int], objects: Sequence[int]) -> np.ndarray:
-        """Return how far what shows of each of `objects` is from `others` at most, in any pose.
+    def distances(self, owners: Sequence[int], objects: Sequence[int]) -> np.ndarray:
+        """Return how far what shows of each of `objects` is from `owners` at most, in any pose.
 
         (objects,) meters, infinite where the others show no face.
         """
         points = list(self.moving.points.transpose(1, 0, 2))
-        surface = merge(points, self.moving.triangles[np.isin(self._owner, others)])
+        surface = merge(points, self.moving.triangles[np.isin(self._owner, owners)])
         if surface is None:
             return np.full(len(objects), np.inf)
         return np.array([self._distance(self.places[item], surface.moving) for item in objects])

@@ -28,6 +28,7 @@ AS_MADE = "crowd_lod_as_made"
 WAY = "crowd_lod_method"
 WHY = "crowd_lod_why"
 MILLISECONDS = "crowd_lod_ms"
+GIVEN = "crowd_lod_given"  # an artist made the LOD
 
 
 def hash_made(item: bpy.types.Object) -> str:
@@ -35,14 +36,14 @@ def hash_made(item: bpy.types.Object) -> str:
 
     The mesh is included only if it was made for this object.
     """
-    looks = (
+    appearance = (
         [modifier.type for modifier in item.modifiers],
         item.data.name_full if WAY not in item else "",
     )
     if WAY not in item:
-        return repr(looks)
+        return repr(appearance)
     item.update_from_editmode()
-    return sources.digest(item.data, looks, item.vertex_groups.keys())
+    return sources.digest(item.data, appearance, item.vertex_groups.keys())
 
 
 def make_object(
@@ -59,22 +60,22 @@ def make_object(
         return share_object(source)
     if not ratio:
         return _leave_out(item)
-    made = yield from methods.make(source, ratio, method, item.name)
-    copy = _copy(item) if item.type == "MESH" else _stand_in(item, made.mesh)
+    way = yield from methods.make(source, ratio, method, item.name)
+    copy = copy_object(item) if item.type == "MESH" else _stand_in(item, way.mesh)
     for modifier in list(copy.modifiers):
         if modifier.type not in sources.FOLLOWED:
             copy.modifiers.remove(modifier)
-    copy.data = made.mesh
+    copy.data = way.mesh
     for slot in copy.material_slots:
         slot.link = "DATA"
-    attribute_transfer.set_weights(copy, source.groups, _rigs(item, source.groups), made.weights)
-    attribute_transfer.set_normals(made.mesh)
+    attribute_transfer.set_weights(copy, source.groups, _rigs(item, source.groups), way.weights)
+    attribute_transfer.set_normals(way.mesh)
     attribute_transfer.set_keys(copy, source)
-    attribute_transfer.mark_active(made.mesh, source.mesh)
-    copy[WAY] = made.method
-    copy[WHY] = " ".join([made.why, *source.notes])
-    copy[MILLISECONDS] = made.milliseconds
-    return copy, len(made.mesh.vertices), _triangles(made.mesh)
+    attribute_transfer.mark_active(way.mesh, source.mesh)
+    copy[WAY] = way.method
+    copy[WHY] = " ".join([way.why, *source.notes])
+    copy[MILLISECONDS] = way.milliseconds
+    return copy, len(way.mesh.vertices), _triangles(way.mesh)
 
 
 def _leave_out(item: bpy.types.Object) -> tuple[bpy.types.Object, int, int]:
@@ -91,7 +92,11 @@ def share_object(source: sources.Source) -> tuple[bpy.types.Object, int, int]:
     modifiers applied.
     """
     mesh = source.mesh
-    return _copy(source.item), len(mesh.vertices) if mesh else 0, _triangles(mesh) if mesh else 0
+    return (
+        copy_object(source.item),
+        len(mesh.vertices) if mesh else 0,
+        _triangles(mesh) if mesh else 0,
+    )
 
 
 def _triangles(mesh: bpy.types.Mesh) -> int:
@@ -117,11 +122,12 @@ def _rigs(item: bpy.types.Object, groups: list[str]) -> list[set[str]]:
     return rigs
 
 
-def _copy(item: bpy.types.Object) -> bpy.types.Object:
+def copy_object(item: bpy.types.Object) -> bpy.types.Object:
+    """Return a copy that shares the object's data, is shown, and is in no collection."""
     copy = item.copy()
     if copy.override_library:
         copy.make_local()
-    for name in (OWNED, AS_MADE, WAY, WHY, MILLISECONDS):  # of a LOD that became a character
+    for name in (OWNED, AS_MADE, WAY, WHY, MILLISECONDS, GIVEN):  # of a LOD that became a character
         copy.pop(name, None)
     # Blender puts a copy of a rigid body into the simulation
     for collection in copy.users_collection:

@@ -27,7 +27,8 @@ from ..characters.cast_provenance import cast_inputs, of_characters
 from ..characters.stored_groups import count_of
 from ..machine.scene_world import actions_named
 from ..scene.scene_crowd import GROUP
-from .selection import chosen
+from .level_objects import GIVEN
+from .selection import choose_candidates
 
 # custom properties of the collection of all LODs: what they were made for, and what they were
 # chosen from
@@ -62,24 +63,26 @@ class Forecast:
             "finer": len(self.rows) - coarser - without,
             "without LODs": without,
         }
-        told = [
+        parts = [
             f"{count} {'group' if count == 1 else 'groups'} {which}"
             for which, count in counts.items()
             if count
         ]
-        return f"About: {', '.join(told)}" if told else "About the same LODs would do"
+        return f"About: {', '.join(parts)}" if parts else "About the same LODs would do"
 
     @property
     def sentence(self) -> str:
         """Return the change in full."""
-        told = [f"{name} from {_parts(now)} to {_parts(then)}" for name, now, then in self.rows]
+        parts = [f"{name} from {_parts(now)} to {_parts(then)}" for name, now, then in self.rows]
         where = (
             "where they did"
             if abs(self.farther - 1) < 0.005
             else f"at {number(self.farther)} times the distance"
         )
         change = (
-            f"would change, about: {'; '.join(told)}" if told else "would keep about the same LODs"
+            f"would change, about: {'; '.join(parts)}"
+            if parts
+            else "would keep about the same LODs"
         )
         return f"LODs begin {where} when they were made. Make LOD Meshes {change}."
 
@@ -126,10 +129,10 @@ def note_shot(
                     "shaded": [*map(float, group.shaded)],
                     "characters": shot.characters,
                     "holdings": vars(shot.holdings),
-                    "keep": [*map(int, own)],
+                    "keep": [*map(int, indices)],
                     "views": [_packed(view.counted()) for view in shot.views],
                 }
-                for group, shot, own in zip(groups, shots, keep, strict=True)
+                for group, shot, indices in zip(groups, shots, keep, strict=True)
                 if shot is not None
             ],
         }
@@ -198,21 +201,21 @@ def _lacks(settings) -> dict[str, tuple[str, str]]:
     """Return how many LODs and groups there are, if the settings ask for others; as `changed`."""
     levels = settings.levels.children
     asked = count_of(settings)
-    found = {"levels": (str(len(levels)), str(asked))} if len(levels) < asked else {}
+    changes = {"levels": (str(len(levels)), str(asked))} if len(levels) < asked else {}
     names = [group.name for group in settings.groups]
     homes = [*levels[0].children] if levels else []
     if names and len(homes) != len(names):
-        return found | {"character groups": (str(len(homes)), str(len(names)))}
+        return changes | {"character groups": (str(len(homes)), str(len(names)))}
     renamed = [
         (home[GROUP], name)
         for home, name in zip(homes, names, strict=False)
         if home.get(GROUP, name) != name
     ]
     if renamed:
-        found["character groups"] = tuple(
+        changes["character groups"] = tuple(
             ", ".join(column) for column in zip(*renamed, strict=True)
         )
-    return found
+    return changes
 
 
 def outdated(scene: bpy.types.Scene) -> str:
@@ -245,21 +248,24 @@ def forecast(scene: bpy.types.Scene) -> Forecast | None:
     It takes the agents that the shot showed when the LODs were made: what another lens leaves out,
     or brings in, is not counted. No LOD is made or measured, and the answer is kept until something
     changes. With a limit of memory it is not known: to try tolerances until LODs fit takes seconds.
-    Nor is it by ratio, and where the candidates themselves would be others: see UNFORESEEN.
+    Nor is it by ratio, with LODs that artists gave, and where the candidates themselves would be
+    others: see UNFORESEEN.
     """
     settings = scene.crowd_lod
     stored = settings.levels.get(CHOSEN_FROM) if settings.levels is not None else None
     if not isinstance(stored, str) or settings.memory or settings.choice != "BY_TOLERANCE":
         return None
+    if any(GIVEN in item for item in settings.levels.all_objects):
+        return None
     news = changed(scene)
     if not news or UNFORESEEN & set(news) or edited(scene):
         return None
     key = stored, json.dumps(_facts(scene)), json.dumps(_scale(scene)), settings.shading_counts
-    known = _known.get(scene.session_uid)
-    if known is None or known[0] != key:
+    remembered = _known.get(scene.session_uid)
+    if remembered is None or remembered[0] != key:
         scene_cache.tidy()
         try:
-            found = _forecast(scene, json.loads(stored))
+            answer = _forecast(scene, json.loads(stored))
         except (
             CrowdError,
             ValueError,
@@ -268,9 +274,9 @@ def forecast(scene: bpy.types.Scene) -> Forecast | None:
             IndexError,
             zlib.error,
         ):  # a script may have put anything there
-            found = None
-        known = _known[scene.session_uid] = key, found
-    return known[1]
+            answer = None
+        remembered = _known[scene.session_uid] = key, answer
+    return remembered[1]
 
 
 def _forecast(scene: bpy.types.Scene, stored: dict) -> Forecast | None:
@@ -286,26 +292,26 @@ def _forecast(scene: bpy.types.Scene, stored: dict) -> Forecast | None:
     shading = settings.shading_counts
     shots = [
         GroupShot(
-            [_unpacked(view, camera, closer) for view in own["views"]],
-            own["characters"],
+            [_unpacked(view, camera, closer) for view in entry["views"]],
+            entry["characters"],
             costs,
             shading,
-            Holdings(**own["holdings"]),
+            Holdings(**entry["holdings"]),
         )
-        for own in stored["groups"]
+        for entry in stored["groups"]
     ]
     groups = [
-        _foreseen(settings, own, shot) for own, shot in zip(stored["groups"], shots, strict=True)
+        _foreseen(settings, entry, shot)
+        for entry, shot in zip(stored["groups"], shots, strict=True)
     ]
-    keep = chosen(
-        settings, groups, shots, 1.0, [range(len(group.triangles)) for group in groups]
-    ).keep
+    known = [range(len(group.triangles)) for group in groups]
+    keep = choose_candidates(settings, groups, shots, 1.0, known, [()] * len(groups)).keep
     rows = []
-    for own, group, then in zip(stored["groups"], groups, keep, strict=True):
-        before = _ratios(own["triangles"], own["keep"])
+    for entry, group, then in zip(stored["groups"], groups, keep, strict=True):
+        before = _ratios(entry["triangles"], entry["keep"])
         after = _ratios(group.triangles, then)
         if before != after:
-            rows.append((own["name"], before, after))
+            rows.append((entry["name"], before, after))
     tolerance = provenance.read_inputs(settings.levels, MADE_FOR)["tolerance"]
     return Forecast(closer * float(tolerance.split()[0]) / settings.tolerance, tuple(rows))
 
@@ -329,11 +335,13 @@ def _foreseen(settings, stored: dict, shot: GroupShot) -> Group:
         float(fitting.max(initial=0)) or length
         for fitting, length in zip(near, lengths, strict=True)
     ]
-    known = bounds > 0
+    deviates = bounds > 0
     columns = {"triangles": -1.0, "shaded": 1.0} if len(shaded) else {"triangles": -1.0}
     values = {
         name: read_curve(
-            lengths, list(zip(bounds[known], np.array(stored[name])[known], strict=True)), power
+            lengths,
+            list(zip(bounds[deviates], np.array(stored[name])[deviates], strict=True)),
+            power,
         )
         for name, power in columns.items()
     }
@@ -409,8 +417,8 @@ def _facts(scene: bpy.types.Scene) -> dict[str, str]:
 
 def _actions(scene: bpy.types.Scene) -> str:
     """Return the actions in which LODs are measured, in words."""
-    named: set[str] = set()
+    names: set[str] = set()
     with suppress(CrowdError):  # a bad state machine is told elsewhere
-        named.update(*(actions_named(scene, group.name) for group in scene.crowd_lod.groups))
-    plain = sorted(name for name in named if not mixed_in(name))
-    return ", ".join(["the own", *plain]) + (" with cross-fades" if len(plain) < len(named) else "")
+        names.update(*(actions_named(scene, group.name) for group in scene.crowd_lod.groups))
+    plain = sorted(name for name in names if not mixed_in(name))
+    return ", ".join(["the own", *plain]) + (" with cross-fades" if len(plain) < len(names) else "")

@@ -13,11 +13,11 @@ from ...crowd_lod.progress import share, standing
 from ..blender import scene_data
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED, remove_owned
-from ..characters.characters import GROUP
+from ..characters.characters import GROUP, Character, all_characters
 from ..characters.group_measuring import measuring_groups, stands
 from ..characters.stored_groups import store_groups
 from ..machine.scene_world import check_maps
-from ..scene.scene_crowd import characters_of, trajectory_of
+from ..scene.scene_crowd import trajectory_of
 from ..settings import needs
 from ..sources.record_points import with_record
 from . import selection
@@ -66,7 +66,7 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
     """
     scene_data.check_own(scene)
     settings = scene.crowd_lod
-    characters = characters_of(scene)
+    characters = all_characters(scene)
     if settings.choice == "BY_TOLERANCE":
         check_maps(settings)  # where agents are is asked after the meshes were read
     # a linked copy begins with the LODs of the other scene, which stay that one's
@@ -89,14 +89,15 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
     for ladder, own in zip(ladders, homes, strict=True):
         ladder.settle(own)
     made, kept = (
-        [ladder.name for ladder in ladders if bool(ladder.made) == new] for new in (True, False)
+        [ladder.name for ladder in ladders if bool(ladder.new_homes) == new]
+        for new in (True, False)
     )
     feet = [
-        (*origin[:2], origin[2] + group.feet)
-        for (_, _, origin), group in zip(characters, groups, strict=True)
+        (*character.origin[:2], character.origin[2] + group.feet)
+        for character, group in zip(characters, groups, strict=True)
     ]
     top, levels = _linked(homes, feet, earlier, before)
-    _named([name for name, _, _ in characters], homes, before)
+    _named([character.name for character in characters], homes, before)
     if copied:
         scene_data.let_go(scene, "levels")
     scene.collection.children.link(top)
@@ -113,7 +114,7 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
         "",
     )
     columns = [
-        ladder.columns([home[CANDIDATE] for home in own])
+        ladder.measured.columns([home[CANDIDATE] for home in own])
         for ladder, own in zip(ladders, homes, strict=True)
     ]
     store_groups(
@@ -130,7 +131,9 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
 
 
 def _read(
-    scene: bpy.types.Scene, characters: list, earlier: bpy.types.Collection | None
+    scene: bpy.types.Scene,
+    characters: Sequence[Character],
+    earlier: bpy.types.Collection | None,
 ) -> Iterator[float]:
     """Read and measure the characters; yields the progress.
 
@@ -141,8 +144,10 @@ def _read(
     ladders = []
     reaches = {}
     ratios = selection.ratios_of(settings)
-    for g, (name, objects, origin) in enumerate(characters):
-        ladder = Ladder(name, objects, ratios, settings, (*origin, float(stands(settings, name))))
+    for g, character in enumerate(characters):
+        name = character.name
+        place = (*character.origin, float(stands(settings, name)))
+        ladder = Ladder(name, character.objects, list(ratios), settings, place, character.given)
         yield from share(ladder.read(), 0.1 * g / len(characters), 0.1 * (g + 1) / len(characters))
         ladder.recall(earlier)
         ladders.append(ladder)
@@ -158,8 +163,9 @@ def _read(
         shots = yield from standing(looking, 0.1)
     for ladder, group, shot in zip(ladders, groups, shots, strict=True):
         ladder.reach = group.lowest, group.center, group.radius
-        if ladder.goals[0] not in ladder.rows:
-            yield from standing(ladder.measure(ladder.goals[0]), 0.1)
+        for goal in (ladder.goals[0], *ladder.given):
+            if goal in ladder.goals and goal not in ladder.measured.rows:
+                yield from standing(ladder.measure(goal), 0.1)
         if shot is not None:
             ladder.aim(group, shot.views, round(settings.tolerance, 6), bool(settings.memory))
     return ladders, groups, shots
@@ -178,16 +184,20 @@ def _chosen(
     missing = True
     total = sum(len(ladder.goals) for ladder in ladders)
     while missing:
-        usual = [lost for ladder in ladders for lost in ladder.lost()]
+        usual = [lost for ladder in ladders for lost in ladder.measured.lost()]
         guesses = [
             cover_sizes(ladder.guess(group, usual))
             for ladder, group in zip(ladders, groups, strict=True)
         ]
         measured = [
-            [k for k, goal in enumerate(ladder.goals) if goal in ladder.rows] for ladder in ladders
+            [k for k, goal in enumerate(ladder.goals) if goal in ladder.measured.rows]
+            for ladder in ladders
         ]
-        chosen = selection.chosen(
-            scene.crowd_lod, guesses, shots, scene_data.meters(scene), measured
+        given = [
+            [k for k, goal in enumerate(ladder.goals) if goal in ladder.given] for ladder in ladders
+        ]
+        chosen = selection.choose_candidates(
+            scene.crowd_lod, guesses, shots, scene_data.meters(scene), measured, given
         )
         missing = [
             (ladder, k)
@@ -213,20 +223,20 @@ def _made(
     """
     homes = []
     edited = []
-    taken = set()
+    used_homes = set()
     for g, (ladder, kept) in enumerate(zip(ladders, keep, strict=True)):
-        ladder.find(earlier, taken)
+        ladder.find(earlier, used_homes)
         goals = [ladder.goals[k] for k in kept]
-        missing = [goal for goal in goals if goal not in ladder.found]
-        if ladder.held(earlier, missing) and ladder.digest not in [
+        missing = [goal for goal in goals if goal not in ladder.homes]
+        if ladder.has_earlier(earlier, missing) and ladder.digest not in [
             each.digest for each in ladders[:g]
         ]:
             edited.append(ladder.name)
         for goal in missing:
             yield from standing(ladder.make(goal), 0.9 + 0.09 * g / len(ladders))
         yield from standing(ladder.look_between(goals), 0.9 + 0.09 * g / len(ladders))
-        homes.append([ladder.found[goal] for goal in goals])
-        taken.update(homes[-1])
+        homes.append([ladder.homes[goal] for goal in goals])
+        used_homes.update(homes[-1])
     return homes, edited
 
 
@@ -279,13 +289,13 @@ def _named(names: list[str], homes: list, before: set) -> None:
 
 def _told(ladders: list[Ladder], dropped: list[dict[int, str]]) -> list[str]:
     """Return a line for each dropped candidate; "About" marks guessed values."""
-    found = []
+    lines = []
     for ladder, reasons in zip(ladders, dropped, strict=True):
-        found += [
-            f"{ladder.name}: {'' if ladder.goals[k] in ladder.rows else 'About '}{reasons[k]}"
+        lines += [
+            f"{ladder.name}: {'' if ladder.goals[k] in ladder.measured.rows else 'About '}{reasons[k]}"
             for k in sorted(reasons)
         ]
-    return found
+    return lines
 
 
 def _padded(columns: dict, count: int) -> dict:

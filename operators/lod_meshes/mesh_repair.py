@@ -41,13 +41,13 @@ def drop_flat_parts(mesh: bpy.types.Mesh) -> None:
     """
     points, triangles, _, faces = mesh_data.read_triangles(mesh)
     part = connected_components(len(points), triangles)[triangles[:, 0]]
-    shown = np.isin(part, part[has_area(points[triangles].astype(np.float64))])
-    if shown.all() or not shown.any():
+    has_surface = np.isin(part, part[has_area(points[triangles].astype(np.float64))])
+    if has_surface.all() or not has_surface.any():
         return
     with _edited(mesh) as body:
         body.faces.ensure_lookup_table()
         bmesh.ops.delete(
-            body, geom=[body.faces[i] for i in np.unique(faces[~shown])], context="FACES"
+            body, geom=[body.faces[i] for i in np.unique(faces[~has_surface])], context="FACES"
         )
         _delete_loose(body)
 

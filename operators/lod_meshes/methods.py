@@ -10,11 +10,12 @@ import numpy as np
 from ...crowd_lod.simplification.closest_point import barycentric
 from ...crowd_lod.simplification.decimate import decimating
 from ..blender import mesh_data
-from .attribute_transfer import charts_of, dress, nearest_vertices, shade, weights_of
+from .attribute_transfer import dress, nearest_vertices, shade, weights_of
 from .mesh_repair import drop_loose
 from .shaded_pictures import similarity
 from .source_mesh import Source, evaluated_mesh, read_weights, staged
 from .surface import Surface, roughly, scattered
+from .uv_charts import charts_of
 
 # points of each surface that the two ways are compared at, at rest and in each pose
 COMPARED = 4_000
@@ -84,32 +85,39 @@ def make(source: Source, ratio: float, method: str, name: str) -> Generator[None
         fast.why = _without(precise)
         return fast
     yield
-    one = yield from errors(source, fast.mesh)
-    two = yield from errors(source, precise.mesh)
-    if one.as_near_as(two):  # else pictures, which take a while, decide nothing
-        one, two = (
-            replace(each, similar=similarity(source, made.mesh))
-            for each, made in zip((one, two), (fast, precise), strict=True)
+    return (yield from _better(source, fast, precise, round(ratio * len(triangles))))
+
+
+def _better(source: Source, fast: Made, precise: Made, target: int) -> Generator[None, None, Made]:
+    """Measure both, and remove the mesh of the worse one.
+
+    target: triangles asked for. Yields between its steps; returns the better, with the reason.
+    """
+    fast_errors = yield from errors(source, fast.mesh)
+    precise_errors = yield from errors(source, precise.mesh)
+    if fast_errors.as_near_as(precise_errors):  # else pictures, which take a while, decide nothing
+        fast_errors, precise_errors = (
+            replace(measured, similar=similarity(source, way.mesh))
+            for measured, way in ((fast_errors, fast), (precise_errors, precise))
         )
-    better, reason = chosen_method(one, two)
-    best, other = (fast, precise) if better else (precise, fast)
-    where = " in motion" if one.motion else ""
-    best.why = (
-        f"{'Pose-Aware' if best is fast else 'Decimate Modifier'}, as {reason}: Pose-Aware is up "
-        f"to {one.near:.2%} of the size away{where}, "
-        f"with wrong UVs on {one.off:.1%} of the surface, {one.area:.0%} of the silhouette's "
-        f"area, in {fast.milliseconds:.0f} ms; "
-        f"Decimate Modifier {two.near:.2%}, {two.off:.1%}, {two.area:.0%}, "
+    is_fast_better, reason = choose_method(fast_errors, precise_errors)
+    better, worse = (fast, precise) if is_fast_better else (precise, fast)
+    where = " in motion" if fast_errors.motion else ""
+    better.why = (
+        f"{'Pose-Aware' if is_fast_better else 'Decimate Modifier'}, as {reason}: Pose-Aware is up "
+        f"to {fast_errors.near:.2%} of the size away{where}, "
+        f"with wrong UVs on {fast_errors.off:.1%} of the surface, {fast_errors.area:.0%} of the "
+        f"silhouette's area, in {fast.milliseconds:.0f} ms; Decimate Modifier "
+        f"{precise_errors.near:.2%}, {precise_errors.off:.1%}, {precise_errors.area:.0%}, "
         f"{precise.milliseconds:.0f} ms."
     )
-    bpy.data.meshes.remove(other.mesh)
-    wanted = round(ratio * len(triangles))
-    if len(best.mesh.polygons) > MISSED * wanted:
-        best.why += (
-            f" It has {len(best.mesh.polygons):,} triangles, not {wanted:,}: with fewer, "
+    bpy.data.meshes.remove(worse.mesh)
+    if len(better.mesh.polygons) > MISSED * target:
+        better.why += (
+            f" It has {len(better.mesh.polygons):,} triangles, not {target:,}: with fewer, "
             f"loose parts of the mesh would be lost."
         )
-    return best
+    return better
 
 
 @dataclass(frozen=True)
@@ -142,17 +150,17 @@ def _alike(one: float, other: float) -> bool:
     return max(one, other) + NEAR_ENOUGH <= SLACK * (min(one, other) + NEAR_ENOUGH)
 
 
-def chosen_method(fast: Errors, precise: Errors) -> tuple[bool, str]:
+def choose_method(fast: Errors, precise: Errors) -> tuple[bool, str]:
     """(whether the fast way is to be taken, why).
 
     The distance in motion decides, unless only one of them keeps the silhouette and is at most
     TWICE as far off. Where both are as far off in motion, or nothing moves, UVs, pictures and the
     distance at rest do.
     """
-    kept = [abs(each.area - 1) <= KEPT for each in (fast, precise)]
+    keeps_area = [abs(each.area - 1) <= KEPT for each in (fast, precise)]
     near = [each.near + NEAR_ENOUGH for each in (fast, precise)]
-    if kept[0] != kept[1] and near[kept[1]] <= TWICE * near[kept[0]]:
-        return kept[0], "its silhouette keeps the character's area"
+    if keeps_area[0] != keeps_area[1] and near[keeps_area[1]] <= TWICE * near[keeps_area[0]]:
+        return keeps_area[0], "its silhouette keeps the character's area"
     if not _alike(fast.motion, precise.motion):
         return fast.motion < precise.motion, "it is closer in motion"
     if fast.off <= max(MOST_OFF, precise.off):
@@ -227,8 +235,8 @@ def errors(source: Source, mesh: bpy.types.Mesh) -> Generator[None, None, Errors
     """
     points, triangles, corners, _ = mesh_data.read_triangles(mesh)
     diagonal = float(np.linalg.norm(np.ptp(source.surface.points, axis=0))) or 1.0
-    made = Surface(points, triangles)
-    rest = roughly(source.surface, made, COMPARED)
+    lod_surface = Surface(points, triangles)
+    rest = roughly(source.surface, lod_surface, COMPARED)
     motion = 0.0
     follows = nearest_vertices(source, points) if source.posed else None
     for pose, surface in enumerate(source.posed):
@@ -240,9 +248,14 @@ def errors(source: Source, mesh: bpy.types.Mesh) -> Generator[None, None, Errors
             ),
         )
     yield
-    off = uv_error(source, mesh, made, corners)
+    off = uv_error(source, mesh, lod_surface, corners)
     yield
-    return Errors(rest / diagonal, off, made.shown / source.surface.shown, motion=motion / diagonal)
+    return Errors(
+        rest / diagonal,
+        off,
+        lod_surface.silhouette / source.surface.silhouette,
+        motion=motion / diagonal,
+    )
 
 
 def uv_error(source: Source, mesh: bpy.types.Mesh, surface: Surface, corners: np.ndarray) -> float:

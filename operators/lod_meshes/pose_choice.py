@@ -35,16 +35,16 @@ def poses(
     times = np.concatenate(parts)
     begins = np.cumsum([0, *map(len, parts)]).tolist()
     motions: tuple[np.ndarray, np.ndarray] | None = None
-    chosen: list[int] = []
+    frames: list[int] = []
     for k, (begin, end) in enumerate(zip(begins, begins[1:], strict=False)):
         even, most = (EVENLY // 2, POSES // 2) if k else (EVENLY, POSES)
         if end - begin <= most:
-            chosen += range(begin, end)
+            frames += range(begin, end)
             continue
         motions = motions or _motions(objects, times, performance)
         evenly = begin + np.linspace(0, end - begin - 1, even).round().astype(int)
-        chosen += _least_alike(motions, (begin, end), chosen, evenly.tolist(), most)
-    return times[sorted(chosen)].tolist()
+        frames += _least_alike(motions, (begin, end), frames, evenly.tolist(), most)
+    return times[sorted(frames)].tolist()
 
 
 def _frames(first: float, last: float) -> np.ndarray:
@@ -56,32 +56,32 @@ def _least_alike(
     motions: Sequence[np.ndarray],
     span: tuple[int, int],
     before: list[int],
-    chosen: list[int],
+    indices: list[int],
     most: int,
 ) -> list[int]:
-    """Return `chosen`, and further frames of the span, `most` in all, as far as any is new."""
+    """Return `indices`, and further frames of the span, `most` in all, as far as any is new."""
     frames = slice(*span)
     unlike = [
-        np.min([farthest_apart(m[frames], m[j]) for j in (*before, *chosen)], axis=0)
+        np.min([farthest_apart(m[frames], m[j]) for j in (*before, *indices)], axis=0)
         for m in motions
     ]
-    while len(chosen) < most and any(each.max() > 0 for each in unlike):
-        turn = len(chosen) % len(motions)
+    while len(indices) < most and any(distances.max() > 0 for distances in unlike):
+        turn = len(indices) % len(motions)
         new = unlike[turn] if unlike[turn].max() > 0 else unlike[1 - turn]
-        chosen = [*chosen, span[0] + int(new.argmax())]
+        indices = [*indices, span[0] + int(new.argmax())]
         unlike = [
-            np.minimum(each, farthest_apart(m[frames], m[chosen[-1]]))
-            for each, m in zip(unlike, motions, strict=True)
+            np.minimum(distances, farthest_apart(m[frames], m[indices[-1]]))
+            for distances, m in zip(unlike, motions, strict=True)
         ]
-    return chosen
+    return indices
 
 
-def farthest_apart(joints: np.ndarray, one: np.ndarray) -> np.ndarray:
+def farthest_apart(joints: np.ndarray, pose: np.ndarray) -> np.ndarray:
     """Return how far the farthest joint is from where it is in one pose, (poses,) meters.
 
-    joints: (poses, n, 3); one: (n, 3).
+    joints: (poses, n, 3); pose: (n, 3).
     """
-    return np.linalg.norm(joints - one, axis=2).max(axis=1, initial=0)
+    return np.linalg.norm(joints - pose, axis=2).max(axis=1, initial=0)
 
 
 def _motions(

@@ -38,24 +38,24 @@ def skin_of(source: Source, frames: Sequence[float]) -> Iterator[None]:
     step = APART * (float(np.ptp(rest, axis=0).max()) or 1.0)
     axes = np.zeros((1, 3)) if source.keys else np.concatenate([np.zeros((1, 3)), np.eye(3)])
     stage = bpy.data.scenes.new("Crowd LOD skin")
-    made = []
-    found = []
+    new_blocks = []
+    places = []
     values = []
     try:
-        twins = [_twin(source, rest + step * axis, made) for axis in axes]
+        twins = [_twin(source, rest + step * axis, new_blocks) for axis in axes]
         for twin in twins:
             stage.collection.objects.link(twin)
         for frame in frames:
             stage.frame_set(int(frame // 1), subframe=float(frame % 1))
             depsgraph = stage.view_layers[0].depsgraph
             bodies = [twin.evaluated_get(depsgraph).data for twin in twins]
-            found.append([positions(body).astype(np.float64) for body in bodies])
+            places.append([positions(body).astype(np.float64) for body in bodies])
             values.append([bodies[0].shape_keys.key_blocks[name].value for name in source.keys])
             yield
     finally:
         bpy.data.scenes.remove(stage)
-        bpy.data.batch_remove(made)
-    place, *moved = np.moveaxis(np.array(found), 1, 0)
+        bpy.data.batch_remove(new_blocks)
+    place, *moved = np.moveaxis(np.array(places), 1, 0)
     if source.keys:
         place = np.concatenate([place, rest + _unmoved(source, np.array(values))])
         source.skin = Skin(rest, place, frames_of(rest, place, source.geometry[1]))
@@ -80,14 +80,14 @@ def _unmoved(source: Source, values: np.ndarray) -> np.ndarray:
     return np.array(strongest).reshape(-1, *source.geometry[0].shape)
 
 
-def _twin(source: Source, points: np.ndarray, made: list[bpy.types.ID]) -> bpy.types.Object:
+def _twin(source: Source, points: np.ndarray, new_blocks: list[bpy.types.ID]) -> bpy.types.Object:
     """Return a copy of the object with the source's mesh at `points`.
 
-    Only what LODs follow deforms it. Its data-blocks are added to `made`.
+    Only what LODs follow deforms it. Its data-blocks are added to `new_blocks`.
     """
     twin = source.item.copy()
     mesh = source.mesh.copy()
-    made += [twin, mesh]
+    new_blocks += [twin, mesh]
     if twin.override_library:
         twin.make_local()
     twin.hide_viewport = False

@@ -46,10 +46,10 @@ class Posed:
         performance: Performance | None = None,
     ):
         self.performance = performance or own_performance(list(objects))
-        self._staged = as_rendered([item for each in (objects, *levels) for item in each])
+        self._staged = as_rendered([item for group in (objects, *levels) for item in group])
         self.stage, actors = self._staged.__enter__()
         self.character, *self.levels = [
-            [actors[item] for item in each] for each in (objects, *levels)
+            [actors[item] for item in group] for group in (objects, *levels)
         ]
 
     def at(self, frame: float) -> tuple[Surface | None, list[Surface | None]]:
@@ -117,10 +117,10 @@ def read_shapes(
     """Return the Shape of `objects` at each of `frames`, moments of the performance; yield the
     progress.
     """
-    found = []
+    shapes = []
     with Posed(objects, (), performance) as posed:
         for frame in frames:
-            found += posed.shapes(frame)
+            shapes += posed.shapes(frame)
             performance.rest()
-            yield len(found) / len(frames)
-    return found
+            yield len(shapes) / len(frames)
+    return shapes

@@ -59,12 +59,12 @@ class PosedSurface:
             else:
                 self.runs.append([k])
         for run in self.runs:
-            some = np.array(
+            points = np.array(
                 [shapes[k].points[:: max(1, len(shapes[k].points) // JOINTS)] for k in run]
             )
-            some -= some.sum(axis=1, keepdims=True) / max(some.shape[1], 1)
+            points -= points.sum(axis=1, keepdims=True) / max(points.shape[1], 1)
             run.insert(
-                0, run.pop(int(np.argmin([farthest_apart(some, one).max() for one in some])))
+                0, run.pop(int(np.argmin([farthest_apart(points, pose).max() for pose in points])))
             )
 
     @cached_property
@@ -81,7 +81,7 @@ class PosedSurface:
         if whole is None or self.hidden_counts:
             return np.ones(len(first.points), bool)
         moving = whole.moving
-        seen = visible_points(moving.points, moving.triangles, first.hiding[whole.shown])
+        seen = visible_points(moving.points, moving.triangles, first.hiding[whole.with_area])
         return (whole.place >= 0) & seen[whole.place]
 
     def add(self, shape: Shape) -> bool:
@@ -157,19 +157,19 @@ def compare_surfaces(
 
     frames: of the poses. None where no pose shows both.
     """
-    found = []
+    results = []
     bound = 0.0
     for run in character.runs:
-        for shared in ([k for k in run if k in each] for each in other.runs):
-            surfaces = [each.surface(shared) if shared else None for each in (character, other)]
+        for shared in ([k for k in run if k in other_run] for other_run in other.runs):
+            surfaces = [posed.surface(shared) if shared else None for posed in (character, other)]
             if None in surfaces:
                 continue
-            pair = [each.moving for each in surfaces]
+            pair = [surface.moving for surface in surfaces]
             if all(
-                np.array_equal(*each)
-                for each in zip(*((m.points, m.triangles) for m in pair), strict=True)
+                np.array_equal(*columns)
+                for columns in zip(*((m.points, m.triangles) for m in pair), strict=True)
             ):
-                found.append((0.0, 0.0, shared[0], pair[0].points[:1, 0]))
+                results.append((0.0, 0.0, shared[0], pair[0].points[:1, 0]))
                 continue
             apart = bound_distance(*pair)
             _count_shown(pair[0], surfaces[1], other.shapes[shared[0]].hiding, apart)
@@ -178,13 +178,13 @@ def compare_surfaces(
             posed = [Surface(m.points[:, apart.pose], m.triangles) for m in pair]
             rms = spread(*posed, [m.counted for m in pair], SAMPLES)
             if lost > apart.measured:
-                found.append((lost, rms, lost_in, lost_at))
+                results.append((lost, rms, lost_in, lost_at))
             else:
-                found.append((apart.measured, rms, pose, apart.place[None]))
+                results.append((apart.measured, rms, pose, apart.place[None]))
             bound = max(bound, apart.bound, lost)
-    if not found:
+    if not results:
         return None
-    most, rms, pose, places = max(found, key=lambda each: each[:3])
+    most, rms, pose, places = max(results, key=lambda result: result[:3])
     return (most, float(bound) * (1 + BETWEEN * (len(frames) > 1)), rms, frames[pose]), (
         most,
         pose,
@@ -208,13 +208,15 @@ def _count_shown(
     suspects = left[distance[lod.triangles[left]].max(axis=1) > apart.bound]
     if not len(suspects):
         return
-    suspects = suspects[visible_faces(lod.points, lod.triangles, hiding[surface.shown], suspects)]
+    suspects = suspects[
+        visible_faces(lod.points, lod.triangles, hiding[surface.with_area], suspects)
+    ]
     if not len(suspects):
         return
-    shown = np.isin(np.arange(len(lod.triangles)), suspects)
+    counts = np.isin(np.arange(len(lod.triangles)), suspects)
     more = bound_distance(
         replace(character, counted=np.zeros(len(character.triangles), bool)),
-        replace(lod, counted=shown),
+        replace(lod, counted=counts),
         apart.bound,
     )
     apart.bound = max(apart.bound, more.bound)
@@ -222,7 +224,7 @@ def _count_shown(
         apart.measured = more.measured
         apart.pose = more.pose
         apart.place = more.place
-    lod.counted |= shown
+    lod.counted |= counts
 
 
 def _lost(

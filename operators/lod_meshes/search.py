@@ -77,7 +77,7 @@ class Try:
         return float(np.sqrt(self.reachable * self.deviation))
 
     @property
-    def worth(self) -> float:
+    def comparable_triangles(self) -> float:
         """Return the triangles as they compare with those of the other method."""
         return self.triangles * WORTH[self.method]
 
@@ -86,15 +86,17 @@ class Try:
 class Curve:
     """What is known of an object's LODs.
 
-    source: the object's; known: each method's tries; tries: of this length, whose objects are still
-    there; weighed: whether spots are heavier, for this length; dispensable: whether its LODs leave
+    source: the object's; known_tries: of each method; tries: of this length, whose objects are
+    still there; weighed: whether spots are heavier, for this length; dispensable: whether its LODs leave
     the object out.
     evaluated: (n,) which vertex of the evaluated object each of the source's is; None before that
     is asked for.
     """
 
     source: Source
-    known: dict[str, list[Try]] = field(default_factory=lambda: {method: [] for method in METHODS})
+    known_tries: dict[str, list[Try]] = field(
+        default_factory=lambda: {method: [] for method in METHODS}
+    )
     tries: list[Try] = field(default_factory=list)
     weighed: bool = False
     dispensable: bool = False
@@ -111,28 +113,28 @@ class Curve:
 
         about: that part if nothing is known.
         """
-        known = self._known(method, length)
-        others = [pair for other in METHODS for pair in self._known(other, length)]
+        pairs = self._measured_pairs(method, length)
+        all_pairs = [pair for other in METHODS for pair in self._measured_pairs(other, length)]
         ratio = about
-        if known:
-            ratio = float(read_curve([AIM * length], known, -1.0)[0])
-        elif others:
-            other = float(read_curve([AIM * USUALLY * length], others, -1.0)[0])
+        if pairs:
+            ratio = float(read_curve([AIM * length], pairs, -1.0)[0])
+        elif all_pairs:
+            other = float(read_curve([AIM * USUALLY * length], all_pairs, -1.0)[0])
             ratio = (about * other) ** 0.5
-        if others:  # the whole itself would tell nothing: at most half the way there
-            ratio = min(ratio, max(part for _, part in known or others) ** 0.5)
+        if all_pairs:  # the whole itself would tell nothing: at most half the way there
+            ratio = min(ratio, max(part for _, part in pairs or all_pairs) ** 0.5)
         return min(max(ratio, LEAST / max(self.count, 1)), 1.0)
 
-    def _known(self, method: str, length: float) -> list[tuple[float, float]]:
+    def _measured_pairs(self, method: str, length: float) -> list[tuple[float, float]]:
         """Return (meters, part of the triangles) of a method's tries.
 
         Those that deviate far less than `length` count as if it were a little less.
         """
         least = length / MOST_STEP
-        tries = [attempt for attempt in self.known[method] if attempt.deviation > least]
+        tries = [attempt for attempt in self.known_tries[method] if attempt.deviation > least]
         return [
             (max(attempt.deviation if self.weighed else attempt.likely, least), attempt.ratio)
-            for attempt in tries or self.known[method]
+            for attempt in tries or self.known_tries[method]
         ]
 
     def best(self, length: float) -> Try:
@@ -142,7 +144,7 @@ class Curve:
         fitting = [attempt for attempt in self.tries if attempt.deviation <= length]
         if not fitting:
             return min(self.tries, key=lambda attempt: attempt.deviation)
-        return min(fitting, key=lambda attempt: attempt.worth)
+        return min(fitting, key=lambda attempt: attempt.comparable_triangles)
 
     def weigh_spots(self, length: float) -> float:
         """Let the places of the last try that are too far off count more, if they are few.
@@ -168,9 +170,9 @@ class Curve:
         """Return (method, ratio) of what to try next; [] if the best try will do."""
         if self.dispensable or not self.count:
             return [] if self.tries else [(methods[0], 0.0 if self.dispensable else 1.0)]
-        if not any(self.known.values()):
+        if not any(self.known_tries.values()):
             return [(methods[-1], about)]
-        untried = [method for method in methods if not self.known[method]]
+        untried = [method for method in methods if not self.known_tries[method]]
         near_enough = CLOSE * length <= self.best(length).deviation if self.tries else False
         if near_enough and not untried and self.best(length).deviation <= length:
             return []
@@ -307,24 +309,24 @@ class Search:
         """
         for k in range(ROUNDS):
             near = length * self.nearness
-            wanted = [curve.next_tries(self.methods, near, about) for curve in self.curves]
+            plans = [curve.next_tries(self.methods, near, about) for curve in self.curves]
             # each object by one method at a time
-            for number in range(max(map(len, wanted))):
-                made = yield from self._try(
-                    [tries[number : number + 1] for tries in wanted], k / ROUNDS
+            for number in range(max(map(len, plans))):
+                attempts = yield from self._try(
+                    [tries[number : number + 1] for tries in plans], k / ROUNDS
                 )
                 objects = [
-                    own[0] if own else curve.best(near)
-                    for own, curve in zip(made, self.curves, strict=True)
+                    new[0] if new else curve.best(near)
+                    for new, curve in zip(attempts, self.curves, strict=True)
                 ]
                 yield from standing(self.by.read(), k / ROUNDS)
                 estimate = self.by.estimate([attempt.item for attempt in objects], length)
-                for index, (own, curve) in enumerate(zip(made, self.curves, strict=True)):
-                    for attempt in own:
+                for index, (new, curve) in enumerate(zip(attempts, self.curves, strict=True)):
+                    for attempt in new:
                         self._note(index, attempt, estimate)
                         if not curve.dispensable:
-                            curve.known[attempt.method].append(attempt)
-            if not any(wanted) and (k + 1 == ROUNDS or not self._miss_left_out(length)):
+                            curve.known_tries[attempt.method].append(attempt)
+            if not any(plans) and (k + 1 == ROUNDS or not self._miss_left_out(length)):
                 return
 
     def _best(self, length: float) -> list[Try]:
@@ -365,11 +367,11 @@ class Search:
         count = int((deviations > length).sum())
         if not count:
             return False
-        others = [
+        objects = [
             attempt for attempt in self._best(length) if attempt.triangles and attempt.deviation
         ]
-        off = max((attempt.deviation for attempt in others), default=0.0)
-        triangles = sum(attempt.triangles for attempt in others)
+        off = max((attempt.deviation for attempt in objects), default=0.0)
+        triangles = sum(attempt.triangles for attempt in objects)
         # by how many come back: how far others may then be off, of what they are now
         nearness = np.ones(count + 1)
         nearness[:count] = (off + length - deviations[:count]) / max(off, BELOW * length)
@@ -396,16 +398,16 @@ class Search:
         attempt.away = estimate.away[number][curve.evaluated]
 
     def _try(
-        self, wanted: list[list[tuple[str, float]]], progress: float
+        self, plans: list[list[tuple[str, float]]], progress: float
     ) -> Generator[float, None, list[list[Try]]]:
-        """Make the objects `wanted`, one or none of each source; yields `progress`."""
-        made = []
-        for tries, curve in zip(wanted, self.curves, strict=True):
-            own = []
+        """Make the objects `plans`, one or none of each source; yields `progress`."""
+        attempts = []
+        for tries, curve in zip(plans, self.curves, strict=True):
+            new = []
             for method, ratio in tries:
                 steps = self.make(curve.source, ratio, method)
                 item, vertices, triangles = yield from standing(steps, progress)
-                own.append(Try(item, vertices, triangles, method, ratio, curve.weighed))
-            curve.tries += own
-            made.append(own)
-        return made
+                new.append(Try(item, vertices, triangles, method, ratio, curve.weighed))
+            curve.tries += new
+            attempts.append(new)
+        return attempts

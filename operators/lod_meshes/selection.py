@@ -63,9 +63,9 @@ def views(
     camera's clip range.
     """
     frames = scene_data.frames_of(scene, settings.step)
-    chosen = spread_evenly(frames, MOST_FRAMES)
+    looked_at = spread_evenly(frames, MOST_FRAMES)
     bias = bias_of(settings)
-    cameras = cameras_at(scene, chosen)
+    cameras = cameras_at(scene, looked_at)
     center, radius = (
         np.array([getattr(group, name) for group in trajectory.groups])
         for name in ("center", "radius")
@@ -74,34 +74,37 @@ def views(
     gaits = trajectory.gaits
     library = cast_of(characters, trajectory)
     cast = holdings_of(characters, trajectory, library)
-    moving = np.unique(cast.moved_as)
-    # the part of a group's characters with rigs: those of variants count where they are made
     first = library.first(gaits)
-    made = np.bincount(library.owner(gaits)[moving], minlength=len(first) - 1) / np.diff(first)
-    found = [[] for _ in trajectory.groups]
-    for done, (frame, eyes) in enumerate(zip(chosen, cameras, strict=True), start=1):
+    moving = library.owner(gaits)[np.unique(cast.moved_as)]
+    # the part of a group's characters with rigs: those of variants count where they are made
+    rigged = np.bincount(moving, minlength=len(first) - 1) / np.diff(first)
+    views_of = [[] for _ in trajectory.groups]
+    for number, (frame, eyes) in enumerate(zip(looked_at, cameras, strict=True), start=1):
         crowd = trajectory.at(frame)
         visible, distance = radar(crowd, eyes, center, radius)
         if bias is not None:
             distance = distance * bias.at(crowd.x, crowd.y)
-        for g, each in enumerate(found):
+        for g, group_views in enumerate(views_of):
             agents = np.flatnonzero(visible & (crowd.group == g))
             if len(agents):
-                own = distance[agents]
-                shown = library.shown(gaits, crowd, trajectory.seconds(frame), agents) - first[g]
-                each.append(View(eyes[0], float(own.min()), float(own.max()), own, shown))
-        yield done / len(chosen)
+                away = distance[agents]
+                pose = library.shown(gaits, crowd, trajectory.seconds(frame), agents) - first[g]
+                view = View(eyes[0], float(away.min()), float(away.max()), away, pose)
+                group_views.append(view)
+        yield number / len(looked_at)
     costs = costs_of(scene)
     anywhere = [View(eyes[0], eyes[0].near, eyes[0].far) for eyes in cameras]
     return [
         GroupShot(
-            each or anywhere,
-            int(own),
+            group_views or anywhere,
+            int(pose_count),
             costs,
             settings.shading_counts,
             cast.of_group(g, part),
         )
-        for g, (each, own, part) in enumerate(zip(found, np.diff(first), made, strict=True))
+        for g, (group_views, pose_count, part) in enumerate(
+            zip(views_of, np.diff(first), rigged, strict=True)
+        )
     ]
 
 
@@ -120,7 +123,7 @@ def cast_of(characters: Characters, trajectory: Trajectory) -> Library:
 
 
 @dataclass(frozen=True)
-class Chosen:
+class Choice:
     """The choice of candidates. Candidates go by their number in the ladder.
 
     keep: for each group, the candidates to keep.
@@ -135,19 +138,21 @@ class Chosen:
     tolerance: float = 0.0
 
 
-def chosen(
+def choose_candidates(
     settings,
     groups: Sequence[Group],
     shots: Sequence[GroupShot | None],
     meters: float,
     measured: Sequence[Collection[int]],
-) -> Chosen:
+    given: Sequence[Collection[int]],
+) -> Choice:
     """Choose the candidates to keep.
 
     groups: character groups with values of all their candidates, measured or guessed.
     shots: for each group its GroupShot. None keeps all its candidates.
     meters: that a unit of the scene is.
     measured: for each group, the candidates whose values are no guesses.
+    given: for each group, the candidates that artists made, which go before others.
 
     With a limit of memory, and candidates beyond it, the tolerance is raised until they fit.
     CrowdError if no tolerance is enough.
@@ -156,20 +161,24 @@ def chosen(
     keep = []
     dropped = []
     memory = 0.0
-    for group, shot, known in zip(groups, shots, measured, strict=True):
-        kept = list(range(len(group.triangles)))
+    for group, shot, real, by_hand in zip(groups, shots, measured, given, strict=True):
+        candidates = list(range(len(group.triangles)))
         reasons = {}
         dear = {}
         if shot is not None:
-            own = counting(group, tolerance, shot)
-            kept, reasons = choose(own, tolerance, shot.views, meters)
-            kept, dear = cheapest(own, kept, tolerance, shot, known)
+            counted = counting(group, tolerance, shot)
+            candidates, reasons = choose(counted, tolerance, shot.views, meters, by_hand)
+            candidates, dear = cheapest(counted, candidates, tolerance, shot, real, by_hand)
             if settings.memory:
-                memory += dict(priced(own, kept, tolerance, shot))[tuple(kept)].memory
-        keep.append(kept)
+                memory += dict(priced(counted, candidates, tolerance, shot))[
+                    tuple(candidates)
+                ].memory
+        keep.append(candidates)
         dropped.append(reasons | dear)
     if settings.memory and memory > 1e6 * settings.memory:
         reached, keep, built = fit_in_memory(groups, tolerance, shots, 1e6 * settings.memory)
-        finest = [kept.index(own[0]) for kept, own in zip(keep, built, strict=True)]
-        return Chosen(keep, [{}] * len(keep), finest, reached)
-    return Chosen(keep, dropped, [0] * len(keep))
+        finest = [
+            candidates.index(counted[0]) for candidates, counted in zip(keep, built, strict=True)
+        ]
+        return Choice(keep, [{}] * len(keep), finest, reached)
+    return Choice(keep, dropped, [0] * len(keep))

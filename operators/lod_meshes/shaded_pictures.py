@@ -29,11 +29,13 @@ TALL = 128
 MOST_TALL = 300
 
 
-def body_of(mesh: bpy.types.Mesh, materials: Sequence, matrix: np.ndarray, looks: Looks) -> Body:
+def body_of(
+    mesh: bpy.types.Mesh, materials: Sequence, matrix: np.ndarray, appearance: Looks
+) -> Body:
     """Return the Body of `mesh` with `materials`, transformed by `matrix`.
 
     matrix: (4, 4), from the mesh's space to the Body's.
-    looks: collects the images of the materials.
+    appearance: collects the images of the materials.
     """
     points, triangles, corners, faces = mesh_data.read_triangles(mesh)
     normals = np.empty((len(mesh.loops), 3), np.float32)
@@ -47,7 +49,7 @@ def body_of(mesh: bpy.types.Mesh, materials: Sequence, matrix: np.ndarray, looks
     if layer is not None:
         layer.uv.foreach_get("vector", uvs.ravel())
     mesh.polygons.foreach_get("material_index", slots)
-    table = np.array([looks.of(material) for material in (*materials, None)])
+    table = np.array([appearance.of(material) for material in (*materials, None)])
     colors = table[np.minimum(slots, max(len(materials) - 1, 0))[faces]]
     normals = normals[corners].astype(np.float64) @ np.linalg.pinv(matrix[:3, :3])
     normals /= np.linalg.norm(normals, axis=2, keepdims=True).clip(1e-12)
@@ -63,13 +65,13 @@ def body_of(mesh: bpy.types.Mesh, materials: Sequence, matrix: np.ndarray, looks
 
 
 def bodies_of(
-    objects: Sequence[bpy.types.Object], depsgraph: bpy.types.Depsgraph, looks: Looks
+    objects: Sequence[bpy.types.Object], depsgraph: bpy.types.Depsgraph, appearance: Looks
 ) -> Body | None:
     """Return one Body of all `objects` as `depsgraph` has evaluated them, or None.
 
     It is in world space. None if no object has a face.
     """
-    found = []
+    bodies = []
     for item in objects:
         evaluated = item.evaluated_get(depsgraph)
         try:
@@ -79,19 +81,21 @@ def bodies_of(
         try:
             if mesh is not None and mesh.polygons:
                 materials = [slot.material for slot in evaluated.material_slots]
-                found.append(
-                    body_of(mesh, materials, np.array(evaluated.matrix_world, np.float64), looks)
+                bodies.append(
+                    body_of(
+                        mesh, materials, np.array(evaluated.matrix_world, np.float64), appearance
+                    )
                 )
         finally:
             evaluated.to_mesh_clear()
-    if not found:
+    if not bodies:
         return None
-    shift = np.cumsum([0, *(len(body.points) for body in found[:-1])])
+    shift = np.cumsum([0, *(len(body.points) for body in bodies[:-1])])
     names = ("points", "normals", "uvs", "colors", "image")
-    every = {name: np.concatenate([getattr(body, name) for body in found]) for name in names}
+    every = {name: np.concatenate([getattr(body, name) for body in bodies]) for name in names}
     return Body(
         triangles=np.concatenate(
-            [body.triangles + k for body, k in zip(found, shift, strict=True)]
+            [body.triangles + k for body, k in zip(bodies, shift, strict=True)]
         ),
         **every,
     )
@@ -106,7 +110,7 @@ def side(azimuth: float) -> np.ndarray:
     return np.stack([np.array([-towards[1], towards[0], 0.0]), (0.0, 0.0, 1.0), towards])
 
 
-def within(one: Body, other: Body, images: np.ndarray, diagonal: float) -> float:
+def within(first: Body, second: Body, images: np.ndarray, diagonal: float) -> float:
     """Return the size of a pixel, in meters, from which on two bodies look alike.
 
     Pictures look alike if their mean difference over all sides is at most WITHIN. From this size on
@@ -119,8 +123,8 @@ def within(one: Body, other: Body, images: np.ndarray, diagonal: float) -> float
     scale = LARGEST / diagonal
     differences = []
     for axes in map(side, AROUND):
-        flat = [body.points @ axes.T * (scale, scale, -scale) for body in (one, other)]
-        differences.append(from_afar(*lit((one, other), images, flat, axes)))
+        flat = [body.points @ axes.T * (scale, scale, -scale) for body in (first, second)]
+        differences.append(from_afar(*lit((first, second), images, flat, axes)))
     wrong = np.flatnonzero(np.mean(differences, axis=0) > WITHIN)
     if not len(wrong):
         return 0.0
@@ -128,7 +132,12 @@ def within(one: Body, other: Body, images: np.ndarray, diagonal: float) -> float
 
 
 def alike(
-    one: Body, other: Body, images: np.ndarray, center: np.ndarray, distance: float, camera: Camera
+    first: Body,
+    second: Body,
+    images: np.ndarray,
+    center: np.ndarray,
+    distance: float,
+    camera: Camera,
 ) -> tuple[float, float]:
     """Return (mean difference, structural similarity) of two bodies' pictures.
 
@@ -140,17 +149,19 @@ def alike(
     center: (3,) meters.
     distance: meters.
     """
-    found = []
+    measures = []
     for azimuth in AROUND:
         axes = side(azimuth)
-        flat = [project(body.points, center, axes[2], distance, camera) for body in (one, other)]
+        flat = [project(body.points, center, axes[2], distance, camera) for body in (first, second)]
         smaller = min(1.0, MOST_TALL / max(np.ptp(flat[0][:, :2], axis=0).max(), 1e-9))
-        found.append(
+        measures.append(
             likeness(
-                *pictures((one, other), images, [at * (smaller, smaller, 1) for at in flat], axes)
+                *pictures(
+                    (first, second), images, [at * (smaller, smaller, 1) for at in flat], axes
+                )
             )
         )
-    difference, similarity = np.mean(found, axis=0)
+    difference, similarity = np.mean(measures, axis=0)
     return float(difference), float(similarity)
 
 
@@ -160,13 +171,13 @@ def similarity(source: Source, mesh: bpy.types.Mesh) -> float:
     It is the mean over the three VIEWS, with the source TALL pixels large.
     """
     if source.body is None:
-        looks = Looks()
-        source.body = body_of(source.mesh, source.mesh.materials, np.eye(4), looks), looks
-    whole, looks = source.body
-    other = body_of(mesh, mesh.materials, np.eye(4), looks)
+        appearance = Looks()
+        source.body = body_of(source.mesh, source.mesh.materials, np.eye(4), appearance), appearance
+    whole, appearance = source.body
+    other = body_of(mesh, mesh.materials, np.eye(4), appearance)
     scale = TALL / (float(np.ptp(whole.points, axis=0).max()) or 1.0)
-    found = []
+    measures = []
     for axes in VIEWS:
         flat = [body.points @ axes.T * (scale, scale, -scale) for body in (whole, other)]
-        found.append(likeness(*pictures((whole, other), looks.images(), flat, axes))[1])
-    return float(np.mean(found))
+        measures.append(likeness(*pictures((whole, other), appearance.images(), flat, axes))[1])
+    return float(np.mean(measures))

@@ -14,7 +14,9 @@ from ...crowd_lod.format import counted
 from ...crowd_lod.simplification.pose_deformation import Skin
 from ..blender import mesh_data
 from ..blender.animation import armatures_of, curves_of
+from ..blender.provenance import text_digest
 from ..blender.references import closure_of
+from ..blender.rig_dependencies import stance
 from .mesh_repair import drop_flat_parts, mend
 from .surface import Surface
 
@@ -48,7 +50,7 @@ class Source:
         KEY).
     notes: sentences that say what LODs leave out.
     custom_normals: whether it has custom normals or sharp edges.
-    charts: attribute_transfer.Charts, made when first needed; None before.
+    charts: uv_charts.Charts, made when first needed; None before.
     body: (Body, Looks) for the shaded pictures, made by shaded_pictures.similarity; None before.
     skin: how its points move in the poses (see pose_deformation.skin_of); None if they do not.
     share: its part of the character's triangles, from 0 to 1.
@@ -150,7 +152,7 @@ def read_source(item: bpy.types.Object) -> Source:
     CrowdError if the mesh has vertices at NaN or infinity.
     """
     twin = item.copy()
-    made = [twin]
+    new_blocks = [twin]
     try:
         if twin.override_library:
             twin.make_local()
@@ -158,7 +160,7 @@ def read_source(item: bpy.types.Object) -> Source:
         if item.type == "MESH":
             item.update_from_editmode()
             twin.data = item.data.copy()  # its keys can be set, and it is in no edit mode
-            made.append(twin.data)
+            new_blocks.append(twin.data)
         for modifier in list(twin.modifiers):
             modifier.show_viewport = modifier.show_render
             if modifier.type in FOLLOWED:
@@ -167,7 +169,7 @@ def read_source(item: bpy.types.Object) -> Source:
             twin.parent_type = "OBJECT"
         return _read(item, twin)
     finally:
-        bpy.data.batch_remove(made)
+        bpy.data.batch_remove(new_blocks)
 
 
 def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
@@ -342,7 +344,7 @@ def read_attributes(mesh: bpy.types.Mesh) -> dict[str, tuple[str, str, np.ndarra
 
     Left out are positions, names that begin with ".", and other types.
     """
-    found = {}
+    attributes = {}
     for attribute in mesh.attributes:
         if (
             attribute.data_type in mesh_data.ATTRIBUTES
@@ -352,8 +354,8 @@ def read_attributes(mesh: bpy.types.Mesh) -> dict[str, tuple[str, str, np.ndarra
             value, width, kind = mesh_data.ATTRIBUTES[attribute.data_type]
             values = np.empty((len(attribute.data), width), kind)
             attribute.data.foreach_get(value, values.ravel())
-            found[attribute.name] = (attribute.domain, attribute.data_type, values)
-    return found
+            attributes[attribute.name] = (attribute.domain, attribute.data_type, values)
+    return attributes
 
 
 def read_weights(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -372,8 +374,8 @@ def read_weights(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarr
     return vertex.astype(np.intp), group.astype(np.intp), weight
 
 
-def digest(mesh: bpy.types.Mesh, *others) -> str:
-    """Return a hash of the mesh and of `others`.
+def digest(mesh: bpy.types.Mesh, *more) -> str:
+    """Return a hash of the mesh and of `more`.
 
     It covers shape, attributes, vertex weights and names of materials.
     """
@@ -382,7 +384,7 @@ def digest(mesh: bpy.types.Mesh, *others) -> str:
     attributes = read_attributes(mesh)
     names = [material and material.name_full for material in mesh.materials]
     hashed = hashlib.sha256(
-        repr((names, others, [(n, *a[:2]) for n, a in attributes.items()])).encode()
+        repr((names, more, [(n, *a[:2]) for n, a in attributes.items()])).encode()
     )
     for array in (
         points,
@@ -393,3 +395,24 @@ def digest(mesh: bpy.types.Mesh, *others) -> str:
     ):
         hashed.update(np.ascontiguousarray(array))
     return hashed.hexdigest()
+
+
+def object_digest(item: bpy.types.Object, source: Source) -> str:
+    """Return a hash of everything that LODs take from the object."""
+    blocks = source.keys and item.data.shape_keys.key_blocks
+    appearance = (
+        [
+            getattr(item, name)
+            for name in mesh_data.SHOWN
+            if name not in ("hide_render", "hide_viewport", "color")
+        ],
+        [slot.material and slot.material.name_full for slot in item.material_slots],
+        [(name, blocks[name].slider_min, blocks[name].slider_max) for name in source.keys],
+    )
+    if source.mesh is None:
+        return text_digest(stance(item), appearance)
+    active = (
+        [layer.active_render for layer in source.mesh.uv_layers],
+        source.mesh.attributes.default_color_name,
+    )
+    return digest(source.mesh, stance(item), appearance, active, source.groups)

@@ -128,7 +128,7 @@ class Surface:
         where there is none. Triangles seen from their front lie inside, as a body does in its
         clothes.
         """
-        found = np.full(len(points), np.inf)
+        lengths = np.full(len(points), np.inf)
         step = ROUNDED * float(np.ptp(self.points, axis=0).max())
         cast = self.tree.ray_cast
         for k, (start, way) in enumerate(zip(points - self.middle, ways, strict=True)):
@@ -144,9 +144,9 @@ class Surface:
                 at = hit
                 far = far + length
                 if normal.dot(way) > 0:
-                    found[k] = far
+                    lengths[k] = far
                     break
-        return found
+        return lengths
 
     def meets(self, points: np.ndarray, ways: np.ndarray) -> np.ndarray:
         """Return which lines through points (k, 3) meet the surface, (k,) bool.
@@ -180,7 +180,7 @@ class Surface:
         return np.linalg.norm(np.cross(b - a, c - a), axis=1)
 
     @cached_property
-    def shown(self) -> float:
+    def silhouette(self) -> float:
         """Return the area of the silhouette, square meters, a mean over some directions."""
         return float(
             areas(
@@ -254,13 +254,13 @@ class Merged:
     moving: without loose points, and triangles that have no area in any pose.
     source: (n,) for each point of that one of those given; place: (given,) the reverse, -1 for
         loose points.
-    shown: (given triangles,) bool, those with area.
+    with_area: (given triangles,) bool, those with area.
     """
 
     moving: MovingSurface
     source: np.ndarray
     place: np.ndarray
-    shown: np.ndarray
+    with_area: np.ndarray
 
 
 def merge(points: Sequence[np.ndarray], triangles: np.ndarray) -> Merged | None:
@@ -269,23 +269,25 @@ def merge(points: Sequence[np.ndarray], triangles: np.ndarray) -> Merged | None:
     points: for each pose (n, 3) meters.
     triangles: (m, 3).
     """
-    shown = np.any([has_area(each[triangles]) for each in points], axis=0)
-    if not shown.any():
+    with_area = np.any([has_area(pose_points[triangles]) for pose_points in points], axis=0)
+    if not with_area.any():
         return None
-    used, triangles = np.unique(triangles[shown], return_inverse=True)
+    vertices, triangles = np.unique(triangles[with_area], return_inverse=True)
     every = np.ascontiguousarray(
-        np.stack([each[used] for each in points], axis=1).reshape(len(used), -1)
+        np.stack([pose_points[vertices] for pose_points in points], axis=1).reshape(
+            len(vertices), -1
+        )
     )
-    _, first, one = np.unique(
+    _, first, number = np.unique(
         every.view(f"V{every.shape[1] * 8}").ravel(), return_index=True, return_inverse=True
     )
     # neighbors beside each other: a tree then finds what is nearest to points in half the time
-    order = spatial_order(points[0][used[first]])
+    order = spatial_order(points[0][vertices[first]])
     first = first[order]
     rank = np.argsort(order)
-    one = rank[one]
+    number = rank[number]
     every = every[first].reshape(len(first), -1, 3)
-    triangles = one[triangles].reshape(-1, 3)
+    triangles = number[triangles].reshape(-1, 3)
     surfaces = [None] * len(points)
 
     def find(pose: int, at: np.ndarray) -> np.ndarray:
@@ -298,29 +300,31 @@ def merge(points: Sequence[np.ndarray], triangles: np.ndarray) -> Merged | None:
         ]
 
     place = np.full(len(points[0]), -1)
-    place[used] = one
-    return Merged(MovingSurface(every, triangles, find), used[first], place, shown)
+    place[vertices] = number
+    return Merged(MovingSurface(every, triangles, find), vertices[first], place, with_area)
 
 
-def same_faces(one: np.ndarray, other: np.ndarray) -> bool:
+def same_faces(faces: np.ndarray, others: np.ndarray) -> bool:
     """Return whether two triangulations (m, 3) have the same faces.
 
     Quads may be cut along either diagonal: Blender cuts them the other way where a pose folds them.
     """
-    if one.shape != other.shape:
+    if faces.shape != others.shape:
         return False
-    changed = (one != other).any(axis=1)
+    changed = (faces != others).any(axis=1)
     if changed.sum() % 2:
         return False
-    quads = [np.sort(each[changed].reshape(-1, 6), axis=1) for each in (one, other)]
-    each = [
+    quads = [np.sort(corner_ids[changed].reshape(-1, 6), axis=1) for corner_ids in (faces, others)]
+    corner_ids = [
         quad[np.pad(quad[:, 1:] != quad[:, :-1], ((0, 0), (1, 0)), constant_values=True)]
         for quad in quads
     ]
-    return all(len(corners) == 4 * len(quads[0]) for corners in each) and np.array_equal(*each)
+    return all(len(corners) == 4 * len(quads[0]) for corners in corner_ids) and np.array_equal(
+        *corner_ids
+    )
 
 
-def deviation(one: Surface, other: Surface, count: int) -> tuple[float, float]:
+def deviation(first: Surface, second: Surface, count: int) -> tuple[float, float]:
     """Return (symmetric Hausdorff distance, root mean square) of surfaces, meters.
 
     Distances are measured at vertices, centers of triangles, and `count` samples of each surface.
@@ -332,11 +336,11 @@ def deviation(one: Surface, other: Surface, count: int) -> tuple[float, float]:
     using the Hausdorff distance", 2002; for the division Guthe, Borodin, Klein, "Fast and accurate
     Hausdorff distance calculation between meshes", 2005.
     """
-    found = [_away(a, b, count) for a, b in ((one, other), (other, one))]
+    found = [_away(a, b, count) for a, b in ((first, second), (second, first))]
     return max(most for most, _ in found), max(rms for _, rms in found)
 
 
-def spread(one: Surface, other: Surface, counted: Sequence[np.ndarray], count: int) -> float:
+def spread(surface: Surface, other: Surface, counted: Sequence[np.ndarray], count: int) -> float:
     """Return the root mean square distance of two surfaces, meters.
 
     It is measured at `count` samples of the triangles of each that count, to the other. The larger
@@ -344,46 +348,48 @@ def spread(one: Surface, other: Surface, counted: Sequence[np.ndarray], count: i
 
     counted: of each surface which triangles count, (m,) bool.
     """
-    found = [0.0]
-    for a, b, some in ((one, other, counted[0]), (other, one, counted[1])):
-        area = a.area * some
+    means = [0.0]
+    for a, b, faces in ((surface, other, counted[0]), (other, surface, counted[1])):
+        area = a.area * faces
         if area.any():
-            found.append(float(np.sqrt(np.mean(b.distances(a.at(*scattered(area, count))) ** 2))))
-    return max(found)
+            means.append(float(np.sqrt(np.mean(b.distances(a.at(*scattered(area, count))) ** 2))))
+    return max(means)
 
 
-def roughly(one: Surface, other: Surface, count: int) -> float:
+def roughly(surface: Surface, other: Surface, count: int) -> float:
     """Estimate the symmetric Hausdorff distance of two surfaces, meters.
 
     It looks at a corner and the center of about `count` / 2 triangles of each, then at the corners
     and sides of the FARTHEST triangles farthest off. That is good enough for a choice.
     """
-    return max(_roughly(a, b, count // 2) for a, b in ((one, other), (other, one)))
+    return max(_roughly(a, b, count // 2) for a, b in ((surface, other), (other, surface)))
 
 
-def _roughly(one: Surface, other: Surface, count: int) -> float:
-    """Estimate the largest distance from `one` to `other` at about `count` triangles."""
-    some = np.arange(0, len(one.triangles), max(1, len(one.triangles) // count))
-    face = np.concatenate([some, some])
-    weights = np.repeat([(1.0, 0, 0), (1 / 3, 1 / 3, 1 / 3)], len(some), axis=0)
-    off = other.distances(one.at(face, weights))
-    far = one.points[one.triangles[np.unique(face[np.argsort(-off, kind="stable")[:FARTHEST]])]]
+def _roughly(surface: Surface, other: Surface, count: int) -> float:
+    """Estimate the largest distance from `surface` to `other` at about `count` triangles."""
+    sampled = np.arange(0, len(surface.triangles), max(1, len(surface.triangles) // count))
+    face = np.concatenate([sampled, sampled])
+    weights = np.repeat([(1.0, 0, 0), (1 / 3, 1 / 3, 1 / 3)], len(sampled), axis=0)
+    off = other.distances(surface.at(face, weights))
+    far = surface.points[
+        surface.triangles[np.unique(face[np.argsort(-off, kind="stable")[:FARTHEST]])]
+    ]
     middles = (far + np.roll(far, -1, axis=1)) / 2
     return float(
         max(off.max(), other.distances(np.concatenate([far, middles]).reshape(-1, 3)).max())
     )
 
 
-def _away(one: Surface, other: Surface, count: int) -> tuple[float, float]:
-    """Return (largest distance, root mean square) from `one` to `other`, meters."""
-    used, triangles = np.unique(one.triangles, return_inverse=True)
-    corners = other.distances(one.points[used])
-    if not one.area.any():
+def _away(surface: Surface, other: Surface, count: int) -> tuple[float, float]:
+    """Return (largest distance, root mean square) from `surface` to `other`, meters."""
+    vertices, triangles = np.unique(surface.triangles, return_inverse=True)
+    corners = other.distances(surface.points[vertices])
+    if not surface.area.any():
         return float(corners.max()), float(np.sqrt(np.mean(corners**2)))
-    at = one.points[one.triangles]
+    at = surface.points[surface.triangles]
     off = corners[triangles.reshape(-1, 3)]
-    face, weights = scattered(one.area, count)
-    even = other.distances(one.at(face, weights))  # the corners are no even sample of the area
+    face, weights = scattered(surface.area, count)
+    even = other.distances(surface.at(face, weights))  # the corners are no even sample of the area
     worst = np.maximum(off.max(axis=1), other.distances(at.mean(axis=1)))
     np.maximum.at(worst, face, even)
     most = worst.max()

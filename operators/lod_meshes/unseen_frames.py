@@ -75,9 +75,9 @@ class Watched:
         return nearest
 
 
-def watch(one: Merged, other: Merged) -> Watched:
-    """Choose the places of `one` to watch: in each cell of the first pose those farthest off."""
-    surface = one.moving
+def watch(merged: Merged, other: Merged) -> Watched:
+    """Choose the places of `merged` to watch: in each cell of the first pose those farthest off."""
+    surface = merged.moving
     places = places_on(surface.pieces, surface.pieces[large_pieces(surface)])
     at = places.at(surface.points[:, 0])
     size = float(np.ptp(at, axis=0).max()) or 1.0
@@ -102,7 +102,7 @@ def watch(one: Merged, other: Merged) -> Watched:
         [np.tile(np.arange(len(worst)), len(nearest)), np.stack(nearest)[:, worst].ravel()], axis=1
     )
     watched = places.of(worst)
-    watched.corners = one.source[watched.corners]
+    watched.corners = merged.source[watched.corners]
     return Watched(watched, pairs[0], other.source[other.moving.triangles[pairs[1]]])
 
 
@@ -151,15 +151,15 @@ def look_at(
     posed: the character and its LODs; pairs: for each LOD what is watched of the character, and of
     the LOD. Yields the progress.
     """
-    found = np.zeros((len(pairs), len(moments)))
+    distances = np.zeros((len(pairs), len(moments)))
     for number, moment in enumerate(moments):
         character, *levels = posed.points(moment)
         posed.performance.rest()
         for k, ((mine, theirs), level) in enumerate(zip(pairs, levels, strict=True)):
             off = mine.distances(character, level), theirs.distances(level, character)
-            found[k, number] = max(each.max(initial=0) for each in off)
+            distances[k, number] = max(each.max(initial=0) for each in off)
         yield (number + 1) / len(moments)
-    return found
+    return distances
 
 
 @dataclass
@@ -185,36 +185,37 @@ class Looked:
         row: what is known of it. Returns the same, with a greater bound if a moment exceeds that;
         None if there is no such place.
         """
-        some = self._exceeding(beyond)
-        if not some:
+        exceeding = self._exceeding(beyond)
+        if not exceeding:
             return None
-        self.measured += [moment for moment, _ in some]
-        one, other = (
-            surface.at([points[k] for _, points in some]) for k, surface in enumerate(self.surfaces)
+        self.measured += [moment for moment, _ in exceeding]
+        merged, other = (
+            surface.at([points[k] for _, points in exceeding])
+            for k, surface in enumerate(self.surfaces)
         )
-        if one is None or other is None:
+        if merged is None or other is None:
             return row
         deviation, bound, rms, worst = row
-        apart = bound_distance(one.moving, other.moving, bound)
+        apart = bound_distance(merged.moving, other.moving, bound)
         if apart.measured > deviation:
             deviation = apart.measured
-            worst = some[apart.pose][0]
+            worst = exceeding[apart.pose][0]
         return deviation, max(bound, apart.bound), rms, worst
 
     def _exceeding(self, beyond: float) -> list[tuple[float, tuple[np.ndarray, np.ndarray]]]:
         """Return moments that are not alike, and where the points of both surfaces are in these."""
         whole = [surface.surface(surface.runs[0]) for surface in self.surfaces]
-        found = []
+        exceeding = []
         left = self.off.copy()
-        while len(found) < WHOLE_LOOKS and left.max() > beyond:
+        while len(exceeding) < WHOLE_LOOKS and left.max() > beyond:
             k = int(left.argmax())
             left[k] = self.off[k] = 0.0
             moment = float(self.moments[k])
             points = self.posed.points(moment)
             self.posed.performance.rest()
-            both = points[0], points[1 + self.number]
-            ways = zip(self.watched, (both, both[::-1]), whole[::-1], strict=True)
+            moved_pair = points[0], points[1 + self.number]
+            ways = zip(self.watched, (moved_pair, moved_pair[::-1]), whole[::-1], strict=True)
             if any(watched.look_closer(*pair, other, beyond) for watched, pair, other in ways):
-                found.append((moment, both))
+                exceeding.append((moment, moved_pair))
                 left[np.abs(self.moments - moment) < ALIKE_WITHIN] = 0.0
-        return found
+        return exceeding

@@ -36,48 +36,48 @@ def visible_points(points: np.ndarray, triangles: np.ndarray, hiding: np.ndarray
     rays = _Rays(points, triangles, hiding, OFF * size)
     corner = np.unique(triangles)
     vertices = np.arange(len(corner))
-    seen = np.zeros(len(points), bool)
+    is_seen = np.zeros(len(points), bool)
     tried = np.zeros(len(points), bool)
 
-    seen[corner] = rays.leave(face[vertices], weights[vertices], rays.nearest)
+    is_seen[corner] = rays.leave(face[vertices], weights[vertices], rays.nearest)
     for ranks in (rays.nearest, rays.others):  # within triangles, until all their corners count
-        inner = len(corner) + np.flatnonzero(~seen[triangles[face[len(corner) :]]].all(axis=1))
+        inner = len(corner) + np.flatnonzero(~is_seen[triangles[face[len(corner) :]]].all(axis=1))
         large = face[inner[rays.leave(face[inner], weights[inner], ranks)]]
-        seen[triangles[large]] = True
+        is_seen[triangles[large]] = True
     due = np.zeros(len(points), bool)
     due[corner[::ONE_IN]] = True
     while True:
-        due[triangles[seen[triangles].any(axis=1)]] = True
-        some = np.flatnonzero(due[corner] & ~seen[corner] & ~tried[corner])
-        if not len(some):
-            return seen
-        tried[corner[some]] = True
-        seen[corner[some]] = rays.leave(face[some], weights[some], rays.others)
+        due[triangles[is_seen[triangles].any(axis=1)]] = True
+        samples = np.flatnonzero(due[corner] & ~is_seen[corner] & ~tried[corner])
+        if not len(samples):
+            return is_seen
+        tried[corner[samples]] = True
+        is_seen[corner[samples]] = rays.leave(face[samples], weights[samples], rays.others)
 
 
 def visible_faces(
-    points: np.ndarray, triangles: np.ndarray, hiding: np.ndarray, some: np.ndarray
+    points: np.ndarray, triangles: np.ndarray, hiding: np.ndarray, candidates: np.ndarray
 ) -> np.ndarray:
-    """Return which of the triangles `some` (k,) someone may see, (k,) bool.
+    """Return which of the triangles `candidates` (k,) someone may see, (k,) bool.
 
     points, triangles, hiding: see visible_points.
     """
     if not hiding.any():
-        return np.ones(len(some), bool)
+        return np.ones(len(candidates), bool)
     size = float(np.ptp(points[:, 0], axis=0).max())
-    face, weights = _samples(points[:, 0], triangles[some], SPACING * size)
-    middles = np.arange(len(some)), np.full((len(some), 3), 1 / 3)
+    face, weights = _samples(points[:, 0], triangles[candidates], SPACING * size)
+    middles = np.arange(len(candidates)), np.full((len(candidates), 3), 1 / 3)
     face = np.concatenate([face, middles[0]])
     weights = np.concatenate([weights, middles[1]])
     rays = _Rays(points, triangles, hiding, OFF * size)
-    seen = np.zeros(len(points), bool)
+    is_seen = np.zeros(len(points), bool)
     for ranks in (rays.nearest, rays.others):
-        hidden = ~seen[triangles[some[face]]].any(axis=1)
+        hidden = ~is_seen[triangles[candidates[face]]].any(axis=1)
         face = face[hidden]
         weights = weights[hidden]
-        leaves = rays.leave(some[face], weights, ranks)
-        seen[triangles[some[face[leaves]]]] = True
-    return seen[triangles[some]].any(axis=1)
+        leaves = rays.leave(candidates[face], weights, ranks)
+        is_seen[triangles[candidates[face[leaves]]]] = True
+    return is_seen[triangles[candidates]].any(axis=1)
 
 
 class _Rays:
@@ -110,11 +110,11 @@ class _Rays:
         face: (s,) triangles; weights: (s, 3), barycentric, on these; ranks: the directions to try
         in each pose.
         """
-        seen = np.zeros(len(face), bool)
+        is_seen = np.zeros(len(face), bool)
         for at, tree, tried in zip(self.at, self.trees, ranks, strict=True):
-            some = np.flatnonzero(~seen)
-            corners = at[self.triangles[face[some]]]
-            start = np.einsum("sc,scd->sd", weights[some], corners)
+            samples = np.flatnonzero(~is_seen)
+            corners = at[self.triangles[face[samples]]]
+            start = np.einsum("sc,scd->sd", weights[samples], corners)
             normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
             order = np.argsort(-normals @ SPHERE.T, axis=1)
             for rank in tried:
@@ -122,9 +122,9 @@ class _Rays:
                 begins = start + self.off * ways
                 hits = map(tree.ray_cast, begins.tolist(), ways.tolist())
                 leaves = np.array([hit[0] is None for hit in hits], bool)
-                seen[some[leaves]] = True
-                some, start, order = (each[~leaves] for each in (some, start, order))
-        return seen
+                is_seen[samples[leaves]] = True
+                samples, start, order = (each[~leaves] for each in (samples, start, order))
+        return is_seen
 
 
 def _samples(

@@ -30,13 +30,15 @@ def look_in_pose(whole: PosedSurface, character: Shape, level: Shape) -> InPose 
     """
     if len(character.points) != len(whole.shapes[0].points):
         whole = PosedSurface([character], whole.hidden_counts)
-    one = whole.at([character.points])
+    merged = whole.at([character.points])
     other = merge([level.points], level.triangles)
-    if one is None or other is None:
+    if merged is None or other is None:
         return None
-    surfaces = [Surface(each.moving.points[:, 0], each.moving.triangles) for each in (one, other)]
-    counted = one.moving.counted
-    near = counted[one.moving.find(0, surfaces[1].points)]
+    surfaces = [
+        Surface(each.moving.points[:, 0], each.moving.triangles) for each in (merged, other)
+    ]
+    counted = merged.moving.counted
+    near = counted[merged.moving.find(0, surfaces[1].points)]
     places = [
         _places(surfaces[0], counted),
         _places(surfaces[1], near[other.moving.triangles].any(axis=1)),

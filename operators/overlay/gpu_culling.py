@@ -142,10 +142,10 @@ class Planner:
         radial = request.policy.metric == "RADIAL"
         for name in PASSES:
             threads = runs if "runs" in PASSES[name][2] else sizes["sums"]
-            _dispatch(program(name, levels, radial), name, threads, textures, view, numbers)
+            dispatch_pass(program(name, levels, radial), name, threads, textures, view, numbers)
         ends = _read(textures["offsets"], total)[::runs].astype(np.intp)
         places = _read(textures["places"], count)[: ends[-1]]
-        return _settled(places, ends, self.spheres, request)
+        return settle_open_agents(places, ends, self.spheres, request)
 
     def _upload(self, crowd: Crowd, order: np.ndarray | None) -> None:
         """Upload the columns that have changed since the last call."""
@@ -215,7 +215,7 @@ def _texture(
     return GPUTexture(size, format=form, data=Buffer("FLOAT", texels.size, texels))
 
 
-def _dispatch(
+def dispatch_pass(
     shader, name: str, threads: int, textures: dict, view, numbers: dict[str, int]
 ) -> None:
     from gpu.compute import dispatch
@@ -238,9 +238,12 @@ def _read(texture, count: int) -> np.ndarray:
     return np.asarray(memoryview(texture.read())).ravel()[:count].view(np.int32)
 
 
-def _settled(places, ends, spheres: tuple, request: Unsorted) -> tuple[np.ndarray, np.ndarray]:
+def settle_open_agents(
+    places, ends, spheres: tuple, request: Unsorted
+) -> tuple[np.ndarray, np.ndarray]:
     """Decide the agents of the open bucket and return (places, offsets) with them.
 
+    places: (m,) places of agents in the planner's order, bucket after bucket.
     ends: (n + 2,), starts with 0; bucket k is places[ends[k]:ends[k + 1]], and the last bucket is
         the open one.
     """

@@ -50,7 +50,7 @@ def register() -> None:
 
 def unregister() -> None:
     _let_go()
-    for timer in (_watch, sidebars.redraw, read_shutters, _stop, character_cache.bake_some):
+    for timer in TIMERS:
         if bpy.app.timers.is_registered(timer):
             bpy.app.timers.unregister(timer)
 
@@ -241,3 +241,7 @@ def _redraw_sidebars_soon() -> None:
     # by a timer: Blender forgets a request made while it draws
     if not bpy.app.timers.is_registered(sidebars.redraw):
         bpy.app.timers.register(sidebars.redraw)
+
+
+# What may still be due when the extension is disabled.
+TIMERS = (_watch, sidebars.redraw, read_shutters, _stop, character_cache.bake_some)

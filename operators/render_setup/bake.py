@@ -27,8 +27,9 @@ from ..sources.record_points import on_record
 from .baked_actions import trim_actions
 from .change_detection import cameras_digest, lights_digest
 from .frame_update import Held, columns_of, held_by, members, opening
+from .group_models import read_library
 from .hidden_characters import HIDDEN, shows_characters
-from .phase_characters import Cast, make_cast, read_library
+from .phase_characters import Cast, make_cast
 from .render_setup import (
     BAKED,
     CAMERAS,

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import bpy
 import numpy as np
 
-from .rigs import ROUNDING, fill_curve
+from .rig_models import ROUNDING, fill_curve
 
 EITHER_SIDE = 1.0  # frames before and after each baked one, for motion blur
 

@@ -4,7 +4,7 @@ For each LOD of each character group there is a copy per phase class, moved by a
 share. Where no rig can show the group, there are the LOD's meshes in even poses of its action.
 """
 
-from collections.abc import Container, Generator, Sequence
+from collections.abc import Callable, Container, Generator, Sequence
 from dataclasses import dataclass, field, replace
 
 import bpy
@@ -13,6 +13,7 @@ from mathutils import Matrix
 
 from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.progress import share
+from ...crowd_lod.shot.stand_ins import hold_shown, stand_ins
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import mesh_data
 from ..blender.cleanup import removed_on_failure
@@ -20,16 +21,20 @@ from ..blender.named_actions import group_performance
 from ..blender.ownership import OWNED
 from ..blender.performance import Performance
 from ..blender.render_evaluation import as_rendered
-from ..characters.characters import check_measured
-from ..characters.rig_needs import POSES, leads, stands_for
-from ..characters.stored_groups import groups_of
 from ..lod_meshes.deviation import SOLID
+from ..lod_meshes.selection import cast_of
+from ..machine.scene_world import bias_of
 from ..scene.scene_crowd import characters_of, home_of, policy_of, trajectory_of
+from ..scene.shot_reference import planned_cast
 from . import rigs
+from .group_models import GroupModels, read_library
 from .scaled_textures import scale_textures
 
 # Of each LOD, the numbers of the characters that it gets (see Library).
 Selection = Sequence[Container[int]]
+Mesh = tuple[int, int]  # a LOD and a character's number
+# The characters that a LOD's collection holds, by number: each with the mesh that it shows.
+Shelf = Sequence[tuple[int, Mesh]]
 
 
 @dataclass(frozen=True)
@@ -42,7 +47,6 @@ class Cast:
     rigs: the armature objects that move the characters.
     names: each new block's final name, given once the blocks of an earlier build are gone.
     notes: sentences on what the characters do not show as it is.
-    selection: the characters that were made, None for all.
     stands_for: object -> the LOD's object that it shows.
     images: where images are scaled, bytes of the characters' images (unscaled, as they are).
     """
@@ -52,7 +56,6 @@ class Cast:
     rigs: list[bpy.types.Object] = field(default_factory=list)
     names: dict[bpy.types.ID, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
-    selection: Selection | None = None
     stands_for: dict[bpy.types.Object, bpy.types.Object] = field(default_factory=dict)
     images: tuple[int, int] | None = None
 
@@ -79,119 +82,6 @@ class _Actors:
     rig_of: dict[tuple[int, float, int], dict[str, bpy.types.Object]]
 
 
-@dataclass(frozen=True)
-class GroupModels:
-    """Which groups rigs can show, and by which models.
-
-    posed: (G,) intp, see Library.
-    models: for each group the model of each action; [] where rigs cannot show the group.
-    notes: sentences on what does not show as it is.
-    blocks: the new data-blocks and their final names.
-    """
-
-    posed: np.ndarray
-    models: list[list[rigs.Model]] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-    blocks: dict[bpy.types.ID, str] = field(default_factory=dict)
-
-
-def read_library(scene: bpy.types.Scene) -> Generator[float, None, GroupModels]:
-    """Model the groups of `scene` with rigs, where rigs can show them.
-
-    Yields the progress. Closed early, it leaves nothing behind.
-    """
-    characters = characters_of(scene)
-    actions = trajectory_of(scene).gaits.actions
-    measured = groups_of(scene.crowd_lod)
-    check_measured(characters, measured)
-    library = GroupModels(np.zeros(len(characters), np.intp))
-    lead = leads(characters, measured)
-    with removed_on_failure(library.blocks):
-        for g in range(len(characters)):
-            if lead[g] == g:
-                family = [v for v, leader in enumerate(lead) if leader == g]
-                modeling = _model_group(scene, family, actions, library)
-                yield from share(modeling, g / len(characters), (g + 1) / len(characters))
-            else:  # a variant moves as its group does
-                library.posed[g] = library.posed[lead[g]]
-                library.models.append(library.models[lead[g]])
-            yield (g + 1) / len(characters)
-    return library
-
-
-def _model_group(
-    scene: bpy.types.Scene, family: list[int], actions: Sequence[str], library: GroupModels
-) -> Generator[float, None, None]:
-    """Add the models of a group, which also its variants use, to `library`.
-
-    family: the numbers of the group and of its variants.
-    actions: those that agents play.
-    """
-    g = family[0]
-    settings = scene.crowd_lod
-    characters = characters_of(scene)
-    name, objects, _ = characters[g]
-    measured = groups_of(settings)[g]
-    performance = group_performance(measured, objects)
-    acts = [performance.only(action) for action in actions]
-    if all(act.still for act in acts):
-        library.posed[g] = 1
-        library.models.append([])
-        return
-    levels = settings.levels.children[: policy_of(settings).count]
-    homes = [home_of(level, v, characters[v][0]) for v in family for level in levels]
-    diagonal = measured.diagonal or 2 * measured.radius
-    with as_rendered(item for home in homes for item in home.objects) as (stage, actors):
-        character = rigs.Acting(name, homes, stage, actors, diagonal)
-        models, reasons = yield from _models(character, acts, library.blocks)
-    if len(models) == len(acts):
-        library.notes.extend(filter(None, [" ".join(reasons)]))
-        library.models.append(models)
-        return
-    library.posed[g] = POSES
-    library.models.append([])
-    frames = max(last - first for act in acts for first, last in act.spans)
-    stands = stands_for(frames, scene.render.fps / scene.render.fps_base)
-    library.notes.append(
-        f"{name} is shown as {POSES} still poses, {stands}, so its limbs "
-        f"have no motion blur: {reasons[-1]}."
-    )
-
-
-def _models(
-    character: rigs.Acting, acts: list[Performance], blocks: dict[bpy.types.ID, str]
-) -> Generator[float, None, tuple[list[rigs.Model], list[str]]]:
-    """Make a model of each of `acts`, until rigs cannot show one.
-
-    blocks: gets the new data-blocks and their final names.
-
-    Yields the progress. Returns (models, sentences on how far they are off). Where an act cannot be
-    shown, there are no models, and the last sentence says why.
-    """
-    models = []
-    sentences = []
-    before = set(blocks)
-    for k, act in enumerate(acts):
-        alike = [
-            model for model, other in zip(models, acts, strict=False) if other.parts == act.parts
-        ]
-        if alike:  # its own action, in place of one that another group plays
-            models.append(alike[0])
-            continue
-        modeling = rigs.modeled(character, act, blocks)
-        model, reason = yield from share(modeling, k / len(acts), (k + 1) / len(acts))
-        if reason:
-            sentences.append(reason)
-        if model is None:
-            new_blocks = [block for block in blocks if block not in before]
-            for block in new_blocks:
-                del blocks[block]
-            bpy.data.batch_remove(new_blocks)
-            return [], sentences
-        models.append(model)
-    return models, sentences
-
-
 def make_cast(
     scene: bpy.types.Scene,
     selection: Selection | None = None,
@@ -211,11 +101,18 @@ def make_cast(
         library.posed,
         [[] for _ in range(policy_of(settings).count)],
         notes=library.notes,
-        selection=selection,
     )
     cast.names.update(library.blocks)
     with removed_on_failure(cast.names):
-        yield from share(_make_characters(scene, library, cast), 0.5, 1.0)
+        if selection is None:
+            shelves = _live_shelves(scene, library.posed)
+        else:
+            numbers = range(Library(library.posed).first(trajectory_of(scene).gaits)[-1])
+            shelves = [
+                [(number, (level, number)) for number in numbers if number in selected]
+                for level, selected in enumerate(selection)
+            ]
+        yield from share(_fill_collections(scene, library, shelves, cast), 0.5, 1.0)
         if settings.scale_textures:
             scaling = scale_textures(scene, settings, cast.stands_for, cast.names)
             *images, sentence = yield from scaling
@@ -229,40 +126,84 @@ def make_cast(
     return cast
 
 
-def _make_characters(
-    scene: bpy.types.Scene, library: GroupModels, cast: Cast
-) -> Generator[float, None, None]:
-    """Put the characters of all groups into the collections of `cast`; yields the progress."""
+def _live_shelves(scene: bpy.types.Scene, posed: np.ndarray) -> list[Shelf]:
+    """Return the shelves of a live build: on each all characters, or what stands in for them.
+
+    posed: of the Library. The build holds all meshes, or with a shot plan that holds those that the
+    plan's frames show; never LODs finer than the policy has.
+    """
+    trajectory = trajectory_of(scene)
+    policy = policy_of(scene.crowd_lod)
+    built = Library(posed)
+    gaits = trajectory.gaits
+    finest = np.array(policy.finest or [0] * len(posed))
+    held = np.arange(policy.count)[:, None] >= finest[built.owner(gaits)]
+    shown = meshes_of_plan(scene)
+    if shown is not None:
+        held &= hold_shown(shown, cast_of(characters_of(scene), trajectory), built, gaits)
+    levels, numbers = stand_ins(held, built.roles(gaits)).tolist()
+    return [list(enumerate(zip(*row, strict=True))) for row in zip(levels, numbers, strict=True)]
+
+
+def meshes_of_plan(scene: bpy.types.Scene) -> np.ndarray | None:
+    """Return the meshes that the frames of the scene's shot plan show, (K, L) bool.
+
+    They are LODs of the characters that selection.cast_of numbers. None without a plan that holds.
+    """
     settings = scene.crowd_lod
     trajectory = trajectory_of(scene)
+    policy = policy_of(settings)
+    shown = planned_cast(scene, trajectory, policy, bias_of(settings))
+    characters = int(cast_of(characters_of(scene), trajectory).first(trajectory.gaits)[-1])
+    return shown if shown is not None and shown.shape == (policy.count, characters) else None
+
+
+def _fill_collections(
+    scene: bpy.types.Scene, library: GroupModels, shelves: Sequence[Shelf], cast: Cast
+) -> Generator[float, None, None]:
+    """Make what the shelves show, and put it into the collections of `cast`.
+
+    Yields the progress.
+    """
     characters = characters_of(scene)
-    levels = settings.levels.children[: len(cast.collections)]
-    finest = policy_of(settings).finest or [0] * len(characters)
+    names = [name for name, _, _ in characters]
+    owner = Library(cast.posed).owner(trajectory_of(scene).gaits)
+    of_numbers: dict[int, set[int]] = {}
+    for shelf in shelves:
+        for _, (level, number) in shelf:
+            of_numbers.setdefault(number, set()).add(level)
+    objects = yield from _make_characters(scene, library, of_numbers, cast)
+    for level, shelf in enumerate(shelves):
+        cast.collections[level].extend(
+            (f"{number:05d} {names[owner[number]]} LOD {level}", objects[mesh])
+            for number, mesh in shelf
+        )
+
+
+def _make_characters(
+    scene: bpy.types.Scene, library: GroupModels, of_numbers: dict[int, set[int]], cast: Cast
+) -> Generator[float, None, dict[Mesh, list[bpy.types.Object]]]:
+    """Make the LODs of characters in `of_numbers`: yield the progress, return their objects."""
+    trajectory = trajectory_of(scene)
+    characters = characters_of(scene)
+    levels = scene.crowd_lod.levels.children[: len(cast.collections)]
     first = Library(cast.posed).first(trajectory.gaits)
     rig_of: dict = {}
-    for g, (name, objects, _) in enumerate(characters):
+    objects: dict[Mesh, list[bpy.types.Object]] = {}
+    for g, (name, own_objects, _) in enumerate(characters):
         homes = [home_of(level, g, name) for level in levels]
         with as_rendered(item for home in homes for item in home.objects) as (stage, actors):
-            performance = group_performance(trajectory.groups[g], objects)
+            performance = group_performance(trajectory.groups[g], own_objects)
             models = library.models[g]
             group = _Actors(g, name, homes, stage, actors, performance, models, rig_of)
             for number in range(first[g], first[g + 1]):
-                of_levels = _levels_of(cast, number, finest[g])
-                if cast.selection is None:  # without them the numbers of the others would be wrong
-                    for characters_of_level in cast.collections[: finest[g]]:
-                        characters_of_level.append((f"{number:05d} {name} left out", []))
+                of_levels = sorted(of_numbers.get(number, ()))
+                place = number - int(first[g])
                 if of_levels:
-                    place = number - int(first[g])
-                    _make_character(cast, group, number, place, of_levels, trajectory)
+                    made = _make_character(cast, group, number, place, of_levels, trajectory)
+                    objects |= {(level, number): items for level, items in made.items()}
                 yield number / first[-1]
-
-
-def _levels_of(cast: Cast, number: int, finest: int) -> list[int]:
-    """Return the LODs that character `number` is made for; finest: the group's finest LOD."""
-    count = len(cast.collections)
-    if cast.selection is None:
-        return list(range(finest, count))
-    return [level for level in range(count) if number in cast.selection[level]]
+    return objects
 
 
 def _make_character(
@@ -272,19 +213,18 @@ def _make_character(
     place: int,
     of_levels: list[int],
     trajectory: Trajectory,
-) -> None:
-    """Put a character into the collections of LODs of `cast`: in a pose, or moved by a rig.
+) -> dict[int, list[bpy.types.Object]]:
+    """Return the objects of a character by its LODs: in a pose, or moved by a rig.
 
     number: its number among all characters.
     place: its number in the group.
     """
     poses = int(cast.posed[group.g])
     if not poses:
-        _rig(cast, group, number, place, of_levels, trajectory)
-        return
+        return _rig(cast, group, number, place, of_levels, trajectory)
     action, pose = divmod(place, poses)
     act = group.performance.only(trajectory.gaits.actions[action])
-    _pose(cast, group, number, (act, pose / poses), of_levels)
+    return _pose(cast, group, number, (act, pose / poses), of_levels)
 
 
 def _rig(
@@ -294,12 +234,8 @@ def _rig(
     place: int,
     of_levels: list[int],
     trajectory: Trajectory,
-) -> None:
-    """Put a character moved by a rig into the collections of LODs of `cast`.
-
-    number: its number among all characters.
-    place: its number in the group.
-    """
+) -> dict[int, list[bpy.types.Object]]:
+    """Return the objects of a character by its LODs, moved by a rig; see _make_character."""
     gaits = trajectory.gaits
     pace, phase_class = divmod(place, gaits.classes)
     action, rate = gaits.plays[group.g][pace]
@@ -313,17 +249,29 @@ def _rig(
         group.rig_of[key] = new_rigs
         cast.rigs.extend(new_rigs.values())
         cast.names.update((rig, f"{title} {armature}") for armature, rig in new_rigs.items())
-    copies = []
-    home = None
-    for level in of_levels:
-        # a group with fewer LODs than others shows its last in their place
-        if group.homes[level] != home:
-            home = group.homes[level]
-            copies = [rigs.dress(item, model, group.rig_of[key]) for item in home.objects]
-            for copy, item in zip(copies, home.objects, strict=True):
-                cast.stands_for[copy] = item
-                cast.names[copy] = f"{item.name} {number:05d}"
-        cast.collections[level].append((f"{number:05d} {group.name} LOD {level}", copies))
+
+    def moved(home: bpy.types.Collection) -> list[bpy.types.Object]:
+        copies = [rigs.dress(item, model, group.rig_of[key]) for item in home.objects]
+        for copy, item in zip(copies, home.objects, strict=True):
+            cast.stands_for[copy] = item
+            cast.names[copy] = f"{item.name} {number:05d}"
+        return copies
+
+    return _by_level(group, of_levels, moved)
+
+
+def _by_level(
+    group: _Actors,
+    of_levels: list[int],
+    copied: Callable[[bpy.types.Collection], list[bpy.types.Object]],
+) -> dict[int, list[bpy.types.Object]]:
+    """Return what `copied` makes of each LOD's collection, by the LOD.
+
+    A group with fewer LODs than others shows its last in their place.
+    """
+    homes = {level: group.homes[level] for level in of_levels}
+    objects = {home: copied(home) for home in dict.fromkeys(homes.values())}
+    return {level: objects[home] for level, home in homes.items()}
 
 
 def _pose(
@@ -332,27 +280,25 @@ def _pose(
     number: int,
     act_and_phase: tuple[Performance, float],
     of_levels: list[int],
-) -> None:
-    """Put a still character into the collections of LODs of `cast`.
+) -> dict[int, list[bpy.types.Object]]:
+    """Return the objects of a still character by its LODs; see _make_character.
 
-    number: its number among all characters.
     act_and_phase: the action and the phase, in [0, 1), of its pose.
     """
     act, phase = act_and_phase
     ((first, last),) = act.spans
     act.go_to(group.stage, first + (last - first) * phase)
     depsgraph = group.stage.view_layers[0].depsgraph
-    stills = []
-    home = None
-    for level in of_levels:
-        if group.homes[level] != home:
-            home = group.homes[level]
-            stills = []
-            for item in home.objects:
-                evaluated = group.actors[item].evaluated_get(depsgraph)
-                stills.append(_still(cast, item, home, evaluated, depsgraph, number))
-        cast.collections[level].append((f"{number:05d} {group.name} LOD {level}", stills))
+
+    def posed(home: bpy.types.Collection) -> list[bpy.types.Object]:
+        return [
+            _still(cast, item, home, group.actors[item].evaluated_get(depsgraph), depsgraph, number)
+            for item in home.objects
+        ]
+
+    stills = _by_level(group, of_levels, posed)
     act.rest()
+    return stills
 
 
 def _still(

@@ -24,7 +24,7 @@ from . import played_by
 from .change_detection import made_of, shown_by
 from .hidden_characters import unhide_characters
 from .nodes import baked, instances, trees
-from .phase_characters import Cast, Selection, make_cast
+from .phase_characters import Cast, Selection, make_cast, meshes_of_plan
 from .shelves import REMEDY, fill_shelves, level_of, shelves_of
 
 # Custom properties of a point object.
@@ -188,8 +188,10 @@ def _inputs_of_characters(scene: bpy.types.Scene, top: bpy.types.Collection) -> 
     policy = policy_of(settings)
     homes = [home for level in settings.levels.children[: policy.count] for home in level.children]
     played = played_by.inputs(homes, trajectory_of(scene))
+    of_plan = meshes_of_plan(scene)
     return {
         "the LOD meshes": made_of(homes, played),
+        "the shot plan": "" if of_plan is None else provenance.text_digest(of_plan.tolist()),
         "the settings": provenance.text_digest(policy.finest, settings.scale_textures),
         "the build": shown_by(top),
     }

@@ -19,6 +19,7 @@ from ..blender.material_colors import Looks
 from ..blender.named_actions import group_performance
 from ..blender.performance import Performance
 from ..lod_meshes.deviation import meshes_of
+from ..lod_meshes.level_objects import GIVEN
 from ..lod_meshes.posed_shapes import Posed
 from ..lod_meshes.posed_surface import PosedSurface
 from ..lod_meshes.shaded_pictures import alike, bodies_of
@@ -183,6 +184,8 @@ def _row(
         key: [item[f"crowd_lod_{key}"] for item in meshes if f"crowd_lod_{key}" in item]
         for key in ("method", "why", "ms")
     }
+    if any(GIVEN in item for item in meshes):
+        notes["method"] = ["GIVEN"]
     return {
         "lod": k,
         "to_lod": k,

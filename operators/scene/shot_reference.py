@@ -222,6 +222,20 @@ def notes_on_shot(
     return _not_used(stored, changed) if changed else ""
 
 
+def planned_cast(
+    scene: bpy.types.Scene, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | None
+) -> np.ndarray | None:
+    """Return the meshes that the frames of the scene's plan show, (K, L) bool; see plan_file.
+
+    None without a plan that holds in all its frames.
+    """
+    with suppress(CrowdError):
+        stored = stored_plan(scene.crowd_lod)
+        if stored is not None and not notes_on_shot(scene, trajectory, policy, bias):
+            return stored.cast
+    return None
+
+
 def _not_used(stored: StoredPlan, changed: Sequence[str]) -> str:
     return (
         f"The shot plan is not used, for {name_inputs(changed)} changed since it was "

@@ -24,13 +24,13 @@ from ...crowd_lod.shot.coloring import (
     VARIETY,
     plan_phases,
     recast,
-    shown_characters,
     strides_of,
 )
 from ...crowd_lod.shot.curve import curve_of
 from ...crowd_lod.shot.exceptions import Exemption, excepted, marked
 from ...crowd_lod.shot.shot_cost import Shot, meshes_of
 from ...crowd_lod.shot.switches import WORST, largest, noticed
+from ...crowd_lod.shot.unneeded import needed_meshes
 from ..blender import cameras, provenance, scene_data
 from ..blender.machine_costs import costs_of
 from ..blender.operator import Reporting, Stepwise
@@ -166,7 +166,7 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
         made_for=shot_reference.plan_inputs(scene.crowd_lod, trajectory, policy, bias),
         tolerance=max(plan.tolerance, policy.tolerance or 0.0) or None,
         phases=phases.phases,
-        cast=shown_characters(survey),
+        cast=needed_meshes(shot, plan.bill.shown),
         blend_file=printable(Path(bpy.data.filepath).name),
     )
     return PlannedShot(shot, plan, stored, report, request, exemptions)

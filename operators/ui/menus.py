@@ -18,6 +18,7 @@ WORK = (
     "characters_from_selection",
     "populate",
     "mark_as_prop",
+    "give_lod",
     "take_action",
     "simulate",
     "make_levels",

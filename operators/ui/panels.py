@@ -125,6 +125,7 @@ class CROWDLOD_PT_groups(Step, bpy.types.Panel):
         for item in props[:MOST_ROWS]:
             layout.prop(item, f'["{PROP}"]', text=item.name, translate=False)
         button(layout, "crowd_lod.mark_as_prop", icon="MOD_CLOTH")
+        button(layout, "crowd_lod.give_lod", icon="MOD_DECIM")
         button(layout, "crowd_lod.take_action", icon="ACTION")
 
 

@@ -8,6 +8,7 @@ from ..blender import scene_data
 from ..blender.labeled_properties import CONTEXT
 from ..characters.stored_groups import count_of
 from ..characters.take_action import TAKE_ACTION
+from ..lod_meshes.level_objects import GIVEN
 from ..overlay import viewport_overlay
 from ..overlay.hud import STAGES, describe, share
 from . import steps
@@ -97,15 +98,20 @@ class CROWDLOD_PT_statistics(_Popover, bpy.types.Panel):
                     if group.diagonal
                     else "-"
                 )
-                rows.append(
-                    (f"LOD {k}", f"{group.triangles[k]:,}", deviates, distance(context, begin))
-                )
+                name = f"LOD {k}, given" if _is_given(settings.levels, k, g) else f"LOD {k}"
+                rows.append((name, f"{group.triangles[k]:,}", deviates, distance(context, begin)))
             table(self.layout, (group.name, "Triangles", "Deviates", "From"), rows)
         lines = settings.dropped.splitlines()
         if settings.choice == "BY_TOLERANCE" and lines:
             label(self.layout, f"Not made: {len(lines)} candidates")
             for line in lines[:MOST_ROWS]:
                 paragraph(self.layout, line, "DOT", LETTERS)
+
+
+def _is_given(levels: bpy.types.Collection, k: int, g: int) -> bool:
+    """Return whether an artist made LOD `k` of the g-th group."""
+    homes = levels.children[k].children if k < len(levels.children) else ()
+    return g < len(homes) and any(GIVEN in item for item in homes[g].objects)
 
 
 class CROWDLOD_PT_messages(_Popover, bpy.types.Panel):

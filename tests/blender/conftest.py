@@ -4,9 +4,11 @@ import bpy
 import crowd_lod_extension
 import pytest
 
+from ..support.coarse_characters import CAGE
+
 
 @pytest.fixture(scope="module", autouse=True)
-def registered(rough_levels, rough_characters):
+def registered():
     crowd_lod_extension.register()
     yield
     crowd_lod_extension.unregister()
@@ -26,7 +28,7 @@ def empty_file(registered):
 
 @pytest.fixture
 def scene():
-    """A small crowd of two of the sample characters, seen by a camera; LODs at 12 m and 30 m."""
+    """A small crowd of two coarse sample characters, seen by a camera; LODs at 12 m and 30 m."""
     from crowd_lod_extension.sample_scenes.characters import make_characters
 
     scene = bpy.context.scene
@@ -35,7 +37,7 @@ def scene():
     scene.render.resolution_y = 90
     characters = bpy.data.collections.new("People")
     scene.collection.children.link(characters)
-    make_characters(characters)
+    make_characters(characters, finer=CAGE)
     characters.children.unlink(characters.children["heavy"])
     characters.hide_render = True
     camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))

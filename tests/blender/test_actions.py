@@ -24,6 +24,7 @@ from crowd_lod_extension.operators.render_setup import bake, render_setup
 from crowd_lod_extension.operators.scene.scene_crowd import characters_of, frame_of, trajectory_of
 from crowd_lod_extension.sample_scenes.characters import make_characters
 
+from ..support.coarse_characters import CAGE
 from .test_rigs import instances
 
 STATES = {
@@ -48,7 +49,7 @@ def waiting(scene):
     bpy.data.batch_remove(
         [*(item for group in groups for item in group.objects), *groups, *bpy.data.actions]
     )
-    make_characters(people, idle=True)
+    make_characters(people, idle=True, finer=CAGE)
     people.children.unlink(people.children["heavy"])
     name_actions(scene)
     scene.crowd_lod.count = 60
@@ -195,7 +196,7 @@ def test_a_stride_is_measured_by_the_feet_and_an_idle_plays_by_time(waiting):
     solved = waiting.crowd_lod.characters.children["adult"][
         "stride"
     ]  # by which the feet of the walk were placed
-    assert walk.stride == pytest.approx(solved, rel=1e-3) and walk.period == pytest.approx(26 / 24)
+    assert walk.stride == pytest.approx(solved, rel=2e-3) and walk.period == pytest.approx(26 / 24)
     assert idle.stride == 0 and idle.period == pytest.approx(104 / 24)
     assert bpy.data.objects["adult rig"].animation_data.action.name == "walk adult"
 
@@ -256,7 +257,7 @@ def test_feet_that_slide_are_told_with_the_speed_that_fits(waiting):
     bpy.data.actions["walk adult"]["stride"] = 1.5
     (told,) = notes_on_actions(waiting, [group_of(waiting, walk=going("walk"))])
     assert (
-        "slide by 0.146 m in a cycle of walk adult" in told
+        "slide by 0.147 m in a cycle of walk adult" in told
         and "the speed that fits is 1.25 m/s" in told
     )
     (told,) = notes_on_actions(waiting, [group_of(waiting, wait=going("idle", 0.5))])
@@ -348,6 +349,7 @@ def test_spheres_and_deviations_hold_in_every_action(waiting):
     rig.animation_data.action = walk
     without = group_of(waiting, walk={"on": {"*": {"move": [1, 0]}}})
     name_actions(waiting)
+    waiting.crowd_lod.ratios[2] = 0.25  # fewer triangles would lose the hands
     scene = levelled(waiting)
     (group, *_) = groups_of(scene.crowd_lod)
     assert (

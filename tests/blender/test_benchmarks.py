@@ -1,6 +1,6 @@
 """The benchmarks' peers do the same work as the core.
 
-`stages` itself refuses a peer that finds other agents.
+`measure_stages` itself refuses a peer that finds other agents.
 """
 
 import sys
@@ -17,17 +17,17 @@ FOLDER = Path(__file__).parents[2] / "benchmarks"
 @pytest.fixture
 def bench(monkeypatch):
     monkeypatch.syspath_prepend(FOLDER)
-    import bench
+    import chapter_tests
 
-    yield bench
-    for name in ("bench", "peers", "loop", "walkers", "drawn", "worth", "ways"):
+    yield chapter_tests
+    for name in ("bench", "chapter_tests", "peers", "loop", "walkers", "drawn", "worth", "ways"):
         sys.modules.pop(name, None)
 
 
 @pytest.mark.parametrize("agents", [700, 45_000])
 def test_peers_find_what_the_core_finds_and_leave_the_file_as_it_was(bench, agents):
     before = set(bpy.data.user_map())
-    row = bench.stages(agents, 2, 1)
+    row = bench.measure_stages(agents, 2, 1)
     assert row["agents"] == agents and {
         "behavior",
         "core",
@@ -42,7 +42,7 @@ def test_peers_find_what_the_core_finds_and_leave_the_file_as_it_was(bench, agen
 def test_nodes_that_walk_find_what_the_core_finds_and_leave_the_file_as_it_was(bench):
     before = set(bpy.data.user_map())
     scene = bpy.context.window.scene
-    row = bench.whole(700, 4, 1)
+    row = bench.measure_whole_frame(700, 4, 1)
     assert row["agents"] == 700 and 0 < row["visible"] < 700
     assert set(bpy.data.user_map()) == before and bpy.context.window.scene == scene
 
@@ -50,19 +50,19 @@ def test_nodes_that_walk_find_what_the_core_finds_and_leave_the_file_as_it_was(b
 def test_nodes_that_stand_still_are_noticed(bench, monkeypatch):
     monkeypatch.setattr(bench.walkers.Walkers, "prepare", lambda self, tree: None)
     with pytest.raises(AssertionError):
-        bench.whole(20_000, 60, 1)
+        bench.measure_whole_frame(20_000, 60, 1)
 
 
 def test_a_peer_that_is_wrong_is_noticed(bench, monkeypatch):
     right = bench.peers.naive
     monkeypatch.setattr(bench.peers, "naive", lambda *a: right(*a)[::-1])
     with pytest.raises(AssertionError, match="naive"):
-        bench.stages(700, 1, 1)
+        bench.measure_stages(700, 1, 1)
 
 
 def test_perspectives_see_nearly_all_and_nearly_none(bench):
     for which, least, most in (("A", 90, 100), ("B", 0, 10)):
-        row = bench.perspective(8192, which, 1, 1)
+        row = bench.measure_perspective(8192, which, 1, 1)
         assert least <= row["visible_percent"] <= most and row["visible_percent"] + row[
             "culled_percent"
         ] == pytest.approx(100)

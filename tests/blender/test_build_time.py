@@ -1,6 +1,8 @@
 """The build at any time: markers, time stretching, other threads, sub-frames."""
 
+import gc
 import threading
+import weakref
 
 import bpy
 import numpy as np
@@ -12,7 +14,6 @@ from crowd_lod_extension.operators.render_setup import frame_update, render_setu
 from crowd_lod_extension.operators.render_setup.bake import bake
 from crowd_lod_extension.operators.runs.preview import Preview, preview
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
-from crowd_lod_extension.operators.sources import crowd_sources
 
 
 def columns(scene, *names):
@@ -330,7 +331,9 @@ def test_a_repainted_map_or_an_edited_number_is_never_missed_and_nothing_is_kept
     assert not np.array_equal(trajectory_of(built).start.x, walled.start.x)
     settings.height_image = image_data.write_image("hills", pixels)
     assert trajectory_of(built).at(1).z.max() > 0.4
-    kept = crowd_sources._trajectories, crowd_sources._latest, image_data._values
-    assert all(kept)
+    kept = [weakref.ref(trajectory_of(built)), weakref.ref(walled)]
+    del first, walled
+    assert all(trajectory() is not None for trajectory in kept)
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    assert not any(kept)
+    gc.collect()
+    assert [trajectory() for trajectory in kept] == [None, None]

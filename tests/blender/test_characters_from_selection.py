@@ -4,6 +4,7 @@ stands.
 
 import bpy
 import pytest
+from crowd_lod_extension.operators.characters.selection_reading import read_selection
 from crowd_lod_extension.operators.scene.scene_crowd import characters_of
 
 from ..support.characters import new, rig, skin, tube
@@ -234,3 +235,78 @@ def test_lamps_and_cameras_beside_the_characters_are_no_groups(stage):
     bpy.data.batch_remove([item for item in home.all_objects if item.type in ("MESH", "ARMATURE")])
     with pytest.raises(RuntimeError, match="Collection holds lamps, cameras and empties alone"):
         bpy.ops.crowd_lod.populate()
+
+
+def box(name, low, high):
+    """A box mesh between two corners, in the scene."""
+    x, y, z = zip(low, high, strict=True)
+    corners = [(x[i], y[j], z[k]) for i in (0, 1) for j in (0, 1) for k in (0, 1)]
+    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata(corners, [], faces)
+    item = new(name, mesh)
+    bpy.context.scene.collection.objects.link(item)
+    return item
+
+
+def test_loose_parts_that_lie_in_one_another_are_one_character_and_ground_is_none_of_it():
+    parts = [
+        box("legs", (0, 0, 0), (0.4, 0.3, 0.9)),
+        box("chest", (0, 0, 0.85), (0.4, 0.3, 1.5)),
+        box("head", (0.1, 0, 1.45), (0.3, 0.3, 1.8)),
+        box("belt", (-0.1, -0.1, 0.85), (0.5, 0.4, 0.9)),
+    ]
+    other = box("statue", (3, 0, 0), (3.5, 0.5, 2))
+    press(*parts, other, box("ground", (-50, -50, -0.1), (50, 50, 0.05)))
+    assert groups() == {
+        "legs": ["belt", "chest", "head", "legs"],
+        "statue": ["statue"],
+        "ground": ["ground"],
+    }
+
+
+@pytest.mark.parametrize(("reading", "count"), [("LISTED", 1), ("EACH", 2), ("ONE", 1)])
+def test_the_reading_can_be_changed(reading, count):
+    parts = [box("a", (0, 0, 0), (1, 1, 2)), box("b", (0.5, 0, 1), (1, 1, 2.5))]
+    for item in parts:
+        item.select_set(True)
+    bpy.context.view_layer.update()
+    bpy.ops.crowd_lod.characters_from_selection(reading=reading)
+    assert len(groups()) == count
+
+
+def test_the_list_tells_what_each_character_is_made_of(stage):
+    lod = new("body_LOD1", tube("body_LOD1", 6, 4))
+    stage.collection.children["Collection"].objects.link(lod)
+    skin(lod, stage.objects["Anna"])
+    bpy.context.view_layer.update()
+    lines = list(read_selection(stage, list(stage.objects)).lines())
+    assert lines == [
+        "Anna: 3 meshes, 1 rig, 1 LOD of its own",
+        "Bert: 1 mesh, 1 rig",
+        "statue: 1 mesh",
+    ]
+
+
+@pytest.mark.parametrize("linked", [False, True])
+def test_an_instance_brings_its_collection_and_a_linked_one_an_override(linked, tmp_path):
+    scene = bpy.context.scene
+    home = bpy.data.collections.new("Hero")
+    body = new("hero body", tube("hero body", 6, 4))
+    home.objects.link(body)
+    if linked:
+        bpy.data.libraries.write(str(tmp_path / "hero.blend"), {home})
+        bpy.data.objects.remove(body)
+        bpy.data.collections.remove(home)
+        with bpy.data.libraries.load(str(tmp_path / "hero.blend"), link=True) as (_, wanted):
+            wanted.collections = ["Hero"]
+        (home,) = wanted.collections
+    instance = new("instance", None)
+    instance.instance_type = "COLLECTION"
+    instance.instance_collection = home
+    scene.collection.objects.link(instance)
+    press(instance)
+    assert groups() == {"Hero": ["hero body"]}
+    ((_, (item,), _),) = characters_of(scene)
+    assert item.library is None and bool(item.override_library) == linked
+    assert [child.name for child in scene.collection.children] == ["Characters"]

@@ -13,7 +13,6 @@ from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.characters import stored_groups
 from crowd_lod_extension.operators.lod_meshes import deviation, pose_choice, posed_surface, surface
 
-pytestmark = pytest.mark.usefixtures("exact_levels")
 GROUP = Group("one", 0, 1, 0, 1)
 
 

@@ -149,7 +149,6 @@ def test_a_sleeve_takes_nothing_from_the_arm_in_it(way):
 
 
 @pytest.mark.once
-@pytest.mark.usefixtures("exact_levels")
 @pytest.mark.parametrize("way", WAYS)
 def test_weights_sum_to_one_over_four_bones_at_most_and_other_groups_stay(way):
     armature = rig()
@@ -299,7 +298,7 @@ def test_the_way_and_why_are_kept_with_each_lod_and_auto_takes_one_of_both():
     ],
 )
 def test_the_choice_between_the_ways_weighs_shape_and_uvs(fast, precise, takes_fast):
-    assert methods.chosen_method(methods.Errors(*fast), methods.Errors(*precise))[0] == takes_fast
+    assert methods.choose_method(methods.Errors(*fast), methods.Errors(*precise))[0] == takes_fast
 
 
 @pytest.mark.parametrize(
@@ -324,7 +323,7 @@ def test_the_choice_weighs_motion_first(fast, precise, takes_fast):
     fast, precise = (
         methods.Errors(rest, off, motion=motion) for rest, off, motion in (fast, precise)
     )
-    assert methods.chosen_method(fast, precise)[0] == takes_fast
+    assert methods.choose_method(fast, precise)[0] == takes_fast
 
 
 @pytest.mark.parametrize(
@@ -346,11 +345,10 @@ def test_the_choice_weighs_motion_first(fast, precise, takes_fast):
     ],
 )
 def test_the_choice_counts_what_shows(fast, precise, takes_fast):
-    assert methods.chosen_method(methods.Errors(*fast), methods.Errors(*precise))[0] == takes_fast
+    assert methods.choose_method(methods.Errors(*fast), methods.Errors(*precise))[0] == takes_fast
 
 
 @pytest.mark.once
-@pytest.mark.usefixtures("exact_levels")
 @pytest.mark.parametrize("way", ["POSE_AWARE", "DECIMATE"])
 def test_normals_of_few_triangles_are_the_source_s_under_posing_too(way):
     """A smooth egg without custom normals, which a bone turns: of its LODs normals are those of the

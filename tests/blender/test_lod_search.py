@@ -21,7 +21,7 @@ def ball():
 
 
 @pytest.mark.parametrize("length", (0.03, 0.006))
-def test_a_lod_has_about_the_fewest_triangles_whose_bound_is_the_length(exact_levels, ball, length):
+def test_a_lod_has_about_the_fewest_triangles_whose_bound_is_the_length(ball, length):
     """Equal triangles that lie half within and half without a ball of 1 m are 4 pi / (3 sqrt(3)
     length) many.
     """
@@ -35,11 +35,11 @@ def test_a_lod_has_about_the_fewest_triangles_whose_bound_is_the_length(exact_le
 def test_no_first_try_is_the_whole_itself(ball):
     """Where Decimate's LOD of most triangles is far too coarse, Pose-Aware tries one of more."""
     curve = Curve(read_source(ball))
-    curve.known["DECIMATE"].append(Try(ball, 2_000, 4_000, "DECIMATE", 0.8, deviation=0.006))
+    curve.known_tries["DECIMATE"].append(Try(ball, 2_000, 4_000, "DECIMATE", 0.8, deviation=0.006))
     assert 0.8 < curve.ratio_for("POSE_AWARE", 0.0025, about=0.8) < 0.95
 
 
-def test_where_no_lod_fits_the_search_ends_with_the_character_itself(exact_levels, ball):
+def test_where_no_lod_fits_the_search_ends_with_the_character_itself(ball):
     search = Search([read_source(ball)], "POSE_AWARE", make_object, Measure("ball", [ball]))
     (attempt,), (_, bound, *_) = finished(search.find(1e-9, 0.9))
     assert attempt.triangles == len(ball.data.polygons)
@@ -117,7 +117,7 @@ def found(items, length):
     return [attempt.triangles for attempt in tries], bound
 
 
-def test_small_objects_that_nobody_misses_are_left_out(exact_levels, body):
+def test_small_objects_that_nobody_misses_are_left_out(body):
     """Beads that stick out of a body by less than the length go, a larger one stays."""
     turns = np.arange(8) * 2 * np.pi / 8
     small = beads(0.99 * np.column_stack([np.cos(turns), np.sin(turns), 0 * turns]), 0.015)

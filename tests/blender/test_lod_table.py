@@ -42,7 +42,6 @@ def told(scene, folder):
 
 
 @pytest.mark.once
-@pytest.mark.usefixtures("exact_levels")
 @pytest.mark.parametrize(
     "choice, kind", [("BY_TOLERANCE", "PERSP"), ("BY_RATIO", "PERSP"), ("BY_TOLERANCE", "ORTHO")]
 )
@@ -98,7 +97,6 @@ def test_rendered_silhouettes_stay_within_what_the_deviation_predicts(
 
 @pytest.mark.once
 @pytest.mark.parametrize("kind", ["PERSP", "ORTHO"])
-@pytest.mark.usefixtures("exact_levels")
 def test_a_group_of_small_agents_is_measured_at_their_size(scene, tmp_path, kind):
     """Predictions hold for the largest agent; a character pictured at its own size shows 1 / 0.44
     of its error.

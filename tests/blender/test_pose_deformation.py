@@ -21,7 +21,6 @@ def arm():
     return item
 
 
-@pytest.mark.usefixtures("exact_levels")
 def test_points_move_as_blender_moves_a_mesh_with_the_same_weights():
     item = arm()
     source = read_source(item)
@@ -114,7 +113,6 @@ def bowed(keyed=True):
 
 
 @pytest.mark.once
-@pytest.mark.usefixtures("exact_levels")
 def test_a_shape_key_that_bends_counts_as_a_pose():
     bowed()
     settings = bpy.context.scene.crowd_lod
@@ -136,7 +134,6 @@ def test_a_shape_key_that_bends_counts_as_a_pose():
 
 
 @pytest.mark.once
-@pytest.mark.usefixtures("exact_levels")
 @pytest.mark.parametrize("way", ["POSE_AWARE", "DECIMATE"])
 def test_offsets_of_shape_keys_are_those_at_the_place_of_each_point(way):
     """What grows with the height is right at each height, not that of the nearest vertex."""
@@ -164,7 +161,6 @@ def test_keys_that_nothing_moves_count_at_their_full_value():
     assert source.telling is not None and len(source.posed) == 5
 
 
-@pytest.mark.usefixtures("exact_levels")
 def test_poses_of_shape_keys_are_told_apart():
     """A key that rises between frames 20 and 24 of 60: poses are there, where the character
     changes.

@@ -15,7 +15,7 @@ from crowd_lod_extension.operators.runs.error_report import error
 from crowd_lod_extension.operators.runs.preview import Preview, preview
 from crowd_lod_extension.operators.runs.verify import Verify, verify
 from crowd_lod_extension.operators.scene.populate import CROWDLOD_OT_populate
-from crowd_lod_extension.operators.sources import crowd_sources
+from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 
 FAR = 10**6
 PATIENCE = 30.0  # seconds on a machine with much else to do; the way to FAR takes ten minutes
@@ -55,9 +55,7 @@ def test_a_frame_far_away_is_approached_by_steps_that_end_at_once(levelled, tmp_
     steps = work(levelled, tmp_path)
     before = set(bpy.data.user_map())
     scene_cache.forget()
-    while not any(
-        1000 < crowds._recent[0][0] < FAR for crowds in crowd_sources._trajectories.values()
-    ):
+    while not 1000 < trajectory_of(levelled).reached < FAR:
         next(steps)  # it is not on its way yet
     longest = 0.0
     for _ in range(10):

@@ -8,7 +8,7 @@ from crowd_lod_extension.crowd_lod.animation.skinning import pose, skin
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot.shot_cost import work_in
-from crowd_lod_extension.operators.blender import scene_data
+from crowd_lod_extension.operators.blender import scene_cache, scene_data
 from crowd_lod_extension.operators.blender.animation import action_range
 from crowd_lod_extension.operators.characters.group_measuring import measure_groups
 from crowd_lod_extension.operators.characters.stored_groups import groups_of, store_groups
@@ -318,10 +318,10 @@ def test_mark_as_prop_marks_what_is_selected_or_nothing(scene):
     bpy.data.objects["adult"].select_set(False)
     bpy.ops.crowd_lod.mark_as_prop(chance=0.3)
     assert bag["prop"] == pytest.approx(0.3)
-    crowd_sources._outdated.clear()
+    scene_cache.forget()
     assert crowd_sources.outdated(scene) == ["The characters' props have changed: press Populate."]
     populated(scene)
-    crowd_sources._outdated.clear()
+    scene_cache.forget()
     assert crowd_sources.outdated(scene) == []
 
 

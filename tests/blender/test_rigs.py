@@ -5,6 +5,7 @@ agents' phases.
 import bpy
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod.crowd.agents import CLASSES
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import image_data, mesh_data, named_actions, scene_data
 from crowd_lod_extension.operators.blender.animation import action_range
@@ -115,7 +116,7 @@ def test_a_quick_swing_between_even_looks_gets_its_keys(scene):
     with as_rendered(home.objects) as (stage, actors):
         act = named_actions.own_performance(objects)
         model, why = finished(
-            rigs.modeled(rigs.Acting("adult", [home], stage, actors, 1.9), act, {})
+            rigs.make_model(rigs.Acting("adult", [home], stage, actors, 1.9), act, {})
         )
         (begin, end) = act.spans[0]
         off = 0.0
@@ -127,7 +128,7 @@ def test_a_quick_swing_between_even_looks_gets_its_keys(scene):
             stage.collection.objects.link(block)
         for moment in np.linspace(first, last, 200):
             act.go_to(stage, moment)
-            off = max(off, rigs.shown_off(copies, actors, stage, np.array(origin)))
+            off = max(off, rigs.measure_copies(copies, actors, stage, np.array(origin)))
         bpy.data.batch_remove([*played.values(), *copies.values()])
     assert not why and off < 2e-4 * 1.9  # 1.5e-3 where only even looks are taken
 
@@ -401,6 +402,14 @@ def test_making_a_cast_leaves_nothing_when_it_is_stopped(levelled):
             next(making)
         making.close()
         assert set(bpy.data.user_map()) == before
+
+
+def test_a_window_may_be_drawn_while_rigs_are_made(levelled):
+    """Animation editors look through the poses of all armatures, and crash where there is none."""
+    for _ in make_cast(levelled):
+        armatures = [item for item in bpy.data.objects if item.type == "ARMATURE"]
+        assert all(armature.pose for armature in armatures)
+    assert len(armatures) > CLASSES
 
 
 def test_another_frame_rate_asks_for_another_build(built, capfd):

@@ -11,11 +11,6 @@ NAMES = [build.name for build in characters.BUILDS]
 PERIODS = {build.name: build.period for build in characters.BUILDS}
 
 
-@pytest.fixture(scope="module")
-def rough_characters():
-    """None: as users have them."""
-
-
 @pytest.fixture
 def groups():
     bpy.ops.wm.read_factory_settings(use_empty=True)

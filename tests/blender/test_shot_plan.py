@@ -82,6 +82,45 @@ def test_build_and_bake_show_the_plan(zoomed, tmp_path):
     assert all(rows[frame][agent] == level for (frame, agent), level in baked.items())
 
 
+def test_a_live_build_holds_what_its_plan_shows(zoomed, tmp_path):
+    finished(render_setup.build(zoomed))
+    everything = len(meshes_in(zoomed))
+    planned(zoomed, tmp_path / "plan")
+    cast = finished(render_setup.build(zoomed))
+    assert len(meshes_in(zoomed)) < everything / 2
+    live = {number: instances_at(zoomed, number) for number in (1, 6, 12)}
+    after = instances_at(zoomed, 30)  # beyond the plan
+    lods = shown(frame_at(zoomed, 30))
+    assert finished(render_setup.build(zoomed)).collections == [] != cast.collections  # it stays
+    finished(bake.bake(zoomed, FRAMES))
+    assert all(live.values()) and live == {n: instances_at(zoomed, n) for n in live}
+    # nobody is missing there, and nobody is coarser than it may be
+    built = sorted(int(name.split("LOD ")[1].split()[0]) for name, _ in after)
+    assert len(built) == len(lods) and all(
+        level <= allowed for level, allowed in zip(built, sorted(lods.values()), strict=True)
+    )
+
+
+def meshes_in(scene):
+    """The objects of the characters in the scene's build."""
+    inside = scene.crowd_lod.build.children_recursive
+    return {item for child in inside for item in child.objects if item.type == "MESH"}
+
+
+def instances_at(scene, number):
+    """[(object, its place in mm)] of the build's instances in a frame, sorted."""
+    scene.frame_set(number)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    if render_setup.BAKED not in scene.crowd_lod.build:
+        frame_update.update(scene, depsgraph)
+        depsgraph = bpy.context.evaluated_depsgraph_get()
+    return sorted(
+        (each.object.name, tuple(round(1000 * x) for x in each.matrix_world.translation.xy))
+        for each in depsgraph.object_instances
+        if each.is_instance and "LOD" in each.object.name and each.object.type == "MESH"
+    )
+
+
 def levels_of_points(scene, keys):
     """{key: LOD} of the build's points that the camera sees."""
     found = {}

@@ -22,6 +22,8 @@ from crowd_lod_extension.operators.shot.scene_json import crowd_json
 from crowd_lod_extension.operators.usd.openusd import openusd
 from crowd_lod_extension.sample_scenes.characters import make_characters
 
+from ..support.coarse_characters import CAGE
+
 pytestmark = pytest.mark.once  # long, and the same on every Blender
 
 
@@ -48,7 +50,7 @@ def scaled(kept):
 
 
 def make_scaled(scale):
-    """Two sample characters and a camera in a file whose unit is `scale` meters."""
+    """Two coarse sample characters and a camera in a file whose unit is `scale` meters."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     scene = bpy.context.scene
     scene.unit_settings.system = "METRIC"
@@ -58,7 +60,7 @@ def make_scaled(scale):
     scene.render.resolution_y = 180
     characters = bpy.data.collections.new("People")
     scene.collection.children.link(characters)
-    make_characters(characters)
+    make_characters(characters, finer=CAGE)
     characters.children.unlink(characters.children["heavy"])
     for item in characters.all_objects:
         if item.parent is None:

@@ -330,5 +330,5 @@ def test_many_runs_at_once_leave_the_files_of_one(tmp_path):
 def test_a_hidden_folder_that_another_run_is_removing_leaves_nothing(tmp_path):
     hidden = tmp_path / ".crowd-lod-a"
     hidden.touch()  # the other run has moved the folder aside and put a file in its place
-    files._remove(hidden)
+    files.remove_hidden(hidden)
     assert content(tmp_path) == {}

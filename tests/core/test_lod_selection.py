@@ -54,6 +54,16 @@ def test_candidates_that_do_not_pay_are_dropped_with_the_reason():
     )
 
 
+def test_lods_that_artists_gave_go_before_those_that_are_about_as_coarse():
+    view = View(straight(), 2.0, 400.0)
+    kept, dropped = choose(LODS, 1.0, [view], given=[4])
+    assert kept == [0, 2, 4, 6]  # without it 190 triangles deviate less than its 200
+    assert dropped[3] == "450 triangles save less than a fifth of the 500 of the next finer LOD."
+    kept, dropped = choose(LODS, 1.0, [view], given=[3])
+    assert kept == [0, 3, 5, 6]
+    assert dropped[2] == "500 triangles save too little beside a given LOD of 450."
+
+
 def test_a_zoom_and_the_tolerance_change_what_pays():
     near = View(straight(), 2.0, 12.0)
     assert choose(LODS, 1.0, [near])[0] == [0, 2]
@@ -127,8 +137,10 @@ def test_every_kept_candidate_is_used_and_none_that_is_used_saves_too_little(can
         np.array([1.0]),
         deviation,
     )
+    # where each LOD begins, or the nearest agent that shows it stands
+    edges = np.append(-np.inf, begins[0])
     reach = np.concatenate(
-        [np.geomspace(v.nearest / BETWEEN, v.farthest * BETWEEN, 20_000) for v in views]
+        [np.clip(edges, view.nearest / BETWEEN, view.farthest * BETWEEN) for view in views]
     )
     assert set(assign(reach, begins[0]).tolist()) | {0} == set(range(len(kept)))
 

@@ -56,11 +56,6 @@ def check(crowd, machine, world, seconds, steps):
     return known
 
 
-def looks_ahead(trajectory):
-    """Whether the next step of the walk is known."""
-    return trajectory._steps._known[1] is not None
-
-
 @settings(max_examples=24)
 @given(
     tables(),
@@ -154,23 +149,21 @@ def test_a_trajectory_is_the_same_whichever_frames_were_asked_for(edge, few, mon
     times = *range(1, 40), 12.5, 13, 14, 3.25, 70, 70.5, 69.75, 71, 30, 31, 32.5
     for time in times:
         assert same(trajectory.at(time), trajectory.full.at(time))
-    assert looks_ahead(trajectory) and not looks_ahead(trajectory.full)
 
 
-def test_a_crowd_that_is_timed_makes_each_step_by_itself():
+def test_a_crowd_that_is_timed_walks_the_same_way():
     trajectory = shot(walking(), ground([(3, slice(None))]), count=300)
     timed = trajectory.leaving(ALL, 9)
     assert timed.left_out and all(same(timed.at(time), trajectory.at(time)) for time in (9, 10, 11))
-    assert looks_ahead(trajectory) and not looks_ahead(timed)
 
 
-def test_who_must_look_each_step_is_stepped_as_a_whole(monkeypatch):
-    monkeypatch.setattr(lookahead, "MANY", 0.2)
-    fast = replace(walking(), velocity=walking().velocity * 200)
-    trajectory = shot(fast, ground(), count=300)
-    for frame in range(2, 20):
-        assert same(trajectory.at(frame), trajectory.full.at(frame))
-    assert not looks_ahead(trajectory)
+@pytest.mark.parametrize("row, known", [(1 / 24, True), (None, False)])
+def test_steps_in_a_row_are_known_ahead_and_those_that_stand_alone_are_not(row, known):
+    machine = walking()
+    world = ground([(3, slice(None))])
+    steps = Steps(machine, world, row)
+    steps.after(populate(300, 1, 3, machine, world), 1 / 24)
+    assert steps.looks_ahead == known
 
 
 def test_one_door_gives_plain_steps_whatever_it_is_asked_for():
@@ -187,20 +180,23 @@ def test_one_door_gives_plain_steps_whatever_it_is_asked_for():
         if number % 8 == 5:
             assert same(steps.after(first, 1 / 24), advance(first, machine, world, 1 / 24)[0])
         crowd = replace(moved, phase_class=moved.phase_class.copy())
-    assert steps._known[1] is not None
+    assert steps.looks_ahead
 
 
 def test_who_looked_in_vain_looks_again_after_a_pause(monkeypatch):
     monkeypatch.setattr(lookahead, "MANY", 0.2)
     world = ground()
-    slow = walking()
-    fast = replace(slow, velocity=slow.velocity * 200)
-    steps = Steps(fast, world, 1 / 24)
-    crowd = populate(300, 1, 3, fast, world)
-    for number in range(PAUSE + 1):
-        assert steps._pause == (PAUSE + 1 - number if number else 0)
-        crowd = steps.after(crowd, 1 / 24)
-        assert steps._known[1] is None
+    machine = walking()
+    speeds = np.reshape((200.0, 1.0), (2, 1, 1))  # of who walks on, and of who walks back
+    machine = replace(machine, velocity=machine.velocity * speeds)
+    steps = Steps(machine, world, 1 / 24)
+    fast = populate(300, 1, 3, machine, world)
+    slow = replace(fast, state=np.ones_like(fast.state))
+    slow, _ = advance(slow, machine, world, 1 / 24)  # they have turned
+    assert steps.after(fast, 1 / 24) and not steps.looks_ahead
+    for _ in range(PAUSE):
+        assert steps.after(slow, 1 / 24) and not steps.looks_ahead
+    assert steps.after(slow, 1 / 24) and steps.looks_ahead
 
 
 @pytest.mark.parametrize("shape", [(7, 9), (1, 64), (5, 1), (3, 600)])

@@ -107,7 +107,7 @@ def plan_arrays() -> dict:
         "shift": np.zeros(3, np.uint8),
         "finer": np.zeros(3, np.uint8),
         "counts": np.full(1, 4, np.uint8),
-        "cast": np.ones(16, bool),
+        "cast": np.ones((1, 16), bool),
         "made_for": np.array([("the crowd", "12")]),
         "blend_file": np.array("a.blend"),
         "tolerance": np.array(1.5),

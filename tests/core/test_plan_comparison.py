@@ -94,7 +94,7 @@ def test_what_plans_were_made_for_is_told_where_it_differs(tmp_path):
             {"the map": "b"},
             None,
             Phases(np.zeros(3, np.uint8), np.array([4], np.uint8), np.zeros(3, np.uint8)),
-            np.ones(16, bool),
+            np.ones((3, 16), bool),
         )
         plan_file.write(stored.path, stored, np.zeros((2, 3), np.uint8))
     assert compare(a, b).differs == (

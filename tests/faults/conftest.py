@@ -12,8 +12,7 @@ SMALL = f"""
 import sys, bpy, crowd_lod_extension
 crowd_lod_extension.register()
 sys.path.append({str(ROOT / "tests")!r})
-import rough
-rough.use("crowd_lod_extension")
+from support.coarse_characters import coarsen
 from crowd_lod_extension import sample_scenes
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.characters.group_measuring import measure_groups
@@ -23,6 +22,7 @@ scene = bpy.context.scene
 sample_scenes.make("chapter", scene)
 for name in "child", "heavy":
     scene.crowd_lod.characters.children.unlink(bpy.data.collections[name])
+coarsen(scene.crowd_lod)
 scene.crowd_lod.count, scene.crowd_lod.method, scene.crowd_lod.goal_labels = 20, "DECIMATE", "left edge, right edge"
 scene.crowd_lod.level_count, scene.crowd_lod.lod_pictures = 2, False
 store_groups(scene.crowd_lod, measure_groups(scene))
@@ -33,7 +33,7 @@ bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory):
-    """A small crowd of one rough character with a LOD."""
+    """A small crowd of one coarse character with a LOD."""
     path = tmp_path_factory.mktemp("small") / "small.blend"
     subprocess.run([sys.executable, "-c", SMALL, path], check=True, stdout=subprocess.DEVNULL)
     return path

@@ -109,7 +109,7 @@ def plan_arrays():
         "shift": np.zeros(5, np.uint8),
         "finer": np.zeros(5, np.uint8),
         "counts": np.full(1, 4, np.uint8),
-        "cast": np.ones(16, bool),
+        "cast": np.ones((3, 16), bool),
         "made_for": np.array([("the crowd", "12"), ("the settings", "34")]),
         "tolerance": np.array(1.5),
         **{f"levels_{number}": np.full(AGENTS, number % 3, np.uint8) for number in numbers},

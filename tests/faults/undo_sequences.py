@@ -13,6 +13,9 @@ from pathlib import Path
 
 import bpy
 
+sys.path.append(str(Path(__file__).parents[1]))
+from support.coarse_characters import coarsen  # noqa: E402
+
 STEPS = 9
 IN_A_WINDOW = "inspect", "render_viewport"
 CHANGES_NO_FILE = ("calibrate",)  # a minute of renders
@@ -104,6 +107,8 @@ def quicken(scene: bpy.types.Scene, folder: str = "") -> None:
     settings.verify_width = 32
     settings.verify_samples = 1
     settings.output_folder = folder or settings.output_folder
+    if settings.characters:
+        coarsen(settings)
 
 
 def change(chance: random.Random) -> None:
@@ -167,7 +172,7 @@ def _chosen(settings) -> list:
 
 
 def saved(folder: str) -> str:
-    """The path of a file with the sample scene `chapter`, of rough characters and few frames,
+    """The path of a file with the sample scene `chapter`, of coarse characters and few frames,
     populated.
     """
     from crowd_lod_extension import sample_scenes
@@ -180,13 +185,10 @@ def saved(folder: str) -> str:
         material.node_tree.nodes.new("ShaderNodeTexImage").image = bpy.data.images.new(
             f"{material.name} image", 256, 256
         )
-    scene.frame_end, settings = 5, scene.crowd_lod
+    quicken(scene, folder)
+    settings = scene.crowd_lod
     settings.scale_textures = True
     settings.count = 100
-    settings.method = "DECIMATE"
-    settings.frames = "1,5"
-    settings.width = 64
-    settings.output_folder = folder
     bpy.ops.crowd_lod.populate()
     path = f"{folder}/crowd.blend"
     bpy.ops.wm.save_as_mainfile(filepath=path)
@@ -196,11 +198,7 @@ def saved(folder: str) -> str:
 def main(folder: str, first: str, count: str) -> None:
     import crowd_lod_extension
 
-    sys.path.append(str(Path(__file__).parents[1]))
-    import rough
-
     crowd_lod_extension.register()
-    rough.use("crowd_lod_extension")
     path = saved(folder)
     for seed in range(int(first), int(first) + int(count)):
         bpy.ops.wm.open_mainfile(filepath=path, load_ui=False)

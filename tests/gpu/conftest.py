@@ -6,7 +6,7 @@ import pytest
 
 
 @pytest.fixture(scope="module", autouse=True)
-def extension(tmp_path_factory, rough_levels, rough_characters):
+def extension(tmp_path_factory):
     # not above: this file is read where there is no Blender, too, and gpu comes with bpy
     import bpy
     import gpu

@@ -5,7 +5,8 @@ hysteresis.
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.operators.overlay import display, open_shutter, viewport_overlay
+from crowd_lod_extension.operators.blender import scene_cache
+from crowd_lod_extension.operators.overlay import display, open_shutter
 from crowd_lod_extension.operators.scene.scene_crowd import frame_of
 
 from ..support.overlays import populated, shown
@@ -75,7 +76,6 @@ def test_an_open_shutter_is_read_outside_the_drawing_and_then_shown(scene, monke
     assert (
         blurred.visible >= still.frame.visible
     ).all() and blurred.visible.sum() > 1.05 * still.frame.visible.sum()
-    monkeypatch.setattr(display._faster, "plan_of", None)
     assert shown(scene).frame is blurred
 
 
@@ -96,7 +96,7 @@ def test_hysteresis_holds_back_changes_of_lod_in_the_overlay_alone(scene):
     for width in (0.0, 0.3):
         scene.crowd_lod.hysteresis = width
         scene.frame_set(1)
-        viewport_overlay._displays.clear()
+        scene_cache.forget()
         before = shown(scene).frame
         count = 0
         assert (before.levels == frame_of(scene, scene.view_layers[0].depsgraph).levels).all()

@@ -1,5 +1,8 @@
 """What the overlay computes anew, what it keeps, and how it bears what a user does to the scene."""
 
+import gc
+import weakref
+
 import bpy
 import pytest
 from crowd_lod_extension.operators.blender import scene_cache
@@ -9,7 +12,6 @@ from crowd_lod_extension.operators.overlay import (
     display,
     viewport_overlay,
 )
-from crowd_lod_extension.operators.sources import crowd_sources
 
 from ..support.overlays import populated, shown
 
@@ -23,7 +25,6 @@ def scene():
 def test_nothing_is_computed_while_nothing_changes(scene, monkeypatch):
     first = shown(scene)
     assert first.problem is None and viewport_overlay.latest(scene) is first.frame
-    monkeypatch.setattr(display._faster, "plan_of", None)
     monkeypatch.setattr(display, "trajectory_of", None)
     assert shown(scene) is first
 
@@ -81,11 +82,12 @@ def test_characters_and_scenes_may_be_deleted(scene):
     other = bpy.data.scenes.new("other")
     other.camera = scene.camera
     other.crowd_lod.overlay = True
-    assert "Populate" in shown(other).problem
+    gone = weakref.ref(shown(other))
+    assert "Populate" in gone().problem
     bpy.data.scenes.remove(other)
     scene.crowd_lod.seed = 1
     shown(scene)
-    assert list(viewport_overlay._displays) == [scene.session_uid]
+    assert gone() is None
 
 
 def test_nothing_is_shown_while_the_overlay_is_off(scene):
@@ -187,12 +189,10 @@ def test_lod_meshes_of_other_settings_say_so(scene):
 
 
 def test_another_file_lets_everything_go(scene):
-    with_meshes(scene)
+    display = with_meshes(scene)
+    kept = [weakref.ref(it) for it in (display, display.cast, display.frame.trajectory)]
+    del display
     assert scene_cache.forget in bpy.app.handlers.load_pre
     scene_cache.forget()
-    assert (
-        not viewport_overlay._displays
-        and not character_cache._castings
-        and not crowd_sources._trajectories
-    )
-    assert display._faster._trajectory is None and character_cache.bake_some() is None
+    gc.collect()
+    assert [it() for it in kept] == [None] * 3 and character_cache.bake_some() is None

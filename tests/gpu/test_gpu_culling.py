@@ -38,15 +38,15 @@ class Tally:
 
 @pytest.fixture
 def tally(monkeypatch):
-    settled = gpu_culling._settled
+    settle = gpu_culling.settle_open_agents
     found = Tally()
 
     def counting(places, ends, spheres, asked):
         found.asked += len(asked.crowd)
         found.open += ends[-1] - ends[-2]
-        return settled(places, ends, spheres, asked)
+        return settle(places, ends, spheres, asked)
 
-    monkeypatch.setattr(gpu_culling, "_settled", counting)
+    monkeypatch.setattr(gpu_culling, "settle_open_agents", counting)
     return found
 
 
@@ -198,7 +198,7 @@ def test_a_driver_that_fails_is_told_once_and_not_tried_again(tally, monkeypatch
         raise ValueError("no such uniform")
 
     monkeypatch.setattr(gpu_culling, "WORTH", 0.0)
-    monkeypatch.setattr(gpu_culling, "_dispatch", broken)
+    monkeypatch.setattr(gpu_culling, "dispatch_pass", broken)
     faster = gpu_culling.Faster(usable=True)
     assert not any(ways_of(faster, shot(walking(), count=3000), straight(offset=(0, -30, 0))))
     assert (

@@ -7,13 +7,7 @@ import weakref
 
 import bpy
 from crowd_lod_extension.operators import registration
-from crowd_lod_extension.operators.blender import sidebars
-from crowd_lod_extension.operators.overlay import (
-    character_cache,
-    open_shutter,
-    shader_programs,
-    viewport_overlay,
-)
+from crowd_lod_extension.operators.overlay import shader_programs, viewport_overlay
 
 from .test_frame_update import scene, shown  # noqa: F401  a fixture
 from .test_hud import hud, inset
@@ -27,16 +21,7 @@ def left():
         "classes": [name for name in dir(bpy.types) if name.startswith("CROWDLOD_")],
         "operators": dir(bpy.ops.crowd_lod),
         "properties": hasattr(bpy.types.Scene, "crowd_lod"),
-        "timers": [
-            bpy.app.timers.is_registered(f)
-            for f in (
-                viewport_overlay._watch,
-                sidebars.redraw,
-                open_shutter.read_shutters,
-                viewport_overlay._stop,
-                character_cache.bake_some,
-            )
-        ],
+        "timers": [bpy.app.timers.is_registered(timer) for timer in viewport_overlay.TIMERS],
     }
 
 
@@ -61,13 +46,13 @@ def test_unregistering_lets_go_of_what_is_on_the_gpu(scene):  # noqa: F811
         now.above
     ) == 4 * inset.SIZE[0] * inset.SIZE[1]
     assert viewport_overlay.picture_from_above(now, 2.0).width == 2 * inset.SIZE[0]
-    kept = weakref.ref(now.batches)
+    kept = [weakref.ref(now), weakref.ref(now.batches)]
     shader_programs.points()
     registration.unregister()
     try:
         del now
         gc.collect()
-        assert kept() is None and not viewport_overlay._displays
+        assert [it() for it in kept] == [None, None]
         assert all(
             program.cache_info().currsize == 0
             for program in (shader_programs.points, shader_programs.lines, shader_programs.meshes)

@@ -20,6 +20,7 @@ from crowd_lod_extension.operators.overlay.gpu_draw import paint, view_buffer
 from crowd_lod_extension.operators.overlay.skinned_characters import Character, bake_character
 from mathutils import Matrix, kdtree
 
+from ..support.coarse_characters import coarsen
 from ..support.rotations import stance
 
 WIDTH = 640
@@ -49,6 +50,7 @@ def scene():
     """
     scene = bpy.data.scenes.new("meshes")
     sample_scenes.make("chapter", scene)
+    coarsen(scene.crowd_lod)
     adult = scene.crowd_lod.characters.children["adult"]
     rig = next(item for item in adult.objects if item.type == "ARMATURE")
     prop = bpy.data.objects.new("prop", tetrahedron("prop", 0.2))

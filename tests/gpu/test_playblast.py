@@ -18,6 +18,8 @@ from crowd_lod_extension.operators.overlay.gpu_batches import Batches, Cast
 from crowd_lod_extension.operators.overlay.gpu_draw import paint
 from crowd_lod_extension.operators.scene.scene_crowd import frame_of
 
+from ..support.coarse_characters import coarsen
+
 WIDTH, HEIGHT = SIZE = 320, 180
 
 
@@ -216,6 +218,7 @@ def test_a_preview_is_drawn_by_the_overlay(tmp_path, capfd):
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     sample_scenes.make("chapter", bpy.context.scene)
     settings = bpy.context.scene.crowd_lod
+    coarsen(settings)
     # the quickest
     settings.choice = "BY_RATIO"
     settings.method = "DECIMATE"

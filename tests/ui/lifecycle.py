@@ -16,7 +16,6 @@ def seen():
         "handlers": robot.draw_handlers.count,
         "agents": len(shown.frame.crowd) if shown and shown.frame else None,
         "problem": overlay().problem(scene()),
-        "failure": overlay()._failure,
     }
 
 
@@ -122,11 +121,11 @@ def views():
         with robot.over():
             bpy.ops.view3d.localview()
         found[name] = yield from seen()
-    before = overlay()._displays[scene().session_uid]
+    before = overlay().display_of(scene())
     space.overlay.show_overlays = False
     settings().seed += 1
     hidden = yield from seen()
-    found["hidden"] = hidden | {"followed": overlay()._displays[scene().session_uid] is not before}
+    found["hidden"] = hidden | {"followed": overlay().display_of(scene()) is not before}
     space.overlay.show_overlays = True
     found["seen again"] = yield from seen()
     return found
@@ -246,7 +245,7 @@ def files(folder):
         ("opened again", lambda: bpy.ops.wm.open_mainfile(filepath=path)),
     ):
         load()
-        found[name] = (yield from seen()) | {"kept": len(overlay()._displays)}
+        found[name] = (yield from seen()) | {"kept": robot.count_displays()}
     return found
 
 
@@ -254,9 +253,7 @@ def breakage():
     """An unforeseen error in either part of the drawing: told once, and all is let go."""
     found = {}
     for part in ("plan", "figures"):
-        home, name = (
-            (robot.display()._faster, "plan_of") if part == "plan" else (overlay().hud, part)
-        )
+        home, name = (robot.display(), "use_of") if part == "plan" else (overlay().hud, part)
         real = getattr(home, name)
 
         def broken(*_, part=part):

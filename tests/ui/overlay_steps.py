@@ -13,7 +13,6 @@ import bpy
 sys.path[:0] = map(str, Path(__file__).parents[:2])
 import lifecycle as life  # noqa: E402
 import robot  # noqa: E402
-import rough  # noqa: E402
 from robot import overlay, scene, settings  # noqa: E402
 
 FOLDER = Path(sys.argv[sys.argv.index("--") + 1])
@@ -22,8 +21,7 @@ painted = []  # one for each drawing of characters
 
 
 def session():
-    rough.use(robot.MODULE)
-    yield from robot.press("crowd_lod.sample", name="chapter")
+    yield from robot.sample("chapter")
     settings().count = 400
     settings().overlay_mode = "BOXES"
     yield from robot.press("crowd_lod.populate")

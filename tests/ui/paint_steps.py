@@ -11,7 +11,6 @@ import bpy
 
 sys.path[:0] = map(str, Path(__file__).parents[:2])
 import robot  # noqa: E402
-import rough  # noqa: E402
 from bpy_extras.view3d_utils import location_3d_to_region_2d  # noqa: E402
 from robot import overlay, scene, settings  # noqa: E402
 
@@ -21,9 +20,8 @@ results = {}
 
 
 def session():
-    rough.use(robot.MODULE)
     bpy.context.preferences.system.viewport_aa = "OFF"
-    yield from robot.press("crowd_lod.sample", name="chapter")
+    yield from robot.sample("chapter")
     settings().count = 400
     settings().overlay_mode = "POINTS"
     settings().overlay_color = "STATE"

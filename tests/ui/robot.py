@@ -3,6 +3,7 @@ compares.
 """
 
 import faulthandler
+import gc
 import json
 import os
 import shutil
@@ -14,6 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import bpy
+from support.coarse_characters import coarsen
 
 MODULE = "bl_ext.user_default.crowd_lod"
 PATIENCE = 900.0  # seconds until a button's work counts as hung, on a machine with much else to do
@@ -105,6 +107,12 @@ def display():
     return sys.modules[f"{MODULE}.operators.overlay.display"]
 
 
+def count_displays() -> int:
+    """Count the scenes whose display is kept in memory."""
+    gc.collect()
+    return sum(isinstance(thing, display().Display) for thing in gc.get_objects())
+
+
 def window_of(image) -> bpy.types.Window | None:
     """The window that shows the image, or None."""
     editors = (
@@ -169,6 +177,13 @@ def press(button: str, /, escape_after: float | None = None, **properties):
             raise TimeoutError(button)
         yield 0.1
     return "MODAL" if "RUNNING_MODAL" in status else next(iter(status))
+
+
+def sample(name: str):
+    """Press Sample Scene for the scene of this name; its characters are coarse, to draw quickly."""
+    status = yield from press("crowd_lod.sample", name=name)
+    coarsen(settings())
+    return status
 
 
 def until(condition, limit: float = 30.0, often: float = 0.2):

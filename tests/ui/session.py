@@ -15,7 +15,6 @@ import bpy
 sys.path[:0] = map(str, Path(__file__).parents[:2])
 import lifecycle as life  # noqa: E402
 import robot  # noqa: E402
-import rough  # noqa: E402
 from robot import overlay, scene, settings  # noqa: E402
 
 FOLDER, *CHOSEN = sys.argv[sys.argv.index("--") + 1 :]
@@ -25,7 +24,6 @@ results = {}
 
 def session():
     """Yields the seconds to wait before going on."""
-    rough.use(robot.MODULE)
     area = robot.view_3d()
     area.spaces[0].show_region_ui = True
     yield 0.5
@@ -55,15 +53,12 @@ def session():
 
 def listen():
     """Note the frame of the figures whenever the sidebar draws them."""
-    panels = sys.modules[f"{robot.MODULE}.operators.ui.panels"]
-    line = panels._line
 
-    def noted(scene):
-        frame = overlay().latest(scene)
+    def note(panel, context):
+        frame = overlay().latest(context.scene)
         results["sidebar"] = frame and frame.time
-        return line(scene)
 
-    panels._line = noted
+    bpy.types.CROWDLOD_PT_main.append(note)
 
 
 def after(change):
@@ -103,7 +98,7 @@ def empty():
 
 def sample():
     listen()
-    status = yield from robot.press("crowd_lod.sample", name="chapter")
+    status = yield from robot.sample("chapter")
     status = [status, (yield from robot.press("crowd_lod.populate"))]
     yield from robot.until(lambda: results.get("sidebar"))
     yield from robot.picture("02_populated")
@@ -316,12 +311,11 @@ def repeat():
         "before": before,
         "after": after,
         "scene": scene().name,
-        "cached": len(overlay()._displays),
     }
 
 
 def plaza():
-    status = yield from robot.press("crowd_lod.sample", name="plaza")
+    status = yield from robot.sample("plaza")
     status = [status, (yield from robot.press("crowd_lod.populate"))]
     robot.view_3d().spaces[0].region_3d.view_perspective = "CAMERA"
     yield from robot.until(lambda: overlay().latest(scene()))
@@ -332,7 +326,7 @@ def plaza():
 
 def lifecycle():
     """In the chapter's scene, anew."""
-    status = yield from robot.press("crowd_lod.sample", name="chapter")
+    status = yield from robot.sample("chapter")
     status = [status, (yield from robot.press("crowd_lod.populate"))]
     return {"status": status} | (yield from life.lifecycle(FOLDER))
 

@@ -4,7 +4,6 @@ panel_states.py.
 
 import bpy
 import robot
-import rough
 from undo_sequences import named, quicken
 
 AGENTS = 100
@@ -35,11 +34,10 @@ def saved(path: str, folder: str):
     """Save a small plaza with all that our buttons need, whose shot plan and previews are in the
     folder.
     """
-    rough.use(robot.MODULE)
     bpy.context.preferences.system.viewport_aa = (
         "OFF"  # software OpenGL draws sixteen samples a pixel otherwise
     )
-    yield from robot.press("crowd_lod.sample", name="plaza")
+    yield from robot.sample("plaza")
     settings = robot.settings()
     settings.count = AGENTS
     settings.choice = "BY_RATIO"

@@ -1,0 +1,118 @@
+"""What was measured of the candidates for one character's LODs, and what is guessed from that."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ...crowd_lod.crowd.agents import Group
+from ...crowd_lod.levels.lengths import NEAR_ENOUGH, read_curve
+
+# Of Group, a value a LOD
+COLUMNS = {
+    "vertices": int,
+    "triangles": int,
+    "deviations": float,
+    "bounds": float,
+    "rms": float,
+    "worst": float,
+}
+# see Measurements.lost: less than most LODs do, for what is guessed to deviate too much is never
+# tried
+USUALLY_LOST = 4.0
+OFTEN_LOST = 12.0  # the same in the middle
+
+
+class Measurements:
+    """Values of a character's candidates, by their goals (see candidates.Ladder).
+
+    Guesses come from those that were made here, whose goals are not negative.
+
+    kinds: the fields of a Group that are measured -> their type.
+    rows: goal -> a value for each of `kinds`.
+    diagonal: of the character, meters.
+    """
+
+    def __init__(self, with_shading: bool):
+        self.kinds = dict(COLUMNS) | ({"shaded": float} if with_shading else {})
+        self.rows: dict[float, tuple] = {}
+        self.diagonal = 0.0
+
+    def value(self, goal: float, kind: str) -> float:
+        return self.rows[goal][list(self.kinds).index(kind)]
+
+    def columns(self, goals: Sequence[float]) -> dict:
+        """Return the values of a Group for the candidates of `goals`, by name of the field."""
+        rows = [self.rows[goal] for goal in goals]
+        columns = dict(zip(self.kinds, zip(*rows, strict=True), strict=True))
+        return columns | {"diagonal": self.diagonal}
+
+    def goal_near(self, length: float) -> float:
+        """Return the goal of a candidate that deviates by about `length`, but no more.
+
+        Of several the one with the fewest triangles; `length` itself if there is none.
+        """
+        if length in self.rows:
+            return length
+        near = [
+            goal
+            for goal in self.rows
+            if goal >= 0 and NEAR_ENOUGH * length <= self.value(goal, "bounds") <= length
+        ]
+        return min(near, key=lambda goal: self.value(goal, "triangles"), default=length)
+
+    def _pairs(self, x: str, y: str) -> list[tuple[float, float]]:
+        """The two kinds' values of each candidate made here that deviates."""
+        deviating = [goal for goal in self.rows if goal >= 0 and self.value(goal, "bounds") > 0]
+        return [(self.value(goal, x), self.value(goal, y)) for goal in deviating]
+
+    def lost(self) -> list[float]:
+        """Return triangles x bound / diagonal of each candidate that deviates.
+
+        It is about the same for all LODs of a character: half the triangles, twice the bound.
+        """
+        return [
+            triangles * bound / self.diagonal
+            for triangles, bound in self._pairs("triangles", "bounds")
+        ]
+
+    def guess_triangles(self, lengths: Sequence[float], usual: float) -> list[int]:
+        """Return about how many triangles a LOD has that deviates by each of `lengths`.
+
+        usual: the value of `lost` where no candidate that deviates was measured.
+        """
+        most = int(self.value(0.0, "triangles"))
+        pairs = self._pairs("bounds", "triangles") or [(usual * self.diagonal / most, most)]
+        return read_curve(lengths, pairs, -1.0).round().astype(int).clip(1, most).tolist()
+
+    def complete(
+        self, group: Group, goals: Sequence[float], usual: Sequence[float] | None
+    ) -> Group:
+        """Return the group with values of the candidates of `goals`.
+
+        usual: values of `lost` of all characters, by which candidates that were not measured are
+            guessed: those goals are lengths. None: their values are 0.
+        """
+        rows = [self.rows.get(goal, (0,) * len(self.kinds)) for goal in goals]
+        values = dict(zip(self.kinds, map(list, zip(*rows, strict=True)), strict=True))
+        missing = [k for k, goal in enumerate(goals) if goal not in self.rows]
+        if usual is not None and missing:
+            guesses = self._guess([goals[k] for k in missing], usual)
+            for name, column in guesses.items():
+                for k, value in zip(missing, column, strict=True):
+                    values[name][k] = value
+        columns = {name: tuple(column) for name, column in values.items()}
+        return replace(group, diagonal=self.diagonal, **columns)
+
+    def _guess(self, lengths: Sequence[float], usual: Sequence[float]) -> dict[str, Sequence]:
+        """Guessed columns of LODs that deviate by `lengths`."""
+        guesses: dict[str, Sequence] = {
+            "bounds": lengths,
+            "triangles": self.guess_triangles(lengths, min(usual, default=USUALLY_LOST)),
+        }
+        if "shaded" in self.kinds:
+            pairs = [pair for pair in self._pairs("bounds", "shaded") if 0 < pair[1] < np.inf]
+            guesses["shaded"] = [0.0] * len(lengths)
+            if pairs:
+                guesses["shaded"] = read_curve(lengths, pairs, 1.0).tolist()
+        return guesses

@@ -1,0 +1,131 @@
+"""Which character groups rigs can show, and the models of their rigs."""
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, field
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.progress import share
+from ..blender.cleanup import removed_on_failure
+from ..blender.named_actions import group_performance
+from ..blender.performance import Performance
+from ..blender.render_evaluation import as_rendered
+from ..characters.characters import check_measured
+from ..characters.rig_needs import POSES, leads, stands_for
+from ..characters.stored_groups import groups_of
+from ..scene.scene_crowd import characters_of, home_of, policy_of, trajectory_of
+from . import rigs
+
+
+@dataclass(frozen=True)
+class GroupModels:
+    """Which groups rigs can show, and by which models.
+
+    posed: (G,) intp, see Library.
+    models: for each group the model of each action; [] where rigs cannot show the group.
+    notes: sentences on what does not show as it is.
+    blocks: the new data-blocks and their final names.
+    """
+
+    posed: np.ndarray
+    models: list[list[rigs.Model]] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    blocks: dict[bpy.types.ID, str] = field(default_factory=dict)
+
+
+def read_library(scene: bpy.types.Scene) -> Generator[float, None, GroupModels]:
+    """Model the groups of `scene` with rigs, where rigs can show them.
+
+    Yields the progress. Closed early, it leaves nothing behind.
+    """
+    characters = characters_of(scene)
+    actions = trajectory_of(scene).gaits.actions
+    measured = groups_of(scene.crowd_lod)
+    check_measured(characters, measured)
+    library = GroupModels(np.zeros(len(characters), np.intp))
+    lead = leads(characters, measured)
+    with removed_on_failure(library.blocks):
+        for g in range(len(characters)):
+            if lead[g] == g:
+                family = [v for v, leader in enumerate(lead) if leader == g]
+                modeling = _model_group(scene, family, actions, library)
+                yield from share(modeling, g / len(characters), (g + 1) / len(characters))
+            else:  # a variant moves as its group does
+                library.posed[g] = library.posed[lead[g]]
+                library.models.append(library.models[lead[g]])
+            yield (g + 1) / len(characters)
+    return library
+
+
+def _model_group(
+    scene: bpy.types.Scene, family: list[int], actions: Sequence[str], library: GroupModels
+) -> Generator[float, None, None]:
+    """Add the models of a group, which also its variants use, to `library`.
+
+    family: the numbers of the group and of its variants.
+    actions: those that agents play.
+    """
+    g = family[0]
+    settings = scene.crowd_lod
+    characters = characters_of(scene)
+    name, objects, _ = characters[g]
+    measured = groups_of(settings)[g]
+    performance = group_performance(measured, objects)
+    acts = [performance.only(action) for action in actions]
+    if all(act.still for act in acts):
+        library.posed[g] = 1
+        library.models.append([])
+        return
+    levels = settings.levels.children[: policy_of(settings).count]
+    homes = [home_of(level, v, characters[v][0]) for v in family for level in levels]
+    diagonal = measured.diagonal or 2 * measured.radius
+    with as_rendered(item for home in homes for item in home.objects) as (stage, actors):
+        character = rigs.Acting(name, homes, stage, actors, diagonal)
+        models, reasons = yield from _models(character, acts, library.blocks)
+    if len(models) == len(acts):
+        library.notes.extend(filter(None, [" ".join(reasons)]))
+        library.models.append(models)
+        return
+    library.posed[g] = POSES
+    library.models.append([])
+    frames = max(last - first for act in acts for first, last in act.spans)
+    stands = stands_for(frames, scene.render.fps / scene.render.fps_base)
+    library.notes.append(
+        f"{name} is shown as {POSES} still poses, {stands}, so its limbs "
+        f"have no motion blur: {reasons[-1]}."
+    )
+
+
+def _models(
+    character: rigs.Acting, acts: list[Performance], blocks: dict[bpy.types.ID, str]
+) -> Generator[float, None, tuple[list[rigs.Model], list[str]]]:
+    """Make a model of each of `acts`, until rigs cannot show one.
+
+    blocks: gets the new data-blocks and their final names.
+
+    Yields the progress. Returns (models, sentences on how far they are off). Where an act cannot be
+    shown, there are no models, and the last sentence says why.
+    """
+    models = []
+    sentences = []
+    before = set(blocks)
+    for k, act in enumerate(acts):
+        alike = [
+            model for model, other in zip(models, acts, strict=False) if other.parts == act.parts
+        ]
+        if alike:  # its own action, in place of one that another group plays
+            models.append(alike[0])
+            continue
+        modeling = rigs.make_model(character, act, blocks)
+        model, reason = yield from share(modeling, k / len(acts), (k + 1) / len(acts))
+        if reason:
+            sentences.append(reason)
+        if model is None:
+            new_blocks = [block for block in blocks if block not in before]
+            for block in new_blocks:
+                del blocks[block]
+            bpy.data.batch_remove(new_blocks)
+            return [], sentences
+        models.append(model)
+    return models, sentences
