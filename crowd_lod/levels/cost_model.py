@@ -78,7 +78,7 @@ class Work:
 # to 60 % of memory in scenes of few agents, which is little there; of seconds 12 % rms of 40
 # renders at 1, 4 and 12 samples, 2 to 1,000 agents of 143 to 45,824 triangles. Seconds of images: 8
 # renders by Cycles, within 24 %, 13 % rms; EEVEE has the same, for Blender decodes them.
-MEMORY = {
+MEMORY: dict[str, dict[str, float]] = {
     "CYCLES": {
         "posed": 36,
         "objects": 12_000,
@@ -110,7 +110,7 @@ SECONDS = {
         "images": 1.1e-8,
     },
 }
-FILE = {
+FILE: dict[str, float] = {
     "meshes": 25,
     "rigs": 3_100,
     "keys": 11.3,

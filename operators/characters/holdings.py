@@ -11,13 +11,11 @@ from ...crowd_lod.levels.cost_model import Holdings
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender.named_actions import group_performance
 from ..blender.ownership import OWNED
+from ..blender.performance import Performance
+from .bone_motion import guess_keys
 from .rig_needs import Characters, armatures, leads
 
 CURVES = 7  # with keys, of a bone of a rig: its place and its turn, seldom its size
-# keys a frame of a rig's action, as most characters need that were measured (they need 1 to 16),
-# and keys of a curve at most
-KEYS = 5
-MOST_KEYS = 4096
 EITHER_SIDE = 1.0  # frames about each baked one whose keys stay (baked_actions.py)
 
 
@@ -92,8 +90,9 @@ def holdings_of(characters: Characters, trajectory: Trajectory, library: Library
         if rigged[g] and lead[g] == g:
             performance = group_performance(groups[g], objects)
             for action in {action for action, _ in gaits.plays[g]}:
-                (span,) = performance.only(gaits.actions[action]).spans
-                keys[action] = bones[g] * CURVES * _keys_of_curve(span[1] - span[0])
+                act = performance.only(gaits.actions[action])
+                diagonal = groups[g].diagonal or 2 * groups[g].radius
+                keys[action] = bones[g] * CURVES * _keys_of_curve(objects, act, diagonal)
         rig_keys.append(keys)
     # importers leave actions in the file that nothing plays
     other_keys = np.zeros(len(groups))
@@ -112,10 +111,10 @@ def holdings_of(characters: Characters, trajectory: Trajectory, library: Library
     return CastHoldings(holdings, library.moved_as(gaits, lead), rig_keys)
 
 
-def _keys_of_curve(frames: float) -> float:
-    """Return how many keys a curve of an action of so many `frames` has, roughly."""
-    frames = max(frames, 1.0)
-    return frames * min(KEYS, max(MOST_KEYS // frames, 1)) + 1
+def _keys_of_curve(objects: Sequence[bpy.types.Object], act: Performance, diagonal: float) -> float:
+    """Return how many keys a curve of the rigs' action for `act` has, roughly."""
+    ((first, last),) = act.spans
+    return (last - first) * guess_keys(objects, act, diagonal) + 1
 
 
 def _first_counted(blocks: Sequence[set], count) -> np.ndarray:

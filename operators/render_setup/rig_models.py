@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from .bone_motion import Bones, split_scale
+from ..characters.bone_motion import Bones, split_scale
 
 STILL = 1e-6  # meters, and radians: an object that moves by less stands
 ROUNDING = 1e-5  # of a bone's place, turn and size: what changes by less does not change

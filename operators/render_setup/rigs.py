@@ -16,18 +16,20 @@ from mathutils import Matrix
 
 from ..blender import mesh_data
 from ..blender.performance import Performance
+from ..characters.bone_motion import (
+    NEAR,
+    Bones,
+    copy_unlinked,
+    more_keys,
+    most_keys,
+    record,
+)
 from ..characters.rig_needs import refusal
-from .bone_motion import Bones, copy_unlinked, record
 from .rig_models import TRACKS, Model, fill_curve, model_of
 
 FARTHEST = 1_048_574  # frames: Blender's last
-# keys a frame of the action, and in all, at most
-FINEST = 16
-MOST_KEYS = 4096
-# of the character's diagonal: how far what rigs show should be from what the character is
-NEAR = 1e-4
-# of it: how far it may be, where more keys do not help; posed meshes of a long action are farther
-# off
+# of the character's diagonal: how far rigs may be off where more keys do not help; posed meshes of
+# a long action are farther off
 ACCEPTED = 0.01
 
 
@@ -158,7 +160,7 @@ def make_model(
     keys = 1
     best = None
     nearest = np.inf
-    most = int(np.clip(MOST_KEYS / frames, 1, FINEST))
+    most = most_keys(frames)
     while True:
         times = performance.keys(keys)
         bones, places = yield from record(actors, times, performance)
@@ -173,8 +175,7 @@ def make_model(
         _drop(worse, blocks)
         if nearest <= NEAR or keys == most or not gained:
             break
-        # the chords' error falls by squares
-        keys = min(most, keys * max(2, int(np.ceil(1.1 * np.sqrt(off / NEAR)))))
+        keys = more_keys(keys, off, frames)
     if nearest <= NEAR:
         return best, ""
     if nearest <= ACCEPTED:
@@ -210,12 +211,7 @@ def _moments(times: np.ndarray, bones: dict[str, Bones]) -> np.ndarray:
     bends = np.zeros(len(times) - 1)
     for motion in bones.values():
         if motion.rest and len(times) > 2:
-            rest = np.array(list(motion.rest.values()))
-            ends = rest[:, None, :, 3] + np.array(motion.lengths)[:, None, None] * np.concatenate(
-                [np.zeros((len(rest), 1, 4)), rest.transpose(0, 2, 1)[:, :3]], axis=1
-            )
-            way = np.einsum("kbij,bpj->kbpi", np.array(motion.moves), ends)
-            bend = np.linalg.norm(np.diff(way, 2, axis=0), axis=-1).max(axis=(1, 2))
+            bend = np.linalg.norm(np.diff(motion.ways, 2, axis=0), axis=-1).max(axis=(1, 2))
             bends = np.maximum(
                 bends, np.maximum(np.append(bend[0], bend), np.append(bend, bend[-1]))
             )

@@ -129,7 +129,8 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
     characters = characters_of(scene)
     library = cast_of(characters, trajectory)
     cast = holdings_of(characters, trajectory, library)
-    used = np.isin(np.arange(len(survey.owner)), shown_characters(survey))
+    used = np.zeros(len(survey.owner), bool)
+    used[survey.character[survey.seen]] = True
     shot = Shot(
         excepted(survey, exemptions),
         meshes_of(trajectory.groups, policy.count),
