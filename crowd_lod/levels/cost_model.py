@@ -29,7 +29,6 @@ class Work:
 
     Each field is a number, or (F,) float64 with one value per frame.
     posed: triangles of the characters in the build's collections.
-    objects: objects of these characters.
     unique: triangles that the frame shows, each counted once for all instances.
     instances: agents shown.
     instanced: triangles of all instances.
@@ -38,17 +37,18 @@ class Work:
     rays: samples of the pixels that agents cover.
     drawn: triangles of all instances, counted once for each sample of a pixel. Only what renders
         are fitted to has it: see Costs.with_samples.
-    images: bytes of the images that the characters' materials use.
+    images, image_count: bytes, and number, of the images that the characters' materials use.
     keys: keys of the actions of the build's rigs.
     other_keys: keys of all other actions in the file, such as the characters' own.
-    meshes: triangles of meshes in the file: of the characters, of their LODs, and of still poses.
+    stored, meshes: triangles of meshes in the file, and their bytes in memory: of the characters,
+        of their LODs, and of still poses.
     materials: materials of the characters.
     packed: bytes of the images' files that are in the file.
     points: points in the file, one per agent and baked frame.
+    crowd: 1, for what any crowd has, such as node groups.
     """
 
     posed: float = 0.0
-    objects: float = 0.0
     unique: np.ndarray | float = 0.0
     instances: np.ndarray | float = 0.0
     instanced: np.ndarray | float = 0.0
@@ -57,12 +57,15 @@ class Work:
     rays: np.ndarray | float = 0.0
     drawn: np.ndarray | float = 0.0
     images: float = 0.0
+    image_count: float = 0.0
     keys: float = 0.0
     other_keys: float = 0.0
+    stored: float = 0.0
     meshes: float = 0.0
     materials: float = 0.0
     packed: float = 0.0
     points: float = 0.0
+    crowd: float = 1.0
 
     @property
     def traced(self) -> np.ndarray | float:
@@ -73,25 +76,37 @@ class Work:
         return self.rays * np.log2(np.maximum(self.unique, 1.0))
 
 
-# Bytes of memory, and seconds of one processor, for one of each. Cycles: residuals of 20 renders up
-# to 3 % of memory; of 48 of seconds, half of them with LODs, 18 % rms. EEVEE on a software GPU: up
-# to 60 % of memory in scenes of few agents, which is little there; of seconds 12 % rms of 40
-# renders at 1, 4 and 12 samples, 2 to 1,000 agents of 143 to 45,824 triangles. Seconds of images: 8
-# renders by Cycles, within 24 %, 13 % rms; EEVEE has the same, for Blender decodes them.
+# Bytes of memory for one of each. Cycles: within 16 % of 24 renders. EEVEE on a software GPU: 21 %
+# rms of 18 renders, 46 % at worst. docs/notes/costs.md has the builds.
 MEMORY: dict[str, dict[str, float]] = {
     "CYCLES": {
-        "posed": 36,
-        "objects": 12_000,
-        "unique": 110,
+        "posed": 32,
+        "unique": 125,
         "instances": 1800,
-        "bones": 12_000,
-        "images": 3,
-        "keys": 160,
-        "meshes": 440,
-        "materials": 250_000,
+        "bones": 14_700,
+        "images": 1.56,
+        "image_count": 10_800_000,
+        "keys": 225,
+        "other_keys": 140,
+        "meshes": 1.7,
+        "materials": 850_000,
     },
-    "EEVEE": {"posed": 335, "unique": 107, "instances": 45_000, "rigs": 1_046_000, "images": 1.4},
+    "EEVEE": {
+        "posed": 75,
+        "unique": 247,
+        "instances": 146_000,
+        "bones": 77_000,
+        "images": 1.56,
+        "image_count": 10_800_000,
+        "keys": 60,
+        "other_keys": 91,
+        "materials": 850_000,
+    },
 }
+# Seconds of one processor for one of each. Cycles: 18 % rms of 48 renders, half of them with LODs.
+# EEVEE on a software GPU: 12 % rms of 40 renders at 1, 4 and 12 samples, 2 to 1,000 agents of 143
+# to 45,824 triangles. Images: 8 renders by Cycles, 13 % rms, 24 % at worst; EEVEE has the same, for
+# Blender decodes them.
 SECONDS = {
     "CYCLES": {
         "posed": 2e-7,
@@ -110,14 +125,18 @@ SECONDS = {
         "images": 1.1e-8,
     },
 }
+# Bytes of the compressed file for one of each: within 25 % of 21 of 24 files, 37 % at worst.
 FILE: dict[str, float] = {
-    "meshes": 25,
-    "rigs": 3_100,
-    "keys": 11.3,
+    "stored": 15,
+    "meshes": 0.06,
+    "keys": 17,
+    "other_keys": 9.3,
+    "rigs": 1400,
+    "materials": 10_000,
     "packed": 1,
-    "materials": 8_000,
-    "points": 14.6,
-}  # bytes, compressed
+    "points": 8,
+    "crowd": 195_000,
+}
 
 
 DEVELOPERS = "a processor of the developers"  # what SECONDS rest on, in words
@@ -198,17 +217,17 @@ class Holdings:
     """What G groups hold, whatever frames show: each field is (G,), or one number for all.
 
     rigs, bones: armatures of one character, and their bones.
-    objects: of one LOD of a character.
-    keys, other_keys, meshes, materials: as of Work, of each group; meshes of the characters alone.
-        What two groups share is counted for the first.
+    keys, other_keys, stored, meshes, materials: as of Work, of each group; without LODs. What two groups share is counted for the first.
+    triangle: bytes in memory of a triangle of a mesh, with its vertices.
     """
 
     rigs: np.ndarray | float = 1.0
     bones: np.ndarray | float = 0.0
-    objects: np.ndarray | float = 1.0
     keys: np.ndarray | float = 0.0
     other_keys: np.ndarray | float = 0.0
+    stored: np.ndarray | float = 0.0
     meshes: np.ndarray | float = 0.0
+    triangle: np.ndarray | float = 0.0
     materials: np.ndarray | float = 0.0
 
 
@@ -218,7 +237,7 @@ class Actors:
 
     triangles: (G, K), of each group's LODs.
     group: (N,) intp, the group of each character.
-    stored: triangles of LOD meshes in the file.
+    stored: (G,), triangles of LOD meshes in the file.
     finest: (G,), for each group the finest LOD that the build has.
     moved_as: (N,) intp, for each character the one whose rigs move it; None: each has its own.
     """
@@ -226,14 +245,17 @@ class Actors:
     triangles: np.ndarray
     group: np.ndarray
     holdings: Holdings = Holdings()
-    stored: float = 0.0
+    stored: np.ndarray | float = 0.0
     finest: np.ndarray | int = 0
     moved_as: np.ndarray | None = None
 
 
-def stored_triangles(triangles: np.ndarray) -> float:
-    """Return how many triangles of LODs (G, K) a file holds besides LOD 0; a last one once."""
-    return float((triangles[:, 1:] * (np.diff(triangles, axis=1) != 0)).sum())
+def stored_triangles(triangles: np.ndarray) -> np.ndarray:
+    """Return how many triangles of LODs a file holds besides LOD 0, (G,) float64; a last one once.
+
+    triangles: (G, K), of each group's LODs.
+    """
+    return (triangles[:, 1:] * (np.diff(triangles, axis=1) != 0)).sum(axis=1).astype(np.float64)
 
 
 def work_of(
@@ -266,10 +288,11 @@ def work_of(
     holdings = actors.holdings
     groups = len(actors.triangles)
     still = np.broadcast_to(holdings.rigs, groups)[actors.group] == 0
-    copied = (held * each)[:, still].sum()  # each pose is a mesh of its own
+    # each pose is a mesh of its own
+    poses = np.bincount(actors.group, (held * each).sum(axis=0) * still, groups)
+    more = actors.stored + poses
     return Work(
         posed=float((held * each).sum()),
-        objects=float((held * np.broadcast_to(holdings.objects, groups)[actors.group]).sum()),
         unique=((shown > 0) * each).sum(axis=(1, 2)),
         instances=shown.sum(axis=(1, 2)).astype(np.float64),
         instanced=(shown * each).sum(axis=(1, 2)),
@@ -278,7 +301,8 @@ def work_of(
         rays=rays,
         keys=float(np.broadcast_to(holdings.keys, groups).sum()),
         other_keys=float(np.broadcast_to(holdings.other_keys, groups).sum()),
-        meshes=float(np.broadcast_to(holdings.meshes, groups).sum() + actors.stored + copied),
+        stored=float(np.sum(holdings.stored + more)),
+        meshes=float(np.sum(holdings.meshes + more * holdings.triangle)),
         materials=float(np.broadcast_to(holdings.materials, groups).sum()),
         points=float(agents) if known else 0.0,
     )

@@ -11,10 +11,24 @@ from ...crowd_lod.levels.cost_model import Holdings
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender.named_actions import group_performance
 from ..blender.ownership import OWNED
-from ..blender.performance import Performance
 from .bone_motion import guess_keys
 from .rig_needs import Characters, armatures, leads
 
+# bytes of a value of an attribute of a mesh, by its type, and of the weights of a vertex
+BYTES = {
+    "BOOLEAN": 1,
+    "INT8": 1,
+    "FLOAT2": 8,
+    "INT32_2D": 8,
+    "FLOAT_VECTOR": 12,
+    "FLOAT_COLOR": 16,
+    "QUATERNION": 16,
+    "FLOAT4X4": 64,
+}
+OTHER_BYTES = 4
+WEIGHTS = 40
+# keys a frame that a bake leaves of a rig's curve, roughly: it thins them
+BAKED_KEYS = 2.5
 CURVES = 7  # with keys, of a bone of a rig: its place and its turn, seldom its size
 EITHER_SIDE = 1.0  # frames about each baked one whose keys stay (baked_actions.py)
 
@@ -25,12 +39,13 @@ class CastHoldings:
 
     groups: of a live build.
     moved_as: (N,) intp, the character whose rigs move each character.
-    rig_keys: for each group the number of an action in Gaits.actions -> keys of its rigs' action.
+    baked_keys: for each group the number of an action in Gaits.actions -> keys of its rigs' action
+        in a bake that shows all of it.
     """
 
     groups: Holdings
     moved_as: np.ndarray
-    rig_keys: Sequence[dict[int, float]]
+    baked_keys: Sequence[dict[int, float]]
 
     def of_group(self, g: int, rigged: float) -> Holdings:
         """Return the holdings of group `g` alone.
@@ -54,12 +69,12 @@ class CastHoldings:
             trajectory.seconds_per_frame
         )
         first = library.first(gaits)
-        less = np.zeros(len(self.rig_keys))
-        for g, keys in enumerate(self.rig_keys):
+        left = np.zeros(len(self.baked_keys))
+        for g, keys in enumerate(self.baked_keys):
             if keys:
                 parts = _parts_played(gaits, g, used[first[g] : first[g + 1]], seconds)
-                less[g] = sum(keys[action] * (1 - parts[action]) for action in keys)
-        return replace(self.groups, keys=self.groups.keys - less)
+                left[g] = sum(keys[action] * parts[action] for action in keys)
+        return replace(self.groups, keys=left)
 
 
 def _parts_played(gaits: Gaits, g: int, used: np.ndarray, seconds: float) -> dict[int, float]:
@@ -84,37 +99,38 @@ def holdings_of(characters: Characters, trajectory: Trajectory, library: Library
     lead = leads(characters, groups)
     rigged = library.posed == 0
     rigs, bones = armatures(characters, groups, lead)
-    rig_keys = []
+    live_keys = np.zeros(len(groups))
+    baked_keys: list[dict[int, float]] = []
     for g, (_, objects, _) in enumerate(characters):
-        keys = {}
+        baked_keys.append({})
         if rigged[g] and lead[g] == g:
             performance = group_performance(groups[g], objects)
             for action in {action for action, _ in gaits.plays[g]}:
                 act = performance.only(gaits.actions[action])
                 diagonal = groups[g].diagonal or 2 * groups[g].radius
-                keys[action] = bones[g] * CURVES * _keys_of_curve(objects, act, diagonal)
-        rig_keys.append(keys)
+                ((begin, end),) = act.spans
+                a_frame = guess_keys(objects, act, diagonal)
+                keys = bones[g] * CURVES * ((end - begin) * a_frame + 1)
+                live_keys[g] += keys
+                baked_keys[g][action] = keys * min(1.0, BAKED_KEYS / a_frame)
     # importers leave actions in the file that nothing plays
     other_keys = np.zeros(len(groups))
     other_keys[:1] = sum(_keys_in(action) for action in bpy.data.actions if OWNED not in action)
-    meshes = _first_counted([_meshes_of(objects) for _, objects, _ in characters], _triangles)
+    meshes_of = [_meshes_of(objects) for _, objects, _ in characters]
+    stored = _first_counted(meshes_of, _triangles)
+    meshes = _first_counted(meshes_of, _bytes_of)
     materials = _first_counted([_materials_of(objects) for _, objects, _ in characters], _one)
     holdings = Holdings(
         rigs=rigs * rigged,
         bones=bones * rigged,
-        objects=np.array([len(objects) for _, objects, _ in characters], np.float64),
-        keys=np.array([float(sum(keys.values())) for keys in rig_keys]),
+        keys=live_keys,
         other_keys=other_keys,
+        stored=stored,
         meshes=meshes,
+        triangle=np.array([_bytes_a_triangle(objects) for _, objects, _ in characters]),
         materials=materials,
     )
-    return CastHoldings(holdings, library.moved_as(gaits, lead), rig_keys)
-
-
-def _keys_of_curve(objects: Sequence[bpy.types.Object], act: Performance, diagonal: float) -> float:
-    """Return how many keys a curve of the rigs' action for `act` has, roughly."""
-    ((first, last),) = act.spans
-    return (last - first) * guess_keys(objects, act, diagonal) + 1
+    return CastHoldings(holdings, library.moved_as(gaits, lead), baked_keys)
 
 
 def _first_counted(blocks: Sequence[set], count) -> np.ndarray:
@@ -139,6 +155,20 @@ def _meshes_of(objects: Sequence[bpy.types.Object]) -> set[bpy.types.Mesh]:
 
 def _triangles(mesh: bpy.types.Mesh) -> int:
     return len(mesh.loops) - 2 * len(mesh.polygons)
+
+
+def _bytes_of(mesh: bpy.types.Mesh) -> int:
+    attributes = sum(
+        len(attribute.data) * BYTES.get(attribute.data_type, OTHER_BYTES)
+        for attribute in mesh.attributes
+    )
+    return attributes + WEIGHTS * len(mesh.vertices)
+
+
+def _bytes_a_triangle(objects: Sequence[bpy.types.Object]) -> float:
+    """Return the bytes of the objects' meshes for each of their triangles."""
+    meshes = _meshes_of(objects)
+    return sum(map(_bytes_of, meshes)) / max(sum(map(_triangles, meshes)), 1)
 
 
 def _materials_of(objects: Sequence[bpy.types.Object]) -> set[bpy.types.Material]:

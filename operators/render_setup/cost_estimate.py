@@ -233,11 +233,16 @@ def estimate(
                 if baked
                 else np.arange(choice.policy.count)[:, None] >= actors.finest[owner]
             )
-            images = bytes_of(
-                _images(characters, settings, pictures, held, owner) if name == mine else full
+            images = set(full)
+            if name == mine:
+                images = set(_images(characters, settings, pictures, held, owner))
+            work = replace(
+                work,
+                points=work.points * len(frames) / len(looked_at),
+                images=bytes_of(images),
+                image_count=float(len(images)),
+                packed=float(packed),
             )
-            points = work.points * len(frames) / len(looked_at)
-            work = replace(work, points=points, images=images, packed=float(packed))
             works[f"{name}, Baked" if baked and not known else name] = work
     return Estimate(works, costs_of(scene), frames, looked_at)
 

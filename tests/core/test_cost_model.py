@@ -76,14 +76,15 @@ def test_work_is_what_one_counts(known):
     holdings = Holdings(
         rigs=np.array([1, 0]),
         bones=np.array([20, 0]),
-        objects=np.array([2, 3]),
         keys=np.array([500, 0]),
         other_keys=60,
-        meshes=np.array([900, 80]),
+        stored=np.array([900, 80]),
+        meshes=np.array([9000, 1000]),
+        triangle=np.array([10, 12.5]),
         materials=np.array([4, 1]),
     )
     work = work_of(
-        Actors(triangles, owner, holdings, 77.0, finest, moved_as),
+        Actors(triangles, owner, holdings, np.array([77, 5]), finest, moved_as),
         shown,
         np.arange(4),
         known,
@@ -97,10 +98,11 @@ def test_work_is_what_one_counts(known):
     assert work.posed == sum(triangles[owner[n], k] for k, n in held)
     assert work.rigs == len({moved_as[n] for _, n in held if owner[n] == 0})
     assert work.bones == 20 * work.rigs
-    assert work.objects == sum(2 if owner[n] == 0 else 3 for _, n in held)
     assert (work.keys, work.other_keys, work.materials) == (500, 120, 5)
     # group 1 has no rigs: each of its poses is a mesh of its own
-    assert work.meshes == 980 + 77 + sum(triangles[1, k] for k, n in held if owner[n] == 1)
+    copied = sum(triangles[1, k] for k, n in held if owner[n] == 1)
+    assert work.stored == 980 + 77 + 5 + copied
+    assert work.meshes == pytest.approx(10_000 + 770 + 12.5 * (5 + copied))
     alone = work_of(Actors(triangles, owner, holdings), shown, 0.0, known)
     assert alone.rigs == len(
         {n for _, n in (held if known else np.argwhere(shown[0] >= 0)) if owner[n] == 0}
@@ -122,7 +124,7 @@ def test_a_price_is_that_of_the_dearest_frame_and_of_the_mean_one():
         bones=40.0,
         images=1e6,
         keys=7000.0,
-        meshes=50.0,
+        stored=50.0,
         points=9.0,
     )
     own = price(work, CYCLES)
@@ -130,14 +132,14 @@ def test_a_price_is_that_of_the_dearest_frame_and_of_the_mean_one():
         MEMORY["CYCLES"]["unique"] * u + MEMORY["CYCLES"]["instances"] * i
         for u, i in ((10, 500), (1000, 1))
     ]
-    always = {"posed": 100, "bones": 40, "images": 1e6, "keys": 7000, "meshes": 50}
+    always = {"posed": 100, "bones": 40, "images": 1e6, "keys": 7000}
     assert own.memory == pytest.approx(
         max(memory) + sum(MEMORY["CYCLES"][name] * count for name, count in always.items())
     )
     seconds = SECONDS["CYCLES"]
     mean = {"posed": 100, "rigs": 2, "images": 1e6, "unique": 505, "instances": 250.5}
     assert own.seconds == pytest.approx(sum(seconds[name] * count for name, count in mean.items()))
-    stored = {"meshes": 50, "rigs": 2, "points": 9, "keys": 7000}
+    stored = {"stored": 50, "rigs": 2, "points": 9, "keys": 7000, "crowd": 1}
     assert own.file == pytest.approx(sum(FILE[name] * count for name, count in stored.items()))
     assert Price(2.0, 0.0, 3.0).share(Price(4.0, 0.0, 1.5)) == Price(0.5, 1.0, 2.0)
     with pytest.raises(
