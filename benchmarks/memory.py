@@ -5,7 +5,8 @@
 Each crowd of CROWDS, and one of each character FILE (glTF, FBX), is built live and baked over
 FRAMES, with LODs by tolerance. Cycles renders each build, and the same scene without crowd and
 characters, 640 pixels wide, each in a process of its own. Measured is what the crowd adds to the
-largest memory of the process, and to the compressed file.
+largest memory of the process, and to the compressed file. At the end the coefficients of MEMORY and
+FILE (crowd_lod/levels/cost_model.py) are fitted to all builds.
 """
 
 import json
@@ -19,6 +20,8 @@ import crowd_lod_extension
 import crowds
 import lod_trial
 import numpy as np
+from crowd_lod_extension.crowd_lod.levels.cost_fit import fit_costs
+from crowd_lod_extension.crowd_lod.levels.cost_model import FILE, MEMORY
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import console
 from crowd_lod_extension.operators.blender.ownership import remove_owned
@@ -42,6 +45,8 @@ LIMIT = 1800.0  # seconds, to make a crowd's files or to render one
 def main(characters: list[str]) -> None:
     from worth import job, show
 
+    works = []
+    measured = []
     files = [{"file": str(Path(name).absolute()), "agents": AGENTS} for name in characters]
     for crowd in (*CROWDS, *files):
         with tempfile.TemporaryDirectory() as folder:
@@ -55,7 +60,15 @@ def main(characters: list[str]) -> None:
         if failed:
             print(f"{name_of(crowd)}: {failed[0]}", flush=True)
             continue
-        show(name_of(crowd), [_row(way, made, peaks) for way in WAYS])
+        rows = [_row(way, made, peaks) for way in WAYS]
+        show(name_of(crowd), rows)
+        works += [made[f"{way} work"] for way in WAYS]
+        measured += rows
+    for name, table in (("memory", MEMORY["CYCLES"]), ("file", FILE)):
+        counts = {count: np.array([work[count] for work in works]) for count in table}
+        fit = fit_costs(counts, 1e6 * np.array([row[f"{name} measured"] for row in measured]))
+        costs = {count: float(f"{cost:.3g}") for count, cost in fit.costs.items()}
+        print(f"{name}: {costs}, {fit.off:.0%} rms off")
 
 
 def name_of(crowd: dict) -> str:
@@ -102,7 +115,10 @@ def make(folder: str, crowd: dict) -> dict:
     row = {}
     for way in WAYS:
         estimating = cost_estimate.estimate(scene, settings, FRAMES, known=way == "baked")
-        row[way] = finished(estimating).as_json["By Tolerance"]
+        found = finished(estimating)
+        row[way] = found.as_json["By Tolerance"]
+        work = vars(found.works["By Tolerance"])
+        row[f"{way} work"] = {name: float(np.max(value)) for name, value in work.items()}
         finished(bake.bake(scene, FRAMES) if way == "baked" else render_setup.build(scene))
         row[f"{way} file"] = _save(folder, way)
     render_setup.remove_build(settings)
