@@ -1,6 +1,8 @@
 """The culling against exact arithmetic, for each lens, and the extreme cases.
 
-python benchmarks/cull_audit.py [PAIRS]    PAIRS of camera and agent over all lenses, 1,000,000 if not given
+    python benchmarks/cull_audit.py [PAIRS]
+
+PAIRS: of camera and agent, over all lenses; 1,000,000 if not given.
 """
 
 import sys

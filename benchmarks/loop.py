@@ -64,9 +64,19 @@ class Cull:
         depth = np.append(camera.Z, camera.Z @ camera.origin)
         counts = np.zeros(len(self.buckets), np.int64)
         library().cull(
-            ctypes.c_int64(len(crowd)), _at(crowd.x), _at(crowd.y), _at(crowd.z), number(self.group.center),
-            number(self.group.radius), _at(sides), _at(depth), len(self.limits), _at(self.limits), _at(self.buckets), _at(counts),
-        )  # fmt: skip
+            ctypes.c_int64(len(crowd)),
+            _at(crowd.x),
+            _at(crowd.y),
+            _at(crowd.z),
+            number(self.group.center),
+            number(self.group.radius),
+            _at(sides),
+            _at(depth),
+            len(self.limits),
+            _at(self.limits),
+            _at(self.buckets),
+            _at(counts),
+        )
         return counts
 
 
@@ -81,9 +91,11 @@ class Step:
         area = world.area
         velocity = np.ascontiguousarray(machine.velocity)
         self.tables = [
-            np.array([area.x_min, area.y_min, area.x_max, area.y_max]), np.ascontiguousarray(machine.next_state), velocity,
+            np.array([area.x_min, area.y_min, area.x_max, area.y_max]),
+            np.ascontiguousarray(machine.next_state),
+            velocity,
             np.arctan2(velocity[..., 1], velocity[..., 0]).astype(np.float32),
-        ]  # fmt: skip
+        ]
         self.labels = np.ascontiguousarray(world.labels)
         self.seconds = seconds
 
@@ -91,7 +103,14 @@ class Step:
         rows, columns = self.labels.shape
         area, following, *tables = self.tables
         library().step(
-            ctypes.c_int64(len(self.columns[0])), *map(_at, self.columns), _at(self.labels), ctypes.c_int64(rows),
-            ctypes.c_int64(columns), _at(area), ctypes.c_int64(following.shape[1]), _at(following), *map(_at, tables),
+            ctypes.c_int64(len(self.columns[0])),
+            *map(_at, self.columns),
+            _at(self.labels),
+            ctypes.c_int64(rows),
+            ctypes.c_int64(columns),
+            _at(area),
+            ctypes.c_int64(following.shape[1]),
+            _at(following),
+            *map(_at, tables),
             ctypes.c_double(self.seconds),
-        )  # fmt: skip
+        )

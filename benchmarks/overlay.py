@@ -2,7 +2,9 @@
 
 Both of the same LOD meshes, in a real window, playing.
 
-blender --python benchmarks/overlay.py -- [OUT.json]    with the extension enabled; it quits when it is done
+    blender --python benchmarks/overlay.py -- [OUT.json]
+
+The extension must be enabled. Blender quits at the end.
 
 Prints, for 10,000 and 100,000 agents, the milliseconds of a frame (set, planned, drawn, shown),
 median and quartiles, of the empty window, the overlay and the build, taken in turns, and the ratio

@@ -44,10 +44,9 @@ def session():
     times = {mode: {} for mode in MODES}
     for _ in range(ROUNDS):
         for mode in MODES:
-            settings.overlay, settings.overlay_mode = (
-                mode != "OFF",
-                settings.overlay_mode if mode == "OFF" else mode,
-            )
+            settings.overlay = mode != "OFF"
+            if settings.overlay:
+                settings.overlay_mode = mode
             yield
             for number in range(WARM + REDRAWS):
                 camera.location.x += STEP if number % 2 else -STEP

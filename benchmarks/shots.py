@@ -4,7 +4,7 @@
 
 10,000 people of the plaza at 1,920 x 1,080 pixels, by one pixel, with six LODs each. Each camera
 is run through once; thresholds, causal hysteresis of several widths and plans of several values of
-Avoid Pops decide on the same survey. Switches are counted where an agent is in sight before and
+Extra Cost for Fewer Pops decide on the same survey. Switches are counted where an agent is in sight before and
 after, and weighed by the same bound for all. Then the growth with agents and frames. Last, what a
 baked shot takes with its plan and without: file, memory and time of a frame in Cycles.
 """
@@ -72,7 +72,8 @@ def aimed(
 
     Lens in millimeters, roll in radians.
     """
-    origin, ahead = np.array(origin, float), np.subtract(target, origin)
+    origin = np.array(origin, float)
+    ahead = np.subtract(target, origin)
     Z = ahead / np.linalg.norm(ahead)
     right = np.cross(Z, (0, 0, 1))
     right /= np.linalg.norm(right)
@@ -231,10 +232,10 @@ def compared(
         for way, way_bill in (("full detail", full), ("thresholds", thresholds))
     ]
     for width in WIDTHS:
-        for keeps, what in ((False, ""), (True, " within tolerance")):
+        for keeps, condition in ((False, ""), (True, " within tolerance")):
             way_bill = bill(shot, held_levels(survey, films, width, keeps))
             rows.append(
-                row(name, engine, f"hysteresis {width:g}{what}", way_bill, thresholds, full)
+                row(name, engine, f"hysteresis {width:g}{condition}", way_bill, thresholds, full)
             )
     for part in avoid:
         made = finished(decide(shot, part))

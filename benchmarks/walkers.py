@@ -121,7 +121,7 @@ class Walkers(Nodes):
     def _next_fields(
         self, tree: Tree, seconds: bpy.types.NodeSocket
     ) -> dict[str, tuple[str, bpy.types.NodeSocket]]:
-        """Each attribute after `seconds`, and how far each point "moves" in x, as (type, socket)."""
+        """Each attribute after `seconds`, and how far a point "moves" in x, as (type, socket)."""
         machine = self.trajectory.machine
         speed = float(machine.velocity[0, 0, 0])
         label = self._label_below(tree)

@@ -4,12 +4,14 @@ Prints what that took as a line of JSON.
 
 One file holds a crowd of crowds.py in each of these ways, its render settings the same:
 nobody            the ground without its crowd: what the scene itself costs
-everyone          every agent an instance of its full mesh, moved by the rig of its phase class: the strongest rival
-camera cull       the same, by Cycles' camera culling (Simplify), which reaches instances by their source objects
+everyone          every agent an instance of its full mesh, moved by the rig of its phase class:
+                  the strongest rival
+camera cull       the same, by Cycles' camera culling (Simplify), ticked on the source objects
 geometry nodes    a tree that deletes the points outside the frustum and gives the others their LOD
-by ratio          the build: it plans the frame and writes its points while it is rendered; LODs of set ratios and distances
+by ratio          the build, which plans the frame and writes its points while it is rendered; LODs
+                  of set ratios and distances
 1 px              the same, LODs by tolerance
-1 px, baked       that, baked over the frames with --render-only: it holds what these show and nothing else
+1 px, baked       that, baked over the frames with --render-only: only what these show
 
 By ratio and 1 px are rendered with Crowd LOD; the others are files that need none, and hold the
 points of FRAMES.

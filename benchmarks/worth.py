@@ -227,11 +227,11 @@ def main(out: Path, quick: bool, jobs: int) -> None:
             f"crowd-lod bench: --worth needs Blender 5, and this is {bpy.app.version_string}: run "
             f"it with Python 3.13."
         )
-    machine = (
-        f"{machine_name()}; "
-        f"{'one render each' if quick else f'medians of {REPEATS} renders by Cycles to {REPEATED:,} agents'}"
-        f"{f', {jobs} at a time' if jobs > 1 else ''}"
-    )
+    machine = f"{machine_name()}; one render each"
+    if not quick:
+        machine = f"{machine_name()}; medians of {REPEATS} renders by Cycles to {REPEATED:,} agents"
+    if jobs > 1:
+        machine += f", {jobs} at a time"
     print(machine, flush=True)
     with outputs.staged(out) as stage:
         write(stage, measure(QUICK if quick else ROWS, 1 if quick else REPEATS, jobs), machine)

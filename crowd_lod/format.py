@@ -12,12 +12,12 @@ def number(value: float | None) -> str:
     return "-" if value is None else f"{value:,.0f}" if abs(value) >= 999.5 else f"{value:.3g}"
 
 
-def counted(count: int, one: str, many: str = "") -> str:
+def counted(count: int, singular: str, plural: str = "") -> str:
     """Return the count with what is counted: "1 frame is", "2,000 frames are".
 
-    one, many: words for one and for several; if `many` is empty, `one` with an s.
+    singular, plural: words for one and for several; if `plural` is empty, `singular` with an s.
     """
-    return f"{count:,} {one if count == 1 else many or one + 's'}"
+    return f"{count:,} {singular if count == 1 else plural or singular + 's'}"
 
 
 def printable(path: str | os.PathLike) -> str:

@@ -34,11 +34,13 @@ def read_arrays(
         try:
             with zipfile.ZipFile(file) as archive:
                 members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
-                wanted = [name for name in dict.fromkeys((*required, *optional)) if name in members]
-                size = sum(members[name].file_size for name in wanted)
+                present = [
+                    name for name in dict.fromkeys((*required, *optional)) if name in members
+                ]
+                size = sum(members[name].file_size for name in present)
                 lacking = [name for name in required if name not in members]
                 if not lacking and size <= most_bytes:
-                    return {name: _read_array(archive, members[name]) for name in wanted}
+                    return {name: _read_array(archive, members[name]) for name in present}
         # zlib, lzma, bz2, zipfile and NumPy's header each raise what they like for a damaged file
         except Exception as error:
             reason = str(error) or type(error).__name__

@@ -33,12 +33,14 @@ LETTERS = 31  # of a line in a box of that width
 
 def imports() -> dict[tuple[str, str], set[tuple[str, str]]]:
     """Of each (package, floor) those that it imports."""
-    found = {(package, floor): set() for package, floors in FLOORS.items() for floor in floors}
+    imported_floors = {
+        (package, floor): set() for package, floors in FLOORS.items() for floor in floors
+    }
     for package, floor, path in modules():
-        found[package, floor] |= {floor_of(other) for other in imported(path)} & found.keys() - {
-            (package, floor)
-        }
-    return found
+        imported_floors[package, floor] |= {
+            floor_of(other) for other in imported(path)
+        } & imported_floors.keys() - {(package, floor)}
+    return imported_floors
 
 
 def arrows(package: str, all_imports: dict) -> dict[str, set[str]]:
@@ -66,15 +68,15 @@ def rows_of(below: dict[str, set[str]]) -> dict[str, int]:
     If it imports nothing, right below what imports it.
     """
     rows = {}
-    for floor, others in below.items():
-        rows[floor] = 1 + max((rows[each] for each in others), default=-1)
-    for floor, others in below.items():
-        if not others:
+    for floor, lower in below.items():
+        rows[floor] = 1 + max((rows[each] for each in lower), default=-1)
+    for floor, lower in below.items():
+        if not lower:
             rows[floor] = min(rows[above] for above in below if floor in below[above]) - 1
     return rows
 
 
-def told(package: str, floor: str) -> str:
+def describe_floor(package: str, floor: str) -> str:
     """What the floor is, by its docstring up to the first colon or full stop; of own modules, their
     names.
     """
@@ -130,7 +132,15 @@ def house(axes: Axes, package: str, all_imports: dict, rows: dict[str, int], tal
         }
     for floor, (x, y) in places.items():
         is_alone = list(rows.values()).count(rows[floor]) == 1
-        box(axes, x, y, 2 * WIDTH if is_alone else WIDTH, floor, told(package, floor), color)
+        box(
+            axes,
+            x,
+            y,
+            2 * WIDTH if is_alone else WIDTH,
+            floor,
+            describe_floor(package, floor),
+            color,
+        )
         for other in below[floor]:
             ends = (
                 (places[other][0] + 0.15 * (x - places[other][0]), places[other][1] + HEIGHT / 2),
@@ -143,7 +153,15 @@ def house(axes: Axes, package: str, all_imports: dict, rows: dict[str, int], tal
     )
     side = max(side, 1.8)
     lowest = any((package, "") in all_imports[package, floor] for floor in below)
-    box(axes, 0, -0.75 if lowest else top + 0.75, 3.5, "", f"{told(package, '')}: {role}", color)
+    box(
+        axes,
+        0,
+        -0.75 if lowest else top + 0.75,
+        3.5,
+        "",
+        f"{describe_floor(package, '')}: {role}",
+        color,
+    )
     axes.set(xlim=(-side, side), ylim=(-1.1, tall + 0.1), aspect="auto")
     axes.set_title(title, color=color, weight="bold", size=12)
     axes.axis("off")
@@ -152,7 +170,7 @@ def house(axes: Axes, package: str, all_imports: dict, rows: dict[str, int], tal
 def main() -> None:
     all_imports = imports()
     rows = {package: rows_of(arrows(package, all_imports)) for package in HOUSES}
-    tall = 1 + max(max(own.values()) for own in rows.values())
+    tall = 1 + max(max(package_rows.values()) for package_rows in rows.values())
     figure = Figure(figsize=(15, tall + 1), dpi=100)
     FigureCanvasAgg(figure)
     panels = figure.subplots(1, 2, width_ratios=(4, 3))
@@ -161,8 +179,8 @@ def main() -> None:
         house(axes, package, all_imports, rows[package], tall)
     assert not any(
         home == "operators"
-        for (own, _), found in all_imports.items()
-        if own == "crowd_lod"
+        for (package, _), found in all_imports.items()
+        if package == "crowd_lod"
         for home, _ in found
     )
     figure.text(

@@ -84,16 +84,16 @@ def rows(names: Iterable[str], kind: type) -> Iterator[str]:
     """Yield a row of a table for each property of the class of Blender's."""
     for name in names:
         prop: Any = kind.bl_rna.properties[name]
-        told = prop.description
+        description = prop.description
         if prop.type == "ENUM":
-            told += "".join(
+            description += "".join(
                 f"<br>*{item.name}*: {item.description}"
                 for item in prop.enum_items
                 if item.description
             )
         yield (
             f"| `{name}` | {prop.name} | {type_of(prop)} | {default_of(prop)} | "
-            f"{range_of(prop)} | {told} |"
+            f"{range_of(prop)} | {description} |"
         )
 
 
@@ -152,9 +152,9 @@ def settings_page() -> str:
 
 
 def operators() -> str:
-    own = [kind for kind in registration.CLASSES if issubclass(kind, bpy.types.Operator)]
+    kinds = [kind for kind in registration.CLASSES if issubclass(kind, bpy.types.Operator)]
     lines = []
-    for kind in (kind for kind in own if not issubclass(kind, AddPresetBase)):
+    for kind in (kind for kind in kinds if not issubclass(kind, AddPresetBase)):
         own_type = getattr(bpy.ops.crowd_lod, kind.bl_idname.partition(".")[2]).get_rna_type()
         options = [
             f"`{prop.identifier}`: {range_of(prop) or prop.description}"
@@ -164,7 +164,7 @@ def operators() -> str:
             f"| `{kind.bl_idname}` | {kind.bl_label} | {description(kind)} | "
             f"{'<br>'.join(options)} |"
         )
-    adding = ", ".join(f"`{kind.bl_idname}`" for kind in own if issubclass(kind, AddPresetBase))
+    adding = ", ".join(f"`{kind.bl_idname}`" for kind in kinds if issubclass(kind, AddPresetBase))
     head = "| operator | label | does | properties |\n| --- | --- | --- | --- |"
     about = (
         "Call them as `bpy.ops.crowd_lod.NAME()`. Where one cannot work, it raises a RuntimeError "
@@ -222,12 +222,12 @@ def commands_of(group: argparse.ArgumentParser) -> Iterator[argparse.ArgumentPar
 
 
 def command_section(command: argparse.ArgumentParser) -> str:
-    told = [
-        each
-        for each in command._actions
-        if not isinstance(each, UNTOLD) and each.help != argparse.SUPPRESS
+    options = [
+        action
+        for action in command._actions
+        if not isinstance(action, UNTOLD) and action.help != argparse.SUPPRESS
     ]
-    actions = sorted(told, key=lambda each: bool(each.option_strings))
+    actions = sorted(options, key=lambda action: bool(action.option_strings))
     title = command.prog.removeprefix("crowd-lod ")
     table = "\n".join(["| option | default | does |", "| --- | --- | --- |", *map(option, actions)])
     example = (command.epilog or "").removeprefix("example: ")

@@ -5,6 +5,7 @@ import bpy
 from .blender import (
     collection_caches,
     main_thread,
+    operator,
     output_folders,
     provenance,
     scene_cache,
@@ -18,7 +19,14 @@ from .overlay import agent_picker, viewport_image, viewport_overlay
 from .render_setup import buttons, cost_estimate, frame_update
 from .runs import calibrate, open_report, preview, verify_button
 from .scene import populate, sample_menu, scene_crowd
-from .settings import area_settings, exception_settings, presets, properties, setting_changes
+from .settings import (
+    area_settings,
+    exception_settings,
+    inputs,
+    presets,
+    properties,
+    setting_changes,
+)
 from .shot import shot_plan
 from .sources import record_points, simulate
 from .ui import (
@@ -36,6 +44,7 @@ from .ui import (
 from .usd import export_button
 
 MODULES = (
+    operator,
     area_settings,
     exception_settings,
     exception_list,
@@ -83,13 +92,13 @@ HANDLERS = {
         map_areas.moved_or_edited,
         frame_update.follow_points,
     ],
-    "load_pre": [scene_cache.forget, frame_update.forget],
+    "load_pre": [operator.stop_for_file, scene_cache.forget, frame_update.forget],
     "load_post": [output_folders.after_opening],
     "save_pre": [output_folders.before_saving],
     "save_post": [output_folders.after_saving],
     "save_post_fail": [output_folders.after_failed_saving],
-    "undo_pre": [scenery.forget],
-    "redo_pre": [scenery.forget],
+    "undo_pre": [operator.stop_for_undo, scenery.forget],
+    "redo_pre": [operator.stop_for_undo, scenery.forget],
     "undo_post": [
         provenance.note_undo,
         collection_caches.restore,
@@ -117,6 +126,7 @@ _commands = []
 
 def register() -> None:
     setting_changes.FOLLOWERS.update(FOLLOWERS)
+    operator.RESTS_ON.append(inputs.inputs_of)
     for c in CLASSES:
         bpy.utils.register_class(c)
     bpy.types.Scene.crowd_lod = bpy.props.PointerProperty(type=properties.CrowdLodSettings)
@@ -143,6 +153,7 @@ def unregister() -> None:
                 handlers.remove(function)
     scene_cache.forget()
     setting_changes.FOLLOWERS.clear()
+    operator.RESTS_ON.clear()
     swatches.unregister()
     map_areas.unregister()
     machine_settings.unregister()

@@ -118,9 +118,9 @@ class Cage:
 
 
 def ring(n: int, center, u, v) -> np.ndarray:
-    """Return (n, 3) points of the ellipse center + u cos t + v sin t, enlarged.
+    """Return (n, 3) points about the ellipse center + u cos t + v sin t.
 
-    They are moved out so that the SMOOTHED ring has that size.
+    They lie outside it, so that the ring has its size once it is SMOOTHED.
     """
     t = np.arange(n)[:, None] * 2 * np.pi / n
     grow = 6 / (4 + 2 * np.cos(2 * np.pi / n))

@@ -14,18 +14,18 @@ FPS = 24
 
 BUILDS = (
     Build(
-        "adult", height=1.75, hip=0.91, neck=1.465, shoulder=0.165, pelvis=0.155, waist=0.110, depth=0.100,
-        limb=0.95, head=1.06, sleeve=0.24, trousers=0.0, hem=0.62, hair=0.20,
+        "adult", height=1.75, hip=0.91, neck=1.465, shoulder=0.165, pelvis=0.155, waist=0.110,
+        depth=0.100, limb=0.95, head=1.06, sleeve=0.24, trousers=0.0, hem=0.62, hair=0.20,
         skin=(0.55, 0.29, 0.18), clothes=(0.42, 0.03, 0.05), period=26,
     ),
     Build(
-        "heavy", height=1.82, hip=0.90, neck=1.50, shoulder=0.215, pelvis=0.195, waist=0.215, depth=0.165,
-        limb=1.25, head=1.16, sleeve=0.68, trousers=1.0, hem=0.76, brim=0.06,
+        "heavy", height=1.82, hip=0.90, neck=1.50, shoulder=0.215, pelvis=0.195, waist=0.215,
+        depth=0.165, limb=1.25, head=1.16, sleeve=0.68, trousers=1.0, hem=0.76, brim=0.06,
         skin=(0.80, 0.52, 0.38), clothes=(0.03, 0.09, 0.25), period=28,
     ),
     Build(
-        "child", height=1.20, hip=0.56, neck=0.905, shoulder=0.118, pelvis=0.108, waist=0.100, depth=0.085,
-        limb=1.10, head=1.12, sleeve=0.53, trousers=0.55, pack=0.11,
+        "child", height=1.20, hip=0.56, neck=0.905, shoulder=0.118, pelvis=0.108, waist=0.100,
+        depth=0.085, limb=1.10, head=1.12, sleeve=0.53, trousers=0.55, pack=0.11,
         skin=(0.30, 0.14, 0.08), clothes=(0.65, 0.36, 0.02), period=18,
     ),
 )  # fmt: skip

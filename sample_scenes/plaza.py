@@ -69,10 +69,10 @@ def make(scene: bpy.types.Scene) -> None:
 
 
 def who_wait(text: str) -> str:
-    """Return the state machine `text` with a state more: one in five who enters a waiting area
-    waits.
+    """Return the state machine `text` with one more state, in which agents wait.
 
-    Who waits plays the action "idle", and then goes on in any direction.
+    One agent in five that enters a waiting area comes into it. It plays the action "idle", and then
+    goes on in any direction.
     """
     root = json.loads(text)
     states = root["states"]

@@ -15,11 +15,12 @@ CELL = 0.5
 # Rectangles (x0, y0, x1, y1), and the height that each is built to. The gaps between the houses are
 # the entrances.
 HOUSES = (
-    (-72, 60, -48, 72, 15), (-48, 60, -26, 72, 12), (-26, 60, -8, 72, 17), (4, 52, 34, 72, 20), (34, 60, 52, 72, 14),
-    (52, 60, 72, 72, 17), (-72, -72, -46, -60, 13), (-46, -72, -20, -60, 16), (-20, -72, 8, -60, 12),
-    (18, -72, 44, -60, 15), (44, -72, 72, -60, 18), (-72, -60, -60, -32, 16), (-72, -32, -60, -6, 12),
-    (-72, 6, -60, 34, 14), (-72, 34, -60, 60, 17), (60, -60, 72, -42, 14), (60, -32, 72, -4, 17), (60, -4, 72, 26, 13),
-    (60, 26, 72, 60, 15),
+    (-72, 60, -48, 72, 15), (-48, 60, -26, 72, 12), (-26, 60, -8, 72, 17), (4, 52, 34, 72, 20),
+    (34, 60, 52, 72, 14), (52, 60, 72, 72, 17), (-72, -72, -46, -60, 13), (-46, -72, -20, -60, 16),
+    (-20, -72, 8, -60, 12), (18, -72, 44, -60, 15), (44, -72, 72, -60, 18),
+    (-72, -60, -60, -32, 16), (-72, -32, -60, -6, 12), (-72, 6, -60, 34, 14),
+    (-72, 34, -60, 60, 17), (60, -60, 72, -42, 14),
+    (60, -32, 72, -4, 17), (60, -4, 72, 26, 13), (60, 26, 72, 60, 15),
 )  # fmt: skip
 # their outer ends
 ENTRANCES = ((-8, 72, 4, 72), (8, -72, 18, -72), (-72, -6, -72, 6), (72, -42, 72, -32))
@@ -42,8 +43,8 @@ def plan(machine: StateMachine) -> LabelMap:
     """Return the label map, 0.5 m per cell.
 
     machine: the preset "plaza", whose labels are used.
-    Cells within 1 m of an obstacle, or of the map's border, bear the direction away from it: "turn
-    east" is at a wall's east side.
+    Cells within 1 m of an obstacle, or of the map's border, have the label of the direction away
+    from it: "turn east" is at a wall's east side.
     """
     half = SIZE / 2
     middles = np.arange(-half, half, CELL) + CELL / 2

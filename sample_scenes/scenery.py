@@ -133,8 +133,8 @@ def film(scene: bpy.types.Scene) -> None:
     """Set the scene's frames, pixels and light for a clear day.
 
     Five seconds at 24 frames per second, 960 x 540 pixels. The light is a sun with shadows and a
-    blue sky. Workbench draws no shadows: those of thousands of characters take many times as long
-    as the rest of the picture.
+    blue sky. Workbench is set to draw no shadows: those of thousands of characters take many times
+    as long as the rest of the picture.
     """
     scene.frame_start = 1
     scene.frame_end = 120

@@ -72,7 +72,7 @@ def make(scene: bpy.types.Scene) -> None:
 
 
 def waiting_map() -> bpy.types.Image:
-    """Return the label map of who waits, a cell a square meter."""
+    """Return the label map of the people who wait, one cell for each square meter."""
     x0, y0, x1, y1 = site.CONCOURSE
     colors = np.full((y1 - y0, x1 - x0, 3), 0x80, np.uint8)
     for left, low, right, high in site.WAITING:

@@ -3,7 +3,7 @@
     .venv-3.13/bin/python -m crowd_lod_extension.sample_scenes.station_tracks
 
 The scene needs that file alone, not JuPedSim. Concourse and upper floor are two simulations in
-step: who comes to the stairs' end in one of them goes on in the other.
+step: people who come to the stairs' end in one of them go on in the other.
 """
 
 from pathlib import Path
@@ -28,15 +28,15 @@ COUNT = 260  # people are let in while there are fewer
 RADIUS = 0.2
 TIME_GAP = 1.0
 ON_STAIRS = 0.55
-# Before the stairs the floors overlap: one goes over from the concourse in FOOT, and to it in
-# BOTTOM.
+# Before the stairs the floors overlap. In FOOT people leave the concourse for the stairs, in BOTTOM
+# the stairs for the concourse.
 APRON = (-5.2, 6.0, -3.0, 9.0)
 FOOT = (-4.0, 6.4, -3.1, 8.6)
 BOTTOM = (-5.2, 6.3, -4.6, 8.7)
 
 
 class Floor:
-    """One simulation, the places where one leaves it, and the people in it."""
+    """One simulation, the places where people leave it, and the people in it."""
 
     def __init__(self, ground: shapely.Polygon, exits: tuple) -> None:
         self.simulation = jupedsim.Simulation(
@@ -67,7 +67,7 @@ class Floor:
         return True
 
     def step(self) -> list[tuple[np.ndarray, int, int, float]]:
-        """Walk on, and return (place, person, where to, speed) of who has left."""
+        """Walk on, and return (place, person, where to, speed) of those who have left."""
         before = {agent.id: np.array(agent.position) for agent in self.simulation.agents()}
         self.simulation.iterate()
         left = before.keys() - {agent.id for agent in self.simulation.agents()}
@@ -114,7 +114,7 @@ class Station:
         self.count += floor.enter(place, self.count, goal, draws.normal(1.34, 0.2))
 
     def step(self) -> None:
-        """Walk on, on both floors; who has come to the stairs' end goes over."""
+        """Walk on, on both floors; people at the stairs' end begin to go over."""
         for floor, other, doors in (
             (self.lower, self.upper, site.DOORS),
             (self.upper, self.lower, site.UPPER_DOORS),
@@ -125,7 +125,7 @@ class Station:
                     self.between.append((other, place, person, new_goal, speed))
 
     def go_over(self) -> None:
-        """Let those between the floors in where there is room; slow down who is on the stairs."""
+        """Let people between the floors in where there is room, and slow down those on stairs."""
         self.between = [entry for entry in self.between if not entry[0].enter(*entry[1:])]
         for agent in self.upper.simulation.agents():
             x, y = agent.position

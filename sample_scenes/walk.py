@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-STRIKE = 0.23  # where the foot lands, in strides before the place it has at rest
-STANCE = 0.6  # of the cycle, from the heel's strike to the toe's leaving
+STRIKE = 0.23  # strides before its place at rest, where the foot lands
+STANCE = 0.6  # part of the cycle from the heel's strike until the toe leaves the ground
 # the sole is flat in between; the heel bears before, the ball after
 FLAT = 0.08
 HEEL_OFF = 0.30

@@ -1,4 +1,5 @@
-/* Shared by all shaders of meshes: data in textures, the skinning of crowd_lod/animation/skinning.py. */
+/* Shared by all shaders of meshes: data in textures, and the skinning of
+ * crowd_lod/animation/skinning.py. */
 
 /* An affine matrix as three rows. */
 struct Rows {
@@ -25,14 +26,16 @@ vec3 moved(Rows m, vec3 point)
   return turned(m, point) + vec3(m.x.w, m.y.w, m.z.w);
 }
 
-/* A direction in a float, to 1 in 2,000, and back. Source: Cigolle et al., "Survey of efficient representations for
- * independent unit vectors", 2014: octahedral, 12 bits each way. */
+/* A direction packed into a float, and unpacked: octahedral, 12 bits along each axis, exact to 1 in
+ * 2,000. Source: Cigolle et al., "Survey of efficient representations for independent unit
+ * vectors", 2014. */
 const float STEPS = 4095.0;
 
 float coded(vec3 direction)
 {
   vec3 n = direction / max(abs(direction.x) + abs(direction.y) + abs(direction.z), 1e-20);
-  vec2 plane = n.z < 0.0 ? (1.0 - abs(n.yx)) * vec2(n.x < 0.0 ? -1.0 : 1.0, n.y < 0.0 ? -1.0 : 1.0) : n.xy;
+  vec2 side = vec2(n.x < 0.0 ? -1.0 : 1.0, n.y < 0.0 ? -1.0 : 1.0);
+  vec2 plane = n.z < 0.0 ? (1.0 - abs(n.yx)) * side : n.xy;
   vec2 whole = round((0.5 + 0.5 * plane) * STEPS);
   return whole.x * (STEPS + 1.0) + whole.y;
 }
@@ -59,7 +62,8 @@ Rows joint(int frame, int number)
               texelFetch(joint_frames, at + ivec2(2, 0), 0));
 }
 
-/* The vertex at a frame of the action: joints blended by weight. Weights fall, so the first zero ends them. */
+/* The vertex at a frame of the action: its joints' matrices, weighed and added. The weights come
+ * largest first, so the first zero ends them. */
 Posed posed(int frame)
 {
   Rows sum = Rows(vec4(0.0), vec4(0.0), vec4(0.0));
@@ -74,7 +78,7 @@ Posed posed(int frame)
 #endif
 
 #ifdef FRAMES
-/* The vertex at a frame of the action, as skin.vert.glsl left it. */
+/* The vertex at a frame of the action, as skin.vert.glsl has written it. */
 Posed posed(int frame)
 {
   vec4 texel = texelFetch(skinned_frames, ivec2(gl_VertexID, frame), 0);
@@ -88,7 +92,9 @@ struct Agent {
   vec3 feet; /* relative to the drawing's origin */
   float phase;
   int color; /* in the palette */
-  float share; /* > 0: drawn where the dither is below it; < 0: where it is not below -share; 0: everywhere */
+  /* > 0: drawn where the dither is below it; < 0: where the dither is not below -share; 0: drawn
+   * everywhere */
+  float share;
   vec3 x_axis, y_axis, z_axis; /* of the character, in the world */
   float scale;
 };
@@ -100,16 +106,18 @@ vec4 of_agents(int number)
 
 Agent agent(int number)
 {
-  vec4 one = of_agents(3 * number), two = of_agents(3 * number + 1), three = of_agents(3 * number + 2);
+  vec4 first = of_agents(3 * number);
+  vec4 second = of_agents(3 * number + 1);
+  vec4 third = of_agents(3 * number + 2);
   Agent a;
-  a.feet = one.xyz;
-  a.phase = one.w;
-  a.color = int(two.w) / 4;
-  a.share = two.w - float(4 * a.color) - 2.0;
-  a.x_axis = two.xyz;
-  a.y_axis = three.xyz;
+  a.feet = first.xyz;
+  a.phase = first.w;
+  a.color = int(second.w) / 4;
+  a.share = second.w - float(4 * a.color) - 2.0;
+  a.x_axis = second.xyz;
+  a.y_axis = third.xyz;
   a.z_axis = cross(a.x_axis, a.y_axis);
-  a.scale = three.w;
+  a.scale = third.w;
   return a;
 }
 
@@ -119,15 +127,16 @@ vec3 oriented(Agent a, vec3 v)
 }
 
 #if defined(JOINTS) || defined(FRAMES)
-/* The vertex at `phase` of the action whose frames begin at first_frame: two frames mixed linearly, which comes to the same as
- * mixing their joints. */
+/* The vertex at `phase` of the action whose frames begin at first_frame: two frames mixed linearly.
+ * To mix their joints gives the same. */
 Posed posed_at(float phase)
 {
   float at = phase * float(frame_count - 1);
   int first = clamp(int(at), 0, max(frame_count - 2, 0));
-  Posed one = posed(first_frame + first), two = posed(first_frame + min(first + 1, frame_count - 1));
+  Posed before = posed(first_frame + first);
+  Posed after = posed(first_frame + min(first + 1, frame_count - 1));
   float part = at - float(first);
-  return Posed(mix(one.at, two.at, part), mix(one.facing, two.facing, part));
+  return Posed(mix(before.at, after.at, part), mix(before.facing, after.facing, part));
 }
 #endif
 #endif

@@ -1,4 +1,4 @@
-/* The depth of each pixel, as it was elsewhere; the color leaves what is there. */
+/* Copies the depth of each pixel. The color is transparent, so that what is there stays. */
 void main()
 {
   gl_FragDepth = texelFetch(depths, ivec2(gl_FragCoord.xy), 0).r;

@@ -1,5 +1,6 @@
-// Culling and LOD assignment (listings 1.2 and 1.4) of a run of agents, as far as float32 can tell: who may lie on a plane
-// or on a LOD's border, to within all roundings, goes into a bucket of its own, OPEN. Counts the agents of each bucket.
+// Culling and LOD assignment (listings 1.2 and 1.4) of a run of agents, as far as float32 can tell.
+// Agents that may lie on a plane or on a LOD's border, to within all roundings, go into a bucket of
+// their own, OPEN. Counts the agents of each bucket.
 
 void main()
 {
@@ -7,16 +8,17 @@ void main()
   if (run >= runs) {
     return;
   }
-  uint found[OPEN + 1];
+  uint counted[OPEN + 1];
   for (int k = 0; k <= OPEN; k++) {
-    found[k] = 0u;
+    counted[k] = 0u;
   }
   for (int i = run * RUN; i < min((run + 1) * RUN, count); i++) {
     vec2 agent = texelFetch(agents, texel(i), 0).xy;
     ivec2 at = texel(int(agent.x));
     int group = int(agent.y);
     vec4 sphere = texelFetch(spheres, texel(group * OPEN), 0);  // height of the center, reach
-    vec3 p = vec3(texelFetch(feet_x, at, 0).x, texelFetch(feet_y, at, 0).x, texelFetch(feet_z, at, 0).x + sphere.x);
+    vec3 p = vec3(texelFetch(feet_x, at, 0).x, texelFetch(feet_y, at, 0).x,
+                  texelFetch(feet_z, at, 0).x + sphere.x);
     float slack = view.slack.x * (abs(p.x) + abs(p.y) + abs(p.z) + sphere.z) + view.slack.y;
     float beyond = dot(view.planes[0].xyz, p) - view.planes[0].w;
     for (int k = 1; k < 6; k++) {
@@ -35,10 +37,10 @@ void main()
     uint bucket = beyond > slack ? uint(CULLED) : sure ? level : uint(OPEN);
     imageStore(kinds, texel(i), uvec4(bucket));
     for (int k = 0; k <= OPEN; k++) {
-      found[k] += uint(bucket == uint(k));
+      counted[k] += uint(bucket == uint(k));
     }
   }
   for (int k = 0; k <= OPEN; k++) {
-    imageStore(counts, texel(k * runs + run), uvec4(found[k]));
+    imageStore(counts, texel(k * runs + run), uvec4(counted[k]));
   }
 }

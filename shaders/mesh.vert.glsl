@@ -1,9 +1,10 @@
-/* A vertex of a LOD mesh of one instance, or of one box of a run of BOXES instances; lit at the vertex: sky above, ground below, a key by the viewer. */
+/* A vertex of a LOD mesh of one instance, or of one box of a run of BOXES instances. It is lit by
+ * sky from above, ground from below, and a key light beside the viewer. */
 void main()
 {
 #ifdef RIGID
   int number = gl_InstanceID * BOXES + gl_VertexID / BOX_CORNERS;
-  if (number >= count) { /* the last run has boxes to spare: out of the picture with them */
+  if (number >= count) { /* the last run has boxes to spare: they go out of the picture */
     gl_Position = vec4(0.0, 0.0, -2.0, 1.0);
     lit = vec3(0.0);
     return;

@@ -1,4 +1,4 @@
-// Where each run's agents of each bucket begin in the order: the sum of all counts before.
+// Where each run's agents of each bucket begin in the sorted order: the sum of all counts before.
 
 void main()
 {

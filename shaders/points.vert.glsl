@@ -1,4 +1,4 @@
-/* A round point an agent. It is as wide as the agent's size makes it at its distance, within bounds in pixels. */
+/* A round point for an agent, as wide as the agent is at its distance, within bounds in pixels. */
 void main()
 {
   gl_Position = matrix * vec4(position, 1.0);

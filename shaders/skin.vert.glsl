@@ -1,5 +1,5 @@
-/* A vertex of a LOD mesh at a frame of the action (the instance), as the pixel of a texture: its place, and its normal packed.
- * Skinned so once a frame of the action, an instance only mixes two frames. */
+/* A vertex of a LOD mesh at a frame of the action (the instance), written to a pixel of a texture:
+ * its place, and its normal packed. All frames are skinned once, so that an agent only mixes two. */
 void main()
 {
   Posed here = posed(gl_InstanceID);

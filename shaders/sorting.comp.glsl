@@ -1,4 +1,4 @@
-// LOD sorting: a run's agents go where their buckets' offsets say, in the order they come in.
+// LOD sorting: each agent of a run goes to the next free place of its bucket, from its offset on.
 
 void main()
 {

@@ -1,4 +1,4 @@
-// The counts of the runs, PART after PART of them summed.
+// The sum of each PART of the runs' counts.
 
 void main()
 {

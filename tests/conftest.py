@@ -84,6 +84,11 @@ def pytest_addoption(parser):
         action="store_true",
         help="of a test with several parameters, run the first and the last alone",
     )
+    parser.addoption(
+        "--write-trees",
+        action="store_true",
+        help="write the texts of node trees anew that tests compare with",
+    )
 
 
 def ends(items: list[pytest.Item]) -> set[pytest.Item]:

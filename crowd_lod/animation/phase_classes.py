@@ -58,10 +58,10 @@ class Gaits:
         The first action at rate 0 alone if the group plays nothing.
         """
         played = np.ones(self.rates.shape, bool) if self.played is None else self.played
-        paces = [np.flatnonzero(own) for own in played]
+        paces = [np.flatnonzero(paces_of_group) for paces_of_group in played]
         return tuple(
-            tuple(sorted({self._pair(g, int(p)) for p in own} or {(0, 0.0)}))
-            for g, own in enumerate(paces)
+            tuple(sorted({self._pair(g, int(p)) for p in paces_of_group} or {(0, 0.0)}))
+            for g, paces_of_group in enumerate(paces)
         )
 
     @cached_property
@@ -73,15 +73,15 @@ class Gaits:
         return int(self.action[p]), float(self.rates[g, p].round(9))
 
     @cached_property
-    def which(self) -> np.ndarray:
+    def play_number(self) -> np.ndarray:
         """(G, P) intp: which of what it `plays` each group plays at each pace; 0 where it does not
         play.
         """
-        found = np.zeros(self.rates.shape, np.intp)
+        numbers = np.zeros(self.rates.shape, np.intp)
         for g, own in enumerate(self.plays):
             number = {pair: k for k, pair in enumerate(own)}
-            found[g] = [number.get(self._pair(g, p), 0) for p in range(found.shape[1])]
-        return found
+            numbers[g] = [number.get(self._pair(g, p), 0) for p in range(numbers.shape[1])]
+        return numbers
 
     def phase(
         self, crowd: Crowd, seconds: float, agents: np.ndarray | slice = slice(None)
@@ -117,15 +117,15 @@ class Gaits:
 
 
 def gaits_of(
-    groups: Sequence[Group], paces: Paces, classes: int, shown: np.ndarray | None = None
+    groups: Sequence[Group], paces: Paces, classes: int, with_agents: np.ndarray | None = None
 ) -> Gaits:
     """Return the gaits of `groups` at the `paces` of a state machine.
 
     classes: the number of phases that agents share.
-    shown: the groups that have agents; None for all. Others need not know the actions.
+    with_agents: the groups that have agents; None for all. Others need not know the actions.
     CrowdError if an action was not measured for a group that has agents.
     """
-    needed = np.unique(np.arange(len(groups)) if shown is None else shown)
+    needed = np.unique(np.arange(len(groups)) if with_agents is None else with_agents)
     rates = np.zeros((len(groups), len(paces.speeds)))
     plays = np.ones(rates.shape, bool)
     for p, name in enumerate(paces.actions or ("",) * len(paces.speeds)):
@@ -210,10 +210,10 @@ class Library:
         phase_class = np.zeros(first[-1], np.uint8)
         leaders = np.full(blocks[-1], -1, np.intp)  # the first character of each block
         for g in np.flatnonzero(self.posed == 0):
-            own = np.arange(first[g + 1] - first[g])
-            block[first[g] : first[g + 1]] = blocks[g] + own // gaits.classes
-            phase_class[first[g] : first[g + 1]] = own % gaits.classes
-            leaders[blocks[g] : blocks[g + 1]] = first[g] + own[:: gaits.classes]
+            number = np.arange(first[g + 1] - first[g])
+            block[first[g] : first[g + 1]] = blocks[g] + number // gaits.classes
+            phase_class[first[g] : first[g + 1]] = number % gaits.classes
+            leaders[blocks[g] : blocks[g + 1]] = first[g] + number[:: gaits.classes]
         leads = leaders if moved_as is None else moved_as[leaders]
         return Roles(block, phase_class, np.where(leaders >= 0, block[leads], -1))
 
@@ -223,18 +223,20 @@ class Library:
         leads: (G,), for each group that whose rigs move it; they share those of one action, rate
             and class.
         """
-        made: dict[tuple, int] = {}
+        first_of: dict[tuple, int] = {}
         first = self.first(gaits)
-        found = np.arange(first[-1])
+        movers = np.arange(first[-1])
         for g in np.flatnonzero(self.posed == 0).tolist():
             for number in range(first[g], first[g + 1]):
-                which, phase_class = divmod(number - int(first[g]), gaits.classes)
-                found[number] = made.setdefault(
-                    (leads[g], *gaits.plays[g][which], phase_class), number
+                play, phase_class = divmod(number - int(first[g]), gaits.classes)
+                movers[number] = first_of.setdefault(
+                    (leads[g], *gaits.plays[g][play], phase_class), number
                 )
-        return found
+        return movers
 
-    def shown(self, gaits: Gaits, crowd: Crowd, seconds: float, agents: np.ndarray) -> np.ndarray:
+    def character_of(
+        self, gaits: Gaits, crowd: Crowd, seconds: float, agents: np.ndarray
+    ) -> np.ndarray:
         """Return (m,) int32: the index of the character that each agent shows.
 
         seconds: time after frame 0.
@@ -242,7 +244,8 @@ class Library:
         """
         group = crowd.group[agents]
         number = (
-            gaits.which[group, crowd.playing[agents]] * gaits.classes + crowd.phase_class[agents]
+            gaits.play_number[group, crowd.playing[agents]] * gaits.classes
+            + crowd.phase_class[agents]
         )
         if self.posed.any():
             count = self.posed[group]

@@ -7,7 +7,8 @@ In: Crowd, StateMachine, LabelMap, seconds. Out: Crowd. `walk` is the crowd at a
 (tests/core/test_tabulated_step.py, test_lookahead.py), and lets states cross-fade (`fading`).
 
 form            what it does                                  taken for
-plain_step      each agent's way, piece by piece              small crowds, and whom the others leave
+plain_step      each agent's way, piece by piece              small crowds, and agents that the
+                                                              others leave
 tabulated_step  one look at the map, one move                 who comes to no other label
 lookahead       steps without a look, several at a time       the whole frames of a shot, and times
                                                               between two of them, while at most the

@@ -6,8 +6,8 @@ agent reads the table until its state no longer changes, then walks to the next 
 reads it does not move, with one exception: a rule that heads out over the border on which the agent
 stands, as a wall's rule does, moves it out.
 
-A step (behavior/plain_step.py) reads once in each piece. So the two agree, up to rounding, wherever a
-rule moves as the state that it leads to. Elsewhere an agent keeps the rule's own velocity for at
+A step (behavior/plain_step.py) reads once in each piece. So the two agree, up to rounding, wherever
+a rule moves as the state that it leads to. Elsewhere an agent keeps the rule's own velocity for at
 most a step, and the error is of first order in the step.
 
 Some tables have no limit. One that turns an agent a little at each read, first further in and then

@@ -8,17 +8,18 @@ from ..crowd.agents import Crowd
 from ..crowd.paces import FADE_STEPS
 from ..crowd.state_machine import StateMachine
 
-EARLY = 1e-4  # of a cross-fade: by so much a step begins early, as shares add up with rounding
+# Part of a cross-fade by which a step begins early: shares add up with rounding.
+EARLY = 1e-4
 
 
 def fade(before: Crowd, after: Crowd, machine: StateMachine, seconds: float) -> Crowd:
     """Return the crowd `after` with the paces that its agents show.
 
     before: the crowd `seconds` earlier, with the paces that it showed then.
-    after: the crowd after a step of behavior. An agent whose state has brought it another action
-        begins to fade into it, over the state's `fade`, in the middle of the step; within it the
-        action weighs by FADE_STEPS steps. Where a fade is interrupted, the next one begins with the
-        action that weighs more, if there is such a fade.
+    after: the crowd after a step of behavior. An agent whose new state plays another action begins
+        to fade into it, in the middle of the step. The fade lasts as long as the state's `fade`,
+        and the new action's weight rises in FADE_STEPS steps. Where a fade is interrupted, the next
+        one begins with the action that weighs more, if there is such a fade.
     """
     if before.played is None or before.faded is None:
         return after

@@ -24,8 +24,8 @@ from .tabulated_step import BLOCK, Tables, merge_columns, step_within_cells
 
 # The most steps that are known ahead.
 MOST = 4095
-# Steps whose turns are computed together: the most of which no more than the part FEW of the crowd
-# turns.
+# Counts of steps whose turns are computed together: the first count in which no more than the part
+# FEW of the crowd turns.
 TOGETHER = (16, 4)
 FEW = 1 / 16
 # Where more than this part of a crowd turns in a step, it is stepped faster as a whole.
@@ -34,12 +34,12 @@ MANY = 0.25
 CROSSED = 4
 # Turns of an agent that are computed together, at most.
 ROUNDS = 6
-# Spacings of the map's largest coordinate by which a border counts as nearer than it is: more than
-# MOST roundings of a place.
+# A border counts as nearer than it is by this many spacings of the map's largest coordinate: more
+# than MOST steps can err by rounding.
 SLACK = 8192
-# Part of a timer by which it counts as shorter than it is: more than MOST roundings to float64.
+# A timer counts as shorter than it is by this part: more than MOST roundings to float64.
 TICK = 1e-12
-# Parts of a cell that an agent walks in a step, at most, to be followed through cells of one label.
+# Agents that walk less than this part of a cell in a step are followed through cells of one label.
 SLOW = 0.99
 
 

@@ -10,9 +10,9 @@ way goes unread, at any speed. Where both borders are reached at once, the borde
 first: the way leads through the sides of cells, never through a corner, and passes no wall, not
 even one whose cells touch only at their corners. A timer that ends within a step cuts it too.
 
-The cost of a step is bounded. Cells of one label are passed at once. An agent that turns more often
-than its way is worth is stuck, in a corner between walls, say: it stands until the step ends. So
-does an agent that the table leads round and round in place.
+The cost of a step is bounded. Cells of one label are passed at once. An agent that takes more
+pieces than PIECES allows is stuck, in a corner between walls, say: it stands until the step ends.
+So does an agent that the table leads round and round in place.
 """
 
 from dataclasses import dataclass, replace
@@ -157,8 +157,8 @@ class _Way:
         self.agents: np.ndarray | slice = slice(None)
         self.cell = np.array(world.cells(self.now.x, self.now.y))
         self.rest = np.full(len(crowd), float(seconds))
-        # in no time an agent sees at most the 4 cells round a corner in each state: if it goes on
-        # for longer, it has met one twice
+        # an agent that does not get on sees at most the 4 cells round a corner, in each state:
+        # after more pieces than that it has met one of them twice
         self.patience = max(PIECES, 4 * len(machine.states) + 4) if exact else PIECES
         self.pieces_left = np.full(len(crowd), float(self.patience))
         self.pieces_in_place = np.zeros(len(crowd), np.intp)
@@ -249,7 +249,7 @@ class _Way:
         return _Piece(walkers, label, changed, span, to, to_cell, border, reads)
 
     def _enter_alike(self, piece: _Piece) -> None:
-        """Let go on who enters a cell of the same label at its side: its read is known."""
+        """Let agents go on that enter a cell of the same label at their side: no read is needed."""
         world = self.world
         leaving = piece.leaves
         to_cell = piece.to_cell.take(leaving, 1)
@@ -263,7 +263,7 @@ class _Way:
         piece.leaves = leaving[~alike]
 
     def _stop_at_border(self, piece: _Piece) -> None:
-        """Stop who leaves its cell at the border, or at the end of cells of one label."""
+        """Stop agents that leave their cell at its border, or at the end of cells of one label."""
         now = self.now
         world = self.world
         leaving = piece.leaves
@@ -301,7 +301,7 @@ class _Way:
         self.reads += int(piece.reads.sum())
 
     def _go_on(self, piece: _Piece) -> None:
-        """Keep those who have time left, less those who are stuck."""
+        """Keep the agents that have time left and are not stuck."""
         on = np.flatnonzero(self.rest > 0)
         speed = np.abs(piece.walkers.velocity.take(on, 1) / self.cell_size).max(axis=0)
         cells = piece.span[on] * speed

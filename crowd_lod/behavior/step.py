@@ -19,7 +19,7 @@ from .tabulated_step import Tables, merge_columns, step_within_cells
 
 # A crowd of fewer agents is stepped faster as a whole than in two ways.
 FEW_AGENTS = 3000
-# Steps of a crowd that must look at the map too often, before the next try to look ahead.
+# After a try in which too many agents must look at the map, so many steps until the next one.
 PAUSE = 16
 # The columns of a crowd that a step reads.
 READ = ("x", "y", "heading", "state", "wait", "key", "mirror")

@@ -54,7 +54,7 @@ class Tables:
         self.heading = np.arctan2(vy, vx).astype(np.float32)
         states = np.arange(len(machine.states))[:, None]
         changes = (machine.next_state != states) | (machine.next_choice >= 0)
-        # who changes state is in no cell afterwards: one comparison finds all who need a plain step
+        # NaN is in no cell: one comparison finds all agents that need a plain step
         self.x[np.broadcast_to(changes, velocity.shape[:-1]).ravel()] = np.nan
         is_changing = {"x": self.x.any(), "y": self.y.any(), "wait": machine.timed}
         self.changing = [name for name, changing in is_changing.items() if changing]
@@ -108,8 +108,8 @@ def step_within_cells(
 ) -> tuple[Crowd, np.ndarray]:
     """Return (crowd, plain_agents): the crowd one step of the `tables` later.
 
-    plain_agents: (m,) intp, increasing, the agents that need the plain step; their values in the crowd
-        are not valid.
+    plain_agents: (m,) intp, increasing, the agents that need the plain step; their values in the
+        crowd are not valid.
 
     Columns that the step does not change are those of `crowd`.
     """
@@ -201,7 +201,7 @@ def _move(
             else:
                 needs_plain |= (to < axis.low) | (to > axis.high)
         leaves |= np.floor((to - axis.low) / axis.size) != cell
-        if edge == "stop":  # who stands on the map's border does not head out
+        if edge == "stop":  # agents that stand on the map's border do not head out
             needs_plain |= (old <= axis.low) | (old >= axis.high)
     if leaves.any():
         x, y = (axis.new[block] for axis in axes)

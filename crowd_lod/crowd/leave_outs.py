@@ -96,8 +96,7 @@ def needless(crowd: Crowd, machine: StateMachine, world: LabelMap) -> frozenset[
 
 
 def reachable_velocities(machine: StateMachine, world: LabelMap, states: np.ndarray) -> np.ndarray:
-    """Return the velocities (s, l, 2) m/s of the states that agents may be in, on the labels of the
-    map.
+    """Return the velocities (s, l, 2) m/s of all states that agents may be in, by label of the map.
 
     states: (n,), those in which they start.
     """

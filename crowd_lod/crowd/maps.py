@@ -156,7 +156,8 @@ class LabelMap:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the positions nearest to x, y (n,) that lie in the given cells.
 
-        column, row: (n,), the cells. `cells` puts the positions into them, whatever the rounding.
+        column, row: (n,), the cells. For the result `cells` gives these cells again: rounding puts
+            no position into a neighbor.
         """
         rows, columns = self.labels.shape
         width, depth = self.cell

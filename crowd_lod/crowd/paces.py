@@ -29,11 +29,11 @@ class Paces:
     off: the largest relative difference between a pace and the agent's own speed. The feet slide by
         it.
     actions: P names, the action of each pace, "" for the groups' own; () if all play their own.
-    slowest: (S,) uint8, the first pace of each state's action; () if all play their own. It is to
-        stand where agents can.
-    fades: (P, Q) int16, of an agent that shows a pace and comes to one of the first Q: the pace
-        that is the first step of the cross-fade, -1 without. The paces from Q on are steps of
-        cross-fades, FADE_STEPS of each in a row. () without any.
+    slowest: (S,) uint8, the first pace of each state's action; () if all play their own. If agents
+        can stand, it is the pace at which they stand.
+    fades: (P, Q) int16, for an agent that shows a pace of the P and changes to one of the first Q:
+        the pace that is the first step of the cross-fade, -1 without one. The paces from Q on are
+        steps of cross-fades, FADE_STEPS of each in a row. () without any.
     """
 
     speeds: np.ndarray

@@ -31,8 +31,8 @@ def cover_cells(triangles: np.ndarray, area: Area, rows: int, columns: int) -> n
         surfaces[cells[:, 1], cells[:, 0]] = True
     lines = np.zeros_like(surfaces)
     for cells, touches, along_y in _pairs(corners[upright], rows, columns):
-        # a line on the border of two cells, such as the side of a block, adds none where one is
-        # covered
+        # a line on the border of two cells, such as the side of a block, covers neither of them
+        # where one is covered already
         before = cells - np.where(along_y[:, None], (1, 0), (0, 1))
         needless = touches & (before >= 0).all(axis=1) & surfaces[before[:, 1], before[:, 0]]
         lines[cells[~needless, 1], cells[~needless, 0]] = True

@@ -4,22 +4,21 @@ import numpy as np
 
 from ..connected_components import connected_components
 
-PLANTED = (
-    1 / 3
-)  # of the poses of an action: in as many a foot may dip below the ground, as where it pushes off
-SLAB = 0.02  # of the height: soles are looked for in layers so thick
-BEARING = 0.002  # of the height squared: an area that faces down so wide carries the character
-EDGE = 0.1  # of the area that carries: a part with less of it does not stand
-HANGS = 0.03  # of the surface: what hangs below the soles, such as a sword in the hand, is no more
+# In this part of an action's poses a foot may dip below the ground, as where it pushes off.
+PLANTED = 1 / 3
+SLAB = 0.02  # thickness of the layers in which soles are sought, as part of the height
+# Surface facing down that carries the character, as part of the height squared.
+BEARING = 0.002
+EDGE = 0.1  # a loose part stands if it has this part of the area that carries
+# Part of the surface that may hang below the soles at most, such as a sword in the hand.
+HANGS = 0.03
 
 
 def ground_of(soles: np.ndarray) -> float:
-    """Return the height of the ground on which a character walks, by that of its lowest sole in
-    each pose.
+    """Return the height of the ground on which a character walks.
 
-    A toe may dip below it where the foot pushes off, and both feet leave it in a run.
-
-    soles: (n,), over an action.
+    soles: (n,), the height of its lowest sole in each pose of an action. A toe may dip below the
+        ground where the foot pushes off, and both feet leave it in a run.
     """
     return float(np.quantile(soles, PLANTED, method="lower"))
 
@@ -27,8 +26,8 @@ def ground_of(soles: np.ndarray) -> float:
 def sole_of(points: np.ndarray, triangles: np.ndarray) -> float:
     """Return the height of the lowest surface that is wide enough to stand on.
 
-    It is the lowest point's where nothing, or too much of the character, lies below such a surface.
-    inf without a point.
+    It is the height of the lowest point where no surface is wide enough, or where more than HANGS
+    of the character lies below it. inf without a point.
 
     points: (n, 3), z up; triangles: (m, 3) of their indices.
     """

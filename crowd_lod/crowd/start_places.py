@@ -19,15 +19,15 @@ TRIES = 20_000
 # Places drawn on a surface at a time, at most.
 AT_A_TIME = 2**18
 MOST_EDGES = 200_000  # about a second
-# Meters: points of a curve that are closer are one.
+# Meters: points of a curve that are closer together count as one.
 ONE_POINT = 1e-6
-# Blender keeps float32: 20 m have room for 25 agents at 0.8 m.
+# A length that float32 has rounded down still has room: 20 m for 25 agents at 0.8 m.
 ENOUGH = 1 + 1e-6
-# At a bend, a row lies from the row before at most so many times its depth.
+# At a bend the way from one row to the next grows, to this many times their depth at most.
 SHARPEST = 2.0
 
-# (points (k, 3), triangles (k,), weights of their corners (k, 3)) -> the share (k,), 0 to 1, of the
-# places there that stays.
+# (points (k, 3), triangles (k,), weights of their corners (k, 3)) -> the chance (k,), 0 to 1, that
+# a place there is kept.
 Density = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
@@ -54,9 +54,9 @@ class Places:
 class Spacing:
     """How agents stand in a grid or in rows.
 
-    apart: meters between neighbors; 0 for such that there are as many places as agents.
-    jitter: part of that distance by which each is moved at most, along and across, half of it
-    either way.
+    apart: meters between neighbors; 0 for the distance that gives as many places as agents.
+    jitter: part of that distance by which an agent is moved along and across, half of it either
+        way at most.
     rows: how many rows stand along each curve.
     depth, rise: meters from one row to the next, outward and up.
     turn: radians, added to the heading.
@@ -183,8 +183,8 @@ def in_rows(
     """Return places in rows along curves.
 
     All face inward from a closed curve, and to the right of an open one. The first row lies on the
-    curve, and each further one behind it. With a distance the curves fix
-    the number of places; without one there are `count`, spread evenly over all rows.
+    curve, and each further one behind it. With a distance the curves fix the number of places;
+    without one there are `count`, spread evenly over all rows.
 
     curves: of each its points (k, 3) float64, world meters, and whether it is closed.
     CrowdError if no curve has a length, a point is at NaN, or the count is out of range.

@@ -16,9 +16,9 @@ from .height_map import LOOK_UPS, HeightMap, lean
 
 # Meters that an agent steps up at once.
 STEP = 0.5
-# Meters: nobody starts where another floor is as close above, as within stairs.
+# Meters: nobody starts where another floor is closer above than this, as within stairs.
 HEADROOM = 1.8
-# Meters: a narrower gap in the ground is none, and a narrower triangle carries nobody.
+# Meters: a gap in the ground that is narrower does not count, nor does a narrower triangle.
 CLOSE = 1e-4
 STEEP = 1.0  # rise over run: on steeper ground nobody leans
 MOST_CELLS = 2**21
@@ -161,7 +161,7 @@ class Terrain:
     ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Yield (agents (k,) intp, heights (k,), triangles (k,)) of those with ground under them.
 
-        room: from a floor to the next above, with less of which nobody stands on it; STEP at least.
+        room: meters that must be free above a floor for an agent to stand on it; STEP at least.
         """
         for at in range(0, len(x), LOOK_UPS):
             block = slice(at, at + LOOK_UPS)

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..culling.radar import BLOCK
 from ..errors import CrowdError
-from ..levels.assignment import shown
+from ..levels.assignment import pixels_of
 from ..sorting.buckets import sort
 from .frame import Frame
 from .planned import EXCEPTED, HIDDEN, LEVEL
@@ -102,9 +102,9 @@ def account(frame: Frame, agent: int) -> Account:
     depth = float(alone.depths[0])
     pixels = error = None
     if depth > 0 or camera.kind == "ORTHO":
-        pixels = float(shown(2 * group.radius, depth, camera, 0.0))
+        pixels = float(pixels_of(2 * group.radius, depth, camera, 0.0))
         if len(group.bounds) > level:
-            error = float(shown(group.bounds[level], depth, camera, group.radius))
+            error = float(pixels_of(group.bounds[level], depth, camera, group.radius))
     return Account(
         agent=agent,
         group=group.name,

@@ -8,7 +8,7 @@ import numpy as np
 from ..culling.camera import Camera, stretch
 from ..culling.frustum import ROUNDING, frustum_of, reach_of
 from ..format import aligned, number
-from ..levels.assignment import assign, shown
+from ..levels.assignment import assign, pixels_of
 from ..levels.cost_model import NAMES, Costs
 from .agent_under_cursor import Account, account
 from .frame import Frame
@@ -227,10 +227,11 @@ def sides_of(
     radius: meters; 0 for a fixed margin.
     margin: see RadarOptions.
     """
-    v = tuple(np.array([each]) for each in center - camera.origin)
+    v = tuple(np.array([coordinate]) for coordinate in center - camera.origin)
     away = float(np.linalg.norm(center - camera.origin))
     reach, slack = (
-        float(each[0]) for each in reach_of(camera, v, np.array([away]), np.array([radius]))
+        float(coordinate[0])
+        for coordinate in reach_of(camera, v, np.array([away]), np.array([radius]))
     )
     if camera.kind != "PANO":
         frustum = frustum_of(camera)
@@ -264,7 +265,7 @@ def _alternative(
     pixels = None
     if level < len(group.bounds) and about.pixels is not None:
         pixels = float(
-            shown(
+            pixels_of(
                 np.float64(group.bounds[level]),
                 np.float64(about.depth),
                 frame.camera,

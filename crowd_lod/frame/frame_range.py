@@ -34,7 +34,8 @@ def parse_frames(text: str, step: int = 1) -> list[int]:
         frame_range = range(first, last + 1, step)
         if len(frame_range) > MOST_FRAMES:
             raise CrowdError(
-                f"The range {text} holds {len(frame_range):,} frames; ask for at most {MOST_FRAMES:,}."
+                f"The range {text} holds {len(frame_range):,} frames; ask for at most "
+                f"{MOST_FRAMES:,}."
             )
         return list(frame_range)
     if not re.fullmatch(r"\s*-?\d{1,99}\s*(,\s*-?\d{1,99}\s*)*", text):

@@ -41,7 +41,7 @@ def instances_of_frame(frame: Frame, library: Library) -> FrameInstances:
     levels = levels[order]
     gaits = frame.trajectory.gaits
     seconds = frame.trajectory.seconds(frame.time)
-    character = library.shown(gaits, frame.crowd, seconds, agents)
+    character = library.character_of(gaits, frame.crowd, seconds, agents)
     count = library.posed[frame.crowd.group[agents]]
     phase = gaits.phase(frame.crowd, seconds, agents).astype(np.float64)
     pose = np.where(count > 1, phase * count, 0.0)

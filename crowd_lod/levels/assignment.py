@@ -74,16 +74,15 @@ class LevelPolicy:
                 f"There are {len(self.thresholds) + 1} levels of detail; use 1 to {MOST_LEVELS}."
             )
         self._check(self.thresholds, "")
-        for number, own in enumerate(self.group_thresholds):
-            if own and len(own) != len(self.thresholds):
+        for number, thresholds in enumerate(self.group_thresholds):
+            if thresholds and len(thresholds) != len(self.thresholds):
                 raise CrowdError(
-                    f"Character group {number} has {len(own)} LOD thresholds of its own; give it "
-                    f"{len(self.thresholds)}, "
-                    "as many as the others have, or none."
+                    f"Character group {number} has {len(thresholds)} LOD thresholds of its own; "
+                    f"give it {len(self.thresholds)}, as many as the others have, or none."
                 )
-            self._check(own, f" of character group {number}")
+            self._check(thresholds, f" of character group {number}")
 
-    def _check(self, thresholds: tuple[float, ...], whose: str) -> None:
+    def _check(self, thresholds: tuple[float, ...], of_group: str) -> None:
         if self.tolerance is not None:
             return
         size = self.metric == "PIXELS"
@@ -96,8 +95,8 @@ class LevelPolicy:
                     else "increase strictly within (0, 1]"
                 )
                 raise CrowdError(
-                    f"LOD threshold {number}{whose} is {threshold:g}; thresholds must {rule}, and "
-                    f"the one before is {before:g}."
+                    f"LOD threshold {number}{of_group} is {threshold:g}; thresholds must {rule}, "
+                    f"and the one before is {before:g}."
                 )
             before = threshold
 
@@ -107,10 +106,10 @@ class LevelPolicy:
         return len(self.thresholds) + 1
 
 
-def pushed(values: Sequence[float], kept: int, metric: str) -> np.ndarray:
+def pushed(values: Sequence[float], fixed: int, metric: str) -> np.ndarray:
     """Return thresholds (k,) float64 that LevelPolicy takes, as near as can be to `values` (k,).
 
-    The value at index `kept` stays, and pushes the others along as far as it must, each a little
+    The value at index `fixed` stays, and pushes the others along as far as it must, each a little
     from the next (PUSHED_PARTS, PUSHED_PIXELS). Where no room is left for them, it stops itself.
     Values that are in order stay to the bit.
 
@@ -122,8 +121,8 @@ def pushed(values: Sequence[float], kept: int, metric: str) -> np.ndarray:
     sign, step, (low, high) = (-1, *PUSHED_PIXELS) if metric == "PIXELS" else (1, *PUSHED_PARTS)
     steps = step * np.arange(len(values))
     rising = sign * np.array(values, np.float64) - steps
-    rising[kept:] = np.maximum.accumulate(rising[kept:])
-    rising[kept::-1] = np.minimum.accumulate(rising[kept::-1])
+    rising[fixed:] = np.maximum.accumulate(rising[fixed:])
+    rising[fixed::-1] = np.minimum.accumulate(rising[fixed::-1])
     return sign * (rising.clip(low, high - steps[-1]) + steps)
 
 
@@ -164,11 +163,11 @@ def limits(
         length = deviation[:, 1:]
         pixels = policy.tolerance
         nearest = radius[:, None]
-    seen = camera.pixels_per_unit * length
+    pixels_shown = camera.pixels_per_unit * length
     begin = (
-        np.where(seen <= pixels, -np.inf, np.inf)
+        np.where(pixels_shown <= pixels, -np.inf, np.inf)
         if camera.kind == "ORTHO"
-        else seen / pixels + nearest
+        else pixels_shown / pixels + nearest
     )
     return np.maximum.accumulate(np.where(always, -np.inf, begin), axis=1)
 
@@ -186,7 +185,7 @@ def grain(begins: np.ndarray, camera: Camera, radius: np.ndarray) -> np.ndarray:
     return (np.minimum(begins, camera.far) - radius[:, None]).clip(0) / camera.pixels_per_unit
 
 
-def shown(
+def pixels_of(
     deviation: np.ndarray | float,
     distance: np.ndarray | float,
     camera: Camera,
@@ -315,7 +314,7 @@ def deviations(groups: Sequence[Group], policy: LevelPolicy) -> np.ndarray | Non
         return table
     if not all(len(group.shaded) >= count for group in groups):
         raise CrowdError(
-            "Shading Counts needs LODs whose pictures were compared with their characters': press "
+            "Match Shading needs LODs whose pictures were compared with their characters': press "
             "Measure LOD Meshes, or Make LOD Meshes."
         )
     return np.maximum(

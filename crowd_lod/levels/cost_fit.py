@@ -37,24 +37,24 @@ class Fit:
 def solve_non_negative(table: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Return the x (k,) >= 0 with the least squares of table (n, k) @ x - values (n,)."""
     x = np.zeros(table.shape[1])
-    used = np.zeros(table.shape[1], bool)
+    is_used = np.zeros(table.shape[1], bool)
     scale = np.linalg.norm(table, axis=0) + 1e-300
     for _ in range(100):
         gain = (table / scale).T @ (values - table @ x)
-        gain[used] = -np.inf
+        gain[is_used] = -np.inf
         if gain.max() <= 1e-9 * np.linalg.norm(values):
             return x
-        used[gain.argmax()] = True
+        is_used[gain.argmax()] = True
         while True:
             trial = np.zeros_like(x)
-            solution, *_ = np.linalg.lstsq(table[:, used] / scale[used], values, rcond=None)
-            trial[used] = solution / scale[used]
-            if (trial[used] > 0).all():
+            solution, *_ = np.linalg.lstsq(table[:, is_used] / scale[is_used], values, rcond=None)
+            trial[is_used] = solution / scale[is_used]
+            if (trial[is_used] > 0).all():
                 break
-            below = used & (trial <= 0)
+            below = is_used & (trial <= 0)
             step = (x[below] / (x[below] - trial[below])).min()
             x += step * (trial - x)
-            used &= x > 1e-15 * max(x.max(), 1e-300)
+            is_used &= x > 1e-15 * max(x.max(), 1e-300)
         x = trial
     return x
 

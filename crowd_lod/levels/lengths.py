@@ -72,15 +72,15 @@ def _rounded_down(length: float) -> float:
 
 
 def read_curve(
-    at: Sequence[float], known: Iterable[tuple[float, float]], power: float
+    at: Sequence[float], pairs: Iterable[tuple[float, float]], power: float
 ) -> np.ndarray:
-    """Return values (k,) at `at` of the falling or rising curve through the points `known`.
+    """Return values (k,) at `at` of the falling or rising curve through the points `pairs`.
 
     It is linear between the points' logarithms. Beyond the first and the last it goes as x **
-    power. Where points contradict the sign of `power`, the least value counts. `known` has one
+    power. Where points contradict the sign of `power`, the least value counts. `pairs` has one
     point at least; all is positive.
     """
-    x, y = np.log(np.array(sorted(known))).T
+    x, y = np.log(np.array(sorted(pairs))).T
     y = np.minimum.accumulate(y) if power < 0 else np.minimum.accumulate(y[::-1])[::-1]
     x, first = np.unique(x, return_index=True)
     y = y[np.append(first[1:], len(y)) - 1] if power < 0 else y[first]

@@ -68,43 +68,44 @@ def choose(
     meters: the length of a unit in meters, for the sentences.
     given: candidates that artists made. Only the last two rules drop these.
     """
-    kept = [0]
+    candidates = [0]
     dropped = {}
     for k in range(1, len(group.triangles)):
-        own = group.triangles[k]
-        finer = group.triangles[kept[-1]]
+        count = group.triangles[k]
+        finer = group.triangles[candidates[-1]]
         coarser = zip(group.triangles[k + 1 :], group.bounds[k + 1 :], strict=True)
-        lower = [n for n, deviation in coarser if n < own and deviation <= group.bounds[k]]
+        lower = [n for n, deviation in coarser if n < count and deviation <= group.bounds[k]]
         rivals = [group.triangles[n] for n in given if n > k and k not in given]
-        rivals = [triangles for triangles in rivals if triangles > (1 - LEAST_SAVED) * own]
+        rivals = [triangles for triangles in rivals if triangles > (1 - LEAST_SAVED) * count]
         if rivals:
-            dropped[k] = f"{own:,} triangles save too little beside a given LOD of {rivals[0]:,}."
+            dropped[k] = f"{count:,} triangles save too little beside a given LOD of {rivals[0]:,}."
         elif lower and k not in given:
-            dropped[k] = f"{own:,} triangles deviate as much as {lower[0]:,} triangles, or more."
-        elif own > (1 - LEAST_SAVED) * finer:
+            dropped[k] = f"{count:,} triangles deviate as much as {lower[0]:,} triangles, or more."
+        elif count > (1 - LEAST_SAVED) * finer:
             dropped[k] = (
-                f"{own:,} triangles save less than a fifth of the {finer:,} of the next finer LOD."
+                f"{count:,} triangles save less than a fifth of the {finer:,} of the next finer "
+                f"LOD."
             )
         else:
-            kept.append(k)
-    deviation = np.array([[group.bounds[k] for k in kept]])
-    policy = LevelPolicy((0.0,) * (len(kept) - 1), "PIXELS", tolerance=tolerance)
-    used = np.zeros(len(kept), bool)
+            candidates.append(k)
+    deviation = np.array([[group.bounds[k] for k in candidates]])
+    policy = LevelPolicy((0.0,) * (len(candidates) - 1), "PIXELS", tolerance=tolerance)
+    is_used = np.zeros(len(candidates), bool)
     begins = []
     for view in views:
         begin = limits(policy, view.camera, np.array([group.radius]), deviation)[0]
         edges = np.concatenate([[-np.inf], begin, [np.inf]])
-        used |= (
+        is_used |= (
             (edges[:-1] < edges[1:])
             & (edges[:-1] <= view.farthest * BETWEEN)
             & (edges[1:] > view.nearest / BETWEEN)
         )
         begins.append(edges)
-    for j in (np.flatnonzero(~used[1:]) + 1).tolist():
-        dropped[kept[j]] = (
-            f"{group.triangles[kept[j]]:,} triangles {_unused(j, np.array(begins), views, meters)}"
-        )
-    return [k for k, needed in zip(kept, used, strict=True) if needed or k == 0], dropped
+    for j in (np.flatnonzero(~is_used[1:]) + 1).tolist():
+        triangles = group.triangles[candidates[j]]
+        reason = _unused(j, np.array(begins), views, meters)
+        dropped[candidates[j]] = f"{triangles:,} triangles {reason}"
+    return [k for k, needed in zip(candidates, is_used, strict=True) if needed or k == 0], dropped
 
 
 def _unused(j: int, edges: np.ndarray, views: Sequence[View], meters: float) -> str:
@@ -148,7 +149,7 @@ class GroupShot:
     views: where the shot has agents of the group.
     characters: how many characters of the group a build has.
     costs: of the engine, on the machine that renders.
-    shading: whether Shading Counts.
+    shading: whether Match Shading.
     holdings: of the group; armatures and bones are means over these characters.
     """
 
@@ -172,47 +173,51 @@ def counting(group: Group, tolerance: float, shot: GroupShot) -> Group:
     return replace(group, bounds=tuple(table[0].tolist()))
 
 
-def allowed(group: Group, kept: Sequence[int], tolerance: float, shot: GroupShot) -> np.ndarray:
+def allowed(
+    group: Group, candidates: Sequence[int], tolerance: float, shot: GroupShot
+) -> np.ndarray:
     """Return (F, K, N) intp: how many agents may show each candidate at the coarsest.
 
-    An agent counts at the coarsest of the candidates `kept`, finest first, that stays within the
+    An agent counts at the coarsest of the `candidates`, finest first, that stays within the
     tolerance in pixels: for each of F views, K candidates and N characters.
     """
-    policy = LevelPolicy((0.0,) * (len(kept) - 1), "PIXELS", tolerance=tolerance)
-    deviation = np.array([[group.bounds[k] for k in kept]])
-    found = np.zeros((len(shot.views), len(kept), shot.characters), np.intp)
-    for own, view in zip(found, shot.views, strict=True):
+    policy = LevelPolicy((0.0,) * (len(candidates) - 1), "PIXELS", tolerance=tolerance)
+    deviation = np.array([[group.bounds[k] for k in candidates]])
+    counts = np.zeros((len(shot.views), len(candidates), shot.characters), np.intp)
+    for view_counts, view in zip(counts, shot.views, strict=True):
         begin = limits(policy, view.camera, np.array([group.radius]), deviation)[0]
         np.add.at(
-            own, (np.searchsorted(begin, view.distance, side="right"), view.character), view.agents
+            view_counts,
+            (np.searchsorted(begin, view.distance, side="right"), view.character),
+            view.agents,
         )
-    return found
+    return counts
 
 
 def priced(
-    group: Group, kept: Sequence[int], tolerance: float, shot: GroupShot
+    group: Group, candidates: Sequence[int], tolerance: float, shot: GroupShot
 ) -> Iterator[tuple[tuple[int, ...], Price]]:
     """Yield (chosen candidates, price of a build with them) for each usable choice.
 
-    A choice of the candidates `kept` is usable if it has one for every agent of the shot.
+    A choice of the candidates `candidates` is usable if it has one for every agent of the shot.
     """
-    may = allowed(group, kept, tolerance, shot)
-    seen = np.flatnonzero(may.any(axis=(0, 2)))
+    may = allowed(group, candidates, tolerance, shot)
+    needed = np.flatnonzero(may.any(axis=(0, 2)))
     owner = np.zeros(shot.characters, np.intp)
-    for count in range(1, len(kept) + 1):
-        for chosen in combinations(range(len(kept)), count):
-            if len(seen) and chosen[0] > seen[0]:
+    for count in range(1, len(candidates) + 1):
+        for choice in combinations(range(len(candidates)), count):
+            if len(needed) and choice[0] > needed[0]:
                 continue
-            shown = np.add.reduceat(may[:, chosen[0] :], np.array(chosen) - chosen[0], axis=1)
-            triangles = np.array([[group.triangles[kept[j]] for j in chosen]])
-            stored = sum(group.triangles[kept[j]] for j in chosen if kept[j])
-            work = work_of(Actors(triangles, owner, shot.holdings, stored), shown)
-            yield tuple(kept[j] for j in chosen), price(work, shot.costs)
+            agents = np.add.reduceat(may[:, choice[0] :], np.array(choice) - choice[0], axis=1)
+            triangles = np.array([[group.triangles[candidates[j]] for j in choice]])
+            stored = sum(group.triangles[candidates[j]] for j in choice if candidates[j])
+            work = work_of(Actors(triangles, owner, shot.holdings, stored), agents)
+            yield tuple(candidates[j] for j in choice), price(work, shot.costs)
 
 
 def cheapest(
     group: Group,
-    kept: Sequence[int],
+    candidates: Sequence[int],
     tolerance: float,
     shot: GroupShot,
     measured: Collection[int] = (),
@@ -220,46 +225,49 @@ def cheapest(
 ) -> tuple[list[int], dict[int, str]]:
     """Return (the candidates that cost least, {dropped candidate: reason}).
 
-    A reason is a sentence. The cost of a choice of `kept` is the sum of its memory and its time,
-    each as a part of what the group takes at full detail. Of the choices that cost at most WORTH
-    more than the cheapest, the one with the fewest LODs is taken, and of these the one with the
-    most `measured` candidates. Those `given` by artists are taken. The first candidate is kept for agents that come nearer than the
-    shot shows. All are kept if the distances of the shot's agents are not known.
+    A reason is a sentence. The cost of a choice of `candidates` is the sum of its memory and its
+    time, each as a part of what the group takes at full detail. Of the choices that cost at most
+    WORTH more than the cheapest, the one with the fewest LODs is taken, and of these the one with
+    the most `measured` candidates. Those `given` by artists are taken. The first candidate is kept
+    for agents that come nearer than the shot shows. All are kept if the distances of the shot's
+    agents are not known.
     """
     if not any(len(view.distance) for view in shot.views):
-        return list(kept), {}
-    found = {
-        chosen: own for chosen, own in priced(group, kept, tolerance, shot) if chosen[0] == kept[0]
+        return list(candidates), {}
+    prices = {
+        choice: price
+        for choice, price in priced(group, candidates, tolerance, shot)
+        if choice[0] == candidates[0]
     }
-    whole = found[(kept[0],)]
-    parts = {chosen: own.share(whole) for chosen, own in found.items()}
-    cost = {chosen: own.memory + own.seconds for chosen, own in parts.items()}
-    wanted = set(given).intersection(kept)
-    usable = [chosen for chosen in cost if wanted.issubset(chosen)]
-    least = min(cost[chosen] for chosen in usable)
-    good = [chosen for chosen in usable if cost[chosen] <= least + WORTH]
+    whole = prices[(candidates[0],)]
+    parts = {choice: price.share(whole) for choice, price in prices.items()}
+    cost = {choice: price.memory + price.seconds for choice, price in parts.items()}
+    wanted = set(given).intersection(candidates)
+    usable = [choice for choice in cost if wanted.issubset(choice)]
+    least = min(cost[choice] for choice in usable)
+    good = [choice for choice in usable if cost[choice] <= least + WORTH]
     best = min(
-        good, key=lambda chosen: (len(chosen), len(set(chosen).difference(measured)), cost[chosen])
+        good, key=lambda choice: (len(choice), len(set(choice).difference(measured)), cost[choice])
     )
-    gone = [k for k in kept if k not in best]
+    dropped = [k for k in candidates if k not in best]
     return list(best), {
         k: f"{group.triangles[k]:,} triangles save too little memory and time in "
         f"{NAMES[shot.costs.engine]} to be worth a LOD."
-        for k in gone
+        for k in dropped
     }
 
 
 def _least(
-    group: Group, kept: Sequence[int], tolerance: float, shot: GroupShot
+    group: Group, candidates: Sequence[int], tolerance: float, shot: GroupShot
 ) -> tuple[tuple[int, ...], Price]:
-    """Return (the choice of `kept` that takes least memory, its price).
+    """Return (the choice of `candidates` that takes least memory, its price).
 
-    It is all of `kept` if the distances of the shot's agents are not known.
+    It is all of `candidates` if the distances of the shot's agents are not known.
     """
-    found = dict(priced(group, kept, tolerance, shot))
-    best = min(found, key=lambda chosen: (found[chosen].memory, len(chosen)))
-    best = best if any(len(view.distance) for view in shot.views) else tuple(kept)
-    return best, found[best]
+    prices = dict(priced(group, candidates, tolerance, shot))
+    best = min(prices, key=lambda choice: (prices[choice].memory, len(choice)))
+    best = best if any(len(view.distance) for view in shot.views) else tuple(candidates)
+    return best, prices[best]
 
 
 def fit_in_memory(
@@ -282,17 +290,17 @@ def fit_in_memory(
             choose(group, reached, shot.views)[0]
             for group, shot in zip(counted, shots, strict=True)
         ]
-        found = [
+        builds = [
             _least(*each)
             for each in zip(counted, keep, [reached] * len(groups), shots, strict=True)
         ]
-        total = sum(own.memory for _, own in found)
+        total = sum(price.memory for _, price in builds)
         least = min(least, total)
         if total <= memory:
             return (
                 reached,
-                [sorted({0, *chosen}) for chosen, _ in found],
-                [chosen for chosen, _ in found],
+                [sorted({0, *choice}) for choice, _ in builds],
+                [choice for choice, _ in builds],
             )
     raise CrowdError(
         f"The characters cannot take less than {np.ceil(least / 1e6):,.0f} MB: set Memory for "

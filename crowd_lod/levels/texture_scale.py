@@ -59,7 +59,7 @@ def scaled(values: np.ndarray, times: int, light: np.ndarray | None, straight: b
     straight: whether colors are weighted by their alpha.
     """
     rows, columns = (-(-n // 2**times) for n in values.shape[:2])
-    made = np.empty((rows, columns, 4))
+    pixels = np.empty((rows, columns, 4))
     for row in range(rows):
         begin, end = (k * values.shape[0] / rows for k in (row, row + 1))
         low = int(begin)
@@ -77,7 +77,7 @@ def scaled(values: np.ndarray, times: int, light: np.ndarray | None, straight: b
         whole = at.astype(int)
         sums = np.concatenate([np.zeros((1, 4)), np.cumsum(line, axis=0)])
         sums = sums[whole] + np.concatenate([line, line[-1:]])[whole] * (at - whole)[:, None]
-        made[row] = np.diff(sums, axis=0) * (columns / len(line))
+        pixels[row] = np.diff(sums, axis=0) * (columns / len(line))
     if straight:
-        made[..., :3] /= made[..., 3:] + DARK
-    return made.astype(np.float32)
+        pixels[..., :3] /= pixels[..., 3:] + DARK
+    return pixels.astype(np.float32)

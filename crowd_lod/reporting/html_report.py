@@ -29,6 +29,7 @@ body { margin: 0 auto; padding: 2rem 1.5rem 4rem; max-width: 76rem; background: 
 h1, h3, li { overflow-wrap: anywhere } h1 { font-size: 1.9rem; margin: 0 }
 h2 { margin: 2.8rem 0 .8rem; font-size: 1.3rem } h3 { margin: 0 0 .6rem }
 p { margin: .4rem 0; color: var(--dim); max-width: 60rem } code { font-size: .9em }
+p.verdict { color: var(--ink); font-size: 1.2rem }
 .figures { display: flex; flex-wrap: wrap; gap: .8rem; margin: 1.4rem 0 }
 .figures div { background: var(--card); border: 1px solid var(--line); border-radius: .6rem;
   padding: .6rem 1.1rem }

@@ -24,7 +24,7 @@ def shot_facts(
     """Return the fields `preview`, `left_out`, `frames`, `made_for` and `shot` of plan.json.
 
     They hold no times, so that two runs give the same file.
-    requested: the settings of the plan: Avoid Pops, and the budget.
+    requested: the settings of the plan: Extra Cost for Fewer Pops, and the budget.
     exceptions: as plain data.
     """
     plan = report.plan
@@ -46,6 +46,7 @@ def shot_facts(
             "tolerance_raised": bool(plan.tolerance) if isinstance(plan, BudgetPlan) else False,
             "most_above_optimum": plan.bound if np.isfinite(plan.bound) else None,
             "asked": dict(requested),
+            "verdict": {"sentence": report.verdict.sentence, **asdict(report.verdict)},
             "plan": _totals(shot, plan.bill),
             "thresholds": _totals(shot, plan.thresholds),
             "curve": asdict(report.curve),

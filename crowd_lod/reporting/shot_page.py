@@ -44,6 +44,7 @@ def shot_parts(report: ShotReport) -> list[str]:
     title = escape(report.title)
     return [
         f"<h1>{title}: shot plan</h1>",
+        f'<p class="verdict">{escape(report.verdict.sentence)}</p>',
         f"<p>{escape(lead_of(report))}</p>",
         cards(figures_of(report)),
         list_of("Warnings", warnings_of(report)),
@@ -60,7 +61,7 @@ def shot_parts(report: ShotReport) -> list[str]:
         _switch_table(report),
         _frame_table(report),
         _curve_table(report),
-        "<footer>switches.csv has every switch and entry, frames.csv a row of each frame, "
+        "<footer>switches.csv has every switch, entry and exit, frames.csv a row of each frame, "
         "plan.json the figures, plan.npz the LODs.</footer>",
     ]
 
@@ -88,7 +89,7 @@ def _switch_table(report: ShotReport) -> str:
                 cells[0] = f'<span id="f{row["frame"]}">{row["frame"]}</span>'
             rows.append([*cells, f"{len(frame_rows):,}" if not place else ""])
     return _folded(
-        f"Switches and entries: the {OF_A_FRAME} largest of each frame",
+        f"Switches, entries and exits: the {OF_A_FRAME} largest of each frame",
         table_of([*HEAD, "In the frame"], rows),
     )
 
@@ -98,7 +99,13 @@ def _frame_table(report: ShotReport) -> str:
     before = report.plan.thresholds
     survey = report.shot.survey
     head = ["Frame", "Seen", "Culled", *(f"LOD {k}" for k in range(report.shot.meshes.count))]
-    head += ["Triangles", "Switches", "Change, px", "Enter at once", "Switches by thresholds"]
+    head += [
+        "Triangles",
+        "Switches",
+        "Change, px",
+        "Enter or vanish at once",
+        "Switches by thresholds",
+    ]
     columns = [
         report.numbers,
         survey.seen.sum(axis=1),
@@ -144,9 +151,12 @@ def _curve_table(report: ShotReport) -> str:
 
 
 def _cells(row: np.void) -> list[str]:
-    before = "not in sight" if row["before"] == NOTHING else f"LOD {row['before']}"
+    lods = (
+        "not in sight" if level == NOTHING else f"LOD {level}"
+        for level in (row["before"], row["after"])
+    )
     sizes = (number(float(row[name])) for name in ("size", "change"))
-    return [f"{row['frame']}", f"{row['agent']}", before, f"LOD {row['after']}", *sizes]
+    return [f"{row['frame']}", f"{row['agent']}", *lods, *sizes]
 
 
 def _folded(title: str, inside: str) -> str:

@@ -109,7 +109,9 @@ def plots_of(report: ShotReport) -> list[str]:
         svg.Series("plan", bill.switches, "var(--plan)"),
     ]
     if report.entries.any():
-        switches.append(svg.Series("agents that appear at once", report.entries, "var(--entry)"))
+        switches.append(
+            svg.Series("agents that appear or vanish at once", report.entries, "var(--entry)")
+        )
     return [
         _areas(
             at,
@@ -229,7 +231,7 @@ def _avoid_plot(curve: Curve) -> str:
             "circle",
             [f"{p.kind}: {p.switches:,} switches, {max(p.above, 0.0):.1%} more cost"],
         )
-    text = "What other values of Avoid Pops would cost. The blue mark is this plan."
+    text = "What other values of Extra Cost for Fewer Pops would cost. The blue mark is this plan."
     legend = _legend([svg.Series(kind, np.empty(0), color) for kind, color in colors.items()])
     return (
         f"<h3>Switches against "

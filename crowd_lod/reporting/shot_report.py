@@ -15,6 +15,7 @@ from ..shot.curve import Curve, of_full_detail
 from ..shot.shot import ShotPlan
 from ..shot.shot_cost import Shot
 from ..shot.switches import NOTHING
+from ..shot.verdict import Verdict
 from .html_report import css_of
 
 
@@ -23,7 +24,8 @@ class ShotReport:
     """The content of the report of a shot plan.
 
     title: of the scene.
-    noticed: (s,) of shot.switches.ROW, the switches and entries in sight.
+    noticed: (s,) of shot.switches.ROW, the switches, entries and exits in sight.
+    verdict: the worst of these.
     names: of the G groups.
     phases: the shot's phase classes. classes: rows of them, see PhasePlan.rows.
     tints: (r, g, b) linear, of each LOD.
@@ -35,6 +37,7 @@ class ShotReport:
     shot: Shot
     plan: ShotPlan
     noticed: np.ndarray
+    verdict: Verdict
     curve: Curve
     names: list[str]
     phases: PhasePlan
@@ -55,8 +58,9 @@ class ShotReport:
 
     @property
     def entries(self) -> np.ndarray:
-        """(F,) how many agents appear at once in each frame."""
-        frames = self.noticed["frame"][self.noticed["before"] == NOTHING]
+        """(F,) how many agents appear or vanish at once in each frame."""
+        by_clip = (self.noticed["before"] == NOTHING) | (self.noticed["after"] == NOTHING)
+        frames = self.noticed["frame"][by_clip]
         return np.bincount(np.searchsorted(self.numbers, frames), minlength=len(self.numbers))
 
     @property
@@ -142,16 +146,17 @@ def warnings_of(report: ShotReport) -> list[str]:
         )
     if entries := int(report.entries.sum()):
         sentences.append(
-            f"{entries:,} {'agent appears' if entries == 1 else 'agents appear'} at once, by the "
-            f"near or far clip of the camera, "
-            f"in {_frames(report.numbers[report.entries > 0])}: change the clip, or where the "
-            f"crowd starts."
+            f"{entries:,} times an agent appears or vanishes at once, by the near or far clip of "
+            f"the camera, in {_frames(report.numbers[report.entries > 0])}: change the clip, or "
+            f"where the crowd starts."
         )
     if (
         plan.thresholds.switches.sum()
         and plan.bill.switches.sum() >= plan.thresholds.switches.sum()
     ):
-        sentences.append("The plan avoids no switch: raise Avoid Pops, or the tolerance.")
+        sentences.append(
+            "The plan avoids no switch: raise Extra Cost for Fewer Pops, or the tolerance."
+        )
     empty = ~survey.seen.any(axis=1)
     if empty.any():
         sentences.append(f"No character is seen in {_frames(survey.numbers[empty])}.")

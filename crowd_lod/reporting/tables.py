@@ -83,15 +83,19 @@ def largest_switches(path: Path, most: int = 100) -> list[dict[str, str]]:
 
 
 def switches_csv(switches: np.ndarray) -> str:
-    """Return switches.csv: the switches and entries that a viewer may notice.
+    """Return switches.csv: the switches, entries and exits that a viewer may notice.
 
-    switches: (s,) of shot.switches.ROW. The column `from` is empty for an entry.
+    switches: (s,) of shot.switches.ROW. The column `from` is empty for an entry, `to` for an exit.
     """
     lines = [
-        f"{frame},{agent},{'' if before == NOTHING else before},{after},{size:.3f},{change:.3f}\n"
+        f"{frame},{agent},{_lod(before)},{_lod(after)},{size:.3f},{change:.3f}\n"
         for frame, agent, before, after, size, change in switches.tolist()
     ]
     return "frame,agent,from,to,size_px,change_px\n" + "".join(lines)
+
+
+def _lod(level: int) -> str:
+    return "" if level == NOTHING else str(level)
 
 
 def to_json(plan: dict) -> str:

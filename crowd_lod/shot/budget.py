@@ -68,21 +68,21 @@ class _Limits:
     """The Q kinds of load that have a limit.
 
     names: Q of them.
-    each: (Q, K, L) float64, of one agent that shows a LOD of a character.
+    unit_loads: (Q, K, L) float64, of one agent that shows a LOD of a character.
     most: (Q,) float64, in each frame.
     memory: bytes.
     """
 
     names: list[str]
-    each: np.ndarray
+    unit_loads: np.ndarray
     most: np.ndarray
     memory: float
 
     def loads(self, shown: np.ndarray) -> np.ndarray:
         """Return (F, Q) the load of each frame that shows `shown` (F, K, L) agents."""
-        return (shown[:, None] * self.each).sum(axis=(2, 3))
+        return (shown[:, None] * self.unit_loads).sum(axis=(2, 3))
 
-    def kept(self, shot: Shot, shown: np.ndarray) -> bool:
+    def hold(self, shot: Shot, shown: np.ndarray) -> bool:
         """Return whether a shot that shows `shown` (F, K, L) agents is within all limits."""
         return bool((self.loads(shown) <= self.most).all()) and _memory(shot, shown) <= self.memory
 
@@ -98,12 +98,12 @@ def _limits(shot: Shot, budget: Budget) -> _Limits:
     ]
     every.append(("agents at LOD 0", first, inf if budget.finest is None else budget.finest))
     limited = [one for one in every if one[2] != inf]
-    each = np.array([table.T[:, owner] for _, table, _ in limited]).reshape(
+    unit_loads = np.array([table.T[:, owner] for _, table, _ in limited]).reshape(
         -1, meshes.count, len(owner)
     )
     return _Limits(
         [name for name, *_ in limited],
-        each,
+        unit_loads,
         np.array([most for *_, most in limited], np.float64),
         budget.memory,
     )
@@ -131,28 +131,28 @@ def decide_within(
     tolerance = 0.0
     bound = plan.bound
     levels = plan.levels
-    found = plan.bill
+    best_bill = plan.bill
     weight = plan.weight
-    if not limits.kept(shot, found.shown):
+    if not limits.hold(shot, best_bill.shown):
         tolerance = yield from share(_least_tolerance(shot, limits), 0.1, 0.2)
         wide = relaxed(shot, tolerance)
         if tolerance:
             plan = yield from share(decide(wide, avoid), 0.2, 0.3)
         search = _Search(wide, limits, plan.weight)
-        levels, found = yield from share(search.best(plan), 0.3, 1.0)
+        levels, best_bill = yield from share(search.best(plan), 0.3, 1.0)
         weight = plan.weight
         bound = search.gap if limits.memory == inf else inf
-    return BudgetPlan(levels, found, thresholds, weight, bound, tolerance)
+    return BudgetPlan(levels, best_bill, thresholds, weight, bound, tolerance)
 
 
 def _check(shot: Shot, limits: _Limits) -> None:
     """Raise CrowdError if even the coarsest LODs break a limit, whatever the tolerance."""
     wide = relaxed(shot, inf)
-    shown = shown_by(wide, wide.allowed)
+    agents = shown_by(wide, wide.allowed)
     everyone = (
         "with the coarsest LODs that are made and allowed: ask for no less, or make coarser LODs."
     )
-    for name, most, loads in zip(limits.names, limits.most, limits.loads(shown).T, strict=True):
+    for name, most, loads in zip(limits.names, limits.most, limits.loads(agents).T, strict=True):
         worst = int(loads.argmax())
         if not loads[worst] <= most:
             raise CrowdError(
@@ -160,7 +160,7 @@ def _check(shot: Shot, limits: _Limits) -> None:
                 f"{shot.survey.numbers[worst]} takes "
                 f"{loads[worst]:,.0f} at least, {everyone}"
             )
-    if not (least := _memory(shot, shown)) <= limits.memory:
+    if not (least := _memory(shot, agents)) <= limits.memory:
         raise CrowdError(
             f"The budget of {limits.memory / 1e6:,.1f} MB is impossible: the shot takes "
             f"{np.ceil(least / 1e5) / 10:,.1f} MB at least, "
@@ -184,7 +184,7 @@ def _least_tolerance(shot: Shot, limits: _Limits) -> Generator[float, None, floa
 
     def fits(tolerance: float) -> bool:
         wide = relaxed(shot, tolerance)
-        return limits.kept(shot, shown_by(wide, wide.allowed))
+        return limits.hold(shot, shown_by(wide, wide.allowed))
 
     if fits(0.0):
         return 0.0
@@ -218,7 +218,7 @@ class _Search:
     weight: float
     paid: float = inf
     bound: float = 0.0
-    found: tuple[np.ndarray, Bill] = field(init=False)
+    solution: tuple[np.ndarray, Bill] = field(init=False)
 
     @property
     def gap(self) -> float:
@@ -239,11 +239,11 @@ class _Search:
             self.descend(table + banned, np.zeros((len(table), len(limits.most)))), 0.0, 0.6
         )
         self.bound = fixed + max(least, dual)
-        again = shared_table(shot, plan.thresholds, self.found[1])
+        again = shared_table(shot, plan.thresholds, self.solution[1])
         if again is not None:
             self.keep(by_character(shot, mesh_seconds(shot, plan.thresholds), self.weight))
             yield from share(self.descend(again + banned, prices), 0.6, 1.0)
-        return self.found
+        return self.solution
 
     def descend(
         self, table: np.ndarray, prices: np.ndarray
@@ -263,7 +263,7 @@ class _Search:
         length = 1.0
         stale = 0
         for step in range(STEPS_MOST):
-            costs = table + (prices[:, :, None, None] * limits.each).sum(axis=1)
+            costs = table + (prices[:, :, None, None] * limits.unit_loads).sum(axis=1)
             decision = decided(shot, costs.astype(np.float32), self.weight)
             levels, cost = yield from share(decision, step / STEPS_MOST, (step + 1) / STEPS_MOST)
             cost -= fsum((prices * limits.most).flat)
@@ -289,12 +289,12 @@ class _Search:
 
         Returns their bill.
         """
-        found = bill(self.shot, levels)
-        paid = objective(found, self.weight)
-        if paid < self.paid and self.limits.kept(self.shot, found.shown):
+        plan_bill = bill(self.shot, levels)
+        paid = objective(plan_bill, self.weight)
+        if paid < self.paid and self.limits.hold(self.shot, plan_bill.shown):
             self.paid = paid
-            self.found = (levels, found)
-        return found
+            self.solution = (levels, plan_bill)
+        return plan_bill
 
     def repaired(self, levels: np.ndarray, table: np.ndarray, over: np.ndarray) -> np.ndarray:
         """Return the levels (F, n) with coarser ones in frames that are over a limit."""
@@ -316,12 +316,12 @@ class _Search:
         character = shot.survey.character[f, agents]
         now = levels[f, agents]
         columns = np.arange(len(agents))
-        each = limits.each[:, :, character]
-        loads = each[:, now, columns]
+        unit_loads = limits.unit_loads[:, :, character]
+        loads = unit_loads[:, now, columns]
         over = loads.sum(axis=1) - limits.most
         if not (over > 0).any():
             return False
-        relief = loads[:, None] - each
+        relief = loads[:, None] - unit_loads
         eased = (relief[over > 0] / over[over > 0, None, None]).sum(axis=0)
         cost = table[f][:, character] + self.changes(levels, f, agents)
         lost = cost - cost[now, columns]

@@ -45,26 +45,26 @@ class Meetings:
     frames: np.ndarray
     weight: np.ndarray
 
-    def shown(self, phases: Phases, side: int) -> np.ndarray:
+    def classes_of(self, phases: Phases, side: int) -> np.ndarray:
         """Return the classes (m,) uint8 that the agents of one side, 0 or 1, show."""
-        return phases.shown(self.pair[:, side], self.block[:, side], self.classes[:, side])
+        return phases.classes_of(self.pair[:, side], self.block[:, side], self.classes[:, side])
 
     def in_step(self, phases: Phases) -> np.ndarray:
         """Return which of them have the same class, (m,) bool."""
-        return self.shown(phases, 0) == self.shown(phases, 1)
+        return self.classes_of(phases, 0) == self.classes_of(phases, 1)
 
     def share_in_step(self, phases: Phases) -> float:
         """Return the part of the meetings that are in step, 0 without any."""
         return float(self.frames[self.in_step(phases)].sum() / max(self.frames.sum(), 1))
 
-    def of(self, which: np.ndarray) -> "Meetings":
-        """Return those of the mask `which`, (m,) bool."""
+    def of(self, mask: np.ndarray) -> "Meetings":
+        """Return those of the mask `mask`, (m,) bool."""
         return Meetings(
-            self.pair[which],
-            self.block[which],
-            self.classes[which],
-            self.frames[which],
-            self.weight[which],
+            self.pair[mask],
+            self.block[mask],
+            self.classes[mask],
+            self.frames[mask],
+            self.weight[mask],
         )
 
 
@@ -84,11 +84,11 @@ def meetings_of(survey: Survey) -> Meetings:
     (first,) = np.nonzero(begins)
     if not len(first):
         return Meetings(pair, block, classes, np.empty(0, np.int64), weight)
-    kept = order[first]
+    longest = order[first]
     return Meetings(
-        pair[kept],
-        block[kept],
-        classes[kept],
+        pair[longest],
+        block[longest],
+        classes[longest],
         np.diff(np.append(first, len(key))),
         np.add.reduceat(weight[order], first),
     )
@@ -115,20 +115,20 @@ class Changes:
         ahead = np.empty(self.classes.shape)
         for side in (0, 1):
             own = (self.classes[:, side] + phases.shift[self.agent]) % CLASSES
-            shown = phases.shown(self.agent, self.block[:, side], self.classes[:, side])
+            shown = phases.classes_of(self.agent, self.block[:, side], self.classes[:, side])
             ahead[:, side] = (shown.astype(np.int16) - own + CLASSES // 2) % CLASSES
         return self.pixels * np.abs(ahead[:, 1] - ahead[:, 0]) / CLASSES
 
-    def refined(self, phases: Phases, which: np.ndarray) -> Phases:
-        """Return `phases` with finer palettes of the agents of the mask `which`, (m,) bool.
+    def refined(self, phases: Phases, mask: np.ndarray) -> Phases:
+        """Return `phases` with finer palettes of the agents of the mask `mask`, (m,) bool.
 
         Until they change they show the class that they have shown.
         """
-        agent = self.agent[which]
-        classes = self.classes[which, 0]
+        agent = self.agent[mask]
+        classes = self.classes[mask, 0]
         shift = phases.shift.copy()
         finer = phases.finer.copy()
-        shift[agent] = (phases.shown(agent, self.block[which, 0], classes) - classes) % CLASSES
+        shift[agent] = (phases.classes_of(agent, self.block[mask, 0], classes) - classes) % CLASSES
         finer[agent] = phases.finer[agent] + 1
         return replace(phases, shift=shift, finer=finer)
 
@@ -199,13 +199,13 @@ def plan_phases(
     strides: np.ndarray,
     tolerance: float | None,
     variety: float = VARIETY,
-    given: np.ndarray | None = None,
+    fixed: np.ndarray | None = None,
 ) -> PhasePlan:
     """Return the fewest classes of each block with which few neighbors are in step.
 
     strides: of strides_of. tolerance: pixels; None counts as one.
     variety: the part of all close neighbors that may be in step.
-    given: (n,) bool, agents that keep the phases of their source; None for nobody.
+    fixed: (n,) bool, agents that keep the phases of their source; None for nobody.
 
     Blocks that the same rigs move have one palette. Agents that would jump by more than JUMP when
     they change what they play have finer ones.
@@ -222,15 +222,15 @@ def plan_phases(
     )
     limit = np.maximum(JUMP * (tolerance or 1.0), changes.pixels / CLASSES)
     counts = np.where(family >= 0, FEWEST, CLASSES).astype(np.uint8)
-    if given is None:
-        given = np.zeros(agents, bool)
-    phases = replace(everything, finer=np.where(given, WHOLE, 0).astype(np.uint8))
+    if fixed is None:
+        fixed = np.zeros(agents, bool)
+    phases = replace(everything, finer=np.where(fixed, WHOLE, 0).astype(np.uint8))
     crowded = np.ones(len(family), bool)
     while crowded.any():
         theirs = meetings.of(crowded[meetings.block[:, 0]])
-        phases = color(theirs, replace(phases, counts=counts), given)
+        phases = color(theirs, replace(phases, counts=counts), fixed)
         while (jumping := changes.jumps(phases) > limit).any():
-            phases = color(theirs, changes.refined(phases, jumping), given)
+            phases = color(theirs, changes.refined(phases, jumping), fixed)
         crowded = _crowded(meetings, phases, family, variety) & (counts < CLASSES)
         counts = counts + crowded
     return PhasePlan(
@@ -250,26 +250,26 @@ def _crowded(meetings: Meetings, phases: Phases, family: np.ndarray, variety: fl
     return (in_step > variety * frames)[family] & (family >= 0)
 
 
-def color(meetings: Meetings, phases: Phases, given: np.ndarray | None = None) -> Phases:
+def color(meetings: Meetings, phases: Phases, fixed: np.ndarray | None = None) -> Phases:
     """Return `phases` with other shifts, with which fewer of the meetings are in step.
 
-    given: (n,) bool, agents that keep their shift; None for nobody.
+    fixed: (n,) bool, agents that keep their shift; None for nobody.
 
     In each round those agents take another shift that gain more by it than all whom they meet. So
     each round lowers the weight of what is in step.
     """
     sides = _sides_of(meetings, phases)
     options = _options(sides, phases)
-    if given is not None:
-        kept = given[sides.agents]
-        options[:, kept] = phases.shift[sides.agents[kept]]
+    if fixed is not None:
+        is_fixed = fixed[sides.agents]
+        options[:, is_fixed] = phases.shift[sides.agents[is_fixed]]
     shift = phases.shift[sides.agents]
     everyone = np.arange(len(shift))
     for _ in range(MOST_ROUNDS):
-        shown = sides.shown(shift)
-        in_step = shown == sides.other(shown)
+        classes = sides.classes_of(shift)
+        in_step = classes == sides.other(classes)
         now = np.bincount(sides.place, sides.weight * in_step, len(shift))
-        cost = _costs(sides, shown, options, now > 0)
+        cost = _costs(sides, classes, options, now > 0)
         best = cost.argmin(axis=0)
         gain = now - cost[best, everyone]
         changes = (gain > 1e-9 * now) & ~_outdone(gain, sides)
@@ -296,7 +296,7 @@ class _Sides:
     weight: np.ndarray
     row: np.ndarray
 
-    def shown(self, shift: np.ndarray) -> np.ndarray:
+    def classes_of(self, shift: np.ndarray) -> np.ndarray:
         """Return the class that each side shows; shift: (a,) uint8."""
         return NEAREST.ravel()[self.row + (self.classes + shift[self.place]) % CLASSES]
 
@@ -340,21 +340,23 @@ def _options(sides: _Sides, phases: Phases) -> np.ndarray:
     return options
 
 
-def _costs(sides: _Sides, shown: np.ndarray, options: np.ndarray, asked: np.ndarray) -> np.ndarray:
+def _costs(
+    sides: _Sides, shown_classes: np.ndarray, options: np.ndarray, is_asked: np.ndarray
+) -> np.ndarray:
     """Return the weight that each agent would have in step by each option, (C, a) float64.
 
-    shown: the classes that the sides show. asked: (a,) bool; the others' costs are 0.
+    shown_classes: the classes that the sides show. is_asked: (a,) bool; the others' costs are 0.
     """
     cost = np.zeros(options.shape)
-    (which,) = np.nonzero(asked[sides.place])
-    place = sides.place[which]
-    theirs = sides.other(shown)[which]
-    row = sides.row[which]
-    classes = sides.classes[which]
-    weight = sides.weight[which]
+    (sides_asked,) = np.nonzero(is_asked[sides.place])
+    place = sides.place[sides_asked]
+    theirs = sides.other(shown_classes)[sides_asked]
+    row = sides.row[sides_asked]
+    classes = sides.classes[sides_asked]
+    weight = sides.weight[sides_asked]
     for k, shift in enumerate(options):
-        own = NEAREST.ravel()[row + (classes + shift[place]) % CLASSES]
-        cost[k] = np.bincount(place, weight * (own == theirs), len(asked))
+        option_class = NEAREST.ravel()[row + (classes + shift[place]) % CLASSES]
+        cost[k] = np.bincount(place, weight * (option_class == theirs), len(is_asked))
     return cost
 
 
@@ -366,6 +368,6 @@ def recast(survey: Survey, phases: Phases) -> Survey:
         block = survey.roles.block[row]
         (agents,) = np.nonzero((survey.kind[f] != CULLED) & (block >= 0))
         own = survey.roles.phase_class[row[agents]]
-        change = phases.shown(agents, block[agents], own).astype(np.int32) - own
+        change = phases.classes_of(agents, block[agents], own).astype(np.int32) - own
         row[agents] = row[agents] + change
     return replace(survey, character=character)

@@ -26,7 +26,7 @@ class Point:
     tolerance: pixels that LODs were chosen by, or None.
     error: the most pixels by which a LOD deviates.
     seconds, triangles, memory: parts of what full detail takes.
-    above: part by which it costs more than thresholds in time, memory or instances, as Avoid Pops.
+    above: part by which it costs more than thresholds in time, memory or instances, as Extra Cost for Fewer Pops.
     switches: in sight.
     """
 
@@ -55,16 +55,21 @@ def curve_of(shot: Shot, plan: ShotPlan, tolerance: float | None) -> Generator[f
         chosen otherwise: the middle is then one pixel, and no hysteresis is told.
     A plan with another weight that is the same as one before has no point.
     """
-    some, agents = sampled(shot, max(MOST_LOOKED_AT // len(shot.survey.times), 1))
-    survey = some.survey
-    bounds = some.meshes.bounds
-    thresholds = bill(some, survey.coarsest)
+    sample, agents = sampled(shot, max(MOST_LOOKED_AT // len(shot.survey.times), 1))
+    survey = sample.survey
+    bounds = sample.meshes.bounds
+    thresholds = bill(sample, survey.coarsest)
 
     def point(kind: str, levels: np.ndarray, pixels: float | None = None) -> Point:
-        found = bill(some, levels)
-        parts = of_full_detail(some, found)
+        point_bill = bill(sample, levels)
+        parts = of_full_detail(sample, point_bill)
         return Point(
-            kind, pixels, found.error, *parts, found.above(thresholds), int(found.switches.sum())
+            kind,
+            pixels,
+            point_bill.error,
+            *parts,
+            point_bill.above(thresholds),
+            int(point_bill.switches.sum()),
         )
 
     points = [
@@ -78,24 +83,28 @@ def curve_of(shot: Shot, plan: ShotPlan, tolerance: float | None) -> Generator[f
     begun = 0.3
     yield begun
     for step, factor in enumerate(WEIGHTS, 1):
-        done = begun + (1 - begun) * step / len(WEIGHTS)
-        levels, _ = yield from share(solved(some, thresholds, factor * plan.weight), begun, done)
+        end = begun + (1 - begun) * step / len(WEIGHTS)
+        levels, _ = yield from share(solved(sample, thresholds, factor * plan.weight), begun, end)
         made = point("avoid", levels)
         if made not in points and replace(made, kind="plan") not in points:
             points.append(made)
-        begun = done
+        begun = end
     return Curve(len(survey.group), points)
 
 
-def of_full_detail(shot: Shot, found: Bill) -> tuple[float, float, float]:
-    """Return the parts that `found` takes of the (seconds, triangles, memory) of the same agents at
+def of_full_detail(shot: Shot, plan_bill: Bill) -> tuple[float, float, float]:
+    """Return the parts that a plan takes of (seconds, triangles, memory) of the same agents at
     LOD 0.
     """
-    shown = np.zeros_like(found.shown)
-    shown[:, 0] = found.shown.sum(axis=1)
-    part = found.price.share(price(work_in(shot, shown), shot.costs))
-    triangles = float((shown[:, 0] * shot.meshes.triangles[shot.survey.owner, 0]).sum())
-    return part.seconds, float(found.triangles.sum()) / triangles if triangles else 1.0, part.memory
+    agents = np.zeros_like(plan_bill.shown)
+    agents[:, 0] = plan_bill.shown.sum(axis=1)
+    part = plan_bill.price.share(price(work_in(shot, agents), shot.costs))
+    triangles = float((agents[:, 0] * shot.meshes.triangles[shot.survey.owner, 0]).sum())
+    return (
+        part.seconds,
+        float(plan_bill.triangles.sum()) / triangles if triangles else 1.0,
+        part.memory,
+    )
 
 
 def hysteresis(

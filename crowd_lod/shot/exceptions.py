@@ -16,7 +16,8 @@ from ..frame.frame import Frame
 from ..frame.planned import EXCEPTED, HIDDEN, PINNED, with_row
 from .survey import CULLED, SEEN, Survey
 
-NEVER_COARSER, ALWAYS, HIDE = KINDS = ("NEVER_COARSER", "ALWAYS", "HIDE")
+KINDS = ("NEVER_COARSER", "ALWAYS", "HIDE")
+NEVER_COARSER, ALWAYS, HIDE = KINDS
 NO_LIMIT = 255  # as the coarsest LOD
 
 
@@ -74,10 +75,10 @@ def parse_agents(text: str, count: int, name: str, ids: np.ndarray | None = None
         raise CrowdError(
             f"The exception {name} names no agents: write their numbers, such as 12, 40-50."
         )
-    chosen = np.zeros(count, bool)
-    own = np.empty(0, np.int64) if ids is None or "#" not in text else ids
-    order = np.argsort(own, kind="stable")
-    own = own[order]
+    is_chosen = np.zeros(count, bool)
+    file_ids = np.empty(0, np.int64) if ids is None or "#" not in text else ids
+    order = np.argsort(file_ids, kind="stable")
+    file_ids = file_ids[order]
     for part in text.split(","):
         match = re.fullmatch(r"\s*(#?)(\d{1,18})\s*(?:-\s*(\d{1,18})\s*)?", part)
         if match is None:
@@ -94,24 +95,24 @@ def parse_agents(text: str, count: int, name: str, ids: np.ndarray | None = None
                 f"backwards: write {mark}{last}-{first}."
             )
         if mark:
-            begin, end = np.searchsorted(own, (first, last + 1)).tolist()
-            chosen[order[begin:end]] = True
+            begin, end = np.searchsorted(file_ids, (first, last + 1)).tolist()
+            is_chosen[order[begin:end]] = True
             continue
         if last >= count:
             raise CrowdError(
                 f"The exception {name} names agent {last}: the crowd has {count:,}, numbered from "
                 f"0 on."
             )
-        chosen[first : last + 1] = True
-    if not chosen.any():
+        is_chosen[first : last + 1] = True
+    if not is_chosen.any():
         raise CrowdError(
             f"The exception {name} names {text.strip()}: no agent has that number in its file or "
             f"object."
         )
-    return np.flatnonzero(chosen)
+    return np.flatnonzero(is_chosen)
 
 
-def named(agents: np.ndarray, ids: np.ndarray | None = None) -> str:
+def agents_text(agents: np.ndarray, ids: np.ndarray | None = None) -> str:
     """Return the text by which `parse_agents` finds these `agents` (m,), increasing.
 
     An agent is named by the number of its file if no other has the same, so that it is found again
@@ -119,11 +120,13 @@ def named(agents: np.ndarray, ids: np.ndarray | None = None) -> str:
 
     ids: (n,) int64, Trajectory.ids.
     """
-    own = np.full(len(agents), -1) if ids is None else ids[agents].copy()
+    file_ids = np.full(len(agents), -1) if ids is None else ids[agents].copy()
     if ids is not None:
         known, counts = np.unique(ids, return_counts=True)
-        own[counts[np.searchsorted(known, own)] > 1] = -1
-    return ", ".join([*_ranges(np.sort(own[own >= 0]), "#"), *_ranges(agents[own < 0], "")])
+        file_ids[counts[np.searchsorted(known, file_ids)] > 1] = -1
+    return ", ".join(
+        [*_ranges(np.sort(file_ids[file_ids >= 0]), "#"), *_ranges(agents[file_ids < 0], "")]
+    )
 
 
 def _ranges(numbers: np.ndarray, mark: str) -> list[str]:
@@ -166,11 +169,11 @@ def in_force(exemptions: Sequence[Exemption], number: int, count: int) -> np.nda
     """Return the index of the exception that holds for each agent in a frame, (count,) intp; -1 for
     none.
     """
-    found = np.full(count, -1, np.intp)
+    index_of = np.full(count, -1, np.intp)
     for index, each in enumerate(exemptions):
         if each.holds(number):
-            found[each.agents] = index
-    return found
+            index_of[each.agents] = index
+    return index_of
 
 
 def excepted(survey: Survey, exemptions: Sequence[Exemption]) -> Survey:
@@ -194,16 +197,18 @@ def excepted(survey: Survey, exemptions: Sequence[Exemption]) -> Survey:
     hiding = np.array([*hides, False])
     finest = np.empty_like(survey.kind)
     limit = np.empty_like(survey.kind)
-    gone = np.zeros(len(survey.group), bool)  # hidden in the frame before, and otherwise seen
+    was_hidden = np.zeros(len(survey.group), bool)  # hidden in the frame before, and otherwise seen
     for f, number in enumerate(survey.numbers.tolist()):
-        which = in_force(exemptions, number, len(survey.group))
-        finest[f] = least[which]
-        limit[f] = most[which]
-        hidden = hiding[which]
+        exemption = in_force(exemptions, number, len(survey.group))
+        finest[f] = least[exemption]
+        limit[f] = most[exemption]
+        hidden = hiding[exemption]
         shows = survey.kind[f] == SEEN
-        appears = np.flatnonzero(gone & shows & ~hidden & (not survey.cuts[f]))
+        appears = np.flatnonzero(was_hidden & shows & ~hidden & (not survey.cuts[f]))
         survey.entered[f] = np.union1d(survey.entered[f][~hidden[survey.entered[f]]], appears)
-        gone = shows & hidden
+        gone = survey.left[f]
+        survey.left[f] = gone[~(hidden | was_hidden)[gone]]
+        was_hidden = shows & hidden
         survey.kind[f, hidden] = CULLED
         for column in (survey.coarsest, survey.scale, survey.character):
             column[f, hidden] = 0
@@ -219,14 +224,14 @@ def alone(frame: Frame, exemptions: Sequence[Exemption], number: float) -> Frame
     number: of the frame on the timeline; the part of a frame counts as the frame.
     """
     number = int(np.floor(number + 1e-6))
-    which = in_force(exemptions, number, len(frame.crowd))
-    asked = which >= 0
+    exemption = in_force(exemptions, number, len(frame.crowd))
+    asked = exemption >= 0
     if not asked.any():
         return frame
     most = np.array(
         [*(NO_LIMIT if each.kind == HIDE else each.level for each in exemptions), NO_LIMIT],
         np.uint8,
-    )[which]
+    )[exemption]
     levels = np.minimum(frame.levels, most) | np.where(frame.levels > most, EXCEPTED, 0).astype(
         np.uint8
     )
@@ -240,14 +245,14 @@ def marked(levels: np.ndarray, number: int, exemptions: Sequence[Exemption]) -> 
 
     number: of the frame on the timeline.
     """
-    which = in_force(exemptions, number, len(levels))
-    if not (which >= 0).any():
+    exemption = in_force(exemptions, number, len(levels))
+    if not (exemption >= 0).any():
         return levels
     pinned, hidden = (
-        np.array([*(each.kind == kind for each in exemptions), False])[which]
+        np.array([*(each.kind == kind for each in exemptions), False])[exemption]
         for kind in (ALWAYS, HIDE)
     )
-    level = np.array([*(each.level for each in exemptions), 0], np.uint8)[which]
+    level = np.array([*(each.level for each in exemptions), 0], np.uint8)[exemption]
     return np.where(pinned, level | PINNED | EXCEPTED, levels) | np.where(hidden, HIDDEN, 0).astype(
         np.uint8
     )

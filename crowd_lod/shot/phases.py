@@ -51,7 +51,9 @@ class Phases:
         """Return how many classes the palettes of `agents` (m,) have in `block` (m,), (m,) intp."""
         return np.minimum(self.counts[block].astype(np.intp) << self.finer[agents], CLASSES)
 
-    def shown(self, agents: np.ndarray, block: np.ndarray, phase_class: np.ndarray) -> np.ndarray:
+    def classes_of(
+        self, agents: np.ndarray, block: np.ndarray, phase_class: np.ndarray
+    ) -> np.ndarray:
         """Return the classes (m,) uint8 that `agents` (m,) show.
 
         block, phase_class: (m,) of each, what it plays and the class of its source.
@@ -60,11 +62,11 @@ class Phases:
 
     def applied(self, crowd: Crowd, gaits: Gaits) -> Crowd:
         """Return `crowd`, which plays by `gaits`, with the classes of the shot."""
-        block = first_blocks(gaits)[:-1, None] + gaits.which
+        block = first_blocks(gaits)[:-1, None] + gaits.play_number
         nearest = NEAREST[self.counts[block]]
         ahead = (crowd.phase_class + self.shift) % CLASSES
-        shown = nearest[crowd.group, crowd.playing, ahead]
+        classes = nearest[crowd.group, crowd.playing, ahead]
         (finer,) = np.nonzero(self.finer)
         blocks = block[crowd.group[finer], crowd.playing[finer]]
-        shown[finer] = self.shown(finer, blocks, crowd.phase_class[finer])
-        return replace(crowd, phase_class=shown)
+        classes[finer] = self.classes_of(finer, blocks, crowd.phase_class[finer])
+        return replace(crowd, phase_class=classes)

@@ -46,12 +46,12 @@ def program(
             joined = survey.joined(f, agents)
             scale = np.where(joined, survey.scale[f, agents], np.float16(0)).astype(np.float32)
             allowed = shot.allowed[f, agents]
-            seen = allowed != UNSEEN
+            is_seen = allowed != UNSEEN
             cost = table[min(f, len(table) - 1)].take(survey.character[f, agents], axis=1)
-            cost *= seen
+            cost *= is_seen
             np.copyto(cost, np.float32(np.inf), where=numbers > allowed)
             if survey.finest is not None:
-                finer = (numbers < survey.finest[f, agents]) & seen
+                finer = (numbers < survey.finest[f, agents]) & is_seen
                 np.copyto(cost, np.float32(np.inf), where=finer)
             yield cost, apart * (scale * np.float32(weight)), joined * np.float32(weight * NOTICED)
 
@@ -59,7 +59,7 @@ def program(
 
 
 # Of one frame: (K, m) float32 what each LOD costs; (K, m) float32 what a switch to it or from it
-# costs, so that one from i to j costs the sum of the two; (m,) float32 what any switch costs besides.
+# costs, so that one from i to j costs the sum of the two; (m,) float32 what each switch adds.
 Step = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
@@ -149,14 +149,14 @@ def decided(
     cost = 0.0
     _ = shot.allowed  # found once, before threads ask for it
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for done, (part, (own, paid)) in enumerate(
+        for number, (part, (part_levels, paid)) in enumerate(
             zip(
                 parts, pool.map(lambda part: program(shot, table, weight, part), parts), strict=True
             )
         ):
-            levels[:, part] = own
+            levels[:, part] = part_levels
             cost += paid
-            yield (done + 1) / len(parts)
+            yield (number + 1) / len(parts)
     return levels, cost
 
 
@@ -189,17 +189,17 @@ def decide(shot: Shot, avoid: float = 0.05) -> Generator[float, None, ShotPlan]:
     weight = yield from share(_weight(shot, avoid, _matter(shot, limit.thresholds)), 0.0, 0.4)
     for step in range(STEPS):
         levels, shared = yield from share(solved(shot, limit.thresholds, weight), 0.4, 0.8)
-        found = bill(shot, levels)
-        if limit.holds(found) or step == STEPS - 1:
+        plan_bill = bill(shot, levels)
+        if limit.holds(plan_bill) or step == STEPS - 1:
             break
         weight /= 1.5  # the sample promised more than the whole keeps
-    if not limit.holds(found):
+    if not limit.holds(plan_bill):
         levels = limit.levels
-        found = bill(shot, levels)
+        plan_bill = bill(shot, levels)
     least = yield from share(lower_bound(shot, weight, shared), 0.8, 1.0)
-    paid = objective(found, weight)
+    paid = objective(plan_bill, weight)
     bound = max(paid / least - 1, 0.0) if least > 0 else 0.0
-    return ShotPlan(levels, found, limit.thresholds, weight, bound)
+    return ShotPlan(levels, plan_bill, limit.thresholds, weight, bound)
 
 
 @dataclass(frozen=True)
@@ -244,18 +244,18 @@ def _weight(shot: Shot, avoid: float, shared: bool) -> Generator[float, None, fl
 
     shared: whether agents share meshes that cost much: few agents would share them less.
     """
-    some, _ = sampled(shot, max(SHARING if shared else SAMPLE, len(shot.survey.group) // 100))
-    limit = _limit(some, avoid)
+    sample, _ = sampled(shot, max(SHARING if shared else SAMPLE, len(shot.survey.group) // 100))
+    limit = _limit(sample, avoid)
     thresholds = limit.thresholds
-    unit = thresholds.price.seconds * len(some.survey.times) / max(thresholds.counts.sum(), 1)
+    unit = thresholds.price.seconds * len(sample.survey.times) / max(thresholds.counts.sum(), 1)
     low = unit * FACTOR**-STEPS
     high = unit * FACTOR**STEPS
     for step in range(2 * STEPS):
         middle = float(np.sqrt(low * high))
         levels, _ = yield from share(
-            solved(some, thresholds, middle), step / (2 * STEPS), (step + 1) / (2 * STEPS)
+            solved(sample, thresholds, middle), step / (2 * STEPS), (step + 1) / (2 * STEPS)
         )
-        if limit.holds(bill(some, levels)):
+        if limit.holds(bill(sample, levels)):
             low = middle
         else:
             high = middle
@@ -293,8 +293,8 @@ def solved(
     return min(choices, key=lambda choice: objective(bill(shot, choice), weight)), None
 
 
-def shared_table(shot: Shot, thresholds: Bill, found: Bill) -> np.ndarray | None:
-    """Return (F, K, L) float32 seconds of an agent if meshes that `found` shows cost next to
+def shared_table(shot: Shot, thresholds: Bill, plan_bill: Bill) -> np.ndarray | None:
+    """Return (F, K, L) float32 seconds of an agent if meshes that `plan_bill` shows cost next to
     nothing.
 
     None where meshes cost so little that it does not matter.
@@ -303,7 +303,7 @@ def shared_table(shot: Shot, thresholds: Bill, found: Bill) -> np.ndarray | None
         return None
     unique = mesh_seconds(shot, thresholds)
     shares = unique / np.maximum(thresholds.shown.sum(axis=1), 1)[:, None, :]
-    return _table(shot, np.where(found.shown > 0, NEARLY * shares, unique))
+    return _table(shot, np.where(plan_bill.shown > 0, NEARLY * shares, unique))
 
 
 def _matter(shot: Shot, thresholds: Bill) -> bool:
@@ -354,18 +354,18 @@ def floor(shot: Shot) -> tuple[float, float, np.ndarray]:
     survey = shot.survey
     characters = len(shot.survey.owner)
     frames = len(survey.times)
-    each = shot.meshes.triangles.T[:, survey.owner]
-    shown = shown_by(shot, shot.allowed)
-    seen = shown.sum(axis=1)
-    finest = (shown > 0).argmax(axis=1)
-    least = np.where(seen > 0, each[finest, np.arange(characters)], 0.0)
-    unique = shot.costs.seconds["unique"] * each / np.maximum(seen, 1)[:, None, :]
+    triangles = shot.meshes.triangles.T[:, survey.owner]
+    agents = shown_by(shot, shot.allowed)
+    seen_agents = agents.sum(axis=1)
+    finest = (agents > 0).argmax(axis=1)
+    least = np.where(seen_agents > 0, triangles[finest, np.arange(characters)], 0.0)
+    unique = shot.costs.seconds["unique"] * triangles / np.maximum(seen_agents, 1)[:, None, :]
     work = Work(
         posed=float(least.max(axis=0).sum()),
         unique=least.sum(axis=1),
-        instances=seen.sum(axis=1).astype(np.float64),
-        instanced=(shown * each).sum(axis=(1, 2)),
-        rigs=work_in(shot, shown).rigs,
+        instances=seen_agents.sum(axis=1).astype(np.float64),
+        instanced=(agents * triangles).sum(axis=(1, 2)),
+        rigs=work_in(shot, agents).rigs,
         rays=survey.rays,
     )
     alone = replace(work, posed=0.0, rigs=0.0, rays=0.0)

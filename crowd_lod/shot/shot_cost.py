@@ -93,15 +93,15 @@ class Shot:
         """
         survey = self.survey
         bounds = self.meshes.bounds
-        found = np.where(survey.seen, survey.coarsest, UNSEEN).astype(np.uint8)
-        for f in range(1, len(found)):
+        coarsest = np.where(survey.seen, survey.coarsest, UNSEEN).astype(np.uint8)
+        for f in range(1, len(coarsest)):
             agents = np.flatnonzero(
                 survey.joined(f) & (survey.coarsest[f - 1] > survey.coarsest[f])
             )
             group = survey.group[agents]
             (then, now) = survey.scale[f - 1 : f + 1, agents].astype(np.float64)
-            before = found[f - 1, agents]
-            after = found[f, agents]
+            before = coarsest[f - 1, agents]
+            after = coarsest[f, agents]
             most = np.maximum(then * bounds[group, before], now * bounds[group, after])
             least = 0 if survey.finest is None else survey.finest[f - 1, agents]
             for k in range(self.meshes.count - 1, 0, -1):
@@ -110,8 +110,8 @@ class Shot:
                     & (k > np.maximum(after, least))
                     & (now * (bounds[group, k] + bounds[group, after]) > 2 * most)
                 ] = k - 1
-            found[f - 1, agents] = before
-        return found
+            coarsest[f - 1, agents] = before
+        return coarsest
 
     @property
     def coarsest(self) -> np.ndarray:
@@ -122,11 +122,11 @@ class Shot:
         """Return `levels` (F, n); where an agent is not seen, the LOD with which it is seen next,
         or 0.
         """
-        found = np.where(self.survey.seen, levels, UNSEEN)
-        found[-1][found[-1] == UNSEEN] = 0
-        for f in range(len(found) - 2, -1, -1):
-            np.copyto(found[f], found[f + 1], where=found[f] == UNSEEN)
-        return found
+        all_levels = np.where(self.survey.seen, levels, UNSEEN)
+        all_levels[-1][all_levels[-1] == UNSEEN] = 0
+        for f in range(len(all_levels) - 2, -1, -1):
+            np.copyto(all_levels[f], all_levels[f + 1], where=all_levels[f] == UNSEEN)
+        return all_levels
 
 
 @dataclass(frozen=True)
@@ -175,9 +175,9 @@ def bill(shot: Shot, levels: np.ndarray) -> Bill:
     survey = shot.survey
     meshes = shot.meshes
     frames = len(survey.times)
-    shown = shown_by(shot, levels)
+    agents_shown = shown_by(shot, levels)
 
-    def one(f: int) -> tuple[int, float, float, float]:
+    def measure_frame(f: int) -> tuple[int, float, float, float]:
         agents = np.flatnonzero(survey.kind[f] == SEEN)
         level = levels[f, agents]
         error = (
@@ -192,20 +192,20 @@ def bill(shot: Shot, levels: np.ndarray) -> Bill:
         )
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        switches, pixels, most, error = zip(*pool.map(one, range(frames)), strict=True)
+        switches, pixels, most, error = zip(*pool.map(measure_frame, range(frames)), strict=True)
     each = [table.T[:, survey.owner] for table in (meshes.triangles, meshes.vertices)]
-    triangles, vertices = ((shown * table).sum(axis=(1, 2)) for table in each)
+    triangles, vertices = ((agents_shown * table).sum(axis=(1, 2)) for table in each)
     return Bill(
         triangles=triangles,
         vertices=vertices,
-        counts=shown.sum(axis=2),
+        counts=agents_shown.sum(axis=2),
         switches=np.array(switches),
         pixels=np.array(pixels),
         most=max(most),
         error=max(error),
-        shown=shown,
-        price=price(work_in(shot, shown), shot.costs),
-        instanced=float((shown * shot.instance).sum()) / frames,
+        shown=agents_shown,
+        price=price(work_in(shot, agents_shown), shot.costs),
+        instanced=float((agents_shown * shot.instance).sum()) / frames,
     )
 
 
@@ -215,12 +215,12 @@ def shown_by(shot: Shot, levels: np.ndarray) -> np.ndarray:
     """
     survey = shot.survey
     characters = len(shot.survey.owner)
-    shown = np.zeros((len(survey.times), shot.meshes.count, characters), np.int64)
-    for f in range(len(shown)):
+    counts = np.zeros((len(survey.times), shot.meshes.count, characters), np.int64)
+    for f in range(len(counts)):
         agents = np.flatnonzero(survey.kind[f] == SEEN)
         key = levels[f, agents].astype(np.intp) * characters + survey.character[f, agents]
-        shown[f] = np.bincount(key, minlength=shown[f].size).reshape(shown[f].shape)
-    return shown
+        counts[f] = np.bincount(key, minlength=counts[f].size).reshape(counts[f].shape)
+    return counts
 
 
 def work_in(shot: Shot, shown: np.ndarray) -> Work:

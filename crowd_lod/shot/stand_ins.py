@@ -10,46 +10,46 @@ from ..animation.phase_classes import Gaits, Library, Roles
 from ..crowd.agents import CLASSES
 
 
-def hold_shown(cast: np.ndarray, planned: Library, built: Library, gaits: Gaits) -> np.ndarray:
+def hold_shown(cast: np.ndarray, planned: Library, library: Library, gaits: Gaits) -> np.ndarray:
     """Return the meshes that a build holds, (K, N) bool: K LODs of N characters.
 
     cast: (K, L) bool, the meshes that the plan's frames show, numbered by the Library `planned`.
-    built: the Library of the build, with N characters. It may pose groups that the plan takes for
+    library: the Library of the build, with N characters. It may pose groups that the plan takes for
         rigged: of these it holds all poses.
 
     Besides, one class of all that a group plays has all LODs. So other frames than the plan's show
     no agent coarser than they ask for.
     """
-    roles = built.roles(gaits)
-    first = built.first(gaits)
-    held = np.ones((len(cast), first[-1]), bool)
-    for g in np.flatnonzero(built.posed == 0):
+    roles = library.roles(gaits)
+    first = library.first(gaits)
+    is_held = np.ones((len(cast), first[-1]), bool)
+    for g in np.flatnonzero(library.posed == 0):
         of_group = slice(*planned.first(gaits)[g : g + 2])
-        held[:, first[g] : first[g + 1]] = cast[:, of_group]
+        is_held[:, first[g] : first[g + 1]] = cast[:, of_group]
     for block in np.unique(roles.block[roles.block >= 0]):
         (members,) = np.nonzero(roles.block == block)
-        held[:, members[held[:, members].sum(axis=0).argmax()]] = True
-    return held
+        is_held[:, members[is_held[:, members].sum(axis=0).argmax()]] = True
+    return is_held
 
 
-def stand_ins(held: np.ndarray, roles: Roles) -> np.ndarray:
+def stand_ins(is_held: np.ndarray, roles: Roles) -> np.ndarray:
     """Return which mesh a build shows for each, (2, K, N) intp: its LOD and its character.
 
-    held: (K, N) bool, the meshes that the build has.
+    is_held: (K, N) bool, the meshes that the build has.
     roles: what the N characters play.
 
-    For a mesh that the build has that is itself. Another is stood in for by a mesh of the same
-    block that is no coarser; of these by one with the nearest phase class, and then by the coarsest.
-    Where all are coarser, the finest of them stands in.
+    A mesh that the build has stands for itself. For any other a mesh of the same block stands in
+    that is no coarser: of these one with the nearest phase class, and then the coarsest. Where all
+    are coarser, the finest of them stands in.
     """
-    count, characters = held.shape
-    shown = np.indices(held.shape)
+    count, characters = is_held.shape
+    stand_in = np.indices(is_held.shape)
     # poses are not stood in for by other poses
     block = np.where(roles.block < 0, -1 - np.arange(characters), roles.block)
     levels = np.arange(count)
-    for own in np.unique(block[~held.all(axis=0)]):
+    for own in np.unique(block[~is_held.all(axis=0)]):
         (members,) = np.nonzero(block == own)
-        level, place = np.nonzero(held[:, members])
+        level, place = np.nonzero(is_held[:, members])
         if not len(level):
             continue
         classes = roles.phase_class[members].astype(np.intp)
@@ -60,5 +60,5 @@ def stand_ins(held: np.ndarray, roles: Roles) -> np.ndarray:
         # (K, members, meshes): first who is coarser, then who is out of phase, then who is finer
         cost = ((coarser * CLASSES)[:, None, :] + apart) * (count + 1) + finer[:, None, :]
         best = cost.argmin(axis=2)
-        shown[:, :, members] = level[best], members[place[best]]
-    return shown
+        stand_in[:, :, members] = level[best], members[place[best]]
+    return stand_in

@@ -51,6 +51,8 @@ class Survey:
     rays: (F,) float64, samples of the pixels that agents cover (levels/cost_model.py).
     entered: for each frame the agents (m,) intp that it shows, and that the near or the far clip
         culled in the frame before, or an exception hid: they appear at once.
+    left: for each frame the agents (m,) intp that the frame before shows, and that the near or the
+        far clip culls: they vanish at once.
     blurred: pixels of tolerance; above 0, a LOD may deviate by so many pixels and as many more as
         its agent is blurred wide. `scale` then counts as many pixels less in proportion.
     bounds: (G, K) meters, of the LODs, where `blurred` is above 0.
@@ -73,6 +75,7 @@ class Survey:
     owner: np.ndarray
     rays: np.ndarray
     entered: list[np.ndarray]
+    left: list[np.ndarray]
     blurred: float = 0.0
     bounds: np.ndarray | None = None
     roles: Roles | None = None
@@ -87,7 +90,7 @@ class Survey:
         return self.kind == SEEN
 
     def of(self, agents: slice) -> "Survey":
-        """Return the survey of these agents alone; nobody counts as entered."""
+        """Return the survey of these agents alone; nobody counts as entered or gone."""
         names = (
             "kind",
             "coarsest",
@@ -103,6 +106,7 @@ class Survey:
             group=self.group[agents],
             rays=self.rays * part,
             entered=[np.empty(0, np.intp)] * len(self.times),
+            left=[np.empty(0, np.intp)] * len(self.times),
         )
 
     def joined(self, f: int, agents: slice = slice(None)) -> np.ndarray:
@@ -156,6 +160,7 @@ def empty(
         owner=np.repeat(np.arange(len(library) - 1, dtype=np.uint8), np.diff(library)),
         rays=np.zeros(frames),
         entered=[np.empty(0, np.intp)] * frames,
+        left=[np.empty(0, np.intp)] * frames,
         roles=roles,
         pairs=[np.empty((0, 2), np.int32)] * frames,
         nearness=[np.empty(0, np.float32)] * frames,
@@ -212,7 +217,7 @@ def record(  # noqa: PLR0913 - what a frame tells, and what it follows
             "its number must not change during a shot."
         )
     trajectory = frame.trajectory
-    seen = frame.buckets.order
+    visible = frame.buckets.order
     seconds = trajectory.seconds(frame.time)
     for kind, buckets in (
         (SHADOW, frame.shadow),
@@ -223,20 +228,22 @@ def record(  # noqa: PLR0913 - what a frame tells, and what it follows
             agents = buckets.order
             survey.kind[f, agents] = kind
             survey.coarsest[f, agents] = buckets.levels
-            survey.character[f, agents] = library.shown(
+            survey.character[f, agents] = library.character_of(
                 trajectory.gaits, frame.crowd, seconds, agents
             )
-    survey.scale[f, seen] = scale_of(frame, seen)
+    survey.scale[f, visible] = scale_of(frame, visible)
     if survey.blurred:
-        sharp = survey.scale[f, seen] / (1 + blur_of(frame, seen) / survey.blurred)
-        survey.scale[f, seen] = _rounded_up(sharp)
-        survey.coarsest[f, seen] = _coarsest(survey, f, seen, survey.blurred)
+        sharp = survey.scale[f, visible] / (1 + blur_of(frame, visible) / survey.blurred)
+        survey.scale[f, visible] = _rounded_up(sharp)
+        survey.coarsest[f, visible] = _coarsest(survey, f, visible, survey.blurred)
     if survey.roles is not None and f % MEET_EVERY == 0:
         survey.pairs[f], survey.nearness[f] = _close(survey, f, frame.crowd)
     survey.rays[f] = rays
     survey.cuts[f] = cut
     if before is not None and not cut:
-        survey.entered[f] = _unclipped(before, seen[survey.kind[f - 1, seen] != SEEN])
+        survey.entered[f] = _clipped(before, visible[survey.kind[f - 1, visible] != SEEN])
+        (gone,) = np.nonzero((survey.kind[f - 1] == SEEN) & (survey.kind[f] != SEEN))
+        survey.left[f] = _clipped(frame, gone)
 
 
 def _close(survey: Survey, f: int, crowd: Crowd) -> tuple[np.ndarray, np.ndarray]:
@@ -251,15 +258,15 @@ def _close(survey: Survey, f: int, crowd: Crowd) -> tuple[np.ndarray, np.ndarray
     return agents[pairs].astype(np.int32), (1 / np.maximum(apart, BESIDE)).astype(np.float32)
 
 
-def _unclipped(before: Frame, agents: np.ndarray) -> np.ndarray:
-    """Return those of `agents` (m,) that the near or far clip culled in the frame `before`."""
-    camera = before.camera
-    reach = before.trajectory.spheres.reach[before.crowd.group[agents]]
+def _clipped(frame: Frame, agents: np.ndarray) -> np.ndarray:
+    """Return those of `agents` (m,) that the near or far clip culls in the frame."""
+    camera = frame.camera
+    reach = frame.trajectory.spheres.reach[frame.crowd.group[agents]]
     _, depth = radar(
-        before.crowd,
+        frame.crowd,
         camera,
-        before.trajectory.spheres.center,
-        before.trajectory.spheres.reach,
+        frame.trajectory.spheres.center,
+        frame.trajectory.spheres.reach,
         EVERYONE,
         agents,
     )
@@ -289,10 +296,10 @@ def scale_of(frame: Frame, agents: np.ndarray) -> np.ndarray:
 
 def _rounded_up(values: np.ndarray) -> np.ndarray:
     """Return `values` as float16, none below its own, at most MOST_SCALE."""
-    found = np.minimum(values, MOST_SCALE).astype(np.float16)
-    low = found < np.minimum(values, MOST_SCALE)
-    found[low] = np.nextafter(found[low], np.float16(np.inf))
-    return found
+    scale = np.minimum(values, MOST_SCALE).astype(np.float16)
+    low = scale < np.minimum(values, MOST_SCALE)
+    scale[low] = np.nextafter(scale[low], np.float16(np.inf))
+    return scale
 
 
 def _coarsest(survey: Survey, f: int, agents: np.ndarray, tolerance: float) -> np.ndarray:
@@ -302,10 +309,10 @@ def _coarsest(survey: Survey, f: int, agents: np.ndarray, tolerance: float) -> n
     assert survey.bounds is not None
     group = survey.group[agents]
     scale = survey.scale[f, agents].astype(np.float64)
-    found = np.zeros(len(agents), np.uint8)
+    level = np.zeros(len(agents), np.uint8)
     for k in range(1, survey.bounds.shape[1]):
-        found[scale * survey.bounds[group, k] <= tolerance] = k
-    return found
+        level[scale * survey.bounds[group, k] <= tolerance] = k
+    return level
 
 
 def at_tolerance(survey: Survey, bounds: np.ndarray, tolerance: float) -> Survey:
@@ -316,8 +323,8 @@ def at_tolerance(survey: Survey, bounds: np.ndarray, tolerance: float) -> Survey
     coarsest = survey.coarsest.copy()
     for f in range(len(coarsest)):
         agents = np.flatnonzero(survey.kind[f] == SEEN)
-        found = _coarsest(replace(survey, bounds=bounds), f, agents, tolerance)
+        level = _coarsest(replace(survey, bounds=bounds), f, agents, tolerance)
         if survey.finest is not None and survey.limit is not None:
-            found = np.clip(found, survey.finest[f, agents], survey.limit[f, agents])
-        coarsest[f, agents] = found
+            level = np.clip(level, survey.finest[f, agents], survey.limit[f, agents])
+        coarsest[f, agents] = level
     return replace(survey, coarsest=coarsest)

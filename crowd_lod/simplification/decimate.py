@@ -281,9 +281,9 @@ def _bulk(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """About `target` triangles by fast-simplification.
 
-    points: (n, 3); triangles: (m, 3); part: (n,); guide: (n, 3), the points by which it chooses what
-    to collapse. Loose parts that it would lose, or whose faces it would open, double or join, stay
-    as they are.
+    points: (n, 3); triangles: (m, 3); part: (n,); guide: (n, 3), the points by which it chooses
+    what to collapse. Loose parts that it would lose, or whose faces it would open, double or join,
+    stay as they are.
     Returns points (n, 3), triangles, collapse_map (n,).
     """
     import fast_simplification

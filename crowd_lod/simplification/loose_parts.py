@@ -145,7 +145,7 @@ class LooseParts:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Put the corners of cards where the source has them, and collapse their parts into these.
 
-        points: (3, n), collapse_map: (n,), follows: (n,), of the mesh as it has collapsed; source_follows:
+        points: (3, n), collapse_map: (n,), follows: (n,), of the mesh as collapsed; source_follows:
         (n,), what each point of the source moves with. Returns the same, changed.
         """
         flat = self.is_card[self.part]

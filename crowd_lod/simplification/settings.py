@@ -15,16 +15,16 @@ class Settings:
     # better.
     bulk_margin: float = 1.1
     bulk_part: float = 0.04
-    # triangles that it leaves at least: of a mesh with seams, which it does not know, and with poses
+    # triangles that it leaves at least: of a mesh with seams, which it does not know, with poses
     bulk_seamed: int = 30_000
     bulk_posed: int = 60_000
     bulk_aggression: int = 3  # its care; its own default of 7 errs more
-    # weight of the planes of what it leaves, relative to the source's: a flat face keeps its corners
+    # weight of the planes of what it leaves, beside the source's: a flat face keeps its corners
     bulk_planes: float = 0.5
 
     # Quadrics and collapses.
-    # Where a smaller part of the triangles than this is wanted, and nothing moves, seams weigh less:
-    # by the cube of the ratio of the two.
+    # Where a smaller part of the triangles than this is wanted, and nothing moves, seams weigh
+    # less: by the cube of the ratio of the two.
     seams_yield: float = 0.1
     seams_posed: float = 0.5  # weight of seams in each pose, relative to rest: they add up
     # A collapse's error is divided by its area to this power: 0 spares large faces, 1 treats all

@@ -270,8 +270,8 @@ class Recorded(Trajectory):
     def _classes(self, way: np.ndarray, pace: np.ndarray, time: float) -> np.ndarray:
         """Return the phase classes (n,) uint8 whose poses at `time` are nearest to those walked.
 
-        way: (n,), as in TrackSamples. A group without a stride plays by time, and its agents keep their
-        class.
+        way: (n,), as in TrackSamples. A group without a stride plays by time, and its agents keep
+            their class.
         """
         seconds = self.seconds(time)
         if self.tracks.phased:

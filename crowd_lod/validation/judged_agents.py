@@ -7,7 +7,7 @@ import numpy as np
 from ..culling.camera import Camera, Window
 from ..frame.frame import Frame
 from ..frame.planned import EXCEPTED, PINNED
-from ..levels.assignment import shown
+from ..levels.assignment import pixels_of
 
 JUDGED = 10  # agents of a frame that are predicted worst, and as many others drawn by chance
 SEED = 36
@@ -123,7 +123,7 @@ def _candidates(
     radius = spheres.radius[group]
     pixels = np.empty(len(agents))
     for e, camera in enumerate(frame.eyes):
-        pixels[eye == e] = shown(off, depth, camera, radius)[eye == e]
+        pixels[eye == e] = pixels_of(off, depth, camera, radius)[eye == e]
     allowed = np.full(len(agents), np.nan if tolerance is None else tolerance)
     if frame.factors is not None and frame.camera.kind == "PERSP":
         # where less detail is painted, an agent has the LOD of one that is farther away
@@ -166,7 +166,7 @@ def _judged(frame: Frame, candidates: _Candidates, k: int, apart: str) -> Judged
     stretch = _stretch(camera, window)
     # the LOD's surface may be nearer to the camera than the character's
     predicted = (
-        float(shown(off, candidates.depth[k], camera, radius + off)) * stretch
+        float(pixels_of(off, candidates.depth[k], camera, radius + off)) * stretch
         if off >= 0
         else np.nan
     )

@@ -37,7 +37,7 @@ def all_or_nothing() -> Iterator[None]:
 
 @contextmanager
 def removed_on_failure(blocks: Iterable[bpy.types.ID]) -> Iterator[None]:
-    """Remove the data-blocks that `blocks` then has if the code inside raises or is closed early."""
+    """Remove all that `blocks` holds by then if the code inside raises or is closed early."""
     try:
         yield
     except BaseException:

@@ -16,9 +16,9 @@ from bpy.types import Collection
 from .guard import handler
 
 CHANGES = "crowd_lod_changes"  # of a collection of the build: how often something below it changed
-MOST = 2**30  # it begins anew there
-# a collection's children and objects, where the file has such, and the custom property of a
-# collection of the build that has their names, a line each
+MOST = 2**30  # after which the count begins anew
+# (a collection's children or objects, where the file has such, the custom property of a collection
+# of the build that holds their names, a line each)
 HELD = (
     ("children", "collections", "crowd_lod_children"),
     ("objects", "objects", "crowd_lod_objects"),

@@ -19,7 +19,7 @@ def _dark(tree: bpy.types.NodeTree | None) -> bool:
 def emits(tree: bpy.types.NodeTree | None) -> bool:
     """Return whether a material's nodes emit light that other surfaces receive.
 
-    What only camera rays see does not: "unlit" materials are wired so, glTF's among them.
+    Emission for camera rays alone does not count: "unlit" materials have it, glTF's among them.
     """
     ends = {"OUTPUT_MATERIAL", "GROUP_OUTPUT"}
     sockets = [

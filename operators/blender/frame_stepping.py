@@ -86,21 +86,26 @@ def step_frames(scene: bpy.types.Scene, rest: bool = True) -> Iterator[At]:
         longer than it saves.
     """
     render = scene.render
-    was = (scene.frame_current, scene.frame_subframe)
+    user_frame = _frame_of(scene)
+    last_frame = None
+    stepped = None  # the frame that it is at since
     outer = is_stepped(scene)
-    now = None
     world = scene.rigidbody_world
     played = world.point_cache.frame_start - 1 if describe_unbaked(scene) else None
 
     def at(objects: Iterable[bpy.types.Object], time: float) -> bpy.types.Depsgraph:
-        nonlocal now, played
+        nonlocal last_frame, stepped, played, user_frame
         frame = round(time * render.frame_map_new / render.frame_map_old, 9)
-        if frame != now:
+        now = _frame_of(scene)
+        if stepped is not None and now != stepped:
+            user_frame = now
+        if now != stepped or frame != last_frame:
             while played is not None and played < frame:  # also the whole frame after a part of one
                 played += 1
                 scene.frame_set(played)
             scene.frame_set(int(frame // 1), subframe=frame % 1)
-            now = frame
+            stepped = _frame_of(scene)
+            last_frame = frame
         return scene.view_layers[0].depsgraph
 
     _stepped.add(scene.session_uid)
@@ -108,9 +113,14 @@ def step_frames(scene: bpy.types.Scene, rest: bool = True) -> Iterator[At]:
         with _at_rest(scene) if rest else nullcontext():
             yield at
     finally:
-        scene.frame_set(was[0], subframe=was[1])
+        if _frame_of(scene) == stepped:  # else the user went elsewhere
+            scene.frame_set(user_frame[0], subframe=user_frame[1])
         if not outer:
             _stepped.discard(scene.session_uid)
+
+
+def _frame_of(scene: bpy.types.Scene) -> tuple[int, float]:
+    return scene.frame_current, scene.frame_subframe
 
 
 def describe_unbaked(scene: bpy.types.Scene) -> str:

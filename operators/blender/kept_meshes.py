@@ -20,7 +20,7 @@ from .scene_data import node_inputs
 MADE_OF = "crowd_lod_made_of"  # custom property of such a mesh; see provenance.keep
 NAMES = "start_places", "terrain_mesh"  # the settings that refer to one
 SETTINGS = {"BOOLEAN", "INT", "FLOAT", "ENUM"}
-# settings of a modifier that change nothing of the shape
+# settings of a modifier that do not change the shape
 PASSING = {
     "execution_time",
     "show_expanded",
@@ -34,7 +34,7 @@ SAMPLED = 500  # vertices of a mesh that a digest reads, about
 def restore_on_failure(crowds: Sequence[bpy.types.PropertyGroup]) -> Iterator[None]:
     """Give the crowds their old meshes back if the block fails; else remove the old ones.
 
-    To be closed early is to fail.
+    A block that is closed early counts as failed.
     """
     before = [{name: getattr(crowd, name) for name in NAMES} for crowd in crowds]
     unused = {mesh for meshes in before for mesh in meshes.values()}

@@ -19,7 +19,7 @@ from . import console, scene_data
 
 COSTS = "costs.json"
 EXTENSION = __package__.rpartition(".operators")[0]
-# what a fit is for
+# what tells fits apart, fields of Calibration
 KEY = "machine", "device", "blender", "engine"
 
 
@@ -88,9 +88,7 @@ def key_of(scene: bpy.types.Scene) -> dict[str, str]:
 
 
 def costs_path() -> Path:
-    """Return the path of COSTS: in the extension's folder for the user, else among Blender's
-    settings.
-    """
+    """Return the path of COSTS, in the extension's folder for the user or in Blender's settings."""
     try:
         folder = bpy.utils.extension_path_user(EXTENSION)
     except ValueError:  # a checkout that is no installed extension

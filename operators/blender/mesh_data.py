@@ -189,7 +189,7 @@ def world_faces(evaluated: bpy.types.Object) -> tuple[np.ndarray, np.ndarray, np
 
 
 def some_vertices(mesh: bpy.types.Mesh, about: int) -> list[tuple[float, float, float]]:
-    """Return where about `about` of the mesh's vertices are, evenly chosen; all of a small mesh."""
+    """Return the places of some `about` vertices, evenly chosen; of a small mesh all."""
     count = len(mesh.vertices)
     return [tuple(mesh.vertices[k].co) for k in range(0, count, max(1, count // about))]
 

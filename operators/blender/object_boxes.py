@@ -5,7 +5,7 @@ import numpy as np
 
 from ...crowd_lod.errors import CrowdError
 
-FLAT = 1e-6  # of its largest size, below which a box has no thickness
+FLAT = 1e-6  # a box thinner than this part of its largest size is flat
 
 
 def box_of(item: bpy.types.Object) -> np.ndarray:

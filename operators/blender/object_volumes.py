@@ -9,8 +9,8 @@ from mathutils.bvhtree import BVHTree
 
 from ...crowd_lod.errors import CrowdError
 
-ALONG = Vector((0.1737, 0.0931, 0.9804))  # of rays: along no edge or face that users model
-ONWARD = 1e-6  # of the mesh's size: so far behind a surface that it met, a ray goes on
+ALONG = Vector((0.1737, 0.0931, 0.9804))  # direction of rays: along no edge or face of a model
+ONWARD = 1e-6  # part of the mesh's size by which a ray goes on behind a surface that it met
 
 
 def is_closed(mesh: bpy.types.Mesh) -> bool:

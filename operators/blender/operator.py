@@ -2,17 +2,26 @@
 
 import time as clock
 from collections.abc import Callable
+from typing import Any
 
 import bpy
 
 from ...crowd_lod.errors import FAULTS, sentence
 from ...crowd_lod.progress import finished
 from . import collection_caches, sidebars
+from .guard import handler
 from .labeled_properties import CONTEXT
 
-TICK = 0.1  # seconds of work between two drawings of the window
+TICK = 0.04  # seconds of work between two events that the window handles
 # by the bl_idname of an operator at work: its progress, 0 to 1
 at_work: dict[str, float] = {}
+# functions of a scene that return what steps rest on; registration fills the list
+RESTS_ON: list[Callable[[bpy.types.Scene], Any]] = []
+# jobs of Blender that read the file in threads of their own
+JOBS = ("RENDER", "OBJECT_BAKE", "COMPOSITE")
+# beginnings of the names of operators beside which a step goes on: they look, or scrub
+LOOKING = ("CROWD_LOD_OT_", "VIEW3D_OT_", "VIEW2D_OT_", "ANIM_OT_change_frame")
+_running: list["Stepwise"] = []
 
 
 def left_words(progress: float, seconds: float) -> str:
@@ -45,6 +54,9 @@ class Needing:
     def poll(cls, context) -> bool:
         if context.scene is None:  # a window that closes
             return False
+        if at_work:
+            cls.poll_message_set("Another step is at work: wait for its end, or press Esc")
+            return False
         lack = next(filter(None, (need(context.scene) for need in cls.needs)), "")
         if lack:
             cls.poll_message_set(lack)
@@ -74,47 +86,66 @@ class Stepwise(Reporting):
     """Mix-in for operators that take more than two seconds.
 
     `steps(context)` is a generator that yields its progress, 0 to 1, and returns the message. In a
-    window the steps run in a timer, with a progress bar, and Esc cancels. The generator's own
-    cleanup must then leave the scene as it was. Without a window the steps run in one go.
-    """
+    window the steps run in a timer, while the user looks around and scrubs. Without a window they
+    run in one go.
 
-    @classmethod
-    def poll(cls, context) -> bool:
-        if at_work:
-            cls.poll_message_set("Another step is at work: wait for its end, or press Esc")
-            return False
-        return super().poll(context)
+    The steps are dropped, and the generator's own cleanup leaves the scene as it was, where the
+    user presses Esc or the progress, undoes, opens a file, or changes what the steps rest on.
+    """
 
     def run(self, context) -> str:
         return finished(self.steps(context))
 
     def invoke(self, context, event) -> set[str]:
         self._steps = self.steps(context)
+        self._scene = context.scene
         self._started = clock.monotonic()
+        self._dropped = ""
+        self._status = ""
+        self._rests_on = _inputs_of(context.scene)
         self._timer = context.window_manager.event_timer_add(0.01, window=context.window)
         context.window_manager.progress_begin(0, 100)
         context.window_manager.modal_handler_add(self)
         context.workspace.status_text_set(f"{self.bl_label}: Esc to cancel")
         at_work[type(self).bl_idname] = 0.0
+        _running.append(self)
         return {"RUNNING_MODAL"}
 
     def modal(self, context, event) -> set[str]:
         if event.type == "ESC":
+            self.drop("was canceled")
+        if event.type == "TIMER" and not self._dropped and not _others_at_work():
+            return self._take_steps(context)
+        if self._dropped:
             self._end(context)
-            self.report({"WARNING"}, f"{self.bl_label} was canceled; nothing was changed.")
+            self.report({"WARNING"}, f"{self.bl_label} {self._dropped}; nothing was changed.")
             return {"CANCELLED"}
-        if event.type != "TIMER":
-            return {"RUNNING_MODAL"}
+        return {"PASS_THROUGH"}
+
+    def drop(self, reason: str) -> None:
+        """Close the steps; `modal` ends the operator and reports the reason."""
+        self._steps.close()
+        self._dropped = self._dropped or reason
+
+    def _take_steps(self, context) -> set[str]:
+        """Take steps for TICK seconds."""
         try:
+            if _inputs_of(self._scene) != self._rests_on:
+                self.drop("was stopped, as settings that it rests on were changed")
+                return {"PASS_THROUGH"}
             until = clock.monotonic() + TICK
-            while True:  # small steps together: each tick draws the window
+            while True:  # small steps together
                 progress = next(self._steps)
                 if clock.monotonic() >= until:
                     break
+            self._rests_on = _inputs_of(self._scene)  # steps may set some for a while
         except StopIteration as end:
             self._end(context)
             self.report({"INFO"}, end.value)
             return {"FINISHED"}
+        except ReferenceError:
+            self.drop("was stopped, as something that it read was deleted")
+            return {"PASS_THROUGH"}
         except FAULTS as fault:
             self._end(context)
             self.report({"ERROR"}, sentence(fault))
@@ -122,14 +153,19 @@ class Stepwise(Reporting):
         except BaseException:
             self._end(context)
             raise
-        at_work[type(self).bl_idname] = progress
-        sidebars.redraw()
-        context.window_manager.progress_update(100 * progress)
+        self._show(context, progress)
+        return {"PASS_THROUGH"}
+
+    def _show(self, context, progress: float) -> None:
+        """Show the progress, where its text is another than before."""
         left = left_words(progress, clock.monotonic() - self._started)
-        context.workspace.status_text_set(
-            f"{self.bl_label}: {100 * progress:.0f} %{left}, Esc to cancel"
-        )
-        return {"RUNNING_MODAL"}
+        status = f"{self.bl_label}: {100 * progress:.0f} %{left}, Esc to cancel"
+        if status != self._status:
+            self._status = status
+            at_work[type(self).bl_idname] = progress
+            sidebars.redraw()
+            context.window_manager.progress_update(100 * progress)
+            context.workspace.status_text_set(status)
 
     def cancel(self, context) -> None:
         """End the steps when Blender's window closes; no scene is left to clean up."""
@@ -137,8 +173,62 @@ class Stepwise(Reporting):
 
     def _end(self, context) -> None:
         at_work.clear()
+        _running.clear()
         self._steps.close()
         collection_caches.renew()  # the work removed data-blocks that collections may remember
         context.window_manager.event_timer_remove(self._timer)
         context.window_manager.progress_end()
         context.workspace.status_text_set(None)
+        sidebars.redraw()
+
+
+def _inputs_of(scene: bpy.types.Scene) -> list[Any]:
+    return [read(scene) for read in RESTS_ON]
+
+
+def _others_at_work() -> bool:
+    """Return whether a job of Blender reads the file now, or an operator edits it.
+
+    A step that changed data meanwhile could crash Blender.
+    """
+    windows = bpy.context.window_manager.windows
+    names = [each.bl_idname for window in windows for each in window.modal_operators]
+    return any(map(bpy.app.is_job_running, JOBS)) or not all(
+        name.startswith(LOOKING) for name in names
+    )
+
+
+@handler
+def stop_for_undo(*_) -> None:
+    """Drop the steps before data changes under them (undo_pre, redo_pre handler)."""
+    for step in _running:
+        step.drop("was stopped by the undo")
+
+
+@handler
+def stop_for_file(*_) -> None:
+    """Drop the steps before another file is opened (load_pre handler)."""
+    for step in _running:
+        step.drop("was stopped, as another file was opened")
+
+
+class CROWDLOD_OT_stop(bpy.types.Operator):
+    """Stop the step that is at work; nothing is changed"""
+
+    bl_idname = "crowd_lod.stop"
+    bl_label = "Stop"
+    bl_options = {"INTERNAL"}
+    bl_translation_context = CONTEXT
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        cls.poll_message_set("No step is at work")
+        return bool(at_work)
+
+    def execute(self, context) -> set[str]:
+        for step in _running:
+            step.drop("was canceled")
+        return {"FINISHED"}
+
+
+CLASSES = (CROWDLOD_OT_stop,)

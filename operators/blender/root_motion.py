@@ -16,9 +16,10 @@ from mathutils import Vector
 
 from .animation import action_range, armatures_of, curves_of, span_of, tracks_of
 
-# of a character's size: an animation that ends farther from where it began moves the character
+# An animation moves the character if it ends farther from its beginning than this part of its size.
 TRAVELS = 0.01
-ALIKE = 0.25  # of the main bone's way: by how much the way of a bone may differ that goes with it
+# A bone goes with the main bone if their ways differ by this part of the main bone's at most.
+ALIKE = 0.25
 OF_KEYS = "co", "handle_left", "handle_right"
 OF_OBJECTS = "location", "delta_location"
 
@@ -307,7 +308,7 @@ def _checked(
 ) -> RootMotion:
     """Return the root motion, none where the way is short or steeper than a slope of one.
 
-    Who sits down or falls is not meant to be moved.
+    A character that sits down or falls keeps its way.
     """
     size = max((max(item.dimensions) for item in objects), default=0.0)
     goes = way.xy.length > TRAVELS * size and abs(way.z) <= way.xy.length

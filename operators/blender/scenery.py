@@ -1,8 +1,8 @@
 """What a render shows besides the crowd: lamps, glowing and solid objects.
 
-Scenery is cached for each view layer that is played. `note_frame` gets the changes of the depsgraph.
-It updates the cache where only places and shapes changed, and drops it otherwise. Renders read
-everything anew. So does a session that has frame handlers of others.
+Scenery is cached for each view layer that is played. `note_frame` gets the changes of the
+depsgraph. It updates the cache where only places and shapes changed, and drops it otherwise.
+Renders read everything anew. So does a session that has frame handlers of other add-ons.
 """
 
 from collections.abc import Iterator

@@ -11,11 +11,9 @@ from ..blender.animation import armatures_of
 from ..blender.performance import Performance
 from .rig_needs import deforming
 
-# keys a frame of a rig's action, and in all, at most
-FINEST = 16
-MOST_KEYS = 4096
 # of the character's diagonal: how far what rigs show should be from what the character is
 NEAR = 1e-4
+MOST_KEYS = 4096  # of a curve, or twice as many as an action has frames, if those are more
 LOOKS = 8  # at an action, evenly, for how many keys it needs
 
 
@@ -36,12 +34,10 @@ class Bones:
     back: np.ndarray | None = None
 
     @property
-    def ways(self) -> np.ndarray:
-        """(times, bones, 2, 3) float64 meters, where the two ends of each bone are."""
+    def heads(self) -> np.ndarray:
+        """(times, bones, 3) float64 meters, where the heads of the bones are."""
         rest = np.array(list(self.rest.values()))
-        along = np.array(self.lengths)[:, None] * rest[:, :, 1]
-        ends = np.stack([rest[:, :, 3], rest[:, :, 3] + along], axis=1)
-        return np.einsum("kbij,bpj->kbpi", np.array(self.moves), ends)[..., :3]
+        return np.einsum("kbij,bj->kbi", np.array(self.moves), rest[:, :, 3])[..., :3]
 
 
 def record(
@@ -125,23 +121,8 @@ def split_scale(matrix: np.ndarray) -> tuple[np.ndarray, float]:
     return plain, float(scales.mean())
 
 
-def most_keys(frames: float) -> int:
-    """Return how many keys a frame the rigs' action of so many `frames` may have."""
-    return int(np.clip(MOST_KEYS / frames, 1, FINEST))
-
-
-def more_keys(keys: int, off: float, frames: float) -> int:
-    """Return how many keys a frame should bring rigs to within NEAR.
-
-    keys: a frame, with which they are `off`, a part of the character's diagonal.
-    frames: of the action.
-    """
-    # the chords' error falls by squares
-    return min(most_keys(frames), keys * max(2, int(np.ceil(1.1 * np.sqrt(off / NEAR)))))
-
-
-def guess_keys(objects: Sequence[bpy.types.Object], act: Performance, diagonal: float) -> int:
-    """Return how many keys a frame the rigs' action for `act` needs, by a few looks at its bones.
+def guess_keys(objects: Sequence[bpy.types.Object], act: Performance, diagonal: float) -> float:
+    """Return how many keys a frame the rigs' action for `act` has, by a few looks at its bones.
 
     objects: of the character. act: of one part. diagonal: of the character, meters.
     """
@@ -151,13 +132,15 @@ def guess_keys(objects: Sequence[bpy.types.Object], act: Performance, diagonal: 
     times = np.minimum(begins[:, None] + (0.0, 0.5, 1.0), last).ravel()
     bones, places = finished(record({item: item for item in objects}, times, act))
     # heads lie within the character; tails of leaves may be anywhere
-    ways = [motion.ways[:, :, :1] for motion in bones.values() if motion.rest]
+    ways = [motion.heads for motion in bones.values() if motion.rest]
     for item, matrices in places.items():
         corners = np.column_stack([np.array(item.bound_box), np.ones(8)])
         ways.append((matrices @ corners.T).transpose(0, 2, 1)[..., :3])
-    off = 0.0
+    off = np.zeros(LOOKS)
     for way in ways:
         begin, middle, end = way.reshape(LOOKS, 3, -1, 3).swapaxes(0, 1)
         chords = np.linalg.norm(middle - (begin + end) / 2, axis=-1)
-        off = max(off, float(chords.max(initial=0.0)) / diagonal)
-    return 1 if off <= NEAR else more_keys(1, off, frames)
+        off = np.maximum(off, chords.max(axis=1, initial=0.0) / diagonal)
+    # intervals are halved until straight lines are near; halves are off by a quarter
+    halvings = np.ceil(np.log2(np.maximum(off / NEAR, 1.0)) / 2)
+    return float(min((2**halvings).mean(), max(MOST_KEYS / frames, 2.0)))

@@ -1,5 +1,6 @@
 """Extent of a character in renders: vertices, hair, displacement by materials."""
 
+import re
 import time as clock
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from typing import NamedTuple, TypeVar
@@ -26,6 +27,8 @@ SOLES = 3, 9
 TICK = 0.25  # seconds of measuring at a time
 OFF_GROUND = 0.02  # of a character's largest extent: nearer to the ground it stands on it
 FEET = 0.01  # of a character's height above its lowest point: what is lower stands on the ground
+# in the name of a bone: it carries what is held
+HAND = re.compile(r"hand|wrist|palm|weapon|slot|grip|prop|item", re.IGNORECASE)
 THIN = 0.01  # units: the radius of hair that has none of its own
 
 Measured = TypeVar("Measured")
@@ -76,17 +79,27 @@ def _finite(item: bpy.types.Object, points: np.ndarray) -> np.ndarray:
 def sole(actors: Actors, depsgraph: bpy.types.Depsgraph) -> tuple[float, float]:
     """Return the height of a character's soles, and of its lowest point, world space; see
     sole_of.
+
+    Nobody stands on what is in a hand, however wide it is.
     """
     count = 0
     points = [np.empty((0, 3))]
     triangles = [np.empty((0, 3), np.int32)]
-    for actor in actors.values():
+    lowest = np.inf
+    in_hands = {item for item in actors if is_held(item)}
+    for item, actor in actors.items():
         places, sides = mesh_data.world_triangles(actor.evaluated_get(depsgraph))
-        points.append(places)
-        triangles.append(sides + count)
-        count += len(places)
-    places = np.concatenate(points)
-    return sole_of(places, np.concatenate(triangles)), float(places[:, 2].min(initial=np.inf))
+        lowest = min(lowest, float(places[:, 2].min(initial=np.inf)))
+        if item not in in_hands or len(in_hands) == len(actors):
+            points.append(places)
+            triangles.append(sides + count)
+            count += len(places)
+    return sole_of(np.concatenate(points), np.concatenate(triangles)), lowest
+
+
+def is_held(item: bpy.types.Object) -> bool:
+    """Return whether the object hangs on a bone of a hand, by the bone's name."""
+    return item.parent_type == "BONE" and HAND.search(item.parent_bone) is not None
 
 
 def posing(

@@ -27,8 +27,8 @@ def give_lod(
     """
     shapes = [item for item in objects if item.type in GEOMETRY and may_have_faces(item)]
     group = _group_of(scene, active)
-    given = [item for item in shapes if item not in group.members]
-    if not given:
+    lod_objects = [item for item in shapes if item not in group.members]
+    if not lod_objects:
         raise CrowdError(
             f"Select the meshes of a LOD, then an object of the character {group.owner.name}."
         )
@@ -37,17 +37,17 @@ def give_lod(
             f"The character {group.owner.name} lies in no collection of its own: put it in one, "
             f"inside {scene.crowd_lod.characters.name}."
         )
-    if fixed := [item.name for item in given if item.library or item.override_library]:
+    if fixed := [item.name for item in lod_objects if item.library or item.override_library]:
         raise CrowdError(f"{', '.join(fixed)}, of another file: name them LOD1 and so on there.")
     number = number or len(group.lods) + 1
-    for item in given:
+    for item in lod_objects:
         item[PROPERTY] = number
-    for item in dict.fromkeys([*given, *armatures_of(given)]):
+    for item in dict.fromkeys([*lod_objects, *armatures_of(lod_objects)]):
         if item not in group.owner.all_objects[:]:
             for home in item.users_collection:
                 home.objects.unlink(item)
             group.owner.objects.link(item)
-    names = ", ".join(sorted(item.name for item in given))
+    names = ", ".join(sorted(item.name for item in lod_objects))
     return f"{names}: LOD {number} of {group.owner.name}. Press Make LOD Meshes."
 
 

@@ -187,10 +187,13 @@ def _with_loose_parts_joined(
     clusters: list[bpy.types.Object] = []
     for root in sorted(loose, key=lambda root: -math.prod(boxes[root].size)):
         for first in clusters:
-            both = boxes[first].around(boxes[root])
-            if boxes[first].overlaps(boxes[root]) and both.size[:2].max() <= FLAT * both.size[2]:
+            around_both = boxes[first].around(boxes[root])
+            if (
+                boxes[first].overlaps(boxes[root])
+                and around_both.size[:2].max() <= FLAT * around_both.size[2]
+            ):
                 joined[first] = list(dict.fromkeys([*joined[first], *joined.pop(root)]))
-                boxes[first] = both
+                boxes[first] = around_both
                 break
         else:
             clusters.append(root)

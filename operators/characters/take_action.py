@@ -6,7 +6,7 @@ names and rest alike.
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import bpy
@@ -223,6 +223,17 @@ def _adapt(action: bpy.types.Action, fit: Fit, renamed: dict[str, str]) -> None:
             curve.data_path = curve.data_path.replace(f'["{before}"]', f'["{after}"]', 1)
 
 
+def _empties_called(bones: Sequence[str]) -> list[str]:
+    """Return the bones whose names empties have that actions move, most of them or none."""
+    moving = {
+        re.sub(r"\.\d{3}$", "", item.name)
+        for item in bpy.data.objects
+        if item.type == "EMPTY" and item.animation_data and item.animation_data.action
+    }
+    shared = [bone for bone in bones if bone in moving]
+    return shared if len(shared) > len(bones) / 2 else []
+
+
 def _chosen(rig: bpy.types.Object, group: str, name: str) -> Fit:
     """Return the action `name`, or the best one; CrowdError if it does not fit."""
     if name and name not in bpy.data.actions:
@@ -245,6 +256,11 @@ def _chosen(rig: bpy.types.Object, group: str, name: str) -> Fit:
         raise CrowdError(
             f"The action {name} moves other bones than {group} has ({bones}): retarget it to this "
             f"rig."
+        )
+    if moved := _empties_called(rig.data.bones.keys()):
+        raise CrowdError(
+            f"Empties called as the bones of {group} play its motion ({_some(moved)}): a glTF file "
+            f"without meshes. Import the pack's FBX file of that motion, or one with its mesh."
         )
     raise CrowdError(
         f"No action of the file moves the bones of {group} ({bones}): import the file of the pack "

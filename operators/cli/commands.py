@@ -59,7 +59,7 @@ def run_command(argv: list[str], program: str) -> int:
 
 def _tell(argv: list[str], program: str) -> int:
     try:
-        standard_streams.write_out("")  # a closed stream is no place for a result
+        standard_streams.write_out("")  # fails at once where stdout is closed
         try:
             args = parser(program).parse_args(argv)
         # argparse has printed why; Blender must not be torn down from inside a command

@@ -28,14 +28,14 @@ from .scene_files import open_scene
 
 FLAMENCO = Path(__file__).with_name("flamenco_job.js")
 MOST_SHOWN = 24  # frames on the contact sheet
-WIDTH = 480  # pixels of one of them, at least
-# in paths: controls, and bytes that are no text
+WIDTH = 480  # pixels of a picture on it, at least
+# characters that paths must not have: controls, and bytes that are no text
 UNFIT = re.compile(r"[\x00-\x1f\x7f-\x9f\ud800-\udfff]")
 PICTURES = (".png", ".exr", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp")
 COLUMNS = ("frame", "agents", "visible", "culled", "triangles", "full_triangles")
 
-# Runs in plain Blender, which has opened the baked file; after "--": frames such as 1-10, 1-41:10
-# or 5,9, engine, folder.
+# The script that renders a chunk, in plain Blender with the baked file open. Its arguments after
+# "--": frames (1-10, 1-41:10 or 5,9), engine, folder.
 RENDER = """import sys
 
 import bpy

@@ -35,9 +35,9 @@ KEPT = {
 LENS = 28.0  # millimeters
 DOWN = 0.2  # part of the picture's height by which the horizon is above the middle
 BORDER = 0.95  # part of the picture that the crowd is framed in
-MOST_FRAME = 1_048_574  # that Blender's timeline holds
-LOOKS = 40  # frames that the camera is placed by
-MOST_PLACES = 400_000  # of agents in them
+MOST_FRAME = 1_048_574  # the last one of Blender's timeline
+LOOKS = 40  # frames by which the camera is placed
+MOST_PLACES = 400_000  # places of agents in these frames
 
 
 def add_new_scene(commands, program: str) -> None:
@@ -194,8 +194,8 @@ def _homes_of_needed(
 ) -> set[bpy.types.Collection]:
     """Return a new hidden collection of what the objects need from outside, if anything.
 
-    Blender would purge parents and targets that no collection holds, and characters change their
-    size and place without them.
+    Blender would purge parents and targets that no collection holds, and without them characters
+    would change their size and place.
 
     collections: of the objects.
     source: needs no home.

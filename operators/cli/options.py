@@ -20,7 +20,7 @@ from ..settings.properties import CrowdLodSettings
 
 Run = Callable[[argparse.Namespace, list[str]], dict[str, Any]]
 MOST_SEED = 2**31 - 1
-ENDLESS = 1e30  # a setting without an end has a larger one
+ENDLESS = 1e30  # a limit of a setting beyond this is none
 
 
 def add_command(  # noqa: PLR0913 - what a command is
@@ -70,8 +70,8 @@ def add_setting(
 ) -> None:
     """Add the `option` that sets the scene's setting `name`.
 
-    metavar: stands for its value; "" for a switch or a choice.
-    usual: what holds without the option.
+    metavar: the name of its value in the help; "" for a switch or a choice.
+    usual: what the help says of the value without the option.
     """
     setting: Any = CrowdLodSettings.bl_rna.properties[name]
     if setting.type == "BOOLEAN":

@@ -78,14 +78,14 @@ def finish(steps: Generator[float, None, Made], title: str, quiet: bool) -> Made
         stack.callback(steps.close)
         bar = None
         if not quiet:
-            with contextlib.suppress(ImportError):  # the bar is a comfort, the job does without
+            with contextlib.suppress(ImportError):  # without it there is no bar
                 from tqdm import tqdm
 
-                # its own is of processes, and one of Python's would complain that it is left
+                # tqdm's own lock is shared by processes, and Python would warn that it is leaked
                 tqdm.set_lock(threading.RLock())
                 template = "{desc} {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
                 stack.callback(setattr, interrupt, "line", interrupt.line)
-                interrupt.line = "\n"  # before the bar draws itself for the first time
+                interrupt.line = "\n"  # set before the bar is drawn for the first time
                 bar = stack.enter_context(tqdm(total=100, desc=title, bar_format=template))
         while True:
             try:

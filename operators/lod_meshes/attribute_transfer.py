@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
+from ...crowd_lod.progress import steps_aside
 from ...crowd_lod.simplification.decimate import LodMesh
 from ..blender import mesh_data
 from .source_mesh import KEY, NORMALS, Source, offset_of, positions, read_attributes
@@ -77,7 +78,7 @@ def dress(name: str, result: LodMesh, source: Source) -> Generator[None, None, b
     for material in source.mesh.materials:
         mesh.materials.append(material)
     yield
-    places = yield from find_places(result, source)
+    places = yield from steps_aside(find_places(result, source))
     yield
     for key, (domain, kind, values) in read_attributes(source.mesh).items():
         if key == NORMALS:

@@ -11,7 +11,7 @@ from mathutils.kdtree import KDTree
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
-from ...crowd_lod.progress import finished, share
+from ...crowd_lod.progress import aside, share, standing
 from ...crowd_lod.simplification.distance_estimate import estimate_distances
 from ..blender.material_colors import Looks
 from ..blender.named_actions import performance_of
@@ -22,7 +22,7 @@ from ..machine.scene_world import actions_named
 from ..scene.scene_crowd import characters_of, home_of
 from ..settings import needs
 from .pose_choice import poses
-from .posed_shapes import Posed, read_shapes, surface_of
+from .posed_shapes import Posed, Shape, read_shapes, surface_of
 from .posed_surface import Measured, PosedSurface, Worst, compare_surfaces, parts_of
 from .shaded_pictures import bodies_of, within
 from .surface import merge
@@ -144,19 +144,25 @@ class Measure:
         begins = self.character.shapes[pose].begins
         return [np.flatnonzero(of_object) for of_object in np.split(is_around, begins[1:-1])]
 
-    def estimate(self, objects: Sequence[bpy.types.Object], beyond: float = np.inf) -> Estimate:
-        """Measure a LOD roughly but quickly. The character must be read.
+    def estimate(
+        self, objects: Sequence[bpy.types.Object], beyond: float = np.inf
+    ) -> Generator[float, None, Estimate]:
+        """Measure a LOD roughly but quickly; yield between steps. The character must be read.
 
         objects: the LOD's, one for each of the character's, in their order.
         beyond: meters, from which on vertices are told exactly.
         Deviations are infinite where the LOD has no face.
         """
         run = max(self.character.runs, key=len)
-        shapes = finished(read_shapes(objects, [self.frames[k] for k in run], self.performance))
+        shapes = yield from read_shapes(objects, [self.frames[k] for k in run], self.performance)
+        return (yield from aside(lambda: self._estimate(run, shapes, beyond)))
+
+    def _estimate(self, run: list[int], shapes: list[Shape], beyond: float) -> Estimate:
+        """Return the estimate of a LOD of these `shapes` in the poses of the run."""
         lod = merge([shape.points for shape in shapes], shapes[0].triangles)
         if lod is None:
             return Estimate(
-                [np.inf] * len(objects),
+                [np.inf] * (len(shapes[0].begins) - 1),
                 [np.full(n, np.inf) for n in np.diff(self.character.shapes[0].begins)],
             )
         character = self.character.surface(run)
@@ -183,7 +189,8 @@ class Measure:
         shapes = yield from share(read_shapes(objects, self.frames, self.performance), 0.2, 0.4)
         lod = PosedSurface(shapes, self.hidden_counts, self.character)
         self._levels[_key(objects)] = lod
-        compared = compare_surfaces(self.character, lod, self.frames)
+        comparing = aside(lambda: compare_surfaces(self.character, lod, self.frames))
+        compared = yield from standing(comparing, 0.4)
         if compared is None:
             raise CrowdError(
                 f"LOD {k} of {self.name} has no face: raise its ratio and press Make LOD Meshes."
@@ -215,7 +222,9 @@ class Measure:
         ):
             return rows
         character, *surfaces = (each.surface(each.runs[0]) for each in (self.character, *lods))
-        pairs = [(watch(character, surface), watch(surface, character)) for surface in surfaces]
+        pairs = yield from aside(
+            lambda: [(watch(character, lod), watch(lod, character)) for lod in surfaces]
+        )
         with Posed(self.objects, [levels[k] for k in indices], self.performance) as posed:
             off = yield from share(look_at(posed, moments, pairs), 0.0, 0.8)
             beside = moments_beside(moments, off)
@@ -230,10 +239,9 @@ class Measure:
                 beyond = rows[k][
                     0
                 ]  # what lies between places may be farther off than any pose tells
-                while row := looked.measure(rows[k], beyond):
+                while row := (yield from standing(looked.measure(rows[k], beyond), 0.9)):
                     rows[k] = row
                     beyond = row[1] + BELOW * self.diagonal
-                    yield 0.9
                 if rows[k][1] > before:
                     self._learn(posed, looked.measured)
         return rows

@@ -1,4 +1,4 @@
-"""Objects of LODs that artists made: copies that share their data and follow the character's rig."""
+"""Objects of LODs that artists made: copies with the same data that follow the character's rig."""
 
 from collections.abc import Sequence
 

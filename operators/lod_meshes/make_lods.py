@@ -3,13 +3,14 @@
 import re
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import bpy
 
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.crowd.bounding_spheres import cover_sizes
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.progress import share, standing
+from ...crowd_lod.progress import aside, share, standing
 from ..blender import scene_data
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED, remove_owned
@@ -179,7 +180,9 @@ def _chosen(
     One that was chosen by a guess is measured, and all are chosen again, until all that are chosen
     are measured. Returns the choice, and the groups with values of all their candidates.
     """
-    chosen = None
+    settings = scene.crowd_lod
+    limits = selection.Limits(settings.tolerance, settings.memory)
+    choice = None
     guesses = []
     missing = True
     total = sum(len(ladder.goals) for ladder in ladders)
@@ -196,21 +199,29 @@ def _chosen(
         given = [
             [k for k, goal in enumerate(ladder.goals) if goal in ladder.given] for ladder in ladders
         ]
-        chosen = selection.choose_candidates(
-            scene.crowd_lod, guesses, shots, scene_data.meters(scene), measured, given
+        choosing = partial(
+            selection.choose_candidates,
+            limits,
+            guesses,
+            shots,
+            scene_data.meters(scene),
+            measured,
+            given,
         )
+        done = sum(map(len, measured)) / total
+        choice = yield from standing(aside(choosing), 0.1 + 0.79 * done)
         missing = [
             (ladder, k)
-            for ladder, keep, known in zip(ladders, chosen.keep, measured, strict=True)
+            for ladder, keep, indices in zip(ladders, choice.keep, measured, strict=True)
             for k in keep
-            if k not in known
+            if k not in indices
         ]
         for ladder, k in missing[:1]:  # it says more of the others
-            tried = sum(len(known) for known in measured)
+            tried = sum(len(indices) for indices in measured)
             begin = 0.1 + 0.79 * tried / total
             end = 0.1 + 0.79 * (tried + 1) / total
             yield from share(ladder.measure(ladder.goals[k]), begin, end)
-    return chosen, guesses
+    return choice, guesses
 
 
 def _made(
@@ -291,10 +302,9 @@ def _told(ladders: list[Ladder], dropped: list[dict[int, str]]) -> list[str]:
     """Return a line for each dropped candidate; "About" marks guessed values."""
     lines = []
     for ladder, reasons in zip(ladders, dropped, strict=True):
-        lines += [
-            f"{ladder.name}: {'' if ladder.goals[k] in ladder.measured.rows else 'About '}{reasons[k]}"
-            for k in sorted(reasons)
-        ]
+        for k in sorted(reasons):
+            about = "" if ladder.goals[k] in ladder.measured.rows else "About "
+            lines.append(f"{ladder.name}: {about}{reasons[k]}")
     return lines
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import bpy
 import numpy as np
 
+from ...crowd_lod.progress import steps_aside
 from ...crowd_lod.simplification.closest_point import barycentric
 from ...crowd_lod.simplification.decimate import decimating
 from ..blender import mesh_data
@@ -189,7 +190,8 @@ def _fast(source: Source, ratio: float, name: str, why: str) -> Generator[None, 
     """
     start = clock.perf_counter()
     about = charts_of(source).seams, source.telling, source.share, source.weight
-    result = yield from decimating(source.geometry[:2], ratio, source.item.name, *about)
+    decimation = decimating(source.geometry[:2], ratio, source.item.name, *about)
+    result = yield from steps_aside(decimation)
     spent = clock.perf_counter() - start
     yield
     start = clock.perf_counter()

@@ -6,8 +6,18 @@ from ..blender.props import PROP
 from ..blender.shader_nodes import used_nodes
 
 # shaders that light passes, at least in part
-CLEAR = {"BSDF_TRANSPARENT", "BSDF_GLASS", "BSDF_REFRACTION", "BSDF_TRANSLUCENT", "BSDF_HAIR", "HOLDOUT",
-         "VOLUME_ABSORPTION", "VOLUME_SCATTER", "PRINCIPLED_VOLUME", "BSDF_HAIR_PRINCIPLED"}  # fmt: skip
+CLEAR = {
+    "BSDF_TRANSPARENT",
+    "BSDF_GLASS",
+    "BSDF_REFRACTION",
+    "BSDF_TRANSLUCENT",
+    "BSDF_HAIR",
+    "BSDF_HAIR_PRINCIPLED",
+    "HOLDOUT",
+    "VOLUME_ABSORPTION",
+    "VOLUME_SCATTER",
+    "PRINCIPLED_VOLUME",
+}
 # inputs of a shader that let light pass, and the value of each that lets none
 OPAQUE_AT = {"Alpha": 1.0, "Transmission Weight": 0.0}
 

@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.levels.lengths import read_curve
-from ...crowd_lod.progress import share, standing
+from ...crowd_lod.progress import aside, share, standing
 from .deviation import Estimate, Measure
 from .dispensable import find_dispensable
 from .level_objects import discard
@@ -86,9 +86,11 @@ class Try:
 class Curve:
     """What is known of an object's LODs.
 
-    source: the object's; known_tries: of each method; tries: of this length, whose objects are
-    still there; weighed: whether spots are heavier, for this length; dispensable: whether its LODs leave
-    the object out.
+    source: the object's.
+    known_tries: of each method.
+    tries: those of this length, whose objects are still there.
+    weighed: whether spots are heavier, for this length.
+    dispensable: whether its LODs leave the object out.
     evaluated: (n,) which vertex of the evaluated object each of the source's is; None before that
     is asked for.
     """
@@ -246,7 +248,7 @@ class Search:
             measured = yield from share(steps, 0.3 * begin + 0.7 * end, end)
             if measured[1] <= length:
                 break
-            self._learn(objects, aim, measured[1] / USUAL)
+            yield from standing(self._learn(objects, aim, measured[1] / USUAL), end)
             self._mend_left_out(aim)
         else:
             objects = yield from self._whole()
@@ -268,17 +270,17 @@ class Search:
             (measured,) = yield from share(self.by.look_between([items], [measured]), 0.5, 1.0)
         return measured
 
-    def _learn(self, objects: list[Try], aim: float, deviation: float) -> None:
+    def _learn(self, objects: list[Try], aim: float, deviation: float) -> Iterator[float]:
         """Note that the whole measure tells a greater deviation of a LOD than its estimate.
 
         Its worst place is in a frame that was found just now, or where no estimate looks: between
-        places, or at thin parts that are lost. What is coarser is no nearer.
+        places, or at thin parts that are lost. What is coarser is no nearer. Yields between steps.
 
         aim, deviation: meters, as estimates are.
         """
         before = [attempt.deviation for attempt in objects]
         if any(attempt.poses < len(self.by.frames) for attempt in objects):
-            estimate = self.by.estimate([attempt.item for attempt in objects], aim)
+            estimate = yield from self.by.estimate([attempt.item for attempt in objects], aim)
             for number, attempt in enumerate(objects):
                 self._note(number, attempt, estimate)
             missed = [int(np.argmax(estimate.deviations))]
@@ -320,14 +322,17 @@ class Search:
                     for new, curve in zip(attempts, self.curves, strict=True)
                 ]
                 yield from standing(self.by.read(), k / ROUNDS)
-                estimate = self.by.estimate([attempt.item for attempt in objects], length)
+                steps = self.by.estimate([attempt.item for attempt in objects], length)
+                estimate = yield from standing(steps, k / ROUNDS)
                 for index, (new, curve) in enumerate(zip(attempts, self.curves, strict=True)):
                     for attempt in new:
                         self._note(index, attempt, estimate)
                         if not curve.dispensable:
                             curve.known_tries[attempt.method].append(attempt)
-            if not any(plans) and (k + 1 == ROUNDS or not self._miss_left_out(length)):
-                return
+            if not any(plans):
+                missed = yield from standing(self._miss_left_out(length), k / ROUNDS)
+                if k + 1 == ROUNDS or not missed:
+                    return
 
     def _best(self, length: float) -> list[Try]:
         """Return the best try of each object for a LOD that deviates by `length` at most."""
@@ -338,18 +343,18 @@ class Search:
         yield from standing(self.by.read(), 0.0)
         self.nearness = 1.0
         if len(self.curves) > 1:
-            dispensable = find_dispensable(self.by.character, length)
+            dispensable = yield from aside(lambda: find_dispensable(self.by.character, length))
             for curve, is_dispensable in zip(self.curves, dispensable, strict=True):
                 curve.dispensable = bool(is_dispensable) and curve.count > 0
 
-    def _miss_left_out(self, length: float) -> bool:
+    def _miss_left_out(self, length: float) -> Generator[float, None, bool]:
         """Estimate how far a LOD is from what it leaves out, and mend it; return whether it was
         too far.
         """
         if not any(curve.dispensable for curve in self.curves):
             return False
         objects = self._best(length)
-        estimate = self.by.estimate([attempt.item for attempt in objects], length)
+        estimate = yield from self.by.estimate([attempt.item for attempt in objects], length)
         for number, (attempt, curve) in enumerate(zip(objects, self.curves, strict=True)):
             if curve.dispensable:
                 self._note(number, attempt, estimate)

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Generator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import bpy
 import numpy as np
@@ -88,7 +89,9 @@ def views(
             agents = np.flatnonzero(visible & (crowd.group == g))
             if len(agents):
                 away = distance[agents]
-                pose = library.shown(gaits, crowd, trajectory.seconds(frame), agents) - first[g]
+                pose = (
+                    library.character_of(gaits, crowd, trajectory.seconds(frame), agents) - first[g]
+                )
                 view = View(eyes[0], float(away.min()), float(away.max()), away, pose)
                 group_views.append(view)
         yield number / len(looked_at)
@@ -122,6 +125,16 @@ def cast_of(characters: Characters, trajectory: Trajectory) -> Library:
     return Library(np.array(still, np.intp))
 
 
+class Limits(NamedTuple):
+    """What the choice keeps within: the settings of these names, as they are now.
+
+    tolerance: pixels; memory: MB, 0 for no limit.
+    """
+
+    tolerance: float
+    memory: float
+
+
 @dataclass(frozen=True)
 class Choice:
     """The choice of candidates. Candidates go by their number in the ladder.
@@ -139,7 +152,7 @@ class Choice:
 
 
 def choose_candidates(
-    settings,
+    limits: Limits,
     groups: Sequence[Group],
     shots: Sequence[GroupShot | None],
     meters: float,
@@ -157,7 +170,7 @@ def choose_candidates(
     With a limit of memory, and candidates beyond it, the tolerance is raised until they fit.
     CrowdError if no tolerance is enough.
     """
-    tolerance = round(settings.tolerance, 6)
+    tolerance = round(limits.tolerance, 6)
     keep = []
     dropped = []
     memory = 0.0
@@ -169,14 +182,14 @@ def choose_candidates(
             counted = counting(group, tolerance, shot)
             candidates, reasons = choose(counted, tolerance, shot.views, meters, by_hand)
             candidates, dear = cheapest(counted, candidates, tolerance, shot, real, by_hand)
-            if settings.memory:
+            if limits.memory:
                 memory += dict(priced(counted, candidates, tolerance, shot))[
                     tuple(candidates)
                 ].memory
         keep.append(candidates)
         dropped.append(reasons | dear)
-    if settings.memory and memory > 1e6 * settings.memory:
-        reached, keep, built = fit_in_memory(groups, tolerance, shots, 1e6 * settings.memory)
+    if limits.memory and memory > 1e6 * limits.memory:
+        reached, keep, built = fit_in_memory(groups, tolerance, shots, 1e6 * limits.memory)
         finest = [
             candidates.index(counted[0]) for candidates, counted in zip(keep, built, strict=True)
         ]

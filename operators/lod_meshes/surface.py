@@ -304,17 +304,19 @@ def merge(points: Sequence[np.ndarray], triangles: np.ndarray) -> Merged | None:
     return Merged(MovingSurface(every, triangles, find), vertices[first], place, with_area)
 
 
-def same_faces(faces: np.ndarray, others: np.ndarray) -> bool:
+def same_faces(faces: np.ndarray, other_faces: np.ndarray) -> bool:
     """Return whether two triangulations (m, 3) have the same faces.
 
     Quads may be cut along either diagonal: Blender cuts them the other way where a pose folds them.
     """
-    if faces.shape != others.shape:
+    if faces.shape != other_faces.shape:
         return False
-    changed = (faces != others).any(axis=1)
+    changed = (faces != other_faces).any(axis=1)
     if changed.sum() % 2:
         return False
-    quads = [np.sort(corner_ids[changed].reshape(-1, 6), axis=1) for corner_ids in (faces, others)]
+    quads = [
+        np.sort(corner_ids[changed].reshape(-1, 6), axis=1) for corner_ids in (faces, other_faces)
+    ]
     corner_ids = [
         quad[np.pad(quad[:, 1:] != quad[:, :-1], ((0, 0), (1, 0)), constant_values=True)]
         for quad in quads

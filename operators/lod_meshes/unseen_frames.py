@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ...crowd_lod.progress import aside
 from ...crowd_lod.simplification.closest_point import closest_weights
 from ...crowd_lod.simplification.distance_estimate import Places, places_on, upper_distances
 from ...crowd_lod.simplification.hausdorff import bound_distance
@@ -179,11 +180,11 @@ class Looked:
     off: np.ndarray
     measured: list[float] = field(default_factory=list)
 
-    def measure(self, row: Measured, beyond: float) -> Measured | None:
+    def measure(self, row: Measured, beyond: float) -> Generator[float, None, Measured | None]:
         """Measure the whole LOD where a watched place is farther off than `beyond` meters.
 
         row: what is known of it. Returns the same, with a greater bound if a moment exceeds that;
-        None if there is no such place.
+        None if there is no such place. Yields between steps.
         """
         exceeding = self._exceeding(beyond)
         if not exceeding:
@@ -196,7 +197,7 @@ class Looked:
         if merged is None or other is None:
             return row
         deviation, bound, rms, worst = row
-        apart = bound_distance(merged.moving, other.moving, bound)
+        apart = yield from aside(lambda: bound_distance(merged.moving, other.moving, bound))
         if apart.measured > deviation:
             deviation = apart.measured
             worst = exceeding[apart.pose][0]

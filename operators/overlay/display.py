@@ -41,8 +41,6 @@ class Display:
     looked: time in seconds when the trajectory was last compared with its map and state machine.
     colors: the agents' colors.
     cast, batches: on the GPU.
-    prepared: milliseconds to upload them.
-    painted: milliseconds to submit one draw of them.
     draw_began: time in seconds when its last drawing began.
     above: texture of the frame from above; None until it is needed.
     notes: sentences for the user.
@@ -57,8 +55,6 @@ class Display:
     colors: agent_colors.Colors | None = None
     cast: Cast | None = None
     batches: Batches | None = None
-    prepared: float = 0.0
-    painted: float = 0.0
     draw_began: float = 0.0
     above: object = None
     notes: tuple[str, ...] = ()
@@ -198,7 +194,6 @@ def _upload(
     with_cast: a display with the same characters on the GPU; None if they must be uploaded.
     before: the display before, whose equal textures and batches are used again.
     """
-    began = clock.perf_counter()
     frame = display.frame
     groups = frame.trajectory.groups
     display.cast = with_cast.cast if with_cast else cast_of(groups, view.style, view.characters)
@@ -207,7 +202,6 @@ def _upload(
     draws_frustum = view.region is None
     drawing = drawing_of(settings, frame, view.style, display.colors, draws_frustum)
     display.batches = Batches(drawing, display.cast, before and before.batches)
-    display.prepared = 1000 * (clock.perf_counter() - began)
 
 
 def _crowd_inputs(scene) -> tuple:

@@ -78,11 +78,6 @@ class Drawing:
     line_colors: np.ndarray
     plays: tuple[str, ...] = ()
 
-    @property
-    def nbytes(self) -> int:
-        """Bytes of all arrays."""
-        return sum(each.nbytes for each in vars(self).values() if isinstance(each, np.ndarray))
-
 
 def drawing(
     frame: Frame,

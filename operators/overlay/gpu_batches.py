@@ -28,8 +28,6 @@ class Cast:
     """The characters on the GPU: everything that stays the same from frame to frame.
 
     characters: one per group, or () to draw boxes.
-    nbytes: bytes of the characters' arrays and of the textures of skinned frames; boxes are not
-        counted.
     """
 
     def __init__(self, groups: tuple[Group, ...], characters: tuple[Character, ...]):
@@ -48,12 +46,6 @@ class Cast:
             ]
             for character, skinned in zip(characters, self.skinned, strict=True)
         ]
-        self.nbytes = sum(map(_bytes_of, characters)) + sum(
-            TEXEL * frames.width * frames.height
-            for levels in self.skinned
-            for frames in levels
-            if frames is not None
-        )
 
     def kind(self, level: int, group: int) -> str:
         """Return the kind (shader_programs.mesh_interface) that draws the group's LOD."""
@@ -76,18 +68,8 @@ class Cast:
         shader.uniform_int("frame_count", count)
 
 
-def _bytes_of(character: Character) -> int:
-    arrays = [character.frames, character.images]
-    for mesh in character.meshes:
-        arrays += [value for value in vars(mesh).values() if isinstance(value, np.ndarray)]
-    return sum(array.nbytes for array in arrays)
-
-
 class Batches:
-    """A Drawing uploaded to the GPU.
-
-    nbytes: bytes of the Drawing's arrays.
-    """
+    """A Drawing uploaded to the GPU."""
 
     def __init__(self, drawing: Drawing, cast: Cast | None = None, before: "Batches | None" = None):
         """Upload the Drawing `drawing`.
@@ -104,7 +86,6 @@ class Batches:
         self.materials = drawing.materials
         self.plays = drawing.plays or ("",) * len(drawing.draws)
         self.fading = drawing.fading
-        self.nbytes = drawing.nbytes
         self._uploads: dict[str, tuple] = {}
         if self.draws:
             self.agents = self._upload(

@@ -51,16 +51,12 @@ class Line:
 def figures(
     frame: Frame,
     colors: Colors,
-    drawing: float,
-    gpu_bytes: int,
     account: Account | None = None,
     notes: Sequence[str] = (),
 ) -> tuple[Line, ...]:
     """Return the overlay's lines of text about `frame`, with the legend of its colors.
 
     colors: of the agents.
-    drawing: milliseconds to hand the frame's drawing to the GPU.
-    gpu_bytes: bytes kept on the GPU.
     account: of the picked agent, or None.
     notes: sentences for the user.
     """
@@ -76,14 +72,7 @@ def figures(
     lines += [] if colors.by_lod else legend(colors)
     lines += map(Line, notes)
     if frame.full_triangles:
-        lines.append(Line(f"Vertices  {share(frame.vertices, frame.full_vertices)} without LOD"))
         lines.append(Line(f"Triangles  {share(frame.triangles, frame.full_triangles)} without LOD"))
-    times = frame.milliseconds | {"drawing": drawing}
-    lines.append(
-        Line(", ".join(f"{STAGES[stage]} {ms:.2f}" for stage, ms in times.items()) + " ms")
-    )
-    state = sum(column.nbytes for column in frame.crowd.columns.values())
-    lines.append(Line(f"{size(state)} of agents' state, {size(gpu_bytes)} on the GPU"))
     if account is not None:
         lines.append(
             Line(
@@ -134,17 +123,6 @@ def short(number: int) -> str:
         if number >= least:
             return f"{number / unit:.3g} {letter}"
     return f"{number:,}"
-
-
-def size(count: int) -> str:
-    """Return a count of bytes as text, in decimal units."""
-    return (
-        f"{count} bytes"
-        if count < 1000
-        else f"{short(count)}B"
-        if count >= 1e4
-        else f"{count / 1000:.3g} kB"
-    )
 
 
 def wrap_lines(lines: Sequence[Line], letters: int, rows: int) -> list[Line]:

@@ -54,7 +54,10 @@ def from_above(area: Area, eye: np.ndarray, places: np.ndarray) -> tuple[np.ndar
     low = np.minimum(eye[:2], (area.x_min, area.y_min))
     high = np.maximum(eye[:2], (area.x_max, area.y_max))
     width, height = 1.06 * np.maximum(high - low, 1e-3)
-    (width, height) = (max(width, height * aspect), max(height, width / aspect))
+    if width < height * aspect:
+        width = height * aspect
+    else:
+        height = max(height, width / aspect)
     bottom, top = (eye[2] + end(places[:, 2]) for end in (np.min, np.max))
     view = np.eye(4)
     projection = np.eye(4)
@@ -66,11 +69,6 @@ def from_above(area: Area, eye: np.ndarray, places: np.ndarray) -> tuple[np.ndar
 def pixels(ui_scale: float) -> tuple[int, int]:
     """Return width and height of the inset's texture in pixels."""
     return round(SIZE[0] * ui_scale), round(SIZE[1] * ui_scale)
-
-
-def nbytes(texture) -> int:
-    """Return the bytes of the texture on the GPU; 0 for None."""
-    return 4 * texture.width * texture.height if texture else 0
 
 
 def picture(

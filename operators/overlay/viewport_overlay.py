@@ -140,7 +140,6 @@ def _draw_crowd(context) -> None:
     if display.batches is not None and not steps_back(context):
         view = context.region_data
         region = context.region
-        began = clock.perf_counter()
         paint(
             display.batches,
             np.array(view.view_matrix, np.float64),
@@ -148,7 +147,6 @@ def _draw_crowd(context) -> None:
             (region.width, region.height),
             context.preferences.system.ui_scale,
         )
-        display.painted = 1000 * (clock.perf_counter() - began)
 
 
 def _draw_figures(context) -> None:
@@ -173,18 +171,8 @@ def _draw_figures(context) -> None:
         hud.ring(display.frame, account.agent, region, ui_scale)
     legend = box[0], box[3]
     if settings.hud and main:
-        gpu_bytes = sum(
-            each.nbytes for each in (display.batches, display.cast) if each
-        ) + inset.nbytes(display.above)
         notes = (*display.notes, *filter(None, [steps_back(context)]))
-        lines = hud.figures(
-            display.frame,
-            display.colors,
-            display.prepared + display.painted,
-            gpu_bytes,
-            account,
-            notes,
-        )
+        lines = hud.figures(display.frame, display.colors, account, notes)
         legend = hud.write(lines, box, ui_scale)
     if above is not None:
         inset.show(above, box, legend, ui_scale)

@@ -55,8 +55,15 @@ def shown_by(top: bpy.types.Collection) -> str:
         )
         for action, player in actions.items()
     ]
-    strips = [[strip.action and strip.action.name for track in item.animation_data.nla_tracks for strip in track.strips]
-              for item in items if item.animation_data]  # fmt: skip
+    strips = [
+        [
+            strip.action and strip.action.name
+            for track in item.animation_data.nla_tracks
+            for strip in track.strips
+        ]
+        for item in items
+        if item.animation_data
+    ]
     materials = [
         [
             *map(repr, (getattr(item, name) for name in mesh_data.SHOWN)),

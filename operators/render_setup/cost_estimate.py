@@ -91,11 +91,11 @@ class Estimate:
         return [
             (
                 name,
-                f"{figure(own.memory / 1e6)} MB",
-                f"{figure(own.file / 1e6)} MB",
-                f"{own.share(whole).seconds:.0%}",
+                f"{figure(price.memory / 1e6)} MB",
+                f"{figure(price.file / 1e6)} MB",
+                f"{price.share(whole).seconds:.0%}",
             )
-            for name, own in self.prices.items()
+            for name, price in self.prices.items()
         ]
 
     @property
@@ -104,11 +104,11 @@ class Estimate:
         whole = self.prices[FULL]
         return {
             name: {
-                "memory_mb": round(own.memory / 1e6, 1),
-                "file_mb": round(own.file / 1e6, 2),
-                "time_share": round(own.share(whole).seconds, 3),
+                "memory_mb": round(price.memory / 1e6, 1),
+                "file_mb": round(price.file / 1e6, 2),
+                "time_share": round(price.share(whole).seconds, 3),
             }
-            for name, own in self.prices.items()
+            for name, price in self.prices.items()
         }
 
     @property
@@ -124,12 +124,12 @@ class Estimate:
 
     @property
     def sentence(self) -> str:
-        told = "; ".join(
+        costs = "; ".join(
             f"{name}: memory {memory}, file {file}, time {time}"
             for name, memory, file, time in self.rows
         )
         return (
-            f"The crowd takes in {NAMES[self.costs.engine]}, {shot_frames(self.frames)}: {told}. "
+            f"The crowd takes in {NAMES[self.costs.engine]}, {shot_frames(self.frames)}: {costs}. "
             f"Time is by costs of {self.costs.basis}."
         )
 
@@ -256,7 +256,7 @@ def _shown(frame: Frame, library: Library, trajectory: Trajectory, count: int) -
     counts = np.zeros((count, size), np.int64)
     for name, agents in members(frame).items():
         if len(agents):
-            numbers = library.shown(
+            numbers = library.character_of(
                 trajectory.gaits, frame.crowd, trajectory.seconds(frame.time), agents
             )
             counts[int(name.rpartition(" ")[2])] += np.bincount(numbers, minlength=size)
@@ -270,16 +270,16 @@ def _packed_bytes(images: set[bpy.types.Image]) -> int:
 
 
 def _images(
-    characters: list, settings, pictures: dict, held: np.ndarray, owner: np.ndarray
+    characters: list, settings, pictures: dict, is_held: np.ndarray, owner: np.ndarray
 ) -> Iterator[tuple[bpy.types.Image, int]]:
     """Yield the images of `pictures` that a build of `characters` shows.
 
     pictures: LOD object -> its images.
-    held: (K, N) bool, the LODs of characters that the build holds.
+    is_held: (K, N) bool, the LODs of characters that the build holds.
     owner: (N,), the characters' groups.
     """
     for g, (name, _, _) in enumerate(characters):
-        for k in np.flatnonzero(held[:, owner == g].any(axis=1)):
+        for k in np.flatnonzero(is_held[:, owner == g].any(axis=1)):
             for item in home_of(settings.levels.children[k], g, name).objects:
                 yield from pictures[item]
 

@@ -83,19 +83,19 @@ def held_by(scene: bpy.types.Scene, trajectory: Trajectory, number: float, crowd
 
 
 def columns_of(
-    trajectory: Trajectory, crowd: Crowd, held: Held, agents: np.ndarray, library: Library
+    trajectory: Trajectory, crowd: Crowd, shown_crowd: Held, agents: np.ndarray, library: Library
 ) -> dict[str, np.ndarray]:
     """Return the point attributes of `agents` (m,) as they stand in `crowd`, by name.
 
     See `columns_by_bucket`.
     """
-    return columns_by_bucket(trajectory, crowd, held, [agents], library)[0]
+    return columns_by_bucket(trajectory, crowd, shown_crowd, [agents], library)[0]
 
 
 def columns_by_bucket(
     trajectory: Trajectory,
     crowd: Crowd,
-    held: Held,
+    shown_crowd: Held,
     buckets: Sequence[np.ndarray],
     library: Library,
 ) -> list[dict[str, np.ndarray]]:
@@ -106,12 +106,12 @@ def columns_by_bucket(
     position: meters, world space.
     heading, of agents on slopes also pitch and roll (see maps.lean): radians.
     phase, group: those of the agent.
-    pose: which of the `library`'s characters the agent shows, of the frame that is `held`.
+    pose: which of the `library`'s characters the agent shows, of the frame of `shown_crowd`.
     size: of agents of other sizes, how much more than 1 their scale is.
     looks: a number in [0, 1) per agent, by which materials may vary.
     id: the stable index of the agent.
 
-    An agent that comes back on the other side of the map between the frame that is `held` and
+    An agent that comes back on the other side of the map between the frame of `shown_crowd` and
     `crowd` stays where it was: the blur would draw it across the whole picture.
     """
     # all are looked up together: few lookups, and not of few
@@ -122,22 +122,22 @@ def columns_by_bucket(
         return column.take(agents, mode="clip")  # several times as fast as column[agents]
 
     place = np.empty((len(agents), 3), np.float32)
-    stays = trajectory.jumped(crowd, held.crowd, agents)
+    stays = trajectory.jumped(crowd, shown_crowd.crowd, agents)
     for axis, name in enumerate("xyz"):
         there = of(getattr(crowd, name))
         place[:, axis] = (
-            there if stays is None else np.where(stays, of(getattr(held.crowd, name)), there)
+            there if stays is None else np.where(stays, of(getattr(shown_crowd.crowd, name)), there)
         )
     heading = of(crowd.heading)
-    seconds = trajectory.seconds(held.time)
+    seconds = trajectory.seconds(shown_crowd.time)
     columns = {
         "position": place,
         "heading": heading,
-        "phase": trajectory.gaits.phase(held.crowd, seconds, agents),
+        "phase": trajectory.gaits.phase(shown_crowd.crowd, seconds, agents),
     }
     columns |= {"group": of(crowd.group).astype(np.int32), "looks": of(trajectory.looks), "id": ids}
-    columns["pose"] = library.shown(trajectory.gaits, held.crowd, seconds, agents)
-    scale = trajectory.scale(held.crowd, agents)
+    columns["pose"] = library.character_of(trajectory.gaits, shown_crowd.crowd, seconds, agents)
+    scale = trajectory.scale(shown_crowd.crowd, agents)
     if scale is not None:
         columns["size"] = scale - 1
     leaning = trajectory.tilt(crowd, agents)
@@ -154,7 +154,7 @@ def columns_by_bucket(
 
 
 def write(
-    top: bpy.types.Collection, trajectory: Trajectory, frame: Frame, held: Held, crowd: Crowd
+    top: bpy.types.Collection, trajectory: Trajectory, frame: Frame, shown_crowd: Held, crowd: Crowd
 ) -> None:
     """Write the agents of the frame's buckets to the points of the build `top`.
 
@@ -172,7 +172,7 @@ def write(
     if not written_agents:
         return
     columns_of_buckets = columns_by_bucket(
-        trajectory, crowd, held, list(written_agents.values()), library
+        trajectory, crowd, shown_crowd, list(written_agents.values()), library
     )
     for name, columns in zip(written_agents, columns_of_buckets, strict=True):
         mesh_data.write_points(points[name].data, columns)

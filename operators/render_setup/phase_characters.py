@@ -134,14 +134,14 @@ def _live_shelves(scene: bpy.types.Scene, posed: np.ndarray) -> list[Shelf]:
     """
     trajectory = trajectory_of(scene)
     policy = policy_of(scene.crowd_lod)
-    built = Library(posed)
+    library = Library(posed)
     gaits = trajectory.gaits
     finest = np.array(policy.finest or [0] * len(posed))
-    held = np.arange(policy.count)[:, None] >= finest[built.owner(gaits)]
+    is_held = np.arange(policy.count)[:, None] >= finest[library.owner(gaits)]
     shown = meshes_of_plan(scene)
     if shown is not None:
-        held &= hold_shown(shown, cast_of(characters_of(scene), trajectory), built, gaits)
-    levels, numbers = stand_ins(held, built.roles(gaits)).tolist()
+        is_held &= hold_shown(shown, cast_of(characters_of(scene), trajectory), library, gaits)
+    levels, numbers = stand_ins(is_held, library.roles(gaits)).tolist()
     return [list(enumerate(zip(*row, strict=True))) for row in zip(levels, numbers, strict=True)]
 
 

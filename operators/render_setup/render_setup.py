@@ -333,7 +333,7 @@ def remove_build(settings) -> None:
         unhide_characters(top)
         remove_owned(top)
     for kind in (baked.NAME, instances.NAME):  # the one holds the other
-        tree = trees.made(kind)
+        tree = trees.find_tree(kind)
         if tree is not None and not tree.users:
             bpy.data.node_groups.remove(tree)
 
@@ -345,7 +345,7 @@ def upgrade(*_) -> None:
     The builds that use them get their inputs again, unless these are spoilt: then Build says so.
     """
     if trees.stale(instances.NAME, instances.VERSION) or trees.stale(baked.NAME, baked.VERSION):
-        baked_tree = trees.made(baked.NAME)
+        baked_tree = trees.find_tree(baked.NAME)
         if baked_tree is not None:
             baked_tree[trees.TREE_VERSION] = 0  # it holds the other, whose sockets are new
         instances.instances()

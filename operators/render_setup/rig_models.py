@@ -1,4 +1,4 @@
-"""Models of rigs: from recorded motion to armatures and actions that all rigs of a character share."""
+"""Models of rigs: recorded motion as armatures and actions, shared by a character's rigs."""
 
 from dataclasses import dataclass
 
@@ -7,6 +7,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ..characters.bone_motion import Bones, split_scale
+from .close_recording import Recording, channels
 
 STILL = 1e-6  # meters, and radians: an object that moves by less stands
 ROUNDING = 1e-5  # of a bone's place, turn and size: what changes by less does not change
@@ -32,20 +33,16 @@ class Model:
 
 
 def model_of(
-    name: str,
-    bones: dict[str, Bones],
-    places: dict,
-    origin: np.ndarray,
-    times: np.ndarray,
-    blocks: dict,
+    name: str, recording: Recording, origin: np.ndarray, blocks: dict[bpy.types.ID, str]
 ) -> Model:
     """Return the model of the character `name` from its recorded motion.
 
-    bones, places: from `record`, at `times`.
+    recording: of its action, from its first frame to its last.
     origin: (3,) meters, the character's origin.
-    times: (k,) frames of its action, from its first to its last.
     blocks: gets the new data-blocks with their final names.
     """
+    times = recording.times
+    places = recording.places
     shift = np.eye(4)
     shift[:3, 3] = -np.asarray(origin)
     back = np.linalg.inv(shift)
@@ -64,7 +61,7 @@ def model_of(
             tracks.moves.append(moves)
     tracks.moves = np.moveaxis(tracks.moves, 0, 1) if carried else []
     rigs = {}
-    for armature, motion in {**bones, **({TRACKS: tracks} if carried else {})}.items():
+    for armature, motion in {**recording.bones, **({TRACKS: tracks} if carried else {})}.items():
         if not motion.rest:
             continue
         rest = {bone: shift @ matrix for bone, matrix in motion.rest.items()}
@@ -118,17 +115,16 @@ def _bake(action: bpy.types.Action, bone: str, basis: np.ndarray, times: np.ndar
         slot = action.slots.new("OBJECT", "Rig")
         action.layers.new("Rig").strips.new(type="KEYFRAME").channelbag(slot, ensure=True)
     curves = action.layers[0].strips[0].channelbags[0].fcurves
-    parts = [Matrix(matrix.tolist()).decompose() for matrix in basis]
-    turns = np.array([turn for _, turn, _ in parts])
+    places, turns, sizes = np.split(channels(basis), [3, 7], axis=1)
     signs = np.cumprod(np.sign(np.append(1.0, (turns[1:] * turns[:-1]).sum(axis=1))) + 0.0)
     turns *= np.where(signs == 0, 1.0, signs)[:, None]  # the short way round
     columns = {
-        "location": [place for place, _, _ in parts],
+        "location": places,
         "rotation_quaternion": turns,
-        "scale": [size for _, _, size in parts],
+        "scale": sizes,
     }
     for path, values in columns.items():
-        for index, column in enumerate(np.array(values, np.float64).T):
+        for index, column in enumerate(values.T):
             still = np.ptp(column) < ROUNDING
             at_rest = (
                 1.0 if path == "scale" or (path == "rotation_quaternion" and index == 0) else 0.0

@@ -16,15 +16,9 @@ from mathutils import Matrix
 
 from ..blender import mesh_data
 from ..blender.performance import Performance
-from ..characters.bone_motion import (
-    NEAR,
-    Bones,
-    copy_unlinked,
-    more_keys,
-    most_keys,
-    record,
-)
+from ..characters.bone_motion import NEAR, copy_unlinked
 from ..characters.rig_needs import refusal
+from .close_recording import record_closely, refine
 from .rig_models import TRACKS, Model, fill_curve, model_of
 
 FARTHEST = 1_048_574  # frames: Blender's last
@@ -150,81 +144,57 @@ def make_model(
     actors = character.actors
     origin = np.array(character.homes[0].instance_offset, np.float64)
     diagonal = character.diagonal
-    (span,) = performance.spans
     (played,) = performance.names
     name = f"{character.name} {played}".rstrip()
     reason = refusal(list(actors))
     if reason:
         return None, reason
-    frames = max(span[1] - span[0], 1.0)
-    keys = 1
-    best = None
-    nearest = np.inf
-    most = most_keys(frames)
+    # between keys, for the vertices that each bone moves farthest
+    allowed = NEAR * diagonal / 1.1
+    recording = yield from record_closely(actors, performance, allowed)
     while True:
-        times = performance.keys(keys)
-        bones, places = yield from record(actors, times, performance)
-        model = model_of(name, bones, places, origin, times, blocks)
-        off = _off(model, character, performance, _moments(times, bones)) / diagonal
-        gained = off < nearest / 2
-        worse = model
-        if off < nearest:
-            worse = best
-            best = model
-            nearest = off
-        _drop(worse, blocks)
-        if nearest <= NEAR or keys == most or not gained:
+        model = model_of(name, recording, origin, blocks)
+        *between, at_key = _off(model, character, performance, recording.to_compare())
+        off = max([*between, at_key]) / diagonal
+        # what is off at keys, too, is not mended by further keys
+        if off <= NEAR or max(between, default=0.0) < 2 * at_key or np.isinf(off):
             break
-        keys = more_keys(keys, off, frames)
-    if nearest <= NEAR:
-        return best, ""
-    if nearest <= ACCEPTED:
+        # modifiers take vertices farther than bones do
+        allowed = min(allowed, recording.off.max()) * NEAR / off / 1.1
+        finer = yield from refine(recording, actors, performance, allowed)
+        if len(finer.times) == len(recording.times):
+            break
+        recording = finer
+        _drop(model, blocks)
+    if off <= NEAR:
+        return model, ""
+    if off <= ACCEPTED:
         return (
-            best,
-            f"Between keyframes the rigs of {name} are off by up to {nearest:.2%} of its size.",
+            model,
+            f"Between keyframes the rigs of {name} are off by up to {off:.2%} of its size "
+            f"({1000 * off * diagonal:.2g} mm).",
         )
-    _drop(best, blocks)
+    _drop(model, blocks)
     return (
         None,
-        f"rigs would be off by {nearest:.2%} of its size"
-        if best
+        f"rigs would be off by {off:.2%} of its size"
+        if np.isfinite(off)
         else "its number of vertices changes during the action",
     )
 
 
-def _drop(model: Model | None, blocks: dict[bpy.types.ID, str]) -> None:
+def _drop(model: Model, blocks: dict[bpy.types.ID, str]) -> None:
     """Remove the data-blocks of `model`, also from `blocks`."""
-    doomed = [block for pair in model.rigs.values() for block in pair] if model else []
+    doomed = [block for pair in model.rigs.values() for block in pair]
     for block in doomed:
         del blocks[block]
     bpy.data.batch_remove(doomed)
 
 
-def _moments(times: np.ndarray, bones: dict[str, Bones]) -> np.ndarray:
-    """Return the moments at which rigs are compared with the character, up to ten of them.
-
-    Halfway between keys: five evenly over all, and four where the bones turn off their way most;
-    and a recorded one.
-
-    times: (k,), at which `bones` were recorded.
-    """
-    bends = np.zeros(len(times) - 1)
-    for motion in bones.values():
-        if motion.rest and len(times) > 2:
-            bend = np.linalg.norm(np.diff(motion.ways, 2, axis=0), axis=-1).max(axis=(1, 2))
-            bends = np.maximum(
-                bends, np.maximum(np.append(bend[0], bend), np.append(bend, bend[-1]))
-            )
-    intervals = np.union1d(
-        np.argsort(bends)[-4:], np.linspace(0, len(bends) - 1, 5).round().astype(int)
-    )
-    return np.append((times[:-1] + times[1:])[intervals] / 2, times[len(times) // 2])
-
-
-def _off(model: Model, character: Acting, performance: Performance, moments: np.ndarray) -> float:
-    """Return how far off a rig of `model` shows the character at the moments `moments`, at most,
-    meters.
-    """
+def _off(
+    model: Model, character: Acting, performance: Performance, moments: np.ndarray
+) -> list[float]:
+    """Return how far off a rig of `model` shows the character at the moments, meters."""
     (span,) = performance.spans
     origin = np.array(character.homes[0].instance_offset, np.float64)
     length = max(span[1] - span[0], 1.0)
@@ -233,11 +203,11 @@ def _off(model: Model, character: Acting, performance: Performance, moments: np.
     try:
         for block in (*rigs.values(), *copies.values()):
             character.stage.collection.objects.link(block)
-        worst = 0.0
+        distances = []
         for time in moments:
             performance.go_to(character.stage, time)
-            worst = max(worst, measure_copies(copies, character.actors, character.stage, origin))
-        return worst
+            distances.append(measure_copies(copies, character.actors, character.stage, origin))
+        return distances
     finally:
         performance.rest()
         bpy.data.batch_remove([*rigs.values(), *copies.values()])

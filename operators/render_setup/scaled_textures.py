@@ -190,7 +190,9 @@ def _coordinates(socket: bpy.types.NodeSocket, path: tuple) -> tuple[str, float]
         return _coordinates(node.inputs[0], path)
     if node.type == "GROUP_INPUT" and path:
         outer = next(
-            each for each in path[-1].inputs if each.identifier == link.from_socket.identifier
+            group_input
+            for group_input in path[-1].inputs
+            if group_input.identifier == link.from_socket.identifier
         )
         return _coordinates(outer, path[:-1])
     if (
@@ -201,7 +203,7 @@ def _coordinates(socket: bpy.types.NodeSocket, path: tuple) -> tuple[str, float]
         coordinates = _coordinates(node.inputs["Vector"], path)
         return coordinates and (
             coordinates[0],
-            coordinates[1] * min(abs(each) for each in node.inputs["Scale"].default_value[:2]),
+            coordinates[1] * min(abs(number) for number in node.inputs["Scale"].default_value[:2]),
         )
     return None
 
@@ -281,21 +283,21 @@ def _scaled(image: bpy.types.Image, times: int, names: dict) -> bpy.types.Image:
     if encoded:
         pixels = color_space.to_srgb(pixels)
     title = f"{image.name} / {2**times}"
-    made = bpy.data.images.new(
+    copy = bpy.data.images.new(
         title, *pixels.shape[1::-1], alpha=True, float_buffer=image.is_float, is_data=space.is_data
     )
-    names[made] = title
-    made[SCALED] = mark
+    names[copy] = title
+    copy[SCALED] = mark
     if not image.is_float:
         # floats are linear as they are held, and colors multiplied by alpha
-        made.colorspace_settings.name = space.name
-    made.alpha_mode = (
+        copy.colorspace_settings.name = space.name
+    copy.alpha_mode = (
         "PREMUL" if image.is_float and image.alpha_mode == "STRAIGHT" else image.alpha_mode
     )
-    made.pixels.foreach_set(pixels.ravel())
-    made.update()
-    made.pack()
-    return made
+    copy.pixels.foreach_set(pixels.ravel())
+    copy.update()
+    copy.pack()
+    return copy
 
 
 def _dress(

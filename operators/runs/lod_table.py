@@ -11,7 +11,7 @@ import numpy as np
 
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.culling.camera import Camera
-from ...crowd_lod.levels.assignment import shown
+from ...crowd_lod.levels.assignment import pixels_of
 from ...crowd_lod.progress import share
 from ...crowd_lod.validation import silhouette
 from ..blender import image_data, scene_data
@@ -197,7 +197,7 @@ def _row(
         "percent": 100 * deviation / group.diagonal,
         "from_m": meters * float(begin) if np.isfinite(begin) else None,
         "begins": "never" if begin == np.inf else "anywhere" if begin == -np.inf else "at",
-        "predicted_px": _known(shown(group.bounds[k], begin, camera, group.radius))
+        "predicted_px": _known(pixels_of(group.bounds[k], begin, camera, group.radius))
         if k and begin < np.inf
         else None,
         "measured_px": None,

@@ -41,7 +41,7 @@ from ..sources.record_points import on_record
 from . import lod_table, top_view
 from .preview_plan import plan_json
 from .preview_stage import Preview, Rendered, Staged, color_of, leaves_out, shade, sized, staged
-from .shared_frames import ALONE, Sharing, made, state_of
+from .shared_frames import ALONE, Sharing, make_frames, state_of
 
 MOST_IN_SHEET = 24  # frames on the contact sheet
 BEHAVIOR = 0.9  # of a frame's time, where the way to it is long
@@ -145,7 +145,7 @@ def _picture(
             describing = lod_table.tables(stage, groups, first.camera, first.begins, run.folder)
             lods = yield from share(describing, ready, ready + LODS)
             ready += LODS
-        making = made(parts, frames, sharing, run.shots.prepare, run.shoot, helpers)
+        making = make_frames(parts, frames, sharing, run.shots.prepare, run.shoot, helpers)
         pictured = yield from share(making, ready, 0.95)
     return lods, pictured
 

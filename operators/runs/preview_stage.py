@@ -134,7 +134,8 @@ def sized(render: bpy.types.RenderSettings, size: tuple[int, int]) -> Iterator[N
     """Set the size of renders, (width, height) pixels, and restore it afterwards."""
     before = [getattr(render, name) for name in SIZE]
     try:
-        render.resolution_x, render.resolution_y, render.resolution_percentage = *size, 100
+        render.resolution_x, render.resolution_y = size
+        render.resolution_percentage = 100
         yield
     finally:
         for name, value in zip(SIZE, before, strict=True):

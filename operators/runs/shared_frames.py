@@ -120,7 +120,7 @@ def state_of(scene: bpy.types.Scene, task: object) -> str:
     return digest.hexdigest()
 
 
-def made(
+def make_frames(
     parts: FrameParts,
     frames: Sequence[int],
     sharing: Sharing,

@@ -26,7 +26,7 @@ from ..scene.scene_crowd import characters_of, frame_of, trajectory_of
 from ..sources.record_points import on_record
 from .frame_proof import Proof
 from .lone_agents import LoneStage
-from .shared_frames import ALONE, Sharing, made, state_of
+from .shared_frames import ALONE, Sharing, make_frames, state_of
 from .verify_build import (
     BAKE,
     ProvedBuild,
@@ -146,7 +146,7 @@ def _prove_frames(run: Proof, sharing: Sharing) -> Generator[float, None, list[d
     frames = run.task.frames
     parts = FrameParts(run.folder, state_of(run.scene, run.task))
     with sharing.helped(parts, frames) as helpers:
-        making = made(parts, frames, sharing, run.prepare, run.prove, helpers)
+        making = make_frames(parts, frames, sharing, run.prepare, run.prove, helpers)
         return (yield from share(making, LODS_MADE, 0.95))
 
 

@@ -10,9 +10,10 @@ from mathutils import Matrix, Vector
 from ..blender.object_volumes import ALONG, ONWARD, is_closed
 from ..blender.ownership import OWNED
 
-HEAD = 1.0  # meters above the feet, from where the ground below is looked for
-ROOM = 2.0  # meters: who is within a closed mesh, with so much above the feet, is in a hall
-STEEP = 0.3  # of a normal's z: a surface that is steeper is no ground
+HEAD = 1.0  # meters above the feet, from which the ground below is sought
+# Meters free above the feet: within a closed mesh that has as much, agents stand in a hall.
+ROOM = 2.0
+STEEP = 0.3  # least z of the normal of a surface that is ground
 MOST_SHAPES = 20_000  # that are looked at
 MOST_HITS = 1000  # surfaces along a ray
 
@@ -23,8 +24,8 @@ class Around:
 
     ground: (n,) world z of the ground under a place, or over it where there is none below; NaN
         without any.
-    names: of the objects that are the ground of each place; "" without.
-    walls: of closed objects, which places are within, (n,) bool.
+    names: the object that is the ground of each place; "" without any.
+    walls: name of a closed object -> the places within it, (n,) bool.
     """
 
     ground: np.ndarray

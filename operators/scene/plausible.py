@@ -21,10 +21,11 @@ from ..characters.characters import characters_of
 from ..characters.rig_needs import POSES, refusal, stands_for
 from .looking_around import look_around
 
-MARGIN = 1.5  # of the largest sphere's radius, where a sphere is not known to hold all
-MOST_LOOKED_AT = 200  # agents of a crowd, compared with the scene about them
-MOST_STEPS = 1_000_000  # between rows of a file, whose speeds are judged
-TIMES = 3  # of a file, at which its agents are compared with the scene
+# times the largest sphere's radius, where a sphere is not known to hold its whole character
+MARGIN = 1.5
+MOST_LOOKED_AT = 200  # agents of a crowd that are compared with the scene about them
+MOST_STEPS = 1_000_000  # steps between rows of a file whose speeds are judged
+TIMES = 3  # moments of a file at which its agents are compared with the scene
 
 
 def notes_on_plausibility(

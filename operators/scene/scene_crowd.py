@@ -155,5 +155,5 @@ def frame_of(  # noqa: PLR0913 - most are at hand, and read if not
         (eyes,) if isinstance(eyes, Camera) else eyes,
     )
     frame = plan(trajectory, eyes, policy_of(settings), time, shutter, bias)
-    # who is hidden casts no shadow
+    # hidden agents cast no shadow, so exceptions come last
     return use.applied(frame if around is None else surround(frame, around))

@@ -26,7 +26,7 @@ class OffColor:
 
     They have the same fields as a Trouble of agents.
 
-    label: that the pixels have for want of another.
+    label: the map's first, which these pixels have instead.
     x, y: (k,) float64 world meters, of their middles.
     column, row: (k,) intp; row 0 lies at y_min.
     counts: how many pixels there are.

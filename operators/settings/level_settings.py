@@ -218,7 +218,7 @@ class LevelSettings:
         "where they deviate least. 0 is no limit",
     )
     shading_counts: BoolProperty(
-        name="Shading Counts",
+        name="Match Shading",
         description="By tolerance, a LOD also begins only where its shaded picture differs by 2 % "
         "of white at most",
     )

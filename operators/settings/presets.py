@@ -17,7 +17,7 @@ from .properties import ALL, STEPS, CrowdLodSettings
 from .threshold_order import note_thresholds
 
 PARTS = STEPS | {"all": ALL}
-# settings of what the user looks at: no preset holds them
+# settings that say what the user looks at now: no preset holds them
 PASSING = {"overlay", "agent", "exception_index", "use_shot_plan"}
 
 

@@ -80,6 +80,10 @@ class CrowdLodSettings(*ALL, bpy.types.PropertyGroup):
     dropped: StringProperty(
         name="Not Made", description="LODs that were not made by tolerance, and why, a line each"
     )
+    shot_verdict: StringProperty(
+        name="Verdict",
+        description="The worst that a viewer may notice in the planned shot, as Plan Shot found",
+    )
     estimate: StringProperty(
         name="Estimate",
         description="What the crowd costs to render, as Estimate Cost found: a table",

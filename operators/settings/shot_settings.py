@@ -53,7 +53,7 @@ class PlanSettings:
     """How a shot plan decides."""
 
     avoid_pops: FloatProperty(
-        name="Avoid Pops",
+        name="Extra Cost for Fewer Pops",
         default=0.05,
         min=0,
         soft_max=1,

@@ -59,7 +59,7 @@ def put_in_order(owner: bpy.types.PropertyGroup, name: str) -> None:
         pushing = min(changed[0], count - 1) if len(changed) else 0
         ordered[:count] = pushed(ordered[:count].tolist(), pushing, METRIC_OF[name])
     ordered = ordered.astype(np.float32)
-    # before the property, which calls this again and then finds nothing to do
+    # noted before the property is set: setting it calls this again, which then finds no change
     owner[BEFORE.format(name)] = ordered.tolist()
     if (ordered != values).any():
         setattr(owner, name, ordered)

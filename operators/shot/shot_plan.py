@@ -2,6 +2,7 @@
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import inf, isfinite
 from pathlib import Path
 from typing import Any
@@ -11,9 +12,9 @@ import numpy as np
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, number, printable
-from ...crowd_lod.frame.planned import PINNED
+from ...crowd_lod.frame.planned import PINNED, camera_of
 from ...crowd_lod.levels.assignment import deviations
-from ...crowd_lod.progress import share, standing
+from ...crowd_lod.progress import aside, share, standing, steps_aside
 from ...crowd_lod.reporting import files, tables
 from ...crowd_lod.reporting.shot_json import shot_facts
 from ...crowd_lod.reporting.shot_page import shot_page
@@ -31,6 +32,7 @@ from ...crowd_lod.shot.exceptions import Exemption, excepted, marked
 from ...crowd_lod.shot.shot_cost import Shot, meshes_of
 from ...crowd_lod.shot.switches import WORST, largest, noticed
 from ...crowd_lod.shot.unneeded import needed_meshes
+from ...crowd_lod.shot.verdict import verdict_of
 from ..blender import cameras, provenance, scene_data
 from ..blender.machine_costs import costs_of
 from ..blender.operator import Reporting, Stepwise
@@ -102,7 +104,7 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
     """
     if not 0 <= request.avoid < 1e6:
         raise CrowdError(
-            f"Avoid Pops is {request.avoid:g}; give the part of the cost that it may add, such as "
+            f"Extra Cost for Fewer Pops is {request.avoid:g}; give the part of the cost that it may add, such as "
             f"0.05."
         )
     check_recorded(scene, "Plan Shot")
@@ -118,13 +120,15 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
         READY,
         SURVEYED,
     )
-    phases = plan_phases(
+    planning = partial(
+        plan_phases,
         through.survey,
         strides_of(trajectory.groups, trajectory.gaits),
         policy.tolerance,
         request.variety,
         trajectory.given_phases,
     )
+    phases = yield from standing(aside(planning), SURVEYED)
     survey = recast(through.survey, phases.phases)
     characters = characters_of(scene)
     library = cast_of(characters, trajectory)
@@ -138,15 +142,21 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
         cast.baked(survey.numbers, trajectory, library, used),
         cast.moved_as,
     )
-    plan = yield from share(decide_within(shot, request.budget, request.avoid), SURVEYED, DECIDED)
-    changes = noticed(shot, plan.levels, trajectory.spheres.radius)
+    deciding = steps_aside(decide_within(shot, request.budget, request.avoid))
+    plan = yield from share(deciding, SURVEYED, DECIDED)
+    noticing = aside(lambda: noticed(shot, plan.levels, trajectory.spheres.radius))
+    changes = yield from standing(noticing, DECIDED)
+    eyes = [camera_of(numbers) for numbers in through.cameras[:, 0]]
+    verdict = verdict_of(shot.survey, changes, eyes, scene_data.meters(scene))
+    curve = steps_aside(curve_of(shot, plan, policy.tolerance))
     names = [group.name for group in trajectory.groups]
     report = ShotReport(
         title=Path(bpy.data.filepath).stem or scene.name,
         shot=shot,
         plan=plan,
         noticed=changes,
-        curve=(yield from share(curve_of(shot, plan, policy.tolerance), DECIDED, CURVED)),
+        verdict=verdict,
+        curve=(yield from share(curve, DECIDED, CURVED)),
         names=names,
         phases=phases,
         classes=phases.rows(names, trajectory.gaits),
@@ -193,7 +203,7 @@ def write_plan(
 
     command: the command line of the run.
     """
-    write_levels(folder, planned)
+    yield from standing(aside(lambda: write_levels(folder, planned)), 0.0)
     content = yield from standing(
         scene_json(scene, scene, command, int(planned.stored.numbers[-1]), []), 1.0
     )
@@ -203,7 +213,8 @@ def write_plan(
     (folder / "switches.csv").write_text(
         tables.switches_csv(planned.report.noticed), encoding="utf-8"
     )
-    (folder / "report.html").write_text(shot_page(planned.report), encoding="utf-8")
+    page = yield from standing(aside(lambda: shot_page(planned.report)), 1.0)
+    (folder / "report.html").write_text(page, encoding="utf-8")
     return content
 
 
@@ -237,7 +248,7 @@ def shot_json(planned: PlannedShot) -> dict[str, Any]:
 
 
 def sentence(planned: PlannedShot) -> str:
-    """Return a sentence that compares the plan with LODs by thresholds."""
+    """Return the verdict, and a sentence that compares the plan with LODs by thresholds."""
     plan = planned.plan
     frames = len(planned.stored.numbers)
     bill = plan.bill
@@ -249,6 +260,7 @@ def sentence(planned: PlannedShot) -> str:
         else ""
     )
     return (
+        f"{planned.report.verdict.sentence} "
         f"{counted(frames, 'frame')} of {counted(len(planned.shot.survey.group), 'agent')} "
         f"planned. LODs change in sight {int(bill.switches.sum()):,} times, by distance "
         f"{int(before.switches.sum()):,} times, for {max(bill.above(before), 0.0):.1%} more cost "
@@ -298,6 +310,7 @@ class CROWDLOD_OT_plan_shot(Stepwise, bpy.types.Operator):
             yield from standing(write_plan(scene, part, planned, ["sidebar"]), 0.99)
         settings.shot_plan = f"{place}/{plan_file.NAME}"
         settings.use_shot_plan = True
+        settings.shot_verdict = planned.report.verdict.sentence
         note_output(scene, "plan")
         return f"{sentence(planned)} The plan is in {place_of(folder)}."
 
@@ -310,17 +323,17 @@ class CROWDLOD_OT_remove_plan(Reporting, bpy.types.Operator):
     needs = (needs.plan,)
 
     def run(self, context) -> str:
-        context.scene.crowd_lod.shot_plan = ""
+        context.scene.crowd_lod.shot_plan = context.scene.crowd_lod.shot_verdict = ""
         return "LODs follow from distances again."
 
 
 class CROWDLOD_OT_go_to_switch(Reporting, bpy.types.Operator):
     bl_description = (
-        "Go to the frame of the largest change by a LOD switch, and mark its agent; again, to "
-        "the next largest"
+        "Go to the frame of the largest change in sight, and mark its agent; again, to the next "
+        "largest"
     )
     bl_idname = "crowd_lod.go_to_switch"
-    bl_label = "Go to Largest Switch"
+    bl_label = "Go to Largest Change"
     needs = (needs.plan,)
 
     def run(self, context) -> str:
@@ -334,11 +347,11 @@ class CROWDLOD_OT_go_to_switch(Reporting, bpy.types.Operator):
         at = (places.index(now) + 1) % len(places) if now in places else 0
         scene.frame_current, settings.agent = places[at]
         switch = rows[at]
-        lods = (
-            f"LOD {switch['from']} to {switch['to']}"
-            if switch["from"]
-            else f"appears at LOD {switch['to']}"
-        )
+        lods = f"LOD {switch['from']} to {switch['to']}"
+        if not switch["from"]:
+            lods = f"appears at LOD {switch['to']}"
+        elif not switch["to"]:
+            lods = f"vanishes from LOD {switch['from']}"
         return (
             f"Frame {places[at][0]}, agent {places[at][1]}: {lods}, changes up to "
             f"{float(switch['change_px']):.2f} pixels."

@@ -33,7 +33,7 @@ from ..scene.scene_crowd import characters_of, policy_of, trajectory_of
 
 EVERY = 20.0  # seconds between two saves, from which the next run goes on
 KEPT = "kind", "coarsest", "scale", "character", "cuts", "rays"
-LISTS = "entered", "pairs", "nearness"  # of arrays, one for each frame
+LISTS = "entered", "left", "pairs", "nearness"  # of arrays, one for each frame
 PARTS = ".crowd-lod-survey"  # begins the names of the parts' files
 
 

@@ -57,22 +57,22 @@ def crops_of(
 
 
 def posed_agent(
-    scene: bpy.types.Scene, agent: int, held: Held, levels: Sequence[int]
+    scene: bpy.types.Scene, agent: int, shown_crowd: Held, levels: Sequence[int]
 ) -> tuple[list[Body | None], Looks]:
-    """Return an agent of the crowd `held` once with each of `levels`, and its materials' images.
+    """Return an agent of `shown_crowd` once with each of `levels`, and its materials' images.
 
     The bodies are in world space.
     """
     settings = scene.crowd_lod
     trajectory = trajectory_of(scene)
     characters = characters_of(scene)
-    crowd = held.crowd
+    crowd = shown_crowd.crowd
     materials = Looks()
     g = int(crowd.group[agent])
     name, objects, _ = characters[g]
     homes = [home_of(settings.levels.children[max(k, 0)], g, name) for k in levels]
     columns = columns_of(
-        trajectory, crowd, held, np.array([agent]), cast_of(characters, trajectory)
+        trajectory, crowd, shown_crowd, np.array([agent]), cast_of(characters, trajectory)
     )
     at = {key: values[0].tolist() for key, values in columns.items()}
     stance = Euler((at.get("roll", 0.0), -at.get("pitch", 0.0), at["heading"])).to_matrix().to_4x4()

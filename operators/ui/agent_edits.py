@@ -10,7 +10,7 @@ import numpy as np
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
-from ...crowd_lod.shot.exceptions import named
+from ...crowd_lod.shot.exceptions import agents_text
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_data
 from ..blender.labeled_properties import EnumProperty, FloatProperty
@@ -81,7 +81,7 @@ class CROWDLOD_OT_edit_agent(Reporting, bpy.types.Operator):
             settings,
             self.kind,
             f"{BUTTONS[self.kind][0]} {agent}",
-            named(np.array([agent]), trajectory.ids),
+            agents_text(np.array([agent]), trajectory.ids),
         )
         if self.kind == "NUDGE":
             entry.move[0] += NUDGE / scene_data.meters(scene)
@@ -141,7 +141,7 @@ def _found(context, entry) -> str:
             f"The exception {entry.name} finds nobody: no agent stands in {where.name} at this "
             f"frame, or the share is 0."
         )
-    entry.agents = named(agents, trajectory.ids)
+    entry.agents = agents_text(agents, trajectory.ids)
     entry.chosen_by = "NUMBERS"
     return f"{entry.name}: {counted(len(agents), 'agent')} found, the same in all frames."
 

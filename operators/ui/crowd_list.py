@@ -4,6 +4,7 @@ import bpy
 
 from ..blender.operator import Reporting
 from ..settings import needs
+from ..sources.jupedsim_run import has_jupedsim
 from ..sources.tracks_source import notes_on_frames
 from .drawing import active_column, button, label
 from .settings_list import Removing, draw_list
@@ -105,6 +106,10 @@ class CROWDLOD_PT_crowd_ground(_OfCrowd, bpy.types.Panel):
 
 class CROWDLOD_PT_crowd_simulation(_OfCrowd, bpy.types.Panel):
     bl_label = "Simulation of Crowd"
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        return super().poll(context) and has_jupedsim()
 
     def crowd(self, layout, crowd, index: int) -> None:
         draw_simulation(layout, crowd, index)

@@ -39,7 +39,9 @@ def button(
     """
     if name in operator.at_work:
         done = operator.at_work[name]
-        layout.progress(factor=done, text=f"{done:.0%}, Esc", translate=False)
+        row = layout.row(align=True)
+        row.progress(factor=done, text=f"{done:.0%}, Esc", translate=False)
+        row.operator("crowd_lod.stop", text="", icon="X")
         return None
     row = layout.row(align=True)
     row.active_default = name == following
@@ -60,6 +62,11 @@ def wide(layout, settings, name: str) -> None:
     row = layout.row()
     row.use_property_split = False
     row.prop(settings, name)
+
+
+def limit(name: str, value: float) -> str:
+    """Return the name of a limit, which says so where the value 0 is none."""
+    return name if value else f"{name} (No Limit)"
 
 
 def length(context, units: float) -> str:

@@ -27,7 +27,7 @@ from .drawing import active_column, label, letters_of, paragraph
 from .step_panel import Step
 from .swatches import swatch
 
-MOST_LETTERS = 180  # of a mistake; the message of Populate is longer
+MOST_LETTERS = 180  # of a mistake's description; Populate shows all of it
 ARROWS = "→↗↑↖←↙↓↘"  # from +x, counter-clockwise
 # Of each scene the frame whose agents were counted last, and how many are in each of its states.
 _counted: dict[int, tuple] = scene_cache.add_cache({}, by_scene=True)

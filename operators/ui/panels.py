@@ -17,6 +17,7 @@ from ..blender.scene_data import engine_of
 from ..characters.prop_button import props_in
 from ..lod_meshes.made_for import changed, edited, forecast
 from ..overlay import viewport_overlay
+from ..sources.jupedsim_run import has_jupedsim
 from . import steps
 from .agent_edits import draw_edits
 from .crowd_list import MOVERS, draw_behavior, draw_ground, draw_simulation, draw_source
@@ -29,6 +30,7 @@ from .drawing import (
     label,
     length,
     letters_of,
+    limit,
     table,
     wide,
 )
@@ -49,7 +51,7 @@ class CROWDLOD_PT_main(Sidebar, bpy.types.Panel):
         row.popover("CROWDLOD_PT_statistics", text=_line(scene), translate=False)
         (sentence, icon), *others = steps.messages(scene)
         warnings = sum(other == "ERROR" for _, other in others)
-        # A sentence in red needs the room. Blender would cut its middle; the popover has all of it.
+        # An error needs all the room: Blender cuts the middle of a long line. The popover has all.
         more = f" ({counted(warnings, 'warning')})" if warnings and icon != "ERROR" else ""
         sentence = (
             shorten(sentence, max(20, letters_of(context) - len(more)), placeholder="...") + more
@@ -88,6 +90,7 @@ class CROWDLOD_PT_crowd(Step, bpy.types.Panel):
             )
         else:
             button(self.layout, "crowd_lod.populate", "Populate", following=following)
+        self.draw_presets()
 
     def body(self, context, layout, settings) -> None:
         following = steps.next_operator(context.scene)
@@ -171,6 +174,10 @@ class CROWDLOD_PT_simulation(Step, bpy.types.Panel):
     bl_label = "Simulation"
     bl_parent_id = "CROWDLOD_PT_behavior"
 
+    @classmethod
+    def poll(cls, context) -> bool:
+        return has_jupedsim()
+
     def body(self, context, layout, settings) -> None:
         draw_simulation(layout, settings, 0)
 
@@ -210,7 +217,9 @@ class CROWDLOD_PT_levels(Step, bpy.types.Panel):
         row.prop(settings, "choice", expand=True)
         if settings.choice == "BY_TOLERANCE":
             layout.prop(settings, "tolerance")
-            layout.prop(settings, "memory", text="Memory", translate=False)
+            layout.prop(
+                settings, "memory", text=limit("Memory, MB", settings.memory), translate=False
+            )
         else:
             layout.prop(settings, "level_count")
             layout.prop(settings, "metric")

@@ -1,4 +1,4 @@
-"""What opens where one asks for it: statistics, messages, LOD meshes, the account of an agent."""
+"""Popovers: statistics, messages, LOD meshes, the account of an agent."""
 
 import bpy
 

@@ -11,7 +11,7 @@ from ..render_setup.render_setup import BAKED, baked_of
 from ..render_setup.view_layers import layers_of
 from ..sources.hand_edits import EDITS
 from . import steps
-from .drawing import active_column, button, label, table, wide
+from .drawing import active_column, button, label, letters_of, limit, paragraph, table, wide
 from .settings_list import draw_list
 from .step_panel import Step
 
@@ -39,6 +39,8 @@ class CROWDLOD_PT_plan(Step, bpy.types.Panel):
         row.enabled = bool(settings.shot_plan)
         row.prop(settings, "use_shot_plan", toggle=True)
         row.operator("crowd_lod.remove_plan", text="", icon="TRASH")
+        if settings.shot_verdict:
+            paragraph(layout, settings.shot_verdict, "HIDE_OFF", letters_of(context))
         layout.operator("crowd_lod.go_to_switch", icon="VIEWZOOM")
         label(layout, *describe_hold(context.scene))
 
@@ -76,8 +78,9 @@ class CROWDLOD_PT_budget(Step, bpy.types.Panel):
     bl_parent_id = "CROWDLOD_PT_plan"
 
     def body(self, context, layout, settings) -> None:
-        layout.prop(settings, "budget_triangles")
-        layout.prop(settings, "budget_memory")
+        for name, text in (("budget_triangles", "Triangles"), ("budget_memory", "Memory, MB")):
+            value = getattr(settings, name)
+            layout.prop(settings, name, text=limit(text, value), translate=False)
         wide(layout, settings, "plan_blurred")
 
 

@@ -29,15 +29,16 @@ class Step(Sidebar):
     def draw_header_preset(self, context) -> None:
         if self.main:
             button(self.layout, *self.main, following=steps.next_operator(context.scene))
+        self.draw_presets()
+
+    def draw_presets(self) -> None:
+        if self.step:
+            presets_button(self.layout, self.step)
 
     def draw(self, context) -> None:
         layout = self.layout
         layout.use_property_split = True
         layout.use_property_decorate = False
-        if self.step:
-            row = layout.row()
-            row.alignment = "RIGHT"
-            presets_button(row, self.step)
         self.body(context, layout, context.scene.crowd_lod)
 
 

@@ -69,7 +69,7 @@ def messages(scene: bpy.types.Scene) -> list[tuple[str, str]]:
         lines.append((f"{lods}. {change.sentence}" if change else lods, "FILE_REFRESH"))
     if verdict := verdict_of(scene):
         lines.append((verdict, "CHECKMARK" if verdict.startswith("OK") else "ERROR"))
-    # what Populate warns of stops nobody: the next step stands before it
+    # warnings of Populate do not stop the work: the next step is named before them
     if settings.characters is not None:
         lines += [(warning, "ERROR") for warning in settings.trouble.splitlines()]
     if note := notes_on_file(settings):

@@ -35,7 +35,7 @@ from .prototypes import library_of_poses, names_of, write_prototypes
 from .shot_camera import FilmedFrame, film_frame, write_camera
 
 ENDINGS = (".usdc", ".usda", ".usd")
-POSES = 32  # of an action's cycle that static prototypes show
+POSES = 32  # of an action's cycle, one static prototype for each
 # the progress at which each stage ends
 READY = 0.2
 PLANNED = 0.5
@@ -138,7 +138,7 @@ def _plans(
 ]:
     """Plan all frames: yield the progress, return what is shown, what films, and what is unplanned.
 
-    The last is what `unplanned_notes` takes.
+    The last goes to `unplanned_notes`.
     """
     trajectory = trajectory_of(scene)
     frames = request.frames

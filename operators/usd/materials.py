@@ -9,7 +9,7 @@ import bpy
 from ..blender import image_data
 from ..blender.material_colors import Looks
 
-# what an image's file must end in for others to read it (OpenUSD's compliance checker)
+# endings of image files that every USD reader knows (OpenUSD's compliance checker)
 READ_BY_ALL = (".png", ".jpg", ".jpeg", ".exr")
 
 

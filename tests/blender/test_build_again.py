@@ -233,7 +233,7 @@ def test_a_tree_of_the_users_by_our_name_is_let_alone(levelled):
     theirs = bpy.data.node_groups.new(NAME, "GeometryNodeTree")
     theirs.nodes.new("NodeGroupInput")
     list(render_setup.build(levelled))
-    assert len(theirs.nodes) == 1 and trees.made(NAME) != theirs
+    assert len(theirs.nodes) == 1 and trees.find_tree(NAME) != theirs
     render_setup.remove_build(levelled.crowd_lod)
     assert list(bpy.data.node_groups) == [theirs]
 

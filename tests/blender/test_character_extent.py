@@ -337,3 +337,28 @@ def test_rounding_of_a_flat_character_lifts_nobody(sunk):
     sunk.crowd_lod.characters.children[0].instance_offset.z = 2.18e-7
     bpy.ops.crowd_lod.populate()
     assert sunk.crowd_lod.groups[0].lowest == 0 and "ground" not in sunk.crowd_lod.trouble
+
+
+def test_nobody_stands_on_what_is_in_a_hand():
+    """A crossbow that hangs below the feet, and is wider than they are."""
+    scene = bpy.context.scene
+    armature = rig("archer")
+    armature.data.bones["upper"].name = "handslot.r"
+    body = new("body", tube("body", 12, 6))
+    skin(body, armature)
+    body.vertex_groups["upper"].name = "handslot.r"
+    mesh = bpy.data.meshes.new("crossbow")
+    corners = [(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.3)]
+    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    mesh.from_pydata(corners, [], faces)
+    weapon = new("crossbow", mesh)
+    character(body, weapon)
+    scene.collection.objects.link(armature)
+    weapon.parent = armature
+    weapon.parent_type = "BONE"
+    weapon.parent_bone = "handslot.r"
+    bpy.context.view_layer.update()
+    weapon.matrix_world = Matrix.Identity(4)
+    scene.crowd_lod.count = 1
+    bpy.ops.crowd_lod.populate()
+    assert scene.crowd_lod.groups[0].lowest == pytest.approx(0, abs=0.05)

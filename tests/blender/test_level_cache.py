@@ -25,11 +25,11 @@ def two():
     scene = bpy.context.scene
     scene.crowd_lod.method = "DECIMATE"  # the quickest
     armature = rig()
-    body = new("body", tube("body", 12, 12))
+    body = new("body", tube("body", 6, 6))
     body.data.materials.append(bpy.data.materials.new("skin"))
     skin(body, armature)
     character(armature, body, name="one")
-    character(new("other", tube("other", 12, 12)), name="two")
+    character(new("other", tube("other", 6, 6)), name="two")
     return scene
 
 

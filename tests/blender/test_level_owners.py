@@ -32,9 +32,9 @@ def objects_of(scene, k):
 
 def test_lods_that_hang_on_a_character_s_armature_are_no_part_of_it(scene):
     armature = rig()
-    body = new("body", tube("body", 8, 8))
+    body = new("body", tube("body", 5, 5))
     root = new("root", None)
-    hat = new("hat", tube("hat", 8, 8))
+    hat = new("hat", tube("hat", 5, 5))
     skin(body, armature)
     hat.parent = root
     bpy.data.collections.remove(character())
@@ -53,7 +53,7 @@ def test_lods_that_hang_on_a_character_s_armature_are_no_part_of_it(scene):
 
 
 def test_an_object_may_be_in_several_groups(scene):
-    body = new("body", tube("body", 8, 8))
+    body = new("body", tube("body", 5, 5))
     for name in ("one", "two"):
         character(body, name=name)
     assert run(scene).made == ("one", "two")
@@ -67,7 +67,7 @@ def test_an_object_may_be_in_several_groups(scene):
 
 @pytest.mark.parametrize("linked", [False, True])
 def test_a_lod_that_became_a_character_stays(scene, linked):
-    character(new("body", tube("body", 8, 8)), name="one")
+    character(new("body", tube("body", 5, 5)), name="one")
     run(scene)
     mine = scene.crowd_lod.levels.children[1].children[0].objects[0]
     if linked:  # as Alt D does it
@@ -86,7 +86,7 @@ def test_a_lod_that_became_a_character_stays(scene, linked):
 
 
 def test_a_copy_of_the_scene_leaves_the_first_one_s(scene):
-    character(new("body", tube("body", 8, 8)))
+    character(new("body", tube("body", 5, 5)))
     run(scene)
     levels = scene.crowd_lod.levels
     items = list(scene.crowd_lod.levels.all_objects)
@@ -105,8 +105,8 @@ def test_a_copy_of_the_scene_leaves_the_first_one_s(scene):
 
 
 def test_two_groups_of_one_name_are_named(scene):
-    character(new("inner", tube("inner", 8, 8)), name="hero")
-    scene.crowd_lod.characters.objects.link(new("hero", tube("hero", 8, 8)))
+    character(new("inner", tube("inner", 5, 5)), name="hero")
+    scene.crowd_lod.characters.objects.link(new("hero", tube("hero", 5, 5)))
     with pytest.raises(
         CrowdError, match="Two character groups in People are called hero: rename one of them"
     ):
@@ -146,7 +146,7 @@ def test_lods_of_another_group_are_never_taken_for_a_group_s_own(scene, change):
 
 
 def test_collections_that_the_user_put_among_the_lods_stay(scene):
-    character(new("body", tube("body", 8, 8)))
+    character(new("body", tube("body", 5, 5)))
     run(scene)
     own = bpy.data.collections.new("own")
     linked = bpy.data.collections.new("linked")
@@ -165,7 +165,7 @@ def test_collections_that_the_user_put_among_the_lods_stay(scene):
 
 
 def test_lods_of_a_rigid_body_take_no_part_in_the_simulation(scene):
-    body = new("body", tube("body", 8, 8))
+    body = new("body", tube("body", 5, 5))
     character(body)
     bpy.context.view_layer.objects.active = body
     bpy.ops.rigidbody.world_add()
@@ -178,7 +178,7 @@ def test_lods_of_a_rigid_body_take_no_part_in_the_simulation(scene):
 
 
 def test_a_linked_scene_is_left_alone_with_a_sentence(scene, tmp_path):
-    character(new("body", tube("body", 8, 8)))
+    character(new("body", tube("body", 5, 5)))
     bpy.data.libraries.write(str(tmp_path / "scene.blend"), {scene})
     with bpy.data.libraries.load(str(tmp_path / "scene.blend"), link=True) as (_, wanted):
         wanted.scenes = [scene.name]

@@ -10,6 +10,7 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.frame.planned import LEVEL
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot import plan_file
+from crowd_lod_extension.operators.blender.animation import curves_of
 from crowd_lod_extension.operators.render_setup import bake, frame_update, render_setup
 from crowd_lod_extension.operators.runs.preview import preview
 from crowd_lod_extension.operators.runs.preview_stage import Preview
@@ -333,3 +334,25 @@ def test_lods_of_other_settings_are_named(scene, tmp_path):
     with pytest.raises(RuntimeError, match="do not fit the settings"):
         bpy.ops.crowd_lod.plan_shot()
     assert not (tmp_path / "plan").exists()
+
+
+def test_whom_the_far_clip_hides_at_once_is_in_the_verdict(levelled, tmp_path):
+    scene = levelled
+    lens = scene.camera.data
+    frame_at(scene, 6)
+    eye = np.array(scene.camera.matrix_world.translation)
+    crowd = frame_at(scene, 6).crowd
+    away = np.linalg.norm(np.column_stack([crowd.x, crowd.y, crowd.z]) - eye, axis=1)
+    for number, lens.clip_end in ((1, 1000.0), (5, 1000.0), (6, float(np.median(away)))):
+        lens.keyframe_insert("clip_end", frame=number)
+    for curve in curves_of(lens.animation_data):
+        for point in curve.keyframe_points:
+            point.interpolation = "CONSTANT"
+    seen = {number: set(shown(frame_at(scene, number))) for number in (5, 6)}
+    gone = len(seen[5] - seen[6])
+    assert gone > 1
+    planned(scene, tmp_path / "plan")
+    verdict = scene.crowd_lod.shot_verdict
+    assert f"{gone} agents vanish at once at the far clip ({lens.clip_end:.3g} m)" in verdict
+    assert "frame 6." in verdict
+    assert verdict in (tmp_path / "plan" / "report.html").read_text(encoding="utf-8")

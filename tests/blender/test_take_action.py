@@ -116,3 +116,12 @@ def test_who_stands_in_a_stadium_does_not_glide(skinned):
     settings.machine = text
     bpy.ops.crowd_lod.populate()
     assert "glide" not in settings.trouble
+
+
+def test_motion_that_came_as_empties_is_told_with_the_way_out(skinned):
+    for bone in skinned.data.bones:
+        empty = new(bone.name, None)
+        bpy.context.scene.collection.objects.link(empty)
+        empty.keyframe_insert("rotation_quaternion", frame=1)
+    with pytest.raises(RuntimeError, match="Empties called as the bones of someone play its"):
+        bpy.ops.crowd_lod.take_action()

@@ -135,7 +135,7 @@ def test_a_body_counts_where_its_shirt_ends():
         return [other, sleeve()]
 
     assert off([body, shirt], dented(0.6))[1] < 0.001 < 0.03 < off([body, shirt], dented(0.15))[0]
-    estimate = measure.estimate(dented(0.15), 0.02)
+    estimate = finished(measure.estimate(dented(0.15), 0.02))
     assert estimate.deviations[0] == pytest.approx(off([body, shirt], dented(0.15))[0], rel=0.3)
     assert estimate.deviations[1] < 0.001
     spots = estimate.away[0] > 0.02

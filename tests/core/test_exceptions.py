@@ -9,10 +9,10 @@ from crowd_lod_extension.crowd_lod.frame.planned import EXCEPTED, HIDDEN, LEVEL,
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot.exceptions import (
     Exemption,
+    agents_text,
     check_level,
     excepted,
     marked,
-    named,
     parse_agents,
 )
 from crowd_lod_extension.crowd_lod.shot.shot import decide, decided, lower_bound
@@ -48,8 +48,8 @@ def test_agents_of_a_file_are_found_by_its_numbers():
     assert parse_agents("#8, #700, #800-900", 6, "Hero", ids).tolist() == [0]  # points come and go
     # who has no number of its own, or shares it, is named by its index
     assert (
-        named(np.arange(6), ids) == "#7, #9, #700, 2-4"
-        and named(np.array([0, 1, 2, 8])) == "0-2, 8"
+        agents_text(np.arange(6), ids) == "#7, #9, #700, 2-4"
+        and agents_text(np.array([0, 1, 2, 8])) == "0-2, 8"
     )
     for text, own in (("#8", ids), ("#7", None)):
         with pytest.raises(
@@ -64,7 +64,7 @@ def test_agents_of_a_file_are_found_by_its_numbers():
 def test_agents_that_are_named_are_found_again_when_the_file_grows(agents, random):
     agents = np.array(sorted(agents))
     ids = None if random is None else random.choice(10**6, 100, replace=False)
-    text = named(agents, ids)
+    text = agents_text(agents, ids)
     assert np.array_equal(parse_agents(text, 100, "Hero", ids), agents)
     if random is not None:
         grown = random.permutation(np.append(ids, np.arange(10**6, 10**6 + 20)))

@@ -153,10 +153,10 @@ def test_each_state_plays_its_action_at_its_own_rate():
             0.5,
             atol=1e-5,
         )
-        shown = Library(np.zeros(1, np.intp)).shown(gaits, crowd, frame / 24, np.arange(500))
+        shown = Library(np.zeros(1, np.intp)).character_of(gaits, crowd, frame / 24, np.arange(500))
         assert (shown == crowd.state * 16 + crowd.phase_class).all()
         assert (
-            Library(np.array([4])).shown(gaits, crowd, frame / 24, np.arange(500)) // 4
+            Library(np.array([4])).character_of(gaits, crowd, frame / 24, np.arange(500)) // 4
             == crowd.state
         ).all()
         seen |= set(crowd.state.tolist())

@@ -95,7 +95,8 @@ def test_in_step_is_what_the_crowd_shows(shot, planned):
         place = np.column_stack((crowd.x, crowd.y, crowd.z))[agents]
         apart = np.linalg.norm(place[:, None] - place, axis=2)
         block = (
-            trajectory.gaits.which[crowd.group, crowd.playing][agents] + 10 * crowd.group[agents]
+            trajectory.gaits.play_number[crowd.group, crowd.playing][agents]
+            + 10 * crowd.group[agents]
         )
         alike = (block[:, None] == block) & (apart <= 2) & (np.arange(len(agents)) < 1e9)
         alike &= np.tri(len(agents), k=-1, dtype=bool)
@@ -114,7 +115,7 @@ def test_the_survey_and_the_crowd_show_the_same_characters(shot, planned):
         crowd = planned.phases.applied(trajectory.at(time), trajectory.gaits)
         agents = np.flatnonzero(survey.kind[f] == SEEN)
         seconds = trajectory.seconds(time)
-        shown = library().shown(trajectory.gaits, crowd, seconds, agents)
+        shown = library().character_of(trajectory.gaits, crowd, seconds, agents)
         assert (shown == again.character[f, agents]).all()
     before, after = (np.unique(each.character[each.seen]) for each in (survey, again))
     assert len(after) < 0.6 * len(before)
@@ -208,7 +209,7 @@ def test_given_phases_stay(shot):
     trajectory, survey = shot
     given = np.arange(len(survey.group)) % 2 == 0
     strides = strides_of(trajectory.groups, trajectory.gaits)
-    phases = plan_phases(survey, strides, 1.0, given=given).phases
+    phases = plan_phases(survey, strides, 1.0, fixed=given).phases
     crowd = trajectory.at(20)
     shown = phases.applied(crowd, trajectory.gaits).phase_class
     assert (shown == crowd.phase_class)[given].all()

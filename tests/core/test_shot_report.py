@@ -22,6 +22,7 @@ from crowd_lod_extension.crowd_lod.shot.shot import decide
 from crowd_lod_extension.crowd_lod.shot.survey import CULLED
 from crowd_lod_extension.crowd_lod.shot.switches import noticed
 from crowd_lod_extension.crowd_lod.shot.unneeded import unneeded
+from crowd_lod_extension.crowd_lod.shot.verdict import Change, Verdict
 
 from ..support.pages import Reader
 from ..support.surveys import TRIANGLES, some_shot
@@ -50,6 +51,7 @@ def told(title="plaza", names=("adult", "child"), **more):
         shot=shot,
         plan=plan,
         noticed=found,
+        verdict=Verdict(Change(0.8, 7, 3)),
         curve=curve,
         names=list(names),
         phases=phases,
@@ -57,6 +59,11 @@ def told(title="plaza", names=("adult", "child"), **more):
         tints=TINTS,
         milliseconds={"culling": 1.5, "levels": 0.25},
     )
+
+
+def test_the_verdict_comes_first():
+    text = shot_page(told())
+    assert text.index("Worst change in sight: 0.8 px, frame 7.") < text.index("12 frames of 60")
 
 
 def test_phase_classes_are_told():
@@ -228,12 +235,15 @@ def test_what_the_user_should_know_is_said():
     survey.entered[5] = np.flatnonzero(survey.seen[5] & ~survey.seen[4])[:2]
     plan = finished(decide(data.shot))
     text = shot_page(replace(data, plan=plan, noticed=noticed(data.shot, plan.levels, RADIUS)))
-    assert "2 agents appear at once, by the near or far clip of the camera, in frame 6:" in text
+    assert (
+        "2 times an agent appears or vanishes at once, by the near or far clip of the camera, in frame 6:"
+        in text
+    )
     assert (
         f"Another camera films from frame{'s' if survey.cuts.sum() > 1 else ''} " in text
         and "No character is seen in frame 7." in text
     )
-    assert "not in sight" in text and "appear at once" not in shot_page(told())
+    assert "not in sight" in text and "vanishes at once" not in shot_page(told())
 
 
 def test_what_no_frame_shows_is_not_needed():

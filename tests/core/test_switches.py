@@ -6,12 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod.format import number
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.reporting.tables import switches_csv
 from crowd_lod_extension.crowd_lod.shot.shot import decide
 from crowd_lod_extension.crowd_lod.shot.shot_cost import bill
 from crowd_lod_extension.crowd_lod.shot.switches import NOTHING, noticed
+from crowd_lod_extension.crowd_lod.shot.verdict import verdict_of
 
+from ..support.cameras import straight
 from ..support.surveys import pixels_of, some_shot
 
 RADIUS = np.array([0.75, 1.25])
@@ -19,7 +22,7 @@ RADIUS = np.array([0.75, 1.25])
 
 def with_entries(shot, seed):
     """The shot; of the agents that a frame shows and the one before does not, half came through a
-    clip.
+    clip, and so did half of those that are gone.
     """
     random = np.random.default_rng(seed)
     seen = shot.survey.seen
@@ -27,6 +30,8 @@ def with_entries(shot, seed):
         new = np.flatnonzero(seen[f] & ~seen[f - 1])
         if not shot.survey.cuts[f]:
             shot.survey.entered[f] = new[random.random(len(new)) < 0.5]
+            gone = np.flatnonzero(seen[f - 1] & ~seen[f])
+            shot.survey.left[f] = gone[random.random(len(gone)) < 0.5]
     return shot
 
 
@@ -42,6 +47,9 @@ def looped(shot, levels):
                 rows.append((*place, int(levels[f - 1, a]), int(levels[f, a]), size, change))
             elif a in survey.entered[f]:
                 rows.append((*place, NOTHING, int(levels[f, a]), size, size))
+            elif a in survey.left[f]:
+                size = float(survey.scale[f - 1, a]) * 2 * RADIUS[survey.group[a]]
+                rows.append((*place, int(levels[f - 1, a]), NOTHING, size, size))
     return rows
 
 
@@ -52,13 +60,14 @@ def test_rows_are_those_of_a_loop(seed):
     for levels, own in ((plan.levels, plan.bill), (shot.survey.coarsest, plan.thresholds)):
         found = noticed(shot, levels, RADIUS)
         assert found.tolist() == looped(shot, levels)
-        switches = found[found["before"] != NOTHING]
+        switches = found[(found["before"] != NOTHING) & (found["after"] != NOTHING)]
         assert np.bincount(switches["frame"] - 1, minlength=12).tolist() == own.switches.tolist()
         assert (
             switches["change"].sum() == pytest.approx(own.pixels.sum())
             and switches["change"].max() == own.most
         )
-        assert (found["before"] == NOTHING).any() and len(switches) > 5
+        assert (found["before"] == NOTHING).any() and (found["after"] == NOTHING).any()
+        assert len(switches) > 5
 
 
 def test_switch_without_a_distance_between_lods_counts_too():
@@ -76,9 +85,9 @@ def test_table_tells_each_row():
     shot = with_entries(some_shot(3, agents=40, frames=12, lods=4), 3)
     found = noticed(shot, shot.survey.coarsest, RADIUS)
     rows = list(csv.DictReader(io.StringIO(switches_csv(found))))
-    assert [int(row["from"] or NOTHING) for row in rows] == found["before"].tolist()
-    for column, name in (("frame", "frame"), ("agent", "agent"), ("to", "after")):
-        assert [int(row[column]) for row in rows] == found[name].tolist()
+    columns = (("frame", "frame"), ("agent", "agent"), ("from", "before"), ("to", "after"))
+    for column, name in columns:
+        assert [int(row[column] or NOTHING) for row in rows] == found[name].tolist()
     for column, name in (("size_px", "size"), ("change_px", "change")):
         assert np.array([row[column] for row in rows], float) == pytest.approx(
             found[name], abs=5.1e-4
@@ -91,3 +100,28 @@ def test_nothing_to_notice_is_a_table_without_rows():
         switches_csv(noticed(shot, shot.survey.coarsest, RADIUS))
         == "frame,agent,from,to,size_px,change_px\n"
     )
+
+
+def test_the_verdict_tells_the_largest_switch_and_the_frame_in_which_most_are_clipped():
+    shot = with_entries(some_shot(4, agents=60, frames=12, lods=4), 4)
+    found = noticed(shot, shot.survey.coarsest, RADIUS)
+    eyes = [straight(far=100.0)] * 12
+    told = verdict_of(shot.survey, found, eyes, 0.5)
+    switches = found[(found["before"] != NOTHING) & (found["after"] != NOTHING)]
+    assert told.change.pixels == switches["change"].max()
+    assert (told.change.frame, told.change.agent) in switches[["frame", "agent"]].tolist()
+    events = [len(each) for each in (*shot.survey.entered, *shot.survey.left)]
+    assert told.clipped.agents == max(events) > 1
+    of_frame = getattr(shot.survey, "entered" if told.clipped.appear else "left")
+    assert len(of_frame[told.clipped.frame - 1]) == told.clipped.agents
+    verb = "appear" if told.clipped.appear else "vanish"
+    assert f"{told.clipped.agents} agents {verb} at once" in told.sentence
+    assert told.sentence.startswith(
+        f"Worst change in sight: {number(told.change.pixels)} px, frame"
+    )
+
+
+def test_the_verdict_on_a_still_shot_is_that_nothing_changes():
+    shot = some_shot(0, agents=0)
+    found = noticed(shot, shot.survey.coarsest, RADIUS)
+    assert verdict_of(shot.survey, found, [], 1.0).sentence == "No LOD changes in sight."

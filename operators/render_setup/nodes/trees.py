@@ -12,7 +12,7 @@ KIND = "crowd_lod_tree"
 TREE_VERSION = "version"
 
 
-def made(kind: str) -> bpy.types.GeometryNodeTree | None:
+def find_tree(kind: str) -> bpy.types.GeometryNodeTree | None:
     """Return this file's own tree of that kind, whatever its name is now, or None.
 
     A tree of the user's with the same name does not count.
@@ -30,7 +30,7 @@ def is_ours(tree: bpy.types.NodeTree | None) -> bool:
 
 def stale(kind: str, version: int) -> bool:
     """Return whether this file holds a tree of that kind in another version."""
-    tree = made(kind)
+    tree = find_tree(kind)
     return tree is not None and tree.get(TREE_VERSION) != version
 
 
@@ -38,7 +38,7 @@ def current(
     kind: str, version: int, wire: Callable[[bpy.types.GeometryNodeTree], None]
 ) -> bpy.types.GeometryNodeTree:
     """Return the tree of that kind and version; `wire` makes or remakes it if needed."""
-    tree = made(kind)
+    tree = find_tree(kind)
     if tree is None:
         tree = bpy.data.node_groups.new(kind, "GeometryNodeTree")
     elif tree.get(TREE_VERSION) == version:

@@ -1,0 +1,94 @@
+"""The worst that a viewer may notice in a shot, in a line."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..culling.camera import Camera
+from ..format import counted, number
+from .survey import Survey
+from .switches import NOTHING, largest
+
+
+@dataclass(frozen=True)
+class Change:
+    """The largest switch in sight: pixels by which it changes the picture, and where it is."""
+
+    pixels: float
+    frame: int
+    agent: int
+
+    @property
+    def sentence(self) -> str:
+        return f"Worst change in sight: {number(self.pixels)} px, frame {self.frame}."
+
+
+@dataclass(frozen=True)
+class Clipped:
+    """The frame in which most agents appear, or vanish, by a clip.
+
+    appear: whether they appear. clip: "near" or "far". reach: meters from the camera to it.
+    """
+
+    agents: int
+    appear: bool
+    clip: str
+    reach: float
+    frame: int
+
+    @property
+    def sentence(self) -> str:
+        verb = ("appear" if self.appear else "vanish") + ("s" if self.agents == 1 else "")
+        return (
+            f"{counted(self.agents, 'agent')} {verb} at once at the {self.clip} clip "
+            f"({number(self.reach)} m), frame {self.frame}."
+        )
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The worst that a viewer may notice; None where there is no such thing."""
+
+    change: Change | None = None
+    clipped: Clipped | None = None
+
+    @property
+    def sentence(self) -> str:
+        change = self.change.sentence if self.change else "No LOD changes in sight."
+        return f"{change} {self.clipped.sentence}" if self.clipped else change
+
+
+def verdict_of(
+    survey: Survey, noticed: np.ndarray, cameras: Sequence[Camera], meters: float
+) -> Verdict:
+    """Return the verdict on the switches, entries and exits of a shot.
+
+    noticed: (s,) of switches.ROW.
+    cameras: one for each frame of the survey.
+    meters: that a unit is.
+    """
+    by_clip = (noticed["before"] == NOTHING) | (noticed["after"] == NOTHING)
+    switches = largest(noticed[~by_clip], 1)
+    change = None
+    if len(switches):
+        (row,) = switches
+        change = Change(float(row["change"]), int(row["frame"]), int(row["agent"]))
+    return Verdict(change, _clipped(survey, noticed[by_clip], cameras, meters))
+
+
+def _clipped(
+    survey: Survey, rows: np.ndarray, cameras: Sequence[Camera], meters: float
+) -> Clipped | None:
+    if not len(rows):
+        return None
+    appears = rows["before"] == NOTHING
+    events, counts = np.unique(np.stack([rows["frame"], appears]), axis=1, return_counts=True)
+    frame, appear = events[:, counts.argmax()].tolist()
+    agents = rows["agent"][(rows["frame"] == frame) & (appears == appear)]
+    f = int(np.searchsorted(survey.numbers, frame))
+    camera = cameras[f]
+    between = camera.pixels_per_unit / np.sqrt(max(camera.near, 1e-9) * camera.far)
+    is_near = bool(np.median(survey.scale[f if appear else f - 1, agents]) > between)
+    clip, reach = ("near", camera.near) if is_near else ("far", camera.far)
+    return Clipped(len(agents), bool(appear), clip, meters * reach, frame)
