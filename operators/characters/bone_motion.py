@@ -15,6 +15,7 @@ from .rig_needs import deforming
 NEAR = 1e-4
 MOST_KEYS = 4096  # of a curve, or twice as many as an action has frames, if those are more
 LOOKS = 8  # at an action, evenly, for how many keys it needs
+MOST_GUESSED = 8  # keys a frame: what jumps in a few frames has no more on the whole
 
 
 @dataclass
@@ -143,4 +144,5 @@ def guess_keys(objects: Sequence[bpy.types.Object], act: Performance, diagonal: 
         off = np.maximum(off, chords.max(axis=1, initial=0.0) / diagonal)
     # intervals are halved until straight lines are near; halves are off by a quarter
     halvings = np.ceil(np.log2(np.maximum(off / NEAR, 1.0)) / 2)
-    return float(min((2**halvings).mean(), max(MOST_KEYS / frames, 2.0)))
+    many = np.minimum(2**halvings, MOST_GUESSED).mean()
+    return float(min(many, max(MOST_KEYS / frames, 2.0)))
