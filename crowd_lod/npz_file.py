@@ -16,20 +16,20 @@ def read_arrays(
     path: Path,
     required: Sequence[str],
     optional: Sequence[str] = (),
-    what: str = "The file",
+    subject: str = "The file",
     remedy: str = "write it again with numpy.savez, without objects",
     most_bytes: int = MOST_BYTES,
 ) -> dict[str, np.ndarray]:
     """Return arrays of the NPZ file `path` by name, of any shape and dtype but objects.
 
     required, optional: names of the arrays to read.
-    what, remedy: the beginning and the end of the sentence that tells what is wrong.
+    subject, remedy: the beginning and the end of the sentence that tells what is wrong.
     most_bytes: that all these arrays may have together.
 
     CrowdError if the file is no NPZ, is damaged, lacks a required array, or holds more bytes.
     OSError if it cannot be opened.
     """
-    where = f"{what} {printable(path)}"
+    where = f"{subject} {printable(path)}"
     with path.open("rb") as file:
         try:
             with zipfile.ZipFile(file) as archive:

@@ -17,7 +17,7 @@ from .lod_meshes import deviation, make_lods
 from .machine import machine_buttons, machine_settings, map_areas, map_painting, state_machine_menu
 from .overlay import agent_picker, viewport_image, viewport_overlay
 from .render_setup import buttons, cost_estimate, frame_update
-from .runs import calibrate, open_report, preview, verify_button
+from .runs import calibrate, open_report, preview, update_all, verify_button
 from .scene import populate, sample_menu, scene_crowd
 from .settings import (
     area_settings,
@@ -69,6 +69,7 @@ MODULES = (
     calibrate,
     preview,
     shot_plan,
+    update_all,
     verify_button,
     open_report,
     viewport_image,

@@ -259,45 +259,45 @@ def stored_triangles(triangles: np.ndarray) -> np.ndarray:
 
 
 def work_of(
-    actors: Actors, shown: np.ndarray, rays: np.ndarray | float = 0.0, known: bool = False
+    actors: Actors, shown_agents: np.ndarray, rays: np.ndarray | float = 0.0, known: bool = False
 ) -> Work:
     """Return the work of a build of `actors` in F frames.
 
-    shown: (F, K, N), how many agents each frame shows with each LOD of each character.
+    shown_agents: (F, K, N), how many agents each frame shows with each LOD of each character.
     rays: (F,), or one number.
     known: True for a build of these frames alone: it holds their points, and only the characters
         that they show. Else it holds all characters and no points.
     """
     finest = np.broadcast_to(actors.finest, len(actors.triangles))[actors.group]
-    held: np.ndarray = np.array(
-        shown.any(axis=0) if known else np.arange(shown.shape[1])[:, None] >= finest
+    is_held: np.ndarray = np.array(
+        shown_agents.any(axis=0) if known else np.arange(shown_agents.shape[1])[:, None] >= finest
     )
-    agents = shown.sum()
-    shown = shown.copy()
+    agents = shown_agents.sum()
+    shown_agents = shown_agents.copy()
     # a group with fewer LODs than others shows its last in their place
-    for k in range(shown.shape[1] - 1, 0, -1):
+    for k in range(shown_agents.shape[1] - 1, 0, -1):
         same = (
             (actors.triangles[:, k] == actors.triangles[:, k - 1])[actors.group]
-            & held[k]
-            & held[k - 1]
+            & is_held[k]
+            & is_held[k - 1]
         )
-        shown[:, k - 1] += shown[:, k] * same
-        shown[:, k] *= ~same
-        held[k] &= ~same
-    each = actors.triangles.T[:, actors.group].astype(np.float64)  # (K, N)
+        shown_agents[:, k - 1] += shown_agents[:, k] * same
+        shown_agents[:, k] *= ~same
+        is_held[k] &= ~same
+    triangles = actors.triangles.T[:, actors.group].astype(np.float64)  # (K, N)
     holdings = actors.holdings
     groups = len(actors.triangles)
     still = np.broadcast_to(holdings.rigs, groups)[actors.group] == 0
     # each pose is a mesh of its own
-    poses = np.bincount(actors.group, (held * each).sum(axis=0) * still, groups)
+    poses = np.bincount(actors.group, (is_held * triangles).sum(axis=0) * still, groups)
     more = actors.stored + poses
     return Work(
-        posed=float((held * each).sum()),
-        unique=((shown > 0) * each).sum(axis=(1, 2)),
-        instances=shown.sum(axis=(1, 2)).astype(np.float64),
-        instanced=(shown * each).sum(axis=(1, 2)),
-        rigs=_moving(actors, held, holdings.rigs),
-        bones=_moving(actors, held, holdings.bones),
+        posed=float((is_held * triangles).sum()),
+        unique=((shown_agents > 0) * triangles).sum(axis=(1, 2)),
+        instances=shown_agents.sum(axis=(1, 2)).astype(np.float64),
+        instanced=(shown_agents * triangles).sum(axis=(1, 2)),
+        rigs=_moving(actors, is_held, holdings.rigs),
+        bones=_moving(actors, is_held, holdings.bones),
         rays=rays,
         keys=float(np.broadcast_to(holdings.keys, groups).sum()),
         other_keys=float(np.broadcast_to(holdings.other_keys, groups).sum()),

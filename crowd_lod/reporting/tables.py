@@ -1,9 +1,9 @@
 """Tables, plans and contact sheets that a run writes."""
 
 import csv
-import heapq
 import io
 import json
+from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -66,20 +66,39 @@ def to_csv(rows: list[dict]) -> str:
 
 
 def largest_switches(path: Path, most: int = 100) -> list[dict[str, str]]:
-    """Return the rows of a switches.csv with the largest changes, the largest first.
+    """Return the rows of a switches.csv with the largest changes.
 
+    First come the two that the verdict names: the largest switch, and of the frame in which most
+    agents appear or vanish the largest of these. The others follow by their change.
     CrowdError if the file cannot be read.
     """
     try:
         with path.open(encoding="utf-8", newline="") as file:
-            return heapq.nlargest(
-                most, csv.DictReader(file), key=lambda row: float(row["change_px"])
-            )
+            rows = sorted(csv.DictReader(file), key=_change_of, reverse=True)
+        switches = [row for row in rows if row["from"] and row["to"]]
+        clipped = [row for row in rows if not (row["from"] and row["to"])]
+        counts = Counter(map(_event_of, clipped))
+        first = switches[:1]
+        if counts:
+            most_agents = max(counts.values())
+            events = [event for event, count in counts.items() if count == most_agents]
+            event = min(events, key=lambda event: (int(event[0]), event[1]))
+            first.append(next(row for row in clipped if _event_of(row) == event))
+        return [*first, *(row for row in rows if row not in first)][:most]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise CrowdError(
             f"The switches {printable(path)} of the shot plan cannot be read ({error}): press "
             f"Plan Shot again."
         ) from None
+
+
+def _change_of(row: dict[str, str]) -> float:
+    return float(row["change_px"])
+
+
+def _event_of(row: dict[str, str]) -> tuple[str, bool]:
+    """Return (the frame, whether the row's agent appears), which many agents may share."""
+    return row["frame"], not row["from"]
 
 
 def switches_csv(switches: np.ndarray) -> str:

@@ -26,7 +26,8 @@ class Point:
     tolerance: pixels that LODs were chosen by, or None.
     error: the most pixels by which a LOD deviates.
     seconds, triangles, memory: parts of what full detail takes.
-    above: part by which it costs more than thresholds in time, memory or instances, as Extra Cost for Fewer Pops.
+    above: part by which it costs more than thresholds in time, memory or instances, as Extra Cost
+        for Fewer Pops.
     switches: in sight.
     """
 

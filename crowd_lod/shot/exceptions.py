@@ -249,10 +249,10 @@ def marked(levels: np.ndarray, number: int, exemptions: Sequence[Exemption]) -> 
     if not (exemption >= 0).any():
         return levels
     pinned, hidden = (
-        np.array([*(each.kind == kind for each in exemptions), False])[exemption]
+        np.array([*(entry.kind == kind for entry in exemptions), False])[exemption]
         for kind in (ALWAYS, HIDE)
     )
-    level = np.array([*(each.level for each in exemptions), 0], np.uint8)[exemption]
+    level = np.array([*(entry.level for entry in exemptions), 0], np.uint8)[exemption]
     return np.where(pinned, level | PINNED | EXCEPTED, levels) | np.where(hidden, HIDDEN, 0).astype(
         np.uint8
     )

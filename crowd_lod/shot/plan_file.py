@@ -176,7 +176,7 @@ def _read(path: Path, names: Sequence[str]) -> dict[str, np.ndarray]:
     """Return these arrays of the file; CrowdError if one cannot be read."""
     try:
         return read_arrays(
-            path, names, what="The shot plan", remedy=f"{AGAIN}, or press Remove Plan"
+            path, names, subject="The shot plan", remedy=f"{AGAIN}, or press Remove Plan"
         )
     except FileNotFoundError:
         raise CrowdError(

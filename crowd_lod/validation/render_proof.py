@@ -13,7 +13,7 @@ REMEDIES = {"bake": "bake again", "build": "press Build again"}
 def agents_row(agents: Sequence[dict], tolerance: float | None) -> dict[str, Any]:
     """Return the columns of a frame's row about the agents that were rendered alone.
 
-    agents: dicts of lone_agents.told_of.
+    agents: dicts of lone_agents.facts_of.
     tolerance: pixels; None where LODs may deviate as far as their bounds predict.
     """
     judged = [agent for agent in agents if not agent["apart"]]

@@ -91,7 +91,11 @@ class Stepwise(Reporting):
 
     The steps are dropped, and the generator's own cleanup leaves the scene as it was, where the
     user presses Esc or the progress, undoes, opens a file, or changes what the steps rest on.
+
+    remains: what such an end leaves, in words; steps set it where parts of the work stay.
     """
+
+    remains = "nothing was changed"
 
     def run(self, context) -> str:
         return finished(self.steps(context))
@@ -118,7 +122,7 @@ class Stepwise(Reporting):
             return self._take_steps(context)
         if self._dropped:
             self._end(context)
-            self.report({"WARNING"}, f"{self.bl_label} {self._dropped}; nothing was changed.")
+            self.report({"WARNING"}, f"{self.bl_label} {self._dropped}; {self.remains}.")
             return {"CANCELLED"}
         return {"PASS_THROUGH"}
 

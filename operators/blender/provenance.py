@@ -20,7 +20,14 @@ from .animation import curves_and_drivers, players_of
 from .guard import handler
 from .props import PROP
 from .references import blocks_of
-from .rig_dependencies import moves_whole, read_columns, settings_of, shape_of, stance
+from .rig_dependencies import (
+    moved_values,
+    moves_whole,
+    read_columns,
+    settings_of,
+    shape_of,
+    stance,
+)
 
 MOST_WEIGHED = 20_000  # vertices of a mesh whose weights are read, evenly
 NAMED = 3  # inputs that a sentence names; it counts the others
@@ -97,6 +104,16 @@ def character_digest(
         ]
 
     return _digest_of(objects, read, partial(blocks_of, look=False))
+
+
+def motion_digest(items: Sequence[bpy.types.Object]) -> str:
+    """Return the digest of how objects such as cameras move, and of their data's settings.
+
+    It is the same in all frames.
+    """
+    called = partial(_called, order={})
+    data = [settings_of(item.data, moved_values(item), (), called) for item in items if item.data]
+    return text_digest(*(stance(item, called=called) for item in items), data)
 
 
 def level_digest(home: bpy.types.Collection, characters: Sequence[bpy.types.Object]) -> str:

@@ -14,9 +14,11 @@ from .picture_commands import add_preview, add_verify
 from .plan_commands import add_compare, add_explain, add_plan_shot
 from .report_commands import add_cull, add_error, add_extremes
 from .simulate import add_simulate
+from .update_command import add_update
 
 COMMANDS = (
     add_preview,
+    add_update,
     add_build,
     add_export,
     add_verify,

@@ -7,7 +7,7 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
 from ...crowd_lod.reporting import files
 from ...crowd_lod.validation.render_proof import to_text
-from ..runs.preview import preview
+from ..runs.preview import preview, verdict_in
 from ..runs.preview_stage import COLOR_MODES, Preview, color_of
 from ..runs.verify import Verify, verify
 from ..runs.verify_build import frames_to_verify
@@ -153,7 +153,8 @@ def _color(args, settings) -> str:
 def _summary(plan: dict) -> str:
     """Return lines on the previewed frames, and on what is to be known of them."""
     rows = plan["frames"]
-    notes = [note for note in (plan["trouble_says"], *plan["preview"]["notes"]) if note]
+    says = verdict_in(plan), plan["trouble_says"], *plan["preview"]["notes"]
+    notes = [note for note in says if note]
     least = min(rows, key=lambda row: row["visible"])
     most = max(rows, key=lambda row: row["visible"])
     frames = counted(len(rows), "frame")

@@ -120,6 +120,7 @@ def plan_shot(args, command: list[str]) -> dict:
     if args.scene is None:  # the open file goes on with it
         settings.shot_plan = str(folder / plan_file.NAME)
         settings.use_shot_plan = True
+        settings.shot_verdict = planned.report.verdict.sentence
     out = printable(folder)
     return {
         "out": out,

@@ -13,14 +13,15 @@ from .source_mesh import KEY, NORMALS, Source, offset_of, positions, read_attrib
 from .uv_charts import Place, charts_of, choose_charts, locate, unique_rows
 
 MOST_INFLUENCES = 4  # bones that a vertex of a LOD follows
-# part of the way to its triangle's center from where a corner looks for its side of a seam or sharp
-# edge
+# A corner finds its side of a seam or sharp edge from a point this part of the way to the center of
+# its triangle.
 INWARD = 0.2
-# part of the way in UVs from a corner to its triangle's center that the nearest UVs may be off
+# The nearest UVs lie across a seam if they are off by this part of the way from the corner to its
+# triangle's center, in UVs.
 JUMP = 0.3
 SHARP = 0.5  # difference between unit normals that a sharp edge makes, about 30 degrees
 ALIKE = 0.15  # difference between unit normals that may become one, about 9 degrees
-FEW = 3_000  # triangles of a LOD, up to which its normals are those that suit all of each triangle
+FEW = 3_000  # triangles of a LOD, up to which normals are fitted to all of each triangle
 # Six points spread over a triangle: their barycentric weights. Source: Dunavant, "High degree
 # efficient symmetrical Gaussian quadrature rules for the triangle", 1985.
 SPREAD = np.array([np.roll((1 - 2 * a, a, a), k) for a in (0.091576, 0.445948) for k in range(3)])
@@ -56,7 +57,7 @@ def find_places(result: LodMesh, source: Source) -> Generator[None, None, LodPla
     corner_chart = chart.repeat(3)
     inner, _ = locate(source, corner_chart, inwards, corners)
     yield
-    # a point is looked up once a chart
+    # a point is looked up once in each chart
     pairs = np.stack([point, corner_chart], axis=1)
     _, first, back = np.unique(pairs, axis=0, return_index=True, return_inverse=True)
     corner, off = locate(source, corner_chart[first], corners[first])
@@ -160,10 +161,10 @@ def _mix(weights: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def _shading(source: Source, result: LodMesh, chart: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """Normals of the LOD's corners (3 m, 3) that suit all of each triangle.
+    """Normals of the LOD's corners (3 m, 3), fitted to all of each triangle.
 
-    They come nearest, by least squares, to the source's all over the triangle; those of a vertex
-    that are alike become one.
+    They come nearest, by least squares, to the source's normals all over the triangle. Those of a
+    vertex that are alike become one.
     chart: (m,) of its triangles; normals: (loops, 3) of the source's corners.
     """
     _, triangles, corners, _ = source.geometry
@@ -178,10 +179,10 @@ def _shading(source: Source, result: LodMesh, chart: np.ndarray, normals: np.nda
 
 
 def shade(mesh: bpy.types.Mesh, source: Source) -> None:
-    """Give a mesh from Blender's Decimate better normals than it has mixed.
+    """Give a mesh from Blender's Decimate better normals than those that Decimate has mixed.
 
-    With few triangles those that suit each. With many the mixture is worse than none: it stays only
-    where the source had custom normals.
+    With few triangles they are fitted to each. With many triangles mixed normals are worse than
+    none: they stay only where the source had custom normals.
     """
     if NORMALS not in mesh.attributes:
         return
@@ -217,10 +218,10 @@ def unit(vectors: np.ndarray) -> np.ndarray:
 
 
 def _same_side(nearest: np.ndarray, inwards: np.ndarray, centers: np.ndarray) -> np.ndarray:
-    """UVs of the LOD's corners (n, 2): the `nearest`, unless across a seam.
+    """UVs of the LOD's corners (n, 2): the `nearest`, or across a seam those from `inwards`.
 
-    Across a seam within the chart they are far from those continued from a little `inwards`, which
-    are taken then.
+    The nearest lie across a seam within the chart where they are far from those that are continued
+    from a point a little inwards of the corner.
     """
     jump = np.linalg.norm(nearest - inwards, axis=1) > JUMP * np.linalg.norm(
         inwards - centers.repeat(3, axis=0), axis=1

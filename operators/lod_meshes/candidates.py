@@ -36,18 +36,18 @@ from .measurements import OFTEN_LOST, Measurements
 from .pose_deformation import skin_of
 from .search import Search
 
-# Custom properties of a LOD's collection of one character group: the hash of what it was made from,
-# which candidate it is, and how many objects it has; of the finest, what was measured of those that
-# were made.
+# Custom properties of the collection of one character group in a LOD: the hash of what it was made
+# from, which candidate it is, and how many objects it has. That of the finest LOD also has what was
+# measured of all candidates that were made.
 DIGEST = "crowd_lod_digest"
 CANDIDATE = "crowd_lod_candidate"
 SIZE = "crowd_lod_size"
 MEASURED = "crowd_lod_measured"
-# of what was measured: where the group stands, by how much materials displace it, its lowest point,
-# center, radius
+# Key of the measurements: where the group stands, by how much materials displace it, its lowest
+# point, center, radius.
 REACH = "reach"
-# Modifiers whose settings say all that they do; of others, such as physics, groups are measured
-# again.
+# Modifiers that do nothing but what their settings say. Groups with others, such as physics, are
+# measured again.
 PLAIN = {
     "ARMATURE",
     "BEVEL",
@@ -60,11 +60,11 @@ PLAIN = {
     "WEIGHTED_NORMAL",
     "WELD",
 }
-MOST_GOALS = 100  # that measurements are kept of
-LEAST_TRIANGLES = 300  # of a character: one of fewer needs no LOD, and is not worth a search
-FOLLOWING = 0.5  # of a given LOD's triangles, by ratio: what the LOD after it has at most
-DIGITS = 12  # of a hash, which a goal can hold
-VERSION = 26  # of the code that makes LOD meshes: another one makes them anew
+MOST_GOALS = 100  # whose measurements are kept
+LEAST_TRIANGLES = 300  # a character of fewer needs no LOD, and is not worth a search
+FOLLOWING = 0.5  # by ratio, the LOD after a given one has at most this part of its triangles
+DIGITS = 12  # of a hash: as many as a goal can hold
+VERSION = 26  # of the code that makes LOD meshes: with another one they are made anew
 
 
 def _untouched(home: bpy.types.Collection) -> bool:
@@ -188,14 +188,14 @@ class Ladder:
     def recall(self, earlier: bpy.types.Collection | None) -> None:
         for home in self._earlier_homes(earlier):
             if isinstance(home.get(MEASURED), IDPropertyGroup):
-                with suppress(CrowdError):  # what is spoilt is made and measured anew
+                with suppress(CrowdError):  # spoilt measurements are made anew
                     self._remember(home[MEASURED])
 
     def aim(self, group: Group, views: Sequence[View], tolerance: float, higher: bool) -> None:
         """Set as goals the lengths that the agents seen in `views` allow.
 
-        tolerance: pixels. higher: whether also those that a higher tolerance allows. A goal of
-        before that fits about as well stands for a length.
+        tolerance: pixels. higher: whether also those that a higher tolerance allows. The goal of an
+        earlier candidate that fits about as well takes the place of a length.
         """
         size = group.scale[1]
         triangles = self.measured.value(0.0, "triangles")

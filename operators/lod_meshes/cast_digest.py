@@ -52,8 +52,9 @@ def _node_inputs(item: bpy.types.Object) -> list[tuple[str, str]]:
 
 
 def _made_of(item: bpy.types.Object) -> Iterator[list]:
-    """Yield what else shapes and moves the object: modifiers, constraints, and its data, or some of
-    a mesh's vertices.
+    """Yield what else shapes and moves the object: modifiers, constraints, and its data.
+
+    Of a mesh these are some of its vertices.
     """
     moved = moved_values(item)
     bones = item.pose.bones if item.pose is not None else ()

@@ -36,10 +36,11 @@ BELOW = 5e-5  # of the size: no frame exceeds a bound by less
 class Estimate:
     """What is roughly known of a LOD.
 
-    deviations: for each of its objects meters from all of the character, and of the character's
-        object from all of the LOD, of what is visible, as far as some poses and points tell.
-    away: for each object of the character that of each of its vertices, (k,) meters. What is no
-        more than was asked for may be less.
+    deviations: for each of its objects meters, the larger one of its distance from all of the
+        character, and of the character's object from all of the LOD. Only visible places count, in
+        some poses and at some points.
+    away: for each object of the character the deviation at each of its vertices, (k,) meters. Where
+        that is not beyond the length asked for, it may be too small.
     """
 
     deviations: list[float]
@@ -52,9 +53,9 @@ class Estimate:
 
 
 class Measure:
-    """What LODs of a character are measured by: the character in all poses.
+    """Measures LODs of a character against the character in all poses.
 
-    It is read when first needed. Its steps yield, of a whole of 1, the part done.
+    The character is read when first needed. Steps yield the progress, 0 to 1.
 
     name: of the group.
     objects: the character's.
@@ -202,8 +203,9 @@ class Measure:
     def look_between(
         self, levels: Sequence[Sequence[bpy.types.Object]], rows: Sequence[Measured]
     ) -> Generator[float, None, list[Measured]]:
-        """Look at LODs in frames that no pose has, where their places deviate most; yields the
-        progress.
+        """Look at LODs in further frames, at the places where they deviate most.
+
+        Yields the progress.
 
         levels: the objects of each; rows: what `level` returned of them. Those that another
         Measure has measured stay as they are.
@@ -236,9 +238,7 @@ class Measure:
                     posed, number, (self.character, lod), pairs[number], times, off[number]
                 )
                 before = rows[k][1]
-                beyond = rows[k][
-                    0
-                ]  # what lies between places may be farther off than any pose tells
+                beyond = rows[k][0]  # between places a LOD may be farther off than in any pose
                 while row := (yield from standing(looked.measure(rows[k], beyond), 0.9)):
                     rows[k] = row
                     beyond = row[1] + BELOW * self.diagonal
@@ -247,9 +247,7 @@ class Measure:
         return rows
 
     def _learn(self, posed: Posed, moments: Sequence[float]) -> None:
-        """Measure LODs at further moments from now on, as one was farther off there than in any
-        pose.
-        """
+        """Measure LODs at further moments from now on: one was farther off there than elsewhere."""
         for moment in moments:
             shape = posed.shapes(moment)[0]
             self.performance.rest()

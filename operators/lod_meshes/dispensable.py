@@ -8,8 +8,8 @@ from ...crowd_lod.simplification.distance_estimate import Places, upper_distance
 from .posed_surface import PosedSurface, parts_of
 from .surface import merge
 
-# Of the length that a LOD may deviate by: how far an object may reach from what stands in for it.
-# The rest is for the LOD of that.
+# An object may reach this far from what stands in for it, as part of the length that the LOD may
+# deviate by.
 REACH = 1.0
 
 
@@ -39,7 +39,7 @@ def find_dispensable(character: PosedSurface, length: float) -> np.ndarray:
 
 
 def _cover(stands_in: np.ndarray) -> list[int]:
-    """Choose few rows (n,) of which each column has one, the row that has most left at a time.
+    """Choose few rows that together cover all columns: always the row that covers most of the rest.
 
     stands_in: (n, n) bool, its diagonal true.
     """
@@ -66,7 +66,7 @@ class _Surfaces:
         self.places = parts_of(merged, first)
         corners = merged.source[self.moving.triangles[:, 0]]
         self._owner = np.searchsorted(first.begins, corners, side="right") - 1
-        # what is transparent, or worn by some agents alone, stands in for nothing
+        # transparent surface, and what only some agents wear, stands in for nothing
         self._owner[~first.hiding[merged.with_area]] = -1
 
     def distances(self, owners: Sequence[int], objects: Sequence[int]) -> np.ndarray:

@@ -49,11 +49,11 @@ def hash_made(item: bpy.types.Object) -> str:
 def make_object(
     source: sources.Source, ratio: float, method: str
 ) -> Generator[None, None, tuple[bpy.types.Object, int, int]]:
-    """Make the object of a LOD with about `ratio` of its triangles; return it and its (vertices,
-    triangles).
+    """Make the object of a LOD with about `ratio` of its triangles.
 
-    method: AUTO, POSE_AWARE or DECIMATE. Yields between its steps. The object is in no collection.
-    One without faces is copied, with the character's data. At a ratio of 0 it has no face.
+    method: AUTO, POSE_AWARE or DECIMATE. An object without faces is copied, with the character's
+    data. At a ratio of 0 the LOD's object has no face.
+    Yields between its steps. Returns the object, in no collection, and its (vertices, triangles).
     """
     item = source.item
     if source.mesh is None:
@@ -88,8 +88,9 @@ def _leave_out(item: bpy.types.Object) -> tuple[bpy.types.Object, int, int]:
 
 
 def share_object(source: sources.Source) -> tuple[bpy.types.Object, int, int]:
-    """Return a copy of the source's object with the same data, and its (vertices, triangles),
-    modifiers applied.
+    """Return a copy of the source's object with the same data, and its (vertices, triangles).
+
+    The counts are those with modifiers applied.
     """
     mesh = source.mesh
     return (

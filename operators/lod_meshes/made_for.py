@@ -1,6 +1,4 @@
-"""For which settings and shot LODs were made, and what another shot would change in those by
-tolerance.
-"""
+"""The settings and the shot that LODs were made for, and a forecast of what others would change."""
 
 import base64
 import json
@@ -34,7 +32,7 @@ from .selection import choose_candidates
 # chosen from
 MADE_FOR = "crowd_lod_made_for"
 CHOSEN_FROM = "crowd_lod_chosen_from"
-# changes after which the candidates are others than those that LODs were chosen from
+# changes after which there are other candidates than those that LODs were chosen from
 UNFORESEEN = {"actions", "decimation", "character groups"}
 _known: dict[int, tuple[tuple, "Forecast | None"]] = scene_cache.add_cache({}, by_scene=True)
 
@@ -53,9 +51,7 @@ class Forecast:
 
     @property
     def short(self) -> str:
-        """Return the change in a line of the sidebar: how many groups would have coarser LODs,
-        finer ones or none.
-        """
+        """Return the change in a line: how many groups would have coarser LODs, finer or none."""
         without = sum(len(then) == 1 for _, _, then in self.rows)
         coarser = sum(_mean(then) < _mean(now) for _, now, then in self.rows)
         counts = {
@@ -169,10 +165,10 @@ def _unpacked(stored: list, camera: Camera, farther: float) -> View:
 
 
 def changed(scene: bpy.types.Scene) -> dict[str, tuple[str, str]]:
-    """Return what the LODs were made for and is otherwise now: {name: (then, now)}.
+    """Return what has changed since the LODs were made: {name: (then, now)}.
 
-    Also what LODs lack of what the settings ask for. Those that do not say what they were made for
-    lack nothing else. Characters that were edited are told by edited().
+    Also LODs and groups that the settings ask for and that are not there: nothing else is known of
+    LODs that do not say what they were made for. For characters that were edited see edited().
     """
     settings = scene.crowd_lod
     if settings.levels is None:
@@ -187,9 +183,7 @@ def changed(scene: bpy.types.Scene) -> dict[str, tuple[str, str]]:
 
 
 def edited(scene: bpy.types.Scene) -> list[str]:
-    """Return the names of characters that were edited since LODs were made of them, such as "the
-    character adult".
-    """
+    """Return the characters edited since their LODs were made, such as "the character adult"."""
     if scene.crowd_lod.levels is None:
         return []
     before = of_characters(provenance.read_inputs(scene.crowd_lod.levels, MADE_FOR))
@@ -245,11 +239,11 @@ def to_make_again(scene: bpy.types.Scene) -> str:
 def forecast(scene: bpy.types.Scene) -> Forecast | None:
     """Return about what making LODs anew would change; None if that is not known.
 
-    It takes the agents that the shot showed when the LODs were made: what another lens leaves out,
-    or brings in, is not counted. No LOD is made or measured, and the answer is kept until something
-    changes. With a limit of memory it is not known: to try tolerances until LODs fit takes seconds.
-    Nor is it by ratio, with LODs that artists gave, and where the candidates themselves would be
-    others: see UNFORESEEN.
+    It rests on the agents that the shot showed when the LODs were made: agents that another lens
+    leaves out, or brings in, do not count. No LOD is made or measured, and the answer is kept until
+    something changes. It is not known with a limit of memory, for to try tolerances until LODs fit
+    takes seconds; by ratio; with LODs that artists gave; and where the candidates themselves would
+    be others (UNFORESEEN).
     """
     settings = scene.crowd_lod
     stored = settings.levels.get(CHOSEN_FROM) if settings.levels is not None else None

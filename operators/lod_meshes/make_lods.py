@@ -55,15 +55,16 @@ class Outcome:
 
 
 def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
-    """Make the LOD collections of `scene`; yields the progress, 0 to 1.
+    """Make the LOD collections of `scene`; yields the progress, 0 to 1, and returns the Outcome.
 
-    "Crowd LOD" holds a collection a LOD, which holds one a character group, named so that their
-    natural order is the groups'. LOD 0 shares the characters' own meshes; the others are decimated
-    from the character as modified, at rest, follow its armature, and are measured over its action.
-    By tolerance candidates are made, as far as they may be used, and those kept that pay; a group
-    with fewer than others repeats its last. Groups whose LODs were made from just what there is
-    now, and were not edited since, are kept. Nothing of the user's is changed. If it fails or is
-    closed early, the LODs that were there stay. Returns the Outcome.
+    The collection "Crowd LOD" holds one for each LOD, which holds one for each character group.
+    Their names sort in the order of the groups. LOD 0 shares the characters' own meshes. The others
+    are decimated from the character at rest, modifiers applied. They follow its armature, and are
+    measured over its action. By tolerance only candidates are made that may be used, and those kept
+    that pay. A group with fewer LODs than others repeats its last.
+
+    LODs stay that were made from just what there is now, and were not edited since. Nothing of the
+    user's is changed. If it fails or is closed early, the LODs that were there stay.
     """
     scene_data.check_own(scene)
     settings = scene.crowd_lod
@@ -285,8 +286,8 @@ def _named(names: list[str], homes: list, before: set) -> None:
     for block in bpy.data.user_map():
         if block not in before:
             block[OWNED] = True
-            # free again, now that the earlier LODs are gone; never at the cost of what else has the
-            # name
+            # The name is free again, now that the earlier LODs are gone. If another data-block has
+            # it, that one keeps it.
             block.rename(re.sub(r"\.\d+$", "", block.name), mode="NEVER")
     for g, (name, own) in enumerate(zip(names, homes, strict=True)):
         for k, home in enumerate(own):

@@ -17,10 +17,10 @@ COLUMNS = {
     "rms": float,
     "worst": float,
 }
-# see Measurements.lost: less than most LODs do, for what is guessed to deviate too much is never
-# tried
+# Values of Measurements.lost to guess by. The first is below most LODs': a candidate whose guess is
+# too coarse would never be tried. The second is the middle.
 USUALLY_LOST = 4.0
-OFTEN_LOST = 12.0  # the same in the middle
+OFTEN_LOST = 12.0
 
 
 class Measurements:

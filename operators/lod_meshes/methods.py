@@ -18,21 +18,24 @@ from .source_mesh import Source, evaluated_mesh, read_weights, staged
 from .surface import Surface, roughly, scattered
 from .uv_charts import charts_of
 
-# points of each surface that the two ways are compared at, at rest and in each pose
+# points of each surface at which the two methods are compared, at rest and in each pose
 COMPARED = 4_000
 IN_MOTION = 1_000
 UV_OFF = 0.05  # distance in UV space from which on a point counts as off
-MOST_OFF = 0.02  # part of the surface that may be off without the precise way being asked
-KEPT = 0.05  # part of the area that a LOD's silhouette may gain or lose
-TWICE = 2.0  # times as far away a way may be that keeps that
+# Part of the surface whose UVs may be off; with more the fast method must beat the precise one.
+MOST_OFF = 0.02
+# A silhouette keeps its area within this part. A method that alone does so may be TWICE as far off.
+KEPT = 0.05
+TWICE = 2.0
 AS_SIMILAR = 0.01  # difference in similarity that tells two pictures apart
-SLACK = 1.1  # how many times the precise way's distance the fast way's may be
-# of the size, in which they may differ anyway: half a pixel of a character 1,000 pixels high
+# Distances are alike whose ratio is below SLACK, once NEAR_ENOUGH is added to both: a part of the
+# size, half a pixel of a character 1,000 pixels high.
+SLACK = 1.1
 NEAR_ENOUGH = 5e-4
 # triangles that an object keeps: with fewer a rod becomes flat, and shows nothing from some sides
 LEAST = 10
-MISSED = 1.1  # times the triangles asked for that are worth a word
-# triangles beyond which only the fast way is tried, of itself; the precise one takes seconds there
+MISSED = 1.1  # a LOD with as many times the triangles asked for gets a sentence that says why
+# With more triangles AUTO tries the fast method alone: the precise one takes seconds.
 MOST_PRECISE = 300_000
 
 
@@ -96,7 +99,7 @@ def _better(source: Source, fast: Made, precise: Made, target: int) -> Generator
     """
     fast_errors = yield from errors(source, fast.mesh)
     precise_errors = yield from errors(source, precise.mesh)
-    if fast_errors.as_near_as(precise_errors):  # else pictures, which take a while, decide nothing
+    if fast_errors.as_near_as(precise_errors):  # pictures take a while: only where they decide
         fast_errors, precise_errors = (
             replace(measured, similar=similarity(source, way.mesh))
             for measured, way in ((fast_errors, fast), (precise_errors, precise))
@@ -184,7 +187,7 @@ def choose_method(fast: Errors, precise: Errors) -> tuple[bool, str]:
 
 
 def _fast(source: Source, ratio: float, name: str, why: str) -> Generator[None, None, Made]:
-    """By quadric edge collapse, and what it loses carried over.
+    """Make the mesh by quadric edge collapse, and carry over attributes, which that loses.
 
     Yields between its steps and returns the Made.
     """
@@ -222,9 +225,9 @@ def _precise(source: Source, ratio: float, name: str, why: str) -> Made:
 
 
 def _without(precise: Made) -> str:
-    """Say why the precise way is not taken, which has left nothing; remove its mesh.
+    """Remove the mesh of the precise method, which has no face left; return a sentence on that.
 
-    It leaves nothing of a mesh of many small parts.
+    This happens with meshes of many small parts.
     """
     bpy.data.meshes.remove(precise.mesh)
     return "Pose-Aware: Decimate Modifier leaves no face."

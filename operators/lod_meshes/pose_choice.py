@@ -11,12 +11,12 @@ from ..blender.named_actions import own_performance
 from ..blender.performance import Performance
 from .source_mesh import positions, read_weights
 
-# poses spread over the action, its ends included, and with those least like any before
+# poses spread evenly over the action, its ends included; and all, with those least like any before
 EVENLY = 4
 POSES = 12
 # the origin and a point on each axis
 AXES = np.array([(0, 0, 0, 1), (1, 0, 0, 1), (0, 1, 0, 1), (0, 0, 1, 1)], np.float64).T
-LOOKED_AT = 3_000  # frames of an action at which its joints are looked at, at most
+LOOKED_AT = 3_000  # frames of an action whose joints are compared, at most
 CARRIED = 0.1  # weight from which on a bone carries a vertex
 
 
@@ -27,8 +27,9 @@ def poses(
 
     performance: what it plays; its own action if None.
 
-    Some lie evenly over each action, half as many over those that states name. At the others its
-    joints are farthest from where they are at any before, or are bent most unlike them, in turn.
+    Some lie evenly over each action, half as many over those that states name. The others are
+    chosen one by one, in turn: the frame whose joints are farthest from their places in all frames
+    chosen before, and the one whose joints are bent most unlike them.
     """
     performance = performance or own_performance(list(objects))
     parts = [_frames(*span) for span in performance.spans]
@@ -106,7 +107,7 @@ def _motions(
         reaches = [mesh_data.key_reaches(item) for item in items]
         for item in items:
             item.hide_viewport = False
-            item.modifiers.clear()  # from here on only where it is matters
+            item.modifiers.clear()  # from here on only its place matters
         bones = [_Bones(rig, items) for rig in rigs]
         for time in times.tolist():
             performance.go_to(stage, time)

@@ -53,10 +53,9 @@ class Posed:
         ]
 
     def at(self, frame: float) -> tuple[Surface | None, list[Surface | None]]:
-        """The surfaces of the character and of each LOD at `frame`, a moment of the performance,
-        world space.
+        """The surfaces of the character and of each LOD at `frame`, a moment of the performance.
 
-        None where there is no face.
+        They are in world space; None where there is no face.
         """
         character, *levels = map(surface_of, self.shapes(frame))
         return character, levels
@@ -114,8 +113,9 @@ def surface_of(shape: Shape) -> Surface | None:
 def read_shapes(
     objects: Sequence[bpy.types.Object], frames: Sequence[float], performance: Performance
 ) -> Generator[float, None, list[Shape]]:
-    """Return the Shape of `objects` at each of `frames`, moments of the performance; yield the
-    progress.
+    """Return the Shape of `objects` at each of `frames`, moments of the performance.
+
+    Yields the progress.
     """
     shapes = []
     with Posed(objects, (), performance) as posed:

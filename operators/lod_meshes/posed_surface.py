@@ -16,12 +16,11 @@ from .surface import Merged, Surface, has_area, merge, same_faces, spread
 from .visible_surface import visible_faces, visible_points
 
 JOINTS = 500  # points of a mesh by which its poses are told apart
-BETWEEN = (
-    0.03  # part that is added to the bound of an action, for the poses between those looked at
-)
+# The bound of an action is larger by this part, for poses between those that were measured.
+BETWEEN = 0.03
 LOST_IN = 3  # poses in which thin parts that a LOD has lost are looked at, about
-SAMPLES = 5_000  # points of each surface whose root mean square distance is told
-LARGE = 1 / 64  # of the size: estimates look within triangles with longer sides
+SAMPLES = 5_000  # points of each surface, for the root mean square distance
+LARGE = 1 / 64  # part of the size: estimates look within triangles with longer sides
 
 
 # deviation, bound, root mean square (meters), and the moment of the worst pose
@@ -34,8 +33,8 @@ Worst = tuple[float, int, np.ndarray]
 class PosedSurface:
     """A character or a LOD in all poses.
 
-    runs: of poses in which its faces are the same; first in each is the pose least unlike the
-    others. Quads are cut as in that.
+    runs: lists of poses in which its faces are the same. The first of each is the pose least unlike
+    the others; quads are cut as in that.
     source: the character, if this is a LOD.
     """
 
@@ -96,9 +95,7 @@ class PosedSurface:
         return True
 
     def counts_nearest(self, pose: int, points: np.ndarray) -> np.ndarray:
-        """Return which points (n, 3) are nearest to a triangle that counts, in a pose, (n,)
-        bool.
-        """
+        """Return whether points (n, 3) are nearest to a triangle that counts in the pose, (n,)."""
         run = next(run for run in self.runs if pose in run)
         surface = self.surface(run)
         if surface is None:
@@ -122,9 +119,7 @@ class PosedSurface:
         return surface
 
     def samples(self, pose: int) -> thin_parts.Samples:
-        """Return points of the surface in the pose, and how thick it is there. It must have a
-        face.
-        """
+        """Return points of the surface in the pose, which must have a face, and thickness there."""
         if pose not in self._samples:
             surface = surface_of(self.shapes[pose])
             whole = self.surface([pose]).moving
@@ -135,7 +130,7 @@ class PosedSurface:
 
 
 def parts_of(surface: Merged, shape: Shape) -> list[Places]:
-    """Return what of each object estimates look at: of what counts all corners, and large faces."""
+    """Return what estimates look at of each object: corners and large faces that count."""
     faces = surface.moving.pieces
     large = large_pieces(surface.moving)
     owner = np.searchsorted(shape.begins, surface.source[faces[:, 0]], side="right") - 1
@@ -195,10 +190,10 @@ def compare_surfaces(
 def _count_shown(
     character: MovingSurface, surface: Merged, hiding: np.ndarray, apart: Interval
 ) -> None:
-    """Count faces of a LOD, too, that are seen though the character's nearest surface is hidden.
+    """Let faces of a LOD count that are seen although the character's nearest surface is hidden.
 
-    Only those are looked at whose distance exceeds what is known. surface, hiding: the LOD's, see
-    Shape; apart: takes up what is found.
+    Only faces are looked at that are farther off than the distance known so far. surface, hiding:
+    the LOD's, see Shape; apart: that distance, which is updated.
     """
     lod = surface.moving
     left = np.flatnonzero(~lod.counted)
@@ -230,11 +225,10 @@ def _count_shown(
 def _lost(
     character: PosedSurface, other: PosedSurface, poses: list[int], bound: float
 ) -> tuple[float, int, np.ndarray]:
-    """How far thin parts of the character are from where a LOD shows, at most: see
-    thin_parts.find_unseen.
+    """How far thin parts of the character are from where a LOD shows (thin_parts.find_unseen).
 
-    Returns meters, the pose, and the places (k, 3) that are lost there. What is lost is so in all
-    poses, and only far from what shows do some poses tell how far.
+    Returns meters, the pose, and the places (k, 3) that are lost there. A part that is lost is lost
+    in all poses, so a few poses tell how far.
     """
     most = 0.0
     pose_of_most = poses[0]

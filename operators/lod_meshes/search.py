@@ -22,24 +22,29 @@ from .source_mesh import Source
 
 ROUNDS = 5  # tries of a length, at most, before the whole is measured
 MOST_MEASURED = 4  # times that the whole is measured, at most
-SAFE = 1.3  # times as near as is estimated to do, a LOD is tried last where none fits
-CLOSE = 0.92  # of a length: a LOD that deviates by as much is not made coarser
-AIM = 0.96  # of a length: the deviation that tries aim at, between CLOSE and 1
-USUALLY = 1.3  # times as far off Decimate's LODs are, of as many triangles
-STEP = 1.08  # times the triangles, that a try must differ by from those before
-MOST_STEP = 6.0  # times the triangles, that it may differ by
-USUAL = 1.08  # times the deviation as estimated, that a bound is
-WIDE = 2.0  # times the triangles, that a step is at most where it was tried before
-# Where a try is too far off at FEW_SPOTS of its vertices alone, these count HEAVIER in those after
-# it. Where more are, or heavier ones, what is won at them is lost beside them; of a second time
-# nothing is won.
+# Where no LOD fits, the last try aims at the estimated deviation divided by this.
+SAFE = 1.3
+CLOSE = 0.92  # a LOD that deviates by this part of the length is not made coarser
+AIM = 0.96  # part of the length that tries aim at, between CLOSE and 1
+# A LOD by Decimate is usually this many times as far off as one by Pose-Aware of as many triangles.
+USUALLY = 1.3
+# A try has at least STEP, at most MOST_STEP times as many triangles as those before, or as few. In
+# between earlier tries it differs by WIDE at most.
+STEP = 1.08
+MOST_STEP = 6.0
+WIDE = 2.0
+USUAL = 1.08  # usual bound of a LOD, as a multiple of its estimated deviation
+# Where only this part of a try's vertices is too far off, these vertices, its spots, weigh HEAVIER
+# in the next tries. With more spots, or heavier ones, more is lost beside them than won at them. A
+# second time wins nothing.
 FEW_SPOTS = 0.003
 HEAVIER = 8.0
-# By preference. Decimate is far quicker: what it says guides the other's first try.
-NEAREST = 0.1  # of the length: what stands in for objects left out may be off by so much at least
+# What stands in for objects left out may be off by this part of the length at least.
+NEAREST = 0.1
 BELOW = 1e-9  # a division by less says nothing
+# By preference. Decimate is far quicker: its tries guide the first one of Pose-Aware.
 METHODS = "POSE_AWARE", "DECIMATE"
-WORTH = {"POSE_AWARE": 1.0, "DECIMATE": 1.1}  # of a triangle: Pose-Aware keeps UV seams
+WORTH = {"POSE_AWARE": 1.0, "DECIMATE": 1.1}  # cost of a triangle: Pose-Aware keeps UV seams
 
 Figures = tuple[float, float, float, float]  # see Measure.level
 Make = Callable[[Source, float, str], Generator[Any, None, tuple[bpy.types.Object, int, int]]]
@@ -110,10 +115,9 @@ class Curve:
         return len(self.source.geometry[1]) if self.source.mesh else 0
 
     def ratio_for(self, method: str, length: float, about: float) -> float:
-        """Return the part of the triangles with which the method's LOD deviates by `length`, in
-        meters.
+        """Return the part of the triangles with which the method's LOD deviates by `length`.
 
-        about: that part if nothing is known.
+        length: meters; about: the part if nothing is known.
         """
         pairs = self._measured_pairs(method, length)
         all_pairs = [pair for other in METHODS for pair in self._measured_pairs(other, length)]
@@ -123,7 +127,7 @@ class Curve:
         elif all_pairs:
             other = float(read_curve([AIM * USUALLY * length], all_pairs, -1.0)[0])
             ratio = (about * other) ** 0.5
-        if all_pairs:  # the whole itself would tell nothing: at most half the way there
+        if all_pairs:  # a try with all triangles would tell nothing: go half the way there at most
             ratio = min(ratio, max(part for _, part in pairs or all_pairs) ** 0.5)
         return min(max(ratio, LEAST / max(self.count, 1)), 1.0)
 
@@ -140,19 +144,16 @@ class Curve:
         ]
 
     def best(self, length: float) -> Try:
-        """Return the try of fewest triangles that deviates by `length` at most, else the
-        nearest.
-        """
+        """Return the try of fewest triangles that deviates by `length` at most, or the nearest."""
         fitting = [attempt for attempt in self.tries if attempt.deviation <= length]
         if not fitting:
             return min(self.tries, key=lambda attempt: attempt.deviation)
         return min(fitting, key=lambda attempt: attempt.comparable_triangles)
 
     def weigh_spots(self, length: float) -> float:
-        """Let the places of the last try that are too far off count more, if they are few.
+        """Let the places of the last try that are too far off weigh more, if they are few.
 
-        Returns the part of the triangles that the next try is to have, as many; 0 if there are
-        none.
+        Returns the part of the triangles for the next try, the same again; 0 without such places.
         """
         last = self.tries[-1]
         if not last.reachable <= length < last.deviation or self.weighed:
@@ -212,8 +213,10 @@ class Curve:
 class Search:
     """The search of one character's LODs, which learns from each.
 
-    sources: the character's objects. method: AUTO, POSE_AWARE or DECIMATE. make: makes an object of
-    a source with a ratio and a method, and yields between its steps. by: measures.
+    sources: the character's objects.
+    method: AUTO, POSE_AWARE or DECIMATE.
+    make: makes an object of a source with a ratio and a method, and yields between its steps.
+    by: what measures the LODs.
     """
 
     def __init__(self, sources: Sequence[Source], method: str, make: Make, by: Measure):
@@ -226,12 +229,11 @@ class Search:
     def find(
         self, length: float, about: float
     ) -> Generator[float, None, tuple[list[Try], Figures]]:
-        """Find the LOD of fewest triangles whose bound is `length` meters at most; yields the
-        progress.
+        """Find the LOD of fewest triangles whose bound is `length` meters at most.
 
         about: the part of the triangles that it takes, as far as is known.
-        Returns its objects and what was measured of them. Where none fits, these are the
-        character's own.
+        Yields the progress. Returns its objects and what was measured of them. Where none fits,
+        these are the character's own.
         """
         before: list[list[Try]] = []
         yield from self._leave_out(length / USUAL)
@@ -261,8 +263,9 @@ class Search:
         return objects, measured
 
     def _measure(self, objects: list[Try], length: float) -> Generator[float, None, Figures]:
-        """Measure a LOD, in frames between the poses as well if it fits `length` in these; yields
-        the progress.
+        """Measure a LOD; if it fits `length` in the poses, then also in frames between them.
+
+        Yields the progress.
         """
         items = [attempt.item for attempt in objects]
         measured = yield from share(self.by.level(items, 1), 0.0, 0.5)
@@ -271,10 +274,11 @@ class Search:
         return measured
 
     def _learn(self, objects: list[Try], aim: float, deviation: float) -> Iterator[float]:
-        """Note that the whole measure tells a greater deviation of a LOD than its estimate.
+        """Note that a LOD deviates by more than its estimate, as the whole measure has found.
 
         Its worst place is in a frame that was found just now, or where no estimate looks: between
-        places, or at thin parts that are lost. What is coarser is no nearer. Yields between steps.
+        samples, or at thin parts that are lost. Coarser tries count as no nearer. Yields between
+        steps.
 
         aim, deviation: meters, as estimates are.
         """
@@ -295,7 +299,7 @@ class Search:
             worst = objects[number]
             worst.deviation = max(worst.deviation, deviation)
             for other in self.curves[number].tries:
-                if other.poses < len(self.by.frames):  # in a new frame as much farther off, about
+                if other.poses < len(self.by.frames):  # others are as much farther off there, about
                     other.deviation *= worst.deviation / max(before[number], aim / MOST_STEP)
                 if other.method == worst.method and other.ratio < worst.ratio:
                     other.deviation = max(other.deviation, worst.deviation)
@@ -306,8 +310,9 @@ class Search:
         return [attempt for (attempt,) in made]
 
     def _fit(self, length: float, about: float) -> Generator[float, None, None]:
-        """Try until each object's best try deviates by about `length`, as estimated; yields the
-        progress.
+        """Try until each object's best try deviates by about `length`, as estimated.
+
+        Yields the progress.
         """
         for k in range(ROUNDS):
             near = length * self.nearness
@@ -348,8 +353,9 @@ class Search:
                 curve.dispensable = bool(is_dispensable) and curve.count > 0
 
     def _miss_left_out(self, length: float) -> Generator[float, None, bool]:
-        """Estimate how far a LOD is from what it leaves out, and mend it; return whether it was
-        too far.
+        """Estimate how far a LOD is from objects that it leaves out; mend it if that is too far.
+
+        Returns whether it was.
         """
         if not any(curve.dispensable for curve in self.curves):
             return False
@@ -363,8 +369,9 @@ class Search:
     def _mend_left_out(self, length: float) -> bool:
         """Mend a LOD that is farther than `length` from objects that it leaves out.
 
-        The worst of these come back, and the other objects come near enough for the rest: as many
-        come back as takes the fewest triangles, about. Returns whether there was anything to mend.
+        Some of these come back, the worst first, and the other objects come near enough for those
+        still left out. Their number is the one that takes the fewest triangles, about. Returns
+        whether there was anything to mend.
         """
         left_out = [curve for curve in self.curves if curve.dispensable and curve.tries]
         left_out.sort(key=lambda curve: -curve.tries[0].deviation)
@@ -377,7 +384,8 @@ class Search:
         ]
         off = max((attempt.deviation for attempt in objects), default=0.0)
         triangles = sum(attempt.triangles for attempt in objects)
-        # by how many come back: how far others may then be off, of what they are now
+        # for each number of objects that come back: the part of their present deviation that the
+        # others may then have
         nearness = np.ones(count + 1)
         nearness[:count] = (off + length - deviations[:count]) / max(off, BELOW * length)
         costs = np.arange(count + 1) * LEAST + triangles / nearness.clip(BELOW)
@@ -405,7 +413,7 @@ class Search:
     def _try(
         self, plans: list[list[tuple[str, float]]], progress: float
     ) -> Generator[float, None, list[list[Try]]]:
-        """Make the objects `plans`, one or none of each source; yields `progress`."""
+        """Make the tries of `plans`, (method, ratio) lists by source; yields `progress`."""
         attempts = []
         for tries, curve in zip(plans, self.curves, strict=True):
             new = []

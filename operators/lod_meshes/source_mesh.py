@@ -32,8 +32,8 @@ DEFORMERS = {
     "SURFACE_DEFORM",
     "WAVE",
 }
-# What a LOD takes from its source beyond Blender's own layers travels as attributes of these names,
-# gone when it is done.
+# Attributes that carry data from a source to its LOD for which Blender has no layer. They are not
+# in the finished LOD.
 NORMALS = "crowd_lod_normals"
 KEY = "crowd_lod_key_"
 
@@ -54,8 +54,8 @@ class Source:
     body: (Body, Looks) for the shaded pictures, made by shaded_pictures.similarity; None before.
     skin: how its points move in the poses (see pose_deformation.skin_of); None if they do not.
     share: its part of the character's triangles, from 0 to 1.
-    weight: (n,) how much each vertex counts in decimation, see simplification.decimate; None: all
-    alike.
+    weight: (n,) how much each vertex counts in decimation, see simplification.decimate; None for
+        all alike.
     """
 
     item: bpy.types.Object
@@ -64,8 +64,7 @@ class Source:
     keys: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     custom_normals: bool = False
-    charts: object = None  # transfer.Charts, when first asked for
-    # what its pictures show, and its Looks, when first asked for: see shaded.similarity
+    charts: object = None
     body: object = None
     skin: Skin | None = None
     share: float = 1.0

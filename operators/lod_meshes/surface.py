@@ -12,21 +12,20 @@ from ...crowd_lod.simplification.components import areas
 from ...crowd_lod.simplification.moving_surface import MovingSurface
 from ...crowd_lod.simplification.triangle_mesh import ranges
 
-# meters, and part of a distance that float32 may round away, amply
-ANYWHERE = 1e19
-ROUNDED = 1e-5
-# of a triangle's longest side over the square of its height as part of that: what the tree errs by,
-# in float32
+ANYWHERE = 1e19  # meters: as far as a search may go
+ROUNDED = 1e-5  # part of a distance, more than float32 rounds away
+# In float32 the tree errs at a triangle of longest side s and height h by LOST s^3 / h^2. NEAR, a
+# part of the surface's size, is how much it may err.
 LOST = 4e-8
-NEAR = 5e-5  # of the surface's size: what it may err by
-# triangles, where samples are farthest off, that are looked at closer, and how often these are
-# divided
+NEAR = 5e-5
+# Triangles where samples are farthest off are looked at closer: CLOSER of them, divided up to
+# HALVED times.
 CLOSER = 400
 HALVED = 5
-FARTHEST = 50  # triangles whose sides are looked at where that is roughly known
-LAYERS = 8  # of clothes about a body, at most, that a way through a surface passes
+FARTHEST = 50  # triangles whose sides a rough estimate looks at
+LAYERS = 8  # of clothes about a body that a way through a surface passes, at most
 SILHOUETTE = 256  # pixels across a surface's silhouette
-FLAT = 1e-6  # a triangle's height as part of its longest side, up to which nothing of it shows
+FLAT = 1e-6  # a triangle lower than this part of its longest side shows nothing
 
 
 class Surface:
@@ -121,12 +120,11 @@ class Surface:
             yield hit
 
     def through(self, points: np.ndarray, ways: np.ndarray) -> np.ndarray:
-        """Return how far it is from `points` (k, 3) inside the surface, or on it, to the outside:
-        (k,) meters.
+        """Return how far it is from `points` inside the surface, or on it, to the outside.
 
-        ways: (k, 3), of unit length. They end at the first triangle seen from its back; infinite
-        where there is none. Triangles seen from their front lie inside, as a body does in its
-        clothes.
+        points: (k, 3); ways: (k, 3), of unit length. A way ends at the first triangle seen from its
+        back. Triangles seen from their front lie inside, as a body does in its clothes. Returns
+        (k,) meters, infinite where a way does not end.
         """
         lengths = np.full(len(points), np.inf)
         step = ROUNDED * float(np.ptp(self.points, axis=0).max())

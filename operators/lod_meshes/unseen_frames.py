@@ -1,7 +1,7 @@
-"""Frames besides the poses that LODs are measured in, where one may deviate by more than its bound.
+"""Frames besides the measured poses, in which a LOD may deviate by more than its bound.
 
-At many frames only those places are looked at that deviate most. That is no proof, but it finds
-the pose of a joint that no measured pose has.
+Many frames are looked at, in each only the places that deviate most. That is no proof, but it finds
+a bend of a joint that no measured pose has.
 """
 
 from collections.abc import Generator, Sequence
@@ -18,16 +18,19 @@ from .posed_shapes import Posed
 from .posed_surface import Measured, PosedSurface, large_pieces
 from .surface import Merged, Surface
 
-MOMENTS = 200  # frames and sub-frames, evenly, that are looked at, at most
-PEAKS = 40  # further ones beside those where LODs are farthest off, about
-EACH = 4  # of a frame, at most
-CELLS = 20  # across the character, of each of which some places are watched
+MOMENTS = 200  # that are looked at, evenly, at most: frames and up to EACH sub-frames of a frame
+EACH = 4
+PEAKS = 40  # further moments beside those where LODs are farthest off, about
 WHOLE_LOOKS = 3  # moments in which the whole of a LOD is measured together, at most
-ALIKE_WITHIN = 3.0  # frames, of which one is measured at a time
-LIKELY = 12  # places of a cell that are measured in all poses, those that may deviate most
-# of the farthest place's distance: a place that is nearer in all poses is not the farthest between
+ALIKE_WITHIN = 3.0  # frames: of moments that are closer together one is measured at a time
+# Places are watched in cells, CELLS across the character. The LIKELY places of a cell that may
+# deviate most are measured in all poses, and the WORST of them are watched.
+CELLS = 20
+LIKELY = 12
+WORST = 4
+# A place that is nearer than this part of the farthest place's distance in all poses is not the
+# farthest between them.
 QUIET = 0.15
-WORST = 4  # places of a cell that are watched, those that do
 
 
 @dataclass
@@ -129,7 +132,7 @@ def moments_between(performance: Performance) -> list[float]:
 
 
 def moments_beside(moments: Sequence[float], off: np.ndarray) -> list[float]:
-    """Return moments between those where LODs are farthest off and the ones beside these.
+    """Return moments between those where LODs are farthest off and their neighbors.
 
     moments: (k,), ascending; off: (LODs, k) meters.
     """

@@ -10,7 +10,7 @@ from ...crowd_lod.simplification.decimate import LodMesh
 from .source_mesh import Source
 from .surface import Surface
 
-BEYOND = 5.0  # how many sizes of a triangle beyond it its UVs are continued
+BEYOND = 5.0  # UVs are continued beyond a triangle by this many of its sizes
 
 
 @dataclass
@@ -98,8 +98,8 @@ def unique_rows(rows: np.ndarray) -> np.ndarray:
 class Place:
     """Where points lie on the source.
 
-    triangle: (n,); weights: (n, 3) barycentric, within it; outside: the same where the point itself
-    is, which may lie beyond the chart's edge.
+    triangle: (n,); weights: (n, 3) barycentric, of the nearest place within it; outside: (n, 3)
+    barycentric, of the point itself, which may lie beyond the chart's edge.
     """
 
     triangle: np.ndarray

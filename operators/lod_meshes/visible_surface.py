@@ -9,21 +9,20 @@ from ...crowd_lod.simplification.triangle_mesh import ranges
 
 DIRECTIONS = 50
 POSES_SEEN = 6  # poses that are looked at, at most
-# directions, those nearest to its normal, that every point tries in the first pose, and in each
-# other one
+# directions nearest to its normal that every point tries: in the first pose, and in each other one
 FIRST = 4
 FURTHER = 2
-ONE_IN = 8  # hidden points, far from seen ones, that try all directions
-OFF = 2e-4  # of the size: how far off the surface a ray begins
-SPACING = 1 / 32  # of the size: larger triangles have points within
+ONE_IN = 8  # of so many hidden points, far from seen ones, one tries all directions
+OFF = 2e-4  # part of the size: how far off the surface a ray begins
+SPACING = 1 / 32  # part of the size: triangles with longer sides have points within
 
 
 def visible_points(points: np.ndarray, triangles: np.ndarray, hiding: np.ndarray) -> np.ndarray:
     """Return which points someone may see, (n,) bool: the corners of triangles that are seen.
 
     A triangle is seen if a ray from one of its points leaves the character, in one of DIRECTIONS
-    in one of up to POSES_SEEN poses. Whoever counts all triangles of these points has a margin of
-    their neighbors, for what opens between those poses.
+    in one of up to POSES_SEEN poses. Callers count all triangles of these points: their neighbors
+    are a margin for gaps that open between those poses.
 
     points: (n, k, 3) meters in k poses, those at the same place merged.
     triangles: (m, 3) indices.

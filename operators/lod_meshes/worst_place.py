@@ -1,4 +1,4 @@
-"""Where a LOD deviates most in one pose, and what of its character nobody sees: for its picture."""
+"""For a LOD's picture: where it deviates most in one pose, and what of its character is hidden."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ class InPose:
     """A character and its LOD in one pose, world space.
 
     hidden: (m,) bool, the character's triangles that do not count.
-    worst: (3,) meters, the place of either surface that is farthest from the other, of what counts.
+    worst: (3,) meters, the place that is farthest from the other surface, of all that count.
     """
 
     character: Surface
@@ -26,7 +26,7 @@ class InPose:
 def look_in_pose(whole: PosedSurface, character: Shape, level: Shape) -> InPose | None:
     """Compare a LOD with its character in one pose; None where one has no face.
 
-    whole: the character in some pose, of which it is known what is visible.
+    whole: the character in some pose, whose visible surface is known.
     """
     if len(character.points) != len(whole.shapes[0].points):
         whole = PosedSurface([character], whole.hidden_counts)

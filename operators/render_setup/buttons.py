@@ -79,6 +79,38 @@ def check_blur(scene: bpy.types.Scene) -> None:
         check_recorded(scene, "Motion blur")
 
 
+def build_live(scene: bpy.types.Scene) -> Generator[float, None, str]:
+    """Build `scene`: yield the progress, return a sentence on what stands in the scene."""
+    if not len(scene.crowd_lod.groups):
+        trajectory_of(scene)  # says to populate first
+    check_blur(scene)
+    cast = yield from prepared(scene, lambda: build(scene))
+    layer = scene.view_layers[0]
+    layer.update()
+    frame = frame_of(scene, layer.depsgraph, shutter=())
+    sentences = (
+        f"{int(frame.visible.sum()):,} of {frame.crowd.there:,} agents stand in the scene.",
+        frame.unplanned,
+        notes_on_cast(scene, cast),
+        notes_on_characters(scene),
+    )
+    return " ".join(filter(None, sentences))
+
+
+def bake_frames(scene: bpy.types.Scene) -> Generator[float, None, str]:
+    """Bake the frames that `scene` renders: yield the progress, return a sentence on them."""
+    frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
+    cast = yield from prepared(scene, lambda: bake(scene, frames), frames)
+    sentences = (
+        f"{counted(len(frames), 'frame is', 'frames are')} baked: {shot_frames(frames)}.",
+        scene.crowd_lod.shot_verdict * scene.crowd_lod.use_shot_plan,
+        notes_on_cast(scene, cast),
+        notes_on_characters(scene),
+        frame_stepping.describe_unbaked(scene),
+    )
+    return " ".join(filter(None, sentences))
+
+
 class CROWDLOD_OT_build(Stepwise, bpy.types.Operator):
     """Build the crowd for rendering: instances that follow the camera and the frame"""
 
@@ -90,24 +122,7 @@ class CROWDLOD_OT_build(Stepwise, bpy.types.Operator):
     )
 
     def steps(self, context) -> Generator[float, None, str]:
-        scene = context.scene
-        if not len(scene.crowd_lod.groups):
-            trajectory_of(scene)  # says to populate first
-        check_blur(scene)
-        cast = yield from prepared(scene, lambda: build(scene))
-        frame = frame_of(scene, context.evaluated_depsgraph_get(), shutter=())
-        counts = f"{int(frame.visible.sum()):,} of {frame.crowd.there:,} agents stand in the scene"
-        return " ".join(
-            filter(
-                None,
-                (
-                    f"{counts}.",
-                    frame.unplanned,
-                    notes_on_cast(scene, cast),
-                    notes_on_characters(scene),
-                ),
-            )
-        )
+        return (yield from build_live(context.scene))
 
 
 class CROWDLOD_OT_bake(Stepwise, bpy.types.Operator):
@@ -121,21 +136,7 @@ class CROWDLOD_OT_bake(Stepwise, bpy.types.Operator):
     )
 
     def steps(self, context) -> Generator[float, None, str]:
-        scene = context.scene
-        frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
-        cast = yield from prepared(scene, lambda: bake(scene, frames), frames)
-        baked = f"{counted(len(frames), 'frame is', 'frames are')} baked: {shot_frames(frames)}."
-        return " ".join(
-            filter(
-                None,
-                (
-                    baked,
-                    notes_on_cast(scene, cast),
-                    notes_on_characters(scene),
-                    frame_stepping.describe_unbaked(scene),
-                ),
-            )
-        )
+        return (yield from bake_frames(context.scene))
 
 
 class CROWDLOD_OT_remove_build(Reporting, bpy.types.Operator):

@@ -15,7 +15,7 @@ from ..blender.provenance import text_digest
 from ..machine.scene_world import bias_of
 from ..scene.lights import read_surroundings
 from ..scene.scene_crowd import policy_of, trajectory_of
-from ..scene.shot_reference import content_of, plan_inputs
+from ..scene.shot_reference import CAMERA, content_of, plan_inputs
 from .change_detection import cameras_digest, lights_digest
 from .render_setup import BAKED, CAMERAS, LIGHTS
 
@@ -55,10 +55,25 @@ def changed(scene: bpy.types.Scene) -> list[str]:
         return []
     looked, sentences = _known.get(scene.session_uid, (-LOOK, []))
     if now >= looked + LOOK:
-        sentences = _compared(scene, build)
-        scene_cache.tidy()
-        _known[scene.session_uid] = now, sentences
+        sentences = compare(scene)
     return sentences
+
+
+def compare(scene: bpy.types.Scene) -> list[str]:
+    """Return what `changed` does, after a look now. The scene has a build."""
+    sentences = _compared(scene, scene.crowd_lod.build)
+    scene_cache.tidy()
+    _known[scene.session_uid] = clock.monotonic(), sentences
+    return sentences
+
+
+def camera_motion(scene: bpy.types.Scene) -> str:
+    """Return a digest of what the scene's cameras do in all frames, and of the markers' cameras."""
+    bound = [marker for marker in scene.timeline_markers if marker.camera is not None]
+    bound.sort(key=lambda marker: marker.frame)
+    cameras = [camera for camera in (scene.camera, *(m.camera for m in bound)) if camera]
+    frames = [marker.frame for marker in bound]
+    return text_digest(provenance.motion_digest(cameras), frames)
 
 
 def _compared(scene: bpy.types.Scene, build: bpy.types.Collection) -> list[str]:
@@ -66,7 +81,7 @@ def _compared(scene: bpy.types.Scene, build: bpy.types.Collection) -> list[str]:
         sentences = provenance.differences(provenance.read_inputs(build, MADE_FOR), _now(scene))
         if BAKED in build and not scene.frame_subframe:
             sentences += _other_in_frame(scene, build)
-        return sentences
+        return list(dict.fromkeys(sentences))
     except (CrowdError, ValueError) as error:  # a text that is not JSON is a ValueError
         return [str(error)]
 
@@ -79,7 +94,7 @@ def _other_in_frame(scene: bpy.types.Scene, bake: bpy.types.Collection) -> list[
     around = provenance.read_inputs(bake, LIGHTS)
     sentences = []
     if frame in cameras and cameras[frame] != cameras_digest(read_cameras(scene, depsgraph)):
-        sentences.append("the camera")
+        sentences.append(CAMERA)
     if (
         frame in around and not scene.render.use_motion_blur
     ):  # else the shutter would have to be looked through
@@ -104,6 +119,7 @@ def _now(scene: bpy.types.Scene) -> dict[str, str]:
         "the shot plan": content_of(settings),
     }
     if settings.build is not None and BAKED in settings.build:
+        inputs[CAMERA] = camera_motion(scene)
         inputs["the frame range"] = text_digest(
             scene.frame_start, scene.frame_end, scene.frame_step
         )

@@ -114,7 +114,7 @@ class Proof:
         for crop in lone_crops(self.alone, number, judged_agents, pairs):
             crops.append(crop)
             yield 1 - CROPS * (1 - len(crops) / len(pairs))
-        agents = [crop.told for crop in crops]
+        agents = [crop.facts for crop in crops]
         row |= agents_row(agents, _tolerance(scene, planned))
         rounded = row["b_largest"] <= DISPLACED and bool(displaced_materials(scene))
         row["culling_ok"] = not strangers and (row["b_pixels"] == 0 or rounded)

@@ -49,12 +49,12 @@ class Shown:
 class LoneCrop:
     """Two pictures of an agent, (rows, columns, 4) float32, linear, and what they show.
 
-    told: a dict for JSON, see `told_of`.
+    facts: a dict for JSON, see `facts_of`.
     """
 
     full: np.ndarray
-    built: np.ndarray
-    told: dict[str, Any]
+    as_built: np.ndarray
+    facts: dict[str, Any]
 
 
 class LoneStage:
@@ -179,7 +179,7 @@ def lone_crops(
         finer, window, size = _finer(judged)
         stage.look(judged.camera, window, size)
         pictures = [stage.render(number, each) for each in (full, lod_item)]
-        yield LoneCrop(*pictures, told_of(judged, *pictures, finer))
+        yield LoneCrop(*pictures, facts_of(judged, *pictures, finer))
 
 
 def _finer(judged: JudgedAgent) -> tuple[float, Window, tuple[int, int]]:
@@ -198,8 +198,10 @@ def _finer(judged: JudgedAgent) -> tuple[float, Window, tuple[int, int]]:
     return finer, Window(window.left, right, window.bottom, top), (columns, rows)
 
 
-def told_of(judged: JudgedAgent, full: np.ndarray, lod: np.ndarray, finer: float) -> dict[str, Any]:
-    """Return what is told of an agent, for JSON.
+def facts_of(
+    judged: JudgedAgent, full: np.ndarray, lod: np.ndarray, finer: float
+) -> dict[str, Any]:
+    """Return the figures of an agent, for JSON.
 
     shift_px, error_px: by how many pixels of the final picture its silhouette lies off, and by how
         many that may be wrong. At most the crop's diagonal.
@@ -239,7 +241,7 @@ def sheet_of(crops: Sequence[LoneCrop]) -> list[np.ndarray]:
     tiles = []
     for crop in crops:
         step = max(1, int(np.ceil(max(crop.full.shape[:2]) / TILE)))
-        pair = np.concatenate([crop.full[::step, ::step], crop.built[::step, ::step]], axis=1)
+        pair = np.concatenate([crop.full[::step, ::step], crop.as_built[::step, ::step]], axis=1)
         alpha = pair[..., 3:].clip(0, 1)
         color = encoded(pair[..., :3].clip(0, 1)) + (1 - alpha) * BEHIND
         tiles.append(

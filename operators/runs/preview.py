@@ -323,6 +323,11 @@ def _caption(frame: Frame) -> str:
     )
 
 
+def verdict_in(plan: dict[str, Any]) -> str:
+    """Return the verdict on the shot that the preview planned; "" if it planned none."""
+    return plan["shot"]["verdict"]["sentence"] if "shot" in plan else ""
+
+
 def _sheet(pictures: list[tuple[Path, Path]]) -> np.ndarray:
     """Return the contact sheet, two frames in a row.
 
@@ -356,11 +361,12 @@ class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
             engine=settings.engine,
             color=color_of(settings),
         )
-        yield from preview(context.scene, task, ["sidebar"])
+        plan = yield from preview(context.scene, task, ["sidebar"])
         note_output(context.scene, "preview")
         sentence = (
             f"{counted(len(task.frames), 'frame is', 'frames are')} in {place_of(task.folder)}."
         )
+        sentence = f"{verdict_in(plan)} {sentence}".lstrip()
         return f"{sentence} {LEFT_OUT}" if leaves_out(context.scene) else sentence
 
 

@@ -24,14 +24,14 @@ class TrialCrowd:
     finer: steps of subdivision of a character beyond the samples', each with four times the faces;
         from -1 on.
     characters: how many are posed, each by a rig of its own.
-    shown: how many of these agents show.
+    visible: how many of these agents show.
     agents: how many there are.
     nearest: meters from the camera to the first agent.
     """
 
     finer: int
     characters: int
-    shown: int
+    visible: int
     agents: int
     nearest: float = 4.0
 
@@ -68,7 +68,7 @@ def show_crowd(stage: bpy.types.Scene, crowd: TrialCrowd) -> Work:
     library.children.link(shelf)
     body = _make_cast(shelf, crowd)
     places = _places_of(crowd)
-    _instance(stage, shelf, places, np.arange(crowd.agents) % crowd.shown)
+    _instance(stage, shelf, places, np.arange(crowd.agents) % crowd.visible)
     mesh = body.data
     triangles = len(mesh.loops) - 2 * len(mesh.polygons)
     meters = np.linalg.norm(np.ptp(np.array(body.bound_box), axis=0)) / 2
@@ -77,7 +77,7 @@ def show_crowd(stage: bpy.types.Scene, crowd: TrialCrowd) -> Work:
     radius = pixels * meters / np.hypot(*places.T)
     return Work(
         posed=float(crowd.characters * triangles),
-        unique=float(min(crowd.shown, crowd.agents) * triangles),
+        unique=float(min(crowd.visible, crowd.agents) * triangles),
         instances=float(crowd.agents),
         instanced=float(crowd.agents * triangles),
         rigs=float(crowd.characters),

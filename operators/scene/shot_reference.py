@@ -202,6 +202,31 @@ def notes_on_file(settings) -> str:
     return ""
 
 
+def changes_since_plan(
+    scene: bpy.types.Scene,
+    trajectory: Trajectory,
+    policy: LevelPolicy,
+    bias: Bias | None,
+    films: bool = True,
+) -> list[str]:
+    """Return the names of what has changed since the scene's plan was made; none without one.
+
+    films: whether the cameras of all its frames are compared, for which the scene is stepped.
+    CrowdError if the plan cannot be read.
+    """
+    stored = stored_plan(scene.crowd_lod)
+    if stored is None:
+        return []
+    changes = differences(stored.made_for, plan_inputs(scene.crowd_lod, trajectory, policy, bias))
+    views = cameras_at(scene, stored.times.tolist()) if films else ()
+    if not all(
+        same_cameras(planned, numbers_of(eyes))
+        for planned, eyes in zip(stored.cameras, views, strict=False)
+    ):
+        changes.append(CAMERA)
+    return changes
+
+
 def notes_on_shot(
     scene: bpy.types.Scene, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | None
 ) -> str:
@@ -209,17 +234,8 @@ def notes_on_shot(
 
     All its frames are compared. CrowdError if the plan cannot be read.
     """
-    stored = stored_plan(scene.crowd_lod)
-    if stored is None:
-        return ""
-    changed = differences(stored.made_for, plan_inputs(scene.crowd_lod, trajectory, policy, bias))
-    films = cameras_at(scene, stored.times.tolist())
-    if not all(
-        same_cameras(planned, numbers_of(eyes))
-        for planned, eyes in zip(stored.cameras, films, strict=True)
-    ):
-        changed.append(CAMERA)
-    return _not_used(stored, changed) if changed else ""
+    changes = changes_since_plan(scene, trajectory, policy, bias)
+    return _not_used(stored_plan(scene.crowd_lod), changes) if changes else ""
 
 
 def planned_cast(

@@ -104,8 +104,8 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
     """
     if not 0 <= request.avoid < 1e6:
         raise CrowdError(
-            f"Extra Cost for Fewer Pops is {request.avoid:g}; give the part of the cost that it may add, such as "
-            f"0.05."
+            f"Extra Cost for Fewer Pops is {request.avoid:g}; give the part of the cost that it may "
+            f"add, such as 0.05."
         )
     check_recorded(scene, "Plan Shot")
     provenance.look_afresh()
@@ -231,20 +231,23 @@ def write_levels(folder: Path, planned: PlannedShot) -> None:
 
 def shot_json(planned: PlannedShot) -> dict[str, Any]:
     """Return what plan.json tells of the shot."""
-    budget = {
-        name: value
-        for name, value in vars(planned.request.budget).items()
-        if value not in (None, inf)
-    }
-    requested = {
-        "avoid_pops": planned.request.avoid,
-        "variety": planned.request.variety,
-        "blur": planned.request.blurred,
-        "budget": budget,
-    }
+    requested = requested_of(planned.request)
     return shot_facts(
         planned.report, planned.stored, requested, [each.as_json for each in planned.exemptions]
     )
+
+
+def requested_of(request: PlanRequest) -> dict[str, Any]:
+    """Return the settings that a plan was asked for, as plan.json has them."""
+    budget = {
+        name: value for name, value in vars(request.budget).items() if value not in (None, inf)
+    }
+    return {
+        "avoid_pops": request.avoid,
+        "variety": request.variety,
+        "blur": request.blurred,
+        "budget": budget,
+    }
 
 
 def sentence(planned: PlannedShot) -> str:
@@ -289,6 +292,26 @@ def wanted_of(scene: bpy.types.Scene, folder: Path, frames: Sequence[int]) -> Pl
     )
 
 
+def plan_of_settings(scene: bpy.types.Scene) -> Generator[float, None, str]:
+    """Plan the shot as the settings ask, and let the scene follow the plan.
+
+    Yields the progress and returns a sentence on the plan. The plan's files and settings are
+    written at the end, all or none.
+    """
+    settings = scene.crowd_lod
+    place = output_path(scene, "plan")
+    folder = full_path(place)
+    with files.staged(folder, plan_file.NAME) as part:
+        request = wanted_of(scene, folder, scene_data.frames_of(scene))
+        planned = yield from share(plan_shot(scene, request), 0.0, 0.99)
+        yield from standing(write_plan(scene, part, planned, ["sidebar"]), 0.99)
+    settings.shot_plan = f"{place}/{plan_file.NAME}"
+    settings.use_shot_plan = True
+    settings.shot_verdict = planned.report.verdict.sentence
+    note_output(scene, "plan")
+    return f"{sentence(planned)} The plan is in {place_of(folder)}."
+
+
 class CROWDLOD_OT_plan_shot(Stepwise, bpy.types.Operator):
     """Decide on all LODs of the shot at once, so that few characters change theirs in sight"""
 
@@ -300,19 +323,7 @@ class CROWDLOD_OT_plan_shot(Stepwise, bpy.types.Operator):
     )
 
     def steps(self, context) -> Generator[float, None, str]:
-        scene = context.scene
-        settings = context.scene.crowd_lod
-        place = output_path(scene, "plan")
-        folder = full_path(place)
-        with files.staged(folder, plan_file.NAME) as part:
-            request = wanted_of(scene, folder, scene_data.frames_of(scene))
-            planned = yield from share(plan_shot(scene, request), 0.0, 0.99)
-            yield from standing(write_plan(scene, part, planned, ["sidebar"]), 0.99)
-        settings.shot_plan = f"{place}/{plan_file.NAME}"
-        settings.use_shot_plan = True
-        settings.shot_verdict = planned.report.verdict.sentence
-        note_output(scene, "plan")
-        return f"{sentence(planned)} The plan is in {place_of(folder)}."
+        return (yield from plan_of_settings(context.scene))
 
 
 class CROWDLOD_OT_remove_plan(Reporting, bpy.types.Operator):

@@ -12,11 +12,14 @@ from ... import sample_scenes
 from ...crowd_lod.behavior.walk import walks_of
 from ...crowd_lod.format import counted
 from ...crowd_lod.levels.cost_model import NAMES
+from ..blender import operator
 from ..blender.props import PROP
 from ..blender.scene_data import engine_of
 from ..characters.prop_button import props_in
 from ..lod_meshes.made_for import changed, edited, forecast
 from ..overlay import viewport_overlay
+from ..runs.update_all import due_steps
+from ..settings import needs
 from ..sources.jupedsim_run import has_jupedsim
 from . import steps
 from .agent_edits import draw_edits
@@ -59,6 +62,20 @@ class CROWDLOD_PT_main(Sidebar, bpy.types.Panel):
         row = column.row(align=True)
         row.alert = icon == "ERROR"
         row.popover("CROWDLOD_PT_messages", text=sentence, icon=icon, translate=False)
+        _update_row(column, scene)
+
+
+def _update_row(layout, scene: bpy.types.Scene) -> None:
+    """Draw the button that does all steps which are due; gray where none is."""
+    row = layout.row()
+    text = "Update All"
+    if not (operator.at_work or needs.crowd(scene) or needs.camera(scene)):
+        due = due_steps(scene)
+        words = {"Make LOD Meshes": "Make", "Plan Shot": "Plan"}
+        names = ", ".join(words.get(step, step) for step in due)
+        row.enabled = bool(due)
+        text = f"Update All: {names}" if due else "Meshes, plan and build are up to date"
+    button(row, "crowd_lod.update_all", text, "FILE_REFRESH", steps.next_operator(scene))
 
 
 def _line(scene: bpy.types.Scene) -> str:

@@ -27,8 +27,11 @@ def empty_file(registered):
 
 
 @pytest.fixture
-def scene():
-    """A small crowd of two coarse sample characters, seen by a camera; LODs at 12 m and 30 m."""
+def scene(request):
+    """A small crowd of two coarse sample characters, seen by a camera; LODs at 12 m and 30 m.
+
+    A file of tests may name finer ones by FINER, a number for make_characters.
+    """
     from crowd_lod_extension.sample_scenes.characters import make_characters
 
     scene = bpy.context.scene
@@ -37,7 +40,7 @@ def scene():
     scene.render.resolution_y = 90
     characters = bpy.data.collections.new("People")
     scene.collection.children.link(characters)
-    make_characters(characters, finer=CAGE)
+    make_characters(characters, finer=_finer(request))
     characters.children.unlink(characters.children["heavy"])
     characters.hide_render = True
     camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
@@ -114,15 +117,19 @@ def kept(tmp_path_factory):
 @pytest.fixture
 def levelled(kept, request):
     """The small crowd with its LODs."""
-    return _opened(kept / "levelled.blend", _level, request, "scene")
+    return _opened(kept / f"levelled {_finer(request)}.blend", _level, request, "scene")
 
 
 @pytest.fixture
 def built(kept, request):
     """The small crowd, built, under a camera that moves and turns."""
-    scene = _opened(kept / "built.blend", _build, request, "levelled")
+    scene = _opened(kept / f"built {_finer(request)}.blend", _build, request, "levelled")
     scene.frame_set(1)
     return scene
+
+
+def _finer(request) -> int:
+    return getattr(request.module, "FINER", CAGE)
 
 
 def _opened(path, make, request, fixture):

@@ -13,6 +13,8 @@ from crowd_lod_extension.operators.render_setup import render_setup
 from crowd_lod_extension.operators.scene import scene_crowd
 from mathutils import Vector
 
+FINER = -1  # coarser characters have a LOD that loses nothing
+
 
 @pytest.fixture
 def tolerant(scene):
@@ -88,7 +90,7 @@ def test_at_the_switch_distance_the_bound_spans_the_tolerance_in_blender_s_own_c
         bpy.context.view_layer.update()
         frame = scene_crowd.frame_of(tolerant, bpy.context.evaluated_depsgraph_get())
         for group, begins in zip(stored_groups.groups_of(settings), frame.begins, strict=True):
-            for meters, begin in zip(group.bounds[1:], begins, strict=True):
+            for meters, begin in zip(group.bounds[1:], begins[np.isfinite(begins)], strict=False):
                 depth = -(begin - group.radius)  # of the sphere's nearest point
                 ends = [
                     world_to_camera_view(tolerant, camera, Vector((x, 0, depth)))

@@ -15,6 +15,7 @@ from crowd_lod_extension.operators.lod_meshes import deviation
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 
 pytestmark = pytest.mark.once
+FINER = -1  # LODs of coarser characters are farther off than a rod is thick
 RADIUS = 0.012
 LONG = 1.5
 PIXEL = 2 * RADIUS / 0.7  # meters: a rod covers most of a pixel's width

@@ -16,7 +16,7 @@ from crowd_lod_extension.operators.runs.verify_stage import PAIRS, Verify
 from crowd_lod_extension.sample_scenes.scenery import add, material, tile
 
 pytestmark = pytest.mark.once  # long, and the same on every Blender
-
+FINER = -1  # LODs of coarser characters have other colors
 
 FAST = """{"version": 1, "labels": {"ground": {"color": "#808080"}},
  "states": {"east": {"on": {"*": {"move": [30, 0]}}}}, "edge": "wrap"}"""
@@ -342,7 +342,8 @@ def test_predictions_hold_where_planned_lods_switch(levelled, tmp_path, capfd, m
     settings = levelled.crowd_lod
     lens = levelled.camera.data
     settings.choice = "BY_TOLERANCE"
-    settings.tolerance = 2.0
+    # at 2 px blur lets so coarse LODs come so near that their colors differ
+    settings.tolerance = 1.0 if "--blur" in more else 2.0
     levelled.render.use_motion_blur = "--blur" in more
     for frame, lens.lens in ((1, 15), (6, 200)):
         lens.keyframe_insert("lens", frame=frame)
@@ -353,7 +354,7 @@ def test_predictions_hold_where_planned_lods_switch(levelled, tmp_path, capfd, m
     assert run(*asked) == 0
     if "budget" in more:
         rows = list(csv.DictReader((plan / "frames.csv").open()))
-        more = "--triangles", 0.98 * max(int(row["triangles"]) for row in rows)
+        more = "--triangles", int(0.99 * max(int(row["triangles"]) for row in rows))
     if more:
         assert run(*asked, *more) == 0
     frames = [int(row["frame"]) for row in csv.DictReader((plan / "switches.csv").open())]

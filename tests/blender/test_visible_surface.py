@@ -10,7 +10,7 @@ from crowd_lod_extension.operators.lod_meshes import deviation
 from crowd_lod_extension.operators.lod_meshes.posed_shapes import Posed
 from crowd_lod_extension.operators.lod_meshes.posed_surface import PosedSurface, compare_surfaces
 
-pytestmark = [pytest.mark.once, pytest.mark.usefixtures("exact_levels")]
+pytestmark = pytest.mark.once
 GROUP = Group("one", 0, 1, 0, 1)
 # rings, segments of spheres
 FINE = (12, 24)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.format import number
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.crowd_lod.reporting.tables import switches_csv
+from crowd_lod_extension.crowd_lod.reporting.tables import largest_switches, switches_csv
 from crowd_lod_extension.crowd_lod.shot.shot import decide
 from crowd_lod_extension.crowd_lod.shot.shot_cost import bill
-from crowd_lod_extension.crowd_lod.shot.switches import NOTHING, noticed
+from crowd_lod_extension.crowd_lod.shot.switches import NOTHING, ROW, noticed
 from crowd_lod_extension.crowd_lod.shot.verdict import verdict_of
 
 from ..support.cameras import straight
@@ -125,3 +125,16 @@ def test_the_verdict_on_a_still_shot_is_that_nothing_changes():
     shot = some_shot(0, agents=0)
     found = noticed(shot, shot.survey.coarsest, RADIUS)
     assert verdict_of(shot.survey, found, [], 1.0).sentence == "No LOD changes in sight."
+
+
+def test_the_two_that_the_verdict_names_are_gone_to_first(tmp_path):
+    rows = [
+        (1, 5, NOTHING, 0, 9.0, 9.0),
+        (2, 6, 0, 1, 5.0, 0.8),
+        (3, 7, 1, NOTHING, 5.0, 5.0),
+        (3, 8, 1, NOTHING, 6.0, 6.0),
+        (4, 9, 0, 1, 5.0, 0.9),
+    ]
+    path = tmp_path / "switches.csv"
+    path.write_text(switches_csv(np.array(rows, ROW)))
+    assert [int(row["agent"]) for row in largest_switches(path)] == [9, 8, 5, 7, 6]

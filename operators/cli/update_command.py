@@ -1,0 +1,51 @@
+"""The command update: brings LOD meshes, plan and build of a file up to date."""
+
+from pathlib import Path
+
+import bpy
+
+from ... import sample_scenes
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import counted, printable
+from ...crowd_lod.reporting import files
+from ..runs.update_all import update_all, update_sentence
+from .options import add_command, add_scene
+from .scene_files import blend_path, finish, open_scene, save, stem_of
+
+
+def add_update(commands, program: str) -> None:
+    """Add the command update to the program's."""
+    command = add_command(
+        commands,
+        program,
+        "update",
+        update_file,
+        "make LOD meshes, plan, and build or bake anew in a file what has changed, and save it",
+        "update shot.blend",
+    )
+    add_scene(command, program)
+    command.add_argument("--bake", action="store_true", help="bake a file that has no bake yet")
+
+
+def update_file(args, command: list[str]) -> dict:
+    """Run the command update."""
+    if args.scene in sample_scenes.NAMES:
+        raise CrowdError("A sample is no file: write it with the command sample, and update that.")
+    scene = open_scene(args.scene)
+    if not bpy.data.filepath:
+        raise CrowdError("The open file has no place yet: save it, or give a .blend file.")
+    path = blend_path(Path(bpy.data.filepath))
+    steps = update_all(scene, bakes=args.bake)
+    done = finish(steps, f"update of {stem_of(args)}", args.quiet)
+    out = printable(path)
+    if done:
+        with files.staged_file(path) as part:
+            save(part, path, compress=_is_compressed(path))
+    summary = f"{counted(len(done), 'step')} done. {update_sentence(scene, done)}\n{out}"
+    return {"out": out, "done": done, "summary": summary}
+
+
+def _is_compressed(path: Path) -> bool:
+    """Return whether the .blend file is compressed, and so begins otherwise than plain ones do."""
+    with path.open("rb") as file:
+        return file.read(7) != b"BLENDER"

@@ -1,0 +1,260 @@
+"""Update All: Make, Plan, Build or Bake, each where what it rests on has changed.
+
+docs/notes/files.md says what each step rests on, and what a cancel leaves.
+"""
+
+import json
+import time as clock
+from collections.abc import Callable, Generator
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import bpy
+
+from ...crowd_lod.errors import FAULTS, CrowdError
+from ...crowd_lod.errors import sentence as fault_sentence
+from ...crowd_lod.progress import share
+from ..blender import provenance, scene_cache, scene_data
+from ..blender.operator import Stepwise
+from ..blender.output_folders import full_path
+from ..lod_meshes.made_for import outdated
+from ..lod_meshes.make_lods import make_levels
+from ..machine.scene_world import bias_of
+from ..render_setup import staleness
+from ..render_setup.buttons import bake_frames, build_live
+from ..render_setup.render_setup import BAKED
+from ..scene.scene_crowd import policy_of, trajectory_of
+from ..scene.shot_reference import CAMERA, changes_since_plan, reference, stored_plan
+from ..settings import needs
+from ..shot.shot_plan import plan_of_settings, requested_of, wanted_of
+from ..sources.crowd_sources import live
+
+CAMERAS = "crowd_lod_shot_cameras"  # custom property of the scene: what moved its planned cameras
+LOOK = 1.0  # seconds between two looks of the sidebar
+SHARE = 0.05  # of the time that the looks may take
+# what plan.json has of a plan's settings, in words
+REQUESTED = {
+    "avoid_pops": "Avoid Pops",
+    "variety": "Variety",
+    "blur": "Coarser Where Blurred",
+    "budget": "the budget",
+}
+OF_THE_PANEL = ("triangles", "memory")  # limits of a budget that are settings
+_known: dict[int, tuple[float, tuple, dict[str, str]]] = scene_cache.add_cache({}, by_scene=True)
+_requested: dict[tuple, dict[str, Any]] = scene_cache.add_cache({})
+
+
+@dataclass(frozen=True)
+class UpdateStep:
+    """A step of Update All.
+
+    label: as on its button.
+    weight: about its part of the time.
+    find_reason: returns why the step is due, "" if it is not. Its second argument says whether
+        all frames are looked at, which steps through the scene.
+    work: yields the progress, returns a sentence.
+    """
+
+    label: str
+    weight: float
+    find_reason: Callable[[bpy.types.Scene, bool], str]
+    work: Callable[[bpy.types.Scene], Generator[float, None, str]]
+
+
+def _make(scene: bpy.types.Scene) -> Generator[float, None, str]:
+    outcome = yield from make_levels(scene)
+    return outcome.sentence
+
+
+def _reason_to_make(scene: bpy.types.Scene, thorough: bool) -> str:
+    if scene.crowd_lod.levels is None:
+        return "there are no LOD meshes"
+    return outdated(scene)
+
+
+def _reason_to_plan(scene: bpy.types.Scene, thorough: bool) -> str:
+    settings = scene.crowd_lod
+    if not settings.shot_plan:
+        # A build without a plan is one by distance, which the user chose.
+        by_distance = settings.build is not None or live(settings)
+        return "" if by_distance else "there is no plan"
+    if not settings.use_shot_plan or settings.levels is None:
+        return ""
+    try:
+        changes = _changes_of_plan(scene, thorough)
+    except CrowdError as error:  # the file is gone, or spoilt
+        return str(error)
+    return f"{provenance.name_inputs(changes)} changed" if changes else ""
+
+
+def _changes_of_plan(scene: bpy.types.Scene, thorough: bool) -> list[str]:
+    """Return what has changed since the scene's plan was made; CrowdError if it cannot be read."""
+    settings = scene.crowd_lod
+    stored = stored_plan(settings)
+    trajectory = trajectory_of(scene)
+    changes = changes_since_plan(
+        scene, trajectory, policy_of(settings), bias_of(settings), films=thorough
+    )
+    if not thorough and scene.get(CAMERAS) != _cameras_of_plan(scene):
+        changes.append(CAMERA)
+    if stored.numbers.tolist() != list(scene_data.frames_of(scene)):
+        changes.append("the frames")
+    now = requested_of(wanted_of(scene, stored.path.parent, stored.numbers))
+    before = _requested_before(settings)
+    changes += [words for name, words in REQUESTED.items() if before.get(name) != now[name]]
+    return list(dict.fromkeys(changes))
+
+
+def _requested_before(settings) -> dict[str, Any]:
+    """Return the settings that the scene's plan was asked for; those of now without plan.json."""
+    key = reference(settings)
+    if key not in _requested:
+        path = full_path(settings.shot_plan).with_name("plan.json")
+        asked = None
+        with suppress(OSError, ValueError, LookupError, TypeError):
+            asked = dict(json.loads(path.read_text(encoding="utf-8"))["shot"]["asked"])
+            limits = asked["budget"].items()
+            asked["budget"] = {name: most for name, most in limits if name in OF_THE_PANEL}
+        _requested.clear()
+        _requested[key] = asked
+    return _requested[key] or requested_of(wanted_of(settings.id_data, key[0].parent, ()))
+
+
+def _cameras_of_plan(scene: bpy.types.Scene) -> str:
+    """Return a text that tells the scene's plan and cameras from others."""
+    return provenance.text_digest(reference(scene.crowd_lod), staleness.camera_motion(scene))
+
+
+def _reason_to_build(scene: bpy.types.Scene, thorough: bool) -> str:
+    if scene.crowd_lod.build is None:
+        return "there is no build"
+    changes = staleness.compare(scene)
+    return f"{provenance.name_inputs(changes)} changed" if changes else ""
+
+
+def _is_bake(scene: bpy.types.Scene) -> bool:
+    build = scene.crowd_lod.build
+    return build is not None and BAKED in build
+
+
+def update_steps(scene: bpy.types.Scene, bakes: bool = False) -> tuple[UpdateStep, ...]:
+    """Return the steps of the scene in the order of the work.
+
+    bakes: whether to bake a scene that has no bake.
+    """
+    last = (
+        UpdateStep("Bake", 3, partial(_reason_to_bake, bakes), bake_frames)
+        if bakes or _is_bake(scene)
+        else UpdateStep("Build", 2, _reason_to_build, build_live)
+    )
+    return (
+        UpdateStep("Make LOD Meshes", 5, _reason_to_make, _make),
+        UpdateStep("Plan Shot", 4, _reason_to_plan, plan_of_settings),
+        last,
+    )
+
+
+def _reason_to_bake(bakes: bool, scene: bpy.types.Scene, thorough: bool) -> str:
+    if bakes and not _is_bake(scene):
+        return "there is no bake"
+    return _reason_to_build(scene, thorough)
+
+
+def due_steps(scene: bpy.types.Scene) -> dict[str, str]:
+    """Return why each step is due, by its label, as far as the sidebar can tell.
+
+    A step that rests on a due one may become due by it. The answer is kept while it took little
+    of the time; look_again() drops it.
+    """
+    now = clock.monotonic()
+    until, changes, due = _known.get(scene.session_uid, (now, (), {}))
+    key = (provenance.changes, reference(scene.crowd_lod))
+    if now >= until or changes != key:
+        due = {}
+        for step in update_steps(scene):
+            with suppress(CrowdError):  # what is wrong is told elsewhere
+                if reason := step.find_reason(scene, False):
+                    due[step.label] = reason
+        took = clock.monotonic() - now
+        scene_cache.tidy()
+        _known[scene.session_uid] = now + max(LOOK, took / SHARE), key, due
+    return due
+
+
+def look_again(scene: bpy.types.Scene) -> None:
+    """Let the sidebar look again at once."""
+    _known.pop(scene.session_uid, None)
+
+
+def update_all(
+    scene: bpy.types.Scene, note: Callable[[str], None] = lambda _: None, bakes: bool = False
+) -> Generator[float, None, dict[str, str]]:
+    """Do the steps that are due, in their order.
+
+    note: called with the label of each step that is done, before the next begins.
+    bakes: as for update_steps.
+
+    Yields the progress and returns what each step that was done says, by its label. Closed early,
+    it leaves the steps that are done, and undoes the one at work. CrowdError names the step that
+    failed.
+    """
+    provenance.look_afresh()
+    steps = update_steps(scene, bakes)
+    whole = sum(step.weight for step in steps)
+    begin = 0.0
+    done: dict[str, str] = {}
+    for step in steps:
+        end = begin + step.weight / whole
+        yield begin
+        if step.find_reason(scene, True):
+            for label in list(done)[-1:]:
+                note(label)
+            try:
+                done[step.label] = yield from share(step.work(scene), begin, end)
+            except FAULTS as fault:
+                raise CrowdError(_failed(step.label, done, fault)) from fault
+            provenance.look_afresh()
+        begin = end
+    if scene.crowd_lod.shot_plan:
+        scene[CAMERAS] = _cameras_of_plan(scene)
+    look_again(scene)
+    return done
+
+
+def _failed(label: str, done: dict[str, str], fault: Exception) -> str:
+    """Return a sentence on a step that failed, and on the steps before it, which stay."""
+    stays = f" {' and '.join(done)} before it stay{'s' * (len(done) == 1)}." if done else ""
+    return f"{label}: {fault_sentence(fault)}{stays}"
+
+
+def update_sentence(scene: bpy.types.Scene, done: dict[str, str]) -> str:
+    """Return what was done, and what was up to date."""
+    rest = [step.label for step in update_steps(scene) if step.label not in done]
+    kept = f"Up to date: {', '.join(rest)}." if rest else ""
+    return " ".join(filter(None, [*(f"{label}: {said}" for label, said in done.items()), kept]))
+
+
+class CROWDLOD_OT_update_all(Stepwise, bpy.types.Operator):
+    """Make LOD meshes, plan the shot, build or bake: what has changed, and nothing else"""
+
+    bl_idname = "crowd_lod.update_all"
+    bl_label = "Update All"
+    needs = (needs.crowd, needs.camera)
+
+    def steps(self, context) -> Generator[float, None, str]:
+        scene = context.scene
+        finished_steps: list[str] = []
+
+        def note(label: str) -> None:
+            finished_steps.append(label)
+            self.remains = f"{' and '.join(finished_steps)} stay"
+            if bpy.ops.ed.undo_push.poll():  # each step can be undone alone
+                bpy.ops.ed.undo_push(message=label)
+
+        done = yield from update_all(scene, note)
+        return update_sentence(scene, done)
+
+
+CLASSES = (CROWDLOD_OT_update_all,)

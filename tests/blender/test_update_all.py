@@ -1,0 +1,131 @@
+"""Update All does the steps that are due, in their order, and no other."""
+
+import json
+from pathlib import Path
+
+import bpy
+import pytest
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.operators.cli import commands
+from crowd_lod_extension.operators.runs.update_all import (
+    due_steps,
+    look_again,
+    update_all,
+    update_sentence,
+)
+
+from ..support.characters import character, new, tube
+
+MAKE = "Make LOD Meshes"
+PLAN = "Plan Shot"
+
+
+@pytest.fixture
+def shot(small_shot):
+    """Six tubes, seen in two frames by a camera on a path."""
+    scene = small_shot
+    scene.crowd_lod.characters = character(new("Tube", tube("Tube", 16, 12)))
+    scene.crowd_lod.level_count = 2
+    for frame in (1, 2):
+        scene.camera.location.x = frame
+        scene.camera.keyframe_insert("location", frame=frame)
+    bpy.ops.crowd_lod.populate()
+    return scene
+
+
+def update(scene):
+    """Update all; the labels of the steps that were done, those of which the sidebar knew."""
+    look_again(scene)
+    due = due_steps(scene)
+    done = finished(update_all(scene))
+    assert due_steps(scene) == {}  # no press is offered that would make nothing
+    return [*done], [*due]
+
+
+def change_path(scene):
+    scene.camera.location.x = 9
+    scene.camera.keyframe_insert("location", frame=2)
+    scene.frame_set(1)  # where the camera is as it was
+
+
+def change_ratios(scene):
+    scene.crowd_lod.ratios[1] = 0.2
+
+
+def set_budget(scene):
+    scene.crowd_lod.budget_triangles = 10**7
+
+
+def change_tilt(scene):
+    scene.crowd_lod.tilt = not scene.crowd_lod.tilt
+
+
+CHANGES = [
+    (change_path, [PLAN]),
+    (change_ratios, [MAKE, PLAN]),
+    (set_budget, [PLAN]),
+    (change_tilt, []),
+]
+
+
+def test_a_press_does_what_a_change_asks_for_and_the_next_nothing(shot):
+    assert update(shot) == ([MAKE, PLAN, "Build"], [MAKE, PLAN, "Build"])
+    assert update(shot) == ([], [])
+    for change, expected in CHANGES:
+        change(shot)
+        shot.view_layers[0].update()
+        done, due = update(shot)
+        assert [label for label in done if label != "Build"] == expected, change
+        assert set(due) <= set(done) and due, change
+    assert update(shot) == ([], [])
+
+
+def test_a_bake_follows_the_camera_path_also_where_the_frame_is_as_it_was(shot):
+    finished(update_all(shot, bakes=True))
+    assert update(shot) == ([], [])
+    change_path(shot)
+    shot.view_layers[0].update()
+    assert update(shot) == ([PLAN, "Bake"], [PLAN, "Bake"])
+
+
+def test_a_cancel_between_steps_leaves_those_that_are_done(shot):
+    noted = []
+    steps = update_all(shot, noted.append)
+    while not noted:
+        next(steps)
+    next(steps)
+    steps.close()
+    assert noted == [MAKE]
+    assert shot.crowd_lod.levels is not None and shot.crowd_lod.build is None
+    assert update(shot) == ([PLAN, "Build"], [PLAN, "Build"])
+
+
+def test_a_step_that_fails_is_named_with_those_that_stay(shot):
+    shot.crowd_lod.budget_triangles = 1
+    with pytest.raises(CrowdError, match=r"^Plan Shot: .*impossible.* Make LOD Meshes before it"):
+        finished(update_all(shot))
+    assert shot.crowd_lod.levels is not None and not shot.crowd_lod.shot_plan
+
+
+def test_a_build_by_distance_is_not_planned(shot):
+    bpy.ops.crowd_lod.build()
+    assert update(shot) == ([], [])
+    change_tilt(shot)
+    assert update(shot) == (["Build"], ["Build"])
+    assert update_sentence(shot, {}).startswith("Up to date: Make LOD Meshes, Plan Shot, Build")
+
+
+def test_the_command_updates_a_file_and_leaves_one_that_is_up_to_date(shot, tmp_path, capfd):
+    path = Path(tmp_path, "shot.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    words = ["update", str(path), "--quiet", "--json"]
+    assert commands.run_command(words, "crowd-lod") == 0
+    result = json.loads(capfd.readouterr().out.splitlines()[-1])
+    assert [*result["done"]] == [MAKE, PLAN, "Build"]
+    saved = path.read_bytes()
+    assert commands.run_command(words, "crowd-lod") == 0
+    assert json.loads(capfd.readouterr().out.splitlines()[-1])["done"] == {}
+    assert path.read_bytes() == saved
+    assert commands.run_command(["update", "plaza", "--quiet"], "crowd-lod") == 1
+    assert "write it with the command sample" in capfd.readouterr().err
