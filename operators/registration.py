@@ -10,6 +10,7 @@ from .blender import (
     provenance,
     scene_cache,
     scenery,
+    unfinished,
 )
 from .characters import characters_from_selection, give_lod, prop_button, take_action
 from .cli import commands
@@ -94,19 +95,21 @@ HANDLERS = {
         frame_update.follow_points,
     ],
     "load_pre": [operator.stop_for_file, scene_cache.forget, frame_update.forget],
-    "load_post": [output_folders.after_opening],
+    "load_post": [unfinished.clear, output_folders.after_opening],
     "save_pre": [output_folders.before_saving],
     "save_post": [output_folders.after_saving],
     "save_post_fail": [output_folders.after_failed_saving],
     "undo_pre": [operator.stop_for_undo, scenery.forget],
     "redo_pre": [operator.stop_for_undo, scenery.forget],
     "undo_post": [
+        unfinished.clear,
         provenance.note_undo,
         collection_caches.restore,
         collection_caches.renew,
         map_areas.undone,
     ],
     "redo_post": [
+        unfinished.clear,
         provenance.note_undo,
         collection_caches.restore,
         collection_caches.renew,
