@@ -103,12 +103,12 @@ class PlanSettings:
     )
     exceptions: CollectionProperty(
         type=CrowdLodException,
-        name="Exceptions",
+        name="Overrides",
         description="From the crowd and its LODs as they follow from the settings; of two for the "
         "same agent, the lower one holds",
     )
     exception_index: IntProperty(
-        name="Exception", min=0, description="The exception that is selected in the list"
+        name="Override", min=0, description="The override that is selected in the list"
     )
 
 

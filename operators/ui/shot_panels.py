@@ -85,7 +85,7 @@ class CROWDLOD_PT_budget(Step, bpy.types.Panel):
 
 
 class CROWDLOD_PT_exceptions(Step, bpy.types.Panel):
-    bl_label = "Exceptions"
+    bl_label = "Overrides"
     bl_parent_id = "CROWDLOD_PT_plan"
 
     def body(self, context, layout, settings) -> None:
@@ -161,6 +161,7 @@ class CROWDLOD_PT_build(Step, bpy.types.Panel):
             text,
             following=steps.next_operator(context.scene),
         )
+        self.draw_icons()
 
     def body(self, context, layout, settings) -> None:
         changed = staleness.changed(context.scene)
