@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import bpy
+import numpy as np
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, number, printable
@@ -41,11 +42,12 @@ from ..blender.operator import Reporting, Stepwise
 from ..blender.output_folders import full_path, output_path, place_of
 from ..blender.output_index import note_output
 from ..characters.group_measuring import measuring_groups
+from ..characters.holdings import holdings_of
 from ..characters.stored_groups import groups_of, store_groups
 from ..lod_meshes.deviation import measure_levels
 from ..lod_meshes.level_objects import TINTS
 from ..lod_meshes.make_lods import make_levels
-from ..lod_meshes.selection import cast_of, rigs_of
+from ..lod_meshes.selection import cast_of
 from ..machine.scene_world import bias_of
 from ..render_setup.render_setup import check_levels
 from ..scene import shot_reference
@@ -133,12 +135,16 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
     phases = yield from standing(aside(planning), SURVEYED)
     survey = recast(through.survey, phases.phases)
     characters = characters_of(scene)
-    rigs = rigs_of(characters, trajectory, cast_of(characters, trajectory))
+    library = cast_of(characters, trajectory)
+    cast = holdings_of(characters, trajectory, library)
+    used = np.zeros(len(survey.owner), bool)
+    used[survey.character[survey.seen]] = True
     shot = Shot(
         excepted(survey, exemptions),
         meshes_of(trajectory.groups, policy.count),
         costs_of(scene),
-        *rigs,
+        cast.baked(survey.numbers, trajectory, library, used),
+        cast.moved_as,
     )
     deciding = steps_aside(decide_within(shot, request.budget, request.avoid))
     plan = yield from share(deciding, SURVEYED, DECIDED)
