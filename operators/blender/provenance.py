@@ -112,7 +112,16 @@ def motion_digest(items: Sequence[bpy.types.Object]) -> str:
     It is the same in all frames.
     """
     called = partial(_called, order={})
-    data = [settings_of(item.data, moved_values(item), (), called) for item in items if item.data]
+    data = [
+        # a camera's angles follow its lens, which may be animated
+        [
+            fact
+            for fact in settings_of(item.data, moved_values(item), (), called)
+            if "angle" not in str(fact)
+        ]
+        for item in items
+        if item.data
+    ]
     return text_digest(*(stance(item, called=called) for item in items), data)
 
 

@@ -30,6 +30,8 @@ def shot(small_shot):
     for frame in (1, 2):
         scene.camera.location.x = frame
         scene.camera.keyframe_insert("location", frame=frame)
+        scene.camera.data.lens = 50 + frame
+        scene.camera.data.keyframe_insert("lens", frame=frame)
     bpy.ops.crowd_lod.populate()
     return scene
 
@@ -71,6 +73,7 @@ CHANGES = [
 
 def test_a_press_does_what_a_change_asks_for_and_the_next_nothing(shot):
     assert update(shot) == ([MAKE, PLAN, "Build"], [MAKE, PLAN, "Build"])
+    shot.frame_set(2)
     assert update(shot) == ([], [])
     for change, expected in CHANGES:
         change(shot)
