@@ -10,6 +10,7 @@ from .blender import (
     provenance,
     scene_cache,
     scenery,
+    unfinished,
 )
 from .characters import characters_from_selection, give_lod, prop_button, take_action
 from .cli import commands
@@ -35,6 +36,7 @@ from .ui import (
     crowd_list,
     exception_list,
     machine_panels,
+    manual,
     menus,
     panels,
     popovers,
@@ -78,6 +80,7 @@ MODULES = (
     agent_picker,
     presets,
     popovers,
+    manual,
     menus,
     panels,
     machine_panels,
@@ -94,19 +97,21 @@ HANDLERS = {
         frame_update.follow_points,
     ],
     "load_pre": [operator.stop_for_file, scene_cache.forget, frame_update.forget],
-    "load_post": [output_folders.after_opening],
+    "load_post": [unfinished.clear, output_folders.after_opening],
     "save_pre": [output_folders.before_saving],
     "save_post": [output_folders.after_saving],
     "save_post_fail": [output_folders.after_failed_saving],
     "undo_pre": [operator.stop_for_undo, scenery.forget],
     "redo_pre": [operator.stop_for_undo, scenery.forget],
     "undo_post": [
+        unfinished.clear,
         provenance.note_undo,
         collection_caches.restore,
         collection_caches.renew,
         map_areas.undone,
     ],
     "redo_post": [
+        unfinished.clear,
         provenance.note_undo,
         collection_caches.restore,
         collection_caches.renew,
@@ -137,6 +142,7 @@ def register() -> None:
             getattr(bpy.app.handlers, name).append(function)
     main_thread.register()
     menus.register()
+    manual.register()
     viewport_overlay.register()
     _commands.append(bpy.utils.register_cli_command("crowd_lod", commands.from_blender))
 
@@ -145,6 +151,7 @@ def unregister() -> None:
     while _commands:
         bpy.utils.unregister_cli_command(_commands.pop())
     viewport_overlay.unregister()
+    manual.unregister()
     menus.unregister()
     main_thread.unregister()
     for name, functions in HANDLERS.items():

@@ -5,6 +5,8 @@ from contextlib import contextmanager, nullcontext
 
 import bpy
 
+from .unfinished import put_back
+
 # (objects, time) -> the depsgraph in which they are as at `time`, in frames of the animation
 At = Callable[[Iterable[bpy.types.Object], float], bpy.types.Depsgraph]
 
@@ -65,7 +67,8 @@ def _at_rest(scene: bpy.types.Scene) -> Iterator[None]:
     ]
     build.hide_viewport = True
     try:
-        yield
+        with put_back("collections", build, "", {"hide_viewport": False}):
+            yield
     finally:
         build.hide_viewport = False
         for layer, item in selected:

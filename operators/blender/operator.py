@@ -8,11 +8,14 @@ import bpy
 
 from ...crowd_lod.errors import FAULTS, sentence
 from ...crowd_lod.progress import finished
-from . import collection_caches, sidebars
+from . import collection_caches, sidebars, unfinished
 from .guard import handler
 from .labeled_properties import CONTEXT
 
-TICK = 0.04  # seconds of work between two events that the window handles
+# Seconds of work between two drawings of the window: as many as the last one took. Steps change data,
+# after which Blender draws all of the window: 0.2 s on software OpenGL, a few ms on a graphics card.
+LEAST_TICK = 0.04
+MOST_TICK = 0.2
 # by the bl_idname of an operator at work: its progress, 0 to 1
 at_work: dict[str, float] = {}
 # functions of a scene that return what steps rest on; registration fills the list
@@ -103,7 +106,7 @@ class Stepwise(Reporting):
     def invoke(self, context, event) -> set[str]:
         self._steps = self.steps(context)
         self._scene = context.scene
-        self._started = clock.monotonic()
+        self._started = self._rested = clock.monotonic()
         self._dropped = ""
         self._status = ""
         self._rests_on = _inputs_of(context.scene)
@@ -129,19 +132,23 @@ class Stepwise(Reporting):
     def drop(self, reason: str) -> None:
         """Close the steps; `modal` ends the operator and reports the reason."""
         self._steps.close()
+        unfinished.end(self._scene)
         self._dropped = self._dropped or reason
 
     def _take_steps(self, context) -> set[str]:
-        """Take steps for TICK seconds."""
+        """Take steps for as long as the window was drawn since the last ones."""
+        drawing = clock.monotonic() - self._rested
         try:
-            if _inputs_of(self._scene) != self._rests_on:
-                self.drop("was stopped, as settings that it rests on were changed")
+            if _inputs_of(self._scene) != self._rests_on:  # by the user, since the last steps
+                self.drop("was stopped, as settings, characters or the camera were changed")
                 return {"PASS_THROUGH"}
-            until = clock.monotonic() + TICK
+            before = unfinished.state()
+            until = clock.monotonic() + min(max(drawing, LEAST_TICK), MOST_TICK)
             while True:  # small steps together
                 progress = next(self._steps)
                 if clock.monotonic() >= until:
                     break
+            unfinished.note(self._scene, before)
             self._rests_on = _inputs_of(self._scene)  # steps may set some for a while
         except StopIteration as end:
             self._end(context)
@@ -158,6 +165,7 @@ class Stepwise(Reporting):
             self._end(context)
             raise
         self._show(context, progress)
+        self._rested = clock.monotonic()
         return {"PASS_THROUGH"}
 
     def _show(self, context, progress: float) -> None:
@@ -179,6 +187,7 @@ class Stepwise(Reporting):
         at_work.clear()
         _running.clear()
         self._steps.close()
+        unfinished.end(self._scene)
         collection_caches.renew()  # the work removed data-blocks that collections may remember
         context.window_manager.event_timer_remove(self._timer)
         context.window_manager.progress_end()

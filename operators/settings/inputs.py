@@ -1,4 +1,4 @@
-"""What the steps of a scene rest on: the values of its settings."""
+"""What the steps of a scene rest on: its settings, characters and camera."""
 
 from typing import Any
 
@@ -22,11 +22,16 @@ NAMES = (
 
 
 def inputs_of(scene: bpy.types.Scene) -> str:
-    """Return the values of the settings that steps of `scene` rest on, as text."""
+    """Return as text, where NaN equals itself, what steps of `scene` rest on.
+
+    These are values of settings, and which objects are characters and the camera.
+    """
     settings = scene.crowd_lod
     kinds = settings.bl_rna.properties
-    # as text, where NaN equals itself
-    return repr([_value(kinds[name], getattr(settings, name)) for name in NAMES])
+    values = [_value(kinds[name], getattr(settings, name)) for name in NAMES]
+    items = settings.characters.all_objects if settings.characters else ()
+    objects = [item and item.session_uid for item in (scene.camera, *items)]
+    return repr((values, objects))
 
 
 def _value(kind: bpy.types.Property, value: Any) -> Any:

@@ -21,6 +21,7 @@ from ...crowd_lod.tracks.rows import MOST_ROWS, Rows
 from ..blender import frame_stepping, scene_data
 from ..blender.operator import Stepwise
 from ..blender.output_folders import BLEND_NAME, full_path, saved_path
+from ..blender.unfinished import put_back
 from ..characters.characters import all_characters
 from ..settings import needs
 from .crowd_sources import crowds_of, draw_of, is_live
@@ -98,7 +99,11 @@ def with_record(
         scene.frame_end,
         tuple((crowd.name, crowd.points and crowd.points.session_uid) for crowd in crowds),
     )
-    with shared_record(scene, frames):
+    with ExitStack() as stack:
+        for crowd, source in zip(crowds, sources, strict=True):
+            values = dict(zip(SOURCE, source, strict=True))
+            stack.enter_context(put_back("scenes", scene, crowd.path_from_id(), values))
+        stack.enter_context(shared_record(scene, frames))
         record = _shared[scene.session_uid]
         try:
             if record.holds(about, frames):

@@ -1,0 +1,105 @@
+"""What a step at work has made and set so far, listed in the file.
+
+The user may work while a step runs. The undo steps of that work, and a file saved then, hold half
+of what the step makes. The list is in them, too: undone to or opened, they are cleared of it.
+"""
+
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from typing import Any
+
+import bpy
+import numpy as np
+
+from .guard import handler
+
+UNFINISHED = "crowd_lod_unfinished"  # custom property of the scene that the step works for
+Name = tuple[str, str]  # a data-block's collection in bpy.data, and its name
+_made: set[int] = set()  # session_uids
+_settings: list[tuple[Name, str, dict[str, Any]]] = []
+_listed: list[Any] = []  # the state of the file that the list was written in, and the settings
+
+
+def state() -> tuple[int, int]:
+    """Return the latest session_uid of all data-blocks, and their number.
+
+    With 20,000 data-blocks it takes 10 ms.
+    """
+    latest = 0
+    count = 0
+    for _, blocks in _collections():
+        uids = np.zeros(len(blocks), np.int32)
+        blocks.foreach_get("session_uid", uids)
+        latest = max(latest, int(uids.max(initial=0)))
+        count += len(uids)
+    return latest, count
+
+
+def note(scene: bpy.types.Scene, before: tuple[int, int]) -> None:
+    """List in `scene` what a step has made since the state `before`, what it made earlier, and set.
+
+    A data-block with a later session_uid is new.
+    """
+    now = state()
+    if now == before and [now, *_settings] == _listed:
+        return
+    _listed[:] = [now, *_settings]
+    named = []
+    for kind, blocks in _collections():
+        for block in blocks:
+            if block.session_uid > before[0] or block.session_uid in _made:
+                _made.add(block.session_uid)
+                named.append((kind, block.name))
+    scene[UNFINISHED] = json.dumps([named, _settings])
+
+
+def end(scene: bpy.types.Scene) -> None:
+    """End the list: the step has finished, or was dropped."""
+    _made.clear()
+    _listed.clear()
+    with suppress(ReferenceError, KeyError):  # the user may have deleted the scene
+        del scene[UNFINISHED]
+
+
+def _collections() -> Iterator[tuple[str, bpy.types.bpy_prop_collection]]:
+    for kind in bpy.data.bl_rna.properties:
+        if kind.type == "COLLECTION" and kind.identifier != "all_ids":
+            yield kind.identifier, getattr(bpy.data, kind.identifier)
+
+
+@contextmanager
+def put_back(
+    kind: str, block: bpy.types.ID, path: str, values: Mapping[str, Any]
+) -> Iterator[None]:
+    """List values of settings that a step sets otherwise inside the block, and puts back itself.
+
+    kind: the collection of bpy.data that the data-block is in.
+    path: from it to the owner of the settings; "" for itself.
+    """
+    entry = ((kind, block.name), path, dict(values))
+    _settings.append(entry)
+    try:
+        yield
+    finally:
+        _settings.remove(entry)
+
+
+@handler
+def clear(*_) -> None:
+    """Remove what the file holds of unfinished steps (undo_post, redo_post, load_post handler)."""
+    for scene in [scene for scene in bpy.data.scenes if UNFINISHED in scene]:
+        with suppress(TypeError, ValueError):  # a script may have put anything there
+            made, settings = json.loads(scene[UNFINISHED])
+            for name, path, values in settings:
+                block = _block(*name)
+                if block is not None:
+                    owner = block.path_resolve(path) if path else block
+                    for key, value in values.items():
+                        setattr(owner, key, value)
+            bpy.data.batch_remove(list(filter(None, (_block(*name) for name in made))))
+        del scene[UNFINISHED]
+
+
+def _block(kind: str, name: str) -> bpy.types.ID | None:
+    return getattr(bpy.data, kind).get((name, None))
