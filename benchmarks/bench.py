@@ -6,6 +6,7 @@ Prints the chapter's tables, and writes CSV, JSON and figure 1.6.
 ./crowd-lod bench --worth [--quick] [--out DIR]     renders instead: worth.py
 ./crowd-lod bench --shots [--quick] [--out DIR]     shot plans instead: shots.py
 ./crowd-lod bench --costs                           what things cost engines: costs.py
+./crowd-lod bench --memory [FILE ...]               memory and files as predicted: memory.py
 
 Test 1: milliseconds of each stage for 1 K to 1 M agents that walk, under a camera that moves,
 beside other ways to do the same (peers.py, loop.c, the GPU), each taken in turn in the same run.
@@ -116,6 +117,13 @@ def make_parser() -> argparse.ArgumentParser:
         "hour",
     )
     parser.add_argument(
+        "--memory",
+        nargs="*",
+        metavar="FILE",
+        help="instead, memory and files beside what is predicted, of crowds of the samples' people "
+        "and of each character FILE (glTF, FBX): half an hour",
+    )
+    parser.add_argument(
         "--held-out",
         choices=("cycles", "eevee"),
         help="instead, judge what this engine's costs say of time with LODs, by crowds that none "
@@ -151,6 +159,10 @@ def main(arguments: list[str] | None = None) -> None:
         import costs
 
         return costs.main()
+    if args.memory is not None:
+        import memory
+
+        return memory.main(args.memory)
     if args.held_out:
         import costs
 

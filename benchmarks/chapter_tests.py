@@ -29,7 +29,8 @@ from crowd_lod_extension.operators.overlay.gpu_culling import Planner
 from crowd_lod_extension.sample_scenes import plaza_map
 from matplotlib.image import imsave
 
-# of the chapter's LODs; its last number is lost, 118 is its co-author's later characters'
+# vertices of the chapter's LODs; its last number is lost, and 118 is that of its co-author's later
+# characters
 SIZES = (2500, 1000, 118)
 PERSON = Group("person", 0.9, 1.0, 1.25, 1.0, SIZES, tuple(2 * n for n in SIZES))
 POLICY = LevelPolicy((0.1, 0.35))

@@ -1,6 +1,6 @@
-"""What each thing that a build holds costs an engine.
+"""What each thing that a build holds costs an engine in seconds; memory.py is for memory.
 
-The coefficients of crowd_lod/levels/cost_model.py, fitted to renders.
+SECONDS of crowd_lod/levels/cost_model.py, fitted to renders.
 
 ./crowd-lod bench --costs
 ./crowd-lod bench --held-out cycles
@@ -51,17 +51,12 @@ CROWDS = {
 AGENTS = {"CYCLES": (30, 1000, 30_000, 300_000), "EEVEE": (10, 100, 300)}
 SAMPLES = {"CYCLES": (4, 16), "EEVEE": (1, 4)}  # of a pixel
 REPEATS = {"CYCLES": 3, "EEVEE": 1}  # renders of each file, for medians
-COUNTS = {
-    "memory": ("posed", "unique", "instances", "instanced", "rigs", "images"),
-    "seconds": ("posed", "unique", "instances", "instanced", "rigs", "images"),
-    "file": ("rigs", "stored", "points"),
-}
+COUNTS = "posed", "unique", "instances", "instanced", "rigs", "images"
 # Crowds that no costs are fitted to: characters, meters to the nearest, how often their faces are
 # divided
 HELD_OUT = (3, 8, 1), (6, 3, 0)
 HELD_OUT_AGENTS = {"CYCLES": (300, 5000), "EEVEE": (50, 150)}
 PER_SAMPLE = {"CYCLES": "traced", "EEVEE": "drawn"}  # the count that grows with the samples
-MEASURED = {"memory": "peak_mb", "seconds": "cpu_s", "file": "file_mb"}
 
 
 def main() -> None:
@@ -76,17 +71,16 @@ def main() -> None:
                     scratch,
                     AGENTS[engine],
                 )
-            for name, key in MEASURED.items():
-                counts = (*COUNTS[name], *[PER_SAMPLE[engine]] * (name == "seconds"))
-                table = {count: np.array([row[count] for row in rows], float) for count in counts}
-                fit = fit_costs(table, np.array([row[key] for row in rows]))
-                print(
-                    engine,
-                    name,
-                    {count: float(f"{1e6 * cost:.4g}") for count, cost in fit.costs.items()},
-                    "residuals",
-                    fit.errors.round(2).tolist(),
-                )
+            counts = (*COUNTS, PER_SAMPLE[engine])
+            table = {count: np.array([row[count] for row in rows], float) for count in counts}
+            fit = fit_costs(table, np.array([row["cpu_s"] for row in rows]))
+            print(
+                engine,
+                "microseconds",
+                {count: float(f"{1e6 * cost:.4g}") for count, cost in fit.costs.items()},
+                "residuals",
+                fit.errors.round(2).tolist(),
+            )
 
 
 def judge(engine: str) -> None:

@@ -1,7 +1,4 @@
-"""The crowds of worth.py: heavy characters on open ground.
-
-They are seen from so many meters on.
-"""
+"""The crowds of worth.py: heavy characters on open ground, from a given distance on."""
 
 from dataclasses import replace
 from math import sqrt
@@ -13,7 +10,7 @@ from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.sample_scenes.characters import BUILDS, make_characters
 from crowd_lod_extension.sample_scenes.scenery import add, aim, camera, child, film, material, tile
 
-ROOM = 1.5  # square meters of ground an agent
+ROOM = 1.5  # square meters of ground for each agent
 
 
 def make(

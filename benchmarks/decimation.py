@@ -25,7 +25,7 @@ MARKERS = "osD^v<>"  # of matplotlib
 
 RATIOS = (0.4, 0.12, 0.03)
 SAMPLES = 10_000  # points over each surface, besides its vertices
-FLOOR = 1e-4  # percent: where less is drawn
+FLOOR = 1e-4  # percent: smaller distances are drawn there
 
 
 def crowd_lod(points, triangles, ratio):
@@ -127,7 +127,7 @@ def knot(p: int, q: int, along: int, around: int) -> tuple[np.ndarray, np.ndarra
 
 
 def other_meshes() -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Those that are hard in some way."""
+    """Meshes that are hard to decimate: many parts, noise, knots, poles."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     mesh = bpy.ops.mesh
     shapes = {}

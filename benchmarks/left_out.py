@@ -1,5 +1,4 @@
-"""What leaving out saves: of each part, the share of a frame that it would cost if it alone were
-done.
+"""What leaving work out saves: for each part, the share of a frame that it would cost.
 
     python benchmarks/left_out.py [AGENTS]...    1000 10000 100000 1000000 if not given
 

@@ -32,7 +32,7 @@ OFF = 1e-4  # of the size: where rays begin
 # pixels of a mask's side; and a pixel's parts where masks differ most
 SIDE = 1_400
 FINE = 32
-FARTHEST = 4  # pixels that are told at most
+FARTHEST = 4  # pixels: larger differences count as this
 
 
 def sphere(count: int) -> np.ndarray:
@@ -179,10 +179,11 @@ def divide(
 ) -> tuple[float, tuple[np.ndarray, np.ndarray], np.ndarray]:
     """Find what shows of a surface that is farthest from another, by dividing its faces.
 
-    A face is divided while it may have a point NARROW farther than the farthest, or than `least`:
-    no point is farther than a corner and the way from there; nor than the corners, where all are
-    nearest to the same face, as the distance from a convex set is convex. Returns meters, and the
-    samples that were measured with their distances.
+    A face is divided while it may have a point that is farther off, by the part NARROW, than the
+    farthest one found and than `least`. Its bound: no point is farther than a corner plus the way
+    from there. Where all corners are nearest to the same face, no point is farther than they, as
+    the distance from a convex set is convex. Returns meters, and the samples that were measured
+    with their distances.
     """
     face = shown_faces(shape)
     weights = np.tile(np.eye(3), (len(face), 1, 1))

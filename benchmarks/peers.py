@@ -61,7 +61,7 @@ def has_gpu() -> bool:
 
 
 def points_of(name: str, crowd: Crowd, height: float) -> bpy.types.Object:
-    """An object with a vertex an agent, `height` meters above its feet."""
+    """An object with one vertex for each agent, `height` meters above its feet."""
     mesh = bpy.data.meshes.new(name)
     mesh.vertices.add(len(crowd))
     places = np.stack([crowd.x, crowd.y, crowd.z + height], axis=1).astype(np.float32)
@@ -161,7 +161,7 @@ class Cull:
 class Nodes:
     """Geometry nodes that cull and give LODs, in a scene of their own.
 
-    No buckets: a tree of its own a LOD would still have to part them.
+    They make no buckets: one more tree for each LOD would have to part the points.
     """
 
     def __init__(self, crowd: Crowd, group: Group, limits: np.ndarray):

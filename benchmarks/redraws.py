@@ -2,7 +2,9 @@
 
 It shows 10,000 agents of the plaza, in a real window.
 
-blender --python benchmarks/redraws.py    with the extension enabled; it quits when it is done
+    blender --python benchmarks/redraws.py
+
+The extension must be enabled. Blender quits at the end.
 
 Takes redraws without the overlay, with points and with boxes in turns. Prints the median and the
 95th percentile, in milliseconds, of the overlay's own part (Python, and with what it gives the
@@ -67,7 +69,7 @@ def session():
 
 
 def timed() -> dict[str, float]:
-    """Have the overlay's draw handlers note their milliseconds; returns where they note them."""
+    """Have the overlay's draw handlers note their milliseconds in a dict, which is returned."""
     state = overlay()
     noted: dict[str, float] = {}
 

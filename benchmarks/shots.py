@@ -4,9 +4,9 @@
 
 10,000 people of the plaza at 1,920 x 1,080 pixels, by one pixel, with six LODs each. Each camera
 is run through once; thresholds, causal hysteresis of several widths and plans of several values of
-Extra Cost for Fewer Pops decide on the same survey. Switches are counted where an agent is in sight before and
-after, and weighed by the same bound for all. Then the growth with agents and frames. Last, what a
-baked shot takes with its plan and without: file, memory and time of a frame in Cycles.
+Extra Cost for Fewer Pops decide on the same survey. Switches are counted where an agent is in sight
+before and after, and weighed by the same bound for all. Then the growth with agents and frames.
+Last, what a baked shot takes with its plan and without: file, memory and time of a frame in Cycles.
 """
 
 import resource
@@ -167,8 +167,9 @@ def surveyed(
 def held_levels(
     survey: Survey, films: Sequence[Camera], width: float, keeps: bool = False
 ) -> np.ndarray:
-    """LODs (F, n) by thresholds, held by causal hysteresis of this width while an agent is in
-    sight.
+    """LODs (F, n) by thresholds, held by causal hysteresis while an agent is in sight.
+
+    width: of the hysteresis, as a part of the distance.
 
     keeps: let LODs begin so much farther off that none deviates by more than the tolerance; else
     LODs are held on both sides of where they begin, as engines do, and deviate by more.
@@ -278,9 +279,7 @@ def growth(sizes: Sequence[tuple[int, int]]) -> list[dict]:
 
 
 def baked(folder: Path) -> list[dict]:
-    """What the plaza's baked frames take without and with a plan, and the latter's parts of the
-    former.
-    """
+    """What the plaza's baked frames take without a plan and with one, and the ratios of the two."""
     command = Path(sys.executable).with_name("crowd-lod")
     scene = folder / "plaza.blend"
     rows = []

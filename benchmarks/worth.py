@@ -80,9 +80,9 @@ GOALS = (
 )
 
 
-def job(limit: float, **inputs) -> dict:
-    """What a process of ways.py prints as JSON, or {"ended": why}."""
-    command = [sys.executable, str(Path(__file__).with_name("ways.py")), json.dumps(inputs)]
+def job(limit: float, script: str = "ways.py", **inputs) -> dict:
+    """What a process of `script` prints as JSON, or {"ended": why}."""
+    command = [sys.executable, str(Path(__file__).with_name(script)), json.dumps(inputs)]
     try:
         process = subprocess.run(command, capture_output=True, text=True, timeout=limit)
     except subprocess.TimeoutExpired:

@@ -36,6 +36,7 @@ from .ui import (
     crowd_list,
     exception_list,
     machine_panels,
+    manual,
     menus,
     panels,
     popovers,
@@ -79,6 +80,7 @@ MODULES = (
     agent_picker,
     presets,
     popovers,
+    manual,
     menus,
     panels,
     machine_panels,
@@ -140,6 +142,7 @@ def register() -> None:
             getattr(bpy.app.handlers, name).append(function)
     main_thread.register()
     menus.register()
+    manual.register()
     viewport_overlay.register()
     _commands.append(bpy.utils.register_cli_command("crowd_lod", commands.from_blender))
 
@@ -148,6 +151,7 @@ def unregister() -> None:
     while _commands:
         bpy.utils.unregister_cli_command(_commands.pop())
     viewport_overlay.unregister()
+    manual.unregister()
     menus.unregister()
     main_thread.unregister()
     for name, functions in HANDLERS.items():

@@ -122,5 +122,5 @@ def account(frame: Frame, agent: int) -> Account:
 def describe_row(entry: int) -> str:
     """Return in words what a shot plan has of an agent: an entry of planned.Row.levels."""
     if entry & HIDDEN:
-        return "hidden by an exception"
-    return f"LOD {entry & LEVEL}" + ", by an exception" * bool(entry & EXCEPTED)
+        return "hidden by an override"
+    return f"LOD {entry & LEVEL}" + ", by an override" * bool(entry & EXCEPTED)

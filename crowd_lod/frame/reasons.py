@@ -19,7 +19,7 @@ REASONS = (
     "outside the frustum",
     "finer LODs left out for memory",
     "shot plan",
-    "exception",
+    "override",
     "not there at this time",
 )
 (

@@ -33,12 +33,19 @@ class Work:
     instances: agents shown.
     instanced: triangles of all instances.
     rigs: armatures of the characters.
+    bones: bones of these armatures.
     rays: samples of the pixels that agents cover.
     drawn: triangles of all instances, counted once for each sample of a pixel. Only what renders
         are fitted to has it: see Costs.with_samples.
-    images: bytes of the images that the characters' materials use.
-    stored: triangles of LOD meshes in the file.
+    images, image_count: bytes, and number, of the images that the characters' materials use.
+    keys: keys of the actions of the build's rigs.
+    other_keys: keys of all other actions in the file, such as the characters' own.
+    stored, meshes: triangles of meshes in the file, and their bytes in memory: of the characters,
+        of their LODs, and of still poses.
+    materials: materials of the characters.
+    packed: bytes of the images' files that are in the file.
     points: points in the file, one per agent and baked frame.
+    crowd: 1, for what any crowd has, such as node groups.
     """
 
     posed: float = 0.0
@@ -46,11 +53,19 @@ class Work:
     instances: np.ndarray | float = 0.0
     instanced: np.ndarray | float = 0.0
     rigs: float = 0.0
+    bones: float = 0.0
     rays: np.ndarray | float = 0.0
     drawn: np.ndarray | float = 0.0
     images: float = 0.0
+    image_count: float = 0.0
+    keys: float = 0.0
+    other_keys: float = 0.0
     stored: float = 0.0
+    meshes: float = 0.0
+    materials: float = 0.0
+    packed: float = 0.0
     points: float = 0.0
+    crowd: float = 1.0
 
     @property
     def traced(self) -> np.ndarray | float:
@@ -61,15 +76,37 @@ class Work:
         return self.rays * np.log2(np.maximum(self.unique, 1.0))
 
 
-# Bytes of memory, and seconds of one processor, for one of each. Cycles: residuals of 20 renders up
-# to 3 % of memory; of 48 of seconds, half of them with LODs, 18 % rms. EEVEE on a software GPU: up
-# to 60 % of memory in scenes of few agents, which is little there; of seconds 12 % rms of 40
-# renders at 1, 4 and 12 samples, 2 to 1,000 agents of 143 to 45,824 triangles. Seconds of images: 8
-# renders by Cycles, within 24 %, 13 % rms; EEVEE has the same, for Blender decodes them.
-MEMORY = {
-    "CYCLES": {"posed": 30, "unique": 133, "instances": 1800, "rigs": 551_000, "images": 1.4},
-    "EEVEE": {"posed": 335, "unique": 107, "instances": 45_000, "rigs": 1_046_000, "images": 1.4},
+# Bytes of memory for one of each. Cycles: within 16 % of 24 renders. EEVEE on a software GPU: 21 %
+# rms of 18 renders, 46 % at worst. docs/notes/costs.md has the builds.
+MEMORY: dict[str, dict[str, float]] = {
+    "CYCLES": {
+        "posed": 32,
+        "unique": 125,
+        "instances": 1800,
+        "bones": 14_700,
+        "images": 1.56,
+        "image_count": 10_800_000,
+        "keys": 225,
+        "other_keys": 140,
+        "meshes": 1.7,
+        "materials": 850_000,
+    },
+    "EEVEE": {
+        "posed": 75,
+        "unique": 247,
+        "instances": 146_000,
+        "bones": 77_000,
+        "images": 1.56,
+        "image_count": 10_800_000,
+        "keys": 60,
+        "other_keys": 91,
+        "materials": 850_000,
+    },
 }
+# Seconds of one processor for one of each. Cycles: 18 % rms of 48 renders, half of them with LODs.
+# EEVEE on a software GPU: 12 % rms of 40 renders at 1, 4 and 12 samples, 2 to 1,000 agents of 143
+# to 45,824 triangles. Images: 8 renders by Cycles, 13 % rms, 24 % at worst; EEVEE has the same, for
+# Blender decodes them.
 SECONDS = {
     "CYCLES": {
         "posed": 2e-7,
@@ -88,7 +125,18 @@ SECONDS = {
         "images": 1.1e-8,
     },
 }
-FILE = {"stored": 42, "rigs": 17_200, "points": 14.6}  # bytes, compressed
+# Bytes of the compressed file for one of each: within 25 % of 21 of 24 files, 37 % at worst.
+FILE: dict[str, float] = {
+    "stored": 15,
+    "meshes": 0.06,
+    "keys": 17,
+    "other_keys": 9.3,
+    "rigs": 1400,
+    "materials": 10_000,
+    "packed": 1,
+    "points": 8,
+    "crowd": 195_000,
+}
 
 
 DEVELOPERS = "a processor of the developers"  # what SECONDS rest on, in words
@@ -165,23 +213,49 @@ def price(work: Work, costs: Costs) -> Price:
 
 
 @dataclass(frozen=True)
+class Holdings:
+    """What G groups hold, whatever frames show: each field is (G,), or one number for all.
+
+    rigs, bones: armatures of one character, and their bones.
+    keys, other_keys, stored, meshes, materials: as of Work, of each group; without LODs. What two groups share is counted for the first.
+    triangle: bytes in memory of a triangle of a mesh, with its vertices.
+    """
+
+    rigs: np.ndarray | float = 1.0
+    bones: np.ndarray | float = 0.0
+    keys: np.ndarray | float = 0.0
+    other_keys: np.ndarray | float = 0.0
+    stored: np.ndarray | float = 0.0
+    meshes: np.ndarray | float = 0.0
+    triangle: np.ndarray | float = 0.0
+    materials: np.ndarray | float = 0.0
+
+
+@dataclass(frozen=True)
 class Actors:
     """The characters that a build may hold: K LODs of N characters in G groups.
 
     triangles: (G, K), of each group's LODs.
     group: (N,) intp, the group of each character.
-    rigs: (G,), armatures of one character.
-    stored: triangles of LOD meshes in the file.
+    stored: (G,), triangles of LOD meshes in the file.
     finest: (G,), for each group the finest LOD that the build has.
     moved_as: (N,) intp, for each character the one whose rigs move it; None: each has its own.
     """
 
     triangles: np.ndarray
     group: np.ndarray
-    rigs: np.ndarray
-    stored: float = 0.0
+    holdings: Holdings = Holdings()
+    stored: np.ndarray | float = 0.0
     finest: np.ndarray | int = 0
     moved_as: np.ndarray | None = None
+
+
+def stored_triangles(triangles: np.ndarray) -> np.ndarray:
+    """Return how many triangles of LODs a file holds besides LOD 0, (G,) float64; a last one once.
+
+    triangles: (G, K), of each group's LODs.
+    """
+    return (triangles[:, 1:] * (np.diff(triangles, axis=1) != 0)).sum(axis=1).astype(np.float64)
 
 
 def work_of(
@@ -211,17 +285,37 @@ def work_of(
         shown_agents[:, k] *= ~same
         is_held[k] &= ~same
     triangles = actors.triangles.T[:, actors.group].astype(np.float64)  # (K, N)
-    rigs = np.zeros(is_held.shape[1])
-    moved_as = actors.moved_as
-    mover = np.arange(is_held.shape[1]) if moved_as is None else moved_as
-    np.maximum.at(rigs, mover, is_held.any(axis=0) * actors.rigs[actors.group])
+    holdings = actors.holdings
+    groups = len(actors.triangles)
+    still = np.broadcast_to(holdings.rigs, groups)[actors.group] == 0
+    # each pose is a mesh of its own
+    poses = np.bincount(actors.group, (is_held * triangles).sum(axis=0) * still, groups)
+    more = actors.stored + poses
     return Work(
         posed=float((is_held * triangles).sum()),
         unique=((shown_agents > 0) * triangles).sum(axis=(1, 2)),
         instances=shown_agents.sum(axis=(1, 2)).astype(np.float64),
         instanced=(shown_agents * triangles).sum(axis=(1, 2)),
-        rigs=float(rigs.sum()),
+        rigs=_moving(actors, is_held, holdings.rigs),
+        bones=_moving(actors, is_held, holdings.bones),
         rays=rays,
-        stored=actors.stored,
+        keys=float(np.broadcast_to(holdings.keys, groups).sum()),
+        other_keys=float(np.broadcast_to(holdings.other_keys, groups).sum()),
+        stored=float(np.sum(holdings.stored + more)),
+        meshes=float(np.sum(holdings.meshes + more * holdings.triangle)),
+        materials=float(np.broadcast_to(holdings.materials, groups).sum()),
         points=float(agents) if known else 0.0,
     )
+
+
+def _moving(actors: Actors, held: np.ndarray, counts: np.ndarray | float) -> float:
+    """Return how many of something a build has that moves characters.
+
+    held: (K, N) bool, the LODs of characters that it has.
+    counts: (G,), of one character of each group.
+    """
+    moved_as = np.arange(held.shape[1]) if actors.moved_as is None else actors.moved_as
+    of_group = np.broadcast_to(counts, len(actors.triangles))
+    moving = np.zeros(held.shape[1])
+    np.maximum.at(moving, moved_as, held.any(axis=0) * of_group[actors.group])
+    return float(moving.sum())

@@ -11,7 +11,7 @@ from ..culling.camera import Camera
 from ..errors import CrowdError
 from ..format import number
 from .assignment import LevelPolicy, deviations, limits
-from .cost_model import NAMES, Actors, Costs, Price, price, work_of
+from .cost_model import NAMES, Actors, Costs, Holdings, Price, price, work_of
 
 LEAST_SAVED = 0.2  # of the triangles of the next finer LOD, else a LOD is not worth a mesh
 WORTH = 0.05  # of full detail's memory or time: what a LOD has to save
@@ -150,14 +150,14 @@ class GroupShot:
     characters: how many characters of the group a build has.
     costs: of the engine, on the machine that renders.
     shading: whether Match Shading.
-    rigs: armatures of all these characters; None: one each.
+    holdings: of the group; armatures and bones are means over these characters.
     """
 
     views: Sequence[View]
     characters: int
     costs: Costs
     shading: bool = False
-    rigs: int | None = None
+    holdings: Holdings = Holdings()
 
 
 def counting(group: Group, tolerance: float, shot: GroupShot) -> Group:
@@ -204,7 +204,6 @@ def priced(
     may = allowed(group, candidates, tolerance, shot)
     needed = np.flatnonzero(may.any(axis=(0, 2)))
     owner = np.zeros(shot.characters, np.intp)
-    rigs = np.ones(1) if shot.rigs is None else np.array([shot.rigs / shot.characters])
     for count in range(1, len(candidates) + 1):
         for choice in combinations(range(len(candidates)), count):
             if len(needed) and choice[0] > needed[0]:
@@ -212,7 +211,7 @@ def priced(
             agents = np.add.reduceat(may[:, choice[0] :], np.array(choice) - choice[0], axis=1)
             triangles = np.array([[group.triangles[candidates[j]] for j in choice]])
             stored = sum(group.triangles[candidates[j]] for j in choice if candidates[j])
-            work = work_of(Actors(triangles, owner, rigs, stored), agents)
+            work = work_of(Actors(triangles, owner, shot.holdings, stored), agents)
             yield tuple(candidates[j] for j in choice), price(work, shot.costs)
 
 

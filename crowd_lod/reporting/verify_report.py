@@ -88,7 +88,7 @@ def _agents(result: dict) -> list[str]:
         "rendered alone, at full detail (left) "
         "and as built (right), at the size of the final picture or finer. A silhouette's shift is "
         "the largest distance from "
-        "one to the other, in pixels of the final picture. Agents that exceptions pin, that blur "
+        "one to the other, in pixels of the final picture. Agents that overrides pin, that blur "
         "lets be coarser, or that are in a cross-fade, stand apart.</p>",
         *pictures,
         table_of(AGENT_COLUMNS, [_agent_cells(agent) for agent in agents]),

@@ -150,7 +150,8 @@ def _check(shot: Shot, limits: _Limits) -> None:
     wide = relaxed(shot, inf)
     agents = shown_by(wide, wide.allowed)
     everyone = (
-        "with the coarsest LODs that are made and allowed: ask for no less, or make coarser LODs."
+        "with the coarsest LODs that are made and allowed: raise it in the panel Budget, or raise "
+        "Tolerance and press Make LOD Meshes, which makes coarser LODs."
     )
     for name, most, loads in zip(limits.names, limits.most, limits.loads(agents).T, strict=True):
         worst = int(loads.argmax())

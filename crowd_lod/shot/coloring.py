@@ -26,6 +26,7 @@ SWING = 2.3
 # Times the tolerance, in pixels, by which a change of class may move a foot. Of near agents it may
 # move it by half of one of the CLASSES classes, as a change of pace does anyway.
 JUMP = 2.0
+NEAR = 1, 0  # agents that ever need this LOD or a finer one are near; the first that serves
 
 
 @dataclass(frozen=True)
@@ -208,7 +209,8 @@ def plan_phases(
     fixed: (n,) bool, agents that keep the phases of their source; None for nobody.
 
     Blocks that the same rigs move have one palette. Agents that would jump by more than JUMP when
-    they change what they play have finer ones.
+    they change what they play have finer ones. Agents that are ever near take FEWEST classes
+    of their palette where that leaves few enough in step: few classes then show fine LODs.
     """
     assert survey.roles is not None
     agents = len(survey.group)
@@ -233,12 +235,50 @@ def plan_phases(
             phases = color(theirs, changes.refined(phases, jumping), fixed)
         crowded = _crowded(meetings, phases, family, variety) & (counts < CLASSES)
         counts = counts + crowded
+    for finest in NEAR:
+        near = _nearest_agents(survey, finest) & (phases.finer == 0)
+        sharing = color(meetings, _moved_to_few(survey, phases, near), fixed, near)
+        if not _crowded(meetings, sharing, family, variety).any():
+            phases = sharing
+            break
     return PhasePlan(
         phases,
         meetings.share_in_step(phases),
         meetings.share_in_step(everything),
         float(changes.jumps(phases).max(initial=0.0)),
     )
+
+
+def _nearest_agents(survey: Survey, finest: int) -> np.ndarray:
+    """Return which agents need LOD `finest`, or a finer one, in a frame that sees them, (n,) bool."""
+    near = np.zeros(len(survey.group), bool)
+    for f, levels in enumerate(survey.coarsest):
+        near |= survey.seen[f] & (levels <= finest)
+    return near
+
+
+def _moved_to_few(survey: Survey, phases: Phases, near: np.ndarray) -> Phases:
+    """Return `phases` with other shifts of agents (n,) bool that are near.
+
+    They show the nearest of FEWEST classes of their palettes when they are first seen.
+    """
+    assert survey.roles is not None
+    (agents,) = np.nonzero(near)
+    character = survey.character[survey.seen[:, agents].argmax(axis=0), agents]
+    block = survey.roles.block[character]
+    (rigged,) = np.nonzero(block >= 0)
+    agents = agents[rigged]
+    classes = survey.roles.phase_class[character[rigged]].astype(np.intp)
+    count = phases.counts[block[rigged]]
+    shift = phases.shift.copy()
+    for size in np.unique(count):
+        of_size = count == size
+        few = _few_of(size)
+        shown = (classes[of_size] + shift[agents[of_size]]) % CLASSES
+        ahead = (few[:, None] - shown) % CLASSES
+        nearest = np.minimum(ahead, CLASSES - ahead).argmin(axis=0)
+        shift[agents[of_size]] = (few[nearest] - classes[of_size]) % CLASSES
+    return replace(phases, shift=shift)
 
 
 def _crowded(meetings: Meetings, phases: Phases, family: np.ndarray, variety: float) -> np.ndarray:
@@ -250,16 +290,23 @@ def _crowded(meetings: Meetings, phases: Phases, family: np.ndarray, variety: fl
     return (in_step > variety * frames)[family] & (family >= 0)
 
 
-def color(meetings: Meetings, phases: Phases, fixed: np.ndarray | None = None) -> Phases:
+def color(
+    meetings: Meetings,
+    phases: Phases,
+    fixed: np.ndarray | None = None,
+    near: np.ndarray | None = None,
+) -> Phases:
     """Return `phases` with other shifts, with which fewer of the meetings are in step.
 
     fixed: (n,) bool, agents that keep their shift; None for nobody.
+    near: (n,) bool, agents that take FEWEST classes of their palette; None for nobody.
 
     In each round those agents take another shift that gain more by it than all whom they meet. So
     each round lowers the weight of what is in step.
     """
     sides = _sides_of(meetings, phases)
-    options = _options(sides, phases)
+    is_near = np.zeros(len(sides.agents), bool) if near is None else near[sides.agents]
+    options = _options(sides, phases, is_near)
     if fixed is not None:
         is_fixed = fixed[sides.agents]
         options[:, is_fixed] = phases.shift[sides.agents[is_fixed]]
@@ -322,8 +369,10 @@ def _outdone(gain: np.ndarray, sides: _Sides) -> np.ndarray:
     return outdone
 
 
-def _options(sides: _Sides, phases: Phases) -> np.ndarray:
+def _options(sides: _Sides, phases: Phases, is_near: np.ndarray) -> np.ndarray:
     """Return the shifts that agents may take, (C, a) uint8.
+
+    is_near: (a,) bool, agents that take few classes.
 
     They lead from the class at one of the agent's meetings to the classes of the palette there.
     Agents with fewer options than others have their last one several times.
@@ -334,10 +383,18 @@ def _options(sides: _Sides, phases: Phases) -> np.ndarray:
     count = phases.counts[sides.block[at]]
     options = np.empty((int(count.max(initial=1)), len(at)), np.uint8)
     for size in np.unique(count):
-        of_size = count == size
-        number = np.minimum(np.arange(len(options)), size - 1)
-        options[:, of_size] = (palette(size)[number][:, None] - classes[of_size]) % CLASSES
+        for near in (False, True):
+            members = (count == size) & (is_near == near)
+            taken = _few_of(size) if near else palette(size)
+            number = np.minimum(np.arange(len(options)), len(taken) - 1)
+            options[:, members] = (taken[number][:, None] - classes[members]) % CLASSES
     return options
+
+
+def _few_of(size: int) -> np.ndarray:
+    """Return FEWEST classes of the palette of `size`, or all that it has, as even as they can be."""
+    few = min(FEWEST, size)
+    return palette(size)[np.arange(few) * int(size) // few]
 
 
 def _costs(

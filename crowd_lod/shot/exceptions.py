@@ -73,7 +73,7 @@ def parse_agents(text: str, count: int, name: str, ids: np.ndarray | None = None
     """
     if not text.strip():
         raise CrowdError(
-            f"The exception {name} names no agents: write their numbers, such as 12, 40-50."
+            f"The override {name} names no agents: write their numbers, such as 12, 40-50."
         )
     is_chosen = np.zeros(count, bool)
     file_ids = np.empty(0, np.int64) if ids is None or "#" not in text else ids
@@ -83,7 +83,7 @@ def parse_agents(text: str, count: int, name: str, ids: np.ndarray | None = None
         match = re.fullmatch(r"\s*(#?)(\d{1,18})\s*(?:-\s*(\d{1,18})\s*)?", part)
         if match is None:
             raise CrowdError(
-                f"The exception {name} names agents by {part.strip()!r}: write numbers and "
+                f"The override {name} names agents by {part.strip()!r}: write numbers and "
                 f"ranges, such as 12, 40-50."
             )
         mark = match[1]
@@ -91,7 +91,7 @@ def parse_agents(text: str, count: int, name: str, ids: np.ndarray | None = None
         last = int(match[3] or match[2])
         if first > last:
             raise CrowdError(
-                f"The exception {name} has agents {mark}{first}-{last}, a range that runs "
+                f"The override {name} has agents {mark}{first}-{last}, a range that runs "
                 f"backwards: write {mark}{last}-{first}."
             )
         if mark:
@@ -100,13 +100,13 @@ def parse_agents(text: str, count: int, name: str, ids: np.ndarray | None = None
             continue
         if last >= count:
             raise CrowdError(
-                f"The exception {name} names agent {last}: the crowd has {count:,}, numbered from "
+                f"The override {name} names agent {last}: the crowd has {count:,}, numbered from "
                 f"0 on."
             )
         is_chosen[first : last + 1] = True
     if not is_chosen.any():
         raise CrowdError(
-            f"The exception {name} names {text.strip()}: no agent has that number in its file or "
+            f"The override {name} names {text.strip()}: no agent has that number in its file or "
             f"object."
         )
     return np.flatnonzero(is_chosen)
@@ -151,7 +151,7 @@ def check_level(
         return
     if level >= count:
         has = f"LODs 0 to {count - 1}" if count > 1 else "LOD 0 alone"
-        raise CrowdError(f"The exception {name} asks for LOD {level}: the crowd has {has}.")
+        raise CrowdError(f"The override {name} asks for LOD {level}: the crowd has {has}.")
     lacks = [
         g
         for g in np.unique(group[exemption.agents]).tolist()
@@ -159,7 +159,7 @@ def check_level(
     ]
     if lacks:
         raise CrowdError(
-            f"The exception {name} asks for LOD {level} of {names[lacks[0]]}, which Memory for "
+            f"The override {name} asks for LOD {level} of {names[lacks[0]]}, which Memory for "
             f"Characters leaves out: ask for LOD "
             f"{finest[lacks[0]]}, or raise that limit and make the LOD meshes again."
         )

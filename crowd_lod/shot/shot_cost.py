@@ -9,7 +9,16 @@ from functools import cached_property
 import numpy as np
 
 from ..crowd.agents import Group
-from ..levels.cost_model import Actors, Costs, Price, Work, price, work_of
+from ..levels.cost_model import (
+    Actors,
+    Costs,
+    Holdings,
+    Price,
+    Work,
+    price,
+    stored_triangles,
+    work_of,
+)
 from .survey import SEEN, Survey
 
 # pixels as which any switch in sight counts, besides those by which it changes the picture
@@ -50,22 +59,22 @@ class Shot:
     """A surveyed shot, and what its LODs cost.
 
     costs: of the engine, on the machine that renders.
-    rigs, moved_as: as of Actors; None: each character has one rig of its own.
+    holdings, moved_as: as of Actors.
     """
 
     survey: Survey
     meshes: Meshes
     costs: Costs
-    rigs: np.ndarray | None = None
+    holdings: Holdings = Holdings()
     moved_as: np.ndarray | None = None
 
     @cached_property
     def actors(self) -> Actors:
         """The characters that a build of the shot may hold."""
-        rigs = np.ones(len(self.meshes.triangles)) if self.rigs is None else self.rigs
-        return Actors(
-            self.meshes.triangles, self.survey.owner.astype(np.intp), rigs, moved_as=self.moved_as
-        )
+        owner = self.survey.owner.astype(np.intp)
+        triangles = self.meshes.triangles
+        stored = stored_triangles(triangles)
+        return Actors(triangles, owner, self.holdings, stored, moved_as=self.moved_as)
 
     @cached_property
     def instance(self) -> np.ndarray:

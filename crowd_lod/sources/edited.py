@@ -160,7 +160,7 @@ class Edited(Trajectory):
             repr((edit.move, edit.turn, edit.group, edit.hide)).encode() + edit.agents.tobytes()
             for edit in self.edits
         ]
-        return self.base.digests() | {"the exceptions": b"\0".join(edits)}
+        return self.base.digests() | {"the overrides": b"\0".join(edits)}
 
     def _of(self, crowd: Crowd) -> Crowd:
         """Return `crowd`, of the trajectory without edits, with them."""

@@ -95,20 +95,25 @@ def _alike(characters: Characters, groups: Sequence[Group], *pair: int) -> bool:
     return one == other
 
 
-def armatures(characters: Characters, groups: Sequence[Group], lead: Sequence[int]) -> np.ndarray:
-    """Return how many armatures move one character of each group, (G,) intp.
+def armatures(
+    characters: Characters, groups: Sequence[Group], lead: Sequence[int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return how many armatures move one character of each group, and their bones: (G,) intp each.
 
     There is one for each armature that deforms it, and one for all that moves as a whole. Groups
     of one `lead` (see leads) have the same, which move each of them.
     """
     counts = np.zeros(len(groups), np.intp)
+    bones = np.zeros(len(groups), np.intp)
     for g in set(lead):
         family = [v for v, group_lead in enumerate(lead) if group_lead == g]
         objects = list(dict.fromkeys(item for v in family for item in characters[v][1]))
         act = group_performance(groups[g], characters[g][1])
-        bending = sum(bool(deforming(rig, objects)) for rig in armatures_of(objects))
-        counts[family] = bending + any(_carried(item, act) for item in objects)
-    return counts
+        bending = [len(deforming(rig, objects)) for rig in armatures_of(objects)]
+        carried = sum(_carried(item, act) for item in objects)
+        counts[family] = np.count_nonzero(bending) + bool(carried)
+        bones[family] = sum(bending) + carried
+    return counts, bones
 
 
 def _carried(item: bpy.types.Object | None, act: Performance) -> bool:

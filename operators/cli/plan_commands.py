@@ -119,8 +119,7 @@ def plan_shot(args, command: list[str]) -> dict:
     forget_parts(folder)
     if args.scene is None:  # the open file goes on with it
         settings.shot_plan = str(folder / plan_file.NAME)
-        settings.use_shot_plan = True
-        settings.shot_verdict = planned.report.verdict.sentence
+        shot_plan.note_plan(settings, planned)
     out = printable(folder)
     return {
         "out": out,

@@ -15,6 +15,7 @@ from ...crowd_lod.crowd.paces import mixed_in
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number
+from ...crowd_lod.levels.cost_model import Holdings
 from ...crowd_lod.levels.lengths import DARKER, NEAR_ENOUGH, allowed_lengths, read_curve
 from ...crowd_lod.levels.selection import GroupShot, View
 from ..blender import provenance, scene_cache, scene_data
@@ -123,7 +124,7 @@ def note_shot(
                     "bounds": [*map(float, group.bounds)],
                     "shaded": [*map(float, group.shaded)],
                     "characters": shot.characters,
-                    "rigs": shot.rigs,
+                    "holdings": vars(shot.holdings),
                     "keep": [*map(int, indices)],
                     "views": [_packed(view.counted()) for view in shot.views],
                 }
@@ -289,7 +290,7 @@ def _forecast(scene: bpy.types.Scene, stored: dict) -> Forecast | None:
             entry["characters"],
             costs,
             shading,
-            entry.get("rigs"),
+            Holdings(**entry["holdings"]),
         )
         for entry in stored["groups"]
     ]

@@ -28,7 +28,8 @@ from ..blender.cameras import cameras_at
 from ..blender.machine_costs import costs_of
 from ..blender.named_actions import own_performance
 from ..characters.characters import check_measured
-from ..characters.rig_needs import Characters, armatures, leads
+from ..characters.holdings import holdings_of
+from ..characters.rig_needs import Characters
 from ..machine.scene_world import bias_of
 from ..scene.scene_crowd import characters_of
 
@@ -73,11 +74,11 @@ def views(
     characters = characters_of(scene)
     gaits = trajectory.gaits
     library = cast_of(characters, trajectory)
-    (rigs, moved_as) = rigs_of(characters, trajectory, library)
-    owner = library.owner(gaits)
-    # rigs of variants count where they are made
-    rig_counts = rigs * np.bincount(owner[np.unique(moved_as)], minlength=len(rigs))
+    cast = holdings_of(characters, trajectory, library)
     first = library.first(gaits)
+    moving = library.owner(gaits)[np.unique(cast.moved_as)]
+    # the part of a group's characters with rigs: those of variants count where they are made
+    rigged = np.bincount(moving, minlength=len(first) - 1) / np.diff(first)
     views_of = [[] for _ in trajectory.groups]
     for number, (frame, eyes) in enumerate(zip(looked_at, cameras, strict=True), start=1):
         crowd = trajectory.at(frame)
@@ -102,9 +103,11 @@ def views(
             int(pose_count),
             costs,
             settings.shading_counts,
-            int(count),
+            cast.of_group(g, part),
         )
-        for group_views, pose_count, count in zip(views_of, np.diff(first), rig_counts, strict=True)
+        for g, (group_views, pose_count, part) in enumerate(
+            zip(views_of, np.diff(first), rigged, strict=True)
+        )
     ]
 
 
@@ -120,21 +123,6 @@ def cast_of(characters: Characters, trajectory: Trajectory) -> Library:
         for _, objects, _ in characters
     ]
     return Library(np.array(still, np.intp))
-
-
-def rigs_of(
-    characters: Characters, trajectory: Trajectory, library: Library
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return how many armatures move a character of each group, and whose move each character.
-
-    The first is (G,) intp, the second (N,) intp: numbers of characters.
-
-    characters, library: see cast_of.
-    """
-    lead = leads(characters, trajectory.groups)
-    return armatures(characters, trajectory.groups, lead) * (library.posed == 0), library.moved_as(
-        trajectory.gaits, lead
-    )
 
 
 class Limits(NamedTuple):

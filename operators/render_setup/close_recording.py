@@ -9,11 +9,10 @@ import numpy as np
 from ...crowd_lod.progress import share
 from ..blender.animation import armatures_of
 from ..blender.performance import Performance
+from ..characters.bone_motion import MOST_KEYS, Bones, record, split_scale
 from ..lod_meshes.source_mesh import read_weights
-from .bone_motion import Bones, record, split_scale
 
 SHORTEST = 1 / 64  # frames between moments; what jumps, jumps in one such interval
-MOST = 4096  # moments, or twice as many as an action has frames, if those are more
 LIGHT = 0.25  # a vertex's weight; what a bone moves by less hardly follows it
 
 
@@ -73,7 +72,7 @@ def record_closely(
 
     actors: see record.
     most_off: meters, how far straight lines may be off between moments. They are farther off where
-        moments are SHORTEST apart, and where MOST do not do.
+        moments are SHORTEST apart, and where MOST_KEYS do not do.
 
     Yields the progress.
     """
@@ -89,7 +88,7 @@ def refine(
     recording: Recording, actors: dict, performance: Performance, most_off: float
 ) -> Generator[float, None, Recording]:
     """Return the recording with further moments; see record_closely. Yields the progress."""
-    most = max(MOST, 2 * len(performance.keys(1)))
+    most = max(MOST_KEYS, 2 * len(performance.keys(1)))
     allowed = _affordable(recording.off, most_off, most)
     recording.off[recording.off > allowed] = np.nan
     rounds = 0

@@ -16,14 +16,24 @@ from ...crowd_lod.frame.frame_range import shot_frames, spread_evenly
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.shadows import surround
 from ...crowd_lod.levels.assignment import LevelPolicy, deviations
-from ...crowd_lod.levels.cost_model import NAMES, Actors, Costs, Price, Work, price, work_of
+from ...crowd_lod.levels.cost_model import (
+    NAMES,
+    Actors,
+    Costs,
+    Price,
+    Work,
+    price,
+    stored_triangles,
+    work_of,
+)
 from ...crowd_lod.progress import share
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import frame_stepping, scene_data
 from ..blender.machine_costs import costs_of
 from ..blender.operator import Stepwise
+from ..characters.holdings import holdings_of
 from ..characters.stored_groups import groups_of
-from ..lod_meshes.selection import MOST_FRAMES, cast_of, rigs_of
+from ..lod_meshes.selection import MOST_FRAMES, cast_of
 from ..machine.scene_world import bias_of
 from ..scene import lights
 from ..scene.scene_crowd import characters_of, home_of, policy_of, trajectory_of
@@ -178,7 +188,7 @@ def estimate(
     characters = characters_of(scene)
     library = cast_of(characters, trajectory)
     owner = library.owner(trajectory.gaits)
-    rigs, moved_as = rigs_of(characters, trajectory, library)
+    cast = holdings_of(characters, trajectory, library)
     shown = {name: [] for name in choices}
     bias = bias_of(settings)
     samples = scene_data.samples_of(scene)
@@ -202,28 +212,37 @@ def estimate(
     mine = CHOICES[settings.choice]
     pictures = shown_images(scene, settings)
     full = [(image, 0) for own in pictures.values() for image, _ in own]
+    packed = _packed_bytes({image for image, _ in full})
     for name, choice in choices.items():
-        # a last LOD is stored once
-        stored = float((choice.triangles[:, 1:] * (np.diff(choice.triangles, axis=1) != 0)).sum())
         actors = Actors(
             choice.triangles,
             owner,
-            rigs,
-            stored,
+            cast.groups,
+            stored_triangles(choice.triangles),
             finest=np.array(choice.policy.finest or [0] * len(trajectory.groups)),
-            moved_as=moved_as,
+            moved_as=cast.moved_as,
         )
+        used = np.array(shown[name]).any(axis=(0, 1))
+        in_bake = replace(actors, holdings=cast.baked(frames, trajectory, library, used))
         for baked in (known,) if known or name != mine else (False, True):
-            work = work_of(actors, np.array(shown[name]), np.array(rays), baked)
+            work = work_of(
+                in_bake if baked else actors, np.array(shown[name]), np.array(rays), baked
+            )
             held = (
                 np.array(shown[name]).any(axis=0)
                 if baked
                 else np.arange(choice.policy.count)[:, None] >= actors.finest[owner]
             )
-            images = bytes_of(
-                _images(characters, settings, pictures, held, owner) if name == mine else full
+            images = set(full)
+            if name == mine:
+                images = set(_images(characters, settings, pictures, held, owner))
+            work = replace(
+                work,
+                points=work.points * len(frames) / len(looked_at),
+                images=bytes_of(images),
+                image_count=float(len(images)),
+                packed=float(packed),
             )
-            work = replace(work, points=work.points * len(frames) / len(looked_at), images=images)
             works[f"{name}, Baked" if baked and not known else name] = work
     return Estimate(works, costs_of(scene), frames, looked_at)
 
@@ -242,6 +261,12 @@ def _shown(frame: Frame, library: Library, trajectory: Trajectory, count: int) -
             )
             counts[int(name.rpartition(" ")[2])] += np.bincount(numbers, minlength=size)
     return counts
+
+
+def _packed_bytes(images: set[bpy.types.Image]) -> int:
+    """Return the bytes of the images' files that are packed into the open file."""
+    files = (file.packed_file for image in images for file in image.packed_files)
+    return sum(file.size for file in files if file is not None)
 
 
 def _images(

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from .bone_motion import Bones, split_scale
+from ..characters.bone_motion import Bones, split_scale
 from .close_recording import Recording, channels
 
 STILL = 1e-6  # meters, and radians: an object that moves by less stands

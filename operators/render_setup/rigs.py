@@ -16,16 +16,14 @@ from mathutils import Matrix
 
 from ..blender import mesh_data
 from ..blender.performance import Performance
+from ..characters.bone_motion import NEAR, copy_unlinked
 from ..characters.rig_needs import refusal
-from .bone_motion import copy_unlinked
 from .close_recording import record_closely, refine
 from .rig_models import TRACKS, Model, fill_curve, model_of
 
 FARTHEST = 1_048_574  # frames: Blender's last
-# of the character's diagonal: how far what rigs show should be from what the character is
-NEAR = 1e-4
-# of it: how far it may be, where more keys do not help; posed meshes of a long action are farther
-# off
+# of the character's diagonal: how far rigs may be off where more keys do not help; posed meshes of
+# a long action are farther off
 ACCEPTED = 0.01
 
 

@@ -198,7 +198,9 @@ def _finer(judged: JudgedAgent) -> tuple[float, Window, tuple[int, int]]:
     return finer, Window(window.left, right, window.bottom, top), (columns, rows)
 
 
-def facts_of(judged: JudgedAgent, full: np.ndarray, lod: np.ndarray, finer: float) -> dict[str, Any]:
+def facts_of(
+    judged: JudgedAgent, full: np.ndarray, lod: np.ndarray, finer: float
+) -> dict[str, Any]:
     """Return the figures of an agent, for JSON.
 
     shift_px, error_px: by how many pixels of the final picture its silhouette lies off, and by how

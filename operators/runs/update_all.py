@@ -41,7 +41,7 @@ REQUESTED = {
     "blur": "Coarser Where Blurred",
     "budget": "the budget",
 }
-OF_THE_PANEL = ("triangles", "memory")  # limits of a budget that are settings
+OF_THE_PANEL = ("triangles", "memory", "finest")  # limits of a budget that are settings
 _known: dict[int, tuple[float, tuple, dict[str, str]]] = scene_cache.add_cache({}, by_scene=True)
 _requested: dict[tuple, dict[str, Any]] = scene_cache.add_cache({})
 

@@ -64,9 +64,9 @@ def exemptions_of(
             )
             if begin is not None and not len(agents):
                 raise CrowdError(
-                    f"The exception {entry.name} chooses nobody: no agent stands in its "
+                    f"The override {entry.name} chooses nobody: no agent stands in its "
                     f"{_place(entry)} at frame {begin}; move or "
-                    "paint it elsewhere, or switch the exception off."
+                    "paint it elsewhere, or switch the override off."
                 )
             exemptions[index] = Exemption(
                 entry.name, entry.kind, entry.level, agents, _told(entry), *_span(entry)
@@ -200,7 +200,7 @@ def _whom(entry, trajectory: Trajectory) -> Callable[[float, frame_stepping.At],
     stored_values.check(entry)
     if not entry.all_frames and entry.first_frame > entry.last_frame:
         raise CrowdError(
-            f"The exception {entry.name} runs backwards, from frame {entry.first_frame} to "
+            f"The override {entry.name} runs backwards, from frame {entry.first_frame} to "
             f"{entry.last_frame}: give the first frame first."
         )
     if entry.chosen_by == "NUMBERS":
@@ -209,20 +209,20 @@ def _whom(entry, trajectory: Trajectory) -> Callable[[float, frame_stepping.At],
     if entry.chosen_by == "REGION":
         if entry.region is None or entry.region.type not in REGIONS:
             raise CrowdError(
-                f"The exception {entry.name} has no region: choose a mesh or an empty about the "
+                f"The override {entry.name} has no region: choose a mesh or an empty about the "
                 f"agents it means."
             )
         return partial(_inside, entry.region, entry.name, trajectory)
     if entry.chosen_by == "VOLUME":
         if entry.region is None or entry.region.type != "MESH":
             raise CrowdError(
-                f"The exception {entry.name} has no volume: choose a closed mesh about the agents "
+                f"The override {entry.name} has no volume: choose a closed mesh about the agents "
                 f"it means."
             )
         return partial(_in_volume, entry.region, entry.name, trajectory)
     if entry.map_image is None:
         raise CrowdError(
-            f"The exception {entry.name} has no map: choose an image that is white where the "
+            f"The override {entry.name} has no map: choose an image that is white where the "
             f"agents stand it means."
         )
     light = LabelMap(_light(entry.map_image), area_of(entry.id_data.crowd_lod))
@@ -251,7 +251,7 @@ def _inside(
     A flat box, such as a plane's, reaches up and down without end.
     """
     crowd = trajectory.at(time)
-    told = f"The region {region.name} of the exception {name}"
+    told = f"The region {region.name} of the override {name}"
     places = np.stack([crowd.x, crowd.y, crowd.z], axis=1)
     return _present(in_box(region.evaluated_get(at([region], time)), places, told), crowd)
 
@@ -261,7 +261,7 @@ def _in_volume(
 ) -> np.ndarray:
     """Return the agents whose middle lies inside the closed mesh of `region`."""
     crowd = trajectory.at(time)
-    told = f"The region {region.name} of the exception {name}"
+    told = f"The region {region.name} of the override {name}"
     places = np.stack(crowd.places(trajectory.spheres.center), axis=1)
     return _present(in_volume(region.evaluated_get(at([region], time)), places, told), crowd)
 

@@ -272,7 +272,7 @@ def plan_inputs(
             "" if bias is None else f"{bias.area}", b"" if bias is None else bias.values.tobytes()
         ),
         # with the crowd's own digests these tell the edits, too
-        "the exceptions": _digest(digest_of(settings)),
+        "the overrides": _digest(digest_of(settings)),
     }
     return crowd_digests(trajectory) | of_settings | cast_inputs(settings.id_data)
 

@@ -19,7 +19,7 @@ REGIONS = "MESH", "EMPTY"  # types of objects that may mark a region
 class CrowdLodException(bpy.types.PropertyGroup):
     """An exception, called `name`: for some agents, in some frames."""
 
-    use: BoolProperty(name="Use", default=True, description="The exception counts")
+    use: BoolProperty(name="Use", default=True, description="The override counts")
     kind: EnumProperty(
         name="Asks For",
         description="What is asked for these agents",
@@ -37,7 +37,7 @@ class CrowdLodException(bpy.types.PropertyGroup):
         ],
     )
     level: IntProperty(
-        name="LOD", min=0, max=MOST_LEVELS - 1, description="The LOD that the exception speaks of"
+        name="LOD", min=0, max=MOST_LEVELS - 1, description="The LOD that the override speaks of"
     )
     move: FloatVectorProperty(
         name="Nudge",
@@ -68,23 +68,23 @@ class CrowdLodException(bpy.types.PropertyGroup):
     )
     chosen_by: EnumProperty(
         name="Agents By",
-        description="Which agents the exception is for",
+        description="Which agents the override is for",
         items=[
             ("NUMBERS", "Numbers", "Agents with these numbers; the eyedropper tells an agent's"),
             (
                 "REGION",
                 "Region",
-                "Agents whose feet stand in the box about an object, when the exception begins",
+                "Agents whose feet stand in the box about an object, when the override begins",
             ),
             (
                 "MAP",
                 "Painted Map",
-                "Agents that stand on pixels lighter than a half, when the exception begins",
+                "Agents that stand on pixels lighter than a half, when the override begins",
             ),
             (
                 "VOLUME",
                 "Volume",
-                "Agents whose middle is inside a closed mesh, when the exception begins",
+                "Agents whose middle is inside a closed mesh, when the override begins",
             ),
         ],
     )
@@ -106,19 +106,19 @@ class CrowdLodException(bpy.types.PropertyGroup):
         description="Painted over the ground: white chooses, black does not",
     )
     all_frames: BoolProperty(
-        name="All Frames", default=True, description="The exception holds in the whole shot"
+        name="All Frames", default=True, description="The override holds in the whole shot"
     )
     first_frame: IntProperty(
         name="First Frame",
         default=1,
         subtype="TIME",
-        description="From which on the exception holds",
+        description="From which on the override holds",
     )
     last_frame: IntProperty(
         name="Last Frame",
         default=120,
         subtype="TIME",
-        description="Up to which the exception holds",
+        description="Up to which the override holds",
     )
 
 

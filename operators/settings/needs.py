@@ -61,13 +61,13 @@ def points(scene: bpy.types.Scene) -> str:
 
 
 def exceptions(scene: bpy.types.Scene) -> str:
-    return "" if len(scene.crowd_lod.exceptions) else "There are no exceptions"
+    return "" if len(scene.crowd_lod.exceptions) else "There are no overrides"
 
 
 def place(scene: bpy.types.Scene) -> str:
     settings = scene.crowd_lod
     if not 0 <= settings.exception_index < len(settings.exceptions):
-        return "Select an exception in the list"
+        return "Select an override in the list"
     by = settings.exceptions[settings.exception_index].chosen_by
     return (
         ""

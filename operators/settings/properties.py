@@ -84,6 +84,11 @@ class CrowdLodSettings(*ALL, bpy.types.PropertyGroup):
         name="Verdict",
         description="The worst that a viewer may notice in the planned shot, as Plan Shot found",
     )
+    shot_budgets: StringProperty(
+        name="Possible Budgets",
+        description="What the planned shot takes at the least, by the pixels that LODs may "
+        "deviate, as Plan Shot found: numbers as JSON",
+    )
     estimate: StringProperty(
         name="Estimate",
         description="What the crowd costs to render, as Estimate Cost found: a table",

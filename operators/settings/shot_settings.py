@@ -89,6 +89,12 @@ class PlanSettings:
         description="Megabytes that the characters may take in any frame of the shot; the "
         "tolerance rises until they fit. 0 is no limit",
     )
+    budget_finest: IntProperty(
+        name="Agents at LOD 0",
+        min=0,
+        description="Visible agents of any frame that may have full detail at most; the tolerance "
+        "rises until they fit. 0 is no limit",
+    )
     shot_plan: StringProperty(
         name="Shot Plan",
         subtype="FILE_PATH",
@@ -103,12 +109,12 @@ class PlanSettings:
     )
     exceptions: CollectionProperty(
         type=CrowdLodException,
-        name="Exceptions",
+        name="Overrides",
         description="From the crowd and its LODs as they follow from the settings; of two for the "
         "same agent, the lower one holds",
     )
     exception_index: IntProperty(
-        name="Exception", min=0, description="The exception that is selected in the list"
+        name="Override", min=0, description="The override that is selected in the list"
     )
 
 

@@ -1,13 +1,16 @@
 """The shot plan: runs through the shot, decides on all its LODs, and stores them."""
 
+import json
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import astuple, dataclass
 from functools import partial
 from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
 import bpy
+import numpy as np
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, number, printable
@@ -20,6 +23,7 @@ from ...crowd_lod.reporting.shot_page import shot_page
 from ...crowd_lod.reporting.shot_report import ShotReport
 from ...crowd_lod.shot import plan_file
 from ...crowd_lod.shot.budget import Budget, BudgetPlan, decide_within
+from ...crowd_lod.shot.budget_points import BudgetPoint, budget_sentence, find_points, fitting_point
 from ...crowd_lod.shot.coloring import (
     VARIETY,
     plan_phases,
@@ -38,11 +42,12 @@ from ..blender.operator import Reporting, Stepwise
 from ..blender.output_folders import full_path, output_path, place_of
 from ..blender.output_index import note_output
 from ..characters.group_measuring import measuring_groups
+from ..characters.holdings import holdings_of
 from ..characters.stored_groups import groups_of, store_groups
 from ..lod_meshes.deviation import measure_levels
 from ..lod_meshes.level_objects import TINTS
 from ..lod_meshes.make_lods import make_levels
-from ..lod_meshes.selection import cast_of, rigs_of
+from ..lod_meshes.selection import cast_of
 from ..machine.scene_world import bias_of
 from ..render_setup.render_setup import check_levels
 from ..scene import shot_reference
@@ -93,6 +98,7 @@ class PlannedShot:
     report: ShotReport
     request: PlanRequest
     exemptions: tuple[Exemption, ...] = ()
+    points: tuple[BudgetPoint, ...] = ()
 
 
 def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, None, PlannedShot]:
@@ -129,12 +135,16 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
     phases = yield from standing(aside(planning), SURVEYED)
     survey = recast(through.survey, phases.phases)
     characters = characters_of(scene)
-    rigs = rigs_of(characters, trajectory, cast_of(characters, trajectory))
+    library = cast_of(characters, trajectory)
+    cast = holdings_of(characters, trajectory, library)
+    used = np.zeros(len(survey.owner), bool)
+    used[survey.character[survey.seen]] = True
     shot = Shot(
         excepted(survey, exemptions),
         meshes_of(trajectory.groups, policy.count),
         costs_of(scene),
-        *rigs,
+        cast.baked(survey.numbers, trajectory, library, used),
+        cast.moved_as,
     )
     deciding = steps_aside(decide_within(shot, request.budget, request.avoid))
     plan = yield from share(deciding, SURVEYED, DECIDED)
@@ -174,7 +184,8 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
         cast=needed_meshes(shot, plan.bill.shown),
         blend_file=printable(Path(bpy.data.filepath).name),
     )
-    return PlannedShot(shot, plan, stored, report, request, exemptions)
+    points = yield from standing(steps_aside(find_points(shot, policy.tolerance)), 1.0)
+    return PlannedShot(shot, plan, stored, report, request, exemptions, points)
 
 
 def ready(scene: bpy.types.Scene) -> Generator[float, None, None]:
@@ -270,6 +281,7 @@ def budget_of(settings) -> Budget:
     return Budget(
         triangles=settings.budget_triangles or inf,
         memory=1e6 * round(settings.budget_memory, 3) or inf,
+        finest=settings.budget_finest or None,
     )
 
 
@@ -286,6 +298,40 @@ def wanted_of(scene: bpy.types.Scene, folder: Path, frames: Sequence[int]) -> Pl
     )
 
 
+def note_plan(settings, planned: PlannedShot) -> None:
+    """Note in the settings, which follow the plan from now on, what the sidebar tells of it."""
+    settings.use_shot_plan = True
+    settings.shot_verdict = planned.report.verdict.sentence
+    settings.shot_budgets = json.dumps([astuple(point) for point in planned.points])
+
+
+def possible_budgets(settings) -> tuple[BudgetPoint, ...]:
+    """Return what the planned shot takes at the least; nothing without a plan."""
+    with suppress(ValueError, TypeError):  # a script may have put anything there
+        return tuple(BudgetPoint(*map(float, row)) for row in json.loads(settings.shot_budgets))
+    return ()
+
+
+def refuse_budget(scene: bpy.types.Scene) -> None:
+    """Raise CrowdError if the scene's plan says that its budget is impossible.
+
+    So a press that could only end with a no ends at once, and not after a look at all frames.
+    """
+    settings = scene.crowd_lod
+    points = possible_budgets(settings)
+    budget = budget_of(settings)
+    if not settings.shot_plan or not points or fitting_point(points, budget):
+        return
+    stored = shot_reference.stored_plan(settings)
+    same_frames = stored and stored.numbers.tolist() == list(scene_data.frames_of(scene))
+    bias = bias_of(settings)
+    changes = shot_reference.changes_since_plan(
+        scene, trajectory_of(scene), policy_of(settings), bias
+    )
+    if same_frames and not changes:
+        raise CrowdError(f"The budget of the shot: {budget_sentence(points, budget)}")
+
+
 def plan_of_settings(scene: bpy.types.Scene) -> Generator[float, None, str]:
     """Plan the shot as the settings ask, and let the scene follow the plan.
 
@@ -293,6 +339,7 @@ def plan_of_settings(scene: bpy.types.Scene) -> Generator[float, None, str]:
     written at the end, all or none.
     """
     settings = scene.crowd_lod
+    refuse_budget(scene)
     place = output_path(scene, "plan")
     folder = full_path(place)
     with files.staged(folder, plan_file.NAME) as part:
@@ -300,8 +347,7 @@ def plan_of_settings(scene: bpy.types.Scene) -> Generator[float, None, str]:
         planned = yield from share(plan_shot(scene, request), 0.0, 0.99)
         yield from standing(write_plan(scene, part, planned, ["sidebar"]), 0.99)
     settings.shot_plan = f"{place}/{plan_file.NAME}"
-    settings.use_shot_plan = True
-    settings.shot_verdict = planned.report.verdict.sentence
+    note_plan(settings, planned)
     note_output(scene, "plan")
     return f"{sentence(planned)} The plan is in {place_of(folder)}."
 
@@ -328,7 +374,8 @@ class CROWDLOD_OT_remove_plan(Reporting, bpy.types.Operator):
     needs = (needs.plan,)
 
     def run(self, context) -> str:
-        context.scene.crowd_lod.shot_plan = context.scene.crowd_lod.shot_verdict = ""
+        settings = context.scene.crowd_lod
+        settings.shot_plan = settings.shot_verdict = settings.shot_budgets = ""
         return "LODs follow from distances again."
 
 

@@ -24,7 +24,8 @@ from ...crowd_lod.shot.shot_cost import meshes_of
 from ...crowd_lod.shot.survey import Recorder, Survey, empty
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import cameras, frame_stepping, scene_data
-from ..lod_meshes.selection import cast_of, rigs_of
+from ..characters.rig_needs import leads
+from ..lod_meshes.selection import cast_of
 from ..machine.scene_world import bias_of
 from ..render_setup.cost_estimate import covered
 from ..scene import lights, shot_reference
@@ -63,7 +64,8 @@ def survey_of(
     policy = policy_of(settings)
     library = cast_of(characters_of(scene), trajectory)
     times = [scene_data.remap(scene.render, number) for number in frames]
-    _, moved_as = rigs_of(characters_of(scene), trajectory, library)
+    lead = leads(characters_of(scene), trajectory.groups)
+    moved_as = library.moved_as(trajectory.gaits, lead)
     survey = empty(
         frames,
         times,

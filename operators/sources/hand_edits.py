@@ -85,13 +85,13 @@ def _edit(entry, trajectory: Trajectory) -> Edit:
     stored_values.check(entry)
     if entry.chosen_by != "NUMBERS":
         raise CrowdError(
-            f"The exception {entry.name} does not know its agents yet: press Find Agents."
+            f"The override {entry.name} does not know its agents yet: press Find Agents."
         )
     agents = parse_agents(entry.agents, len(trajectory.start), entry.name, trajectory.ids)
     names = [group.name for group in trajectory.groups]
     if entry.kind == "GROUP" and entry.group_name not in names:
         raise CrowdError(
-            f"The exception {entry.name} asks for the character group "
+            f"The override {entry.name} asks for the character group "
             f"{entry.group_name or 'of no name'}, and there is none: "
             f"choose one of {', '.join(names)}."
         )

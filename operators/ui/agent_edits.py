@@ -1,6 +1,6 @@
 """Buttons that edit agents by hand.
 
-Each adds to the list of exceptions, where its values can be set.
+Each adds to the list of overrides, where its values can be set.
 """
 
 from math import pi
@@ -38,7 +38,7 @@ BUTTONS = {
 
 class CROWDLOD_OT_edit_agent(Reporting, bpy.types.Operator):
     bl_description = (
-        "Change the picked agent in all frames; the list of exceptions holds the change, its "
+        "Change the picked agent in all frames; the list of overrides holds the change, its "
         "value and its switch"
     )
     bl_idname = "crowd_lod.edit_agent"
@@ -94,7 +94,7 @@ class CROWDLOD_OT_edit_agent(Reporting, bpy.types.Operator):
             entry.level = (
                 int(frame.levels[agent]) if frame is not None and agent < len(frame.crowd) else 0
             )
-        return f"{entry.name}: its values and its switch are in the list of exceptions."
+        return f"{entry.name}: its values and its switch are in the list of overrides."
 
 
 def _entry(settings, kind: str, name: str, agents: str) -> bpy.types.PropertyGroup:
@@ -138,7 +138,7 @@ def _found(context, entry) -> str:
     if not len(agents):
         where = entry.map_image if entry.chosen_by == "MAP" else entry.region
         raise CrowdError(
-            f"The exception {entry.name} finds nobody: no agent stands in {where.name} at this "
+            f"The override {entry.name} finds nobody: no agent stands in {where.name} at this "
             f"frame, or the share is 0."
         )
     entry.agents = agents_text(agents, trajectory.ids)

@@ -27,20 +27,20 @@ def describe_exception(item) -> str:
 
 
 class CROWDLOD_OT_add_exception(Reporting, bpy.types.Operator):
-    """Add an exception, for agents that it names"""
+    """Add an override, for agents that it names"""
 
     bl_idname = "crowd_lod.add_exception"
-    bl_label = "Add Exception"
+    bl_label = "Add Override"
 
     def run(self, context) -> str:
-        return _added(context.scene.crowd_lod, "Exception", "")
+        return _added(context.scene.crowd_lod, "Override", "")
 
 
 class CROWDLOD_OT_except_agent(Reporting, bpy.types.Operator):
-    """Add an exception, for the agent that the eyedropper picked"""
+    """Add an override, for the agent that the eyedropper picked"""
 
     bl_idname = "crowd_lod.except_agent"
-    bl_label = "Add Exception for Picked Agent"
+    bl_label = "Add Override for Picked Agent"
     needs = (needs.picked,)
 
     def run(self, context) -> str:
@@ -57,19 +57,19 @@ def _added(settings, name: str, agents: str) -> str:
 
 
 class CROWDLOD_OT_remove_exception(Removing, bpy.types.Operator):
-    """Remove the selected exception"""
+    """Remove the selected override"""
 
     bl_idname = "crowd_lod.remove_exception"
-    bl_label = "Remove Exception"
+    bl_label = "Remove Override"
     kind = "exception"
     needs = (needs.exceptions,)
 
 
 class CROWDLOD_OT_move_exception(Moving, bpy.types.Operator):
-    """Move the selected exception: of two for the same agent, the lower one holds"""
+    """Move the selected override: of two for the same agent, the lower one holds"""
 
     bl_idname = "crowd_lod.move_exception"
-    bl_label = "Move Exception"
+    bl_label = "Move Override"
     kind = "exception"
     needs = (needs.exceptions,)
 

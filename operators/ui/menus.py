@@ -1,4 +1,4 @@
-"""Our entries in Blender's menus, where F3 finds them, and the pages of the manual."""
+"""Our entries in Blender's menus, where F3 finds them."""
 
 import bpy
 
@@ -6,14 +6,6 @@ from ... import sample_scenes
 from ..blender.labeled_properties import CONTEXT
 from .agent_edits import BUTTONS
 
-WEBSITE = "https://github.com/crowd-lod/crowd-lod"
-PAGES = f"{WEBSITE}/blob/main/docs/"
-# patterns of Blender's API, in lower case, and the page on each; the first that fits counts
-MANUAL = (
-    ("bpy.ops.crowd_lod.plan_shot*", "shot_plan.md"),
-    ("bpy.ops.crowd_lod.*", "sidebar.md"),
-    ("bpy.types.crowdlod*", "sidebar.md"),
-)
 WORK = (
     "characters_from_selection",
     "populate",
@@ -80,22 +72,15 @@ def _in_add_menu(menu, context) -> None:
     menu.layout.menu("CROWDLOD_MT_samples", icon="COMMUNITY")
 
 
-def manual() -> tuple[str, tuple[tuple[str, str], ...]]:
-    """Return the address of the manual and its pages, for Blender's Online Manual entries."""
-    return PAGES, MANUAL
-
-
 ENTRIES = (("VIEW3D_MT_object", _in_object_menu), ("VIEW3D_MT_add", _in_add_menu))
 
 
 def register() -> None:
     for name, entry in ENTRIES:
         getattr(bpy.types, name).append(entry)
-    bpy.utils.register_manual_map(manual)
 
 
 def unregister() -> None:
-    bpy.utils.unregister_manual_map(manual)
     for name, entry in ENTRIES:
         getattr(bpy.types, name).remove(entry)
 

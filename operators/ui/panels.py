@@ -37,7 +37,7 @@ from .drawing import (
     table,
     wide,
 )
-from .step_panel import Sidebar, Step, presets_button
+from .step_panel import Sidebar, Step, help_button, presets_button
 
 
 class CROWDLOD_PT_main(Sidebar, bpy.types.Panel):
@@ -45,6 +45,7 @@ class CROWDLOD_PT_main(Sidebar, bpy.types.Panel):
 
     def draw_header_preset(self, context) -> None:
         presets_button(self.layout, "all")
+        help_button(self.layout, "The sidebar")
 
     def draw(self, context) -> None:
         column = self.layout.column(align=True)
@@ -107,7 +108,7 @@ class CROWDLOD_PT_crowd(Step, bpy.types.Panel):
             )
         else:
             button(self.layout, "crowd_lod.populate", "Populate", following=following)
-        self.draw_presets()
+        self.draw_icons()
 
     def body(self, context, layout, settings) -> None:
         following = steps.next_operator(context.scene)
@@ -127,14 +128,26 @@ class CROWDLOD_PT_groups(Step, bpy.types.Panel):
     bl_label = "Character Groups"
     bl_parent_id = "CROWDLOD_PT_crowd"
 
+    @classmethod
+    def poll(cls, context) -> bool:
+        return len(context.scene.crowd_lod.groups) > 1
+
     def body(self, context, layout, settings) -> None:
         rows = [
             (g.name, length(context, g.radius), length(context, g.stride)) for g in settings.groups
         ]
-        table(layout, ("Group", "Radius", "Stride"), rows or [("Press Populate", "", "")])
+        table(layout, ("Group", "Radius", "Stride"), rows)
         groups = [group for group in settings.groups if not group.variant_of]
         for group in groups[:MOST_ROWS] if len(groups) > 1 else ():
             layout.prop(group, "share", text=f"{group.name} Share", translate=False)
+
+
+class CROWDLOD_PT_crowd_advanced(Step, bpy.types.Panel):
+    bl_label = "Advanced"
+    bl_parent_id = "CROWDLOD_PT_crowd"
+
+    def body(self, context, layout, settings) -> None:
+        groups = [group for group in settings.groups if not group.variant_of]
         for group in groups[:MOST_ROWS]:
             layout.row().prop(group, "scale", text=f"{group.name} Scale", translate=False)
         for group in [group for group in groups if group.lowest][:MOST_ROWS]:
@@ -210,7 +223,7 @@ class CROWDLOD_PT_camera(Step, bpy.types.Panel):
 
 
 class CROWDLOD_PT_culling(Step, bpy.types.Panel):
-    bl_label = "Culling"
+    bl_label = "Advanced"
     bl_parent_id = "CROWDLOD_PT_camera"
 
     def body(self, context, layout, settings) -> None:
@@ -239,7 +252,6 @@ class CROWDLOD_PT_levels(Step, bpy.types.Panel):
             )
         else:
             layout.prop(settings, "level_count")
-            layout.prop(settings, "metric")
             self.ratios(context, layout, settings)
         button(
             layout,
@@ -330,10 +342,11 @@ class CROWDLOD_PT_own_thresholds(Step, bpy.types.Panel):
 
 
 class CROWDLOD_PT_decimation(Step, bpy.types.Panel):
-    bl_label = "Decimation and Textures"
+    bl_label = "Advanced"
     bl_parent_id = "CROWDLOD_PT_levels"
 
     def body(self, context, layout, settings) -> None:
+        active_column(layout, settings.choice == "BY_RATIO").prop(settings, "metric")
         layout.prop(settings, "method")
         active_column(layout, settings.choice == "BY_TOLERANCE").prop(settings, "shading_counts")
         layout.prop(settings, "hidden_surface_counts")
@@ -362,7 +375,7 @@ class CROWDLOD_PT_overlay(Step, bpy.types.Panel):
 
 
 class CROWDLOD_PT_drawing(Step, bpy.types.Panel):
-    bl_label = "Drawing"
+    bl_label = "Advanced"
     bl_parent_id = "CROWDLOD_PT_overlay"
 
     def body(self, context, layout, settings) -> None:
@@ -375,6 +388,7 @@ CLASSES = (
     CROWDLOD_PT_main,
     CROWDLOD_PT_crowd,
     CROWDLOD_PT_groups,
+    CROWDLOD_PT_crowd_advanced,
     CROWDLOD_PT_samples,
     CROWDLOD_PT_behavior,
     CROWDLOD_PT_heights,

@@ -4,6 +4,7 @@ import bpy
 
 from ...crowd_lod.format import number
 from ...crowd_lod.levels.assignment import MOST_LEVELS
+from ...crowd_lod.shot.budget_points import fitting_point
 from ..blender import scene_data
 from ..blender.labeled_properties import CONTEXT
 from ..characters.stored_groups import count_of
@@ -11,6 +12,7 @@ from ..characters.take_action import TAKE_ACTION
 from ..lod_meshes.level_objects import GIVEN
 from ..overlay import viewport_overlay
 from ..overlay.hud import STAGES, describe, share
+from ..shot.shot_plan import budget_of, possible_budgets
 from . import steps
 from .drawing import LOD_COLORS, MOST_ROWS, button, distance, label, paragraph, table
 
@@ -139,4 +141,31 @@ class CROWDLOD_PT_agent(_Popover, bpy.types.Panel):
             table(self.layout, ("Agent", f"{account.agent:,}"), describe(account)[1:])
 
 
-CLASSES = (CROWDLOD_PT_statistics, CROWDLOD_PT_messages, CROWDLOD_PT_agent)
+class CROWDLOD_PT_error_curve(_Popover, bpy.types.Panel):
+    """What the frame takes that takes most, by the pixels that LODs may deviate"""
+
+    bl_label = "Error Against Cost"
+
+    def draw(self, context) -> None:
+        settings = context.scene.crowd_lod
+        points = possible_budgets(settings)
+        fitting = fitting_point(points, budget_of(settings))
+        column = self.layout.column()
+        label(column, "The least that one frame takes, by how far LODs may deviate")
+        most = max((point.triangles for point in points), default=1.0)
+        for point in points:
+            split = column.split(factor=0.2)
+            icon = "RIGHTARROW" if point is fitting else "BLANK1"
+            label(split, f"{number(point.pixels)} px", icon)
+            text = f"{point.triangles:,.0f} triangles, {point.memory / 1e6:,.0f} MB"
+            split.progress(factor=point.triangles / max(most, 1.0), text=text, translate=False)
+        if fitting is not None:
+            label(column, "The arrow is where the budget holds", "RIGHTARROW")
+
+
+CLASSES = (
+    CROWDLOD_PT_statistics,
+    CROWDLOD_PT_messages,
+    CROWDLOD_PT_agent,
+    CROWDLOD_PT_error_curve,
+)

@@ -4,11 +4,13 @@ import bpy
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.levels.cost_model import DEVELOPERS
+from ...crowd_lod.shot.budget_points import budget_sentence, fitting_point
 from ..blender.machine_costs import calibration_of
 from ..overlay import viewport_overlay
 from ..render_setup import staleness
 from ..render_setup.render_setup import BAKED, baked_of
 from ..render_setup.view_layers import layers_of
+from ..shot.shot_plan import budget_of, possible_budgets
 from ..sources.hand_edits import EDITS
 from . import steps
 from .drawing import active_column, button, label, letters_of, limit, paragraph, table, wide
@@ -78,14 +80,32 @@ class CROWDLOD_PT_budget(Step, bpy.types.Panel):
     bl_parent_id = "CROWDLOD_PT_plan"
 
     def body(self, context, layout, settings) -> None:
-        for name, text in (("budget_triangles", "Triangles"), ("budget_memory", "Memory, MB")):
+        names = {
+            "budget_triangles": "Triangles",
+            "budget_memory": "Memory, MB",
+            "budget_finest": "Agents at LOD 0",
+        }
+        for name, text in names.items():
             value = getattr(settings, name)
             layout.prop(settings, name, text=limit(text, value), translate=False)
+        _possible_budgets(context, layout, settings)
         wide(layout, settings, "plan_blurred")
 
 
+def _possible_budgets(context, layout, settings) -> None:
+    """Draw whether the planned shot can keep the budget, and the button of the curve."""
+    points = possible_budgets(settings)
+    budget = budget_of(settings)
+    if sentence := budget_sentence(points, budget):
+        icon = "CHECKMARK" if fitting_point(points, budget) else "ERROR"
+        paragraph(layout, sentence, icon, letters_of(context))
+    row = layout.row()
+    row.enabled = bool(points)
+    row.popover("CROWDLOD_PT_error_curve", text="Error Against Cost", icon="IPO_LINEAR")
+
+
 class CROWDLOD_PT_exceptions(Step, bpy.types.Panel):
-    bl_label = "Exceptions"
+    bl_label = "Overrides"
     bl_parent_id = "CROWDLOD_PT_plan"
 
     def body(self, context, layout, settings) -> None:
@@ -161,6 +181,7 @@ class CROWDLOD_PT_build(Step, bpy.types.Panel):
             text,
             following=steps.next_operator(context.scene),
         )
+        self.draw_icons()
 
     def body(self, context, layout, settings) -> None:
         changed = staleness.changed(context.scene)

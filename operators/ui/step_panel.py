@@ -29,17 +29,25 @@ class Step(Sidebar):
     def draw_header_preset(self, context) -> None:
         if self.main:
             button(self.layout, *self.main, following=steps.next_operator(context.scene))
-        self.draw_presets()
+        self.draw_icons()
 
-    def draw_presets(self) -> None:
+    def draw_icons(self) -> None:
+        """Draw the icons of the header: the step's presets, and the manual's part on it."""
         if self.step:
             presets_button(self.layout, self.step)
+        if self.bl_parent_id == Step.bl_parent_id:
+            help_button(self.layout, self.bl_label)
 
     def draw(self, context) -> None:
         layout = self.layout
         layout.use_property_split = True
         layout.use_property_decorate = False
         self.body(context, layout, context.scene.crowd_lod)
+
+
+def help_button(layout, part: str) -> None:
+    """Draw the button that shows the manual's part of this heading."""
+    layout.operator("crowd_lod.help", text="", icon="HELP", emboss=False).part = part
 
 
 def presets_button(layout, step: str) -> None:

@@ -114,7 +114,7 @@ def test_the_build_shows_edited_agents_where_they_are_put(built, make, monkeypat
     assert len(at(hidden)) == 0
     assert len(found) == len(frame_at(built, 2).buckets.order)
     built.crowd_lod.exceptions["a"].use = False
-    assert staleness.changed(built) == ["the exceptions"]
+    assert staleness.changed(built) == ["the overrides"]
 
 
 @pytest.mark.parametrize("all_frames", [True, False])
@@ -152,7 +152,7 @@ def test_the_plan_knows_of_edits_and_says_when_they_change(levelled, tmp_path):
     assert frame_at(levelled, 2).planned and not frame_at(levelled, 2).visible[agent]
     assert [each["kind"] for each in told["shot"]["exceptions"]] == ["HIDE"]
     levelled.crowd_lod.exceptions[1].move[1] = 3
-    assert "for the exceptions changed since" in frame_at(levelled, 2).unplanned
+    assert "for the overrides changed since" in frame_at(levelled, 2).unplanned
 
 
 def test_erasing_and_thinning_keep_numbers_of_who_stands_in_the_box(levelled):
@@ -218,7 +218,7 @@ def test_a_volume_holds_whose_middle_is_in_its_mesh(levelled):
     assert gone() == np.flatnonzero(box).tolist()
     levelled.crowd_lod.exceptions[0].chosen_by = "VOLUME"
     with pytest.raises(
-        RuntimeError, match="The region L of the exception Erase L is no closed mesh"
+        RuntimeError, match="The region L of the override Erase L is no closed mesh"
     ):
         bpy.ops.crowd_lod.find_agents()
 
@@ -239,20 +239,20 @@ def test_who_is_nudged_is_found_where_he_walks_without_edits(levelled):
 WRONG = [
     (
         dict(kind="NUDGE", agents="300", move=(1, 0, 0)),
-        "The exception Hero names agent 300: the crowd has 300",
+        "The override Hero names agent 300: the crowd has 300",
     ),
-    (dict(kind="TURN", agents=""), "The exception Hero names no agents"),
+    (dict(kind="TURN", agents=""), "The override Hero names no agents"),
     (
         dict(kind="GROUP", agents="3", group_name="nobody"),
-        "The exception Hero asks for the character group nobody",
+        "The override Hero asks for the character group nobody",
     ),
     (
         dict(kind="HIDE", agents="#7"),
-        "The exception Hero names #7: no agent has that number in its file or object",
+        "The override Hero names #7: no agent has that number in its file or object",
     ),
     (
         dict(kind="NUDGE", chosen_by="REGION"),
-        "The exception Hero does not know its agents yet: press Find Agents",
+        "The override Hero does not know its agents yet: press Find Agents",
     ),
     (
         dict(kind="NUDGE", agents="1", move=(float("nan"), 0, 0)),
@@ -260,7 +260,7 @@ WRONG = [
     ),
     (
         dict(kind="ALWAYS", agents="1", level=3),
-        "The exception Hero asks for LOD 3: the crowd has LODs 0 to 2",
+        "The override Hero asks for LOD 3: the crowd has LODs 0 to 2",
     ),
 ]
 

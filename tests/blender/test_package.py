@@ -20,7 +20,7 @@ def test_the_zip_holds_the_extension_and_nothing_else(tmp_path):
     tree = shutil.copytree(
         ROOT,
         tmp_path / "tree",
-        ignore=shutil.ignore_patterns(".*", "dist", "wheels", "benchmarks", "docs"),
+        ignore=shutil.ignore_patterns(".*", "dist", "wheels", "benchmarks"),
     )
     manifest = tree / "blender_manifest.toml"
     lines = manifest.read_text(encoding="utf-8").splitlines(keepends=True)
@@ -31,7 +31,7 @@ def test_the_zip_holds_the_extension_and_nothing_else(tmp_path):
         ".git/HEAD",
         "dist/old.zip",
         "benchmarks/a.py",
-        "docs/a.md",
+        "docs/a.py",
         "plaza_preview/0001.png",
         "a.blend",
         "operators/b.blend",
@@ -47,7 +47,7 @@ def test_the_zip_holds_the_extension_and_nothing_else(tmp_path):
     ):
         subprocess.run([sys.executable, bundled_tool(), *arguments], check=True)
     names = {Path(name) for name in zipfile.ZipFile(archive).namelist()}
-    folders = "crowd_lod", "operators", "sample_scenes", "shaders"
+    folders = "crowd_lod", "docs", "operators", "sample_scenes", "shaders"
     files = "__init__.py", "blender_manifest.toml", "LICENSE", "README.md"
     assert {name.parts[0] for name in names} <= {*folders, *files}
     assert not [name for name in names if name.suffix in (".blend", ".pyc")]
@@ -57,7 +57,9 @@ def test_the_zip_holds_the_extension_and_nothing_else(tmp_path):
         for suffix in ("py", "glsl", "json")
         for file in (ROOT / folder).rglob(f"*.{suffix}")
     }
-    assert code <= names
+    pages = {file.relative_to(ROOT) for file in (ROOT / "docs").rglob("*.md")}
+    assert code - {Path("docs") / file.name for file in (ROOT / "docs").glob("*.py")} <= names
+    assert pages <= names
 
 
 WHEEL = "thing-1.0-py3-none-any.whl"

@@ -71,7 +71,7 @@ def test_explain_tells_every_test_and_the_plans_choice(planned, tmp_path, capfd)
             and told["account"]["level"] == frame.levels[agent]
         )
         assert told["account"]["planned"] == (
-            "hidden by an exception" if agent == gone else f"LOD {row[agent]}"
+            "hidden by an override" if agent == gone else f"LOD {row[agent]}"
         )
         assert told["place"] == pytest.approx(
             [frame.crowd.x[agent], frame.crowd.y[agent], frame.crowd.z[agent]]
@@ -119,7 +119,7 @@ def test_compare_sets_two_plans_side_by_side(planned, tmp_path, capfd):
     capfd.readouterr()
     assert run("compare", tmp_path / "plan", tmp_path / "other", "--json") == 0
     told = json.loads(capfd.readouterr().out)
-    assert told["made_for_differs"] == ["the exceptions", "the camera"]
+    assert told["made_for_differs"] == ["the overrides", "the camera"]
     assert (told["only_in_a"], told["only_in_b"]) == ([1], [7, 8])
     shots = [
         json.loads((tmp_path / name / "plan.json").read_text())["shot"]["plan"]

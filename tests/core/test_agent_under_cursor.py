@@ -145,16 +145,16 @@ def test_an_account_tells_what_the_shot_plan_has_of_the_agent():
     assert frame.planned and {each.planned for each in accounts()[0]} == {""}
     assert [each.planned for each in found] == [
         "LOD 1, by an "
-        "exception", "LOD 0", "hidden by an "
-                              "exception", "LOD 1", "LOD 2, by an "
-                                                    "exception", "hidden by an exception", "LOD 1"
+        "override", "LOD 0", "hidden by an "
+                              "override", "LOD 1", "LOD 2, by an "
+                                                    "override", "hidden by an override", "LOD 1"
     ]  # fmt: skip
     assert [each.level for each in found[:2]] == [1, 0] and [
         each.visible for each in found[:4]
     ] == [True, True, False, True]
     assert [each.reason for each in found] == [
-        "exception", "near enough", "exception", "shot plan", "outside the "
-                                                              "frustum", "exception", "clipped beyond the far plane"
+        "override", "near enough", "override", "shot plan", "outside the "
+                                                              "frustum", "override", "clipped beyond the far plane"
     ]  # fmt: skip
 
 

@@ -12,6 +12,11 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.levels.cost_model import default_costs
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot.budget import Budget, decide_within, relaxed
+from crowd_lod_extension.crowd_lod.shot.budget_points import (
+    budget_sentence,
+    find_points,
+    fitting_point,
+)
 from crowd_lod_extension.crowd_lod.shot.shot import decide, objective
 from crowd_lod_extension.crowd_lod.shot.shot_cost import Meshes, Shot, bill
 from crowd_lod_extension.crowd_lod.shot.survey import SEEN, at_tolerance, empty
@@ -279,3 +284,23 @@ def test_plan_within_a_budget_is_the_same_on_every_python():
 def test_crowd_of_nobody_fits():
     plan = finished(decide_within(some_shot(0, agents=0), Budget(triangles=1)))
     assert plan.levels.shape == (5, 0) and plan.tolerance == 0
+
+
+def test_points_of_error_against_cost_end_at_the_least_that_is_possible():
+    shot = plaza(100, 10)
+    points = finished(find_points(shot, 1.0))
+    assert [*points] == sorted(points, key=lambda point: point.pixels)
+    assert [*points] == sorted(points, key=lambda point: -point.triangles)
+    least = points[-1]
+    for name, words in (("triangles", "Triangles from"), ("finest", ""), ("memory", "Memory from")):
+        value = getattr(least, name)
+        possible = Budget(**{name: value})
+        finished(decide_within(shot, possible))
+        assert fitting_point(points, possible), name
+        assert budget_sentence(points, possible).startswith("Possible with LODs"), name
+        if value:
+            impossible = Budget(**{name: 0.99 * value})
+            with pytest.raises(CrowdError, match=r"impossible.*raise Tolerance"):
+                finished(decide_within(shot, impossible))
+            assert words in budget_sentence(points, impossible), name
+    assert budget_sentence(points, Budget()) == budget_sentence((), Budget(triangles=1)) == ""

@@ -15,6 +15,7 @@ from crowd_lod_extension.crowd_lod.levels.cost_model import (
     MEMORY,
     SECONDS,
     Actors,
+    Holdings,
     Price,
     Work,
     default_costs,
@@ -72,8 +73,18 @@ def test_work_is_what_one_counts(known):
     shown = random.poisson(0.4, (4, 3, 5))
     shown[:, 0, 3:] = 0
     moved_as = np.array([0, 1, 1, 3, 4])  # character 2 by the rig of 1
+    holdings = Holdings(
+        rigs=np.array([1, 0]),
+        bones=np.array([20, 0]),
+        keys=np.array([500, 0]),
+        other_keys=60,
+        stored=np.array([900, 80]),
+        meshes=np.array([9000, 1000]),
+        triangle=np.array([10, 12.5]),
+        materials=np.array([4, 1]),
+    )
     work = work_of(
-        Actors(triangles, owner, np.array([1, 0]), 77.0, finest, moved_as),
+        Actors(triangles, owner, holdings, np.array([77, 5]), finest, moved_as),
         shown,
         np.arange(4),
         known,
@@ -86,7 +97,13 @@ def test_work_is_what_one_counts(known):
     ]
     assert work.posed == sum(triangles[owner[n], k] for k, n in held)
     assert work.rigs == len({moved_as[n] for _, n in held if owner[n] == 0})
-    alone = work_of(Actors(triangles, owner, np.array([1, 0])), shown, 0.0, known)
+    assert work.bones == 20 * work.rigs
+    assert (work.keys, work.other_keys, work.materials) == (500, 120, 5)
+    # group 1 has no rigs: each of its poses is a mesh of its own
+    copied = sum(triangles[1, k] for k, n in held if owner[n] == 1)
+    assert work.stored == 980 + 77 + 5 + copied
+    assert work.meshes == pytest.approx(10_000 + 770 + 12.5 * (5 + copied))
+    alone = work_of(Actors(triangles, owner, holdings), shown, 0.0, known)
     assert alone.rigs == len(
         {n for _, n in (held if known else np.argwhere(shown[0] >= 0)) if owner[n] == 0}
     )
@@ -95,7 +112,7 @@ def test_work_is_what_one_counts(known):
         assert work.instances[f] == len(agents)
         assert work.instanced[f] == sum(triangles[owner[n], k] for k, n in agents)
         assert work.unique[f] == sum(triangles[owner[n], k] for k, n in set(agents))
-    assert (work.stored, work.points) == (77.0, shown.sum() if known else 0)
+    assert work.points == (shown.sum() if known else 0)
 
 
 def test_a_price_is_that_of_the_dearest_frame_and_of_the_mean_one():
@@ -104,7 +121,9 @@ def test_a_price_is_that_of_the_dearest_frame_and_of_the_mean_one():
         unique=np.array([10.0, 1000.0]),
         instances=np.array([500.0, 1.0]),
         rigs=2.0,
+        bones=40.0,
         images=1e6,
+        keys=7000.0,
         stored=50.0,
         points=9.0,
     )
@@ -113,14 +132,15 @@ def test_a_price_is_that_of_the_dearest_frame_and_of_the_mean_one():
         MEMORY["CYCLES"]["unique"] * u + MEMORY["CYCLES"]["instances"] * i
         for u, i in ((10, 500), (1000, 1))
     ]
-    always = {"posed": 100, "rigs": 2, "images": 1e6}
+    always = {"posed": 100, "bones": 40, "images": 1e6, "keys": 7000}
     assert own.memory == pytest.approx(
         max(memory) + sum(MEMORY["CYCLES"][name] * count for name, count in always.items())
     )
     seconds = SECONDS["CYCLES"]
-    mean = {**always, "unique": 505, "instances": 250.5}
+    mean = {"posed": 100, "rigs": 2, "images": 1e6, "unique": 505, "instances": 250.5}
     assert own.seconds == pytest.approx(sum(seconds[name] * count for name, count in mean.items()))
-    assert own.file == pytest.approx(50 * FILE["stored"] + 2 * FILE["rigs"] + 9 * FILE["points"])
+    stored = {"stored": 50, "rigs": 2, "points": 9, "keys": 7000, "crowd": 1}
+    assert own.file == pytest.approx(sum(FILE[name] * count for name, count in stored.items()))
     assert Price(2.0, 0.0, 3.0).share(Price(4.0, 0.0, 1.5)) == Price(0.5, 1.0, 2.0)
     with pytest.raises(
         CrowdError, match="no costs of the engine WORKBENCH: choose one of CYCLES, EEVEE"
@@ -160,7 +180,7 @@ def counted(group, lods, tolerance, shot):
     triangles = np.array([[group.triangles[k] for k in lods]])
     owner = np.zeros(shot.characters, int)
     stored = sum(group.triangles[k] for k in lods if k)
-    return price(work_of(Actors(triangles, owner, np.ones(1), stored), shown), shot.costs)
+    return price(work_of(Actors(triangles, owner, stored=stored), shown), shot.costs)
 
 
 @pytest.mark.once

@@ -17,7 +17,7 @@ from crowd_lod_extension.crowd_lod.culling.volumes import Light
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.frame.reasons import ABSENT, reasons
 from crowd_lod_extension.crowd_lod.frame.shadows import Surroundings, surround
-from crowd_lod_extension.crowd_lod.shot.exceptions import named, parse_agents
+from crowd_lod_extension.crowd_lod.shot.exceptions import agents_text, parse_agents
 from crowd_lod_extension.crowd_lod.sources.edited import Edit, Edited
 from crowd_lod_extension.crowd_lod.sources.several import Several
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
@@ -169,7 +169,7 @@ def test_agents_of_a_file_are_edited_by_their_ids_while_they_are_there(monkeypat
     agents = np.sort(random.choice(300, 90, replace=False))
     edits = [
         Edit(
-            parse_agents(named(agents[:30], own.ids), 300, "a", own.ids),
+            parse_agents(agents_text(agents[:30], own.ids), 300, "a", own.ids),
             move=(12.0, -7.0, 0.0),
             group=1,
         ),
@@ -266,11 +266,11 @@ def test_a_plan_made_before_is_told_of_any_other_edit():
     own = shot(walking(), groups=GROUPS, count=50)
     kinds = [dict(move=(1.0, 0, 0)), dict(turn=1.0), dict(group=2), dict(hide=True)]
     told = {
-        Edited(own, [Edit(some(a), **each)]).digests()["the exceptions"]
+        Edited(own, [Edit(some(a), **each)]).digests()["the overrides"]
         for each in kinds
         for a in (3, 4)
     }
-    assert len(told) == 8 and "the exceptions" not in own.digests()
+    assert len(told) == 8 and "the overrides" not in own.digests()
 
 
 def test_numbers_of_a_file_are_known_of_several_crowds_too():

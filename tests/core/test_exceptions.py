@@ -54,8 +54,7 @@ def test_agents_of_a_file_are_found_by_its_numbers():
     for text, own in (("#8", ids), ("#7", None)):
         with pytest.raises(
             CrowdError,
-            match=f"The exception Hero names {text}: no agent has that number in its file or "
-            f"object",
+            match=f"The override Hero names {text}: no agent has that number in its file or object",
         ):
             parse_agents(text, 6, "Hero", own)
 
@@ -86,7 +85,7 @@ def test_agents_that_are_named_are_found_again_when_the_file_grows(agents, rando
     ],
 )
 def test_agents_that_cannot_be_read_are_named_with_their_exception(text, says):
-    with pytest.raises(CrowdError, match="^The exception Hero ") as told:
+    with pytest.raises(CrowdError, match="^The override Hero ") as told:
         parse_agents(text, 100, "Hero")
     assert says in str(told.value)
 
@@ -98,7 +97,7 @@ def test_lods_that_an_agent_does_not_have_are_refused():
     check_level(rule("HIDE", 7, [0, 1]), 3, (2, 2), group, names)
     check_level(rule("NEVER_COARSER", 0, [0]), 3, (0, 1), group, names)
     with pytest.raises(
-        CrowdError, match="The exception Hero asks for LOD 3: the crowd has LODs 0 to 2"
+        CrowdError, match="The override Hero asks for LOD 3: the crowd has LODs 0 to 2"
     ):
         check_level(rule("ALWAYS", 3, [0]), 3, (), group, names)
     with pytest.raises(

@@ -118,11 +118,10 @@ def test_detail_map_and_shot_plan_are_told():
     assert (
         pinned.by_distance == 2
         and pinned.account.level == 0
-        and pinned.account.reason == "exception"
+        and pinned.account.reason == "override"
     )
     assert (
-        "The shot plan: LOD 0, by an exception." in pinned.text
-        and "The shot plan" not in found.text
+        "The shot plan: LOD 0, by an override." in pinned.text and "The shot plan" not in found.text
     )
     (marked,) = (line for line in pinned.text.splitlines() if "*" in line)
     assert marked.startswith("0*")

@@ -205,6 +205,35 @@ def test_meetings_are_counted_by_frames(shot):
     assert len(meetings.pair) < meetings.frames.sum()
 
 
+def test_near_agents_take_few_classes_of_their_palettes():
+    meetings = ring_of(30)
+    none = np.zeros(30, np.uint8)
+    near = np.arange(30) < 15
+    start = Phases(none, np.array([8], np.uint8), none)
+    shift = coloring.color(meetings, start, near=near).shift
+    assert len(np.unique(shift[near])) <= coloring.FEWEST
+    assert set(shift[~near]) <= set(palette(8))
+
+
+def test_near_agents_share_few_classes_where_variety_allows():
+    """So few classes show fine LODs, while all agents together have more."""
+    trajectory, survey = plaza_shot(6000, range(1, 10))
+    plan = plan_phases(survey, strides_of(trajectory.groups, trajectory.gaits), 1.0)
+    again = recast(survey, plan.phases)
+    block = survey.roles.block[again.character]
+    near = (again.seen & (survey.coarsest <= coloring.NEAR[-1])).any(axis=0)
+    near &= plan.phases.finer == 0
+    counts = [
+        [
+            len(np.unique(again.character[:, agents][(again.seen & (block == b))[:, agents]]))
+            for b in np.flatnonzero(plan.phases.counts > coloring.FEWEST)
+        ]
+        for agents in (near, ~near)
+    ]
+    assert max(counts[0]) <= coloring.FEWEST < min(counts[1])
+    assert plan.in_step <= coloring.VARIETY
+
+
 def test_given_phases_stay(shot):
     trajectory, survey = shot
     given = np.arange(len(survey.group)) % 2 == 0

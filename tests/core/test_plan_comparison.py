@@ -81,7 +81,7 @@ def test_a_plan_is_like_itself_and_a_file_is_as_good_as_its_folder(tmp_path):
 def test_what_plans_were_made_for_is_told_where_it_differs(tmp_path):
     a, b = (planned(tmp_path / name, [row(1, 1), row(2, 1)]) for name in "ab")
     content = json.loads((b / "plan.json").read_text())
-    content["made_for"] |= {"the map": "other", "the exceptions": "new"}
+    content["made_for"] |= {"the map": "other", "the overrides": "new"}
     content["shot"] |= {"engine": "EEVEE", "tolerance": 2.0}
     write(b, content)
     cameras = np.zeros((2, 1, 21))
@@ -99,7 +99,7 @@ def test_what_plans_were_made_for_is_told_where_it_differs(tmp_path):
         plan_file.write(stored.path, stored, np.zeros((2, 3), np.uint8))
     assert compare(a, b).differs == (
         "the map",
-        "the exceptions",
+        "the overrides",
         "the engine",
         "the tolerance",
         "the camera",

@@ -27,7 +27,7 @@ def test_the_panel_says_whether_the_plan_holds_in_the_frame_that_is_shown(tmp_pa
         assert shot_panels.describe_hold(scene) == ("Frame 2 is as planned", "CHECKMARK")
         assert not frame.visible[settings.agent] and seen[settings.agent]
         said = dict(describe(viewport_overlay.account_of(scene)))
-        assert said["Shot plan"] == "hidden by an exception" and said["Culled"] == "exception"
+        assert said["Shot plan"] == "hidden by an override" and said["Culled"] == "override"
         # what the user changes shows at the next redraw
         entry.kind = "ALWAYS"
         entry.level = 0
@@ -35,7 +35,7 @@ def test_the_panel_says_whether_the_plan_holds_in_the_frame_that_is_shown(tmp_pa
         assert shot_panels.describe_hold(scene) == ("Does not hold: see above", "ERROR")
         said = [sentence for sentence, _ in steps.messages(scene)]
         assert any(
-            each.startswith("The shot plan is not used, for the exceptions changed since")
+            each.startswith("The shot plan is not used, for the overrides changed since")
             for each in said
         )
         assert "Shot plan" not in dict(describe(viewport_overlay.account_of(scene)))

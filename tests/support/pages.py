@@ -2,7 +2,7 @@
 
 from html.parser import HTMLParser
 
-VOID = {"meta", "img"}
+VOID = {"br", "img", "meta"}
 
 
 class Reader(HTMLParser):

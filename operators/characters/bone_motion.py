@@ -1,14 +1,21 @@
 """The motion of a character's bones and objects, recorded from the character as it plays."""
 
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field
 
 import bpy
 import numpy as np
 
+from ...crowd_lod.progress import finished
 from ..blender.animation import armatures_of
 from ..blender.performance import Performance
-from ..characters.rig_needs import deforming
+from .rig_needs import deforming
+
+# of the character's diagonal: how far what rigs show should be from what the character is
+NEAR = 1e-4
+MOST_KEYS = 4096  # of a curve, or twice as many as an action has frames, if those are more
+LOOKS = 8  # at an action, evenly, for how many keys it needs
+MOST_GUESSED = 8  # keys a frame: what jumps in a few frames has no more on the whole
 
 
 @dataclass
@@ -26,6 +33,12 @@ class Bones:
     lengths: list[float] = field(default_factory=list)
     moves: list[np.ndarray] = field(default_factory=list)
     back: np.ndarray | None = None
+
+    @property
+    def heads(self) -> np.ndarray:
+        """(times, bones, 3) float64 meters, where the heads of the bones are."""
+        rest = np.array(list(self.rest.values()))
+        return np.einsum("kbij,bj->kbi", np.array(self.moves), rest[:, :, 3])[..., :3]
 
 
 def record(
@@ -107,3 +120,29 @@ def split_scale(matrix: np.ndarray) -> tuple[np.ndarray, float]:
     plain[:3, :3] = turned
     plain[:3, 3] = matrix[:3, 3]
     return plain, float(scales.mean())
+
+
+def guess_keys(objects: Sequence[bpy.types.Object], act: Performance, diagonal: float) -> float:
+    """Return how many keys a frame the rigs' action for `act` has, by a few looks at its bones.
+
+    objects: of the character. act: of one part. diagonal: of the character, meters.
+    """
+    ((first, last),) = act.spans
+    frames = max(last - first, 1.0)
+    begins = first + np.floor(np.linspace(0, frames - 1, LOOKS))
+    times = np.minimum(begins[:, None] + (0.0, 0.5, 1.0), last).ravel()
+    bones, places = finished(record({item: item for item in objects}, times, act))
+    # heads lie within the character; tails of leaves may be anywhere
+    ways = [motion.heads for motion in bones.values() if motion.rest]
+    for item, matrices in places.items():
+        corners = np.column_stack([np.array(item.bound_box), np.ones(8)])
+        ways.append((matrices @ corners.T).transpose(0, 2, 1)[..., :3])
+    off = np.zeros(LOOKS)
+    for way in ways:
+        begin, middle, end = way.reshape(LOOKS, 3, -1, 3).swapaxes(0, 1)
+        chords = np.linalg.norm(middle - (begin + end) / 2, axis=-1)
+        off = np.maximum(off, chords.max(axis=1, initial=0.0) / diagonal)
+    # intervals are halved until straight lines are near; halves are off by a quarter
+    halvings = np.ceil(np.log2(np.maximum(off / NEAR, 1.0)) / 2)
+    many = np.minimum(2**halvings, MOST_GUESSED).mean()
+    return float(min(many, max(MOST_KEYS / frames, 2.0)))
