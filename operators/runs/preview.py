@@ -318,13 +318,8 @@ class _Run:
 def _caption(frame: Frame) -> str:
     visible = int(frame.visible.sum())
     errors = errors_of(frame)
-    worst = (
-        "" if errors is None else f", off by {number(float(errors.max(initial=0.0)))} px at most"
-    )
-    return (
-        f"{visible:,} of {counted(frame.crowd.there, 'agent')} in sight, "
-        f"{frame.triangles:,} triangles{worst}"
-    )
+    worst = "" if errors is None else f", {number(float(errors.max(initial=0.0)))} px off"
+    return f"{visible:,} of {frame.crowd.there:,} in sight, {frame.triangles:,} triangles{worst}"
 
 
 def verdict_in(plan: dict[str, Any]) -> str:
