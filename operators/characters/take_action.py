@@ -66,9 +66,56 @@ def motionless(scene: bpy.types.Scene) -> dict[str, bpy.types.Object]:
 
 def gliding(scene: bpy.types.Scene) -> dict[str, bpy.types.Object]:
     """Return those of `motionless` whose agents walk by an animation of their own, and the rig."""
+    return motionless(scene) if _somebody_walks(scene) else {}
+
+
+def _somebody_walks(scene: bpy.types.Scene) -> bool:
     crowds = (scene.crowd_lod, *scene.crowd_lod.crowds)
-    walks = any(crowd.source != "MACHINE" or _walks(crowd) for crowd in crowds if crowd.use_crowd)
-    return motionless(scene) if walks else {}
+    return any(crowd.source != "MACHINE" or _walks(crowd) for crowd in crowds if crowd.use_crowd)
+
+
+def nodding(scene: bpy.types.Scene) -> dict[str, tuple[bpy.types.Object, Fit]]:
+    """Return the groups of `scene` that play another of their file's actions than its walk.
+
+    With each its rig, and how the walk fits it.
+    """
+    walks = {}
+    for name, objects, _, variant_of, *_ in all_characters(scene):
+        for rig in armatures_of(objects)[:1]:
+            if not variant_of and (fit := walk_of(rig)) is not None:
+                walks[name] = rig, fit
+    return walks
+
+
+def walk_of(rig: bpy.types.Object) -> Fit | None:
+    """Return the walk among the rig's own actions, if the rig plays another of them; else None.
+
+    Its own are those that an importer kept with it: in muted NLA tracks, or called after the rig.
+    """
+    data = rig.animation_data
+    if data is None or data.action is None or WALKS.search(data.action.name):
+        return None
+    muted = [strip.action for track in data.nla_tracks if track.mute for strip in track.strips]
+    called = [action for action in bpy.data.actions if action.name.startswith(f"{rig.name}|")]
+    own_actions = {*filter(None, muted), *called}
+    if data.action not in own_actions:
+        return None
+    walks = [action for action in own_actions if WALKS.search(action.name)]
+    walks.sort(key=lambda action: (len(action.name), action.name.casefold()))
+    return next((fit for action in walks if (fit := fit_of(rig, action, [])) is not None), None)
+
+
+def take_walks(items: Sequence[bpy.types.Object]) -> Iterator[str]:
+    """Let the rigs among the items play the walk of their file; yield a sentence on each."""
+    for rig in armatures_of(items):
+        fit = walk_of(rig)
+        if fit is not None:
+            before = rig.animation_data.action.name
+            action = take(rig, fit)
+            yield (
+                f"{rig.name} plays {action.name} of its file's actions, by whose name it walks, "
+                f"in place of {before}."
+            )
 
 
 def _walks(crowd: bpy.types.PropertyGroup) -> bool:
@@ -78,6 +125,12 @@ def _walks(crowd: bpy.types.PropertyGroup) -> bool:
 
 def notes_on_gliding(scene: bpy.types.Scene) -> Iterator[str]:
     """Yield a sentence on characters that glide in their bind pose, with the way out."""
+    walks = nodding(scene) if _somebody_walks(scene) else {}
+    for name, (rig, fit) in walks.items():
+        yield (
+            f"{name} walks by the action {rig.animation_data.action.name}, and its file has "
+            f"{fit.action.name}: press {TAKE_ACTION}, which takes that."
+        )
     rigs_at_rest = gliding(scene)
     if not rigs_at_rest:
         return
@@ -99,7 +152,7 @@ def action_outdated(scene: bpy.types.Scene) -> list[str]:
     told_before = TAKE_ACTION in scene.crowd_lod.trouble
     return (
         ["The characters have an action now: press Populate."]
-        if told_before and not gliding(scene)
+        if told_before and not gliding(scene) and not nodding(scene)
         else []
     )
 
@@ -289,7 +342,7 @@ class CROWDLOD_OT_take_action(Reporting, bpy.types.Operator):
 
     def run(self, context) -> str:
         scene = context.scene
-        rigs = motionless(scene)
+        rigs = motionless(scene) | {name: rig for name, (rig, _) in nodding(scene).items()}
         if self.group and self.group not in rigs:
             raise CrowdError(
                 f"The character group {self.group} has an action, or no rig: there is nothing to "
@@ -298,7 +351,10 @@ class CROWDLOD_OT_take_action(Reporting, bpy.types.Operator):
         rigs_to_move = {self.group: rigs[self.group]} if self.group else rigs
         if not rigs_to_move:
             raise CrowdError("All characters with a rig have an action.")
-        fits = {name: _chosen(rig, name, self.action) for name, rig in rigs_to_move.items()}
+        fits = {
+            name: (not self.action and walk_of(rig)) or _chosen(rig, name, self.action)
+            for name, rig in rigs_to_move.items()
+        }
         plays = [f"{name} plays {take(rigs_to_move[name], fit).name}" for name, fit in fits.items()]
         return f"{', '.join(plays)} now: press Populate."
 

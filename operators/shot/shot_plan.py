@@ -108,8 +108,8 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
     """
     if not 0 <= request.avoid < 1e6:
         raise CrowdError(
-            f"Extra Cost for Fewer Pops is {request.avoid:g}; give the part of the cost that it may "
-            f"add, such as 0.05."
+            f"Extra Cost for Fewer Pops is {request.avoid:g}; give the part of the cost that it "
+            f"may add, such as 0.05."
         )
     check_recorded(scene, "Plan Shot")
     provenance.look_afresh()

@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.operators.characters.stored_groups import groups_of
+from crowd_lod_extension.operators.characters.take_action import take_walks
 from crowd_lod_extension.operators.sources.crowd_sources import outdated
 
 from ..support.characters import character, new, rig, skin, tube
@@ -125,3 +126,38 @@ def test_motion_that_came_as_empties_is_told_with_the_way_out(skinned):
         empty.keyframe_insert("rotation_quaternion", frame=1)
     with pytest.raises(RuntimeError, match="Empties called as the bones of someone play its"):
         bpy.ops.crowd_lod.take_action()
+
+
+def stash(armature, name):
+    """Give the rig another action of its file, as glTF's importer does: in a muted track."""
+    action = armature.animation_data.action.copy()
+    action.name = name
+    track = armature.animation_data.nla_tracks.new()
+    track.mute = True
+    track.strips.new(name, 1, action)
+    return action
+
+
+def test_of_several_actions_of_a_file_the_walk_is_taken_and_that_is_said():
+    armature, _ = bent("skin")
+    item = new("body", tube("body", 8, 4))
+    skin(item, armature)
+    for name in ("agree", "walk back", "walk"):
+        stash(armature, name)
+    armature.animation_data.action = bpy.data.actions["agree"]
+    settings = bpy.context.scene.crowd_lod
+    settings.characters = character(item)
+    settings.count = 2
+    bpy.ops.crowd_lod.populate()
+    assert "walks by the action agree, and its file has walk: press Take" in settings.trouble
+    assert bpy.ops.crowd_lod.take_action() == {"FINISHED"}
+    assert armature.animation_data.action == bpy.data.actions["walk"]
+    bpy.ops.crowd_lod.populate()
+    assert "agree" not in settings.trouble
+    armature.animation_data.action = bpy.data.actions["agree"]
+    assert [*take_walks([item])] == [
+        "skin plays walk of its file's actions, by whose name it walks, in place of agree."
+    ]
+    armature.animation_data.action = bpy.data.actions["skin walk"].copy()
+    armature.animation_data.action.name = "dance of its own"
+    assert [*take_walks([item])] == []
