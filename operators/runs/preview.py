@@ -362,11 +362,12 @@ class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
             color=color_of(settings),
         )
         plan = yield from preview(context.scene, task, ["sidebar"])
-        note_output(context.scene, "preview")
         sentence = (
             f"{counted(len(task.frames), 'frame is', 'frames are')} in {place_of(task.folder)}."
         )
-        sentence = f"{verdict_in(plan)} {sentence}".lstrip()
+        found = verdict_in(plan)
+        note_output(context.scene, "preview", found or sentence)
+        sentence = f"{found} {sentence}".lstrip()
         return f"{sentence} {LEFT_OUT}" if leaves_out(context.scene) else sentence
 
 
