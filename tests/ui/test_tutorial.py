@@ -46,9 +46,5 @@ def test_each_step_ends_with_what_the_page_says(seen):
     assert seen["verified"]
 
 
-def test_the_view_turns_while_plan_shot_is_at_work(seen):
-    assert seen["turned"] and seen["at work"] == ["CROWD_LOD_OT_plan_shot"]
-
-
 def test_the_console_holds_no_error(seen):
     assert seen["exit"] == 0 and "Traceback" not in seen["console"]

@@ -42,7 +42,7 @@ def session():
         steps = sys.modules[f"{robot.MODULE}.operators.ui.steps"]
         results["pressed"].append(steps.label_of(steps.next_operator(scene())))
         print(f"--- {name}", flush=True)
-        yield from click(*blue_button(seen), turned=name == "5_plan")
+        yield from click(*blue_button(seen))
         seen = yield from picture(name)
         results["after"][name] = made()
     results["verified"] = json.loads(
@@ -97,32 +97,14 @@ def made():
     }
 
 
-def click(x: int, y: int, turned: bool = False):
-    """Click there, and wait until the button's work is done.
-
-    turned: the view is turned meanwhile, and back.
-    """
+def click(x: int, y: int):
+    """Click there, and wait until the button's work is done."""
     robot.window().event_simulate(type="MOUSEMOVE", value="NOTHING", x=x, y=y)
     yield 0.3
     for value in ("PRESS", "RELEASE"):
         robot.window().event_simulate(type="LEFTMOUSE", value=value, x=x, y=y)
     yield 0.5
-    if turned:
-        yield from turn_while_at_work()
     yield from robot.until(lambda: not robot.window().modal_operators, robot.PATIENCE)
-
-
-def turn_while_at_work():
-    """Turn the view by keys until it has turned, or the work is done, and look through the camera
-    again.
-    """
-    view = robot.view_3d().spaces[0].region_3d
-    while robot.window().modal_operators and not results.get("turned"):
-        robot.key("NUMPAD_4")
-        yield 0.1
-        results["turned"] = view.view_perspective != "CAMERA"
-        results["at work"] = [each.bl_idname for each in robot.window().modal_operators]
-    view.view_perspective = "CAMERA"
 
 
 def blue_button(seen: np.ndarray) -> tuple[int, int]:
