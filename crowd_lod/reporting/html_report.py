@@ -75,7 +75,7 @@ def parts_of(plan: dict, above: str = "contact_sheet.png") -> list[str]:
         cards(_figures(rows, len(tints))),
         f"<p>{escape(plan['trouble_says'])}</p>" if plan["trouble_says"] else "",
         f'<section><a href="{quote(above)}"><img src="{quote(above)}" alt="All frames, tinted by '
-        f'LOD and from above"></a></section>',
+        f'LOD and from above"></a><p>{_legend(tints)}</p></section>',
         "<h2>Levels of detail</h2>",
         f"<p>Deviation is the largest distance between the surfaces of LOD and character, both "
         f"ways, over the action: "
@@ -147,6 +147,15 @@ def cards(figures: Sequence[tuple[str, str]]) -> str:
         )
         + "</div>"
     )
+
+
+def _legend(tints: Sequence[str]) -> str:
+    """Return the colors of the LODs, as HTML."""
+    dots = (
+        f'<span class="dot" style="background:{tint}"></span>LOD {k}'
+        for k, tint in enumerate(tints)
+    )
+    return "Where pictures are tinted by LOD: " + " &ensp; ".join(dots)
 
 
 def _rule(levels: dict) -> str:

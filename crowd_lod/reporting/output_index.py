@@ -23,6 +23,7 @@ class Entry:
     title: of the step.
     made: when, as text.
     file, scene: for which .blend file ("" if it was not saved) and scene.
+    verdict: what the step found, in a line.
     """
 
     part: str
@@ -30,6 +31,10 @@ class Entry:
     made: str
     file: str
     scene: str
+    verdict: str = ""
+
+
+PICTURES = "contact_sheet.png", "worst.png"  # of a step's folder, for the page
 
 
 def add_to_index(folder: Path, entry: Entry) -> None:
@@ -69,7 +74,6 @@ def index_page(folder: Path, entries: Sequence[Entry]) -> str:
             _links(folder, entry.part),
         ]
         for entry in entries
-        if (folder / entry.part).is_dir()
     ]
     title = escape(folder.name)
     style = STYLE + "th, td { text-align: left } td:last-child { white-space: normal }\n"
@@ -78,13 +82,35 @@ def index_page(folder: Path, entries: Sequence[Entry]) -> str:
         style,
         [
             f"<h1>{title}</h1><p>What Crowd LOD has made, the newest first.</p>",
+            *(_section(folder, entry) for entry in entries),
+            "<h2>Files</h2>",
             table_of(head, rows),
         ],
     )
 
 
+def _section(folder: Path, entry: Entry) -> str:
+    """Return what a step found, its picture, and a link to its report."""
+    report = f"{quote(entry.part)}/report.html"
+    title = escape(entry.title)
+    if (folder / entry.part / "report.html").is_file():
+        title = f'<a href="{report}">{title}</a>'
+    images = [
+        f'<a href="{quote(entry.part)}/{name}"><img src="{quote(entry.part)}/{name}" '
+        f'alt="{escape(entry.title)}"></a>'
+        for name in PICTURES
+        if (folder / entry.part / name).is_file()
+    ]
+    return (
+        f'<section><h3>{title}</h3><p class="verdict">{escape(entry.verdict)}</p>'
+        f"<p>{escape(entry.made)}</p>{''.join(images)}</section>"
+    )
+
+
 def _links(folder: Path, part: str) -> str:
     """Return links to a step's report, and to the other files that are no pictures of frames."""
+    if not (folder / part).is_dir():
+        return "in the .blend file" if part == "bake" else "removed"
     names = sorted(
         path.name
         for path in (folder / part).iterdir()
@@ -94,7 +120,7 @@ def _links(folder: Path, part: str) -> str:
     other_names = [
         name
         for name in names
-        if name not in first and (not name.endswith(".png") or name == "contact_sheet.png")
+        if name not in first and (not name.endswith(".png") or name in PICTURES)
     ]
     links = [
         f'<a href="{quote(part)}/{quote(name)}">{escape(name)}</a>' for name in first + other_names

@@ -59,7 +59,12 @@ def _section(title: str, before: np.ndarray, after: np.ndarray) -> str:
 
 
 def data_uri(picture: np.ndarray) -> str:
-    """Return a picture as a PNG inside its own address.
+    """Return a picture as a PNG inside its own address; see `png_of`."""
+    return "data:image/png;base64," + base64.b64encode(png_of(picture)).decode()
+
+
+def png_of(picture: np.ndarray) -> bytes:
+    """Return a picture as a PNG.
 
     picture: (rows, columns, 3) float64 in [0, 1], bottom row first.
     """
@@ -75,4 +80,4 @@ def data_uri(picture: np.ndarray) -> str:
         struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
         for kind, data in parts
     )
-    return "data:image/png;base64," + base64.b64encode(b"\x89PNG\r\n\x1a\n" + chunks).decode()
+    return b"\x89PNG\r\n\x1a\n" + chunks

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from html import escape
 
 from ..format import number
-from ..validation.render_proof import verdict
+from ..validation.render_proof import verdict, worst_agents
 from .html_report import STYLE, cards, document, list_of, table_of
 
 COLUMNS = (
@@ -77,22 +77,35 @@ def _agents(result: dict) -> list[str]:
     if not agents:
         return []
     pictures = [
-        f'<section><a href="{name}"><img src="{name}" alt="Agents of frame {frame}: full detail, '
-        f'as built"></a></section>'
+        _worst_of(frame, [agent for agent in agents if agent["frame"] == frame])
         for frame in dict.fromkeys(agent["frame"] for agent in agents)
-        for name in [f"frame_{frame:04d}_agents.png"]
     ]
     return [
         "<h2>Agents</h2>",
         "<p>Of each frame the agents that are predicted worst, and others drawn by chance, were "
-        "rendered alone, at full detail (left) "
-        "and as built (right), at the size of the final picture or finer. A silhouette's shift is "
+        "rendered alone, at full detail and as built, at the size of the final picture or finer. "
+        "A silhouette's shift is "
         "the largest distance from "
         "one to the other, in pixels of the final picture. Agents that overrides pin, that blur "
         "lets be coarser, or that are in a cross-fade, stand apart.</p>",
         *pictures,
         table_of(AGENT_COLUMNS, [_agent_cells(agent) for agent in agents]),
     ]
+
+
+def _worst_of(frame: int, agents: Sequence[dict]) -> str:
+    """Return the picture of a frame's worst agents, with what its rows and columns are."""
+    name = f"frame_{frame:04d}_agents.png"
+    worst = [agents[k] for k in worst_agents(agents)]
+    rows = "; ".join(
+        f"agent {agent['agent']:,} at LOD {agent['lod']}, {number(agent['shift_px'])} px off"
+        for agent in worst
+    )
+    return (
+        f"<section><h3>Frame {frame}</h3><p>From the left: everyone at full detail, as built, and "
+        f"where they differ, amplified. From the top: {rows}.</p>"
+        f'<a href="{name}"><img src="{name}" alt="The worst agents of frame {frame}"></a></section>'
+    )
 
 
 def _agent_cells(agent: dict) -> list[str]:

@@ -250,7 +250,7 @@ def plan_phases(
 
 
 def _nearest_agents(survey: Survey, finest: int) -> np.ndarray:
-    """Return which agents need LOD `finest`, or a finer one, in a frame that sees them, (n,) bool."""
+    """Return which agents need LOD `finest` or a finer one when they are seen, (n,) bool."""
     near = np.zeros(len(survey.group), bool)
     for f, levels in enumerate(survey.coarsest):
         near |= survey.seen[f] & (levels <= finest)
@@ -392,7 +392,7 @@ def _options(sides: _Sides, phases: Phases, is_near: np.ndarray) -> np.ndarray:
 
 
 def _few_of(size: int) -> np.ndarray:
-    """Return FEWEST classes of the palette of `size`, or all that it has, as even as they can be."""
+    """Return FEWEST classes of the palette of `size`, as even as they can be, or all of it."""
     few = min(FEWEST, size)
     return palette(size)[np.arange(few) * int(size) // few]
 

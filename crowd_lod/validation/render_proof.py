@@ -7,6 +7,7 @@ from ..format import counted
 
 # kinds of builds that the scene had before the proof
 BUILDS = {"bake": "the bake", "build": "the build"}
+MOST_SHOWN = 4  # agents of a frame in its picture
 REMEDIES = {"bake": "bake again", "build": "press Build again"}
 
 
@@ -29,6 +30,12 @@ def agents_row(agents: Sequence[dict], tolerance: float | None) -> dict[str, Any
         "color_off": max((agent["color_off"] for agent in judged), default=None),
         "lod_ok": all(agent["ok"] is not False for agent in judged),
     }
+
+
+def worst_agents(agents: Sequence[dict]) -> list[int]:
+    """Return the places of the MOST_SHOWN agents whose silhouettes shift most, the worst first."""
+    order = sorted(range(len(agents)), key=lambda k: -agents[k]["shift_px"])
+    return order[:MOST_SHOWN]
 
 
 def is_ok(result: dict) -> bool:

@@ -14,15 +14,19 @@ TITLES = {
     "preview": "Preview",
     "plan": "Plan Shot",
     "verify": "Verify",
+    "bake": "Bake",
     "usd": "Export USD",
 }
 
 
-def note_output(scene: bpy.types.Scene, part: str) -> None:
+def note_output(scene: bpy.types.Scene, part: str, verdict: str) -> None:
     """Note that a step has filled its part of the scene's output folder: a key of TITLES.
 
+    verdict: what it found, in a line.
     CrowdError if the folder cannot be written.
     """
     made = datetime.datetime.now().astimezone().strftime("%Y-%m-%d %H:%M:%S %Z")
-    entry = Entry(part, TITLES[part], made, printable(Path(bpy.data.filepath).name), scene.name)
+    entry = Entry(
+        part, TITLES[part], made, printable(Path(bpy.data.filepath).name), scene.name, verdict
+    )
     add_to_index(output_folder(scene), entry)

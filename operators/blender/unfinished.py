@@ -18,6 +18,7 @@ UNFINISHED = "crowd_lod_unfinished"  # custom property of the scene that the ste
 Name = tuple[str, str]  # a data-block's collection in bpy.data, and its name
 _made: set[int] = set()  # session_uids
 _settings: list[tuple[Name, str, dict[str, Any]]] = []
+_kept: set[int] = set()  # the latest session_uid of what is finished
 _listed: list[Any] = []  # the state of the file that the list was written in, and the settings
 
 
@@ -46,16 +47,24 @@ def note(scene: bpy.types.Scene, before: tuple[int, int]) -> None:
         return
     _listed[:] = [now, *_settings]
     named = []
+    since = max(before[0], *_kept, 0)
     for kind, blocks in _collections():
         for block in blocks:
-            if block.session_uid > before[0] or block.session_uid in _made:
+            if block.session_uid > since or block.session_uid in _made:
                 _made.add(block.session_uid)
                 named.append((kind, block.name))
     scene[UNFINISHED] = json.dumps([named, _settings])
 
 
+def keep(scene: bpy.types.Scene) -> None:
+    """Begin the list anew: all that was made so far is finished, such as a part of Update All."""
+    end(scene)
+    _kept.add(state()[0])
+
+
 def end(scene: bpy.types.Scene) -> None:
     """End the list: the step has finished, or was dropped."""
+    _kept.clear()
     _made.clear()
     _listed.clear()
     with suppress(ReferenceError, KeyError):  # the user may have deleted the scene

@@ -7,6 +7,7 @@ import numpy as np
 
 from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.reasons import REASONS, reasons
+from ...crowd_lod.shot.frame_errors import errors_of
 from ..blender.color_space import to_linear
 from ..lod_meshes.make_lods import TINTS
 from .skinned_characters import Character
@@ -14,6 +15,14 @@ from .skinned_characters import Character
 # the last reasons; LODs have no more tints
 PURPLE = (0.45, 0.2, 0.75)
 BROWN = (0.25, 0.12, 0.05)
+ERRORS = 0.25, 0.5, 1.0, 2.0  # pixels, where the next color begins
+ERROR_TINTS = (  # from green to red
+    (0.02, 0.35, 0.05),
+    (0.3, 0.6, 0.05),
+    (0.8, 0.6, 0.02),
+    (0.8, 0.2, 0.02),
+    (0.6, 0.0, 0.02),
+)
 
 
 @dataclass(frozen=True)
@@ -79,6 +88,17 @@ def by_reason(frame: Frame) -> Colors:
         culled=True,
         names=tuple(reason[:1].upper() + reason[1:] for reason in REASONS),
     )
+
+
+def by_error(frame: Frame) -> Colors:
+    """Color agents by the pixels that their LOD deviates at most; by LOD if that is not known."""
+    errors = errors_of(frame)
+    if errors is None:
+        return by_level(frame)
+    index = np.zeros(len(frame.crowd), np.uint8)
+    index[frame.buckets.order] = np.searchsorted(ERRORS, errors)
+    names = [f"Up to {limit:g} px off" for limit in ERRORS]
+    return Colors(index, _opaque(ERROR_TINTS), names=(*names, f"Over {ERRORS[-1]:g} px off"))
 
 
 def by_material(frame: Frame, characters: Sequence[Character]) -> Colors:

@@ -85,6 +85,8 @@ def colors_of(mode: str, frame: Frame, characters: tuple[Character, ...]) -> age
         return agent_colors.by_group(frame)
     if mode == "REASON":
         return agent_colors.by_reason(frame)
+    if mode == "ERROR":
+        return agent_colors.by_error(frame)
     if mode == "MATERIAL" and characters:
         return agent_colors.by_material(frame, characters)
     return agent_colors.by_level(frame)

@@ -1,15 +1,18 @@
 """The operators of the render setup: Build, Bake, Remove Build."""
 
 from collections.abc import Callable, Generator, Sequence
+from contextlib import suppress
 
 import bpy
 
+from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
 from ...crowd_lod.frame.frame_range import shot_frames
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.progress import Made, share, standing
 from ..blender import cleanup, frame_stepping, scene_data
 from ..blender.operator import Reporting, Stepwise
+from ..blender.output_index import note_output
 from ..characters.group_measuring import measure_groups
 from ..characters.stored_groups import groups_of, store_groups
 from ..lod_meshes.make_lods import make_levels
@@ -108,7 +111,10 @@ def bake_frames(scene: bpy.types.Scene) -> Generator[float, None, str]:
         notes_on_characters(scene),
         frame_stepping.describe_unbaked(scene),
     )
-    return " ".join(filter(None, sentences))
+    sentence = " ".join(filter(None, sentences))
+    with suppress(CrowdError):  # the bake itself needs no folder
+        note_output(scene, "bake", sentence)
+    return sentence
 
 
 class CROWDLOD_OT_build(Stepwise, bpy.types.Operator):

@@ -122,7 +122,7 @@ class Proof:
         pictures = self.pictures(number)
         if crops:
             pictures.append(self.folder / f"frame_{number:04d}_agents.png")
-            image_data.save_png(pictures[-1], tables.contact_sheet(sheet_of(crops), columns=5))
+            image_data.save_png(pictures[-1], tables.contact_sheet(sheet_of(crops), columns=1))
         account = {
             "row": row,
             "agents": agents,

@@ -15,9 +15,11 @@ from ...crowd_lod.culling.camera import Camera, Window
 from ...crowd_lod.srgb import encoded
 from ...crowd_lod.validation import silhouette
 from ...crowd_lod.validation.judged_agents import JudgedAgent
+from ...crowd_lod.validation.render_proof import worst_agents
 from ..blender import cleanup, console, image_data, mesh_data, scene_data
 from ..render_setup.appended_builds import STAGE
 from ..render_setup.nodes import trees
+from .verify_pictures import amplified
 
 SAMPLES = 4  # a pixel
 # pixels of a crop across the shift that is allowed, as far as its larger side then has no more than
@@ -29,7 +31,7 @@ ERROR = 1.0  # pixels of a crop by which a shift between two of them errs, see s
 # of 1, encoded as sRGB: by how much the mean color of an agent may be off. LODs of textured and
 # plain characters are off by 0.003 (docs/notes/shot_plan.md)
 COLOR_OFF = 0.05
-TILE = 160  # pixels of a crop's larger side in the picture of all of them
+TILE = 480  # pixels of a crop's larger side in the picture of all of them
 BEHIND = 0.4  # behind the agents in that picture, sRGB
 
 
@@ -237,16 +239,23 @@ def facts_of(
 
 
 def sheet_of(crops: Sequence[LoneCrop]) -> list[np.ndarray]:
-    """Return a tile for each crop, (rows, columns, 4) uint8: at full detail, and as built."""
+    """Return a tile for each of the worst crops, (rows, columns, 4) uint8, the worst first.
+
+    Side by side: at full detail, as built, and where they differ, amplified.
+    """
     tiles = []
-    for crop in crops:
+    for k in worst_agents([crop.facts for crop in crops]):
+        crop = crops[k]
         step = max(1, int(np.ceil(max(crop.full.shape[:2]) / TILE)))
-        pair = np.concatenate([crop.full[::step, ::step], crop.as_built[::step, ::step]], axis=1)
-        alpha = pair[..., 3:].clip(0, 1)
-        color = encoded(pair[..., :3].clip(0, 1)) + (1 - alpha) * BEHIND
-        tiles.append(
-            np.concatenate(
-                [np.rint(255 * color.clip(0, 1)), np.full_like(alpha, 255)], axis=2
-            ).astype(np.uint8)
-        )
+        pair = [_over_gray(values[::step, ::step]) for values in (crop.full, crop.as_built)]
+        difference = amplified(*(picture / np.float32(255) for picture in pair))
+        tiles.append(np.concatenate([*pair, difference], axis=1))
     return tiles
+
+
+def _over_gray(values: np.ndarray) -> np.ndarray:
+    """Return linear values (rows, columns, 4) over gray, as (rows, columns, 4) uint8, sRGB."""
+    alpha = values[..., 3:].clip(0, 1)
+    color = encoded(values[..., :3].clip(0, 1)) + (1 - alpha) * BEHIND
+    color = np.concatenate([color.clip(0, 1), np.ones_like(alpha)], axis=2)
+    return np.rint(255 * color).astype(np.uint8)

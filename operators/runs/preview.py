@@ -11,7 +11,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...crowd_lod.format import counted
+from ...crowd_lod.format import counted, number
 from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.frame_range import spread_evenly
 from ...crowd_lod.frame.index_cache import approach
@@ -23,6 +23,7 @@ from ...crowd_lod.reporting.frame_parts import FrameParts
 from ...crowd_lod.reporting.html_report import page
 from ...crowd_lod.reporting.shot_page import preview_page
 from ...crowd_lod.shot import plan_file
+from ...crowd_lod.shot.frame_errors import errors_of
 from ..blender import cameras, cleanup, frame_stepping, image_data, scene_data
 from ..blender.operator import Stepwise
 from ..blender.output_folders import output_folder, place_of
@@ -316,11 +317,9 @@ class _Run:
 
 def _caption(frame: Frame) -> str:
     visible = int(frame.visible.sum())
-    counts = "  ".join(f"LOD{k} {n:,}" for k, n in enumerate(frame.buckets.counts))
-    return (
-        f"{frame.crowd.there:,} agents  {visible:,} visible "
-        f"({visible / max(frame.crowd.there, 1):.1%})  {counts}  {frame.triangles:,} tris"
-    )
+    errors = errors_of(frame)
+    worst = "" if errors is None else f", {number(float(errors.max(initial=0.0)))} px off"
+    return f"{visible:,} of {frame.crowd.there:,} in sight, {frame.triangles:,} triangles{worst}"
 
 
 def verdict_in(plan: dict[str, Any]) -> str:
@@ -331,14 +330,15 @@ def verdict_in(plan: dict[str, Any]) -> str:
 def _sheet(pictures: list[tuple[Path, Path]]) -> np.ndarray:
     """Return the contact sheet, two frames in a row.
 
-    Each has its main picture and the picture from above. Of a long shot it has MOST_IN_SHEET
+    An odd number of frames has one in a row, so that no place stays empty. Each has its main
+    picture and the picture from above. Of a long shot it has MOST_IN_SHEET
     frames, evenly spaced.
     """
     pairs = spread_evenly(pictures, MOST_IN_SHEET)
     shrunk = [
         tables.shrink(image_data.load_pixels(path), THUMBNAIL) for pair in pairs for path in pair
     ]
-    return tables.contact_sheet(shrunk, columns=4 if len(pairs) > 1 else 2)
+    return tables.contact_sheet(shrunk, columns=2 if len(pairs) % 2 else 4)
 
 
 class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
@@ -362,11 +362,12 @@ class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
             color=color_of(settings),
         )
         plan = yield from preview(context.scene, task, ["sidebar"])
-        note_output(context.scene, "preview")
         sentence = (
             f"{counted(len(task.frames), 'frame is', 'frames are')} in {place_of(task.folder)}."
         )
-        sentence = f"{verdict_in(plan)} {sentence}".lstrip()
+        found = verdict_in(plan)
+        note_output(context.scene, "preview", found or sentence)
+        sentence = f"{found} {sentence}".lstrip()
         return f"{sentence} {LEFT_OUT}" if leaves_out(context.scene) else sentence
 
 

@@ -16,7 +16,7 @@ import bpy
 from ...crowd_lod.errors import FAULTS, CrowdError
 from ...crowd_lod.errors import sentence as fault_sentence
 from ...crowd_lod.progress import share
-from ..blender import provenance, scene_cache, scene_data
+from ..blender import provenance, scene_cache, scene_data, unfinished
 from ..blender.operator import Stepwise
 from ..blender.output_folders import full_path
 from ..lod_meshes.made_for import outdated
@@ -250,6 +250,7 @@ class CROWDLOD_OT_update_all(Stepwise, bpy.types.Operator):
         def note(label: str) -> None:
             finished_steps.append(label)
             self.remains = f"{' and '.join(finished_steps)} stay"
+            unfinished.keep(scene)
             if bpy.ops.ed.undo_push.poll():  # each step can be undone alone
                 bpy.ops.ed.undo_push(message=label)
 

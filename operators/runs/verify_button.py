@@ -1,6 +1,7 @@
 """The button that proves a few frames of the shot by renders."""
 
 from collections.abc import Generator
+from pathlib import Path
 
 import bpy
 
@@ -16,6 +17,7 @@ from ..settings import needs
 from .verify import Verify, verify
 from .verify_build import frames_to_verify
 
+PROOF = "Crowd LOD Proof"
 # What the last proof of each scene found, and of which build.
 _verdicts: dict[int, tuple[str, object]] = scene_cache.add_cache({}, by_scene=True)
 
@@ -32,6 +34,16 @@ def _build_of(scene: bpy.types.Scene) -> object:
     """Return what tells the scene's build from earlier ones."""
     build = scene.crowd_lod.build
     return build and build.get(MADE_FOR)
+
+
+def _show_agents(path: Path) -> None:
+    """Keep the picture of the worst agents as the image PROOF, for Blender's Image Editor."""
+    if not path.is_file():
+        return
+    image = bpy.data.images.get(PROOF) or bpy.data.images.load(str(path))
+    image.name = PROOF
+    image.filepath = str(path)
+    image.reload()
 
 
 class CROWDLOD_OT_verify(Stepwise, bpy.types.Operator):
@@ -54,7 +66,8 @@ class CROWDLOD_OT_verify(Stepwise, bpy.types.Operator):
             samples=settings.verify_samples,
         )
         result = yield from verify(context.scene, task, ["sidebar"])
-        note_output(context.scene, "verify")
+        note_output(context.scene, "verify", verdict(result))
+        _show_agents(task.folder / f"frame_{task.frames[0]:04d}_agents.png")
         sentence = f"{verdict(result)} The report is in {place_of(task.folder)}."
         scene_cache.tidy()
         _verdicts[context.scene.session_uid] = sentence, _build_of(context.scene)

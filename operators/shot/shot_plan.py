@@ -21,6 +21,7 @@ from ...crowd_lod.reporting import files, tables
 from ...crowd_lod.reporting.shot_json import shot_facts
 from ...crowd_lod.reporting.shot_page import shot_page
 from ...crowd_lod.reporting.shot_report import ShotReport
+from ...crowd_lod.reporting.switch_figures import png_of
 from ...crowd_lod.shot import plan_file
 from ...crowd_lod.shot.budget import Budget, BudgetPlan, decide_within
 from ...crowd_lod.shot.budget_points import BudgetPoint, budget_sentence, find_points, fitting_point
@@ -108,8 +109,8 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
     """
     if not 0 <= request.avoid < 1e6:
         raise CrowdError(
-            f"Extra Cost for Fewer Pops is {request.avoid:g}; give the part of the cost that it may "
-            f"add, such as 0.05."
+            f"Extra Cost for Fewer Pops is {request.avoid:g}; give the part of the cost that it "
+            f"may add, such as 0.05."
         )
     check_recorded(scene, "Plan Shot")
     provenance.look_afresh()
@@ -218,6 +219,9 @@ def write_plan(
     (folder / "switches.csv").write_text(
         tables.switches_csv(planned.report.noticed), encoding="utf-8"
     )
+    for crop in planned.report.crops[:1]:
+        if crop is not None:
+            (folder / "worst.png").write_bytes(png_of(np.concatenate(crop, axis=1)))
     page = yield from standing(aside(lambda: shot_page(planned.report)), 1.0)
     (folder / "report.html").write_text(page, encoding="utf-8")
     return content
@@ -348,7 +352,7 @@ def plan_of_settings(scene: bpy.types.Scene) -> Generator[float, None, str]:
         yield from standing(write_plan(scene, part, planned, ["sidebar"]), 0.99)
     settings.shot_plan = f"{place}/{plan_file.NAME}"
     note_plan(settings, planned)
-    note_output(scene, "plan")
+    note_output(scene, "plan", planned.report.verdict.sentence)
     return f"{sentence(planned)} The plan is in {place_of(folder)}."
 
 

@@ -38,7 +38,7 @@ class CROWDLOD_OT_export_usd(Stepwise, bpy.types.Operator):
         exported = yield from export_usd(
             scene, UsdExport(scene_data.frames_of(scene), path, settings.usd_animated)
         )
-        note_output(scene, "usd")
+        note_output(scene, "usd", exported.sentence)
         return f"{exported.sentence} The file is {place_of(path)}."
 
 

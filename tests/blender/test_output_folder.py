@@ -206,10 +206,14 @@ def test_the_index_tells_what_was_made_when_and_for_which_file(tmp_path):
         (folder / part).mkdir(parents=True)
         for name in ("report.html", "f 1.png", "plan.json"):
             (folder / part / name).write_text("")
+    (folder / "plan" / "worst.png").write_text("")
     add_to_index(folder, Entry("plan", "Plan Shot", "2026-01-01 10:00:00 UTC", "old.blend", "S"))
     add_to_index(folder, Entry("preview", "Preview", "2026-01-02 10:00:00 UTC", "", "S <1>"))
-    add_to_index(folder, Entry("plan", "Plan Shot", "2026-01-03 10:00:00 UTC", "new.blend", "S"))
+    add_to_index(
+        folder, Entry("plan", "Plan Shot", "2026-01-03 10:00:00 UTC", "new.blend", "S", "0.8 px")
+    )
     page = Reader((folder / "index.html").read_text(encoding="utf-8"))
+    assert "0.8 px" in page.texts
     assert [cell for cell in page.cells if cell.endswith("UTC")] == [
         "2026-01-03 10:00:00 UTC",
         "2026-01-02 10:00:00 UTC",
@@ -220,7 +224,7 @@ def test_the_index_tells_what_was_made_when_and_for_which_file(tmp_path):
         and "S <1>" in page.cells
         and "old.blend" not in page.cells
     )
-    assert page.links[:2] == ["plan/report.html", "plan/plan.json"] and all(
+    assert page.links[:3] == ["plan/report.html", "plan/worst.png", "plan/worst.png"] and all(
         (folder / link).is_file() for link in page.links
     )
     (folder / "index.json").write_text("[{}]")

@@ -9,6 +9,8 @@ from crowd_lod_extension.crowd_lod.shot import plan_file
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.scene.scene_crowd import frame_of
 
+FINER = -1  # verify finds other colors in LODs of coarser characters
+
 
 def run(*words):
     return commands.run_command([*map(str, words), "--quiet"], "crowd-lod")

@@ -15,6 +15,7 @@ pytestmark = pytest.mark.once  # long, and the same on every Blender
 
 
 PREVIEW = ("preview", "--frames", "1,9,20", "--width", "96", "--engine", "cycles", "--quiet")
+FINER = -1  # verify finds other colors in LODs of coarser characters
 VERIFY = ("verify", "--frames", "1,9", "--width", "48", "--samples", "1", "--quiet")
 
 

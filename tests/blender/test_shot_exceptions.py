@@ -122,7 +122,7 @@ def test_the_plan_keeps_to_exceptions_and_its_users_show_them(levelled, tmp_path
     # they can be switched off, and planning again keeps the others
     settings.exceptions["Pin"].use = False
     frame = frame_at(levelled, 5)
-    assert not frame.planned and "for the exceptions changed since it was made" in frame.unplanned
+    assert not frame.planned and "for the overrides changed since it was made" in frame.unplanned
     levels, told = planned(levelled, tmp_path / "plan")
     assert not (levels & PINNED).any() and [
         each["name"] for each in told["shot"]["exceptions"]
@@ -250,7 +250,7 @@ def test_the_plan_says_when_an_exception_has_changed(levelled, tmp_path, change)
     else:
         settings.exceptions.move(0, 1)
     bpy.context.view_layer.update()
-    assert "for the exceptions changed since" in frame_at(levelled, 2).unplanned
+    assert "for the overrides changed since" in frame_at(levelled, 2).unplanned
 
 
 WRONG = [

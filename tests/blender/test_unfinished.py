@@ -29,6 +29,15 @@ def test_nothing_is_removed_when_the_step_has_ended(noted):
     assert "half" in bpy.data.objects
 
 
+def test_a_part_that_is_finished_stays_and_what_comes_after_it_goes(noted):
+    before = unfinished.state()
+    unfinished.keep(noted)
+    bpy.data.objects.new("next half", None)
+    unfinished.note(noted, before)
+    unfinished.clear()
+    assert "half" in bpy.data.objects and "next half" not in bpy.data.objects
+
+
 def test_what_a_step_has_set_for_a_while_is_put_back(noted):
     with unfinished.put_back("scenes", noted, "crowd_lod", {"count": 7}):
         noted.crowd_lod.count = 8

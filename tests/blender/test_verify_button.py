@@ -13,6 +13,7 @@ from crowd_lod_extension.sample_scenes.scenery import add, material, tile
 from ..support.pages import Reader
 
 pytestmark = pytest.mark.once  # long, and the same on every Blender
+FINER = -1  # verify finds other colors in LODs of coarser characters
 
 
 def small(scene):

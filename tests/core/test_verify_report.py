@@ -74,3 +74,10 @@ def test_names_are_text_and_empty_lists_have_no_heading():
     read = Reader(verify_page(EVIL, RESULT | {"left_out": [], "command": [EVIL]}))
     assert "script" not in read.tags and "".join(read.texts).count(EVIL) == 3
     assert "What is not proved" in read.texts and "What was left out" not in read.texts
+
+
+def test_the_worst_agents_are_named_beside_their_picture():
+    agents = [AGENT | {"agent": k, "shift_px": 0.1 * k} for k in range(1, 7)]
+    text = "".join(Reader(verify_page("plaza", RESULT | {"agents": agents})).texts)
+    assert "From the top: agent 6 at LOD 2, 0.6 px off; agent 5" in text
+    assert "agent 3 at" in text and "agent 2 at" not in text

@@ -43,6 +43,8 @@ def session():
         results["pressed"].append(steps.label_of(steps.next_operator(scene())))
         print(f"--- {name}", flush=True)
         yield from click(*blue_button(seen))
+        if name == PICTURES[1]:
+            yield from confirm()
         seen = yield from picture(name)
         results["after"][name] = made()
     results["verified"] = json.loads(
@@ -105,6 +107,13 @@ def click(x: int, y: int):
         robot.window().event_simulate(type="LEFTMOUSE", value=value, x=x, y=y)
     yield 0.5
     yield from robot.until(lambda: not robot.window().modal_operators, robot.PATIENCE)
+
+
+def confirm():
+    """Accept the dialog that lists what is read of the selection."""
+    for value in ("PRESS", "RELEASE"):
+        robot.window().event_simulate(type="RET", value=value)
+    yield 0.5
 
 
 def blue_button(seen: np.ndarray) -> tuple[int, int]:
