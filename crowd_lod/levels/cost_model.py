@@ -217,7 +217,8 @@ class Holdings:
     """What G groups hold, whatever frames show: each field is (G,), or one number for all.
 
     rigs, bones: armatures of one character, and their bones.
-    keys, other_keys, stored, meshes, materials: as of Work, of each group; without LODs. What two groups share is counted for the first.
+    keys, other_keys, stored, meshes, materials: as of Work, of each group; without LODs. What two
+        groups share is counted for the first.
     triangle: bytes in memory of a triangle of a mesh, with its vertices.
     """
 

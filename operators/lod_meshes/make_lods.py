@@ -90,10 +90,8 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
             bpy.data.batch_remove([block for block in bpy.data.user_map() if block not in before])
     for ladder, own in zip(ladders, homes, strict=True):
         ladder.settle(own)
-    made, kept = (
-        [ladder.name for ladder in ladders if bool(ladder.new_homes) == new]
-        for new in (True, False)
-    )
+    made = [ladder.name for ladder in ladders if ladder.new_homes]
+    kept = [ladder.name for ladder in ladders if not ladder.new_homes]
     feet = [
         (*character.origin[:2], character.origin[2] + group.feet)
         for character, group in zip(characters, groups, strict=True)
@@ -102,34 +100,41 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
     _named([character.name for character in characters], homes, before)
     if copied:
         scene_data.let_go(scene, "levels")
+    _show_nowhere(scene, top)
+    settings.dropped = "\n".join(_told(ladders, chosen.dropped))
+    note_shot(scene, guesses, shots, chosen.keep)
+    settings.memory_tolerance = chosen.tolerance
+    settings.memory_made = settings.memory
+    settings.estimate = ""
+    _store(settings, ladders, groups, homes, len(levels))
+    for entry, finest in zip(settings.groups, chosen.finest, strict=True):
+        entry.finest = finest
+    yield 1.0
+    return Outcome(tuple(made), tuple(kept), tuple(edited))
+
+
+def _show_nowhere(scene: bpy.types.Scene, top: bpy.types.Collection) -> None:
+    """Make `top` the scene's LODs, which no render and no view layer shows."""
     scene.collection.children.link(top)
     top.hide_render = True  # in a view layer that the user adds later, too
     for view_layer in scene.view_layers:
         view_layer.update()  # a scene that was never evaluated has no layer collections yet
         view_layer.layer_collection.children[top.name].exclude = True
-    settings.levels = top
-    settings.dropped = "\n".join(_told(ladders, chosen.dropped))
-    note_shot(scene, guesses, shots, chosen.keep)
-    settings.memory_tolerance, settings.memory_made, settings.estimate = (
-        chosen.tolerance,
-        settings.memory,
-        "",
-    )
+    scene.crowd_lod.levels = top
+
+
+def _store(
+    settings, ladders: Sequence[Ladder], groups: Sequence[Group], homes: Sequence, count: int
+) -> None:
+    """Store the groups with what was measured of their LODs, of which others may have `count`."""
     columns = [
         ladder.measured.columns([home[CANDIDATE] for home in own])
         for ladder, own in zip(ladders, homes, strict=True)
     ]
-    store_groups(
-        settings,
-        tuple(
-            replace(group, **_padded(own, len(levels)))
-            for group, own in zip(groups, columns, strict=True)
-        ),
-    )
-    for entry, finest in zip(settings.groups, chosen.finest, strict=True):
-        entry.finest = finest
-    yield 1.0
-    return Outcome(tuple(made), tuple(kept), tuple(edited))
+    measured = [
+        replace(group, **_padded(own, count)) for group, own in zip(groups, columns, strict=True)
+    ]
+    store_groups(settings, tuple(measured))
 
 
 def _read(

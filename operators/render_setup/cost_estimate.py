@@ -4,6 +4,7 @@ from collections.abc import Generator, Iterator, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import bpy
 import numpy as np
@@ -179,7 +180,6 @@ def estimate(
 
     Yields the progress and returns the Estimate.
     """
-    render = scene.render
     frames = frames or range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
     looked_at = spread_evenly(frames, MOST_FRAMES)
     trajectory = trajectory_of(scene)
@@ -189,25 +189,7 @@ def estimate(
     library = cast_of(characters, trajectory)
     owner = library.owner(trajectory.gaits)
     cast = holdings_of(characters, trajectory, library)
-    shown = {name: [] for name in choices}
-    bias = bias_of(settings)
-    samples = scene_data.samples_of(scene)
-    rays = []
-    with frame_stepping.step_frames(scene) as at:
-        for number_done, number in enumerate(looked_at):
-            time = scene_data.remap(render, number)
-            yield from share(
-                approach(trajectory, time),
-                number_done / len(looked_at),
-                (number_done + 0.5) / len(looked_at),
-            )
-            eyes, around, shutter = lights.read_moment(scene, time, at)
-            for name, choice in choices.items():
-                frame = plan(trajectory, eyes, choice.policy, time, shutter, bias)
-                frame = surround(frame, around)
-                shown[name].append(_shown(frame, library, trajectory, choice.policy.count))
-            rays.append(samples * covered(frame, scene))
-            yield (number_done + 1) / len(looked_at)
+    seen = yield from _look_at(scene, settings, looked_at)
     works = {}
     mine = CHOICES[settings.choice]
     pictures = shown_images(scene, settings)
@@ -222,14 +204,13 @@ def estimate(
             finest=np.array(choice.policy.finest or [0] * len(trajectory.groups)),
             moved_as=cast.moved_as,
         )
-        used = np.array(shown[name]).any(axis=(0, 1))
+        shown = seen.shown[name]
+        used = shown.any(axis=(0, 1))
         in_bake = replace(actors, holdings=cast.baked(frames, trajectory, library, used))
         for baked in (known,) if known or name != mine else (False, True):
-            work = work_of(
-                in_bake if baked else actors, np.array(shown[name]), np.array(rays), baked
-            )
+            work = work_of(in_bake if baked else actors, shown, seen.rays, baked)
             held = (
-                np.array(shown[name]).any(axis=0)
+                shown.any(axis=0)
                 if baked
                 else np.arange(choice.policy.count)[:, None] >= actors.finest[owner]
             )
@@ -245,6 +226,46 @@ def estimate(
             )
             works[f"{name}, Baked" if baked and not known else name] = work
     return Estimate(works, costs_of(scene), frames, looked_at)
+
+
+class _Seen(NamedTuple):
+    """What F frames show.
+
+    shown: by the name of a choice of LODs, how many agents show each, (F, K, L); see work_of.
+    rays: (F,) float64, samples of the pixels that agents cover.
+    """
+
+    shown: dict[str, np.ndarray]
+    rays: np.ndarray
+
+
+def _look_at(
+    scene: bpy.types.Scene, settings, numbers: Sequence[int]
+) -> Generator[float, None, _Seen]:
+    """Plan the frames of these numbers with each choice of LODs: yield the progress."""
+    trajectory = trajectory_of(scene)
+    choices = choices_of(settings)
+    library = cast_of(characters_of(scene), trajectory)
+    bias = bias_of(settings)
+    samples = scene_data.samples_of(scene)
+    shown: dict[str, list[np.ndarray]] = {name: [] for name in choices}
+    rays = []
+    with frame_stepping.step_frames(scene) as at:
+        for number_done, number in enumerate(numbers):
+            time = scene_data.remap(scene.render, number)
+            yield from share(
+                approach(trajectory, time),
+                number_done / len(numbers),
+                (number_done + 0.5) / len(numbers),
+            )
+            eyes, around, shutter = lights.read_moment(scene, time, at)
+            for name, choice in choices.items():
+                frame = plan(trajectory, eyes, choice.policy, time, shutter, bias)
+                frame = surround(frame, around)
+                shown[name].append(_shown(frame, library, trajectory, choice.policy.count))
+            rays.append(samples * covered(frame, scene))
+            yield (number_done + 1) / len(numbers)
+    return _Seen({name: np.array(counts) for name, counts in shown.items()}, np.array(rays))
 
 
 def _shown(frame: Frame, library: Library, trajectory: Trajectory, count: int) -> np.ndarray:

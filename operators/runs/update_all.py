@@ -36,7 +36,7 @@ LOOK = 1.0  # seconds between two looks of the sidebar
 SHARE = 0.05  # of the time that the looks may take
 # what plan.json has of a plan's settings, in words
 REQUESTED = {
-    "avoid_pops": "Avoid Pops",
+    "avoid_pops": "Extra Cost for Fewer Pops",
     "variety": "Variety",
     "blur": "Coarser Where Blurred",
     "budget": "the budget",

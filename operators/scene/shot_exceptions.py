@@ -135,7 +135,7 @@ def find_agents(
 def digest_of(settings) -> str:
     """Return a text that changes when an exception would choose or ask for anything else.
 
-    Exceptions that are switched off do not count; "" without any. An object that is animated
+    Overrides that are switched off do not count; "" without any. An object that is animated
     counts as unchanged while it is the same object.
     """
     return "".join(repr(_marks(entry, _map_digest)) for entry in settings.exceptions if entry.use)

@@ -25,15 +25,11 @@ from ...crowd_lod.reporting.switch_figures import png_of
 from ...crowd_lod.shot import plan_file
 from ...crowd_lod.shot.budget import Budget, BudgetPlan, decide_within
 from ...crowd_lod.shot.budget_points import BudgetPoint, budget_sentence, find_points, fitting_point
-from ...crowd_lod.shot.coloring import (
-    VARIETY,
-    plan_phases,
-    recast,
-    strides_of,
-)
+from ...crowd_lod.shot.coloring import VARIETY, PhasePlan, plan_phases, recast, strides_of
 from ...crowd_lod.shot.curve import curve_of
 from ...crowd_lod.shot.exceptions import Exemption, excepted, marked
 from ...crowd_lod.shot.shot_cost import Shot, meshes_of
+from ...crowd_lod.shot.survey import Survey
 from ...crowd_lod.shot.switches import WORST, largest, noticed
 from ...crowd_lod.shot.unneeded import needed_meshes
 from ...crowd_lod.shot.verdict import verdict_of
@@ -57,7 +53,7 @@ from ..scene.shot_exceptions import exemptions_of
 from ..settings import needs
 from ..sources.crowd_sources import check_recorded
 from .scene_json import scene_json
-from .shot_survey import survey_of
+from .shot_survey import SurveyedShot, survey_of
 from .switch_crops import crops_of
 
 # the progress at which each stage ends
@@ -135,44 +131,10 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
     )
     phases = yield from standing(aside(planning), SURVEYED)
     survey = recast(through.survey, phases.phases)
-    characters = characters_of(scene)
-    library = cast_of(characters, trajectory)
-    cast = holdings_of(characters, trajectory, library)
-    used = np.zeros(len(survey.owner), bool)
-    used[survey.character[survey.seen]] = True
-    shot = Shot(
-        excepted(survey, exemptions),
-        meshes_of(trajectory.groups, policy.count),
-        costs_of(scene),
-        cast.baked(survey.numbers, trajectory, library, used),
-        cast.moved_as,
-    )
+    shot = _shot_of(scene, excepted(survey, exemptions))
     deciding = steps_aside(decide_within(shot, request.budget, request.avoid))
     plan = yield from share(deciding, SURVEYED, DECIDED)
-    noticing = aside(lambda: noticed(shot, plan.levels, trajectory.spheres.radius))
-    changes = yield from standing(noticing, DECIDED)
-    eyes = [camera_of(numbers) for numbers in through.cameras[:, 0]]
-    verdict = verdict_of(shot.survey, changes, eyes, scene_data.meters(scene))
-    curve = steps_aside(curve_of(shot, plan, policy.tolerance))
-    names = [group.name for group in trajectory.groups]
-    report = ShotReport(
-        title=Path(bpy.data.filepath).stem or scene.name,
-        shot=shot,
-        plan=plan,
-        noticed=changes,
-        verdict=verdict,
-        curve=(yield from share(curve, DECIDED, CURVED)),
-        names=names,
-        phases=phases,
-        classes=phases.rows(names, trajectory.gaits),
-        tints=TINTS,
-        milliseconds=through.milliseconds,
-        crops=(
-            yield from share(
-                crops_of(scene, through, phases.phases, largest(changes, WORST)), CURVED, 1.0
-            )
-        ),
-    )
+    report = yield from share(_report_on(scene, through, phases, shot, plan), DECIDED, 1.0)
     bias = bias_of(scene.crowd_lod)
     stored = plan_file.StoredPlan(
         path=request.folder / plan_file.NAME,
@@ -187,6 +149,50 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
     )
     points = yield from standing(steps_aside(find_points(shot, policy.tolerance)), 1.0)
     return PlannedShot(shot, plan, stored, report, request, exemptions, points)
+
+
+def _shot_of(scene: bpy.types.Scene, survey: Survey) -> Shot:
+    """Return the shot of the scene that was surveyed."""
+    trajectory = trajectory_of(scene)
+    characters = characters_of(scene)
+    library = cast_of(characters, trajectory)
+    cast = holdings_of(characters, trajectory, library)
+    used = np.zeros(len(survey.owner), bool)
+    used[survey.character[survey.seen]] = True
+    return Shot(
+        survey,
+        meshes_of(trajectory.groups, policy_of(scene.crowd_lod).count),
+        costs_of(scene),
+        cast.baked(survey.numbers, trajectory, library, used),
+        cast.moved_as,
+    )
+
+
+def _report_on(
+    scene: bpy.types.Scene, through: SurveyedShot, phases: PhasePlan, shot: Shot, plan: BudgetPlan
+) -> Generator[float, None, ShotReport]:
+    """Find what there is to tell of the plan: yield the progress, return the report."""
+    trajectory = trajectory_of(scene)
+    noticing = aside(lambda: noticed(shot, plan.levels, trajectory.spheres.radius))
+    changes = yield from standing(noticing, 0.0)
+    eyes = [camera_of(numbers) for numbers in through.cameras[:, 0]]
+    curve = steps_aside(curve_of(shot, plan, policy_of(scene.crowd_lod).tolerance))
+    drawing = crops_of(scene, through, phases.phases, largest(changes, WORST))
+    names = [group.name for group in trajectory.groups]
+    return ShotReport(
+        title=Path(bpy.data.filepath).stem or scene.name,
+        shot=shot,
+        plan=plan,
+        noticed=changes,
+        verdict=verdict_of(shot.survey, changes, eyes, scene_data.meters(scene)),
+        curve=(yield from share(curve, 0.0, CURVED)),
+        names=names,
+        phases=phases,
+        classes=phases.rows(names, trajectory.gaits),
+        tints=TINTS,
+        milliseconds=through.milliseconds,
+        crops=(yield from share(drawing, CURVED, 1.0)),
+    )
 
 
 def ready(scene: bpy.types.Scene) -> Generator[float, None, None]:

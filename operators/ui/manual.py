@@ -1,4 +1,4 @@
-"""The manual, which lies in the extension: the help buttons, and Blender's Online Manual entries."""
+"""The manual, which lies in the extension: help buttons, and Blender's Online Manual entries."""
 
 import shutil
 from pathlib import Path

@@ -80,24 +80,24 @@ def test_a_farm_renders_the_pictures_of_the_live_build(built, tmp_path, engine, 
 
 
 def test_other_frames_show_nobody_and_a_new_build_is_live_again(built):
-    def shown():
+    def count_instances():
         instances = bpy.context.evaluated_depsgraph_get().object_instances
         return sum(instance.is_instance for instance in instances)
 
     built.frame_set(12)
-    live = shown()
+    live = count_instances()
     before = [len(item.data.vertices) for item in built.crowd_lod.build.objects]
     list(bake(built, [12, 20]))
     for number, count in ((12, live), (11, 0), (13, 0), (21, 0)):
         built.frame_set(number)
-        assert shown() == count
+        assert count_instances() == count
     list(render_setup.build(built))
     built.frame_set(13)
-    assert shown() > 0
+    assert count_instances() > 0
     built.frame_set(12)
     assert [
         len(item.data.vertices) for item in built.crowd_lod.build.objects
-    ] == before and shown() == live
+    ] == before and count_instances() == live
 
 
 def test_a_bake_that_is_stopped_leaves_the_live_build(built):

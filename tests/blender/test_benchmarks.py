@@ -99,7 +99,7 @@ def test_the_c_loop_steps_as_the_core_within_cells(bench):
     assert (state == after.state)[stay & ~edge].all()
 
 
-def shown(scene):
+def agents_by_lod(scene):
     """Of each LOD the ids of the agents whose instances the depsgraph holds."""
     found = [set(), set(), set()]
     for each in bpy.context.evaluated_depsgraph_get().object_instances:
@@ -120,7 +120,7 @@ def test_a_way_to_render_shows_whom_it_says_and_its_cost_is_measured(bench, buil
     frame = frame_of(built, bpy.context.evaluated_depsgraph_get())
     ways.dress_scene(built, way)
     built.frame_set(number)
-    found = shown(built)
+    found = agents_by_lod(built)
     if way == "geometry nodes":
         assert (
             len(set(np.flatnonzero(frame.visible)) - set.union(*found)) <= 2

@@ -61,14 +61,14 @@ def test_what_undo_loses_of_a_build_is_put_back_and_nothing_else(built):
     hand.
     """
 
-    def held():
+    def contents():
         inside = [built.crowd_lod.build, *built.crowd_lod.build.children_recursive]
         return {
             each.name: (sorted(each.children.keys()), sorted(each.objects.keys()))
             for each in inside
         }
 
-    before = held()
+    before = contents()
     shelf = next(
         each for each in built.crowd_lod.build.children_recursive if each.get(LIBRARY, -1) >= 0
     )
@@ -77,9 +77,9 @@ def test_what_undo_loses_of_a_build_is_put_back_and_nothing_else(built):
     shelf.children.unlink(lost)
     home.objects.unlink(home.objects[0])
     rigs.objects.unlink(rigs.objects[0])
-    assert held() != before
+    assert contents() != before
     collection_caches.restore()
-    assert held() == before
+    assert contents() == before
     for item in list(home.objects):
         bpy.data.objects.remove(item)  # as a user does
     shelf["crowd_lod_children"] = 7  # anybody may set it to anything

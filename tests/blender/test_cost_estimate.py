@@ -23,7 +23,7 @@ def triangles(item):
     return len(item.data.loops) - 2 * len(item.data.polygons)
 
 
-def shown(scene):
+def counts_in_render(scene):
     """(agents, their triangles, the triangles of the characters that they show, each once) of the
     evaluated scene.
     """
@@ -50,7 +50,7 @@ def test_work_is_what_the_depsgraph_shows(levelled, known):
     top = scene.crowd_lod.build
     for f, number in enumerate(frames):
         scene.frame_set(number)
-        agents, instanced, unique = shown(scene)
+        agents, instanced, unique = counts_in_render(scene)
         assert (agents, instanced, unique) == (work.instances[f], work.instanced[f], work.unique[f])
     meshes = [
         item for item in top.all_objects if item.type == "MESH" and render_setup.LEVEL not in item
@@ -117,7 +117,7 @@ def test_lods_that_fit_in_memory_are_built_and_the_others_are_not(scene, tmp_pat
     )
     scene.frame_set(5)
     frame = scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get())
-    assert shown(scene)[0] == len(frame.buckets.order)  # nobody is lost
+    assert counts_in_render(scene)[0] == len(frame.buckets.order)  # nobody is lost
     inside = {
         item
         for item in settings.build.all_objects

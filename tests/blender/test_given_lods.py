@@ -72,7 +72,7 @@ def by_tolerance(scene):
     return [(group.triangles[k], group.bounds[k]) for k in range(len(settings.levels.children))]
 
 
-def shown(scene, k):
+def meshes_of(scene, k):
     """The meshes of the objects of LOD k."""
     return [item.data.name for item in scene.crowd_lod.levels.children[k].all_objects]
 
@@ -93,7 +93,7 @@ def test_lods_of_one_rig_are_one_character_and_are_used_before_ours():
     made = by_tolerance(scene)
     assert [triangles for triangles, _ in made] == [1152, 640, 280]
     assert 0 < made[1][1] < made[2][1]
-    assert [shown(scene, k) for k in (1, 2)] == [["Man_LOD1"], ["Man_LOD2"]]
+    assert [meshes_of(scene, k) for k in (1, 2)] == [["Man_LOD1"], ["Man_LOD2"]]
 
 
 def test_lods_on_rigs_of_their_own_are_measured_on_the_characters():

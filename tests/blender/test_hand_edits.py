@@ -354,7 +354,7 @@ def test_edits_follow_the_agents_of_a_file_that_grows(levelled, tmp_path):
     settings = levelled.crowd_lod
     path = tmp_path / "tracks.csv"
 
-    def written(ids):
+    def write_tracks(ids):
         rows = [
             f"{a},{frame},{a + frame * 0.05:.3f},{a * 0.5:.3f}"
             for a in ids
@@ -362,7 +362,7 @@ def test_edits_follow_the_agents_of_a_file_that_grows(levelled, tmp_path):
         ]
         path.write_text("\n".join(["id,frame,x,y", *rows]))
 
-    written(range(20, 30))
+    write_tracks(range(20, 30))
     settings.source = "FILE"
     settings.tracks_file = str(path)
     settings.tracks_rate = 24
@@ -371,14 +371,14 @@ def test_edits_follow_the_agents_of_a_file_that_grows(levelled, tmp_path):
     press(levelled, 4, "NUDGE")
     press(levelled, 5, "HIDE")
     assert [entry.agents for entry in settings.exceptions] == ["#24", "#25"]
-    written(range(3, 30))
+    write_tracks(range(3, 30))
     edited = trajectory_of(levelled)
     crowd = edited.at(9)
     own = edited.base.at(9)
     assert len(crowd) == 27 and np.flatnonzero(crowd.x != own.x).tolist() == [21]
     assert edited.ids[21] == 24 and np.flatnonzero(~crowd.present).tolist() == [22]
     # who is gone is told, the other is still edited
-    written(range(3, 25))
+    write_tracks(range(3, 25))
     frame = frame_at(levelled, 9)
     assert "names #25: no agent has that number in its file or object" in frame.unplanned
     assert frame.crowd.x[21] == pytest.approx(frame.trajectory.base.at(9).x[21] + 0.5)

@@ -14,11 +14,11 @@ def function(*_):
 
 
 def without_module(value):
-    def found(*_):
+    def handlers(*_):
         pass
 
-    found.__module__ = value
-    return found
+    handlers.__module__ = value
+    return handlers
 
 
 class Callable:

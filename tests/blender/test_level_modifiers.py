@@ -6,7 +6,7 @@ import pytest
 from crowd_lod_extension.operators.blender import mesh_data
 
 from ..support.characters import character, new, rig, skin, tube
-from .test_level_sources import made, triangles, world
+from .test_level_sources import make_lods, triangles, world
 
 
 def test_faces_that_only_a_modifier_makes_count():
@@ -16,7 +16,7 @@ def test_faces_that_only_a_modifier_makes_count():
     screw = item.modifiers.new("Screw", "SCREW")
     screw.steps = screw.render_steps = 32
     character(item)
-    lods = made(2)
+    lods = make_lods(2)
     assert triangles(lods["vase LOD 2"]) == pytest.approx(0.12 * 8 * 32 * 2, rel=0.2)
     assert np.abs(np.linalg.norm(world(lods["vase LOD 2"])[:, :2], axis=1) - 1).max() < 0.15
 
@@ -39,7 +39,7 @@ def test_shape_keys_that_move_are_kept_through_modifiers_and_driven_by_the_chara
     item.modifiers.new("Subdivision", "SUBSURF").levels = 1
     character(item)
     bpy.context.scene.crowd_lod.method = way
-    lod = made(1)["body LOD 1"]
+    lod = make_lods(1)["body LOD 1"]
     assert lod.data.shape_keys.key_blocks.keys() == ["Basis", "fat"]
     for frame, radius in ((1, 0.2), (10, 0.4)):
         bpy.context.scene.frame_set(frame)
@@ -74,7 +74,7 @@ def test_vertex_groups_of_what_nodes_join_keep_their_names(way):
     skin(body, armature)
     character(body)
     bpy.context.scene.crowd_lod.method = way
-    lod = made(1)["body LOD 1"]
+    lod = make_lods(1)["body LOD 1"]
     of = {group.index: group.name for group in lod.vertex_groups}
     assert set(of.values()) == {"a", "b", "c", "lower", "upper"}
     top = [
@@ -98,7 +98,8 @@ def test_modifiers_count_as_they_are_rendered():
         character(item, name=name)
     bpy.context.scene.crowd_lod.method = "DECIMATE"
     wide = {
-        name: np.ptp(mesh_data.read_triangles(item.data)[0][:, 0]) for name, item in made(1).items()
+        name: np.ptp(mesh_data.read_triangles(item.data)[0][:, 0])
+        for name, item in make_lods(1).items()
     }
     assert (
         wide["rendered LOD 1"]
@@ -123,7 +124,7 @@ def test_what_is_shrunk_onto_a_body_is_so_at_rest():
     character(armature, body, shirt)
     bpy.context.scene.crowd_lod.method = "DECIMATE"
     low, high = (
-        getattr(mesh_data.read_triangles(made(1)["shirt LOD 1"].data)[0], end)(axis=0)
+        getattr(mesh_data.read_triangles(make_lods(1)["shirt LOD 1"].data)[0], end)(axis=0)
         for end in ("min", "max")
     )
     assert np.allclose(low, (-0.22, -0.22, 0), atol=0.03) and np.allclose(
@@ -154,7 +155,7 @@ def test_of_two_armatures_that_deform_it_in_turn_a_lod_follows_both():
     item.vertex_groups.new(name="face upper").add(range(len(item.data.vertices)), 0.1, "REPLACE")
     character(body, face, item)
     bpy.context.scene.crowd_lod.method = "DECIMATE"
-    lod = made(1)["body LOD 1"]
+    lod = make_lods(1)["body LOD 1"]
     for vertex in lod.data.vertices:
         weights = {lod.vertex_groups[entry.group].name: entry.weight for entry in vertex.groups}
         assert (

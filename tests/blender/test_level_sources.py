@@ -11,7 +11,7 @@ from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from ..support.characters import character, new, rig, skin, tube
 
 
-def made(k=None):
+def make_lods(k=None):
     """The LODs' collection; of LOD `k` the objects by name."""
     scene = bpy.context.scene
     if k:
@@ -51,7 +51,7 @@ def test_curves_and_text_become_meshes_where_they_stand_with_their_own_materials
     text.body = "Hello"
     text.extrude = 0.1
     character(wire, new("sign", text))
-    lods = made(1)
+    lods = make_lods(1)
     assert [material.name for material in lods["wire LOD 1"].data.materials] == ["own"]
     low = world(lods["wire LOD 1"]).min(axis=0)
     high = world(lods["wire LOD 1"]).max(axis=0)
@@ -98,7 +98,7 @@ def test_what_cannot_be_one_sentence_names_it_and_nothing_is_left(kind, says):
     character(item, *([new("body", tube("body"))] if kind in ("metaball", "instance") else []))
     before = {block: (block.name, block.users) for block in bpy.data.user_map()}
     with pytest.raises(CrowdError, match=says):
-        made()
+        make_lods()
     assert {block: (block.name, block.users) for block in bpy.data.user_map()} == before
     assert bpy.context.scene.crowd_lod.levels is None
 
@@ -107,7 +107,7 @@ def test_an_object_without_faces_among_others_and_hair_are_kept_whole():
     hair = new("hair", bpy.data.hair_curves.new("hair"))
     hair.data.add_curves([4, 4])
     character(new("guide", bpy.data.meshes.new("guide")), hair, new("body", tube("body")))
-    lods = made(2)
+    lods = make_lods(2)
     assert lods["hair LOD 2"].data is hair.data and set(lods) == {
         "guide LOD 2",
         "hair LOD 2",
@@ -127,7 +127,7 @@ def test_what_is_hidden_in_renders_and_the_shapes_of_bones_are_left_out():
     group.children.link(extras)
     extras.objects.link(new("extra", tube("extra")))
     extras.hide_render = True
-    lods = made(1)
+    lods = make_lods(1)
     assert set(lods) == {"body LOD 1"}
     assert triangles(lods["body LOD 1"]) == pytest.approx(0.4 * 4 * 2 * 12 * 12, rel=0.03)
 
@@ -150,7 +150,7 @@ def test_nested_collections_shared_meshes_and_props_on_bones_follow_the_bone():
         prop.parent_bone = "upper"
         prop.location = (0.4 * side, 0, 0)
         prop.scale = (side, 1, 1)
-    lods = made(2)
+    lods = make_lods(2)
     assert set(lods) == {"body LOD 2", "left LOD 2", "right LOD 2"}
     assert left.data.users == 4  # the two, and the two of LOD 0
     scene = bpy.context.scene
@@ -182,7 +182,7 @@ def test_modes_selection_and_names_stay(mode):
     # names that LODs would like to have
     mine = bpy.data.objects.new("body LOD 1", None)
     names = {block: block.name for block in bpy.data.user_map()}
-    made(), made()
+    make_lods(), make_lods()
     assert {block: block.name for block in names} == names and mine.name == "body LOD 1"
     assert bpy.context.view_layer.objects.active is active and active.mode == mode
     assert [item.name for item in bpy.context.view_layer.objects if item.select_get()] == [
@@ -218,7 +218,7 @@ def test_characters_linked_from_another_file(tmp_path, override):
     scene.crowd_lod.characters = top
     scene.crowd_lod.choice = "BY_RATIO"
     states = {block: (block.name, block.library) for block in bpy.data.user_map()}
-    lod = made(2)["body LOD 2"]
+    lod = make_lods(2)["body LOD 2"]
     assert (
         lod.library is None
         and lod.override_library is None
@@ -249,7 +249,7 @@ def test_a_missing_library_is_named(tmp_path):
         CrowdError,
         match=r"linked, of the character group linked, is missing: restore .*library\.blend",
     ):
-        made()
+        make_lods()
 
 
 @pytest.mark.parametrize("way", ["POSE_AWARE", "DECIMATE"])
@@ -271,7 +271,7 @@ def test_one_triangle_and_two_hundred_loose_parts(way):
     parts.from_pydata(points, [], faces)
     character(new("one", one), new("parts", parts))
     bpy.context.scene.crowd_lod.method = way
-    lods = made(1)
+    lods = make_lods(1)
     assert triangles(lods["one LOD 1"]) == 1
     found = mesh_data.read_triangles(lods["parts LOD 1"].data)[1]
     assert len(np.unique(np.sort(found, axis=1), axis=0)) == len(found) >= 200  # none twice
@@ -296,7 +296,7 @@ def test_what_the_precise_way_would_leave_nothing_of_is_made_the_fast_way(way, m
     settings.method = way
     settings.ratios[1] = 0.005
     settings.ratios[2] = 0.002
-    lods = made(1)
+    lods = make_lods(1)
     assert triangles(lods["cards LOD 1"]) >= 1
     assert (
         lods["cards LOD 1"]["crowd_lod_method"] == "POSE_AWARE"
@@ -306,7 +306,7 @@ def test_what_the_precise_way_would_leave_nothing_of_is_made_the_fast_way(way, m
     settings.method = "DECIMATE"
     settings.ratios[1] = 0.5
     settings.ratios[2] = 0.2
-    cards = made(1)["cards LOD 1"]
+    cards = make_lods(1)["cards LOD 1"]
     assert cards["crowd_lod_method"] == "DECIMATE" and len(cards.data.vertices) == len(
         {*(loop.vertex_index for loop in cards.data.loops)}
     )
@@ -322,6 +322,6 @@ def test_a_stray_face_without_area_costs_no_lod_its_likeness():
     stray.from_pydata(points, [], [*faces, (at, at + 1, at + 2), (at + 3, at + 4, at + 5)])
     character(new("stray", stray))
     bpy.context.scene.crowd_lod.method = "POSE_AWARE"
-    lod = made(1)["stray LOD 1"]
+    lod = make_lods(1)["stray LOD 1"]
     assert np.abs(mesh_data.read_triangles(lod.data)[0][:, :2]).max() < 0.25
     assert bpy.context.scene.crowd_lod.groups[0].deviations[1] < 0.05

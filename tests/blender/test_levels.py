@@ -9,7 +9,7 @@ from mathutils import Matrix
 from mathutils.bvhtree import BVHTree
 
 
-def made(scene):
+def make_lods(scene):
     assert list(make_levels(scene))[-1] == 1.0
     return scene.crowd_lod.levels
 
@@ -33,7 +33,7 @@ def digest(collection):
 def test_levels_are_there_and_the_characters_untouched(scene):
     before = digest(scene.crowd_lod.characters)
     blocks = set(bpy.data.user_map())
-    levels = made(scene)
+    levels = make_lods(scene)
     assert digest(scene.crowd_lod.characters) == before
     assert len(levels.children) == 3 and [len(level.children) for level in levels.children] == [
         2,
@@ -51,7 +51,7 @@ def test_levels_are_there_and_the_characters_untouched(scene):
 
 
 def test_levels_carry_materials_uvs_and_weights_and_follow_the_armature(scene):
-    levels = made(scene)
+    levels = make_lods(scene)
     scene.frame_set(8)
     levels_seen = [c.name for c in levels.children]
     scene.view_layers[0].layer_collection.children[levels.name].exclude = False
@@ -88,12 +88,12 @@ def test_levels_carry_materials_uvs_and_weights_and_follow_the_armature(scene):
 
 @pytest.mark.once
 def test_a_second_run_replaces_the_first_and_spares_what_the_user_put_there(scene):
-    levels = made(scene)
+    levels = make_lods(scene)
     mine = bpy.data.objects.new("Mine", None)
     levels.children[1].objects.link(mine)
     names = sorted(o.name for o in levels.all_objects if o is not mine)
     counts = len(bpy.data.meshes), len(bpy.data.collections)
-    again = made(scene)
+    again = make_lods(scene)
     assert sorted(o.name for o in again.all_objects) == names
     assert (len(bpy.data.meshes), len(bpy.data.collections)) == counts
     assert [c.name for c in mine.users_collection] == [scene.collection.name]
@@ -109,7 +109,7 @@ def test_esc_leaves_nothing(scene):
 
 @pytest.mark.once
 def test_an_error_half_way_keeps_the_levels_that_were_there(scene):
-    levels = made(scene)
+    levels = make_lods(scene)
     before = set(bpy.data.user_map())
     scene.crowd_lod.ratios[1] = 0.05
     scene.crowd_lod.ratios[2] = 0.05
@@ -165,7 +165,7 @@ def test_a_character_of_objects_with_modifiers_ngons_and_loose_vertices(scene):
     bpy.data.objects["head"].modifiers.new("smooth", "SUBSURF").render_levels = 2
     bpy.data.objects["head"].modifiers["smooth"].levels = 2
     scene.crowd_lod.characters = top
-    levels = made(scene)
+    levels = make_lods(scene)
     sizes = [[len(o.data.polygons) for o in level.all_objects] for level in levels.children]
     assert [len(s) for s in sizes] == [2, 2, 2]
     group = scene.crowd_lod.groups[0]

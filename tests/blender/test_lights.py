@@ -265,7 +265,7 @@ def test_a_bake_keeps_for_their_shadows_whom_each_frame_keeps(lit, blur, rendere
         mesh.attributes[name].data.foreach_get("value", values)
         return values
 
-    def shown(scene):
+    def ids_of_points(scene):
         return {
             name: ids(item.data, "id").tolist()
             for name, item in render_setup.points_of(scene.crowd_lod.build).items()
@@ -274,7 +274,8 @@ def test_a_bake_keeps_for_their_shadows_whom_each_frame_keeps(lit, blur, rendere
     live = {}
     for number in (12, 3, 30):
         live |= {
-            (number, name): kept for name, kept in rendered(lit, number, shown)[number].items()
+            (number, name): kept
+            for name, kept in rendered(lit, number, ids_of_points)[number].items()
         }
     list(bake(lit, [3, 12, 30]))
     for (number, name), kept in live.items():

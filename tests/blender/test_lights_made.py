@@ -126,7 +126,7 @@ WAYS = [
 ]
 
 
-def held(lights, x):
+def lights_around(lights, x):
     """Of each of the places, `x` meters further along x, the sizes of the small lights that hold
     it.
     """
@@ -157,7 +157,7 @@ def test_they_are_read_where_they_are_at_each_frame(lit, way, blur):  # noqa: F8
         lit.frame_set(frame)
         for off in (-0.25, 0, 0.25) if blur else (0,):
             x = 5.0 * (min(max(frame + off, 1), 3) - 1)
-            assert all(sizes and max(sizes) < 3 for sizes in held(read(lit).lights, x)), (
+            assert all(sizes and max(sizes) < 3 for sizes in lights_around(read(lit).lights, x)), (
                 frame,
                 off,
             )

@@ -13,7 +13,7 @@ from mathutils import Matrix
 pytestmark = pytest.mark.once  # long, and the same on every Blender
 
 
-def made(scene) -> dict[str, list[float]]:
+def parts_after_making(scene) -> dict[str, list[float]]:
     """The parts of the character's triangles that each group's LODs have, after making them."""
     list(make_levels(scene))
     return {
@@ -32,7 +32,7 @@ def test_what_is_foretold_is_about_what_is_made(scene):
     settings.frames = "1:20"
     settings.method = "DECIMATE"
     settings.count = 300
-    before = made(scene)
+    before = parts_after_making(scene)
     assert forecast(scene) is None
     for change, farther in (
         (lambda: setattr(lens, "lens", 4 * lens.lens), 4.0),
@@ -43,7 +43,7 @@ def test_what_is_foretold_is_about_what_is_made(scene):
         told = forecast(scene)
         assert told.farther == pytest.approx(farther, rel=0.01) and told.rows
         assert any(told.sentence in sentence for sentence, _ in steps.messages(scene))
-        after = made(scene)
+        after = parts_after_making(scene)
         foretold = {name: then for name, _, then in told.rows}
         for (
             name,
@@ -62,7 +62,7 @@ def test_what_is_spoilt_or_takes_long_foretells_nothing(scene):
     settings.frames = "1:20"
     settings.method = "DECIMATE"
     settings.count = 50
-    made(scene)
+    parts_after_making(scene)
     settings.tolerance = 6.0
     assert forecast(scene) is not None
     settings.memory = 1.0
@@ -90,7 +90,7 @@ def test_lods_that_lack_what_the_settings_ask_for_are_to_be_made_again(scene):
     settings.count = 20
     settings.frames = "1:20"
     settings.method = "DECIMATE"
-    made(scene)
+    parts_after_making(scene)
     assert not told_of(scene) and steps.next_operator(scene) != "crowd_lod.make_levels"
     settings.choice = "BY_RATIO"
     settings.level_count = 6
@@ -99,7 +99,7 @@ def test_lods_that_lack_what_the_settings_ask_for_are_to_be_made_again(scene):
         and steps.next_operator(scene) == "crowd_lod.make_levels"
     )
     settings.level_count = 2
-    made(scene)
+    parts_after_making(scene)
     assert not told_of(scene)
     for name, own, other, said in (
         (
@@ -125,7 +125,7 @@ def test_lods_with_a_spoilt_note_are_told_of_without_an_error(scene, spoilt):
     settings.choice = "BY_RATIO"
     settings.level_count = 2
     settings.method = "DECIMATE"
-    made(scene)
+    parts_after_making(scene)
     settings.levels[MADE_FOR] = spoilt
     settings.level_count = 3
     assert "levels 2 (now 3)" in told_of(scene)
@@ -146,7 +146,7 @@ def test_lods_of_characters_that_were_edited_are_to_be_made_again_and_those_that
         mesh.location.z = height
         mesh.keyframe_insert("location", frame=frame)
     scene.frame_set(1)
-    made(scene)
+    parts_after_making(scene)
     list(render_setup.build(scene))
     staleness.note_build(scene)
     scene.frame_set(10)
@@ -160,7 +160,7 @@ def test_lods_of_characters_that_were_edited_are_to_be_made_again_and_those_that
     assert "the character adult changed" in render_setup.notes_on_cast(
         scene, finished(render_setup.build(scene))
     )
-    made(scene)
+    parts_after_making(scene)
     assert not told_of(scene)
     mesh.modifiers.new("Thicker", "SOLIDIFY")
     assert told_of(scene)

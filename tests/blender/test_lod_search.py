@@ -108,7 +108,7 @@ def beads(places, radius):
     return items
 
 
-def found(items, length):
+def search_lods(items, length):
     """Return the tries that a search finds, and their bound."""
     search = Search(
         [read_source(item) for item in items], "DECIMATE", make_object, Measure("", items)
@@ -122,7 +122,7 @@ def test_small_objects_that_nobody_misses_are_left_out(body):
     turns = np.arange(8) * 2 * np.pi / 8
     small = beads(0.99 * np.column_stack([np.cos(turns), np.sin(turns), 0 * turns]), 0.015)
     (large,) = beads([(0, 0, 1.05)], 0.1)
-    triangles, bound = found([body, *small, large], 0.03)
+    triangles, bound = search_lods([body, *small, large], 0.03)
     assert bound <= 0.03
     assert triangles[1:-1] == [0] * 8
     assert triangles[-1] > 0
@@ -130,12 +130,12 @@ def test_small_objects_that_nobody_misses_are_left_out(body):
 
 def test_of_beads_on_a_string_some_stay_for_the_rest():
     bpy.ops.wm.read_factory_settings(use_empty=True)
-    triangles, bound = found(beads([(0.02 * k, 0, 0) for k in range(12)], 0.01), 0.03)
+    triangles, bound = search_lods(beads([(0.02 * k, 0, 0) for k in range(12)], 0.01), 0.03)
     assert bound <= 0.03
     assert 0 < np.count_nonzero(triangles) <= 6
 
 
 def test_a_hidden_object_is_left_out(body):
     bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=3, radius=0.5)
-    triangles, _ = found([body, bpy.context.object], 0.03)
+    triangles, _ = search_lods([body, bpy.context.object], 0.03)
     assert triangles[1] == 0

@@ -69,7 +69,7 @@ def test_as_many_are_made_as_pay_and_the_build_shows_them(tolerant):
     assert stored_groups.groups_of(settings) == groups
 
 
-def made(scene, pixels=1.0):
+def make_by_tolerance(scene, pixels=1.0):
     scene.crowd_lod.tolerance = pixels
     stored_groups.store_groups(scene.crowd_lod, group_measuring.measure_groups(scene))
     list(make_levels(scene))
@@ -78,7 +78,7 @@ def made(scene, pixels=1.0):
 
 @pytest.mark.once
 def test_at_the_switch_distance_the_bound_spans_the_tolerance_in_blender_s_own_camera(tolerant):
-    settings = made(tolerant, 2.0)
+    settings = make_by_tolerance(tolerant, 2.0)
     camera = tolerant.camera
     render = tolerant.render
     camera.location = (0, 0, 0)
@@ -101,7 +101,7 @@ def test_at_the_switch_distance_the_bound_spans_the_tolerance_in_blender_s_own_c
 
 @pytest.mark.once
 def test_tolerance_reaches_the_frame_and_a_wrong_one_is_refused(tolerant):
-    settings = made(tolerant)
+    settings = make_by_tolerance(tolerant)
     depsgraph = bpy.context.evaluated_depsgraph_get()
     one = scene_crowd.frame_of(tolerant, depsgraph)
     settings.tolerance = 4

@@ -25,7 +25,7 @@ from crowd_lod_extension.operators.runs import lod_picture, lod_table
 from crowd_lod_extension.operators.scene import scene_crowd
 
 
-def told(scene, folder):
+def tables_of(scene, folder):
     """The tables of `scene` as its camera sees it, and the frame."""
     scene.crowd_lod.lod_pictures = True
     frame = scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get())
@@ -59,7 +59,7 @@ def test_rendered_silhouettes_stay_within_what_the_deviation_predicts(
     settings.frames = "1"
     stored_groups.store_groups(settings, group_measuring.measure_groups(scene))
     list(make_levels(scene))
-    tables, frame = told(scene, tmp_path)
+    tables, frame = tables_of(scene, tmp_path)
     assert [each["group"] for each in tables] == ["child"]
     checked = 0
     for each, group, begins in zip(
@@ -112,7 +112,7 @@ def test_a_group_of_small_agents_is_measured_at_their_size(scene, tmp_path, kind
     stored_groups.store_groups(settings, group_measuring.measure_groups(scene))
     settings.groups[0].scale = 0.4, 0.44
     list(make_levels(scene))
-    (table,), _ = told(scene, tmp_path)
+    (table,), _ = tables_of(scene, tmp_path)
     rows = [row for row in table["levels"] if row["predicted_px"] is not None]
     assert rows
     for row in rows:
@@ -134,7 +134,7 @@ def test_the_way_a_lod_was_made_is_told_where_it_is_known(levelled, tmp_path):
     ):
         for key in ("crowd_lod_method", "crowd_lod_why", "crowd_lod_ms"):
             other.pop(key, None)
-    tables, _ = told(levelled, tmp_path)
+    tables, _ = tables_of(levelled, tmp_path)
     assert [tables[0]["levels"][1][key] for key in ("method", "why", "ms")] == [
         "precise",
         "It has seams.",
@@ -150,7 +150,7 @@ def test_names_make_safe_and_different_files(scene, tmp_path):
     stored_groups.store_groups(scene.crowd_lod, group_measuring.measure_groups(scene))
     scene.crowd_lod.level_count = 1
     list(make_levels(scene))
-    tables, _ = told(scene, tmp_path)
+    tables, _ = tables_of(scene, tmp_path)
     names = [each["picture"] for each in tables]
     assert len(set(names)) == 2 and all(
         re.fullmatch(r"levels_[A-Za-z0-9._-]+\.png", name) for name in names

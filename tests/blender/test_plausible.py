@@ -50,7 +50,7 @@ def scene(request):
     return scene
 
 
-def told(scene, **found):
+def warnings_of(scene, **found):
     """What Populate warns of."""
     for name, value in found.items():
         setattr(scene.crowd_lod, name, value)
@@ -58,7 +58,7 @@ def told(scene, **found):
     return scene.crowd_lod.trouble
 
 
-def put(item, scene):
+def place(item, scene):
     scene.collection.objects.link(item)
     scene.view_layers[0].update()
     return item
@@ -80,17 +80,17 @@ units = pytest.mark.parametrize("scene", [0.01, 1, 1000], indirect=True)
 @units
 def test_a_crowd_of_people_is_told_nothing(scene):
     meters = scene.unit_settings.scale_length
-    put(
+    place(
         block("floor", (-50 / meters, -50 / meters, -1 / meters), (50 / meters, 50 / meters, 0)),
         scene,
     )
-    assert told(scene, machine=walking(1.3)) == ""
+    assert warnings_of(scene, machine=walking(1.3)) == ""
 
 
 @units
 def test_giants_are_told_in_meters(scene):
     bpy.data.objects["body"].data.transform(Matrix.Scale(78 / 1.75, 4))
-    trouble = told(scene)
+    trouble = warnings_of(scene)
     assert trouble.count("someone is 78 m tall: if these are people, scale them") == 1
     assert steps.messages(scene)[1][0].startswith("Next:")  # after the camera that is missing
 
@@ -106,7 +106,7 @@ def test_giants_are_told_in_meters(scene):
     ],
 )
 def test_speeds_of_the_state_machine(scene, speed, wanted):
-    trouble = told(scene, machine=walking(speed))
+    trouble = warnings_of(scene, machine=walking(speed))
     assert wanted in trouble
     assert bool(wanted) == bool(trouble)
 
@@ -115,7 +115,7 @@ def test_speeds_of_the_state_machine(scene, speed, wanted):
 @pytest.mark.parametrize("height, side", [(1.2, "below"), (-3, "above")])
 def test_who_stands_off_the_ground_of_the_scene_is_told_with_the_height(scene, height, side):
     meters = scene.unit_settings.scale_length
-    ground = put(
+    ground = place(
         block(
             "floor",
             (-50 / meters, -50 / meters, (height - 1) / meters),
@@ -127,14 +127,14 @@ def test_who_stands_off_the_ground_of_the_scene_is_told_with_the_height(scene, h
         f"100% of the agents stand {abs(height)} m {side} the ground floor: choose it as "
         f"Terrain Object"
     )
-    assert wanted in told(scene)
-    assert told(scene, terrain_object=ground) == ""
+    assert wanted in warnings_of(scene)
+    assert warnings_of(scene, terrain_object=ground) == ""
 
 
 @units
 def test_who_stands_in_a_wall_is_told_and_who_stands_in_a_hall_is_not(scene):
     meters = scene.unit_settings.scale_length
-    put(
+    place(
         block(
             "hall",
             (-50 / meters, -50 / meters, -1 / meters),
@@ -142,8 +142,8 @@ def test_who_stands_in_a_wall_is_told_and_who_stands_in_a_hall_is_not(scene):
         ),
         scene,
     )
-    put(block("pillar", (-10 / meters, -10 / meters, 0), (0, 10 / meters, 4 / meters)), scene)
-    trouble = told(scene)
+    place(block("pillar", (-10 / meters, -10 / meters, 0), (0, 10 / meters, 4 / meters)), scene)
+    trouble = warnings_of(scene)
     share = float(
         trouble.partition("% of the agents stand within pillar: add it to Areas")[0].rpartition(
             "\n"
@@ -163,15 +163,15 @@ def tracks(scene, tmp_path, rows):
 @units
 def test_a_wrong_frame_rate_is_seen_in_the_median_speed(scene, tmp_path):
     tracks(scene, tmp_path, [(k, f, f * 0.098, k, 0) for k in range(20) for f in range(50)])
-    assert "Agents walk at a median of 2.45 m/s: check Frame Rate and Unit." in told(
+    assert "Agents walk at a median of 2.45 m/s: check Frame Rate and Unit." in warnings_of(
         scene, tracks_rate=25
     )
-    assert told(scene, tracks_rate=12.5) == ""
+    assert warnings_of(scene, tracks_rate=12.5) == ""
 
 
 def test_a_file_in_which_nobody_moves_is_told(scene, tmp_path):
     tracks(scene, tmp_path, [(k, f, k + f * 1e-5, k, 0) for k in range(20) for f in range(50)])
-    assert "Nobody moves: check Frame Rate and Unit." in told(
+    assert "Nobody moves: check Frame Rate and Unit." in warnings_of(
         scene, tracks_unit="M", tracks_rate=25
     )
 
@@ -187,13 +187,13 @@ def test_heights_that_change_as_people_walk_are_told(scene, tmp_path):
             for f in range(50)
         ],
     )
-    assert "if y is up in it, set Up to Y" in told(scene, tracks_rate=25)
-    assert "Up" not in told(scene, tracks_up="Y")
+    assert "if y is up in it, set Up to Y" in warnings_of(scene, tracks_rate=25)
+    assert "Up" not in warnings_of(scene, tracks_up="Y")
 
 
 def test_stairs_are_none(scene, tmp_path):
     tracks(scene, tmp_path, [(k, f, 0.04 * f, k, 0.0235 * f) for k in range(9) for f in range(50)])
-    assert "Up" not in told(scene, tracks_rate=25)
+    assert "Up" not in warnings_of(scene, tracks_rate=25)
 
 
 def test_a_sword_in_the_hand_lifts_nobody(scene):
@@ -209,7 +209,7 @@ def test_who_floats_above_the_own_origin_is_set_down_on_the_soles(scene):
     bpy.data.objects["body"].data.transform(Matrix.Translation((0, 0, 0.5)))
     group = scene.crowd_lod.characters.children[0]
     group.objects.link(block("sword", (0.3, 0, 0.34), (0.32, 0.05, 1.4)))
-    assert "someone (feet 0.5 m above its origin)" in told(scene)
+    assert "someone (feet 0.5 m above its origin)" in warnings_of(scene)
     assert groups_of(scene.crowd_lod)[0].lowest == pytest.approx(0.5, abs=1e-4)
 
 
@@ -220,7 +220,7 @@ def test_poses_that_stand_are_told_in_frames_and_seconds(scene):
     for frame, value in ((1, 0.0), (2753, 1.0)):
         key.value = value
         key.keyframe_insert("value", frame=frame)
-    trouble = told(scene)
+    trouble = warnings_of(scene)
     assert (
         "someone is built as 32 still poses, each of which stands for 86 frames (3.44 s) of its "
         "action: the shape keys" in trouble
@@ -233,4 +233,4 @@ def test_a_long_action_that_rigs_may_follow_is_no_trouble(scene):
     for frame in (1, 2753):
         body.rotation_euler.z = frame / 2753
         body.keyframe_insert("rotation_euler", frame=frame)
-    assert told(scene) == ""
+    assert warnings_of(scene) == ""

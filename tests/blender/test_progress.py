@@ -42,12 +42,12 @@ def reported(scene, folder):
     return error(scene, folder / "out")
 
 
-def built(scene, folder):
+def build(scene, folder):
     scene.frame_set(FAR)
     return baked(scene, folder)
 
 
-WORKS = previewed, verified, baked, reported, built
+WORKS = previewed, verified, baked, reported, build
 
 
 @pytest.mark.parametrize("work", WORKS, ids=lambda work: work.__name__)

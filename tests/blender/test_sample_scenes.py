@@ -19,7 +19,7 @@ from mathutils.bvhtree import BVHTree
 FRAMES = (1, *range(10, 121, 10))
 
 
-def made(name):
+def make_scene(name):
     scene = bpy.data.scenes.new(name)
     sample_scenes.make(name, scene)
     return scene
@@ -94,8 +94,8 @@ def frames_of(scene):
 
 @pytest.mark.parametrize("name", sample_scenes.NAMES)
 def test_two_makes_give_the_same_scene(name):
-    first = made(name)
-    second = made(name)
+    first = make_scene(name)
+    second = make_scene(name)
     assert digest(first) == digest(second)
     second.camera.location.x += 1e-3
     assert digest(first) != digest(second)
@@ -103,7 +103,7 @@ def test_two_makes_give_the_same_scene(name):
 
 @pytest.mark.parametrize("name", ["chapter", "plaza"])
 def test_everything_is_set(name):
-    scene = made(name)
+    scene = make_scene(name)
     settings = scene.crowd_lod
     assert settings.count == {"chapter": 4096, "plaza": 10_000}[name]
     assert (settings.above is None) == (name == "plaza")
@@ -122,20 +122,20 @@ def test_everything_is_set(name):
 
 @pytest.mark.parametrize("name", ["chapter", "plaza"])
 def test_every_lod_is_populated(name):
-    counts = np.array([frame.buckets.counts for frame in frames_of(made(name))])
+    counts = np.array([frame.buckets.counts for frame in frames_of(make_scene(name))])
     least = {"chapter": counts.min(axis=0), "plaza": counts.max(axis=0)}[name]
     assert (least >= 100).all()
 
 
 def test_the_chapter_sees_a_part_and_the_auxiliary_camera_all():
-    scene = made("chapter")
+    scene = make_scene("chapter")
     assert all(0.3 < frame.visible.mean() < 0.8 for frame in frames_of(scene))
     scene.camera = scene.crowd_lod.above
     assert all(frame.visible.all() for frame in frames_of(scene))
 
 
 def test_the_plaza_sees_nearly_all_and_nearly_none():
-    share = [frame.visible.mean() for frame in frames_of(made("plaza"))]
+    share = [frame.visible.mean() for frame in frames_of(make_scene("plaza"))]
     assert max(share) > 0.9
     assert min(share) < 0.05
     assert any(0.1 < part < 0.5 for part in share)
@@ -143,7 +143,7 @@ def test_the_plaza_sees_nearly_all_and_nearly_none():
 
 def test_the_plaza_map_agrees_with_its_geometry():
     """Rays from above meet an obstacle in every wall and water cell, and in no other."""
-    scene = made("plaza")
+    scene = make_scene("plaza")
     obstacles = next(c for c in scene.collection.children if c.name.startswith("Obstacles"))
     trees = []
     for item in obstacles.objects:
@@ -170,7 +170,7 @@ def test_the_plaza_map_agrees_with_its_geometry():
 
 def test_people_of_the_station_stand_on_its_floors_and_keep_out_of_what_is_in_the_way():
     """Rays from the knees down meet the floor under each foot."""
-    scene = made("station")
+    scene = make_scene("station")
     settings = scene.crowd_lod
     floors = scene.crowd_lod.terrain.objects
     trees = []
@@ -201,7 +201,7 @@ def test_people_of_the_station_stand_on_its_floors_and_keep_out_of_what_is_in_th
 
 
 def test_who_waits_in_the_station_plays_another_action_of_the_three_groups():
-    scene = made("station")
+    scene = make_scene("station")
     groups = group_measuring.measure_groups(scene)
     assert len(groups) == 3 and all(
         [action.name for action in group.actions] == ["idle"] for group in groups
@@ -224,7 +224,7 @@ def test_other_scenes_stay_as_they_are():
     mine.frame_set(37)
     before = set(bpy.data.user_map())
     for name in sample_scenes.NAMES:
-        scene = made(name)
+        scene = make_scene(name)
         belongs = set(scene.collection.children_recursive) | set(scene.objects) | {scene}
         belongs |= set(scene.crowd_lod.characters.all_objects)
         kinds = bpy.types.Object, bpy.types.Collection, bpy.types.Scene

@@ -79,7 +79,7 @@ def rendered(scene, path):
     return image_data.load_pixels(path)[..., :3] / 255
 
 
-def used(scene):
+def images_of_build(scene):
     """The images that the build's characters show, by LOD."""
     shelves = next(child for child in scene.crowd_lod.build.children if LIBRARY in child).children
     found = {}
@@ -91,7 +91,7 @@ def used(scene):
     return found
 
 
-def made():
+def contents():
     """What the file holds of images, materials, meshes and node groups."""
     kinds = bpy.data.images, bpy.data.materials, bpy.data.meshes, bpy.data.node_groups
     return sorted(block.name for kind in kinds for block in kind if block.name != "Render Result")
@@ -99,18 +99,20 @@ def made():
 
 @pytest.mark.once
 def test_far_lods_show_scaled_images_and_look_the_same(crowd, tmp_path):
-    before = made()
+    before = contents()
     finished(render_setup.build(crowd))
-    unscaled = made()
+    unscaled = contents()
     plain = rendered(crowd, tmp_path / "plain.png")
     crowd.crowd_lod.scale_textures = True
     for _ in range(2):  # the second takes the place of the first
         cast = finished(render_setup.build(crowd))
-        images = used(crowd)
+        images = images_of_build(crowd)
         sizes = {level: [tuple(image.size) for image in own] for level, own in images.items()}
         assert sizes == {0: [(1024, 1024)], 1: [(64, 64)], 2: [(32, 32)]}
         assert cast.images == (4 * 1024**2, 4 * (1024**2 + 64**2 + 32**2))
-        assert len(made()) == len(unscaled) + 6  # an image, a material and a mesh of each far LOD
+        assert (
+            len(contents()) == len(unscaled) + 6
+        )  # an image, a material and a mesh of each far LOD
     meshes = [item.data for level in crowd.crowd_lod.levels.children for item in level.all_objects]
     assert {material.name for mesh in meshes for material in mesh.materials} == {"skin"}
     difference = np.abs(plain - rendered(crowd, tmp_path / "scaled.png"))
@@ -118,9 +120,9 @@ def test_far_lods_show_scaled_images_and_look_the_same(crowd, tmp_path):
     assert 1000 < shown.sum() and 0 < difference[shown].mean() < 0.01
     crowd.crowd_lod.scale_textures = False
     assert finished(render_setup.build(crowd)).images is None
-    assert made() == unscaled
+    assert contents() == unscaled
     render_setup.remove_build(crowd.crowd_lod)
-    assert made() == before
+    assert contents() == before
 
 
 def test_images_are_in_what_builds_are_said_to_cost(crowd):
@@ -229,7 +231,7 @@ def test_what_cannot_be_scaled_stays_and_is_named(crowd):
         "Images in full: tiles (UDIM tiles), film (a movie), frames (a sequence), lost (no "
         "pixels), round (not placed by a UV map alone)."
     )
-    assert set(stays.values()) <= used(crowd)[2]
+    assert set(stays.values()) <= images_of_build(crowd)[2]
     assert {inner.image.name for inner in group.nodes if inner.type == "TEX_IMAGE"} == set(scaling)
     shelf = next(child for child in bpy.data.collections if child.get(LIBRARY) == 2)
     own = {slot.material for item in shelf.all_objects for slot in item.material_slots}
@@ -247,7 +249,7 @@ def test_what_cannot_be_scaled_stays_and_is_named(crowd):
             or name == "placed"
         )
     render_setup.remove_build(crowd.crowd_lod)
-    assert not [name for name in made() if "/ 8" in name] and [
+    assert not [name for name in contents() if "/ 8" in name] and [
         each.name for each in bpy.data.node_groups
     ] == ["inner"]
 
@@ -257,7 +259,7 @@ def test_scaled_images_are_in_the_file(crowd, tmp_path):
     finished(render_setup.build(crowd))
     before = {
         image.name: image_data.read_values(image).copy()
-        for own in used(crowd).values()
+        for own in images_of_build(crowd).values()
         for image in own
     }
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"))

@@ -50,7 +50,7 @@ def material(name, strength=0.0):
     return made
 
 
-def found(shown, depsgraph):
+def find(shown, depsgraph):
     """What is found, to be compared."""
     box = shown.box(depsgraph)
     kinds = shown.things, shown.lamps(depsgraph)
@@ -65,7 +65,7 @@ def compared(scene):
     """The scenery of the scene, after it was compared with what is found anew."""
     depsgraph = bpy.context.view_layer.depsgraph
     shown = scenery.scenery_of(scene, depsgraph)
-    assert found(shown, depsgraph) == found(scenery.Scenery(scene, depsgraph), depsgraph)
+    assert find(shown, depsgraph) == find(scenery.Scenery(scene, depsgraph), depsgraph)
     return shown
 
 

@@ -24,7 +24,7 @@ def add(scene, name="Hero", **settings):
     return entry
 
 
-def chosen(scene, frames=FRAMES):
+def chosen_agents(scene, frames=FRAMES):
     return [
         each.agents.tolist()
         for each in exemptions_of(scene, trajectory_of(scene), policy_of(scene.crowd_lod), frames)
@@ -173,8 +173,8 @@ def test_a_region_means_those_inside_its_box_when_it_begins(levelled):
             (crowd.x >= -5) & (crowd.x <= 9) & (crowd.y >= -8) & (crowd.y <= 0)
         ).tolist()
 
-    assert chosen(levelled) == [inside(1), inside(8)] and inside(1) != inside(8)
-    assert chosen(levelled, range(2, 7)) == [inside(2), []]
+    assert chosen_agents(levelled) == [inside(1), inside(8)] and inside(1) != inside(8)
+    assert chosen_agents(levelled, range(2, 7)) == [inside(2), []]
     # turned by a quarter about its middle, its box is the other way round; flat, it counts at every
     # height
     region.rotation_euler.z = np.pi / 2
@@ -185,7 +185,7 @@ def test_a_region_means_those_inside_its_box_when_it_begins(levelled):
     bpy.context.view_layer.update()
     crowd = trajectory_of(levelled).at(1)
     turned = np.flatnonzero((abs(crowd.x - 2) <= 4) & (abs(crowd.y + 4) <= 7)).tolist()
-    assert chosen(levelled)[0] == turned
+    assert chosen_agents(levelled)[0] == turned
     # an empty's box is as wide as it is drawn
     empty = bpy.data.objects.new("Empty", None)
     empty.empty_display_size = 6
@@ -194,7 +194,7 @@ def test_a_region_means_those_inside_its_box_when_it_begins(levelled):
     bpy.context.view_layer.update()
     levelled.crowd_lod.exceptions[0].region = empty
     about = np.flatnonzero((abs(crowd.x - 1) <= 6) & (abs(crowd.y - 2) <= 6)).tolist()
-    assert chosen(levelled)[0] == about
+    assert chosen_agents(levelled)[0] == about
 
 
 def test_a_region_that_moves_is_taken_where_it_is_when_the_exception_begins(levelled):
@@ -210,7 +210,7 @@ def test_a_region_that_moves_is_taken_where_it_is_when_the_exception_begins(leve
     there = np.flatnonzero(
         (crowd.x >= -5) & (crowd.x <= 9) & (crowd.y >= 2) & (crowd.y <= 10)
     ).tolist()
-    assert chosen(levelled) == [there] and levelled.frame_current == 1
+    assert chosen_agents(levelled) == [there] and levelled.frame_current == 1
 
 
 def test_a_painted_map_means_those_on_light_pixels(levelled):
@@ -223,7 +223,9 @@ def test_a_painted_map_means_those_on_light_pixels(levelled):
     lower = (crowd.x >= -10) & (crowd.x < 0) & (crowd.y < 0)
     upper = (crowd.x >= 0) & (crowd.x < 10) & (crowd.y >= 0)
     assert (
-        chosen(levelled) == [np.flatnonzero(lower | upper).tolist()] and lower.any() and upper.any()
+        chosen_agents(levelled) == [np.flatnonzero(lower | upper).tolist()]
+        and lower.any()
+        and upper.any()
     )
 
 
@@ -307,7 +309,7 @@ def test_an_exception_outside_of_the_plan_has_nobody(levelled):
         first_frame=90,
         last_frame=99,
     )
-    assert chosen(levelled) == [[]]
+    assert chosen_agents(levelled) == [[]]
 
 
 def test_the_list_is_edited_by_its_buttons(scene):

@@ -46,20 +46,20 @@ def frame_at(scene, number, subframe=0.0):
     return frame_of(scene, bpy.context.evaluated_depsgraph_get())
 
 
-def shown(frame):
+def levels_of(frame):
     """{agent: LOD} of the frame's buckets."""
     return dict(zip(frame.buckets.order.tolist(), frame.buckets.levels.tolist(), strict=True))
 
 
 def test_every_frame_shows_the_plan(zoomed, tmp_path):
-    before = [shown(frame_at(zoomed, number)) for number in FRAMES]
+    before = [levels_of(frame_at(zoomed, number)) for number in FRAMES]
     stored = planned(zoomed, tmp_path / "plan")
     differ = 0
     for f, number in enumerate(FRAMES):
         frame = frame_at(zoomed, number)
         row = stored.row(f, zoomed.crowd_lod.count) & LEVEL
         assert frame.planned and not frame.unplanned
-        assert shown(frame) == {agent: row[agent] for agent in before[f]}  # who is seen stays
+        assert levels_of(frame) == {agent: row[agent] for agent in before[f]}  # who is seen stays
         assert all(row[agent] <= level for agent, level in before[f].items())
         differ += sum(row[agent] < level for agent, level in before[f].items())
     assert differ > 0
@@ -91,7 +91,7 @@ def test_a_live_build_holds_what_its_plan_shows(zoomed, tmp_path):
     assert len(meshes_in(zoomed)) < everything / 2
     live = {number: instances_at(zoomed, number) for number in (1, 6, 12)}
     after = instances_at(zoomed, 30)  # beyond the plan
-    lods = shown(frame_at(zoomed, 30))
+    lods = levels_of(frame_at(zoomed, 30))
     assert finished(render_setup.build(zoomed)).collections == [] != cast.collections  # it stays
     finished(bake.bake(zoomed, FRAMES))
     assert all(live.values()) and live == {n: instances_at(zoomed, n) for n in live}
@@ -141,8 +141,10 @@ def test_between_frames_nobody_is_coarser_than_allowed(zoomed, tmp_path):
     planned(zoomed, tmp_path / "plan")
     frame = frame_at(zoomed, 5, 0.5)
     zoomed.crowd_lod.use_shot_plan = False
-    allowed = shown(frame_at(zoomed, 5, 0.5))
-    assert frame.planned and all(level <= allowed[agent] for agent, level in shown(frame).items())
+    allowed = levels_of(frame_at(zoomed, 5, 0.5))
+    assert frame.planned and all(
+        level <= allowed[agent] for agent, level in levels_of(frame).items()
+    )
 
 
 CHANGES = {
@@ -164,7 +166,7 @@ def test_a_plan_that_does_not_fit_is_not_used_and_says_why(zoomed, tmp_path, wha
         f"again."
     )
     zoomed.crowd_lod.use_shot_plan = False
-    assert shown(frame) == shown(frame_at(zoomed, 6))
+    assert levels_of(frame) == levels_of(frame_at(zoomed, 6))
 
 
 def test_outside_of_its_frames_thresholds_hold(zoomed, tmp_path):
@@ -309,7 +311,7 @@ def test_preview_plans_first(zoomed, tmp_path):
     stored = plan_file.read(tmp_path / "preview" / "plan.npz")
     for row in plan["frames"]:
         levels = stored.row(row["frame"] - 1, zoomed.crowd_lod.count)
-        seen = list(shown(frame_at(zoomed, row["frame"])))
+        seen = list(levels_of(frame_at(zoomed, row["frame"])))
         assert np.bincount(levels[seen], minlength=2).tolist() == [
             row[f"lod{k}"] for k in range(len(np.bincount(levels[seen], minlength=2)))
         ]
@@ -348,7 +350,7 @@ def test_whom_the_far_clip_hides_at_once_is_in_the_verdict(levelled, tmp_path):
     for curve in curves_of(lens.animation_data):
         for point in curve.keyframe_points:
             point.interpolation = "CONSTANT"
-    seen = {number: set(shown(frame_at(scene, number))) for number in (5, 6)}
+    seen = {number: set(levels_of(frame_at(scene, number))) for number in (5, 6)}
     gone = len(seen[5] - seen[6])
     assert gone > 1
     planned(scene, tmp_path / "plan")

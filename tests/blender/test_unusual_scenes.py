@@ -67,7 +67,7 @@ def mirrored():
     return armature, body, hat
 
 
-def shown(scene, number):
+def instances(scene, number):
     """Of each instance, sorted: its matrix, what it shows, and its own id."""
     scene.frame_set(number)
     found = []
@@ -105,7 +105,7 @@ def test_poses_stand_as_the_character_does_and_a_bake_is_as_the_build(bare, part
     list(make_levels(bare))
     list(render_setup.build(bare))
     frames = range(bare.frame_start, bare.frame_end + 1, bare.frame_step)
-    live = [shown(bare, number) for number in (1009, 1001)]
+    live = [instances(bare, number) for number in (1009, 1001)]
     assert live[0] != live[1] and min(map(len, live)) > 10
 
     shelf = next(c for c in bare.crowd_lod.build.children_recursive if c.get(LIBRARY) == 0)
@@ -150,7 +150,7 @@ def test_poses_stand_as_the_character_does_and_a_bake_is_as_the_build(bare, part
 
     list(bake(bare, frames))
     for before, number in zip(live, (1009, 1001), strict=True):
-        after = shown(bare, number)
+        after = instances(bare, number)
         assert [each[:2] for each in after] == [each[:2] for each in before]
         np.testing.assert_allclose(
             [each[2] for each in after], [each[2] for each in before], atol=2e-5
@@ -179,7 +179,7 @@ def test_characters_of_a_library_and_overrides_of_them_are_built_alike(bare, tmp
         store_groups(bare.crowd_lod, measure_groups(bare))
         list(make_levels(bare))
         list(render_setup.build(bare))
-        pictures.append(shown(bare, 7))
+        pictures.append(instances(bare, 7))
     assert len(pictures[0]) > 10 and [each[2] for each in pictures[0]] == [
         each[2] for each in pictures[1]
     ]

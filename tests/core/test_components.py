@@ -28,7 +28,7 @@ def robot(count=60):
     return np.concatenate(points), np.concatenate(triangles)
 
 
-def shown(points, triangles, samples):
+def count_covered(points, triangles, samples):
     """How many of samples (k, 2), seen along four directions, some triangle covers: by the signs of
     its sides, all tried.
     """
@@ -50,8 +50,8 @@ def test_a_robot_of_many_parts_shows_as_much(ratio):
     lod = decimate((points, triangles), ratio, "robot")
     assert len(lod.triangles) <= round(ratio * len(triangles))
     samples = np.random.default_rng(0).uniform(-1, 1, (2_000, 2))
-    assert shown(lod.points, lod.triangles, samples) == pytest.approx(
-        shown(points, triangles, samples), rel=0.05
+    assert count_covered(lod.points, lod.triangles, samples) == pytest.approx(
+        count_covered(points, triangles, samples), rel=0.05
     )
 
 

@@ -34,7 +34,7 @@ GROUPS = (walker(), IDLER, walker(stride=0.7))
 COLUMNS = "x", "y", "z", "heading", "group", "state", "phase_class", "key", "pace"
 
 
-def some(*agents):
+def some_agents(*agents):
     return np.array(agents, np.intp)
 
 
@@ -61,10 +61,10 @@ def test_each_edit_changes_what_it_says_in_all_frames_and_nothing_else():
     edited = Edited(
         own,
         [
-            Edit(some(3, 7), move=(1.5, -2.0, 0.25)),
-            Edit(some(7, 9), move=(0.5, 0.0, 0.0), turn=1.0),
-            Edit(some(9), turn=-0.25),
-            Edit(some(0, 11), hide=True),
+            Edit(some_agents(3, 7), move=(1.5, -2.0, 0.25)),
+            Edit(some_agents(7, 9), move=(0.5, 0.0, 0.0), turn=1.0),
+            Edit(some_agents(9), turn=-0.25),
+            Edit(some_agents(0, 11), hide=True),
         ],
     )
     for time in (-4, 1, 7.5, 60, 12):
@@ -86,17 +86,20 @@ def test_each_edit_changes_what_it_says_in_all_frames_and_nothing_else():
 
 def test_who_is_moved_on_hills_stands_on_them_and_leans_with_them():
     own = shot(walking(), groups=GROUPS, heights=hills(), tilts=True)
-    edited = Edited(own, [Edit(some(3, 7), move=(4.0, -6.0, 0.5)), Edit(some(9), move=(0, 0, 2.0))])
+    edited = Edited(
+        own,
+        [Edit(some_agents(3, 7), move=(4.0, -6.0, 0.5)), Edit(some_agents(9), move=(0, 0, 2.0))],
+    )
     for time in (1, 30.25):
         crowd = edited.at(time)
         before = own.at(time)
         there = own.heights.at(before.x[[3, 7]] + 4, before.y[[3, 7]] - 6)
         assert np.allclose(crowd.z[[3, 7, 9]], [*(there + 0.5), before.z[9] + 2])
         upright = own.heights.tilt(before.x[[3]] + 4, before.y[[3]] - 6, before.heading[[3]])
-        assert np.allclose(edited.tilt(crowd, some(3)), upright)
+        assert np.allclose(edited.tilt(crowd, some_agents(3)), upright)
     # of several crowds each stands on its own ground
     crowds = several()
-    crowd = Edited(crowds, [Edit(some(5, 205), move=(1.0, 1.0, 0.0))]).at(40)
+    crowd = Edited(crowds, [Edit(some_agents(5, 205), move=(1.0, 1.0, 0.0))]).at(40)
     before = crowds.at(40)
     relief = crowds.members[1].heights
     assert (
@@ -113,7 +116,7 @@ def test_who_changes_the_group_plays_its_action_without_a_jump():
     turning = np.flatnonzero(own.at(160).pace != own.start.pace)[[0, 1, -1]]
     group = own.start.group.copy()
     group[turning] = 1 - group[turning]
-    asked = [Edit(some(a), group=int(group[a])) for a in turning]
+    asked = [Edit(some_agents(a), group=int(group[a])) for a in turning]
     other = Walk(
         replace(own.start, group=group), own.machine, own.world, own.groups, own.seconds_per_frame
     )
@@ -126,19 +129,23 @@ def test_who_changes_the_group_plays_its_action_without_a_jump():
         )
         assert np.array_equal(edited.phase(crowd, time), other.phase(expected, time))
         assert np.array_equal(crowd.x, own.at(time).x)
-    assert Edited(several(), [Edit(some(205), group=1)]).at(9).group[205] == 1
+    assert Edited(several(), [Edit(some_agents(205), group=1)]).at(9).group[205] == 1
 
 
 def test_no_edits_and_edits_that_change_nothing_are_the_old_crowd_to_the_bit():
     own = shot(walking(), groups=GROUPS, count=50)
-    for edits in ([], [Edit(some(3), group=int(own.start.group[3]))], [Edit(some(3))]):
+    for edits in (
+        [],
+        [Edit(some_agents(3), group=int(own.start.group[3]))],
+        [Edit(some_agents(3))],
+    ):
         edited = Edited(own, edits)
         assert edited.base is own and edited.at(9) is own.at(9)
         assert edited.left_out == own.left_out
 
 
 def test_a_crowd_that_stands_keeps_its_plan_though_some_are_moved():
-    edited = Edited(shot(), [Edit(some(3), move=(1, 0, 0), turn=1.0, hide=True)])
+    edited = Edited(shot(), [Edit(some_agents(3), move=(1, 0, 0), turn=1.0, hide=True)])
     camera = straight()
     plan(edited, camera, POLICY, 5), plan(edited, camera, POLICY, 6)
     assert STATIC in plan(edited, camera, POLICY, 7).left_out
@@ -152,7 +159,10 @@ def test_blocks_hold_for_agents_moved_far_away(edge, monkeypatch):
     random = np.random.default_rng(6)
     edited = Edited(
         own,
-        [Edit(some(*range(a, 400, 8)), move=(*random.uniform(-50, 50, 2), 0.0)) for a in range(4)],
+        [
+            Edit(some_agents(*range(a, 400, 8)), move=(*random.uniform(-50, 50, 2), 0.0))
+            for a in range(4)
+        ],
     )
     for time in (1, 16.5, 90, 300):
         for _ in range(6):
@@ -199,7 +209,7 @@ def test_agents_of_a_file_are_edited_by_their_ids_while_they_are_there(monkeypat
 def edits(draw, count, groups):
     """Any edits of some agents of a crowd."""
     agents = st.lists(st.integers(0, count - 1), min_size=1, max_size=6, unique=True).map(
-        lambda own: some(*own)
+        lambda own: some_agents(*own)
     )
     meters = st.floats(-60, 60)
     return draw(
@@ -266,7 +276,7 @@ def test_a_plan_made_before_is_told_of_any_other_edit():
     own = shot(walking(), groups=GROUPS, count=50)
     kinds = [dict(move=(1.0, 0, 0)), dict(turn=1.0), dict(group=2), dict(hide=True)]
     told = {
-        Edited(own, [Edit(some(a), **each)]).digests()["the overrides"]
+        Edited(own, [Edit(some_agents(a), **each)]).digests()["the overrides"]
         for each in kinds
         for a in (3, 4)
     }

@@ -50,7 +50,7 @@ def walk(states=STATES, count=300, leave=None, **changes):
     return found if leave is None else replace(found, leave=leave)
 
 
-def shown(trajectory, crowd):
+def actions_shown(trajectory, crowd):
     return np.array(trajectory.gaits.paces.actions)[crowd.playing]
 
 
@@ -90,7 +90,7 @@ def test_agents_show_the_steps_of_a_listing():
     frames = range(1, 120)
     crowds = [trajectory.at(frame) for frame in frames]
     names = np.array([np.array(trajectory.machine.states)[crowd.state] for crowd in crowds])
-    seen = np.array([shown(trajectory, crowd) for crowd in crowds])
+    seen = np.array([actions_shown(trajectory, crowd) for crowd in crowds])
     for k in range(seen.shape[1]):
         assert expected(names[:, k].tolist()) == seen[:, k].tolist()
     mixed = {name for name in seen.ravel() if mixed_in(name)}
@@ -161,10 +161,10 @@ def test_crowds_with_and_without_cross_fades_are_one():
         together = Several(crowds, ("", "others"), (True, True))
         crowd = together.at(60)
         own = [each.at(60) for each in crowds]
-        assert shown(together, crowd).tolist() == [
+        assert actions_shown(together, crowd).tolist() == [
             name
             for each, at in zip(crowds, own, strict=True)
-            for name in (shown(each, at) if each.gaits.paces.actions else [""] * len(at))
+            for name in (actions_shown(each, at) if each.gaits.paces.actions else [""] * len(at))
         ]
         phases = [each.phase(at, 60) for each, at in zip(crowds, own, strict=True)]
         assert np.array_equal(together.phase(crowd, 60), np.concatenate(phases))
@@ -203,7 +203,7 @@ def test_a_fade_goes_on_in_the_next_state_of_its_action():
         "stand": {"action": "idle", "on": {"*": {}}},
     }
     trajectory = walk(states, 1)
-    seen = [shown(trajectory, trajectory.at(frame))[0] for frame in range(1, 60)]
+    seen = [actions_shown(trajectory, trajectory.at(frame))[0] for frame in range(1, 60)]
     steps = [name for k, name in enumerate(seen) if k == 0 or name != seen[k - 1]]
     assert (
         steps == ["", " > idle 1/4", " > idle 2/4", " > idle 3/4", "idle"]
@@ -215,5 +215,7 @@ def test_a_fade_of_a_frame_shows_the_middle():
     quick = {name: state | {"fade": 1.5 / FPS} for name, state in STATES.items() if name != "wave"}
     quick["wait"] = quick["wait"] | {"then": "walk"}
     trajectory = walk(quick)
-    seen = {name for frame in range(1, 60) for name in shown(trajectory, trajectory.at(frame))}
+    seen = {
+        name for frame in range(1, 60) for name in actions_shown(trajectory, trajectory.at(frame))
+    }
     assert seen == {"", "idle", " > idle 2/4", "idle >  2/4"}

@@ -14,14 +14,14 @@ from crowd_lod_extension.crowd_lod.shot import plan_file
 HEADER = b"\x93NUMPY\x01\x00"
 
 
-def written(path: Path) -> bytearray:
+def bytes_of(path: Path) -> bytearray:
     np.savez_compressed(path, a=np.arange(1000), b=np.linspace(0, 1, 1000))
     return bytearray(path.read_bytes())
 
 
 def patched(path: Path, field: int, value: int) -> None:
     """Write two bytes into the same field of all local and central headers of the archive."""
-    content = written(path)
+    content = bytes_of(path)
     for mark, shift in ((b"PK\x03\x04", 6), (b"PK\x01\x02", 8)):
         place = content.find(mark)
         while place >= 0:
@@ -31,7 +31,7 @@ def patched(path: Path, field: int, value: int) -> None:
 
 
 def noisy(path: Path, place: int) -> None:
-    content = written(path)
+    content = bytes_of(path)
     content[place : place + 40] = bytes(40)
     path.write_bytes(content)
 
@@ -56,9 +56,9 @@ def bad_lzma(path: Path) -> None:
 SPOILT = {
     "empty": lambda path: path.write_bytes(b""),
     "text": lambda path: path.write_text("a b"),
-    "cut": lambda path: path.write_bytes(written(path)[:900]),
+    "cut": lambda path: path.write_bytes(bytes_of(path)[:900]),
     "bad zlib stream": lambda path: noisy(path, 60),
-    "bad directory": lambda path: noisy(path, len(written(path)) - 60),
+    "bad directory": lambda path: noisy(path, len(bytes_of(path)) - 60),
     "encrypted": lambda path: patched(path, 0, 1),
     "unknown method": lambda path: patched(path, 2, 99),
     "bad lzma": bad_lzma,

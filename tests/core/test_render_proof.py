@@ -29,12 +29,12 @@ def proof(*changes, agent=None, build=None, **others):
     return result | {"ok": is_ok(result)}
 
 
-def said(*changes, **others):
+def lines_of_proof(*changes, **others):
     return to_text(proof(*changes, **others)).splitlines()
 
 
 def test_pixels_that_differ_visibly_are_told_beside_silhouettes_that_do_not():
-    culling, levels, left_open = said()
+    culling, levels, left_open = lines_of_proof()
     assert (
         culling
         == "Culling: no pixel differs in 1 frame (40 would differ without the agents kept for "
@@ -52,7 +52,7 @@ def test_what_is_wrong_is_named_with_its_frames():
     wrong = [
         {"frame": n, "culling_ok": False, "b_pixels": 2, "lod_ok": n != 4} for n in range(1, 8)
     ]
-    culling, levels, _ = said(*wrong, {"frame": 9})
+    culling, levels, _ = lines_of_proof(*wrong, {"frame": 9})
     assert culling.startswith(
         "Culling: WRONG, 14 pixels differ in frames 1, 2, 3, 4, 5 and 2 more ("
     )
@@ -60,19 +60,19 @@ def test_what_is_wrong_is_named_with_its_frames():
 
 
 def test_pixels_that_differ_by_rounding_are_told():
-    assert said({"b_pixels": 7, "b_largest": 6.1e-5})[0].startswith(
+    assert lines_of_proof({"b_pixels": 7, "b_largest": 6.1e-5})[0].startswith(
         "Culling: 7 pixels differ in 1 frame, by 6e-05 at most (40 "
     )
 
 
 def test_silhouettes_that_were_not_judged_are_not_said_to_be_right():
-    assert said({"judged": 0})[1].startswith("LODs: silhouettes were not judged; 1.80%")
+    assert lines_of_proof({"judged": 0})[1].startswith("LODs: silhouettes were not judged; 1.80%")
     assert verdict(proof({"judged": 0})).endswith("; silhouettes were not judged.")
 
 
 def test_bounces_are_told_with_the_culling():
     row = {"b_bounces_share": 0.003}
-    assert said(row, bounces=2)[0].endswith(
+    assert lines_of_proof(row, bounces=2)[0].endswith(
         " With the sky and 2 bounces up to 0.30% differ visibly (frame 3)."
     )
 
@@ -141,7 +141,7 @@ def test_the_verdict_is_one_sentence(change, more, said):
 
 
 def test_a_build_that_is_older_has_a_line_of_its_own():
-    first, *_ = said(build={"kind": "build", "older_than": ["the characters"]})
+    first, *_ = lines_of_proof(build={"kind": "build", "older_than": ["the characters"]})
     assert first == "The build is older than the characters: press Build again."
 
 

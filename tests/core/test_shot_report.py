@@ -33,7 +33,7 @@ RADIUS = np.array([0.75, 1.25])
 FRAMES = 12
 
 
-def told(title="plaza", names=("adult", "child"), **more):
+def some_report(title="plaza", names=("adult", "child"), **more):
     shot = some_shot(
         5, **{"agents": 60, "frames": FRAMES, "lods": 4, "tolerance": 2, "each": 2} | more
     )
@@ -62,12 +62,12 @@ def told(title="plaza", names=("adult", "child"), **more):
 
 
 def test_the_verdict_comes_first():
-    text = shot_page(told())
+    text = shot_page(some_report())
     assert text.index("Worst change in sight: 0.8 px, frame 7.") < text.index("12 frames of 60")
 
 
 def test_phase_classes_are_told():
-    text = shot_page(told())
+    text = shot_page(some_report())
     assert "Agents share 4 to 5 phase classes: 3.1% of close neighbors walk in step" in text
     assert "12.5 px" in text
 
@@ -109,7 +109,7 @@ def heights(part, name):
 
 @pytest.mark.parametrize("engine", ["EEVEE", "CYCLES"])
 def test_page_is_one_whole_file(engine):
-    text = shot_page(told(engine=engine))
+    text = shot_page(some_report(engine=engine))
     read = Reader(text)
     assert (
         "http" not in text
@@ -125,7 +125,7 @@ def test_page_is_one_whole_file(engine):
 
 
 def test_names_are_text():
-    data = told(EVIL, (EVIL, EVIL))
+    data = some_report(EVIL, (EVIL, EVIL))
     data = replace(data, milliseconds={EVIL: 1.0})
     data.shot.survey.kind[:, data.shot.survey.group == 0] = (
         CULLED  # so that a group is told as not needed
@@ -135,7 +135,7 @@ def test_names_are_text():
 
 
 def test_plots_show_the_data():
-    data = told()
+    data = some_report()
     text = shot_page(data)
     found = data.plan.bill
     before = data.plan.thresholds
@@ -160,7 +160,7 @@ def test_plots_show_the_data():
 
 
 def test_figures_and_tables_are_those_of_the_plan():
-    data = told()
+    data = some_report()
     text = shot_page(data)
     found = data.plan.bill
     before = data.plan.thresholds
@@ -192,7 +192,7 @@ def test_figures_and_tables_are_those_of_the_plan():
 
 
 def test_ticks_lead_to_the_rows_of_their_frames():
-    data = told()
+    data = some_report()
     text = shot_page(data)
     links = [int(frame) for frame in re.findall(r'href="#f(\d+)"', text)]
     assert (
@@ -207,14 +207,14 @@ def test_ticks_lead_to_the_rows_of_their_frames():
 
 @pytest.mark.parametrize("more", [{"agents": 0}, {"lods": 1}, {"frames": 1}, {"seen": 0}])
 def test_shots_with_nothing_to_choose_have_a_page(more):
-    text = shot_page(told(**more))
+    text = shot_page(some_report(**more))
     Reader(text)
     assert "nan" not in text and "inf" not in text
 
 
 def test_marks_stay_inside_their_plots():
     """Also where more LODs take more memory than full detail alone."""
-    data = told()
+    data = some_report()
     dear = [replace(point, memory=1.4) for point in data.curve.points]
     text = shot_page(replace(data, curve=replace(data.curve, points=dear)))
     for heading in ("Error against cost", "Switches against cost"):
@@ -228,7 +228,7 @@ def test_marks_stay_inside_their_plots():
 
 
 def test_what_the_user_should_know_is_said():
-    data = told()
+    data = some_report()
     survey = data.shot.survey
     survey.cuts[3] = True
     survey.kind[6] = CULLED
@@ -243,7 +243,7 @@ def test_what_the_user_should_know_is_said():
         f"Another camera films from frame{'s' if survey.cuts.sum() > 1 else ''} " in text
         and "No character is seen in frame 7." in text
     )
-    assert "not in sight" in text and "vanishes at once" not in shot_page(told())
+    assert "not in sight" in text and "vanishes at once" not in shot_page(some_report())
 
 
 def test_what_no_frame_shows_is_not_needed():
@@ -285,7 +285,7 @@ def test_what_no_frame_shows_is_not_needed():
 
 def test_crops_are_inside_the_page_and_hold_the_pixels():
     before, after = (np.random.default_rng(k).integers(0, 256, (5, 4, 3)) / 255 for k in (1, 2))
-    text = shot_page(replace(told(), crops=[(before, after), None, (after, after)]))
+    text = shot_page(replace(some_report(), crops=[(before, after), None, (after, after)]))
     read = Reader(text)
     found = [
         base64.b64decode(link.partition("base64,")[2])
@@ -309,7 +309,7 @@ def test_crops_are_inside_the_page_and_hold_the_pixels():
 
 
 def test_by_ratio_hysteresis_is_not_told():
-    data = told()
+    data = some_report()
     curve = finished(curve_of(data.shot, data.plan, None))
     assert "diamonds" in shot_page(data) and "ysteresis" not in shot_page(
         replace(data, curve=curve)

@@ -180,7 +180,7 @@ def expected(what, character, level) -> np.ndarray:
     return np.einsum("nij,nvj->nvi", turned, points) + np.stack([x, y, z], 1)[:, None]
 
 
-def some(count):
+def some_rows(count):
     random = np.random.default_rng(5)
     rows = np.zeros((count, 8), np.float32)
     rows[:, :3] = random.uniform(-4, 4, (count, 3))
@@ -194,7 +194,7 @@ def some(count):
 @pytest.mark.parametrize("group", [0, 1, 2])
 @pytest.mark.parametrize("level", [0, 1, 2])
 def test_the_shader_skins_as_numpy_does(cast, group, level):
-    what = instances(some(7), [(level, group, 0, 7)], turn=0.7)
+    what = instances(some_rows(7), [(level, group, 0, 7)], turn=0.7)
     difference = placed(what, cast, group, level) - expected(what, cast.characters[group], level)
     assert np.abs(difference).max() < 1e-5
 
@@ -353,7 +353,7 @@ def test_agents_stand_on_their_pixels_at_their_lod(cast):
 
 
 def test_both_ways_of_skinning_draw_the_same(characters, monkeypatch):
-    what = instances(some(7), [(0, 0, 0, 3), (1, 1, 3, 2), (2, 2, 5, 2)])
+    what = instances(some_rows(7), [(0, 0, 0, 3), (1, 1, 3, 2), (2, 2, 5, 2)])
     frames, _ = picture(what, Cast((), characters))
     monkeypatch.setattr(gpu_batches, "MOST_SKINNED", 0)
     joints, _ = picture(what, Cast((), characters))
