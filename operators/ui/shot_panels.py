@@ -101,7 +101,9 @@ def _possible_budgets(context, layout, settings) -> None:
         paragraph(layout, sentence, icon, letters_of(context))
     row = layout.row()
     row.enabled = bool(points)
-    row.popover("CROWDLOD_PT_error_curve", text="Error Against Cost", icon="IPO_LINEAR")
+    row.popover(
+        "CROWDLOD_PT_error_curve", text="Error Against Cost", icon="IPO_LINEAR", translate=False
+    )
 
 
 class CROWDLOD_PT_exceptions(Step, bpy.types.Panel):

@@ -14,6 +14,8 @@ from crowd_lod_extension.operators.runs.preview import Preview, preview
 from crowd_lod_extension.operators.runs.verify import Verify, verify
 from crowd_lod_extension.operators.scene.scene_crowd import frame_of
 
+FINER = -1  # verify finds other colors in LODs of coarser characters
+
 
 class Film(bpy.types.RenderEngine):
     """A render engine that renders nothing, and notes where the camera stands, and its lens, at the

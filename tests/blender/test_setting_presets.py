@@ -140,6 +140,7 @@ ALWAYS = {
     "add_area",
     "add_exception",
     "calibrate",
+    "help",
     "machine_import",
     "machine_preset",
     "new_map",

@@ -266,10 +266,10 @@ WRONG = [
     ),
     (dict(chosen_by="REGION"), "has no region"),
     (dict(chosen_by="REGION", region="far"), "no agent stands in its region far at frame 1"),
-    (dict(chosen_by="REGION", region="bare"), "The region bare of the exception Hero has no area"),
+    (dict(chosen_by="REGION", region="bare"), "The region bare of the override Hero has no area"),
     (
         dict(chosen_by="REGION", region="shrunk"),
-        "The region shrunk of the exception Hero has no area",
+        "The region shrunk of the override Hero has no area",
     ),
     (dict(chosen_by="MAP"), "has no map"),
     (dict(chosen_by="MAP", map_image="black"), "no agent stands in its map black at frame 1"),
@@ -325,7 +325,7 @@ def test_the_list_is_edited_by_its_buttons(scene):
     bpy.ops.crowd_lod.except_agent()
     bpy.ops.crowd_lod.add_exception()
     names = lambda: [each.name for each in settings.exceptions]  # noqa: E731
-    assert names() == ["Exception", "Agent 17", "Exception"] and settings.exception_index == 2
+    assert names() == ["Override", "Agent 17", "Override"] and settings.exception_index == 2
     assert settings.exceptions[1].agents == "17" and settings.exceptions[1].use
     settings.exception_index = 1
     bpy.ops.crowd_lod.move_exception(by=-1)
@@ -334,4 +334,4 @@ def test_the_list_is_edited_by_its_buttons(scene):
     assert names()[0] == "Agent 17"
     bpy.ops.crowd_lod.move_exception(by=1)
     bpy.ops.crowd_lod.remove_exception()
-    assert names() == ["Exception", "Exception"] and settings.exception_index == 0
+    assert names() == ["Override", "Override"] and settings.exception_index == 0
