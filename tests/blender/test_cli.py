@@ -15,6 +15,8 @@ import pytest
 from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.cli import commands
 
+from ..support.coarse_characters import coarsen
+
 SHORT = ("--frames", "1,60", "--width", "160", "--quiet")
 
 
@@ -36,9 +38,14 @@ def shares(path, low=1 / 255, ratio=1.6):
 
 
 @pytest.mark.once
-def test_preview_of_a_sample_leaves_pictures_table_and_plan(tmp_path, capfd):
+def test_preview_of_a_file_leaves_pictures_table_and_plan(tmp_path, capfd):
+    bpy.ops.crowd_lod.sample(name="chapter")
+    coarsen(bpy.context.scene.crowd_lod)
+    file = tmp_path / "chapter.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(file))
+    capfd.readouterr()
     out = tmp_path / "a folder"
-    assert run("preview", "chapter", *SHORT, "--seed", "9", "--out", out, "--json") == 0
+    assert run("preview", file, *SHORT, "--seed", "9", "--out", out, "--json") == 0
     said = capfd.readouterr()
     result = json.loads(said.out)
     assert result["out"] == str(out) and said.err == ""

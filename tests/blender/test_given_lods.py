@@ -96,6 +96,7 @@ def test_lods_of_one_rig_are_one_character_and_are_used_before_ours():
     assert [meshes_of(scene, k) for k in (1, 2)] == [["Man_LOD1"], ["Man_LOD2"]]
 
 
+@pytest.mark.once
 def test_lods_on_rigs_of_their_own_are_measured_on_the_characters():
     scene = bpy.context.scene
     person(scene, "Man_LOD0", 0, rig("rig"))
@@ -110,6 +111,7 @@ def test_lods_on_rigs_of_their_own_are_measured_on_the_characters():
     assert item.modifiers["Armature"].object.name == "rig"
 
 
+@pytest.mark.once
 def test_lods_side_by_side_are_measured_where_the_character_stands():
     scene = bpy.context.scene
     for k in range(2):
@@ -124,6 +126,7 @@ def test_lods_side_by_side_are_measured_where_the_character_stands():
     assert by_tolerance(scene)[1] == (640, pytest.approx(0.005, abs=0.005))
 
 
+@pytest.mark.once
 def test_an_edited_lod_makes_the_lods_stale_and_is_measured_again():
     scene = bpy.context.scene
     body = rig()

@@ -17,6 +17,7 @@ from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.scene import scene_crowd
 
 from ..blender import conftest
+from ..support.coarse_characters import CAGE
 from .test_outputs import TRACKS
 
 pytestmark = pytest.mark.faults
@@ -223,7 +224,7 @@ def test_what_is_spoilt_is_refused_in_one_sentence_and_nothing_is_left(built, ke
     dice = random.Random(spoil.__name__)
     refused = 0
     for trial in range(TRIALS):
-        bpy.ops.wm.open_mainfile(filepath=str(kept / "built.blend"), load_ui=False)
+        bpy.ops.wm.open_mainfile(filepath=str(kept / f"built {CAGE}.blend"), load_ui=False)
         opened = bpy.context.scene
         opened.frame_end = 2
         opened.crowd_lod.count = 100
@@ -262,7 +263,7 @@ def test_commands_refuse_a_spoilt_file_in_one_sentence_and_write_nothing(
     out = tmp_path / "out"
     (tmp_path / "tracks.txt").write_text(TRACKS)
     for trial in range(TRIALS // 2):
-        bpy.ops.wm.open_mainfile(filepath=str(kept / "built.blend"), load_ui=False)
+        bpy.ops.wm.open_mainfile(filepath=str(kept / f"built {CAGE}.blend"), load_ui=False)
         opened = bpy.context.scene
         opened.frame_end = 2
         opened.crowd_lod.count = 20

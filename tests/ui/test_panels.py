@@ -24,6 +24,9 @@ BUTTONS += (
 ).split()
 TEXTS = "", "garbage.npz", "plan.npz", "//gone/plan.npz", "a\tb\nc", "\n", "1,5", "x" * 300
 
+# panels of what JuPedSim does, which this Blender lacks
+WITH_JUPEDSIM = {"CROWDLOD_PT_simulation", "CROWDLOD_PT_crowd_simulation"}
+
 
 class Window:
     """A Blender that draws what it is sent."""
@@ -100,7 +103,8 @@ def test_all_panels_are_drawn_in_the_sidebar_or_where_they_pop_up(window):
     pop_up = [name for name in knows["panels"] if name not in open_ones]
     assert len(pop_up) < len(knows["panels"]) / 2
     opened = [("popover", name) for name in pop_up] + [("menu", name) for name in knows["menus"]]
-    assert window.draw([("another view layer",), *opened]) == knows["panels"]
+    drawn_panels = window.draw([("another view layer",), *opened])
+    assert drawn_panels == [name for name in knows["panels"] if name not in WITH_JUPEDSIM]
 
 
 def test_figures_of_groups_that_are_gone_are_not_drawn(window):
