@@ -199,7 +199,7 @@ def priced(
 ) -> Iterator[tuple[tuple[int, ...], Price]]:
     """Yield (chosen candidates, price of a build with them) for each usable choice.
 
-    A choice of the candidates `candidates` is usable if it has one for every agent of the shot.
+    A choice of `candidates` is usable if it has one for every agent of the shot.
     """
     may = allowed(group, candidates, tolerance, shot)
     needed = np.flatnonzero(may.any(axis=(0, 2)))

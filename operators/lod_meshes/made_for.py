@@ -115,6 +115,7 @@ def note_shot(
     top[CHOSEN_FROM] = json.dumps(
         {
             "camera": _scale(scene),
+            "given": any(GIVEN in item for item in top.all_objects),
             "groups": [
                 {
                     "name": group.name,
@@ -249,8 +250,6 @@ def forecast(scene: bpy.types.Scene) -> Forecast | None:
     stored = settings.levels.get(CHOSEN_FROM) if settings.levels is not None else None
     if not isinstance(stored, str) or settings.memory or settings.choice != "BY_TOLERANCE":
         return None
-    if any(GIVEN in item for item in settings.levels.all_objects):
-        return None
     news = changed(scene)
     if not news or UNFORESEEN & set(news) or edited(scene):
         return None
@@ -279,7 +278,7 @@ def _forecast(scene: bpy.types.Scene, stored: dict) -> Forecast | None:
     camera = _camera(scene)
     now = _scale(scene)
     before = stored["camera"]
-    if camera is None or not now or not before or now[0] != before[0]:
+    if stored["given"] or camera is None or not now or not before or now[0] != before[0]:
         return None
     closer = now[1] / before[1]
     costs = costs_of(scene)

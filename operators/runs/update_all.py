@@ -209,8 +209,8 @@ def update_all(
         end = begin + step.weight / whole
         yield begin
         if step.find_reason(scene, True):
-            for label in list(done)[-1:]:
-                note(label)
+            if done:
+                note(next(reversed(done)))
             try:
                 done[step.label] = yield from share(step.work(scene), begin, end)
             except FAULTS as fault:

@@ -48,6 +48,14 @@ def take_all(scene):
     bpy.ops.crowd_lod.characters_from_selection()
 
 
+def take_people(scene, count):
+    """Make a character of `count` LODs on one rig."""
+    body = rig()
+    for k in range(count):
+        person(scene, f"Man_LOD{k}", k, body)
+    take_all(scene)
+
+
 def seen_from(scene, meters):
     """A camera that sees agents from so many meters on; LODs are chosen by tolerance."""
     camera = new("Camera", bpy.data.cameras.new("Camera"))
@@ -79,10 +87,7 @@ def meshes_of(scene, k):
 
 def test_lods_of_one_rig_are_one_character_and_are_used_before_ours():
     scene = bpy.context.scene
-    body = rig()
-    for k in range(3):
-        person(scene, f"Man_LOD{k}", k, body)
-    take_all(scene)
+    take_people(scene, 3)
     (character,) = all_characters(scene)
     assert [item.name for item in character.objects] == ["Man_LOD0"]
     assert [[item.name for item in lod.objects] for lod in character.given] == [
@@ -129,10 +134,7 @@ def test_lods_side_by_side_are_measured_where_the_character_stands():
 @pytest.mark.once
 def test_an_edited_lod_makes_the_lods_stale_and_is_measured_again():
     scene = bpy.context.scene
-    body = rig()
-    for k in range(2):
-        person(scene, f"Man_LOD{k}", k, body)
-    take_all(scene)
+    take_people(scene, 2)
     seen_from(scene, 12)
     before = by_tolerance(scene)[1]
     for vertex in bpy.data.meshes["Man_LOD1"].vertices:
@@ -144,10 +146,7 @@ def test_an_edited_lod_makes_the_lods_stale_and_is_measured_again():
 
 def test_by_ratio_they_come_first_and_the_others_are_coarser():
     scene = bpy.context.scene
-    body = rig()
-    for k in range(2):
-        person(scene, f"Man_LOD{k}", k, body)
-    take_all(scene)
+    take_people(scene, 2)
     settings = seen_from(scene, 12)
     settings.level_count = 3
     settings.choice = "BY_RATIO"
